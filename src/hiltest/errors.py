@@ -1,0 +1,158 @@
+"""Everything hiltest raises, by whose fault it is.
+
+The four branches decide the exit code of a run: the bench (20), the wrong
+firmware or protocol (23), the configuration (4, pytest's usage error), and data
+that cannot support a calibration (an ordinary test failure, 1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from difflib import get_close_matches
+
+
+class HiltestError(Exception):
+    """Root of every error that hiltest raises on purpose."""
+
+
+class BenchError(HiltestError):
+    """The bench cannot deliver: port, cable, board, turntable. Exit code 20."""
+
+
+class ProtocolError(HiltestError):
+    """Bytes arrived and mean the wrong thing. Exit code 23."""
+
+
+class CalibrationError(HiltestError):
+    """The data cannot support the answer that was asked for."""
+
+
+class ConfigError(HiltestError):
+    """A file, an option or an argument is wrong. Exit code 4."""
+
+
+class PortNotFoundError(BenchError):
+    """The named serial port does not exist."""
+
+    def __init__(self, wanted: str, seen: Sequence[str]) -> None:
+        self.wanted = wanted
+        self.seen = tuple(seen)
+        listed = ", ".join(self.seen) if self.seen else "none"
+        super().__init__(
+            f"no serial port {wanted!r}; ports on this machine: {listed}. "
+            "Name one of them with --hil-port, or leave the option out for the virtual board."
+        )
+
+
+class LinkLostError(BenchError):
+    """The link broke while it was in use."""
+
+    def __init__(self, port: str, reason: str) -> None:
+        self.port = port
+        self.reason = reason
+        super().__init__(f"lost {port}: {reason}. Check cable and power, then run again.")
+
+
+class SyncError(BenchError):
+    """Nothing on the port answered the synchronisation nonce."""
+
+    def __init__(self, port: str, heard: bytes, attempts: int) -> None:
+        self.port = port
+        self.heard = heard
+        self.attempts = attempts
+        heard_text = f"{len(heard)} other bytes ({heard[:16].hex(' ')})" if heard else "silence"
+        super().__init__(
+            f"no answer to {attempts} synchronisation requests on {port}, only {heard_text}. "
+            "Is the hiltest firmware on the board, and the baud rate right?"
+        )
+
+
+class DeviceTimeoutError(BenchError, TimeoutError):
+    """The board did not answer a command before its deadline."""
+
+    def __init__(self, command: str, deadline_s: float, clock: str) -> None:
+        self.command = command
+        self.deadline_s = deadline_s
+        self.clock = clock
+        super().__init__(f"no answer to {command} within {deadline_s:g} s ({clock} time)")
+
+
+class BoardFault(BenchError):
+    """The virtual board's processor met a fault, or hung.
+
+    Attributes
+    ----------
+    cause : str
+        What happened, in the processor's terms.
+    function, location : str
+        Symbol and ``file:line`` of the instruction, empty when the ELF has none.
+    registers : dict of str to int
+        Core registers at the fault.
+    """
+
+    def __init__(
+        self, cause: str, *, pc: int, function: str = "", location: str = "",
+        registers: dict[str, int] | None = None,
+    ) -> None:
+        self.cause = cause
+        self.pc = pc
+        self.function = function
+        self.location = location
+        self.registers = dict(registers or {})
+        place = f"0x{pc:08x}"
+        if function:
+            place += f" in {function}"
+        if location:
+            place += f" ({location})"
+        state = " ".join(f"{name}=0x{value:08x}" for name, value in self.registers.items())
+        super().__init__(f"{cause} at {place}" + (f"; {state}" if state else ""))
+
+
+class FrameError(ProtocolError):
+    """A frame is damaged: length, check value or escape sequence."""
+
+
+class SequenceError(ProtocolError):
+    """A reply carries the sequence number of another request."""
+
+    def __init__(self, expected: int, got: int) -> None:
+        self.expected = expected
+        self.got = got
+        super().__init__(f"reply has sequence number {got}, request had {expected}")
+
+
+class VersionMismatchError(ProtocolError):
+    """The firmware speaks another protocol version, or is another firmware."""
+
+
+class DeviceError(HiltestError):
+    """The firmware answered a command with an error code.
+
+    Attributes
+    ----------
+    command, status : str
+        Names as in the protocol.
+    """
+
+    def __init__(self, command: str, status: str, hint: str = "") -> None:
+        self.command = command
+        self.status = status
+        super().__init__(f"the board answered {command} with {status}" + (f": {hint}" if hint else ""))
+
+
+class PoorCoverageError(CalibrationError):
+    """The points do not cover enough of the sphere to fit an ellipsoid."""
+
+
+class SingularFitError(CalibrationError):
+    """The normal equations have no unique solution."""
+
+
+class UnknownKeyError(ConfigError):
+    """A configuration file has a key that nobody knows."""
+
+    def __init__(self, key: str, *, where: str, known: Sequence[str]) -> None:
+        self.key = key
+        self.nearest = next(iter(get_close_matches(key, known, n=1, cutoff=0.5)), None)
+        hint = f"did you mean {self.nearest!r}?" if self.nearest else f"known keys: {', '.join(sorted(known))}"
+        super().__init__(f"{where}: unknown key {key!r}; {hint}")
