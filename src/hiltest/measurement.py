@@ -1,0 +1,183 @@
+"""A measurement: name, value, unit, limit and outcome.
+
+Pure: nothing here knows pytest, a board or a file.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+SIGNIFICANT_DIGITS = 9
+"""What the host computes is written with this many significant digits.
+
+A float64 sum in another order differs in the 15th or 16th digit; after a chain of
+solves and arc tangents a few more are lost. Nine leaves that noise out and is far
+finer than anything a bench can see.
+"""
+
+
+class Outcome(StrEnum):
+    """What became of a measurement."""
+
+    PASS = "pass"
+    """Within its limit, or recorded without one."""
+    FAIL = "fail"
+    """Outside its limit, or not a number."""
+    UNSET = "unset"
+    """It has a limit that could not be judged. A gate that is not evaluated fails closed."""
+    NOT_OFFERED = "not offered"
+    """This kind of board cannot know it, such as the true offset on a real board."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """Closed interval that a value must lie in; None leaves a side open.
+
+    Raises
+    ------
+    ValueError
+        If both sides are open, one is not a finite number, or they are in the wrong order.
+    """
+
+    min: float | None = None
+    max: float | None = None
+
+    def __post_init__(self) -> None:
+        given = [side for side in (self.min, self.max) if side is not None]
+        if not given:
+            raise ValueError("a limit needs min, max or both")
+        if not all(math.isfinite(side) for side in given):
+            raise ValueError(f"a limit must be finite, got {self.min} to {self.max}")
+        if self.min is not None and self.max is not None and self.min > self.max:
+            raise ValueError(f"limit min {self.min} is above its max {self.max}")
+
+    @classmethod
+    def within(cls, magnitude: float) -> Limit:
+        """Return the limit ``-magnitude`` to ``+magnitude``."""
+        return cls(min=-magnitude, max=magnitude)
+
+    def holds(self, value: float) -> bool:
+        """Say whether `value` lies inside; a NaN never does."""
+        above = self.min is None or value >= self.min
+        below = self.max is None or value <= self.max
+        return above and below
+
+    def __str__(self) -> str:
+        if self.min is None:
+            return f"at most {self.max:g}"
+        if self.max is None:
+            return f"at least {self.min:g}"
+        if self.min == -self.max:
+            return f"within ±{self.max:g}"
+        return f"{self.min:g} to {self.max:g}"
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """One number that a run produced.
+
+    Attributes
+    ----------
+    name : str
+        Dotted, lower case: ``heading.direct.max``.
+    value : float, int or None
+        None when there is no number to give.
+    unit : str
+        As written behind the number: ``deg``, ``cycle``, ``uT``, ``%``.
+    limit : Limit or None
+    outcome : Outcome
+    volatile : bool
+        True when two runs of the same seed may differ in it, such as wall time.
+    cycle_model : str
+        For cycles: what counted them. Numbers of different models are never compared.
+    note : str
+        Why the outcome is what it is, when the numbers do not say it.
+    test : str
+        Node id of the test that measured it.
+    """
+
+    name: str
+    value: float | int | None
+    unit: str
+    limit: Limit | None = None
+    outcome: Outcome = Outcome.PASS
+    volatile: bool = False
+    cycle_model: str = ""
+    note: str = ""
+    test: str = ""
+
+    @property
+    def gates(self) -> bool:
+        """Whether this measurement alone makes a run red."""
+        return self.outcome in (Outcome.FAIL, Outcome.UNSET)
+
+    def rounded(self) -> Measurement:
+        """Return it as it is written: host-computed numbers to nine significant digits."""
+        return replace(self, value=round_significant(self.value))
+
+    def __str__(self) -> str:
+        value = "no value" if self.value is None else f"{self.value:.6g} {self.unit}".rstrip()
+        limit = f", limit {self.limit}" if self.limit else ""
+        note = f" ({self.note})" if self.note else ""
+        return f"{self.name} = {value}{limit}: {self.outcome}{note}"
+
+
+def judge(
+    name: str, value: float | int | None, *, unit: str, limit: Limit | None = None,
+    not_judged: str = "", volatile: bool = False, cycle_model: str = "", test: str = "",
+) -> Measurement:
+    """Make a measurement and decide its outcome.
+
+    Parameters
+    ----------
+    name, value, unit, limit, volatile, cycle_model, test
+        As in `Measurement`. A value of None means that this board cannot offer it.
+    not_judged : str, optional
+        Why the limit cannot be applied. The outcome is then ``unset`` if there is a limit.
+
+    Returns
+    -------
+    Measurement
+        With outcome ``fail`` and no value when `value` is not a finite number: a heading
+        that is NaN is a wrong answer, not a missing one.
+
+    Raises
+    ------
+    ValueError
+        If the name is empty or the unit of a cycle count comes without its cycle model.
+    """
+    if not name:
+        raise ValueError("a measurement needs a name")
+    if unit.startswith("cycle") and not cycle_model:
+        raise ValueError(f"{name}: cycles need their cycle model, or they could be compared with another's")
+    note = ""
+    if value is None:
+        outcome = Outcome.NOT_OFFERED
+    elif not math.isfinite(value):
+        outcome, note, value = Outcome.FAIL, f"the value is {value}", None
+    elif limit is not None and not_judged:
+        outcome, note = Outcome.UNSET, not_judged
+    else:
+        outcome = Outcome.PASS if limit is None or limit.holds(value) else Outcome.FAIL
+    return Measurement(
+        name=name, value=value, unit=unit, limit=limit, outcome=outcome,
+        volatile=volatile, cycle_model=cycle_model, note=note, test=test,
+    )
+
+
+def round_significant(value: float | int | None, digits: int = SIGNIFICANT_DIGITS) -> float | int | None:
+    """Round a float to `digits` significant digits; integers and None stay as they are.
+
+    Examples
+    --------
+    >>> round_significant(0.97123456789)
+    0.971234568
+    >>> round_significant(12400)
+    12400
+    """
+    if value is None or isinstance(value, int):
+        return value
+    # Plain float, whatever came in (numpy scalars print and serialise differently); no negative zero.
+    return float(f"{float(value):.{digits - 1}e}") + 0.0

@@ -1,0 +1,99 @@
+"""Limits, outcomes and rounding, by hand-worked values."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from hiltest.measurement import Limit, Outcome, judge, round_significant
+
+
+@pytest.mark.parametrize(
+    ("limit", "value", "holds"),
+    [
+        (Limit(max=1.8), 1.8, True),
+        (Limit(max=1.8), 1.8000001, False),
+        (Limit(min=4), 3, False),
+        (Limit(min=4), 4, True),
+        (Limit.within(0.5), -0.5, True),
+        (Limit.within(0.5), -0.51, False),
+        (Limit(max=1.8), math.nan, False),
+    ],
+)
+def test_a_limit_is_a_closed_interval(limit: Limit, value: float, holds: bool) -> None:
+    assert limit.holds(value) is holds
+
+
+@pytest.mark.parametrize(
+    ("sides", "complaint"),
+    [({}, "needs min"), ({"max": math.inf}, "finite"), ({"min": 2, "max": 1}, "above its max")],
+)
+def test_a_limit_that_cannot_be_meant_is_refused(sides: dict[str, float], complaint: str) -> None:
+    with pytest.raises(ValueError, match=complaint):
+        Limit(**sides)
+
+
+def test_a_limit_reads_as_words() -> None:
+    assert str(Limit(max=1.8)) == "at most 1.8"
+    assert str(Limit(min=16)) == "at least 16"
+    assert str(Limit.within(0.75)) == "within ±0.75"
+    assert str(Limit(min=7, max=9)) == "7 to 9"
+
+
+def test_a_value_inside_its_limit_passes_and_one_outside_fails() -> None:
+    assert judge("heading.direct.max", 0.97, unit="deg", limit=Limit(max=1.8)).outcome is Outcome.PASS
+    assert judge("heading.direct.max", 1.97, unit="deg", limit=Limit(max=1.8)).outcome is Outcome.FAIL
+
+
+def test_a_value_without_limit_is_recorded() -> None:
+    measurement = judge("heading.direct.worst_sector", 210.0, unit="deg")
+    assert (measurement.outcome, measurement.limit) == (Outcome.PASS, None)
+
+
+def test_a_nan_fails_and_leaves_no_value() -> None:
+    measurement = judge("heading.direct.max", math.nan, unit="deg")
+    assert (measurement.outcome, measurement.value) == (Outcome.FAIL, None)
+    assert "nan" in measurement.note
+
+
+def test_truth_that_a_real_board_cannot_offer_is_not_unset() -> None:
+    measurement = judge("fit.direct.offset_error", None, unit="uT", limit=Limit(max=1))
+    assert measurement.outcome is Outcome.NOT_OFFERED
+    assert not measurement.gates
+
+
+def test_a_limit_that_cannot_be_judged_is_unset_and_gates() -> None:
+    measurement = judge("heading.direct.max", 2.7, unit="deg", limit=Limit(max=1.8), not_judged="no mounting declared")
+    assert measurement.outcome is Outcome.UNSET
+    assert measurement.value == 2.7
+    assert measurement.gates
+
+
+def test_nothing_is_unset_where_no_limit_was_asked_for() -> None:
+    assert judge("x", 1.0, unit="deg", not_judged="no mounting declared").outcome is Outcome.PASS
+
+
+def test_cycles_without_their_model_are_refused() -> None:
+    with pytest.raises(ValueError, match="cycle model"):
+        judge("cycles.direct.total", 12400, unit="cycle")
+
+
+@pytest.mark.parametrize(
+    ("value", "written"),
+    [
+        (0.1 + 0.2, 0.3),
+        (123456789.4, 123456789.0),
+        (1.23456789049e-7, 1.23456789e-7),
+        (203000, 203000),
+        (None, None),
+        (-0.0, 0.0),
+    ],
+)
+def test_host_numbers_are_written_with_nine_significant_digits(value: float | None, written: float | None) -> None:
+    assert repr(round_significant(value)) == repr(written)
+
+
+def test_a_measurement_says_itself_in_one_line() -> None:
+    measurement = judge("heading.direct.max", 1.97, unit="deg", limit=Limit(max=1.8))
+    assert str(measurement) == "heading.direct.max = 1.97 deg, limit at most 1.8: fail"
