@@ -1,0 +1,170 @@
+"""Frames on the serial line: byte stuffing, length, type, sequence number and CRC-32.
+
+On the wire a frame is ``7E body 7E``; inside the body 7E travels as ``7D 5E`` and
+7D as ``7D 5D``. The body is ``u8 type, u8 sequence, u16 length, payload, u32 crc``,
+little-endian, and the CRC (IEEE 802.3, as in `zlib.crc32`) covers everything
+before it. Two delimiters back to back are an empty frame and mean nothing, so a
+sender may start with one to end whatever noise came before.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from dataclasses import dataclass
+
+from hiltest.errors import FrameError
+
+DELIMITER = 0x7E
+ESCAPE = 0x7D
+MAX_PAYLOAD = 1024
+_STUFFED = {0x5E: DELIMITER, 0x5D: ESCAPE}
+_HEADER = struct.Struct("<BBH")
+_CHECK = struct.Struct("<I")
+_OVERHEAD = _HEADER.size + _CHECK.size
+# Every byte of the largest body stuffed: a longer run without a delimiter is noise.
+_MAX_STUFFED = 2 * (MAX_PAYLOAD + _OVERHEAD)
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One intact frame."""
+
+    type: int
+    sequence: int
+    payload: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class DamagedFrame:
+    """Bytes between two delimiters that are no frame.
+
+    Attributes
+    ----------
+    reason : str
+        What is wrong with them.
+    data : bytes
+        The bytes as they arrived, delimiters left out.
+    """
+
+    reason: str
+    data: bytes
+
+
+def stuff(body: bytes) -> bytes:
+    """Escape delimiters and escapes in a body.
+
+    Examples
+    --------
+    >>> stuff(bytes([1, 0x7E, 0x7D])).hex()
+    '017d5e7d5d'
+    """
+    return body.replace(b"\x7d", b"\x7d\x5d").replace(b"\x7e", b"\x7d\x5e")
+
+
+def unstuff(data: bytes) -> bytes:
+    """Undo `stuff`.
+
+    Raises
+    ------
+    FrameError
+        When an escape is followed by anything but 5D or 5E, or by nothing, or
+        when a delimiter stands inside.
+    """
+    body = bytearray()
+    position = 0
+    while position < len(data):
+        value = data[position]
+        if value == DELIMITER:
+            raise FrameError(f"delimiter inside a frame at byte {position}")
+        if value == ESCAPE:
+            position += 1
+            if position == len(data):
+                raise FrameError(f"frame ends in an escape at byte {position - 1}")
+            if data[position] not in _STUFFED:
+                raise FrameError(f"escape followed by 0x{data[position]:02x} at byte {position}")
+            value = _STUFFED[data[position]]
+        body.append(value)
+        position += 1
+    return bytes(body)
+
+
+def encode_frame(frame: Frame) -> bytes:
+    """Return the bytes of a frame on the wire, with both delimiters.
+
+    Raises
+    ------
+    ValueError
+        When the payload is longer than `MAX_PAYLOAD`.
+    """
+    if len(frame.payload) > MAX_PAYLOAD:
+        raise ValueError(f"payload of {len(frame.payload)} bytes; at most {MAX_PAYLOAD} fit a frame")
+    checked = _HEADER.pack(frame.type, frame.sequence, len(frame.payload)) + frame.payload
+    body = checked + _CHECK.pack(zlib.crc32(checked))
+    return b"\x7e" + stuff(body) + b"\x7e"
+
+
+def decode_body(data: bytes) -> Frame:
+    """Return the frame in the bytes between two delimiters.
+
+    Raises
+    ------
+    FrameError
+        When escape sequences, length or check value do not fit.
+    """
+    body = unstuff(data)
+    if len(body) < _OVERHEAD:
+        raise FrameError(f"{len(body)} bytes between delimiters; a frame has at least {_OVERHEAD}")
+    kind, sequence, length = _HEADER.unpack_from(body)
+    if length != len(body) - _OVERHEAD:
+        raise FrameError(f"length field says {length}, frame carries {len(body) - _OVERHEAD} payload bytes")
+    if length > MAX_PAYLOAD:
+        raise FrameError(f"payload of {length} bytes; at most {MAX_PAYLOAD} are allowed")
+    (said,) = _CHECK.unpack_from(body, len(body) - _CHECK.size)
+    found = zlib.crc32(body[: -_CHECK.size])
+    if said != found:
+        raise FrameError(f"check value 0x{said:08x}, bytes give 0x{found:08x}")
+    return Frame(kind, sequence, body[_HEADER.size : -_CHECK.size])
+
+
+class FrameDecoder:
+    """Find frames in a stream of bytes, however it is cut into pieces.
+
+    Damage never stops it: bytes that are no frame come out as `DamagedFrame`, and
+    the next delimiter starts afresh.
+    """
+
+    def __init__(self) -> None:
+        self._pending = bytearray()
+        self._too_long = False
+
+    def feed(self, data: bytes) -> list[Frame | DamagedFrame]:
+        """Take more bytes and return what they complete, in order."""
+        found: list[Frame | DamagedFrame] = []
+        *complete, rest = data.split(bytes([DELIMITER]))
+        for piece in complete:
+            self._keep(piece)
+            if self._pending:
+                found.append(self._finish())
+        self._keep(rest)
+        return found
+
+    def reset(self) -> None:
+        """Forget an unfinished frame."""
+        self._pending.clear()
+        self._too_long = False
+
+    def _keep(self, piece: bytes) -> None:
+        room = _MAX_STUFFED - len(self._pending)
+        self._too_long |= len(piece) > room
+        self._pending += piece[:room]
+
+    def _finish(self) -> Frame | DamagedFrame:
+        data, too_long = bytes(self._pending), self._too_long
+        self.reset()
+        if too_long:
+            return DamagedFrame(f"more than {_MAX_STUFFED} bytes without a delimiter", data)
+        try:
+            return decode_body(data)
+        except FrameError as error:
+            return DamagedFrame(str(error), data)
