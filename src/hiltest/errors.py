@@ -44,6 +44,15 @@ class PortNotFoundError(BenchError):
         )
 
 
+class PortRefusedError(BenchError):
+    """The serial port exists and may not be used."""
+
+    def __init__(self, port: str, reason: str, hint: str) -> None:
+        self.port = port
+        self.reason = reason
+        super().__init__(f"cannot use {port}: {reason}. {hint}")
+
+
 class LinkLostError(BenchError):
     """The link broke while it was in use."""
 
@@ -75,6 +84,16 @@ class DeviceTimeoutError(BenchError, TimeoutError):
         self.deadline_s = deadline_s
         self.clock = clock
         super().__init__(f"no answer to {command} within {deadline_s:g} s ({clock} time)")
+
+
+class SensorAbsentError(BenchError):
+    """A sensor that a procedure needs does not answer; what needs no sensor still runs."""
+
+    def __init__(self, wanted: str, seen: Sequence[str], hint: str) -> None:
+        self.wanted = wanted
+        self.seen = tuple(seen)
+        listed = ", ".join(self.seen) if self.seen else "none"
+        super().__init__(f"no {wanted} answers on the board; sensors that do: {listed}. {hint}")
 
 
 class BoardFault(BenchError):

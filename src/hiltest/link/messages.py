@@ -1,0 +1,393 @@
+"""What the host asks, as typed requests, each knowing its reply.
+
+A reply's payload is a status byte and, when that is OK, the data that the
+request's `parse` reads.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hiltest.errors import DeviceError
+from hiltest.link.fields import FieldReader
+from hiltest.link.replies import (
+    AverageReply,
+    CalibrateReply,
+    CalibrationReply,
+    CollectReply,
+    CycleSource,
+    FitStatus,
+    GyroscopeRestReply,
+    Identity,
+    LinkCounters,
+    PointsReply,
+    ReadReply,
+    SensorInfo,
+    SensorKind,
+    Status,
+    SyncReply,
+)
+
+__all__ = [
+    "PROTOCOL_VERSION",
+    "REPLY_BIT",
+    "Average",
+    "Calibrate",
+    "ClearCalibration",
+    "ClearPoints",
+    "Collect",
+    "CycleSource",
+    "FitStatus",
+    "GetCalibration",
+    "GyroscopeRest",
+    "Identify",
+    "Identity",
+    "LinkCounters",
+    "LinkStatistics",
+    "Points",
+    "Read",
+    "Request",
+    "Reset",
+    "Select",
+    "SensorInfo",
+    "SensorKind",
+    "Sensors",
+    "SetCalibration",
+    "Status",
+    "Sync",
+    "Upload",
+    "decode_reply",
+]
+
+PROTOCOL_VERSION = 1
+REPLY_BIT = 0x80
+MAX_UPLOAD = 160
+MAX_POINTS_READ = 80
+MAX_READ = 64
+MAX_COLLECT = 512
+MAX_AVERAGE = 512
+MAX_REST = 4096
+
+R = TypeVar("R")
+
+_HINTS = {
+    Status.UNKNOWN_COMMAND: "the firmware is older than this hiltest; put the packaged one on the board",
+    Status.SENSOR_ABSENT: "check that the FRDM-FXS-MULTI-B shield sits on the board",
+    Status.SENSOR_TIMEOUT: "the sensor answers but delivers no new samples in time",
+    Status.BUS_ERROR: "the I2C bus failed; check shield and jumpers, then reset the board",
+    Status.NO_CALIBRATION: "the slot is empty; run a calibrator or set a calibration first",
+    Status.DEGENERATE_FIELD: "gravity and magnetic field are parallel or zero",
+}
+
+
+@dataclass(frozen=True)
+class Request(Generic[R]):
+    """A request; `R` is what its reply parses to."""
+
+    code: ClassVar[int]
+    command: ClassVar[str]
+
+    def payload(self) -> bytes:
+        """Return the request's payload."""
+        return b""
+
+    def parse(self, fields: FieldReader) -> R:
+        """Read the data of an OK reply."""
+        raise NotImplementedError
+
+    @property
+    def board_time_s(self) -> float:
+        """How long the board may take to answer, beyond the line itself [s]."""
+        return 0.0
+
+
+@dataclass(frozen=True)
+class _Plain(Request[None]):
+    """A request answered by its status alone."""
+
+    def parse(self, fields: FieldReader) -> None:
+        """Read nothing."""
+
+
+@dataclass(frozen=True)
+class _Timed:
+    """Part of a request that waits for samples, `timeout_us` at most in all."""
+
+    timeout_us: int = field(default=5_000_000, kw_only=True)
+
+    @property
+    def board_time_s(self) -> float:
+        """How long the board may wait for its sensors [s]."""
+        return self.timeout_us * 1e-6
+
+
+@dataclass(frozen=True)
+class Sync(Request[SyncReply]):
+    """Ask for the nonce back, to know that what follows is an answer to us."""
+
+    code = 0x01
+    command = "SYNC"
+    nonce: int
+
+    def payload(self) -> bytes:
+        return struct.pack("<I", self.nonce)
+
+    def parse(self, fields: FieldReader) -> SyncReply:
+        return SyncReply.parse(fields)
+
+
+@dataclass(frozen=True)
+class Identify(Request[Identity]):
+    """Ask which firmware this is."""
+
+    code = 0x02
+    command = "IDENTITY"
+
+    def parse(self, fields: FieldReader) -> Identity:
+        return Identity.parse(fields)
+
+
+@dataclass(frozen=True)
+class Sensors(Request[tuple[SensorInfo, ...]]):
+    """Ask which sensors answer."""
+
+    code = 0x03
+    command = "SENSORS"
+
+    def parse(self, fields: FieldReader) -> tuple[SensorInfo, ...]:
+        return tuple(SensorInfo.parse(fields) for _ in range(fields.number("B", "sensors")))
+
+
+@dataclass(frozen=True)
+class Select(_Plain):
+    """Make a sensor the one of its kind, and configure it."""
+
+    code = 0x04
+    command = "SELECT"
+    sensor_id: int
+
+    def payload(self) -> bytes:
+        return struct.pack("<B", self.sensor_id)
+
+
+@dataclass(frozen=True)
+class Read(_Timed, Request[ReadReply]):
+    """Read new raw samples of one sensor."""
+
+    code = 0x05
+    command = "READ"
+    sensor_id: int
+    count: int
+
+    def payload(self) -> bytes:
+        return struct.pack("<BBI", self.sensor_id, _within(self.count, 1, MAX_READ, "samples"), self.timeout_us)
+
+    def parse(self, fields: FieldReader) -> ReadReply:
+        return ReadReply.parse(fields)
+
+
+@dataclass(frozen=True)
+class Collect(_Timed, Request[CollectReply]):
+    """Add magnetometer points to the board's buffer, each with its accelerometer sample."""
+
+    code = 0x06
+    command = "COLLECT"
+    count: int
+
+    def payload(self) -> bytes:
+        return struct.pack("<HI", _within(self.count, 1, MAX_COLLECT, "points"), self.timeout_us)
+
+    def parse(self, fields: FieldReader) -> CollectReply:
+        return CollectReply.parse(fields)
+
+
+@dataclass(frozen=True)
+class Upload(Request[int]):
+    """Add points from the host; `first` is the number stored so far. Answers the number stored."""
+
+    code = 0x07
+    command = "UPLOAD"
+    first: int
+    points: Sequence[Sequence[int]]
+
+    def payload(self) -> bytes:
+        rows = np.asarray(self.points)
+        _within(len(rows), 1, MAX_UPLOAD, "points")
+        _within(int(rows.min()), -0x8000, 0x7FFF, "counts")
+        _within(int(rows.max()), -0x8000, 0x7FFF, "counts")
+        return struct.pack("<HB", self.first, len(rows)) + rows.astype("<i2").tobytes()
+
+    def parse(self, fields: FieldReader) -> int:
+        return fields.number("H", "stored")
+
+
+@dataclass(frozen=True)
+class Points(Request[PointsReply]):
+    """Read stored points back."""
+
+    code = 0x08
+    command = "POINTS"
+    first: int
+    count: int
+
+    def payload(self) -> bytes:
+        return struct.pack("<HB", self.first, _within(self.count, 1, MAX_POINTS_READ, "points"))
+
+    def parse(self, fields: FieldReader) -> PointsReply:
+        return PointsReply.parse(fields)
+
+
+@dataclass(frozen=True)
+class ClearPoints(_Plain):
+    """Empty the point buffer."""
+
+    code = 0x09
+    command = "CLEAR_POINTS"
+
+
+@dataclass(frozen=True)
+class Calibrate(Request[CalibrateReply]):
+    """Run a calibrator by name over the first n points, counting cycles."""
+
+    code = 0x0A
+    command = "CALIBRATE"
+    n: int
+    calibrator: str
+
+    def payload(self) -> bytes:
+        name = self.calibrator.encode("ascii")
+        return struct.pack("<HB", self.n, _within(len(name), 1, 255, "characters")) + name
+
+    def parse(self, fields: FieldReader) -> CalibrateReply:
+        return CalibrateReply.parse(fields)
+
+    @property
+    def board_time_s(self) -> float:
+        """Room for a calibrator of 500 million cycles on a 120 MHz core [s]."""
+        return 4.2
+
+
+@dataclass(frozen=True)
+class SetCalibration(_Plain):
+    """Store a calibration in a slot; slot 0 is the active one."""
+
+    code = 0x0B
+    command = "SET_CALIBRATION"
+    slot: int
+    soft_iron: ArrayLike
+    hard_iron: ArrayLike
+
+    def payload(self) -> bytes:
+        soft_iron = np.asarray(self.soft_iron, dtype="<f4").reshape(9)
+        hard_iron = np.asarray(self.hard_iron, dtype="<f4").reshape(3)
+        return struct.pack("<B", self.slot) + soft_iron.tobytes() + hard_iron.tobytes()
+
+
+@dataclass(frozen=True)
+class GetCalibration(Request[CalibrationReply]):
+    """Read a slot."""
+
+    code = 0x0C
+    command = "GET_CALIBRATION"
+    slot: int
+
+    def payload(self) -> bytes:
+        return struct.pack("<B", self.slot)
+
+    def parse(self, fields: FieldReader) -> CalibrationReply:
+        return CalibrationReply.parse(fields)
+
+
+@dataclass(frozen=True)
+class ClearCalibration(_Plain):
+    """Empty a slot."""
+
+    code = 0x0D
+    command = "CLEAR_CALIBRATION"
+    slot: int
+
+    def payload(self) -> bytes:
+        return struct.pack("<B", self.slot)
+
+
+@dataclass(frozen=True)
+class Average(_Timed, Request[AverageReply]):
+    """Average n new samples of every sensor; heading under each slot of a bit mask."""
+
+    code = 0x0E
+    command = "AVERAGE"
+    n: int
+    slot_bitmask: int = 0
+
+    def payload(self) -> bytes:
+        return struct.pack("<HIB", _within(self.n, 1, MAX_AVERAGE, "samples"), self.timeout_us, self.slot_bitmask)
+
+    def parse(self, fields: FieldReader) -> AverageReply:
+        return AverageReply.parse(fields, self.slot_bitmask)
+
+
+@dataclass(frozen=True)
+class GyroscopeRest(_Timed, Request[GyroscopeRestReply]):
+    """Average the gyroscope at rest; `store` keeps the mean as bias afterwards."""
+
+    code = 0x0F
+    command = "GYROSCOPE_REST"
+    n: int
+    store: bool = False
+
+    def payload(self) -> bytes:
+        return struct.pack("<HIB", _within(self.n, 1, MAX_REST, "samples"), self.timeout_us, self.store)
+
+    def parse(self, fields: FieldReader) -> GyroscopeRestReply:
+        return GyroscopeRestReply.parse(fields)
+
+
+@dataclass(frozen=True)
+class LinkStatistics(Request[LinkCounters]):
+    """Ask what the firmware saw on its line."""
+
+    code = 0x10
+    command = "LINK_STATISTICS"
+
+    def parse(self, fields: FieldReader) -> LinkCounters:
+        return LinkCounters.parse(fields)
+
+
+@dataclass(frozen=True)
+class Reset(_Plain):
+    """Ask for a reset; the answer comes before it."""
+
+    code = 0x11
+    command = "RESET"
+
+
+def decode_reply(request: Request[R], payload: bytes) -> R:
+    """Return the data of a reply to this request.
+
+    Raises
+    ------
+    DeviceError
+        When the board answers with an error status.
+    ProtocolError
+        When the payload is no reply to this request; says which field and where.
+    """
+    fields = FieldReader(payload, f"reply to {request.command}")
+    status = fields.choice(Status, "status")
+    if status is not Status.OK:
+        fields.end()
+        raise DeviceError(request.command, status.name, _HINTS.get(status, ""))
+    data = request.parse(fields)
+    fields.end()
+    return data
+
+
+def _within(value: int, lowest: int, highest: int, unit: str) -> int:
+    if not lowest <= value <= highest:
+        raise ValueError(f"{value} {unit}; the protocol takes {lowest} to {highest}")
+    return value

@@ -1,0 +1,359 @@
+"""What the firmware answers, as typed records.
+
+Field order is that of the protocol page; magnetometer counts are 0.1 uT,
+accelerometer counts 1/8192 g and gravity-positive, gyroscope counts 1/16 dps, all
+in the body frame (x forward, y right, z down).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hiltest.link.fields import FieldReader
+
+Reals = NDArray[np.float64]
+Counts = NDArray[np.int16]
+
+MICROTESLA_PER_COUNT = 0.1
+G_PER_COUNT = 1.0 / 8192.0
+DPS_PER_COUNT = 1.0 / 16.0
+
+
+class Status(IntEnum):
+    """First byte of every reply."""
+
+    OK = 0
+    UNKNOWN_COMMAND = 1
+    BAD_LENGTH = 2
+    BAD_ARGUMENT = 3
+    NO_SUCH_SENSOR = 4
+    SENSOR_ABSENT = 5
+    SENSOR_TIMEOUT = 6
+    BUS_ERROR = 7
+    BUFFER_FULL = 8
+    TOO_FEW_POINTS = 9
+    UNKNOWN_CALIBRATOR = 10
+    NO_CALIBRATION = 11
+    NO_CYCLE_COUNTER = 12
+    DEGENERATE_FIELD = 13
+    BUSY = 14
+
+
+class SensorKind(IntEnum):
+    """What a sensor measures."""
+
+    MAGNETOMETER = 0
+    ACCELEROMETER = 1
+    GYROSCOPE = 2
+
+
+class CycleSource(IntEnum):
+    """Where the firmware's cycle numbers come from."""
+
+    NONE = 0
+    DWT = 1
+
+
+class FitStatus(IntEnum):
+    """How a calibrator ended."""
+
+    ELLIPSOID = 0
+    NOT_AN_ELLIPSOID = 1
+    POOR_COVERAGE = 2
+    TOO_FEW_POINTS = 3
+    SINGULAR = 4
+    NOT_CONVERGED = 5
+
+
+@dataclass(frozen=True, slots=True)
+class SyncReply:
+    """Echo of a nonce."""
+
+    nonce: int
+    protocol_version: int
+
+    @classmethod
+    def parse(cls, fields: FieldReader) -> SyncReply:
+        """Read the reply."""
+        return cls(fields.number("I", "nonce"), fields.number("H", "protocol version"))
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """Which firmware answers, and what it can do."""
+
+    protocol_version: int
+    core_clock_hz: int
+    cycle_source: CycleSource
+    max_points: int
+    slots: int
+    name: str
+    version: str
+    build_id: str
+    compiler: str
+    placement: str
+    calibrators: tuple[str, ...]
+
+    @classmethod
+    def parse(cls, fields: FieldReader) -> Identity:
+        """Read the reply."""
+        return cls(
+            protocol_version=fields.number("H", "protocol version"),
+            core_clock_hz=fields.number("I", "core clock"),
+            cycle_source=fields.choice(CycleSource, "cycle source"),
+            max_points=fields.number("H", "buffer size"),
+            slots=fields.number("B", "slots"),
+            name=fields.text("name"),
+            version=fields.text("version"),
+            build_id=fields.text("build id"),
+            compiler=fields.text("compiler"),
+            placement=fields.text("placement"),
+            calibrators=tuple(fields.text("calibrator") for _ in range(fields.number("B", "calibrators"))),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class SensorInfo:
+    """One sensor the firmware knows, and whether it answered."""
+
+    sensor_id: int
+    kind: SensorKind
+    bus: int
+    address: int
+    expected_who_am_i: int
+    seen_who_am_i: int
+    present: bool
+    selected: bool
+    name: str
+
+    @classmethod
+    def parse(cls, fields: FieldReader) -> SensorInfo:
+        """Read one entry of the SENSORS reply."""
+        return cls(
+            sensor_id=fields.number("B", "sensor id"),
+            kind=fields.choice(SensorKind, "sensor kind"),
+            bus=fields.number("B", "bus"),
+            address=fields.number("B", "address"),
+            expected_who_am_i=fields.number("B", "expected WHO_AM_I"),
+            seen_who_am_i=fields.number("B", "seen WHO_AM_I"),
+            present=fields.flag("present"),
+            selected=fields.flag("selected"),
+            name=fields.text("sensor name"),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class ReadReply:
+    """New raw samples of one sensor.
+
+    Attributes
+    ----------
+    time_us : ndarray of int, shape (n,)
+        Board time of each sample [us].
+    counts : ndarray of int16, shape (n, 3)
+        Body-frame counts.
+    overruns : int
+        Samples the sensor replaced before they were read.
+    die_temperature_degc : int
+        As the part gives it, uncalibrated.
+    """
+
+    time_us: NDArray[np.int64]
+    counts: Counts
+    overruns: int
+    die_temperature_degc: int
+
+    @classmethod
+    def parse(cls, fields: FieldReader) -> ReadReply:
+        """Read the reply."""
+        count = fields.number("B", "count")
+        rows = [(fields.number("Q", "time"), fields.counts(1, "sample")) for _ in range(count)]
+        times = np.array([time for time, _ in rows], dtype=np.uint64).astype(np.int64)
+        counts = np.concatenate([np.zeros((0, 3), np.int16), *(sample for _, sample in rows)])
+        return cls(times, counts, fields.number("H", "overruns"), fields.number("b", "die temperature"))
+
+
+@dataclass(frozen=True, slots=True)
+class CollectReply:
+    """State of the point buffer after collecting: its range per axis [counts]."""
+
+    stored: int
+    minimum: Counts
+    maximum: Counts
+    overruns: int
+
+    @classmethod
+    def parse(cls, fields: FieldReader) -> CollectReply:
+        """Read the reply."""
+        return cls(
+            fields.number("H", "stored"),
+            fields.counts(1, "minimum")[0],
+            fields.counts(1, "maximum")[0],
+            fields.number("H", "overruns"),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class PointsReply:
+    """Stored points: magnetometer and accelerometer counts, each (n, 3)."""
+
+    magnetometer: Counts
+    accelerometer: Counts
+
+    @classmethod
+    def parse(cls, fields: FieldReader) -> PointsReply:
+        """Read the reply."""
+        rows = fields.counts(fields.number("B", "count"), "points", columns=6)
+        return cls(rows[:, :3], rows[:, 3:])
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationReply:
+    """A magnetometer calibration: ``unit = soft_iron @ (counts - hard_iron)``.
+
+    Attributes
+    ----------
+    soft_iron : ndarray, shape (3, 3)
+        [1/count], row-major on the wire.
+    hard_iron : ndarray, shape (3,)
+        [counts].
+    """
+
+    soft_iron: Reals
+    hard_iron: Reals
+
+    @classmethod
+    def parse(cls, fields: FieldReader) -> CalibrationReply:
+        """Read the reply."""
+        return cls(fields.reals(9, "soft iron").reshape(3, 3), fields.reals(3, "hard iron"))
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrateReply:
+    """What a calibrator found and what it cost.
+
+    Attributes
+    ----------
+    fit : FitStatus
+    is_sphere : bool
+        The calibration is the sphere fit that stands in for a refused ellipsoid.
+    iterations : int
+    calibration : CalibrationReply
+    coverage : float
+        Largest M_ii / d_i over the pivots; 0 when the calibrator has no such number.
+    cycles, overhead_cycles : int
+        Core cycles of the run without, and of, the empty call.
+    """
+
+    fit: FitStatus
+    is_sphere: bool
+    iterations: int
+    calibration: CalibrationReply
+    coverage: float
+    cycles: int
+    overhead_cycles: int
+
+    @classmethod
+    def parse(cls, fields: FieldReader) -> CalibrateReply:
+        """Read the reply."""
+        return cls(
+            fit=fields.choice(FitStatus, "fit status"),
+            is_sphere=bool(fields.number("B", "flags") & 1),
+            iterations=fields.number("H", "iterations"),
+            calibration=CalibrationReply.parse(fields),
+            coverage=fields.real("coverage"),
+            cycles=fields.number("I", "cycles"),
+            overhead_cycles=fields.number("I", "overhead cycles"),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Statistic:
+    """Mean and sample standard deviation of one sensor's axes [counts]."""
+
+    mean: Reals
+    spread: Reals
+
+    @classmethod
+    def parse(cls, fields: FieldReader, name: str) -> Statistic:
+        """Read six float32."""
+        return cls(fields.reals(3, f"{name} mean"), fields.reals(3, f"{name} spread"))
+
+
+@dataclass(frozen=True, slots=True)
+class SlotHeading:
+    """Attitude that the firmware computed under one calibration slot [deg]."""
+
+    status: Status
+    heading_deg: float
+    pitch_deg: float
+    roll_deg: float
+
+    @classmethod
+    def parse(cls, fields: FieldReader) -> SlotHeading:
+        """Read a status and three angles."""
+        status = fields.choice(Status, "heading status")
+        return cls(status, fields.real("heading"), fields.real("pitch"), fields.real("roll"))
+
+
+@dataclass(frozen=True, slots=True)
+class AverageReply:
+    """Means of n new samples of each sensor, and the heading under each slot asked for."""
+
+    n: int
+    magnetometer: Statistic
+    accelerometer: Statistic
+    gyroscope: Statistic
+    overruns: int
+    headings: dict[int, SlotHeading]
+
+    @classmethod
+    def parse(cls, fields: FieldReader, slot_bitmask: int) -> AverageReply:
+        """Read the reply to a request for these slots."""
+        return cls(
+            fields.number("H", "count"),
+            Statistic.parse(fields, "magnetometer"),
+            Statistic.parse(fields, "accelerometer"),
+            Statistic.parse(fields, "gyroscope"),
+            fields.number("H", "overruns"),
+            {slot: SlotHeading.parse(fields) for slot in range(8) if slot_bitmask >> slot & 1},
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class GyroscopeRestReply:
+    """Rate at rest [counts]; `corrected_mean` is without the bias stored before."""
+
+    n: int
+    rate: Statistic
+    corrected_mean: Reals
+    die_temperature_degc: int
+
+    @classmethod
+    def parse(cls, fields: FieldReader) -> GyroscopeRestReply:
+        """Read the reply."""
+        return cls(
+            fields.number("H", "count"),
+            Statistic.parse(fields, "gyroscope"),
+            fields.reals(3, "corrected mean"),
+            fields.number("b", "die temperature"),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class LinkCounters:
+    """What the firmware saw on its line since reset."""
+
+    frames: int
+    damaged: int
+    uart_overruns: int
+    repeated: int
+
+    @classmethod
+    def parse(cls, fields: FieldReader) -> LinkCounters:
+        """Read the reply."""
+        return cls(*(fields.number("I", name) for name in ("frames", "damaged", "uart overruns", "repeated")))

@@ -1,0 +1,297 @@
+"""Requests and replies over a port: sequence numbers, deadlines, bounded retries.
+
+The clock is the port's own when it has one (`now`): a virtual board's deadlines are
+virtual, so they are met or missed the same way on every host. Wall time then only
+guards against a board that computes without end.
+"""
+
+from __future__ import annotations
+
+import random
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TypeVar
+
+import serial
+
+from hiltest.errors import (
+    DeviceTimeoutError,
+    LinkLostError,
+    ProtocolError,
+    SequenceError,
+    SyncError,
+    VersionMismatchError,
+)
+from hiltest.link.framing import DamagedFrame, Frame, FrameDecoder, encode_frame
+from hiltest.link.messages import (
+    PROTOCOL_VERSION,
+    REPLY_BIT,
+    Identify,
+    Identity,
+    Request,
+    Reset,
+    Status,
+    Sync,
+    decode_reply,
+)
+from hiltest.link.ports import SerialPort
+from hiltest.link.transcript import Direction, Transcript
+
+R = TypeVar("R")
+
+FIRMWARE_NAME = "hiltest-frdm-k64f"
+# The longest frame takes 0.18 s at 115200 baud, each way; the rest is for USB and operating system.
+REPLY_DEADLINE_S = 1.0
+ATTEMPTS = 3
+# A board on a real clock cannot exceed it within its deadlines; a virtual one that computes without end can.
+WALL_GUARD_S = 30.0
+# Late answers to that many earlier requests are dropped; a stranger number is an error.
+_STALE_SEQUENCES = 16
+_HEARD_KEPT = 256
+
+
+class Outcome(StrEnum):
+    """How an attempt ended."""
+
+    ANSWERED = "answered"
+    TIMEOUT = "timeout"
+    ERROR = "error"
+
+
+@dataclass(frozen=True, slots=True)
+class Attempt:
+    """One sending of one request.
+
+    Attributes
+    ----------
+    command : str
+    sequence : int
+    number : int
+        1 for the first attempt of a request.
+    sent_s, ended_s : float
+        Board clock.
+    outcome : Outcome
+    damaged, stale : int
+        Frames that arrived while waiting and were damaged, or answered an earlier request.
+    """
+
+    command: str
+    sequence: int
+    number: int
+    sent_s: float
+    ended_s: float
+    outcome: Outcome
+    damaged: int
+    stale: int
+
+
+class Session:
+    """The host's end of the link.
+
+    Parameters
+    ----------
+    port : SerialPort
+        Open. The session closes it.
+    transcript : Transcript, optional
+        Gets every byte, both ways.
+    nonce_seed : int, optional
+        Makes the nonces a function of the seed, as a reproducible run needs. On a
+        line that others used before us leave it out: then they are random.
+    """
+
+    def __init__(
+        self, port: SerialPort, *, transcript: Transcript | None = None, nonce_seed: int | None = None,
+        reply_deadline_s: float = REPLY_DEADLINE_S, attempts: int = ATTEMPTS, wall_guard_s: float = WALL_GUARD_S,
+    ) -> None:
+        self._port = port
+        own_clock: Callable[[], float] | None = getattr(port, "now", None)
+        self.clock = "virtual" if own_clock else "wall"
+        self.now: Callable[[], float] = own_clock or time.monotonic
+        self.transcript = transcript
+        self.attempts: list[Attempt] = []
+        self.protocol_version = 0
+        self._reply_deadline_s = reply_deadline_s
+        self._attempts_allowed = attempts
+        self._wall_guard_s = wall_guard_s
+        self._nonces = random.Random(nonce_seed) if nonce_seed is not None else random.SystemRandom()
+        self._decoder = FrameDecoder()
+        self._sequence = 0
+        self._heard = bytearray()
+        self._damaged = 0
+        self._stale = 0
+
+    @property
+    def retried(self) -> int:
+        """How many requests were sent more than once."""
+        return sum(attempt.number == 2 for attempt in self.attempts)
+
+    def close(self) -> None:
+        """Give the port back."""
+        self._port.close()
+
+    def synchronise(self) -> None:
+        """Discard what is on the line until the board returns a nonce of ours.
+
+        Raises
+        ------
+        SyncError
+            When it does not.
+        VersionMismatchError
+            When it speaks another protocol version.
+        """
+        self._port.reset_input_buffer()
+        self._decoder.reset()
+        self._heard.clear()
+        for number in range(1, self._attempts_allowed + 1):
+            # A fresh nonce each time: an old answer must not pass for a new one.
+            request = Sync(self._nonces.getrandbits(32))
+            payload = self._attempt(request, 0, number, self._reply_deadline_s, resync=True)
+            if payload is not None:
+                self.protocol_version = int.from_bytes(payload[5:7], "little")
+                break
+        else:
+            raise SyncError(self._port.name, bytes(self._heard), self._attempts_allowed)
+        if self.protocol_version != PROTOCOL_VERSION:
+            raise VersionMismatchError(
+                f"the firmware speaks protocol version {self.protocol_version}, hiltest {PROTOCOL_VERSION}. "
+                "Put the firmware of this hiltest on the board, or install the hiltest of that firmware."
+            )
+        self._sequence = 0
+
+    def identify(self, *, firmware_name: str = FIRMWARE_NAME) -> Identity:
+        """Ask who answers, and insist on the firmware that is expected.
+
+        Raises
+        ------
+        VersionMismatchError
+            When it is another firmware.
+        """
+        identity = self.request(Identify())
+        if identity.name != firmware_name:
+            raise VersionMismatchError(
+                f"the board runs firmware {identity.name!r} ({identity.version}, build {identity.build_id}), "
+                f"not {firmware_name!r}"
+            )
+        return identity
+
+    def reset_board(self) -> None:
+        """Reset the board and synchronise with it again."""
+        self.request(Reset())
+        self.synchronise()
+
+    def request(self, message: Request[R], *, deadline_s: float | None = None) -> R:
+        """Send a request and return the data of its reply.
+
+        Parameters
+        ----------
+        message : Request
+        deadline_s : float, optional
+            For each attempt; by default the session's, and what the board may spend on the request.
+
+        Raises
+        ------
+        DeviceError
+            When the board answers with an error status.
+        DeviceTimeoutError
+            When no attempt is answered in time.
+        LinkLostError
+            When the port breaks.
+        ProtocolError
+            When what arrives is no reply to this request.
+        """
+        allowed_s = self._reply_deadline_s + message.board_time_s if deadline_s is None else deadline_s
+        self._sequence = (self._sequence + 1) % 256
+        for number in range(1, self._attempts_allowed + 1):
+            payload = self._attempt(message, self._sequence, number, allowed_s)
+            if payload is not None:
+                return decode_reply(message, payload)
+        raise DeviceTimeoutError(message.command, allowed_s, self.clock)
+
+    def send_raw(self, data: bytes) -> None:
+        """Put bytes on the line as they are: damaged frames, for link checks."""
+        self._write(data)
+
+    def exchange_raw(self, frame: Frame, *, deadline_s: float = REPLY_DEADLINE_S) -> Frame | None:
+        """Send one frame once and return the frame that comes back, None when none does."""
+        self._write(encode_frame(frame))
+        end_s = self.now() + deadline_s
+        while self.now() < end_s:
+            for item in self._receive():
+                if isinstance(item, Frame):
+                    return item
+        return None
+
+    def _attempt(
+        self, message: Request[R], sequence: int, number: int, allowed_s: float, *, resync: bool = False
+    ) -> bytes | None:
+        """Send once and wait; the reply's payload, or None when the deadline passed."""
+        sent_s = self.now()
+        self._damaged = self._stale = 0
+        outcome = Outcome.ERROR
+        try:
+            self._write(encode_frame(Frame(message.code, sequence, message.payload())))
+            payload = self._await(message, sequence, sent_s + allowed_s, resync)
+            outcome = Outcome.TIMEOUT if payload is None else Outcome.ANSWERED
+            return payload
+        finally:
+            self.attempts.append(
+                Attempt(message.command, sequence, number, sent_s, self.now(), outcome, self._damaged, self._stale)
+            )
+
+    def _await(self, message: Request[R], sequence: int, end_s: float, resync: bool) -> bytes | None:
+        wall_end_s = time.monotonic() + self._wall_guard_s
+        while self.now() < end_s:
+            for item in self._receive():
+                if isinstance(item, DamagedFrame):
+                    self._damaged += 1
+                elif resync:
+                    if _is_echo(item, message):
+                        return item.payload
+                elif self._answers(item, message, sequence):
+                    return item.payload
+            if self.clock == "virtual" and time.monotonic() > wall_end_s:
+                raise DeviceTimeoutError(message.command, self._wall_guard_s, "wall")
+        return None
+
+    def _answers(self, frame: Frame, message: Request[R], sequence: int) -> bool:
+        if frame.sequence != sequence:
+            if 0 < (sequence - frame.sequence) % 256 <= _STALE_SEQUENCES:
+                self._stale += 1
+                return False
+            raise SequenceError(sequence, frame.sequence)
+        if frame.type != message.code | REPLY_BIT:
+            raise ProtocolError(
+                f"{message.command} (0x{message.code:02x}) was answered by a frame of type 0x{frame.type:02x}"
+            )
+        return True
+
+    def _receive(self) -> list[Frame | DamagedFrame]:
+        try:
+            data = self._port.read_until(b"\x7e")
+        except (serial.SerialException, OSError) as error:
+            raise LinkLostError(self._port.name, str(error)) from error
+        if not data:
+            return []
+        if self.transcript is not None:
+            self.transcript.add(self.now(), Direction.TO_HOST, data)
+        self._heard += data[: _HEARD_KEPT - len(self._heard)]
+        return self._decoder.feed(data)
+
+    def _write(self, data: bytes) -> None:
+        if self.transcript is not None:
+            self.transcript.add(self.now(), Direction.TO_BOARD, data)
+        try:
+            self._port.write(data)
+        except serial.SerialTimeoutException as error:
+            raise DeviceTimeoutError("a write to the port", self._reply_deadline_s, "wall") from error
+        except (serial.SerialException, OSError) as error:
+            raise LinkLostError(self._port.name, str(error)) from error
+
+
+def _is_echo(frame: Frame, request: Request[R]) -> bool:
+    """Say whether a frame returns the nonce of a SYNC request, whatever else it carries."""
+    return frame.type == request.code | REPLY_BIT and len(frame.payload) == 7 and (
+        frame.payload[0] == Status.OK and frame.payload[1:5] == request.payload()
+    )

@@ -1,0 +1,99 @@
+"""What went over the line, both ways, with the time of the board's clock.
+
+On disk a transcript is JSON lines: a header with schema and clock, then one entry a
+line, ``{"t": seconds, "dir": ">", "hex": "7e01..."}``, or ``{"t": seconds, "mark": "text"}``.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+from hiltest.errors import ConfigError
+
+SCHEMA = "hiltest.transcript/1"
+
+
+class Direction(StrEnum):
+    """Which way bytes went, or that the host only left a note."""
+
+    TO_BOARD = ">"
+    TO_HOST = "<"
+    MARK = "#"
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """Bytes that were written or read in one piece, or the text of a mark."""
+
+    time_s: float
+    direction: Direction
+    data: bytes
+
+
+class Transcript:
+    """A growing list of entries.
+
+    Parameters
+    ----------
+    clock : str
+        ``virtual`` or ``wall``: what `Entry.time_s` counts.
+    """
+
+    def __init__(self, clock: str, entries: Iterable[Entry] = ()) -> None:
+        self.clock = clock
+        self.entries = list(entries)
+
+    def add(self, time_s: float, direction: Direction, data: bytes) -> None:
+        """Append an entry."""
+        self.entries.append(Entry(time_s, direction, data))
+
+    def mark(self, time_s: float, text: str) -> None:
+        """Note something beside the bytes, such as the name of a test."""
+        self.add(time_s, Direction.MARK, text.encode())
+
+    def write(self, path: Path) -> None:
+        """Write the transcript to a file."""
+        with path.open("w", encoding="utf-8") as file:
+            file.write(json.dumps({"schema": SCHEMA, "clock": self.clock}) + "\n")
+            file.writelines(_line(entry) + "\n" for entry in self.entries)
+
+    @classmethod
+    def read(cls, path: Path) -> Transcript:
+        """Read what `write` wrote.
+
+        Raises
+        ------
+        ConfigError
+            When the file is no transcript; names file, line and what is wrong.
+        """
+        lines = path.read_text(encoding="utf-8").splitlines()
+        try:
+            header = json.loads(lines[0]) if lines else {}
+            if header.get("schema") != SCHEMA:
+                raise ConfigError(f"{path}:1: schema is {header.get('schema')!r}, not {SCHEMA!r}")
+            transcript = cls(str(header["clock"]))
+        except (ValueError, AttributeError, KeyError) as error:
+            raise ConfigError(f"{path}:1: no transcript header: {error}") from None
+        for number, line in enumerate(lines[1:], start=2):
+            try:
+                transcript.entries.append(_entry(json.loads(line)))
+            except (ValueError, AttributeError, KeyError, TypeError) as error:
+                raise ConfigError(f"{path}:{number}: not an entry: {error}") from None
+        return transcript
+
+
+def _line(entry: Entry) -> str:
+    if entry.direction is Direction.MARK:
+        return json.dumps({"t": entry.time_s, "mark": entry.data.decode()})
+    return json.dumps({"t": entry.time_s, "dir": str(entry.direction), "hex": entry.data.hex()})
+
+
+def _entry(item: dict[str, object]) -> Entry:
+    time_s = float(str(item["t"]))
+    if "mark" in item:
+        return Entry(time_s, Direction.MARK, str(item["mark"]).encode())
+    return Entry(time_s, Direction(str(item["dir"])), bytes.fromhex(str(item["hex"])))

@@ -1,0 +1,172 @@
+"""Requests and replies are the bytes the protocol page says; hostile bytes are refused by name."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hiltest.errors import DeviceError, ProtocolError
+from hiltest.link import messages as m
+from hiltest.link.messages import CycleSource, FitStatus, SensorKind, Status, decode_reply
+
+REQUESTS: list[m.Request[object]] = [
+    m.Sync(7), m.Identify(), m.Sensors(), m.Select(1), m.Read(1, 4), m.Collect(20), m.Upload(0, [(1, 2, 3)]),
+    m.Points(0, 10), m.ClearPoints(), m.Calibrate(100, "direct"), m.SetCalibration(1, np.eye(3), np.zeros(3)),
+    m.GetCalibration(1), m.ClearCalibration(1), m.Average(16, 0b111), m.GyroscopeRest(500, store=True),
+    m.LinkStatistics(), m.Reset(),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("request_", "code", "expected"),
+    [
+        (m.Sync(0x01020304), 0x01, "04030201"),
+        (m.Identify(), 0x02, ""),
+        (m.Sensors(), 0x03, ""),
+        (m.Select(3), 0x04, "03"),
+        (m.Read(2, 64, timeout_us=1_000_000), 0x05, "02 40 40420f00"),
+        (m.Collect(300, timeout_us=65536), 0x06, "2c01 00000100"),
+        (m.Upload(5, [(1, -1, 256), (-32768, 32767, 0)]), 0x07, "0500 02 0100 ffff 0001 0080 ff7f 0000"),
+        (m.Points(258, 80), 0x08, "0201 50"),
+        (m.ClearPoints(), 0x09, ""),
+        (m.Calibrate(100, "direct"), 0x0A, "6400 06 646972656374"),
+        (m.GetCalibration(7), 0x0C, "07"),
+        (m.ClearCalibration(2), 0x0D, "02"),
+        (m.Average(16, 0b101, timeout_us=1), 0x0E, "1000 01000000 05"),
+        (m.GyroscopeRest(4096, store=True, timeout_us=2), 0x0F, "0010 02000000 01"),
+        (m.LinkStatistics(), 0x10, ""),
+        (m.Reset(), 0x11, ""),
+    ],
+)
+def test_request_payloads_are_those_written_by_hand(request_: m.Request[object], code: int, expected: str) -> None:
+    assert request_.code == code
+    assert request_.payload() == bytes.fromhex(expected)
+
+
+def test_a_calibration_travels_row_major_in_float32() -> None:
+    soft_iron = np.arange(1.0, 10.0).reshape(3, 3)
+    payload = m.SetCalibration(4, soft_iron, [10.0, 20.0, -30.0]).payload()
+    assert payload == bytes([4]) + struct.pack("<12f", *range(1, 10), 10, 20, -30)
+    reply = decode_reply(m.GetCalibration(4), b"\x00" + payload[1:])
+    assert np.array_equal(reply.soft_iron, soft_iron)
+    assert np.array_equal(reply.hard_iron, [10.0, 20.0, -30.0])
+
+
+def test_identity_fields_are_read_in_order() -> None:
+    def text(value: str) -> bytes:
+        return bytes([len(value)]) + value.encode()
+
+    data = struct.pack("<BHIBHB", 0, 1, 120_000_000, 1, 512, 8)
+    data += text("hiltest-frdm-k64f") + text("0.1.0") + text("0123456789abcdef") + text("gcc 12.2.1") + text("sram")
+    data += bytes([2]) + text("direct") + text("iterative")
+    identity = decode_reply(m.Identify(), data)
+    assert identity.core_clock_hz == 120_000_000
+    assert identity.cycle_source is CycleSource.DWT
+    assert (identity.max_points, identity.slots) == (512, 8)
+    assert identity.build_id == "0123456789abcdef"
+    assert identity.placement == "sram"
+    assert identity.calibrators == ("direct", "iterative")
+
+
+def test_sensors_are_listed_with_what_they_answered() -> None:
+    data = bytes([0, 1, 5, 0, 1, 0x0E, 0xC4, 0xC4, 1, 0, 7]) + b"MAG3110"
+    (sensor,) = decode_reply(m.Sensors(), data)
+    assert sensor == m.SensorInfo(5, SensorKind.MAGNETOMETER, 1, 0x0E, 0xC4, 0xC4, True, False, "MAG3110")
+
+
+def test_samples_keep_time_and_sign() -> None:
+    data = struct.pack("<BB Qhhh Qhhh Hb", 0, 2, 10**12, 1, -2, 3, 10**12 + 12500, -32767, 32767, 0, 4, -7)
+    reply = decode_reply(m.Read(1, 2), data)
+    assert reply.time_us.tolist() == [10**12, 10**12 + 12500]
+    assert reply.counts.tolist() == [[1, -2, 3], [-32767, 32767, 0]]
+    assert (reply.overruns, reply.die_temperature_degc) == (4, -7)
+
+
+def test_collect_points_and_calibrate_replies() -> None:
+    collected = decode_reply(m.Collect(1), struct.pack("<BH6hH", 0, 40, -1, -2, -3, 1, 2, 3, 9))
+    assert (collected.stored, collected.overruns) == (40, 9)
+    assert collected.minimum.tolist() == [-1, -2, -3]
+    assert collected.maximum.tolist() == [1, 2, 3]
+    points = decode_reply(m.Points(0, 1), struct.pack("<BB6h", 0, 1, 1, 2, 3, 4, 5, 8192))
+    assert points.magnetometer.tolist() == [[1, 2, 3]]
+    assert points.accelerometer.tolist() == [[4, 5, 8192]]
+    fit = decode_reply(
+        m.Calibrate(100, "direct"), struct.pack("<BBBH13fII", 0, 2, 1, 7, *([0.5] * 12), 31.0, 12_400, 8)
+    )
+    assert fit.fit is FitStatus.POOR_COVERAGE
+    assert fit.is_sphere
+    assert (fit.iterations, fit.coverage, fit.cycles, fit.overhead_cycles) == (7, 31.0, 12_400, 8)
+
+
+def test_average_has_one_heading_for_each_slot_asked_for_from_low_to_high() -> None:
+    data = struct.pack("<BH18fH", 0, 16, *range(18), 1)
+    data += struct.pack("<B3f", 0, 10.0, 1.0, 2.0) + struct.pack("<B3f", 13, 0.0, 0.0, 0.0)
+    reply = decode_reply(m.Average(16, 0b1001), data)
+    assert list(reply.headings) == [0, 3]
+    assert reply.headings[0].heading_deg == 10.0
+    assert reply.headings[3].status is Status.DEGENERATE_FIELD
+    assert reply.accelerometer.mean.tolist() == [6.0, 7.0, 8.0]
+    assert reply.gyroscope.spread.tolist() == [15.0, 16.0, 17.0]
+
+
+def test_an_error_status_names_command_status_and_a_way_out() -> None:
+    with pytest.raises(DeviceError, match=r"READ with SENSOR_ABSENT: check that the FRDM-FXS-MULTI-B shield"):
+        decode_reply(m.Read(1, 1), bytes([Status.SENSOR_ABSENT]))
+
+
+@pytest.mark.parametrize(
+    ("request_", "payload", "message"),
+    [
+        (m.Identify(), b"", "reply to IDENTITY: status at byte 0 of 0: needs 1 bytes, 0 are left"),
+        (m.ClearPoints(), b"\x63", "status at byte 0 of 1: 99 is no Status"),
+        (m.ClearPoints(), b"\x00\x01", "end at byte 1 of 2: 1 bytes too many"),
+        (m.ClearPoints(), b"\x03\x01", "end at byte 1 of 2: 1 bytes too many"),
+        (m.Sync(1), b"\x00\x01\x00\x00", "nonce at byte 1 of 4: needs 4 bytes, 3 are left"),
+        (m.Sensors(), b"\x00\x01\x05\x09", "sensor kind at byte 3 of 4: 9 is no SensorKind"),
+        (m.Sensors(), b"\x00\x01\x05\x00\x01\x0e\xc4\xc4\x02", "present at byte 8 of 9: 2 is neither 0 nor 1"),
+        (m.Sensors(), b"\x00\x01\x05\x00\x01\x0e\xc4\xc4\x01\x01\x02\xc3\x28", "sensor name at byte 11 of 13"),
+        (m.GetCalibration(0), b"\x00" + struct.pack("<12f", *[1.0] * 3, math.nan, *[1.0] * 8), "element 3 is nan"),
+    ],
+)
+def test_a_malformed_reply_says_which_field_and_where(
+    request_: m.Request[object], payload: bytes, message: str
+) -> None:
+    with pytest.raises(ProtocolError, match=message):
+        decode_reply(request_, payload)
+
+
+@given(request_=st.sampled_from(REQUESTS), payload=st.binary(max_size=400))
+def test_hostile_bytes_never_crash_a_parser(request_: m.Request[object], payload: bytes) -> None:
+    for candidate in (payload, b"\x00" + payload):
+        with contextlib.suppress(ProtocolError, DeviceError):
+            decode_reply(request_, candidate)
+
+
+@pytest.mark.parametrize(
+    ("request_", "message"),
+    [
+        (m.Read(1, 65), "65 samples; the protocol takes 1 to 64"),
+        (m.Collect(0), "0 points; the protocol takes 1 to 512"),
+        (m.Upload(0, [(0, 0, 0)] * 161), "161 points"),
+        (m.Upload(0, [(0, 40_000, 0)]), "40000 counts"),
+        (m.Points(0, 81), "81 points"),
+        (m.Average(513), "513 samples"),
+        (m.GyroscopeRest(4097), "4097 samples"),
+        (m.Calibrate(9, ""), "0 characters"),
+    ],
+)
+def test_requests_beyond_the_protocol_are_refused_before_they_are_sent(
+    request_: m.Request[object], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        request_.payload()
+
+
+def test_codes_and_names_are_unique() -> None:
+    assert len({request.code for request in REQUESTS}) == len({request.command for request in REQUESTS}) == 17

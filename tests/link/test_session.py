@@ -1,0 +1,173 @@
+"""A session tells a slow board, a broken line and a wrong answer apart."""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Callable
+
+import pytest
+
+from hiltest.errors import (
+    DeviceError,
+    DeviceTimeoutError,
+    LinkLostError,
+    ProtocolError,
+    SequenceError,
+    SyncError,
+    VersionMismatchError,
+)
+from hiltest.link.framing import Frame, encode_frame
+from hiltest.link.messages import ClearPoints, LinkCounters, LinkStatistics, Status
+from hiltest.link.session import Outcome, Session
+from hiltest.link.transcript import Direction
+
+SYNC = 0x01
+COUNTERS = struct.pack("<B4I", 0, 1, 2, 3, 4)
+
+Script = Callable[[Frame, int], bytes | None]
+OpenSession = Callable[..., Session]
+
+
+def reply(frame: Frame, payload: bytes) -> bytes:
+    return encode_frame(Frame(frame.type | 0x80, frame.sequence, payload))
+
+
+def echo(frame: Frame, *, version: int = 1) -> bytes:
+    return reply(frame, b"\x00" + frame.payload + struct.pack("<H", version))
+
+
+@pytest.fixture
+def synchronised(session_with: OpenSession) -> OpenSession:
+    """Return a function that opens a session whose far end answers SYNC well, and the rest by the script."""
+
+    def open_synchronised(script: Script, *, deadline_s: float = 0.3) -> Session:
+        session = session_with(
+            lambda frame, count: echo(frame) if frame.type == SYNC else script(frame, count), deadline_s=deadline_s
+        )
+        session.synchronise()
+        return session
+
+    return open_synchronised
+
+
+def test_a_reply_comes_back_parsed_and_the_attempt_is_recorded(synchronised: OpenSession) -> None:
+    session = synchronised(lambda frame, _: reply(frame, COUNTERS))
+    assert session.request(LinkStatistics()) == LinkCounters(1, 2, 3, 4)
+    last = session.attempts[-1]
+    assert (last.command, last.number, last.outcome) == ("LINK_STATISTICS", 1, Outcome.ANSWERED)
+    assert last.ended_s >= last.sent_s
+    assert session.retried == 0
+
+
+def test_synchronising_skips_noise_and_old_answers(session_with: OpenSession) -> None:
+    old = encode_frame(Frame(0x81, 0, b"\x00\x11\x22\x33\x44\x01\x00"))
+    session = session_with(lambda frame, _: b"boot banner\r\n" + old + echo(frame), greeting=b"\x7e\x01\x02")
+    session.synchronise()
+    assert session.protocol_version == 1
+
+
+def test_silence_is_a_sync_error(session_with: OpenSession) -> None:
+    with pytest.raises(SyncError, match="only silence"):
+        session_with(lambda *_: b"", deadline_s=0.1).synchronise()
+
+
+def test_a_sync_error_shows_what_was_heard_instead(session_with: OpenSession) -> None:
+    with pytest.raises(SyncError) as caught:
+        session_with(lambda *_: b"login: ", deadline_s=0.1).synchronise()
+    assert caught.value.heard == b"login: " * 3
+
+
+def test_another_protocol_version_is_named(session_with: OpenSession) -> None:
+    with pytest.raises(VersionMismatchError, match="version 9, hiltest 1"):
+        session_with(lambda frame, _: echo(frame, version=9)).synchronise()
+
+
+def test_another_firmware_is_named(synchronised: OpenSession) -> None:
+    def identity(frame: Frame, _: int) -> bytes:
+        texts = b"".join(bytes([len(text)]) + text for text in (b"blinky", b"2.0", b"abcd", b"gcc", b"flash"))
+        return reply(frame, struct.pack("<BHIBHB", 0, 1, 1, 0, 1, 1) + texts + b"\x00")
+
+    with pytest.raises(VersionMismatchError, match=r"firmware 'blinky' \(2.0"):
+        synchronised(identity).identify()
+
+
+def test_a_retry_carries_the_same_sequence_number(synchronised: OpenSession) -> None:
+    seen: list[Frame] = []
+
+    def second_time(frame: Frame, _: int) -> bytes:
+        seen.append(frame)
+        return reply(frame, COUNTERS) if len(seen) == 2 else b""
+
+    session = synchronised(second_time, deadline_s=0.15)
+    session.request(LinkStatistics())
+    assert seen[0] == seen[1]
+    assert [attempt.outcome for attempt in session.attempts[1:]] == [Outcome.TIMEOUT, Outcome.ANSWERED]
+    assert session.retried == 1
+
+
+def test_no_answer_is_a_timeout_after_bounded_attempts(synchronised: OpenSession) -> None:
+    session = synchronised(lambda *_: b"", deadline_s=0.15)
+    began = time.monotonic()
+    with pytest.raises(DeviceTimeoutError, match=r"no answer to LINK_STATISTICS within 0.15 s \(wall time\)"):
+        session.request(LinkStatistics())
+    # Three deadlines, each late by at most one read slice; the rest is a busy machine.
+    assert 0.45 <= time.monotonic() - began < 2.0
+    assert [attempt.number for attempt in session.attempts[1:]] == [1, 2, 3]
+
+
+def test_a_broken_line_is_lost_not_late(synchronised: OpenSession) -> None:
+    session = synchronised(lambda *_: None)
+    with pytest.raises(LinkLostError) as caught:
+        session.request(LinkStatistics())
+    assert not isinstance(caught.value, TimeoutError)
+    assert session.attempts[-1].outcome is Outcome.ERROR
+
+
+def test_damaged_frames_are_counted_and_a_good_one_behind_is_taken(synchronised: OpenSession) -> None:
+    session = synchronised(lambda frame, _: b"\x7e\x91\x01junk\x7e" + reply(frame, COUNTERS))
+    assert session.request(LinkStatistics()).frames == 1
+    assert session.attempts[-1].damaged == 1
+
+
+def test_a_late_answer_to_an_earlier_request_is_dropped(synchronised: OpenSession) -> None:
+    def late(frame: Frame, _: int) -> bytes:
+        return encode_frame(Frame(0x90, (frame.sequence - 1) % 256, bytes(17))) + reply(frame, COUNTERS)
+
+    session = synchronised(late)
+    assert session.request(LinkStatistics()).damaged == 2
+    assert session.attempts[-1].stale == 1
+
+
+@pytest.mark.parametrize(
+    ("answer", "error", "message"),
+    [
+        (lambda f: encode_frame(Frame(0x90, (f.sequence + 5) % 256, COUNTERS)), SequenceError, "sequence number 6"),
+        (lambda f: encode_frame(Frame(0x85, f.sequence, COUNTERS)), ProtocolError, "answered by a frame of type 0x85"),
+        (lambda f: reply(f, COUNTERS[:-1]), ProtocolError, "repeated at byte 13 of 16"),
+        (lambda f: reply(f, bytes([Status.BUSY])), DeviceError, "LINK_STATISTICS with BUSY"),
+    ],
+)
+def test_a_wrong_answer_is_named(
+    answer: Callable[[Frame], bytes], error: type[Exception], message: str, synchronised: OpenSession
+) -> None:
+    session = synchronised(lambda frame, _: answer(frame))
+    with pytest.raises(error, match=message):
+        session.request(LinkStatistics())
+
+
+def test_sequence_numbers_wrap(synchronised: OpenSession) -> None:
+    session = synchronised(lambda frame, _: reply(frame, b"\x00"))
+    for _ in range(300):
+        session.request(ClearPoints())
+    assert session.attempts[-1].sequence == 300 % 256
+
+
+def test_both_directions_are_in_the_transcript(synchronised: OpenSession) -> None:
+    session = synchronised(lambda frame, _: reply(frame, COUNTERS))
+    session.request(LinkStatistics())
+    assert session.transcript is not None
+    sent = b"".join(e.data for e in session.transcript.entries if e.direction is Direction.TO_BOARD)
+    heard = b"".join(e.data for e in session.transcript.entries if e.direction is Direction.TO_HOST)
+    assert sent.endswith(encode_frame(Frame(0x10, 1, b"")))
+    assert heard.endswith(encode_frame(Frame(0x90, 1, COUNTERS)))
