@@ -1,0 +1,27 @@
+/**
+ * @file fit_result.h
+ * @brief The results that are not an ellipsoid: no fit, and the sphere fit instead.
+ */
+#ifndef HILTEST_FIT_RESULT_H
+#define HILTEST_FIT_RESULT_H
+
+#include "moments.h"
+
+/** A sphere has 4 unknowns, an ellipsoid 9. */
+#define FIT_SPHERE_UNKNOWNS 4
+#define FIT_ELLIPSOID_UNKNOWNS 9
+
+/** Store a status without a fit: soft_iron is the identity, hard_iron zero. */
+void fit_nothing(fit_status_t status, magnetometer_fit_t *fit);
+
+/**
+ * Store the least-squares sphere, flagged, because the ellipsoid was refused.
+ *
+ * @param sums moments about the anchor
+ * @param anchor [counts]
+ * @param status why there is no ellipsoid; FIT_SINGULAR is stored instead when there is no sphere either
+ * @param[out] fit coverage and iterations are left alone
+ */
+void fit_sphere(const moments_t *sums, const int32_t anchor[3], fit_status_t status, magnetometer_fit_t *fit);
+
+#endif

@@ -1,0 +1,41 @@
+/**
+ * @file moments.h
+ * @brief The 34 sums of all monomials of degree 1 to 4 in three coordinates.
+ *
+ * Every algebraic fit of a quadric needs these sums and nothing else of the points.
+ */
+#ifndef HILTEST_MOMENTS_H
+#define HILTEST_MOMENTS_H
+
+#include "magnetometer_calibrator.h"
+
+/** Sums over all points of the monomial each member is named after, coordinates relative to the anchor [counts^degree]. */
+typedef struct {
+    float one; /**< number of points */
+    float x, y, z;
+    float xx, xy, xz, yy, yz, zz;
+    float xxx, xxy, xxz, xyy, xyz, xzz, yyy, yyz, yzz, zzz;
+    float xxxx, xxxy, xxxz, xxyy, xxyz, xxzz, xyyy, xyyz, xyzz, xzzz, yyyy, yyyz, yyzz, yzzz, zzzz;
+} moments_t;
+
+/**
+ * Choose the middle of the points' range as the origin of the sums.
+ *
+ * float32 holds the sums only near the points: with a hard iron of 10 times the field, sums about zero lose the fit entirely.
+ * The mid-range also makes the pivots of the normal equations tell coverage; the first point would not.
+ *
+ * @param points range of the points
+ * @param[out] anchor x, y, z [counts], halves truncated towards zero
+ */
+void moments_anchor(const magnetometer_points_t *points, int32_t anchor[3]);
+
+/**
+ * Sum the monomials of all points about an anchor.
+ *
+ * @param points points to sum
+ * @param anchor origin of the sums [counts]
+ * @param[out] sums the 34 moments and the count
+ */
+void moments_sum(const magnetometer_points_t *points, const int32_t anchor[3], moments_t *sums);
+
+#endif

@@ -1,0 +1,25 @@
+/**
+ * @file normal_equations.h
+ * @brief Linear least squares for a quadric of unit trace.
+ */
+#ifndef HILTEST_NORMAL_EQUATIONS_H
+#define HILTEST_NORMAL_EQUATIONS_H
+
+#include "moments.h"
+#include "quadric.h"
+
+/** What stands for M_ii/d_i when a pivot vanishes: float32 cannot tell larger ratios from rounding. */
+#define COVERAGE_SINGULAR 1.0e6f
+
+/**
+ * Fit the quadric of unit trace by least squares.
+ *
+ * The 9x9 normal equations are factored as L D L^T without pivoting, in the order (x^2-z^2, y^2-z^2, xy, xz, yz, x, y, z, 1).
+ *
+ * @param sums moments about the mid-range
+ * @param[out] quadric the solution; untouched when there is none
+ * @return largest M_ii/d_i over the pivots (1 when all columns are orthogonal), or COVERAGE_SINGULAR when there is no solution
+ */
+float quadric_fit(const moments_t *sums, quadric_t *quadric);
+
+#endif
