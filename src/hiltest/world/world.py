@@ -1,0 +1,176 @@
+"""The truth a virtual board sits in: field, gravity, attitude over time, temperature."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from dataclasses import dataclass
+
+from hiltest.angles import Pose, rotation_rows
+from hiltest.world.earth_field import GRAVITY_NED_G, EarthField, Vector, apply_rows
+from hiltest.world.motion import (
+    MOVE_GRID_S,
+    Segment,
+    Tumble,
+    Turn,
+    body_rate_dps,
+    next_on_grid,
+    normal_angles,
+    tumble_begin,
+    turn_between,
+)
+
+# Noise epochs: 0 is the time since power-on; tumbles and judged poses have their own, so that
+# their noise does not depend on when firmware got there.
+_TUMBLE_EPOCH = 1 << 32
+_JUDGED_EPOCH = 2 << 32
+_STILL: Vector = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class WorldState:
+    """What surrounds the body at one instant, in body components (NED: x forward, y right, z down).
+
+    Attributes
+    ----------
+    field_body_ut : (3,)
+        True geomagnetic field, before any distortion [uT].
+    gravity_body_g : (3,)
+        Gravity, positive down: a level body has (0, 0, +1) [g].
+    rate_body_dps : (3,)
+        Angular rate [deg/s].
+    temperature_degc : float
+        Of the board [degC].
+    pose : Pose
+        True attitude of the board, mounting included.
+    """
+
+    field_body_ut: Vector
+    gravity_body_g: Vector
+    rate_body_dps: Vector
+    temperature_degc: float
+    pose: Pose
+
+
+class World:
+    """A bench: a turntable in the earth's field, and a board fixed on it.
+
+    Parameters
+    ----------
+    field : EarthField
+        Local field.
+    mounting_yaw_deg : float
+        How far the board (with the wedges that tilt it) is turned on the table, about the
+        vertical: board heading = table heading + this, at every tilt [deg].
+    temperature_degc : float
+        Constant temperature of the board [degC].
+
+    Notes
+    -----
+    The table stands still at pose (0, 0, 0) from power-on. A move asked for at `time_s`
+    starts on the next point of `MOVE_GRID_S` after it, or when the move before it is over,
+    and lasts a time that depends on the two poses only.
+    """
+
+    def __init__(
+        self, field: EarthField, *, mounting_yaw_deg: float = 0.0, temperature_degc: float = 25.0
+    ) -> None:
+        self.field = field
+        self.mounting_yaw_deg = mounting_yaw_deg
+        self.temperature_degc = temperature_degc
+        self._field_ned_ut = field.ned_ut
+        self._table = Pose(0.0)  # where the last move ends
+        first = Turn(-MOVE_GRID_S, 0.0, self._table, _STILL)
+        self._segments: list[Segment] = [first]
+        self._starts: list[float] = [first.start_s]
+        self._resting: list[WorldState | None] = [None]
+        self._epochs: list[tuple[int, float]] = [(0, 0.0)]
+        self._epoch_starts: list[float] = [0.0]
+        self._tumbles = 0
+
+    def turn_to(self, pose: Pose, *, time_s: float, judged_pose: int | None = None) -> float:
+        """Turn the table to a pose and stay there.
+
+        Parameters
+        ----------
+        pose : Pose
+            Of the table (mounting yaw not included).
+        time_s : float
+            Virtual time of the command [s].
+        judged_pose : int, optional
+            Number of the judged pose: from arrival on, noise is a function of it.
+
+        Returns
+        -------
+        float
+            Virtual time of arrival, on the grid [s].
+        """
+        turn = turn_between(self._table, pose, start_s=self._earliest(time_s))
+        self._append(turn, pose)
+        self._begin_epoch(0, turn.start_s, origin_s=0.0)
+        if judged_pose is not None:
+            self._begin_epoch(_JUDGED_EPOCH + judged_pose, turn.end_s)
+        return turn.end_s
+
+    def tumble(self, *, time_s: float, duration_s: float) -> float:
+        """Turn to the tumble's first pose, then tumble; return the virtual time of its end [s].
+
+        The tumble itself begins `duration_s` (rounded up to the grid) before its end. How fast
+        the sphere is covered does not depend on the duration: a longer one goes on.
+        """
+        begin = self.turn_to(tumble_begin(), time_s=time_s)
+        steps = math.ceil(duration_s / MOVE_GRID_S - 1e-9)
+        end = (round(begin / MOVE_GRID_S) + steps) * MOVE_GRID_S
+        tumble = Tumble(begin, end)
+        self._append(tumble, normal_angles(tumble.angles(end)[0]))
+        self._begin_epoch(_TUMBLE_EPOCH + self._tumbles, begin)
+        self._tumbles += 1
+        return end
+
+    def hold(self, *, time_s: float, judged_pose: int | None = None) -> float:
+        """Stay as the table is; return the grid point at which everything before is over [s]."""
+        start = self._earliest(time_s)
+        if judged_pose is not None:
+            self._begin_epoch(_JUDGED_EPOCH + judged_pose, start)
+        return start
+
+    def at(self, time_s: float) -> WorldState:
+        """Return the true state at a virtual time [s], also in the future of all commands."""
+        index = bisect_right(self._starts, time_s) - 1
+        segment = self._segments[index]
+        if time_s < segment.end_s:
+            return self._state(*segment.angles(time_s))
+        resting = self._resting[index]
+        if resting is None:
+            resting = self._resting[index] = self._state(segment.angles(segment.end_s)[0], _STILL)
+        return resting
+
+    def noise_epoch(self, time_s: float) -> tuple[int, float]:
+        """Return the noise epoch at a time, and the time its samples are counted from [s]."""
+        # The tolerance is that of the sampling instants: an instant on the grid belongs to what begins there.
+        return self._epochs[bisect_right(self._epoch_starts, time_s + 1e-9) - 1]
+
+    def _earliest(self, time_s: float) -> float:
+        return max(next_on_grid(time_s), self._segments[-1].end_s)
+
+    def _append(self, segment: Segment, table: Pose) -> None:
+        self._segments.append(segment)
+        self._starts.append(segment.start_s)
+        self._resting.append(None)
+        self._table = table
+
+    def _begin_epoch(self, key: int, start_s: float, *, origin_s: float | None = None) -> None:
+        # Of two epochs that begin at one time bisect_right finds the later one: it was asked for last.
+        self._epochs.append((key, start_s if origin_s is None else origin_s))
+        self._epoch_starts.append(start_s)
+
+    def _state(self, table: Pose, angle_rates_dps: Vector) -> WorldState:
+        pose = Pose(table.heading_deg + self.mounting_yaw_deg, table.pitch_deg, table.roll_deg)
+        rows = rotation_rows(pose)
+        return WorldState(
+            field_body_ut=apply_rows(rows, self._field_ned_ut),
+            gravity_body_g=apply_rows(rows, GRAVITY_NED_G),
+            rate_body_dps=body_rate_dps(pose, angle_rates_dps),
+            temperature_degc=self.temperature_degc,
+            pose=normal_angles(pose),
+        )
