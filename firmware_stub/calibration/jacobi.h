@@ -1,0 +1,34 @@
+/**
+ * @file jacobi.h
+ * @brief Eigenvalues and eigenvectors of a small symmetric matrix by cyclic Jacobi rotations.
+ */
+#ifndef HILTEST_JACOBI_H
+#define HILTEST_JACOBI_H
+
+#include <stdint.h>
+
+#define JACOBI_LARGEST 10
+
+/** A symmetric matrix on the way to its diagonal form. */
+typedef struct {
+    float upper[JACOBI_LARGEST][JACOBI_LARGEST];   /**< elements above the diagonal; the rest is never read */
+    float values[JACOBI_LARGEST];                  /**< diagonal on entry, eigenvalues on return, in no order */
+    float vectors[JACOBI_LARGEST][JACOBI_LARGEST]; /**< on return, row i is the unit eigenvector of values[i] */
+} jacobi_t;
+
+/** Sweeps after which the iteration is given up. A 10x10 matrix needs 4 to 6. */
+#define JACOBI_SWEEP_LIMIT 15
+
+/**
+ * Diagonalise by sweeps of rotations over all elements above the diagonal, row by row.
+ *
+ * An element is left alone when it is below float32's rounding of the matrix (2^-26 of the sum of |diagonal|); a sweep that
+ * finds nothing to rotate ends the iteration.
+ *
+ * @param[in,out] matrix see jacobi_t
+ * @param size rows, at most JACOBI_LARGEST
+ * @return number of sweeps that rotated something, or JACOBI_SWEEP_LIMIT + 1 when that many were not enough
+ */
+uint16_t jacobi_diagonalise(jacobi_t *matrix, int size);
+
+#endif
