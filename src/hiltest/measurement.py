@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from numbers import Integral
 
 SIGNIFICANT_DIGITS = 9
 """What the host computes is written with this many significant digits.
@@ -155,7 +156,7 @@ def judge(
     note = ""
     if value is None:
         outcome = Outcome.NOT_OFFERED
-    elif not math.isfinite(value):
+    elif not math.isfinite(value := plain(value)):
         outcome, note, value = Outcome.FAIL, f"the value is {value}", None
     elif limit is not None and not_judged:
         outcome, note = Outcome.UNSET, not_judged
@@ -165,6 +166,11 @@ def judge(
         name=name, value=value, unit=unit, limit=limit, outcome=outcome,
         volatile=volatile, cycle_model=cycle_model, note=note, test=test,
     )
+
+
+def plain(value: float | int) -> float | int:
+    """Return a Python number for any number: numpy's scalars do not serialise."""
+    return int(value) if isinstance(value, Integral) else float(value)
 
 
 def round_significant(value: float | int | None, digits: int = SIGNIFICANT_DIGITS) -> float | int | None:
@@ -179,5 +185,4 @@ def round_significant(value: float | int | None, digits: int = SIGNIFICANT_DIGIT
     """
     if value is None or isinstance(value, int):
         return value
-    # Plain float, whatever came in (numpy scalars print and serialise differently); no negative zero.
-    return float(f"{float(value):.{digits - 1}e}") + 0.0
+    return float(f"{value:.{digits - 1}e}") + 0.0  # adding zero makes a negative zero positive

@@ -1,3 +1,93 @@
-"""The pytest plugin: hooks only. What they do lives in the modules they call."""
+"""The pytest plugin: hooks only. What they do lives in the modules they call.
+
+Imported at the start of every pytest run on the machine, so nothing heavy is imported
+here: no numpy, no pydantic, no emulator until a test asks for a board.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Generator
+
+import pytest
+
+from hiltest import hookspecs
+from hiltest.fixtures import board, hil_progress, hil_settings, measure, rig, turntable
+from hiltest.session import CAUSE, FOUND, FOUND_HERE, GATING, REASON, SESSION, HilSession, pack, uses_board
+from hiltest.settings import add_options, resolve
+
+__all__ = ["board", "hil_progress", "hil_settings", "measure", "rig", "turntable"]
+
+_LETTERS = {"bench lost": "L", "wrong firmware": "W"}
+
+
+def pytest_addhooks(pluginmanager: pytest.PytestPluginManager) -> None:
+    """Let conftest files implement the ``pytest_hil_`` hooks."""
+    pluginmanager.add_hookspecs(hookspecs)
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add ``--hil-`` options and their ini twins."""
+    add_options(parser)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Register the marker and keep the session's state."""
+    config.addinivalue_line("markers", "hil: the test needs a board; skipped with the reason once the board is lost")
+    config.stash[SESSION] = HilSession(config, resolve(config))
+
+
+# First, so that the board is known when other plugins report what was collected.
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """Open the rig and the board once it is known that a test needs them."""
+    session.config.stash[SESSION].begin(session.items)
+
+
+def pytest_report_collectionfinish(config: pytest.Config) -> list[str]:
+    """Show which board the tests run on."""
+    return config.stash[SESSION].describe()
+
+
+# First: no fixture of a test is set up on a board that is gone.
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip a test whose board is already lost."""
+    hil = item.config.stash[SESSION]
+    if hil.trouble_reported and uses_board(item):
+        pytest.skip(f"bench lost earlier: {hil.trouble}")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
+    """Fail a test at its end for measurements out of their limits."""
+    result = yield
+    failed = [str(each) for each in item.stash.get(GATING, []) if each.outcome == "fail"]
+    if failed:
+        pytest.fail("; ".join(failed), pytrace=False)
+    return result
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item, call: pytest.CallInfo[None]
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Put what was measured, and whose fault a failure is, on the report."""
+    report = yield
+    found = item.stash.get(FOUND, None)
+    if found is not None:
+        setattr(report, FOUND_HERE, pack(found))
+        del item.stash[FOUND]
+    if report.failed and call.excinfo is not None:
+        cause = item.config.stash[SESSION].blame(call.excinfo.value)
+        if cause:
+            setattr(report, CAUSE, cause)
+            setattr(report, REASON, str(call.excinfo.value))
+    return report
+
+
+# First: a lost bench is a category of its own, whatever other plugins call a failed report.
+@pytest.hookimpl(tryfirst=True)
+def pytest_report_teststatus(report: pytest.CollectReport | pytest.TestReport) -> tuple[str, str, object] | None:
+    """Name tests that the bench or the firmware ended."""
+    cause = getattr(report, CAUSE, "")
+    return (cause, _LETTERS[cause], (cause.upper(), {"red": True})) if cause else None

@@ -1,0 +1,61 @@
+"""Where the suites and rigs are: in the working tree, or the copy in the package."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from hiltest.errors import ConfigError
+
+DEFAULT_RIG = "virtual-k64f.toml"
+
+_PACKAGE = Path(__file__).parent
+# The wheel carries the copy as hiltest/bench; an editable checkout has only the repository's hil/.
+_SHIPPED = (_PACKAGE / "bench", _PACKAGE.parent.parent / "hil")
+
+
+def shipped() -> Path:
+    """Return the folder with ``suites`` and ``rigs`` that came with this installation.
+
+    Raises
+    ------
+    ConfigError
+        If the installation is incomplete.
+    """
+    for folder in _SHIPPED:
+        if (folder / "suites").is_dir():
+            return folder
+    raise ConfigError(f"no suites in {' or '.join(map(str, _SHIPPED))}; install hiltest again")
+
+
+def suites(start: Path) -> Path:
+    """Return ``hil/suites`` under `start` if there is one, else the shipped suites."""
+    local = start / "hil" / "suites"
+    return local if local.is_dir() else shipped() / "suites"
+
+
+def rig_file(start: Path, named: str | None) -> Path:
+    """Return the rig file that a name means.
+
+    Parameters
+    ----------
+    start : Path
+        Folder that relative names and ``hil/rigs`` are looked up in.
+    named : str or None
+        A path, or the bare name of a rig in ``hil/rigs``; None for the default rig.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such file; it lists the rigs there are.
+    """
+    folders = [start / "hil" / "rigs", shipped() / "rigs"]
+    if named is None:
+        candidates = [folder / DEFAULT_RIG for folder in folders]
+    else:
+        bare = Path(named).name == named
+        candidates = [start / named] + [folder / f"{Path(named).stem}.toml" for folder in folders if bare]
+    for candidate in candidates:
+        if candidate.is_file():
+            return candidate
+    rigs = sorted({path.stem for folder in folders for path in folder.glob("*.toml")})
+    raise ConfigError(f"no rig file {named or DEFAULT_RIG!r}; rigs here: {', '.join(rigs) or 'none'}")

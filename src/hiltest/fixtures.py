@@ -1,0 +1,149 @@
+"""The fixtures: ``rig``, ``board``, ``turntable``, ``measure`` and what suites need beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
+
+import pytest
+
+from hiltest.measurement import Limit, Measurement, judge
+from hiltest.session import FOUND, SESSION, Found, HilSession
+from hiltest.settings import Settings
+
+if TYPE_CHECKING:
+    from hiltest.boards import Board
+    from hiltest.procedures import Turntable
+    from hiltest.progress_line import ProgressLine
+    from hiltest.report.record import Cell
+    from hiltest.rig import Rig
+
+
+class Measure:
+    """Records measurements of one test; a value out of its limit fails the test at its end.
+
+    Calling it never raises for a bad value, so everything after it is still measured.
+    """
+
+    def __init__(self, item: pytest.Item, session: HilSession) -> None:
+        self._item = item
+        self._session = session
+
+    def __call__(
+        self, name: str, value: float | int | None, unit: str, *, limit: Limit | None = None,
+        not_judged: str = "", volatile: bool = False, cycle_model: str = "",
+    ) -> Measurement:
+        """Record one measurement.
+
+        Parameters
+        ----------
+        name : str
+            Dotted, unique in the run: ``heading.direct.max``.
+        value : float, int or None
+            None when this board cannot offer it.
+        unit : str
+        limit : Limit, optional
+            Default: the limit that the rig file gives under this name, if it does.
+        not_judged : str, optional
+            Why a limit cannot be applied here; the run then ends with exit code 22.
+        volatile : bool
+            Whether two runs of the same seed may differ in it.
+        cycle_model : str, optional
+            Needed for unit ``cycle``: what counted.
+
+        Returns
+        -------
+        Measurement
+            With its outcome.
+        """
+        measurement = judge(
+            name, value, unit=unit, limit=limit or self.limit(name), not_judged=not_judged, volatile=volatile,
+            cycle_model=cycle_model, test=self._item.nodeid,
+        )
+        self._session.keep(self._item, measurement)
+        return measurement
+
+    def limit(self, name: str) -> Limit | None:
+        """Return the limit that the rig file gives a measurement, None when it gives none."""
+        return self._session.rig.limits.get(name)
+
+    def table(self, name: str, columns: Mapping[str, str], rows: Iterable[Iterable[Cell]]) -> None:
+        """Record numbers for a plot.
+
+        Parameters
+        ----------
+        name : str
+            Unique in the run.
+        columns : mapping of str to str
+            Column name to unit, in order.
+        rows : iterable of iterable
+            One cell per column.
+
+        Raises
+        ------
+        ValueError
+            If a row has another length than there are columns.
+        """
+        from hiltest.report.record import Column, Table
+
+        kept = tuple(tuple(row) for row in rows)
+        if any(len(row) != len(columns) for row in kept):
+            raise ValueError(f"table {name!r}: every row needs {len(columns)} cells, as many as there are columns")
+        table = Table(name, tuple(Column(*column) for column in columns.items()), kept)
+        self._item.stash.setdefault(FOUND, Found()).tables.append(table)
+
+
+@pytest.fixture(scope="session")
+def hil_settings(request: pytest.FixtureRequest) -> Settings:
+    """What the session was asked for: seed, poses and the other options."""
+    return _session(request).settings
+
+
+@pytest.fixture(scope="session")
+def rig(request: pytest.FixtureRequest) -> Rig:
+    """The rig: field, mounting, turntable and limits."""
+    return _session(request).rig
+
+
+@pytest.fixture(scope="session")
+def board(request: pytest.FixtureRequest) -> Board:
+    """The board, synchronised and identified. The same one for the whole session."""
+    return _session(request).connect()
+
+
+@pytest.fixture(scope="session")
+def turntable(request: pytest.FixtureRequest, board: Board, rig: Rig) -> Turntable:
+    """What sets a known angle: simulated on a virtual board, an operator or a motor on a real one."""
+    from hiltest.procedures import open_turntable
+
+    return open_turntable(
+        board, uncertainty_deg=rig.turntable.uncertainty_deg, prompt=lambda text: _ask(request.config, text)
+    )
+
+
+@pytest.fixture
+def measure(request: pytest.FixtureRequest) -> Measure:
+    """Record a measurement: ``measure(name, value, unit, limit=Limit(max=2))``."""
+    return Measure(request.node, _session(request))
+
+
+@pytest.fixture(scope="session")
+def hil_progress(request: pytest.FixtureRequest) -> ProgressLine:
+    """Show how far long work is, with the time left, when the output is a terminal."""
+    from hiltest.progress_line import ProgressLine
+
+    writer = request.config.get_terminal_writer()
+    return ProgressLine(writer, shown=writer.hasmarkup)
+
+
+def _session(request: pytest.FixtureRequest) -> HilSession:
+    return request.config.stash[SESSION]
+
+
+def _ask(config: pytest.Config, text: str) -> str:
+    """Ask the operator, with pytest's capturing out of the way."""
+    capture = config.pluginmanager.getplugin("capturemanager")
+    if capture is None:
+        return input(text)
+    with capture.global_and_fixture_disabled():
+        return input(text)

@@ -1,0 +1,62 @@
+"""From pytest's three reports a test to one result."""
+
+from __future__ import annotations
+
+import pytest
+
+from hiltest.report.record import TestResult
+from hiltest.session import CAUSE, REASON
+
+
+class TestLog:
+    """Reports of the tests that are running now."""
+
+    __test__ = False  # not a test class, whatever pytest makes of the name
+
+    def __init__(self) -> None:
+        self._reports: dict[str, list[pytest.TestReport]] = {}
+
+    def add(self, report: pytest.TestReport) -> None:
+        """Take the report of one phase."""
+        self._reports.setdefault(report.nodeid, []).append(report)
+
+    def finish(self, nodeid: str) -> TestResult | None:
+        """Return the result of a test all of whose phases are in, None when it never ran."""
+        reports = self._reports.pop(nodeid, [])
+        if not reports:
+            return None
+        worst = max(reports, key=_badness)
+        return TestResult(
+            id=nodeid, outcome=_outcome(worst), duration_s=round(sum(report.duration for report in reports), 6),
+            reason=_reason(worst),
+        )
+
+
+def _outcome(report: pytest.TestReport) -> str:
+    cause = getattr(report, CAUSE, "")
+    if cause:
+        return str(cause)
+    if hasattr(report, "wasxfail"):
+        return "xfailed" if report.skipped else "xpassed"
+    if report.failed:
+        return "failed" if report.when == "call" else "error"
+    return report.outcome
+
+
+def _badness(report: pytest.TestReport) -> tuple[bool, bool, bool]:
+    # Of several failures the first phase counts: max() keeps the first of equals.
+    return (report.failed, report.skipped, report.when == "call")
+
+
+def _reason(report: pytest.TestReport) -> str:
+    """Return one line saying why a test did not pass."""
+    if report.passed:
+        return ""
+    if hasattr(report, REASON):
+        return str(getattr(report, REASON))
+    if report.skipped and isinstance(report.longrepr, tuple):
+        return str(report.longrepr[2]).removeprefix("Skipped: ")
+    crash = getattr(report.longrepr, "reprcrash", None)
+    text = str(crash.message if crash else report.longrepr)
+    lines = text.strip().splitlines()
+    return lines[0] if lines else ""

@@ -1,0 +1,355 @@
+"""The record of a run: its parts, its journal and ``run.json``.
+
+Every report is rendered from a `Run` and from nothing else. While tests finish, each
+adds one line to ``journal.jsonl``; at the end the same entries become ``run.json``, so
+a run that is cut short loses nothing that was finished.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal
+
+from hiltest.measurement import Limit, Measurement, Outcome, plain, round_significant
+
+RUN_FILE = "run.json"
+JOURNAL_FILE = "journal.jsonl"
+SCHEMA: Literal["hiltest.run/1"] = "hiltest.run/1"
+
+Cell = float | int | str | bool | None
+
+
+@dataclass(frozen=True, slots=True)
+class SensorRecord:
+    """One sensor as the firmware reported it."""
+
+    name: str
+    kind: str
+    bus: int
+    address: int
+    present: bool
+    selected: bool
+
+
+@dataclass(frozen=True, slots=True)
+class BoardRecord:
+    """What answered on the link. `clock` is ``virtual`` or ``wall``."""
+
+    kind: str
+    description: str
+    firmware: str
+    version: str
+    protocol_version: int
+    build_id: str
+    firmware_sha256: str | None
+    compiler: str
+    placement: str
+    core_clock_hz: int
+    cycle_model: str
+    clock: str
+    calibrators: tuple[str, ...]
+    sensors: tuple[SensorRecord, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class RigRecord:
+    """Which rig, by name, file and SHA-256 of that file."""
+
+    name: str
+    file: str
+    sha256: str
+    mounting: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Environment:
+    """The host and the versions of what the numbers rest on."""
+
+    host: str
+    platform: str
+    python: str
+    versions: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class TestResult:
+    """One finished test; `outcome` is passed, failed, skipped, bench lost, wrong firmware, ..."""
+
+    __test__ = False  # not a test class, whatever pytest makes of the name
+
+    id: str
+    outcome: str
+    duration_s: float
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """Heading of a table column; the unit is empty for words and plain counts."""
+
+    name: str
+    unit: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Numbers behind a plot: what was seen at each pose, point or size."""
+
+    name: str
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+
+    def column(self, name: str) -> tuple[Cell, ...]:
+        """Return one column.
+
+        Raises
+        ------
+        KeyError
+            If there is none of this name.
+        """
+        names = [column.name for column in self.columns]
+        if name not in names:
+            raise KeyError(f"table {self.name!r} has no column {name!r}, only {', '.join(names)}")
+        index = names.index(name)
+        return tuple(row[index] for row in self.rows)
+
+    def rounded(self) -> Table:
+        """Return it as it is written: floats to nine significant digits, none of them NaN."""
+        return replace(self, rows=tuple(tuple(_cell(cell) for cell in row) for row in self.rows))
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """How the run ended, in one word, one number and one sentence."""
+
+    outcome: str
+    exit_code: int
+    sentence: str
+    complete: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """Everything that is known of a run, as it stands in ``run.json``.
+
+    Attributes
+    ----------
+    volatile : tuple of str
+        JSON pointers (RFC 6901) of all that may differ between two runs of the same seed.
+    """
+
+    schema: Literal["hiltest.run/1"]
+    verdict: Verdict
+    board: BoardRecord | None
+    rig: RigRecord | None
+    seed: int | None
+    poses: str
+    environment: Environment
+    started_utc: str
+    finished_utc: str
+    tests: tuple[TestResult, ...]
+    measurements: tuple[Measurement, ...]
+    tables: tuple[Table, ...]
+    volatile: tuple[str, ...] = ()
+
+    def measurement(self, name: str) -> Measurement | None:
+        """Return the measurement of this name, None when it was not made."""
+        return next((each for each in self.measurements if each.name == name), None)
+
+    def table(self, name: str) -> Table | None:
+        """Return the table of this name, None when there is none."""
+        return next((each for each in self.tables if each.name == name), None)
+
+
+@dataclass(slots=True)
+class Findings:
+    """What a run has come to so far; `finish` makes the `Run` of it."""
+
+    environment: Environment
+    poses: str
+    started_utc: str
+    seed: int | None = None
+    rig: RigRecord | None = None
+    board: BoardRecord | None = None
+    tests: list[TestResult] = field(default_factory=list)
+    measurements: dict[str, Measurement] = field(default_factory=dict)
+    tables: dict[str, Table] = field(default_factory=dict)
+
+    def finish(self, verdict: Verdict, finished_utc: str) -> Run:
+        """Return the record: measurements and tables sorted by name, volatile places listed."""
+        run = Run(
+            schema=SCHEMA, verdict=verdict, board=self.board, rig=self.rig, seed=self.seed, poses=self.poses,
+            environment=self.environment, started_utc=self.started_utc, finished_utc=finished_utc,
+            tests=tuple(self.tests),
+            measurements=tuple(self.measurements[name].rounded() for name in sorted(self.measurements)),
+            tables=tuple(self.tables[name].rounded() for name in sorted(self.tables)),
+        )
+        return replace(run, volatile=_volatile_places(run))
+
+
+class Journal:
+    """Lines of JSON, each on the disk before the next test starts."""
+
+    def __init__(self, folder: Path) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        # A record of an earlier run must not be taken for this one if this one is cut short.
+        (folder / RUN_FILE).unlink(missing_ok=True)
+        self.path = folder / JOURNAL_FILE
+        self._file = self.path.open("w", encoding="utf-8")
+
+    def append(self, kind: str, content: Mapping[str, Any]) -> None:
+        """Write one entry through to the disk."""
+        self._file.write(_json({"kind": kind, **content}) + "\n")
+        self._file.flush()
+        os.fsync(self._file.fileno())
+
+    def close(self, *, keep: bool) -> None:
+        """Close it; remove the file unless `keep`, once ``run.json`` holds the same."""
+        self._file.close()
+        if not keep:
+            self.path.unlink(missing_ok=True)
+
+
+def utc_now() -> str:
+    """Return the time as ISO 8601 in UTC, to the second."""
+    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def to_json(run: Run) -> str:
+    """Return the text of ``run.json``: one test, measurement or table row a line, for readable diffs."""
+    fields = ",\n".join(f"{_json(name)}: {_field(name, value)}" for name, value in asdict(run).items())
+    return "{\n" + fields + "\n}\n"
+
+
+def write_run(run: Run, folder: Path) -> Path:
+    """Write ``run.json`` so that a reader sees the whole file or none."""
+    return write_atomically(folder / RUN_FILE, to_json(run))
+
+
+def write_atomically(path: Path, text: str) -> Path:
+    """Write `text` beside `path`, then move it there."""
+    unfinished = path.with_name(f"{path.name}.unfinished")
+    with unfinished.open("w", encoding="utf-8") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+    unfinished.replace(path)
+    return path
+
+
+def without_volatile(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a copy of a parsed ``run.json`` without the places that its ``volatile`` names."""
+    copy: dict[str, Any] = json.loads(json.dumps(content))
+    for pointer in content["volatile"]:
+        *parents, last = pointer.lstrip("/").split("/")
+        place: Any = copy
+        for step in parents:
+            place = place[int(step)] if isinstance(place, list) else place[step]
+        with contextlib.suppress(KeyError):
+            del place[last]
+    return copy
+
+
+def measurement_from(content: Mapping[str, Any]) -> Measurement:
+    """Make a measurement from what `asdict` made of one."""
+    limit = content["limit"]
+    return Measurement(**{**content, "limit": limit and Limit(**limit), "outcome": Outcome(content["outcome"])})
+
+
+def table_from(content: Mapping[str, Any]) -> Table:
+    """Make a table from what `asdict` made of one."""
+    return Table(
+        content["name"],
+        tuple(Column(**column) for column in content["columns"]),
+        tuple(tuple(row) for row in content["rows"]),
+    )
+
+
+def _json(value: object) -> str:
+    return json.dumps(value, allow_nan=False, ensure_ascii=False)
+
+
+def _field(name: str, value: Any) -> str:
+    if name == "tables":
+        return _lines([
+            f"{{{_json('name')}: {_json(table['name'])}, {_json('columns')}: {_json(table['columns'])},\n"
+            f"  {_json('rows')}: {_lines([_json(row) for row in table['rows']], indent='   ')}}}"
+            for table in value
+        ])
+    if name in ("tests", "measurements"):
+        return _lines([_json(each) for each in value])
+    return json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False)
+
+
+def _lines(texts: Sequence[str], indent: str = " ") -> str:
+    return "[" + ",".join(f"\n{indent}{text}" for text in texts) + "]"
+
+
+def _cell(cell: Cell) -> Cell:
+    if isinstance(cell, str | bool):
+        return cell
+    # JSON has no NaN; a hole in a table is null.
+    return None if cell is None or not math.isfinite(cell) else round_significant(plain(cell))
+
+
+def _volatile_places(run: Run) -> tuple[str, ...]:
+    places = ["/started_utc", "/finished_utc"]
+    places += [f"/tests/{index}/duration_s" for index in range(len(run.tests))]
+    for index, measurement in enumerate(run.measurements):
+        if measurement.volatile:
+            places += [f"/measurements/{index}/value", f"/measurements/{index}/outcome"]
+    return tuple(places)
+
+
+def read_journal(lines: Sequence[str], verdict: Verdict) -> Run:
+    """Make the record of a run that was cut short from its journal.
+
+    Parameters
+    ----------
+    lines : sequence of str
+        Of ``journal.jsonl``; a half-written last line is left out.
+    verdict : Verdict
+        What to say of it.
+
+    Raises
+    ------
+    ValueError
+        If the first line is not the start of a journal of this schema.
+    """
+    entries = []
+    for line in lines:
+        try:
+            entries.append(json.loads(line))
+        except ValueError:
+            break
+    if not entries or entries[0].get("schema") != SCHEMA:
+        raise ValueError(f"not a journal of {SCHEMA}")
+    start = entries[0]
+    findings = Findings(Environment(**start["environment"]), start["poses"], start["started_utc"])
+    for entry in entries[1:]:
+        _replay(findings, entry)
+    return findings.finish(verdict, finished_utc=start["started_utc"])
+
+
+def _replay(findings: Findings, entry: Mapping[str, Any]) -> None:
+    if entry["kind"] == "rig":
+        findings.rig, findings.seed = RigRecord(**entry["rig"]), entry["seed"]
+    elif entry["kind"] == "board":
+        sensors = tuple(SensorRecord(**sensor) for sensor in entry["board"]["sensors"])
+        calibrators = tuple(entry["board"]["calibrators"])
+        findings.board = BoardRecord(**{**entry["board"], "sensors": sensors, "calibrators": calibrators})
+        findings.seed = entry["seed"]
+    else:
+        if entry["test"]:
+            findings.tests.append(TestResult(**entry["test"]))
+        for content in entry["measurements"]:
+            findings.measurements[content["name"]] = measurement_from(content)
+        for content in entry["tables"]:
+            findings.tables[content["name"]] = table_from(content)

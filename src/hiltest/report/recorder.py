@@ -1,0 +1,93 @@
+"""Keep the record while tests finish: journal first, then the files."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Iterable
+from dataclasses import asdict
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from hiltest.measurement import Measurement
+from hiltest.report.record import (
+    SCHEMA,
+    BoardRecord,
+    Environment,
+    Findings,
+    Journal,
+    RigRecord,
+    Run,
+    Table,
+    TestResult,
+    Verdict,
+    utc_now,
+    write_run,
+)
+
+# What a number in the record can depend on, besides the firmware.
+_PACKAGES = ("hiltest", "pytest", "unicorn", "capstone", "pyelftools", "numpy", "scipy", "pyserial")
+
+
+class Recorder:
+    """Collects what a session finds and writes it into one folder."""
+
+    def __init__(self, folder: Path, *, poses: str) -> None:
+        self.folder = folder
+        self.findings = Findings(describe_host(), poses, utc_now())
+        self._unwritten_measurements: list[Measurement] = []
+        self._unwritten_tables: list[Table] = []
+        self._journal = Journal(folder)
+        self._journal.append("start", {
+            "schema": SCHEMA, "started_utc": self.findings.started_utc, "poses": poses,
+            "environment": asdict(self.findings.environment),
+        })
+
+    def rig(self, rig: RigRecord, seed: int | None) -> None:
+        """Note which rig the run is on."""
+        self.findings.rig, self.findings.seed = rig, seed
+        self._journal.append("rig", {"rig": asdict(rig), "seed": seed})
+
+    def board(self, board: BoardRecord, seed: int | None) -> None:
+        """Note which board answered."""
+        self.findings.board, self.findings.seed = board, seed
+        self._journal.append("board", {"board": asdict(board), "seed": seed})
+
+    def found(self, measurements: Iterable[Measurement], tables: Iterable[Table]) -> None:
+        """Take measurements and tables; they reach the disk with the next `finished`."""
+        self._unwritten_measurements += measurements
+        self._unwritten_tables += tables
+
+    def finished(self, test: TestResult | None) -> None:
+        """Write a finished test, or with None what the session itself found, through to the disk."""
+        if test is not None:
+            self.findings.tests.append(test)
+        self.findings.measurements.update((each.name, each) for each in self._unwritten_measurements)
+        self.findings.tables.update((each.name, each) for each in self._unwritten_tables)
+        self._journal.append("test", {
+            "test": test and asdict(test),
+            "measurements": [asdict(each.rounded()) for each in self._unwritten_measurements],
+            "tables": [asdict(each.rounded()) for each in self._unwritten_tables],
+        })
+        self._unwritten_measurements, self._unwritten_tables = [], []
+
+    def finish(self, verdict: Verdict) -> Run:
+        """Write ``run.json``, then drop the journal, which holds nothing more."""
+        run = self.findings.finish(verdict, utc_now())
+        write_run(run, self.folder)
+        self._journal.close(keep=False)
+        return run
+
+
+def describe_host() -> Environment:
+    """Return the host and the versions of what the numbers rest on."""
+    versions = {}
+    for package in _PACKAGES:
+        try:
+            versions[package] = version(package)
+        except PackageNotFoundError:
+            versions[package] = "not installed"
+    return Environment(
+        host=f"{platform.node()}, {os.cpu_count()} cores", platform=platform.platform(),
+        python=platform.python_version(), versions=versions,
+    )

@@ -1,0 +1,79 @@
+"""What is printed at the end of a session."""
+
+from __future__ import annotations
+
+from io import StringIO
+from pathlib import Path
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table as Grid
+
+from hiltest.measurement import Measurement, Outcome
+from hiltest.report.record import RUN_FILE, Run
+from hiltest.report.verdict import grouped
+
+_STYLES = {Outcome.PASS: "green", Outcome.FAIL: "bold red", Outcome.UNSET: "yellow", Outcome.NOT_OFFERED: "dim"}
+_FILES = (RUN_FILE, "report.html", "report.md", "junit.xml")
+
+
+def summary(run: Run, folder: Path, *, sentence: bool, width: int, colour: bool) -> str:
+    """Return the table of measurements, what the bench did, the files and the verdict.
+
+    Parameters
+    ----------
+    run : Run
+    folder : Path
+        Where its files are.
+    sentence : bool
+        Whether to end with the verdict.
+    width : int
+        Columns of the terminal.
+    colour : bool
+        Whether it shows colours.
+    """
+    text = StringIO()
+    console = Console(
+        file=text, width=width, force_terminal=colour, no_color=not colour, color_system="standard" if colour else None,
+        highlight=False,
+    )
+    if run.measurements:
+        console.print(_grid(run))
+    for test in run.tests:
+        if test.outcome in ("bench lost", "wrong firmware"):
+            console.print(f"[red]{test.outcome}[/red]: {escape(test.id)}: {escape(test.reason)}", soft_wrap=True)
+    files = [str(folder / name) for name in _FILES if (folder / name).exists()]
+    console.print(escape("  ".join(files)), soft_wrap=True)
+    if sentence:
+        console.print(escape(run.verdict.sentence), soft_wrap=True)
+    return text.getvalue()
+
+
+def shown_value(measurement: Measurement) -> str:
+    """Return the value as people read it: four digits, whole numbers in groups of three."""
+    value = measurement.value
+    if value is None:
+        return "-"
+    return grouped(value) if isinstance(value, int) or abs(value) >= 10_000 else f"{value:.4g}"
+
+
+def shown_outcome(measurement: Measurement) -> str:
+    """Return the outcome as people read it; without a limit nothing was judged."""
+    if measurement.outcome is Outcome.PASS and measurement.limit is None:
+        return ""
+    return str(measurement.outcome)
+
+
+def _grid(run: Run) -> Grid:
+    grid = Grid(box=SIMPLE_HEAD, pad_edge=False)
+    for heading, justify in (("measurement", "left"), ("value", "right"), ("unit", "left"), ("limit", "left"),
+                             ("outcome", "left")):
+        grid.add_column(heading, justify=justify, no_wrap=heading != "outcome")  # type: ignore[arg-type]
+    for each in run.measurements:
+        outcome = shown_outcome(each) + (f" ({each.note})" if each.note else "")
+        grid.add_row(
+            escape(each.name), shown_value(each), escape(each.unit), str(each.limit or ""), escape(outcome),
+            style=_STYLES[each.outcome] if each.outcome is not Outcome.PASS else None,
+        )
+    return grid

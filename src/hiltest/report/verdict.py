@@ -1,0 +1,287 @@
+"""How a run ended: the exit code and the one sentence. Pure, from the record alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+from hiltest.measurement import Measurement, Outcome
+from hiltest.procedures.cause import Cause, name_cause
+from hiltest.report.record import Findings, TestResult, Verdict
+
+POSES_TABLE = "heading.poses"
+UNCALIBRATED = "uncalibrated"
+
+TIE_DEG = 0.1
+"""Worst headings this close are a tie: a tenth of what a compass limit of 1 or 2 degrees resolves."""
+
+_NAMED_AT_MOST = 3
+_RED_TESTS = ("failed", "error")
+
+
+class ExitCode(IntEnum):
+    """Exit codes that `hiltest run` and pytest with the plugin share; the first that applies wins."""
+
+    INTERRUPTED = 2
+    INTERNAL_ERROR = 3
+    USAGE_ERROR = 4
+    NO_TESTS = 5
+    FAILED = 1
+    WRONG_FIRMWARE = 23
+    BENCH_LOST = 20
+    NOT_JUDGED = 22
+    OK = 0
+
+
+WORDS = {
+    ExitCode.INTERRUPTED: "interrupted",
+    ExitCode.INTERNAL_ERROR: "internal error",
+    ExitCode.USAGE_ERROR: "usage error",
+    ExitCode.NO_TESTS: "no tests",
+    ExitCode.FAILED: "fail",
+    ExitCode.WRONG_FIRMWARE: "wrong firmware",
+    ExitCode.BENCH_LOST: "bench lost",
+    ExitCode.NOT_JUDGED: "not judged",
+    ExitCode.OK: "pass",
+}
+"""Outcome of a run per exit code."""
+
+_PYTEST_WINS = (ExitCode.INTERRUPTED, ExitCode.INTERNAL_ERROR, ExitCode.USAGE_ERROR, ExitCode.NO_TESTS)
+
+
+@dataclass(frozen=True, slots=True)
+class CalibratorResult:
+    """What a run says of one calibrator: accuracy, cost and, when it fails, the cause."""
+
+    name: str
+    maximum: Measurement
+    centred: Measurement | None
+    cycles: Measurement | None
+    residual: Measurement | None
+    residual_predicted: Measurement | None
+    cause: Cause
+
+
+def decide(findings: Findings, *, pytest_exit: int) -> Verdict:
+    """Decide a run.
+
+    Parameters
+    ----------
+    findings : Findings
+        Tests, measurements and tables of the run.
+    pytest_exit : int
+        Exit status as pytest has it; its 2, 3, 4 and 5 win over every other.
+
+    Returns
+    -------
+    Verdict
+        `complete` is False when pytest stopped before its last test.
+    """
+    code = exit_code(findings, pytest_exit=pytest_exit)
+    known = code in list(ExitCode)
+    word = WORDS[ExitCode(code)] if known else f"exit code {code}"
+    return Verdict(
+        outcome=word, exit_code=code, sentence=_sentence(findings, word),
+        complete=pytest_exit not in _PYTEST_WINS and not _tests(findings, "wrong firmware", "bench lost"),
+    )
+
+
+def exit_code(findings: Findings, *, pytest_exit: int) -> int:
+    """Return the exit code: pytest's 2 to 5, then 1, 23, 20, 22."""
+    if pytest_exit in _PYTEST_WINS:
+        return pytest_exit
+    if _tests(findings, *_RED_TESTS):
+        return ExitCode.FAILED
+    if _tests(findings, "wrong firmware"):
+        return ExitCode.WRONG_FIRMWARE
+    if _tests(findings, "bench lost"):
+        return ExitCode.BENCH_LOST
+    if pytest_exit == ExitCode.OK and any(each.outcome is Outcome.UNSET for each in findings.measurements.values()):
+        return ExitCode.NOT_JUDGED
+    return pytest_exit
+
+
+def calibrator_results(measurements: Sequence[Measurement]) -> tuple[CalibratorResult, ...]:
+    """Return what is known of each calibrator whose heading was measured, cheapest first.
+
+    Parameters
+    ----------
+    measurements : sequence of Measurement
+        Of one run.
+
+    Returns
+    -------
+    tuple of CalibratorResult
+        Without ``uncalibrated``; those without a cycle count come last.
+    """
+    found = {each.name: each for each in measurements}
+    names = [
+        name.split(".")[1] for name in found
+        if name.startswith("heading.") and name.endswith(".max") and name.count(".") == 2
+    ]
+    results = [_calibrator_result(name, found) for name in names if name != UNCALIBRATED]
+    return tuple(sorted(results, key=lambda each: (_value(each.cycles) or float("inf"), each.name)))
+
+
+def _calibrator_result(name: str, found: dict[str, Measurement]) -> CalibratorResult:
+    return CalibratorResult(
+        name, found[f"heading.{name}.max"], centred=found.get(f"heading.{name}.max_centred"),
+        cycles=found.get(f"cycles.{name}.total"), residual=found.get(f"fit.{name}.residual"),
+        residual_predicted=found.get(f"fit.{name}.residual_predicted"), cause=_cause(name, found),
+    )
+
+
+def _cause(name: str, found: dict[str, Measurement]) -> Cause:
+    """Name why a calibrator's heading is out of its limit, as far as the run can tell."""
+    maximum, norm = found[f"heading.{name}.max"], found.get("accelerometer.norm_rms")
+    wanted = [maximum, *(found.get(key) for key in (
+        f"heading.{name}.bias", f"heading.{name}.max_centred", f"fit.{name}.residual",
+        f"fit.{name}.residual_predicted",
+    ))]
+    values = [_value(each) for each in wanted]
+    max_limit, bias_limit = _maximum_of(maximum), _maximum_of(wanted[1])
+    if None in values or max_limit is None or bias_limit is None or maximum.outcome is Outcome.UNSET:
+        return Cause.NONE
+    max_deg, bias_deg, max_centred_deg, residual, predicted = (value or 0.0 for value in values)
+    return name_cause(
+        max_deg=max_deg, max_limit_deg=max_limit, bias_deg=bias_deg, bias_limit_deg=bias_limit,
+        max_centred_deg=max_centred_deg, residual_percent=residual, residual_predicted_percent=predicted,
+        accelerometer_norm_rms_mg=_value(norm) or 0.0, accelerometer_limit_mg=_maximum_of(norm) or float("inf"),
+    )
+
+
+def _sentence(findings: Findings, word: str) -> str:
+    """Compose the verdict: calibrators, limit and word, then whatever else is out of order."""
+    measurements = tuple(findings.measurements.values())
+    results = calibrator_results(measurements)
+    stopped = _what_stopped(findings)
+    if stopped:
+        kept = f"{len(measurements)} measurement{'s' * (len(measurements) != 1)} kept"
+        return f"{word.upper()}: {stopped} {kept}."
+    poses = findings.tables.get(POSES_TABLE)
+    count = len(poses.rows) if poses else 0
+    parts = [_calibrator_words(each, 0 if index else count) for index, each in enumerate(results)]
+    limits = sorted({limit for each in results if (limit := _maximum_of(each.maximum)) is not None})
+    if limits:
+        parts.append(f"limit {' and '.join(f'{limit:g}' for limit in limits)} deg")
+    sentence = "; ".join(parts) + f": {word.upper()}." if parts else f"{word.upper()}."
+    return " ".join(filter(None, (sentence, *_remarks(findings, results))))
+
+
+def _calibrator_words(result: CalibratorResult, poses: int) -> str:
+    unset = result.maximum.outcome is Outcome.UNSET and result.centred is not None
+    judged = result.centred if unset and result.centred else result.maximum
+    words = f"{result.name}: " + ("worst heading " if poses else "")
+    words += "no heading" if judged.value is None else f"{judged.value:.2f} deg"
+    words += " about its mean" if unset else ""
+    words += f" over {poses} poses" if poses else ""
+    if result.cycles is not None and result.cycles.value is not None:
+        words += f" for {grouped(result.cycles.value)}" + (" cycles" if poses else "")
+    return words + _cause_words(result)
+
+
+def _cause_words(result: CalibratorResult) -> str:
+    if result.cause is Cause.NONE:
+        return ""
+    residual, predicted = _value(result.residual), _value(result.residual_predicted)
+    if result.cause in (Cause.GOOD_FIT_BAD_HEADING, Cause.BAD_FIT) and residual is not None and predicted is not None:
+        return f" ({result.cause}: residual {residual:.2f} %, noise predicts {predicted:.2f} %)"
+    return f" ({result.cause})"
+
+
+def _remarks(findings: Findings, results: Sequence[CalibratorResult]) -> list[str]:
+    """Return what follows the first sentence."""
+    measurements = findings.measurements.values()
+    named = [each.name for each in results if each.cause is not Cause.NONE]
+    explained = {f"{kind}.{name}." for name in named for kind in ("heading", "fit")}
+    failed = [each for each in measurements if each.outcome is Outcome.FAIL]
+    others = [each for each in failed if not each.name.startswith(tuple(explained))]
+    remarks = [_not_judged(list(measurements)), _out_of_limit(others), _failed_tests(findings, failed)]
+    if not failed and not _tests(findings, *_RED_TESTS):
+        remarks.append(_comparison(results))
+    return remarks
+
+
+def _not_judged(measurements: Sequence[Measurement]) -> str:
+    unset = [each for each in measurements if each.outcome is Outcome.UNSET]
+    if not unset:
+        return ""
+    if all(each.name.startswith("heading.") for each in unset):
+        biases = [each for each in measurements if each.name.endswith(".bias") and each.value is not None]
+        mean = f"; mean error {biases[0].value:.2f} deg" if biases and biases[0].value is not None else ""
+        return f"Only centred values were judged: {unset[0].note}{mean}."
+    return f"Not judged: {_listed([f'{each.name} ({each.note})' for each in unset])}."
+
+
+def _out_of_limit(others: Sequence[Measurement]) -> str:
+    if not others:
+        return ""
+    return f"Out of limit: {_listed([_measured(each) for each in others])}."
+
+
+def _measured(measurement: Measurement) -> str:
+    if measurement.value is None:
+        return f"{measurement.name} ({measurement.note})"
+    return f"{measurement.name} {measurement.value:.4g} {measurement.unit} ({measurement.limit})"
+
+
+def _failed_tests(findings: Findings, failed: Sequence[Measurement]) -> str:
+    """Name tests that failed for another reason than a measurement."""
+    explained = {each.test for each in failed}
+    tests = [each for each in _tests(findings, *_RED_TESTS) if each.id not in explained]
+    if not tests:
+        return ""
+    named = [f"{each.id.rsplit('/', maxsplit=1)[-1]} ({each.reason})" for each in tests]
+    return f"Failed: {_listed(named)}."
+
+
+def _comparison(results: Sequence[CalibratorResult]) -> str:
+    """Compare the cheapest calibrator with the most accurate other one."""
+    rated = [each for each in results if each.maximum.value is not None and each.cycles and each.cycles.value]
+    if len(rated) < 2:
+        return ""
+    cheap, other = rated[0], min(rated[1:], key=lambda each: _value(each.maximum) or 0.0)
+    ratio = (_value(other.cycles) or 0.0) / (_value(cheap.cycles) or 1.0)
+    cost = f"{cheap.name} costs " + (f"1/{ratio:.0f}" if ratio >= 1.5 else f"{1 / ratio:.2f} of it")
+    gain = (_value(other.maximum) or 0.0) - (_value(cheap.maximum) or 0.0)
+    if abs(gain) <= TIE_DEG:
+        return f"Accuracy ties; {cost}."
+    better = cheap if gain > 0 else other
+    return f"{better.name} is {abs(gain):.2f} deg better; {cost}."
+
+
+def _what_stopped(findings: Findings) -> str:
+    """Return why the bench or the firmware ended the run, empty when neither did."""
+    stopped = _tests(findings, "wrong firmware", "bench lost")
+    if not stopped or _tests(findings, *_RED_TESTS):
+        return ""
+    return f"{stopped[0].reason.rstrip('.')}."
+
+
+def _tests(findings: Findings, *outcomes: str) -> list[TestResult]:
+    return [each for each in findings.tests if each.outcome in outcomes]
+
+
+def _listed(texts: Sequence[str]) -> str:
+    more = len(texts) - _NAMED_AT_MOST
+    return ", ".join(texts[:_NAMED_AT_MOST]) + (f" and {more} more" if more > 0 else "")
+
+
+def _value(measurement: Measurement | None) -> float | None:
+    return None if measurement is None or measurement.value is None else float(measurement.value)
+
+
+def _maximum_of(measurement: Measurement | None) -> float | None:
+    return None if measurement is None or measurement.limit is None else measurement.limit.max
+
+
+def grouped(value: float) -> str:
+    """Return a number with its thousands apart by a space.
+
+    Examples
+    --------
+    >>> grouped(12400)
+    '12 400'
+    """
+    return f"{value:,.0f}".replace(",", " ")

@@ -1,0 +1,270 @@
+"""One pytest session's bench: rig, board, what was measured, and whether the bench still stands."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from hiltest.errors import BenchError, ConfigError, ProtocolError, SensorAbsentError
+from hiltest.measurement import Measurement, judge
+from hiltest.settings import Settings
+
+if TYPE_CHECKING:
+    from hiltest.boards import Board
+    from hiltest.report.record import BoardRecord, RigRecord, Table
+    from hiltest.rig import Rig
+
+BENCH_LOST = "bench lost"
+WRONG_FIRMWARE = "wrong firmware"
+
+# Attributes of a report, plain data, so that they survive the way from a worker.
+CAUSE = "hil_cause"
+"""Whose fault a failure is, when it is not the test's own."""
+REASON = "hil_reason"
+"""What the bench or the firmware did, in one line."""
+FOUND_HERE = "hil_found"
+"""Measurements and tables, as `pack` made them."""
+
+_BOARD_FIXTURES = frozenset({"board", "turntable"})
+_FIXTURES = _BOARD_FIXTURES | {"measure", "rig"}
+
+
+@dataclass(slots=True)
+class Found:
+    """What one test measured since its last report."""
+
+    measurements: list[Measurement] = field(default_factory=list)
+    tables: list[Table] = field(default_factory=list)
+
+
+SESSION: pytest.StashKey[HilSession] = pytest.StashKey()
+FOUND: pytest.StashKey[Found] = pytest.StashKey()
+GATING: pytest.StashKey[list[Measurement]] = pytest.StashKey()
+
+
+def uses_board(item: pytest.Item) -> bool:
+    """Say whether a test needs a board: by the marker ``hil`` or by a fixture."""
+    return item.get_closest_marker("hil") is not None or bool(_BOARD_FIXTURES & set(_fixtures_of(item)))
+
+
+def uses_hiltest(item: pytest.Item) -> bool:
+    """Say whether a test has anything to do with hiltest."""
+    return uses_board(item) or bool(_FIXTURES & set(_fixtures_of(item)))
+
+
+class HilSession:
+    """Opens the rig and the board once, and remembers what came of it.
+
+    Attributes
+    ----------
+    trouble : Exception or None
+        Why the board cannot be used any more.
+    trouble_reported : bool
+        Whether a test has already been charged with it; later ones are skipped.
+    """
+
+    def __init__(self, config: pytest.Config, settings: Settings) -> None:
+        self.config = config
+        self.settings = settings
+        self.trouble: BenchError | ProtocolError | None = None
+        self.trouble_reported = False
+        self.measured_by: dict[str, str] = {}
+        self._rig: Rig | None = None
+        self._board: Board | None = None
+        self._opened_s = 0.0
+
+    @property
+    def is_worker(self) -> bool:
+        """True in a worker of pytest-xdist, which writes no files."""
+        return hasattr(self.config, "workerinput")
+
+    def begin(self, items: Sequence[pytest.Item]) -> None:
+        """Load the rig, open the board and start the record, if any test will need them.
+
+        Raises
+        ------
+        pytest.UsageError
+            If the rig, the firmware or an option is wrong; no file has been touched then.
+        """
+        if not any(map(uses_hiltest, items)) or self.config.option.collectonly:
+            return
+        try:
+            rig = self.rig
+            if any(map(uses_board, items)):
+                self._try_to_connect()
+        except ConfigError as error:
+            raise pytest.UsageError(str(error)) from error
+        if not self.is_worker:
+            self._start_record(rig)
+
+    @property
+    def rig(self) -> Rig:
+        """The rig, read once."""
+        if self._rig is None:
+            from hiltest.bench_files import rig_file
+            from hiltest.rig import load_rig
+
+            self._rig = load_rig(rig_file(self.config.invocation_params.dir, self.settings.rig))
+        return self._rig
+
+    def connect(self) -> Board:
+        """Return the board, opened and identified.
+
+        Raises
+        ------
+        BenchError, ProtocolError
+            The first one that this session met: a lost board is not tried again.
+        """
+        if self.trouble is not None:
+            raise self.trouble
+        if self._board is None:
+            from hiltest.boards import open_board
+
+            self._opened_s = time.monotonic()
+            try:
+                self._board = open_board(
+                    self.rig, firmware=self.settings.firmware, port=self.settings.port, seed=self.settings.seed
+                )
+            except (BenchError, ProtocolError) as error:
+                self.trouble = error
+                raise
+        return self._board
+
+    def blame(self, error: BaseException) -> str:
+        """Return whose fault a failed test is, empty when it is the test's own.
+
+        A lost board is remembered, so that the tests after this one can be skipped.
+        """
+        if not isinstance(error, BenchError | ProtocolError):
+            return ""
+        if board_is_gone(error):
+            self.trouble = self.trouble or error
+            self.trouble_reported = True
+        return BENCH_LOST if isinstance(error, BenchError) else WRONG_FIRMWARE
+
+    def keep(self, item: pytest.Item, measurement: Measurement) -> None:
+        """Take a measurement of a running test.
+
+        Raises
+        ------
+        ValueError
+            If another test has already measured something of this name.
+        """
+        owner = self.measured_by.setdefault(measurement.name, item.nodeid)
+        if owner != item.nodeid:
+            raise ValueError(f"{measurement.name} was already measured by {owner}; names are unique in a run")
+        item.stash.setdefault(FOUND, Found()).measurements.append(measurement)
+        if measurement.gates:
+            item.stash.setdefault(GATING, []).append(measurement)
+        item.user_properties.extend(_properties(measurement))
+        item.ihook.pytest_hil_measurement(item=item, measurement=measurement)
+
+    def end(self) -> list[Measurement]:
+        """Close the board and return what only the end of a session can measure."""
+        if self._board is None:
+            return []
+        seconds = self._board.virtual_seconds
+        self._board.close()
+        return [
+            judge("board.virtual_seconds", seconds, unit="s"),
+            judge("board.wall_seconds", time.monotonic() - self._opened_s, unit="s", volatile=True),
+        ]
+
+    def describe(self) -> list[str]:
+        """Return the two header lines: which board, and what its numbers rest on."""
+        if self.trouble is not None:
+            return [f"hiltest: {self.trouble}", f"rig: {self._rig_line()}"]
+        if self._board is None:
+            return []
+        board, identity = self._board, self._board.identity
+        return [
+            f"hiltest: {board.description}; firmware {identity.name} {identity.version} build {identity.build_id}, "
+            f"protocol {identity.protocol_version}",
+            f"cycle model {board.cycle_model}, {identity.core_clock_hz / 1e6:g} MHz; rig: {self._rig_line()}",
+        ]
+
+    def _rig_line(self) -> str:
+        return f"{self.rig.name} ({self.rig.path}, {self.settings.sources['rig']})"
+
+    def _try_to_connect(self) -> None:
+        try:
+            self.connect()
+        except (BenchError, ProtocolError):
+            return  # kept in `trouble`: the first test that needs the board is charged with it
+
+    def _start_record(self, rig: Rig) -> None:
+        from hiltest.recording import Recording
+        from hiltest.report.recorder import Recorder
+
+        recorder = Recorder(self.settings.out, poses=self.settings.poses)
+        recorder.rig(rig_record(rig), self.settings.seed)
+        if self._board is not None:
+            recorder.board(board_record(self._board), self._board.seed)
+        self.config.pluginmanager.register(Recording(self, recorder), "hiltest-recording")
+
+
+def board_is_gone(error: BenchError | ProtocolError) -> bool:
+    """Say whether an error leaves a board that later tests cannot use.
+
+    A missing sensor does not: what needs no sensor still runs on a bare board.
+    """
+    return not isinstance(error, SensorAbsentError)
+
+
+def rig_record(rig: Rig) -> RigRecord:
+    """Return what the record keeps of a rig."""
+    from hashlib import sha256
+
+    from hiltest.report.record import RigRecord
+
+    return RigRecord(rig.name, str(rig.path), sha256(rig.path.read_bytes()).hexdigest())
+
+
+def board_record(board: Board) -> BoardRecord:
+    """Return what the record keeps of a board."""
+    from hiltest.report.record import BoardRecord, SensorRecord
+
+    identity = board.identity
+    return BoardRecord(
+        kind=str(board.kind), description=board.description, firmware=identity.name, version=identity.version,
+        protocol_version=identity.protocol_version, build_id=identity.build_id,
+        firmware_sha256=board.firmware_sha256, compiler=identity.compiler, placement=identity.placement,
+        core_clock_hz=identity.core_clock_hz, cycle_model=board.cycle_model, clock=board.clock,
+        calibrators=tuple(identity.calibrators),
+        sensors=tuple(
+            SensorRecord(
+                each.name, each.kind.name.lower(), each.bus, each.address, bool(each.present), bool(each.selected)
+            )
+            for each in board.sensors
+        ),
+    )
+
+
+def pack(found: Found) -> dict[str, Any]:
+    """Return plain data that a report can carry from a worker to the controller."""
+    return {
+        "measurements": [asdict(each.rounded()) for each in found.measurements],
+        "tables": [asdict(each.rounded()) for each in found.tables],
+    }
+
+
+def _fixtures_of(item: pytest.Item) -> Sequence[str]:
+    return getattr(item, "fixturenames", ())
+
+
+def _properties(measurement: Measurement) -> list[tuple[str, object]]:
+    name = f"hil.{measurement.name}"
+    shown = measurement.rounded()
+    properties: list[tuple[str, object]] = [
+        (name, "" if shown.value is None else shown.value), (f"{name}.unit", shown.unit),
+        (f"{name}.outcome", str(shown.outcome)),
+    ]
+    if shown.limit is not None:
+        properties.append((f"{name}.limit", str(shown.limit)))
+    if shown.cycle_model:
+        properties.append((f"{name}.cycle_model", shown.cycle_model))
+    return properties

@@ -1,0 +1,139 @@
+"""The plugin's options, and where each value came from.
+
+One table says name, type and help; the command line wins over the environment, the
+environment over the ini file, the ini file over the default.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+DEFAULT_OUT = "hil-out"
+
+
+def seed(text: str) -> int:
+    """Parse a seed: a whole number from 0 to 2**32 - 1.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If it is anything else.
+    """
+    if not text.isascii() or not text.isdigit() or int(text) >= 2**32:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a seed: a whole number from 0 to 4294967295")
+    return int(text)
+
+
+def poses(text: str) -> str:
+    """Parse which poses are judged: ``all`` or ``level``."""
+    if text not in ("all", "level"):
+        raise argparse.ArgumentTypeError(f"{text!r} is neither 'all' nor 'level'")
+    return text
+
+
+def file_name(text: str) -> str:
+    """Parse the name of a file or folder: anything but nothing."""
+    if not text:
+        raise argparse.ArgumentTypeError("the name is empty")
+    return text
+
+
+@dataclass(frozen=True, slots=True)
+class Option:
+    """One setting: option ``--hil-<name>``, ini ``hil_<name>``, environment ``HIL_<NAME>``."""
+
+    name: str
+    metavar: str
+    parse: Callable[[str], Any]
+    default: str | None
+    help: str
+
+    @property
+    def flag(self) -> str:
+        """Name on the command line."""
+        return f"--hil-{self.name}"
+
+    @property
+    def ini(self) -> str:
+        """Name in the ini file."""
+        return f"hil_{self.name}"
+
+    @property
+    def variable(self) -> str:
+        """Name in the environment."""
+        return f"HIL_{self.name.upper()}"
+
+
+OPTIONS = (
+    Option("rig", "FILE", file_name, None, "rig file or name (default: hil/rigs/virtual-k64f.toml, here or packaged)"),
+    Option("firmware", "ELF", file_name, None, "firmware for the virtual board (default: the packaged one)"),
+    Option("port", "URL", file_name, None, "serial port of a real board: device or pyserial URL (default: the rig's)"),
+    Option("out", "DIR", file_name, DEFAULT_OUT, f"folder for run.json and the reports (default: {DEFAULT_OUT})"),
+    Option("seed", "N", seed, None, "seed of the simulated world (default: the rig's)"),
+    Option("poses", "all|level", poses, "all", "which known angles are judged (default: all)"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """What this session was asked for; `sources` says by whom, per option name."""
+
+    rig: str | None
+    firmware: Path | None
+    port: str | None
+    out: Path
+    seed: int | None
+    poses: str
+    sources: Mapping[str, str]
+
+
+def add_options(parser: pytest.Parser) -> None:
+    """Add every option and its ini twin to pytest's parser."""
+    group = parser.getgroup("hiltest", "hardware-in-the-loop (each also as ini hil_NAME and environment HIL_NAME)")
+    for option in OPTIONS:
+        group.addoption(option.flag, metavar=option.metavar, type=option.parse, default=None, help=option.help)
+        parser.addini(option.ini, type="string", default=None, help=f"same as {option.flag}")
+
+
+def resolve(config: pytest.Config, environment: Mapping[str, str] = os.environ) -> Settings:
+    """Decide every setting.
+
+    Raises
+    ------
+    pytest.UsageError
+        If the environment or the ini file holds a value that the option does not take.
+    """
+    values: dict[str, Any] = {}
+    sources: dict[str, str] = {}
+    for option in OPTIONS:
+        values[option.name], sources[option.name] = _resolve_one(option, config, environment)
+    out = Path(values["out"])
+    return Settings(
+        rig=values["rig"],
+        firmware=None if values["firmware"] is None else Path(values["firmware"]),
+        port=values["port"],
+        out=out if out.is_absolute() else config.invocation_params.dir / out,
+        seed=values["seed"],
+        poses=values["poses"],
+        sources=sources,
+    )
+
+
+def _resolve_one(option: Option, config: pytest.Config, environment: Mapping[str, str]) -> tuple[Any, str]:
+    given = config.getoption(option.flag)
+    if given is not None:
+        return given, option.flag
+    for text, source in ((environment.get(option.variable), option.variable), (config.getini(option.ini), option.ini)):
+        if text:
+            try:
+                return option.parse(str(text)), source
+            except argparse.ArgumentTypeError as error:
+                raise pytest.UsageError(f"{source}: {error}") from None
+    return option.default, "default"
