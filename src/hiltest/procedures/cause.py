@@ -1,0 +1,106 @@
+"""Name why a heading failed."""
+
+from __future__ import annotations
+
+import math
+from enum import StrEnum
+
+from hiltest.link.replies import MICROTESLA_PER_COUNT
+
+# A residual up to this many times the one that noise alone leaves counts as a good fit: for n = 100 the
+# rms of a residual scatters by 1/sqrt(2 * 91) = 7 %, so 1.5 is far outside of chance.
+GOOD_FIT_FACTOR = 1.5
+
+
+class Cause(StrEnum):
+    """Why a heading failed."""
+
+    NONE = "none"
+    ACCELEROMETER = "accelerometer"
+    CONSTANT_OFFSET = "constant offset"
+    GOOD_FIT_BAD_HEADING = "good fit, bad heading"
+    BAD_FIT = "bad fit"
+
+
+def name_cause(
+    *, max_deg: float, max_limit_deg: float | None, bias_deg: float | None, bias_limit_deg: float | None,
+    max_centred_deg: float | None, residual_percent: float, residual_predicted_percent: float,
+    accelerometer_norm_rms_mg: float, accelerometer_limit_mg: float | None,
+) -> Cause:
+    """Say why the heading of a calibrator failed.
+
+    Parameters
+    ----------
+    max_deg, max_limit_deg : float
+        Largest heading error and its limit.
+    bias_deg, bias_limit_deg : float
+        Circular mean of the errors and the limit of its magnitude.
+    max_centred_deg : float
+        Largest error with the bias taken off; it is held against `max_limit_deg`.
+    residual_percent, residual_predicted_percent : float
+        Of the fit, and what the sensor's noise alone would leave.
+    accelerometer_norm_rms_mg, accelerometer_limit_mg : float
+        How far the measured gravity is from 1 g over the judged poses.
+
+    Returns
+    -------
+    Cause
+        `Cause.NONE` when neither the error nor the bias exceeds its limit. A limit that is
+        None is not exceeded; a bias that is None (errors that cancel all round) neither, and
+        the errors then count as they are.
+
+    Notes
+    -----
+    The order matters. A wrong accelerometer spoils every heading, whatever the fit; an
+    offset that is the same everywhere is the mounting, or a rotation about the vertical; and
+    what is left with a perfect fit is the rotation that no fit of norms can see.
+    """
+    centred_deg = max_deg if max_centred_deg is None else max_centred_deg
+    bias_over = bias_deg is not None and _over(abs(bias_deg), bias_limit_deg)
+    if not _over(max_deg, max_limit_deg) and not bias_over:
+        return Cause.NONE
+    if _over(accelerometer_norm_rms_mg, accelerometer_limit_mg):
+        return Cause.ACCELEROMETER
+    centred_over = _over(centred_deg, max_limit_deg)
+    if bias_over and not centred_over:
+        return Cause.CONSTANT_OFFSET
+    if centred_over and residual_percent <= GOOD_FIT_FACTOR * residual_predicted_percent:
+        return Cause.GOOD_FIT_BAD_HEADING
+    return Cause.BAD_FIT
+
+
+def predicted_residual_percent(sigma_ut: float, field_ut: float, n: int, *, parameters: int = 9) -> float:
+    """Return the relative norm residual that sensor noise alone leaves after a fit [%].
+
+    Parameters
+    ----------
+    sigma_ut : float
+        rms noise of one axis of one reading [uT].
+    field_ut : float
+        Field strength [uT].
+    n : int
+        Points the fit used.
+    parameters : int
+        That the fit chose: 9 for an ellipsoid, 4 for a sphere.
+
+    Raises
+    ------
+    ValueError
+        When there are not more points than parameters.
+
+    Notes
+    -----
+    To first order the norm of a calibrated point errs by the noise along the field,
+    sigma / B. The counts add a uniform rounding error of variance q^2 / 12. A least-squares fit
+    of p parameters leaves n - p degrees of freedom, and the residual is a mean over n:
+    ``100 sqrt((sigma^2 + q^2/12) (n - p) / n) / B``. Terms of second order, sigma^2 / B^2, are
+    below 1 % of it at sigma = 0.4 uT.
+    """
+    if n <= parameters:
+        raise ValueError(f"{n} points for {parameters} parameters: no residual is left to predict")
+    variance = sigma_ut**2 + MICROTESLA_PER_COUNT**2 / 12.0
+    return 100.0 * math.sqrt(variance * (n - parameters) / n) / field_ut
+
+
+def _over(value: float, limit: float | None) -> bool:
+    return limit is not None and value > limit

@@ -1,0 +1,124 @@
+"""Heading errors in numbers: wrap-safe, and nothing removed silently."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hiltest.angles import circular_mean_deg, sin_cos_deg, wrap_180, wrap_360
+
+SECTOR_DEG = 30.0
+
+
+@dataclass(frozen=True, slots=True)
+class Sector:
+    """A range of headings, `start_deg` included and `end_deg` not, and the largest error in it [deg]."""
+
+    start_deg: float
+    end_deg: float
+    max_deg: float
+
+
+@dataclass(frozen=True, slots=True)
+class HeadingSummary:
+    """What is left of many heading errors.
+
+    Attributes
+    ----------
+    n : int
+    max_deg, rms_deg : float
+        Largest absolute error, and root mean square.
+    bias_deg : float or None
+        Circular mean of the errors, in (-180, 180]. None when they cancel all round.
+    max_centred_deg : float or None
+        Largest absolute error after the bias is taken off; None with the bias.
+    worst_sector : Sector
+        The sector of reference headings that holds the largest error.
+    worst_heading_deg : float
+        Reference heading of the largest error.
+    tilt_sensitivity_deg : float or None
+        rms over tilted poses minus rms over level ones; None when either are missing.
+    """
+
+    n: int
+    max_deg: float
+    rms_deg: float
+    bias_deg: float | None
+    max_centred_deg: float | None
+    worst_sector: Sector
+    worst_heading_deg: float
+    tilt_sensitivity_deg: float | None
+
+
+def summarise(
+    error_deg: ArrayLike, reference_deg: ArrayLike, *, level: Sequence[bool] | NDArray[np.bool_] | None = None
+) -> HeadingSummary:
+    """Summarise heading errors.
+
+    Parameters
+    ----------
+    error_deg : array_like, shape (n,)
+        Answer minus reference; any turns are taken out.
+    reference_deg : array_like, shape (n,)
+        Known headings.
+    level : sequence of bool, shape (n,), optional
+        Which poses are level, for `tilt_sensitivity_deg`.
+
+    Raises
+    ------
+    ValueError
+        When there are no errors, or the lengths differ.
+    """
+    errors = [wrap_180(float(value)) for value in np.asarray(error_deg, dtype=np.float64)]
+    references = [wrap_360(float(value)) for value in np.asarray(reference_deg, dtype=np.float64)]
+    if not errors or len(errors) != len(references):
+        raise ValueError(f"{len(errors)} errors for {len(references)} reference headings; give equally many, and some")
+    worst = max(range(len(errors)), key=lambda index: abs(errors[index]))
+    start_deg = SECTOR_DEG * math.floor(references[worst] / SECTOR_DEG)
+    bias_deg = _bias_deg(errors)
+    return HeadingSummary(
+        n=len(errors),
+        max_deg=abs(errors[worst]),
+        rms_deg=rms(errors),
+        bias_deg=bias_deg,
+        max_centred_deg=None if bias_deg is None else max(abs(wrap_180(error - bias_deg)) for error in errors),
+        worst_sector=Sector(start_deg, start_deg + SECTOR_DEG, abs(errors[worst])),
+        worst_heading_deg=references[worst],
+        tilt_sensitivity_deg=None if level is None else _tilt_sensitivity_deg(errors, level),
+    )
+
+
+def rms(values: Sequence[float]) -> float:
+    """Return the root mean square, summed exactly so that the order of values does not matter."""
+    return math.sqrt(math.fsum(value * value for value in values) / len(values))
+
+
+def tilt_to_heading(dip_deg: float) -> float:
+    """Return how many degrees of heading one degree of tilt error costs at worst: tan(dip).
+
+    Notes
+    -----
+    A tilt error e turns the vertical field Z into the horizontal plane: Z sin(e) against
+    H, so the heading moves by e Z / H = e tan(dip) to first order.
+    """
+    sine, cosine = sin_cos_deg(dip_deg)
+    if cosine <= 0.0:
+        raise ValueError(f"dip of {dip_deg} degrees: no horizontal field, no heading")
+    return sine / cosine
+
+
+def _bias_deg(errors: Sequence[float]) -> float | None:
+    try:
+        return wrap_180(circular_mean_deg(errors))
+    except ValueError:  # a compass that always says the same is wrong in all directions alike
+        return None
+
+
+def _tilt_sensitivity_deg(errors: Sequence[float], level: Sequence[bool] | NDArray[np.bool_]) -> float | None:
+    flat = [error for error, is_level in zip(errors, level, strict=True) if is_level]
+    tilted = [error for error, is_level in zip(errors, level, strict=True) if not is_level]
+    return rms(tilted) - rms(flat) if flat and tilted else None
