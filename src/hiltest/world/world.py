@@ -64,22 +64,29 @@ class World:
         vertical: board heading = table heading + this, at every tilt [deg].
     temperature_degc : float
         Constant temperature of the board [degC].
+    pose : Pose
+        In which the table stands at power-on.
 
     Notes
     -----
-    The table stands still at pose (0, 0, 0) from power-on. A move asked for at `time_s`
+    The table stands still from power-on. A move asked for at `time_s`
     starts on the next point of `MOVE_GRID_S` after it, or when the move before it is over,
     and lasts a time that depends on the two poses only.
     """
 
     def __init__(
-        self, field: EarthField, *, mounting_yaw_deg: float = 0.0, temperature_degc: float = 25.0
+        self,
+        field: EarthField,
+        *,
+        mounting_yaw_deg: float = 0.0,
+        temperature_degc: float = 25.0,
+        pose: Pose = Pose(0.0),  # noqa: B008 - frozen, so it may be shared
     ) -> None:
         self.field = field
         self.mounting_yaw_deg = mounting_yaw_deg
         self.temperature_degc = temperature_degc
         self._field_ned_ut = field.ned_ut
-        self._table = Pose(0.0)  # where the last move ends
+        self._table = pose  # where the last move ends
         first = Turn(-MOVE_GRID_S, 0.0, self._table, _STILL)
         self._segments: list[Segment] = [first]
         self._starts: list[float] = [first.start_s]

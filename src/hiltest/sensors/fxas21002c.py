@@ -1,0 +1,150 @@
+"""FXAS21002C three-axis gyroscope, register by register.
+
+Source of the map, modes, rates, scales and start-up times: NXP data sheet FXAS21002C.
+Not modelled: FIFO (F_SETUP reads back, samples arrive as without it), rate-threshold
+detection, high-pass filter, self-test and the interrupt pins.
+"""
+
+from __future__ import annotations
+
+import math
+
+from hiltest.sensors.register_device import RegisterDevice, signed_byte
+from hiltest.sensors.sampling import Counts, SampledOutput, saturated_word
+from hiltest.world.earth_field import Vector
+from hiltest.world.noise import NoiseSource
+from hiltest.world.world import World
+
+STATUS, OUT_X_MSB, OUT_Z_LSB, DR_STATUS, F_STATUS, F_SETUP = 0x00, 0x01, 0x06, 0x07, 0x08, 0x09
+INT_SRC_FLAG, WHO_AM_I, CTRL_REG0, TEMP, CTRL_REG1 = 0x0B, 0x0C, 0x0D, 0x12, 0x13
+CTRL_REG2, CTRL_REG3 = 0x14, 0x15
+_IDENTITY = 0xD7
+_RESET, _ACTIVE, _READY = 0x40, 0x02, 0x01  # CTRL_REG1
+_WRAP_TO_ONE, _FS_DOUBLE = 0x08, 0x01  # CTRL_REG3
+_RATES_HZ = (800.0, 400.0, 200.0, 100.0, 50.0, 25.0, 12.5, 12.5)
+#: Registers that keep what is written, with nothing of theirs modelled beyond that.
+_PLAIN = frozenset({F_SETUP, 0x0E, 0x10, 0x11})
+#: Counts per deg/s at full scale 2000, 1000, 500, 250 deg/s (62.5 to 7.8125 mdps per count).
+_COUNTS_PER_DPS = (16.0, 32.0, 64.0, 128.0)
+#: Rate noise density, data sheet, 200 Hz and 64 Hz bandwidth [dps/sqrt(Hz)].
+DATA_SHEET_NOISE_DENSITY = 0.025
+#: Registers answer this long after power-on or reset [s].
+BOOT_S = 0.050
+_FROM_STANDBY_S, _FROM_READY_S = 0.060, 0.005
+
+
+class Fxas21002c(RegisterDevice):
+    """The part at 0x20, fixed to the body as on the sensor shield.
+
+    Parameters
+    ----------
+    world : World
+        Where it is.
+    seed : int
+        Of the run's noise.
+    bias_dps : (3,)
+        Zero-rate offset, body frame [deg/s].
+    noise_density : float
+        [dps/sqrt(Hz)]; the bandwidth is that of the selected low-pass filter.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        *,
+        seed: int,
+        address: int = 0x20,
+        bias_dps: Vector = (0.0, 0.0, 0.0),
+        noise_density: float = DATA_SHEET_NOISE_DENSITY,
+    ) -> None:
+        super().__init__(address)
+        self._world = world
+        self._bias_dps = bias_dps
+        self._noise_density = noise_density
+        self._output = SampledOutput(world, NoiseSource(seed, f"fxas21002c@{address:02x}"), self._measure)
+        self._control = [0, 0, 0, 0]  # CTRL_REG0..3
+        self._plain = dict.fromkeys(_PLAIN, 0)
+        self._boot_over_s = BOOT_S
+
+    def responds(self, time_s: float) -> bool:
+        """Answer only once the boot sequence is over."""
+        return time_s >= self._boot_over_s
+
+    def release(self) -> None:
+        """End a burst read."""
+        self._output.release()
+
+    def following(self, register: int) -> int:
+        """Move on by one; after the last output register back to STATUS, or to 0x01 with WRAPTOONE."""
+        if register == OUT_Z_LSB:
+            return OUT_X_MSB if self._control[3] & _WRAP_TO_ONE else STATUS
+        return (register + 1) & 0xFF
+
+    def read_register(self, register: int, time_s: float) -> int:
+        """Return a register's byte; reserved addresses read 0."""
+        if OUT_X_MSB <= register <= OUT_Z_LSB:
+            axis, low = divmod(register - OUT_X_MSB, 2)
+            return self._output.low_byte(axis, time_s) if low else self._output.high_byte(axis, time_s)
+        if CTRL_REG1 <= register <= CTRL_REG3:
+            return self._control[register - CTRL_REG1 + 1]
+        match register:
+            case 0x00 | 0x07:
+                return self._output.status(time_s)
+            case 0x0B:
+                return 0x01 if self._output.status(time_s) & 0x08 else 0x00
+            case 0x0C:
+                return _IDENTITY
+            case 0x0D:
+                return self._control[0]
+            case 0x12:
+                return signed_byte(self._world.at(time_s).temperature_degc)
+        return self._plain.get(register, 0)
+
+    def write_register(self, register: int, value: int, time_s: float) -> bool:
+        """Write a register; False (no ACK) when it is a software reset."""
+        if register == CTRL_REG1:
+            return self._write_control1(value, time_s)
+        active = bool(self._control[1] & _ACTIVE)
+        if register == CTRL_REG0 and not active:
+            self._control[0] = value
+        elif register in (CTRL_REG2, CTRL_REG3) and not active:
+            self._control[register - CTRL_REG1 + 1] = value
+        elif register in self._plain and not active:
+            self._plain[register] = value
+        return True
+
+    def _write_control1(self, value: int, time_s: float) -> bool:
+        if value & _RESET:
+            self._reset(time_s)
+            return False
+        before = self._control[1]
+        if before & _ACTIVE and value & _ACTIVE:
+            return True  # the rate may change in standby or ready mode only
+        self._control[1] = value
+        if before & _ACTIVE:
+            self._output.halt(time_s)
+        elif value & _ACTIVE:
+            rate_hz = _RATES_HZ[value >> 2 & 7]
+            settling_s = _FROM_READY_S if before & _READY else _FROM_STANDBY_S
+            self._output.begin(rate_hz, first_s=time_s + settling_s + 1.0 / rate_hz)
+        return True
+
+    def _reset(self, time_s: float) -> None:
+        self._control = [0, 0, 0, 0]
+        self._plain = dict.fromkeys(_PLAIN, 0)
+        self._output.clear()
+        self._boot_over_s = time_s + BOOT_S
+
+    def _measure(self, instant_s: float, noise: Vector) -> Counts:
+        rate = self._world.at(instant_s).rate_body_dps
+        x, y, z = (rate[axis] + self._bias_dps[axis] for axis in range(3))
+        # Low-pass filter, data sheet: 0.32 of the output rate at BW = 00, half of it a step.
+        bandwidth_hz = 0.32 * self._output.rate_hz / (1 << (self._control[0] >> 6))
+        sigma = self._noise_density * math.sqrt(bandwidth_hz)
+        scale = _COUNTS_PER_DPS[self._control[0] & 3] / (2.0 if self._control[3] & _FS_DOUBLE else 1.0)
+        # Part axes from body axes: the inverse of body = (-y, -x, -z).
+        return (
+            saturated_word((-y + sigma * noise[0]) * scale),
+            saturated_word((-x + sigma * noise[1]) * scale),
+            saturated_word((-z + sigma * noise[2]) * scale),
+        )

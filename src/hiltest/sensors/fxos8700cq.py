@@ -1,0 +1,283 @@
+"""FXOS8700CQ accelerometer and magnetometer, register by register.
+
+Source of the map, modes, rates, scales and limits: NXP data sheet FXOS8700CQ. Not
+modelled: FIFO (F_SETUP reads back, samples arrive as without it), the embedded event
+functions (their registers read back what is written), min/max registers (read 0),
+one-shot magnetometer measurements, automatic hard-iron calibration, sleep and the
+interrupt pins.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from hiltest.sensors.register_device import RegisterDevice, signed_byte
+from hiltest.sensors.sampling import Counts, SampledOutput, limited
+from hiltest.world.distortion import MagneticDistortion
+from hiltest.world.earth_field import Vector
+from hiltest.world.noise import NoiseSource
+from hiltest.world.world import World
+
+STATUS, OUT_X_MSB, OUT_Z_LSB, F_SETUP = 0x00, 0x01, 0x06, 0x09
+SYSMOD, INT_SOURCE, WHO_AM_I, XYZ_DATA_CFG = 0x0B, 0x0C, 0x0D, 0x0E
+CTRL_REG1, CTRL_REG2, OFF_X, OFF_Z = 0x2A, 0x2B, 0x2F, 0x31
+M_DR_STATUS, M_OUT_X_MSB, M_OUT_Z_LSB, CMP_X_MSB, CMP_Z_LSB = 0x32, 0x33, 0x38, 0x39, 0x3E
+M_OFF_X_MSB, M_OFF_Z_LSB, TEMP, M_CTRL_REG1, M_CTRL_REG2 = 0x3F, 0x44, 0x51, 0x5B, 0x5C
+_IDENTITY = 0xC7
+_ACTIVE, _F_READ = 0x01, 0x02  # CTRL_REG1
+_RESET = 0x40  # CTRL_REG2
+_HYBRID_AUTO_INCREMENT = 0x20  # M_CTRL_REG2
+# What a write to a register leaves of it: bits that clear themselves do not stay.
+_KEPT = {CTRL_REG2: 0xBF, M_CTRL_REG1: 0x9F, M_CTRL_REG2: 0x3B}
+_READ_ONLY = frozenset(
+    {*range(0x00, 0x09), 0x0B, 0x0C, 0x0D, 0x16, 0x1E, 0x22, *range(0x32, 0x3F), *range(0x45, 0x52), 0x53, 0x5E}
+)
+_LAST_REGISTER = 0x78
+
+_SINGLE_RATES_HZ = (800.0, 400.0, 200.0, 100.0, 50.0, 12.5, 6.25, 1.5625)
+_HYBRID_RATES_HZ = (400.0, 200.0, 100.0, 50.0, 25.0, 6.25, 3.125, 0.78125)
+# Magnetometer samples averaged to one output, by rate and M_CTRL_REG1's OS field. The rates that only
+# the hybrid mode has take the row of the next faster listed one, as its code does in single mode.
+_OVERSAMPLING = (
+    (800.0, (2, 2, 2, 2, 2, 2, 2, 2)),
+    (400.0, (2, 2, 2, 2, 2, 2, 2, 4)),
+    (200.0, (2, 2, 2, 2, 2, 2, 4, 8)),
+    (100.0, (2, 2, 2, 2, 2, 4, 8, 16)),
+    (50.0, (2, 2, 2, 2, 4, 8, 16, 32)),
+    (12.5, (2, 2, 4, 8, 16, 32, 64, 128)),
+    (6.25, (4, 4, 8, 16, 32, 64, 128, 256)),
+    (1.5625, (16, 16, 32, 64, 128, 256, 512, 1024)),
+)
+#: Accelerometer noise density, data sheet front page, 200 Hz bandwidth [g/sqrt(Hz)].
+DATA_SHEET_NOISE_DENSITY_G = 126e-6
+#: Rms noise at oversampling 2 and 32 [uT]; between them by a power law, above 32 no less.
+MAGNETOMETER_NOISE_UT = (1.5, 0.3)
+_MAGNETOMETER_LIMIT = 12_000  # +-1200 uT
+_COUNTS_PER_UT = 10.0
+_ACCELEROMETER_COUNTS_PER_G = 4096.0  # 14-bit counts at 2 g full scale
+_OFFSET_STEP_G = 0.002
+_TEMPERATURE_STEP_DEGC = 0.96
+_RESET_S = 0.001
+
+
+@dataclass(frozen=True, slots=True)
+class AccelerometerErrors:
+    """What the accelerometer still gets wrong, body frame: ``(1 + gain_error) * g + offset_g``."""
+
+    offset_g: Vector = (0.0, 0.0, 0.0)
+    gain_error: Vector = (0.0, 0.0, 0.0)
+
+    def apply(self, gravity_body_g: Vector) -> Vector:
+        """Return what the part believes gravity to be [g]."""
+        x, y, z = gravity_body_g
+        return (
+            x + self.gain_error[0] * x + self.offset_g[0],
+            y + self.gain_error[1] * y + self.offset_g[1],
+            z + self.gain_error[2] * z + self.offset_g[2],
+        )
+
+
+class Fxos8700cq(RegisterDevice):
+    """The part at 0x1E on the shield, or 0x1D on the board itself.
+
+    Parameters
+    ----------
+    world : World
+        Where it is.
+    distortion : MagneticDistortion
+        Between the earth's field and the magnetometer, its zero-flux offset included.
+    seed : int
+        Of the run's noise.
+    name : str
+        Distinguishes the noise of two such parts.
+    errors : AccelerometerErrors
+        Of the accelerometer.
+    accelerometer_noise_density_g : float
+        [g/sqrt(Hz)]; the bandwidth is half the output rate.
+    magnetometer_noise_ut : (2,)
+        Rms noise per axis at oversampling 2 and at 32 and above [uT].
+    """
+
+    def __init__(
+        self,
+        world: World,
+        distortion: MagneticDistortion,
+        *,
+        seed: int,
+        address: int = 0x1E,
+        name: str = "fxos8700cq",
+        errors: AccelerometerErrors = AccelerometerErrors(),
+        accelerometer_noise_density_g: float = DATA_SHEET_NOISE_DENSITY_G,
+        magnetometer_noise_ut: tuple[float, float] = MAGNETOMETER_NOISE_UT,
+    ) -> None:
+        super().__init__(address)
+        self._world = world
+        self._distortion = distortion
+        self._errors = errors
+        self._noise_density_g = accelerometer_noise_density_g
+        tag = f"{name}@{address:02x}"
+        self._accelerometer = SampledOutput(world, NoiseSource(seed, f"{tag}/accelerometer"), self._measure_gravity)
+        self._magnetometer = SampledOutput(world, NoiseSource(seed, f"{tag}/magnetometer"), self._measure_field)
+        self._registers = bytearray(_LAST_REGISTER + 1)
+        self._answers_from_s = 0.0
+        self._noise_ut_at_2_and_32 = magnetometer_noise_ut
+        self._sigma_ut = 0.0  # at the oversampling it was made active with
+
+    def responds(self, time_s: float) -> bool:
+        """Answer except in the millisecond of a software reset."""
+        return time_s >= self._answers_from_s
+
+    def release(self) -> None:
+        """End a burst read."""
+        self._accelerometer.release()
+        self._magnetometer.release()
+
+    def following(self, register: int) -> int:
+        """Move on: over low bytes with F_READ, from 0x06 to 0x33 in hybrid burst mode, else to 0x00."""
+        at_end = register == OUT_Z_LSB
+        if self._registers[CTRL_REG1] & _F_READ and register in (OUT_X_MSB, OUT_X_MSB + 2, OUT_X_MSB + 4):
+            if register != OUT_X_MSB + 4:
+                return register + 2
+            at_end = True
+        if not at_end:
+            return (register + 1) & 0xFF
+        joined = self._hybrid and self._registers[M_CTRL_REG2] & _HYBRID_AUTO_INCREMENT
+        return M_OUT_X_MSB if joined else STATUS
+
+    def read_register(self, register: int, time_s: float) -> int:
+        """Return a register's byte; addresses above the map read 0."""
+        for output, first, last in (
+            (self._accelerometer, OUT_X_MSB, OUT_Z_LSB),
+            (self._magnetometer, M_OUT_X_MSB, M_OUT_Z_LSB),
+        ):
+            if first <= register <= last:
+                axis, low = divmod(register - first, 2)
+                return output.low_byte(axis, time_s) if low else output.high_byte(axis, time_s)
+        if CMP_X_MSB <= register <= CMP_Z_LSB:
+            return self._read_aligned(register, time_s)
+        match register:
+            case 0x00:
+                return self._accelerometer.status(time_s)
+            case 0x0B:
+                return self._registers[CTRL_REG1] & _ACTIVE
+            case 0x0C:
+                ready = (self._accelerometer.status(time_s) | self._magnetometer.status(time_s)) & 0x08
+                return 0x01 if ready else 0x00
+            case 0x0D:
+                return _IDENTITY
+            case 0x32:
+                return self._magnetometer.status(time_s)
+            case 0x51:
+                return signed_byte(self._world.at(time_s).temperature_degc / _TEMPERATURE_STEP_DEGC)
+        return self._registers[register] if register <= _LAST_REGISTER else 0
+
+    def write_register(self, register: int, value: int, time_s: float) -> bool:
+        """Write a register; False (no ACK) when it is a software reset."""
+        if register > _LAST_REGISTER or register in _READ_ONLY:
+            return True
+        if register == CTRL_REG2 and value & _RESET:
+            self._reset(time_s)
+            return False
+        if register == CTRL_REG1:
+            self._write_control1(value, time_s)
+        elif not self._registers[CTRL_REG1] & _ACTIVE:  # set-up changes in standby only
+            kept = value & _KEPT.get(register, 0xFF)
+            is_low_offset = M_OFF_X_MSB <= register <= M_OFF_Z_LSB and (register - M_OFF_X_MSB) % 2
+            self._registers[register] = kept & 0xFE if is_low_offset else kept
+        return True
+
+    @property
+    def _hybrid(self) -> bool:
+        return self._registers[M_CTRL_REG1] & 3 == 3
+
+    def _write_control1(self, value: int, time_s: float) -> None:
+        was_active = self._registers[CTRL_REG1] & _ACTIVE
+        if was_active and value & _ACTIVE:
+            return  # in active mode only the way to standby is open
+        self._registers[CTRL_REG1] = value
+        if was_active:
+            self._accelerometer.halt(time_s)
+            self._magnetometer.halt(time_s)
+        elif value & _ACTIVE:
+            self._begin(time_s)
+
+    def _begin(self, time_s: float) -> None:
+        mode = self._registers[M_CTRL_REG1] & 3
+        rates_hz = _HYBRID_RATES_HZ if self._hybrid else _SINGLE_RATES_HZ
+        rate_hz = rates_hz[self._registers[CTRL_REG1] >> 3 & 7]
+        # Data sheet: turn-on time from standby 2/ODR + 1 ms.
+        first_s = time_s + 2.0 / rate_hz + 0.001
+        if mode != 1:
+            self._accelerometer.begin(rate_hz, first_s=first_s)
+        if mode in (1, 3):
+            samples = oversampling(rate_hz, self._registers[M_CTRL_REG1] >> 2 & 7)
+            self._sigma_ut = noise_at_oversampling(samples, self._noise_ut_at_2_and_32)
+            self._magnetometer.begin(rate_hz, first_s=first_s)
+
+    def _reset(self, time_s: float) -> None:
+        self._registers = bytearray(_LAST_REGISTER + 1)
+        self._accelerometer.clear()
+        self._magnetometer.clear()
+        self._answers_from_s = time_s + _RESET_S
+
+    def _read_aligned(self, register: int, time_s: float) -> int:
+        # CMP_*: the acceleration at the magnetometer's instant; reading it clears no flag.
+        instant_s = self._magnetometer.held_instant(time_s)
+        if instant_s is None or not self._hybrid:
+            return 0
+        axis, low = divmod(register - CMP_X_MSB, 2)
+        word = self._accelerometer.word_at(instant_s, axis)
+        return word >> (0 if low else 8) & 0xFF
+
+    def _measure_gravity(self, instant_s: float, noise: Vector) -> Counts:
+        x, y, z = self._errors.apply(self._world.at(instant_s).gravity_body_g)
+        sigma_g = self._noise_density_g * math.sqrt(self._accelerometer.rate_hz / 2.0)
+        # Part axes from body axes: the inverse of body = (y, x, z).
+        return (
+            self._gravity_word(y + sigma_g * noise[0], 0),
+            self._gravity_word(x + sigma_g * noise[1], 1),
+            self._gravity_word(z + sigma_g * noise[2], 2),
+        )
+
+    def _gravity_word(self, acceleration_g: float, axis: int) -> int:
+        full_scale = min(self._registers[XYZ_DATA_CFG] & 3, 2)
+        offset = self._registers[OFF_X + axis]
+        offset_g = _OFFSET_STEP_G * (offset - 256 if offset & 0x80 else offset)
+        count = round((acceleration_g + offset_g) * _ACCELEROMETER_COUNTS_PER_G / (1 << full_scale))
+        return max(-8192, min(8191, count)) << 2  # 14 bits, left-justified
+
+    def _measure_field(self, instant_s: float, noise: Vector) -> Counts:
+        x, y, z = self._distortion.apply(self._world.at(instant_s).field_body_ut)
+        sigma = self._sigma_ut
+        # Part axes from body axes: the inverse of body = (-y, -x, -z).
+        return (
+            self._field_word(-y + sigma * noise[0], 0),
+            self._field_word(-x + sigma * noise[1], 1),
+            self._field_word(-z + sigma * noise[2], 2),
+        )
+
+    def _field_word(self, field_ut: float, axis: int) -> int:
+        at = M_OFF_X_MSB + 2 * axis
+        offset = int.from_bytes(self._registers[at : at + 2], "big", signed=True) >> 1
+        return limited(limited(field_ut * _COUNTS_PER_UT, _MAGNETOMETER_LIMIT) - offset, 32_767)
+
+
+def oversampling(rate_hz: float, code: int) -> int:
+    """Return the magnetometer's oversampling ratio at an output rate for an OS code 0..7."""
+    row = min((listed for listed in _OVERSAMPLING if listed[0] >= rate_hz), key=lambda listed: listed[0])
+    return row[1][code]
+
+
+def noise_at_oversampling(samples: int, noise_ut: tuple[float, float]) -> float:
+    """Return the rms noise of an output averaged over `samples` conversions [uT].
+
+    A power law through the two given points (oversampling 2 and 32): 1.5 and 0.3 uT
+    make it 1.0, 0.67 and 0.45 at 4, 8 and 16. Above 32 it gets no better.
+    """
+    at_2, at_32 = noise_ut
+    if at_2 <= 0.0 or at_32 <= 0.0:
+        return 0.0
+    exponent = math.log(at_32 / at_2) / math.log(32 / 2)
+    # Rounded, because logarithms and powers may differ in the last bit between hosts.
+    return float(round(at_2 * (min(samples, 32) / 2) ** exponent, 6))

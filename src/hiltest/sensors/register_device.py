@@ -1,0 +1,84 @@
+"""An I2C part that is a file of registers behind a self-incrementing address pointer."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+
+class RegisterDevice(ABC):
+    """What MAG3110, FXOS8700CQ and FXAS21002C have in common on the bus.
+
+    The first byte written after an address is the register pointer; each further byte
+    written or read goes to the pointed register and moves the pointer on. The pointer
+    survives STOP. Time is virtual time since power-on [s].
+
+    Attributes
+    ----------
+    address : int
+        7-bit address.
+    """
+
+    def __init__(self, address: int) -> None:
+        self.address = address
+        self._pointer = 0
+        self._awaiting_pointer = False
+
+    def start(self, reading: bool, time_s: float) -> bool:
+        """Answer the device address after START or repeated START; True is ACK."""
+        if not self.responds(time_s):
+            return False
+        self.settle(time_s)
+        self.release()
+        self._awaiting_pointer = not reading
+        return True
+
+    def write(self, value: int, time_s: float) -> bool:
+        """Take a byte from the master; True is ACK."""
+        self.settle(time_s)
+        if self._awaiting_pointer:
+            self._pointer = value
+            self._awaiting_pointer = False
+            return True
+        acknowledged = self.write_register(self._pointer, value, time_s)
+        self._pointer = (self._pointer + 1) & 0xFF
+        return acknowledged
+
+    def read(self, time_s: float) -> int:
+        """Give the next byte to the master."""
+        self.settle(time_s)
+        value = self.read_register(self._pointer, time_s)
+        self._pointer = self.following(self._pointer)
+        return value
+
+    def stop(self, time_s: float) -> None:
+        """See a STOP: output registers follow new samples again."""
+        self.settle(time_s)
+        self.release()
+
+    def responds(self, time_s: float) -> bool:
+        """Say whether the part answers its address now."""
+        return True
+
+    def settle(self, time_s: float) -> None:  # noqa: B027 - a part without timed transitions has none
+        """Carry out transitions that time alone has brought, before an access."""
+
+    @abstractmethod
+    def release(self) -> None:
+        """End the hold that a burst read has on the output registers."""
+
+    @abstractmethod
+    def following(self, register: int) -> int:
+        """Return the register a read moves on to."""
+
+    @abstractmethod
+    def read_register(self, register: int, time_s: float) -> int:
+        """Return a register's byte, with the side effects of reading it."""
+
+    @abstractmethod
+    def write_register(self, register: int, value: int, time_s: float) -> bool:
+        """Write a register (read-only ones ignore it); True is ACK."""
+
+
+def signed_byte(value: float) -> int:
+    """Return a number, rounded and limited to -128..127, as a two's-complement byte."""
+    return max(-128, min(127, round(value))) & 0xFF

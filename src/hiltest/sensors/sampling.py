@@ -1,0 +1,162 @@
+"""Output registers of one measured quantity: when samples arrive, and their flags.
+
+Sampling instants are multiples of the period since power-on, whenever the part was made
+active: firmware that configures a part one cycle later sees the very same samples.
+Nothing happens at those instants; a bus access looks back at the latest one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TypeAlias
+
+from hiltest.world.earth_field import Vector
+from hiltest.world.noise import NoiseSource
+from hiltest.world.world import World
+
+Counts: TypeAlias = tuple[int, int, int]
+#: Takes the instant [s] and a standard normal triple, gives three words of the part.
+Measure: TypeAlias = Callable[[float, Vector], Counts]
+
+# Virtual times are float multiples of a core cycle (8.3 ns): an instant that is meant to have
+# come may be missed by an ulp. A billionth of a period is 1/700 of a cycle at 80 Hz.
+_TOLERANCE_TICKS = 1e-9
+
+_NO_SAMPLE: Counts = (0, 0, 0)
+
+
+class SampledOutput:
+    """Three output words on an absolute time grid, with data-ready and overwrite flags.
+
+    Parameters
+    ----------
+    world : World
+        Gives the noise epoch of an instant.
+    noise : NoiseSource
+        Of this quantity.
+    measure : callable
+        The part's conversion.
+    """
+
+    def __init__(self, world: World, noise: NoiseSource, measure: Measure) -> None:
+        self._world = world
+        self._noise = noise
+        self._measure = measure
+        self._rate_hz = 1.0
+        self._first = 0
+        self._last: int | None = -1  # None while it runs
+        self._before: Counts = _NO_SAMPLE  # in the registers until the first sample
+        self._read = [-1, -1, -1]  # the sample each axis was last read from
+        self._held: int | None = None
+        self._cached: tuple[int, Counts] = (-1, _NO_SAMPLE)
+
+    @property
+    def rate_hz(self) -> float:
+        """Sampling rate of the present or last run [Hz]."""
+        return self._rate_hz
+
+    def begin(self, rate_hz: float, *, first_s: float, single: bool = False) -> float:
+        """Start sampling: the first sample is on the first instant at or after `first_s`.
+
+        Returns
+        -------
+        float
+            The instant of the first sample [s]; the only one when `single`.
+        """
+        if self._last is not None and self._last >= self._first:
+            self._before = self._values(self._last)
+        self._rate_hz = rate_hz
+        self._first = math.ceil(first_s * rate_hz - _TOLERANCE_TICKS)
+        self._last = self._first if single else None
+        self._read = [self._first - 1] * 3
+        self._cached = (-1, _NO_SAMPLE)
+        return self._first / rate_hz
+
+    def halt(self, time_s: float) -> None:
+        """Stop sampling; the latest sample stays in the registers."""
+        self._last = self._latest(time_s)
+
+    def clear(self) -> None:
+        """Forget everything, as a reset does."""
+        self._first, self._last = 0, -1
+        self._before = _NO_SAMPLE
+        self._read = [-1, -1, -1]
+        self._held = None
+
+    def next_instant(self, time_s: float) -> float:
+        """Return the first sampling instant at or after a time [s]."""
+        return math.ceil(time_s * self._rate_hz - _TOLERANCE_TICKS) / self._rate_hz
+
+    def status(self, time_s: float) -> int:
+        """Return the status byte: b0-b2 new data on x, y, z, b3 on any; b4-b7 the same for overwritten.
+
+        An axis is overwritten when a sample arrived while the one before had not been
+        read; reading the axis's high byte clears both of its flags.
+        """
+        latest = self._latest(time_s)
+        value = 0
+        for axis, read in enumerate(self._read):
+            if latest > read:
+                value |= 0x08 | 1 << axis
+            if latest > read + 1:
+                value |= 0x80 | 0x10 << axis
+        return value
+
+    def high_byte(self, axis: int, time_s: float) -> int:
+        """Return the high byte of an axis and clear its flags."""
+        value = self._word(axis, time_s)
+        if self._held is not None:
+            self._read[axis] = max(self._read[axis], self._held)
+        return value >> 8 & 0xFF
+
+    def low_byte(self, axis: int, time_s: float) -> int:
+        """Return the low byte of an axis."""
+        return self._word(axis, time_s) & 0xFF
+
+    def word_at(self, instant_s: float, axis: int) -> int:
+        """Return an axis's word [counts] at a sampling instant, flags and hold untouched."""
+        tick = math.floor(instant_s * self._rate_hz + _TOLERANCE_TICKS)
+        return (self._values(tick) if tick >= self._first else self._before)[axis]
+
+    def held_instant(self, time_s: float) -> float | None:
+        """Return the instant of the sample a burst holds, or would hold now [s]; None before any."""
+        tick = self._latest(time_s) if self._held is None else self._held
+        return tick / self._rate_hz if tick >= self._first else None
+
+    def release(self) -> None:
+        """End a burst: the next read takes the latest sample."""
+        self._held = None
+
+    def _word(self, axis: int, time_s: float) -> int:
+        # The part blocks updates while output registers are being read in one transaction.
+        if self._held is None:
+            self._held = self._latest(time_s)
+        return (self._values(self._held) if self._held >= self._first else self._before)[axis]
+
+    def _latest(self, time_s: float) -> int:
+        tick = math.floor(time_s * self._rate_hz + _TOLERANCE_TICKS)
+        if self._last is not None:
+            tick = min(tick, self._last)
+        return max(tick, self._first - 1)
+
+    def _values(self, tick: int) -> Counts:
+        if self._cached[0] != tick:
+            self._cached = (tick, self._convert(tick))
+        return self._cached[1]
+
+    def _convert(self, tick: int) -> Counts:
+        instant_s = tick / self._rate_hz
+        epoch, start_s = self._world.noise_epoch(instant_s)
+        number = tick - math.ceil(start_s * self._rate_hz - _TOLERANCE_TICKS)
+        return self._measure(instant_s, self._noise.sample(epoch, number))
+
+
+def limited(value: float, limit: int) -> int:
+    """Return a number rounded to the nearest integer and kept within +-limit."""
+    return max(-limit, min(limit, round(value)))
+
+
+def saturated_word(value: float) -> int:
+    """Return a number rounded to the nearest integer and kept within a signed 16-bit word."""
+    return max(-32_768, min(32_767, round(value)))
