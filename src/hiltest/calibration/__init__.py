@@ -1,0 +1,29 @@
+"""Float64 references of the firmware's calibrators, and what their results are worth."""
+
+from __future__ import annotations
+
+from hiltest.calibration.direct import fit_direct
+from hiltest.calibration.fit import Calibrator, FitStatus, MagnetometerFit
+from hiltest.calibration.iterative import fit_iterative
+from hiltest.calibration.sphere import fit_sphere
+from hiltest.errors import ConfigError
+
+__all__ = ["REFERENCES", "FitStatus", "MagnetometerFit", "fit_direct", "fit_iterative", "fit_sphere", "reference"]
+
+# By the firmware's names.
+REFERENCES: dict[str, Calibrator] = {"direct": fit_direct, "iterative": fit_iterative}
+
+
+def reference(name: str) -> Calibrator:
+    """Return the float64 reference of a calibrator.
+
+    Raises
+    ------
+    ConfigError
+        When there is none by that name; calibrators of one's own need none to be run.
+    """
+    try:
+        return REFERENCES[name]
+    except KeyError:
+        known = ", ".join(sorted(REFERENCES))
+        raise ConfigError(f"calibrator {name!r} has no float64 reference; those that have: {known}") from None

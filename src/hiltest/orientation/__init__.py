@@ -1,0 +1,7 @@
+"""Attitude from sensors, in float64."""
+
+from __future__ import annotations
+
+from hiltest.orientation.tilt_heading import DegenerateFieldError, tilt_heading
+
+__all__ = ["DegenerateFieldError", "tilt_heading"]

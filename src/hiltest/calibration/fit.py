@@ -1,0 +1,102 @@
+"""What a magnetometer calibrator returns, the same as the firmware's `magnetometer_fit_t`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array: TypeAlias = NDArray[np.float64]
+
+# Limits that decide a status. The firmware has the same, for the same reasons.
+ELLIPSOID_UNKNOWNS = 9
+COVERAGE_SINGULAR = 1e6
+SMALLEST_DETERMINANT = 1e-6
+
+
+class FitStatus(IntEnum):
+    """How a fit ended; the values are those of the link protocol."""
+
+    ELLIPSOID = 0
+    NOT_AN_ELLIPSOID = 1
+    POOR_COVERAGE = 2
+    TOO_FEW_POINTS = 3
+    SINGULAR = 4
+    NOT_CONVERGED = 5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MagnetometerFit:
+    """A magnetometer calibration and how it came about.
+
+    Attributes
+    ----------
+    status : FitStatus
+    is_sphere : bool
+        The ellipsoid was refused and this is the sphere fit.
+    iterations : int
+        Sweeps of the firmware's solver; 0 for a closed form and for a float64 reference.
+    soft_iron : ndarray, shape (3, 3)
+        Symmetric [1/count]; ``soft_iron @ (counts - hard_iron)`` has norm 1 for a good point.
+    hard_iron : ndarray, shape (3,)
+        [counts], body frame.
+    coverage : float
+        Largest ``M_ii / d_i`` of the normal equations' pivots [1], 0 when the calibrator has none.
+    """
+
+    status: FitStatus
+    is_sphere: bool
+    iterations: int
+    soft_iron: Array
+    hard_iron: Array
+    coverage: float = 0.0
+
+    @property
+    def has_fit(self) -> bool:
+        """Whether soft_iron and hard_iron come from the points at all."""
+        return self.status <= FitStatus.POOR_COVERAGE
+
+    def corrected(self, points_counts: ArrayLike) -> Array:
+        """Return the corrected points, shape (n, 3) [1], norm 1 for good points."""
+        points = np.asarray(points_counts, dtype=np.float64)
+        corrected: Array = (points - self.hard_iron) @ self.soft_iron.T
+        return corrected
+
+
+Calibrator: TypeAlias = Callable[[ArrayLike], MagnetometerFit]
+
+
+def no_fit(status: FitStatus, *, iterations: int = 0, coverage: float = 0.0) -> MagnetometerFit:
+    """Return a status without a calibration: identity and zero."""
+    return MagnetometerFit(status, False, iterations, np.eye(3), np.zeros(3), coverage)
+
+
+def points_array(points_counts: ArrayLike) -> Array:
+    """Return points as float64, shape (n, 3).
+
+    Raises
+    ------
+    ValueError
+        When the shape is another, or a coordinate is not finite.
+    """
+    points = np.asarray(points_counts, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ValueError(f"points have shape {points.shape}, not (n, 3)")
+    if not np.isfinite(points).all():
+        raise ValueError("points are not finite")
+    return points
+
+
+def mid_range(points: Array) -> Array:
+    """Return the middle of the points' range, halves truncated towards zero as in the firmware [counts]."""
+    middle: Array = np.trunc((points.min(axis=0) + points.max(axis=0)) / 2.0)
+    return middle
+
+
+def half_range(points: Array) -> float:
+    """Return half of the widest axis range [counts]."""
+    return float(np.ptp(points, axis=0).max()) / 2.0

@@ -1,0 +1,107 @@
+"""What a magnetometer calibration is worth: residual, rotation left, offset, direction."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hiltest.calibration.fit import Array, MagnetometerFit
+
+COUNTS_PER_UT = 10.0
+
+
+def residual_percent(points_counts: ArrayLike, fit: MagnetometerFit) -> float:
+    """Return the rms of the corrected points' norms about 1 [%].
+
+    Parameters
+    ----------
+    points_counts : array_like, shape (n, 3)
+        Raw points [counts], body frame, n >= 1.
+    fit : MagnetometerFit
+
+    Notes
+    -----
+    ``100 rms(|C (m - o)| - 1)``. It does not see a rotation: a good residual does not
+    mean a good heading.
+    """
+    norms = np.linalg.norm(fit.corrected(points_counts), axis=1)
+    return 100.0 * float(np.sqrt(np.mean((norms - 1.0) ** 2)))
+
+
+def rotation_left_deg(fit: MagnetometerFit, distortion: ArrayLike) -> float:
+    """Return the angle by which corrected directions are turned against true ones [deg].
+
+    Parameters
+    ----------
+    fit : MagnetometerFit
+    distortion : array_like, shape (3, 3)
+        True soft iron: takes the field to the field at the part [1]; det > 0.
+
+    Notes
+    -----
+    ``fit.soft_iron @ distortion = R S``, the polar decomposition; the angle is R's. It is
+    0 for a symmetric distortion and a perfect fit, whatever the field's strength.
+    """
+    left, _, right = np.linalg.svd(fit.soft_iron @ np.asarray(distortion, dtype=np.float64))
+    rotation = left @ right
+    # From the chord |R - I|, which stays accurate where the arc cosine of the trace does not.
+    half_sine = min(1.0, float(np.linalg.norm(rotation - np.eye(3))) / math.sqrt(8.0))
+    return math.degrees(2.0 * math.asin(half_sine))
+
+
+def offset_error_ut(fit: MagnetometerFit, hard_iron_ut: ArrayLike) -> float:
+    """Return the distance between fitted and true hard iron [uT].
+
+    Parameters
+    ----------
+    fit : MagnetometerFit
+    hard_iron_ut : array_like, shape (3,)
+        True hard iron in the body frame [uT].
+    """
+    return float(np.linalg.norm(fit.hard_iron / COUNTS_PER_UT - np.asarray(hard_iron_ut, dtype=np.float64)))
+
+
+def sphere_directions(count: int = 500) -> Array:
+    """Return unit vectors spread evenly over the sphere (Fibonacci), shape (count, 3)."""
+    index = np.arange(count) + 0.5
+    z = 1.0 - 2.0 * index / count
+    turn = index * (math.pi * (3.0 - math.sqrt(5.0)))
+    across = np.sqrt(1.0 - z * z)
+    return np.column_stack([across * np.cos(turn), across * np.sin(turn), z])
+
+
+def direction_difference_rms_deg(first: MagnetometerFit, second: MagnetometerFit) -> float:
+    """Return the rms angle between what two calibrations make of the same readings [deg].
+
+    Parameters
+    ----------
+    first, second : MagnetometerFit
+        Calibrations of one sensor; `second` must be invertible.
+
+    Notes
+    -----
+    The readings are those that `second` takes to points evenly spread over the unit sphere.
+    """
+    wanted = sphere_directions()
+    counts = np.linalg.solve(second.soft_iron, wanted.T).T + second.hard_iron
+    return direction_error_rms_deg(first, counts, wanted)
+
+
+def direction_error_rms_deg(fit: MagnetometerFit, counts: ArrayLike, directions: ArrayLike) -> float:
+    """Return the rms angle between corrected readings and known directions [deg].
+
+    Parameters
+    ----------
+    fit : MagnetometerFit
+    counts : array_like, shape (n, 3)
+        Raw readings [counts].
+    directions : array_like, shape (n, 3)
+        True field directions of the readings, unit vectors in the body frame.
+    """
+    got = fit.corrected(counts)
+    wanted = np.asarray(directions, dtype=np.float64)
+    across = np.linalg.norm(np.cross(got, wanted), axis=1)
+    along = (got * wanted).sum(axis=1)
+    return math.degrees(float(np.sqrt(np.mean(np.arctan2(across, along) ** 2))))
