@@ -48,12 +48,12 @@ GATING: pytest.StashKey[list[Measurement]] = pytest.StashKey()
 
 def uses_board(item: pytest.Item) -> bool:
     """Say whether a test needs a board: by the marker ``hil`` or by a fixture."""
-    return item.get_closest_marker("hil") is not None or bool(_BOARD_FIXTURES & set(_fixtures_of(item)))
+    return item.get_closest_marker("hil") is not None or bool(_BOARD_FIXTURES & _fixtures_of(item))
 
 
 def uses_hiltest(item: pytest.Item) -> bool:
     """Say whether a test has anything to do with hiltest."""
-    return uses_board(item) or bool(_FIXTURES & set(_fixtures_of(item)))
+    return uses_board(item) or bool(_FIXTURES & _fixtures_of(item))
 
 
 class HilSession:
@@ -252,8 +252,16 @@ def pack(found: Found) -> dict[str, Any]:
     }
 
 
-def _fixtures_of(item: pytest.Item) -> Sequence[str]:
-    return getattr(item, "fixturenames", ())
+def _fixtures_of(item: pytest.Item) -> set[str]:
+    """Return the names of hiltest's own fixtures that a test uses.
+
+    Another project's fixture may be called ``board`` too; its tests are none of our business.
+    """
+    info = getattr(item, "_fixtureinfo", None)  # pytest has no public way to ask which definition a name resolves to
+    if info is None:
+        return set()
+    used = {name: definitions[-1].func for name, definitions in info.name2fixturedefs.items() if definitions}
+    return {name for name, function in used.items() if function.__module__ == "hiltest.fixtures"}
 
 
 def _properties(measurement: Measurement) -> list[tuple[str, object]]:

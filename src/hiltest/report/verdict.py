@@ -135,19 +135,19 @@ def _calibrator_result(name: str, found: dict[str, Measurement]) -> CalibratorRe
 def _cause(name: str, found: dict[str, Measurement]) -> Cause:
     """Name why a calibrator's heading is out of its limit, as far as the run can tell."""
     maximum, norm = found[f"heading.{name}.max"], found.get("accelerometer.norm_rms")
-    wanted = [maximum, *(found.get(key) for key in (
-        f"heading.{name}.bias", f"heading.{name}.max_centred", f"fit.{name}.residual",
-        f"fit.{name}.residual_predicted",
-    ))]
-    values = [_value(each) for each in wanted]
-    max_limit, bias_limit = _maximum_of(maximum), _maximum_of(wanted[1])
-    if None in values or max_limit is None or bias_limit is None or maximum.outcome is Outcome.UNSET:
+    centred, bias = found.get(f"heading.{name}.max_centred"), found.get(f"heading.{name}.bias")
+    residual = _value(found.get(f"fit.{name}.residual"))
+    predicted = _value(found.get(f"fit.{name}.residual_predicted"))
+    # With no mounting declared only the centred error can be held against the limit.
+    judged = centred if maximum.outcome is Outcome.UNSET else maximum
+    max_deg = _value(judged)
+    if max_deg is None or residual is None or predicted is None:
         return Cause.NONE
-    max_deg, bias_deg, max_centred_deg, residual, predicted = (value or 0.0 for value in values)
     return name_cause(
-        max_deg=max_deg, max_limit_deg=max_limit, bias_deg=bias_deg, bias_limit_deg=bias_limit,
-        max_centred_deg=max_centred_deg, residual_percent=residual, residual_predicted_percent=predicted,
-        accelerometer_norm_rms_mg=_value(norm) or 0.0, accelerometer_limit_mg=_maximum_of(norm) or float("inf"),
+        max_deg=max_deg, max_limit_deg=_maximum_of(maximum), bias_deg=_value(bias),
+        bias_limit_deg=None if bias is None or bias.outcome is Outcome.UNSET else _maximum_of(bias),
+        max_centred_deg=_value(centred), residual_percent=residual, residual_predicted_percent=predicted,
+        accelerometer_norm_rms_mg=_value(norm) or 0.0, accelerometer_limit_mg=_maximum_of(norm),
     )
 
 
@@ -172,8 +172,11 @@ def _sentence(findings: Findings, word: str) -> str:
 def _calibrator_words(result: CalibratorResult, poses: int) -> str:
     unset = result.maximum.outcome is Outcome.UNSET and result.centred is not None
     judged = result.centred if unset and result.centred else result.maximum
-    words = f"{result.name}: " + ("worst heading " if poses else "")
-    words += "no heading" if judged.value is None else f"{judged.value:.2f} deg"
+    words = f"{result.name}: "
+    if judged.value is None:
+        words += "no heading"
+    else:
+        words += ("worst heading " if poses else "") + f"{judged.value:.2f} deg"
     words += " about its mean" if unset else ""
     words += f" over {poses} poses" if poses else ""
     if result.cycles is not None and result.cycles.value is not None:

@@ -1,0 +1,62 @@
+"""Render a run as one self-contained HTML file: no script, no address, light and dark."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from hiltest.report import overview
+from hiltest.report.plots import cloud_figures, cycle_figures, heading_figures
+from hiltest.report.record import Run
+from hiltest.report.svg import Figure
+from hiltest.report.terminal import shown_outcome, shown_value
+
+_TONES = {"pass": "good", "not judged": "warn", "interrupted": "warn", "no tests": "warn"}
+
+
+@dataclass(frozen=True, slots=True)
+class FigureGroup:
+    """Figures under one heading."""
+
+    heading: str
+    legend: str
+    figures: Sequence[Figure]
+    small: bool = False
+
+
+def html_report(run: Run) -> str:
+    """Return the page of a run.
+
+    Every text of the run is escaped, so a firmware called ``<script>`` shows as text.
+    """
+    environment = Environment(
+        loader=PackageLoader("hiltest.report", "."), autoescape=True, undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True,
+    )
+    environment.filters |= {
+        "value": shown_value, "outcome": shown_outcome, "tone": overview.tone, "origin": overview.origin,
+    }
+    return environment.get_template("report.html.j2").render(
+        run=run, tone=_TONES.get(run.verdict.outcome, "bad"), board_line=overview.board_line(run),
+        calibrators=overview.accuracy_and_cost(run), groups=overview.groups(run), figures=_figure_groups(run),
+        provenance=list(overview.provenance(run)),
+    )
+
+
+def _figure_groups(run: Run) -> list[FigureGroup]:
+    groups = [
+        FigureGroup(
+            "Heading error", "Filled, joined: level poses. Rings: tilted by 20 degrees. Dashed: the limit.",
+            heading_figures(run),
+        ),
+        FigureGroup(
+            "The cloud", "What the board collected, then the same points as it corrected them, with the unit circle.",
+            cloud_figures(run), small=True,
+        ),
+        FigureGroup(
+            "Cycles", "Dots: counted on the board. Line: least squares through them.", cycle_figures(run),
+        ),
+    ]
+    return [group for group in groups if group.figures]

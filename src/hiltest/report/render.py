@@ -1,0 +1,15 @@
+"""Write every report of a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from hiltest.report.html import html_report
+from hiltest.report.markdown import markdown_report
+from hiltest.report.record import Run, write_atomically
+
+
+def write_reports(run: Run, folder: Path) -> None:
+    """Write ``report.html`` and ``report.md`` beside ``run.json``."""
+    write_atomically(folder / "report.html", html_report(run))
+    write_atomically(folder / "report.md", markdown_report(run))

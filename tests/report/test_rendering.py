@@ -1,0 +1,182 @@
+"""The HTML and Markdown reports: complete, self-contained, and safe with hostile names."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from hiltest.measurement import Limit, Measurement, judge
+from hiltest.report.html import html_report
+from hiltest.report.markdown import markdown_report, plain_text
+from hiltest.report.record import Findings, Run, TestResult
+from hiltest.report.render import write_reports
+from hiltest.report.svg import Figure, nice_ticks
+from hiltest.report.terminal import summary
+from hiltest.report.verdict import decide
+
+Make = Callable[..., Findings]
+HOSTILE = "<script>alert('x')</script>|`\"&"
+
+
+class Page(HTMLParser):
+    """Tags, attributes and text of a page; complains about tags that do not nest."""
+
+    _VOID = frozenset({"meta", "br", "hr", "img", "link"})
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.attributes: list[tuple[str, str | None]] = []
+        self.words: list[str] = []
+        self._open: list[str] = []
+        self.feed(text)
+        assert not self._open, f"never closed: {self._open}"
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.attributes += attrs
+        if tag not in self._VOID:
+            self._open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.attributes += attrs
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self._open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.words.append(data)
+
+    @property
+    def text(self) -> str:
+        return " ".join(" ".join(self.words).split())
+
+
+@pytest.fixture
+def run(findings: Make, good: list[Measurement]) -> Run:
+    made = findings(*good)
+    return made.finish(decide(made, pytest_exit=0), "2026-01-02T03:05:00Z")
+
+
+@pytest.fixture
+def hostile(findings: Make) -> Run:
+    made = findings(
+        judge("heading.<b>.max", 1.0, unit="<i>", limit=Limit(max=2)), judge(HOSTILE, 1.0, unit=HOSTILE),
+        tests=(TestResult(HOSTILE, "failed", 1, reason=HOSTILE),),
+    )
+    assert made.board is not None
+    made.board = replace(made.board, firmware=HOSTILE, description=HOSTILE, calibrators=(HOSTILE,))
+    return made.finish(decide(made, pytest_exit=1), "")
+
+
+def test_the_page_shows_the_verdict_before_anything_else(run: Run) -> None:
+    body = Page(html_report(run)).text.split("}", maxsplit=1)[-1]
+    assert body.index("direct: worst heading 0.97 deg") < body.index("Accuracy and cost") < body.index("Heading error")
+
+
+def test_the_page_holds_every_measurement_with_value_and_limit(run: Run) -> None:
+    text = Page(html_report(run)).text
+    for each in run.measurements:
+        assert each.name in text
+    assert "heading.direct.max 0.97 deg at most 1.8 pass" in text
+    assert "cycles.direct.total 12 400 cycle" in text
+    assert "cortex-m4-trm/1@sram" in text
+
+
+def test_the_page_needs_no_network_and_runs_no_script(run: Run) -> None:
+    page = Page(html_report(run))
+    assert {"script", "link", "iframe", "img", "object"}.isdisjoint(page.tags)
+    assert not [value for name, value in page.attributes if name in ("src", "href", "srcset", "data")]
+    style = re.search(r"<style>(.*?)</style>", html_report(run), re.S)
+    assert style is not None
+    assert "url(" not in style[1]
+    assert "@import" not in style[1]
+    assert "prefers-color-scheme: dark" in style[1]
+
+
+def test_every_plot_says_in_words_what_it_shows(run: Run) -> None:
+    labels = [value or "" for name, value in Page(html_report(run)).attributes if name == "aria-label"]
+    assert any(label.startswith("direct: heading error at known angles. 60 poses, worst") for label in labels)
+    assert "iterative: cycles against points. 4 sizes" in labels
+    assert "after direct. 200 points seen from above, with the unit circle" in labels
+
+
+def test_hostile_names_show_as_text_in_html(hostile: Run) -> None:
+    page = Page(html_report(hostile))
+    assert {"script", "b", "i"}.isdisjoint(page.tags)
+    assert page.text.count("<script>alert('x')</script>") >= 5
+
+
+def test_hostile_names_show_as_text_in_markdown(hostile: Run) -> None:
+    text = markdown_report(hostile)
+    assert "<script>" not in text.replace("\\<script\\>", "")
+    table = [line for line in text.splitlines() if line.startswith("|") and "alert" in line]
+    assert table
+    assert {len(re.findall(r"(?<!\\)\|", line)) for line in table} <= {4, 7}, "an unescaped | would add a column"
+
+
+def test_markdown_stays_on_one_line() -> None:
+    assert plain_text("a\nb  c") == "a b c"
+
+
+def test_markdown_leads_with_what_is_out_of_order(findings: Make, good: list[Measurement]) -> None:
+    bad = judge("gyroscope.bias_error", 0.4, unit="dps", limit=Limit(max=0.1), test="t.py::t")
+    made = findings(*good, bad, tests=(TestResult("t.py::t", "failed", 1, reason="out"),))
+    text = markdown_report(made.finish(decide(made, pytest_exit=1), ""))
+    assert text.startswith("# FAIL\n")
+    assert text.index("gyroscope.bias\\_error | 0.4") < text.index("<details>")
+
+
+def test_a_run_without_board_or_measurements_still_renders(findings: Make) -> None:
+    made = findings(tests=(TestResult("t", "bench lost", 0, reason="no port"),), tables=False)
+    made.board = None
+    run = made.finish(decide(made, pytest_exit=1), "")
+    assert "no board answered" in Page(html_report(run)).text
+    assert "BENCH LOST: no port. 0 measurements kept." in markdown_report(run)
+
+
+def test_a_pose_without_heading_is_left_out_of_the_plot(run: Run) -> None:
+    table = run.table("heading.poses")
+    assert table is not None
+    holes = replace(table, rows=tuple((*row[:4], None, None, None) for row in table.rows))
+    tables = tuple(holes if each.name == "heading.poses" else each for each in run.tables)
+    assert "No pose was answered" in html_report(replace(run, tables=tables))
+
+
+def test_both_files_are_written(run: Run, tmp_path: Path) -> None:
+    write_reports(run, tmp_path)
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["report.html", "report.md"]
+
+
+def test_the_terminal_table_ends_with_files_and_sentence(run: Run, tmp_path: Path) -> None:
+    write_reports(run, tmp_path)
+    text = summary(run, tmp_path, sentence=True, width=100, colour=False)
+    assert "\x1b" not in text
+    assert re.search(r"heading\.direct\.max +0\.97 +deg +at most 1\.8 +pass", text)
+    assert text.rstrip().endswith(run.verdict.sentence)
+
+
+def test_markup_in_names_does_not_style_the_terminal(hostile: Run, tmp_path: Path) -> None:
+    odd = replace(hostile.measurements[0], name="[red]x[/red]")
+    text = summary(replace(hostile, measurements=(odd,)), tmp_path, sentence=False, width=200, colour=False)
+    assert "[red]x[/red]" in text
+
+
+@pytest.mark.parametrize(
+    ("ends", "ticks"),
+    [((0, 1), (0, 0.2, 0.4, 0.6, 0.8, 1.0)), ((-2.1, 2.1), (-2, -1, 0, 1, 2)), ((0, 36.7), (0, 10, 20, 30))],
+)
+def test_ticks_are_round_numbers(ends: tuple[float, float], ticks: tuple[float, ...]) -> None:
+    assert nice_ticks(*ends) == pytest.approx(ticks)
+
+
+def test_a_figure_maps_its_corners_to_the_frame() -> None:
+    figure = Figure("t", "d", "x", "y", x_range=(0, 360), y_range=(-2, 2), width=640, height=300)
+    assert figure.place(0, 2) == (52, 14)
+    assert figure.place(360, -2) == (626, 260)

@@ -1,0 +1,157 @@
+"""The sentence and the exit code, from records written by hand."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import pytest
+
+from hiltest.measurement import Limit, Measurement, judge
+from hiltest.report.record import Findings, TestResult
+from hiltest.report.verdict import decide, grouped
+
+Make = Callable[..., Findings]
+Heading = Callable[..., list[Measurement]]
+
+
+def test_a_good_run_says_accuracy_cost_and_pass_in_one_sentence(findings: Make, good: list[Measurement]) -> None:
+    verdict = decide(findings(*good), pytest_exit=0)
+    assert verdict.sentence == (
+        "direct: worst heading 0.97 deg over 60 poses for 12 400 cycles; iterative: 0.95 deg for 203 000; "
+        "limit 1.8 deg: PASS. Accuracy ties; direct costs 1/16."
+    )
+    assert (verdict.outcome, verdict.exit_code, verdict.complete) == ("pass", 0, True)
+
+
+def test_the_better_calibrator_is_named_when_accuracy_does_not_tie(findings: Make, heading: Heading) -> None:
+    iterative = heading("iterative", 1.0, limit=2, cycles=24_000)
+    made = findings(*heading("direct", 1.5, limit=1.8, cycles=12_000), *iterative)
+    assert decide(made, pytest_exit=0).sentence.endswith(
+        "limit 1.8 and 2 deg: PASS. iterative is 0.50 deg better; direct costs 1/2."
+    )
+
+
+@pytest.mark.parametrize(
+    ("numbers", "cause"),
+    [
+        ({"maximum": 6.1, "residual": 0.81}, "(good fit, bad heading: residual 0.81 %, noise predicts 0.79 %)"),
+        ({"maximum": 6.1, "residual": 2.4}, "(bad fit: residual 2.40 %, noise predicts 0.79 %)"),
+        ({"maximum": 3.9, "bias": 3.0, "centred": 0.9}, "(constant offset)"),
+    ],
+)
+def test_a_failed_heading_names_its_cause(
+    findings: Make, heading: Heading, numbers: dict[str, float], cause: str
+) -> None:
+    maximum = numbers.pop("maximum")
+    made = findings(
+        *heading("direct", maximum, limit=1.8, cycles=12_400, **numbers), tests=(_test("failed"),), tables=False
+    )
+    verdict = decide(made, pytest_exit=1)
+    assert f"{maximum:.2f} deg for 12 400 {cause}; limit 1.8 deg: FAIL." in verdict.sentence
+    assert "Out of limit" not in verdict.sentence, "the cause already covers this calibrator's measurements"
+    assert verdict.exit_code == 1
+
+
+def test_a_bad_accelerometer_is_named_before_the_fit(findings: Make, heading: Heading) -> None:
+    norm = judge("accelerometer.norm_rms", 40.0, unit="mg", limit=Limit(max=8))
+    made = findings(*heading("direct", 6.1, limit=1.8, cycles=12_400), norm, tests=(_test("failed"),))
+    sentence = decide(made, pytest_exit=1).sentence
+    assert "12 400 cycles (accelerometer); limit 1.8 deg: FAIL." in sentence
+    assert "Out of limit: accelerometer.norm_rms 40 mg (at most 8)." in sentence
+
+
+def test_without_a_declared_mounting_only_centred_values_count(findings: Make, heading: Heading) -> None:
+    made = findings(*heading(
+        "direct", 2.7, limit=1.8, cycles=12_400, bias=1.71, centred=0.95, not_judged="the rig declares no mounting yaw"
+    ))
+    verdict = decide(made, pytest_exit=0)
+    assert verdict.sentence == (
+        "direct: worst heading 0.95 deg about its mean over 60 poses for 12 400 cycles; limit 1.8 deg: NOT JUDGED. "
+        "Only centred values were judged: the rig declares no mounting yaw; mean error 1.71 deg."
+    )
+    assert verdict.exit_code == 22
+
+
+def test_a_centred_error_out_of_limit_fails_even_without_a_mounting(findings: Make, heading: Heading) -> None:
+    made = findings(
+        *heading("direct", 7.4, limit=1.8, cycles=12_400, bias=1.7, centred=6.0, not_judged="no mounting"),
+        tests=(_test("failed"),),
+    )
+    verdict = decide(made, pytest_exit=1)
+    assert "worst heading 6.00 deg about its mean" in verdict.sentence
+    assert "good fit, bad heading" in verdict.sentence
+    assert verdict.exit_code == 1
+
+
+def test_other_measurements_out_of_limit_are_named(findings: Make, good: list[Measurement]) -> None:
+    bad = judge("gyroscope.bias_error", 0.4, unit="dps", limit=Limit(max=0.1), test="t.py::test_rest")
+    verdict = decide(findings(*good, bad, tests=(TestResult("t.py::test_rest", "failed", 1),)), pytest_exit=1)
+    assert verdict.sentence.endswith("FAIL. Out of limit: gyroscope.bias_error 0.4 dps (at most 0.1).")
+
+
+def test_a_heading_that_is_not_a_number_fails_by_name(findings: Make, heading: Heading) -> None:
+    made = findings(*heading("direct", float("nan"), limit=1.8, cycles=12_400), tests=(_test("failed"),))
+    sentence = decide(made, pytest_exit=1).sentence
+    assert "direct: no heading over 60 poses" in sentence
+    assert "heading.direct.max (the value is nan)" in sentence
+
+
+def test_a_test_that_failed_without_a_measurement_is_named(findings: Make, good: list[Measurement]) -> None:
+    failed = TestResult("hil/suites/test_link.py::test_echo", "failed", 1, reason="assert 3 == 4")
+    assert decide(findings(*good, tests=(failed,)), pytest_exit=1).sentence.endswith(
+        "FAIL. Failed: test_link.py::test_echo (assert 3 == 4)."
+    )
+
+
+def test_a_lost_bench_says_what_happened_and_what_is_kept(findings: Make) -> None:
+    lost = TestResult("a", "bench lost", 1, reason="lost /dev/ttyACM0: unplugged.")
+    made = findings(judge("x", 1, unit=""), tests=(lost, TestResult("b", "skipped", 0)))
+    verdict = decide(made, pytest_exit=1)
+    assert verdict.sentence == "BENCH LOST: lost /dev/ttyACM0: unplugged. 1 measurement kept."
+    assert (verdict.exit_code, verdict.complete) == (20, False)
+
+
+@pytest.mark.parametrize(
+    ("outcomes", "pytest_exit", "code", "word"),
+    [
+        (["passed"], 0, 0, "pass"),
+        (["failed", "wrong firmware", "bench lost"], 1, 1, "fail"),
+        (["error", "bench lost"], 1, 1, "fail"),
+        (["wrong firmware", "bench lost"], 1, 23, "wrong firmware"),
+        (["bench lost", "skipped"], 1, 20, "bench lost"),
+        (["failed", "bench lost"], 2, 2, "interrupted"),
+        (["bench lost"], 3, 3, "internal error"),
+        ([], 4, 4, "usage error"),
+        ([], 5, 5, "no tests"),
+        (["passed"], 6, 6, "exit code 6"),
+    ],
+)
+def test_exit_codes_in_their_order(
+    findings: Make, outcomes: list[str], pytest_exit: int, code: int, word: str
+) -> None:
+    made = findings(tests=tuple(TestResult(str(k), outcome, 0, reason="why") for k, outcome in enumerate(outcomes)))
+    if not outcomes:
+        made.tests.clear()
+    verdict = decide(made, pytest_exit=pytest_exit)
+    assert (verdict.exit_code, verdict.outcome) == (code, word)
+
+
+def test_an_unset_measurement_gates_only_where_nothing_is_worse(findings: Make, good: list[Measurement]) -> None:
+    unset = judge("x", 1.0, unit="deg", limit=Limit(max=2), not_judged="no reference")
+    assert decide(findings(*good, unset), pytest_exit=0).exit_code == 22
+    assert decide(findings(*good, unset, tests=(_test("failed"),)), pytest_exit=1).exit_code == 1
+
+
+def test_the_order_of_measurements_does_not_change_the_sentence(findings: Make, good: list[Measurement]) -> None:
+    forward = decide(findings(*good), pytest_exit=0)
+    assert decide(findings(*reversed(good)), pytest_exit=0) == forward
+    assert dataclasses.replace(forward) == forward
+
+
+def test_thousands_are_apart() -> None:
+    assert [grouped(value) for value in (0, 999, 12_400, 1_234_567)] == ["0", "999", "12 400", "1 234 567"]
+
+
+def _test(outcome: str) -> TestResult:
+    return TestResult("hil/suites/test_heading.py::test_heading", outcome, 1.0)
