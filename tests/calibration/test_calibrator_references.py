@@ -1,0 +1,139 @@
+"""The float64 calibrators: exact on exact data, and honest about data that determine nothing."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hiltest.calibration import REFERENCES, FitStatus, fit_direct, fit_iterative, fit_sphere, reference
+from hiltest.calibration.quality import direction_difference_rms_deg, sphere_directions
+from hiltest.errors import ConfigError
+from hiltest.world.instances import instance
+
+CLOUDS = sorted((Path(__file__).parents[2] / "fixtures" / "clouds").glob("*.json"))
+# Noiseless float64 points: the error is rounding (2e-16) times the condition of the normal equations (below 1e4 here).
+EXACT = 1e-10
+
+_angle = st.floats(0.0, 6.28)
+_eigenvalues = st.tuples(*[st.floats(0.5, 1.5)] * 3)
+_offset = st.tuples(*[st.floats(-5000.0, 5000.0)] * 3)
+
+
+def _rotation(about_z: float, about_x: float) -> np.ndarray:
+    c, s, d, t = np.cos(about_z), np.sin(about_z), np.cos(about_x), np.sin(about_x)
+    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ np.array([[1, 0, 0], [0, d, -t], [0, t, d]])
+
+
+@pytest.mark.parametrize("name", REFERENCES)
+@given(eigenvalues=_eigenvalues, offset=_offset, about_z=_angle, about_x=_angle)
+def test_noiseless_ellipsoids_are_found_exactly(
+    name: str, eigenvalues: tuple[float, ...], offset: tuple[float, ...], about_z: float, about_x: float
+) -> None:
+    axes = _rotation(about_z, about_x)
+    distortion = (axes * eigenvalues) @ axes.T
+    points = 500.0 * sphere_directions(40) @ distortion + offset
+    fit = reference(name)(points)
+    assert fit.status is FitStatus.ELLIPSOID
+    assert np.allclose(fit.soft_iron @ distortion * 500.0, np.eye(3), atol=EXACT)
+    assert np.allclose(fit.hard_iron, offset, atol=EXACT * 500.0)
+
+
+def test_an_ellipsoid_along_the_axes_is_found_as_derived_by_hand() -> None:
+    """x = 10 +- 200, y = -20 +- 100, z = 30 +- 50: C = diag(1/200, 1/100, 1/50)."""
+    diagonals = [(s, t, u) for s in (-0.6, 0.6) for t in (-0.64, 0.64) for u in (-0.48, 0.48)]
+    unit = [*diagonals, (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]
+    points = np.array(unit) * (200.0, 100.0, 50.0) + (10.0, -20.0, 30.0)
+    for fit in (fit_direct(points), fit_iterative(points)):
+        assert np.allclose(fit.soft_iron, np.diag([0.005, 0.01, 0.02]), atol=0.02 * EXACT)
+        assert np.allclose(fit.hard_iron, (10.0, -20.0, 30.0), atol=200.0 * EXACT)
+        assert np.allclose(fit.corrected(points), unit, atol=EXACT)
+
+
+@pytest.mark.parametrize("cloud", CLOUDS, ids=lambda path: path.stem)
+def test_direct_matches_exact_arithmetic(cloud: Path) -> None:
+    golden = json.loads(cloud.read_text())
+    fit, wanted = fit_direct(golden["points"]), golden["direct"]
+    assert fit.status.name == wanted["status"]
+    assert fit.is_sphere == wanted["is_sphere"]
+    soft_iron = np.array(wanted["soft_iron"]).reshape(3, 3)
+    assert np.allclose(fit.soft_iron, soft_iron, rtol=0, atol=EXACT * soft_iron.max())
+    assert np.allclose(fit.hard_iron, wanted["hard_iron"], rtol=0, atol=EXACT / soft_iron[0, 0])
+    if wanted["coverage"] is not None:
+        assert fit.coverage == pytest.approx(wanted["coverage"], rel=1e-9)
+
+
+@given(seed=st.integers(0, 10_000), about_z=_angle, about_x=_angle, offset=_offset)
+def test_direct_follows_a_rotation_and_a_shift_of_the_points(
+    seed: int, about_z: float, about_x: float, offset: tuple[float, ...]
+) -> None:
+    """The unit-trace fit is Euclidean-invariant: C -> R C R', o -> R o + shift."""
+    points = instance(seed, covered=(0.9, 1.0)).points_counts.astype(float)
+    turn = _rotation(about_z, about_x)
+    fit, moved = fit_direct(points), fit_direct(points @ turn.T + offset)
+    assert np.allclose(moved.soft_iron, turn @ fit.soft_iron @ turn.T, rtol=0, atol=EXACT)
+    # Counts reach 10 000 here, so float64 holds the points only to 2e-12 of them.
+    assert np.allclose(moved.hard_iron, turn @ fit.hard_iron + offset, rtol=0, atol=1e-6)
+
+
+@given(seed=st.integers(0, 10_000))
+def test_the_order_of_points_does_not_matter(seed: int) -> None:
+    points = instance(seed, covered=(0.9, 1.0)).points_counts
+    for fit in REFERENCES.values():
+        assert direction_difference_rms_deg(fit(points), fit(points[::-1])) < 1e-6
+
+
+def test_coverage_falls_as_less_of_the_sphere_is_covered() -> None:
+    ratios = [
+        np.median([fit_direct(instance(seed, covered=(part, part), stretch=0.0).points_counts).coverage
+                   for seed in range(20)])
+        for part in (1.0, 0.75, 0.5, 0.3, 0.2)
+    ]  # fmt: skip
+    assert ratios == sorted(ratios)
+    assert ratios[0] < 2.0
+    assert ratios[-1] > 30.0
+
+
+def test_direct_returns_the_flagged_sphere_when_coverage_is_poor() -> None:
+    points = instance(1, covered=(0.1, 0.1)).points_counts
+    fit = fit_direct(points)
+    assert fit.status is FitStatus.POOR_COVERAGE
+    assert fit.is_sphere
+    assert np.array_equal(fit.soft_iron, fit_sphere(points).soft_iron)
+
+
+def test_a_hyperboloid_is_refused_by_both() -> None:
+    golden = json.loads((CLOUDS[0].parent / "hyperboloid.json").read_text())
+    for fit in (fit_direct(golden["points"]), fit_iterative(golden["points"])):
+        assert fit.status is FitStatus.NOT_AN_ELLIPSOID
+        assert fit.is_sphere
+
+
+def test_a_sphere_is_found_from_four_points() -> None:
+    """Four points on the sphere of radius 100 about (1, 2, 3)."""
+    fit = fit_sphere([(101, 2, 3), (1, 102, 3), (1, 2, 103), (1, 2, -97)])
+    assert np.allclose(fit.hard_iron, (1, 2, 3), atol=100 * EXACT)
+    assert np.allclose(fit.soft_iron, np.eye(3) / 100, atol=EXACT)
+
+
+def test_fewer_points_than_unknowns_are_refused() -> None:
+    nine = 100 * sphere_directions(9)
+    assert fit_direct(nine[:8]).status is FitStatus.TOO_FEW_POINTS
+    assert fit_iterative(nine[:8]).status is FitStatus.TOO_FEW_POINTS
+    assert fit_sphere(nine[:3]).status is FitStatus.TOO_FEW_POINTS
+    assert not fit_direct(nine[:8]).has_fit
+
+
+@pytest.mark.parametrize("points", [[(1.0, 2.0)], [(1.0, np.nan, 2.0)] * 9], ids=["two columns", "not a number"])
+def test_what_is_not_a_list_of_points_is_an_error(points: list[tuple[float, ...]]) -> None:
+    with pytest.raises(ValueError, match="points"):
+        fit_direct(points)
+
+
+def test_an_unknown_calibrator_names_the_known_ones() -> None:
+    with pytest.raises(ConfigError, match="direct, iterative"):
+        reference("magic")
