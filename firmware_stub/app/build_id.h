@@ -1,0 +1,11 @@
+/**
+ * @file build_id.h
+ * @brief What this firmware was built from.
+ */
+#ifndef HILTEST_BUILD_ID_H
+#define HILTEST_BUILD_ID_H
+
+/** First 16 hexadecimal digits of the SHA-256 over all sources and build files. */
+extern const char build_id[];
+
+#endif

@@ -1,0 +1,114 @@
+/**
+ * @file calibration_commands.c
+ * @brief CALIBRATE, SET_CALIBRATION, GET_CALIBRATION and CLEAR_CALIBRATION.
+ */
+#include <math.h>
+#include <string.h>
+
+#include "calibration_slots.h"
+#include "command.h"
+#include "points_buffer.h"
+#include "timed_run.h"
+
+#define FIT_FLAG_SPHERE 0x01u
+
+static const calibrator_entry_t *find_calibrator(const char *name, uint8_t length)
+{
+    for (uint8_t i = 0; i < calibrator_count; i++) {
+        if (strlen(calibrators[i].name) == length && memcmp(calibrators[i].name, name, length) == 0) {
+            return &calibrators[i];
+        }
+    }
+    return NULL;
+}
+
+static void write_fit(payload_writer_t *reply, const magnetometer_fit_t *fit)
+{
+    write_u8(reply, (uint8_t)fit->status);
+    write_u8(reply, fit->is_sphere != 0u ? FIT_FLAG_SPHERE : 0u);
+    write_u16(reply, fit->iterations);
+    write_f32_array(reply, fit->soft_iron, 9);
+    write_f32_array(reply, fit->hard_iron, 3);
+    write_f32(reply, fit->coverage);
+}
+
+status_t command_calibrate(payload_reader_t *request, payload_writer_t *reply)
+{
+    const uint16_t count = read_u16(request);
+    uint8_t name_length = 0;
+    const char *name = read_string(request, &name_length);
+    if (!reader_is_exhausted(request)) {
+        return STATUS_BAD_LENGTH;
+    }
+    const calibrator_entry_t *calibrator = find_calibrator(name, name_length);
+    if (calibrator == NULL) {
+        return STATUS_UNKNOWN_CALIBRATOR;
+    }
+    if (count == 0u) {
+        return STATUS_BAD_ARGUMENT;
+    }
+    if (count > points_count()) {
+        return STATUS_TOO_FEW_POINTS;
+    }
+    const magnetometer_points_t points = points_first(count);
+    magnetometer_fit_t fit = {.status = FIT_SINGULAR};
+    const run_cost_t cost = timed_run(calibrator->run, &points, &fit);
+    write_fit(reply, &fit);
+    write_u32(reply, cost.cycles);
+    write_u32(reply, cost.overhead_cycles);
+    return timed_run_has_counter() ? STATUS_OK : STATUS_NO_CYCLE_COUNTER;
+}
+
+static bool all_finite(const float *values, size_t count)
+{
+    for (size_t i = 0; i < count; i++) {
+        if (!isfinite(values[i])) {
+            return false;
+        }
+    }
+    return true;
+}
+
+status_t command_set_calibration(payload_reader_t *request, payload_writer_t *reply)
+{
+    (void)reply;
+    const uint8_t slot = read_u8(request);
+    calibration_t calibration;
+    for (size_t i = 0; i < 9u; i++) {
+        calibration.soft_iron[i] = read_f32(request);
+    }
+    for (size_t i = 0; i < 3u; i++) {
+        calibration.hard_iron[i] = read_f32(request);
+    }
+    if (slot >= SLOT_COUNT || !all_finite(calibration.soft_iron, 9) || !all_finite(calibration.hard_iron, 3)) {
+        return STATUS_BAD_ARGUMENT;
+    }
+    slot_set(slot, &calibration);
+    return STATUS_OK;
+}
+
+status_t command_get_calibration(payload_reader_t *request, payload_writer_t *reply)
+{
+    const uint8_t slot = read_u8(request);
+    if (slot >= SLOT_COUNT) {
+        return STATUS_BAD_ARGUMENT;
+    }
+    const calibration_t *calibration = slot_get(slot);
+    if (calibration == NULL) {
+        return STATUS_NO_CALIBRATION;
+    }
+    write_f32_array(reply, calibration->soft_iron, 9);
+    write_f32_array(reply, calibration->hard_iron, 3);
+    return STATUS_OK;
+}
+
+status_t command_clear_calibration(payload_reader_t *request, payload_writer_t *reply)
+{
+    (void)reply;
+    const uint8_t slot = read_u8(request);
+    if (slot >= SLOT_COUNT) {
+        return STATUS_BAD_ARGUMENT;
+    }
+    slot_clear(slot);
+    return STATUS_OK;
+}

@@ -1,0 +1,32 @@
+#include "command.h"
+
+/** One line a command: type, handler, shortest and longest payload of the request. */
+static const command_t commands[] = {
+    {0x01, command_sync, 4, 4},
+    {0x02, command_identity, 0, 0},
+    {0x03, command_sensors, 0, 0},
+    {0x04, command_select, 1, 1},
+    {0x05, command_read, 6, 6},
+    {0x06, command_collect, 6, 6},
+    {0x07, command_upload, 3, 3 + 160 * 6},
+    {0x08, command_points, 3, 3},
+    {0x09, command_clear_points, 0, 0},
+    {0x0A, command_calibrate, 3, 3 + 255},
+    {0x0B, command_set_calibration, 49, 49},
+    {0x0C, command_get_calibration, 1, 1},
+    {0x0D, command_clear_calibration, 1, 1},
+    {0x0E, command_average, 7, 7},
+    {0x0F, command_gyroscope_rest, 7, 7},
+    {0x10, command_link_statistics, 0, 0},
+    {0x11, command_reset, 0, 0},
+};
+
+const command_t *command_find(uint8_t type)
+{
+    for (size_t i = 0; i < sizeof commands / sizeof commands[0]; i++) {
+        if (commands[i].type == type) {
+            return &commands[i];
+        }
+    }
+    return NULL;
+}

@@ -1,0 +1,123 @@
+/**
+ * @file point_commands.c
+ * @brief COLLECT, UPLOAD, POINTS and CLEAR_POINTS.
+ */
+#include "boards/time_base.h"
+#include "command.h"
+#include "points_buffer.h"
+#include "sensor_set.h"
+#include "sensors/sampler.h"
+
+#define POINT_BYTES 6u
+#define UPLOAD_MAXIMUM 160u
+#define POINTS_REPLY_MAXIMUM 80u
+
+/** Store one new magnetometer sample and the accelerometer's latest, which is at most one of its periods older. */
+static sensor_status_t collect_point(sampler_t *magnetometer, const sensor_t *accelerometer, uint64_t deadline_us)
+{
+    sample_t sample;
+    sensor_status_t status = sampler_next(magnetometer, &sample, deadline_us);
+    if (status != SENSOR_OK) {
+        return status;
+    }
+    int16_t gravity[3];
+    status = sensor_read_latest(accelerometer, gravity);
+    if (status == SENSOR_OK) {
+        (void)points_store(sample.body, gravity); /* room was checked before the first point */
+    }
+    return status;
+}
+
+static sensor_status_t collect(sampler_t *magnetometer, const sensor_t *accelerometer, uint16_t count, uint64_t deadline_us)
+{
+    sampler_t first;
+    sample_t dropped;
+    sensor_status_t status = sampler_start(&first, accelerometer);
+    if (status == SENSOR_OK) {
+        status = sampler_next(&first, &dropped, deadline_us); /* from here on its registers hold a sample of now */
+    }
+    if (status == SENSOR_OK) {
+        status = sampler_start(magnetometer, magnetometer->sensor);
+    }
+    for (uint16_t i = 0; i < count && status == SENSOR_OK; i++) {
+        status = collect_point(magnetometer, accelerometer, deadline_us);
+    }
+    return status;
+}
+
+status_t command_collect(payload_reader_t *request, payload_writer_t *reply)
+{
+    const uint16_t count = read_u16(request);
+    const uint32_t timeout_us = read_u32(request);
+    if (count == 0u || count > POINTS_MAXIMUM || timeout_us > TIMEOUT_MAXIMUM_US) {
+        return STATUS_BAD_ARGUMENT;
+    }
+    if (count > POINTS_MAXIMUM - points_count()) {
+        return STATUS_BUFFER_FULL;
+    }
+    sampler_t magnetometer = {.sensor = sensor_set_selected(SENSOR_MAGNETOMETER)};
+    const sensor_t *accelerometer = sensor_set_selected(SENSOR_ACCELEROMETER);
+    if (magnetometer.sensor == NULL || accelerometer == NULL) {
+        return STATUS_SENSOR_ABSENT;
+    }
+    const sensor_status_t status = collect(&magnetometer, accelerometer, count, time_us() + timeout_us);
+    if (status != SENSOR_OK) {
+        return status_of_sensor(status);
+    }
+    const magnetometer_points_t points = points_first(points_count());
+    write_u16(reply, points_count());
+    write_vector_i16(reply, points.minimum);
+    write_vector_i16(reply, points.maximum);
+    write_u16(reply, magnetometer.overruns);
+    return STATUS_OK;
+}
+
+status_t command_upload(payload_reader_t *request, payload_writer_t *reply)
+{
+    static const int16_t no_accelerometer[3] = {0, 0, 0};
+    const uint16_t first = read_u16(request);
+    const uint8_t count = read_u8(request);
+    if (request->length - request->position != (size_t)count * POINT_BYTES) {
+        return STATUS_BAD_LENGTH;
+    }
+    if (first != points_count() || count > UPLOAD_MAXIMUM) {
+        return STATUS_BAD_ARGUMENT;
+    }
+    if (count > POINTS_MAXIMUM - points_count()) {
+        return STATUS_BUFFER_FULL;
+    }
+    for (uint8_t i = 0; i < count; i++) {
+        int16_t point[3];
+        for (uint32_t axis = 0; axis < 3u; axis++) {
+            point[axis] = read_i16(request);
+        }
+        (void)points_store(point, no_accelerometer); /* room was checked */
+    }
+    write_u16(reply, points_count());
+    return STATUS_OK;
+}
+
+status_t command_points(payload_reader_t *request, payload_writer_t *reply)
+{
+    const uint16_t first = read_u16(request);
+    const uint8_t wanted = read_u8(request);
+    if (wanted > POINTS_REPLY_MAXIMUM || first > points_count()) {
+        return STATUS_BAD_ARGUMENT;
+    }
+    const uint16_t stored = (uint16_t)(points_count() - first);
+    const uint8_t count = wanted < stored ? wanted : (uint8_t)stored;
+    write_u8(reply, count);
+    for (uint16_t i = first; i < first + count; i++) {
+        write_vector_i16(reply, points_magnetometer(i));
+        write_vector_i16(reply, points_accelerometer(i));
+    }
+    return STATUS_OK;
+}
+
+status_t command_clear_points(payload_reader_t *request, payload_writer_t *reply)
+{
+    (void)request;
+    (void)reply;
+    points_clear();
+    return STATUS_OK;
+}

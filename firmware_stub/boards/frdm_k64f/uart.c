@@ -1,0 +1,172 @@
+/**
+ * @file uart.c
+ * @brief UART0 on PTB16/PTB17, the virtual COM port of the on-board debugger: 115200 baud, 8 data bits, no parity.
+ *
+ * Both directions use the 8-byte FIFOs by interrupt. Received bytes are taken out at 4 in the FIFO, and when the line falls
+ * idle, for the tail of a frame.
+ */
+#include "boards/uart.h"
+
+#include "board_parts.h"
+#include "registers.h"
+#include "boards/time_base.h"
+
+#define FIFO_BYTES 8u       /* UART0 and UART1 of the K64; the others have 1 */
+#define RECEIVE_WATERMARK 4u /* leaves 4 byte times, 347 us, to come and take them */
+#define BYTE_TIME_US 87u    /* 10 bits at 115200 baud */
+
+/* 120 MHz / (16 * (65 + 3/32)) = 115218 baud, +0.02 % */
+#define BAUD_DIVISOR 65u
+#define BAUD_FRACTION_32THS 3u
+
+#define C2_RECEIVING (UART0_C2_TE | UART0_C2_RE | UART0_C2_RIE | UART0_C2_ILIE)
+
+/* Holds the longest frame (2066 bytes with every byte escaped), so one that comes while a command runs is not lost. */
+#define RECEIVE_BUFFER_BYTES 4096u
+
+static struct {
+    uint8_t bytes[RECEIVE_BUFFER_BYTES];
+    volatile uint32_t written; /* by the interrupt; both count on and wrap at 2^32 */
+    volatile uint32_t taken;   /* by uart_read() */
+    volatile uint32_t overruns;
+} receiver;
+
+static struct {
+    const uint8_t *next;
+    volatile size_t left;
+} transmitter;
+
+void UART0_Handler(void);
+
+void uart_start(void)
+{
+    SIM_SCGC4 |= SIM_SCGC4_UART0;
+    PORTB_PCR(16u) = PORT_PCR_MUX(3);
+    PORTB_PCR(17u) = PORT_PCR_MUX(3);
+
+    UART0_C2 = 0u; /* FIFOs may change only while both directions are off */
+    UART0_BDH = 0u;
+    UART0_BDL = BAUD_DIVISOR;
+    UART0_C4 = BAUD_FRACTION_32THS;
+    UART0_C1 = UART0_C1_IDLE_AFTER_STOP; /* trailing one bits of the last byte are not idle time */
+    UART0_PFIFO = UART0_PFIFO_TXFE | UART0_PFIFO_RXFE;
+    UART0_CFIFO = UART0_CFIFO_TXFLUSH | UART0_CFIFO_RXFLUSH;
+    UART0_TWFIFO = 0u; /* refill when empty: the shift register still has a byte to send */
+    UART0_RWFIFO = RECEIVE_WATERMARK;
+    UART0_C3 = UART0_C3_ORIE | UART0_C3_FEIE;
+    UART0_C2 = C2_RECEIVING;
+    interrupt_enable(IRQ_UART0_STATUS);
+    interrupt_enable(IRQ_UART0_ERROR);
+}
+
+static void keep(uint8_t byte)
+{
+    if (receiver.written - receiver.taken < RECEIVE_BUFFER_BYTES) {
+        receiver.bytes[receiver.written % RECEIVE_BUFFER_BYTES] = byte;
+        receiver.written++;
+    } else {
+        receiver.overruns++;
+    }
+}
+
+/** Empty the receive FIFO. Reading S1 and then the last byte clears RDRF, IDLE, OR and FE. */
+static void receive(uint8_t status)
+{
+    if ((status & (UART0_S1_OR | UART0_S1_FE)) != 0u) {
+        receiver.overruns++;
+    }
+    const uint8_t waiting = UART0_RCFIFO;
+    if (waiting == 0u) {
+        /* Idle just after the FIFO was emptied. Only a read of D clears the flag; of an empty FIFO that is an underflow, which
+         * leaves the FIFO's pointers apart until it is flushed. No byte can be lost: the line is idle. */
+        (void)UART0_D;
+        UART0_CFIFO = UART0_CFIFO_RXFLUSH;
+        UART0_SFIFO = UART0_SFIFO_RXUF | UART0_SFIFO_RXOF;
+        return;
+    }
+    for (uint8_t left = waiting; left > 1u; left--) {
+        keep(UART0_D);
+    }
+    (void)UART0_S1;
+    keep(UART0_D);
+}
+
+/** Fill the transmit FIFO; the read of S1 before the last byte clears TDRE. */
+static void transmit(void)
+{
+    size_t room = FIFO_BYTES - UART0_TCFIFO;
+    while (room > 0u && transmitter.left > 0u) {
+        if (room == 1u || transmitter.left == 1u) {
+            (void)UART0_S1;
+        }
+        UART0_D = *transmitter.next++;
+        transmitter.left--;
+        room--;
+    }
+    if (transmitter.left == 0u) {
+        UART0_C2 = C2_RECEIVING;
+    }
+}
+
+void UART0_Handler(void)
+{
+    const uint8_t status = UART0_S1;
+    if ((status & (UART0_S1_RDRF | UART0_S1_IDLE | UART0_S1_OR | UART0_S1_FE)) != 0u) {
+        receive(status);
+    }
+    if ((status & UART0_S1_TDRE) != 0u && transmitter.left > 0u) {
+        transmit();
+    }
+}
+
+size_t uart_read(uint8_t *bytes, size_t capacity)
+{
+    size_t count = 0;
+    while (count < capacity && receiver.taken != receiver.written) {
+        bytes[count++] = receiver.bytes[receiver.taken % RECEIVE_BUFFER_BYTES];
+        receiver.taken++;
+    }
+    return count;
+}
+
+static bool bytes_wait(const void *context)
+{
+    (void)context;
+    return receiver.taken != receiver.written;
+}
+
+bool uart_wait_for_bytes(uint64_t deadline_us)
+{
+    return wait_until(bytes_wait, (const void *)0, deadline_us);
+}
+
+void uart_send(const uint8_t *bytes, size_t count)
+{
+    if (count == 0u) {
+        return; /* an interrupt with nothing to send would come for ever */
+    }
+    transmitter.next = bytes;
+    transmitter.left = count;
+    UART0_C2 = C2_RECEIVING | UART0_C2_TIE; /* TDRE is set, so the interrupt comes now and sends the first bytes */
+}
+
+static bool all_handed_over(const void *context)
+{
+    (void)context;
+    return transmitter.left == 0u;
+}
+
+bool uart_wait_until_sent(uint64_t deadline_us)
+{
+    return wait_until(all_handed_over, (const void *)0, deadline_us);
+}
+
+uint32_t uart_drain_us(void)
+{
+    return (FIFO_BYTES + 1u) * BYTE_TIME_US;
+}
+
+uint32_t uart_overruns(void)
+{
+    return receiver.overruns;
+}

@@ -1,0 +1,119 @@
+#!/usr/bin/env python3
+"""Build the firmware and put the ELF, with a manifest of what it was built from, where the package ships it.
+
+    python firmware_stub/build.py              build, check, and replace the shipped ELF
+    python firmware_stub/build.py --out DIR    the same into another folder
+
+Needs arm-none-eabi-gcc, newlib for it, CMake, and ninja or make. The same sources give the same loadable bytes from any folder.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+FIRMWARE = Path(__file__).resolve().parent
+REPOSITORY = FIRMWARE.parent
+SHIPPED = REPOSITORY / "src" / "hiltest" / "firmware"
+NAME = "hiltest-frdm-k64f"
+SOURCE_SUFFIXES = {".c", ".h", ".S", ".ld", ".cmake", ".txt"}
+COMPILER = "arm-none-eabi-gcc"
+
+
+def source_files(root: Path = FIRMWARE) -> list[Path]:
+    """List every file that decides what is built, in a fixed order."""
+    files = (path for path in root.rglob("*") if path.is_file() and path.suffix in SOURCE_SUFFIXES)
+    return sorted(files, key=lambda path: path.relative_to(root).as_posix())
+
+
+def source_hash(root: Path = FIRMWARE) -> str:
+    """Hash names and contents of all sources; compiler flags are among them, in the CMake files."""
+    digest = hashlib.sha256()
+    for path in source_files(root):
+        content = path.read_bytes()
+        digest.update(f"{path.relative_to(root).as_posix()}\0{len(content)}\0".encode())
+        digest.update(content)
+    return digest.hexdigest()
+
+
+def require(*tools: str) -> None:
+    """Stop with the way out when a tool is missing."""
+    missing = [tool for tool in tools if shutil.which(tool) is None]
+    if missing:
+        sys.exit(f"missing: {', '.join(missing)}. On Debian: apt install gcc-arm-none-eabi libnewlib-arm-none-eabi cmake ninja-build")
+
+
+def run(*command: str | Path) -> str:
+    """Run a command; stop with its output when it fails."""
+    done = subprocess.run([str(part) for part in command], capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        sys.exit(f"{command[0]} failed:\n{done.stdout}{done.stderr}")
+    return done.stdout
+
+
+def compile_firmware(build: Path, digest: str, *, source: Path = FIRMWARE) -> Path:
+    """Configure and build in an empty folder; return the ELF."""
+    shutil.rmtree(build, ignore_errors=True)
+    generator = "Ninja" if shutil.which("ninja") else "Unix Makefiles"
+    toolchain = source / "cmake" / "arm-none-eabi.cmake"
+    run("cmake", "-G", generator, "-S", source, "-B", build, f"-DCMAKE_TOOLCHAIN_FILE={toolchain}",
+        f"-DHILTEST_BUILD_ID={digest[:16]}", "-DCMAKE_EXPORT_COMPILE_COMMANDS=ON")  # fmt: skip
+    run("cmake", "--build", build)
+    return build / f"{NAME}.elf"
+
+
+def section_sizes(elf: Path) -> dict[str, int]:
+    """Sizes [bytes] of the sections that occupy memory, without the stack, which takes what is left."""
+    listing = run("arm-none-eabi-size", "-A", elf)
+    wanted = (".vectors", ".flash_config", ".text", ".ARM.exidx", ".fast_code", ".data", ".bss", ".noinit")
+    found = dict(re.findall(r"^(\.\S+)\s+(\d+)", listing, re.MULTILINE))
+    return {name: int(found[name]) for name in wanted if name in found}
+
+
+def compile_flags(build: Path, source: Path) -> str:
+    """The flags of an ordinary source file, without folders and without what belongs to the file."""
+    commands = json.loads((build / "compile_commands.json").read_text())
+    command = next(entry["command"] for entry in commands if entry["file"].endswith("app/server.c"))
+    flags = command.split()[1:]
+    kept = [flag for flag in flags[: flags.index("-o")] if str(source) not in flag and str(build) not in flag]
+    return " ".join(kept)
+
+
+def manifest(elf: Path, build: Path, digest: str, source: Path) -> dict[str, object]:
+    """Say what was built from what, with what."""
+    return {
+        "schema": "hiltest.firmware/1",
+        "elf": elf.name,
+        "elf_sha256": hashlib.sha256(elf.read_bytes()).hexdigest(),
+        "build_id": digest[:16],
+        "source_sha256": digest,
+        "compiler": run(COMPILER, "--version").splitlines()[0],
+        "flags": compile_flags(build, source),
+        "section_bytes": section_sizes(elf),
+    }
+
+
+def main() -> None:
+    """Build and install."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=SHIPPED, help="folder for the ELF and manifest.json")
+    parser.add_argument("--build", type=Path, default=REPOSITORY / "build" / "firmware", help="folder to build in; emptied")
+    arguments = parser.parse_args()
+    require(COMPILER, "cmake")
+    digest = source_hash()
+    built = compile_firmware(arguments.build.resolve(), digest)
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    elf = Path(shutil.copyfile(built, arguments.out / built.name))
+    facts = manifest(elf, arguments.build.resolve(), digest, FIRMWARE)
+    (arguments.out / "manifest.json").write_text(json.dumps(facts, indent=2) + "\n")
+    print(f"{elf}: build {facts['build_id']}, {facts['section_bytes']}")
+
+
+if __name__ == "__main__":
+    main()

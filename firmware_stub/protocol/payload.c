@@ -1,0 +1,138 @@
+#include "payload.h"
+
+#include <string.h>
+
+static uint64_t read_unsigned(payload_reader_t *reader, size_t size)
+{
+    if (reader->failed || reader->length - reader->position < size) {
+        reader->failed = true;
+        return 0;
+    }
+    uint64_t value = 0;
+    for (size_t i = size; i > 0u; i--) {
+        value = value << 8 | reader->bytes[reader->position + i - 1u];
+    }
+    reader->position += size;
+    return value;
+}
+
+uint8_t read_u8(payload_reader_t *reader)
+{
+    return (uint8_t)read_unsigned(reader, 1);
+}
+
+uint16_t read_u16(payload_reader_t *reader)
+{
+    return (uint16_t)read_unsigned(reader, 2);
+}
+
+uint32_t read_u32(payload_reader_t *reader)
+{
+    return (uint32_t)read_unsigned(reader, 4);
+}
+
+int16_t read_i16(payload_reader_t *reader)
+{
+    return (int16_t)read_u16(reader);
+}
+
+float read_f32(payload_reader_t *reader)
+{
+    const uint32_t bits = read_u32(reader);
+    float value;
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+const char *read_string(payload_reader_t *reader, uint8_t *length)
+{
+    *length = read_u8(reader);
+    if (reader->failed || reader->length - reader->position < *length) {
+        reader->failed = true;
+        *length = 0;
+        return "";
+    }
+    const char *text = (const char *)&reader->bytes[reader->position];
+    reader->position += *length;
+    return text;
+}
+
+bool reader_is_exhausted(const payload_reader_t *reader)
+{
+    return !reader->failed && reader->position == reader->length;
+}
+
+static void write_unsigned(payload_writer_t *writer, uint64_t value, size_t size)
+{
+    if (writer->failed || writer->capacity - writer->length < size) {
+        writer->failed = true;
+        return;
+    }
+    for (size_t i = 0; i < size; i++) {
+        writer->bytes[writer->length++] = (uint8_t)(value >> (8u * i));
+    }
+}
+
+void write_u8(payload_writer_t *writer, uint8_t value)
+{
+    write_unsigned(writer, value, 1);
+}
+
+void write_u16(payload_writer_t *writer, uint16_t value)
+{
+    write_unsigned(writer, value, 2);
+}
+
+void write_u32(payload_writer_t *writer, uint32_t value)
+{
+    write_unsigned(writer, value, 4);
+}
+
+void write_u64(payload_writer_t *writer, uint64_t value)
+{
+    write_unsigned(writer, value, 8);
+}
+
+void write_i8(payload_writer_t *writer, int8_t value)
+{
+    write_u8(writer, (uint8_t)value);
+}
+
+void write_i16(payload_writer_t *writer, int16_t value)
+{
+    write_u16(writer, (uint16_t)value);
+}
+
+void write_f32(payload_writer_t *writer, float value)
+{
+    uint32_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    write_u32(writer, bits);
+}
+
+void write_vector_i16(payload_writer_t *writer, const int16_t vector[3])
+{
+    for (size_t axis = 0; axis < 3u; axis++) {
+        write_i16(writer, vector[axis]);
+    }
+}
+
+void write_f32_array(payload_writer_t *writer, const float *values, size_t count)
+{
+    for (size_t i = 0; i < count; i++) {
+        write_f32(writer, values[i]);
+    }
+}
+
+void write_string(payload_writer_t *writer, const char *text)
+{
+    const size_t length = strlen(text);
+    if (length > UINT8_MAX) {
+        writer->failed = true;
+        return;
+    }
+    write_u8(writer, (uint8_t)length);
+    for (size_t i = 0; i < length; i++) {
+        write_u8(writer, (uint8_t)text[i]);
+    }
+}

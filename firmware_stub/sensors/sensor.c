@@ -1,0 +1,104 @@
+#include "sensor.h"
+
+#include "boards/i2c.h"
+#include "boards/time_base.h"
+
+#define STATUS_XYZ_READY 0x08u
+#define STATUS_XYZ_OVERWRITTEN 0x80u
+#define BURST_BYTES 7u /* status, then x, y, z */
+
+static sensor_status_t from_bus(i2c_status_t status)
+{
+    switch (status) {
+    case I2C_OK:
+        return SENSOR_OK;
+    case I2C_NO_ACKNOWLEDGE:
+        return SENSOR_ABSENT;
+    default:
+        return SENSOR_BUS_ERROR;
+    }
+}
+
+static sensor_status_t read_registers(const sensor_t *sensor, uint8_t first, uint8_t *bytes, uint8_t count)
+{
+    return from_bus(i2c_read(sensor->bus, sensor->address, first, bytes, count));
+}
+
+static int16_t big_endian(const uint8_t bytes[2])
+{
+    return (int16_t)(uint16_t)(bytes[0] << 8 | bytes[1]);
+}
+
+/** Status, x, y and z in one burst; the axes leave in the body frame. */
+static sensor_status_t read_burst(const sensor_t *sensor, uint8_t *flags, int16_t body[3])
+{
+    uint8_t bytes[BURST_BYTES];
+    const sensor_status_t status = read_registers(sensor, sensor->driver->status_register, bytes, BURST_BYTES);
+    if (status != SENSOR_OK) {
+        return status;
+    }
+    const int16_t axes[3] = {big_endian(&bytes[1]), big_endian(&bytes[3]), big_endian(&bytes[5])};
+    *flags = bytes[0];
+    sensor->driver->to_body(axes, body);
+    return SENSOR_OK;
+}
+
+sensor_status_t sensor_probe(const sensor_t *sensor, uint8_t *seen)
+{
+    *seen = 0;
+    const sensor_status_t status = read_registers(sensor, sensor->driver->who_am_i_register, seen, 1);
+    if (status != SENSOR_OK) {
+        *seen = 0;
+        return status;
+    }
+    return *seen == sensor->driver->who_am_i ? SENSOR_OK : SENSOR_ABSENT;
+}
+
+sensor_status_t sensor_configure(const sensor_t *sensor)
+{
+    for (uint8_t i = 0; i < sensor->driver->setting_count; i++) {
+        const register_setting_t *setting = &sensor->driver->settings[i];
+        const i2c_status_t status = i2c_write(sensor->bus, sensor->address, setting->address, &setting->value, 1);
+        if (status != I2C_OK) {
+            return from_bus(status);
+        }
+    }
+    return SENSOR_OK;
+}
+
+sensor_status_t sensor_read_if_ready(const sensor_t *sensor, sample_t *sample)
+{
+    uint8_t ready = 0;
+    sensor_status_t status = read_registers(sensor, sensor->driver->status_register, &ready, 1);
+    if (status != SENSOR_OK) {
+        return status;
+    }
+    if ((ready & STATUS_XYZ_READY) == 0u) {
+        return SENSOR_NOT_READY;
+    }
+    sample->time_us = time_us();
+    uint8_t flags = 0;
+    status = read_burst(sensor, &flags, sample->body);
+    sample->overrun = (flags & STATUS_XYZ_OVERWRITTEN) != 0u;
+    return status;
+}
+
+sensor_status_t sensor_read_latest(const sensor_t *sensor, int16_t body[3])
+{
+    uint8_t flags = 0;
+    return read_burst(sensor, &flags, body);
+}
+
+sensor_status_t sensor_discard(const sensor_t *sensor)
+{
+    int16_t dropped[3];
+    return sensor_read_latest(sensor, dropped);
+}
+
+sensor_status_t sensor_die_temperature(const sensor_t *sensor, int8_t *degc)
+{
+    uint8_t byte = 0;
+    const sensor_status_t status = read_registers(sensor, sensor->driver->temperature_register, &byte, 1);
+    *degc = (int8_t)byte;
+    return status;
+}
