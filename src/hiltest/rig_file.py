@@ -1,0 +1,217 @@
+"""Reading a rig file: every mistake is named with file, line and key.
+
+pydantic checks the values against the dataclasses of `hiltest.rig`; this module turns
+its findings into sentences, and finds the line, which TOML readers do not keep.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
+from types import UnionType
+from typing import Any, ClassVar, get_args, get_type_hints
+
+from pydantic import TypeAdapter, ValidationError
+from pydantic_core import ErrorDetails
+
+from hiltest.errors import ConfigError, UnknownKeyError
+from hiltest.measurement import Limit
+from hiltest.rig import Rig, RigValueError
+
+#: Units of the measurements that a limit may name; ``*`` is a calibrator's name.
+MEASUREMENT_UNITS = {
+    "heading.*.max": "deg",
+    "heading.*.rms": "deg",
+    "heading.*.bias": "deg",
+    "heading.*.max_centred": "deg",
+    "heading.*.worst_sector": "deg",
+    "heading.uncalibrated.max_level": "deg",
+    "fit.*.residual": "%",
+    "fit.*.offset_error": "uT",
+    "fit.*.rotation_left": "deg",
+    "cycles.*.total": "cycle",
+    "cycles.*.per_point": "cycle",
+    "cycles.*.fixed": "cycle",
+    "cycles.*.spread": "cycle",
+    "cycles.*.instructions": "instruction",
+    "accelerometer.norm_rms": "mg",
+    "gyroscope.bias_error": "dps",
+    "board.virtual_seconds": "s",
+    "board.wall_seconds": "s",
+}
+_FAMILIES = frozenset(name.split(".")[0] for name in MEASUREMENT_UNITS)
+# Heading measurements that the mounting's uncertainty enters as well as the turntable's: all that are not centred.
+_MOUNTING_ENTERS = ("max", "rms", "bias", "max_level")
+
+
+@dataclass(frozen=True, slots=True)
+class LimitEntry:
+    """A limit as the file gives it."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid", "strict": True, "allow_inf_nan": False}
+    unit: str
+    min: float | None = None
+    max: float | None = None
+
+
+def read_rig_file(path: Path) -> Rig:
+    """Read and check a rig file; see `hiltest.rig.load_rig`."""
+    try:
+        text = path.read_text(encoding="utf-8")
+        data = tomllib.loads(text)
+    except OSError as error:
+        raise ConfigError(f"cannot read rig {path}: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: not UTF-8 text at byte {error.start}; a rig is a TOML file") from error
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{path}: not TOML: {error}") from error
+    source = _Source(path, text)
+    if "path" in data:
+        raise UnknownKeyError("path", where=source.where(("path",)), known=_known_keys(Rig, ()))
+    tables = {name: data.pop(name, {}) for name in ("limits", "information")}
+    read = {name: _checked_limits(source, name, table) for name, table in tables.items()}
+    rig: Rig = source.validate(TypeAdapter(Rig), {**data, "path": str(path), **read}, Rig)
+    _refuse_limits_within_uncertainty(rig, source)
+    return rig
+
+
+class _Source:
+    """A rig file's path and text: knows at which line a key stands."""
+
+    def __init__(self, path: Path, text: str) -> None:
+        self._path = path
+        self._text = text
+
+    def where(self, key: tuple[str, ...]) -> str:
+        """Return ``file:line`` of a key, of the table it belongs in, or the file alone."""
+        lines = dict(reversed([*_keys_by_line(self._text)]))
+        for depth in range(len(key), 0, -1):
+            if key[:depth] in lines:
+                return f"{self._path}:{lines[key[:depth]]}"
+        return str(self._path)
+
+    def validate(self, adapter: TypeAdapter[Any], data: object, model: Any, prefix: tuple[str, ...] = ()) -> Any:
+        """Return what pydantic makes of the data, or raise the first mistake as a sentence."""
+        try:
+            # As JSON, because only there the strict mode takes arrays for tuples and tables for dataclasses.
+            return adapter.validate_json(json.dumps(data, default=str))
+        except ValidationError as error:
+            # Unknown keys first: a misspelt key is also a missing one, and the spelling is what helps.
+            details = sorted(error.errors(), key=lambda each: each["type"] != "unexpected_keyword_argument")
+            raise self._as_error(details[0], model, prefix) from error
+
+    def _as_error(self, detail: ErrorDetails, model: Any, prefix: tuple[str, ...]) -> ConfigError:
+        key = tuple(str(part) for part in detail["loc"] if isinstance(part, str))
+        kind = detail["type"]
+        if kind in ("unexpected_keyword_argument", "extra_forbidden"):
+            return UnknownKeyError(key[-1], where=self.where(prefix + key), known=_known_keys(model, key[:-1]))
+        message = detail["msg"]
+        cause = detail.get("ctx", {}).get("error")
+        if isinstance(cause, RigValueError):
+            key, message = (*key, cause.key), str(cause)
+        place = ".".join(prefix + key)
+        if kind in ("missing", "missing_argument"):
+            return ConfigError(f"{self.where(prefix + key)}: {place} is missing")
+        given = "" if isinstance(cause, RigValueError) else f", not {_shown(detail['input'])}"
+        return ConfigError(f"{self.where(prefix + key)}: {place}: {message[0].lower()}{message[1:]}{given}")
+
+
+def _checked_limits(source: _Source, table: str, entries: object) -> dict[str, dict[str, float | None]]:
+    adapter = TypeAdapter(dict[str, LimitEntry])
+    read: dict[str, LimitEntry] = source.validate(adapter, entries, dict[str, LimitEntry], (table,))
+    for name, entry in read.items():
+        _check_limit(source, (table, name), entry)
+    return {name: {"min": entry.min, "max": entry.max} for name, entry in read.items()}
+
+
+def _check_limit(source: _Source, key: tuple[str, str], entry: LimitEntry) -> None:
+    name = key[1]
+    unit = measurement_unit(name)
+    if unit is None and name.split(".")[0] in _FAMILIES:
+        raise UnknownKeyError(name, where=source.where(key), known=sorted(MEASUREMENT_UNITS))
+    if unit is not None and entry.unit != unit:
+        raise ConfigError(f"{source.where(key)}: {'.'.join(key)}: its unit is {unit!r}, not {entry.unit!r}")
+    try:
+        Limit(min=entry.min, max=entry.max)
+    except ValueError as error:
+        raise ConfigError(f"{source.where(key)}: {'.'.join(key)}: {error}") from error
+
+
+def measurement_unit(name: str) -> str | None:
+    """Return the unit of a measurement that hiltest makes, None of one that it does not know."""
+    for template, unit in MEASUREMENT_UNITS.items():
+        if re.fullmatch(re.escape(template).replace(r"\*", r"[a-z0-9_-]+"), name):
+            return unit
+    return None
+
+
+def reference_uncertainty_deg(rig: Rig, measurement: str) -> float | None:
+    """Return how well the reference of a heading measurement is known [deg], None for any other.
+
+    The turntable's and the mounting's uncertainty are independent and add as squares; a
+    centred error does not contain the mounting, which is the same at every pose.
+    """
+    family, _, rest = measurement.partition(".")
+    what = rest.rpartition(".")[2]
+    if family != "heading" or what == "worst_sector":
+        return None
+    mounting_deg = rig.mounting.uncertainty_deg if what in _MOUNTING_ENTERS else 0.0
+    return math.hypot(rig.turntable.uncertainty_deg, mounting_deg)
+
+
+def _refuse_limits_within_uncertainty(rig: Rig, source: _Source) -> None:
+    for name, limit in rig.limits.items():
+        uncertainty_deg = reference_uncertainty_deg(rig, name)
+        if uncertainty_deg is None:
+            continue
+        for bound in (limit.min, limit.max):
+            if bound is not None and abs(bound) < uncertainty_deg:
+                raise ConfigError(
+                    f"{source.where(('limits', name))}: limits.{name} of {bound:g} deg is tighter than the reference "
+                    f"itself is known, {uncertainty_deg:.3g} deg (turntable {rig.turntable.uncertainty_deg:g}, "
+                    f"mounting {rig.mounting.uncertainty_deg:g}); widen the limit, or measure the reference better"
+                )
+
+
+def _known_keys(model: Any, place: tuple[str, ...]) -> list[str]:
+    """Return the keys that a table of the file may have."""
+    for name in place:
+        arguments = get_args(model)
+        model = arguments[1] if arguments and not is_dataclass(model) else get_type_hints(model)[name]
+        if isinstance(model, UnionType):
+            model = next(each for each in get_args(model) if is_dataclass(each))
+    return [each.name for each in fields(model) if each.name != "path"] if is_dataclass(model) else []
+
+
+_HEADER = re.compile(r"\s*\[\s*([^\[\]]+?)\s*\]\s*(#.*)?$")
+_ONE_KEY = r"""(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')"""
+_KEY = re.compile(_ONE_KEY)
+_ASSIGNMENT = re.compile(rf"\s*({_ONE_KEY}(?:\s*\.\s*{_ONE_KEY})*)\s*=")
+
+
+def _keys_by_line(text: str) -> Iterator[tuple[tuple[str, ...], int]]:
+    """Yield each key's path and the line it stands on; good enough for a file that is valid TOML."""
+    table: tuple[str, ...] = ()
+    for number, line in enumerate(text.splitlines(), start=1):
+        if header := _HEADER.match(line):
+            table = _split_key(header[1])
+            yield table, number
+        elif assignment := _ASSIGNMENT.match(line):
+            key = _split_key(assignment[1])
+            yield table + key, number
+            for inline in re.finditer(r"[{,]\s*([A-Za-z0-9_-]+)\s*=", line):
+                yield (*table, *key, inline[1]), number
+
+
+def _split_key(written: str) -> tuple[str, ...]:
+    return tuple(part.strip("\"'") for part in _KEY.findall(written))
+
+
+def _shown(value: object) -> str:
+    text = json.dumps(value, default=str)
+    return text if len(text) <= 60 else f"{text[:57]}..."
