@@ -3,6 +3,7 @@
 #include <stddef.h>
 
 #include "boards/board_sensors.h"
+#include "boards/time_base.h"
 
 static const sensor_t *selected[SENSOR_KIND_COUNT];
 static bool is_set_up[BOARD_SENSORS_MAXIMUM];
@@ -67,6 +68,7 @@ const sensor_t *sensor_set_selected(sensor_kind_t kind)
 
 void sensor_set_start(void)
 {
+    sleep_until_us(SENSOR_BOOT_US);
     for (uint8_t id = 0; id < board_sensor_count; id++) {
         if (selected[board_sensors[id].driver->kind] == NULL) {
             (void)sensor_set_select(id); /* absent or broken ones show in SENSORS */

@@ -28,6 +28,7 @@ const sensor_driver_t fxas21002_driver = {
     .who_am_i = 0xD7,
     .status_register = 0x00,
     .temperature_register = 0x12,
+    .mode_register = CTRL_REG1, /* no SYSMOD here; all other bits are 0 in what standby writes */
     .period_us = 5000,
     .settings = settings,
     .setting_count = sizeof settings / sizeof settings[0],

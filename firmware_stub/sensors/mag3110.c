@@ -25,6 +25,7 @@ const sensor_driver_t mag3110_driver = {
     .who_am_i = 0xC4,
     .status_register = 0x00,
     .temperature_register = 0x0F,
+    .mode_register = 0x08, /* SYSMOD */
     .period_us = 12500,
     .settings = settings,
     .setting_count = sizeof settings / sizeof settings[0],

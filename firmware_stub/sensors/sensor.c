@@ -6,6 +6,8 @@
 #define STATUS_XYZ_READY 0x08u
 #define STATUS_XYZ_OVERWRITTEN 0x80u
 #define BURST_BYTES 7u /* status, then x, y, z */
+#define STANDBY_LOOK_US 1000u
+#define STANDBY_LOOKS 200u
 
 static sensor_status_t from_bus(i2c_status_t status)
 {
@@ -54,16 +56,35 @@ sensor_status_t sensor_probe(const sensor_t *sensor, uint8_t *seen)
     return *seen == sensor->driver->who_am_i ? SENSOR_OK : SENSOR_ABSENT;
 }
 
+static sensor_status_t write_setting(const sensor_t *sensor, const register_setting_t *setting)
+{
+    return from_bus(i2c_write(sensor->bus, sensor->address, setting->address, &setting->value, 1));
+}
+
+static sensor_status_t wait_for_standby(const sensor_t *sensor)
+{
+    for (uint32_t looks = 0; looks < STANDBY_LOOKS; looks++) {
+        uint8_t mode = 0;
+        const sensor_status_t status = read_registers(sensor, sensor->driver->mode_register, &mode, 1);
+        if (status != SENSOR_OK || mode == 0u) {
+            return status;
+        }
+        sleep_until_us(time_us() + STANDBY_LOOK_US);
+    }
+    return SENSOR_TIMED_OUT;
+}
+
 sensor_status_t sensor_configure(const sensor_t *sensor)
 {
-    for (uint8_t i = 0; i < sensor->driver->setting_count; i++) {
-        const register_setting_t *setting = &sensor->driver->settings[i];
-        const i2c_status_t status = i2c_write(sensor->bus, sensor->address, setting->address, &setting->value, 1);
-        if (status != I2C_OK) {
-            return from_bus(status);
-        }
+    const sensor_driver_t *driver = sensor->driver;
+    sensor_status_t status = write_setting(sensor, &driver->settings[0]);
+    if (status == SENSOR_OK) {
+        status = wait_for_standby(sensor);
     }
-    return SENSOR_OK;
+    for (uint8_t i = 1; i < driver->setting_count && status == SENSOR_OK; i++) {
+        status = write_setting(sensor, &driver->settings[i]);
+    }
+    return status;
 }
 
 sensor_status_t sensor_read_if_ready(const sensor_t *sensor, sample_t *sample)

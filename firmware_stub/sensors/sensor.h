@@ -39,8 +39,9 @@ typedef struct {
     uint8_t who_am_i;
     uint8_t status_register; /**< data follow it */
     uint8_t temperature_register;
+    uint8_t mode_register;              /**< reads 0 in standby */
     uint32_t period_us;                 /**< between samples, as the settings make it */
-    const register_setting_t *settings; /**< written one after the other; the last makes it measure */
+    const register_setting_t *settings; /**< the first sends the part to standby, the last makes it measure */
     uint8_t setting_count;
     axis_map_t to_body;
 } sensor_driver_t;
@@ -63,7 +64,15 @@ typedef struct {
 /** Ask who is there. `seen` gets the answer, 0 when there is none. SENSOR_OK, SENSOR_ABSENT or SENSOR_BUS_ERROR. */
 sensor_status_t sensor_probe(const sensor_t *sensor, uint8_t *seen);
 
-/** Write the settings. */
+/** Parts may ignore everything for this long after power-on [us]: the slowest is the FXAS21002C, which boots for 50 ms. */
+#define SENSOR_BOOT_US 60000u
+
+/**
+ * Write the settings.
+ *
+ * All parts ignore them silently unless they are in standby, and a part that measures goes there only when the sample under way
+ * is complete; so the mode is asked until it is standby. SENSOR_TIMED_OUT when it is not after 200 ms.
+ */
 sensor_status_t sensor_configure(const sensor_t *sensor);
 
 /**
