@@ -1,0 +1,224 @@
+"""Rig files: what the shipped ones say, and what is said about wrong ones."""
+
+import math
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from hiltest.angles import Pose
+from hiltest.errors import ConfigError, UnknownKeyError
+from hiltest.measurement import Limit
+from hiltest.rig import build_sensors, build_world, load_rig, world_truth
+from hiltest.rig_file import MEASUREMENT_UNITS, measurement_unit, reference_uncertainty_deg
+
+RIGS = Path(__file__).parents[1] / "hil" / "rigs"
+DEFAULT = RIGS / "virtual-k64f.toml"
+
+
+@pytest.fixture
+def edited(tmp_path):
+    """Return a function that writes the default rig with one text replaced, and loads it."""
+
+    def load(old, new):
+        text = DEFAULT.read_text(encoding="utf-8")
+        assert text.count(old) == 1, f"{old!r} is in the default rig {text.count(old)} times"
+        path = tmp_path / "bench.toml"
+        path.write_text(text.replace(old, new), encoding="utf-8")
+        return load_rig(path)
+
+    return load
+
+
+def line_of(text, path=DEFAULT):
+    return next(n for n, line in enumerate(path.read_text().splitlines(), start=1) if line.startswith(text))
+
+
+@pytest.mark.parametrize("path", sorted(RIGS.glob("*.toml")), ids=lambda path: path.stem)
+def test_every_shipped_rig_loads_under_its_file_name(path):
+    assert load_rig(path).name == path.stem
+
+
+def test_the_default_rig_is_the_bench_of_the_thesis():
+    rig = load_rig(DEFAULT)
+    assert (rig.field.strength_ut, rig.field.dip_deg) == (48.5, 62.0)
+    assert rig.mounting.yaw_deg == 1.7
+    assert rig.world.mag3110_noise_ut[0] == 0.4
+    assert all(abs(bias) >= 1.0 for bias in rig.world.gyroscope_bias_dps)
+    assert max(map(abs, rig.world.accelerometer_offset_mg)) <= 3.0
+    assert max(map(abs, rig.world.accelerometer_gain_error_percent)) <= 0.3
+    assert rig.limits["heading.direct.max"] == Limit(max=1.8)
+    assert rig.limits["heading.direct.bias"] == Limit.within(rig.mounting.uncertainty_deg + 0.5)
+    assert not any(name.startswith("heading.uncalibrated") for name in rig.limits)
+
+
+def test_poses_are_twelve_headings_at_five_tilts_level_first():
+    procedure = load_rig(DEFAULT).procedure
+    poses = procedure.judged_poses()
+    assert len(poses) == len(set(poses)) == 60
+    assert poses[:12] == procedure.judged_poses("level") == tuple(Pose(30.0 * k, 0.0, 0.0) for k in range(12))
+    assert {(pose.pitch_deg, pose.roll_deg) for pose in poses} == {(0, 0), (20, 0), (-20, 0), (0, 20), (0, -20)}
+
+
+def test_the_rotated_rig_is_the_default_one_with_its_soft_iron_turned_by_three_degrees():
+    default, rotated = load_rig(DEFAULT), load_rig(RIGS / "virtual-k64f-rotated.toml")
+    same = replace(
+        rotated, name=default.name, path=default.path, information=default.information,
+        world=replace(rotated.world, soft_iron=default.world.soft_iron),
+    )
+    assert same == default
+    sine, cosine = math.sin(math.radians(3.0)), math.cos(math.radians(3.0))
+    turn = ((cosine, 0.0, sine), (0.0, 1.0, 0.0), (-sine, 0.0, cosine))
+    for row in range(3):
+        for column in range(3):
+            product = sum(turn[row][k] * default.world.soft_iron[k][column] for k in range(3))
+            assert rotated.world.soft_iron[row][column] == pytest.approx(product, abs=5.1e-7)  # six digits in the file
+
+
+def test_an_unknown_key_is_named_with_its_line_and_the_nearest_known_one(edited):
+    with pytest.raises(UnknownKeyError) as caught:
+        edited("dip_deg = 62.0", "dipp_deg = 62.0")
+    assert f"bench.toml:{line_of('dip_deg')}: unknown key 'dipp_deg'; did you mean 'dip_deg'?" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "nearest"),
+    [
+        ("[turntable]", "[turntabel]", "turntable"),
+        ("name = ", "nam = ", "name"),
+        ("hard_iron_ut = ", "hard_iron = ", "hard_iron_ut"),
+        ("[information]", "[informations]", "information"),
+        ('"heading.direct.rms" = { max = 0.75, unit', '"heading.direct.rms" = { maxi = 0.75, unit', "max"),
+        ('"heading.direct.rms"', '"heading.direct.rmss"', "heading.*.rms"),
+        ("schema = 1", 'schema = 1\npath = "/tmp"', None),
+    ],
+)
+def test_every_table_knows_its_keys(edited, old, new, nearest):
+    with pytest.raises(UnknownKeyError) as caught:
+        edited(old, new)
+    assert caught.value.nearest == nearest
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "words"),
+    [
+        ("strength_ut = 48.5", 'strength_ut = "48.5"', "field.strength_ut", 'valid number, not "48.5"'),
+        ("strength_ut = 48.5", "strength_ut = -1", "field.strength_ut", "must be above 0"),
+        ("strength_ut = 48.5", "strength_ut = nan", "field.strength_ut", "finite number"),
+        ("dip_deg = 62.0", "dip_deg = 90", "field.dip_deg", "no heading"),
+        ("strength_ut = 48.5", "", "field.strength_ut", "is missing"),
+        ("schema = 1", "schema = 2", "schema", "should be 1"),
+        ("readings_per_pose = 16", "readings_per_pose = 16.5", "procedure.readings_per_pose", "valid integer"),
+        ("tumble_points = 300", "tumble_points = 513", "procedure.tumble_points", "512"),
+        ("[[0, 0], [20, 0],", "[[1, 0], [20, 0],", "procedure.tilts_deg", "level"),
+        ("hard_iron_ut = [2.4, -2.2, 4.0]", "hard_iron_ut = [2.4, -2.2]", "world.hard_iron_ut", "missing"),
+        ('kind = "simulated"', 'kind = "robot"', "turntable.kind", "'simulated', 'operator' or 'motor'"),
+        ('kind = "simulated"', 'kind = "operator"', "turntable", "goes with a board"),
+        ('kind = "virtual"', 'kind = "real"', "world", "absent with any other"),
+        ("temperature_degc = 25.0", 'fitted = ["mpu6050"]', "world.fitted", "known parts: mag3110"),
+    ],
+)
+def test_a_wrong_value_is_named_with_key_file_and_line(edited, old, new, key, words):
+    with pytest.raises(ConfigError) as caught:
+        edited(old, new)
+    assert f": {key}" in str(caught.value)
+    assert words in str(caught.value)
+    assert "bench.toml" in str(caught.value)
+
+
+def test_the_line_of_a_wrong_value_is_right(edited):
+    with pytest.raises(ConfigError, match=rf"bench.toml:{line_of('strength_ut')}: field.strength_ut"):
+        edited("strength_ut = 48.5", 'strength_ut = "strong"')
+
+
+def test_the_line_of_a_missing_key_is_that_of_its_table(edited):
+    with pytest.raises(ConfigError, match=rf"bench.toml:{line_of('[field]')}: field.strength_ut is missing"):
+        edited("strength_ut = 48.5", "")
+
+
+def test_a_limit_in_another_unit_is_refused(edited):
+    with pytest.raises(ConfigError, match=r"limits\.gyroscope\.bias_error: its unit is 'dps', not 'deg'"):
+        edited('0.1, unit = "dps"', '0.1, unit = "deg"')
+
+
+def test_a_limit_without_bounds_is_refused(edited):
+    with pytest.raises(ConfigError, match="needs min, max or both"):
+        edited("{ max = 0.75, unit", "{ unit")
+
+
+def test_a_limit_for_a_measurement_of_ones_own_is_kept(edited):
+    rig = edited('"gyroscope.bias_error" =', '"bench.noise" = { max = 3, unit = "uT" }\n"gyroscope.bias_error" =')
+    assert rig.limits["bench.noise"] == Limit(max=3.0)
+
+
+def test_a_limit_tighter_than_the_reference_is_refused_with_both_numbers(edited):
+    with pytest.raises(ConfigError) as caught:
+        edited('"heading.direct.max" = { max = 1.8', '"heading.direct.max" = { max = 0.2')
+    # Turntable 0.1 and mounting 0.2: sqrt(0.05) = 0.224.
+    assert "limits.heading.direct.max of 0.2 deg" in str(caught.value)
+    assert "0.224 deg" in str(caught.value)
+
+
+def test_the_mountings_uncertainty_does_not_bound_a_centred_limit(edited):
+    rig = edited('"heading.direct.max_centred" = { max = 1.8', '"heading.direct.max_centred" = { max = 0.15')
+    assert rig.limits["heading.direct.max_centred"] == Limit(max=0.15)
+    assert reference_uncertainty_deg(rig, "heading.direct.max_centred") == pytest.approx(0.1)
+    assert reference_uncertainty_deg(rig, "heading.direct.bias") == pytest.approx(math.sqrt(0.05))
+    assert reference_uncertainty_deg(rig, "cycles.direct.total") is None
+    with pytest.raises(ConfigError, match="tighter"):
+        edited('"heading.direct.max_centred" = { max = 1.8', '"heading.direct.max_centred" = { max = 0.05')
+
+
+def test_units_are_known_by_name_for_any_calibrator():
+    assert measurement_unit("heading.iterative-stream.max_centred") == "deg"
+    assert measurement_unit("heading.uncalibrated.max_level") == "deg"
+    assert measurement_unit("cycles.direct.totals") is None
+    assert len(MEASUREMENT_UNITS) == len(set(MEASUREMENT_UNITS))
+
+
+@pytest.mark.parametrize("text", [b"name = ", b"\xff\xfe", b"[field\n"])
+def test_a_file_that_is_not_toml_is_named(tmp_path, text):
+    path = tmp_path / "bench.toml"
+    path.write_bytes(text)
+    with pytest.raises(ConfigError, match=r"bench\.toml"):
+        load_rig(path)
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(ConfigError, match=r"cannot read rig .*nowhere\.toml"):
+        load_rig(tmp_path / "nowhere.toml")
+
+
+def test_truth_is_in_counts_and_a_real_bench_has_none():
+    truth = world_truth(load_rig(DEFAULT))
+    assert truth.hard_iron_counts == (24.0, -22.0, 40.0)
+    assert truth.mounting_yaw_deg == 1.7
+    assert world_truth(load_rig(RIGS / "frdm-k64f.toml")) is None
+    with pytest.raises(ValueError, match="no simulated world"):
+        build_world(load_rig(RIGS / "frdm-k64f.toml"))
+
+
+def test_the_true_mounting_may_differ_from_the_declared_one(edited):
+    rig = edited("yaw_deg = 1.7 ", "yaw_deg = 0.0 ")
+    undeclared = replace(rig, world=replace(rig.world, mounting_yaw_deg=1.7))
+    assert build_world(rig).at(0.0).pose.heading_deg == 0.0
+    assert build_world(undeclared).at(0.0).pose.heading_deg == 1.7
+    assert world_truth(undeclared).mounting_yaw_deg == 1.7
+
+
+def test_the_shield_is_on_bus_1_and_parts_can_be_left_off():
+    rig = load_rig(DEFAULT)
+    buses = build_sensors(rig, build_world(rig), 1)
+    assert {bus: [part.address for part in parts] for bus, parts in buses.items()} == {
+        "i2c0": [0x1D], "i2c1": [0x0E, 0x1E, 0x20],
+    }
+    bare = replace(rig, world=replace(rig.world, fitted=("onboard-fxos8700cq",)))
+    buses = build_sensors(bare, build_world(bare), 1)
+    assert {bus: [part.address for part in parts] for bus, parts in buses.items()} == {"i2c0": [0x1D], "i2c1": []}
+
+
+def test_importing_the_rig_imports_neither_numpy_nor_pydantic():
+    code = "import sys, hiltest.rig; print(sorted({'numpy', 'pydantic', 'scipy'} & set(sys.modules)))"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
