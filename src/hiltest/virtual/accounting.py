@@ -1,0 +1,266 @@
+"""Counting clock cycles while the emulator runs.
+
+Two ways that give the same totals. `BlockAccounting` prices a whole translated
+block once, caches it, and adds the cost each time the block runs: fast enough
+for daily work. `InstructionAccounting` prices one instruction at a time: slow,
+plain, and what the other one is checked against.
+
+Both learn whether a branch was taken from where execution goes on, so a cost
+is added when the *next* block (or instruction) begins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from hiltest.virtual.instructions import Instruction, decode
+from hiltest.virtual.timing import NEUTRAL, PipelineState, TimingProfile
+
+ReadCode = Callable[[int, int], bytes]
+
+
+@dataclass(slots=True)
+class Block:
+    """Straight-line code as the emulator cuts it, priced from one pipeline state.
+
+    Attributes
+    ----------
+    through, taken : int
+        Cycles when execution falls out of its end, and when it jumps away.
+    needs_attention : bool
+        Whether the processor must look before (FPU, hang) or behind it (masks).
+    """
+
+    address: int
+    end: int
+    entry: PipelineState
+    instructions: tuple[Instruction, ...]
+    count: int
+    through: int
+    taken: int
+    exit_state: PipelineState
+    uses_fpu: bool
+    changes_masks: bool
+    loops_to_itself: bool
+    needs_attention: bool
+    _starts: dict[int, int] = field(default_factory=dict)
+
+    def cycles_before(self, address: int, profile: TimingProfile) -> int:
+        """Cycles from the start of the block to the start of one of its instructions."""
+        if not self._starts:
+            total, state = 0, self.entry
+            for instruction in self.instructions:
+                self._starts[instruction.address] = total
+                cycles, state = profile.step(instruction, state)
+                total += cycles
+        return self._starts.get(address & ~1, 0)
+
+
+def price_block(profile: TimingProfile, instructions: list[Instruction], entry: PipelineState) -> Block:
+    """Price straight-line code from a pipeline state on."""
+    total, state = 0, entry
+    for instruction in instructions:
+        cycles, state = profile.step(instruction, state)
+        total += cycles
+    last = instructions[-1]
+    address, end = instructions[0].address, last.address + last.size
+    refill = profile.taken(last) if last.transfer else 0
+    uses_fpu = any(instruction.uses_fpu for instruction in instructions)
+    changes_masks = any(instruction.changes_masks for instruction in instructions)
+    loops = last.transfer == "direct" and not last.conditional and last.text.endswith(f"#{address:#x}")
+    through = total if not last.transfer or last.conditional else total + refill
+    return Block(
+        address, end, entry, tuple(instructions), len(instructions), through, total + refill, state,
+        uses_fpu, changes_masks, loops and len(instructions) == 1, uses_fpu or changes_masks or loops,
+    )  # fmt: skip
+
+
+class Accounting(Protocol):
+    """What the processor needs of either way of counting."""
+
+    cycles: int
+    instructions: int
+    deadline: float
+
+    def now(self, pc: int) -> int:
+        """Virtual time [cycles] of the instruction at `pc`, which is being executed."""
+        ...
+
+    def settle(self, pc: int) -> None:
+        """Add what has run to the totals: the emulator stopped, and `pc` is next."""
+        ...
+
+    def begins(self, address: int, size: int) -> None:
+        """Take note that the emulator is about to run what stands at `address`."""
+        ...
+
+    def flush_pipeline(self) -> None:
+        """Nothing overlaps across what just happened (an exception)."""
+        ...
+
+    def forget_code(self) -> None:
+        """Drop what is cached of code: memory was loaded anew."""
+        ...
+
+
+class BlockAccounting:
+    """Counts by translated block.
+
+    Parameters
+    ----------
+    profile : TimingProfile
+        The prices.
+    read_code : callable
+        ``read_code(address, size)`` reads target memory.
+    attend : callable
+        Called with a block that `needs_attention` before it runs; False stops.
+    stop : callable
+        Stops the emulator before the block that begins.
+    """
+
+    def __init__(
+        self, profile: TimingProfile, read_code: ReadCode, attend: Callable[[Block], bool], stop: Callable[[], None]
+    ) -> None:
+        self.cycles = 0
+        self.instructions = 0
+        self.deadline: float = 0.0
+        self._profile = profile
+        self._read_code = read_code
+        self._attend = attend
+        self._stop = stop
+        self._running: Block | None = None
+        self._state = NEUTRAL
+        self._cache: dict[tuple[int, int, PipelineState], Block] = {}
+        self._neutral: dict[int, Block] = {}
+
+    def begins(self, address: int, size: int) -> None:
+        """Take note that the emulator is about to run a block (its block hook)."""
+        block = self._running
+        state = self._state
+        if block is not None:
+            self.instructions += block.count
+            if address == block.end:
+                self.cycles += block.through
+                state = block.exit_state
+            else:
+                self.cycles += block.taken
+                state = NEUTRAL
+        if self.cycles >= self.deadline:
+            self._running = None
+            self._state = state
+            self._stop()
+            return
+        if state is NEUTRAL:
+            block = self._neutral.get(address)
+            if block is None or block.end != address + size:
+                block = self._neutral[address] = self._price(address, size, state)
+        else:
+            self._state = NEUTRAL
+            block = self._cache.get((address, size, state))
+            if block is None:
+                block = self._cache[address, size, state] = self._price(address, size, state)
+        self._running = block
+        if block.needs_attention and not self._attend(block):
+            self._running = None
+            self._state = state
+            self._stop()
+
+    def _price(self, address: int, size: int, state: PipelineState) -> Block:
+        return price_block(self._profile, decode(address, self._read_code(address, size)), state)
+
+    def now(self, pc: int) -> int:
+        """Virtual time [cycles] at the start of the instruction at `pc`."""
+        block = self._running
+        return self.cycles if block is None else self.cycles + block.cycles_before(pc, self._profile)
+
+    def settle(self, pc: int) -> None:
+        """Add the block that just ended; `pc` is where execution goes on."""
+        block, self._running = self._running, None
+        if block is None:
+            return
+        self.instructions += block.count
+        if pc & ~1 == block.end:
+            self.cycles += block.through
+            self._state = block.exit_state
+        else:
+            self.cycles += block.taken
+            self._state = NEUTRAL
+
+    def flush_pipeline(self) -> None:
+        """An exception was entered or left: nothing overlaps across it."""
+        self._state = NEUTRAL
+
+    def forget_code(self) -> None:
+        """Drop cached blocks."""
+        self._cache.clear()
+        self._neutral.clear()
+
+
+class InstructionAccounting:
+    """Counts instruction by instruction: the reference for `BlockAccounting`."""
+
+    def __init__(
+        self, profile: TimingProfile, read_code: ReadCode, attend: Callable[[Block], bool], stop: Callable[[], None]
+    ) -> None:
+        self.cycles = 0
+        self.instructions = 0
+        self.deadline: float = 0.0
+        self._profile = profile
+        self._read_code = read_code
+        self._attend = attend
+        self._stop = stop
+        self._last: Instruction | None = None
+        self._state = NEUTRAL
+
+    def begins(self, address: int, size: int) -> None:
+        """Take note that the emulator is about to run an instruction (its code hook)."""
+        self._finish(address)
+        if self.cycles >= self.deadline:
+            self._stop()
+            return
+        instruction = decode(address, self._read_code(address, size))[0]
+        block = price_block(self._profile, [instruction], self._state)
+        if block.needs_attention and not self._attend(block):
+            self._stop()
+            return
+        self._last = instruction
+
+    def _finish(self, next_address: int) -> None:
+        last, self._last = self._last, None
+        if last is None:
+            return
+        self._add(last)
+        end = last.address + last.size
+        if last.transfer:
+            if next_address != end or not last.conditional:
+                self.cycles += self._profile.taken(last)
+            return
+        # The code hook is silent for instructions that an IT block skips; they are priced as executed.
+        while end < next_address <= end + 16:
+            skipped = decode(end, self._read_code(end, 4))[0]
+            self._add(skipped)
+            end += skipped.size
+
+    def _add(self, instruction: Instruction) -> None:
+        cycles, self._state = self._profile.step(instruction, self._state)
+        self.cycles += cycles
+        self.instructions += 1
+
+    def now(self, pc: int) -> int:
+        """Virtual time [cycles] at the start of the instruction at `pc`."""
+        return self.cycles
+
+    def settle(self, pc: int) -> None:
+        """Add the instruction that just ended; `pc` is where execution goes on."""
+        self._finish(pc & ~1)
+
+    def flush_pipeline(self) -> None:
+        """An exception was entered or left: nothing overlaps across it."""
+        self._state = NEUTRAL
+
+    def forget_code(self) -> None:
+        """Nothing is cached."""
+
+

@@ -1,0 +1,145 @@
+"""Calling one function of an image by the procedure call standard (AAPCS, hard float)."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import Any
+
+from hiltest.errors import ConfigError
+from hiltest.virtual.cpu import RETURN_ADDRESS, Processor
+from hiltest.virtual.elf import Signature
+
+Argument = int | float | bytes | bytearray | Any
+
+_SRAM_END = 0x20030000
+_STACK_BYTES = 8192
+_HANG_CYCLES = 12_000_000_000  # a hundred virtual seconds: no function measured here comes near
+
+
+@dataclass(frozen=True, slots=True)
+class CallResult:
+    """What a called function returned and cost.
+
+    Attributes
+    ----------
+    value : int or float or None
+        r0, or s0 for a function that returns float; None for void.
+    cycles, instructions : int
+        From its first instruction to its return, both included.
+    """
+
+    value: int | float | None
+    cycles: int
+    instructions: int
+
+
+class _Scratch:
+    """Free RAM behind everything the image uses, handed out from low to high."""
+
+    def __init__(self, processor: Processor, limit: int) -> None:
+        self._memory = processor.memory
+        used = [segment.run_address + segment.run_size for segment in processor.image.segments]
+        self._next = (max([0x20000000, *(end for end in used if end <= _SRAM_END)]) + 7) & ~7
+        self._limit = limit
+        self._written_back: list[tuple[int, memoryview]] = []
+
+    def place(self, buffer: Any) -> int:
+        view = memoryview(buffer)
+        address = self._next
+        self._next = (address + view.nbytes + 7) & ~7
+        if self._next > self._limit:
+            raise ConfigError(f"the arguments need {self._next - self._limit} bytes more RAM than the image leaves free")
+        self._memory.write(address, view.tobytes())
+        if not view.readonly:
+            self._written_back.append((address, view.cast("B")))
+        return address
+
+    def fetch(self) -> None:
+        for address, view in self._written_back:
+            view[:] = self._memory.read(address, view.nbytes)
+
+
+def _float_bits(value: float) -> int:
+    bits: int = struct.unpack("<I", struct.pack("<f", value))[0]
+    return bits
+
+
+def _assign(
+    symbol: str, signature: Signature | None, arguments: Sequence[Argument], scratch: _Scratch
+) -> tuple[list[int], list[int]]:
+    """Distribute arguments over core words (registers, then stack) and float registers."""
+    kinds = signature.parameters if signature else ("unsigned",) * len(arguments)
+    if signature and len(kinds) != len(arguments):
+        raise ConfigError(f"{symbol} takes {len(kinds)} arguments, {len(arguments)} were given")
+    core: list[int] = []
+    floating: list[int] = []
+    for position, (kind, argument) in enumerate(zip(kinds, arguments, strict=True), start=1):
+        if kind == "unsupported":
+            raise ConfigError(f"argument {position} of {symbol} is passed in a way that call() does not know")
+        if kind == "float":
+            floating.append(_float_bits(float(argument)))
+        elif isinstance(argument, int):
+            core.append(argument & 0xFFFFFFFF)
+        elif isinstance(argument, float):
+            raise ConfigError(f"argument {position} of {symbol} is {kind}, not float" + ("" if signature else " (no DWARF)"))
+        else:
+            core.append(scratch.place(argument))
+    if len(floating) > 16:
+        raise ConfigError(f"{symbol} takes more than 16 float arguments")
+    return core, floating
+
+
+def call_function(processor: Processor, symbol: str, arguments: Sequence[Argument], *, booted: bool) -> CallResult:
+    """Call a function; see `VirtualK64F.call`."""
+    function = processor.image.symbols.get(symbol)
+    if function is None or not function.is_function:
+        names = [name for name, entry in processor.image.symbols.items() if entry.is_function]
+        near = get_close_matches(symbol, names, n=3)
+        raise ConfigError(f"{processor.image.name}: no function {symbol!r}" + (f"; near: {', '.join(near)}" if near else ""))
+    registers, accounting = processor.registers, processor.accounting
+    saved = registers.general.read(), registers.floating.read(), registers.primask.get(), processor.fpu_enabled
+    was_sleeping, processor.sleeping = processor.sleeping, False
+    stack = saved[0][13] if booted else _SRAM_END
+    scratch = _Scratch(processor, stack - _STACK_BYTES)
+    signature = processor.image.signature(symbol)
+    core, floating = _assign(symbol, signature, arguments, scratch)
+    on_stack = core[4:]
+    stack = (stack - 4 * len(on_stack)) & ~7
+    processor.memory.write_words(stack, on_stack)
+    registers.primask.set(1)
+    processor.fpu_enabled = True
+    registers.xpsr.set(1 << 24)
+    registers.general.write(
+        (core[:4] + [0] * 13)[:13] + [stack, RETURN_ADDRESS | 1, function.address | 1, 1 << 24]
+    )
+    registers.floating.write((floating + [0] * 16)[:16])
+    accounting.flush_pipeline()
+    cycles, instructions = accounting.cycles, accounting.instructions
+    try:
+        if not processor.run(cycles + _HANG_CYCLES):
+            raise processor.fault(f"hang: {symbol} did not return", registers.pc.get())
+        value = _result(processor, signature)
+        scratch.fetch()
+    finally:
+        registers.primask.set(saved[2])
+        registers.floating.write(saved[1])
+        registers.xpsr.set(saved[0][16])
+        registers.general.write([*saved[0][:15], saved[0][15] | 1, saved[0][16]])
+        processor.fpu_enabled, processor.sleeping = saved[3], was_sleeping
+        accounting.flush_pipeline()
+    return CallResult(value, accounting.cycles - cycles, accounting.instructions - instructions)
+
+
+def _result(processor: Processor, signature: Signature | None) -> int | float | None:
+    returns = signature.returns if signature else "unsigned"
+    if returns == "void":
+        return None
+    if returns == "float":
+        bits = processor.registers.floating.read()[0]
+        value: float = struct.unpack("<f", struct.pack("<I", bits))[0]
+        return value
+    word = processor.registers.arguments.read()[0]
+    return word - (1 << 32) if returns == "signed" and word >> 31 else word

@@ -1,0 +1,215 @@
+"""Firmware images: what to load, what the symbols are called, where a line comes from.
+
+Everything here treats the ELF as hostile until parsed: a file that is not a
+32-bit little-endian Arm executable ends in a `ConfigError` that says so.
+"""
+
+from __future__ import annotations
+
+import bisect
+import io
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from elftools.common.exceptions import ELFError
+from elftools.elf.elffile import ELFFile
+
+from hiltest.errors import ConfigError
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """A loadable part of the image.
+
+    Attributes
+    ----------
+    address : int
+        Where a programmer puts it (physical, load address).
+    run_address : int
+        Where it stands while the firmware runs; start-up code copies it there.
+    data : bytes
+        Its content.
+    run_size : int
+        Its size while running, zeroed data included.
+    """
+
+    address: int
+    run_address: int
+    data: bytes
+    run_size: int
+
+
+@dataclass(frozen=True, slots=True)
+class Symbol:
+    """A function or object of the image; bit 0 of a function's address is cleared."""
+
+    name: str
+    address: int
+    size: int
+    is_function: bool
+
+
+class FirmwareImage:
+    """A parsed ELF executable.
+
+    Parameters
+    ----------
+    source : Path or bytes
+        The file, or its content.
+
+    Raises
+    ------
+    ConfigError
+        If it cannot be read, is no ELF, or is for another processor.
+    """
+
+    def __init__(self, source: Path | bytes) -> None:
+        if isinstance(source, bytes):
+            self.name, content = "firmware image", source
+        else:
+            self.name = str(source)
+            try:
+                content = source.read_bytes()
+            except OSError as error:
+                raise ConfigError(f"{source}: cannot read the firmware: {error.strerror}") from error
+        try:
+            self._elf = ELFFile(io.BytesIO(content))
+        except ELFError as error:
+            raise ConfigError(f"{self.name}: not an ELF file ({error}); give the .elf that the linker wrote") from error
+        header = self._elf.header
+        if header.e_machine != "EM_ARM" or self._elf.elfclass != 32 or not self._elf.little_endian:
+            raise ConfigError(
+                f"{self.name}: built for {header.e_machine} ({self._elf.elfclass} bit), the board has an Arm Cortex-M4F; "
+                "build with arm-none-eabi-gcc -mcpu=cortex-m4"
+            )
+        if header.e_type != "ET_EXEC":
+            raise ConfigError(f"{self.name}: {header.e_type} is not an executable; link it first")
+
+    @cached_property
+    def segments(self) -> tuple[Segment, ...]:
+        """Loadable segments in file order; one of zeroed data has no content."""
+        return tuple(
+            Segment(segment.header.p_paddr, segment.header.p_vaddr, segment.data(), segment.header.p_memsz)
+            for segment in self._elf.iter_segments("PT_LOAD")
+        )
+
+    @cached_property
+    def symbols(self) -> dict[str, Symbol]:
+        """Named functions and objects; a global one wins over a local one of the same name."""
+        found: dict[str, Symbol] = {}
+        table = self._elf.get_section_by_name(".symtab")
+        if table is None:
+            return found
+        for entry in sorted(table.iter_symbols(), key=lambda symbol: symbol.entry.st_info.bind == "STB_GLOBAL"):
+            kind = entry.entry.st_info.type
+            if kind in ("STT_FUNC", "STT_OBJECT") and entry.name:
+                is_function = kind == "STT_FUNC"
+                address = entry.entry.st_value & ~1 if is_function else entry.entry.st_value
+                found[entry.name] = Symbol(entry.name, address, entry.entry.st_size, is_function)
+        return found
+
+    @cached_property
+    def _functions_by_address(self) -> tuple[list[int], list[Symbol]]:
+        functions = sorted((s for s in self.symbols.values() if s.is_function), key=lambda s: s.address)
+        return [s.address for s in functions], functions
+
+    def function_at(self, address: int) -> Symbol | None:
+        """Find the function whose code contains an address."""
+        starts, functions = self._functions_by_address
+        index = bisect.bisect_right(starts, address & ~1) - 1
+        if index < 0:
+            return None
+        candidate = functions[index]
+        return candidate if address < candidate.address + max(candidate.size, 2) else None
+
+    @cached_property
+    def _lines(self) -> tuple[list[int], list[tuple[int, str]]]:
+        rows = sorted(self._line_rows()) if self._elf.has_dwarf_info() else []
+        return [row[0] for row in rows], [(row[1], row[2]) for row in rows]
+
+    def _line_rows(self) -> Iterator[tuple[int, int, str]]:
+        """Yield (first address, first address after, "file:line") of every line-table row."""
+        dwarf = self._elf.get_dwarf_info()
+        for unit in dwarf.iter_CUs():
+            program = dwarf.line_program_for_CU(unit)
+            if program is None:
+                continue
+            files = program.header.file_entry
+            first = 0 if program.header.version >= 5 else 1
+            previous: Any = None
+            for entry in program.get_entries():
+                state = entry.state
+                if state is None:
+                    continue
+                if previous is not None and previous.address < state.address:
+                    index = previous.file - first
+                    if 0 <= index < len(files):
+                        name = PurePosixPath(files[index].name.decode(errors="replace")).name
+                        yield previous.address, state.address, f"{name}:{previous.line}"
+                previous = None if state.end_sequence else state
+
+    def location_at(self, address: int) -> str:
+        """Name the source line of an address as ``file:line``; empty without debug information."""
+        starts, rows = self._lines
+        index = bisect.bisect_right(starts, address & ~1) - 1
+        if index >= 0 and address < rows[index][0]:
+            return rows[index][1]
+        return ""
+
+    @cached_property
+    def _subprograms(self) -> dict[str, Any]:
+        found: dict[str, Any] = {}
+        if not self._elf.has_dwarf_info():
+            return found
+        for unit in self._elf.get_dwarf_info().iter_CUs():
+            for die in unit.get_top_DIE().iter_children():
+                name = die.attributes.get("DW_AT_name")
+                if die.tag == "DW_TAG_subprogram" and name is not None and "DW_AT_declaration" not in die.attributes:
+                    found.setdefault(name.value.decode(errors="replace"), die)
+        return found
+
+    def signature(self, function: str) -> Signature | None:
+        """Read a function's parameter and return types from DWARF; None without them."""
+        die = self._subprograms.get(function)
+        if die is None:
+            return None
+        parameters = tuple(
+            _classify(_type_of(child)) for child in die.iter_children() if child.tag == "DW_TAG_formal_parameter"
+        )
+        return Signature(parameters, _classify(_type_of(die)))
+
+
+@dataclass(frozen=True, slots=True)
+class Signature:
+    """How a function takes and returns values: "float", "signed", "unsigned", "pointer" or "void"."""
+
+    parameters: tuple[str, ...]
+    returns: str
+
+
+def _type_of(die: Any) -> Any:
+    """Follow typedefs and qualifiers to the type that decides how a value is passed."""
+    while die is not None and "DW_AT_type" in die.attributes:
+        die = die.get_DIE_from_attribute("DW_AT_type")
+        if die.tag not in ("DW_TAG_typedef", "DW_TAG_const_type", "DW_TAG_volatile_type"):
+            return die
+    return None
+
+
+def _classify(die: Any) -> str:
+    if die is None:
+        return "void"
+    if die.tag == "DW_TAG_pointer_type":
+        return "pointer"
+    size = die.attributes["DW_AT_byte_size"].value if "DW_AT_byte_size" in die.attributes else 4
+    if die.tag == "DW_TAG_enumeration_type" and size <= 4:
+        return "unsigned"
+    if die.tag == "DW_TAG_base_type" and size <= 4:
+        encoding = die.attributes["DW_AT_encoding"].value
+        if encoding == 0x04:  # DW_ATE_float
+            return "float"
+        return "signed" if encoding in (0x05, 0x06) else "unsigned"  # DW_ATE_signed, DW_ATE_signed_char
+    return "unsupported"

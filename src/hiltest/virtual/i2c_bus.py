@@ -1,0 +1,70 @@
+"""What an I2C master sees of the parts on its bus."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+
+class I2cDevice(Protocol):
+    """A part on the bus; times are virtual seconds since power-on."""
+
+    @property
+    def address(self) -> int:
+        """Seven-bit address."""
+        ...
+
+    def start(self, reading: bool, time_s: float) -> bool:
+        """The part is addressed after START or repeated START; True acknowledges."""
+        ...
+
+    def write(self, value: int, time_s: float) -> bool:
+        """The master sends a byte; True acknowledges."""
+        ...
+
+    def read(self, time_s: float) -> int:
+        """The master fetches the next byte."""
+        ...
+
+    def stop(self, time_s: float) -> None:
+        """STOP on the bus."""
+        ...
+
+
+class I2cBus:
+    """Wires a master to its parts by address.
+
+    Parameters
+    ----------
+    devices : sequence of I2cDevice
+        At most one part an address.
+    """
+
+    def __init__(self, devices: Sequence[I2cDevice]) -> None:
+        self._devices = {device.address: device for device in devices}
+        if len(self._devices) != len(devices):
+            raise ValueError("two parts on one bus have the same address")
+        self._addressed: I2cDevice | None = None
+
+    def address(self, byte: int, time_s: float) -> bool:
+        """Send the address byte that follows a START."""
+        device = self._devices.get(byte >> 1)
+        if device is None or not device.start(bool(byte & 1), time_s):
+            self._addressed = None
+            return False
+        self._addressed = device
+        return True
+
+    def write(self, value: int, time_s: float) -> bool:
+        """Send a data byte."""
+        return self._addressed is not None and self._addressed.write(value, time_s)
+
+    def read(self, time_s: float) -> int:
+        """Fetch a data byte; an empty bus reads as ones."""
+        return 0xFF if self._addressed is None else self._addressed.read(time_s)
+
+    def stop(self, time_s: float) -> None:
+        """Put a STOP on the bus."""
+        if self._addressed is not None:
+            self._addressed.stop(time_s)
+        self._addressed = None

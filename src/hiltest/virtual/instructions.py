@@ -1,0 +1,254 @@
+"""Thumb instructions as the cycle model sees them: what costs time, and what waits for what."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import capstone
+from capstone import arm_const as arm
+
+_PC_BIT = 1 << 15
+
+
+@dataclass(frozen=True, slots=True)
+class Instruction:
+    """One decoded instruction.
+
+    Register sets are bit masks: bit n of the core masks is r(n), bit n of the
+    floating-point masks is s(n).
+
+    Attributes
+    ----------
+    row : str
+        The row of the timing profile that prices it.
+    words : int
+        Words moved by a multiple transfer, else 0.
+    address_registers, loaded_registers : int
+        Core registers that a single load takes its address from, and writes.
+    fp_reads, fp_writes, fp_addend : int
+        Single registers read, written, and read only as the addend of a MAC.
+    transfer : str
+        "" for none, "direct" (target in the instruction), "indirect".
+    conditional : bool
+        Whether a transfer may fall through.
+    changes_masks : bool
+        Whether interrupts may become deliverable behind it.
+    """
+
+    address: int
+    size: int
+    text: str
+    row: str
+    words: int = 0
+    address_registers: int = 0
+    loaded_registers: int = 0
+    fp_reads: int = 0
+    fp_writes: int = 0
+    fp_addend: int = 0
+    uses_fpu: bool = False
+    transfer: str = ""
+    conditional: bool = False
+    changes_masks: bool = False
+    aligned_base: int = -1
+    aligned_offset: int = 0
+
+
+_SINGLE_LOADS = {
+    arm.ARM_INS_LDR, arm.ARM_INS_LDRB, arm.ARM_INS_LDRH, arm.ARM_INS_LDRSB, arm.ARM_INS_LDRSH,
+    arm.ARM_INS_LDRT, arm.ARM_INS_LDRBT, arm.ARM_INS_LDRHT, arm.ARM_INS_LDRSBT, arm.ARM_INS_LDRSHT,
+}  # fmt: skip
+_SINGLE_STORES = {
+    arm.ARM_INS_STR, arm.ARM_INS_STRB, arm.ARM_INS_STRH,
+    arm.ARM_INS_STRT, arm.ARM_INS_STRBT, arm.ARM_INS_STRHT,
+}  # fmt: skip
+_MULTIPLES = {
+    arm.ARM_INS_LDM, arm.ARM_INS_LDMDB, arm.ARM_INS_STM, arm.ARM_INS_STMDB, arm.ARM_INS_PUSH, arm.ARM_INS_POP,
+    arm.ARM_INS_VLDMIA, arm.ARM_INS_VLDMDB, arm.ARM_INS_VSTMIA, arm.ARM_INS_VSTMDB,
+    arm.ARM_INS_VPUSH, arm.ARM_INS_VPOP,
+    arm.ARM_INS_FLDMDBX, arm.ARM_INS_FLDMIAX, arm.ARM_INS_FSTMDBX, arm.ARM_INS_FSTMIAX,
+}  # fmt: skip
+_DOUBLES = {arm.ARM_INS_LDRD, arm.ARM_INS_STRD}
+_EXCLUSIVES = {
+    arm.ARM_INS_LDREX, arm.ARM_INS_LDREXB, arm.ARM_INS_LDREXH,
+    arm.ARM_INS_STREX, arm.ARM_INS_STREXB, arm.ARM_INS_STREXH,
+}  # fmt: skip
+_BARRIERS = {arm.ARM_INS_DMB, arm.ARM_INS_DSB, arm.ARM_INS_ISB}
+_SYSTEM = {
+    arm.ARM_INS_MRS, arm.ARM_INS_MSR, arm.ARM_INS_CPS, arm.ARM_INS_SVC, arm.ARM_INS_WFI, arm.ARM_INS_WFE,
+    arm.ARM_INS_SEV, arm.ARM_INS_NOP, arm.ARM_INS_HINT, arm.ARM_INS_BKPT, arm.ARM_INS_CLREX, arm.ARM_INS_YIELD,
+}  # fmt: skip
+_ACCUMULATES = {
+    arm.ARM_INS_VMLA, arm.ARM_INS_VMLS, arm.ARM_INS_VFMA, arm.ARM_INS_VFMS,
+    arm.ARM_INS_VNMLA, arm.ARM_INS_VNMLS, arm.ARM_INS_VFNMA, arm.ARM_INS_VFNMS,
+}  # fmt: skip
+_BRANCHES = {arm.ARM_INS_B, arm.ARM_INS_BL, arm.ARM_INS_BLX, arm.ARM_INS_BX, arm.ARM_INS_BXJ, arm.ARM_INS_CBZ, arm.ARM_INS_CBNZ}
+_TABLES = {arm.ARM_INS_TBB, arm.ARM_INS_TBH}
+_UNCONDITIONAL = {arm.ARM_CC_AL, arm.ARM_CC_INVALID}
+
+
+@cache
+def _disassembler() -> Any:
+    engine = capstone.Cs(capstone.CS_ARCH_ARM, capstone.CS_MODE_THUMB | capstone.CS_MODE_MCLASS)
+    engine.detail = True
+    return engine
+
+
+@cache
+def _register_masks(register: int) -> tuple[int, int]:
+    """Core mask and floating-point mask of a capstone register number."""
+    name = _disassembler().reg_name(register) or ""
+    core = {"sb": 9, "sl": 10, "fp": 11, "ip": 12, "sp": 13, "lr": 14, "pc": 15}.get(name)
+    if core is None and name[:1] == "r" and name[1:].isdigit():
+        core = int(name[1:])
+    if core is not None:
+        return 1 << core, 0
+    if name[:1] == "s" and name[1:].isdigit():
+        return 0, 1 << int(name[1:])
+    if name[:1] == "d" and name[1:].isdigit():
+        return 0, 3 << (2 * int(name[1:]))
+    return 0, 0
+
+
+def _masks(registers: list[int]) -> tuple[int, int]:
+    core = floating = 0
+    for register in registers:
+        core_mask, floating_mask = _register_masks(register)
+        core |= core_mask
+        floating |= floating_mask
+    return core, floating
+
+
+def decode(address: int, code: bytes) -> list[Instruction]:
+    """Decode straight-line Thumb code.
+
+    Parameters
+    ----------
+    address : int
+        Address of the first byte.
+    code : bytes
+        Exactly the code to decode.
+
+    Returns
+    -------
+    list of Instruction
+        In order; covers all of `code`. Bytes that capstone does not know are
+        taken as one 2- or 4-byte instruction of class "data".
+    """
+    engine = _disassembler()
+    decoded: list[Instruction] = []
+    position = 0
+    conditions_left = 0  # instructions still inside an IT block
+    while position < len(code):
+        raw = next(iter(engine.disasm(code[position:], address + position, 1)), None)
+        if raw is None:
+            size = 4 if code[position + 1] >> 3 in (0x1D, 0x1E, 0x1F) else 2
+            decoded.append(Instruction(address + position, size, ".unknown", "data"))
+            position += size
+            continue
+        decoded.append(_classify(raw, in_it_block=conditions_left > 0))
+        conditions_left = len(raw.mnemonic) - 1 if raw.id == arm.ARM_INS_IT else max(conditions_left - 1, 0)
+        position += raw.size
+    return decoded
+
+
+def _classify(raw: Any, *, in_it_block: bool) -> Instruction:
+    reads, writes = raw.regs_access()
+    core_reads, fp_reads = _masks(reads)
+    core_writes, fp_writes = _masks(writes)
+    fields: dict[str, Any] = {
+        "address": raw.address, "size": raw.size, "text": f"{raw.mnemonic} {raw.op_str}".strip(),
+        "fp_reads": fp_reads, "fp_writes": fp_writes, "uses_fpu": _uses_fpu(raw),
+    }  # fmt: skip
+    memory = next((operand.mem for operand in raw.operands if operand.type == arm.ARM_OP_MEM), None)
+    row, more = _price_class(raw, memory, core_writes)
+    fields |= {"row": row} | more
+    if row == "load":
+        # A base that is written back is not loaded: the next load may use it at once.
+        base_registers = _masks([memory.base, memory.index])[0] if memory is not None else 0
+        destination = _masks([raw.operands[0].reg])[0]
+        fields |= {"address_registers": base_registers & ~_PC_BIT, "loaded_registers": destination}
+    if row == "fp_accumulate":
+        addend = _masks([raw.operands[0].reg])[1]
+        others = _masks([operand.reg for operand in raw.operands[1:]])[1]
+        fields |= {"fp_reads": others, "fp_addend": addend & ~others}
+    fields |= _control(raw, core_writes, in_it_block=in_it_block)
+    return Instruction(**fields)
+
+
+def _uses_fpu(raw: Any) -> bool:
+    return raw.mnemonic.startswith("v") or raw.mnemonic.startswith(("fldm", "fstm"))
+
+
+def _price_class(raw: Any, memory: Any, core_writes: int) -> tuple[str, dict[str, Any]]:
+    """Choose the profile row of an instruction, and what else the row needs to know."""
+    kind = raw.id
+    if kind in _SINGLE_LOADS:
+        return "load", {}
+    if kind in _SINGLE_STORES:
+        return ("store_register_offset" if memory is not None and memory.index else "store"), {}
+    if kind in _MULTIPLES or kind in _DOUBLES:
+        return "multiple_base", _multiple(raw, memory)
+    if kind in (arm.ARM_INS_VLDR, arm.ARM_INS_VSTR):
+        alignment = _alignment(memory.base, memory.disp)
+        if raw.operands[0].reg and _register_masks(raw.operands[0].reg)[1].bit_count() == 2:
+            return "multiple_base", {"words": 2} | alignment
+        return ("fp_load" if kind == arm.ARM_INS_VLDR else "fp_store"), alignment
+    if kind in _TABLES:
+        return "table_branch", {}
+    if kind in _BRANCHES:
+        return "branch", {}
+    if _uses_fpu(raw):
+        return _fp_class(raw), {}
+    for ids, row in ((_BARRIERS, "barrier"), (_SYSTEM, "system"), (_EXCLUSIVES, "exclusive")):
+        if kind in ids:
+            return row, {}
+    if kind in (arm.ARM_INS_SDIV, arm.ARM_INS_UDIV):
+        return "divide", {}
+    if kind == arm.ARM_INS_IT:
+        return "it", {}
+    return ("branch" if core_writes & _PC_BIT else "data"), {}
+
+
+def _fp_class(raw: Any) -> str:
+    if raw.id in (arm.ARM_INS_VDIV, arm.ARM_INS_VSQRT):
+        return "fp_divide"
+    if raw.id in _ACCUMULATES:
+        return "fp_accumulate"
+    if raw.id == arm.ARM_INS_VMOV and len(raw.operands) >= 3:
+        return "fp_move_pair"
+    return "fp"
+
+
+def _multiple(raw: Any, memory: Any) -> dict[str, Any]:
+    if raw.id in _DOUBLES:
+        return {"words": 2} | _alignment(memory.base, memory.disp)
+    if raw.id in (arm.ARM_INS_PUSH, arm.ARM_INS_POP, arm.ARM_INS_VPUSH, arm.ARM_INS_VPOP):
+        registers, base = raw.operands, arm.ARM_REG_SP
+    else:
+        registers, base = raw.operands[1:], raw.operands[0].reg
+    core, floating = _masks([operand.reg for operand in registers])
+    return {"words": core.bit_count() + floating.bit_count()} | _alignment(base, 0)
+
+
+def _alignment(base: int, offset: int) -> dict[str, Any]:
+    """Say which register must be word-aligned, unless it always is (sp, pc)."""
+    if base in (arm.ARM_REG_SP, arm.ARM_REG_PC):
+        return {}
+    return {"aligned_base": _register_masks(base)[0].bit_length() - 1, "aligned_offset": offset}
+
+
+def _control(raw: Any, core_writes: int, *, in_it_block: bool) -> dict[str, Any]:
+    kind = raw.id
+    if kind in (arm.ARM_INS_CPS, arm.ARM_INS_MSR):
+        return {"changes_masks": True}
+    if kind in _TABLES or (kind not in _BRANCHES and core_writes & _PC_BIT):
+        return {"transfer": "indirect", "conditional": in_it_block}
+    if kind not in _BRANCHES:
+        return {}
+    if kind in (arm.ARM_INS_CBZ, arm.ARM_INS_CBNZ):
+        return {"transfer": "direct", "conditional": True}
+    direct = raw.operands[0].type == arm.ARM_OP_IMM
+    conditional = in_it_block or (kind == arm.ARM_INS_B and raw.cc not in _UNCONDITIONAL)
+    return {"transfer": "direct" if direct else "indirect", "conditional": conditional}

@@ -1,0 +1,213 @@
+"""The virtual FRDM-K64F: the MK64FN1M0's memories and the peripherals that firmware here uses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from hiltest.errors import ConfigError
+from hiltest.virtual.calling import Argument, CallResult, call_function
+from hiltest.virtual.cpu import Processor
+from hiltest.virtual.elf import FirmwareImage
+from hiltest.virtual.i2c_bus import I2cBus, I2cDevice
+from hiltest.virtual.peripherals.bus import Peripheral, PeripheralBus, StoredRegisters
+from hiltest.virtual.peripherals.clocks import ClockGates, ClockGenerator, Watchdog
+from hiltest.virtual.peripherals.i2c import I2c
+from hiltest.virtual.peripherals.pit import PeriodicTimers
+from hiltest.virtual.peripherals.system_control import CycleCounter, SystemControlSpace
+from hiltest.virtual.peripherals.uart import Uart
+from hiltest.virtual.timing import load_profile
+
+CORE_HZ = 120_000_000
+DEFAULT_PROFILE = "cortex-m4-trm/1"
+
+_PORTS = {"PORTA": 0x40049000, "PORTB": 0x4004A000, "PORTC": 0x4004B000, "PORTD": 0x4004C000, "PORTE": 0x4004D000}
+_STORED = {
+    "SIM (SOPT)": 0x40047000, "OSC": 0x40065000, "GPIO": 0x400FF000, "SMC": 0x4007E000,
+    "FMC": 0x4001F000, "SYSMPU": 0x4000D000, "RCM": 0x4007F000, "PMC": 0x4007D000,
+}  # fmt: skip
+
+
+class _ResetRequested(Exception):
+    """The firmware asked for a system reset through AIRCR."""
+
+
+class VirtualK64F:
+    """A board that runs an ELF, instruction by instruction, with a cycle count.
+
+    Virtual time counts cycles of 120 MHz from power-on; the few thousand that
+    start-up code spends on slower clocks are taken as if at 120 MHz too.
+
+    Parameters
+    ----------
+    elf : Path or bytes
+        Firmware laid out for the MK64FN1M0.
+    i2c0, i2c1 : sequence of I2cDevice
+        Parts on the two buses.
+    profile : str
+        Timing profile, see `hiltest.virtual.timing`.
+    by_instruction : bool
+        Count instruction by instruction: slow, the reference.
+
+    Raises
+    ------
+    ConfigError
+        If the ELF is not for this processor or does not fit its memories.
+    """
+
+    def __init__(
+        self,
+        elf: Path | bytes,
+        *,
+        i2c0: Sequence[I2cDevice] = (),
+        i2c1: Sequence[I2cDevice] = (),
+        profile: str = DEFAULT_PROFILE,
+        by_instruction: bool = False,
+    ) -> None:
+        self.image = FirmwareImage(elf)
+        self.processor = Processor(self.image, load_profile(profile), by_instruction=by_instruction)
+        generator = ClockGenerator()
+        self.clocks = ClockGates(generator)
+        self.uart0 = Uart(self.processor, self.clocks)
+        self.watchdog = Watchdog()
+        self.cycle_counter = CycleCounter(self.processor)
+        self._peripherals: list[Peripheral] = [
+            generator, self.clocks, self.watchdog, self.uart0, self.cycle_counter,
+            SystemControlSpace(self.processor, self.cycle_counter, self._request_reset),
+            *(StoredRegisters(name, base) for name, base in _STORED.items()),
+        ]  # fmt: skip
+        self._add_gated(i2c0, i2c1)
+        self._bus = PeripheralBus(self.processor, self._peripherals)
+        self._booted = False
+        self._load()
+
+    def _add_gated(self, i2c0: Sequence[I2cDevice], i2c1: Sequence[I2cDevice]) -> None:
+        """Add the peripherals whose clocks the SIM gates: (block, SCGC register, bit)."""
+        processor, clocks = self.processor, self.clocks
+        gated: list[tuple[Peripheral, int, int]] = [
+            (self.uart0, 4, 10),
+            (I2c(processor, clocks, I2cBus(i2c0), core_hz=CORE_HZ, name="I2C0", base=0x40066000, interrupt=24), 4, 6),
+            (I2c(processor, clocks, I2cBus(i2c1), core_hz=CORE_HZ, name="I2C1", base=0x40067000, interrupt=25), 4, 7),
+            (PeriodicTimers(processor, clocks), 6, 23),
+        ]
+        gated += [(StoredRegisters(name, base), 5, 9 + index) for index, (name, base) in enumerate(_PORTS.items())]
+        for peripheral, register, bit in gated:
+            clocks.gate(register, bit, peripheral)
+            if peripheral is not self.uart0:
+                self._peripherals.append(peripheral)
+
+    # -- memory and reset ---------------------------------------------------------------------
+
+    def _load(self) -> None:
+        memory = self.processor.memory
+        memory.clear()
+        for segment in self.image.segments:
+            try:
+                memory.write(segment.address, segment.data)
+                memory.read(segment.run_address, segment.run_size)
+            except ValueError as error:
+                raise ConfigError(
+                    f"{self.image.name}: a segment does not fit the MK64FN1M0 ({error}); "
+                    "link for 1 MiB of flash at 0 and 256 KiB of SRAM at 0x1fff0000"
+                ) from error
+
+    def boot(self) -> None:
+        """Power on: start the firmware from its vector table at the next `run_until`."""
+        self._load()
+        self._reset()
+        self._booted = True
+
+    def _reset(self) -> None:
+        processor = self.processor
+        processor.nvic.reset()
+        processor.exceptions.reset()
+        for peripheral in self._peripherals:
+            peripheral.reset()
+        processor.sleeping = False
+        processor.accounting.forget_code()
+        processor.accounting.flush_pipeline()
+        stack, entry = processor.memory.read_words(0, 2)
+        registers = processor.registers
+        registers.xpsr.set(1 << 24)
+        for register in (registers.control, registers.primask, registers.basepri, registers.faultmask):
+            register.set(0)
+        registers.general.write([0] * 13 + [stack, 0xFFFFFFFF, entry | 1, 1 << 24])
+
+    def _request_reset(self) -> None:
+        self.processor.abort(_ResetRequested())
+
+    # -- time ---------------------------------------------------------------------------------
+
+    @property
+    def cycles(self) -> int:
+        """Clock cycles since power-on."""
+        return self.processor.cycles
+
+    @property
+    def instructions(self) -> int:
+        """Instructions executed since power-on."""
+        return self.processor.instructions
+
+    @property
+    def time_s(self) -> float:
+        """Virtual time since power-on [s]."""
+        return self.processor.cycles / CORE_HZ
+
+    def run_until(self, time_s: float, *, wake: Callable[[], bool] | None = None) -> None:
+        """Run the firmware until virtual time `time_s`, or until `wake` answers true.
+
+        Parameters
+        ----------
+        time_s : float
+            Virtual time since power-on [s].
+        wake : callable, optional
+            Asked after every event of a peripheral.
+
+        Raises
+        ------
+        BoardFault
+            The processor met a fault, or hung.
+        """
+        if not self._booted:
+            self.boot()
+        while True:
+            try:
+                self.processor.run(time_s * CORE_HZ, wake=wake)
+                return
+            except _ResetRequested:
+                self._reset()
+
+    # -- calling functions --------------------------------------------------------------------
+
+    def call(self, symbol: str, *arguments: Argument) -> CallResult:
+        """Call one function of the image and count what it costs.
+
+        Works without booting; on a running board the processor's state is put
+        back afterwards. Interrupts are masked during the call.
+
+        Parameters
+        ----------
+        symbol : str
+            Name of the function.
+        *arguments : int, float, bytes, bytearray or numpy array
+            By the types in the DWARF; integers only without it. A buffer is
+            copied to free RAM and passed by address; a writable one gets what
+            the function left there.
+
+        Returns
+        -------
+        CallResult
+            ``.value``, ``.cycles`` and ``.instructions``.
+
+        Raises
+        ------
+        ConfigError
+            No such function, or arguments that do not fit it.
+        BoardFault
+            The function faulted or hung.
+        """
+        if not self._booted:
+            for segment in self.image.segments:
+                zeroed = segment.run_size - len(segment.data)
+                self.processor.memory.write(segment.run_address, segment.data + bytes(zeroed))
+        return call_function(self.processor, symbol, arguments, booted=self._booted)

@@ -1,0 +1,158 @@
+"""The peripheral bus: which block answers at which address, and what happens when none does."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Iterable
+from typing import Protocol
+
+import unicorn
+from unicorn.unicorn_py3.unicorn import uclib
+
+from hiltest.errors import BoardFault
+from hiltest.virtual.cpu import Processor
+from hiltest.virtual.memory import SharedMemory
+
+_ACCESS_CALLBACK = ctypes.CFUNCTYPE(
+    None, ctypes.c_void_p, ctypes.c_int, ctypes.c_uint64, ctypes.c_int, ctypes.c_int64, ctypes.c_void_p
+)
+
+
+class Peripheral(Protocol):
+    """One block of registers.
+
+    Attributes
+    ----------
+    name : str
+        As the reference manual calls it.
+    base : int
+        First address; blocks are 4 KiB apart.
+    clocked : bool
+        Whether its clock gate is open. An access with a closed gate is a bus
+        fault on the part, and a `BoardFault` here.
+    """
+
+    name: str
+    base: int
+    clocked: bool
+
+    def read(self, offset: int, size: int) -> int:
+        """Answer a read of 1, 2 or 4 bytes."""
+        ...
+
+    def write(self, offset: int, size: int, value: int) -> None:
+        """Take a write of 1, 2 or 4 bytes."""
+        ...
+
+    def reset(self) -> None:
+        """Return to the state after a chip reset."""
+        ...
+
+
+class StoredRegisters:
+    """A block whose registers keep what is written and do nothing else that firmware could see.
+
+    Parameters
+    ----------
+    name : str
+        As the reference manual calls it.
+    base : int
+        First address.
+    initial : dict of int to int, optional
+        Bytes that are not zero after reset, by offset.
+    """
+
+    def __init__(self, name: str, base: int, initial: dict[int, int] | None = None) -> None:
+        self.name = name
+        self.base = base
+        self.clocked = True
+        self._initial = initial or {}
+        self.reset()
+
+    def reset(self) -> None:
+        """Return to the state after a chip reset."""
+        self._bytes = bytearray(0x1000)
+        for offset, value in self._initial.items():
+            self._bytes[offset] = value
+
+    def word(self, offset: int) -> int:
+        """The 32-bit register at an offset."""
+        return int.from_bytes(self._bytes[offset : offset + 4], "little")
+
+    def read(self, offset: int, size: int) -> int:
+        """Answer what was written last."""
+        return int.from_bytes(self._bytes[offset : offset + size], "little")
+
+    def write(self, offset: int, size: int, value: int) -> None:
+        """Keep what is written."""
+        self._bytes[offset : offset + size] = value.to_bytes(size, "little")
+
+
+class PeripheralBus:
+    """Connects the processor's loads and stores to peripherals.
+
+    Parameters
+    ----------
+    processor : Processor
+        Whose accesses to serve.
+    peripherals : iterable of Peripheral
+        The blocks.
+    """
+
+    def __init__(self, processor: Processor, peripherals: Iterable[Peripheral]) -> None:
+        self._processor = processor
+        self._pages: dict[int, Peripheral] = {}
+        for peripheral in peripherals:
+            self._pages[peripheral.base >> 12] = peripheral
+        self._callbacks: list[object] = []
+        for memory in (processor.memory.peripherals, processor.memory.private):
+            self._hook(memory)
+
+    def _hook(self, memory: SharedMemory) -> None:
+        view, base = memory.view, memory.base
+
+        def on_read(_engine: int, _access: int, address: int, size: int, _value: int, _data: int) -> None:
+            try:
+                value = self._find(address, "read of").read(address & 0xFFF, size)
+                offset = address - base
+                view[offset : offset + size] = (value & ((1 << (8 * size)) - 1)).to_bytes(size, "little")
+                if self._processor.nvic.changed:
+                    self._notice()
+            except BaseException as error:  # re-raised by Processor.run; ctypes would print and drop it
+                self._processor.abort(error)
+
+        def on_write(_engine: int, _access: int, address: int, size: int, value: int, _data: int) -> None:
+            try:
+                peripheral = self._find(address, "write to")
+                peripheral.write(address & 0xFFF, size, value & ((1 << (8 * size)) - 1))
+                if self._processor.nvic.changed:
+                    self._notice()
+            except BaseException as error:  # as above
+                self._processor.abort(error)
+
+        self._add(unicorn.UC_HOOK_MEM_READ, on_read, memory)
+        self._add(unicorn.UC_HOOK_MEM_WRITE, on_write, memory)
+
+    def _add(self, kind: int, function: Callable[..., None], memory: SharedMemory) -> None:
+        callback = _ACCESS_CALLBACK(function)
+        self._callbacks.append(callback)  # the emulator keeps only the pointer
+        handle = ctypes.c_size_t()
+        uclib.uc_hook_add(
+            self._processor.engine._uch, ctypes.byref(handle), kind, callback, None,
+            ctypes.c_uint64(memory.base), ctypes.c_uint64(memory.base + memory.size - 1),
+        )  # fmt: skip
+
+    def _notice(self) -> None:
+        self._processor.nvic.changed = False
+        self._processor.look_soon()
+
+    def _find(self, address: int, access: str) -> Peripheral:
+        peripheral = self._pages.get(address >> 12)
+        if peripheral is None:
+            raise self._fault(f"{access} 0x{address:08x}, where the virtual board has no peripheral")
+        if not peripheral.clocked:
+            raise self._fault(f"{access} {peripheral.name} while its clock gate in the SIM is closed")
+        return peripheral
+
+    def _fault(self, cause: str) -> BoardFault:
+        return self._processor.fault(cause, self._processor.registers.pc.get())

@@ -1,0 +1,133 @@
+"""SIM, MCG and OSC: which clocks run, how fast, and which peripherals have one."""
+
+from __future__ import annotations
+
+from hiltest.virtual.peripherals.bus import Peripheral, StoredRegisters
+
+OSCILLATOR_HZ = 50_000_000  # the Ethernet PHY's clock on EXTAL0
+_SLOW_REFERENCE_HZ = 32_768
+_FAST_REFERENCE_HZ = 4_000_000
+_SCGC_FIRST, _SCGC_LAST = 0x028, 0x040  # SCGC1..SCGC7 in the page at 0x40048000
+_CLKDIV1 = 0x044
+
+
+class ClockGenerator:
+    """MCG: the multipurpose clock generator, locked as soon as it is set up."""
+
+    name = "MCG"
+    base = 0x40064000
+
+    def __init__(self) -> None:
+        self.clocked = True
+        self.reset()
+
+    def reset(self) -> None:
+        """FEI: FLL on the internal reference."""
+        self._registers = bytearray(0x10)
+        self._registers[0] = 0x04  # C1: IREFS
+        self._registers[1] = 0x80  # C2: LOCRE0
+
+    def read(self, offset: int, size: int) -> int:
+        """Answer a register; S follows from what was set up."""
+        if size != 1 or offset >= len(self._registers):
+            return 0
+        return self._status() if offset == 6 else self._registers[offset]
+
+    def write(self, offset: int, size: int, value: int) -> None:
+        """Take a byte; S is read-only."""
+        if size == 1 and offset < len(self._registers) and offset != 6:
+            self._registers[offset] = value
+
+    @property
+    def _source(self) -> int:
+        return self._registers[0] >> 6
+
+    @property
+    def _pll_selected(self) -> bool:
+        return bool(self._registers[5] & 0x40)
+
+    def _status(self) -> int:
+        internal = bool(self._registers[0] & 0x04)
+        clock = {0: 3 if self._pll_selected else 0, 1: 1}.get(self._source, 2)
+        pll = 0x60 if self._pll_selected else 0  # PLLST, LOCK0
+        return (0x10 if internal else 0) | pll | clock << 2 | 0x02  # OSCINIT0
+
+    @property
+    def output_hz(self) -> float:
+        """MCGOUTCLK [Hz]."""
+        if self._source == 1:
+            return _FAST_REFERENCE_HZ / 2 if self._registers[1] & 1 else _SLOW_REFERENCE_HZ
+        if self._source == 2:
+            return OSCILLATOR_HZ
+        if self._pll_selected:
+            divider = (self._registers[4] & 0x1F) + 1
+            return OSCILLATOR_HZ / divider * ((self._registers[5] & 0x1F) + 24)
+        return _SLOW_REFERENCE_HZ * 640
+
+
+class ClockGates(StoredRegisters):
+    """SIM, second page: clock gates, dividers, identification.
+
+    Parameters
+    ----------
+    generator : ClockGenerator
+        Where the core clock comes from.
+    """
+
+    def __init__(self, generator: ClockGenerator) -> None:
+        self._generator = generator
+        self._gated: list[tuple[int, int, Peripheral]] = []
+        # SDID of an MK64FN1M0VLL12: family K6x, subfamily K64, 100 pins.
+        super().__init__("SIM", 0x40048000, {0x024: 0x08, 0x025: 0x03, 0x026: 0x00, 0x027: 0x64})
+
+    def gate(self, register: int, bit: int, peripheral: Peripheral) -> None:
+        """Make a peripheral's clock depend on a bit of an SCGC register (1..7)."""
+        self._gated.append((_SCGC_FIRST + 4 * (register - 1), bit, peripheral))
+        peripheral.clocked = False
+
+    def reset(self) -> None:
+        """Close every gate."""
+        super().reset()
+        for _, _, peripheral in self._gated:
+            peripheral.clocked = False
+
+    def write(self, offset: int, size: int, value: int) -> None:
+        """Keep the value; open and close gates."""
+        super().write(offset, size, value)
+        if _SCGC_FIRST <= offset <= _SCGC_LAST + 3:
+            for register, bit, peripheral in self._gated:
+                peripheral.clocked = bool(self.word(register) >> bit & 1)
+
+    @property
+    def core_hz(self) -> float:
+        """Core and system clock [Hz]."""
+        return self._generator.output_hz / ((self.word(_CLKDIV1) >> 28) + 1)
+
+    @property
+    def bus_hz(self) -> float:
+        """Bus clock [Hz]."""
+        return self._generator.output_hz / ((self.word(_CLKDIV1) >> 24 & 0xF) + 1)
+
+
+class Watchdog(StoredRegisters):
+    """WDOG: counts as disabled once the unlock sequence and WDOGEN = 0 were written.
+
+    The part resets when the watchdog is not served; no firmware runs long with
+    it forgotten, so the board only tells whether it was switched off.
+    """
+
+    def __init__(self) -> None:
+        self._unlock: list[int] = []
+        super().__init__("WDOG", 0x40052000, {0x00: 0xD3, 0x01: 0x01})
+
+    @property
+    def enabled(self) -> bool:
+        """Whether the watchdog would reset the part."""
+        return bool(self._bytes[0] & 1)
+
+    def write(self, offset: int, size: int, value: int) -> None:
+        """Take a write; STCTRLH only after the unlock sequence."""
+        if offset == 0x0E:
+            self._unlock = [*self._unlock[-1:], value]
+        elif offset != 0x00 or self._unlock == [0xC520, 0xD928]:
+            super().write(offset, size, value)

@@ -1,0 +1,151 @@
+"""I2C masters: START, bytes of nine clocks, STOP, and the interrupt after each byte."""
+
+from __future__ import annotations
+
+from hiltest.virtual.cpu import Processor
+from hiltest.virtual.i2c_bus import I2cBus
+from hiltest.virtual.peripherals.clocks import ClockGates
+from hiltest.virtual.schedule import Event
+
+_A1, _F, _C1, _S, _D, _C2, _FLT = range(7)
+_IICEN, _IICIE, _MST, _TX, _TXAK, _RSTA = 0x80, 0x40, 0x20, 0x10, 0x08, 0x04
+_TCF, _BUSY, _ARBL, _IICIF, _RXAK = 0x80, 0x20, 0x10, 0x02, 0x01
+_CLOCKS_A_BYTE = 9
+_START_CLOCKS = 1  # START or repeated START, set-up and hold
+
+# Divider by ICR, MK64 reference manual, "I2C divider and hold values".
+_DIVIDERS = (
+    20, 22, 24, 26, 28, 30, 34, 40, 28, 32, 36, 40, 44, 48, 56, 68,
+    48, 56, 64, 72, 80, 88, 104, 128, 80, 96, 112, 128, 144, 160, 192, 240,
+    160, 192, 224, 256, 288, 320, 384, 480, 320, 384, 448, 512, 576, 640, 768, 960,
+    640, 768, 896, 1024, 1152, 1280, 1536, 1920, 1280, 1536, 1792, 2048, 2304, 2560, 3072, 3840,
+)  # fmt: skip
+
+
+class I2c:
+    """A Kinetis I2C module, as master.
+
+    Parameters
+    ----------
+    processor : Processor
+        Time and interrupts.
+    clocks : ClockGates
+        The module clock is the bus clock.
+    bus : I2cBus
+        The parts on the wires.
+    core_hz : float
+        What a clock cycle of virtual time is worth [Hz].
+    name, base, interrupt
+        Which of the chip's modules this is.
+    """
+
+    def __init__(
+        self, processor: Processor, clocks: ClockGates, bus: I2cBus, *, core_hz: float, name: str, base: int,
+        interrupt: int,
+    ) -> None:  # fmt: skip
+        self.name = name
+        self.base = base
+        self.clocked = True
+        self._processor = processor
+        self._clocks = clocks
+        self._bus = bus
+        self._core_hz = core_hz
+        self._interrupt = interrupt
+        self._transfer: Event | None = None
+        self.reset()
+
+    def reset(self) -> None:
+        """State after a chip reset."""
+        if self._transfer is not None:
+            self._transfer.cancel()
+        self._transfer = None
+        self._registers = bytearray(0x10)
+        self._status = _TCF
+        self._data = 0
+        self._address_next = False
+        self._receiving = False
+
+    def _time_s(self) -> float:
+        return self._processor.now() / self._core_hz
+
+    def _byte_cycles(self, clocks: int) -> int:
+        frequency = self._registers[_F]
+        divider = _DIVIDERS[frequency & 0x3F] << (frequency >> 6)
+        return round(clocks * divider * self._clocks.core_hz / self._clocks.bus_hz)
+
+    def read(self, offset: int, size: int) -> int:
+        """Answer a byte register; reading D as receiver starts the next byte."""
+        if offset == _S:
+            return self._status
+        if offset != _D:
+            return self._registers[offset] if offset < len(self._registers) else 0
+        value = self._data
+        control = self._registers[_C1]
+        if control & _MST and not control & _TX and self._transfer is None:
+            self._receiving = True
+            self._data = self._bus.read(self._time_s())
+            self._begin(_CLOCKS_A_BYTE)
+            # The byte that is under way can be read only when it is complete.
+            self._arriving, self._data = self._data, value
+        return value
+
+    def write(self, offset: int, size: int, value: int) -> None:
+        """Take a byte register."""
+        if offset == _C1:
+            self._control(value)
+        elif offset == _S:
+            self._status &= ~(value & (_IICIF | _ARBL))
+            self._drive()
+        elif offset == _D:
+            self._send(value)
+        elif offset < len(self._registers):
+            self._registers[offset] = value
+
+    def _control(self, value: int) -> None:
+        before = self._registers[_C1]
+        self._registers[_C1] = value & ~_RSTA
+        if not value & _IICEN:
+            self.reset()
+            self._registers[_C1] = value & ~_RSTA
+        elif value & _MST and (not before & _MST or value & _RSTA):
+            self._status |= _BUSY
+            self._address_next = True
+        elif before & _MST and not value & _MST:
+            self._bus.stop(self._time_s())
+            self._status &= ~_BUSY
+        self._drive()
+
+    def _send(self, value: int) -> None:
+        control = self._registers[_C1]
+        if not (control & _MST and control & _TX) or self._transfer is not None:
+            return
+        self._receiving = False
+        time_s = self._time_s()
+        if self._address_next:
+            self._address_next = False
+            self._acknowledged = self._bus.address(value, time_s)
+            self._begin(_CLOCKS_A_BYTE + _START_CLOCKS)
+        else:
+            self._acknowledged = self._bus.write(value, time_s)
+            self._begin(_CLOCKS_A_BYTE)
+
+    def _begin(self, clocks: int) -> None:
+        self._status &= ~_TCF
+        self._transfer = self._processor.schedule.at(
+            self._processor.now() + self._byte_cycles(clocks), self._complete
+        )
+
+    def _complete(self) -> None:
+        self._transfer = None
+        self._status |= _TCF | _IICIF
+        if self._receiving:
+            self._data = self._arriving
+        elif self._acknowledged:
+            self._status &= ~_RXAK
+        else:
+            self._status |= _RXAK
+        self._drive()
+
+    def _drive(self) -> None:
+        requested = bool(self._status & _IICIF and self._registers[_C1] & _IICIE)
+        self._processor.nvic.set_line(self._interrupt, requested)

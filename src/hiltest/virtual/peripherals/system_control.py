@@ -1,0 +1,259 @@
+"""The processor's own peripherals: NVIC, SCB, SysTick and DWT."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from hiltest.virtual.cpu import Processor
+from hiltest.virtual.nvic import FIRST_INTERRUPT, INTERRUPTS, PENDSV, SYSTICK
+from hiltest.virtual.schedule import Event
+
+_CPUID = 0x410FC241  # Cortex-M4 r0p1
+_ICSR, _VTOR, _AIRCR, _SHPR1, _CPACR, _DEMCR = 0xD04, 0xD08, 0xD0C, 0xD18, 0xD88, 0xDFC
+_FPU_FULL_ACCESS = 0xF << 20
+_TRCENA = 1 << 24
+
+
+class SysTick:
+    """The 24-bit system timer on the core clock."""
+
+    def __init__(self, processor: Processor) -> None:
+        self._processor = processor
+        self._event: Event | None = None
+        self.reset()
+
+    def reset(self) -> None:
+        """Disabled."""
+        if self._event is not None:
+            self._event.cancel()
+        self._event = None
+        self._control = 0
+        self._reload = 0
+        self._expires_at = 0  # cycle at which it reaches zero, while enabled
+        self._held = 0  # the count while it is disabled
+        self._flag = False
+
+    def _value(self) -> int:
+        if not self._control & 1:
+            return self._held
+        return max(self._expires_at - self._processor.now() - 1, 0) & 0xFFFFFF
+
+    def read(self, offset: int) -> int:
+        """Answer CSR, RVR, CVR or CALIB; reading CSR clears COUNTFLAG."""
+        if offset == 0x10:
+            flag, self._flag = self._flag, False
+            return self._control | (1 << 16 if flag else 0)
+        return {0x14: self._reload, 0x18: self._value()}.get(offset, 0xC0000000)
+
+    def write(self, offset: int, value: int) -> None:
+        """Take CSR, RVR or CVR; any write to CVR clears the count."""
+        if offset == 0x10:
+            held = self._value()
+            was_enabled, self._control = self._control & 1, value & 7
+            if self._control & 1 and not was_enabled:
+                self._start(held if held else self._reload + 1)
+            elif was_enabled and not self._control & 1:
+                self._held = held
+                self._cancel()
+        elif offset == 0x14:
+            self._reload = value & 0xFFFFFF
+        elif offset == 0x18:
+            self._flag = False
+            self._held = 0
+            if self._control & 1:
+                self._start(self._reload + 1)
+
+    def _cancel(self) -> None:
+        if self._event is not None:
+            self._event.cancel()
+            self._event = None
+
+    def _start(self, cycles: int) -> None:
+        self._cancel()
+        if self._reload == 0:
+            return
+        self._expires_at = self._processor.now() + cycles
+        self._event = self._processor.schedule.at(self._expires_at, self._expire)
+
+    def _expire(self) -> None:
+        self._flag = True
+        if self._control & 2:
+            self._processor.nvic.pend(SYSTICK)
+        self._expires_at += self._reload + 1
+        self._event = self._processor.schedule.at(self._expires_at, self._expire) if self._reload else None
+
+
+class CycleCounter:
+    """DWT: CYCCNT counts core cycles while TRCENA and CYCCNTENA are set."""
+
+    name = "DWT"
+    base = 0xE0001000
+
+    def __init__(self, processor: Processor) -> None:
+        self.clocked = True
+        self._processor = processor
+        self.present = True
+        self.reset()
+
+    def reset(self) -> None:
+        """Stopped at zero."""
+        self._control = 0
+        self._trace = False
+        self._count = 0
+        self._counted_from = 0
+
+    @property
+    def _running(self) -> bool:
+        return self._trace and bool(self._control & 1) and self.present
+
+    def _hold(self) -> None:
+        if self._running:
+            now = self._processor.now()
+            self._count += now - self._counted_from
+            self._counted_from = now
+
+    def enable_trace(self, enabled: bool) -> None:
+        """DEMCR.TRCENA."""
+        self._hold()
+        self._trace = enabled
+        self._counted_from = self._processor.now()
+
+    def read(self, offset: int, size: int) -> int:
+        """Answer CTRL or CYCCNT; the other counters read as zero."""
+        if offset == 0:
+            return 0x40000000 | self._control | (0 if self.present else 1 << 25)
+        if offset == 4:
+            self._hold()
+            return self._count & 0xFFFFFFFF
+        return 0
+
+    def write(self, offset: int, size: int, value: int) -> None:
+        """Take CTRL or CYCCNT."""
+        self._hold()
+        if offset == 0:
+            self._control = value & 1
+        elif offset == 4:
+            self._count = value
+        self._counted_from = self._processor.now()
+
+
+class SystemControlSpace:
+    """The page at 0xE000E000: SysTick, NVIC and SCB.
+
+    Parameters
+    ----------
+    processor : Processor
+        Whose registers these are.
+    counter : CycleCounter
+        Is enabled by DEMCR.
+    request_reset : callable
+        Called when AIRCR asks for a system reset.
+    """
+
+    name = "SCS"
+    base = 0xE000E000
+
+    def __init__(self, processor: Processor, counter: CycleCounter, request_reset: Callable[[], None]) -> None:
+        self.clocked = True
+        self._processor = processor
+        self._counter = counter
+        self._request_reset = request_reset
+        self._systick = SysTick(processor)
+        self.reset()
+
+    def reset(self) -> None:
+        """State after a processor reset."""
+        self._systick.reset()
+        self._stored: dict[int, int] = {0xD14: 0x200, 0xF34: 0xC0000000}  # CCR.STKALIGN; FPCCR lazy
+        self._processor.fpu_enabled = False
+
+    def read(self, offset: int, size: int) -> int:
+        """Answer a register; byte access is for priorities."""
+        word = self._read_word(offset & ~3)
+        return word >> 8 * (offset & 3)
+
+    def _read_word(self, offset: int) -> int:
+        nvic = self._processor.nvic
+        if 0x10 <= offset <= 0x1C:
+            return self._systick.read(offset)
+        if 0x100 <= offset < 0x380:
+            kind, first = offset & 0xF80, 32 * (offset & 0x7F) // 4
+            return self._bits(kind, first)
+        if 0x400 <= offset < 0x400 + INTERRUPTS:
+            return self._priorities(FIRST_INTERRUPT + offset - 0x400)
+        if _SHPR1 <= offset < _SHPR1 + 12:
+            return self._priorities(4 + offset - _SHPR1)
+        if offset == _ICSR:
+            active = nvic.active[-1] if nvic.active else 0
+            return active | (1 << 28 if PENDSV in nvic.pending else 0) | (1 << 26 if SYSTICK in nvic.pending else 0)
+        if offset == _AIRCR:
+            return 0xFA050000
+        return {0x004: 2, 0xD00: _CPUID, _VTOR: self._processor.exceptions.vector_table}.get(
+            offset, self._stored.get(offset, 0)
+        )
+
+    def _bits(self, kind: int, first: int) -> int:
+        nvic = self._processor.nvic
+        word = 0
+        for bit in range(min(32, max(INTERRUPTS - first, 0))):
+            number = first + bit
+            if kind in (0x100, 0x180):
+                state = nvic.enabled[number]
+            elif kind in (0x200, 0x280):
+                state = FIRST_INTERRUPT + number in nvic.pending
+            else:
+                state = FIRST_INTERRUPT + number in nvic.active
+            word |= state << bit
+        return word
+
+    def _priorities(self, first: int) -> int:
+        priority = self._processor.nvic.priority
+        return sum(priority.get(first + index, 0) << 8 * index for index in range(4))
+
+    def write(self, offset: int, size: int, value: int) -> None:
+        """Take a register."""
+        nvic = self._processor.nvic
+        if 0x10 <= offset <= 0x1C:
+            self._systick.write(offset, value)
+        elif 0x100 <= offset < 0x300:
+            self._set_bits(offset & 0xF80, 8 * (offset & 0x7F), size, value)
+        elif 0x400 <= offset < 0x400 + INTERRUPTS:
+            self._set_priorities(FIRST_INTERRUPT + offset - 0x400, size, value)
+        elif _SHPR1 <= offset < _SHPR1 + 12:
+            self._set_priorities(4 + offset - _SHPR1, size, value)
+        elif offset == _ICSR:
+            for bit, exception, pends in ((28, PENDSV, True), (27, PENDSV, False), (26, SYSTICK, True), (25, SYSTICK, False)):
+                if value >> bit & 1:
+                    nvic.pend(exception) if pends else nvic.pending.discard(exception)
+        else:
+            self._write_scb(offset, value)
+
+    def _write_scb(self, offset: int, value: int) -> None:
+        if offset == _VTOR:
+            self._processor.exceptions.vector_table = value & ~0x7F
+        elif offset == _AIRCR:
+            if value >> 16 == 0x05FA and value & 4:
+                self._request_reset()
+        else:
+            self._stored[offset] = value
+            if offset == _CPACR:
+                self._processor.fpu_enabled = value & _FPU_FULL_ACCESS == _FPU_FULL_ACCESS
+            elif offset == _DEMCR:
+                self._counter.enable_trace(bool(value & _TRCENA))
+
+    def _set_bits(self, kind: int, first: int, size: int, value: int) -> None:
+        nvic = self._processor.nvic
+        for bit in range(8 * size):
+            number = first + bit
+            if not value >> bit & 1 or number >= INTERRUPTS:
+                continue
+            if kind in (0x100, 0x180):
+                nvic.set_enabled(number, kind == 0x100)
+            elif kind == 0x200:
+                nvic.pend(FIRST_INTERRUPT + number)
+            else:
+                nvic.pending.discard(FIRST_INTERRUPT + number)
+
+    def _set_priorities(self, first: int, size: int, value: int) -> None:
+        for index in range(size):
+            self._processor.nvic.set_priority(first + index, value >> 8 * index & 0xFF)

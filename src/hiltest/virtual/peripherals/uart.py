@@ -1,0 +1,226 @@
+"""UART0: the serial port, bit-timed, with its FIFOs and interrupts."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+
+from hiltest.virtual.cpu import Processor
+from hiltest.virtual.peripherals.clocks import ClockGates
+
+_BDH, _BDL, _C2, _S1, _C3, _D, _C4 = 0x0, 0x1, 0x3, 0x4, 0x6, 0x7, 0xA
+_PFIFO, _CFIFO, _SFIFO, _TWFIFO, _TCFIFO, _RWFIFO, _RCFIFO = 0x10, 0x11, 0x12, 0x13, 0x14, 0x15, 0x16
+_TDRE, _TC, _RDRF, _IDLE, _OR, _FE = 0x80, 0x40, 0x20, 0x10, 0x08, 0x02
+_TE, _RE = 0x08, 0x04
+_RXUF, _TXOF, _RXOF = 0x01, 0x02, 0x04
+_BITS_A_BYTE = 10
+_DEPTH = 8
+_BAUD_TOLERANCE = 0.03  # beyond this the last bits of a byte are sampled in their neighbours
+
+
+class Uart:
+    """A Kinetis UART with eight-byte FIFOs.
+
+    Parameters
+    ----------
+    processor : Processor
+        Time and interrupts.
+    clocks : ClockGates
+        The module clock is the core clock.
+    name, base, interrupt
+        Which of the chip's UARTs this is.
+    """
+
+    def __init__(
+        self, processor: Processor, clocks: ClockGates, *, name: str = "UART0", base: int = 0x4006A000,
+        interrupt: int = 31,
+    ) -> None:  # fmt: skip
+        self.name = name
+        self.base = base
+        self.clocked = True
+        self.line_baud = 115_200
+        self._processor = processor
+        self._clocks = clocks
+        self._interrupt = interrupt
+        self._sent = bytearray()
+        self._incoming: deque[int] = deque()
+        self.reset()
+
+    def reset(self) -> None:
+        """State after a chip reset; bytes on the line are lost."""
+        self._registers = bytearray(0x20)
+        self._registers[_BDL] = 0x04
+        self._registers[_PFIFO] = 0x22  # both FIFOs hold eight
+        self._registers[_RWFIFO] = 1
+        self._receive: deque[int] = deque()
+        self._transmit: deque[int] = deque()
+        self._shifting: int | None = None
+        self._flags = 0  # IDLE, OR, FE
+        self._flags_seen = 0
+        self._arrival: object | None = None
+        self._quiet_since = 0.0
+        self._incoming.clear()
+        self._arriving = False
+        self._drive()
+
+    # -- the far end of the wire --------------------------------------------------------------
+
+    def host_write(self, data: bytes) -> None:
+        """Put bytes on the line towards the board, one after the other at line speed."""
+        self._incoming.extend(data)
+        if not self._arriving and self._incoming:
+            self._arriving = True
+            self._processor.schedule.at(self._processor.cycles + self._line_byte_cycles(), self._arrive)
+
+    @property
+    def host_waiting(self) -> int:
+        """Bytes that the board has sent and nobody has fetched."""
+        return len(self._sent)
+
+    def host_read(self, size: int) -> bytes:
+        """Fetch bytes that the board has sent."""
+        data = bytes(self._sent[:size])
+        del self._sent[:size]
+        return data
+
+    # -- timing -------------------------------------------------------------------------------
+
+    def _line_byte_cycles(self) -> int:
+        return round(_BITS_A_BYTE * self._clocks.core_hz / self.line_baud)
+
+    @property
+    def baud(self) -> float:
+        """The rate the firmware has set up [bit/s]."""
+        divisor = (self._registers[_BDH] & 0x1F) << 8 | self._registers[_BDL]
+        fine = (self._registers[_C4] & 0x1F) / 32
+        return self._clocks.core_hz / (16 * (divisor + fine)) if divisor else 0.0
+
+    def _garbled(self) -> bool:
+        return abs(self.baud / self.line_baud - 1) > _BAUD_TOLERANCE
+
+    # -- receiving ----------------------------------------------------------------------------
+
+    def _arrive(self) -> None:
+        byte = self._incoming.popleft()
+        if self.clocked and self._registers[_C2] & _RE:
+            if self._garbled():
+                byte ^= 0xFF
+                self._flags |= _FE
+            depth = _DEPTH if self._registers[_PFIFO] & 0x08 else 1
+            if len(self._receive) < depth:
+                self._receive.append(byte)
+            else:
+                self._flags |= _OR
+                self._registers[_SFIFO] |= _RXOF
+        spacing = self._line_byte_cycles()
+        schedule = self._processor.schedule
+        self._quiet_since = schedule.time
+        if self._incoming:
+            schedule.at(schedule.time + spacing, self._arrive)
+        else:
+            self._arriving = False
+            schedule.at(schedule.time + spacing, self._line_idle(self._quiet_since))
+        self._drive()
+
+    def _line_idle(self, since: float) -> Callable[[], None]:
+        def idle() -> None:
+            if self._quiet_since == since and not self._arriving:
+                self._flags |= _IDLE
+                self._drive()
+
+        return idle
+
+    # -- sending ------------------------------------------------------------------------------
+
+    def _shift(self) -> None:
+        if self._shifting is None and self._transmit:
+            self._shifting = self._transmit.popleft()
+            baud = self.baud
+            byte_cycles = round(_BITS_A_BYTE * self._clocks.core_hz / baud) if baud else 1
+            self._processor.schedule.at(self._processor.now() + byte_cycles, self._shifted)
+
+    def _shifted(self) -> None:
+        if self._shifting is not None:
+            self._sent.append(self._shifting ^ 0xFF if self._garbled() else self._shifting)
+        self._shifting = None
+        if self._transmit:
+            self._shifting = self._transmit.popleft()
+            byte_cycles = round(_BITS_A_BYTE * self._clocks.core_hz / self.baud)
+            schedule = self._processor.schedule
+            schedule.at(schedule.time + byte_cycles, self._shifted)
+        self._drive()
+
+    # -- registers ----------------------------------------------------------------------------
+
+    def _status(self) -> int:
+        status = self._flags
+        if len(self._transmit) <= self._registers[_TWFIFO]:
+            status |= _TDRE
+        if not self._transmit and self._shifting is None:
+            status |= _TC
+        if self._receive and len(self._receive) >= self._registers[_RWFIFO]:
+            status |= _RDRF
+        return status
+
+    def _drive(self) -> None:
+        # C2's TIE, TCIE, RIE and ILIE stand where S1 has TDRE, TC, RDRF and IDLE.
+        nvic = self._processor.nvic
+        nvic.set_line(self._interrupt, bool(self._status() & self._registers[_C2] & 0xF0))
+        nvic.set_line(self._interrupt + 1, bool(self._flags & self._registers[_C3] & 0x0F))
+
+    def read(self, offset: int, size: int) -> int:
+        """Answer a byte register."""
+        if offset == _S1:
+            status = self._status()
+            self._flags_seen = self._flags
+            return status
+        if offset == _D:
+            return self._read_data()
+        if offset == _SFIFO:
+            empty = (0x40 if not self._receive else 0) | (0x80 if not self._transmit else 0)
+            return self._registers[_SFIFO] & 0x07 | empty
+        if offset == _TCFIFO:
+            return len(self._transmit)
+        if offset == _RCFIFO:
+            return len(self._receive)
+        return self._registers[offset] if offset < len(self._registers) else 0
+
+    def _read_data(self) -> int:
+        # Reading S1 and then D clears the flags that S1 showed.
+        self._flags &= ~self._flags_seen
+        self._flags_seen = 0
+        if self._receive:
+            value = self._receive.popleft()
+        else:
+            value = 0
+            self._registers[_SFIFO] |= _RXUF
+        self._drive()
+        return value
+
+    def write(self, offset: int, size: int, value: int) -> None:
+        """Take a byte register."""
+        if offset == _D:
+            self._write_data(value)
+        elif offset == _CFIFO:
+            if value & 0x80:
+                self._transmit.clear()
+            if value & 0x40:
+                self._receive.clear()
+            self._registers[_CFIFO] = value & 0x07
+        elif offset == _SFIFO:
+            self._registers[_SFIFO] &= ~value & 0x07
+        elif offset == _PFIFO:
+            self._registers[_PFIFO] = value & 0x88 | 0x22
+        elif offset not in (_S1, _TCFIFO, _RCFIFO) and offset < len(self._registers):
+            self._registers[offset] = value
+        self._drive()
+
+    def _write_data(self, value: int) -> None:
+        if not self._registers[_C2] & _TE:
+            return
+        depth = _DEPTH if self._registers[_PFIFO] & 0x80 else 1
+        if len(self._transmit) >= depth:
+            self._registers[_SFIFO] |= _TXOF
+            return
+        self._transmit.append(value & 0xFF)
+        self._shift()

@@ -1,0 +1,68 @@
+"""The virtual board's calendar: what happens at which clock cycle."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import math
+from collections.abc import Callable
+
+
+class Event:
+    """One entry of the calendar; `cancel` takes it out."""
+
+    __slots__ = ("_action", "at_cycle")
+
+    def __init__(self, at_cycle: float, action: Callable[[], None]) -> None:
+        self.at_cycle = at_cycle
+        self._action: Callable[[], None] | None = action
+
+    @property
+    def cancelled(self) -> bool:
+        return self._action is None
+
+    def cancel(self) -> None:
+        """Make sure the action does not run (any more)."""
+        self._action = None
+
+    def fire(self) -> None:
+        """Run the action, once."""
+        action, self._action = self._action, None
+        if action is not None:
+            action()
+
+
+class Schedule:
+    """Events in order of their clock cycle; those of one cycle in the order they were made.
+
+    Attributes
+    ----------
+    time : float
+        When the event that is running was due [cycles]. The processor notices an
+        event at the end of a block; what follows from it counts from here.
+    """
+
+    def __init__(self) -> None:
+        self._heap: list[tuple[float, int, Event]] = []
+        self._order = itertools.count()
+        self.time: float = 0.0
+
+    def at(self, cycle: float, action: Callable[[], None]) -> Event:
+        """Call `action` when virtual time reaches `cycle`."""
+        event = Event(cycle, action)
+        heapq.heappush(self._heap, (cycle, next(self._order), event))
+        return event
+
+    @property
+    def next_cycle(self) -> float:
+        """When the next event is due [cycles]; infinity when there is none."""
+        heap = self._heap
+        while heap and heap[0][2].cancelled:
+            heapq.heappop(heap)
+        return heap[0][0] if heap else math.inf
+
+    def run_due(self, now: float) -> None:
+        """Run every event that is due at cycle `now`."""
+        while self.next_cycle <= now:
+            self.time, _, event = heapq.heappop(self._heap)
+            event.fire()

@@ -1,0 +1,188 @@
+"""Clock cycles of instructions, from a versioned table and four rules.
+
+The table (``profiles/*.toml``) holds a value, a band and a source for every
+row. The rules say what one instruction does to the next:
+
+* a load whose address does not come from the load right before it overlaps it;
+* a store with an immediate offset hides in the second cycle of a load right
+  before it, and a load right behind a single store waits;
+* a floating-point instruction waits one cycle for the result of the arithmetic
+  right before it (a multiply-accumulate does not wait for its addend);
+* VDIV and VSQRT keep the FPU busy while integer instructions go on underneath.
+
+What is remembered between instructions is a `PipelineState`. Only a control
+transfer resets it; then an unfinished division is waited for, which errs on
+the dear side. Instructions inside an IT block are priced as if executed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import tomllib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from typing import NamedTuple
+
+from hiltest.errors import ConfigError
+from hiltest.virtual.instructions import Instruction
+
+
+@dataclass(frozen=True, slots=True)
+class CostRow:
+    """One priced class of instructions [cycles]."""
+
+    value: int
+    band: tuple[int, int]
+    source: str
+
+
+class PipelineState(NamedTuple):
+    """What the next instruction may have to wait for.
+
+    ``before`` is "load", "store" or ""; ``loaded`` the core registers that load
+    wrote; ``fp_result`` the single registers the instruction before computed;
+    ``fpu_busy`` the cycles until a division frees the FPU, and ``divided`` the
+    registers that hold its result one cycle after that.
+    """
+
+    before: str = ""
+    loaded: int = 0
+    fp_result: int = 0
+    fpu_busy: int = 0
+    divided: int = 0
+
+
+NEUTRAL = PipelineState()
+
+_SINGLE_TRANSFERS = {"load": "load", "store": "store", "store_register_offset": "store"}
+
+
+class TimingProfile:
+    """Prices instructions.
+
+    Parameters
+    ----------
+    name : str
+        Name and version, e.g. ``cortex-m4-trm/1``.
+    rows : dict of str to CostRow
+        The table.
+    """
+
+    def __init__(self, name: str, rows: dict[str, CostRow]) -> None:
+        self.name = name
+        self.rows = rows
+        self._value = {key: row.value for key, row in rows.items()}
+        self.exception_entry = self._value["exception_entry"]
+        self.exception_return = self._value["exception_return"]
+
+    @property
+    def digest(self) -> str:
+        """A hash of the name and of every value and band."""
+        text = self.name + "".join(f";{key}={row.value}{row.band}" for key, row in sorted(self.rows.items()))
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def step(self, instruction: Instruction, state: PipelineState) -> tuple[int, PipelineState]:
+        """Price one instruction as if it does not transfer control.
+
+        Parameters
+        ----------
+        instruction : Instruction
+            What is executed.
+        state : PipelineState
+            What the instructions before it left behind.
+
+        Returns
+        -------
+        cycles : int
+            Its cost, waiting included.
+        state : PipelineState
+            What it leaves for the next.
+        """
+        value = self._value
+        row = instruction.row
+        wait = self._fp_wait(instruction, state) if instruction.uses_fpu else 0
+        if row == "multiple_base":
+            cycles = value[row] + instruction.words
+        elif row == "fp_divide":
+            cycles = 1  # it is issued; the FPU is busy from here on
+        elif row == "load":
+            cycles = self._load(instruction, state)
+        elif row == "store" and state.before == "load":
+            cycles = value["store_behind_load"]
+        else:
+            cycles = value[row]
+        cycles += wait
+        if instruction.transfer:
+            # The branch resets the pipeline; a division still running is waited for.
+            return cycles + max(state.fpu_busy - cycles, 0), NEUTRAL
+        return cycles, self._leave(instruction, state, cycles, wait)
+
+    def taken(self, instruction: Instruction) -> int:
+        """Cycles added when a transfer is taken: the pipeline refills."""
+        return self._value["refill_direct" if instruction.transfer == "direct" else "refill_indirect"]
+
+    def _load(self, instruction: Instruction, state: PipelineState) -> int:
+        if state.before == "load" and not state.loaded & instruction.address_registers:
+            return self._value["load_behind_load"]
+        late = self._value["load_behind_store"] if state.before == "store" else 0
+        return self._value["load"] + late
+
+    def _fp_wait(self, instruction: Instruction, state: PipelineState) -> int:
+        read = instruction.fp_reads | instruction.fp_addend
+        if state.fpu_busy:
+            late = self._value["fp_divide_use"] - self._value["fp_divide"]
+            return state.fpu_busy + (late if read & state.divided else 0)
+        if state.divided & read:  # free, but the result comes a cycle later
+            return self._value["fp_divide_use"] - self._value["fp_divide"]
+        return self._value["fp_use"] if state.fp_result & instruction.fp_reads else 0
+
+    def _leave(self, instruction: Instruction, state: PipelineState, cycles: int, wait: int) -> PipelineState:
+        row = instruction.row
+        if row == "fp_divide":
+            return PipelineState(fpu_busy=self._value["fp_divide"] - 1, divided=instruction.fp_writes)
+        before = _SINGLE_TRANSFERS.get(row, "")
+        loaded = instruction.loaded_registers if row == "load" else 0
+        computed = instruction.fp_writes if row in ("fp", "fp_accumulate") else 0
+        busy = 0 if instruction.uses_fpu else max(state.fpu_busy - cycles, 0)
+        # The result is one cycle later than the FPU: remember it for the instruction that meets it then.
+        just_free = not instruction.uses_fpu and 0 < state.fpu_busy == cycles
+        divided = state.divided if busy or just_free else 0
+        if not (before or loaded or computed or busy or divided):
+            return NEUTRAL
+        return PipelineState(before, loaded, computed, busy, divided)
+
+
+def price(profile: TimingProfile, instructions: Iterable[Instruction], state: PipelineState = NEUTRAL) -> int:
+    """Sum the cost of straight-line code [cycles], from a pipeline state on."""
+    total = 0
+    for instruction in instructions:
+        cycles, state = profile.step(instruction, state)
+        total += cycles
+    return total
+
+
+@cache
+def load_profile(name: str) -> TimingProfile:
+    """Read a timing profile that ships with the package.
+
+    Raises
+    ------
+    ConfigError
+        If there is none of that name; the message lists those that exist.
+    """
+    folder = resources.files("hiltest.virtual") / "profiles"
+    known: list[str] = []
+    for entry in sorted(folder.iterdir(), key=lambda entry: entry.name):
+        if not entry.name.endswith(".toml"):
+            continue
+        content = tomllib.loads(entry.read_text(encoding="utf-8"))
+        if content["name"] == name:
+            rows = {
+                key: CostRow(row["value"], (row["band"][0], row["band"][1]), row["source"])
+                for key, row in content["cost"].items()
+            }
+            return TimingProfile(name, rows)
+        known.append(content["name"])
+    raise ConfigError(f"no timing profile {name!r}; known: {', '.join(known)}")
