@@ -102,6 +102,28 @@ class Mounting:
 
 
 @dataclass(frozen=True, slots=True)
+class SensorChoice:
+    """Which sensors are judged, and how noisy the magnetometer is declared to be.
+
+    Attributes
+    ----------
+    magnetometer_noise_ut : float
+        Rms of one axis of one reading; what a fit's residual is held against.
+    magnetometer, accelerometer, gyroscope : str or None
+        Names as the board's identity gives them; None takes the first that answers.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
+    magnetometer_noise_ut: float
+    magnetometer: str | None = None
+    accelerometer: str | None = None
+    gyroscope: str | None = None
+
+    def __post_init__(self) -> None:
+        _require(self.magnetometer_noise_ut >= 0.0, "magnetometer_noise_ut", "must not be negative")
+
+
+@dataclass(frozen=True, slots=True)
 class TurntableSettings:
     """What sets a known angle, and how well [deg]."""
 
@@ -220,6 +242,7 @@ class Rig:
     field: LocalField
     mounting: Mounting
     turntable: TurntableSettings
+    sensors: SensorChoice
     procedure: Procedure
     link: LinkSettings = LinkSettings()
     seed: int = 1

@@ -144,6 +144,20 @@ def test_a_tumble_stays_below_600_degrees_a_second_and_has_300_samples_at_80_hz(
     assert world.at(end).rate_body_dps == (0.0, 0.0, 0.0)
 
 
+def test_a_tumble_starts_from_its_first_pose_wherever_the_table_was():
+    begins = []
+    for pose in (Pose(0), Pose(77, -20, 5)):
+        world = World(FIELD, pose=pose)
+        end = world.tumble(time_s=0.3, duration_s=3.99)
+        assert end - world.last_move_start_s == pytest.approx(4.0)
+        begins.append(world.at(world.last_move_start_s).pose)
+        before = world.at(world.last_move_start_s - 1e-6).pose
+        assert before.roll_deg == pytest.approx(begins[-1].roll_deg, abs=1e-3)
+        again = world.turn_to(begins[-1], time_s=end)
+        assert world.tumble(time_s=again, duration_s=1.0) - again == pytest.approx(1.0 + MOVE_GRID_S)
+    assert begins[0] == begins[1]
+
+
 def test_noise_at_a_judged_pose_is_counted_from_arrival():
     early, late = World(FIELD), World(FIELD)
     arrivals = [world.turn_to(Pose(90), time_s=time_s, judged_pose=7) for world, time_s in ((early, 1.0), (late, 9.0))]

@@ -122,10 +122,12 @@ class World:
     def tumble(self, *, time_s: float, duration_s: float) -> float:
         """Turn to the tumble's first pose, then tumble; return the virtual time of its end [s].
 
-        The tumble itself begins `duration_s` (rounded up to the grid) before its end. How fast
+        The tumble itself begins at `last_move_start_s`, `duration_s` (rounded up to the grid)
+        before its end: a board should start to collect then. How fast
         the sphere is covered does not depend on the duration: a longer one goes on.
         """
-        begin = self.turn_to(tumble_begin(), time_s=time_s)
+        already_there = self._table == tumble_begin()
+        begin = self._earliest(time_s) if already_there else self.turn_to(tumble_begin(), time_s=time_s)
         steps = math.ceil(duration_s / MOVE_GRID_S - 1e-9)
         end = (round(begin / MOVE_GRID_S) + steps) * MOVE_GRID_S
         tumble = Tumble(begin, end)
@@ -140,6 +142,11 @@ class World:
         if judged_pose is not None:
             self._begin_epoch(_JUDGED_EPOCH + judged_pose, start)
         return start
+
+    @property
+    def last_move_start_s(self) -> float:
+        """Virtual time at which the last move begins: of a tumble, when the board is at its first pose [s]."""
+        return self._segments[-1].start_s
 
     def at(self, time_s: float) -> WorldState:
         """Return the true state at a virtual time [s], also in the future of all commands."""
