@@ -15,7 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from hiltest.virtual.instructions import Instruction, decode
+from hiltest.virtual.instructions import Instruction, decode, registers_to_be_aligned
 from hiltest.virtual.timing import NEUTRAL, PipelineState, TimingProfile
 
 ReadCode = Callable[[int, int], bytes]
@@ -29,8 +29,10 @@ class Block:
     ----------
     through, taken : int
         Cycles when execution falls out of its end, and when it jumps away.
+    aligned : tuple of int
+        Core registers that must hold multiples of four when it begins.
     needs_attention : bool
-        Whether the processor must look before (FPU, hang) or behind it (masks).
+        Whether the processor must look before (FPU, hang, alignment) or behind it (masks).
     """
 
     address: int
@@ -44,6 +46,7 @@ class Block:
     uses_fpu: bool
     changes_masks: bool
     loops_to_itself: bool
+    aligned: tuple[int, ...]
     needs_attention: bool
     _starts: dict[int, int] = field(default_factory=dict)
 
@@ -70,10 +73,12 @@ def price_block(profile: TimingProfile, instructions: list[Instruction], entry: 
     uses_fpu = any(instruction.uses_fpu for instruction in instructions)
     changes_masks = any(instruction.changes_masks for instruction in instructions)
     loops = last.transfer == "direct" and not last.conditional and last.text.endswith(f"#{address:#x}")
+    aligned = registers_to_be_aligned(instructions)
     through = total if not last.transfer or last.conditional else total + refill
     return Block(
         address, end, entry, tuple(instructions), len(instructions), through, total + refill, state,
-        uses_fpu, changes_masks, loops and len(instructions) == 1, uses_fpu or changes_masks or loops,
+        uses_fpu, changes_masks, loops and len(instructions) == 1, aligned,
+        bool(uses_fpu or changes_masks or loops or aligned),
     )  # fmt: skip
 
 

@@ -84,7 +84,8 @@ def _assign(
         elif isinstance(argument, int):
             core.append(argument & 0xFFFFFFFF)
         elif isinstance(argument, float):
-            raise ConfigError(f"argument {position} of {symbol} is {kind}, not float" + ("" if signature else " (no DWARF)"))
+            reason = "" if signature else " (the image has no DWARF, so only integers can be passed)"
+            raise ConfigError(f"argument {position} of {symbol} is {kind}, not float{reason}")
         else:
             core.append(scratch.place(argument))
     if len(floating) > 16:
@@ -98,7 +99,8 @@ def call_function(processor: Processor, symbol: str, arguments: Sequence[Argumen
     if function is None or not function.is_function:
         names = [name for name, entry in processor.image.symbols.items() if entry.is_function]
         near = get_close_matches(symbol, names, n=3)
-        raise ConfigError(f"{processor.image.name}: no function {symbol!r}" + (f"; near: {', '.join(near)}" if near else ""))
+        hint = f"; near: {', '.join(near)}" if near else ""
+        raise ConfigError(f"{processor.image.name}: no function {symbol!r}{hint}")
     registers, accounting = processor.registers, processor.accounting
     saved = registers.general.read(), registers.floating.read(), registers.primask.get(), processor.fpu_enabled
     was_sleeping, processor.sleeping = processor.sleeping, False
@@ -112,9 +114,8 @@ def call_function(processor: Processor, symbol: str, arguments: Sequence[Argumen
     registers.primask.set(1)
     processor.fpu_enabled = True
     registers.xpsr.set(1 << 24)
-    registers.general.write(
-        (core[:4] + [0] * 13)[:13] + [stack, RETURN_ADDRESS | 1, function.address | 1, 1 << 24]
-    )
+    general = (core[:4] + [0] * 13)[:13]
+    registers.general.write([*general, stack, RETURN_ADDRESS | 1, function.address | 1, 1 << 24])
     registers.floating.write((floating + [0] * 16)[:16])
     accounting.flush_pipeline()
     cycles, instructions = accounting.cycles, accounting.instructions

@@ -15,6 +15,7 @@ from typing import Any
 
 import unicorn
 from unicorn import arm_const as arm
+from unicorn import unicorn_py3
 from unicorn.unicorn_py3.unicorn import uclib
 
 from hiltest.errors import BoardFault
@@ -59,7 +60,7 @@ class Processor:
     def __init__(self, image: FirmwareImage, profile: TimingProfile, *, by_instruction: bool = False) -> None:
         self.image = image
         self.profile = profile
-        self.engine: Any = unicorn.Uc(unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS)
+        self.engine: Any = unicorn_py3.Uc(unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS)
         self.engine.ctl_set_cpu_model(arm.UC_CPU_ARM_CORTEX_M4)
         self.memory = BoardMemory(self.engine)
         self.engine.mem_map(RETURN_ADDRESS, 0x1000, unicorn.UC_PROT_READ | unicorn.UC_PROT_EXEC)
@@ -148,11 +149,26 @@ class Processor:
                 self._fault = self.fault("FPU used while CPACR disables it (NOCP)", block.address)
                 return False
             self.exceptions.floating_point_runs()
+        if block.aligned and self._misaligned(block):
+            return False
         if block.loops_to_itself and not self._can_leave_loop():
             self._fault = self.fault("hang: a loop to itself that no interrupt can end", block.address)
             return False
         if block.changes_masks:
             self.look_soon()
+        return True
+
+    def _misaligned(self, block: Block) -> bool:
+        values = self.registers.cores(block.aligned).read()
+        together = 0
+        for value in values:
+            together |= value
+        if not together & 3:
+            return False
+        register, value = next((r, v) for r, v in zip(block.aligned, values, strict=True) if v & 3)
+        place = next((i for i in block.instructions if i.aligned_base == register), block.instructions[0])
+        cause = f"unaligned access: r{register} = 0x{value:08x} in '{place.text}'"
+        self._fault = self.fault(cause, place.address)
         return True
 
     def _can_leave_loop(self) -> bool:
@@ -261,7 +277,7 @@ class Processor:
         self.accounting.deadline = deadline
         try:
             self.engine.emu_start(self.registers.pc.get() | 1, RETURN_ADDRESS)
-        except unicorn.UcError as error:
+        except unicorn_py3.UcError as error:
             if self._fault is None:
                 self._fault = self.fault(str(error), self.registers.pc.get())
         pc = self.registers.pc.get()

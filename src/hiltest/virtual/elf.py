@@ -82,8 +82,8 @@ class FirmwareImage:
         header = self._elf.header
         if header.e_machine != "EM_ARM" or self._elf.elfclass != 32 or not self._elf.little_endian:
             raise ConfigError(
-                f"{self.name}: built for {header.e_machine} ({self._elf.elfclass} bit), the board has an Arm Cortex-M4F; "
-                "build with arm-none-eabi-gcc -mcpu=cortex-m4"
+                f"{self.name}: built for {header.e_machine} ({self._elf.elfclass} bit), "
+                "the board has an Arm Cortex-M4F; build with arm-none-eabi-gcc -mcpu=cortex-m4"
             )
         if header.e_type != "ET_EXEC":
             raise ConfigError(f"{self.name}: {header.e_type} is not an executable; link it first")
@@ -100,7 +100,7 @@ class FirmwareImage:
     def symbols(self) -> dict[str, Symbol]:
         """Named functions and objects; a global one wins over a local one of the same name."""
         found: dict[str, Symbol] = {}
-        table = self._elf.get_section_by_name(".symtab")
+        table: Any = self._elf.get_section_by_name(".symtab")
         if table is None:
             return found
         for entry in sorted(table.iter_symbols(), key=lambda symbol: symbol.entry.st_info.bind == "STB_GLOBAL"):

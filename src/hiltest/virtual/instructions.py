@@ -35,6 +35,12 @@ class Instruction:
         Whether a transfer may fall through.
     changes_masks : bool
         Whether interrupts may become deliverable behind it.
+    aligned_base : int
+        The core register that must hold a multiple of four, or -1.
+    core_writes : int
+        Core registers written.
+    derived : tuple of (int, int)
+        Pairs (written, source): the written register is the source plus a multiple of four.
     """
 
     address: int
@@ -52,7 +58,8 @@ class Instruction:
     conditional: bool = False
     changes_masks: bool = False
     aligned_base: int = -1
-    aligned_offset: int = 0
+    core_writes: int = 0
+    derived: tuple[tuple[int, int], ...] = ()
 
 
 _SINGLE_LOADS = {
@@ -83,7 +90,10 @@ _ACCUMULATES = {
     arm.ARM_INS_VMLA, arm.ARM_INS_VMLS, arm.ARM_INS_VFMA, arm.ARM_INS_VFMS,
     arm.ARM_INS_VNMLA, arm.ARM_INS_VNMLS, arm.ARM_INS_VFNMA, arm.ARM_INS_VFNMS,
 }  # fmt: skip
-_BRANCHES = {arm.ARM_INS_B, arm.ARM_INS_BL, arm.ARM_INS_BLX, arm.ARM_INS_BX, arm.ARM_INS_BXJ, arm.ARM_INS_CBZ, arm.ARM_INS_CBNZ}
+_BRANCHES = {
+    arm.ARM_INS_B, arm.ARM_INS_BL, arm.ARM_INS_BLX, arm.ARM_INS_BX, arm.ARM_INS_BXJ,
+    arm.ARM_INS_CBZ, arm.ARM_INS_CBNZ,
+}  # fmt: skip
 _TABLES = {arm.ARM_INS_TBB, arm.ARM_INS_TBH}
 _UNCONDITIONAL = {arm.ARM_CC_AL, arm.ARM_CC_INVALID}
 
@@ -155,7 +165,7 @@ def decode(address: int, code: bytes) -> list[Instruction]:
 
 def _classify(raw: Any, *, in_it_block: bool) -> Instruction:
     reads, writes = raw.regs_access()
-    core_reads, fp_reads = _masks(reads)
+    _, fp_reads = _masks(reads)
     core_writes, fp_writes = _masks(writes)
     fields: dict[str, Any] = {
         "address": raw.address, "size": raw.size, "text": f"{raw.mnemonic} {raw.op_str}".strip(),
@@ -163,7 +173,7 @@ def _classify(raw: Any, *, in_it_block: bool) -> Instruction:
     }  # fmt: skip
     memory = next((operand.mem for operand in raw.operands if operand.type == arm.ARM_OP_MEM), None)
     row, more = _price_class(raw, memory, core_writes)
-    fields |= {"row": row} | more
+    fields |= {"row": row, "core_writes": core_writes, "derived": _derived(raw, row, memory)} | more
     if row == "load":
         # A base that is written back is not loaded: the next load may use it at once.
         base_registers = _masks([memory.base, memory.index])[0] if memory is not None else 0
@@ -178,7 +188,8 @@ def _classify(raw: Any, *, in_it_block: bool) -> Instruction:
 
 
 def _uses_fpu(raw: Any) -> bool:
-    return raw.mnemonic.startswith("v") or raw.mnemonic.startswith(("fldm", "fstm"))
+    mnemonic: str = raw.mnemonic
+    return mnemonic.startswith(("v", "fldm", "fstm"))
 
 
 def _price_class(raw: Any, memory: Any, core_writes: int) -> tuple[str, dict[str, Any]]:
@@ -191,7 +202,7 @@ def _price_class(raw: Any, memory: Any, core_writes: int) -> tuple[str, dict[str
     if kind in _MULTIPLES or kind in _DOUBLES:
         return "multiple_base", _multiple(raw, memory)
     if kind in (arm.ARM_INS_VLDR, arm.ARM_INS_VSTR):
-        alignment = _alignment(memory.base, memory.disp)
+        alignment = _alignment(memory.base)
         if raw.operands[0].reg and _register_masks(raw.operands[0].reg)[1].bit_count() == 2:
             return "multiple_base", {"words": 2} | alignment
         return ("fp_load" if kind == arm.ARM_INS_VLDR else "fp_store"), alignment
@@ -223,20 +234,68 @@ def _fp_class(raw: Any) -> str:
 
 def _multiple(raw: Any, memory: Any) -> dict[str, Any]:
     if raw.id in _DOUBLES:
-        return {"words": 2} | _alignment(memory.base, memory.disp)
+        return {"words": 2} | _alignment(memory.base)
     if raw.id in (arm.ARM_INS_PUSH, arm.ARM_INS_POP, arm.ARM_INS_VPUSH, arm.ARM_INS_VPOP):
         registers, base = raw.operands, arm.ARM_REG_SP
     else:
         registers, base = raw.operands[1:], raw.operands[0].reg
     core, floating = _masks([operand.reg for operand in registers])
-    return {"words": core.bit_count() + floating.bit_count()} | _alignment(base, 0)
+    return {"words": core.bit_count() + floating.bit_count()} | _alignment(base)
 
 
-def _alignment(base: int, offset: int) -> dict[str, Any]:
+def _alignment(base: int) -> dict[str, Any]:
     """Say which register must be word-aligned, unless it always is (sp, pc)."""
     if base in (arm.ARM_REG_SP, arm.ARM_REG_PC):
         return {}
-    return {"aligned_base": _register_masks(base)[0].bit_length() - 1, "aligned_offset": offset}
+    return {"aligned_base": _core_number(base)}
+
+
+def _core_number(register: int) -> int:
+    return _register_masks(register)[0].bit_length() - 1
+
+
+def _derived(raw: Any, row: str, memory: Any) -> tuple[tuple[int, int], ...]:
+    """Find written registers that stay a multiple of four away from another register."""
+    operands = raw.operands
+    if row == "multiple_base" and raw.id not in _DOUBLES and raw.writeback:
+        base = _core_number(operands[0].reg)
+        return ((base, base),) if base >= 0 else ()
+    if memory is not None and raw.writeback:
+        step = operands[-1].imm if operands[-1].type == arm.ARM_OP_IMM else memory.disp
+        base = _core_number(memory.base)
+        return ((base, base),) if step % 4 == 0 else ()
+    if raw.id in (arm.ARM_INS_ADD, arm.ARM_INS_SUB, arm.ARM_INS_ADR) and operands[0].type == arm.ARM_OP_REG:
+        source, last = operands[len(operands) - 2], operands[-1]
+        by_words = (last.type == arm.ARM_OP_IMM and last.imm % 4 == 0) or (
+            last.type == arm.ARM_OP_REG and last.shift.type == arm.ARM_SFT_LSL and last.shift.value >= 2
+        )
+        if by_words and source.type == arm.ARM_OP_REG:
+            return ((_core_number(operands[0].reg), _core_number(source.reg)),)
+    is_copy = raw.id == arm.ARM_INS_MOV and len(operands) == 2 and operands[1].type == arm.ARM_OP_REG
+    if is_copy and not operands[1].shift.type:
+        return ((_core_number(operands[0].reg), _core_number(operands[1].reg)),)
+    return ()
+
+
+def registers_to_be_aligned(instructions: list[Instruction]) -> tuple[int, ...]:
+    """Find the core registers that must be multiples of four when straight-line code begins.
+
+    The part faults on unaligned LDM, STM, LDRD, STRD and floating-point
+    transfers; the emulator lets them pass. A base that is computed or loaded
+    within the code itself is followed through moves and steps of whole words;
+    beyond that it is not checked.
+    """
+    origin: dict[int, int] = {register: register for register in range(13)} | {14: 14}
+    needed: set[int] = set()
+    for instruction in instructions:
+        if instruction.aligned_base in origin:
+            needed.add(origin[instruction.aligned_base])
+        derived = {written: origin.get(source) for written, source in instruction.derived}
+        for register in range(15):
+            if instruction.core_writes >> register & 1:
+                origin.pop(register, None)
+        origin.update({written: source for written, source in derived.items() if source is not None and written < 13})
+    return tuple(sorted(needed))
 
 
 def _control(raw: Any, core_writes: int, *, in_it_block: bool) -> dict[str, Any]:

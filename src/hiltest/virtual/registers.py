@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from unicorn import arm_const as arm
@@ -37,21 +38,20 @@ class RegisterGroup:
         count = len(names)
         self._handle = engine._uch
         self._numbers = (ctypes.c_int * count)(*(register_number(name) for name in names))
-        # The emulator may write 64 bits for some registers: give each its room.
-        self._values = (ctypes.c_uint64 * count)()
+        self._values = (ctypes.c_uint32 * count)()
         address = ctypes.addressof(self._values)
-        self._pointers = (ctypes.c_void_p * count)(*(address + 8 * index for index in range(count)))
+        self._pointers = (ctypes.c_void_p * count)(*(address + 4 * index for index in range(count)))
         self._count = ctypes.c_int(count)
+        self._fetch = partial(uclib.uc_reg_read_batch, self._handle, self._numbers, self._pointers, self._count)
 
     def read(self) -> list[int]:
         """Read all of them."""
-        ctypes.memset(self._values, 0, ctypes.sizeof(self._values))
-        uclib.uc_reg_read_batch(self._handle, self._numbers, self._pointers, self._count)
-        return [value & 0xFFFFFFFF for value in self._values]
+        self._fetch()
+        return self._values[:]
 
     def write(self, values: Sequence[int]) -> None:
         """Write all of them."""
-        self._values[:] = values
+        self._values[:] = list(values)
         uclib.uc_reg_write_batch(self._handle, self._numbers, self._pointers, self._count)
 
 
@@ -63,7 +63,8 @@ class Register(RegisterGroup):
 
     def get(self) -> int:
         """Read it."""
-        return self.read()[0]
+        self._fetch()
+        return self._values[0]
 
     def set(self, value: int) -> None:
         """Write it."""
@@ -79,6 +80,8 @@ class CoreRegisters:
         self.general = RegisterGroup(engine, [f"R{n}" for n in range(13)] + ["SP", "LR", "PC", "XPSR"])
         self.arguments = RegisterGroup(engine, [f"R{n}" for n in range(4)])
         self.floating = RegisterGroup(engine, [f"S{n}" for n in range(16)])
+        self._engine = engine
+        self._cores: dict[tuple[int, ...], RegisterGroup] = {}
         self.pc = Register(engine, "PC")
         self.sp = Register(engine, "SP")
         self.lr = Register(engine, "LR")
@@ -89,6 +92,13 @@ class CoreRegisters:
         self.primask = Register(engine, "PRIMASK")
         self.basepri = Register(engine, "BASEPRI")
         self.faultmask = Register(engine, "FAULTMASK")
+
+    def cores(self, numbers: tuple[int, ...]) -> RegisterGroup:
+        """Return the group of some of r0 to r14, made once."""
+        group = self._cores.get(numbers)
+        if group is None:
+            group = self._cores[numbers] = RegisterGroup(self._engine, [f"R{number}" for number in numbers])
+        return group
 
     def snapshot(self) -> dict[str, int]:
         """Name and value of every core register, for a fault's report."""

@@ -222,9 +222,11 @@ class SystemControlSpace:
         elif _SHPR1 <= offset < _SHPR1 + 12:
             self._set_priorities(4 + offset - _SHPR1, size, value)
         elif offset == _ICSR:
-            for bit, exception, pends in ((28, PENDSV, True), (27, PENDSV, False), (26, SYSTICK, True), (25, SYSTICK, False)):
+            for bit, exception in ((28, PENDSV), (26, SYSTICK)):
                 if value >> bit & 1:
-                    nvic.pend(exception) if pends else nvic.pending.discard(exception)
+                    nvic.pend(exception)
+                elif value >> (bit - 1) & 1:
+                    nvic.pending.discard(exception)
         else:
             self._write_scb(offset, value)
 
