@@ -27,6 +27,12 @@ uint64_t time_us(void);
  */
 bool wait_until(bool (*done)(const void *context), const void *context, uint64_t deadline_us);
 
+/** Longest timeout of wait_briefly() [us]. */
+#define WAIT_BRIEFLY_MAXIMUM_US 100000u
+
+/** The same with a short timeout from now [us], 1 to WAIT_BRIEFLY_MAXIMUM_US: it does without reading the clock. */
+bool wait_briefly(bool (*done)(const void *context), const void *context, uint32_t timeout_us);
+
 /** Sleep until a point in time [us]; returns at once when it has passed. */
 void sleep_until_us(uint64_t deadline_us);
 

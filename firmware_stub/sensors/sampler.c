@@ -2,27 +2,42 @@
 
 #include "boards/time_base.h"
 
+#define RETRIES_A_SAMPLE 8u
+
 sensor_status_t sampler_start(sampler_t *sampler, const sensor_t *sensor)
 {
     *sampler = (sampler_t){.sensor = sensor};
     const sensor_status_t status = sensor_discard(sensor);
-    sampler->next_look_us = time_us() + sensor->driver->period_us / 8u;
+    sampler->next_look_us = time_us() + sensor->driver->period_us / RETRIES_A_SAMPLE;
     return status;
+}
+
+/** How much earlier than a period the next look comes: 1/64, twice that after every 8 hits in a row, at most 1/8. */
+static uint32_t lead_us(uint32_t period_us, uint8_t hits)
+{
+    const uint32_t doublings = hits / RETRIES_A_SAMPLE;
+    return period_us / 64u << (doublings < 3u ? doublings : 3u);
 }
 
 sensor_status_t sampler_look(sampler_t *sampler, sample_t *sample)
 {
     const uint32_t period_us = sampler->sensor->driver->period_us;
+    const uint64_t now_us = time_us();
     const sensor_status_t status = sensor_read_if_ready(sampler->sensor, sample);
-    if (status == SENSOR_OK) {
-        sampler->next_look_us = sample->time_us + period_us - period_us / 16u;
-        if (sample->overrun && sampler->overruns < UINT16_MAX) {
-            sampler->overruns++;
-        }
-    } else {
-        sampler->next_look_us = time_us() + period_us / 8u;
+    if (status != SENSOR_OK) {
+        sampler->next_look_us = now_us + period_us / RETRIES_A_SAMPLE;
+        sampler->hits = 0;
+        return status;
     }
-    return status;
+    sample->time_us = now_us;
+    sampler->next_look_us = now_us + period_us - lead_us(period_us, sampler->hits);
+    if (sampler->hits < UINT8_MAX) {
+        sampler->hits++;
+    }
+    if (sample->overrun && sampler->overruns < UINT16_MAX) {
+        sampler->overruns++;
+    }
+    return SENSOR_OK;
 }
 
 sensor_status_t sampler_next(sampler_t *sampler, sample_t *sample, uint64_t deadline_us)

@@ -2,9 +2,10 @@
  * @file sampler.h
  * @brief New samples of a sensor, each exactly once, without looking for them all the time.
  *
- * The status of a sensor costs an I2C transaction of 0.1 ms. So after a sample the sampler sleeps for 15/16 of the period and then
- * looks every 1/8 of a period until the next is there. The look drifts towards the moment of data-ready from behind and holds
- * there, also when the sensor's clock is up to 6 % fast.
+ * A look at the status costs an I2C transaction of 0.1 ms, so the sampler sleeps until a sample should be there. It looks a little
+ * less than a period after the look that found the last one, so looks move towards the moment of data-ready from behind. A look
+ * that comes too early is repeated an eighth of a period later, which happens once in eight samples when the sensor's clock is
+ * right. When it does not happen the sensor is faster than it says, and the looks move twice as fast.
  */
 #ifndef HILTEST_SAMPLER_H
 #define HILTEST_SAMPLER_H
@@ -14,6 +15,7 @@
 typedef struct {
     const sensor_t *sensor;
     uint64_t next_look_us;
+    uint8_t hits;      /**< looks in a row that found a sample */
     uint16_t overruns; /**< samples before which others were lost */
 } sampler_t;
 

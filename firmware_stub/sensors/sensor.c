@@ -97,7 +97,6 @@ sensor_status_t sensor_read_if_ready(const sensor_t *sensor, sample_t *sample)
     if ((ready & STATUS_XYZ_READY) == 0u) {
         return SENSOR_NOT_READY;
     }
-    sample->time_us = time_us();
     uint8_t flags = 0;
     status = read_burst(sensor, &flags, sample->body);
     sample->overrun = (flags & STATUS_XYZ_OVERWRITTEN) != 0u;

@@ -54,11 +54,11 @@ struct sensor {
     uint8_t address; /**< 7 bit */
 };
 
-/** A measurement in the body frame [counts] and when it was seen to be ready [us]. */
+/** A measurement in the body frame. */
 typedef struct {
-    uint64_t time_us;
-    int16_t body[3];
-    bool overrun; /**< at least one sample before it was never read */
+    uint64_t time_us; /**< when it was found to be ready [us]; the sampler's to fill in */
+    int16_t body[3];  /**< [counts] */
+    bool overrun;     /**< at least one sample before it was never read */
 } sample_t;
 
 /** Ask who is there. `seen` gets the answer, 0 when there is none. SENSOR_OK, SENSOR_ABSENT or SENSOR_BUS_ERROR. */

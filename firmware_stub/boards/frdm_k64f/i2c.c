@@ -162,7 +162,7 @@ static i2c_status_t transact(bus_t *bus)
     bus->step = STEP_ADDRESS;
     I2C_C1(bus->base) = C1_TRANSMIT; /* setting MST sends the START */
     I2C_D(bus->base) = (uint8_t)(bus->address << 1);
-    if (!wait_until(is_idle, bus, time_us() + TRANSACTION_TIMEOUT_US)) {
+    if (!wait_briefly(is_idle, bus, TRANSACTION_TIMEOUT_US)) {
         bus_enable(bus); /* first takes the module off the bus, so no interrupt can change what follows */
         bus->step = STEP_IDLE;
         return I2C_TIMEOUT;

@@ -14,7 +14,8 @@
 
 #define BUS_CLOCKS_PER_US (BUS_CLOCK_HZ / 1000000u)
 #define CORE_CLOCKS_PER_US (CORE_CLOCK_HZ / 1000000u)
-#define SYSTICK_MAXIMUM_US (0xFFFFFFu / CORE_CLOCKS_PER_US)
+
+_Static_assert(WAIT_BRIEFLY_MAXIMUM_US * CORE_CLOCKS_PER_US <= 0x1000000u, "SysTick has 24 bits");
 
 static volatile bool tick_came;
 
@@ -49,42 +50,54 @@ uint64_t time_us(void)
     return ~(((uint64_t)high << 32) | low) / BUS_CLOCKS_PER_US; /* both count down */
 }
 
-/** Make SysTick fire at a deadline, or as late before it as 24 bits reach. False when the deadline has passed. */
-static bool arm_wake_up(uint64_t deadline_us)
+/** Make SysTick fire once, `delay_us` from now; 1 to WAIT_BRIEFLY_MAXIMUM_US. It is off between waits. */
+static void start_tick(uint32_t delay_us)
 {
     tick_came = false;
-    if (deadline_us == WAIT_FOREVER) {
-        return true;
-    }
-    const uint64_t now_us = time_us();
-    if (now_us >= deadline_us) {
-        return false;
-    }
-    const uint64_t left_us = deadline_us - now_us;
-    const uint32_t sleep_us = left_us < SYSTICK_MAXIMUM_US ? (uint32_t)left_us : SYSTICK_MAXIMUM_US;
-    SYST_CSR = 0u;
-    SYST_RVR = sleep_us * CORE_CLOCKS_PER_US - 1u;
+    SYST_RVR = delay_us * CORE_CLOCKS_PER_US - 1u;
     SYST_CVR = 0u; /* any write reloads */
     SYST_CSR = SYST_CSR_ENABLE | SYST_CSR_TICKINT | SYST_CSR_CORE_CLOCK;
-    return true;
 }
 
-bool wait_until(bool (*done)(const void *context), const void *context, uint64_t deadline_us)
+/** Sleep until the condition holds (true) or the tick has come (false). */
+static bool wait_for_condition_or_tick(bool (*done)(const void *context), const void *context)
 {
     bool holds = false;
-    bool in_time = true;
-    tick_came = true; /* not armed yet: the first round does it */
-    while (in_time) {
+    bool waiting = true;
+    while (waiting) {
         const uint32_t mask = primask_set();
         holds = done(context);
-        in_time = !holds && (!tick_came || arm_wake_up(deadline_us));
-        if (in_time) {
+        waiting = !holds && !tick_came;
+        if (waiting) {
             __asm volatile("dsb\n\twfi" ::: "memory"); /* a pending interrupt ends it though it is masked */
         }
         primask_restore(mask);
         __asm volatile("isb" ::: "memory"); /* what woke the core runs here */
     }
+    return holds;
+}
+
+bool wait_briefly(bool (*done)(const void *context), const void *context, uint32_t timeout_us)
+{
+    start_tick(timeout_us);
+    const bool holds = wait_for_condition_or_tick(done, context);
     SYST_CSR = 0u;
+    return holds;
+}
+
+bool wait_until(bool (*done)(const void *context), const void *context, uint64_t deadline_us)
+{
+    if (deadline_us == WAIT_FOREVER) {
+        tick_came = false; /* and none will come */
+        return wait_for_condition_or_tick(done, context);
+    }
+    bool holds = done(context);
+    uint64_t now_us = time_us();
+    while (!holds && now_us < deadline_us) {
+        const uint64_t left_us = deadline_us - now_us;
+        holds = wait_briefly(done, context, left_us < WAIT_BRIEFLY_MAXIMUM_US ? (uint32_t)left_us : WAIT_BRIEFLY_MAXIMUM_US);
+        now_us = time_us();
+    }
     return holds;
 }
 
