@@ -75,46 +75,69 @@ static inline __attribute__((always_inline)) void assemble_target(const moments_
     m[9][8] = s->zz;
 }
 
-/* Factor column `j` once the columns before it are done. Row i then keeps L_ij d_j below the diagonal, and L_jk at the left.
- * Returns the pivot d_j. */
-static inline __attribute__((always_inline)) float factor_column(augmented_t m, const float reciprocal[UNKNOWNS], int j)
+/* Subtract from columns 0..first-1 of rows first..last what earlier columns explain, all these rows together so that each
+ * element of L is loaded once. Row i then holds L_ij d_j in column j. */
+static inline __attribute__((always_inline)) void reduce_rows(augmented_t m, int first, int last)
 {
-    float pivot = m[j][j];
+#pragma GCC unroll 9
+    for (int j = 1; j < first; j++) {
+#pragma GCC unroll 9
+        for (int k = 0; k < j; k++) {
+#pragma GCC unroll 9
+            for (int i = first; i <= last; i++) {
+                m[i][j] -= m[i][k] * m[j][k];
+            }
+        }
+    }
+}
+
+/* Finish row j: replace its L_jk d_k by L_jk, form the pivot and its reciprocal, and reduce column j of the rows below it down
+ * to `last`. Returns M_jj/d_j; for a pivot that vanishes that is infinite, negative, or not a number. */
+static inline __attribute__((always_inline)) float finish_row(augmented_t m, float reciprocal[UNKNOWNS], int j, int last)
+{
+    const float diagonal = m[j][j];
+    float pivot = diagonal;
 #pragma GCC unroll 9
     for (int k = 0; k < j; k++) {
         const float scaled = m[j][k] * reciprocal[k];
         pivot -= m[j][k] * scaled;
         m[j][k] = scaled;
-    }
 #pragma GCC unroll 9
-    for (int i = j + 1; i <= UNKNOWNS; i++) {
-        float element = m[i][j];
-#pragma GCC unroll 9
-        for (int k = 0; k < j; k++) {
-            element -= m[i][k] * m[j][k];
+        for (int i = j + 1; i <= last; i++) {
+            m[i][j] -= m[i][k] * scaled;
         }
-        m[i][j] = element;
     }
-    return pivot;
+    reciprocal[j] = 1.0f / pivot;
+    return diagonal * reciprocal[j];
 }
 
-/* Factor the first nine rows and carry the tenth along. Every loop is unrolled completely: a rolled triangle spends more on
- * indices than on arithmetic. Returns the largest M_jj/d_j, or COVERAGE_SINGULAR at the first pivot that vanishes. */
+/* Bits of a float. As unsigned numbers they are in the order of positive floats, and those of negative ones, infinity and NaN
+ * are larger: one comparison finds the worst of all. */
+static inline uint32_t bits(float value)
+{
+    const union {
+        float value;
+        uint32_t bits;
+    } same = {value};
+    return same.bits;
+}
+
+/* Factor the first nine rows and carry the tenth along, in three blocks whose rows fit the registers. Every loop is unrolled
+ * completely: a rolled triangle spends more on indices than on arithmetic. Returns the largest M_jj/d_j, at most
+ * COVERAGE_SINGULAR, at which the factors mean nothing. */
 static inline __attribute__((always_inline)) float factor(augmented_t m, float reciprocal[UNKNOWNS])
 {
     float worst = 1.0f;
 #pragma GCC unroll 9
     for (int j = 0; j < UNKNOWNS; j++) {
-        const float diagonal = m[j][j];
-        const float pivot = factor_column(m, reciprocal, j);
-        if (!(pivot * COVERAGE_SINGULAR > diagonal)) {
-            return COVERAGE_SINGULAR;
+        const int last = j < 3 ? 2 : j < 6 ? 5 : UNKNOWNS;
+        if (j == 3 || j == 6) {
+            reduce_rows(m, j, last);
         }
-        reciprocal[j] = 1.0f / pivot;
-        const float ratio = diagonal * reciprocal[j];
-        worst = ratio > worst ? ratio : worst;
+        const float ratio = finish_row(m, reciprocal, j, last);
+        worst = bits(ratio) > bits(worst) ? ratio : worst;
     }
-    return worst;
+    return bits(worst) < bits(COVERAGE_SINGULAR) ? worst : COVERAGE_SINGULAR;
 }
 
 FAST_CODE float quadric_fit(const moments_t *sums, quadric_t *quadric)
