@@ -189,7 +189,7 @@ class SimulatedWorld:
     hard_iron_ut : (3,)
         Added to it at the MAG3110, the part's zero-flux offset included.
     mounting_yaw_deg : float or None
-        True mounting yaw; None is the declared one.
+        True mounting yaw; None is the declared one, or 0 when none is declared.
     fxos8700cq_zero_flux_ut : (3,)
         What the FXOS8700CQ magnetometers read beyond that.
     mag3110_noise_ut : (4,)
@@ -224,6 +224,8 @@ class Rig:
     ----------
     path : Path
         The file it was read from.
+    mounting : Mounting or None
+        None when nobody declares it: only centred heading errors can then be judged.
     seed : int
         Of the noise, when the command line gives none.
     world : SimulatedWorld or None
@@ -240,10 +242,10 @@ class Rig:
     path: Path
     board: BoardPlace
     field: LocalField
-    mounting: Mounting
     turntable: TurntableSettings
     sensors: SensorChoice
     procedure: Procedure
+    mounting: Mounting | None = None
     link: LinkSettings = LinkSettings()
     seed: int = 1
     world: SimulatedWorld | None = None
@@ -384,7 +386,9 @@ def _earth_field(rig: Rig) -> EarthField:
 
 
 def _true_yaw_deg(rig: Rig, world: SimulatedWorld) -> float:
-    return rig.mounting.yaw_deg if world.mounting_yaw_deg is None else world.mounting_yaw_deg
+    if world.mounting_yaw_deg is not None:
+        return world.mounting_yaw_deg
+    return rig.mounting.yaw_deg if rig.mounting else 0.0
 
 
 def _with_zero_flux(distortion: MagneticDistortion, zero_flux_ut: Triple) -> MagneticDistortion:

@@ -160,7 +160,7 @@ def reference_uncertainty_deg(rig: Rig, measurement: str) -> float | None:
     what = rest.rpartition(".")[2]
     if family != "heading" or what == "worst_sector":
         return None
-    mounting_deg = rig.mounting.uncertainty_deg if what in _MOUNTING_ENTERS else 0.0
+    mounting_deg = rig.mounting.uncertainty_deg if rig.mounting and what in _MOUNTING_ENTERS else 0.0
     return math.hypot(rig.turntable.uncertainty_deg, mounting_deg)
 
 
@@ -171,10 +171,11 @@ def _refuse_limits_within_uncertainty(rig: Rig, source: _Source) -> None:
             continue
         for bound in (limit.min, limit.max):
             if bound is not None and abs(bound) < uncertainty_deg:
+                mounting = f"{rig.mounting.uncertainty_deg:g}" if rig.mounting else "not declared"
                 raise ConfigError(
                     f"{source.where(('limits', name))}: limits.{name} of {bound:g} deg is tighter than the reference "
                     f"itself is known, {uncertainty_deg:.3g} deg (turntable {rig.turntable.uncertainty_deg:g}, "
-                    f"mounting {rig.mounting.uncertainty_deg:g}); widen the limit, or measure the reference better"
+                    f"mounting {mounting}); widen the limit, or measure the reference better"
                 )
 
 
