@@ -23,7 +23,7 @@ from hiltest.world.earth_field import Vector
 
 _LEVELS = 1 << 16
 _GRID = 1 << 20
-_BLOCK = 256  # samples made at once; a block is 0.1 ms of work
+_BLOCK = 64  # samples made at once, in 20 us; at a judged pose few more are read
 _WORDS_PER_BLOCK = _BLOCK * 3 // 4  # four 16-bit draws to a 64-bit word
 _WORD_MASK = (1 << 64) - 1
 
@@ -50,15 +50,16 @@ class NoiseSource:
 
     def __init__(self, seed: int, sensor: str) -> None:
         self._key = np.array([seed & _WORD_MASK, crc32(sensor.encode())], dtype=np.uint64)
-        self._blocks: dict[tuple[int, int], list[Vector]] = {}
+        self._made = (-1, -1)  # epoch and number of the one block that is kept: samples are read in order
+        self._block: list[Vector] = []
 
     def sample(self, epoch: int, number: int) -> Vector:
         """Return the noise of sample `number` (counted from the start of `epoch`), in sigmas."""
         block, index = divmod(number, _BLOCK)
-        key = (epoch, block)
-        if key not in self._blocks:
-            self._blocks[key] = self._generate(epoch, block)
-        return self._blocks[key][index]
+        if self._made != (epoch, block):
+            self._block = self._generate(epoch, block)
+            self._made = (epoch, block)
+        return self._block[index]
 
     def _generate(self, epoch: int, block: int) -> list[Vector]:
         # Counter words: 0 counts within the block, 1 is the block, 2 the epoch.
