@@ -89,6 +89,11 @@ class Accounting(Protocol):
     instructions: int
     deadline: float
 
+    @property
+    def jumped_from(self) -> int | None:
+        """Address of the last instruction that began, while nothing has begun behind it."""
+        ...
+
     def now(self, pc: int) -> int:
         """Virtual time [cycles] of the instruction at `pc`, which is being executed."""
         ...
@@ -175,6 +180,11 @@ class BlockAccounting:
     def _price(self, address: int, size: int, state: PipelineState) -> Block:
         return price_block(self._profile, decode(address, self._read_code(address, size)), state)
 
+    @property
+    def jumped_from(self) -> int | None:
+        """Address of the last instruction of the block that runs."""
+        return None if self._running is None else self._running.instructions[-1].address
+
     def now(self, pc: int) -> int:
         """Virtual time [cycles] at the start of the instruction at `pc`."""
         block = self._running
@@ -252,6 +262,11 @@ class InstructionAccounting:
         cycles, self._state = self._profile.step(instruction, self._state)
         self.cycles += cycles
         self.instructions += 1
+
+    @property
+    def jumped_from(self) -> int | None:
+        """Address of the instruction that runs."""
+        return None if self._last is None else self._last.address
 
     def now(self, pc: int) -> int:
         """Virtual time [cycles] at the start of the instruction at `pc`."""

@@ -51,7 +51,8 @@ class _Scratch:
         address = self._next
         self._next = (address + view.nbytes + 7) & ~7
         if self._next > self._limit:
-            raise ConfigError(f"the arguments need {self._next - self._limit} bytes more RAM than the image leaves free")
+            missing = self._next - self._limit
+            raise ConfigError(f"the arguments need {missing} bytes more RAM than the image leaves free")
         self._memory.write(address, view.tobytes())
         if not view.readonly:
             self._written_back.append((address, view.cast("B")))

@@ -191,7 +191,9 @@ class Processor:
 
     def _on_invalid_memory(self, _engine: Any, access: int, address: int, size: int, _value: int, _data: Any) -> bool:
         pc = self.registers.pc.get()
-        place = self.registers.lr.get() if access == unicorn.UC_MEM_FETCH_UNMAPPED else pc
+        place = pc
+        if access == unicorn.UC_MEM_FETCH_UNMAPPED:  # name the jump, not where it went
+            place = self.accounting.jumped_from or pc
         what = _ACCESS.get(access, f"memory access {access} at")
         if self._fault is None:
             self._fault = self.fault(f"{what} 0x{address:08x} ({size} bytes)", place)

@@ -1,0 +1,44 @@
+"""Small programs for the virtual board, built with the cross compiler where there is one."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from hiltest.virtual.k64f import VirtualK64F
+
+PROGRAMS = Path(__file__).parent / "programs"
+SHIPPED = Path(__file__).parents[2] / "src/hiltest/firmware/hiltest-frdm-k64f.elf"
+FLAGS = [
+    "-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard", "-O1", "-g", "-nostdlib",
+    "-ffreestanding", "-Wl,--build-id=none", f"-Wl,-T,{PROGRAMS / 'flash.ld'}",
+]  # fmt: skip
+
+Build = Callable[..., Path]
+
+
+@pytest.fixture
+def build(tmp_path: Path, require_tool: Callable[[str], str]) -> Build:
+    """Return a function that compiles sources (files in programs/, or text) into an ELF."""
+    compiler = require_tool("arm-none-eabi-gcc")
+
+    def compile_program(source: str | Path, *flags: str) -> Path:
+        path = source
+        if isinstance(source, str):
+            path = tmp_path / "program.S"
+            path.write_text(source)
+        elf = tmp_path / "program.elf"
+        command = [compiler, *FLAGS, *flags, str(PROGRAMS / "start.S"), str(path), "-o", str(elf)]
+        subprocess.run(command, check=True, timeout=60)
+        return elf
+
+    return compile_program
+
+
+@pytest.fixture
+def shipped_board() -> VirtualK64F:
+    """The virtual board with the firmware that ships in the package."""
+    return VirtualK64F(SHIPPED)

@@ -1,0 +1,107 @@
+"""Counting by block gives the totals that counting by instruction gives."""
+
+from __future__ import annotations
+
+import random
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hiltest.virtual.k64f import VirtualK64F
+
+from .conftest import SHIPPED, Build
+
+KERNELS = ("magnetometer_direct", "magnetometer_iterative", "magnetometer_empty")
+POINTS_ADDRESS = 0x20020000
+
+
+def run_kernel(board: VirtualK64F, kernel: str, points: np.ndarray) -> tuple[int, int, bytes]:
+    """Run a calibrator over points; its cycles, instructions and answer."""
+    board.processor.memory.write(POINTS_ADDRESS, points.astype("<i2").tobytes())
+    low, high = points.min(axis=0).tolist(), points.max(axis=0).tolist()
+    argument = struct.pack("<IH3h3h2x", POINTS_ADDRESS, len(points), *low, *high)
+    fit = bytearray(64)
+    result = board.call(kernel, argument, fit)
+    return result.cycles, result.instructions, bytes(fit)
+
+
+def cloud(n: int, seed: int) -> np.ndarray:
+    generator = np.random.default_rng(seed)
+    directions = generator.normal(size=(n, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    noise = generator.normal(size=(n, 3)) * 4
+    return np.round(485 * directions * (1.03, 0.99, 0.98) + (120, -80, 40) + noise).astype(np.int16)
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+@pytest.mark.parametrize("n", [3, 20, 100])
+def test_both_ways_of_counting_agree_on_every_kernel(kernel: str, n: int) -> None:
+    points = cloud(n, seed=n)
+    by_block = run_kernel(VirtualK64F(SHIPPED), kernel, points)
+    by_instruction = run_kernel(VirtualK64F(SHIPPED, by_instruction=True), kernel, points)
+    assert by_block == by_instruction
+
+
+def test_the_same_call_costs_the_same_cycles_every_time(shipped_board: VirtualK64F) -> None:
+    points = cloud(100, seed=1)
+    first = run_kernel(shipped_board, "magnetometer_direct", points)
+    for _ in range(3):
+        run_kernel(shipped_board, "magnetometer_iterative", points)
+        assert run_kernel(shipped_board, "magnetometer_direct", points) == first
+
+
+def random_program(seed: int, length: int) -> str:
+    """Write a function of random straight-line code, IT blocks, short branches and loops."""
+    choose = random.Random(seed)
+    lines = [".syntax unified", ".thumb", ".cpu cortex-m4", ".fpu fpv4-sp-d16", ".text"]
+    lines += [".thumb_func", ".global main", ".type main, %function", "main:", "bx lr"]
+    # The functions straddle pages of 1 KiB and 4 KiB, where the emulator cuts blocks.
+    lines += [".balign 4096", ".space 3800", ".thumb_func", ".global work", ".type work, %function", "work:"]
+    lines += ["push {r4-r7, lr}", "ldr r7, =scratch", "movs r6, #3", "top:"]
+    forms = [
+        lambda: f"adds r{r(5)}, r{r(5)}, r{r(5)}",
+        lambda: f"mul r{r(5)}, r{r(5)}, r{r(5)}",
+        lambda: f"umull r0, r{1 + r(4)}, r{r(5)}, r{r(5)}",
+        lambda: f"ldr r{r(5)}, [r7, #{4 * r(16)}]",
+        lambda: f"str r{r(5)}, [r7, #{4 * r(16)}]",
+        lambda: f"ldrsh r{r(5)}, [r7, #{2 * r(16)}]",
+        lambda: f"strb r{r(5)}, [r7, #{r(16)}]",
+        lambda: f"ldmia r7, {{r{r(2)}, r{2 + r(3)}}}",
+        lambda: f"vldr s{r(8)}, [r7, #{4 * r(16)}]",
+        lambda: f"vstr s{r(8)}, [r7, #{4 * r(16)}]",
+        lambda: f"vadd.f32 s{r(8)}, s{r(8)}, s{r(8)}",
+        lambda: f"vmul.f32 s{r(8)}, s{r(8)}, s{r(8)}",
+        lambda: f"vfma.f32 s{r(8)}, s{r(8)}, s{r(8)}",
+        lambda: f"vdiv.f32 s{r(8)}, s{r(8)}, s{r(8)}",
+        lambda: f"vmov r{r(5)}, s{r(8)}",
+        lambda: f"cmp r{r(5)}, #{r(100)}\nitte lt\nmovlt r{r(5)}, #{r(9)}\nldrlt r{r(5)}, [r7]\naddge r{r(5)}, r{r(5)}, #1",
+    ]
+
+    def r(limit: int) -> int:
+        return choose.randrange(limit)
+
+    label = 0
+    for _ in range(length):
+        lines.append(choose.choice(forms)())
+        if r(6) == 0:
+            label += 1
+            lines += [f"cmp r{r(5)}, r{r(5)}", f"b{choose.choice(['eq', 'ne', 'lt', 'hi'])} l{label}"]
+            lines += [choose.choice(forms)() for _ in range(r(3))]
+            lines.append(f"l{label}:")
+    lines += ["subs r6, #1", "bne.w top", "pop {r4-r7, pc}", ".size work, . - work", ".ltorg"]
+    lines += [".data", ".balign 8", "scratch: .space 128, 17"]
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_both_ways_of_counting_agree_on_random_code(build: Build, seed: int) -> None:
+    elf: Path = build(random_program(seed, length=220))
+    by_block = VirtualK64F(elf).call("work")
+    by_instruction = VirtualK64F(elf, by_instruction=True).call("work")
+    assert (by_block.cycles, by_block.instructions, by_block.value) == (
+        by_instruction.cycles,
+        by_instruction.instructions,
+        by_instruction.value,
+    )

@@ -1,0 +1,69 @@
+"""What a real part would trap, and what would hang it, ends in a BoardFault that names the place."""
+
+from __future__ import annotations
+
+import pytest
+
+from hiltest.errors import BoardFault, ConfigError
+from hiltest.virtual.k64f import VirtualK64F
+
+from .conftest import Build
+
+HEAD = """
+    .syntax unified
+    .cpu cortex-m4
+    .fpu fpv4-sp-d16
+    .thumb
+    .text
+    .global main
+    .thumb_func
+    .type main, %function
+main:
+    nop
+culprit:
+"""
+TAIL = "\n    bx lr\n    .size main, . - main\n"
+
+CASES = [
+    ("the FPU before CPACR enables it", "vadd.f32 s0, s0, s0", "CPACR"),
+    ("an unaligned LDRD", "ldr r0, =0x20000002\n    b 1f\n1:  ldrd r2, r3, [r0]", "unaligned"),
+    ("an unaligned LDM", "mov r1, sp\n    adds r1, #2\n    b 1f\n1:  ldm r1, {r2, r3}", "unaligned"),
+    ("a read where nothing is", "ldr r0, =0x30000000\n    ldr r1, [r0]", "read of unmapped address 0x30000000"),
+    ("a write to flash", "movs r0, #0\n    str r0, [r0]", "write to flash at address 0x00000000"),
+    ("a jump into nothing", "ldr r0, =0x30000001\n    bx r0", "unmapped address"),
+    ("a loop to itself", "b culprit", "hang: a loop to itself"),
+    ("sleep that nothing ends", "cpsid i\n    wfi\n    wfi", "hang: WFI"),
+    ("an undefined instruction", "udf #1", "undefined"),
+    ("a breakpoint", "bkpt 1", "breakpoint"),
+    ("a peripheral whose clock is off", "ldr r0, =0x4006A000\n    ldrb r1, [r0]", "UART0 while its clock gate"),
+    ("an address without a peripheral", "ldr r0, =0x40010000\n    ldr r1, [r0]", "no peripheral"),
+]
+
+
+@pytest.mark.parametrize(("what", "code", "cause"), CASES, ids=[case[0] for case in CASES])
+def test_a_fault_names_its_cause_and_place(build: Build, what: str, code: str, cause: str) -> None:
+    board = VirtualK64F(build(HEAD + "    " + code + TAIL))
+    with pytest.raises(BoardFault, match=cause) as caught:
+        # A hang must be found at once, not when the time is up: an hour would take minutes to execute.
+        board.run_until(3600.0 if "sleep" not in what else float("inf"))
+    fault = caught.value
+    assert fault.function == "main"
+    assert fault.location.startswith("program.S:")
+    assert set(fault.registers) >= {"r0", "sp", "lr", "pc"}
+
+
+def test_a_called_function_that_never_returns_is_a_hang(build: Build) -> None:
+    board = VirtualK64F(build(HEAD + "    b culprit" + TAIL))
+    with pytest.raises(BoardFault, match="hang"):
+        board.call("main")
+
+
+def test_calling_a_function_that_is_not_there_names_the_nearest(build: Build) -> None:
+    board = VirtualK64F(build(HEAD + TAIL))
+    with pytest.raises(ConfigError, match="near: main"):
+        board.call("mian")
+
+
+def test_a_file_that_is_no_firmware_is_refused() -> None:
+    with pytest.raises(ConfigError, match="not an ELF"):
+        VirtualK64F(b"\x7fELx" + bytes(60))
