@@ -4,7 +4,8 @@
     python firmware_stub/build.py              build, check, and replace the shipped ELF
     python firmware_stub/build.py --out DIR    the same into another folder
 
-Needs arm-none-eabi-gcc, newlib for it, CMake, and ninja or make. The same sources give the same loadable bytes from any folder.
+Needs arm-none-eabi-gcc, newlib for it, CMake, and ninja or make. The same sources give the
+same loadable bytes from any folder.
 """
 
 from __future__ import annotations
@@ -18,12 +19,17 @@ import subprocess
 import sys
 from pathlib import Path
 
+from stack_check import StackError, stack_bytes
+
 FIRMWARE = Path(__file__).resolve().parent
 REPOSITORY = FIRMWARE.parent
 SHIPPED = REPOSITORY / "src" / "hiltest" / "firmware"
 NAME = "hiltest-frdm-k64f"
 SOURCE_SUFFIXES = {".c", ".h", ".S", ".ld", ".cmake", ".txt"}
 COMPILER = "arm-none-eabi-gcc"
+DEBIAN_PACKAGES = "gcc-arm-none-eabi libnewlib-arm-none-eabi cmake ninja-build"
+BUILD = REPOSITORY / "build" / "firmware"
+STACK_LIMIT_BYTES = 8 * 1024  # what the linker script keeps free at least
 
 
 def source_files(root: Path = FIRMWARE) -> list[Path]:
@@ -46,7 +52,7 @@ def require(*tools: str) -> None:
     """Stop with the way out when a tool is missing."""
     missing = [tool for tool in tools if shutil.which(tool) is None]
     if missing:
-        sys.exit(f"missing: {', '.join(missing)}. On Debian: apt install gcc-arm-none-eabi libnewlib-arm-none-eabi cmake ninja-build")
+        sys.exit(f"missing: {', '.join(missing)}. On Debian: apt install {DEBIAN_PACKAGES}")
 
 
 def run(*command: str | Path) -> str:
@@ -85,7 +91,7 @@ def compile_flags(build: Path, source: Path) -> str:
     return " ".join(kept)
 
 
-def manifest(elf: Path, build: Path, digest: str, source: Path) -> dict[str, object]:
+def manifest(elf: Path, build: Path, digest: str, *, source: Path = FIRMWARE) -> dict[str, object]:
     """Say what was built from what, with what."""
     return {
         "schema": "hiltest.firmware/1",
@@ -96,23 +102,35 @@ def manifest(elf: Path, build: Path, digest: str, source: Path) -> dict[str, obj
         "compiler": run(COMPILER, "--version").splitlines()[0],
         "flags": compile_flags(build, source),
         "section_bytes": section_sizes(elf),
+        "deepest_stack_bytes": deepest_stack(build),
     }
+
+
+def deepest_stack(build: Path) -> int:
+    """Return the deepest stack [bytes]; stop when it is not known or too large."""
+    try:
+        depth = stack_bytes(build)
+    except StackError as error:
+        sys.exit(f"stack check: {error}")
+    if depth > STACK_LIMIT_BYTES:
+        sys.exit(f"stack check: {depth} bytes needed, {STACK_LIMIT_BYTES} are kept free")
+    return depth
 
 
 def main() -> None:
     """Build and install."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=SHIPPED, help="folder for the ELF and manifest.json")
-    parser.add_argument("--build", type=Path, default=REPOSITORY / "build" / "firmware", help="folder to build in; emptied")
+    parser.add_argument("--build", type=Path, default=BUILD, help="folder to build in; emptied")
     arguments = parser.parse_args()
     require(COMPILER, "cmake")
     digest = source_hash()
     built = compile_firmware(arguments.build.resolve(), digest)
     arguments.out.mkdir(parents=True, exist_ok=True)
     elf = Path(shutil.copyfile(built, arguments.out / built.name))
-    facts = manifest(elf, arguments.build.resolve(), digest, FIRMWARE)
+    facts = manifest(elf, arguments.build.resolve(), digest)
     (arguments.out / "manifest.json").write_text(json.dumps(facts, indent=2) + "\n")
-    print(f"{elf}: build {facts['build_id']}, {facts['section_bytes']}")
+    print(f"{elf}: build {facts['build_id']}, {facts['section_bytes']}, stack {facts['deepest_stack_bytes']}")
 
 
 if __name__ == "__main__":
