@@ -1,0 +1,112 @@
+"""Two ways to run the firmware's calibrators: compiled for this machine, and on the virtual board."""
+
+from __future__ import annotations
+
+import ctypes
+import struct
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike, NDArray
+
+import hiltest
+from hiltest.calibration import FitStatus, MagnetometerFit
+from hiltest.virtual.calling import CallResult
+from hiltest.virtual.k64f import VirtualK64F
+
+CALIBRATION = Path(__file__).parents[2] / "firmware_stub" / "calibration"
+SHIPPED_ELF = Path(hiltest.__file__).parent / "firmware" / "hiltest-frdm-k64f.elf"
+
+# magnetometer_fit_t, the same on both: -fshort-enums on the host is what the target's ABI does.
+FIT = struct.Struct("<BBH13f")
+
+
+def _unpack_fit(packed: bytes) -> MagnetometerFit:
+    status, is_sphere, iterations, *floats = FIT.unpack(packed)
+    soft_iron, hard_iron = np.array(floats[:9]).reshape(3, 3), np.array(floats[9:12])
+    return MagnetometerFit(FitStatus(status), bool(is_sphere), iterations, soft_iron, hard_iron, floats[12])
+
+
+def _prepare(points: ArrayLike) -> tuple[NDArray[np.int16], bytes]:
+    """Return the points as the firmware stores them, and what follows their address in magnetometer_points_t."""
+    counts = np.ascontiguousarray(points, dtype="<i2")
+    return counts, struct.pack("<H6h", len(counts), *map(int, counts.min(axis=0)), *map(int, counts.max(axis=0)))
+
+
+class HostCalibrators:
+    """The calibration sources as a shared library of this machine."""
+
+    def __init__(self, library: ctypes.CDLL) -> None:
+        self._library = library
+
+    def calibrate(self, name: str, points: ArrayLike) -> MagnetometerFit:
+        counts, rest = _prepare(points)
+        fit = ctypes.create_string_buffer(FIT.size)
+        getattr(self._library, f"magnetometer_{name}")(struct.pack("P", counts.ctypes.data) + rest, fit)
+        return _unpack_fit(fit.raw)
+
+    def moments(self, points: ArrayLike, anchor: list[int]) -> list[float]:
+        counts, rest = _prepare(points)
+        sums = (ctypes.c_float * 35)()
+        self._library.moments_sum(struct.pack("P", counts.ctypes.data) + rest, (ctypes.c_int32 * 3)(*anchor), sums)
+        return list(sums)
+
+
+class BoardCalibrators:
+    """The shipped firmware's calibrators, called on a virtual board that did not boot."""
+
+    # In SRAM_U behind everything the image uses, below the stack.
+    POINTS, ARGUMENT, ANCHOR, RESULT = 0x20020000, 0x20028000, 0x20028020, 0x20028040
+
+    def __init__(self, board: VirtualK64F) -> None:
+        self._board = board
+        end = max(segment.run_address + segment.run_size for segment in board.image.segments)
+        assert end <= self.POINTS
+
+    def _place(self, points: ArrayLike) -> None:
+        counts, rest = _prepare(points)
+        memory = self._board.processor.memory
+        memory.write(self.POINTS, counts.tobytes())
+        memory.write(self.ARGUMENT, struct.pack("<I", self.POINTS) + rest)
+
+    def cost(self, name: str, points: ArrayLike) -> CallResult:
+        self._place(points)
+        return self._board.call(f"magnetometer_{name}", self.ARGUMENT, self.RESULT)
+
+    def calibrate(self, name: str, points: ArrayLike) -> MagnetometerFit:
+        self.cost(name, points)
+        return _unpack_fit(self._board.processor.memory.read(self.RESULT, FIT.size))
+
+    def moments(self, points: ArrayLike, anchor: list[int]) -> list[float]:
+        self._place(points)
+        memory = self._board.processor.memory
+        memory.write(self.ANCHOR, struct.pack("<3i", *anchor))
+        self._board.call("moments_sum", self.ARGUMENT, self.ANCHOR, self.RESULT)
+        return list(struct.unpack("<35f", memory.read(self.RESULT, 35 * 4)))
+
+
+@pytest.fixture(scope="session")
+def host_calibrators(
+    require_tool: Callable[[str], str], tmp_path_factory: pytest.TempPathFactory
+) -> HostCalibrators:
+    library = tmp_path_factory.mktemp("calibrators") / "calibrators.so"
+    options = ["-std=c11", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fshort-enums", "-shared", "-fPIC"]
+    warnings = ["-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Werror"]
+    sources = sorted(str(path) for path in CALIBRATION.glob("*.c"))
+    command = [require_tool("gcc"), *options, *warnings, *sources, "-o", str(library), "-lm"]
+    subprocess.run(command, check=True)
+    return HostCalibrators(ctypes.CDLL(str(library)))
+
+
+@pytest.fixture(scope="session")
+def board_calibrators() -> BoardCalibrators:
+    return BoardCalibrators(VirtualK64F(SHIPPED_ELF))
+
+
+@pytest.fixture(scope="session", params=["host", "board"])
+def calibrators(request: pytest.FixtureRequest) -> HostCalibrators | BoardCalibrators:
+    found: HostCalibrators | BoardCalibrators = request.getfixturevalue(f"{request.param}_calibrators")
+    return found
