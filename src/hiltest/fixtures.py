@@ -57,7 +57,8 @@ class Measure:
             With its outcome.
         """
         measurement = judge(
-            name, value, unit=unit, limit=limit or self.limit(name), not_judged=not_judged, volatile=volatile,
+            name, value, unit=unit, limit=limit or self.limit(name),
+            information=self._session.rig.information.get(name), not_judged=not_judged, volatile=volatile,
             cycle_model=cycle_model, test=self._item.nodeid,
         )
         self._session.keep(self._item, measurement)

@@ -88,6 +88,8 @@ class Measurement:
     unit : str
         As written behind the number: ``deg``, ``cycle``, ``uT``, ``%``.
     limit : Limit or None
+    information : Limit or None
+        Shown beside the value, without a verdict.
     outcome : Outcome
     volatile : bool
         True when two runs of the same seed may differ in it, such as wall time.
@@ -103,6 +105,7 @@ class Measurement:
     value: float | int | None
     unit: str
     limit: Limit | None = None
+    information: Limit | None = None
     outcome: Outcome = Outcome.PASS
     volatile: bool = False
     cycle_model: str = ""
@@ -126,14 +129,14 @@ class Measurement:
 
 
 def judge(
-    name: str, value: float | int | None, *, unit: str, limit: Limit | None = None,
+    name: str, value: float | int | None, *, unit: str, limit: Limit | None = None, information: Limit | None = None,
     not_judged: str = "", volatile: bool = False, cycle_model: str = "", test: str = "",
 ) -> Measurement:
     """Make a measurement and decide its outcome.
 
     Parameters
     ----------
-    name, value, unit, limit, volatile, cycle_model, test
+    name, value, unit, limit, information, volatile, cycle_model, test
         As in `Measurement`. A value of None means that this board cannot offer it.
     not_judged : str, optional
         Why the limit cannot be applied. The outcome is then ``unset`` if there is a limit.
@@ -163,7 +166,7 @@ def judge(
     else:
         outcome = Outcome.PASS if limit is None or limit.holds(value) else Outcome.FAIL
     return Measurement(
-        name=name, value=value, unit=unit, limit=limit, outcome=outcome,
+        name=name, value=value, unit=unit, limit=limit, information=information, outcome=outcome,
         volatile=volatile, cycle_model=cycle_model, note=note, test=test,
     )
 

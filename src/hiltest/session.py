@@ -200,8 +200,8 @@ class HilSession:
         from hiltest.recording import Recording
         from hiltest.report.recorder import Recorder
 
-        recorder = Recorder(self.settings.out, poses=self.settings.poses)
-        recorder.rig(rig_record(rig), self.settings.seed)
+        recorder = Recorder(self.settings.out, poses=self.settings.poses or rig.procedure.poses)
+        recorder.rig(rig_record(rig), rig.seed if self.settings.seed is None else self.settings.seed)
         if self._board is not None:
             recorder.board(board_record(self._board), self._board.seed)
         self.config.pluginmanager.register(Recording(self, recorder), "hiltest-recording")
@@ -221,7 +221,9 @@ def rig_record(rig: Rig) -> RigRecord:
 
     from hiltest.report.record import RigRecord
 
-    return RigRecord(rig.name, str(rig.path), sha256(rig.path.read_bytes()).hexdigest())
+    declared = rig.mounting
+    mounting = "not declared" if declared is None else f"{declared.yaw_deg:g} ± {declared.uncertainty_deg:g} deg"
+    return RigRecord(rig.name, str(rig.path), sha256(rig.path.read_bytes()).hexdigest(), mounting)
 
 
 def board_record(board: Board) -> BoardRecord:

@@ -11,11 +11,13 @@ import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 
 DEFAULT_OUT = "hil-out"
+
+_POSES: Mapping[str, Literal["all", "level"]] = {"all": "all", "level": "level"}
 
 
 def seed(text: str) -> int:
@@ -31,11 +33,11 @@ def seed(text: str) -> int:
     return int(text)
 
 
-def poses(text: str) -> str:
+def poses(text: str) -> Literal["all", "level"]:
     """Parse which poses are judged: ``all`` or ``level``."""
-    if text not in ("all", "level"):
+    if text not in _POSES:
         raise argparse.ArgumentTypeError(f"{text!r} is neither 'all' nor 'level'")
-    return text
+    return _POSES[text]
 
 
 def file_name(text: str) -> str:
@@ -77,7 +79,7 @@ OPTIONS = (
     Option("port", "URL", file_name, None, "serial port of a real board: device or pyserial URL (default: the rig's)"),
     Option("out", "DIR", file_name, DEFAULT_OUT, f"folder for run.json and the reports (default: {DEFAULT_OUT})"),
     Option("seed", "N", seed, None, "seed of the simulated world (default: the rig's)"),
-    Option("poses", "all|level", poses, "all", "which known angles are judged (default: all)"),
+    Option("poses", "all|level", poses, None, "which known angles are judged (default: the rig's)"),
 )
 
 
@@ -90,7 +92,7 @@ class Settings:
     port: str | None
     out: Path
     seed: int | None
-    poses: str
+    poses: Literal["all", "level"] | None
     sources: Mapping[str, str]
 
 

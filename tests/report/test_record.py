@@ -125,7 +125,7 @@ class TestRecorder:
     @pytest.fixture
     def recorder(self, tmp_path: Path, board: BoardRecord) -> Recorder:
         recorder = Recorder(tmp_path / "out", poses="all")
-        recorder.rig(RigRecord("virtual-k64f", "rig.toml", "cd" * 32), seed=None)
+        recorder.rig(RigRecord("virtual-k64f", "rig.toml", "cd" * 32, "not declared"), seed=None)
         recorder.board(board, seed=7)
         recorder.found([judge("heading.direct.max", 0.97, unit="deg", limit=Limit(max=1.8), test="a")],
                        [Table("t", (Column("n"),), ((1,), (2,)))])

@@ -11,7 +11,7 @@ from hiltest.report import overview
 from hiltest.report.plots import cloud_figures, cycle_figures, heading_figures
 from hiltest.report.record import Run
 from hiltest.report.svg import Figure
-from hiltest.report.terminal import shown_outcome, shown_value
+from hiltest.report.terminal import shown_limit, shown_outcome, shown_value
 
 _TONES = {"pass": "good", "not judged": "warn", "interrupted": "warn", "no tests": "warn"}
 
@@ -36,7 +36,8 @@ def html_report(run: Run) -> str:
         trim_blocks=True, lstrip_blocks=True,
     )
     environment.filters |= {
-        "value": shown_value, "outcome": shown_outcome, "tone": overview.tone, "origin": overview.origin,
+        "value": shown_value, "limit": shown_limit, "outcome": shown_outcome,
+        "tone": overview.tone, "origin": overview.origin,
     }
     return environment.get_template("report.html.j2").render(
         run=run, tone=_TONES.get(run.verdict.outcome, "bad"), board_line=overview.board_line(run),

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from hiltest.measurement import Measurement
 from hiltest.report import overview
 from hiltest.report.record import Run
-from hiltest.report.terminal import shown_outcome, shown_value
+from hiltest.report.terminal import shown_limit, shown_outcome, shown_value
 
 _SPECIAL = re.compile(r"([\\`*_{}\[\]<>#|~&])")
 
@@ -63,7 +63,7 @@ def _tests(run: Run) -> Iterator[str]:
 
 def _measurements(measurements: Iterable[Measurement]) -> Iterator[str]:
     rows = (
-        [each.name, shown_value(each), each.unit, str(each.limit or ""),
+        [each.name, shown_value(each), each.unit, shown_limit(each),
          shown_outcome(each) + (f": {each.note}" if each.note else ""), overview.origin(each)]
         for each in measurements
     )

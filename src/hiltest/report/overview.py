@@ -8,7 +8,7 @@ from itertools import groupby
 
 from hiltest.measurement import Measurement, Outcome
 from hiltest.report.record import Run
-from hiltest.report.terminal import shown_value
+from hiltest.report.terminal import shown_limit, shown_value
 from hiltest.report.verdict import UNCALIBRATED, calibrator_results
 
 # Heading of a column of the accuracy-and-cost table, and the measurement in it.
@@ -119,6 +119,7 @@ def provenance(run: Run) -> Iterator[tuple[str, str]]:
     if run.rig:
         yield "rig", f"{run.rig.name} ({run.rig.file})"
         yield "rig SHA-256", run.rig.sha256
+        yield "mounting yaw", run.rig.mounting
     yield "seed", "none" if run.seed is None else str(run.seed)
     yield "poses", run.poses
     yield "host", f"{run.environment.host}, {run.environment.platform}"
@@ -134,4 +135,4 @@ def _cell(run: Run, name: str) -> Cell:
     unit = "" if measurement.unit.startswith("cycle") else measurement.unit
     joint = "" if unit == "%" else " "
     text = shown_value(measurement) + (f"{joint}{unit}" if measurement.value is not None and unit else "")
-    return Cell(text, limit=str(measurement.limit or ""), tone=tone(measurement))
+    return Cell(text, limit=shown_limit(measurement), tone=tone(measurement))

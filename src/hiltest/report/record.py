@@ -60,12 +60,12 @@ class BoardRecord:
 
 @dataclass(frozen=True, slots=True)
 class RigRecord:
-    """Which rig, by name, file and SHA-256 of that file."""
+    """Which rig, by name, file and SHA-256 of that file; `mounting` as it declares it."""
 
     name: str
     file: str
     sha256: str
-    mounting: str = ""
+    mounting: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -259,8 +259,8 @@ def without_volatile(content: Mapping[str, Any]) -> dict[str, Any]:
 
 def measurement_from(content: Mapping[str, Any]) -> Measurement:
     """Make a measurement from what `asdict` made of one."""
-    limit = content["limit"]
-    return Measurement(**{**content, "limit": limit and Limit(**limit), "outcome": Outcome(content["outcome"])})
+    limits = {key: content[key] and Limit(**content[key]) for key in ("limit", "information")}
+    return Measurement(**{**content, **limits, "outcome": Outcome(content["outcome"])})
 
 
 def table_from(content: Mapping[str, Any]) -> Table:

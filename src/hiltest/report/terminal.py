@@ -55,7 +55,14 @@ def shown_value(measurement: Measurement) -> str:
     value = measurement.value
     if value is None:
         return "-"
-    return grouped(value) if isinstance(value, int) or abs(value) >= 10_000 else f"{value:.4g}"
+    return grouped(value) if isinstance(value, int) or abs(value) >= 1000 else f"{value:.4g}"
+
+
+def shown_limit(measurement: Measurement) -> str:
+    """Return the limit as people read it; one in brackets is information, without a verdict."""
+    if measurement.limit is None and measurement.information is not None:
+        return f"({measurement.information})"
+    return str(measurement.limit or "")
 
 
 def shown_outcome(measurement: Measurement) -> str:
@@ -73,7 +80,7 @@ def _grid(run: Run) -> Grid:
     for each in run.measurements:
         outcome = shown_outcome(each) + (f" ({each.note})" if each.note else "")
         grid.add_row(
-            escape(each.name), shown_value(each), escape(each.unit), str(each.limit or ""), escape(outcome),
+            escape(each.name), shown_value(each), escape(each.unit), shown_limit(each), escape(outcome),
             style=_STYLES[each.outcome] if each.outcome is not Outcome.PASS else None,
         )
     return grid

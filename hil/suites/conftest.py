@@ -1,0 +1,65 @@
+"""The main job, step by step: each suite takes what it needs from here, and each step is done once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from hiltest.boards import Board
+from hiltest.procedures import (
+    UNCALIBRATED,
+    UNCALIBRATED_SLOT,
+    CalibratorRun,
+    KnownAngles,
+    Progress,
+    Tumble,
+    Turntable,
+    collect_tumble,
+    measure_known_angles,
+    run_calibrators,
+)
+from hiltest.rig import Rig
+from hiltest.settings import Settings
+
+# What a later suite's numbers rest on comes first; suites of your own come last.
+ORDER = ("test_identity", "test_accelerometer", "test_gyroscope", "test_heading", "test_cycles", "test_link")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the suites of this folder in their order, and leave all other tests where they are."""
+    here = Path(__file__).parent
+    ours = [item for item in items if item.path.parent == here]
+    ours.sort(key=lambda item: ORDER.index(item.path.stem) if item.path.stem in ORDER else len(ORDER))
+    ordered = iter(ours)
+    items[:] = [next(ordered) if item.path.parent == here else item for item in items]
+
+
+@pytest.fixture(scope="session")
+def tumble(board: Board, turntable: Turntable, rig: Rig, hil_progress: Progress) -> Tumble:
+    """Magnetometer points that the board collected while it was turned all round."""
+    return collect_tumble(board, turntable, points=rig.procedure.tumble_points, progress=hil_progress)
+
+
+@pytest.fixture(scope="session")
+def calibrations(board: Board, tumble: Tumble, rig: Rig, hil_progress: Progress) -> dict[str, CalibratorRun]:
+    """What every calibrator of the firmware made of the same first points."""
+    return run_calibrators(
+        board, tumble, calibrators=board.identity.calibrators, n=rig.procedure.calibration_points,
+        progress=hil_progress,
+    )
+
+
+@pytest.fixture(scope="session")
+def known_angles(
+    board: Board, turntable: Turntable, rig: Rig, calibrations: dict[str, CalibratorRun],
+    hil_settings: Settings, hil_progress: Progress,
+) -> KnownAngles:
+    """The headings that the board answered at known angles, under every calibration."""
+    slots = {UNCALIBRATED: UNCALIBRATED_SLOT}
+    slots |= {name: run.slot for name, run in calibrations.items() if run.usable}
+    return measure_known_angles(
+        board, turntable, poses=rig.procedure.judged_poses(hil_settings.poses), slots=slots,
+        mounting_yaw_deg=rig.mounting.yaw_deg if rig.mounting else 0.0,
+        readings=rig.procedure.readings_per_pose, progress=hil_progress,
+    )

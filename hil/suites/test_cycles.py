@@ -1,0 +1,49 @@
+"""What every calibrator costs: cycles at n points, per point, fixed, and how much they vary."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import pytest
+
+from hiltest.boards import Board
+from hiltest.fixtures import Measure
+from hiltest.procedures import CycleCost, Progress, measure_cycles
+from hiltest.rig import Rig
+
+pytestmark = pytest.mark.hil
+
+
+@pytest.fixture(scope="module")
+def costs(board: Board, rig: Rig, hil_progress: Progress) -> Mapping[str, CycleCost]:
+    """Cycles on golden clouds, which are the same on every host and board."""
+    return measure_cycles(
+        board, board.identity.calibrators, n=rig.procedure.calibration_points, progress=hil_progress
+    )
+
+
+def test_cycles_of_every_calibrator(costs: Mapping[str, CycleCost], measure: Measure) -> None:
+    for name, cost in costs.items():
+        for what, cycles in (
+            ("total", cost.total), ("per_point", cost.per_point), ("fixed", cost.fixed),
+            ("regression_residual", cost.regression_residual), ("spread", cost.spread),
+        ):
+            measure(f"cycles.{name}.{what}", cycles, "cycle", cycle_model=cost.model)
+
+
+def test_instructions_of_every_calibrator(costs: Mapping[str, CycleCost], measure: Measure) -> None:
+    for name, cost in costs.items():
+        measure(f"cycles.{name}.instructions", cost.instructions, "instruction")
+        if cost.iterations:
+            per_sweep = None if cost.instructions is None else cost.instructions / cost.iterations
+            measure(f"cycles.{name}.sweeps", cost.iterations, "")
+            measure(f"cycles.{name}.instructions_per_sweep", per_sweep, "instruction")
+
+
+def test_cycles_grow_with_the_points(costs: Mapping[str, CycleCost], measure: Measure) -> None:
+    sizes = next(iter(costs.values())).sizes.tolist()
+    measure.table(
+        "cycles.sizes", {"n": ""} | dict.fromkeys(costs, "cycle"),
+        zip(sizes, *(cost.cycles.tolist() for cost in costs.values()), strict=True),
+    )
+    assert all(cost.per_point > 0 for cost in costs.values())

@@ -1,0 +1,81 @@
+"""Heading against known angles, beside the quality of the fit: the second does not imply the first."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from hiltest.fixtures import Measure
+from hiltest.measurement import Limit
+from hiltest.procedures import UNCALIBRATED, CalibratorRun, KnownAngles, Tumble
+from hiltest.rig import Rig
+
+pytestmark = pytest.mark.hil
+
+
+def test_points_cover_the_sphere(tumble: Tumble, rig: Rig, measure: Measure) -> None:
+    measure("tumble.points", len(tumble.points), "", limit=Limit(min=rig.procedure.tumble_points))
+    measure("tumble.coverage", 100.0 * tumble.coverage_of(rig.procedure.calibration_points), "%")
+    measure.table("tumble.points", dict.fromkeys("xyz", "count"), tumble.points.tolist())
+
+
+def test_every_calibrator_fits_the_points(calibrations: dict[str, CalibratorRun], measure: Measure) -> None:
+    for name, run in calibrations.items():
+        measure(f"fit.{name}.residual", run.residual_percent, "%")
+        measure(f"fit.{name}.residual_predicted", run.residual_predicted_percent, "%")
+        measure(f"fit.{name}.offset_error", run.offset_error_ut, "uT")
+        measure(f"fit.{name}.rotation_left", run.rotation_left_deg, "deg")
+        measure(f"fit.{name}.coverage", run.coverage, "")
+    measure.table(
+        "calibration.results",
+        {"calibrator": "", "fit": "", "sphere": "", "iterations": ""}
+        | {f"soft_iron_{row}{column}": "1/count" for row in "xyz" for column in "xyz"}
+        | {f"hard_iron_{row}": "count" for row in "xyz"},
+        [
+            [
+                name, run.fit.name, run.is_sphere, run.iterations,
+                *run.soft_iron.ravel().tolist(), *run.hard_iron.tolist(),
+            ]
+            for name, run in calibrations.items()
+        ],
+    )
+    refused = [f"{name}: {run.fit.name}" for name, run in calibrations.items() if not run.usable]
+    assert not refused, f"no calibration to judge: {', '.join(refused)}"
+
+
+def test_heading_at_known_angles(known_angles: KnownAngles, rig: Rig, measure: Measure) -> None:
+    # What a limit of the whole error means rests on a declared mounting; a centred error does without.
+    not_judged = "" if rig.mounting else "the rig declares no mounting"
+    for name in known_angles.error_deg:
+        if name == UNCALIBRATED:
+            continue
+        errors = known_angles.summary(name)
+        measure(f"heading.{name}.max", errors.max_deg, "deg", not_judged=not_judged)
+        measure(f"heading.{name}.rms", errors.rms_deg, "deg", not_judged=not_judged)
+        measure(f"heading.{name}.bias", or_nan(errors.bias_deg), "deg", not_judged=not_judged)
+        measure(f"heading.{name}.max_centred", or_nan(errors.max_centred_deg), "deg")
+        measure(f"heading.{name}.worst_sector", errors.worst_sector.start_deg, "deg")
+        measure(f"heading.{name}.tilt_sensitivity", errors.tilt_sensitivity_deg, "deg")
+    measure.table(
+        "heading.poses",
+        {"heading": "deg", "pitch": "deg", "roll": "deg", "level": ""}
+        | {f"error.{name}": "deg" for name in known_angles.error_deg},
+        [
+            [pose.heading_deg, pose.pitch_deg, pose.roll_deg, bool(level), *errors]
+            for pose, level, *errors in zip(
+                known_angles.poses, known_angles.level,
+                *(errors.tolist() for errors in known_angles.error_deg.values()), strict=True,
+            )
+        ],
+    )
+
+
+def test_heading_without_calibration(known_angles: KnownAngles, measure: Measure) -> None:
+    measure("heading.uncalibrated.max_level", known_angles.max_level_deg(UNCALIBRATED), "deg")
+    measure("heading.uncalibrated.max", known_angles.summary(UNCALIBRATED).max_deg, "deg")
+
+
+def or_nan(value: float | None) -> float:
+    """Errors that cancel all round have no mean: that is a failure, not something left out."""
+    return math.nan if value is None else value

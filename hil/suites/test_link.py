@@ -1,0 +1,28 @@
+"""Does the link do what the protocol says: whole payloads, damage dropped and counted, nothing done twice?"""
+
+from __future__ import annotations
+
+import pytest
+
+from hiltest.boards import Board
+from hiltest.fixtures import Measure
+from hiltest.measurement import Limit
+from hiltest.procedures import check_link
+
+pytestmark = pytest.mark.hil
+
+
+def test_the_link_keeps_its_word(board: Board, measure: Measure) -> None:
+    check = check_link(board)
+    measure("link.echoed", check.echoed, "", limit=Limit(min=check.expected))
+    measure("link.damaged_uncounted", check.damaged_sent - check.damaged_counted, "", limit=Limit(min=0, max=0))
+    measure("link.damaged_answered", check.damaged_answered, "", limit=Limit(max=0))
+    measure("link.uart_overruns", check.uart_overruns, "", limit=Limit(max=0))
+    assert check.repeated_answered, "a repeated request got another answer"
+    assert check.executed_once, "a repeated request was carried out twice"
+
+
+def test_no_request_needed_a_second_attempt(board: Board, measure: Measure) -> None:
+    # On a cable it may happen, and the answer is still right; on a virtual board it may not.
+    limit = Limit(max=0) if board.kind == "virtual" else None
+    measure("link.retried", board.session.retried, "", limit=limit)
