@@ -21,7 +21,8 @@ from pydantic_core import ErrorDetails
 
 from hiltest.errors import ConfigError, UnknownKeyError
 from hiltest.measurement import Limit
-from hiltest.rig import Rig, RigValueError
+from hiltest.rig import Rig
+from hiltest.rig_tables import STRICT, RigValueError
 
 #: Units of the measurements that a limit may name; ``*`` is a calibrator's name.
 MEASUREMENT_UNITS = {
@@ -53,7 +54,7 @@ _MOUNTING_ENTERS = ("max", "rms", "bias", "max_level")
 class LimitEntry:
     """A limit as the file gives it."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid", "strict": True, "allow_inf_nan": False}
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     unit: str
     min: float | None = None
     max: float | None = None
