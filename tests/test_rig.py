@@ -222,3 +222,15 @@ def test_the_shield_is_on_bus_1_and_parts_can_be_left_off():
 def test_importing_the_rig_imports_neither_numpy_nor_pydantic():
     code = "import sys, hiltest.rig; print(sorted({'numpy', 'pydantic', 'scipy'} & set(sys.modules)))"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
+def test_a_bench_may_leave_its_mounting_undeclared(edited):
+    text = DEFAULT.read_text(encoding="utf-8")
+    table = text[text.index("[mounting]"):text.index("[turntable]")]
+    rig = edited(table, "")
+    assert rig.mounting is None
+    assert build_world(rig).at(0.0).pose.heading_deg == 0.0
+    # Nothing is known of the mounting, so the table alone bounds what a limit may ask.
+    assert reference_uncertainty_deg(rig, "heading.direct.max") == pytest.approx(0.1)
+    turned = replace(rig, world=replace(rig.world, mounting_yaw_deg=1.7))
+    assert build_world(turned).at(0.0).pose.heading_deg == 1.7
