@@ -76,7 +76,7 @@ def random_program(seed: int, length: int) -> str:
         lambda: f"vfma.f32 s{r(8)}, s{r(8)}, s{r(8)}",
         lambda: f"vdiv.f32 s{r(8)}, s{r(8)}, s{r(8)}",
         lambda: f"vmov r{r(5)}, s{r(8)}",
-        lambda: f"cmp r{r(5)}, #{r(100)}\nitte lt\nmovlt r{r(5)}, #{r(9)}\nldrlt r{r(5)}, [r7]\naddge r{r(5)}, r{r(5)}, #1",
+        lambda: f"cmp r{r(5)}, #{r(100)}\nite lt\nldrlt r{r(5)}, [r7]\naddge r{r(5)}, r{r(5)}, #1",
     ]
 
     def r(limit: int) -> int:

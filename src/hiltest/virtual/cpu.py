@@ -77,6 +77,9 @@ class Processor:
         accounting = InstructionAccounting if by_instruction else BlockAccounting
         self.accounting: Accounting = accounting(profile, self._read_code, self._attend, self._stop)
         self._install_hooks(by_instruction)
+        # The binding's emu_start costs as much again as the emulator's own.
+        handle, until, forever = self.engine._uch, ctypes.c_uint64(RETURN_ADDRESS), ctypes.c_uint64(0)
+        self._enter: Callable[[int], int] = lambda begin: uclib.uc_emu_start(handle, begin, until, forever, forever)
 
     def _install_hooks(self, by_instruction: bool) -> None:
         begins = self._guarded(self.accounting.begins)
@@ -154,7 +157,7 @@ class Processor:
         if block.loops_to_itself and not self._can_leave_loop():
             self._fault = self.fault("hang: a loop to itself that no interrupt can end", block.address)
             return False
-        if block.changes_masks:
+        if block.changes_masks and self.nvic.pending:
             self.look_soon()
         return True
 
@@ -277,12 +280,10 @@ class Processor:
         self._fault = None
         self._stopped = False
         self.accounting.deadline = deadline
-        try:
-            self.engine.emu_start(self.registers.pc.get() | 1, RETURN_ADDRESS)
-        except unicorn_py3.UcError as error:
-            if self._fault is None:
-                self._fault = self.fault(str(error), self.registers.pc.get())
+        status = self._enter(self.registers.pc.get() | 1)
         pc = self.registers.pc.get()
+        if status != unicorn.UC_ERR_OK and self._fault is None:
+            self._fault = self.fault(str(unicorn_py3.UcError(status)), pc)
         self.accounting.settle(pc)
         if self._fault is not None:
             raise self._fault

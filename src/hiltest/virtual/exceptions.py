@@ -49,19 +49,18 @@ class ExceptionUnit:
         return True
 
     def _ceiling(self) -> int:
-        if self._registers.primask.get() & 1 or self._registers.faultmask.get() & 1:
+        primask, faultmask, basepri = self._registers.masks.read()
+        if primask & 1 or faultmask & 1:
             return 0
-        basepri = self._registers.basepri.get() & 0xFF
-        return basepri if basepri else 256
+        return basepri & 0xFF or 256
 
     def _enter(self, exception: int) -> None:
         registers = self._registers
-        frame = registers.frame.read()
+        *frame, stack, control = registers.interrupted.read()
         xpsr = frame[7]
         from_handler = xpsr & 0x1FF != 0
-        uses_psp = not from_handler and registers.control.get() & 2 != 0
+        uses_psp = not from_handler and control & 2 != 0
         extended = self._floating_active
-        stack = registers.sp.get()
         base = (stack - (_EXTENDED_BYTES if extended else _BASIC_BYTES)) & ~7
         realigned = base + (_EXTENDED_BYTES if extended else _BASIC_BYTES) != stack
         frame[7] = (xpsr | _XPSR_REALIGNED) if realigned else (xpsr & ~_XPSR_REALIGNED)
@@ -70,11 +69,9 @@ class ExceptionUnit:
         if extended:
             self._lazy_frame = base + _BASIC_BYTES
         self._floating_active = False
-        registers.sp.set(base)
-        registers.xpsr.set((xpsr & _APSR) | _THUMB | exception)
         exc_return = 0xFFFFFFE1 | (0 if extended else 0x10) | (0 if from_handler else 0x08) | (0x04 if uses_psp else 0)
-        registers.lr.set(exc_return)
-        registers.pc.set(self._memory.read_words(self.vector_table + 4 * exception, 1)[0] | 1)
+        handler = self._memory.read_words(self.vector_table + 4 * exception, 1)[0]
+        registers.entry.write([base, (xpsr & _APSR) | _THUMB | exception, exc_return, handler | 1])
         self._nvic.enter(exception)
 
     def leave(self, exc_return: int) -> None:
@@ -96,9 +93,11 @@ class ExceptionUnit:
         self._floating_active = extended
         self._nvic.leave()
         end = base + (_EXTENDED_BYTES if extended else _BASIC_BYTES) + (4 if frame[7] & _XPSR_REALIGNED else 0)
-        registers.xpsr.set(frame[7] & ~_XPSR_REALIGNED)
-        if exc_return & 0x08:
-            registers.control.set((registers.control.get() & ~2) | (2 if uses_psp else 0))
-        registers.sp.set(end)
         frame[6] |= 1
-        registers.frame.write(frame)
+        frame[7] &= ~_XPSR_REALIGNED
+        if exc_return & 0x08:
+            control = registers.control.get()
+            if bool(control & 2) != uses_psp:
+                registers.xpsr.set(frame[7])  # CONTROL.SPSEL can change in thread mode only
+                registers.control.set(control ^ 2)
+        registers.resumed.write([frame[7], end, *frame])
