@@ -1,0 +1,171 @@
+"""The chip's peripherals, as the shipped firmware and small programs meet them."""
+
+from __future__ import annotations
+
+import pytest
+
+from hiltest.virtual.cpu import Processor
+from hiltest.virtual.i2c_bus import I2cBus
+from hiltest.virtual.k64f import CORE_HZ, VirtualK64F
+from hiltest.virtual.peripherals.pit import PeriodicTimers
+from hiltest.virtual.peripherals.system_control import SysTick
+
+from .conftest import SHIPPED, Build
+from .test_faults import HEAD, TAIL
+
+
+
+class Part:
+    """A part that acknowledges everything, answers 0xA5, and writes down what it saw."""
+
+    def __init__(self, address: int) -> None:
+        self.address = address
+        self.seen: list[tuple[str, int, float]] = []
+
+    def start(self, reading: bool, time_s: float) -> bool:
+        self.seen.append(("read" if reading else "write", self.address, time_s))
+        return True
+
+    def write(self, value: int, time_s: float) -> bool:
+        self.seen.append(("byte", value, time_s))
+        return True
+
+    def read(self, time_s: float) -> int:
+        self.seen.append(("fetch", 0xA5, time_s))
+        return 0xA5
+
+    def stop(self, time_s: float) -> None:
+        self.seen.append(("stop", 0, time_s))
+
+
+@pytest.fixture
+def booted() -> VirtualK64F:
+    board = VirtualK64F(SHIPPED)
+    board.run_until(0.2)
+    return board
+
+
+def test_start_up_reaches_the_clocks_it_promises(booted: VirtualK64F) -> None:
+    assert booted.clocks.core_hz == 120e6
+    assert booted.clocks.bus_hz == 60e6
+    assert not booted.watchdog.enabled
+    # SBR 65 and BRFA 3/32 of 120 MHz: 115 218 baud.
+    assert booted.uart0.baud == pytest.approx(115_218, abs=1)
+
+
+def test_the_processor_sleeps_while_nothing_is_to_do(booted: VirtualK64F) -> None:
+    cycles, idle = booted.cycles, booted.processor.idle_cycles
+    booted.run_until(1.2)
+    assert booted.cycles - cycles == pytest.approx(CORE_HZ, rel=1e-6)
+    assert booted.processor.idle_cycles - idle > 0.999 * CORE_HZ
+
+
+def test_a_wrong_line_speed_garbles_what_the_board_says() -> None:
+    answers = []
+    for baud in (115_200, 57_600):
+        board = VirtualK64F(SHIPPED)
+        board.run_until(0.2)
+        board.uart0.line_baud = baud
+        body = bytes.fromhex("01 01 0400 efbeadde")
+        board.uart0.host_write(_framed(body))
+        board.run_until(board.time_s + 0.1)
+        answers.append(board.uart0.host_read(100))
+    assert answers[0].startswith(b"\x7e\x81")
+    assert not answers[1].startswith(b"\x7e\x81")
+
+
+def _framed(body: bytes) -> bytes:
+    import zlib
+
+    body += zlib.crc32(body).to_bytes(4, "little")
+    return b"\x7e" + body.replace(b"\x7d", b"\x7d\x5d").replace(b"\x7e", b"\x7d\x5e") + b"\x7e"
+
+
+def test_a_byte_on_the_line_takes_ten_bit_times(booted: VirtualK64F) -> None:
+    booted.uart0.host_write(_framed(bytes.fromhex("01 01 0400 efbeadde")))
+    sent_at = booted.time_s
+    booted.run_until(sent_at + 1.0, wake=lambda: booted.uart0.host_waiting >= 10)
+    first_ten = booted.time_s
+    booted.run_until(sent_at + 1.0, wake=lambda: booted.uart0.host_waiting >= 15)
+    # Five more bytes; the processor notices an event at the end of a block, a microsecond late at most.
+    assert booted.time_s - first_ten == pytest.approx(5 * 10 / 115_218, abs=1e-6)
+
+
+def test_i2c_bytes_take_nine_clocks_and_reads_repeat_the_start() -> None:
+    part = Part(0x0E)
+    board = VirtualK64F(SHIPPED, i2c1=[part])
+    board.run_until(0.3)
+    kinds = [kind for kind, _, _ in part.seen]
+    assert kinds[:5] == ["write", "byte", "read", "fetch", "stop"]
+    assert part.seen[1][1] == 0x07  # MAG3110 WHO_AM_I
+    addressed, byte = part.seen[0][2], part.seen[1][2]
+    # START and nine clocks at 375 kHz are 26.7 us; the interrupt that sends the next byte follows within 5 us.
+    assert 10 / 375e3 <= byte - addressed <= 10 / 375e3 + 5e-6
+
+
+def test_two_parts_of_one_address_are_refused() -> None:
+    with pytest.raises(ValueError, match="same address"):
+        I2cBus([Part(0x0E), Part(0x0E)])
+
+
+def test_the_cycle_counter_is_exact_inside_a_block(build: Build) -> None:
+    code = """
+    ldr r0, =0xE000EDFC
+    ldr r1, =1 << 24
+    str r1, [r0]
+    ldr r0, =0xE0001000
+    movs r1, #1
+    str r1, [r0]
+    b 1f
+1:  ldr r2, [r0, #4]
+    adds r4, #1
+    adds r4, #1
+    adds r4, #1
+    ldr r3, [r0, #4]
+    subs r0, r3, r2
+    """
+    # LDR 2 cycles and three additions lie between the two readings.
+    assert VirtualK64F(build(HEAD + code + TAIL)).call("main").value == 5
+
+
+def _idle_processor() -> Processor:
+    return VirtualK64F(SHIPPED).processor
+
+
+def test_chained_timers_count_expiries() -> None:
+    board = VirtualK64F(SHIPPED)
+    timers = PeriodicTimers(board.processor, board.clocks)
+    # Out of reset core and bus run from the same 20.97 MHz: one bus clock a cycle.
+    timers.write(0x100, 4, 99)  # LDVAL0: expires every 100 bus clocks
+    timers.write(0x110, 4, 0xFFFFFFFF)
+    timers.write(0x118, 4, 5)  # TCTRL1: chained, enabled
+    timers.write(0x108, 4, 1)
+    board.processor.accounting.cycles += 1234
+    assert timers.read(0x104, 4) == 99 - 34
+    assert timers.read(0x114, 4) == 0xFFFFFFFF - 12
+
+
+def test_systick_counts_down_and_flags_its_expiry() -> None:
+    processor = _idle_processor()
+    timer = SysTick(processor)
+    timer.write(0x14, 999)
+    timer.write(0x18, 0)
+    timer.write(0x10, 5)
+    processor.accounting.cycles += 400
+    assert timer.read(0x18) == 1000 - 400 - 1
+    assert not timer.read(0x10) >> 16 & 1
+    processor.accounting.cycles += 700
+    processor.schedule.run_due(processor.cycles)
+    assert timer.read(0x10) >> 16 & 1
+    assert not timer.read(0x10) >> 16 & 1  # reading clears it
+
+
+def test_a_firmware_reset_starts_again_and_time_goes_on(booted: VirtualK64F) -> None:
+    before = booted.cycles
+    booted.uart0.host_write(_framed(bytes.fromhex("11 07 0000")))
+    booted.run_until(booted.time_s + 0.3)
+    assert booted.uart0.host_read(100).startswith(b"\x7e\x91\x07")
+    booted.uart0.host_write(_framed(bytes.fromhex("01 01 0400 efbeadde")))
+    booted.run_until(booted.time_s + 0.2)
+    assert booted.uart0.host_read(100).startswith(b"\x7e\x81\x01")
+    assert booted.cycles > before
