@@ -1,11 +1,9 @@
-/* The calibrators this firmware offers: one line each. The link lists them by these names. */
 #include "fast_code.h"
 #include "magnetometer_calibrator.h"
 
-const calibrator_entry_t calibrators[] = {
-    {"direct", magnetometer_direct},
-    {"iterative", magnetometer_iterative},
-};
+#define CALIBRATOR_ENTRY(name, run) {name, run},
+
+const calibrator_entry_t calibrators[] = {CALIBRATOR_TABLE(CALIBRATOR_ENTRY)};
 
 const uint8_t calibrator_count = sizeof calibrators / sizeof calibrators[0];
 

@@ -18,7 +18,7 @@ static inline __attribute__((always_inline)) void rotate(rotation_t r, float *fi
 }
 
 /* Rotate element (i, j) to zero, i < j. The matrix has three stretches: above row i, between the two, right of column j. */
-static FAST_CODE void annihilate(jacobi_t *m, int size, int i, int j)
+static inline __attribute__((always_inline)) void annihilate(jacobi_t *m, int size, int i, int j)
 {
     const float element = m->upper[i][j];
     const float cotangent = 0.5f * (m->values[j] - m->values[i]) / element; /* of twice the angle */
@@ -39,13 +39,14 @@ static FAST_CODE void annihilate(jacobi_t *m, int size, int i, int j)
     for (int k = j + 1; k < size; k++) {
         rotate(r, &m->upper[i][k], &m->upper[j][k]);
     }
+#pragma GCC unroll 10
     for (int k = 0; k < size; k++) {
         rotate(r, &m->vectors[i][k], &m->vectors[j][k]);
     }
 }
 
 /* One pass over all elements above the diagonal. Returns whether any was rotated. */
-static FAST_CODE bool sweep(jacobi_t *m, int size, float negligible)
+static inline __attribute__((always_inline)) bool sweep(jacobi_t *m, int size, float negligible)
 {
     bool rotated = false;
     for (int i = 0; i < size - 1; i++) {
@@ -59,7 +60,7 @@ static FAST_CODE bool sweep(jacobi_t *m, int size, float negligible)
     return rotated;
 }
 
-FAST_CODE uint16_t jacobi_diagonalise(jacobi_t *matrix, int size)
+static inline __attribute__((always_inline)) uint16_t diagonalise(jacobi_t *matrix, int size)
 {
     float sum = 0.0f;
     for (int i = 0; i < size; i++) {
@@ -73,4 +74,10 @@ FAST_CODE uint16_t jacobi_diagonalise(jacobi_t *matrix, int size)
         sweeps++;
     }
     return sweeps;
+}
+
+FAST_CODE uint16_t jacobi_diagonalise(jacobi_t *matrix, int size)
+{
+    /* A copy for the largest size, where it is known how often the loops run. */
+    return size == JACOBI_LARGEST ? diagonalise(matrix, JACOBI_LARGEST) : diagonalise(matrix, size);
 }

@@ -12,6 +12,8 @@
 
 #include <stdint.h>
 
+#include "calibrator_table.h"
+
 /** Points to fit, and the range of exactly these points, kept as they were stored. */
 typedef struct {
     const int16_t (*points)[3]; /**< x, y, z [counts] */
@@ -54,10 +56,9 @@ extern const uint8_t calibrator_count;
 /** Do nothing: what a call costs, subtracted from every measured cycle count. */
 void magnetometer_empty(const magnetometer_points_t *points, magnetometer_fit_t *fit);
 
-/** Fit by linear least squares in closed form (34 moments, 9x9 LDL^T). */
-void magnetometer_direct(const magnetometer_points_t *points, magnetometer_fit_t *fit);
-
-/** Fit by the smallest eigenvector of a 10x10 scatter matrix (cyclic Jacobi). */
-void magnetometer_iterative(const magnetometer_points_t *points, magnetometer_fit_t *fit);
+/* Each function of the table is declared here, so that its own file needs no header. */
+#define CALIBRATOR_DECLARATION(name, run) void run(const magnetometer_points_t *points, magnetometer_fit_t *fit);
+CALIBRATOR_TABLE(CALIBRATOR_DECLARATION)
+#undef CALIBRATOR_DECLARATION
 
 #endif

@@ -1,0 +1,12 @@
+/**
+ * @file calibrator_table.h
+ * @brief The calibrators this firmware offers: one line each, the name on the link and the function.
+ */
+#ifndef HILTEST_CALIBRATOR_TABLE_H
+#define HILTEST_CALIBRATOR_TABLE_H
+
+#define CALIBRATOR_TABLE(LINE)                 \
+    LINE("direct", magnetometer_direct)        \
+    LINE("iterative", magnetometer_iterative)
+
+#endif

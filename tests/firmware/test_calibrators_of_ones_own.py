@@ -1,0 +1,61 @@
+"""The page that tells how to add a calibrator does what it says: one C file and one table line."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import textwrap
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hiltest.virtual.k64f import VirtualK64F
+from hiltest.world.instances import instance
+
+FIRMWARE = Path(__file__).parents[2] / "firmware_stub"
+
+
+@pytest.fixture(scope="module")
+def extended_firmware(require_tool: Callable[[str], str], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Build the firmware with the page's example added as the page says."""
+    for tool in ("arm-none-eabi-gcc", "cmake"):
+        require_tool(tool)
+    folder = tmp_path_factory.mktemp("own")
+    shutil.copytree(FIRMWARE, folder / "firmware_stub")
+    calibration = folder / "firmware_stub" / "calibration"
+    blocks = re.findall(r"```c\n(.*?)```", (calibration / "README.md").read_text(), re.DOTALL)
+    source, line = (textwrap.dedent(block) for block in blocks)
+    (calibration / "my_fit.c").write_text(source)
+    table = calibration / "calibrator_table.h"
+    head = "#define CALIBRATOR_TABLE(LINE)"
+    before, after = table.read_text().split(head)
+    first, rest = after.split("\n", 1)
+    table.write_text(f"{before}{head}{first}\n{line}{rest}")
+    build = ["-S", str(folder / "firmware_stub"), "-B", str(folder / "build"), "-DHILTEST_BUILD_ID=0000000000000000"]
+    toolchain = f"-DCMAKE_TOOLCHAIN_FILE={folder / 'firmware_stub' / 'cmake' / 'arm-none-eabi.cmake'}"
+    subprocess.run(["cmake", *build, toolchain], check=True, capture_output=True)
+    subprocess.run(["cmake", "--build", str(folder / "build")], check=True, capture_output=True)
+    return folder / "build" / "hiltest-frdm-k64f.elf"
+
+
+def test_the_example_of_the_page_builds_and_runs(extended_firmware: Path, board_calibrators: Any) -> None:
+    drawn = instance(1, 200, stretch=0.0, covered=(1.0, 1.0))
+    board = type(board_calibrators)(VirtualK64F(extended_firmware))
+    fit = board.calibrate("mid_range", drawn.points_counts)
+    # Of 200 points the outermost is 5 counts (1 % of the radius) inside on average, 35 once in a thousand; noise adds 9.
+    # Half of such a gap is 25.
+    assert abs(fit.hard_iron - 10.0 * drawn.hard_iron_ut).max() <= 25.0
+    assert abs(fit.soft_iron[0, 0] * 500.0 - 1.0) < 25.0 / 500.0
+
+
+def test_the_example_is_in_the_table(extended_firmware: Path) -> None:
+    board = VirtualK64F(extended_firmware)
+    names = b"".join(bytes(segment.data) for segment in board.image.segments)
+    for name in (b"mid-range\0", b"direct\0", b"iterative\0"):
+        assert name in names
+    count = board.image.symbols["calibrator_count"]
+    board.call("magnetometer_empty", 0, 0)  # loads the image
+    assert board.processor.memory.read(count.address, 1) == b"\x03"
