@@ -45,7 +45,7 @@ def test_the_example_of_the_page_builds_and_runs(extended_firmware: Path, board_
     drawn = instance(1, 200, stretch=0.0, covered=(1.0, 1.0))
     board = type(board_calibrators)(VirtualK64F(extended_firmware))
     fit = board.calibrate("mid_range", drawn.points_counts)
-    # Of 200 points the outermost is 5 counts (1 % of the radius) inside on average, 35 once in a thousand; noise adds 9.
+    # Of 200 points the outermost is 5 counts (1 % of the radius) inside on average, 35 once in a thousand; noise: 9.
     # Half of such a gap is 25.
     assert abs(fit.hard_iron - 10.0 * drawn.hard_iron_ut).max() <= 25.0
     assert abs(fit.soft_iron[0, 0] * 500.0 - 1.0) < 25.0 / 500.0
