@@ -43,11 +43,17 @@ def summary(run: Run, folder: Path, *, sentence: bool, width: int, colour: bool)
     for test in run.tests:
         if test.outcome in ("bench lost", "wrong firmware"):
             console.print(f"[red]{test.outcome}[/red]: {escape(test.id)}: {escape(test.reason)}", soft_wrap=True)
-    files = [str(folder / name) for name in _FILES if (folder / name).exists()]
-    console.print(escape("  ".join(files)), soft_wrap=True)
+    files = [name for name in _FILES if (folder / name).exists()]
+    console.print(escape(f"{shown_path(folder)}: {', '.join(files)}"), soft_wrap=True)
     if sentence:
         console.print(escape(run.verdict.sentence), soft_wrap=True)
     return text.getvalue()
+
+
+def shown_path(path: Path) -> str:
+    """Return a path as one would type it here."""
+    here = Path.cwd()
+    return str(path.relative_to(here)) if path.is_relative_to(here) else str(path)
 
 
 def shown_value(measurement: Measurement) -> str:
