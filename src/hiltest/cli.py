@@ -125,11 +125,14 @@ def run_suites(options: Sequence[str], out: Path) -> int:
     """
     command = RunCommand()
     here = Path.cwd()
+    # pytest would warn that it came too late to rewrite the assertions of the package that started it.
+    no_warning = "ignore:Module already imported:pytest.PytestAssertRewriteWarning"
     # The packaged suites may lie inside another project's tree; the folder of the command is the root all the same.
     code = pytest.main(
         [
             str(suites(here)), "-p", "hiltest", "-p", "no:cacheprovider", "--import-mode=importlib",
-            f"--rootdir={here}", "--tb=short", f"--junit-xml={out / 'junit.xml'}", f"--hil-out={out}", *options,
+            f"--rootdir={here}", "--tb=short", "-W", no_warning, f"--junit-xml={out / 'junit.xml'}",
+            f"--hil-out={out}", *options,
         ],
         plugins=[command],
     )
