@@ -52,6 +52,32 @@ def test_a_fault_names_its_cause_and_place(build: Build, what: str, code: str, c
     assert set(fault.registers) >= {"r0", "sp", "lr", "pc"}
 
 
+def test_waiting_in_a_loop_for_interrupts_passes_time_and_is_no_hang(build: Build) -> None:
+    code = """
+    ldr r0, =0xE000E014
+    ldr r1, =999
+    str r1, [r0]
+    str r1, [r0, #4]
+    movs r1, #7
+    ldr r0, =0xE000E010
+    str r1, [r0]
+wait:
+    b wait
+    .global SysTick_Handler
+    .thumb_func
+    .type SysTick_Handler, %function
+SysTick_Handler:
+    adds r7, #1
+    bx lr
+    .size SysTick_Handler, . - SysTick_Handler
+"""
+    board = VirtualK64F(build(HEAD + code + TAIL))
+    board.run_until(0.1)
+    # 12 million cycles, a tick every thousand.
+    assert board.processor.registers.snapshot()["r7"] == pytest.approx(12_000, abs=2)
+    assert board.position().startswith("executing main (program.S:")
+
+
 def test_a_called_function_that_never_returns_is_a_hang(build: Build) -> None:
     board = VirtualK64F(build(HEAD + "    b culprit" + TAIL))
     with pytest.raises(BoardFault, match="hang"):

@@ -11,6 +11,7 @@ is added when the *next* block (or instruction) begins.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -176,6 +177,11 @@ class BlockAccounting:
             self._running = None
             self._state = state
             self._stop()
+        elif block.loops_to_itself:
+            # Nothing but an interrupt ends it: pass whole rounds at once, up to the next event.
+            rounds = max(math.ceil((self.deadline - self.cycles) / block.taken) - 1, 0)
+            self.cycles += rounds * block.taken
+            self.instructions += rounds
 
     def _price(self, address: int, size: int, state: PipelineState) -> Block:
         return price_block(self._profile, decode(address, self._read_code(address, size)), state)

@@ -65,7 +65,7 @@ class Processor:
         self.memory = BoardMemory(self.engine)
         self.engine.mem_map(RETURN_ADDRESS, 0x1000, unicorn.UC_PROT_READ | unicorn.UC_PROT_EXEC)
         self.registers = CoreRegisters(self.engine)
-        self.schedule = Schedule()
+        self.schedule = Schedule(self._look_at)
         self.nvic = Nvic()
         self.exceptions = ExceptionUnit(self.registers, self.memory, self.nvic)
         self.fpu_enabled = False
@@ -138,6 +138,9 @@ class Processor:
     def look_soon(self) -> None:
         """An event or interrupt may be due now: leave the emulator at the end of this block."""
         self.accounting.deadline = -1
+
+    def _look_at(self, cycle: float) -> None:
+        self.accounting.deadline = min(self.accounting.deadline, cycle)
 
     def _stop(self) -> None:
         self._stopped = True

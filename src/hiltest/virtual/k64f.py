@@ -153,6 +153,13 @@ class VirtualK64F:
         """Virtual time since power-on [s]."""
         return self.processor.cycles / CORE_HZ
 
+    def position(self) -> str:
+        """Say where the firmware is: sleeping, or executing which line."""
+        pc = self.processor.registers.pc.get()
+        function = self.image.function_at(pc)
+        place = f"{function.name if function else hex(pc)} ({self.image.location_at(pc) or 'no line known'})"
+        return f"asleep in {place}" if self.processor.sleeping else f"executing {place}"
+
     def run_until(self, time_s: float, *, wake: Callable[[], bool] | None = None) -> None:
         """Run the firmware until virtual time `time_s`, or until `wake` answers true.
 

@@ -35,6 +35,11 @@ class Event:
 class Schedule:
     """Events in order of their clock cycle; those of one cycle in the order they were made.
 
+    Parameters
+    ----------
+    planned : callable, optional
+        Told the cycle of every new event: one may be due before what runs would have stopped.
+
     Attributes
     ----------
     time : float
@@ -42,7 +47,8 @@ class Schedule:
         event at the end of a block; what follows from it counts from here.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, planned: Callable[[float], None] | None = None) -> None:
+        self._planned = planned
         self._heap: list[tuple[float, int, Event]] = []
         self._order = itertools.count()
         self.time: float = 0.0
@@ -51,6 +57,8 @@ class Schedule:
         """Call `action` when virtual time reaches `cycle`."""
         event = Event(cycle, action)
         heapq.heappush(self._heap, (cycle, next(self._order), event))
+        if self._planned is not None:
+            self._planned(cycle)
         return event
 
     @property

@@ -1,0 +1,126 @@
+"""Firmware with one thing wrong: the real command must end red, by the right name, within its deadline.
+
+Each case is the project's own firmware with one edit, built with the cross compiler and run on the virtual board.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+REPOSITORY = Path(__file__).parents[2]
+WALL_LIMIT_S = 120  # a run takes about 10 s; nothing may wait for ever
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a run of the command ended."""
+
+    exit_code: int
+    output: str
+    record: dict[str, Any]
+
+    def measurement(self, name: str) -> dict[str, Any] | None:
+        return next((entry for entry in self.record["measurements"] if entry["name"] == name), None)
+
+    def value(self, name: str) -> float:
+        entry = self.measurement(name)
+        assert entry is not None, f"{name} is not in the record"
+        return float(entry["value"])
+
+
+RunEdited = Callable[..., Ended]
+
+
+@pytest.fixture
+def run_edited(tmp_path: Path, require_tool: Callable[[str], str]) -> RunEdited:
+    """Return a function that edits the firmware, builds it, and runs ``hiltest run`` with it."""
+    require_tool("arm-none-eabi-gcc")
+    require_tool("cmake")
+
+    def run(file: str, old: str, new: str) -> Ended:
+        stub = tmp_path / "firmware_stub"
+        shutil.copytree(REPOSITORY / "firmware_stub", stub, ignore=shutil.ignore_patterns("__pycache__"))
+        source = stub / file
+        text = source.read_text()
+        assert text.count(old) == 1, f"{file}: the line to edit is there {text.count(old)} times"
+        source.write_text(text.replace(old, new))
+        subprocess.run(
+            [sys.executable, str(stub / "build.py"), "--out", str(tmp_path / "elf")],
+            check=True, capture_output=True, timeout=WALL_LIMIT_S,
+        )  # fmt: skip
+        out = tmp_path / "out"
+        command = [sys.executable, "-m", "hiltest", "run", "--poses", "level", "--out", str(out)]
+        command += ["--firmware", str(tmp_path / "elf" / "hiltest-frdm-k64f.elf")]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=WALL_LIMIT_S, cwd=tmp_path)
+        record = json.loads((out / "run.json").read_text())
+        return Ended(done.returncode, done.stdout + done.stderr, record)
+
+    return run
+
+
+def test_three_degrees_added_to_every_heading_are_a_constant_offset(run_edited: RunEdited) -> None:
+    ended = run_edited(
+        "orientation/tilt_heading.c",
+        "atan2f(side, ahead) * DEGREES_PER_RADIAN;",
+        "atan2f(side, ahead) * DEGREES_PER_RADIAN + 3.0f;",
+    )
+    assert ended.exit_code == 1, ended.output
+    assert "constant offset" in ended.output
+    # The board's own bias is below the limit of 0.8 degrees or so, on either side of three.
+    assert ended.value("heading.direct.bias") == pytest.approx(3.0, abs=1.0)
+
+
+def test_a_swapped_magnetometer_axis_is_red(run_edited: RunEdited) -> None:
+    ended = run_edited(
+        "sensors/axes.c",
+        "    body[0] = negated(sensor[1]);\n    body[1] = negated(sensor[0]);\n    body[2] = limited(sensor[2]);",
+        "    body[0] = negated(sensor[0]);\n    body[1] = negated(sensor[1]);\n    body[2] = limited(sensor[2]);",
+    )
+    assert ended.exit_code == 1, ended.output
+    assert ended.value("heading.direct.max") > 45
+
+
+def test_firmware_that_hangs_is_a_lost_bench_with_all_measured_before_kept(run_edited: RunEdited) -> None:
+    ended = run_edited(
+        "orientation/tilt_heading.c",
+        "    float g[3], b[3];",
+        "    float g[3], b[3];\n    for (;;) {\n    }",
+    )
+    assert ended.exit_code == 20, ended.output
+    assert "hang" in ended.output
+    assert "tilt_heading" in ended.output
+    assert ended.measurement("heading.direct.max") is None or ended.measurement("heading.direct.max")["value"] is None
+    assert ended.value("gyroscope.bias_error") < 0.1
+
+
+def test_firmware_that_faults_is_a_lost_bench_that_names_the_line(run_edited: RunEdited) -> None:
+    ended = run_edited(
+        "orientation/tilt_heading.c",
+        "    float g[3], b[3];",
+        "    float g[3], b[3];\n    *(volatile int *)0x30000000 = 1;",
+    )
+    assert ended.exit_code == 20, ended.output
+    assert "write to unmapped address 0x30000000" in ended.output
+    assert "tilt_heading.c:" in ended.output
+    assert ended.value("gyroscope.bias_error") < 0.1
+
+
+def test_firmware_that_answers_garbage_is_a_lost_bench(run_edited: RunEdited) -> None:
+    ended = run_edited("boards/frdm_k64f/uart.c", "#define BAUD_DIVISOR 65u", "#define BAUD_DIVISOR 60u")
+    assert ended.exit_code == 20, ended.output
+    assert "synchronisation" in ended.output
+
+
+def test_another_protocol_version_is_the_wrong_firmware(run_edited: RunEdited) -> None:
+    ended = run_edited("protocol/message.h", "#define PROTOCOL_VERSION 1u", "#define PROTOCOL_VERSION 2u")
+    assert ended.exit_code == 23, ended.output
+    assert "protocol" in ended.output
