@@ -14,7 +14,6 @@ from .conftest import SHIPPED, Build
 from .test_faults import HEAD, TAIL
 
 
-
 class Part:
     """A part that acknowledges everything, answers 0xA5, and writes down what it saw."""
 
