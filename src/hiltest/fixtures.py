@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from hiltest.measurement import Limit, Measurement, judge
 from hiltest.session import FOUND, SESSION, Found, HilSession
 from hiltest.settings import Settings
 
 if TYPE_CHECKING:
     from hiltest.boards import Board
+    from hiltest.measurement import Limit, Measurement
     from hiltest.procedures import Turntable
     from hiltest.progress_line import ProgressLine
     from hiltest.report.record import Cell
@@ -56,6 +56,8 @@ class Measure:
         Measurement
             With its outcome.
         """
+        from hiltest.measurement import judge
+
         measurement = judge(
             name, value, unit=unit, limit=limit or self.limit(name),
             information=self._session.rig.information.get(name), not_judged=not_judged, volatile=volatile,

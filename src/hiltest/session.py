@@ -1,4 +1,8 @@
-"""One pytest session's bench: rig, board, what was measured, and whether the bench still stands."""
+"""One pytest session's bench: rig, board, what was measured, and whether the bench still stands.
+
+Imported at the start of every pytest run on the machine, so everything that takes time
+to import is imported by the function that needs it.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +13,12 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from hiltest.errors import BenchError, ConfigError, ProtocolError, SensorAbsentError
-from hiltest.measurement import Measurement, judge
 from hiltest.settings import Settings
 
 if TYPE_CHECKING:
     from hiltest.boards import Board
+    from hiltest.errors import BenchError, ProtocolError
+    from hiltest.measurement import Measurement
     from hiltest.report.record import BoardRecord, RigRecord, Table
     from hiltest.rig import Rig
 
@@ -92,6 +96,8 @@ class HilSession:
         """
         if not any(map(uses_hiltest, items)) or self.config.option.collectonly:
             return
+        from hiltest.errors import ConfigError
+
         try:
             rig = self.rig
             if any(map(uses_board, items)):
@@ -123,6 +129,7 @@ class HilSession:
             raise self.trouble
         if self._board is None:
             from hiltest.boards import open_board
+            from hiltest.errors import BenchError, ProtocolError
 
             self._opened_s = time.monotonic()
             try:
@@ -139,6 +146,8 @@ class HilSession:
 
         A lost board is remembered, so that the tests after this one can be skipped.
         """
+        from hiltest.errors import BenchError, ProtocolError
+
         if not isinstance(error, BenchError | ProtocolError):
             return ""
         if board_is_gone(error):
@@ -167,6 +176,8 @@ class HilSession:
         """Close the board and return what only the end of a session can measure."""
         if self._board is None:
             return []
+        from hiltest.measurement import judge
+
         seconds = self._board.virtual_seconds
         self._board.close()
         return [
@@ -191,6 +202,8 @@ class HilSession:
         return f"{self.rig.name} ({self.rig.path}, {self.settings.sources['rig']})"
 
     def _try_to_connect(self) -> None:
+        from hiltest.errors import BenchError, ProtocolError
+
         try:
             self.connect()
         except (BenchError, ProtocolError):
@@ -212,6 +225,8 @@ def board_is_gone(error: BenchError | ProtocolError) -> bool:
 
     A missing sensor does not: what needs no sensor still runs on a bare board.
     """
+    from hiltest.errors import SensorAbsentError
+
     return not isinstance(error, SensorAbsentError)
 
 
