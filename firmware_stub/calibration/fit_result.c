@@ -4,8 +4,10 @@
 
 #include "fast_code.h"
 
-/* A pivot this much smaller than its diagonal element is rounding: the points are in a plane. */
-#define SPHERE_SINGULAR 1.0e4f
+/* Product of the diagonal over the determinant, which is the product of M_ii/d_i: it does not depend on the order of columns,
+ * so a plane is found even when one column nearly explains another before it comes to the last. A plane leaves rounding, 1e6 or
+ * more; points as thin as 0.3 % of their width leave 1e5. */
+#define SPHERE_SINGULAR 1.0e5f
 
 /* Radii outside are overflow, or one spot seen through rounding. */
 #define LARGEST_SQUARE 1.0e30f
@@ -31,6 +33,7 @@ FAST_CODE void fit_nothing(fit_status_t status, magnetometer_fit_t *fit)
 /* Gaussian elimination without pivoting of the symmetric system held in the 5x4 rows of `m`, right-hand side last. */
 static FAST_CODE bool solve_4(float m[FIT_SPHERE_UNKNOWNS + 1][FIT_SPHERE_UNKNOWNS], float t[FIT_SPHERE_UNKNOWNS])
 {
+    float ratio = 1.0f;
     for (int j = 0; j < FIT_SPHERE_UNKNOWNS; j++) {
         const float diagonal = m[j][j];
         for (int k = 0; k < j; k++) {
@@ -39,9 +42,13 @@ static FAST_CODE bool solve_4(float m[FIT_SPHERE_UNKNOWNS + 1][FIT_SPHERE_UNKNOW
                 m[i][j] -= m[i][k] * scaled;
             }
         }
-        if (!(m[j][j] * SPHERE_SINGULAR > diagonal)) {
+        if (!(m[j][j] > 0.0f)) {
             return false;
         }
+        ratio *= diagonal / m[j][j];
+    }
+    if (!(ratio < SPHERE_SINGULAR)) {
+        return false;
     }
     for (int i = FIT_SPHERE_UNKNOWNS - 1; i >= 0; i--) {
         t[i] = m[FIT_SPHERE_UNKNOWNS][i];
@@ -56,28 +63,29 @@ static FAST_CODE bool solve_4(float m[FIT_SPHERE_UNKNOWNS + 1][FIT_SPHERE_UNKNOW
 FAST_CODE void fit_sphere(const moments_t *sums, const int32_t anchor[3], fit_status_t status, magnetometer_fit_t *fit)
 {
     const moments_t *const s = sums;
-    /* |p|^2 = 2 centre . p + (radius^2 - |centre|^2), unknowns (2 centre, radius^2 - |centre|^2) */
+    /* |p|^2 = (radius^2 - |centre|^2) + 2 centre . p. The constant is eliminated first: that moves the origin to the mean of the
+     * points, where the pivots of points on a plane vanish whether the plane passes through the anchor or not. */
     float m[FIT_SPHERE_UNKNOWNS + 1][FIT_SPHERE_UNKNOWNS] = {
-        {s->xx, 0.0f, 0.0f, 0.0f},
-        {s->xy, s->yy, 0.0f, 0.0f},
-        {s->xz, s->yz, s->zz, 0.0f},
-        {s->x, s->y, s->z, s->one},
-        {s->xxx + s->xyy + s->xzz, s->xxy + s->yyy + s->yzz, s->xxz + s->yyz + s->zzz, s->xx + s->yy + s->zz},
+        {s->one, 0.0f, 0.0f, 0.0f},
+        {s->x, s->xx, 0.0f, 0.0f},
+        {s->y, s->xy, s->yy, 0.0f},
+        {s->z, s->xz, s->yz, s->zz},
+        {s->xx + s->yy + s->zz, s->xxx + s->xyy + s->xzz, s->xxy + s->yyy + s->yzz, s->xxz + s->yyz + s->zzz},
     };
     float t[FIT_SPHERE_UNKNOWNS];
     if (!solve_4(m, t)) {
         fit_nothing(FIT_SINGULAR, fit);
         return;
     }
-    const float square = t[3] + 0.25f * (t[0] * t[0] + t[1] * t[1] + t[2] * t[2]);
+    const float square = t[0] + 0.25f * (t[1] * t[1] + t[2] * t[2] + t[3] * t[3]);
     if (!(square > 0.0f) || !(square < LARGEST_SQUARE)) {
         fit_nothing(FIT_SINGULAR, fit);
         return;
     }
     const float hard_iron[3] = {
-        (float)anchor[0] + 0.5f * t[0],
-        (float)anchor[1] + 0.5f * t[1],
-        (float)anchor[2] + 0.5f * t[2],
+        (float)anchor[0] + 0.5f * t[1],
+        (float)anchor[1] + 0.5f * t[2],
+        (float)anchor[2] + 0.5f * t[3],
     };
     fit->status = status;
     fit->is_sphere = 1;

@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hiltest.calibration.fit import FitStatus, MagnetometerFit, half_range, mid_range, no_fit, points_array
-from hiltest.calibration.normal_equations import largest_pivot_ratio
 
 SPHERE_UNKNOWNS = 4
-# Pivots this much below their diagonal are rounding in the firmware's float32: the points lie in a plane.
-SPHERE_SINGULAR = 1e4
+# Product of the diagonal over the determinant. A plane leaves rounding in the firmware's
+# float32, 1e6 or more; points as thin as 0.3 % of their width leave 1e5.
+SPHERE_SINGULAR = 1e5
 
 
 def fit_sphere(
@@ -45,13 +45,13 @@ def fit_sphere(
         return no_fit(FitStatus.SINGULAR, coverage=coverage)
     anchor = mid_range(points)
     p = (points - anchor) / unit
-    rows = np.column_stack([p, np.ones(len(p))])
+    rows = np.column_stack([np.ones(len(p)), p])
     normal = rows.T @ rows
-    if not largest_pivot_ratio(normal) < SPHERE_SINGULAR:
+    if not 0.0 < float(np.prod(np.diag(normal))) < SPHERE_SINGULAR * float(np.linalg.det(normal)):
         return no_fit(FitStatus.SINGULAR, coverage=coverage)
     solution = np.linalg.solve(normal, rows.T @ (p * p).sum(axis=1))
-    centre = solution[:3] / 2.0
-    square = float(solution[3] + centre @ centre)
+    centre = solution[1:] / 2.0
+    square = float(solution[0] + centre @ centre)
     if not square > 0.0:
         return no_fit(FitStatus.SINGULAR, coverage=coverage)
     soft_iron = np.eye(3) / (unit * np.sqrt(square))
