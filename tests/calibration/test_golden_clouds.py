@@ -1,0 +1,25 @@
+"""The golden clouds are what their generator says, and it is independent of what they judge."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+CLOUDS = Path(__file__).parents[2] / "fixtures" / "clouds"
+
+
+def test_the_generator_writes_the_same_clouds_again(tmp_path: Path) -> None:
+    subprocess.run([sys.executable, str(CLOUDS / "generate.py"), str(tmp_path)], check=True)
+    written = {path.name: json.loads(path.read_text()) for path in tmp_path.glob("*.json")}
+    assert written == {path.name: json.loads(path.read_text()) for path in CLOUDS.glob("*.json")}
+
+
+def test_the_clouds_cover_every_way_a_direct_fit_ends() -> None:
+    ends = {json.loads(path.read_text())["direct"]["status"] for path in CLOUDS.glob("*.json")}
+    assert ends == {"ELLIPSOID", "NOT_AN_ELLIPSOID", "POOR_COVERAGE", "SINGULAR"}
+
+
+def test_the_generator_uses_none_of_the_fits() -> None:
+    assert "hiltest.calibration" not in (CLOUDS / "generate.py").read_text()
