@@ -1,0 +1,106 @@
+"""Bench lost and wrong firmware are outcomes of their own, and failed tests stay failed tests."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+HEAD = "from hiltest.errors import LinkLostError, VersionMismatchError\n\n"
+
+
+def outcomes_of(pytester: pytest.Pytester) -> dict[str, str]:
+    record = json.loads((pytester.path / "hil-out" / "run.json").read_text(encoding="utf-8"))
+    return {test["id"].split("::")[-1]: test["outcome"] for test in record["tests"]}
+
+
+def test_a_lost_link_is_no_failed_test(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(HEAD + """
+def test_before(measure):
+    measure("x", 1, "")
+
+def test_lost(measure):
+    measure("y", 2, "")
+    raise LinkLostError("/dev/ttyACM0", "unplugged")
+""")
+    result = pytester.runpytest_inprocess()
+    assert result.ret == 20
+    result.stdout.fnmatch_lines([
+        "*.L*", "bench lost: *::test_lost: lost /dev/ttyACM0: unplugged. Check cable and power, then run again.",
+        "BENCH LOST: lost /dev/ttyACM0: unplugged. Check cable and power, then run again. 2 measurements kept.",
+        "*1 passed, 1 bench lost*",
+    ])
+    assert outcomes_of(pytester) == {"test_before": "passed", "test_lost": "bench lost"}
+
+
+def test_a_lost_link_in_a_fixture_is_the_same(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(HEAD + """
+import pytest
+
+@pytest.fixture
+def points():
+    raise LinkLostError("/dev/ttyACM0", "unplugged")
+
+def test_lost(points, measure):
+    pass
+""")
+    assert pytester.runpytest_inprocess("-v").ret == 20
+    assert outcomes_of(pytester) == {"test_lost": "bench lost"}
+
+
+def test_wrong_firmware_wins_over_a_lost_bench_and_a_failed_test_over_both(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(test_them=HEAD + """
+def test_lost(measure):
+    raise LinkLostError("p", "gone")
+
+def test_wrong(measure):
+    raise VersionMismatchError("speaks protocol 2")
+
+def test_failed(measure):
+    assert False
+""")
+    assert pytester.runpytest_inprocess("-k", "test_lost").ret == 20
+    assert pytester.runpytest_inprocess("-k", "test_lost or test_wrong").ret == 23
+    assert outcomes_of(pytester) == {"test_lost": "bench lost", "test_wrong": "wrong firmware"}
+    assert pytester.runpytest_inprocess().ret == 1
+
+
+def test_stopping_at_the_first_failure_keeps_the_code_of_a_lost_bench(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(HEAD + "def test_lost(measure):\n    raise LinkLostError('p', 'gone')\n")
+    assert pytester.runpytest_inprocess("-x").ret == 20
+
+
+def test_no_tests_is_still_5(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile("def test_it(measure):\n    pass\n")
+    assert pytester.runpytest_inprocess("-k", "nothing").ret == pytest.ExitCode.NO_TESTS_COLLECTED
+
+
+def test_skips_and_expected_failures_are_no_failures(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile("""
+        import pytest
+
+        def test_skipped(measure):
+            pytest.skip("not today")
+
+        @pytest.mark.xfail(reason="known")
+        def test_expected(measure):
+            assert False
+    """)
+    assert pytester.runpytest_inprocess().ret == 0
+    assert outcomes_of(pytester) == {"test_skipped": "skipped", "test_expected": "xfailed"}
+
+
+def test_a_failing_teardown_is_an_error(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile("""
+        import pytest
+
+        @pytest.fixture
+        def lamp():
+            yield
+            raise RuntimeError("stuck")
+
+        def test_it(lamp, measure):
+            pass
+    """)
+    assert pytester.runpytest_inprocess().ret == 1
+    assert outcomes_of(pytester) == {"test_it": "error"}
