@@ -8,6 +8,7 @@
 #include <stddef.h>
 
 #include "board_parts.h"
+#include "i2c_pins.h"
 #include "registers.h"
 #include "boards/time_base.h"
 
@@ -28,6 +29,7 @@ typedef enum { STEP_IDLE, STEP_ADDRESS, STEP_WRITE, STEP_READ_ADDRESS, STEP_READ
 
 typedef struct {
     uint32_t base;
+    const i2c_pins_t *pins;
     volatile step_t step;
     volatile i2c_status_t status;
     uint8_t address;
@@ -37,7 +39,10 @@ typedef struct {
     uint8_t *read;        /**< where the next byte goes */
 } bus_t;
 
-static bus_t buses[BUS_COUNT] = {{.base = I2C0_BASE}, {.base = I2C1_BASE}};
+static bus_t buses[BUS_COUNT] = {
+    {.base = I2C0_BASE, .pins = &i2c0_pins},
+    {.base = I2C1_BASE, .pins = &i2c1_pins},
+};
 
 void I2C0_Handler(void);
 void I2C1_Handler(void);
@@ -53,10 +58,8 @@ static void bus_enable(const bus_t *bus)
 void i2c_start(void)
 {
     SIM_SCGC4 |= SIM_SCGC4_I2C0 | SIM_SCGC4_I2C1;
-    PORTE_PCR(24u) = PORT_PCR_MUX(5) | PORT_PCR_OPEN_DRAIN;
-    PORTE_PCR(25u) = PORT_PCR_MUX(5) | PORT_PCR_OPEN_DRAIN;
-    PORTC_PCR(10u) = PORT_PCR_MUX(2) | PORT_PCR_OPEN_DRAIN;
-    PORTC_PCR(11u) = PORT_PCR_MUX(2) | PORT_PCR_OPEN_DRAIN;
+    i2c_pins_connect(&i2c0_pins);
+    i2c_pins_connect(&i2c1_pins);
     bus_enable(&buses[0]);
     bus_enable(&buses[1]);
     interrupt_enable(IRQ_I2C0);
@@ -153,21 +156,32 @@ static bool bus_is_free(const bus_t *bus)
 }
 
 /** Run the transaction that `bus` describes. */
-static i2c_status_t transact(bus_t *bus)
+static i2c_status_t run(bus_t *bus)
 {
     if (!bus_is_free(bus)) {
-        bus_enable(bus);
         return I2C_BUS_BUSY;
     }
     bus->step = STEP_ADDRESS;
     I2C_C1(bus->base) = C1_TRANSMIT; /* setting MST sends the START */
     I2C_D(bus->base) = (uint8_t)(bus->address << 1);
     if (!wait_briefly(is_idle, bus, TRANSACTION_TIMEOUT_US)) {
-        bus_enable(bus); /* first takes the module off the bus, so no interrupt can change what follows */
+        I2C_C1(bus->base) = 0u; /* off the bus, so no interrupt can change what follows */
         bus->step = STEP_IDLE;
         return I2C_TIMEOUT;
     }
     return bus->status;
+}
+
+/** Run a transaction. When somebody held a line, make the bus usable for the next one; this one is reported as it ended. */
+static i2c_status_t transact(bus_t *bus)
+{
+    const i2c_status_t status = run(bus);
+    if (status != I2C_OK && status != I2C_NO_ACKNOWLEDGE) {
+        I2C_C1(bus->base) = 0u;
+        i2c_pins_free_bus(bus->pins);
+        bus_enable(bus);
+    }
+    return status;
 }
 
 i2c_status_t i2c_read(uint8_t bus, uint8_t address, uint8_t first_register, uint8_t *bytes, uint8_t count)

@@ -40,11 +40,19 @@
 #define MCG_S_LOCK0 0x40u
 
 /* Pins */
-#define PORTB_PCR(pin) REGISTER32(0x4004A000u + 4u * (pin))
-#define PORTC_PCR(pin) REGISTER32(0x4004B000u + 4u * (pin))
-#define PORTE_PCR(pin) REGISTER32(0x4004D000u + 4u * (pin))
+#define PORTB_BASE 0x4004A000u
+#define PORTC_BASE 0x4004B000u
+#define PORTE_BASE 0x4004D000u
+#define PORT_PCR(base, pin) REGISTER32((base) + 4u * (pin))
 #define PORT_PCR_MUX(alternative) ((uint32_t)(alternative) << 8)
 #define PORT_PCR_OPEN_DRAIN (1u << 5)
+
+/* The same pins as plain outputs; `base` is one of the ports */
+#define GPIOC_BASE 0x400FF080u
+#define GPIOE_BASE 0x400FF100u
+#define GPIO_PSOR(base) REGISTER32((base) + 0x04u)
+#define GPIO_PCOR(base) REGISTER32((base) + 0x08u)
+#define GPIO_PDDR(base) REGISTER32((base) + 0x14u)
 
 /* Periodic interrupt timer */
 #define PIT_MCR REGISTER32(0x40037000u)

@@ -41,8 +41,8 @@ void UART0_Handler(void);
 void uart_start(void)
 {
     SIM_SCGC4 |= SIM_SCGC4_UART0;
-    PORTB_PCR(16u) = PORT_PCR_MUX(3);
-    PORTB_PCR(17u) = PORT_PCR_MUX(3);
+    PORT_PCR(PORTB_BASE, 16u) = PORT_PCR_MUX(3);
+    PORT_PCR(PORTB_BASE, 17u) = PORT_PCR_MUX(3);
 
     UART0_C2 = 0u; /* FIFOs may change only while both directions are off */
     UART0_BDH = 0u;
