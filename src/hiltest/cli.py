@@ -131,7 +131,7 @@ def run_suites(options: Sequence[str], out: Path) -> int:
     code = pytest.main(
         [
             str(suites(here)), "-p", "hiltest", "-p", "no:cacheprovider", "--import-mode=importlib",
-            f"--rootdir={here}", "--tb=short", "-W", no_warning, f"--junit-xml={out / 'junit.xml'}",
+            f"--rootdir={here}", "--tb=short", "--no-header", "-W", no_warning, f"--junit-xml={out / 'junit.xml'}",
             f"--hil-out={out}", *options,
         ],
         plugins=[command],

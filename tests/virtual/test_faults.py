@@ -75,7 +75,7 @@ SysTick_Handler:
     board.run_until(0.1)
     # 12 million cycles, a tick every thousand.
     assert board.processor.registers.snapshot()["r7"] == pytest.approx(12_000, abs=2)
-    assert board.position().startswith("executing main (program.S:")
+    assert board.position().startswith("hung, looping to itself in main (program.S:")
 
 
 def test_a_called_function_that_never_returns_is_a_hang(build: Build) -> None:

@@ -1,0 +1,74 @@
+"""Boards: virtual or real, behind one interface."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import serial
+
+from hiltest.boards.bench import VirtualBench, default_firmware
+from hiltest.boards.board import Board, BoardKind, Declared, Stage, Truth
+from hiltest.boards.real import RealBoard
+from hiltest.boards.virtual import VirtualBoard
+from hiltest.errors import ConfigError
+from hiltest.link.messages import SensorKind
+from hiltest.link.transcript import Transcript
+from hiltest.rig import Rig
+
+__all__ = [
+    "Board", "BoardKind", "Declared", "RealBoard", "Stage", "Truth", "VirtualBench", "VirtualBoard",
+    "default_firmware", "open_board",
+]  # fmt: skip
+
+# Makes hil:// a URL that any program using pyserial in this process can open.
+_HANDLERS = "hiltest.boards.urlhandler"
+if _HANDLERS not in serial.protocol_handler_packages:
+    serial.protocol_handler_packages.append(_HANDLERS)
+
+
+def open_board(
+    rig: Rig, *, firmware: Path | None = None, port: str | None = None, seed: int | None = None,
+    transcript: Transcript | None = None,
+) -> Board:  # fmt: skip
+    """Open the board of a rig: synchronised, identified, its sensors selected.
+
+    Parameters
+    ----------
+    rig : Rig
+        Says which board.
+    firmware : Path, optional
+        ELF for a virtual board.
+    port : str, optional
+        Serial port of a real board; wins over the rig's.
+    seed : int, optional
+        Of a simulated world; by default the rig's.
+    transcript : Transcript, optional
+        Gets every byte, both ways.
+
+    Raises
+    ------
+    ConfigError
+        When rig, firmware and port do not go together.
+    BenchError
+        When the port cannot be opened, nothing answers, or the firmware faults.
+    VersionMismatchError
+        When another firmware answers.
+    """
+    declared = Declared(rig.field.strength_ut, rig.sensors.magnetometer_noise_ut, _wanted(rig))
+    url = port or rig.board.port
+    if url is not None and not url.startswith("hil:"):
+        if firmware is not None:
+            raise ConfigError(f"--hil-firmware is for the virtual board; flash {firmware} onto the board on {url}")
+        return RealBoard(url, baud=rig.link.baud, declared=declared, transcript=transcript)
+    if rig.board.kind == "real":
+        raise ConfigError(f"rig {rig.name} ({rig.path}) names no port: set board.port in it, or give --hil-port")
+    return VirtualBoard(VirtualBench(rig, firmware=firmware, seed=seed), declared=declared, transcript=transcript)
+
+
+def _wanted(rig: Rig) -> dict[SensorKind, str]:
+    named = {
+        SensorKind.MAGNETOMETER: rig.sensors.magnetometer,
+        SensorKind.ACCELEROMETER: rig.sensors.accelerometer,
+        SensorKind.GYROSCOPE: rig.sensors.gyroscope,
+    }
+    return {kind: name for kind, name in named.items() if name is not None}

@@ -14,6 +14,7 @@ from typing import ClassVar, Generic, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hiltest.calibration.fit import FitStatus
 from hiltest.errors import DeviceError
 from hiltest.link.fields import FieldReader
 from hiltest.link.replies import (
@@ -22,7 +23,6 @@ from hiltest.link.replies import (
     CalibrationReply,
     CollectReply,
     CycleSource,
-    FitStatus,
     GyroscopeRestReply,
     Identity,
     LinkCounters,

@@ -13,6 +13,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from hiltest.calibration.fit import FitStatus
 from hiltest.link.fields import FieldReader
 
 Reals = NDArray[np.float64]
@@ -56,17 +57,6 @@ class CycleSource(IntEnum):
 
     NONE = 0
     DWT = 1
-
-
-class FitStatus(IntEnum):
-    """How a calibrator ended."""
-
-    ELLIPSOID = 0
-    NOT_AN_ELLIPSOID = 1
-    POOR_COVERAGE = 2
-    TOO_FEW_POINTS = 3
-    SINGULAR = 4
-    NOT_CONVERGED = 5
 
 
 @dataclass(frozen=True, slots=True)

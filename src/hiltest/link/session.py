@@ -147,7 +147,8 @@ class Session:
         for number in range(1, self._attempts_allowed + 1):
             # A fresh nonce each time: an old answer must not pass for a new one.
             request = Sync(self._nonces.getrandbits(32))
-            payload = self._attempt(request, 0, number, self._reply_deadline_s, resync=True)
+            frame = Frame(request.code, 0, request.payload())
+            payload = self._attempt(request, frame, number, self._reply_deadline_s, resync=True)
             if payload is not None:
                 self.protocol_version = int.from_bytes(payload[5:7], "little")
                 break
@@ -202,42 +203,51 @@ class Session:
             When what arrives is no reply to this request.
         """
         allowed_s = self._reply_deadline_s + message.board_time_s if deadline_s is None else deadline_s
-        self._sequence = (self._sequence + 1) % 256
+        frame = self.next_frame(message)
         for number in range(1, self._attempts_allowed + 1):
-            payload = self._attempt(message, self._sequence, number, allowed_s)
+            payload = self._attempt(message, frame, number, allowed_s)
             if payload is not None:
                 return decode_reply(message, payload)
-        raise DeviceTimeoutError(message.command, allowed_s, self.clock)
+        raise DeviceTimeoutError(message.command, allowed_s, self.clock, self._found())
+
+    def next_frame(self, message: Request[R]) -> Frame:
+        """Return the frame of a request under the next sequence number, without sending it."""
+        self._sequence = (self._sequence + 1) % 256
+        return Frame(message.code, self._sequence, message.payload())
 
     def send_raw(self, data: bytes) -> None:
         """Put bytes on the line as they are: damaged frames, for link checks."""
         self._write(data)
 
-    def exchange_raw(self, frame: Frame, *, deadline_s: float = REPLY_DEADLINE_S) -> Frame | None:
-        """Send one frame once and return the frame that comes back, None when none does."""
-        self._write(encode_frame(frame))
-        end_s = self.now() + deadline_s
+    def listen(self, seconds: float) -> Frame | None:
+        """Return the next intact frame, None when none comes in that time."""
+        end_s = self.now() + seconds
         while self.now() < end_s:
             for item in self._receive():
                 if isinstance(item, Frame):
                     return item
         return None
 
+    def exchange_raw(self, frame: Frame, *, deadline_s: float = REPLY_DEADLINE_S) -> Frame | None:
+        """Send one frame once and return the frame that comes back, None when none does."""
+        self._write(encode_frame(frame))
+        return self.listen(deadline_s)
+
     def _attempt(
-        self, message: Request[R], sequence: int, number: int, allowed_s: float, *, resync: bool = False
+        self, message: Request[R], frame: Frame, number: int, allowed_s: float, *, resync: bool = False
     ) -> bytes | None:
         """Send once and wait; the reply's payload, or None when the deadline passed."""
         sent_s = self.now()
         self._damaged = self._stale = 0
         outcome = Outcome.ERROR
         try:
-            self._write(encode_frame(Frame(message.code, sequence, message.payload())))
-            payload = self._await(message, sequence, sent_s + allowed_s, resync)
+            self._write(encode_frame(frame))
+            payload = self._await(message, frame.sequence, sent_s + allowed_s, resync)
             outcome = Outcome.TIMEOUT if payload is None else Outcome.ANSWERED
             return payload
         finally:
             self.attempts.append(
-                Attempt(message.command, sequence, number, sent_s, self.now(), outcome, self._damaged, self._stale)
+                Attempt(message.command, frame.sequence, number, sent_s, self.now(), outcome, self._damaged, self._stale)
             )
 
     def _await(self, message: Request[R], sequence: int, end_s: float, resync: bool) -> bytes | None:
@@ -252,8 +262,13 @@ class Session:
                 elif self._answers(item, message, sequence):
                     return item.payload
             if self.clock == "virtual" and time.monotonic() > wall_end_s:
-                raise DeviceTimeoutError(message.command, self._wall_guard_s, "wall")
+                raise DeviceTimeoutError(message.command, self._wall_guard_s, "wall", self._found())
         return None
+
+    def _found(self) -> str:
+        """Say what the firmware is doing, where the port can look."""
+        look: Callable[[], str] | None = getattr(self._port, "position", None)
+        return look() if look else ""
 
     def _answers(self, frame: Frame, message: Request[R], sequence: int) -> bool:
         if frame.sequence != sequence:

@@ -73,7 +73,7 @@ def price_block(profile: TimingProfile, instructions: list[Instruction], entry: 
     refill = profile.taken(last) if last.transfer else 0
     uses_fpu = any(instruction.uses_fpu for instruction in instructions)
     changes_masks = any(instruction.changes_masks for instruction in instructions)
-    loops = last.transfer == "direct" and not last.conditional and last.text.endswith(f"#{address:#x}")
+    loops = last.jumps_to(address)
     aligned = registers_to_be_aligned(instructions)
     through = total if not last.transfer or last.conditional else total + refill
     return Block(
@@ -97,6 +97,10 @@ class Accounting(Protocol):
 
     def now(self, pc: int) -> int:
         """Virtual time [cycles] of the instruction at `pc`, which is being executed."""
+        ...
+
+    def instructions_now(self, pc: int) -> int:
+        """Instructions before the one at `pc`, which is being executed."""
         ...
 
     def settle(self, pc: int) -> None:
@@ -196,6 +200,11 @@ class BlockAccounting:
         block = self._running
         return self.cycles if block is None else self.cycles + block.cycles_before(pc, self._profile)
 
+    def instructions_now(self, pc: int) -> int:
+        """Instructions before the one at `pc`."""
+        running = () if self._running is None else self._running.instructions
+        return self.instructions + sum(1 for instruction in running if instruction.address < pc & ~1)
+
     def settle(self, pc: int) -> None:
         """Add the block that just ended; `pc` is where execution goes on."""
         block, self._running = self._running, None
@@ -277,6 +286,10 @@ class InstructionAccounting:
     def now(self, pc: int) -> int:
         """Virtual time [cycles] at the start of the instruction at `pc`."""
         return self.cycles
+
+    def instructions_now(self, pc: int) -> int:
+        """Instructions before the one at `pc`."""
+        return self.instructions
 
     def settle(self, pc: int) -> None:
         """Add the instruction that just ended; `pc` is where execution goes on."""

@@ -122,6 +122,10 @@ class Processor:
         """Clock cycles since power-on, inside a peripheral's access too."""
         return self.accounting.now(self.registers.pc.get())
 
+    def instructions_now(self) -> int:
+        """Instructions executed since power-on, inside a peripheral's access too."""
+        return self.accounting.instructions_now(self.registers.pc.get())
+
     @property
     def instructions(self) -> int:
         """Instructions executed since power-on."""

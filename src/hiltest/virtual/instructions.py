@@ -61,6 +61,10 @@ class Instruction:
     core_writes: int = 0
     derived: tuple[tuple[int, int], ...] = ()
 
+    def jumps_to(self, address: int) -> bool:
+        """Whether it is an unconditional branch to `address`."""
+        return self.transfer == "direct" and not self.conditional and self.text.endswith(f"#{address:#x}")
+
 
 _SINGLE_LOADS = {
     arm.ARM_INS_LDR, arm.ARM_INS_LDRB, arm.ARM_INS_LDRH, arm.ARM_INS_LDRSB, arm.ARM_INS_LDRSH,

@@ -10,6 +10,7 @@ from hiltest.virtual.calling import Argument, CallResult, call_function
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.elf import FirmwareImage
 from hiltest.virtual.i2c_bus import I2cBus, I2cDevice
+from hiltest.virtual.instructions import decode
 from hiltest.virtual.peripherals.bus import Peripheral, PeripheralBus, StoredRegisters
 from hiltest.virtual.peripherals.clocks import ClockGates, ClockGenerator, Watchdog
 from hiltest.virtual.peripherals.i2c import I2c
@@ -158,7 +159,27 @@ class VirtualK64F:
         pc = self.processor.registers.pc.get()
         function = self.image.function_at(pc)
         place = f"{function.name if function else hex(pc)} ({self.image.location_at(pc) or 'no line known'})"
-        return f"asleep in {place}" if self.processor.sleeping else f"executing {place}"
+        if self.processor.sleeping:
+            return f"asleep in {place}"
+        instruction = decode(pc & ~1, self.processor.memory.read(pc & ~1, 4))[0]
+        return f"hung, looping to itself in {place}" if instruction.jumps_to(pc & ~1) else f"executing {place}"
+
+    def instructions_between_readings(self, cycles: int) -> int | None:
+        """Count the instructions between two reads of CYCCNT that lie `cycles` apart.
+
+        Firmware that times a function reads the counter before and behind it; the
+        difference that it reports finds the two readings among the latest.
+
+        Returns
+        -------
+        int or None
+            None when no two successive readings differ by that many cycles.
+        """
+        readings = list(self.cycle_counter.readings)
+        for before, behind in zip(readings[-2::-1], readings[:0:-1], strict=True):
+            if (behind.cycles - before.cycles) & 0xFFFFFFFF == cycles:
+                return behind.instructions - before.instructions
+        return None
 
     def run_until(self, time_s: float, *, wake: Callable[[], bool] | None = None) -> None:
         """Run the firmware until virtual time `time_s`, or until `wake` answers true.

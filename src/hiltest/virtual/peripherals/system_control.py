@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.nvic import FIRST_INTERRUPT, INTERRUPTS, PENDSV, SYSTICK
@@ -83,8 +85,24 @@ class SysTick:
         self._event = self._processor.schedule.at(self._expires_at, self._expire) if self._reload else None
 
 
+@dataclass(frozen=True, slots=True)
+class CounterReading:
+    """What CYCCNT answered, and how many instructions had been executed by then."""
+
+    cycles: int
+    instructions: int
+
+
 class CycleCounter:
-    """DWT: CYCCNT counts core cycles while TRCENA and CYCCNTENA are set."""
+    """DWT: CYCCNT counts core cycles while TRCENA and CYCCNTENA are set.
+
+    Attributes
+    ----------
+    present : bool
+        Set to False for a part without the counter (NOCYCCNT).
+    readings : deque of CounterReading
+        The last few times that the firmware read it, oldest first.
+    """
 
     name = "DWT"
     base = 0xE0001000
@@ -93,6 +111,7 @@ class CycleCounter:
         self.clocked = True
         self._processor = processor
         self.present = True
+        self.readings: deque[CounterReading] = deque(maxlen=16)
         self.reset()
 
     def reset(self) -> None:
@@ -124,7 +143,9 @@ class CycleCounter:
             return 0x40000000 | self._control | (0 if self.present else 1 << 25)
         if offset == 4:
             self._hold()
-            return self._count & 0xFFFFFFFF
+            count = self._count & 0xFFFFFFFF
+            self.readings.append(CounterReading(count, self._processor.instructions_now()))
+            return count
         return 0
 
     def write(self, offset: int, size: int, value: int) -> None:

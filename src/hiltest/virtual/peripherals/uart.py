@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.peripherals.clocks import ClockGates
+from hiltest.virtual.schedule import Event
 
 _BDH, _BDL, _C2, _S1, _C3, _D, _C4 = 0x0, 0x1, 0x3, 0x4, 0x6, 0x7, 0xA
 _PFIFO, _CFIFO, _SFIFO, _TWFIFO, _TCFIFO, _RWFIFO, _RCFIFO = 0x10, 0x11, 0x12, 0x13, 0x14, 0x15, 0x16
@@ -44,10 +45,14 @@ class Uart:
         self._interrupt = interrupt
         self._sent = bytearray()
         self._incoming: deque[int] = deque()
+        self._arriving = False
+        self._sending: Event | None = None
         self.reset()
 
     def reset(self) -> None:
-        """State after a chip reset; bytes on the line are lost."""
+        """State after a chip reset; bytes go on arriving, at a receiver that is off."""
+        if self._sending is not None:
+            self._sending.cancel()
         self._registers = bytearray(0x20)
         self._registers[_BDL] = 0x04
         self._registers[_PFIFO] = 0x22  # both FIFOs hold eight
@@ -57,10 +62,7 @@ class Uart:
         self._shifting: int | None = None
         self._flags = 0  # IDLE, OR, FE
         self._flags_seen = 0
-        self._arrival: object | None = None
         self._quiet_since = 0.0
-        self._incoming.clear()
-        self._arriving = False
         self._drive()
 
     # -- the far end of the wire --------------------------------------------------------------
@@ -137,7 +139,7 @@ class Uart:
             self._shifting = self._transmit.popleft()
             baud = self.baud
             byte_cycles = round(_BITS_A_BYTE * self._clocks.core_hz / baud) if baud else 1
-            self._processor.schedule.at(self._processor.now() + byte_cycles, self._shifted)
+            self._sending = self._processor.schedule.at(self._processor.now() + byte_cycles, self._shifted)
 
     def _shifted(self) -> None:
         if self._shifting is not None:
@@ -147,7 +149,7 @@ class Uart:
             self._shifting = self._transmit.popleft()
             byte_cycles = round(_BITS_A_BYTE * self._clocks.core_hz / self.baud)
             schedule = self._processor.schedule
-            schedule.at(schedule.time + byte_cycles, self._shifted)
+            self._sending = schedule.at(schedule.time + byte_cycles, self._shifted)
         self._drive()
 
     # -- registers ----------------------------------------------------------------------------

@@ -1,0 +1,69 @@
+"""A virtual board in its world: firmware, sensors, and the table that turns them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from hiltest.angles import Pose
+from hiltest.errors import ConfigError
+from hiltest.rig import Rig, build_sensors, build_world
+from hiltest.virtual.k64f import VirtualK64F
+
+# From power-on until the firmware listens and its sensors are set up: the gyroscope alone boots for 60 ms.
+_START_UP_S = 0.2
+
+
+def default_firmware() -> Path:
+    """Return the prebuilt ELF that ships in the package."""
+    return Path(__file__).parents[1] / "firmware" / "hiltest-frdm-k64f.elf"
+
+
+class VirtualBench:
+    """Everything that a rig with a simulated world describes.
+
+    Parameters
+    ----------
+    rig : Rig
+        Of a virtual board.
+    firmware : Path, optional
+        ELF to run; by default the prebuilt one.
+    seed : int, optional
+        Of the sensors' noise; by default the rig's.
+
+    Attributes
+    ----------
+    machine : VirtualK64F
+    firmware : Path
+    seed : int
+
+    Raises
+    ------
+    ConfigError
+        When the rig has no simulated world, or the firmware cannot be loaded.
+    """
+
+    def __init__(self, rig: Rig, *, firmware: Path | None = None, seed: int | None = None) -> None:
+        if rig.world is None:
+            raise ConfigError(
+                f"rig {rig.name} ({rig.path}) is of a {rig.board.kind} board: it has no world to simulate. "
+                "Name its port with --hil-port, or choose a rig of a virtual board."
+            )
+        self.rig = rig
+        self.firmware = firmware or default_firmware()
+        self.seed = rig.seed if seed is None else seed
+        self._world = build_world(rig)
+        sensors = build_sensors(rig, self._world, self.seed)
+        self.machine = VirtualK64F(self.firmware, i2c0=sensors["i2c0"], i2c1=sensors["i2c1"])
+
+    def power_on(self) -> None:
+        """Start the firmware, and let virtual time run until it listens."""
+        self.machine.run_until(_START_UP_S)
+
+    def turn_to(self, pose: Pose, *, judged_pose: int | None = None) -> None:
+        """Turn the table, and let virtual time run until it stands."""
+        self.machine.run_until(self._world.turn_to(pose, time_s=self.machine.time_s, judged_pose=judged_pose))
+
+    def tumble(self, duration_s: float) -> None:
+        """Go to where a tumble begins, begin it, and come back."""
+        self._world.tumble(time_s=self.machine.time_s, duration_s=duration_s)
+        self.machine.run_until(self._world.last_move_start_s)

@@ -1,0 +1,204 @@
+"""What every board offers, whether its processor is silicon or not."""
+
+from __future__ import annotations
+
+import contextlib
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from types import TracebackType
+from typing import ClassVar, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hiltest.angles import Pose
+from hiltest.errors import HiltestError, SensorAbsentError
+from hiltest.link.messages import Identity, Select, SensorInfo, SensorKind, Sensors
+from hiltest.link.session import Session
+
+_SHIELD_HINT = (
+    "Put the FRDM-FXS-MULTI-B shield on the board, or name sensors that are there in the rig file. "
+    "The identity, cycles and link suites need no sensor: pytest hil/suites -k 'identity or cycles or link'."
+)
+
+
+class BoardKind(StrEnum):
+    """What answers on the link."""
+
+    VIRTUAL = "virtual"
+    REAL = "real"
+    REPLAY = "replay"
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """What the world of a virtual board really is.
+
+    Attributes
+    ----------
+    soft_iron : ndarray, shape (3, 3)
+        ``sensed_ut = soft_iron @ field_body_ut + hard_iron_ut``, body frame.
+    hard_iron_ut : ndarray, shape (3,)
+        Zero-flux offset of the part included [uT].
+    field_ut, dip_deg : float
+        Strength and inclination of the earth's field.
+    magnetometer_sigma_ut : float
+        rms noise of one axis of one reading [uT].
+    gyroscope_bias_dps : ndarray, shape (3,)
+        Body frame [deg/s].
+    """
+
+    soft_iron: NDArray[np.float64]
+    hard_iron_ut: NDArray[np.float64]
+    field_ut: float
+    dip_deg: float
+    magnetometer_sigma_ut: float
+    gyroscope_bias_dps: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Declared:
+    """What the rig file says about bench and parts, whatever the board.
+
+    Attributes
+    ----------
+    field_ut : float
+        Strength of the local field.
+    magnetometer_sigma_ut : float
+        rms noise of one axis of one reading, of the selected part.
+    wanted : mapping of SensorKind to str
+        Name of the sensor to use for each kind; without a name the first that is present.
+    """
+
+    field_ut: float
+    magnetometer_sigma_ut: float
+    wanted: Mapping[SensorKind, str]
+
+
+class Stage(Protocol):
+    """What can turn a board without anybody's help."""
+
+    def turn_to(self, pose: Pose, *, judged_pose: int | None = None) -> None:
+        """Turn the table and come back when it stands."""
+
+    def tumble(self, duration_s: float) -> None:
+        """Go to where a tumble begins, begin it, and come back."""
+
+
+class Board(ABC):
+    """A board that is synchronised, identified and has its sensors selected.
+
+    Parameters
+    ----------
+    session : Session
+        Over an open port. The board closes it.
+    description : str
+        One line for people.
+    declared : Declared
+
+    Attributes
+    ----------
+    stage : Stage or None
+        None where somebody has to turn the board.
+    truth : Truth or None
+        None where nobody knows it: "not offered".
+    firmware_sha256 : str or None
+        Of the ELF file, where there is one.
+    seed : int or None
+        Of a simulated world.
+    """
+
+    kind: ClassVar[BoardKind]
+    stage: Stage | None = None
+    truth: Truth | None = None
+    firmware_sha256: str | None = None
+    seed: int | None = None
+
+    def __init__(self, session: Session, *, description: str, declared: Declared) -> None:
+        self.session = session
+        self.description = description
+        self.declared = declared
+        try:
+            session.synchronise()
+            self.identity: Identity = session.identify()
+            self.sensors: tuple[SensorInfo, ...] = self._select()
+        except HiltestError:
+            session.close()
+            raise
+
+    @property
+    def clock(self) -> str:
+        """``virtual`` or ``wall``."""
+        return self.session.clock
+
+    def now_s(self) -> float:
+        """Return the time of the board's clock [s]."""
+        return self.session.now()
+
+    @property
+    @abstractmethod
+    def cycle_model(self) -> str:
+        """What a cycle number of this board means, with the placement of the code."""
+
+    @property
+    def virtual_seconds(self) -> float | None:
+        """Virtual time since power-on; None where time is not virtual."""
+        return None
+
+    @property
+    def instructions(self) -> int | None:
+        """Instructions executed since power-on; None where nobody counts them."""
+        return None
+
+    def instructions_counted(self, cycles: int) -> int | None:
+        """Count the instructions of the code that the firmware has just timed at `cycles`; None where nobody counts."""
+        return None
+
+    def sensor(self, kind: SensorKind) -> SensorInfo:
+        """Return the selected sensor of a kind.
+
+        Raises
+        ------
+        SensorAbsentError
+            When there is none; names those that answer, and the way out.
+        """
+        for sensor in self.sensors:
+            if sensor.kind is kind and sensor.selected and sensor.present:
+                return sensor
+        wanted = self.declared.wanted.get(kind, "")
+        raise SensorAbsentError(
+            f"{kind.name.lower()} {wanted}".strip(),
+            [sensor.name for sensor in self.sensors if sensor.present],
+            _SHIELD_HINT,
+        )
+
+    def has_shield(self) -> bool:
+        """Say whether headings can be measured: magnetometer and accelerometer are there."""
+        with contextlib.suppress(SensorAbsentError):
+            return bool(self.sensor(SensorKind.MAGNETOMETER) and self.sensor(SensorKind.ACCELEROMETER))
+        return False
+
+    def close(self) -> None:
+        """Give the port back."""
+        self.session.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _select(self) -> tuple[SensorInfo, ...]:
+        """Select one present sensor of each kind; which are selected is then asked again."""
+        known = self.session.request(Sensors())
+        for kind in SensorKind:
+            wanted = self.declared.wanted.get(kind)
+            for sensor in known:
+                if sensor.kind is kind and sensor.present and wanted in (None, sensor.name):
+                    self.session.request(Select(sensor.sensor_id))
+                    break
+        return self.session.request(Sensors())

@@ -1,0 +1,1 @@
+"""Handlers of serial URLs, found by pyserial by their names."""

@@ -1,0 +1,56 @@
+"""``hil://``: a virtual board as a serial port, for any program that uses pyserial."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from urllib.parse import parse_qs, urlsplit
+
+import serial
+
+from hiltest.bench_files import rig_file
+from hiltest.boards.bench import VirtualBench
+from hiltest.boards.virtual_port import VirtualPort
+from hiltest.errors import HiltestError
+from hiltest.rig import load_rig
+
+_KEYS = ("firmware", "rig", "seed")
+
+
+class Serial(VirtualPort):
+    """The port behind ``hil://?rig=R&seed=N&firmware=ELF``; every part may be left out.
+
+    The board is powered on when the port is opened. Its clock moves while somebody reads.
+    """
+
+    def open(self) -> None:
+        """Power on the board that the URL describes.
+
+        Raises
+        ------
+        serial.SerialException
+            When the URL, the rig or the firmware is wrong.
+        """
+        try:
+            bench = _bench(self.portstr or "hil://")
+            bench.power_on()
+            self.attach(bench.machine)
+        except (HiltestError, ValueError) as error:
+            raise serial.SerialException(f"cannot open {self.portstr}: {error}") from error
+        super().open()
+
+
+def _bench(url: str) -> VirtualBench:
+    given = parse_qs(urlsplit(url).query, strict_parsing=True) if "?" in url else {}
+    unknown = sorted(set(given) - set(_KEYS))
+    if unknown:
+        raise ValueError(f"{unknown[0]!r} is not a part of a hil:// URL; known: {', '.join(_KEYS)}")
+    first = {key: values[0] for key, values in given.items()}
+    seed = first.get("seed")
+    if seed is not None and not seed.isdigit():
+        raise ValueError(f"seed={seed!r} is no whole number")
+    firmware = first.get("firmware")
+    return VirtualBench(
+        load_rig(rig_file(Path.cwd(), first.get("rig"))),
+        firmware=Path(firmware) if firmware else None,
+        seed=int(seed) if seed else None,
+    )

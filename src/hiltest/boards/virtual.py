@@ -1,0 +1,79 @@
+"""The virtual board: the real firmware on an emulated processor, in a simulated world."""
+
+from __future__ import annotations
+
+import hashlib
+
+import numpy as np
+
+from hiltest.boards.bench import VirtualBench
+from hiltest.boards.board import Board, BoardKind, Declared, Truth
+from hiltest.boards.virtual_port import VirtualPort
+from hiltest.link.ports import READ_SLICE_S
+from hiltest.link.session import Session
+from hiltest.link.transcript import Transcript
+from hiltest.rig import COUNTS_PER_UT, Rig, world_truth
+
+
+class VirtualBoard(Board):
+    """A virtual FRDM-K64F behind its serial port, in stepped time.
+
+    Parameters
+    ----------
+    bench : VirtualBench
+        Board, sensors and world.
+    declared : Declared
+        What the rig says.
+    transcript : Transcript, optional
+        Gets every byte, both ways.
+    """
+
+    kind = BoardKind.VIRTUAL
+
+    def __init__(self, bench: VirtualBench, *, declared: Declared, transcript: Transcript | None = None) -> None:
+        self._machine = bench.machine
+        bench.power_on()
+        port = VirtualPort()
+        port.port = "hil://"
+        port.timeout = READ_SLICE_S
+        port.attach(bench.machine)
+        port.open()
+        self.stage = bench
+        self.seed = bench.seed
+        self.truth = _truth(bench.rig)
+        self.firmware_sha256 = hashlib.sha256(bench.firmware.read_bytes()).hexdigest()
+        session = Session(port, transcript=transcript, nonce_seed=bench.seed)
+        super().__init__(session, description=f"virtual FRDM-K64F, seed {bench.seed}", declared=declared)
+
+    @property
+    def cycle_model(self) -> str:
+        """Name and version of the timing profile, with the placement of the code."""
+        return f"{self._machine.processor.profile.name}@{self.identity.placement}"
+
+    @property
+    def virtual_seconds(self) -> float:
+        """Virtual time since power-on [s]."""
+        return self._machine.time_s
+
+    @property
+    def instructions(self) -> int:
+        """Instructions executed since power-on."""
+        return self._machine.instructions
+
+    def instructions_counted(self, cycles: int) -> int | None:
+        """Count the instructions between the two latest readings of CYCCNT that lie `cycles` apart."""
+        return self._machine.instructions_between_readings(cycles)
+
+
+def _truth(rig: Rig) -> Truth | None:
+    known = world_truth(rig)
+    if known is None:
+        return None
+    return Truth(
+        soft_iron=np.array(known.soft_iron),
+        hard_iron_ut=np.array(known.hard_iron_counts) / COUNTS_PER_UT,
+        field_ut=known.field.strength_ut,
+        dip_deg=known.field.dip_deg,
+        magnetometer_sigma_ut=rig.sensors.magnetometer_noise_ut,
+        gyroscope_bias_dps=np.array(known.gyroscope_bias_dps),
+    )

@@ -1,0 +1,180 @@
+"""A virtual board's UART as a pyserial port, in stepped time.
+
+The virtual clock moves only inside `read`: however slow or fast the host is, the
+same calls give the same bytes at the same virtual times. Timeouts are virtual.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import serial
+from serial.serialutil import SerialBase
+
+# A read without a timeout looks in this often whether anything came.
+_ENDLESS_SLICE_S = 1.0
+
+
+class Uart(Protocol):
+    """The host's end of a virtual UART."""
+
+    @property
+    def host_waiting(self) -> int:
+        """How many bytes have arrived from the board."""
+
+    def host_write(self, data: bytes) -> None:
+        """Send bytes to the board; they arrive at the pace of the line."""
+
+    def host_read(self, size: int) -> bytes:
+        """Take bytes that have arrived from the board."""
+
+
+class Machine(Protocol):
+    """What a port needs of a virtual board."""
+
+    @property
+    def time_s(self) -> float:
+        """Virtual seconds since power-on."""
+
+    @property
+    def uart0(self) -> Uart:
+        """The debug serial port."""
+
+    def position(self) -> str:
+        """Say what the firmware is doing."""
+
+    def run_until(self, time_s: float, *, wake: Callable[[], bool] | None = None) -> None:
+        """Let the board run until a time, or until `wake` says so after bytes arrived."""
+
+
+class VirtualPort(SerialBase):  # type: ignore[misc]  # pyserial publishes no types
+    """A serial port whose far end is a machine that runs while somebody reads.
+
+    Subclasses, or whoever constructs it, give it a machine by `attach` before `open`.
+    """
+
+    _machine: Machine | None = None
+
+    def attach(self, machine: Machine) -> None:
+        """Say which machine is at the far end."""
+        self._machine = machine
+        self._arrived = bytearray()
+
+    @property
+    def machine(self) -> Machine:
+        """The far end."""
+        if self._machine is None or not self.is_open:
+            raise serial.PortNotOpenError()
+        return self._machine
+
+    def open(self) -> None:
+        """Open the port; the far end must be attached."""
+        if self._machine is None:
+            raise serial.SerialException("no machine is attached to this port")
+        self.is_open = True
+
+    def close(self) -> None:
+        """Close the port; the machine stays as it is."""
+        self.is_open = False
+
+    def now(self) -> float:
+        """Return virtual seconds since power-on."""
+        return self.machine.time_s
+
+    def position(self) -> str:
+        """Say what the firmware is doing."""
+        return self.machine.position()
+
+    @property
+    def in_waiting(self) -> int:
+        """Bytes that can be read without waiting; asking does not move the clock."""
+        self._take()
+        return len(self._arrived)
+
+    def read(self, size: int = 1) -> bytes:
+        """Return up to `size` bytes, fewer when the timeout (virtual) is over."""
+        self._run(lambda: len(self._arrived) >= size)
+        return self._give(size)
+
+    def read_until(self, expected: bytes = b"\n", size: int | None = None) -> bytes:
+        """Return bytes up to and with `expected`, fewer at `size` or when the timeout is over."""
+        self._run(lambda: expected in self._arrived or (size is not None and len(self._arrived) >= size))
+        at = self._arrived.find(expected)
+        end = len(self._arrived) if at < 0 else at + len(expected)
+        return self._give(end if size is None else min(end, size))
+
+    def write(self, data: bytes) -> int:
+        """Send bytes; they arrive while somebody reads."""
+        payload = bytes(data)
+        self.machine.uart0.host_write(payload)
+        return len(payload)
+
+    def flush(self) -> None:
+        """Do nothing: bytes leave as the virtual clock moves."""
+
+    def reset_input_buffer(self) -> None:
+        """Drop what has arrived."""
+        self._take()
+        self._arrived.clear()
+
+    def reset_output_buffer(self) -> None:
+        """Do nothing: what was written is on its way."""
+
+    @property
+    def cts(self) -> bool:
+        """Clear to send: the line has no flow control."""
+        return True
+
+    @property
+    def dsr(self) -> bool:
+        """Data set ready."""
+        return True
+
+    @property
+    def ri(self) -> bool:
+        """Ring indicator."""
+        return False
+
+    @property
+    def cd(self) -> bool:
+        """Carrier detect."""
+        return True
+
+    def _take(self) -> None:
+        uart = self.machine.uart0
+        if uart.host_waiting:
+            self._arrived += uart.host_read(uart.host_waiting)
+
+    def _give(self, count: int) -> bytes:
+        data = bytes(self._arrived[:count])
+        del self._arrived[:count]
+        return data
+
+    def _run(self, enough: Callable[[], bool]) -> None:
+        machine = self.machine
+
+        def arrived() -> bool:
+            self._take()
+            return enough()
+
+        if arrived():
+            return
+        if self.timeout is not None:
+            machine.run_until(machine.time_s + self.timeout, wake=arrived)
+            return
+        while not arrived():
+            machine.run_until(machine.time_s + _ENDLESS_SLICE_S, wake=arrived)
+
+    # The line's settings exist for programs that set them; a virtual line has no others than the board's.
+    def _reconfigure_port(self, *_: Any) -> None:
+        pass
+
+    def _update_rts_state(self) -> None:
+        pass
+
+    def _update_dtr_state(self) -> None:
+        pass
+
+    def _update_break_state(self) -> None:
+        pass

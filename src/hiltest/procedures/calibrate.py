@@ -1,0 +1,159 @@
+"""Run calibrators on the board, all on the same points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hiltest.boards.board import Board
+from hiltest.calibration.fit import FitStatus, MagnetometerFit
+from hiltest.calibration.quality import offset_error_ut, residual_percent, rotation_left_deg
+from hiltest.errors import CalibrationError
+from hiltest.link.messages import Calibrate, SetCalibration
+from hiltest.link.replies import CalibrateReply
+from hiltest.procedures.cause import predicted_residual_percent
+from hiltest.procedures.progress import Progress, silent
+from hiltest.procedures.tumble import Tumble
+
+UNCALIBRATED = "uncalibrated"
+UNCALIBRATED_SLOT = 0
+_ELLIPSOID_PARAMETERS = 9
+_SPHERE_PARAMETERS = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CalibratorRun:
+    """One calibrator's answer on the board.
+
+    Attributes
+    ----------
+    name : str
+    slot : int
+        Where the board keeps the calibration.
+    n : int
+        Points used.
+    result : MagnetometerFit
+        As the board computed it, in float32.
+    cycles, overhead_cycles : int
+        Core cycles of the run without, and of, an empty call.
+    residual_percent : float
+        ``100 rms(|C (m - o)| - 1)`` over the n points, computed on the host.
+    residual_predicted_percent : float
+        What the noise that the rig declares leaves by itself.
+    offset_error_ut, rotation_left_deg : float or None
+        Against the truth; None where there is none: "not offered".
+    """
+
+    name: str
+    slot: int
+    n: int
+    result: MagnetometerFit
+    cycles: int
+    overhead_cycles: int
+    residual_percent: float
+    residual_predicted_percent: float
+    offset_error_ut: float | None
+    rotation_left_deg: float | None
+
+    @property
+    def fit(self) -> FitStatus:
+        """How the fit ended."""
+        return self.result.status
+
+    @property
+    def is_sphere(self) -> bool:
+        """Whether the ellipsoid was refused and this is the sphere fit."""
+        return self.result.is_sphere
+
+    @property
+    def iterations(self) -> int:
+        """Iterations or sweeps of the solver, 0 for a closed form."""
+        return self.result.iterations
+
+    @property
+    def soft_iron(self) -> NDArray[np.float64]:
+        """(3, 3) [1/count]; ``unit = soft_iron @ (counts - hard_iron)``."""
+        return self.result.soft_iron
+
+    @property
+    def hard_iron(self) -> NDArray[np.float64]:
+        """(3,) [counts]."""
+        return self.result.hard_iron
+
+    @property
+    def coverage(self) -> float:
+        """Largest M_ii / d_i of the pivots; 0 when the calibrator has no such number."""
+        return self.result.coverage
+
+    @property
+    def usable(self) -> bool:
+        """Whether there is a calibration to judge."""
+        return self.result.has_fit
+
+
+def run_calibrators(
+    board: Board, tumble: Tumble, *, calibrators: Sequence[str], n: int = 100, progress: Progress | None = None
+) -> dict[str, CalibratorRun]:
+    """Run each calibrator on the first n points, and keep its result in a slot of its own.
+
+    Parameters
+    ----------
+    board : Board
+        Holding the points of `tumble`. Slot 0 becomes the identity: no calibration.
+    tumble : Tumble
+    calibrators : sequence of str
+        Names as in the board's identity.
+    n : int
+        Points each of them gets.
+
+    Raises
+    ------
+    CalibrationError
+        When a calibrator is not in the firmware, or there are more of them than slots.
+    """
+    tell = progress or silent
+    missing = [name for name in calibrators if name not in board.identity.calibrators]
+    if missing:
+        raise CalibrationError(
+            f"the firmware has no calibrator {', '.join(missing)}; it has {', '.join(board.identity.calibrators)}"
+        )
+    if len(calibrators) >= board.identity.slots:
+        raise CalibrationError(f"{len(calibrators)} calibrators; the board has {board.identity.slots - 1} slots")
+    board.session.request(SetCalibration(UNCALIBRATED_SLOT, np.eye(3), np.zeros(3)))
+    runs = {}
+    for slot, name in enumerate(calibrators, start=1):
+        tell(f"calibrator {name}", slot - 1, len(calibrators))
+        reply = board.session.request(Calibrate(n, name))
+        runs[name] = _judge(board, name, slot, tumble.points[:n], reply)
+        if runs[name].usable:
+            board.session.request(SetCalibration(slot, runs[name].soft_iron, runs[name].hard_iron))
+    tell("calibrators", len(calibrators), len(calibrators))
+    return runs
+
+
+def _judge(
+    board: Board, name: str, slot: int, points: NDArray[np.int16], reply: CalibrateReply
+) -> CalibratorRun:
+    result = MagnetometerFit(
+        reply.fit, reply.is_sphere, reply.iterations,
+        reply.calibration.soft_iron, reply.calibration.hard_iron, reply.coverage,
+    )
+    truth = board.truth if result.has_fit else None
+    return CalibratorRun(
+        name=name,
+        slot=slot,
+        n=len(points),
+        result=result,
+        cycles=reply.cycles,
+        overhead_cycles=reply.overhead_cycles,
+        residual_percent=residual_percent(points, result),
+        residual_predicted_percent=predicted_residual_percent(
+            board.declared.magnetometer_sigma_ut, board.declared.field_ut, len(points),
+            parameters=_SPHERE_PARAMETERS if result.is_sphere else _ELLIPSOID_PARAMETERS,
+        ),
+        offset_error_ut=None if truth is None else offset_error_ut(result, truth.hard_iron_ut),
+        rotation_left_deg=None if truth is None else rotation_left_deg(result, truth.soft_iron),
+    )

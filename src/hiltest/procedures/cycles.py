@@ -1,0 +1,156 @@
+"""What a calibrator costs: cycles at n points, per point, fixed, and their spread."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hiltest.boards.board import Board
+from hiltest.link.messages import MAX_UPLOAD, Calibrate, ClearPoints, Upload
+from hiltest.link.replies import CalibrateReply
+from hiltest.procedures.clouds import golden_cloud
+from hiltest.procedures.progress import Progress, silent
+
+Ints = NDArray[np.int64]
+
+REGRESSION_SIZES = (20, 60, 100, 140, 180, 220, 260, 300)
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A straight line through points, and the rms of what it leaves."""
+
+    slope: float
+    intercept: float
+    residual: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CycleCost:
+    """Cost of one calibrator on golden clouds.
+
+    Attributes
+    ----------
+    calibrator, model : str
+        Numbers of different models are never compared.
+    n : int
+        Points of `total` and `spread`.
+    total : int
+        Cycles at n points of golden cloud 0.
+    per_point, fixed, regression_residual : float
+        Least-squares line of cycles over n, and the rms of what it leaves.
+    spread : int
+        Largest minus smallest over the clouds, each at n points.
+    instructions : int or None
+        Of the same run as `total`; None when nobody counts them: "not offered".
+    iterations : int
+        Sweeps or iterations of the same run as `total`, 0 for a closed form.
+    sizes, cycles : ndarray, shape (k,)
+        What the line was fitted to.
+    """
+
+    calibrator: str
+    model: str
+    n: int
+    total: int
+    per_point: float
+    fixed: float
+    regression_residual: float
+    spread: int
+    instructions: int | None
+    iterations: int
+    sizes: Ints
+    cycles: Ints
+
+
+def fit_line(x: ArrayLike, y: ArrayLike) -> Line:
+    """Fit a line by least squares.
+
+    Raises
+    ------
+    ValueError
+        When fewer than two different x are given.
+    """
+    xs, ys = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+    if xs.shape != ys.shape or len(set(xs.tolist())) < 2:
+        raise ValueError("a line needs two different x, and as many y as x")
+    dx = xs - xs.mean()
+    slope = float((dx * ys).sum() / (dx * dx).sum())
+    intercept = float(ys.mean() - slope * xs.mean())
+    left = ys - (slope * xs + intercept)
+    return Line(slope, intercept, float(np.sqrt((left * left).mean())))
+
+
+def upload_cloud(board: Board, points: NDArray[np.int16]) -> None:
+    """Replace the board's point buffer by a cloud, shape (n, 3) [counts]."""
+    board.session.request(ClearPoints())
+    for first in range(0, len(points), MAX_UPLOAD):
+        board.session.request(Upload(first, points[first : first + MAX_UPLOAD].tolist()))
+
+
+def measure_cycles(
+    board: Board, calibrators: Sequence[str], *, n: int = 100, clouds: int = 100,
+    sizes: Sequence[int] = REGRESSION_SIZES, progress: Progress | None = None,
+) -> dict[str, CycleCost]:
+    """Count the cycles of calibrators on golden clouds.
+
+    Parameters
+    ----------
+    board : Board
+        Its point buffer is replaced.
+    calibrators : sequence of str
+        Each runs on every cloud that is uploaded.
+    n : int
+        Points of the total and of the spread.
+    clouds : int
+        How many clouds the spread is over, at least 1.
+    sizes : sequence of int
+        Numbers of points that the regression is over.
+    """
+    tell = progress or silent
+    work = [(n, index) for index in range(clouds)] + [(size, 0) for size in sizes if size != n]
+    found: dict[tuple[int, int], dict[str, CalibrateReply]] = {}
+    instructions: dict[str, int | None] = {}
+    for done, (size, index) in enumerate(work):
+        tell("cycles", done, len(work))
+        upload_cloud(board, golden_cloud(size, index=index))
+        found[size, index] = {}
+        for name in calibrators:
+            reply = found[size, index][name] = board.session.request(Calibrate(size, name))
+            if (size, index) == (n, 0):
+                instructions[name] = _instructions(board, reply)
+    tell("cycles", len(work), len(work))
+    return {name: _cost(board, name, n, clouds, sizes, found, instructions[name]) for name in calibrators}
+
+
+def _instructions(board: Board, reply: CalibrateReply) -> int | None:
+    """Count the instructions of a timed run, those of the empty call beside it subtracted."""
+    whole = board.instructions_counted(reply.cycles + reply.overhead_cycles)
+    empty = board.instructions_counted(reply.overhead_cycles)
+    return None if whole is None or empty is None else whole - empty
+
+
+def _cost(
+    board: Board, name: str, n: int, clouds: int, sizes: Sequence[int],
+    found: dict[tuple[int, int], dict[str, CalibrateReply]], instructions: int | None,
+) -> CycleCost:
+    at_n = [found[n, index][name].cycles for index in range(clouds)]
+    over_sizes = [found[size, 0][name].cycles for size in sizes]
+    line = fit_line(sizes, over_sizes)
+    return CycleCost(
+        calibrator=name,
+        model=board.cycle_model,
+        n=n,
+        total=at_n[0],
+        per_point=line.slope,
+        fixed=line.intercept,
+        regression_residual=line.residual,
+        spread=max(at_n) - min(at_n),
+        instructions=instructions,
+        iterations=found[n, 0][name].iterations,
+        sizes=np.array(sizes),
+        cycles=np.array(over_sizes),
+    )

@@ -1,0 +1,171 @@
+"""The known-angle procedure: the board says its heading where the turntable knows it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hiltest.angles import Pose, heading_error_deg, wrap_360
+from hiltest.boards.board import Board
+from hiltest.errors import DeviceError
+from hiltest.link.messages import Average, SensorKind, Status
+from hiltest.link.replies import G_PER_COUNT, AverageReply, SlotHeading
+from hiltest.procedures.heading_statistics import HeadingSummary, rms, summarise
+from hiltest.procedures.progress import Progress, silent
+from hiltest.procedures.turntables import Achieved, Turntable
+
+Reals = NDArray[np.float64]
+
+_HEADINGS_DEG = tuple(30.0 * k for k in range(12))
+_TILTS_DEG = ((0.0, 0.0), (20.0, 0.0), (-20.0, 0.0), (0.0, 20.0), (0.0, -20.0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KnownAngles:
+    """Headings answered at known angles, per calibration.
+
+    Attributes
+    ----------
+    poses : tuple of Pose
+        As asked of the turntable.
+    reference_deg : ndarray, shape (n,)
+        True heading of the board: what the turntable reached plus the declared mounting yaw.
+    uncertainty_deg : float
+        Of the turntable's angle.
+    mounting_yaw_deg : float
+        What was declared, and nothing else was taken off.
+    readings : int
+        New samples averaged at each pose.
+    heading_deg, error_deg : dict of str to ndarray, shape (n,)
+        Answer, and answer minus reference in (-180, 180], per calibration.
+    pitch_deg, roll_deg : ndarray, shape (n,)
+        As the board answered them.
+    accelerometer_norm : ndarray, shape (n,)
+        Length of the mean accelerometer reading [g].
+    """
+
+    poses: tuple[Pose, ...]
+    reference_deg: Reals
+    uncertainty_deg: float
+    mounting_yaw_deg: float
+    readings: int
+    heading_deg: dict[str, Reals]
+    error_deg: dict[str, Reals]
+    pitch_deg: Reals
+    roll_deg: Reals
+    accelerometer_norm: Reals
+
+    @property
+    def level(self) -> NDArray[np.bool_]:
+        """Which poses are level, shape (n,)."""
+        return np.array([pose.pitch_deg == 0.0 and pose.roll_deg == 0.0 for pose in self.poses])
+
+    @property
+    def accelerometer_norm_rms_mg(self) -> float:
+        """How far the measured gravity is from 1 g, rms over the poses [mg]."""
+        return rms([1000.0 * (float(norm) - 1.0) for norm in self.accelerometer_norm])
+
+    def summary(self, name: str) -> HeadingSummary:
+        """Return the statistics of one calibration."""
+        return summarise(self.error_deg[name], self.reference_deg, level=self.level)
+
+    def max_level_deg(self, name: str) -> float:
+        """Return the largest error over the level poses."""
+        return summarise(self.error_deg[name][self.level], self.reference_deg[self.level]).max_deg
+
+
+def judged_poses(which: str = "all") -> tuple[Pose, ...]:
+    """Return the poses a heading is judged at: 12 headings, level or also tilted by 20 degrees.
+
+    Parameters
+    ----------
+    which : str
+        ``all`` (60 poses) or ``level`` (12).
+
+    Raises
+    ------
+    ValueError
+        When it is neither.
+    """
+    if which not in ("all", "level"):
+        raise ValueError(f"poses {which!r}: say 'all' or 'level'")
+    tilts = _TILTS_DEG if which == "all" else _TILTS_DEG[:1]
+    return tuple(Pose(heading, pitch, roll) for pitch, roll in tilts for heading in _HEADINGS_DEG)
+
+
+def measure_known_angles(
+    board: Board, turntable: Turntable, *, poses: Sequence[Pose], slots: Mapping[str, int],
+    mounting_yaw_deg: float, readings: int = 16, progress: Progress | None = None,
+) -> KnownAngles:
+    """Turn to each pose and ask the board for its heading under each calibration.
+
+    Parameters
+    ----------
+    board : Board
+    turntable : Turntable
+        Its angle is the reference; no sensor under test enters it.
+    poses : sequence of Pose
+        At least one.
+    slots : mapping of str to int
+        Name of each calibration and the slot it is in.
+    mounting_yaw_deg : float
+        Declared turn of the board on the table: board heading = table heading + this.
+    readings : int
+        New samples of each sensor to average at each pose.
+
+    Raises
+    ------
+    SensorAbsentError
+        When magnetometer or accelerometer is missing.
+    DeviceError
+        When the board refuses a heading; says at which pose.
+    """
+    tell = progress or silent
+    for kind in (SensorKind.MAGNETOMETER, SensorKind.ACCELEROMETER):
+        board.sensor(kind)
+    mask = sum(1 << slot for slot in slots.values())
+    achieved: list[Achieved] = []
+    replies: list[AverageReply] = []
+    for index, pose in enumerate(poses):
+        tell("known angles", index, len(poses))
+        achieved.append(turntable.turn_to(pose, judged=index))
+        replies.append(board.session.request(Average(readings, mask)))
+        for name, slot in slots.items():
+            _insist(replies[-1].headings[slot], name, pose)
+    tell("known angles", len(poses), len(poses))
+    references = [wrap_360(place.heading_deg + mounting_yaw_deg) for place in achieved]
+    headings = {name: [reply.headings[slot].heading_deg for reply in replies] for name, slot in slots.items()}
+    any_slot = next(iter(slots.values()))
+    return KnownAngles(
+        poses=tuple(poses),
+        reference_deg=np.array(references),
+        uncertainty_deg=max(place.uncertainty_deg for place in achieved),
+        mounting_yaw_deg=mounting_yaw_deg,
+        readings=readings,
+        heading_deg={name: np.array(values) for name, values in headings.items()},
+        error_deg={
+            name: np.array([heading_error_deg(*pair) for pair in zip(values, references, strict=True)])
+            for name, values in headings.items()
+        },
+        pitch_deg=np.array([reply.headings[any_slot].pitch_deg for reply in replies]),
+        roll_deg=np.array([reply.headings[any_slot].roll_deg for reply in replies]),
+        accelerometer_norm=np.array([_norm_g(reply) for reply in replies]),
+    )
+
+
+def _norm_g(reply: AverageReply) -> float:
+    # hypot is correctly rounded neither everywhere nor alike; run.json keeps 9 digits of it.
+    return math.hypot(*(float(value) * G_PER_COUNT for value in reply.accelerometer.mean))
+
+
+def _insist(heading: SlotHeading, name: str, pose: Pose) -> None:
+    if heading.status is not Status.OK:
+        raise DeviceError(
+            "AVERAGE", heading.status.name,
+            f"no heading with calibration {name!r} at heading {pose.heading_deg:g}, "
+            f"pitch {pose.pitch_deg:+g}, roll {pose.roll_deg:+g}",
+        )

@@ -1,0 +1,156 @@
+"""What sets a known angle: a simulated table, or an operator who is told what to do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from hiltest.angles import Pose
+from hiltest.boards.board import Board, Stage
+from hiltest.errors import BenchError
+
+LEVEL = Pose(0.0, 0.0, 0.0)
+# An operator who gives nonsense this often in a row is not there.
+_QUESTIONS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Achieved:
+    """Where a turntable says it stands, and how far that may be from the truth [deg]."""
+
+    heading_deg: float
+    pitch_deg: float
+    roll_deg: float
+    uncertainty_deg: float
+
+
+class Turntable(Protocol):
+    """Turns the board; its angle is the reference that headings are judged by."""
+
+    name: str
+    uncertainty_deg: float
+
+    def turn_to(self, pose: Pose, *, judged: int | None = None) -> Achieved:
+        """Turn to a pose, stand still there, and say what was reached.
+
+        Parameters
+        ----------
+        pose : Pose
+            Of the table; the mounting of the board is not the table's business.
+        judged : int, optional
+            Number of the judged pose.
+        """
+
+    def tumble(self, duration_s: float) -> None:
+        """Begin to turn the board all round, for about that long, and come back at once."""
+
+    def rest(self) -> None:
+        """Stand level and still."""
+
+
+class SimulatedTurntable:
+    """The table of a virtual board's world: exact, and as fast as its motors.
+
+    Parameters
+    ----------
+    stage : Stage
+        Of the board.
+    uncertainty_deg : float
+        What the rig declares for the reference.
+    """
+
+    name = "simulated"
+
+    def __init__(self, stage: Stage, *, uncertainty_deg: float) -> None:
+        self._stage = stage
+        self.uncertainty_deg = uncertainty_deg
+
+    def turn_to(self, pose: Pose, *, judged: int | None = None) -> Achieved:
+        """Turn, and let the virtual clock run until the table stands."""
+        self._stage.turn_to(pose, judged_pose=judged)
+        return Achieved(pose.heading_deg, pose.pitch_deg, pose.roll_deg, self.uncertainty_deg)
+
+    def tumble(self, duration_s: float) -> None:
+        """Go to the first pose of a tumble and begin it."""
+        self._stage.tumble(duration_s)
+
+    def rest(self) -> None:
+        """Stand level, heading north."""
+        self._stage.turn_to(LEVEL)
+
+
+class OperatorTurntable:
+    """A person with a turntable, asked by plain prompts.
+
+    Parameters
+    ----------
+    prompt : callable
+        Shows a text and returns the line that was typed, as `input` does.
+    uncertainty_deg : float
+        How well the table's scale can be set and read.
+    """
+
+    name = "operator"
+
+    def __init__(self, *, prompt: Callable[[str], str], uncertainty_deg: float) -> None:
+        self._prompt = prompt
+        self.uncertainty_deg = uncertainty_deg
+
+    def turn_to(self, pose: Pose, *, judged: int | None = None) -> Achieved:
+        """Ask for a pose; the operator may type the heading that was really reached.
+
+        Raises
+        ------
+        BenchError
+            When three answers in a row are no angle.
+        """
+        number = "" if judged is None else f"pose {judged + 1}: "
+        question = (
+            f"{number}turn to heading {pose.heading_deg:g}, pitch {pose.pitch_deg:+g}, roll {pose.roll_deg:+g} "
+            "and let it stand still. Enter when there, or type the heading reached: "
+        )
+        for _ in range(_QUESTIONS):
+            heading_deg = _heading(self._prompt(question), pose.heading_deg)
+            if heading_deg is not None:
+                return Achieved(heading_deg, pose.pitch_deg, pose.roll_deg, self.uncertainty_deg)
+        raise BenchError(f"{_QUESTIONS} answers were no heading between -360 and 360: is an operator there?")
+
+    def tumble(self, duration_s: float) -> None:
+        """Ask the operator to turn the board all round."""
+        self._prompt(
+            f"take the board in your hand and turn it slowly all round for {duration_s:.0f} s, "
+            "each side down once; Enter to begin: "
+        )
+
+    def rest(self) -> None:
+        """Ask for the board to lie still."""
+        self._prompt("put the board down level and leave it still; Enter when it is: ")
+
+
+def open_turntable(
+    board: Board, *, uncertainty_deg: float, prompt: Callable[[str], str] | None = None
+) -> Turntable:
+    """Return the turntable of a board: simulated for a virtual one, an operator otherwise.
+
+    Raises
+    ------
+    BenchError
+        When the board needs an operator and nobody can be asked.
+    """
+    if board.stage is not None:
+        return SimulatedTurntable(board.stage, uncertainty_deg=uncertainty_deg)
+    if prompt is None:
+        raise BenchError("a real board needs somebody to turn it, and there is nobody to ask")
+    return OperatorTurntable(prompt=prompt, uncertainty_deg=uncertainty_deg)
+
+
+def _heading(answer: str, asked_deg: float) -> float | None:
+    if not answer.strip():
+        return asked_deg
+    try:
+        heading_deg = float(answer)
+    except ValueError:
+        return None
+    return heading_deg if math.isfinite(heading_deg) and abs(heading_deg) <= 360.0 else None
