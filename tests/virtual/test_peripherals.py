@@ -59,6 +59,20 @@ def test_the_processor_sleeps_while_nothing_is_to_do(booted: VirtualK64F) -> Non
     assert booted.processor.idle_cycles - idle > 0.999 * CORE_HZ
 
 
+def test_running_until_a_time_reaches_it_whatever_the_rounding(booted: VirtualK64F) -> None:
+    for step in range(1, 400):
+        wanted = booted.time_s + step * 1.1e-7
+        booted.run_until(wanted)
+        assert wanted <= booted.time_s < wanted + 1e-6
+
+
+def test_bytes_sent_before_power_on_meet_a_receiver_that_is_off() -> None:
+    board = VirtualK64F(SHIPPED)
+    board.uart0.host_write(_framed(bytes.fromhex("01 01 0400 efbeadde")))
+    board.run_until(0.2)
+    assert board.uart0.host_read(100) == b""
+
+
 def test_a_wrong_line_speed_garbles_what_the_board_says() -> None:
     answers = []
     for baud in (115_200, 57_600):

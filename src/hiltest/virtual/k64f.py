@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -198,9 +199,13 @@ class VirtualK64F:
         """
         if not self._booted:
             self.boot()
+        until = time_s * CORE_HZ
+        if math.isfinite(until):
+            until = math.ceil(until)
+            until += until / CORE_HZ < time_s  # rounding must not leave `time_s` of this board short of what was asked
         while True:
             try:
-                self.processor.run(time_s * CORE_HZ, wake=wake)
+                self.processor.run(until, wake=wake)
                 return
             except _ResetRequested:
                 self._reset()
