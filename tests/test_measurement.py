@@ -39,6 +39,8 @@ def test_a_limit_reads_as_words() -> None:
     assert str(Limit(min=16)) == "at least 16"
     assert str(Limit.within(0.75)) == "within ±0.75"
     assert str(Limit(min=7, max=9)) == "7 to 9"
+    assert str(Limit(min=0, max=0)) == "exactly 0"
+    assert str(Limit(max=1_234_567)) == "at most 1 234 567"
 
 
 def test_a_value_inside_its_limit_passes_and_one_outside_fails() -> None:

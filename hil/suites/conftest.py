@@ -22,7 +22,8 @@ from hiltest.procedures import (
 from hiltest.rig import Rig
 from hiltest.settings import Settings
 
-# What a later suite's numbers rest on comes first; suites of your own come last.
+# What a later suite's numbers rest on comes first; suites of your own come last. A test of any
+# suite that needs the known angles waits for the heading suite: rest comes before they are taken.
 ORDER = ("test_identity", "test_accelerometer", "test_gyroscope", "test_heading", "test_cycles", "test_link")
 
 
@@ -30,9 +31,15 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put the suites of this folder in their order, and leave all other tests where they are."""
     here = Path(__file__).parent
     ours = [item for item in items if item.path.parent == here]
-    ours.sort(key=lambda item: ORDER.index(item.path.stem) if item.path.stem in ORDER else len(ORDER))
+    ours.sort(key=_place)
     ordered = iter(ours)
     items[:] = [next(ordered) if item.path.parent == here else item for item in items]
+
+
+def _place(item: pytest.Item) -> int:
+    place = ORDER.index(item.path.stem) if item.path.stem in ORDER else len(ORDER)
+    waits = "known_angles" in getattr(item, "fixturenames", ())
+    return max(place, ORDER.index("test_heading")) if waits else place
 
 
 @pytest.fixture(scope="session")

@@ -15,6 +15,7 @@ from hiltest import __version__
 from hiltest.bench_files import shipped, suites
 from hiltest.errors import ConfigError
 from hiltest.report.record import Run
+from hiltest.session import SESSION
 from hiltest.settings import DEFAULT_OUT
 
 EXIT_CODES = """
@@ -35,12 +36,20 @@ _NOT_COPIED = shutil.ignore_patterns("__pycache__", ".*")
 
 
 class RunCommand:
-    """A pytest plugin that tells the recording plugin who is asking, and takes the record from it."""
+    """A pytest plugin that opens the bench at once, and takes the finished record."""
 
     __name__ = "hiltest-run"
 
     def __init__(self) -> None:
         self.run: Run | None = None
+
+    # Last, so that the hiltest plugin has read its options. A wrong rig or firmware then ends the
+    # command before pytest has collected or written anything.
+    @pytest.hookimpl(trylast=True)
+    def pytest_configure(self, config: pytest.Config) -> None:
+        """Open the bench, which this command always needs."""
+        if not config.option.collectonly:
+            config.stash[SESSION].open(with_board=True)
 
     def pytest_hil_finished(self, run: Run) -> None:
         """Keep the finished record."""

@@ -67,12 +67,14 @@ class Limit:
 
     def __str__(self) -> str:
         if self.min is None:
-            return f"at most {self.max:g}"
+            return f"at most {_number(self.max)}"
         if self.max is None:
-            return f"at least {self.min:g}"
+            return f"at least {_number(self.min)}"
+        if self.min == self.max:
+            return f"exactly {_number(self.max)}"
         if self.min == -self.max:
-            return f"within ±{self.max:g}"
-        return f"{self.min:g} to {self.max:g}"
+            return f"within ±{_number(self.max)}"
+        return f"{_number(self.min)} to {_number(self.max)}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,3 +191,8 @@ def round_significant(value: float | int | None, digits: int = SIGNIFICANT_DIGIT
     if value is None or isinstance(value, int):
         return value
     return float(f"{value:.{digits - 1}e}") + 0.0  # adding zero makes a negative zero positive
+
+
+def _number(value: float | None) -> str:
+    """Return a side of a limit as it was written, thousands apart."""
+    return f"{value:,.9g}".replace(",", " ")

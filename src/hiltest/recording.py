@@ -56,7 +56,7 @@ class Recording:
         # `hiltest run` ends with the sentence itself, behind pytest's own last line.
         sentence = not config.pluginmanager.has_plugin("hiltest-run")
         text = summary(
-            self.run, self._recorder.folder, sentence=sentence,
+            self.run, self._recorder.folder, every=config.get_verbosity() > 0, sentence=sentence,
             width=terminalreporter._tw.fullwidth, colour=terminalreporter.hasmarkup,
         )
         terminalreporter.section("hiltest")

@@ -96,16 +96,29 @@ class HilSession:
         """
         if not any(map(uses_hiltest, items)) or self.config.option.collectonly:
             return
-        from hiltest.errors import ConfigError
+        self.open(with_board=any(map(uses_board, items)))
+        if not self.is_worker:
+            self._start_record(self.rig)
+
+    def open(self, *, with_board: bool) -> None:
+        """Load the rig and, `with_board`, open the board; a bench that is lost is kept in `trouble`.
+
+        Raises
+        ------
+        pytest.UsageError
+            If the rig, the firmware or an option is wrong.
+        """
+        from hiltest.errors import BenchError, ConfigError, ProtocolError
 
         try:
-            rig = self.rig
-            if any(map(uses_board, items)):
-                self._try_to_connect()
+            # Reading the rig is what finds its mistakes.
+            _ = self.rig
+            if with_board:
+                self.connect()
         except ConfigError as error:
             raise pytest.UsageError(str(error)) from error
-        if not self.is_worker:
-            self._start_record(rig)
+        except (BenchError, ProtocolError):
+            return  # the first test that needs the board is charged with it
 
     @property
     def rig(self) -> Rig:
@@ -200,14 +213,6 @@ class HilSession:
 
     def _rig_line(self) -> str:
         return f"{self.rig.name} ({self.rig.path}, {self.settings.sources['rig']})"
-
-    def _try_to_connect(self) -> None:
-        from hiltest.errors import BenchError, ProtocolError
-
-        try:
-            self.connect()
-        except (BenchError, ProtocolError):
-            return  # kept in `trouble`: the first test that needs the board is charged with it
 
     def _start_record(self, rig: Rig) -> None:
         from hiltest.recording import Recording

@@ -156,15 +156,17 @@ def test_both_files_are_written(run: Run, tmp_path: Path) -> None:
 
 def test_the_terminal_table_ends_with_files_and_sentence(run: Run, tmp_path: Path) -> None:
     write_reports(run, tmp_path)
-    text = summary(run, tmp_path, sentence=True, width=100, colour=False)
+    text = summary(run, tmp_path, every=False, sentence=True, width=100, colour=False)
     assert "\x1b" not in text
+    assert "board.wall_seconds" not in text
+    assert "7 more without a limit are in the report" in text
     assert re.search(r"heading\.direct\.max +0\.97 +deg +at most 1\.8 +pass", text)
     assert text.rstrip().endswith(run.verdict.sentence)
 
 
 def test_markup_in_names_does_not_style_the_terminal(hostile: Run, tmp_path: Path) -> None:
     odd = replace(hostile.measurements[0], name="[red]x[/red]")
-    text = summary(replace(hostile, measurements=(odd,)), tmp_path, sentence=False, width=200, colour=False)
+    text = summary(replace(hostile, measurements=(odd,)), tmp_path, every=True, sentence=False, width=200, colour=False)
     assert "[red]x[/red]" in text
 
 

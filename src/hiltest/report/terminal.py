@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from io import StringIO
 from pathlib import Path
 
@@ -18,7 +19,7 @@ _STYLES = {Outcome.PASS: "green", Outcome.FAIL: "bold red", Outcome.UNSET: "yell
 _FILES = (RUN_FILE, "report.html", "report.md", "junit.xml")
 
 
-def summary(run: Run, folder: Path, *, sentence: bool, width: int, colour: bool) -> str:
+def summary(run: Run, folder: Path, *, every: bool, sentence: bool, width: int, colour: bool) -> str:
     """Return the table of measurements, what the bench did, the files and the verdict.
 
     Parameters
@@ -26,6 +27,8 @@ def summary(run: Run, folder: Path, *, sentence: bool, width: int, colour: bool)
     run : Run
     folder : Path
         Where its files are.
+    every : bool
+        Whether to show measurements without a limit too.
     sentence : bool
         Whether to end with the verdict.
     width : int
@@ -38,8 +41,11 @@ def summary(run: Run, folder: Path, *, sentence: bool, width: int, colour: bool)
         file=text, width=width, force_terminal=colour, no_color=not colour, color_system="standard" if colour else None,
         highlight=False,
     )
-    if run.measurements:
-        console.print(_grid(run))
+    shown = [each for each in run.measurements if every or each.limit or each.information or each.gates]
+    if shown:
+        console.print(_grid(shown))
+    if len(shown) < len(run.measurements):
+        console.print(f"{len(run.measurements) - len(shown)} more without a limit are in the report")
     for test in run.tests:
         if test.outcome in ("bench lost", "wrong firmware"):
             console.print(f"[red]{test.outcome}[/red]: {escape(test.id)}: {escape(test.reason)}", soft_wrap=True)
@@ -78,12 +84,14 @@ def shown_outcome(measurement: Measurement) -> str:
     return str(measurement.outcome)
 
 
-def _grid(run: Run) -> Grid:
-    grid = Grid(box=SIMPLE_HEAD, pad_edge=False)
-    for heading, justify in (("measurement", "left"), ("value", "right"), ("unit", "left"), ("limit", "left"),
-                             ("outcome", "left")):
-        grid.add_column(heading, justify=justify, no_wrap=heading != "outcome")  # type: ignore[arg-type]
-    for each in run.measurements:
+def _grid(measurements: Sequence[Measurement]) -> Grid:
+    grid = Grid(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    grid.add_column("measurement", overflow="fold")
+    grid.add_column("value", justify="right", no_wrap=True)
+    grid.add_column("unit", no_wrap=True)
+    grid.add_column("limit")
+    grid.add_column("outcome", min_width=4)
+    for each in measurements:
         outcome = shown_outcome(each) + (f" ({each.note})" if each.note else "")
         grid.add_row(
             escape(each.name), shown_value(each), escape(each.unit), shown_limit(each), escape(outcome),

@@ -226,7 +226,8 @@ def _out_of_limit(others: Sequence[Measurement]) -> str:
 def _measured(measurement: Measurement) -> str:
     if measurement.value is None:
         return f"{measurement.name} ({measurement.note})"
-    return f"{measurement.name} {measurement.value:.4g} {measurement.unit} ({measurement.limit})"
+    value = f"{measurement.name} {measurement.value:.4g} {measurement.unit}".rstrip()
+    return f"{value} ({measurement.limit})"
 
 
 def _failed_tests(findings: Findings, failed: Sequence[Measurement]) -> str:
