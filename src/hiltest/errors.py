@@ -31,8 +31,8 @@ class ConfigError(HiltestError):
     """A file, an option or an argument is wrong. Exit code 4."""
 
 
-class PortNotFoundError(BenchError):
-    """The named serial port does not exist."""
+class PortNotFoundError(ConfigError):
+    """The named serial port does not exist: what was asked for is wrong, the bench may be fine."""
 
     def __init__(self, wanted: str, seen: Sequence[str]) -> None:
         self.wanted = wanted

@@ -81,7 +81,7 @@ def open_port(url: str, *, baud: int = 115_200) -> SerialPort:
     return opened
 
 
-def _refusal(url: str, error: serial.SerialException) -> BenchError:
+def _refusal(url: str, error: serial.SerialException) -> BenchError | PortNotFoundError:
     if error.errno in (errno.ENOENT, errno.ENODEV, errno.ENXIO) or "FileNotFoundError" in str(error):
         return PortNotFoundError(url, list_ports())
     if error.errno in (errno.EACCES, errno.EPERM) or "PermissionError" in str(error):
