@@ -103,7 +103,7 @@ def test_the_page_needs_no_network_and_runs_no_script(run: Run) -> None:
 def test_every_plot_says_in_words_what_it_shows(run: Run) -> None:
     labels = [value or "" for name, value in Page(html_report(run)).attributes if name == "aria-label"]
     assert any(label.startswith("direct: heading error at known angles. 60 poses, worst") for label in labels)
-    assert "iterative: cycles against points. 4 sizes" in labels
+    assert "iterative. Cycles against points, 4 sizes" in labels
     assert "after direct. 200 points seen from above, with the unit circle" in labels
 
 

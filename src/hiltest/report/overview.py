@@ -9,7 +9,7 @@ from itertools import groupby
 from hiltest.measurement import Measurement, Outcome
 from hiltest.report.record import Run
 from hiltest.report.terminal import shown_limit, shown_value
-from hiltest.report.verdict import UNCALIBRATED, calibrator_results
+from hiltest.report.verdict import UNCALIBRATED, calibrator_results, grouped
 
 # Heading of a column of the accuracy-and-cost table, and the measurement in it.
 _COLUMNS = (
@@ -132,7 +132,13 @@ def _cell(run: Run, name: str) -> Cell:
     measurement = run.measurement(name)
     if measurement is None:
         return Cell("")
-    unit = "" if measurement.unit.startswith("cycle") else measurement.unit
-    joint = "" if unit == "%" else " "
-    text = shown_value(measurement) + (f"{joint}{unit}" if measurement.value is not None and unit else "")
-    return Cell(text, limit=shown_limit(measurement), tone=tone(measurement))
+    return Cell(_comparable(measurement), limit=shown_limit(measurement), tone=tone(measurement))
+
+
+def _comparable(measurement: Measurement) -> str:
+    """Return a value with fixed decimals, so that a column can be compared at a glance."""
+    if measurement.value is None:
+        return shown_value(measurement)
+    if measurement.unit in ("deg", "%"):
+        return f"{measurement.value:.2f} {measurement.unit}"
+    return grouped(measurement.value) if abs(measurement.value) >= 1000 else f"{measurement.value:.1f}"

@@ -112,15 +112,14 @@ def _cycle_figure(run: Run, name: str, sizes: Sequence[float], cycles: Sequence[
     top, right = 1.1 * max(cycles), 1.05 * max(sizes)
     words = ""
     if per_point and fixed and per_point.value is not None and fixed.value is not None:
-        words = f"{per_point.value:.1f} per point and {grouped(fixed.value)} fixed"
+        words = f"{per_point.value:.1f} cycles per point and {grouped(fixed.value)} fixed"
     figure = Figure(
-        title=f"{name}: cycles against points", description=words or f"{len(sizes)} sizes",
+        title=f"{name}: {words}" if words else name, description=f"Cycles against points, {len(sizes)} sizes",
         x_label="points n", y_label="thousand cycles", x_range=(0, right), y_range=(0, top / 1000), height=210.0,
     )
     if words and per_point and fixed:
         slope, start = float(per_point.value or 0), float(fixed.value or 0)
         figure.line([(0, start / 1000), (right, (start + slope * right) / 1000)], "level")
-        figure.note((right * 0.55, (start + slope * right * 0.55) / 1000), words)
     figure.rings([(n, count / 1000) for n, count in zip(sizes, cycles, strict=True)], "mark")
     return figure
 
