@@ -202,19 +202,18 @@ class Journal:
         # A record of an earlier run must not be taken for this one if this one is cut short.
         (folder / RUN_FILE).unlink(missing_ok=True)
         self.path = folder / JOURNAL_FILE
-        self._file = self.path.open("w", encoding="utf-8")
+        self.path.write_text("", encoding="utf-8")
 
     def append(self, kind: str, content: Mapping[str, Any]) -> None:
         """Write one entry through to the disk."""
-        self._file.write(_json({"kind": kind, **content}) + "\n")
-        self._file.flush()
-        os.fsync(self._file.fileno())
+        with self.path.open("a", encoding="utf-8") as file:
+            file.write(_json({"kind": kind, **content}) + "\n")
+            file.flush()
+            os.fsync(file.fileno())
 
-    def close(self, *, keep: bool) -> None:
-        """Close it; remove the file unless `keep`, once ``run.json`` holds the same."""
-        self._file.close()
-        if not keep:
-            self.path.unlink(missing_ok=True)
+    def remove(self) -> None:
+        """Remove the file, once ``run.json`` holds the same."""
+        self.path.unlink(missing_ok=True)
 
 
 def utc_now() -> str:

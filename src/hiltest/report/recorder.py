@@ -75,7 +75,7 @@ class Recorder:
         """Write ``run.json``, then drop the journal, which holds nothing more."""
         run = self.findings.finish(verdict, utc_now())
         write_run(run, self.folder)
-        self._journal.close(keep=False)
+        self._journal.remove()
         return run
 
 
