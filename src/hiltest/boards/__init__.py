@@ -60,7 +60,11 @@ def open_board(
         if firmware is not None:
             raise ConfigError(f"--hil-firmware is for the virtual board; flash {firmware} onto the board on {url}")
         return RealBoard(url, baud=rig.link.baud, declared=declared, transcript=transcript)
-    if rig.board.kind == "real":
+    if url is not None and url.rstrip("/") != "hil:":
+        raise ConfigError(f"{url}: a run takes rig, seed and firmware from its own options; give --hil-port hil://")
+    if rig.board.kind == "replay":
+        raise ConfigError(f"rig {rig.name} ({rig.path}): this version of hiltest cannot replay a recorded session yet")
+    if url is None and rig.board.kind == "real":
         raise ConfigError(f"rig {rig.name} ({rig.path}) names no port: set board.port in it, or give --hil-port")
     return VirtualBoard(VirtualBench(rig, firmware=firmware, seed=seed), declared=declared, transcript=transcript)
 

@@ -164,12 +164,13 @@ class Board(ABC):
         SensorAbsentError
             When there is none; names those that answer, and the way out.
         """
+        wanted = self.declared.wanted.get(kind)
         for sensor in self.sensors:
-            if sensor.kind is kind and sensor.selected and sensor.present:
+            # A board without its shield measures with its own part: not what the rig asks for.
+            if sensor.kind is kind and sensor.selected and sensor.present and wanted in (None, sensor.name):
                 return sensor
-        wanted = self.declared.wanted.get(kind, "")
         raise SensorAbsentError(
-            f"{kind.name.lower()} {wanted}".strip(),
+            f"{kind.name.lower()} {wanted or ''}".strip(),
             [sensor.name for sensor in self.sensors if sensor.present],
             _SHIELD_HINT,
         )

@@ -154,11 +154,17 @@ class VirtualPort(SerialBase):  # type: ignore[misc]  # pyserial publishes no ty
     def _run(self, enough: Callable[[], bool]) -> None:
         machine = self.machine
 
+        uart = machine.uart0
+
         def arrived() -> bool:
+            # Asked after every event of the board, most of which are not on this line.
+            if not uart.host_waiting:
+                return False
             self._take()
             return enough()
 
-        if arrived():
+        self._take()
+        if enough():
             return
         if self.timeout is not None:
             machine.run_until(machine.time_s + self.timeout, wake=arrived)

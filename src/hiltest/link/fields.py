@@ -66,8 +66,15 @@ class FieldReader:
         """Return the next float32, widened without change."""
         return float(self.reals(1, field)[0])
 
+    def reals_if_any(self, count: int, field: str) -> NDArray[np.float64] | None:
+        """Return the next `count` float32, or None when all are NaN: "there is no number"."""
+        if all(math.isnan(value) for value in self._unpack(f"<{count}f", field)):
+            return None
+        self._offset -= 4 * count
+        return self.reals(count, field)
+
     def reals(self, count: int, field: str) -> NDArray[np.float64]:
-        """Return the next `count` float32, widened to a read-only float64 array."""
+        """Return the next `count` float32, all finite, widened to a read-only float64 array."""
         at = self._offset
         values = self._unpack(f"<{count}f", field)
         for index, value in enumerate(values):

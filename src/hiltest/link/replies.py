@@ -13,6 +13,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from hiltest.angles import Pose
 from hiltest.calibration.fit import FitStatus
 from hiltest.link.fields import FieldReader
 
@@ -263,31 +264,38 @@ class CalibrateReply:
 
 @dataclass(frozen=True, slots=True)
 class Statistic:
-    """Mean and sample standard deviation of one sensor's axes [counts]."""
+    """Mean and sample standard deviation of one sensor's axes [counts]; one sample has no deviation."""
 
     mean: Reals
-    spread: Reals
+    spread: Reals | None
 
     @classmethod
     def parse(cls, fields: FieldReader, name: str) -> Statistic:
         """Read six float32."""
-        return cls(fields.reals(3, f"{name} mean"), fields.reals(3, f"{name} spread"))
+        return cls(fields.reals(3, f"{name} mean"), fields.reals_if_any(3, f"{name} spread"))
+
+    @classmethod
+    def parse_if_any(cls, fields: FieldReader, name: str) -> Statistic | None:
+        """Read six float32 of a sensor that may be absent."""
+        mean, spread = fields.reals_if_any(3, f"{name} mean"), fields.reals_if_any(3, f"{name} spread")
+        return None if mean is None else cls(mean, spread)
 
 
 @dataclass(frozen=True, slots=True)
 class SlotHeading:
-    """Attitude that the firmware computed under one calibration slot [deg]."""
+    """Attitude that the firmware computed under one calibration slot; None unless the status is OK."""
 
     status: Status
-    heading_deg: float
-    pitch_deg: float
-    roll_deg: float
+    attitude: Pose | None
 
     @classmethod
     def parse(cls, fields: FieldReader) -> SlotHeading:
         """Read a status and three angles."""
         status = fields.choice(Status, "heading status")
-        return cls(status, fields.real("heading"), fields.real("pitch"), fields.real("roll"))
+        if status is not Status.OK:
+            fields.reals_if_any(3, "attitude")
+            return cls(status, None)
+        return cls(status, Pose(fields.real("heading"), fields.real("pitch"), fields.real("roll")))
 
 
 @dataclass(frozen=True, slots=True)
@@ -297,7 +305,7 @@ class AverageReply:
     n: int
     magnetometer: Statistic
     accelerometer: Statistic
-    gyroscope: Statistic
+    gyroscope: Statistic | None
     overruns: int
     headings: dict[int, SlotHeading]
 
@@ -308,7 +316,7 @@ class AverageReply:
             fields.number("H", "count"),
             Statistic.parse(fields, "magnetometer"),
             Statistic.parse(fields, "accelerometer"),
-            Statistic.parse(fields, "gyroscope"),
+            Statistic.parse_if_any(fields, "gyroscope"),
             fields.number("H", "overruns"),
             {slot: SlotHeading.parse(fields) for slot in range(8) if slot_bitmask >> slot & 1},
         )

@@ -246,8 +246,9 @@ class Session:
             outcome = Outcome.TIMEOUT if payload is None else Outcome.ANSWERED
             return payload
         finally:
+            ended_s = self.now()
             self.attempts.append(
-                Attempt(message.command, frame.sequence, number, sent_s, self.now(), outcome, self._damaged, self._stale)
+                Attempt(message.command, frame.sequence, number, sent_s, ended_s, outcome, self._damaged, self._stale)
             )
 
     def _await(self, message: Request[R], sequence: int, end_s: float, resync: bool) -> bytes | None:

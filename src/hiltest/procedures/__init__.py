@@ -9,7 +9,7 @@ from hiltest.procedures.clouds import golden_cloud
 from hiltest.procedures.coverage import sphere_coverage
 from hiltest.procedures.cycles import CycleCost, measure_cycles
 from hiltest.procedures.heading_statistics import HeadingSummary, summarise, tilt_to_heading
-from hiltest.procedures.known_angles import KnownAngles, judged_poses, measure_known_angles
+from hiltest.procedures.known_angles import KnownAngles, measure_known_angles
 from hiltest.procedures.link_checks import LinkCheck, check_link
 from hiltest.procedures.progress import Progress
 from hiltest.procedures.rest import (
@@ -48,7 +48,6 @@ __all__ = [
     "check_link",
     "collect_tumble",
     "golden_cloud",
-    "judged_poses",
     "measure_accelerometer_rest",
     "measure_cycles",
     "measure_gyroscope_rest",

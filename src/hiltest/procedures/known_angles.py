@@ -12,16 +12,13 @@ from numpy.typing import NDArray
 from hiltest.angles import Pose, heading_error_deg, wrap_360
 from hiltest.boards.board import Board
 from hiltest.errors import DeviceError
-from hiltest.link.messages import Average, SensorKind, Status
+from hiltest.link.messages import Average, SensorKind
 from hiltest.link.replies import G_PER_COUNT, AverageReply, SlotHeading
 from hiltest.procedures.heading_statistics import HeadingSummary, rms, summarise
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.turntables import Achieved, Turntable
 
 Reals = NDArray[np.float64]
-
-_HEADINGS_DEG = tuple(30.0 * k for k in range(12))
-_TILTS_DEG = ((0.0, 0.0), (20.0, 0.0), (-20.0, 0.0), (0.0, 20.0), (0.0, -20.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,25 +75,6 @@ class KnownAngles:
         return summarise(self.error_deg[name][self.level], self.reference_deg[self.level]).max_deg
 
 
-def judged_poses(which: str = "all") -> tuple[Pose, ...]:
-    """Return the poses a heading is judged at: 12 headings, level or also tilted by 20 degrees.
-
-    Parameters
-    ----------
-    which : str
-        ``all`` (60 poses) or ``level`` (12).
-
-    Raises
-    ------
-    ValueError
-        When it is neither.
-    """
-    if which not in ("all", "level"):
-        raise ValueError(f"poses {which!r}: say 'all' or 'level'")
-    tilts = _TILTS_DEG if which == "all" else _TILTS_DEG[:1]
-    return tuple(Pose(heading, pitch, roll) for pitch, roll in tilts for heading in _HEADINGS_DEG)
-
-
 def measure_known_angles(
     board: Board, turntable: Turntable, *, poses: Sequence[Pose], slots: Mapping[str, int],
     mounting_yaw_deg: float, readings: int = 16, progress: Progress | None = None,
@@ -129,17 +107,20 @@ def measure_known_angles(
         board.sensor(kind)
     mask = sum(1 << slot for slot in slots.values())
     achieved: list[Achieved] = []
-    replies: list[AverageReply] = []
+    norms_g: list[float] = []
+    attitudes: dict[str, list[Pose]] = {name: [] for name in slots}
     for index, pose in enumerate(poses):
         tell("known angles", index, len(poses))
         achieved.append(turntable.turn_to(pose, judged=index))
-        replies.append(board.session.request(Average(readings, mask)))
+        reply = board.session.request(Average(readings, mask))
+        norms_g.append(_norm_g(reply))
         for name, slot in slots.items():
-            _insist(replies[-1].headings[slot], name, pose)
+            attitudes[name].append(_attitude(reply.headings[slot], name, pose))
     tell("known angles", len(poses), len(poses))
     references = [wrap_360(place.heading_deg + mounting_yaw_deg) for place in achieved]
-    headings = {name: [reply.headings[slot].heading_deg for reply in replies] for name, slot in slots.items()}
-    any_slot = next(iter(slots.values()))
+    headings = {name: [attitude.heading_deg for attitude in answers] for name, answers in attitudes.items()}
+    # Pitch and roll come from the accelerometer alone: they are the same under every calibration.
+    tilts = next(iter(attitudes.values()))
     return KnownAngles(
         poses=tuple(poses),
         reference_deg=np.array(references),
@@ -151,9 +132,9 @@ def measure_known_angles(
             name: np.array([heading_error_deg(*pair) for pair in zip(values, references, strict=True)])
             for name, values in headings.items()
         },
-        pitch_deg=np.array([reply.headings[any_slot].pitch_deg for reply in replies]),
-        roll_deg=np.array([reply.headings[any_slot].roll_deg for reply in replies]),
-        accelerometer_norm=np.array([_norm_g(reply) for reply in replies]),
+        pitch_deg=np.array([tilt.pitch_deg for tilt in tilts]),
+        roll_deg=np.array([tilt.roll_deg for tilt in tilts]),
+        accelerometer_norm=np.array(norms_g),
     )
 
 
@@ -162,10 +143,11 @@ def _norm_g(reply: AverageReply) -> float:
     return math.hypot(*(float(value) * G_PER_COUNT for value in reply.accelerometer.mean))
 
 
-def _insist(heading: SlotHeading, name: str, pose: Pose) -> None:
-    if heading.status is not Status.OK:
+def _attitude(heading: SlotHeading, name: str, pose: Pose) -> Pose:
+    if heading.attitude is None:
         raise DeviceError(
             "AVERAGE", heading.status.name,
             f"no heading with calibration {name!r} at heading {pose.heading_deg:g}, "
             f"pitch {pose.pitch_deg:+g}, roll {pose.roll_deg:+g}",
         )
+    return heading.attitude

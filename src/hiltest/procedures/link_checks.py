@@ -8,7 +8,7 @@ import numpy as np
 
 from hiltest.boards.board import Board
 from hiltest.errors import ProtocolError
-from hiltest.link.framing import ESCAPE, MAX_PAYLOAD, Frame, encode_frame
+from hiltest.link.framing import DELIMITER, ESCAPE, MAX_PAYLOAD, Frame, encode_frame
 from hiltest.link.messages import (
     MAX_POINTS_READ,
     MAX_UPLOAD,
@@ -96,17 +96,18 @@ def check_link(board: Board) -> LinkCheck:
 
 
 def damaged_frames() -> list[bytes]:
-    """Return CLEAR_POINTS frames, each with one bit of its body wrong and still one frame long.
+    """Return CLEAR_POINTS frames, each with one wrong bit in another byte of its body.
 
-    A wrong bit that makes a delimiter would cut the frame in two, and be counted twice.
+    Bits that would make or unmake a delimiter or an escape are left alone: a delimiter too
+    many cuts the frame in two, and both pieces would be counted.
     """
     wire = encode_frame(Frame(ClearPoints.code, 0x55, b""))
     frames = []
     for at in range(1, len(wire) - 1):
-        damaged = bytearray(wire)
-        damaged[at] ^= 0x80  # delimiter and escape have this bit clear, and so has no byte that it makes one of
-        if damaged[at] & 0x80 and ESCAPE not in wire[1:-1]:
-            frames.append(bytes(damaged))
+        choices = [wire[at] ^ (1 << bit) for bit in range(8)]
+        if wire[at] != ESCAPE:
+            wrong = next(value for value in choices if value not in (DELIMITER, ESCAPE))
+            frames.append(wire[:at] + bytes([wrong]) + wire[at + 1 :])
     return frames
 
 

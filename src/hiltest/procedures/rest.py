@@ -31,7 +31,7 @@ class GyroscopeRestResult:
         Length of each rest at the sensor's rate.
     bias_dps, corrected_dps, spread_dps : ndarray, shape (3,)
         Mean of the first rest; mean of the second without that bias; sample standard
-        deviation of the second.
+        deviation of the second, None for a single sample.
     bias_error_dps, uncorrected_error_dps : float
         Largest axis of the second rest's mean, with and without the bias taken off.
     die_temperature_degc : int
@@ -42,7 +42,7 @@ class GyroscopeRestResult:
     seconds: float
     bias_dps: Reals
     corrected_dps: Reals
-    spread_dps: Reals
+    spread_dps: Reals | None
     bias_error_dps: float
     uncorrected_error_dps: float
     die_temperature_degc: int
@@ -54,7 +54,7 @@ class AccelerometerRestResult:
 
     n: int
     mean_g: Reals
-    spread_g: Reals
+    spread_g: Reals | None
     norm_error_mg: float
     pitch_deg: float
     roll_deg: float
@@ -92,7 +92,7 @@ def measure_gyroscope_rest(
         seconds=n / GYROSCOPE_RATE_HZ,
         bias_dps=first.rate.mean * DPS_PER_COUNT,
         corrected_dps=corrected_dps,
-        spread_dps=second.rate.spread * DPS_PER_COUNT,
+        spread_dps=_scaled(second.rate.spread, DPS_PER_COUNT),
         bias_error_dps=float(np.abs(corrected_dps).max()),
         uncorrected_error_dps=float(np.abs(second.rate.mean * DPS_PER_COUNT).max()),
         die_temperature_degc=second.die_temperature_degc,
@@ -114,8 +114,12 @@ def measure_accelerometer_rest(board: Board, *, readings: int = 64) -> Accelerom
     return AccelerometerRestResult(
         n=reply.n,
         mean_g=mean_g,
-        spread_g=reply.accelerometer.spread * G_PER_COUNT,
+        spread_g=_scaled(reply.accelerometer.spread, G_PER_COUNT),
         norm_error_mg=1000.0 * (math.hypot(x, y, z) - 1.0),
         pitch_deg=math.degrees(math.atan2(-x, math.hypot(y, z))),
         roll_deg=math.degrees(math.atan2(y, z)),
     )
+
+
+def _scaled(counts: Reals | None, unit: float) -> Reals | None:
+    return None if counts is None else counts * unit

@@ -1,0 +1,127 @@
+"""The virtual board behind its port: reproducible time, named faults, and a truth that is the world's."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import serial
+
+from hiltest.angles import Pose, rotation_body_from_ned
+from hiltest.boards import BoardKind, VirtualBoard, default_firmware, open_board
+from hiltest.errors import ConfigError, SensorAbsentError
+from hiltest.link.framing import Frame, FrameDecoder, encode_frame
+from hiltest.link.messages import Average, LinkStatistics, SensorKind, Sync
+from hiltest.link.replies import DPS_PER_COUNT, G_PER_COUNT, MICROTESLA_PER_COUNT
+from hiltest.link.transcript import Transcript
+from hiltest.rig import Rig
+
+
+def test_the_default_board_boots_identifies_and_selects_the_rig_s_sensors(rig: Rig) -> None:
+    with open_board(rig) as board:
+        assert isinstance(board, VirtualBoard)
+        assert board.kind is BoardKind.VIRTUAL
+        assert (board.clock, board.seed) == ("virtual", rig.seed)
+        assert board.cycle_model == "cortex-m4-trm/1@sram"
+        assert {board.sensor(kind).name for kind in SensorKind} == {
+            rig.sensors.magnetometer, rig.sensors.accelerometer, rig.sensors.gyroscope,
+        }  # fmt: skip
+        assert board.firmware_sha256 == hashlib.sha256(default_firmware().read_bytes()).hexdigest()
+        before = board.instructions
+        board.session.request(LinkStatistics())
+        assert before is not None
+        assert board.instructions is not None
+        assert board.instructions > before
+        assert board.virtual_seconds == board.now_s()
+
+
+def wire(rig: Rig, seed: int) -> Transcript:
+    transcript = Transcript("virtual")
+    with open_board(rig, seed=seed, transcript=transcript) as board:
+        assert board.stage is not None
+        board.stage.turn_to(Pose(30.0, 20.0, 0.0), judged_pose=0)
+        board.session.request(Average(16, 0b1))
+    return transcript
+
+
+def test_the_same_seed_gives_the_same_bytes_at_the_same_virtual_times(rig: Rig) -> None:
+    first, again, other = wire(rig, 5), wire(rig, 5), wire(rig, 6)
+    assert first.entries == again.entries
+    assert first.entries != other.entries
+
+
+def test_the_host_s_pace_does_not_move_the_virtual_clock(rig: Rig) -> None:
+    with open_board(rig) as board:
+        before = board.now_s()
+        board.session.send_raw(encode_frame(Frame(Sync.code, 9, bytes(4))))
+        assert board.now_s() == before
+        assert board.session.listen(1.0) is not None
+        assert board.now_s() > before
+
+
+def test_the_truth_is_what_the_sensors_measure(rig: Rig) -> None:
+    with open_board(rig) as board:
+        truth = board.truth
+        assert truth is not None
+        assert board.stage is not None
+        assert rig.mounting is not None
+        pose = Pose(120.0, 20.0, 0.0)
+        board.stage.turn_to(pose)
+        reply = board.session.request(Average(64))
+    body = rotation_body_from_ned(Pose(pose.heading_deg + rig.mounting.yaw_deg, pose.pitch_deg, pose.roll_deg))
+    dip = np.radians(truth.dip_deg)
+    field_ut = body @ (truth.field_ut * np.array([np.cos(dip), 0.0, np.sin(dip)]))
+    expected_ut = truth.soft_iron @ field_ut + truth.hard_iron_ut
+    # Means of 64 readings: 4.5 sigma / 8, and half a count of rounding.
+    tolerance_ut = 4.5 * truth.magnetometer_sigma_ut / 8.0 + 0.05
+    assert np.allclose(reply.magnetometer.mean * MICROTESLA_PER_COUNT, expected_ut, atol=tolerance_ut)
+    # The default accelerometer is wrong by up to 3 mg and 0.3 %, and noisy by less than a tenth of that.
+    assert np.allclose(reply.accelerometer.mean * G_PER_COUNT, body @ [0.0, 0.0, 1.0], atol=0.007)
+    # At rest the gyroscope shows its bias; 0.1 dps is the limit that the corrected mean must keep.
+    assert reply.gyroscope is not None
+    assert np.allclose(reply.gyroscope.mean * DPS_PER_COUNT, truth.gyroscope_bias_dps, atol=0.1)
+    assert reply.headings == {}
+
+
+def test_a_virtual_board_without_its_shield_says_so(rig_without_shield: Rig) -> None:
+    with open_board(rig_without_shield) as board, pytest.raises(SensorAbsentError, match="FRDM-FXS-MULTI-B"):
+        board.sensor(SensorKind.GYROSCOPE)
+
+
+def test_an_elf_for_another_processor_is_a_configuration_error(rig: Rig, tmp_path: Path) -> None:
+    own = bytearray(default_firmware().read_bytes())
+    own[18:20] = (62).to_bytes(2, "little")  # e_machine of x86-64
+    (tmp_path / "other.elf").write_bytes(own)
+    with pytest.raises(ConfigError, match=r"other\.elf"):
+        open_board(rig, firmware=tmp_path / "other.elf")
+
+
+def test_any_program_with_pyserial_can_open_the_board_by_its_url(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(Path(__file__).parents[2])
+    with serial.serial_for_url("hil://?seed=3", timeout=1.0) as port:
+        port.write(encode_frame(Frame(Sync.code, 1, b"\x01\x02\x03\x04")))
+        assert port.in_waiting == 0  # the clock has not moved
+        (frame,) = FrameDecoder().feed(port.read(64))
+        assert isinstance(frame, Frame)
+        assert frame.payload == b"\x00\x01\x02\x03\x04\x01\x00"
+        # Nothing more is coming: a read ends after its timeout, in virtual time.
+        before = port.now()
+        assert port.read(1) == b""
+        # A basic block more or less: 1 us is 120 cycles.
+        assert port.now() - before == pytest.approx(1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("url", "message"),
+    [
+        ("hil://?sead=3", "'sead' is not a part of a hil:// URL; known: firmware, rig, seed"),
+        ("hil://?seed=x", "seed='x' is no whole number"),
+        ("hil://?rig=no-such-rig", "no-such-rig"),
+        ("hil://?firmware=no-such.elf", "no-such.elf"),
+    ],
+)
+def test_a_wrong_url_says_which_part(url: str, message: str) -> None:
+    with pytest.raises(serial.SerialException, match=message):
+        serial.serial_for_url(url)

@@ -1,0 +1,61 @@
+"""Cycles: a line by least squares, and what the board counts on golden clouds."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hiltest.boards import Board
+from hiltest.procedures import measure_cycles
+from hiltest.procedures.cycles import fit_line
+
+
+def test_a_line_by_hand() -> None:
+    # Through (0, 1), (1, 2), (2, 6): slope 5/2, intercept 1/2, residuals 1/2, -1, 1/2.
+    line = fit_line([0, 1, 2], [1, 2, 6])
+    assert line.slope == pytest.approx(2.5)
+    assert line.intercept == pytest.approx(0.5)
+    assert line.residual == pytest.approx((1.5 / 3) ** 0.5)
+
+
+@given(slope=st.integers(-1000, 1000), intercept=st.integers(-100_000, 100_000))
+def test_an_exact_line_leaves_nothing(slope: int, intercept: int) -> None:
+    line = fit_line([20, 60, 300], [slope * x + intercept for x in (20, 60, 300)])
+    # Products up to 3e5: double rounding is below 1e-9 of them.
+    assert line.slope == pytest.approx(slope, abs=1e-6)
+    assert line.intercept == pytest.approx(intercept, abs=1e-6)
+    assert line.residual == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(("x", "y"), [([5, 5], [1, 2]), ([1], [1]), ([1, 2], [1, 2, 3])])
+def test_a_line_needs_two_places(x: list[int], y: list[int]) -> None:
+    with pytest.raises(ValueError, match="two different x"):
+        fit_line(x, y)
+
+
+def test_the_board_counts_every_calibrator_on_the_same_clouds(virtual_board: Board) -> None:
+    told: list[tuple[int, int]] = []
+    costs = measure_cycles(
+        virtual_board, ["direct", "iterative"], clouds=3, sizes=(20, 100, 300),
+        progress=lambda _, done, of: told.append((done, of)),
+    )  # fmt: skip
+    direct, iterative = costs["direct"], costs["iterative"]
+    assert direct.total < iterative.total
+    assert direct.cycles[1] == direct.total
+    assert direct.per_point * 100 + direct.fixed == pytest.approx(direct.total, rel=0.01)  # it is nearly a line
+    assert (direct.iterations, iterative.iterations > 0) == (0, True)
+    assert direct.model == iterative.model == virtual_board.cycle_model
+    assert direct.instructions is not None
+    # A Cortex-M4 executes at most one instruction a cycle.
+    assert 0 < direct.instructions < direct.total
+    assert direct.spread <= iterative.spread
+    assert told[0] == (0, 5)
+    assert told[-1] == (5, 5)
+
+
+def test_counting_again_gives_the_same_number(virtual_board: Board) -> None:
+    first, second = (
+        measure_cycles(virtual_board, ["direct"], clouds=1, sizes=(20, 100))["direct"].cycles.tolist() for _ in range(2)
+    )
+    assert first == second

@@ -1,0 +1,63 @@
+"""A turntable says where it stands; an operator is asked, and may say otherwise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from hiltest.angles import Pose
+from hiltest.boards import Board
+from hiltest.errors import BenchError
+from hiltest.procedures import Achieved, OperatorTurntable, Turntable
+
+
+def answers(*lines: str) -> tuple[list[str], Callable[[str], str]]:
+    asked: list[str] = []
+    waiting = list(lines)
+
+    def prompt(question: str) -> str:
+        asked.append(question)
+        return waiting.pop(0)
+
+    return asked, prompt
+
+
+def test_enter_means_that_the_pose_was_reached() -> None:
+    asked, prompt = answers("")
+    table = OperatorTurntable(prompt=prompt, uncertainty_deg=0.5)
+    assert table.turn_to(Pose(30.0, -20.0, 0.0), judged=4) == Achieved(30.0, -20.0, 0.0, 0.5)
+    assert asked[0].startswith("pose 5: turn to heading 30, pitch -20, roll +0")
+
+
+def test_an_operator_may_type_the_heading_that_was_reached() -> None:
+    _, prompt = answers("31.25")
+    assert OperatorTurntable(prompt=prompt, uncertainty_deg=0.5).turn_to(Pose(30.0)).heading_deg == 31.25
+
+
+def test_nonsense_is_asked_again_and_then_given_up() -> None:
+    asked, prompt = answers("north", "nan", "12")
+    table = OperatorTurntable(prompt=prompt, uncertainty_deg=0.5)
+    assert table.turn_to(Pose(10.0)).heading_deg == 12.0
+    assert len(asked) == 3
+    _, prompt = answers("north", "361", "inf")
+    with pytest.raises(BenchError, match="3 answers were no heading"):
+        OperatorTurntable(prompt=prompt, uncertainty_deg=0.5).turn_to(Pose(10.0))
+
+
+def test_an_operator_is_asked_to_rest_and_to_tumble() -> None:
+    asked, prompt = answers("", "")
+    table = OperatorTurntable(prompt=prompt, uncertainty_deg=0.5)
+    table.rest()
+    table.tumble(5.6)
+    assert "still" in asked[0]
+    assert "for 6 s" in asked[1]
+
+
+def test_the_simulated_table_stands_when_it_comes_back(virtual_board: Board, simulated_turntable: Turntable) -> None:
+    simulated_turntable.rest()
+    before = virtual_board.now_s()
+    achieved = simulated_turntable.turn_to(Pose(90.0, 20.0, 0.0))
+    assert achieved == Achieved(90.0, 20.0, 0.0, simulated_turntable.uncertainty_deg)
+    # At 120 deg/s a quarter turn takes 0.75 s.
+    assert virtual_board.now_s() - before >= 0.75
