@@ -16,7 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from hiltest.virtual.instructions import Instruction, decode, registers_to_be_aligned
+from hiltest.virtual.instructions import Alignment, Instruction, decode, required_alignment
 from hiltest.virtual.timing import NEUTRAL, PipelineState, TimingProfile
 
 ReadCode = Callable[[int, int], bytes]
@@ -30,8 +30,8 @@ class Block:
     ----------
     through, taken : int
         Cycles when execution falls out of its end, and when it jumps away.
-    aligned : tuple of int
-        Core registers that must hold multiples of four when it begins.
+    alignment : Alignment
+        What must be word-aligned when it begins, and within it.
     needs_attention : bool
         Whether the processor must look before (FPU, hang, alignment) or behind it (masks).
     """
@@ -47,7 +47,7 @@ class Block:
     uses_fpu: bool
     changes_masks: bool
     loops_to_itself: bool
-    aligned: tuple[int, ...]
+    alignment: Alignment
     needs_attention: bool
     _starts: dict[int, int] = field(default_factory=dict)
 
@@ -74,12 +74,12 @@ def price_block(profile: TimingProfile, instructions: list[Instruction], entry: 
     uses_fpu = any(instruction.uses_fpu for instruction in instructions)
     changes_masks = any(instruction.changes_masks for instruction in instructions)
     loops = last.jumps_to(address)
-    aligned = registers_to_be_aligned(instructions)
+    alignment = required_alignment(instructions)
     through = total if not last.transfer or last.conditional else total + refill
     return Block(
         address, end, entry, tuple(instructions), len(instructions), through, total + refill, state,
-        uses_fpu, changes_masks, loops and len(instructions) == 1, aligned,
-        bool(uses_fpu or changes_masks or loops or aligned),
+        uses_fpu, changes_masks, loops and len(instructions) == 1, alignment,
+        bool(uses_fpu or changes_masks or loops or alignment.registers or alignment.inside),
     )  # fmt: skip
 
 

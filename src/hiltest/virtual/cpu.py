@@ -22,6 +22,7 @@ from hiltest.errors import BoardFault
 from hiltest.virtual.accounting import Accounting, Block, BlockAccounting, InstructionAccounting
 from hiltest.virtual.elf import FirmwareImage
 from hiltest.virtual.exceptions import ExceptionUnit
+from hiltest.virtual.instructions import Instruction
 from hiltest.virtual.memory import BoardMemory
 from hiltest.virtual.nvic import SVCALL, Nvic
 from hiltest.virtual.registers import CoreRegisters
@@ -74,6 +75,8 @@ class Processor:
         self._fault: BaseException | None = None
         self._exc_return = 0
         self._stopped = False
+        self._watched: set[int] = set()
+        self._to_watch: Block | None = None
         accounting = InstructionAccounting if by_instruction else BlockAccounting
         self.accounting: Accounting = accounting(profile, self._read_code, self._attend, self._stop)
         self._install_hooks(by_instruction)
@@ -159,7 +162,10 @@ class Processor:
                 self._fault = self.fault("FPU used while CPACR disables it (NOCP)", block.address)
                 return False
             self.exceptions.floating_point_runs()
-        if block.aligned and self._misaligned(block):
+        if block.alignment.registers and self._misaligned(block):
+            return False
+        if any(instruction.address not in self._watched for instruction in block.alignment.inside):
+            self._to_watch = block
             return False
         if block.loops_to_itself and not self._can_leave_loop():
             self._fault = self.fault("hang: a loop to itself that no interrupt can end", block.address)
@@ -169,17 +175,42 @@ class Processor:
         return True
 
     def _misaligned(self, block: Block) -> bool:
-        values = self.registers.cores(block.aligned).read()
+        registers = block.alignment.registers
+        values = self.registers.cores(registers).read()
         together = 0
         for value in values:
             together |= value
         if not together & 3:
             return False
-        register, value = next((r, v) for r, v in zip(block.aligned, values, strict=True) if v & 3)
+        register = next(r for r, value in zip(registers, values, strict=True) if value & 3)
         place = next((i for i in block.instructions if i.aligned_base == register), block.instructions[0])
-        cause = f"unaligned access: r{register} = 0x{value:08x} in '{place.text}'"
-        self._fault = self.fault(cause, place.address)
+        self._fault = self._unaligned(place, register)
         return True
+
+    def _unaligned(self, instruction: Instruction, register: int) -> BoardFault:
+        value = self.registers.cores((register,)).get()
+        cause = f"unaligned access: r{register} = 0x{value:08x} in '{instruction.text}'"
+        return self.fault(cause, instruction.address)
+
+    def _watch(self, block: Block) -> None:
+        """Have the bases that a block itself computes looked at when they are used.
+
+        Few instructions are such, so a hook on each costs little; what the emulator
+        has translated of the block must go, or it would not know of them.
+        """
+        for instruction in block.alignment.inside:
+            if instruction.address in self._watched:
+                continue
+            self._watched.add(instruction.address)
+
+            def look(_engine: Any, _address: int, _size: int, watched: Instruction) -> None:
+                if self.registers.cores((watched.aligned_base,)).get() & 3:
+                    self.abort(self._unaligned(watched, watched.aligned_base))
+
+            self.engine.hook_add(
+                unicorn.UC_HOOK_CODE, look, instruction, begin=instruction.address, end=instruction.address
+            )
+        self.engine.ctl_remove_cache(block.address, block.end)
 
     def _can_leave_loop(self) -> bool:
         masked = self.registers.primask.get() & 1 or self.registers.faultmask.get() & 1
@@ -286,6 +317,7 @@ class Processor:
         self._exc_return = 0
         self._fault = None
         self._stopped = False
+        self._to_watch = None
         self.accounting.deadline = deadline
         status = self._enter(self.registers.pc.get() | 1)
         pc = self.registers.pc.get()
@@ -298,6 +330,9 @@ class Processor:
             self.exceptions.leave(self._exc_return)
             self.accounting.cycles += self.profile.exception_return
             self.accounting.flush_pipeline()
+            return False
+        if self._to_watch is not None:
+            self._watch(self._to_watch)
             return False
         if pc & ~1 == RETURN_ADDRESS:
             return True

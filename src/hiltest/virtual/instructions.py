@@ -281,25 +281,44 @@ def _derived(raw: Any, row: str, memory: Any) -> tuple[tuple[int, int], ...]:
     return ()
 
 
-def registers_to_be_aligned(instructions: list[Instruction]) -> tuple[int, ...]:
-    """Find the core registers that must be multiples of four when straight-line code begins.
+@dataclass(frozen=True, slots=True)
+class Alignment:
+    """Where straight-line code needs word-aligned addresses.
+
+    Attributes
+    ----------
+    registers : tuple of int
+        Core registers that must be multiples of four when the code begins.
+    inside : tuple of Instruction
+        Instructions whose base is computed or loaded within the code: it has to
+        be looked at when they run.
+    """
+
+    registers: tuple[int, ...]
+    inside: tuple[Instruction, ...]
+
+
+def required_alignment(instructions: list[Instruction]) -> Alignment:
+    """Find what must be aligned for straight-line code not to fault.
 
     The part faults on unaligned LDM, STM, LDRD, STRD and floating-point
-    transfers; the emulator lets them pass. A base that is computed or loaded
-    within the code itself is followed through moves and steps of whole words;
-    beyond that it is not checked.
+    transfers; the emulator lets them pass. Bases are followed through moves and
+    steps of whole words, so that most can be checked once, where a block begins.
     """
     origin: dict[int, int] = {register: register for register in range(13)} | {14: 14}
     needed: set[int] = set()
+    inside: list[Instruction] = []
     for instruction in instructions:
         if instruction.aligned_base in origin:
             needed.add(origin[instruction.aligned_base])
+        elif instruction.aligned_base >= 0:
+            inside.append(instruction)
         derived = {written: origin.get(source) for written, source in instruction.derived}
         for register in range(15):
             if instruction.core_writes >> register & 1:
                 origin.pop(register, None)
         origin.update({written: source for written, source in derived.items() if source is not None and written < 13})
-    return tuple(sorted(needed))
+    return Alignment(tuple(sorted(needed)), tuple(inside))
 
 
 def _control(raw: Any, core_writes: int, *, in_it_block: bool) -> dict[str, Any]:

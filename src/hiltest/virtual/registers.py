@@ -49,6 +49,11 @@ class RegisterGroup:
         self._fetch()
         return self._values[:]
 
+    def get(self) -> int:
+        """Read the first of them."""
+        self._fetch()
+        return self._values[0]
+
     def write(self, values: Sequence[int]) -> None:
         """Write all of them."""
         self._values[:] = list(values)
@@ -60,11 +65,6 @@ class Register(RegisterGroup):
 
     def __init__(self, engine: Any, name: str) -> None:
         super().__init__(engine, [name])
-
-    def get(self) -> int:
-        """Read it."""
-        self._fetch()
-        return self._values[0]
 
     def set(self, value: int) -> None:
         """Write it."""
