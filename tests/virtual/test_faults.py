@@ -29,7 +29,7 @@ CASES = [
     ("an unaligned LDRD", "ldr r0, =0x20000002\n    b 1f\n1:  ldrd r2, r3, [r0]", "unaligned"),
     ("an unaligned LDM", "mov r1, sp\n    adds r1, #2\n    b 1f\n1:  ldm r1, {r2, r3}", "unaligned"),
     ("an unaligned LDRD, address just made", "ldr r0, =0x20000002\n    ldrd r2, r3, [r0]", "unaligned access: r0"),
-    ("an unaligned LDM, address just loaded", "ldr r0, =words\n    ldr r1, [r0]\n    ldm r1, {r2, r3}", "r1 = 0x20000006"),
+    ("an unaligned LDM, address loaded", "ldr r0, =words\n    ldr r1, [r0]\n    ldm r1, {r2, r3}", "r1 = 0x20000006"),
     ("a read where nothing is", "ldr r0, =0x30000000\n    ldr r1, [r0]", "read of unmapped address 0x30000000"),
     ("a write to flash", "movs r0, #0\n    str r0, [r0]", "write to flash at address 0x00000000"),
     ("a jump into nothing", "ldr r0, =0x30000001\n    bx r0", "unmapped address"),
