@@ -85,13 +85,11 @@ def test_a_board_without_its_shield_names_the_way_out_and_runs_the_rest(
     assert outcomes["test_link.py::test_the_link_keeps_its_word"] == "passed"
 
 
-def test_a_port_that_does_not_exist_is_a_lost_bench(run_in, tmp_path: Path) -> None:
+def test_a_port_that_does_not_exist_lists_those_that_do(run_in, tmp_path: Path) -> None:
     run = run_in(tmp_path, "--rig", "frdm-k64f", "--hil-port", "/dev/no-such-port")
-    assert run.code == 20
-    assert run.sentence.startswith("BENCH LOST: no serial port '/dev/no-such-port'; ports on this machine: ")
-    outcomes = [test["outcome"] for test in run.record["tests"]]
-    assert outcomes[0] == "bench lost"
-    assert set(outcomes[1:]) == {"skipped"}, "nothing is tried on a board that is not there"
+    assert run.code == 4
+    assert run.errors.startswith("ERROR: no serial port '/dev/no-such-port'; ports on this machine: ")
+    assert not run.folder.exists()
 
 
 @pytest.mark.parametrize(
