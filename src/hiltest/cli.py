@@ -25,9 +25,9 @@ Exit codes:
   1   a test failed or a limit does not hold
   2   interrupted
   3   internal error
-  4   usage: an option, a rig file or a firmware file is wrong
+  4   usage: an option, a port, a rig file or a firmware file is wrong
   5   no tests were collected
-  20  bench lost: port, cable, board, or firmware that hangs
+  20  bench lost: link, cable, board or sensor, or firmware that hangs
   22  a limit could not be judged
   23  wrong firmware, or another protocol version
 """
