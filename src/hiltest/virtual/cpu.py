@@ -85,11 +85,15 @@ class Processor:
         self._enter: Callable[[int], int] = lambda begin: uclib.uc_emu_start(handle, begin, until, forever, forever)
 
     def _install_hooks(self, by_instruction: bool) -> None:
-        begins = self._guarded(self.accounting.begins)
+        begins, abort = self.accounting.begins, self.abort
 
         def on_code(_engine: int, address: int, size: int, _data: int) -> None:
-            if address != RETURN_ADDRESS:
+            if address == RETURN_ADDRESS:
+                return
+            try:
                 begins(address, size)
+            except BaseException as error:  # Ctrl-C too: re-raised by `run`; ctypes would print and drop it
+                abort(error)
 
         # Straight through the C interface: the binding's own wrapper doubles the cost of each block.
         self._code_callback = _BLOCK_CALLBACK(on_code)
@@ -102,17 +106,6 @@ class Processor:
         self.engine.hook_add(unicorn.UC_HOOK_INTR, self._on_interrupt)
         self.engine.hook_add(unicorn.UC_HOOK_MEM_INVALID, self._on_invalid_memory)
         self.engine.hook_add(unicorn.UC_HOOK_INSN_INVALID, self._on_invalid_instruction)
-
-    def _guarded(self, function: Callable[[int, int], None]) -> Callable[[int, int], None]:
-        """Carry whatever a callback raises (Ctrl-C too) across the emulator to `run`."""
-
-        def guarded(address: int, size: int) -> None:
-            try:
-                function(address, size)
-            except BaseException as error:  # re-raised in _execute; ctypes would print and drop it
-                self.abort(error)
-
-        return guarded
 
     # -- time ---------------------------------------------------------------------------------
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from hiltest.virtual.peripherals.bus import Peripheral, StoredRegisters
 
 OSCILLATOR_HZ = 50_000_000  # the Ethernet PHY's clock on EXTAL0
@@ -19,6 +21,7 @@ class ClockGenerator:
 
     def __init__(self) -> None:
         self.clocked = True
+        self.on_change: Callable[[], None] = lambda: None
         self.reset()
 
     def reset(self) -> None:
@@ -26,6 +29,7 @@ class ClockGenerator:
         self._registers = bytearray(0x10)
         self._registers[0] = 0x04  # C1: IREFS
         self._registers[1] = 0x80  # C2: LOCRE0
+        self.on_change()
 
     def read(self, offset: int, size: int) -> int:
         """Answer a register; S follows from what was set up."""
@@ -37,6 +41,7 @@ class ClockGenerator:
         """Take a byte; S is read-only."""
         if size == 1 and offset < len(self._registers) and offset != 6:
             self._registers[offset] = value
+            self.on_change()
 
     @property
     def _source(self) -> int:
@@ -72,10 +77,16 @@ class ClockGates(StoredRegisters):
     ----------
     generator : ClockGenerator
         Where the core clock comes from.
+
+    Attributes
+    ----------
+    core_hz, bus_hz : float
+        Core and system clock, and bus clock [Hz].
     """
 
     def __init__(self, generator: ClockGenerator) -> None:
         self._generator = generator
+        generator.on_change = self._divide
         self._gated: list[tuple[int, int, Peripheral]] = []
         # SDID of an MK64FN1M0VLL12: family K6x, subfamily K64, 100 pins.
         super().__init__("SIM", 0x40048000, {0x024: 0x08, 0x025: 0x03, 0x026: 0x00, 0x027: 0x64})
@@ -88,25 +99,23 @@ class ClockGates(StoredRegisters):
     def reset(self) -> None:
         """Close every gate."""
         super().reset()
+        self._divide()
         for _, _, peripheral in self._gated:
             peripheral.clocked = False
 
     def write(self, offset: int, size: int, value: int) -> None:
         """Keep the value; open and close gates."""
         super().write(offset, size, value)
+        self._divide()
         if _SCGC_FIRST <= offset <= _SCGC_LAST + 3:
             for register, bit, peripheral in self._gated:
                 peripheral.clocked = bool(self.word(register) >> bit & 1)
 
-    @property
-    def core_hz(self) -> float:
-        """Core and system clock [Hz]."""
-        return self._generator.output_hz / ((self.word(_CLKDIV1) >> 28) + 1)
-
-    @property
-    def bus_hz(self) -> float:
-        """Bus clock [Hz]."""
-        return self._generator.output_hz / ((self.word(_CLKDIV1) >> 24 & 0xF) + 1)
+    def _divide(self) -> None:
+        # Looked up for every byte on the wires, changed a few times at start-up.
+        dividers = self.word(_CLKDIV1)
+        self.core_hz = self._generator.output_hz / ((dividers >> 28) + 1)
+        self.bus_hz = self._generator.output_hz / ((dividers >> 24 & 0xF) + 1)
 
 
 class Watchdog(StoredRegisters):
