@@ -11,8 +11,8 @@ import pytest
 from hiltest.angles import Pose
 from hiltest.errors import ConfigError, UnknownKeyError
 from hiltest.measurement import Limit
-from hiltest.rig import build_sensors, build_world, load_rig, world_truth
-from hiltest.rig_file import MEASUREMENT_UNITS, measurement_unit, reference_uncertainty_deg
+from hiltest.rig import build_sensors, build_world, world_truth
+from hiltest.rig_file import MEASUREMENT_UNITS, load_rig, measurement_unit, reference_uncertainty_deg
 
 RIGS = Path(__file__).parents[1] / "hil" / "rigs"
 DEFAULT = RIGS / "virtual-k64f.toml"

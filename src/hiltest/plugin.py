@@ -40,7 +40,11 @@ def pytest_configure(config: pytest.Config) -> None:
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_finish(session: pytest.Session) -> None:
     """Open the rig and the board once it is known that a test needs them."""
-    session.config.stash[SESSION].begin(session.items)
+    hil = session.config.stash[SESSION]
+    if hil.begin(session.items):
+        from hiltest.recording import start_recording
+
+        start_recording(hil)
 
 
 def pytest_report_collectionfinish(config: pytest.Config) -> list[str]:

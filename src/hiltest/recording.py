@@ -2,12 +2,28 @@
 
 from __future__ import annotations
 
+from hashlib import sha256
+from typing import TYPE_CHECKING
+
 import pytest
 
 from hiltest.outcomes import TestLog
-from hiltest.report.record import Run, measurement_from, table_from
+from hiltest.report.record import BoardRecord, RigRecord, Run, SensorRecord, measurement_from, table_from
 from hiltest.report.recorder import Recorder
 from hiltest.session import FOUND_HERE, HilSession
+
+if TYPE_CHECKING:
+    from hiltest.boards import Board
+    from hiltest.rig import Rig
+
+
+def start_recording(hil: HilSession) -> None:
+    """Begin the record of a session whose bench is open, and see to it that it is kept."""
+    recorder = Recorder(hil.settings.out, poses=hil.settings.poses or hil.rig.procedure.poses)
+    recorder.rig(rig_record(hil.rig), hil.seed)
+    if hil.board is not None:
+        recorder.board(board_record(hil.board), hil.board.seed)
+    hil.config.pluginmanager.register(Recording(hil, recorder), "hiltest-recording")
 
 
 class Recording:
@@ -63,3 +79,26 @@ class Recording:
         terminalreporter.write(text)
 
 
+def rig_record(rig: Rig) -> RigRecord:
+    """Return what the record keeps of a rig."""
+    declared = rig.mounting
+    mounting = "not declared" if declared is None else f"{declared.yaw_deg:g} ± {declared.uncertainty_deg:g} deg"
+    return RigRecord(rig.name, str(rig.path), sha256(rig.path.read_bytes()).hexdigest(), mounting)
+
+
+def board_record(board: Board) -> BoardRecord:
+    """Return what the record keeps of a board."""
+    identity = board.identity
+    return BoardRecord(
+        kind=str(board.kind), description=board.description, firmware=identity.name, version=identity.version,
+        protocol_version=identity.protocol_version, build_id=identity.build_id,
+        firmware_sha256=board.firmware_sha256, compiler=identity.compiler, placement=identity.placement,
+        core_clock_hz=identity.core_clock_hz, cycle_model=board.cycle_model, clock=board.clock,
+        calibrators=tuple(identity.calibrators),
+        sensors=tuple(
+            SensorRecord(
+                each.name, each.kind.name.lower(), each.bus, each.address, bool(each.present), bool(each.selected)
+            )
+            for each in board.sensors
+        ),
+    )

@@ -1,6 +1,6 @@
 """The rig: which board, link, turntable, local field, mounting and limits.
 
-A rig is a TOML file; this module is what it means, `hiltest.rig_file` is how it is read.
+A rig is a TOML file; this module is what it means, `hiltest.rig_file.load_rig` reads it.
 Importing it is cheap: numpy, pydantic, world and sensors are imported by the functions
 that need them.
 """
@@ -103,22 +103,6 @@ class WorldTruth:
     hard_iron_counts: Triple
     gyroscope_bias_dps: Triple
     mounting_yaw_deg: float
-
-
-def load_rig(path: Path | str) -> Rig:
-    """Read a rig file.
-
-    Raises
-    ------
-    UnknownKeyError
-        If a key is not known, with file, line and the nearest known key.
-    ConfigError
-        If the file cannot be read, a value is wrong, or a limit is tighter than the
-        uncertainty of the reference it is measured against.
-    """
-    from hiltest.rig_file import read_rig_file
-
-    return read_rig_file(Path(path))
 
 
 def world_truth(rig: Rig) -> WorldTruth | None:

@@ -60,8 +60,18 @@ class LimitEntry:
     max: float | None = None
 
 
-def read_rig_file(path: Path) -> Rig:
-    """Read and check a rig file; see `hiltest.rig.load_rig`."""
+def load_rig(path: Path | str) -> Rig:
+    """Read and check a rig file.
+
+    Raises
+    ------
+    UnknownKeyError
+        If a key is not known, with file, line and the nearest known key.
+    ConfigError
+        If the file cannot be read, a value is wrong, or a limit is tighter than the
+        uncertainty of the reference it is measured against.
+    """
+    path = Path(path)
     try:
         text = path.read_text(encoding="utf-8")
         data = tomllib.loads(text)

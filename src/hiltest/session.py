@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from hiltest.boards import Board
     from hiltest.errors import BenchError, ProtocolError
     from hiltest.measurement import Measurement
-    from hiltest.report.record import BoardRecord, RigRecord, Table
+    from hiltest.report.record import Table
     from hiltest.rig import Rig
 
 BENCH_LOST = "bench lost"
@@ -86,8 +86,13 @@ class HilSession:
         """True in a worker of pytest-xdist, which writes no files."""
         return hasattr(self.config, "workerinput")
 
-    def begin(self, items: Sequence[pytest.Item]) -> None:
-        """Load the rig, open the board and start the record, if any test will need them.
+    def begin(self, items: Sequence[pytest.Item]) -> bool:
+        """Load the rig and open the board, if any test will need them.
+
+        Returns
+        -------
+        bool
+            Whether there is something to record, and this process is the one to do it.
 
         Raises
         ------
@@ -95,10 +100,9 @@ class HilSession:
             If the rig, the firmware or an option is wrong; no file has been touched then.
         """
         if not any(map(uses_hiltest, items)) or self.config.option.collectonly:
-            return
+            return False
         self.open(with_board=any(map(uses_board, items)))
-        if not self.is_worker:
-            self._start_record(self.rig)
+        return not self.is_worker
 
     def open(self, *, with_board: bool) -> None:
         """Load the rig and, `with_board`, open the board; a bench that is lost is kept in `trouble`.
@@ -125,7 +129,7 @@ class HilSession:
         """The rig, read once."""
         if self._rig is None:
             from hiltest.bench_files import rig_file
-            from hiltest.rig import load_rig
+            from hiltest.rig_file import load_rig
 
             self._rig = load_rig(rig_file(self.config.invocation_params.dir, self.settings.rig))
         return self._rig
@@ -153,6 +157,16 @@ class HilSession:
                 self.trouble = error
                 raise
         return self._board
+
+    @property
+    def board(self) -> Board | None:
+        """The board, if it is open."""
+        return self._board
+
+    @property
+    def seed(self) -> int:
+        """Seed of the simulated world: the command line's, or else the rig's."""
+        return self.rig.seed if self.settings.seed is None else self.settings.seed
 
     def blame(self, error: BaseException) -> str:
         """Return whose fault a failed test is, empty when it is the test's own.
@@ -214,16 +228,6 @@ class HilSession:
     def _rig_line(self) -> str:
         return f"{self.rig.name} ({self.rig.path}, {self.settings.sources['rig']})"
 
-    def _start_record(self, rig: Rig) -> None:
-        from hiltest.recording import Recording
-        from hiltest.report.recorder import Recorder
-
-        recorder = Recorder(self.settings.out, poses=self.settings.poses or rig.procedure.poses)
-        recorder.rig(rig_record(rig), rig.seed if self.settings.seed is None else self.settings.seed)
-        if self._board is not None:
-            recorder.board(board_record(self._board), self._board.seed)
-        self.config.pluginmanager.register(Recording(self, recorder), "hiltest-recording")
-
 
 def board_is_gone(error: BenchError | ProtocolError) -> bool:
     """Say whether an error leaves a board that later tests cannot use.
@@ -233,37 +237,6 @@ def board_is_gone(error: BenchError | ProtocolError) -> bool:
     from hiltest.errors import SensorAbsentError
 
     return not isinstance(error, SensorAbsentError)
-
-
-def rig_record(rig: Rig) -> RigRecord:
-    """Return what the record keeps of a rig."""
-    from hashlib import sha256
-
-    from hiltest.report.record import RigRecord
-
-    declared = rig.mounting
-    mounting = "not declared" if declared is None else f"{declared.yaw_deg:g} ± {declared.uncertainty_deg:g} deg"
-    return RigRecord(rig.name, str(rig.path), sha256(rig.path.read_bytes()).hexdigest(), mounting)
-
-
-def board_record(board: Board) -> BoardRecord:
-    """Return what the record keeps of a board."""
-    from hiltest.report.record import BoardRecord, SensorRecord
-
-    identity = board.identity
-    return BoardRecord(
-        kind=str(board.kind), description=board.description, firmware=identity.name, version=identity.version,
-        protocol_version=identity.protocol_version, build_id=identity.build_id,
-        firmware_sha256=board.firmware_sha256, compiler=identity.compiler, placement=identity.placement,
-        core_clock_hz=identity.core_clock_hz, cycle_model=board.cycle_model, clock=board.clock,
-        calibrators=tuple(identity.calibrators),
-        sensors=tuple(
-            SensorRecord(
-                each.name, each.kind.name.lower(), each.bus, each.address, bool(each.present), bool(each.selected)
-            )
-            for each in board.sensors
-        ),
-    )
 
 
 def pack(found: Found) -> dict[str, Any]:

@@ -14,7 +14,8 @@ import pytest
 from hiltest.angles import Pose
 from hiltest.bench_files import shipped
 from hiltest.boards import VirtualBench
-from hiltest.rig import Rig, load_rig
+from hiltest.rig import Rig
+from hiltest.rig_file import load_rig
 
 
 @pytest.fixture(scope="session")

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hiltest.rig import load_rig
+from hiltest.rig_file import load_rig
 
 # The known angles and what their verdict needs; cycles and link have nothing to do with these causes.
 SUITES = ("--", "-k", "identity or accelerometer or heading")
