@@ -10,12 +10,13 @@ import pytest
 import serial
 
 from hiltest.angles import Pose, rotation_body_from_ned
-from hiltest.boards import BoardKind, VirtualBoard, default_firmware, open_board
-from hiltest.errors import ConfigError, SensorAbsentError
+from hiltest.boards import BoardKind, Declared, VirtualBench, VirtualBoard, default_firmware, open_board
+from hiltest.errors import ConfigError, DeviceError, SensorAbsentError
 from hiltest.link.framing import Frame, FrameDecoder, encode_frame
-from hiltest.link.messages import Average, LinkStatistics, SensorKind, Sync
+from hiltest.link.messages import Average, CycleSource, LinkStatistics, SensorKind, Sync
 from hiltest.link.replies import DPS_PER_COUNT, G_PER_COUNT, MICROTESLA_PER_COUNT
 from hiltest.link.transcript import Transcript
+from hiltest.procedures import collect_tumble, measure_cycles, open_turntable, run_calibrators
 from hiltest.rig import Rig
 
 
@@ -125,3 +126,17 @@ def test_any_program_with_pyserial_can_open_the_board_by_its_url(monkeypatch: py
 def test_a_wrong_url_says_which_part(url: str, message: str) -> None:
     with pytest.raises(serial.SerialException, match=message):
         serial.serial_for_url(url)
+
+
+def test_a_core_without_a_cycle_counter_fits_and_gives_no_cycle_number(rig: Rig) -> None:
+    bench = VirtualBench(rig)
+    bench.machine.cycle_counter.present = False
+    with VirtualBoard(bench, declared=Declared.of(rig)) as board:
+        assert board.identity.cycle_source is CycleSource.NONE
+        assert board.cycle_model == "none"
+        with pytest.raises(DeviceError, match="NO_CYCLE_COUNTER: this core counts no cycles"):
+            measure_cycles(board, ["direct"], clouds=1)
+        tumble = collect_tumble(board, open_turntable(board, uncertainty_deg=0.1), points=100)
+        run = run_calibrators(board, tumble, calibrators=["direct"])["direct"]
+    assert run.usable
+    assert run.cost is None

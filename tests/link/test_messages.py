@@ -15,7 +15,7 @@ from hiltest.angles import Pose
 from hiltest.errors import DeviceError, ProtocolError
 from hiltest.link import messages as m
 from hiltest.link.messages import CycleSource, FitStatus, SensorKind, Status, decode_reply
-from hiltest.link.replies import SlotHeading
+from hiltest.link.replies import RunCost, SlotHeading
 
 REQUESTS: list[m.Request[object]] = [
     m.Sync(7), m.Identify(), m.Sensors(), m.Select(1), m.Read(1, 4), m.Collect(20), m.Upload(0, [(1, 2, 3)]),
@@ -103,7 +103,13 @@ def test_collect_points_and_calibrate_replies() -> None:
     )
     assert fit.fit is FitStatus.POOR_COVERAGE
     assert fit.is_sphere
-    assert (fit.iterations, fit.coverage, fit.cycles, fit.overhead_cycles) == (7, 31.0, 12_400, 8)
+    assert (fit.iterations, fit.coverage, fit.cost) == (7, 31.0, RunCost(12_400, 8))
+
+
+def test_a_core_that_counts_no_cycles_fits_all_the_same() -> None:
+    data = struct.pack("<BBBH13fII", Status.NO_CYCLE_COUNTER, 0, 0, 0, *([0.5] * 12), 1.7, 0, 0)
+    fit = decode_reply(m.Calibrate(100, "direct"), data)
+    assert (fit.fit, fit.cost) == (FitStatus.ELLIPSOID, None)
 
 
 def test_average_has_one_heading_for_each_slot_asked_for_from_low_to_high() -> None:

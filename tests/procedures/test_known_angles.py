@@ -67,7 +67,13 @@ def test_every_calibrator_sees_the_same_points_and_is_held_against_the_truth(
         # sigma sqrt(3/n) times the dilution of a full sphere, below 3: 0.4 * 0.17 * 3.
         assert run.offset_error_ut < 0.21
         assert run.rotation_left_deg < 1.0
-    assert runs["direct"].cycles < runs["iterative"].cycles
+    direct, iterative = runs["direct"], runs["iterative"]
+    assert direct.cost is not None
+    assert iterative.cost is not None
+    assert direct.cost.cycles < iterative.cost.cycles
+    assert direct.coverage is not None
+    assert 1.0 <= direct.coverage < 4.0  # of the whole sphere; above 4 a quarter of it is missing
+    assert iterative.coverage is None
 
 
 def test_headings_are_judged_against_the_table_with_the_declared_mounting_off(

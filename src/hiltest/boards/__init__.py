@@ -11,7 +11,6 @@ from hiltest.boards.board import Board, BoardKind, Declared, Stage, Truth
 from hiltest.boards.real import RealBoard
 from hiltest.boards.virtual import VirtualBoard
 from hiltest.errors import ConfigError
-from hiltest.link.messages import SensorKind
 from hiltest.link.transcript import Transcript
 from hiltest.rig import Rig
 
@@ -54,7 +53,7 @@ def open_board(
     VersionMismatchError
         When another firmware answers.
     """
-    declared = Declared(rig.field.strength_ut, rig.sensors.magnetometer_noise_ut, _wanted(rig))
+    declared = Declared.of(rig)
     url = port or rig.board.port
     if url is not None and not url.startswith("hil:"):
         if firmware is not None:
@@ -67,12 +66,3 @@ def open_board(
     if url is None and rig.board.kind == "real":
         raise ConfigError(f"rig {rig.name} ({rig.path}) names no port: set board.port in it, or give --hil-port")
     return VirtualBoard(VirtualBench(rig, firmware=firmware, seed=seed), declared=declared, transcript=transcript)
-
-
-def _wanted(rig: Rig) -> dict[SensorKind, str]:
-    named = {
-        SensorKind.MAGNETOMETER: rig.sensors.magnetometer,
-        SensorKind.ACCELEROMETER: rig.sensors.accelerometer,
-        SensorKind.GYROSCOPE: rig.sensors.gyroscope,
-    }
-    return {kind: name for kind, name in named.items() if name is not None}

@@ -17,6 +17,7 @@ from hiltest.angles import Pose
 from hiltest.errors import HiltestError, SensorAbsentError
 from hiltest.link.messages import Identity, Select, SensorInfo, SensorKind, Sensors
 from hiltest.link.session import Session
+from hiltest.rig import Rig
 
 _SHIELD_HINT = (
     "Put the FRDM-FXS-MULTI-B shield on the board, or name sensors that are there in the rig file. "
@@ -75,6 +76,17 @@ class Declared:
     field_ut: float
     magnetometer_sigma_ut: float
     wanted: Mapping[SensorKind, str]
+
+    @classmethod
+    def of(cls, rig: Rig) -> Declared:
+        """Take from a rig what a board needs to know of it."""
+        named = {
+            SensorKind.MAGNETOMETER: rig.sensors.magnetometer,
+            SensorKind.ACCELEROMETER: rig.sensors.accelerometer,
+            SensorKind.GYROSCOPE: rig.sensors.gyroscope,
+        }
+        wanted = {kind: name for kind, name in named.items() if name is not None}
+        return cls(rig.field.strength_ut, rig.sensors.magnetometer_noise_ut, wanted)
 
 
 class Stage(Protocol):

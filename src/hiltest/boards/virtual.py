@@ -47,7 +47,9 @@ class VirtualBoard(Board):
 
     @property
     def cycle_model(self) -> str:
-        """Name and version of the timing profile, with the placement of the code."""
+        """Name and version of the timing profile with the placement of the code, or nothing."""
+        if not self.identity.cycle_source:
+            return "none"
         return f"{self._machine.processor.profile.name}@{self.identity.placement}"
 
     @property

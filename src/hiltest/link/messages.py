@@ -1,7 +1,7 @@
 """What the host asks, as typed requests, each knowing its reply.
 
-A reply's payload is a status byte and, when that is OK, the data that the
-request's `parse` reads.
+A reply's payload is a status byte and, when that is one of the request's
+`answered_with`, the data that its `parse` reads.
 """
 
 from __future__ import annotations
@@ -92,6 +92,8 @@ class Request(Generic[R]):
 
     code: ClassVar[int]
     command: ClassVar[str]
+    # What a reply with data may say: most requests are either done or not.
+    answered_with: ClassVar[frozenset[Status]] = frozenset({Status.OK})
 
     def payload(self) -> bytes:
         """Return the request's payload."""
@@ -257,6 +259,8 @@ class Calibrate(Request[CalibrateReply]):
 
     code = 0x0A
     command = "CALIBRATE"
+    # Without a counter the fit is as good, and its cost is None.
+    answered_with = frozenset({Status.OK, Status.NO_CYCLE_COUNTER})
     n: int
     calibrator: str
 
@@ -379,7 +383,7 @@ def decode_reply(request: Request[R], payload: bytes) -> R:
     """
     fields = FieldReader(payload, f"reply to {request.command}")
     status = fields.choice(Status, "status")
-    if status is not Status.OK:
+    if status not in request.answered_with:
         fields.end()
         raise DeviceError(request.command, status.name, _HINTS.get(status, ""))
     data = request.parse(fields)

@@ -224,6 +224,20 @@ class CalibrationReply:
 
 
 @dataclass(frozen=True, slots=True)
+class RunCost:
+    """Core cycles of a run without, and of, the empty call."""
+
+    cycles: int
+    overhead_cycles: int
+
+    @classmethod
+    def parse(cls, fields: FieldReader) -> RunCost | None:
+        """Read the cost; None for an empty call of no cycles, as only a counter that is not there counts it."""
+        cycles, overhead_cycles = fields.number("I", "cycles"), fields.number("I", "overhead cycles")
+        return cls(cycles, overhead_cycles) if overhead_cycles else None
+
+
+@dataclass(frozen=True, slots=True)
 class CalibrateReply:
     """What a calibrator found and what it cost.
 
@@ -236,8 +250,8 @@ class CalibrateReply:
     calibration : CalibrationReply
     coverage : float
         Largest M_ii / d_i over the pivots; 0 when the calibrator has no such number.
-    cycles, overhead_cycles : int
-        Core cycles of the run without, and of, the empty call.
+    cost : RunCost or None
+        None when the core counts no cycles.
     """
 
     fit: FitStatus
@@ -245,8 +259,7 @@ class CalibrateReply:
     iterations: int
     calibration: CalibrationReply
     coverage: float
-    cycles: int
-    overhead_cycles: int
+    cost: RunCost | None
 
     @classmethod
     def parse(cls, fields: FieldReader) -> CalibrateReply:
@@ -257,8 +270,7 @@ class CalibrateReply:
             iterations=fields.number("H", "iterations"),
             calibration=CalibrationReply.parse(fields),
             coverage=fields.real("coverage"),
-            cycles=fields.number("I", "cycles"),
-            overhead_cycles=fields.number("I", "overhead cycles"),
+            cost=RunCost.parse(fields),
         )
 
 

@@ -13,7 +13,7 @@ from hiltest.calibration.fit import FitStatus, MagnetometerFit
 from hiltest.calibration.quality import offset_error_ut, residual_percent, rotation_left_deg
 from hiltest.errors import CalibrationError
 from hiltest.link.messages import Calibrate, SetCalibration
-from hiltest.link.replies import CalibrateReply
+from hiltest.link.replies import CalibrateReply, RunCost
 from hiltest.procedures.cause import predicted_residual_percent
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.tumble import Tumble
@@ -37,8 +37,8 @@ class CalibratorRun:
         Points used.
     result : MagnetometerFit
         As the board computed it, in float32.
-    cycles, overhead_cycles : int
-        Core cycles of the run without, and of, an empty call.
+    cost : RunCost or None
+        Core cycles of the run and of an empty call; None when the core counts none.
     residual_percent : float
         ``100 rms(|C (m - o)| - 1)`` over the n points, computed on the host.
     residual_predicted_percent : float
@@ -51,8 +51,7 @@ class CalibratorRun:
     slot: int
     n: int
     result: MagnetometerFit
-    cycles: int
-    overhead_cycles: int
+    cost: RunCost | None
     residual_percent: float
     residual_predicted_percent: float
     offset_error_ut: float | None
@@ -84,9 +83,10 @@ class CalibratorRun:
         return self.result.hard_iron
 
     @property
-    def coverage(self) -> float:
-        """Largest M_ii / d_i of the pivots; 0 when the calibrator has no such number."""
-        return self.result.coverage
+    def coverage(self) -> float | None:
+        """Largest M_ii / d_i of the pivots; None when the calibrator has no such number."""
+        # It is at least 1 where there is one: d_i is M_ii less squares.
+        return self.result.coverage or None
 
     @property
     def usable(self) -> bool:
@@ -147,8 +147,7 @@ def _judge(
         slot=slot,
         n=len(points),
         result=result,
-        cycles=reply.cycles,
-        overhead_cycles=reply.overhead_cycles,
+        cost=reply.cost,
         residual_percent=residual_percent(points, result),
         residual_predicted_percent=predicted_residual_percent(
             board.declared.magnetometer_sigma_ut, board.declared.field_ut, len(points),
