@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from hiltest.measurement import Measurement, Outcome, round_significant
-from hiltest.report.record import RUN_FILE, write_atomically
+from hiltest.report.record import RUN_FILE, Run, write_atomically
 from hiltest.report.schema import load_run
 from hiltest.report.verdict import ExitCode
 
@@ -29,6 +29,17 @@ _WORST_FIRST = (2, 3, 4, 5, ExitCode.WRONG_FIRMWARE, ExitCode.BENCH_LOST, ExitCo
 
 
 @dataclass(frozen=True, slots=True)
+class MadeWith:
+    """What the numbers of a run rest on, beside its seed."""
+
+    firmware: str
+    build_id: str
+    cycle_model: str
+    rig: str
+    rig_sha256: str
+
+
+@dataclass(frozen=True, slots=True)
 class SeedResult:
     """How the run of one seed ended. `sentence` is its verdict, or what it wrote when there is none."""
 
@@ -36,6 +47,7 @@ class SeedResult:
     exit_code: int
     sentence: str
     measurements: tuple[Measurement, ...] = ()
+    made_with: MadeWith | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,18 +147,32 @@ def spreads_of(results: Sequence[SeedResult]) -> list[Spread]:
 def _run_seed(seed: int, options: Sequence[str], out: Path) -> SeedResult:
     """Run one seed in a process of its own: pytest keeps state that a second run would meet."""
     folder = out / f"seed-{seed:04d}"
+    (folder / RUN_FILE).unlink(missing_ok=True)  # what an earlier campaign left must not pass for this one's
     command = [sys.executable, "-m", "hiltest", "run", f"--seed={seed}", f"--out={folder}", "--", *options]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if (folder / RUN_FILE).exists():
         run = load_run(folder / RUN_FILE)
-        return SeedResult(seed, done.returncode, run.verdict.sentence, run.measurements)
+        return SeedResult(seed, done.returncode, run.verdict.sentence, run.measurements, _made_with(run))
     words = (done.stderr or done.stdout).strip().splitlines()
     return SeedResult(seed, done.returncode, words[-1] if words else "no output")
 
 
+def _made_with(run: Run) -> MadeWith | None:
+    if run.board is None or run.rig is None:
+        return None
+    firmware = f"{run.board.firmware} {run.board.version}"
+    return MadeWith(firmware, run.board.build_id, run.board.cycle_model, run.rig.name, run.rig.sha256)
+
+
 def _to_json(results: Sequence[SeedResult], spreads: Sequence[Spread]) -> str:
     seeds = [{"seed": each.seed, "exit_code": each.exit_code, "sentence": each.sentence} for each in results]
-    content = {"schema": SEEDS_SCHEMA, "seeds": seeds, "measurements": [_rounded(asdict(each)) for each in spreads]}
+    made_with = dict.fromkeys(each.made_with for each in results if each.made_with)
+    content = {
+        "schema": SEEDS_SCHEMA,
+        "made_with": [asdict(each) for each in made_with],
+        "seeds": seeds,
+        "measurements": [_rounded(asdict(each)) for each in spreads],
+    }
     return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 
 
