@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import threading
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -11,9 +13,20 @@ import pytest
 
 from hiltest.angles import Pose
 from hiltest.boards import BoardKind, RealBoard, open_board
-from hiltest.errors import BenchError, ConfigError, PortNotFoundError, SensorAbsentError
-from hiltest.link.messages import SensorKind
-from hiltest.link.session import Outcome
+from hiltest.boards.paced import PseudoTerminal
+from hiltest.errors import (
+    BenchError,
+    BoardFault,
+    ConfigError,
+    DeviceTimeoutError,
+    LinkLostError,
+    PortNotFoundError,
+    SensorAbsentError,
+    SyncError,
+)
+from hiltest.link.messages import GyroscopeRest, Identify, LinkStatistics, SensorKind
+from hiltest.link.ports import READ_SLICE_S
+from hiltest.link.session import ATTEMPTS, REPLY_DEADLINE_S, Outcome
 from hiltest.link.transcript import Direction, Transcript
 from hiltest.procedures import (
     check_link,
@@ -67,33 +80,33 @@ def test_a_missing_shield_is_named_with_the_way_out_and_the_rest_still_runs(
 def test_an_operator_who_follows_the_prompts_gets_the_headings_judged(
     pty_board: StartPtyBoard, rig: Rig, real_rig: Rig
 ) -> None:
-    bench = pty_board(rig)
+    paced = pty_board(rig)
     asked: list[str] = []
 
     def operator(question: str) -> str:
         asked.append(question)
         pose = re.search(r"heading (\S+), pitch (\S+), roll (\S+) ", question)
         if pose:
-            bench.turn_to(Pose(*(float(angle) for angle in pose.groups())))
+            paced.bench.turn_to(Pose(*(float(angle) for angle in pose.groups())))
         else:
-            bench.tumble(8.0)
+            paced.bench.tumble(1.6)  # 100 points at 80 Hz, and the time to ask for them
         return ""
 
     assert rig.mounting is not None
-    with open_board(real_rig, port=bench.path) as board:
+    with open_board(real_rig, port=paced.path) as board:
         turntable = open_turntable(board, uncertainty_deg=0.5, prompt=operator)
         assert turntable.name == "operator"
-        tumble = collect_tumble(board, turntable, points=150)
+        tumble = collect_tumble(board, turntable, points=100)
         run = run_calibrators(board, tumble, calibrators=["direct"])["direct"]
         assert run.usable
         assert (run.offset_error_ut, run.rotation_left_deg) == (None, None)
         angles = measure_known_angles(
-            board, turntable, poses=rig.procedure.judged_poses("level")[::3],
+            board, turntable, poses=rig.procedure.judged_poses("level")[::4],
             slots={"uncalibrated": 0, "direct": run.slot}, mounting_yaw_deg=rig.mounting.yaw_deg,
         )
     assert "all round" in asked[0]
     assert asked[1].startswith("pose 1: turn to heading 0, pitch +0, roll +0")
-    assert np.allclose(angles.reference_deg, [1.7, 91.7, 181.7, 271.7])
+    assert np.allclose(angles.reference_deg, [1.7, 121.7, 241.7])
     # The rig's own limit: the operator turned the very table that the simulated one is.
     assert angles.summary("direct").max_deg < 1.8
     assert angles.max_level_deg("uncalibrated") > 1.8
@@ -118,3 +131,89 @@ def test_nobody_to_ask_is_a_bench_error(pty_board: StartPtyBoard, rig: Rig, real
         pytest.raises(BenchError, match="nobody to ask"),
     ):
         open_turntable(board, uncertainty_deg=0.5)
+
+
+def test_cycles_over_a_port_are_those_of_the_stepped_board(
+    pty_board: StartPtyBoard, rig: Rig, real_rig: Rig
+) -> None:
+    calibrators = ["direct", "iterative"]
+    with open_board(rig) as stepped:
+        expected = measure_cycles(stepped, calibrators, clouds=1, sizes=(20, 100))
+    with open_board(real_rig, port=pty_board(rig).path) as board:
+        found = measure_cycles(board, calibrators, clouds=1, sizes=(20, 100))
+    assert {name: cost.cycles.tolist() for name, cost in found.items()} == {
+        name: cost.cycles.tolist() for name, cost in expected.items()
+    }
+
+
+def test_the_paced_board_is_never_ahead_of_wall_time(pty_board: StartPtyBoard, rig: Rig) -> None:
+    paced = pty_board(rig)
+    began_s, virtual_s = time.monotonic(), paced.bench.time_s
+    paced.bench.turn_to(Pose(60.0, 0.0, 0.0))
+    # 0.5 s at 120 degrees a second, begun on the 0.05 s grid; one step is under way at either end.
+    assert paced.bench.time_s - virtual_s >= 0.5
+    assert paced.bench.time_s - virtual_s <= time.monotonic() - began_s + 0.02
+
+
+def test_a_cable_pulled_while_the_board_works_is_a_lost_link_not_a_late_answer(
+    pty_board: StartPtyBoard, rig: Rig, real_rig: Rig
+) -> None:
+    paced = pty_board(rig)
+    with open_board(real_rig, port=paced.path) as board:
+        hand = threading.Timer(0.3, paced.unplug)
+        hand.start()
+        began_s = time.monotonic()
+        with pytest.raises(LinkLostError, match="Check cable and power") as caught:
+            board.session.request(GyroscopeRest(4000, timeout_us=30_000_000))
+        # It would have taken 20 s: the loss is noticed when it happens.
+        assert 0.3 <= time.monotonic() - began_s < 3.0
+        assert not isinstance(caught.value, TimeoutError)
+        assert caught.value.port == paced.path
+        assert board.session.attempts[-1].outcome is Outcome.ERROR
+        with pytest.raises(LinkLostError):
+            board.session.request(LinkStatistics())
+        hand.join()
+
+
+def test_a_board_that_falls_silent_is_late_and_its_deadline_is_kept(
+    pty_board: StartPtyBoard, rig: Rig, real_rig: Rig
+) -> None:
+    paced = pty_board(rig)
+    with open_board(real_rig, port=paced.path) as board:
+        paced.bench.stop()
+        began_s = time.monotonic()
+        with pytest.raises(DeviceTimeoutError, match=r"LINK_STATISTICS within 0\.2 s \(wall time\)") as caught:
+            board.session.request(LinkStatistics(), deadline_s=0.2)
+        # Every attempt has its deadline, late by a read slice at most; the rest is a busy machine.
+        late_s = time.monotonic() - began_s - 0.2 * ATTEMPTS
+        assert 0.0 <= late_s < READ_SLICE_S * ATTEMPTS + 1.0
+        assert caught.value.found == ""  # nobody can look into a real board
+
+
+def test_a_port_on_which_nobody_answers_is_a_sync_error(real_rig: Rig) -> None:
+    terminal = PseudoTerminal()
+    try:
+        began_s = time.monotonic()
+        with pytest.raises(SyncError, match=f"3 synchronisation requests on {terminal.path}, only silence"):
+            open_board(real_rig, port=terminal.path)
+        late_s = time.monotonic() - began_s - REPLY_DEADLINE_S * ATTEMPTS
+        assert 0.0 <= late_s < READ_SLICE_S * ATTEMPTS + 1.0
+    finally:
+        terminal.unplug()
+
+
+def test_firmware_that_faults_is_silent_and_the_far_end_keeps_why(
+    pty_board: StartPtyBoard, rig: Rig, real_rig: Rig
+) -> None:
+    paced = pty_board(rig)
+    with open_board(real_rig, port=paced.path) as board:
+        machine = paced.machine
+        # udf #0, in a function that has not run yet.
+        machine.processor.memory.write(machine.image.symbols["command_link_statistics"].address & ~1, b"\x00\xde")
+        board.session.request(Identify())
+        with pytest.raises(DeviceTimeoutError):
+            board.session.request(LinkStatistics(), deadline_s=0.1)
+    assert isinstance(paced.bench.fault, BoardFault)
+    assert "command_link_statistics" in str(paced.bench.fault)
+    with pytest.raises(BoardFault):
+        paced.bench.turn_to(Pose(90.0))

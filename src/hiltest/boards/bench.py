@@ -61,9 +61,17 @@ class VirtualBench:
 
     def turn_to(self, pose: Pose, *, judged_pose: int | None = None) -> None:
         """Turn the table, and let virtual time run until it stands."""
-        self.machine.run_until(self._world.turn_to(pose, time_s=self.machine.time_s, judged_pose=judged_pose))
+        self.machine.run_until(self.begin_turn(pose, judged_pose=judged_pose))
 
     def tumble(self, duration_s: float) -> None:
         """Go to where a tumble begins, begin it, and come back."""
+        self.machine.run_until(self.begin_tumble(duration_s))
+
+    def begin_turn(self, pose: Pose, *, judged_pose: int | None = None) -> float:
+        """Set the table going, and return when it will stand [virtual s]; the clock does not move."""
+        return self._world.turn_to(pose, time_s=self.machine.time_s, judged_pose=judged_pose)
+
+    def begin_tumble(self, duration_s: float) -> float:
+        """Set the table going, and return when the tumble itself will begin [virtual s]; the clock does not move."""
         self._world.tumble(time_s=self.machine.time_s, duration_s=duration_s)
-        self.machine.run_until(self._world.last_move_start_s)
+        return self._world.last_move_start_s
