@@ -6,7 +6,7 @@ from hiltest.angles import Pose
 from hiltest.procedures.calibrate import UNCALIBRATED, UNCALIBRATED_SLOT, CalibratorRun, run_calibrators
 from hiltest.procedures.cause import Cause, name_cause, predicted_residual_percent
 from hiltest.procedures.clouds import golden_cloud
-from hiltest.procedures.coverage import sphere_coverage
+from hiltest.procedures.coverage import largest_hole_deg, sphere_coverage
 from hiltest.procedures.cycles import CycleCost, measure_cycles
 from hiltest.procedures.heading_statistics import HeadingSummary, summarise, tilt_to_heading
 from hiltest.procedures.known_angles import KnownAngles, measure_known_angles
@@ -48,6 +48,7 @@ __all__ = [
     "check_link",
     "collect_tumble",
     "golden_cloud",
+    "largest_hole_deg",
     "measure_accelerometer_rest",
     "measure_cycles",
     "measure_gyroscope_rest",

@@ -1,37 +1,77 @@
-"""How much of the sphere a cloud of points has seen."""
+"""How much of the sphere a cloud of magnetometer points has seen."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-# 10 bands of equal height, each cut into 10: equal areas, by Archimedes.
-_BANDS = 10
-_SLICES = 10
-CELLS = _BANDS * _SLICES
+from hiltest.calibration.fit import FitStatus
+from hiltest.calibration.quality import sphere_directions
+from hiltest.calibration.sphere import fit_sphere
+from hiltest.link.replies import MICROTESLA_PER_COUNT
+
+# Each stands for 2 degrees of the sphere about it: the hole is found that much too small at worst.
+_DIRECTIONS = sphere_directions(5000)
+# A board that lies still gives a ball of noise, and a sphere fits that as well, but not with the field as its radius.
+_RADIUS_WITHIN = 2.0
 
 
-def sphere_coverage(points: ArrayLike) -> float:
-    """Return the share of equal-area cells that hold a point, 0 to 1.
+def largest_hole_deg(points: ArrayLike, *, field_ut: float) -> float:
+    """Return the radius of the largest cap of the sphere that holds no point [deg].
 
     Parameters
     ----------
     points : array_like, shape (n, 3)
-        Magnetometer counts. Directions are taken from the middle of each axis' range, which
-        comes to lie at the hard iron as the points go round.
+        Magnetometer counts.
+    field_ut : float
+        Strength of the local field, within a factor of two.
+
+    Returns
+    -------
+    float
+        0 to 180; 180 while the points do not tell yet where the middle of the sphere is.
 
     Notes
     -----
-    For an operator who turns a board, not for a verdict: the calibrators judge coverage by
-    their own pivots.
+    Directions are seen from the centre of the sphere that fits the points best. The middle of
+    their range will not do: a patch looks all round from its own middle.
+
+    A hole is what an operator can act on, and it says what a fit cannot know: where no point is
+    nothing holds the ellipsoid. It does not depend on cells that would have to suit the number
+    of points (of 100 equal cells 100 random points fill 63). Random points over
+    the whole sphere leave 30 degrees at n = 100, 18 at 300; evenly spread ones 16 and 9.
     """
     cloud = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-    if not len(cloud):
-        return 0.0
-    centred = cloud - (cloud.min(axis=0) + cloud.max(axis=0)) / 2.0
-    norms = np.linalg.norm(centred, axis=1)
-    directions = centred[norms > 0.0] / norms[norms > 0.0, np.newaxis]
-    band = np.clip((directions[:, 2] + 1.0) / 2.0 * _BANDS, 0, _BANDS - 1).astype(int)
-    turn = np.arctan2(directions[:, 1], directions[:, 0]) / (2.0 * np.pi) + 0.5
-    piece = np.clip(turn * _SLICES, 0, _SLICES - 1).astype(int)
-    return len(set(zip(band.tolist(), piece.tolist(), strict=True))) / CELLS
+    sphere = fit_sphere(cloud, FitStatus.NOT_AN_ELLIPSOID)
+    if not sphere.has_fit:
+        return 180.0
+    radius_ut = MICROTESLA_PER_COUNT / float(sphere.soft_iron[0, 0])
+    if not field_ut / _RADIUS_WITHIN < radius_ut < field_ut * _RADIUS_WITHIN:
+        return 180.0
+    corrected = sphere.corrected(cloud)
+    norms = np.linalg.norm(corrected, axis=1, keepdims=True)
+    directions: NDArray[np.float64] = np.divide(corrected, norms, out=np.zeros_like(corrected), where=norms > 0.0)
+    nearest = (_DIRECTIONS @ directions.T).max(axis=1)
+    return math.degrees(math.acos(max(-1.0, min(1.0, float(nearest.min())))))
+
+
+def sphere_coverage(points: ArrayLike, *, field_ut: float) -> float:
+    """Return the part of the sphere's area that is outside of the largest hole, 0 to 1.
+
+    Parameters
+    ----------
+    points : array_like, shape (n, 3)
+        Magnetometer counts.
+    field_ut : float
+        Strength of the local field, within a factor of two.
+
+    Notes
+    -----
+    ``(1 + cos hole) / 2``: points on a part of the sphere with a cap left out give that part, as
+    the thesis' generator and the calibrators' own coverage figures speak of it (within 0.02 for 100 points
+    and a soft iron of 3 %). 100 random points over the whole sphere give 0.93. For an operator who turns a board, not
+    for a verdict: the calibrators judge by their own pivots.
+    """
+    return (1.0 + math.cos(math.radians(largest_hole_deg(points, field_ut=field_ut)))) / 2.0

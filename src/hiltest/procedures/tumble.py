@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from hiltest.boards.board import Board
 from hiltest.errors import PoorCoverageError
 from hiltest.link.messages import MAX_POINTS_READ, ClearPoints, Collect, Points, SensorKind
-from hiltest.procedures.coverage import sphere_coverage
+from hiltest.procedures.coverage import largest_hole_deg, sphere_coverage
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.turntables import Turntable
 
@@ -30,8 +30,8 @@ class Tumble:
     ----------
     points, accelerometer : ndarray of int16, shape (n, 3)
         Magnetometer counts, and the accelerometer sample taken with each.
-    coverage : float
-        Share of equal-area cells of the sphere that hold a point, 0 to 1.
+    field_ut : float
+        Strength of the local field, as declared.
     overruns : int
         Samples that the sensor replaced before they were read.
     duration_s : float
@@ -40,13 +40,22 @@ class Tumble:
 
     points: Counts
     accelerometer: Counts
-    coverage: float
+    field_ut: float
     overruns: int
     duration_s: float
 
+    @property
+    def coverage(self) -> float:
+        """Part of the sphere outside of the largest hole, 0 to 1."""
+        return self.coverage_of(len(self.points))
+
     def coverage_of(self, n: int) -> float:
         """Return the coverage of the first n points."""
-        return sphere_coverage(self.points[:n])
+        return sphere_coverage(self.points[:n], field_ut=self.field_ut)
+
+    def largest_hole_deg_of(self, n: int) -> float:
+        """Return the radius of the largest cap of the sphere that the first n points leave empty."""
+        return largest_hole_deg(self.points[:n], field_ut=self.field_ut)
 
 
 def collect_tumble(
@@ -76,7 +85,7 @@ def collect_tumble(
     board.sensor(SensorKind.MAGNETOMETER)
     if points > board.identity.max_points:
         raise PoorCoverageError(f"{points} points asked for; the board's buffer holds {board.identity.max_points}")
-    session = board.session
+    session, field_ut = board.session, board.declared.field_ut
     session.request(ClearPoints())
     turntable.tumble(_MARGIN * points / _RATE_HZ)
     began_s = board.now_s()
@@ -92,6 +101,7 @@ def collect_tumble(
             magnetometer.append(back.magnetometer)
             accelerometer.append(back.accelerometer)
         stored = reply.stored
-        tell(f"tumble, {100 * sphere_coverage(np.concatenate(magnetometer)):.0f} % of the sphere", stored, points)
-    cloud = np.concatenate(magnetometer)
-    return Tumble(cloud, np.concatenate(accelerometer), sphere_coverage(cloud), overruns, board.now_s() - began_s)
+        seen = sphere_coverage(np.concatenate(magnetometer), field_ut=field_ut)
+        tell(f"tumble, {100 * seen:.0f} % of the sphere", stored, points)
+    duration_s = board.now_s() - began_s
+    return Tumble(np.concatenate(magnetometer), np.concatenate(accelerometer), field_ut, overruns, duration_s)
