@@ -11,7 +11,7 @@ import serial
 
 from hiltest.angles import Pose, rotation_body_from_ned
 from hiltest.boards import BoardKind, Declared, VirtualBench, VirtualBoard, default_firmware, open_board
-from hiltest.errors import ConfigError, DeviceError, SensorAbsentError
+from hiltest.errors import ConfigError, DeviceError, SensorAbsentError, VersionMismatchError
 from hiltest.link.framing import Frame, FrameDecoder, encode_frame
 from hiltest.link.messages import Average, CycleSource, LinkStatistics, SensorKind, Sync
 from hiltest.link.replies import DPS_PER_COUNT, G_PER_COUNT, MICROTESLA_PER_COUNT
@@ -140,3 +140,11 @@ def test_a_core_without_a_cycle_counter_fits_and_gives_no_cycle_number(rig: Rig)
         run = run_calibrators(board, tumble, calibrators=["direct"])["direct"]
     assert run.usable
     assert run.cost is None
+
+
+def test_another_firmware_is_named_with_what_it_calls_itself(rig: Rig, tmp_path: Path) -> None:
+    own = default_firmware().read_bytes()
+    assert own.count(b"hiltest-frdm-k64f\0") == 1
+    (tmp_path / "other.elf").write_bytes(own.replace(b"hiltest-frdm-k64f\0", b"another-frdm-k64f\0"))
+    with pytest.raises(VersionMismatchError, match="'another-frdm-k64f'"):
+        open_board(rig, firmware=tmp_path / "other.elf")

@@ -126,7 +126,7 @@ def measure_cycles(
 
     Notes
     -----
-    On a virtual board nearly half of the wall time goes into the firmware's receiving the
+    On a virtual board more than half of the wall time goes into the firmware's receiving the
     clouds, 60 kB over its UART. No byte of it is saved: the spread is over different points, and
     on a real board they come the same way.
     """
