@@ -98,6 +98,10 @@ class SensorAbsentError(BenchError):
         super().__init__(f"no {wanted} answers on the board; sensors that do: {listed}. {hint}")
 
 
+class OperatorAbsentError(BenchError):
+    """Somebody has to turn the board, and nobody answers; what needs no turning still runs."""
+
+
 class BoardFault(BenchError):
     """The virtual board's processor met a fault, or hung.
 

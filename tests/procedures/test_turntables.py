@@ -8,7 +8,7 @@ import pytest
 
 from hiltest.angles import Pose
 from hiltest.boards import Board
-from hiltest.errors import BenchError
+from hiltest.errors import OperatorAbsentError
 from hiltest.procedures import Achieved, OperatorTurntable, Turntable
 
 
@@ -41,8 +41,18 @@ def test_nonsense_is_asked_again_and_then_given_up() -> None:
     assert table.turn_to(Pose(10.0)).heading_deg == 12.0
     assert len(asked) == 3
     _, prompt = answers("north", "361", "inf")
-    with pytest.raises(BenchError, match="3 answers were no heading"):
+    with pytest.raises(OperatorAbsentError, match="3 answers were no heading"):
         OperatorTurntable(prompt=prompt, uncertainty_deg=0.5).turn_to(Pose(10.0))
+
+
+def test_a_terminal_that_has_been_closed_is_an_absent_operator() -> None:
+    def closed(_: str) -> str:
+        raise EOFError
+
+    table = OperatorTurntable(prompt=closed, uncertainty_deg=0.5)
+    for ask in (table.rest, lambda: table.tumble(2.0), lambda: table.turn_to(Pose(30.0))):
+        with pytest.raises(OperatorAbsentError, match=r"nobody answers at the terminal; this was asked: \w+"):
+            ask()
 
 
 def test_an_operator_is_asked_to_rest_and_to_tumble() -> None:

@@ -9,7 +9,7 @@ from typing import Protocol
 
 from hiltest.angles import Pose
 from hiltest.boards.board import Board, Stage
-from hiltest.errors import BenchError
+from hiltest.errors import OperatorAbsentError
 
 LEVEL = Pose(0.0, 0.0, 0.0)
 # An operator who gives nonsense this often in a row is not there.
@@ -103,8 +103,8 @@ class OperatorTurntable:
 
         Raises
         ------
-        BenchError
-            When three answers in a row are no angle.
+        OperatorAbsentError
+            When nobody answers, or three answers in a row are no angle.
         """
         number = "" if judged is None else f"pose {judged + 1}: "
         question = (
@@ -112,21 +112,30 @@ class OperatorTurntable:
             "and let it stand still. Enter when there, or type the heading reached: "
         )
         for _ in range(_QUESTIONS):
-            heading_deg = _heading(self._prompt(question), pose.heading_deg)
+            heading_deg = _heading(self._ask(question), pose.heading_deg)
             if heading_deg is not None:
                 return Achieved(heading_deg, pose.pitch_deg, pose.roll_deg, self.uncertainty_deg)
-        raise BenchError(f"{_QUESTIONS} answers were no heading between -360 and 360: is an operator there?")
+        raise OperatorAbsentError(f"{_QUESTIONS} answers were no heading between -360 and 360: is an operator there?")
 
     def tumble(self, duration_s: float) -> None:
         """Ask the operator to turn the board all round."""
-        self._prompt(
+        self._ask(
             f"take the board in your hand and turn it slowly all round for {duration_s:.0f} s, "
             "each side down once; Enter to begin: "
         )
 
     def rest(self) -> None:
         """Ask for the board to lie still."""
-        self._prompt("put the board down level and leave it still; Enter when it is: ")
+        self._ask("put the board down level and leave it still; Enter when it is: ")
+
+    def _ask(self, question: str) -> str:
+        try:
+            return self._prompt(question)
+        except EOFError:
+            raise OperatorAbsentError(
+                f"nobody answers at the terminal; this was asked: {question.strip()} "
+                "Run it where somebody can type and turn the board."
+            ) from None
 
 
 def open_turntable(
@@ -136,13 +145,13 @@ def open_turntable(
 
     Raises
     ------
-    BenchError
+    OperatorAbsentError
         When the board needs an operator and nobody can be asked.
     """
     if board.stage is not None:
         return SimulatedTurntable(board.stage, uncertainty_deg=uncertainty_deg)
     if prompt is None:
-        raise BenchError("a real board needs somebody to turn it, and there is nobody to ask")
+        raise OperatorAbsentError("a real board needs somebody to turn it, and there is nobody to ask")
     return OperatorTurntable(prompt=prompt, uncertainty_deg=uncertainty_deg)
 
 
