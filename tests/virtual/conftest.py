@@ -25,13 +25,14 @@ def build(tmp_path: Path, require_tool: Callable[[str], str]) -> Build:
     """Return a function that compiles sources (files in programs/, or text) into an ELF."""
     compiler = require_tool("arm-none-eabi-gcc")
 
-    def compile_program(source: str | Path, *flags: str) -> Path:
+    def compile_program(source: str | Path, *flags: str, with_start: bool = True) -> Path:
         path = source
         if isinstance(source, str):
             path = tmp_path / "program.S"
             path.write_text(source)
         elf = tmp_path / "program.elf"
-        command = [compiler, *FLAGS, *flags, str(PROGRAMS / "start.S"), str(path), "-o", str(elf)]
+        start = [str(PROGRAMS / "start.S")] if with_start else ["-Wl,-e,main"]
+        command = [compiler, *FLAGS, *flags, *start, str(path), "-o", str(elf)]
         subprocess.run(command, check=True, timeout=60)
         return elf
 

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
+import signal
+import threading
+
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from hiltest.errors import BoardFault, ConfigError
+from hiltest.virtual.elf import FirmwareImage
 from hiltest.virtual.k64f import VirtualK64F
 
-from .conftest import Build
+from .conftest import SHIPPED, Build
 
 HEAD = """
     .syntax unified
@@ -93,5 +100,63 @@ def test_calling_a_function_that_is_not_there_names_the_nearest(build: Build) ->
 
 
 def test_a_file_that_is_no_firmware_is_refused() -> None:
-    with pytest.raises(ConfigError, match="not an ELF"):
+    with pytest.raises(ConfigError, match="not a whole ELF"):
         VirtualK64F(b"\x7fELx" + bytes(60))
+
+
+@pytest.mark.parametrize("size", [0, 16, 52, 100, 5000, 100_000])
+def test_a_truncated_file_is_refused(size: int) -> None:
+    with pytest.raises(ConfigError, match=r"whole ELF|ends within"):
+        VirtualK64F(SHIPPED.read_bytes()[:size])
+
+
+@given(st.integers(0, 2000), st.integers(0, 255))
+def test_a_damaged_header_is_refused_or_harmless(position: int, value: int) -> None:
+    content = bytearray(SHIPPED.read_bytes())
+    content[position % 0x54] = value  # ELF header and first program header
+    with contextlib.suppress(ConfigError):
+        VirtualK64F(bytes(content))
+
+
+@pytest.mark.parametrize(
+    ("flags", "what"),
+    [(["-mcpu=cortex-m7", "-mfpu=fpv5-d16"], "floating-point unit"), (["-mcpu=cortex-m33"], "another core")],
+)
+def test_an_image_for_a_neighbouring_core_is_refused(build: Build, flags: list[str], what: str) -> None:
+    head = HEAD.replace("    .cpu cortex-m4\n", "").replace("    .fpu fpv4-sp-d16\n", "")
+    elf = build(head + TAIL, *flags, with_start=False)
+    with pytest.raises(ConfigError, match=what):
+        VirtualK64F(elf)
+
+
+@pytest.mark.parametrize(
+    ("position", "word"), [(0, 0), (0, 0x20030004), (4, 0), (4, 0x00000410), (4, 0x20000001)],
+    ids=["no stack", "stack past SRAM", "no reset", "no Thumb bit", "reset in RAM"],
+)
+def test_a_vector_table_that_is_none_is_refused(build: Build, position: int, word: int) -> None:
+    elf = bytearray(build(HEAD + TAIL).read_bytes())
+    image = FirmwareImage(bytes(elf))
+    at = bytes(elf).index(image.segments[0].data)
+    elf[at + position : at + position + 4] = word.to_bytes(4, "little")
+    board = VirtualK64F(bytes(elf))
+    with pytest.raises(ConfigError, match="no vector table"):
+        board.run_until(0.1)
+
+
+def test_a_handler_without_the_thumb_bit_is_a_fault(build: Build) -> None:
+    board = VirtualK64F(build(HEAD + "    svc 0" + TAIL))
+    board.boot()
+    board.processor.memory.write_words(4 * 11, [0x410])
+    with pytest.raises(BoardFault, match="exception 11 has no Thumb bit"):
+        board.run_until(0.1)
+
+
+def test_ctrl_c_stops_a_running_board_and_it_can_go_on(build: Build) -> None:
+    board = VirtualK64F(build(HEAD + "1:  adds r7, #1\n    nop\n    b 1b" + TAIL))
+    for _ in range(20):
+        # Anywhere in callbacks and between them: none may be dropped.
+        threading.Timer(0.03, signal.raise_signal, [signal.SIGINT]).start()
+        before = board.cycles
+        with pytest.raises(KeyboardInterrupt):
+            board.run_until(3600.0)
+        assert board.cycles > before

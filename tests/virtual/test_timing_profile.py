@@ -9,7 +9,7 @@ from hiltest.virtual.instructions import decode
 from hiltest.virtual.timing import NEUTRAL, load_profile, price
 
 PROFILE = load_profile("cortex-m4-trm/1")
-DIGEST = "531dd048fc3eee407491820f6201e164f37664975bf08efda1709b11f688ed55"
+DIGEST = "ccd542b4092b1c24f2e4cde314d66952353f82945181fb8c1cab5e3a6ba11a3a"
 
 # Machine code, little-endian, written from the encodings in the ARMv7-M manual.
 LDR_R0_R1 = bytes.fromhex("0868")  # ldr r0, [r1]

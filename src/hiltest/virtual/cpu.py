@@ -21,8 +21,9 @@ from unicorn.unicorn_py3.unicorn import uclib
 from hiltest.errors import BoardFault
 from hiltest.virtual.accounting import Accounting, Block, BlockAccounting, InstructionAccounting
 from hiltest.virtual.elf import FirmwareImage
-from hiltest.virtual.exceptions import ExceptionUnit
+from hiltest.virtual.exceptions import ExceptionUnit, VectorError
 from hiltest.virtual.instructions import Instruction
+from hiltest.virtual.interrupt import deferred_interrupt
 from hiltest.virtual.memory import BoardMemory
 from hiltest.virtual.nvic import SVCALL, Nvic
 from hiltest.virtual.registers import CoreRegisters
@@ -92,7 +93,7 @@ class Processor:
                 return
             try:
                 begins(address, size)
-            except BaseException as error:  # Ctrl-C too: re-raised by `run`; ctypes would print and drop it
+            except BaseException as error:  # re-raised by `run`; ctypes would print and drop it
                 abort(error)
 
         # Straight through the C interface: the binding's own wrapper doubles the cost of each block.
@@ -273,17 +274,16 @@ class Processor:
         BoardFault
             The processor met a fault or hung.
         """
-        while True:
-            self.schedule.run_due(self.cycles)
-            if wake is not None and wake():
-                return False
-            if self.cycles >= until_cycle:
-                return False
-            self._take_exception()
-            if self.sleeping:
-                self._sleep(until_cycle)
-            elif self._execute(min(self.schedule.next_cycle, until_cycle, self.cycles + _SLICE_CYCLES)):
-                return True
+        with deferred_interrupt(self.look_soon) as interrupted:
+            while True:
+                self.schedule.run_due(self.cycles)
+                if (wake is not None and wake()) or self.cycles >= until_cycle or interrupted():
+                    return False
+                self._take_exception()
+                if self.sleeping:
+                    self._sleep(until_cycle)
+                elif self._execute(min(self.schedule.next_cycle, until_cycle, self.cycles + _SLICE_CYCLES)):
+                    return True
 
     def _take_exception(self) -> None:
         self.nvic.changed = False
@@ -291,7 +291,11 @@ class Processor:
             return
         if self.nvic.wakes():
             self.sleeping = False
-        if self.exceptions.take():
+        try:
+            taken = self.exceptions.take()
+        except VectorError as error:
+            raise self.fault(str(error), self.registers.pc.get()) from error
+        if taken:
             self.accounting.cycles += self.profile.exception_entry
             self.accounting.flush_pipeline()
 

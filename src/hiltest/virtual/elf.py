@@ -1,7 +1,8 @@
 """Firmware images: what to load, what the symbols are called, where a line comes from.
 
-Everything here treats the ELF as hostile until parsed: a file that is not a
-32-bit little-endian Arm executable ends in a `ConfigError` that says so.
+The ELF is hostile until parsed. What loading needs (header, segments, symbols,
+processor) is read and checked at once, and what is wrong ends in a `ConfigError`
+that says so. Debug information only adds names: when it is damaged there are none.
 """
 
 from __future__ import annotations
@@ -14,10 +15,15 @@ from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from elftools.common.exceptions import ELFError
 from elftools.elf.elffile import ELFFile
 
 from hiltest.errors import ConfigError
+
+# Values of the build attributes, from the addenda to the Arm ABI: profile M; v6-M, v6S-M, v7 and v7E-M code;
+# no floating-point instructions, or those of FPv4-SP. Newer ones the processor does not have.
+_PROFILE_M = ord("M")
+_CORES = {0, 10, 11, 12, 13}
+_FLOATING_POINT = {0, 6}
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +69,14 @@ class FirmwareImage:
     Raises
     ------
     ConfigError
-        If it cannot be read, is no ELF, or is for another processor.
+        If it cannot be read, is no whole ELF, or is for another processor.
+
+    Attributes
+    ----------
+    segments : tuple of Segment
+        What to load.
+    symbols : dict of str to Symbol
+        Functions and objects by name; empty for a stripped file.
     """
 
     def __init__(self, source: Path | bytes) -> None:
@@ -77,8 +90,18 @@ class FirmwareImage:
                 raise ConfigError(f"{source}: cannot read the firmware: {error.strerror}") from error
         try:
             self._elf = ELFFile(io.BytesIO(content))
-        except ELFError as error:
-            raise ConfigError(f"{self.name}: not an ELF file ({error}); give the .elf that the linker wrote") from error
+            self._check_processor()
+            self.segments = self._read_segments()
+            self.symbols = self._read_symbols()
+        except ConfigError:
+            raise
+        except Exception as error:  # the parser raises whatever a damaged file makes it meet, struct.error to KeyError
+            raise ConfigError(
+                f"{self.name}: not a whole ELF file ({str(error) or type(error).__name__}); "
+                "give the .elf that the linker wrote"
+            ) from error
+
+    def _check_processor(self) -> None:
         header = self._elf.header
         if header.e_machine != "EM_ARM" or self._elf.elfclass != 32 or not self._elf.little_endian:
             raise ConfigError(
@@ -87,18 +110,40 @@ class FirmwareImage:
             )
         if header.e_type != "ET_EXEC":
             raise ConfigError(f"{self.name}: {header.e_type} is not an executable; link it first")
+        attributes = self._attributes()
+        profile = attributes.get("TAG_CPU_ARCH_PROFILE", _PROFILE_M)
+        core, floating = attributes.get("TAG_CPU_ARCH", 0), attributes.get("TAG_FP_ARCH", 0)
+        if profile != _PROFILE_M or core not in _CORES or floating not in _FLOATING_POINT:
+            what = "another core" if profile != _PROFILE_M or core not in _CORES else "another floating-point unit"
+            raise ConfigError(
+                f"{self.name}: its attributes say that it is built for {what}; the board has a Cortex-M4F: "
+                "build with -mcpu=cortex-m4 -mfpu=fpv4-sp-d16"
+            )
 
-    @cached_property
-    def segments(self) -> tuple[Segment, ...]:
-        """Loadable segments in file order; one of zeroed data has no content."""
-        return tuple(
+    def _attributes(self) -> dict[str, Any]:
+        """Read what the compiler says of the processor (section .ARM.attributes); empty without it."""
+        section: Any = self._elf.get_section_by_name(".ARM.attributes")
+        found: dict[str, Any] = {}
+        for subsection in section.iter_subsections() if section is not None else ():
+            for part in subsection.iter_subsubsections():
+                found |= {attribute.tag: attribute.value for attribute in part.iter_attributes()}
+        return found
+
+    def _read_segments(self) -> tuple[Segment, ...]:
+        """Read the loadable segments in file order; one of zeroed data has no content."""
+        segments = tuple(
             Segment(segment.header.p_paddr, segment.header.p_vaddr, segment.data(), segment.header.p_memsz)
             for segment in self._elf.iter_segments("PT_LOAD")
         )
+        for segment, read in zip(self._elf.iter_segments("PT_LOAD"), segments, strict=True):
+            if len(read.data) != segment.header.p_filesz or segment.header.p_memsz < segment.header.p_filesz:
+                raise ConfigError(f"{self.name}: the file ends within a segment; copy it again")
+        if not any(segment.data for segment in segments):
+            raise ConfigError(f"{self.name}: nothing in it to load")
+        return segments
 
-    @cached_property
-    def symbols(self) -> dict[str, Symbol]:
-        """Named functions and objects; a global one wins over a local one of the same name."""
+    def _read_symbols(self) -> dict[str, Symbol]:
+        """Read named functions and objects; a global one wins over a local one of the same name."""
         found: dict[str, Symbol] = {}
         table: Any = self._elf.get_section_by_name(".symtab")
         if table is None:
@@ -127,7 +172,10 @@ class FirmwareImage:
 
     @cached_property
     def _lines(self) -> tuple[list[int], list[tuple[int, str]]]:
-        rows = sorted(self._line_rows()) if self._elf.has_dwarf_info() else []
+        try:
+            rows = sorted(self._line_rows()) if self._elf.has_dwarf_info() else []
+        except Exception:  # damaged debug information, as above: a fault is then reported without lines
+            rows = []
         return [row[0] for row in rows], [(row[1], row[2]) for row in rows]
 
     def _line_rows(self) -> Iterator[tuple[int, int, str]]:
@@ -161,9 +209,13 @@ class FirmwareImage:
 
     @cached_property
     def _subprograms(self) -> dict[str, Any]:
+        try:
+            return self._read_subprograms() if self._elf.has_dwarf_info() else {}
+        except Exception:  # damaged debug information: functions are then called as without any
+            return {}
+
+    def _read_subprograms(self) -> dict[str, Any]:
         found: dict[str, Any] = {}
-        if not self._elf.has_dwarf_info():
-            return found
         for unit in self._elf.get_dwarf_info().iter_CUs():
             for die in unit.get_top_DIE().iter_children():
                 name = die.attributes.get("DW_AT_name")

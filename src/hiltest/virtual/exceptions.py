@@ -13,6 +13,10 @@ _THUMB = 1 << 24
 _NO_FRAME = 0
 
 
+class VectorError(Exception):
+    """The vector of an exception has no Thumb bit: the part would take a fault instead."""
+
+
 class ExceptionUnit:
     """Moves register frames to and from the stack.
 
@@ -41,7 +45,13 @@ class ExceptionUnit:
         self._floating_active = True
 
     def take(self) -> bool:
-        """Enter the most urgent deliverable exception, if there is one."""
+        """Enter the most urgent deliverable exception, if there is one.
+
+        Raises
+        ------
+        VectorError
+            When its vector is none.
+        """
         exception = self._nvic.next_exception(ceiling=self._ceiling())
         if exception is None:
             return False
@@ -71,7 +81,9 @@ class ExceptionUnit:
         self._floating_active = False
         exc_return = 0xFFFFFFE1 | (0 if extended else 0x10) | (0 if from_handler else 0x08) | (0x04 if uses_psp else 0)
         handler = self._memory.read_words(self.vector_table + 4 * exception, 1)[0]
-        registers.entry.write([base, (xpsr & _APSR) | _THUMB | exception, exc_return, handler | 1])
+        if not handler & 1:
+            raise VectorError(f"vector 0x{handler:08x} of exception {exception} has no Thumb bit")
+        registers.entry.write([base, (xpsr & _APSR) | _THUMB | exception, exc_return, handler])
         self._nvic.enter(exception)
 
     def leave(self, exc_return: int) -> None:

@@ -12,6 +12,7 @@ from hiltest.virtual.cpu import Processor
 from hiltest.virtual.elf import FirmwareImage
 from hiltest.virtual.i2c_bus import I2cBus, I2cDevice
 from hiltest.virtual.instructions import decode
+from hiltest.virtual.memory import SRAM
 from hiltest.virtual.peripherals.bus import Peripheral, PeripheralBus, StoredRegisters
 from hiltest.virtual.peripherals.clocks import ClockGates, ClockGenerator, Watchdog
 from hiltest.virtual.peripherals.i2c import I2c
@@ -128,12 +129,25 @@ class VirtualK64F:
         processor.sleeping = False
         processor.accounting.forget_code()
         processor.accounting.flush_pipeline()
-        stack, entry = processor.memory.read_words(0, 2)
+        stack, entry = self._vectors()
         registers = processor.registers
         registers.xpsr.set(1 << 24)
         for register in (registers.control, registers.primask, registers.basepri, registers.faultmask):
             register.set(0)
         registers.general.write([0] * 13 + [stack, 0xFFFFFFFF, entry | 1, 1 << 24])
+
+    def _vectors(self) -> tuple[int, int]:
+        """Read initial stack pointer and reset vector; the part would lock up on wrong ones."""
+        stack, entry = self.processor.memory.read_words(0, 2)
+        in_sram = SRAM[0] < stack <= SRAM[0] + SRAM[1] and stack % 4 == 0
+        code = self.image.segments
+        in_code = any(segment.address <= entry & ~1 < segment.address + len(segment.data) for segment in code)
+        if not (in_sram and in_code and entry & 1):
+            raise ConfigError(
+                f"{self.image.name}: what stands at address 0 is no vector table (stack 0x{stack:08x}, reset "
+                f"0x{entry:08x}); link the vectors to 0, the stack into SRAM, and handlers with the Thumb bit"
+            )
+        return stack, entry
 
     def _request_reset(self) -> None:
         self.processor.abort(_ResetRequested())
@@ -196,6 +210,8 @@ class VirtualK64F:
         ------
         BoardFault
             The processor met a fault, or hung.
+        ConfigError
+            The image has no vector table to boot from.
         """
         if not self._booted:
             self.boot()
