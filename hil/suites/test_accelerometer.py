@@ -19,3 +19,4 @@ def test_gravity_at_rest(board: Board, turntable: Turntable, measure: Measure) -
 
 def test_gravity_at_the_known_angles(known_angles: KnownAngles, measure: Measure) -> None:
     measure("accelerometer.norm_rms", known_angles.accelerometer_norm_rms_mg, "mg")
+    measure("accelerometer.tilt_error", known_angles.max_tilt_error_deg, "deg")

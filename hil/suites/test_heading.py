@@ -22,6 +22,7 @@ def test_points_cover_the_sphere(tumble: Tumble, rig: Rig, measure: Measure) -> 
 
 def test_every_calibrator_fits_the_points(calibrations: dict[str, CalibratorRun], measure: Measure) -> None:
     for name, run in calibrations.items():
+        measure(f"fit.{name}.status", int(run.fit), "")
         measure(f"fit.{name}.residual", run.residual_percent, "%")
         measure(f"fit.{name}.residual_predicted", run.residual_predicted_percent, "%")
         measure(f"fit.{name}.offset_error", run.offset_error_ut, "uT")
@@ -59,12 +60,16 @@ def test_heading_at_known_angles(known_angles: KnownAngles, rig: Rig, measure: M
         measure(f"heading.{name}.tilt_sensitivity", errors.tilt_sensitivity_deg, "deg")
     measure.table(
         "heading.poses",
-        {"heading": "deg", "pitch": "deg", "roll": "deg", "level": ""}
+        {"heading": "deg", "pitch": "deg", "roll": "deg", "level": "", "reference": "deg"}
+        | {"answered_pitch": "deg", "answered_roll": "deg"}
+        | {f"answered.{name}": "deg" for name in known_angles.heading_deg}
         | {f"error.{name}": "deg" for name in known_angles.error_deg},
         [
-            [pose.heading_deg, pose.pitch_deg, pose.roll_deg, bool(level), *errors]
-            for pose, level, *errors in zip(
-                known_angles.poses, known_angles.level,
+            [pose.heading_deg, pose.pitch_deg, pose.roll_deg, bool(level), *numbers]
+            for pose, level, *numbers in zip(
+                known_angles.poses, known_angles.level, known_angles.reference_deg.tolist(),
+                known_angles.pitch_deg.tolist(), known_angles.roll_deg.tolist(),
+                *(headings.tolist() for headings in known_angles.heading_deg.values()),
                 *(errors.tolist() for errors in known_angles.error_deg.values()), strict=True,
             )
         ],

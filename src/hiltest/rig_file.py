@@ -41,6 +41,7 @@ MEASUREMENT_UNITS = {
     "cycles.*.spread": "cycle",
     "cycles.*.instructions": "instruction",
     "accelerometer.norm_rms": "mg",
+    "accelerometer.tilt_error": "deg",
     "gyroscope.bias_error": "dps",
     "board.virtual_seconds": "s",
     "board.wall_seconds": "s",

@@ -18,6 +18,7 @@ SOFT_IRON = """soft_iron = [
   [ 0.010,  0.982,  0.009],
   [-0.006,  0.009,  1.004],
 ]"""
+ACCELEROMETER = "accelerometer_offset_mg = [1.2, -1.5, 2.0]"
 MOUNTING = """[mounting]
 yaw_deg = 1.7                             # board heading = table heading + this, at every tilt
 uncertainty_deg = 0.2
@@ -52,20 +53,64 @@ def test_a_rotation_about_the_vertical_is_a_constant_offset(run_in, edited: Call
     assert abs(run.value("heading.direct.bias")) == pytest.approx(3.0, abs=0.5)
 
 
+def test_over_tilted_poses_the_same_rotation_is_no_constant(
+    run_in, edited: Callable[..., str], tmp_path: Path
+) -> None:
+    rig = edited((SOFT_IRON, soft_iron_turned_about_the_vertical(3.0)))
+    run = run_in(tmp_path, "--rig", rig, "--poses", "all", *SUITES)
+    assert run.code == 1
+    assert "(good fit, bad heading" in run.sentence
+
+
 def test_a_bad_accelerometer_is_named_first(run_in, edited: Callable[..., str], tmp_path: Path) -> None:
-    rig = edited(("accelerometer_offset_mg = [1.2, -1.5, 2.0]", "accelerometer_offset_mg = [60.0, -50.0, 40.0]"))
+    rig = edited((ACCELEROMETER, "accelerometer_offset_mg = [60.0, -50.0, 40.0]"))
     run = run_in(tmp_path, "--rig", rig, *SUITES)
     assert run.code == 1
     assert "(accelerometer)" in run.sentence
     assert "accelerometer.norm_rms" in run.sentence
 
 
+def test_a_horizontal_offset_that_the_norm_hardly_sees_is_still_the_accelerometer(
+    run_in, edited: Callable[..., str], tmp_path: Path
+) -> None:
+    rig = edited((ACCELEROMETER, "accelerometer_offset_mg = [20.0, 0.0, 0.0]"))
+    run = run_in(tmp_path, "--rig", rig, *SUITES)
+    assert run.code == 1
+    assert run.measured["accelerometer.norm_rms"]["outcome"] == "pass"
+    # 20 mg are 1.15 degrees of pitch on a level board; the gains and the noise beside it make 0.2.
+    assert run.value("accelerometer.tilt_error") == pytest.approx(np.degrees(0.020), abs=0.25)
+    assert "(accelerometer)" in run.sentence
+    assert "accelerometer.tilt_error" in run.sentence
+
+
+def test_points_on_a_part_of_the_sphere_are_poor_coverage(
+    run_in, edited: Callable[..., str], tmp_path: Path
+) -> None:
+    # Ten points of a tumble are one stroke of it.
+    rig = edited(("calibration_points = 100 ", "calibration_points = 10 "))
+    run = run_in(tmp_path, "--rig", rig, "--poses", "level", *SUITES)
+    assert run.code == 1
+    assert "(poor coverage: " in run.sentence
+    assert "only a sphere was fitted" in run.sentence
+
+
+def test_a_mounting_declared_wrongly_is_a_constant_offset(
+    run_in, edited: Callable[..., str], tmp_path: Path
+) -> None:
+    rig = edited(("yaw_deg = 1.7                             #", "yaw_deg = 4.7 #"))
+    run = run_in(tmp_path, "--rig", rig, "--poses", "level", *SUITES)
+    assert run.code == 1
+    assert "(constant offset)" in run.sentence
+    # 1.7 less 4.7; the default rig's own bias is within 0.12 over seeds, and few poses add a little to it.
+    assert run.value("heading.direct.bias") == pytest.approx(-3.0, abs=0.3)
+
+
 def test_an_undeclared_mounting_leaves_only_centred_values(
     run_in, edited: Callable[..., str], tmp_path: Path
 ) -> None:
-    rig = edited((MOUNTING, ""), ("[world]\n", "[world]\nmounting_yaw_deg = 1.7\n"))
+    rig = edited((MOUNTING, ""))
     assert load_rig(tmp_path / rig).mounting is None
-    run = run_in(tmp_path, "--rig", rig, *SUITES)
+    run = run_in(tmp_path, "--rig", rig, "--poses", "level", *SUITES)
     assert run.code == 22
     assert run.value("heading.direct.bias") == pytest.approx(1.7, abs=0.3)
     assert "Only centred values were judged: the rig declares no mounting" in run.sentence

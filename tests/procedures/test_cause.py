@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from hiltest.calibration.fit import FitStatus
 from hiltest.procedures.cause import Cause, name_cause, predicted_residual_percent
 
 GOOD = {
@@ -28,6 +29,27 @@ def test_a_heading_within_its_limits_has_no_cause() -> None:
 def test_a_wrong_accelerometer_comes_first() -> None:
     worst = {"max_deg": 9.0, "max_centred_deg": 5.0, "bias_deg": 4.0, "residual_percent": 7.0}
     assert cause(accelerometer_norm_rms_mg=20.0, **worst) is Cause.ACCELEROMETER
+
+
+def test_an_accelerometer_that_tilts_the_horizon_is_named_though_its_norm_is_good() -> None:
+    # 20 mg at a right angle to gravity: 0.2 mg of norm, 1.15 degrees of tilt, 2.2 of heading at 62 degrees of dip.
+    tilted = {"max_deg": 2.66, "max_centred_deg": 2.6, "tilt_error_deg": 1.15}
+    assert cause(tilt_limit_deg=0.5, **tilted) is Cause.ACCELEROMETER
+    assert cause(tilt_limit_deg=1.2, **tilted) is Cause.GOOD_FIT_BAD_HEADING
+    assert cause(tilt_limit_deg=None, **tilted) is Cause.GOOD_FIT_BAD_HEADING
+
+
+def test_a_sphere_is_no_good_fit_however_small_its_residual() -> None:
+    bad = {"max_deg": 6.5, "max_centred_deg": 6.4}
+    assert cause(fit=FitStatus.POOR_COVERAGE, **bad) is Cause.POOR_COVERAGE  # type: ignore[arg-type]
+    assert cause(fit=FitStatus.NOT_AN_ELLIPSOID, **bad) is Cause.BAD_FIT  # type: ignore[arg-type]
+    assert cause(fit=FitStatus.POOR_COVERAGE) is Cause.NONE  # type: ignore[arg-type]
+
+
+def test_points_on_less_than_half_the_sphere_are_poor_coverage_though_no_calibrator_says_so() -> None:
+    bad = {"max_deg": 6.5, "max_centred_deg": 6.4}
+    assert cause(coverage_percent=49.9, **bad) is Cause.POOR_COVERAGE
+    assert cause(coverage_percent=50.0, **bad) is Cause.GOOD_FIT_BAD_HEADING
 
 
 def test_the_same_error_everywhere_is_a_constant_offset() -> None:

@@ -91,6 +91,12 @@ def test_headings_are_judged_against_the_table_with_the_declared_mounting_off(
     # Tilt of the answer: accelerometer wrong by at most 3 mg + 0.3 %, that is 0.35 degrees.
     assert np.allclose(angles.pitch_deg, [p.pitch_deg for p in SOME_POSES], atol=0.35)
     assert np.allclose(angles.roll_deg, [p.roll_deg for p in SOME_POSES], atol=0.35)
+    assert angles.max_tilt_error_deg == pytest.approx(
+        max(
+            np.abs(angles.pitch_deg - [p.pitch_deg for p in SOME_POSES]).max(),
+            np.abs(angles.roll_deg - [p.roll_deg for p in SOME_POSES]).max(),
+        )
+    )
     assert angles.accelerometer_norm_rms_mg < 6.0
     assert angles.max_level_deg("direct") <= angles.summary("direct").max_deg
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.angles import Pose, heading_error_deg, wrap_360
+from hiltest.angles import Pose, heading_error_deg, wrap_180, wrap_360
 from hiltest.boards.board import Board
 from hiltest.errors import DeviceError
 from hiltest.link.messages import Average, SensorKind
@@ -41,6 +41,8 @@ class KnownAngles:
         Answer, and answer minus reference in (-180, 180], per calibration.
     pitch_deg, roll_deg : ndarray, shape (n,)
         As the board answered them.
+    tilt_error_deg : ndarray, shape (n, 2)
+        Answered pitch and roll minus what the turntable reached, in (-180, 180].
     accelerometer_norm : ndarray, shape (n,)
         Length of the mean accelerometer reading [g].
     """
@@ -54,6 +56,7 @@ class KnownAngles:
     error_deg: dict[str, Reals]
     pitch_deg: Reals
     roll_deg: Reals
+    tilt_error_deg: Reals
     accelerometer_norm: Reals
 
     @property
@@ -65,6 +68,11 @@ class KnownAngles:
     def accelerometer_norm_rms_mg(self) -> float:
         """How far the measured gravity is from 1 g, rms over the poses [mg]."""
         return rms([1000.0 * (float(norm) - 1.0) for norm in self.accelerometer_norm])
+
+    @property
+    def max_tilt_error_deg(self) -> float:
+        """Largest error of pitch or roll over the poses [deg]; the accelerometer alone makes it."""
+        return float(np.abs(self.tilt_error_deg).max())
 
     def summary(self, name: str) -> HeadingSummary:
         """Return the statistics of one calibration."""
@@ -134,6 +142,10 @@ def measure_known_angles(
         },
         pitch_deg=np.array([tilt.pitch_deg for tilt in tilts]),
         roll_deg=np.array([tilt.roll_deg for tilt in tilts]),
+        tilt_error_deg=np.array([
+            [wrap_180(tilt.pitch_deg - place.pitch_deg), wrap_180(tilt.roll_deg - place.roll_deg)]
+            for tilt, place in zip(tilts, achieved, strict=True)
+        ]),
         accelerometer_norm=np.array(norms_g),
     )
 

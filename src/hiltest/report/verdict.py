@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
+from hiltest.calibration.fit import FitStatus
 from hiltest.measurement import Measurement, Outcome
 from hiltest.procedures.cause import Cause, name_cause
 from hiltest.report.record import Findings, TestResult, Verdict
@@ -61,6 +62,7 @@ class CalibratorResult:
     residual: Measurement | None
     residual_predicted: Measurement | None
     cause: Cause
+    fit: FitStatus = FitStatus.ELLIPSOID
 
 
 def decide(findings: Findings, *, pytest_exit: int) -> Verdict:
@@ -129,12 +131,14 @@ def _calibrator_result(name: str, found: dict[str, Measurement]) -> CalibratorRe
         name, found[f"heading.{name}.max"], centred=found.get(f"heading.{name}.max_centred"),
         cycles=found.get(f"cycles.{name}.total"), residual=found.get(f"fit.{name}.residual"),
         residual_predicted=found.get(f"fit.{name}.residual_predicted"), cause=_cause(name, found),
+        fit=_fit_status(name, found),
     )
 
 
 def _cause(name: str, found: dict[str, Measurement]) -> Cause:
     """Name why a calibrator's heading is out of its limit, as far as the run can tell."""
     maximum, norm = found[f"heading.{name}.max"], found.get("accelerometer.norm_rms")
+    tilt, coverage = found.get("accelerometer.tilt_error"), _value(found.get("tumble.coverage"))
     centred, bias = found.get(f"heading.{name}.max_centred"), found.get(f"heading.{name}.bias")
     residual = _value(found.get(f"fit.{name}.residual"))
     predicted = _value(found.get(f"fit.{name}.residual_predicted"))
@@ -148,7 +152,13 @@ def _cause(name: str, found: dict[str, Measurement]) -> Cause:
         bias_limit_deg=None if bias is None or bias.outcome is Outcome.UNSET else _maximum_of(bias),
         max_centred_deg=_value(centred), residual_percent=residual, residual_predicted_percent=predicted,
         accelerometer_norm_rms_mg=_value(norm) or 0.0, accelerometer_limit_mg=_maximum_of(norm),
+        tilt_error_deg=_value(tilt) or 0.0, tilt_limit_deg=_maximum_of(tilt), fit=_fit_status(name, found),
+        coverage_percent=100.0 if coverage is None else coverage,
     )
+
+
+def _fit_status(name: str, found: dict[str, Measurement]) -> FitStatus:
+    return FitStatus(int(_value(found.get(f"fit.{name}.status")) or FitStatus.ELLIPSOID))
 
 
 def _sentence(findings: Findings, word: str) -> str:
@@ -188,8 +198,10 @@ def _cause_words(result: CalibratorResult) -> str:
     if result.cause is Cause.NONE:
         return ""
     residual, predicted = _value(result.residual), _value(result.residual_predicted)
-    if result.cause in (Cause.GOOD_FIT_BAD_HEADING, Cause.BAD_FIT) and residual is not None and predicted is not None:
-        return f" ({result.cause}: residual {residual:.2f} %, noise predicts {predicted:.2f} %)"
+    about_the_fit = result.cause in (Cause.GOOD_FIT_BAD_HEADING, Cause.POOR_COVERAGE, Cause.BAD_FIT)
+    if about_the_fit and residual is not None and predicted is not None:
+        sphere = "" if result.fit is FitStatus.ELLIPSOID else "only a sphere was fitted, "
+        return f" ({result.cause}: {sphere}residual {residual:.2f} %, noise predicts {predicted:.2f} %)"
     return f" ({result.cause})"
 
 
