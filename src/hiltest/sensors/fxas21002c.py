@@ -29,6 +29,7 @@ _COUNTS_PER_DPS = (16.0, 32.0, 64.0, 128.0)
 #: Rate noise density, data sheet, 200 Hz and 64 Hz bandwidth [dps/sqrt(Hz)].
 DATA_SHEET_NOISE_DENSITY = 0.025
 #: Registers answer this long after power-on or reset [s].
+_BOOT_END = 0x08  # INT_SRC_FLAG: set as soon as the part answers at all
 BOOT_S = 0.050
 _FROM_STANDBY_S, _FROM_READY_S = 0.060, 0.005
 
@@ -91,7 +92,8 @@ class Fxas21002c(RegisterDevice):
             case 0x00 | 0x07:
                 return self._output.status(time_s)
             case 0x0B:
-                return 0x01 if self._output.status(time_s) & 0x08 else 0x00
+                ready = 0x01 if self._output.status(time_s) & 0x08 else 0x00
+                return _BOOT_END | ready
             case 0x0C:
                 return _IDENTITY
             case 0x0D:
