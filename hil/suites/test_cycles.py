@@ -40,10 +40,9 @@ def test_instructions_of_every_calibrator(costs: Mapping[str, CycleCost], measur
             measure(f"cycles.{name}.instructions_per_sweep", per_sweep, "instruction")
 
 
-def test_cycles_grow_with_the_points(costs: Mapping[str, CycleCost], measure: Measure) -> None:
+def test_cycles_over_the_number_of_points(costs: Mapping[str, CycleCost], measure: Measure) -> None:
     sizes = next(iter(costs.values())).sizes.tolist()
     measure.table(
         "cycles.sizes", {"n": ""} | dict.fromkeys(costs, "cycle"),
         zip(sizes, *(cost.cycles.tolist() for cost in costs.values()), strict=True),
     )
-    assert all(cost.per_point > 0 for cost in costs.values())
