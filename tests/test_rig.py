@@ -201,11 +201,11 @@ def test_truth_is_in_counts_and_a_real_bench_has_none():
 
 
 def test_the_true_mounting_may_differ_from_the_declared_one(edited):
-    rig = edited("yaw_deg = 1.7 ", "yaw_deg = 0.0 ")
-    undeclared = replace(rig, world=replace(rig.world, mounting_yaw_deg=1.7))
-    assert build_world(rig).at(0.0).pose.heading_deg == 0.0
-    assert build_world(undeclared).at(0.0).pose.heading_deg == 1.7
-    assert world_truth(undeclared).mounting_yaw_deg == 1.7
+    rig = edited("[mounting]\nyaw_deg = 1.7 ", "[mounting]\nyaw_deg = 0.0 ")
+    believed = replace(rig, world=replace(rig.world, mounting_yaw_deg=None))
+    assert build_world(rig).at(0.0).pose.heading_deg == 1.7
+    assert build_world(believed).at(0.0).pose.heading_deg == 0.0
+    assert world_truth(rig).mounting_yaw_deg == 1.7
 
 
 def test_the_shield_is_on_bus_1_and_parts_can_be_left_off():
@@ -229,8 +229,8 @@ def test_a_bench_may_leave_its_mounting_undeclared(edited):
     table = text[text.index("[mounting]"):text.index("[turntable]")]
     rig = edited(table, "")
     assert rig.mounting is None
-    assert build_world(rig).at(0.0).pose.heading_deg == 0.0
+    assert build_world(rig).at(0.0).pose.heading_deg == 1.7  # the board stays as it sits
     # Nothing is known of the mounting, so the table alone bounds what a limit may ask.
     assert reference_uncertainty_deg(rig, "heading.direct.max") == pytest.approx(0.1)
-    turned = replace(rig, world=replace(rig.world, mounting_yaw_deg=1.7))
-    assert build_world(turned).at(0.0).pose.heading_deg == 1.7
+    straight = replace(rig, world=replace(rig.world, mounting_yaw_deg=None))
+    assert build_world(straight).at(0.0).pose.heading_deg == 0.0
