@@ -89,12 +89,12 @@ def test_an_operator_who_follows_the_prompts_gets_the_headings_judged(
         if pose:
             paced.bench.turn_to(Pose(*(float(angle) for angle in pose.groups())))
         else:
-            paced.bench.tumble(1.6)  # 100 points at 80 Hz, and the time to ask for them
+            paced.bench.tumble(4.0)
         return ""
 
     assert rig.mounting is not None
     with open_board(real_rig, port=paced.path) as board:
-        turntable = open_turntable(board, uncertainty_deg=0.5, prompt=operator)
+        turntable = open_turntable(board, uncertainty_deg=0.5, prompt=operator, tumble_s=4.0)
         assert turntable.name == "operator"
         tumble = collect_tumble(board, turntable, points=100)
         run = run_calibrators(board, tumble, calibrators=["direct"])["direct"]

@@ -59,9 +59,12 @@ def test_an_operator_is_asked_to_rest_and_to_tumble() -> None:
     asked, prompt = answers("", "")
     table = OperatorTurntable(prompt=prompt, uncertainty_deg=0.5)
     table.rest()
-    table.tumble(5.6)
+    # A hand is slower than the sensor: 300 points at 80 Hz take 5.6 s, six sides and eight corners 45.
+    assert table.tumble(5.6) == 45.0
     assert "still" in asked[0]
-    assert "for 6 s" in asked[1]
+    assert "for 45 s" in asked[1]
+    _, prompt = answers("")
+    assert OperatorTurntable(prompt=prompt, uncertainty_deg=0.5, tumble_s=2.0).tumble(5.6) == 5.6
 
 
 def test_the_simulated_table_stands_when_it_comes_back(virtual_board: Board, simulated_turntable: Turntable) -> None:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hiltest.boards.board import Board
 from hiltest.errors import PoorCoverageError
-from hiltest.link.messages import MAX_POINTS_READ, ClearPoints, Collect, Points, SensorKind
+from hiltest.link.messages import MAX_POINTS_READ, MAX_UPLOAD, ClearPoints, Collect, Points, SensorKind, Upload
 from hiltest.procedures.coverage import largest_hole_deg, sphere_coverage
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.turntables import Turntable
@@ -20,6 +23,9 @@ Counts = NDArray[np.int16]
 _RATE_HZ = 80.0
 # Reading points back between chunks takes time in which samples pass by.
 _MARGIN = 1.5
+# Points of a slow table between two looks at the coverage: 1.5 s of a hand's tumble.
+_TOLD_EVERY = 10
+_GOLDEN_SECTION = (math.sqrt(5.0) - 1.0) / 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,7 +65,8 @@ class Tumble:
 
 
 def collect_tumble(
-    board: Board, turntable: Turntable, *, points: int = 300, chunk: int = 100, progress: Progress | None = None
+    board: Board, turntable: Turntable, *, points: int = 300, chunk: int = 100, progress: Progress | None = None,
+    sleep: Callable[[float], None] = time.sleep,
 ) -> Tumble:
     """Tumble the board while it collects points, and read them back.
 
@@ -73,6 +80,16 @@ def collect_tumble(
     chunk : int
         Points per request. Within a chunk the points are consecutive samples; progress
         and coverage are told after each.
+    sleep : callable
+        Waits for a number of seconds [s] of the board's clock, between the points of a slow table.
+
+    Returns
+    -------
+    Tumble
+        As the board holds them: the first n of them are the first n samples of a table that
+        turns as fast as the sensor measures. A slower one, such as a hand, is not round before its end:
+        one point is then taken at a time, over all of its turn, and they are uploaded again in an order
+        in which the first n, whatever n, are spread evenly over it.
 
     Raises
     ------
@@ -81,27 +98,63 @@ def collect_tumble(
     PoorCoverageError
         When more points are asked for than the board can hold.
     """
-    tell = progress or silent
     board.sensor(SensorKind.MAGNETOMETER)
     if points > board.identity.max_points:
         raise PoorCoverageError(f"{points} points asked for; the board's buffer holds {board.identity.max_points}")
-    session, field_ut = board.session, board.declared.field_ut
-    session.request(ClearPoints())
-    turntable.tumble(_MARGIN * points / _RATE_HZ)
+    board.session.request(ClearPoints())
+    fastest_s = _MARGIN * points / _RATE_HZ
+    takes_s = turntable.tumble(fastest_s)
+    slow = takes_s > fastest_s
+    collected = _Collected(board, points, progress or silent)
     began_s = board.now_s()
-    magnetometer: list[Counts] = []
-    accelerometer: list[Counts] = []
-    stored = overruns = 0
-    while stored < points:
-        wanted = min(chunk, points - stored)
-        reply = session.request(Collect(wanted, timeout_us=round(2e6 * wanted / _RATE_HZ + 1e6)))
-        overruns += reply.overruns
-        for first in range(stored, reply.stored, MAX_POINTS_READ):
-            back = session.request(Points(first, min(MAX_POINTS_READ, reply.stored - first)))
-            magnetometer.append(back.magnetometer)
-            accelerometer.append(back.accelerometer)
-        stored = reply.stored
-        seen = sphere_coverage(np.concatenate(magnetometer), field_ut=field_ut)
-        tell(f"tumble, {100 * seen:.0f} % of the sphere", stored, points)
-    duration_s = board.now_s() - began_s
-    return Tumble(np.concatenate(magnetometer), np.concatenate(accelerometer), field_ut, overruns, duration_s)
+    while collected.stored < points:
+        if slow:
+            due_s = began_s + takes_s * collected.stored / points
+            sleep(max(0.0, due_s - board.now_s()))
+        collected.add(1 if slow else min(chunk, points - collected.stored))
+        if not slow or collected.stored % _TOLD_EVERY == 0 or collected.stored == points:
+            collected.read_back()
+    tumble = collected.tumble(board.now_s() - began_s)
+    return _spread_over_time(board, tumble) if slow else tumble
+
+
+class _Collected:
+    """Points so far: those that the board stored, and those that were read back."""
+
+    def __init__(self, board: Board, points: int, tell: Progress) -> None:
+        self.stored = self._overruns = self._back = 0
+        self._board, self._wanted, self._tell = board, points, tell
+        self._magnetometer: list[Counts] = []
+        self._accelerometer: list[Counts] = []
+
+    def add(self, count: int) -> None:
+        timeout_us = round(2e6 * count / _RATE_HZ + 1e6)
+        reply = self._board.session.request(Collect(count, timeout_us=timeout_us))
+        self._overruns += reply.overruns
+        self.stored = reply.stored
+
+    def read_back(self) -> None:
+        for first in range(self._back, self.stored, MAX_POINTS_READ):
+            back = self._board.session.request(Points(first, min(MAX_POINTS_READ, self.stored - first)))
+            self._magnetometer.append(back.magnetometer)
+            self._accelerometer.append(back.accelerometer)
+        self._back = self.stored
+        seen = sphere_coverage(np.concatenate(self._magnetometer), field_ut=self._board.declared.field_ut)
+        self._tell(f"tumble, {100 * seen:.0f} % of the sphere", self.stored, self._wanted)
+
+    def tumble(self, duration_s: float) -> Tumble:
+        return Tumble(
+            np.concatenate(self._magnetometer), np.concatenate(self._accelerometer),
+            self._board.declared.field_ut, self._overruns, duration_s,
+        )
+
+
+def _spread_over_time(board: Board, tumble: Tumble) -> Tumble:
+    """Upload the points again, in an order whose every beginning is spread evenly over the whole."""
+    # Multiples of the golden section, modulo 1, are that for any number of them: rank i of 0..n-1 names its time.
+    order = np.argsort(np.argsort(np.arange(len(tumble.points)) * _GOLDEN_SECTION % 1.0))
+    spread = replace(tumble, points=tumble.points[order], accelerometer=tumble.accelerometer[order])
+    board.session.request(ClearPoints())
+    for first in range(0, len(order), MAX_UPLOAD):
+        board.session.request(Upload(first, spread.points[first : first + MAX_UPLOAD].tolist()))
+    return spread

@@ -12,6 +12,8 @@ from hiltest.boards.board import Board, Stage
 from hiltest.errors import OperatorAbsentError
 
 LEVEL = Pose(0.0, 0.0, 0.0)
+# Six sides and eight corners, 3 s each, and a little to begin with.
+HAND_TUMBLE_S = 45.0
 # An operator who gives nonsense this often in a row is not there.
 _QUESTIONS = 3
 
@@ -43,8 +45,15 @@ class Turntable(Protocol):
             Number of the judged pose.
         """
 
-    def tumble(self, duration_s: float) -> None:
-        """Begin to turn the board all round, for about that long, and come back at once."""
+    def tumble(self, duration_s: float) -> float:
+        """Begin to turn the board all round, come back at once, and say how long it takes [s].
+
+        Parameters
+        ----------
+        duration_s : float
+            What the sensor needs at least. A table that turns more slowly says so, and points
+            are then collected over all of its time.
+        """
 
     def rest(self) -> None:
         """Stand level and still."""
@@ -72,9 +81,10 @@ class SimulatedTurntable:
         self._stage.turn_to(pose, judged_pose=judged)
         return Achieved(pose.heading_deg, pose.pitch_deg, pose.roll_deg, self.uncertainty_deg)
 
-    def tumble(self, duration_s: float) -> None:
-        """Go to the first pose of a tumble and begin it."""
+    def tumble(self, duration_s: float) -> float:
+        """Go to the first pose of a tumble and begin it; it is as fast as the sensor."""
         self._stage.tumble(duration_s)
+        return duration_s
 
     def rest(self) -> None:
         """Stand level, heading north."""
@@ -90,12 +100,17 @@ class OperatorTurntable:
         Shows a text and returns the line that was typed, as `input` does.
     uncertainty_deg : float
         How well the table's scale can be set and read.
+    tumble_s : float
+        How long the hand gets to turn the board all round.
     """
 
     name = "operator"
 
-    def __init__(self, *, prompt: Callable[[str], str], uncertainty_deg: float) -> None:
+    def __init__(
+        self, *, prompt: Callable[[str], str], uncertainty_deg: float, tumble_s: float = HAND_TUMBLE_S
+    ) -> None:
         self._prompt = prompt
+        self._tumble_s = tumble_s
         self.uncertainty_deg = uncertainty_deg
 
     def turn_to(self, pose: Pose, *, judged: int | None = None) -> Achieved:
@@ -117,12 +132,15 @@ class OperatorTurntable:
                 return Achieved(heading_deg, pose.pitch_deg, pose.roll_deg, self.uncertainty_deg)
         raise OperatorAbsentError(f"{_QUESTIONS} answers were no heading between -360 and 360: is an operator there?")
 
-    def tumble(self, duration_s: float) -> None:
-        """Ask the operator to turn the board all round."""
+    def tumble(self, duration_s: float) -> float:
+        """Ask the operator to turn the board all round, at the pace of a hand."""
+        takes_s = max(duration_s, self._tumble_s)
         self._ask(
-            f"take the board in your hand and turn it slowly all round for {duration_s:.0f} s, "
-            "each side down once; Enter to begin: "
+            f"take the board in your hand, away from iron. Turn it all round for {takes_s:.0f} s: each of its six "
+            "sides and eight corners down once, about 3 s each; how much of the sphere is seen is shown. "
+            "Enter to begin: "
         )
+        return takes_s
 
     def rest(self) -> None:
         """Ask for the board to lie still."""
@@ -139,9 +157,20 @@ class OperatorTurntable:
 
 
 def open_turntable(
-    board: Board, *, uncertainty_deg: float, prompt: Callable[[str], str] | None = None
+    board: Board, *, uncertainty_deg: float, prompt: Callable[[str], str] | None = None,
+    tumble_s: float = HAND_TUMBLE_S,
 ) -> Turntable:
     """Return the turntable of a board: simulated for a virtual one, an operator otherwise.
+
+    Parameters
+    ----------
+    board : Board
+    uncertainty_deg : float
+        Of its angle, as declared.
+    prompt : callable, optional
+        As `OperatorTurntable` has it.
+    tumble_s : float
+        How long an operator gets to turn the board all round.
 
     Raises
     ------
@@ -152,7 +181,7 @@ def open_turntable(
         return SimulatedTurntable(board.stage, uncertainty_deg=uncertainty_deg)
     if prompt is None:
         raise OperatorAbsentError("a real board needs somebody to turn it, and there is nobody to ask")
-    return OperatorTurntable(prompt=prompt, uncertainty_deg=uncertainty_deg)
+    return OperatorTurntable(prompt=prompt, uncertainty_deg=uncertainty_deg, tumble_s=tumble_s)
 
 
 def _heading(answer: str, asked_deg: float) -> float | None:

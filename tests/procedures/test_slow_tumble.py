@@ -1,0 +1,71 @@
+"""A hand turns a board all round in most of a minute: the points are those of all of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from hiltest.angles import Pose, wrap_180
+from hiltest.boards import Board, open_board
+from hiltest.link.messages import Points
+from hiltest.procedures import OperatorTurntable, Tumble, collect_tumble, run_calibrators
+from hiltest.rig import Rig
+
+POINTS = 150
+HAND_S = 20.0
+
+
+@pytest.fixture(scope="module")
+def told() -> list[str]:
+    return []
+
+
+@pytest.fixture(scope="module")
+def board(bench_rig: Rig) -> Iterator[Board]:
+    with open_board(bench_rig) as board:
+        yield board
+
+
+@pytest.fixture(scope="module")
+def by_hand(board: Board, told: list[str]) -> Tumble:
+    """Points of a virtual board that somebody turns as slowly as a hand does."""
+    assert board.stage is not None
+    stage, turned = board.stage, iter(np.linspace(-89.0, 89.0, POINTS))
+
+    def turn_on(_: float) -> None:
+        # Nose down to nose up, rolling seven times: not round before the end.
+        pitch_deg = float(next(turned))
+        stage.turn_to(Pose(0.0, pitch_deg, wrap_180(14.0 * pitch_deg)))
+
+    table = OperatorTurntable(prompt=lambda _: "", uncertainty_deg=0.5, tumble_s=HAND_S)
+    return collect_tumble(
+        board, table, points=POINTS, progress=lambda what, done, of: told.append(f"{what} {done}/{of}"), sleep=turn_on
+    )
+
+
+def test_the_first_points_are_spread_over_all_of_the_turn(by_hand: Tumble) -> None:
+    assert by_hand.points.shape == (POINTS, 3)
+    # At a dip of 62 degrees the field ends 28 degrees from the body's x axis on one side: 94 % of the sphere.
+    assert by_hand.coverage == pytest.approx(0.94, abs=0.03)
+    # In the order in which they were taken the first hundred would stop at two thirds of the turn.
+    assert by_hand.coverage_of(100) == pytest.approx(by_hand.coverage, abs=0.05)
+    assert by_hand.coverage_of(50) > 0.8
+
+
+def test_the_board_holds_the_points_in_that_order_for_every_calibrator(board: Board, by_hand: Tumble) -> None:
+    back = np.concatenate([board.session.request(Points(first, 50)).magnetometer for first in (0, 50, 100)])
+    assert np.array_equal(back, by_hand.points)
+    for run in run_calibrators(board, by_hand, calibrators=["direct", "iterative"], n=100).values():
+        assert not run.is_sphere
+        # Noise alone: its rms scatters by 7 %; 30 % are four sigma.
+        assert run.residual_percent == pytest.approx(run.residual_predicted_percent, rel=0.3)
+
+
+def test_the_coverage_is_told_while_the_board_is_turned(by_hand: Tumble, told: list[str]) -> None:
+    assert len(told) == 15
+    assert told[0].endswith(" of the sphere 10/150")
+    seen = [int(line.split()[1]) for line in told]
+    # After a third nothing was seen yet of the nose up.
+    assert seen[4] < 60 < seen[-1]
