@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import os
 import re
 import shlex
 import subprocess
@@ -16,6 +18,7 @@ from hiltest.settings import OPTIONS
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 SH_BLOCKS = re.findall(r"^```sh\n(.*?)^```", README, re.M | re.S)
+SUITES = re.findall(r"^```python\n(.*?)^```", README, re.M | re.S)
 COMMANDS = re.findall(r"`(hiltest (?:run|init)[^`]*)`", README)
 
 
@@ -50,3 +53,28 @@ def test_every_command_is_understood(command: str, tmp_path: Path) -> None:
 def test_every_file_that_is_linked_is_there() -> None:
     links = [link for link in re.findall(r"\]\(([^)#]+)\)", README) if "://" not in link]
     assert [link for link in links if not (ROOT / link).exists()] == []
+
+
+def _run_suite(folder: Path, suite: str) -> subprocess.CompletedProcess[str]:
+    (folder / "test_field.py").write_text(suite, encoding="utf-8")
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
+    command = [sys.executable, "-m", "pytest", "-q", "test_field.py", "--hil-out", "out"]
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+
+
+def test_the_suite_of_one_s_own_runs_as_it_stands(tmp_path: Path) -> None:
+    (suite,) = SUITES
+    done = _run_suite(tmp_path, suite)
+    assert done.returncode == 0, done.stdout + done.stderr
+    record = json.loads((tmp_path / "out" / "run.json").read_text(encoding="utf-8"))
+    measured = {each["name"]: each for each in record["measurements"]}["field.strength"]
+    assert (measured["outcome"], measured["unit"]) == ("pass", "uT")
+    # The world's field is 48.5 uT; its hard iron of 5.2 uT and soft iron of 3 % are still in the reading.
+    assert measured["value"] == pytest.approx(48.5, abs=5.2 + 0.03 * 48.5)
+
+
+def test_the_suite_of_one_s_own_fails_when_the_field_is_another(tmp_path: Path) -> None:
+    (suite,) = SUITES
+    done = _run_suite(tmp_path, suite.replace("rig.field.strength_ut", "25.0"))
+    assert done.returncode == 1
+    assert "field.strength" in done.stdout
