@@ -75,8 +75,8 @@ def test_three_degrees_added_to_every_heading_are_a_constant_offset(run_edited: 
     )
     assert ended.exit_code == 1, ended.output
     assert "constant offset" in ended.output
-    # The board's own bias is below the limit of 0.8 degrees or so, on either side of three.
-    assert ended.value("heading.direct.bias") == pytest.approx(3.0, abs=1.0)
+    # The bias of the default rig itself is within 0.12 degrees over seeds; 0.3 is more than twice that.
+    assert ended.value("heading.direct.bias") == pytest.approx(3.0, abs=0.3)
 
 
 def test_a_swapped_magnetometer_axis_is_red(run_edited: RunEdited) -> None:
@@ -114,10 +114,27 @@ def test_firmware_that_faults_is_a_lost_bench_that_names_the_line(run_edited: Ru
     assert ended.value("gyroscope.bias_error") < 0.1
 
 
-def test_firmware_that_answers_garbage_is_a_lost_bench(run_edited: RunEdited) -> None:
+def test_firmware_at_another_baud_rate_is_a_lost_bench(run_edited: RunEdited) -> None:
     ended = run_edited("boards/frdm_k64f/uart.c", "#define BAUD_DIVISOR 65u", "#define BAUD_DIVISOR 60u")
     assert ended.exit_code == 20, ended.output
     assert "synchronisation" in ended.output
+
+
+def test_firmware_that_answers_garbage_is_a_lost_bench(run_edited: RunEdited) -> None:
+    # Bytes arrive at the right pace, and none of their check sums holds.
+    ended = run_edited(
+        "protocol/message.c", "write_u32(&trailer, crc32(body, checked));", "write_u32(&trailer, ~crc32(body, checked));"
+    )
+    assert ended.exit_code == 20, ended.output
+    assert "synchronisation" in ended.output
+    assert ended.measurement("heading.direct.max") is None
+
+
+def test_firmware_of_another_name_is_the_wrong_firmware(run_edited: RunEdited) -> None:
+    ended = run_edited("boards/frdm_k64f/board.c", '.name = "hiltest-frdm-k64f"', '.name = "blinky"')
+    assert ended.exit_code == 23, ended.output
+    assert "blinky" in ended.output
+    assert "hiltest-frdm-k64f" in ended.output
 
 
 def test_another_protocol_version_is_the_wrong_firmware(run_edited: RunEdited) -> None:
