@@ -123,7 +123,9 @@ def test_firmware_at_another_baud_rate_is_a_lost_bench(run_edited: RunEdited) ->
 def test_firmware_that_answers_garbage_is_a_lost_bench(run_edited: RunEdited) -> None:
     # Bytes arrive at the right pace, and none of their check sums holds.
     ended = run_edited(
-        "protocol/message.c", "write_u32(&trailer, crc32(body, checked));", "write_u32(&trailer, ~crc32(body, checked));"
+        "protocol/message.c",
+        "write_u32(&trailer, crc32(body, checked));",
+        "write_u32(&trailer, ~crc32(body, checked));",
     )
     assert ended.exit_code == 20, ended.output
     assert "synchronisation" in ended.output
