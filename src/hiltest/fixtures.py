@@ -144,9 +144,25 @@ def _session(request: pytest.FixtureRequest) -> HilSession:
 
 
 def _ask(config: pytest.Config, text: str) -> str:
-    """Ask the operator, with pytest's capturing out of the way."""
+    """Ask the operator, with pytest's capturing, that of the keyboard included, out of the way.
+
+    Raises
+    ------
+    OperatorAbsentError
+        If there is no terminal to ask at.
+    """
+    from hiltest.errors import OperatorAbsentError
+
     capture = config.pluginmanager.getplugin("capturemanager")
-    if capture is None:
+    if capture is not None:
+        capture.suspend(in_=True)
+    try:
         return input(text)
-    with capture.global_and_fixture_disabled():
-        return input(text)
+    except (EOFError, OSError, RuntimeError) as error:  # RuntimeError: standard input is closed
+        raise OperatorAbsentError(
+            f"nobody answers at the terminal; this was asked: {text.strip()} "
+            "Run it where somebody can type and turn the board."
+        ) from error
+    finally:
+        if capture is not None:
+            capture.resume()
