@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -32,6 +33,19 @@ def soft_iron_turned_about_the_vertical(degrees: float) -> str:
     return f"soft_iron = {(turn @ default).round(6).tolist()}"
 
 
+def recomputed_maxima(record: dict[str, Any]) -> tuple[float, float, float]:
+    """Return the worst heading of both calibrators and the worst tilt, from what the record says was answered."""
+    table = next(each for each in record["tables"] if each["name"] == "heading.poses")
+    names = [column["name"] for column in table["columns"]]
+    columns = dict(zip(names, np.array(table["rows"], dtype=float).T, strict=True))
+    worst = [
+        np.abs((columns[f"answered.{name}"] - columns["reference"] + 180.0) % 360.0 - 180.0).max()
+        for name in ("direct", "iterative")
+    ]
+    tilt = max(np.abs(columns[f"answered_{axis}"] - columns[axis]).max() for axis in ("pitch", "roll"))
+    return (*worst, tilt)
+
+
 def test_a_rotated_soft_iron_is_a_good_fit_with_a_bad_heading(run_in, tmp_path: Path) -> None:
     run = run_in(tmp_path, "--rig", "virtual-k64f-rotated", *SUITES)
     assert run.code == 1
@@ -42,6 +56,9 @@ def test_a_rotated_soft_iron_is_a_good_fit_with_a_bad_heading(run_in, tmp_path: 
         assert 5.5 <= run.value(f"heading.{calibrator}.max") <= 7.4
         assert run.value(f"fit.{calibrator}.residual") < 1.0
     assert run.value("fit.direct.rotation_left") == pytest.approx(3.0, abs=0.5)
+    assert recomputed_maxima(run.record) == pytest.approx((
+        run.value("heading.direct.max"), run.value("heading.iterative.max"), run.value("accelerometer.tilt_error"),
+    ), abs=1e-6)  # of numbers with nine digits, up to 360
 
 
 def test_a_rotation_about_the_vertical_is_a_constant_offset(run_in, edited: Callable[..., str], tmp_path: Path) -> None:
@@ -141,7 +158,7 @@ def test_a_port_that_does_not_exist_lists_those_that_do(run_in, tmp_path: Path) 
     ("make", "complaint"),
     [
         (lambda path: None, "no such file"),
-        (lambda path: path.write_text("not an ELF"), "not an ELF"),
+        (lambda path: path.write_text("not an ELF"), "not a whole ELF file"),
         (lambda path: path.write_bytes(Path(sys.executable).read_bytes()), "ARM"),
     ],
     ids=["missing", "text", "another core"],
