@@ -112,14 +112,16 @@ class SensorChoice:
 
 @dataclass(frozen=True, slots=True)
 class TurntableSettings:
-    """What sets a known angle, and how well [deg]."""
+    """What sets a known angle, and how well [deg]; how long an operator gets to turn the board all round [s]."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     kind: Literal["simulated", "operator", "motor"]
     uncertainty_deg: float
+    tumble_s: float = 45.0
 
     def __post_init__(self) -> None:
         require(self.uncertainty_deg >= 0.0, "uncertainty_deg", "must not be negative")
+        require(0.0 < self.tumble_s <= 600.0, "tumble_s", "must be above 0 and at most 600")
 
 
 @dataclass(frozen=True, slots=True)

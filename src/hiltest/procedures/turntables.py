@@ -137,8 +137,8 @@ class OperatorTurntable:
         takes_s = max(duration_s, self._tumble_s)
         self._ask(
             f"take the board in your hand, away from iron. Turn it all round for {takes_s:.0f} s: each of its six "
-            "sides and eight corners down once, about 3 s each; how much of the sphere is seen is shown. "
-            "Enter to begin: "
+            f"sides and eight corners down once, about {takes_s / 15:.0f} s each. "
+            "How much of the sphere is seen is shown. Enter to begin: "
         )
         return takes_s
 
