@@ -54,6 +54,33 @@ def test_the_default_rig_is_the_bench_of_the_thesis():
     assert not any(name.startswith("heading.uncalibrated") for name in rig.limits)
 
 
+@pytest.mark.parametrize(
+    ("text", "place"), [("schema = 1\nname = one\n", "2"), ('schema = 1\nname = "x', "2")], ids=["value", "end"]
+)
+def test_a_mistake_in_the_toml_is_named_by_file_and_line(tmp_path, text, place):
+    path = tmp_path / "bench.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigError) as caught:
+        load_rig(path)
+    assert str(caught.value).startswith(f"{path}:{place}: not TOML: ")
+
+
+def test_a_rig_without_its_schema_says_what_to_write(edited):
+    with pytest.raises(ConfigError, match=r"bench\.toml:1: schema is missing; write `schema = 1` above"):
+        edited("schema = 1\n", "")
+
+
+def test_a_unit_belongs_to_a_name(edited, tmp_path):
+    assert edited("[limits]", '[limits]\n"lamp.current" = { max = 3, unit = "mA" }').units["lamp.current"] == "mA"
+    text = DEFAULT.read_text(encoding="utf-8")
+    text = text.replace("[limits]", '[limits]\n"lamp.current" = { max = 3, unit = "mA" }')
+    text = text.replace("[information]", '[information]\n"lamp.current" = { max = 2, unit = "A" }')
+    path = tmp_path / "twice.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"information\.lamp\.current: its unit is 'mA' under limits, 'A' here"):
+        load_rig(path)
+
+
 def test_poses_are_twelve_headings_at_five_tilts_level_first():
     procedure = load_rig(DEFAULT).procedure
     poses = procedure.judged_poses()
@@ -65,7 +92,7 @@ def test_poses_are_twelve_headings_at_five_tilts_level_first():
 def test_the_rotated_rig_is_the_default_one_with_its_soft_iron_turned_by_three_degrees():
     default, rotated = load_rig(DEFAULT), load_rig(RIGS / "virtual-k64f-rotated.toml")
     same = replace(
-        rotated, name=default.name, path=default.path, information=default.information,
+        rotated, name=default.name, path=default.path, information=default.information, units=default.units,
         world=replace(rotated.world, soft_iron=default.world.soft_iron),
     )
     assert same == default
@@ -91,7 +118,9 @@ def test_an_unknown_key_is_named_with_its_line_and_the_nearest_known_one(edited)
         ("hard_iron_ut = ", "hard_iron = ", "hard_iron_ut"),
         ("[information]", "[informations]", "information"),
         ('"heading.direct.rms" = { max = 0.75, unit', '"heading.direct.rms" = { maxi = 0.75, unit', "max"),
-        ('"heading.direct.rms"', '"heading.direct.rmss"', "heading.*.rms"),
+        ('"heading.direct.rms"', '"heading.direct.rmss"', "heading.direct.rms"),
+        ('"heading.direct.rms"', '"heading.*.max"', "heading.direct.max"),
+        ('"heading.iterative.bias"', '"heading.iterative.bais"', "heading.iterative.bias"),
         ("schema = 1", 'schema = 1\npath = "/tmp"', None),
     ],
 )

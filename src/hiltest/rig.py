@@ -56,6 +56,8 @@ class Rig:
         By measurement name; a value outside is a failure.
     information : dict of str to Limit
         Shown beside a measurement, without a verdict.
+    units : dict of str to str
+        Of both, by measurement name.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
@@ -73,6 +75,7 @@ class Rig:
     world: SimulatedWorld | None = None
     limits: dict[str, Limit] = dataclass_field(default_factory=dict)
     information: dict[str, Limit] = dataclass_field(default_factory=dict)
+    units: dict[str, str] = dataclass_field(default_factory=dict)
 
     def __post_init__(self) -> None:
         require((self.world is None) == (self.board.kind != "virtual"), "world",

@@ -46,6 +46,9 @@ MEASUREMENT_UNITS = {
     "board.virtual_seconds": "s",
     "board.wall_seconds": "s",
 }
+_CALIBRATOR = r"[a-z0-9_-]+"
+# Fields of a rig that no file may set.
+_MADE_HERE = frozenset({"path", "units"})
 _FAMILIES = frozenset(name.split(".")[0] for name in MEASUREMENT_UNITS)
 # Heading measurements that the mounting's uncertainty enters as well as the turntable's: all that are not centred.
 _MOUNTING_ENTERS = ("max", "rms", "bias", "max_level")
@@ -81,13 +84,20 @@ def load_rig(path: Path | str) -> Rig:
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: not UTF-8 text at byte {error.start}; a rig is a TOML file") from error
     except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{path}: not TOML: {error}") from error
+        raise ConfigError(_not_toml(path, text, str(error))) from error
     source = _Source(path, text)
-    if "path" in data:
-        raise UnknownKeyError("path", where=source.where(("path",)), known=_known_keys(Rig, ()))
+    for made_here in _MADE_HERE & data.keys():
+        raise UnknownKeyError(made_here, where=source.where((made_here,)), known=_known_keys(Rig, ()))
+    if "schema" not in data:
+        raise ConfigError(f"{path}:1: schema is missing; write `schema = 1` above the first table")
     tables = {name: data.pop(name, {}) for name in ("limits", "information")}
     read = {name: _checked_limits(source, name, table) for name, table in tables.items()}
-    rig: Rig = source.validate(TypeAdapter(Rig), {**data, "path": str(path), **read}, Rig)
+    bounds = {
+        table: {name: {"min": entry.min, "max": entry.max} for name, entry in entries.items()}
+        for table, entries in read.items()
+    }
+    units = _units(source, read)
+    rig: Rig = source.validate(TypeAdapter(Rig), {**data, "path": str(path), **bounds, "units": units}, Rig)
     _refuse_limits_within_uncertainty(rig, source)
     return rig
 
@@ -133,19 +143,42 @@ class _Source:
         return ConfigError(f"{self.where(prefix + key)}: {place}: {message[0].lower()}{message[1:]}{given}")
 
 
-def _checked_limits(source: _Source, table: str, entries: object) -> dict[str, dict[str, float | None]]:
+def _not_toml(path: Path, text: str, complaint: str) -> str:
+    """Return what is wrong with a file, with the line that the reader of TOML names in its own way."""
+    place = re.search(r" \(at (?:line (\d+), column (\d+)|end of document)\)$", complaint)
+    if place is None:
+        return f"{path}: not TOML: {complaint}"
+    line = int(place[1]) if place[1] else text.count("\n") + 1
+    column = f" (column {place[2]})" if place[2] else " (end of the file)"
+    return f"{path}:{line}: not TOML: {complaint[: place.start()]}{column}"
+
+
+def _units(source: _Source, tables: dict[str, dict[str, LimitEntry]]) -> dict[str, str]:
+    """Return the unit of every name, which is the same in both tables."""
+    units: dict[str, str] = {}
+    for table, entries in tables.items():
+        for name, entry in entries.items():
+            if units.setdefault(name, entry.unit) != entry.unit:
+                raise ConfigError(
+                    f"{source.where((table, name))}: {table}.{name}: its unit is {units[name]!r} under limits, "
+                    f"{entry.unit!r} here"
+                )
+    return units
+
+
+def _checked_limits(source: _Source, table: str, entries: object) -> dict[str, LimitEntry]:
     adapter = TypeAdapter(dict[str, LimitEntry])
     read: dict[str, LimitEntry] = source.validate(adapter, entries, dict[str, LimitEntry], (table,))
     for name, entry in read.items():
         _check_limit(source, (table, name), entry)
-    return {name: {"min": entry.min, "max": entry.max} for name, entry in read.items()}
+    return read
 
 
 def _check_limit(source: _Source, key: tuple[str, str], entry: LimitEntry) -> None:
     name = key[1]
     unit = measurement_unit(name)
     if unit is None and name.split(".")[0] in _FAMILIES:
-        raise UnknownKeyError(name, where=source.where(key), known=sorted(MEASUREMENT_UNITS))
+        raise UnknownKeyError(name, where=source.where(key), known=_names_like(name))
     if unit is not None and entry.unit != unit:
         raise ConfigError(f"{source.where(key)}: {'.'.join(key)}: its unit is {unit!r}, not {entry.unit!r}")
     try:
@@ -154,10 +187,17 @@ def _check_limit(source: _Source, key: tuple[str, str], entry: LimitEntry) -> No
         raise ConfigError(f"{source.where(key)}: {'.'.join(key)}: {error}") from error
 
 
+def _names_like(name: str) -> list[str]:
+    """Return the known names as one would write them: of the calibrator that `name` is about."""
+    parts = name.split(".")
+    about = parts[1] if len(parts) > 2 and re.fullmatch(_CALIBRATOR, parts[1]) else "direct"
+    return sorted(template.replace("*", about) for template in MEASUREMENT_UNITS)
+
+
 def measurement_unit(name: str) -> str | None:
     """Return the unit of a measurement that hiltest makes, None of one that it does not know."""
     for template, unit in MEASUREMENT_UNITS.items():
-        if re.fullmatch(re.escape(template).replace(r"\*", r"[a-z0-9_-]+"), name):
+        if re.fullmatch(re.escape(template).replace(r"\*", _CALIBRATOR), name):
             return unit
     return None
 
@@ -198,7 +238,7 @@ def _known_keys(model: Any, place: tuple[str, ...]) -> list[str]:
         model = arguments[1] if arguments and not is_dataclass(model) else get_type_hints(model)[name]
         if isinstance(model, UnionType):
             model = next(each for each in get_args(model) if is_dataclass(each))
-    return [each.name for each in fields(model) if each.name != "path"] if is_dataclass(model) else []
+    return [each.name for each in fields(model) if each.name not in _MADE_HERE] if is_dataclass(model) else []
 
 
 _HEADER = re.compile(r"\s*\[\s*([^\[\]]+?)\s*\]\s*(#.*)?$")
