@@ -50,7 +50,7 @@ def test_a_value_inside_its_limit_passes_and_one_outside_fails() -> None:
 
 def test_a_value_without_limit_is_recorded() -> None:
     measurement = judge("heading.direct.worst_sector", 210.0, unit="deg")
-    assert (measurement.outcome, measurement.limit) == (Outcome.PASS, None)
+    assert (measurement.outcome, measurement.limit) == (Outcome.INFORMATION, None)
 
 
 def test_a_nan_fails_and_leaves_no_value() -> None:
@@ -72,8 +72,15 @@ def test_a_limit_that_cannot_be_judged_is_unset_and_gates() -> None:
     assert measurement.gates
 
 
+def test_no_value_under_a_limit_is_unset_where_the_board_could_offer_one() -> None:
+    measurement = judge("fit.direct.offset_error", None, unit="uT", limit=Limit(max=1), could_offer=True)
+    assert measurement.outcome is Outcome.UNSET
+    assert "no value was given" in measurement.note
+    assert judge("fit.direct.offset_error", None, unit="uT", could_offer=True).outcome is Outcome.NOT_OFFERED
+
+
 def test_nothing_is_unset_where_no_limit_was_asked_for() -> None:
-    assert judge("x", 1.0, unit="deg", not_judged="no mounting declared").outcome is Outcome.PASS
+    assert judge("x", 1.0, unit="deg", not_judged="no mounting declared").outcome is Outcome.INFORMATION
 
 
 def test_cycles_without_their_model_are_refused() -> None:
@@ -94,6 +101,12 @@ def test_cycles_without_their_model_are_refused() -> None:
 )
 def test_host_numbers_are_written_with_nine_significant_digits(value: float | None, written: float | None) -> None:
     assert repr(round_significant(value)) == repr(written)
+
+
+def test_numbers_are_never_written_in_powers_of_ten() -> None:
+    limit = Limit(max=10_000)
+    measurement = judge("cycles.direct.total", 12_345_678.0, unit="cycle", limit=limit, cycle_model="m")
+    assert str(measurement) == "cycles.direct.total = 12 345 678 cycle, limit at most 10 000: fail"
 
 
 def test_a_measurement_says_itself_in_one_line() -> None:

@@ -40,10 +40,12 @@ class Measure:
         name : str
             Dotted, unique in the run: ``heading.direct.max``.
         value : float, int or None
-            None when this board cannot offer it.
+            None when this board cannot offer it. On a virtual board, which can offer everything,
+            None under a limit ends the run with exit code 22.
         unit : str
+            The one that the rig file gives its limit in, if it does.
         limit : Limit, optional
-            Default: the limit that the rig file gives under this name, if it does.
+            For a name that the rig file gives no limit: where it gives one, that is the one that holds.
         not_judged : str, optional
             Why a limit cannot be applied here; the run then ends with exit code 22.
         volatile : bool
@@ -55,13 +57,16 @@ class Measure:
         -------
         Measurement
             With its outcome.
-        """
-        from hiltest.measurement import judge
 
-        measurement = judge(
-            name, value, unit=unit, limit=limit or self.limit(name),
-            information=self._session.rig.information.get(name), not_judged=not_judged, volatile=volatile,
-            cycle_model=cycle_model, test=self._item.nodeid,
+        Raises
+        ------
+        ValueError
+            If the unit is not the one of the rig's limit, another test has measured this name, or a
+            cycle count comes without its cycle model. Nothing is recorded then.
+        """
+        measurement = self._session.judge(
+            name, value, unit=unit, limit=limit, not_judged=not_judged, volatile=volatile, cycle_model=cycle_model,
+            test=self._session.test_id(self._item.nodeid),
         )
         self._session.keep(self._item, measurement)
         return measurement

@@ -23,7 +23,9 @@ class Outcome(StrEnum):
     """What became of a measurement."""
 
     PASS = "pass"
-    """Within its limit, or recorded without one."""
+    """Within its limit."""
+    INFORMATION = "information"
+    """Recorded without a limit: nothing was judged."""
     FAIL = "fail"
     """Outside its limit, or not a number."""
     UNSET = "unset"
@@ -108,7 +110,7 @@ class Measurement:
     unit: str
     limit: Limit | None = None
     information: Limit | None = None
-    outcome: Outcome = Outcome.PASS
+    outcome: Outcome = Outcome.INFORMATION
     volatile: bool = False
     cycle_model: str = ""
     note: str = ""
@@ -124,7 +126,7 @@ class Measurement:
         return replace(self, value=round_significant(self.value))
 
     def __str__(self) -> str:
-        value = "no value" if self.value is None else f"{self.value:.6g} {self.unit}".rstrip()
+        value = "no value" if self.value is None else f"{readable(self.value, 6)} {self.unit}".rstrip()
         limit = f", limit {self.limit}" if self.limit else ""
         note = f" ({self.note})" if self.note else ""
         return f"{self.name} = {value}{limit}: {self.outcome}{note}"
@@ -132,16 +134,19 @@ class Measurement:
 
 def judge(
     name: str, value: float | int | None, *, unit: str, limit: Limit | None = None, information: Limit | None = None,
-    not_judged: str = "", volatile: bool = False, cycle_model: str = "", test: str = "",
+    not_judged: str = "", could_offer: bool = False, volatile: bool = False, cycle_model: str = "", test: str = "",
 ) -> Measurement:
     """Make a measurement and decide its outcome.
 
     Parameters
     ----------
     name, value, unit, limit, information, volatile, cycle_model, test
-        As in `Measurement`. A value of None means that this board cannot offer it.
+        As in `Measurement`. A value of None means that there is none to give.
     not_judged : str, optional
         Why the limit cannot be applied. The outcome is then ``unset`` if there is a limit.
+    could_offer : bool, optional
+        Whether this kind of board can know such a value, as a virtual one always can. None under
+        a limit is then ``unset``, and not ``not offered``.
 
     Returns
     -------
@@ -159,14 +164,18 @@ def judge(
     if unit.startswith("cycle") and not cycle_model:
         raise ValueError(f"{name}: cycles need their cycle model, or they could be compared with another's")
     note = ""
-    if value is None:
+    if value is None and limit is not None and (could_offer or not_judged):
+        outcome, note = Outcome.UNSET, not_judged or "the board can offer it, and no value was given"
+    elif value is None:
         outcome = Outcome.NOT_OFFERED
     elif not math.isfinite(value := plain(value)):
         outcome, note, value = Outcome.FAIL, f"the value is {value}", None
     elif limit is not None and not_judged:
         outcome, note = Outcome.UNSET, not_judged
+    elif limit is None:
+        outcome = Outcome.INFORMATION
     else:
-        outcome = Outcome.PASS if limit is None or limit.holds(value) else Outcome.FAIL
+        outcome = Outcome.PASS if limit.holds(value) else Outcome.FAIL
     return Measurement(
         name=name, value=value, unit=unit, limit=limit, information=information, outcome=outcome,
         volatile=volatile, cycle_model=cycle_model, note=note, test=test,
@@ -191,6 +200,21 @@ def round_significant(value: float | int | None, digits: int = SIGNIFICANT_DIGIT
     if value is None or isinstance(value, int):
         return value
     return float(f"{value:.{digits - 1}e}") + 0.0  # adding zero makes a negative zero positive
+
+
+def readable(value: float | int, digits: int = 4) -> str:
+    """Return a value as people read it: thousands apart, and `digits` significant ones below a thousand.
+
+    Examples
+    --------
+    >>> readable(11061.25)
+    '11 061.2'
+    >>> readable(1.96875)
+    '1.969'
+    """
+    if abs(value) < 1000:
+        return f"{value:.{digits}g}"
+    return f"{value:,.1f}".removesuffix(".0").replace(",", " ")
 
 
 def _number(value: float | None) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 
 from hiltest.report.record import TestResult
@@ -9,11 +11,18 @@ from hiltest.session import CAUSE, REASON
 
 
 class TestLog:
-    """Reports of the tests that are running now."""
+    """Reports of the tests that are running now.
+
+    Parameters
+    ----------
+    test_id : callable
+        Makes of pytest's node id the id that the record keeps.
+    """
 
     __test__ = False  # not a test class, whatever pytest makes of the name
 
-    def __init__(self) -> None:
+    def __init__(self, test_id: Callable[[str], str] = str) -> None:
+        self._test_id = test_id
         self._reports: dict[str, list[pytest.TestReport]] = {}
 
     def add(self, report: pytest.TestReport) -> None:
@@ -27,8 +36,8 @@ class TestLog:
             return None
         worst = max(reports, key=_badness)
         return TestResult(
-            id=nodeid, outcome=_outcome(worst), duration_s=round(sum(report.duration for report in reports), 6),
-            reason=_reason(worst),
+            id=self._test_id(nodeid), outcome=_outcome(worst),
+            duration_s=round(sum(report.duration for report in reports), 6), reason=_reason(worst),
         )
 
 

@@ -63,12 +63,32 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
-    """Fail a test at its end for measurements out of their limits."""
+    """Fail a test at its end for measurements out of their limits, even if it then skips itself."""
+    try:
+        result = yield
+    except pytest.skip.Exception:
+        _fail_out_of_limit(item)
+        raise
+    except BaseException:
+        item.stash[GATING] = []  # the test is red already, by its own words
+        raise
+    _fail_out_of_limit(item)
+    return result
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown(item: pytest.Item) -> Generator[None, object, object]:
+    """Do the same for what a fixture measured after the test."""
     result = yield
+    _fail_out_of_limit(item)
+    return result
+
+
+def _fail_out_of_limit(item: pytest.Item) -> None:
     failed = [str(each) for each in item.stash.get(GATING, []) if each.outcome == "fail"]
+    item.stash[GATING] = []
     if failed:
         pytest.fail("; ".join(failed), pytrace=False)
-    return result
 
 
 @pytest.hookimpl(wrapper=True)

@@ -10,6 +10,7 @@ import pytest
 from hiltest.outcomes import TestLog
 from hiltest.report.record import BoardRecord, RigRecord, Run, SensorRecord, measurement_from, table_from
 from hiltest.report.recorder import Recorder
+from hiltest.report.unmet import unmet_limits
 from hiltest.session import FOUND_HERE, HilSession
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ class Recording:
     def __init__(self, hil: HilSession, recorder: Recorder) -> None:
         self._hil = hil
         self._recorder = recorder
-        self._log = TestLog()
+        self._log = TestLog(hil.test_id)
         self.run: Run | None = None
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
@@ -57,11 +58,25 @@ class Recording:
 
         self._recorder.found(self._hil.end(), ())
         self._recorder.finished(None)
-        verdict = decide(self._recorder.findings, pytest_exit=int(exitstatus))
+        stopped = bool(session.shouldstop or session.shouldfail)
+        left_out = self._hold_to_the_rig(left_out=stopped or exitstatus > 1 or self._hil.chose_tests)
+        verdict = decide(self._recorder.findings, pytest_exit=int(exitstatus), left_out=left_out)
         self.run = self._recorder.finish(verdict)
         session.exitstatus = verdict.exit_code
         write_reports(self.run, self._recorder.folder)
         session.config.hook.pytest_hil_finished(config=session.config, run=self.run)
+
+    def _hold_to_the_rig(self, *, left_out: bool) -> list[str]:
+        """Record every limit that nothing was measured against; with `left_out` only return their names."""
+        findings, rig = self._recorder.findings, self._hil.rig
+        calibrators = findings.board.calibrators if findings.board else ()
+        unmet = unmet_limits(rig.limits, rig.units, findings.measurements, calibrators)
+        lost = any(each.outcome in ("bench lost", "wrong firmware") for each in findings.tests)
+        if left_out or lost:
+            return [each.name for each in unmet]
+        self._recorder.found(unmet, ())
+        self._recorder.finished(None)
+        return []
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
         """Print the table of measurements, the files and the verdict."""

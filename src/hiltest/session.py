@@ -6,19 +6,22 @@ to import is imported by the function that needs it.
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from hiltest.settings import Settings
+from hiltest.settings import Settings, make_folder
 
 if TYPE_CHECKING:
     from hiltest.boards import Board
     from hiltest.errors import BenchError, ProtocolError
-    from hiltest.measurement import Measurement
+    from hiltest.measurement import Limit, Measurement
     from hiltest.report.record import Table
     from hiltest.rig import Rig
 
@@ -35,6 +38,10 @@ FOUND_HERE = "hil_found"
 
 _BOARD_FIXTURES = frozenset({"board", "turntable"})
 _FIXTURES = _BOARD_FIXTURES | {"measure", "rig"}
+# pytest's options that leave tests out.
+_CHOICES = ("keyword", "markexpr", "deselect", "ignore", "ignore_glob", "lf", "stepwise")
+# Folders of suites: a bench's own, and the packaged ones.
+_SUITES = (("hil", "suites"), ("bench", "suites"))
 
 
 @dataclass(slots=True)
@@ -80,6 +87,7 @@ class HilSession:
         self._rig: Rig | None = None
         self._board: Board | None = None
         self._opened_s = 0.0
+        self._asked_for = False
 
     @property
     def is_worker(self) -> bool:
@@ -99,7 +107,7 @@ class HilSession:
         pytest.UsageError
             If the rig, the firmware or an option is wrong; no file has been touched then.
         """
-        if not any(map(uses_hiltest, items)) or self.config.option.collectonly:
+        if self.config.option.collectonly or not (self._asked_for or any(map(uses_hiltest, items))):
             return False
         self.open(with_board=any(map(uses_board, items)))
         return not self.is_worker
@@ -107,22 +115,27 @@ class HilSession:
     def open(self, *, with_board: bool) -> None:
         """Load the rig and, `with_board`, open the board; a bench that is lost is kept in `trouble`.
 
+        From here on there is something to record, even if no test needs it.
+
         Raises
         ------
         pytest.UsageError
-            If the rig, the firmware or an option is wrong.
+            If the rig, the firmware or an option is wrong, or no record can be written.
         """
         from hiltest.errors import BenchError, ConfigError, ProtocolError
 
+        self._asked_for = True
         try:
             # Reading the rig is what finds its mistakes.
             _ = self.rig
             if with_board:
-                self.connect()
+                # The first test that needs a lost board is charged with it.
+                with suppress(BenchError, ProtocolError):
+                    self.connect()
+            if not self.is_worker:
+                make_folder(self.settings.out)
         except ConfigError as error:
             raise pytest.UsageError(str(error)) from error
-        except (BenchError, ProtocolError):
-            return  # the first test that needs the board is charged with it
 
     @property
     def rig(self) -> Rig:
@@ -182,6 +195,51 @@ class HilSession:
             self.trouble_reported = True
         return BENCH_LOST if isinstance(error, BenchError) else WRONG_FIRMWARE
 
+    @property
+    def chose_tests(self) -> bool:
+        """Whether the user asked for a part of the tests: by ``-k``, ``-m``, ``--ignore``, files or node ids."""
+        given = vars(self.config.option)
+        if any(given.get(name) for name in _CHOICES):
+            return True
+        named = self.config.args if self.config.args_source is pytest.Config.ArgsSource.ARGS else []
+        here = self.config.invocation_params.dir
+        return bool(named) and not any("::" not in each and (here / each).is_dir() for each in named)
+
+    def test_id(self, nodeid: str) -> str:
+        """Return the id of a test for the record: for a suite it does not depend on where pytest was started."""
+        file, colons, rest = nodeid.partition("::")
+        parts = Path(os.path.normpath(self.config.rootpath / file)).parts
+        for index in range(len(parts) - 1, 1, -1):
+            if parts[index - 2 : index] in _SUITES:
+                return "/".join(parts[index:]) + colons + rest
+        return nodeid
+
+    def judge(
+        self, name: str, value: float | int | None, *, unit: str, limit: Limit | None = None, **more: Any
+    ) -> Measurement:
+        """Make a measurement and judge it by the rig's limit, or else by `limit`.
+
+        Parameters
+        ----------
+        name, value, unit, limit, **more
+            As `hiltest.measurement.judge` has them.
+
+        Raises
+        ------
+        ValueError
+            If the unit is not the one of the rig's limit.
+        """
+        from hiltest.measurement import judge
+
+        wanted = self.rig.units.get(name, unit)
+        if unit != wanted:
+            raise ValueError(f"{name} is measured in {unit!r}, and its limit in {self.rig.path} is in {wanted!r}")
+        kind = self._board.kind if self._board else self.rig.board.kind
+        return judge(
+            name, value, unit=unit, limit=self.rig.limits.get(name) or limit,
+            information=self.rig.information.get(name), could_offer=kind == "virtual", **more,
+        )
+
     def keep(self, item: pytest.Item, measurement: Measurement) -> None:
         """Take a measurement of a running test.
 
@@ -203,13 +261,11 @@ class HilSession:
         """Close the board and return what only the end of a session can measure."""
         if self._board is None:
             return []
-        from hiltest.measurement import judge
-
         seconds = self._board.virtual_seconds
         self._board.close()
         return [
-            judge("board.virtual_seconds", seconds, unit="s"),
-            judge("board.wall_seconds", time.monotonic() - self._opened_s, unit="s", volatile=True),
+            self.judge("board.virtual_seconds", seconds, unit="s"),
+            self.judge("board.wall_seconds", time.monotonic() - self._opened_s, unit="s", volatile=True),
         ]
 
     def describe(self) -> list[str]:
@@ -232,11 +288,11 @@ class HilSession:
 def board_is_gone(error: BenchError | ProtocolError) -> bool:
     """Say whether an error leaves a board that later tests cannot use.
 
-    A missing sensor does not: what needs no sensor still runs on a bare board.
+    A missing sensor does not, nor does a missing operator: what needs neither still runs.
     """
-    from hiltest.errors import SensorAbsentError
+    from hiltest.errors import OperatorAbsentError, SensorAbsentError
 
-    return not isinstance(error, SensorAbsentError)
+    return not isinstance(error, SensorAbsentError | OperatorAbsentError)
 
 
 def pack(found: Found) -> dict[str, Any]:

@@ -7,6 +7,7 @@ environment over the ini file, the ini file over the default.
 from __future__ import annotations
 
 import argparse
+import errno
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -45,6 +46,26 @@ def file_name(text: str) -> str:
     if not text:
         raise argparse.ArgumentTypeError("the name is empty")
     return text
+
+
+def make_folder(folder: Path) -> None:
+    """Make the folder of a record, before anything is run.
+
+    Raises
+    ------
+    ConfigError
+        If it cannot be made or written to.
+    """
+    from hiltest.errors import ConfigError
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if not os.access(folder, os.W_OK | os.X_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+    except OSError as error:
+        file = next((each for each in (folder, *folder.parents) if each.is_file()), None)
+        reason = f"{file} is a file" if file else error.strerror or str(error)
+        raise ConfigError(f"cannot write to the folder {folder}: {reason}; name another one with --out") from error
 
 
 @dataclass(frozen=True, slots=True)

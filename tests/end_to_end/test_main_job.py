@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import json
+import shutil
+import subprocess
+import sys
+import time
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from hiltest.report.record import without_volatile
+from hiltest.bench_files import shipped
+from hiltest.report.record import JOURNAL_FILE, RECORD_FILES, without_volatile
 from hiltest.report.schema import load_run
 
 Run = Callable[..., object]
@@ -34,7 +39,12 @@ def test_the_default_bench_passes(good_run) -> None:
 def test_everything_that_was_promised_is_measured(good_run) -> None:
     wanted = {name.format(calibrator) for name in PER_CALIBRATOR for calibrator in ("direct", "iterative")}
     assert wanted | set(ALWAYS) <= set(good_run.measured)
-    assert {good_run.measured[name]["outcome"] for name in wanted | set(ALWAYS)} == {"pass"}
+    # Judged where the rig has a limit, and said to be information where it has none.
+    outcomes = {
+        (each["outcome"], each["limit"] is not None) for each in good_run.measured.values()
+        if each["outcome"] != "not offered"  # what a calibrator does not have, such as the coverage of `iterative`
+    }
+    assert outcomes == {("pass", True), ("information", False)}
     assert good_run.measured["board.wall_seconds"]["volatile"]
 
 
@@ -86,3 +96,51 @@ def test_another_seed_is_another_run(good_run, run_in, tmp_path: Path) -> None:
     assert other.record["seed"] == 2
     assert other.value("heading.direct.max") != good_run.value("heading.direct.max")
     assert " over 12 poses" in other.sentence
+
+
+def test_a_part_of_the_suites_is_no_bare_pass(run_in, tmp_path: Path) -> None:
+    run = run_in(tmp_path, "--", "-k", "identity")
+    assert run.code == 0
+    assert run.sentence.startswith("PASS. Not judged: ")
+    assert " limits of the rig, e.g. heading.direct.max." in run.sentence
+    assert not run.record["verdict"]["complete"]
+
+
+def test_a_limit_of_a_calibrator_that_the_board_has_not_is_not_judged(
+    run_in, edited: Callable[..., str], tmp_path: Path
+) -> None:
+    rig = edited(('"heading.direct.max" =', '"heading.dirct.max" ='))
+    run = run_in(tmp_path, "--rig", rig, "--poses", "level")
+    assert run.code == 22
+    assert "heading.dirct.max (the board has no calibrator 'dirct', only direct, iterative)" in run.sentence
+
+
+def test_a_suite_that_is_gone_leaves_its_limits_unset(run_in, tmp_path: Path) -> None:
+    shutil.copytree(shipped() / "suites", tmp_path / "hil" / "suites")
+    (tmp_path / "hil" / "suites" / "test_heading.py").unlink()
+    (tmp_path / "hil" / "suites" / "test_cycles.py").unlink()
+    run = run_in(tmp_path, "--poses", "level")
+    assert run.code == 22
+    assert run.sentence.startswith("NOT JUDGED. Not judged: heading.direct.max (nothing measured it), ")
+
+
+def test_a_test_has_the_same_id_wherever_its_suites_are(good_run, run_in, tmp_path: Path) -> None:
+    shutil.copytree(shipped() / "suites", tmp_path / "hil" / "suites")
+    run = run_in(tmp_path, "--", "-k", "identity")
+    ids = [test["id"] for test in run.record["tests"]]
+    assert "test_identity.py::test_the_firmware_names_itself" in ids
+    assert set(ids) < {test["id"] for test in good_run.record["tests"]}
+
+
+def test_a_run_that_is_killed_leaves_no_report_of_the_one_before(tmp_path: Path) -> None:
+    out = tmp_path / "hil-out"
+    out.mkdir()
+    for name in RECORD_FILES:
+        (out / name).write_text("of an earlier run", encoding="utf-8")
+    command = [sys.executable, "-m", "hiltest", "run", "--out", str(out)]
+    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL) as running:
+        ends_s = time.monotonic() + 60.0
+        while not (out / JOURNAL_FILE).exists() and running.poll() is None and time.monotonic() < ends_s:
+            time.sleep(0.02)
+        running.terminate()
+    assert [path.name for path in out.iterdir()] == [JOURNAL_FILE]

@@ -15,9 +15,15 @@ _RIG = Path(__file__).parents[2] / "hil" / "rigs" / "virtual-k64f.toml"
 
 
 @pytest.fixture(autouse=True)
-def _no_settings_from_outside(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("RIG", "FIRMWARE", "PORT", "OUT", "SEED", "POSES"):
+def _no_settings_from_outside(
+    monkeypatch: pytest.MonkeyPatch, default_rig: str, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    for name in ("FIRMWARE", "PORT", "OUT", "SEED", "POSES"):
         monkeypatch.delenv(f"HIL_{name}", raising=False)
+    # Without limits: those of the default rig are for its suites, and one that nothing meets is not silent.
+    path = tmp_path_factory.mktemp("rig") / "no-limits.toml"
+    path.write_text(default_rig[: default_rig.index("[limits]")], encoding="utf-8")
+    monkeypatch.setenv("HIL_RIG", str(path))
 
 
 @pytest.fixture

@@ -64,7 +64,7 @@ def test_it(measure):
     result.stdout.fnmatch_lines(["field.strength = 60 uT, limit 45 to 52: fail"])
     assert measurements_of(pytester)["cycles.direct.per_point"] | {"test": ""} == {
         "name": "cycles.direct.per_point", "value": 200.0, "unit": "cycle", "limit": None,
-        "information": {"min": None, "max": 168}, "outcome": "pass", "volatile": False,
+        "information": {"min": None, "max": 168}, "outcome": "information", "volatile": False,
         "cycle_model": "silicon-dwt", "note": "", "test": "",
     }
 
@@ -134,7 +134,7 @@ def test_a_hook_sees_each_measurement_and_the_finished_run(pytester: pytest.Pyte
             print("finished", run.verdict.exit_code)
     """)
     pytester.makepyfile("def test_it(measure):\n    measure('x', 1, '')\n")
-    pytester.runpytest_inprocess("-s").stdout.fnmatch_lines(["*saw test_it x = 1: pass*", "*finished 0*"])
+    pytester.runpytest_inprocess("-s").stdout.fnmatch_lines(["*saw test_it x = 1: information*", "*finished 0*"])
 
 
 def test_what_was_measured_is_on_the_disk_when_the_process_dies(pytester: pytest.Pytester) -> None:

@@ -37,6 +37,7 @@ def test_the_command_line_wins_over_environment_ini_and_default(
 ) -> None:
     pytester.makepyfile(SHOW)
     pytester.makeini("[pytest]\nhil_seed = 3\nhil_poses = level\nhil_port = socket://ini:1\n")
+    monkeypatch.delenv("HIL_RIG")
     monkeypatch.setenv("HIL_SEED", "2")
     monkeypatch.setenv("HIL_POSES", "all")
     pytester.runpytest_inprocess("-s", "--hil-seed=1").stdout.fnmatch_lines([

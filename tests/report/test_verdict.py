@@ -9,6 +9,7 @@ import pytest
 
 from hiltest.measurement import Limit, Measurement, judge
 from hiltest.report.record import Findings, TestResult
+from hiltest.report.unmet import unmet_limits
 from hiltest.report.verdict import decide, grouped
 
 Make = Callable[..., Findings]
@@ -28,7 +29,7 @@ def test_the_better_calibrator_is_named_when_accuracy_does_not_tie(findings: Mak
     iterative = heading("iterative", 1.0, limit=2, cycles=24_000)
     made = findings(*heading("direct", 1.5, limit=1.8, cycles=12_000), *iterative)
     assert decide(made, pytest_exit=0).sentence.endswith(
-        "limit 1.8 and 2 deg: PASS. iterative is 0.50 deg better; direct costs 1/2."
+        "limits 1.8 and 2 deg: PASS. iterative is 0.50 deg better; direct costs 1/2."
     )
 
 
@@ -84,6 +85,40 @@ def test_a_centred_error_out_of_limit_fails_even_without_a_mounting(findings: Ma
     assert verdict.exit_code == 1
 
 
+def test_limits_stand_in_the_order_of_the_calibrators(findings: Make, heading: Heading) -> None:
+    iterative = heading("iterative", 1.0, limit=1.5, cycles=24_000)
+    sentence = decide(findings(*heading("direct", 1.5, limit=1.8, cycles=12_000), *iterative), pytest_exit=0).sentence
+    assert "; limits 1.8 and 1.5 deg: PASS." in sentence
+
+
+@pytest.mark.parametrize("outcome", ["passed", "skipped", "xfailed"])
+def test_out_of_limit_is_red_whatever_became_of_the_test(
+    findings: Make, good: list[Measurement], outcome: str
+) -> None:
+    bad = judge("cycles.direct.fixed", 11_061.0, unit="cycle", limit=Limit(max=2_600), cycle_model="m", test="t::t")
+    verdict = decide(findings(*good, bad, tests=(TestResult("t::t", outcome, 1),)), pytest_exit=0)
+    assert (verdict.exit_code, verdict.outcome) == (1, "fail")
+    assert verdict.sentence.endswith("FAIL. Out of limit: cycles.direct.fixed 11 061 cycle (at most 2 600).")
+
+
+def test_limits_that_were_left_out_are_said_and_make_nobody_red(findings: Make, good: list[Measurement]) -> None:
+    verdict = decide(findings(*good), pytest_exit=0, left_out=["a.b", "c.d"])
+    assert verdict.sentence.endswith("costs 1/16. Not judged: 2 limits of the rig, e.g. a.b.")
+    assert (verdict.exit_code, verdict.outcome, verdict.complete) == (0, "pass", False)
+
+
+def test_a_limit_that_nothing_met_is_named_and_is_no_calibrator(findings: Make, good: list[Measurement]) -> None:
+    limits = {"heading.dirct.max": Limit(max=1.8), "heading.direct.max": Limit(max=1.8), "lamp": Limit(max=1)}
+    unmet = unmet_limits(limits, {"lamp": "cd"}, {each.name for each in good}, ("direct", "iterative"))
+    verdict = decide(findings(*good, *unmet), pytest_exit=0)
+    assert verdict.exit_code == 22
+    assert verdict.sentence.startswith("direct: worst heading 0.97 deg over 60 poses for 12 400 cycles; iterative: ")
+    assert (
+        "NOT JUDGED. Not judged: heading.dirct.max (the board has no calibrator 'dirct', only direct, iterative), "
+        "lamp (nothing measured it)."
+    ) in verdict.sentence
+
+
 def test_other_measurements_out_of_limit_are_named(findings: Make, good: list[Measurement]) -> None:
     bad = judge("gyroscope.bias_error", 0.4, unit="dps", limit=Limit(max=0.1), test="t.py::test_rest")
     verdict = decide(findings(*good, bad, tests=(TestResult("t.py::test_rest", "failed", 1),)), pytest_exit=1)
@@ -110,6 +145,16 @@ def test_a_lost_bench_says_what_happened_and_what_is_kept(findings: Make) -> Non
     verdict = decide(made, pytest_exit=1)
     assert verdict.sentence == "BENCH LOST: lost /dev/ttyACM0: unplugged. 1 measurement kept."
     assert (verdict.exit_code, verdict.complete) == (20, False)
+
+
+def test_a_bench_lost_after_a_failure_is_said_behind_it(findings: Make, good: list[Measurement]) -> None:
+    bad = judge("gyroscope.bias_error", 0.4, unit="dps", limit=Limit(max=0.1), test="a")
+    lost = TestResult("a", "bench lost", 1, reason="lost /dev/ttyACM0: unplugged.")
+    verdict = decide(findings(*good, bad, tests=(lost,)), pytest_exit=1)
+    assert verdict.exit_code == 1
+    assert verdict.sentence.endswith(
+        "FAIL. Out of limit: gyroscope.bias_error 0.4 dps (at most 0.1). Bench lost: lost /dev/ttyACM0: unplugged."
+    )
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ _COLUMNS = (
     ("per point", "cycles.{}.per_point"),
     ("fixed", "cycles.{}.fixed"),
 )
-_TONES = {Outcome.FAIL: "fail", Outcome.UNSET: "unset"}
+_TONES = {Outcome.PASS: "pass", Outcome.FAIL: "fail", Outcome.UNSET: "unset"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,8 +76,6 @@ def groups(run: Run) -> list[Group]:
 
 def tone(measurement: Measurement) -> str:
     """Return the class of the style sheet for an outcome."""
-    if measurement.outcome is Outcome.PASS:
-        return "pass" if measurement.limit else ""
     return _TONES.get(measurement.outcome, "")
 
 

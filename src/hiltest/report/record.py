@@ -21,6 +21,7 @@ from hiltest.measurement import Limit, Measurement, Outcome, plain, round_signif
 
 RUN_FILE = "run.json"
 JOURNAL_FILE = "journal.jsonl"
+RECORD_FILES = (RUN_FILE, "report.html", "report.md", "junit.xml")
 SCHEMA: Literal["hiltest.run/1"] = "hiltest.run/1"
 
 Cell = float | int | str | bool | None
@@ -200,7 +201,8 @@ class Journal:
     def __init__(self, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         # A record of an earlier run must not be taken for this one if this one is cut short.
-        (folder / RUN_FILE).unlink(missing_ok=True)
+        for name in RECORD_FILES:
+            (folder / name).unlink(missing_ok=True)
         self.path = folder / JOURNAL_FILE
         self.path.write_text("", encoding="utf-8")
 

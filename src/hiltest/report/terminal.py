@@ -12,11 +12,10 @@ from rich.markup import escape
 from rich.table import Table as Grid
 
 from hiltest.measurement import Measurement, Outcome
-from hiltest.report.record import RUN_FILE, Run
+from hiltest.report.record import RECORD_FILES, Run
 from hiltest.report.verdict import grouped
 
-_STYLES = {Outcome.PASS: "green", Outcome.FAIL: "bold red", Outcome.UNSET: "yellow", Outcome.NOT_OFFERED: "dim"}
-_FILES = (RUN_FILE, "report.html", "report.md", "junit.xml")
+_STYLES = {Outcome.FAIL: "bold red", Outcome.UNSET: "yellow", Outcome.NOT_OFFERED: "dim"}
 
 
 def summary(run: Run, folder: Path, *, every: bool, sentence: bool, width: int, colour: bool) -> str:
@@ -49,7 +48,7 @@ def summary(run: Run, folder: Path, *, every: bool, sentence: bool, width: int, 
     for test in run.tests:
         if test.outcome in ("bench lost", "wrong firmware"):
             console.print(f"[red]{test.outcome}[/red]: {escape(test.id)}: {escape(test.reason)}", soft_wrap=True)
-    files = [name for name in _FILES if (folder / name).exists()]
+    files = [name for name in RECORD_FILES if (folder / name).exists()]
     console.print(escape(f"{shown_path(folder)}: {', '.join(files)}"), soft_wrap=True)
     if sentence:
         console.print(escape(run.verdict.sentence), soft_wrap=True)
@@ -79,9 +78,7 @@ def shown_limit(measurement: Measurement) -> str:
 
 def shown_outcome(measurement: Measurement) -> str:
     """Return the outcome as people read it; without a limit nothing was judged."""
-    if measurement.outcome is Outcome.PASS and measurement.limit is None:
-        return ""
-    return str(measurement.outcome)
+    return "" if measurement.outcome is Outcome.INFORMATION else str(measurement.outcome)
 
 
 def _grid(measurements: Sequence[Measurement]) -> Grid:
@@ -95,6 +92,6 @@ def _grid(measurements: Sequence[Measurement]) -> Grid:
         outcome = shown_outcome(each) + (f" ({each.note})" if each.note else "")
         grid.add_row(
             escape(each.name), shown_value(each), escape(each.unit), shown_limit(each), escape(outcome),
-            style=_STYLES[each.outcome] if each.outcome is not Outcome.PASS else None,
+            style=_STYLES.get(each.outcome),
         )
     return grid

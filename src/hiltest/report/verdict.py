@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from hiltest.calibration.fit import FitStatus
-from hiltest.measurement import Measurement, Outcome
+from hiltest.measurement import Measurement, Outcome, readable
 from hiltest.procedures.cause import Cause, name_cause
 from hiltest.report.record import Findings, TestResult, Verdict
 
@@ -65,7 +65,7 @@ class CalibratorResult:
     fit: FitStatus = FitStatus.ELLIPSOID
 
 
-def decide(findings: Findings, *, pytest_exit: int) -> Verdict:
+def decide(findings: Findings, *, pytest_exit: int, left_out: Sequence[str] = ()) -> Verdict:
     """Decide a run.
 
     Parameters
@@ -74,18 +74,23 @@ def decide(findings: Findings, *, pytest_exit: int) -> Verdict:
         Tests, measurements and tables of the run.
     pytest_exit : int
         Exit status as pytest has it; its 2, 3, 4 and 5 win over every other.
+    left_out : sequence of str
+        Limits of the rig that nothing was measured against, because the user chose among the tests
+        or because the session stopped. They are named, and make nobody red.
 
     Returns
     -------
     Verdict
-        `complete` is False when pytest stopped before its last test.
+        `complete` is False when pytest stopped before its last test, or limits were left out.
     """
     code = exit_code(findings, pytest_exit=pytest_exit)
     known = code in list(ExitCode)
     word = WORDS[ExitCode(code)] if known else f"exit code {code}"
     return Verdict(
-        outcome=word, exit_code=code, sentence=_sentence(findings, word),
-        complete=pytest_exit not in _PYTEST_WINS and not _tests(findings, "wrong firmware", "bench lost"),
+        outcome=word, exit_code=code, sentence=_sentence(findings, word, left_out),
+        complete=(
+            pytest_exit not in _PYTEST_WINS and not left_out and not _stopped(findings)
+        ),
     )
 
 
@@ -93,7 +98,8 @@ def exit_code(findings: Findings, *, pytest_exit: int) -> int:
     """Return the exit code: pytest's 2 to 5, then 1, 23, 20, 22."""
     if pytest_exit in _PYTEST_WINS:
         return pytest_exit
-    if _tests(findings, *_RED_TESTS):
+    # A measurement out of its limit is red whatever its test went on to do: skip, xfail, tear down.
+    if _tests(findings, *_RED_TESTS) or _failed(findings):
         return ExitCode.FAILED
     if _tests(findings, "wrong firmware"):
         return ExitCode.WRONG_FIRMWARE
@@ -120,7 +126,7 @@ def calibrator_results(measurements: Sequence[Measurement]) -> tuple[CalibratorR
     found = {each.name: each for each in measurements}
     names = [
         name.split(".")[1] for name in found
-        if name.startswith("heading.") and name.endswith(".max") and name.count(".") == 2
+        if name.startswith("heading.") and name.endswith(".max") and name.count(".") == 2 and not _unmet(found[name])
     ]
     results = [_calibrator_result(name, found) for name in names if name != UNCALIBRATED]
     return tuple(sorted(results, key=lambda each: (_value(each.cycles) or float("inf"), each.name)))
@@ -161,7 +167,7 @@ def _fit_status(name: str, found: dict[str, Measurement]) -> FitStatus:
     return FitStatus(int(_value(found.get(f"fit.{name}.status")) or FitStatus.ELLIPSOID))
 
 
-def _sentence(findings: Findings, word: str) -> str:
+def _sentence(findings: Findings, word: str, left_out: Sequence[str]) -> str:
     """Compose the verdict: calibrators, limit and word, then whatever else is out of order."""
     measurements = tuple(findings.measurements.values())
     results = calibrator_results(measurements)
@@ -172,11 +178,28 @@ def _sentence(findings: Findings, word: str) -> str:
     poses = findings.tables.get(POSES_TABLE)
     count = len(poses.rows) if poses else 0
     parts = [_calibrator_words(each, 0 if index else count) for index, each in enumerate(results)]
-    limits = sorted({limit for each in results if (limit := _maximum_of(each.maximum)) is not None})
-    if limits:
-        parts.append(f"limit {' and '.join(f'{limit:g}' for limit in limits)} deg")
+    if limits := _limit_words(results):
+        parts.append(limits)
     sentence = "; ".join(parts) + f": {word.upper()}." if parts else f"{word.upper()}."
-    return " ".join(filter(None, (sentence, *_remarks(findings, results))))
+    return " ".join(filter(None, (sentence, *_remarks(findings, results), _left_out_words(left_out))))
+
+
+def _limit_words(results: Sequence[CalibratorResult]) -> str:
+    """Return the limits in the order in which the calibrators are named; one alone when all share it."""
+    limits = [_maximum_of(each.maximum) for each in results]
+    if not any(limit is not None for limit in limits):
+        return ""
+    words = ["none" if limit is None else f"{limit:g}" for limit in limits]
+    if len(set(words)) == 1:
+        return f"limit {words[0]} deg"
+    return f"limits {', '.join(words[:-1])} and {words[-1]} deg"
+
+
+def _left_out_words(left_out: Sequence[str]) -> str:
+    if not left_out:
+        return ""
+    example = f", e.g. {left_out[0]}" if len(left_out) > 1 else f": {left_out[0]}"
+    return f"Not judged: {len(left_out)} limit{'s' * (len(left_out) > 1)} of the rig{example}."
 
 
 def _calibrator_words(result: CalibratorResult, poses: int) -> str:
@@ -210,9 +233,10 @@ def _remarks(findings: Findings, results: Sequence[CalibratorResult]) -> list[st
     measurements = findings.measurements.values()
     named = [each.name for each in results if each.cause is not Cause.NONE]
     explained = {f"{kind}.{name}." for name in named for kind in ("heading", "fit")}
-    failed = [each for each in measurements if each.outcome is Outcome.FAIL]
+    failed = _failed(findings)
     others = [each for each in failed if not each.name.startswith(tuple(explained))]
     remarks = [_not_judged(list(measurements)), _out_of_limit(others), _failed_tests(findings, failed)]
+    remarks += [f"{each.outcome.capitalize()}: {each.reason.rstrip('.')}." for each in _stopped(findings)[:1]]
     if not failed and not _tests(findings, *_RED_TESTS):
         remarks.append(_comparison(results))
     return remarks
@@ -222,7 +246,7 @@ def _not_judged(measurements: Sequence[Measurement]) -> str:
     unset = [each for each in measurements if each.outcome is Outcome.UNSET]
     if not unset:
         return ""
-    if all(each.name.startswith("heading.") for each in unset):
+    if all(each.name.startswith("heading.") and not _unmet(each) for each in unset):
         biases = [each for each in measurements if each.name.endswith(".bias") and each.value is not None]
         mean = f"; mean error {biases[0].value:.2f} deg" if biases and biases[0].value is not None else ""
         return f"Only centred values were judged: {unset[0].note}{mean}."
@@ -238,7 +262,7 @@ def _out_of_limit(others: Sequence[Measurement]) -> str:
 def _measured(measurement: Measurement) -> str:
     if measurement.value is None:
         return f"{measurement.name} ({measurement.note})"
-    value = f"{measurement.name} {measurement.value:.4g} {measurement.unit}".rstrip()
+    value = f"{measurement.name} {readable(measurement.value)} {measurement.unit}".rstrip()
     return f"{value} ({measurement.limit})"
 
 
@@ -269,10 +293,23 @@ def _comparison(results: Sequence[CalibratorResult]) -> str:
 
 def _what_stopped(findings: Findings) -> str:
     """Return why the bench or the firmware ended the run, empty when neither did."""
-    stopped = _tests(findings, "wrong firmware", "bench lost")
-    if not stopped or _tests(findings, *_RED_TESTS):
+    stopped = _stopped(findings)
+    if not stopped or _tests(findings, *_RED_TESTS) or _failed(findings):
         return ""
     return f"{stopped[0].reason.rstrip('.')}."
+
+
+def _failed(findings: Findings) -> list[Measurement]:
+    return [each for each in findings.measurements.values() if each.outcome is Outcome.FAIL]
+
+
+def _stopped(findings: Findings) -> list[TestResult]:
+    return _tests(findings, "wrong firmware", "bench lost")
+
+
+def _unmet(measurement: Measurement) -> bool:
+    """Say whether a limit found no number to judge, which is less than a number that it cannot be held against."""
+    return measurement.outcome is Outcome.UNSET and measurement.value is None
 
 
 def _tests(findings: Findings, *outcomes: str) -> list[TestResult]:

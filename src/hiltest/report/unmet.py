@@ -1,0 +1,41 @@
+"""Limits that nothing was measured against: a gate that is not evaluated fails closed."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+
+from hiltest.measurement import Limit, Measurement, Outcome
+
+# Families of measurements that are made once for each calibrator: heading.direct.max.
+_PER_CALIBRATOR = ("heading", "fit", "cycles")
+_UNCALIBRATED = "uncalibrated"
+
+
+def unmet_limits(
+    limits: Mapping[str, Limit], units: Mapping[str, str], measured: Collection[str], calibrators: Sequence[str],
+) -> list[Measurement]:
+    """Return an ``unset`` measurement for every limit of the rig that no measurement met.
+
+    Parameters
+    ----------
+    limits, units : mapping
+        Of the rig, by measurement name.
+    measured : collection of str
+        Names of all that was measured.
+    calibrators : sequence of str
+        That the board offers; empty when no board answered.
+    """
+    return [
+        Measurement(
+            name, None, units.get(name, ""), limit=limit, outcome=Outcome.UNSET, note=_why(name, calibrators)
+        )
+        for name, limit in limits.items() if name not in measured
+    ]
+
+
+def _why(name: str, calibrators: Sequence[str]) -> str:
+    family, _, rest = name.partition(".")
+    calibrator = rest.partition(".")[0]
+    if family in _PER_CALIBRATOR and calibrators and calibrator not in (*calibrators, _UNCALIBRATED):
+        return f"the board has no calibrator {calibrator!r}, only {', '.join(calibrators)}"
+    return "nothing measured it"

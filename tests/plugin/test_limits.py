@@ -1,0 +1,149 @@
+"""Limits of the rig: which of two holds, in which unit, and what becomes of one that nothing met."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+
+HEAD = "import pytest\nfrom hiltest.measurement import Limit\n\n"
+
+
+@pytest.fixture
+def limits(pytester: pytest.Pytester, default_rig: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A rig that limits a lamp."""
+    rig = default_rig[: default_rig.index("[limits]")]
+    rig += '[limits]\n"lamp.current" = { max = 3.0, unit = "mA" }\n"lamp.heat" = { max = 40.0, unit = "degC" }\n'
+    (pytester.path / "lamp.toml").write_text(rig, encoding="utf-8")
+    monkeypatch.setenv("HIL_RIG", "lamp.toml")
+
+
+def record_of(pytester: pytest.Pytester) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads((pytester.path / "hil-out" / "run.json").read_text(encoding="utf-8"))
+    return content
+
+
+def outcomes_of(pytester: pytest.Pytester) -> dict[str, str]:
+    return {each["name"]: each["outcome"] for each in record_of(pytester)["measurements"]}
+
+
+BOTH = HEAD + """
+def test_current(measure):
+    measure("lamp.current", 1.0, "mA")
+
+def test_heat(measure):
+    measure("lamp.heat", 30.0, "degC")
+"""
+
+
+@pytest.mark.usefixtures("limits")
+def test_a_limit_that_no_test_measures_ends_with_22(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(BOTH.replace("lamp.heat", "lamp.haet"))
+    result = pytester.runpytest_inprocess()
+    result.assert_outcomes(passed=2)
+    assert result.ret == 22
+    result.stdout.fnmatch_lines(["NOT JUDGED. Not judged: lamp.heat (nothing measured it)."])
+    assert outcomes_of(pytester) == {"lamp.current": "pass", "lamp.haet": "information", "lamp.heat": "unset"}
+
+
+@pytest.mark.usefixtures("limits")
+@pytest.mark.parametrize(
+    "choice",
+    [["-k", "current"], ["test_both.py::test_current"], ["--deselect", "test_both.py::test_heat"]],
+    ids=lambda choice: choice[0],
+)
+def test_tests_that_the_user_left_out_make_nobody_red_and_are_said(
+    pytester: pytest.Pytester, choice: list[str]
+) -> None:
+    pytester.makepyfile(test_both=BOTH)
+    result = pytester.runpytest_inprocess(*choice)
+    assert result.ret == 0
+    result.stdout.fnmatch_lines(["PASS. Not judged: 1 limit of the rig: lamp.heat."])
+    assert not record_of(pytester)["verdict"]["complete"]
+    assert outcomes_of(pytester) == {"lamp.current": "pass"}
+
+
+@pytest.mark.usefixtures("limits")
+def test_every_limit_judged_is_a_plain_pass(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(BOTH)
+    result = pytester.runpytest_inprocess()
+    assert result.ret == 0
+    result.stdout.fnmatch_lines(["PASS."])
+    assert record_of(pytester)["verdict"]["complete"]
+
+
+@pytest.mark.usefixtures("limits")
+def test_a_test_that_skips_itself_has_judged_nothing(pytester: pytest.Pytester) -> None:
+    skip = 'pytest.skip("not today")'
+    pytester.makepyfile(BOTH.replace('    measure("lamp.heat"', f'    {skip}\n    measure("lamp.heat"'))
+    assert pytester.runpytest_inprocess().ret == 22
+
+
+@pytest.mark.usefixtures("limits")
+def test_a_session_that_was_stopped_says_what_was_not_judged(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(BOTH.replace("1.0", "9.0"))
+    result = pytester.runpytest_inprocess("-x")
+    assert result.ret == 1
+    result.stdout.fnmatch_lines([
+        "FAIL. Out of limit: lamp.current 9 mA (at most 3). Not judged: 1 limit of the rig: lamp.heat."
+    ])
+
+
+@pytest.mark.usefixtures("limits")
+def test_another_unit_than_the_limits_is_an_error_that_names_both(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(BOTH.replace('"mA"', '"A"'))
+    result = pytester.runpytest_inprocess()
+    assert result.ret == 1
+    result.stdout.fnmatch_lines(["*lamp.current is measured in 'A', and its limit in *lamp.toml is in 'mA'*"])
+    assert outcomes_of(pytester)["lamp.current"] == "unset"
+
+
+@pytest.mark.usefixtures("limits")
+def test_no_value_under_a_limit_is_not_judged_on_a_virtual_board(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(BOTH.replace("30.0", "None"))
+    result = pytester.runpytest_inprocess()
+    assert result.ret == 22
+    result.stdout.fnmatch_lines(["*Not judged: lamp.heat (the board can offer it, and no value was given)."])
+
+
+@pytest.mark.usefixtures("limits")
+def test_what_a_real_board_cannot_know_is_not_offered(pytester: pytest.Pytester) -> None:
+    text = (pytester.path / "lamp.toml").read_text(encoding="utf-8").replace('kind = "virtual"', 'kind = "real"')
+    text = text.replace('kind = "simulated"', 'kind = "operator"')
+    text = text[: text.index("[world]")] + text[text.index("[limits]") :]
+    (pytester.path / "lamp.toml").write_text(text, encoding="utf-8")
+    pytester.makepyfile(BOTH.replace("30.0", "None"))
+    assert pytester.runpytest_inprocess().ret == 0
+    assert outcomes_of(pytester)["lamp.heat"] == "not offered"
+
+
+@pytest.mark.usefixtures("limits")
+def test_the_rigs_limit_wins_over_the_suites(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(BOTH.replace('1.0, "mA"', '4.0, "mA", limit=Limit(max=100)'))
+    result = pytester.runpytest_inprocess()
+    assert result.ret == 1
+    result.stdout.fnmatch_lines(["lamp.current = 4 mA, limit at most 3: fail"])
+
+
+@pytest.mark.parametrize(
+    "test",
+    [
+        "def test_it(measure):\n    measure('x', 3, 'V', limit=Limit(max=2))\n    pytest.skip('never mind')",
+        "@pytest.mark.xfail\ndef test_it(measure):\n    measure('x', 3, 'V', limit=Limit(max=2))",
+        "def test_it(measure):\n    measure('x', 3, 'V', limit=Limit(max=2))\n    pytest.xfail('never mind')",
+        "@pytest.fixture\ndef lamp(measure):\n    yield\n    measure('x', 3, 'V', limit=Limit(max=2))\n\n"
+        "def test_it(lamp):\n    pass",
+    ],
+    ids=["skip", "xfail mark", "xfail", "teardown"],
+)
+def test_out_of_limit_is_red_whatever_the_test_does_then(pytester: pytest.Pytester, test: str) -> None:
+    pytester.makepyfile(HEAD + test)
+    result = pytester.runpytest_inprocess()
+    assert result.ret == 1
+    result.stdout.fnmatch_lines(["FAIL. Out of limit: x 3 V (at most 2)."])
+
+
+def test_a_test_that_fails_in_its_own_words_does_so_once(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(HEAD + "def test_it(measure):\n    measure('x', 3, 'V', limit=Limit(max=2))\n    assert 0\n")
+    pytester.runpytest_inprocess().assert_outcomes(failed=1, errors=0)
