@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from hiltest.report.schema import load_run
 from hiltest.report.verdict import WORDS, ExitCode
 
 
@@ -39,7 +40,10 @@ def test_help_lists_every_exit_code(tmp_path: Path, command: list[str]) -> None:
         (["run", "--seeds", "1..2", "--seed", "1"], "neither with --seed nor with --hil-port"),
         (["run", "--seeds", "1..2", "--hil-port", "/dev/ttyACM0"], "neither with --seed nor with --hil-port"),
         (["run", "--poses", "some"], "'some' is not one of 'all', 'level'"),
-        (["run", "--seed", "x"], "'x' is not a seed"),
+        (["run", "--seed", "x"], "'--seed': 'x' is not a seed"),
+        (["run", "--seeds", "1..4294967296"], "'4294967296' is not a seed"),
+        (["run", "--out", ""], "'--out': the name is empty"),
+        (["run", "--rig", ""], "'--rig': the name is empty"),
         (["run", "--rig", "gone"], "no rig file 'gone'; rigs here: frdm-k64f, "),
         (["dance"], "No such command 'dance'"),
     ],
@@ -72,13 +76,45 @@ def test_init_does_not_overwrite(tmp_path: Path) -> None:
     assert suite.read_text() == "mine"
 
 
+@pytest.mark.parametrize("arguments", [["run"], ["run", "--seeds", "1..2"]], ids=" ".join)
+@pytest.mark.parametrize(
+    ("out", "complaint"),
+    [("taken", "taken is a file"), ("taken/deeper", "taken is a file"), ("/proc/hiltest", "No such file")],
+)
+def test_a_folder_that_cannot_be_is_refused_before_anything_runs(
+    tmp_path: Path, arguments: list[str], out: str, complaint: str
+) -> None:
+    (tmp_path / "taken").write_text("mine")
+    result = hiltest(*arguments, "--out", out, folder=tmp_path)
+    assert result.returncode == 4, result.stdout + result.stderr
+    assert f"ERROR: cannot write to the folder {out if out[0] == '/' else ''}" in result.stderr
+    assert f"{complaint}" in result.stderr
+    assert "name another one with --out" in result.stderr
+    assert "Traceback" not in result.stdout + result.stderr
+    assert "test_" not in result.stdout
+    assert (tmp_path / "taken").read_text() == "mine"
+
+
+@pytest.mark.parametrize("folder", ["taken", "taken/deeper", "/proc/hiltest"])
+def test_init_into_a_bad_place_is_a_usage_error(tmp_path: Path, folder: str) -> None:
+    (tmp_path / "taken").write_text("mine")
+    result = hiltest("init", folder, folder=tmp_path)
+    assert result.returncode == 4
+    assert "Traceback" not in result.stderr
+    assert folder in result.stderr
+
+
 def test_the_suites_of_the_working_tree_are_the_ones_that_run(tmp_path: Path) -> None:
     suite = tmp_path / "hil" / "suites" / "test_mine.py"
     suite.parent.mkdir(parents=True)
     suite.write_text("def test_mine():\n    pass\n")
     result = hiltest("run", "--", "-v", folder=tmp_path)
     assert "hil/suites/test_mine.py::test_mine PASSED" in result.stdout
-    assert result.returncode == 0
+    # And none of them measures anything: the default rig has limits.
+    assert result.returncode == 22
+    assert result.stdout.splitlines()[-1].startswith("NOT JUDGED. Not judged: heading.direct.max (nothing measured")
+    (test,) = load_run(tmp_path / "hil-out" / "run.json").tests
+    assert test.id == "test_mine.py::test_mine"
 
 
 def test_what_follows_two_dashes_goes_to_pytest(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from hiltest.measurement import Measurement, Outcome, round_significant
 from hiltest.report.record import RUN_FILE, Run, write_atomically
 from hiltest.report.schema import load_run
 from hiltest.report.verdict import ExitCode
+from hiltest.settings import make_folder
 
 SEEDS_FILE = "seeds.json"
 SEEDS_SCHEMA = "hiltest.seeds/1"
@@ -80,7 +81,13 @@ def run_seeds(seeds: Sequence[int], options: Sequence[str], out: Path, *, may_fa
     -------
     int
         Exit code of the campaign.
+
+    Raises
+    ------
+    ConfigError
+        If `out` cannot be written to; nothing has been run then.
     """
+    make_folder(out)
     console = Console()
     columns = (TextColumn("seeds"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool, Progress(*columns, console=console) as progress:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import shutil
 import sys
 from collections.abc import Callable, Sequence
@@ -16,7 +17,7 @@ from hiltest.bench_files import shipped, suites
 from hiltest.errors import ConfigError
 from hiltest.report.record import Run
 from hiltest.session import SESSION
-from hiltest.settings import DEFAULT_OUT
+from hiltest.settings import DEFAULT_OUT, file_name, seed
 
 EXIT_CODES = """
 \b
@@ -62,22 +63,45 @@ def commands() -> None:
     """Hardware-in-the-loop tests for compass and IMU calibration firmware."""
 
 
+def _checked(check: Callable[[str], Any]) -> Callable[[click.Context, click.Parameter, str | None], str | None]:
+    """Return a callback that refuses what the plugin's option of the same name would refuse."""
+
+    def callback(_context: click.Context, _parameter: click.Parameter, text: str | None) -> str | None:
+        if text is not None:
+            try:
+                check(text)
+            except argparse.ArgumentTypeError as error:
+                raise click.BadParameter(str(error)) from error
+        return text
+
+    return callback
+
+
 def _seed_range(_context: click.Context, _parameter: click.Parameter, text: str | None) -> range | None:
     """Parse ``A..B``, both ends included."""
     if text is None:
         return None
     first, dots, last = text.partition("..")
-    if not (dots and first.isdigit() and last.isdigit() and int(first) <= int(last)):
+    try:
+        seeds = range(seed(first), seed(last) + 1)
+    except argparse.ArgumentTypeError as error:
+        reason = str(error) if dots else f"{text!r} is not a range of seeds"
+        raise click.BadParameter(f"{reason}; write for example 1..100") from error
+    if not seeds:
         raise click.BadParameter(f"{text!r} is not a range of seeds; write for example 1..100")
-    return range(int(first), int(last) + 1)
+    return seeds
 
 
 @commands.command(epilog=EXIT_CODES)
-@click.option("--rig", metavar="R", help="Rig file, or name of a rig in hil/rigs.  [default: virtual-k64f]")
-@click.option("--firmware", metavar="ELF", help="Firmware for the virtual board.  [default: the packaged one]")
-@click.option("--hil-port", metavar="URL", help="Serial port of a real board: a device or a pyserial URL.")
-@click.option("--out", metavar="DIR", default=DEFAULT_OUT, show_default=True, help="Folder for the record and reports.")
-@click.option("--seed", metavar="N", help="Seed of the simulated world.  [default: the rig's]")
+@click.option("--rig", metavar="R", callback=_checked(file_name),
+              help="Rig file, or name of a rig in hil/rigs.  [default: virtual-k64f]")
+@click.option("--firmware", metavar="ELF", callback=_checked(file_name),
+              help="Firmware for the virtual board.  [default: the packaged one]")
+@click.option("--hil-port", metavar="URL", callback=_checked(file_name),
+              help="Serial port of a real board: a device or a pyserial URL.")
+@click.option("--out", metavar="DIR", default=DEFAULT_OUT, show_default=True, callback=_checked(file_name),
+              help="Folder for the record and reports.")
+@click.option("--seed", metavar="N", callback=_checked(seed), help="Seed of the simulated world.  [default: the rig's]")
 @click.option("--seeds", metavar="A..B", callback=_seed_range, help="Run once for each seed, and sum up.")
 @click.option("--may-fail", metavar="N", type=click.IntRange(min=0), default=0, show_default=True,
               help="With --seeds: how many seeds may miss a limit.")
@@ -111,8 +135,12 @@ def init(folder: Path) -> int:
     present = [target / name for name in ("suites", "rigs") if (target / name).exists()]
     if present:
         raise ConfigError(f"{present[0]} is already there; nothing was copied. Choose another folder, or move it away")
-    for name in ("suites", "rigs"):
-        shutil.copytree(source / name, target / name, ignore=_NOT_COPIED)
+    try:
+        for name in ("suites", "rigs"):
+            shutil.copytree(source / name, target / name, ignore=_NOT_COPIED)
+    except (OSError, shutil.Error) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise ConfigError(f"cannot copy to {target}: {reason}. Choose a folder that can be written to") from error
     click.echo(f"suites and rigs are in {target}. Next: cd {folder} && hiltest run")
     return 0
 
