@@ -7,6 +7,7 @@ A reply's payload is a status byte and, when that is one of the request's
 from __future__ import annotations
 
 import struct
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Generic, TypeVar
@@ -87,7 +88,7 @@ _HINTS = {
 
 
 @dataclass(frozen=True)
-class Request(Generic[R]):
+class Request(ABC, Generic[R]):
     """A request; `R` is what its reply parses to."""
 
     code: ClassVar[int]
@@ -99,9 +100,9 @@ class Request(Generic[R]):
         """Return the request's payload."""
         return b""
 
+    @abstractmethod
     def parse(self, fields: FieldReader) -> R:
         """Read the data of an OK reply."""
-        raise NotImplementedError
 
     @property
     def board_time_s(self) -> float:

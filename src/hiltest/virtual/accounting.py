@@ -120,8 +120,8 @@ class Accounting(Protocol):
         ...
 
 
-class BlockAccounting:
-    """Counts by translated block.
+class _Totals:
+    """What both ways of counting start from.
 
     Parameters
     ----------
@@ -145,8 +145,21 @@ class BlockAccounting:
         self._read_code = read_code
         self._attend = attend
         self._stop = stop
-        self._running: Block | None = None
         self._state = NEUTRAL
+
+    def flush_pipeline(self) -> None:
+        """An exception was entered or left: nothing overlaps across it."""
+        self._state = NEUTRAL
+
+
+class BlockAccounting(_Totals):
+    """Counts by translated block."""
+
+    def __init__(
+        self, profile: TimingProfile, read_code: ReadCode, attend: Callable[[Block], bool], stop: Callable[[], None]
+    ) -> None:
+        super().__init__(profile, read_code, attend, stop)
+        self._running: Block | None = None
         self._cache: dict[tuple[int, int, PipelineState], Block] = {}
         self._neutral: dict[int, Block] = {}
 
@@ -218,31 +231,20 @@ class BlockAccounting:
             self.cycles += block.taken
             self._state = NEUTRAL
 
-    def flush_pipeline(self) -> None:
-        """An exception was entered or left: nothing overlaps across it."""
-        self._state = NEUTRAL
-
     def forget_code(self) -> None:
         """Drop cached blocks."""
         self._cache.clear()
         self._neutral.clear()
 
 
-class InstructionAccounting:
+class InstructionAccounting(_Totals):
     """Counts instruction by instruction: the reference for `BlockAccounting`."""
 
     def __init__(
         self, profile: TimingProfile, read_code: ReadCode, attend: Callable[[Block], bool], stop: Callable[[], None]
     ) -> None:
-        self.cycles = 0
-        self.instructions = 0
-        self.deadline: float = 0.0
-        self._profile = profile
-        self._read_code = read_code
-        self._attend = attend
-        self._stop = stop
+        super().__init__(profile, read_code, attend, stop)
         self._last: Instruction | None = None
-        self._state = NEUTRAL
 
     def begins(self, address: int, size: int) -> None:
         """Take note that the emulator is about to run an instruction (its code hook)."""
@@ -294,10 +296,6 @@ class InstructionAccounting:
     def settle(self, pc: int) -> None:
         """Add the instruction that just ended; `pc` is where execution goes on."""
         self._finish(pc & ~1)
-
-    def flush_pipeline(self) -> None:
-        """An exception was entered or left: nothing overlaps across it."""
-        self._state = NEUTRAL
 
     def forget_code(self) -> None:
         """Nothing is cached."""
