@@ -169,10 +169,6 @@ class PoorCoverageError(CalibrationError):
     """The points do not cover enough of the sphere to fit an ellipsoid."""
 
 
-class SingularFitError(CalibrationError):
-    """The normal equations have no unique solution."""
-
-
 class UnknownKeyError(ConfigError):
     """A configuration file has a key that nobody knows."""
 

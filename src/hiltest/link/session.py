@@ -31,7 +31,6 @@ from hiltest.link.messages import (
     Identify,
     Identity,
     Request,
-    Reset,
     Status,
     Sync,
     decode_reply,
@@ -176,11 +175,6 @@ class Session:
                 f"not {firmware_name!r}"
             )
         return identity
-
-    def reset_board(self) -> None:
-        """Reset the board and synchronise with it again."""
-        self.request(Reset())
-        self.synchronise()
 
     def request(self, message: Request[R], *, deadline_s: float | None = None) -> R:
         """Send a request and return the data of its reply.

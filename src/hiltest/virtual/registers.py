@@ -75,7 +75,6 @@ class CoreRegisters:
     """The registers that exceptions and calls move about."""
 
     def __init__(self, engine: Any) -> None:
-        self.frame = RegisterGroup(engine, _FRAME)
         # In the order in which they must be written: XPSR decides which stack pointer SP is.
         self.entry = RegisterGroup(engine, ["SP", "XPSR", "LR", "PC"])
         self.interrupted = RegisterGroup(engine, [*_FRAME, "SP", "CONTROL"])
@@ -88,8 +87,6 @@ class CoreRegisters:
         self._engine = engine
         self._cores: dict[tuple[int, ...], RegisterGroup] = {}
         self.pc = Register(engine, "PC")
-        self.sp = Register(engine, "SP")
-        self.lr = Register(engine, "LR")
         self.msp = Register(engine, "MSP")
         self.psp = Register(engine, "PSP")
         self.xpsr = Register(engine, "XPSR")
