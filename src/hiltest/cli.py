@@ -1,181 +1,44 @@
-"""The command ``hiltest``: run the suites on a bench, or copy them for one of your own."""
+"""The command ``hiltest``, whose subcommands are imported when they are called."""
 
 from __future__ import annotations
 
-import argparse
-import shutil
 import sys
 from collections.abc import Callable, Sequence
-from pathlib import Path
+from importlib import import_module
 from typing import Any
 
 import click
-import pytest
 
 from hiltest import __version__
-from hiltest.bench_files import shipped, suites
-from hiltest.errors import ConfigError
-from hiltest.report.record import Run
-from hiltest.session import SESSION
-from hiltest.settings import DEFAULT_OUT, file_name, seed
+from hiltest.commands.options import EXIT_CODES
+from hiltest.errors import BenchError, ConfigError, HiltestError, ProtocolError
 
-EXIT_CODES = """
-\b
-Exit codes:
-  0   every test passed and every limit holds
-  1   a test failed or a limit does not hold
-  2   interrupted
-  3   internal error
-  4   usage: an option, a port, a rig file or a firmware file is wrong
-  5   no tests were collected
-  20  bench lost: link, cable, board or sensor, or firmware that hangs
-  22  a limit could not be judged
-  23  wrong firmware, or another protocol version
-"""
-_USAGE_ERROR, _INTERRUPTED = 4, 2
-_NOT_COPIED = shutil.ignore_patterns("__pycache__", ".*")
+_FAILED, _INTERRUPTED, _USAGE_ERROR = 1, 2, 4
+_CODES = {ConfigError: _USAGE_ERROR, BenchError: 20, ProtocolError: 23}
+# In the order of the help. Each is a function of this name in a module of this name in hiltest.commands.
+_COMMANDS = ("run", "init")
 
 
-class RunCommand:
-    """A pytest plugin that opens the bench at once, and takes the finished record."""
+class _Commands(click.Group):
+    """Subcommands by name: a command waits for the imports of no other."""
 
-    __name__ = "hiltest-run"
+    def list_commands(self, _context: click.Context) -> list[str]:
+        return list(_COMMANDS)
 
-    def __init__(self) -> None:
-        self.run: Run | None = None
-
-    # Last, so that the hiltest plugin has read its options. A wrong rig or firmware then ends the
-    # command before pytest has collected or written anything.
-    @pytest.hookimpl(trylast=True)
-    def pytest_configure(self, config: pytest.Config) -> None:
-        """Open the bench, which this command always needs."""
-        if not config.option.collectonly:
-            config.stash[SESSION].open(with_board=True)
-
-    def pytest_hil_finished(self, run: Run) -> None:
-        """Keep the finished record."""
-        self.run = run
+    def get_command(self, _context: click.Context, name: str) -> click.Command | None:
+        if name not in _COMMANDS:
+            return None
+        command: click.Command = getattr(import_module(f"hiltest.commands.{name}"), name)
+        return command
 
 
-@click.group(epilog=EXIT_CODES, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.group(
+    cls=_Commands, epilog=EXIT_CODES,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+)
 @click.version_option(__version__, prog_name="hiltest")
 def commands() -> None:
     """Hardware-in-the-loop tests for compass and IMU calibration firmware."""
-
-
-def _checked(check: Callable[[str], Any]) -> Callable[[click.Context, click.Parameter, str | None], str | None]:
-    """Return a callback that refuses what the plugin's option of the same name would refuse."""
-
-    def callback(_context: click.Context, _parameter: click.Parameter, text: str | None) -> str | None:
-        if text is not None:
-            try:
-                check(text)
-            except argparse.ArgumentTypeError as error:
-                raise click.BadParameter(str(error)) from error
-        return text
-
-    return callback
-
-
-def _seed_range(_context: click.Context, _parameter: click.Parameter, text: str | None) -> range | None:
-    """Parse ``A..B``, both ends included."""
-    if text is None:
-        return None
-    first, dots, last = text.partition("..")
-    try:
-        seeds = range(seed(first), seed(last) + 1)
-    except argparse.ArgumentTypeError as error:
-        reason = str(error) if dots else f"{text!r} is not a range of seeds"
-        raise click.BadParameter(f"{reason}; write for example 1..100") from error
-    if not seeds:
-        raise click.BadParameter(f"{text!r} is not a range of seeds; write for example 1..100")
-    return seeds
-
-
-@commands.command(epilog=EXIT_CODES)
-@click.option("--rig", metavar="R", callback=_checked(file_name),
-              help="Rig file, or name of a rig in hil/rigs.  [default: virtual-k64f]")
-@click.option("--firmware", metavar="ELF", callback=_checked(file_name),
-              help="Firmware for the virtual board.  [default: the packaged one]")
-@click.option("--hil-port", metavar="URL", callback=_checked(file_name),
-              help="Serial port of a real board: a device or a pyserial URL.")
-@click.option("--out", metavar="DIR", default=DEFAULT_OUT, show_default=True, callback=_checked(file_name),
-              help="Folder for the record and reports.")
-@click.option("--seed", metavar="N", callback=_checked(seed), help="Seed of the simulated world.  [default: the rig's]")
-@click.option("--seeds", metavar="A..B", callback=_seed_range, help="Run once for each seed, and sum up.")
-@click.option("--may-fail", metavar="N", type=click.IntRange(min=0), default=0, show_default=True,
-              help="With --seeds: how many seeds may miss a limit.")
-@click.option("--poses", type=click.Choice(["all", "level"]), help="Known angles to judge.  [default: the rig's]")
-@click.argument("pytest_args", nargs=-1, type=click.UNPROCESSED)
-def run(
-    out: str, seeds: range | None, may_fail: int, pytest_args: Sequence[str], **given: str | None
-) -> int:
-    """Run the suites and end with a verdict.
-
-    The suites are those in hil/suites of this folder, or else the ones that come with hiltest. What follows
-    -- goes to pytest: hiltest run -- -k heading
-    """
-    names = {"rig": "--hil-rig", "firmware": "--hil-firmware", "hil_port": "--hil-port", "seed": "--hil-seed",
-             "poses": "--hil-poses"}
-    options = [f"{names[name]}={value}" for name, value in given.items() if value is not None]
-    if seeds is None:
-        return run_suites([*options, *pytest_args], Path(out))
-    if given["seed"] or given["hil_port"]:
-        raise ConfigError("--seeds simulates many worlds: it goes neither with --seed nor with --hil-port")
-    from hiltest.campaign import run_seeds
-
-    return run_seeds(seeds, [*options, *pytest_args], Path(out), may_fail=may_fail)
-
-
-@commands.command()
-@click.argument("folder", metavar="DIR", type=click.Path(path_type=Path, file_okay=False))
-def init(folder: Path) -> int:
-    """Copy the suites and rigs to DIR/hil, for a bench of your own."""
-    source, target = shipped(), folder / "hil"
-    present = [target / name for name in ("suites", "rigs") if (target / name).exists()]
-    if present:
-        raise ConfigError(f"{present[0]} is already there; nothing was copied. Choose another folder, or move it away")
-    try:
-        for name in ("suites", "rigs"):
-            shutil.copytree(source / name, target / name, ignore=_NOT_COPIED)
-    except (OSError, shutil.Error) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise ConfigError(f"cannot copy to {target}: {reason}. Choose a folder that can be written to") from error
-    click.echo(f"suites and rigs are in {target}. Next: cd {folder} && hiltest run")
-    return 0
-
-
-def run_suites(options: Sequence[str], out: Path) -> int:
-    """Run pytest on the suites and print the verdict as the last line.
-
-    Parameters
-    ----------
-    options : sequence of str
-        For pytest.
-    out : Path
-        Folder of the record.
-
-    Returns
-    -------
-    int
-        Exit code.
-    """
-    command = RunCommand()
-    here = Path.cwd()
-    # pytest would warn that it came too late to rewrite the assertions of the package that started it.
-    no_warning = "ignore:Module already imported:pytest.PytestAssertRewriteWarning"
-    # The packaged suites may lie inside another project's tree; the folder of the command is the root all the same.
-    code = pytest.main(
-        [
-            str(suites(here)), "-p", "hiltest", "-p", "no:cacheprovider", "--import-mode=importlib",
-            f"--rootdir={here}", "--tb=short", "--no-header", "-W", no_warning, f"--junit-xml={out / 'junit.xml'}",
-            f"--hil-out={out}", *options,
-        ],
-        plugins=[command],
-    )
-    if command.run is not None:
-        click.echo(command.run.verdict.sentence)
-    return int(code)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -187,9 +50,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except click.ClickException as error:
         error.show()
         code = _USAGE_ERROR
-    except ConfigError as error:
+    except HiltestError as error:
         click.echo(f"ERROR: {error}", err=True)
-        code = _USAGE_ERROR
+        code = next((code for kind, code in _CODES.items() if isinstance(error, kind)), _FAILED)
     except (click.Abort, KeyboardInterrupt):
         click.echo("interrupted", err=True)
         code = _INTERRUPTED

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.cli import EXIT_CODES
+from hiltest.commands.options import EXIT_CODES
 from hiltest.settings import OPTIONS
 
 ROOT = Path(__file__).parents[2]

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hiltest.virtual.accounting import InstructionAccounting
 from hiltest.virtual.k64f import VirtualK64F
 
 from .conftest import SHIPPED, Build
@@ -40,7 +41,7 @@ def cloud(n: int, seed: int) -> np.ndarray:
 def test_both_ways_of_counting_agree_on_every_kernel(kernel: str, n: int) -> None:
     points = cloud(n, seed=n)
     by_block = run_kernel(VirtualK64F(SHIPPED), kernel, points)
-    by_instruction = run_kernel(VirtualK64F(SHIPPED, by_instruction=True), kernel, points)
+    by_instruction = run_kernel(VirtualK64F(SHIPPED, accounting=InstructionAccounting), kernel, points)
     assert by_block == by_instruction
 
 
@@ -99,7 +100,7 @@ def random_program(seed: int, length: int) -> str:
 def test_both_ways_of_counting_agree_on_random_code(build: Build, seed: int) -> None:
     elf: Path = build(random_program(seed, length=220))
     by_block = VirtualK64F(elf).call("work")
-    by_instruction = VirtualK64F(elf, by_instruction=True).call("work")
+    by_instruction = VirtualK64F(elf, accounting=InstructionAccounting).call("work")
     assert (by_block.cycles, by_block.instructions, by_block.value) == (
         by_instruction.cycles,
         by_instruction.instructions,

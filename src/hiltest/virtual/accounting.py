@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 from hiltest.virtual.instructions import Alignment, Instruction, decode, required_alignment
 from hiltest.virtual.timing import NEUTRAL, PipelineState, TimingProfile
@@ -84,8 +84,15 @@ def price_block(profile: TimingProfile, instructions: list[Instruction], entry: 
 
 
 class Accounting(Protocol):
-    """What the processor needs of either way of counting."""
+    """What the processor needs of either way of counting.
 
+    Attributes
+    ----------
+    per_instruction : bool
+        Whether `begins` wants every instruction rather than every block.
+    """
+
+    per_instruction: ClassVar[bool]
     cycles: int
     instructions: int
     deadline: float
@@ -118,6 +125,10 @@ class Accounting(Protocol):
     def forget_code(self) -> None:
         """Drop what is cached of code: memory was loaded anew."""
         ...
+
+
+# Begins to count at zero; the parameters are those of `_Totals`.
+AccountingFactory = Callable[[TimingProfile, ReadCode, Callable[[Block], bool], Callable[[], None]], Accounting]
 
 
 class _Totals:
@@ -154,6 +165,8 @@ class _Totals:
 
 class BlockAccounting(_Totals):
     """Counts by translated block."""
+
+    per_instruction: ClassVar[bool] = False
 
     def __init__(
         self, profile: TimingProfile, read_code: ReadCode, attend: Callable[[Block], bool], stop: Callable[[], None]
@@ -239,6 +252,8 @@ class BlockAccounting(_Totals):
 
 class InstructionAccounting(_Totals):
     """Counts instruction by instruction: the reference for `BlockAccounting`."""
+
+    per_instruction: ClassVar[bool] = True
 
     def __init__(
         self, profile: TimingProfile, read_code: ReadCode, attend: Callable[[Block], bool], stop: Callable[[], None]

@@ -19,7 +19,7 @@ from unicorn import unicorn_py3
 from unicorn.unicorn_py3.unicorn import uclib
 
 from hiltest.errors import BoardFault
-from hiltest.virtual.accounting import Accounting, Block, BlockAccounting, InstructionAccounting
+from hiltest.virtual.accounting import Accounting, AccountingFactory, Block, BlockAccounting
 from hiltest.virtual.elf import FirmwareImage
 from hiltest.virtual.exceptions import ExceptionUnit, VectorError
 from hiltest.virtual.instructions import Instruction
@@ -55,11 +55,13 @@ class Processor:
         Names functions and lines in faults.
     profile : TimingProfile
         Prices instructions.
-    by_instruction : bool
-        Count instruction by instruction (slow): the reference for the block count.
+    accounting : AccountingFactory
+        What counts.
     """
 
-    def __init__(self, image: FirmwareImage, profile: TimingProfile, *, by_instruction: bool = False) -> None:
+    def __init__(
+        self, image: FirmwareImage, profile: TimingProfile, *, accounting: AccountingFactory = BlockAccounting
+    ) -> None:
         self.image = image
         self.profile = profile
         self.engine: Any = unicorn_py3.Uc(unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS)
@@ -78,14 +80,13 @@ class Processor:
         self._stopped = False
         self._watched: set[int] = set()
         self._to_watch: Block | None = None
-        accounting = InstructionAccounting if by_instruction else BlockAccounting
         self.accounting: Accounting = accounting(profile, self._read_code, self._attend, self._stop)
-        self._install_hooks(by_instruction)
+        self._install_hooks()
         # The binding's emu_start costs as much again as the emulator's own.
         handle, until, forever = self.engine._uch, ctypes.c_uint64(RETURN_ADDRESS), ctypes.c_uint64(0)
         self._enter: Callable[[int], int] = lambda begin: uclib.uc_emu_start(handle, begin, until, forever, forever)
 
-    def _install_hooks(self, by_instruction: bool) -> None:
+    def _install_hooks(self) -> None:
         begins, abort = self.accounting.begins, self.abort
 
         def on_code(_engine: int, address: int, size: int, _data: int) -> None:
@@ -99,7 +100,7 @@ class Processor:
         # Straight through the C interface: the binding's own wrapper doubles the cost of each block.
         self._code_callback = _BLOCK_CALLBACK(on_code)
         handle = ctypes.c_size_t()
-        kind = unicorn.UC_HOOK_CODE if by_instruction else unicorn.UC_HOOK_BLOCK
+        kind = unicorn.UC_HOOK_CODE if self.accounting.per_instruction else unicorn.UC_HOOK_BLOCK
         uclib.uc_hook_add(
             self.engine._uch, ctypes.byref(handle), kind, self._code_callback, None,
             ctypes.c_uint64(1), ctypes.c_uint64(0),

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from hiltest.errors import ConfigError
+from hiltest.virtual.accounting import AccountingFactory, BlockAccounting
 from hiltest.virtual.calling import Argument, CallResult, call_function
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.elf import FirmwareImage
@@ -49,8 +50,8 @@ class VirtualK64F:
         Parts on the two buses.
     profile : str
         Timing profile, see `hiltest.virtual.timing`.
-    by_instruction : bool
-        Count instruction by instruction: slow, the reference.
+    accounting : AccountingFactory
+        What counts: `BlockAccounting`, or `InstructionAccounting`, slow and its reference.
 
     Raises
     ------
@@ -65,10 +66,10 @@ class VirtualK64F:
         i2c0: Sequence[I2cDevice] = (),
         i2c1: Sequence[I2cDevice] = (),
         profile: str = DEFAULT_PROFILE,
-        by_instruction: bool = False,
+        accounting: AccountingFactory = BlockAccounting,
     ) -> None:
         self.image = FirmwareImage(elf)
-        self.processor = Processor(self.image, load_profile(profile), by_instruction=by_instruction)
+        self.processor = Processor(self.image, load_profile(profile), accounting=accounting)
         generator = ClockGenerator()
         self.clocks = ClockGates(generator)
         self.uart0 = Uart(self.processor, self.clocks)

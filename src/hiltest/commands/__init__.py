@@ -1,0 +1,1 @@
+"""The commands of ``hiltest``, one module each; `hiltest.cli` imports the one that is called."""

@@ -1,0 +1,37 @@
+"""What several commands take, and the codes that they exit with."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from typing import Any
+
+import click
+
+EXIT_CODES = """
+\b
+Exit codes:
+  0   every test passed and every limit holds
+  1   a test failed or a limit does not hold
+  2   interrupted
+  3   internal error
+  4   usage: an option, a port, a rig file or a firmware file is wrong
+  5   no tests were collected
+  20  bench lost: link, cable, board or sensor, or firmware that hangs
+  22  a limit could not be judged
+  23  wrong firmware, or another protocol version
+"""
+
+
+def checked(check: Callable[[str], Any]) -> Callable[[click.Context, click.Parameter, str | None], str | None]:
+    """Return a callback that refuses what the plugin's option of the same name would refuse."""
+
+    def callback(_context: click.Context, _parameter: click.Parameter, text: str | None) -> str | None:
+        if text is not None:
+            try:
+                check(text)
+            except argparse.ArgumentTypeError as error:
+                raise click.BadParameter(str(error)) from error
+        return text
+
+    return callback

@@ -1,0 +1,121 @@
+"""``hiltest run``: the suites on a bench, and a verdict."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+import pytest
+
+from hiltest.bench_files import suites
+from hiltest.commands.options import EXIT_CODES, checked
+from hiltest.errors import ConfigError
+from hiltest.report.record import Run
+from hiltest.session import SESSION
+from hiltest.settings import DEFAULT_OUT, file_name, seed
+
+
+class RunCommand:
+    """A pytest plugin that opens the bench at once, and takes the finished record."""
+
+    __name__ = "hiltest-run"
+
+    def __init__(self) -> None:
+        self.run: Run | None = None
+
+    # Last, so that the hiltest plugin has read its options. A wrong rig or firmware then ends the
+    # command before pytest has collected or written anything.
+    @pytest.hookimpl(trylast=True)
+    def pytest_configure(self, config: pytest.Config) -> None:
+        """Open the bench, which this command always needs."""
+        if not config.option.collectonly:
+            config.stash[SESSION].open(with_board=True)
+
+    def pytest_hil_finished(self, run: Run) -> None:
+        """Keep the finished record."""
+        self.run = run
+
+
+def _seed_range(_context: click.Context, _parameter: click.Parameter, text: str | None) -> range | None:
+    """Parse ``A..B``, both ends included."""
+    if text is None:
+        return None
+    first, dots, last = text.partition("..")
+    try:
+        seeds = range(seed(first), seed(last) + 1)
+    except argparse.ArgumentTypeError as error:
+        reason = str(error) if dots else f"{text!r} is not a range of seeds"
+        raise click.BadParameter(f"{reason}; write for example 1..100") from error
+    if not seeds:
+        raise click.BadParameter(f"{text!r} is not a range of seeds; write for example 1..100")
+    return seeds
+
+
+@click.command(epilog=EXIT_CODES)
+@click.option("--rig", metavar="R", callback=checked(file_name),
+              help="Rig file, or name of a rig in hil/rigs.  [default: virtual-k64f]")
+@click.option("--firmware", metavar="ELF", callback=checked(file_name),
+              help="Firmware for the virtual board.  [default: the packaged one]")
+@click.option("--hil-port", metavar="URL", callback=checked(file_name),
+              help="Serial port of a real board: a device or a pyserial URL.")
+@click.option("--out", metavar="DIR", default=DEFAULT_OUT, show_default=True, callback=checked(file_name),
+              help="Folder for the record and reports.")
+@click.option("--seed", metavar="N", callback=checked(seed), help="Seed of the simulated world.  [default: the rig's]")
+@click.option("--seeds", metavar="A..B", callback=_seed_range, help="Run once for each seed, and sum up.")
+@click.option("--may-fail", metavar="N", type=click.IntRange(min=0), default=0, show_default=True,
+              help="With --seeds: how many seeds may miss a limit.")
+@click.option("--poses", type=click.Choice(["all", "level"]), help="Known angles to judge.  [default: the rig's]")
+@click.argument("pytest_args", nargs=-1, type=click.UNPROCESSED)
+def run(
+    out: str, seeds: range | None, may_fail: int, pytest_args: Sequence[str], **given: str | None
+) -> int:
+    """Run the suites and end with a verdict.
+
+    The suites are those in hil/suites of this folder, or else the ones that come with hiltest. What follows
+    -- goes to pytest: hiltest run -- -k heading
+    """
+    names = {"rig": "--hil-rig", "firmware": "--hil-firmware", "hil_port": "--hil-port", "seed": "--hil-seed",
+             "poses": "--hil-poses"}
+    options = [f"{names[name]}={value}" for name, value in given.items() if value is not None]
+    if seeds is None:
+        return run_suites([*options, *pytest_args], Path(out))
+    if given["seed"] or given["hil_port"]:
+        raise ConfigError("--seeds simulates many worlds: it goes neither with --seed nor with --hil-port")
+    from hiltest.campaign import run_seeds
+
+    return run_seeds(seeds, [*options, *pytest_args], Path(out), may_fail=may_fail)
+
+
+def run_suites(options: Sequence[str], out: Path) -> int:
+    """Run pytest on the suites and print the verdict as the last line.
+
+    Parameters
+    ----------
+    options : sequence of str
+        For pytest.
+    out : Path
+        Folder of the record.
+
+    Returns
+    -------
+    int
+        Exit code.
+    """
+    command = RunCommand()
+    here = Path.cwd()
+    # pytest would warn that it came too late to rewrite the assertions of the package that started it.
+    no_warning = "ignore:Module already imported:pytest.PytestAssertRewriteWarning"
+    # The packaged suites may lie inside another project's tree; the folder of the command is the root all the same.
+    code = pytest.main(
+        [
+            str(suites(here)), "-p", "hiltest", "-p", "no:cacheprovider", "--import-mode=importlib",
+            f"--rootdir={here}", "--tb=short", "--no-header", "-W", no_warning, f"--junit-xml={out / 'junit.xml'}",
+            f"--hil-out={out}", *options,
+        ],
+        plugins=[command],
+    )
+    if command.run is not None:
+        click.echo(command.run.verdict.sentence)
+    return int(code)
