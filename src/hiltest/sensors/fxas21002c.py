@@ -1,14 +1,14 @@
 """FXAS21002C three-axis gyroscope, register by register.
 
 Source of the map, modes, rates, scales and start-up times: NXP data sheet FXAS21002C.
-Not modelled: FIFO (F_SETUP reads back, samples arrive as without it), rate-threshold
-detection, high-pass filter, self-test and the interrupt pins.
+Not modelled: rate-threshold detection, high-pass filter, self-test and the interrupt pins.
 """
 
 from __future__ import annotations
 
 import math
 
+from hiltest.sensors.fifo import SampleFifo
 from hiltest.sensors.register_device import RegisterDevice, signed_byte
 from hiltest.sensors.sampling import Counts, SampledOutput, saturated_word
 from hiltest.world.earth_field import Vector
@@ -16,20 +16,21 @@ from hiltest.world.noise import NoiseSource
 from hiltest.world.world import World
 
 STATUS, OUT_X_MSB, OUT_Z_LSB, DR_STATUS, F_STATUS, F_SETUP = 0x00, 0x01, 0x06, 0x07, 0x08, 0x09
-INT_SRC_FLAG, WHO_AM_I, CTRL_REG0, TEMP, CTRL_REG1 = 0x0B, 0x0C, 0x0D, 0x12, 0x13
+F_EVENT, INT_SRC_FLAG, WHO_AM_I, CTRL_REG0, TEMP, CTRL_REG1 = 0x0A, 0x0B, 0x0C, 0x0D, 0x12, 0x13
 CTRL_REG2, CTRL_REG3 = 0x14, 0x15
 _IDENTITY = 0xD7
 _RESET, _ACTIVE, _READY = 0x40, 0x02, 0x01  # CTRL_REG1
+_EN_FIFO, _EN_DRDY = 0x40, 0x04  # CTRL_REG2: interrupt enables
 _WRAP_TO_ONE, _FS_DOUBLE = 0x08, 0x01  # CTRL_REG3
 _RATES_HZ = (800.0, 400.0, 200.0, 100.0, 50.0, 25.0, 12.5, 12.5)
 #: Registers that keep what is written, with nothing of theirs modelled beyond that.
-_PLAIN = frozenset({F_SETUP, 0x0E, 0x10, 0x11})
+_PLAIN = frozenset({0x0E, 0x10, 0x11})
 #: Counts per deg/s at full scale 2000, 1000, 500, 250 deg/s (62.5 to 7.8125 mdps per count).
 _COUNTS_PER_DPS = (16.0, 32.0, 64.0, 128.0)
 #: Rate noise density, data sheet, 200 Hz and 64 Hz bandwidth [dps/sqrt(Hz)].
 DATA_SHEET_NOISE_DENSITY = 0.025
+_BOOT_END, _SRC_FIFO, _SRC_DRDY = 0x08, 0x04, 0x01  # INT_SRC_FLAG; boot end is set as soon as the part answers at all
 #: Registers answer this long after power-on or reset [s].
-_BOOT_END = 0x08  # INT_SRC_FLAG: set as soon as the part answers at all
 BOOT_S = 0.050
 _FROM_STANDBY_S, _FROM_READY_S = 0.060, 0.005
 
@@ -63,6 +64,7 @@ class Fxas21002c(RegisterDevice):
         self._bias_dps = bias_dps
         self._noise_density = noise_density
         self._output = SampledOutput(world, NoiseSource(seed, f"fxas21002c@{address:02x}"), self._measure)
+        self._fifo = SampleFifo(self._output, has_trigger=False)
         self._control = [0, 0, 0, 0]  # CTRL_REG0..3
         self._plain = dict.fromkeys(_PLAIN, 0)
         self._boot_over_s = BOOT_S
@@ -74,6 +76,7 @@ class Fxas21002c(RegisterDevice):
     def release(self) -> None:
         """End a burst read."""
         self._output.release()
+        self._fifo.release()
 
     def following(self, register: int) -> int:
         """Move on by one; after the last output register back to STATUS, or to 0x01 with WRAPTOONE."""
@@ -84,16 +87,22 @@ class Fxas21002c(RegisterDevice):
     def read_register(self, register: int, time_s: float) -> int:
         """Return a register's byte; reserved addresses read 0."""
         if OUT_X_MSB <= register <= OUT_Z_LSB:
-            axis, low = divmod(register - OUT_X_MSB, 2)
-            return self._output.low_byte(axis, time_s) if low else self._output.high_byte(axis, time_s)
+            return (self._fifo if self._fifo.on else self._output).read(register - OUT_X_MSB, time_s)
         if CTRL_REG1 <= register <= CTRL_REG3:
             return self._control[register - CTRL_REG1 + 1]
         match register:
-            case 0x00 | 0x07:
-                return self._output.status(time_s)
+            case 0x00:
+                return self._fifo.status(time_s) if self._fifo.on else self._output.status(time_s)
+            case 0x07:
+                return 0 if self._fifo.on else self._output.status(time_s)
+            case 0x08:
+                return self._fifo.status(time_s)
+            case 0x09:
+                return self._fifo.setup
+            case 0x0A:
+                return self._fifo.event(time_s)
             case 0x0B:
-                ready = 0x01 if self._output.status(time_s) & 0x08 else 0x00
-                return _BOOT_END | ready
+                return _BOOT_END | self._interrupts(time_s)
             case 0x0C:
                 return _IDENTITY
             case 0x0D:
@@ -111,9 +120,20 @@ class Fxas21002c(RegisterDevice):
             self._control[0] = value
         elif register in (CTRL_REG2, CTRL_REG3) and not active:
             self._control[register - CTRL_REG1 + 1] = value
+        elif register == F_SETUP and not active:
+            self._fifo.configure(value, time_s)
         elif register in self._plain and not active:
             self._plain[register] = value
         return True
+
+    def _interrupts(self, time_s: float) -> int:
+        enabled = self._control[2]
+        flags = 0
+        if enabled & _EN_DRDY and not self._fifo.on and self._output.status(time_s) & 0x08:
+            flags |= _SRC_DRDY
+        if enabled & _EN_FIFO and self._fifo.event(time_s):
+            flags |= _SRC_FIFO
+        return flags
 
     def _write_control1(self, value: int, time_s: float) -> bool:
         if value & _RESET:
@@ -125,16 +145,19 @@ class Fxas21002c(RegisterDevice):
         self._control[1] = value
         if before & _ACTIVE:
             self._output.halt(time_s)
+            self._fifo.halt(time_s)
         elif value & _ACTIVE:
             rate_hz = _RATES_HZ[value >> 2 & 7]
             settling_s = _FROM_READY_S if before & _READY else _FROM_STANDBY_S
             self._output.begin(rate_hz, first_s=time_s + settling_s + 1.0 / rate_hz)
+            self._fifo.begin(time_s)
         return True
 
     def _reset(self, time_s: float) -> None:
         self._control = [0, 0, 0, 0]
         self._plain = dict.fromkeys(_PLAIN, 0)
         self._output.clear()
+        self._fifo.reset()
         self._boot_over_s = time_s + BOOT_S
 
     def _measure(self, instant_s: float, noise: Vector) -> Counts:

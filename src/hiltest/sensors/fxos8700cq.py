@@ -1,10 +1,9 @@
 """FXOS8700CQ accelerometer and magnetometer, register by register.
 
 Source of the map, modes, rates, scales and limits: NXP data sheet FXOS8700CQ. Not
-modelled: FIFO (F_SETUP reads back, samples arrive as without it), the embedded event
-functions (their registers read back what is written), min/max registers (read 0),
-one-shot magnetometer measurements, automatic hard-iron calibration, sleep and the
-interrupt pins.
+modelled: the embedded event functions (their registers read back what is written, so
+nothing ends the FIFO's trigger mode), min/max registers (read 0), one-shot magnetometer
+measurements, automatic hard-iron calibration, sleep and the interrupt pins.
 """
 
 from __future__ import annotations
@@ -12,6 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from hiltest.sensors.fifo import SampleFifo
 from hiltest.sensors.register_device import RegisterDevice, signed_byte
 from hiltest.sensors.sampling import Counts, SampledOutput, limited
 from hiltest.world.distortion import MagneticDistortion
@@ -21,12 +21,13 @@ from hiltest.world.world import World
 
 STATUS, OUT_X_MSB, OUT_Z_LSB, F_SETUP = 0x00, 0x01, 0x06, 0x09
 SYSMOD, INT_SOURCE, WHO_AM_I, XYZ_DATA_CFG = 0x0B, 0x0C, 0x0D, 0x0E
-CTRL_REG1, CTRL_REG2, OFF_X, OFF_Z = 0x2A, 0x2B, 0x2F, 0x31
+CTRL_REG1, CTRL_REG2, CTRL_REG4, OFF_X, OFF_Z = 0x2A, 0x2B, 0x2D, 0x2F, 0x31
 M_DR_STATUS, M_OUT_X_MSB, M_OUT_Z_LSB, CMP_X_MSB, CMP_Z_LSB = 0x32, 0x33, 0x38, 0x39, 0x3E
 M_OFF_X_MSB, M_OFF_Z_LSB, TEMP, M_CTRL_REG1, M_CTRL_REG2 = 0x3F, 0x44, 0x51, 0x5B, 0x5C
 _IDENTITY = 0xC7
 _ACTIVE, _F_READ = 0x01, 0x02  # CTRL_REG1
 _RESET = 0x40  # CTRL_REG2
+_FIFO_EVENT, _DATA_READY = 0x40, 0x01  # CTRL_REG4 enables them, INT_SOURCE shows them
 _HYBRID_AUTO_INCREMENT = 0x20  # M_CTRL_REG2
 # What a write to a register leaves of it: bits that clear themselves do not stay.
 _KEPT = {CTRL_REG2: 0xBF, M_CTRL_REG1: 0x9F, M_CTRL_REG2: 0x3B}
@@ -119,6 +120,7 @@ class Fxos8700cq(RegisterDevice):
         tag = f"{name}@{address:02x}"
         self._accelerometer = SampledOutput(world, NoiseSource(seed, f"{tag}/accelerometer"), self._measure_gravity)
         self._magnetometer = SampledOutput(world, NoiseSource(seed, f"{tag}/magnetometer"), self._measure_field)
+        self._fifo = SampleFifo(self._accelerometer, has_trigger=True)
         self._registers = bytearray(_LAST_REGISTER + 1)
         self._answers_from_s = 0.0
         self._noise_ut_at_2_and_32 = magnetometer_noise_ut
@@ -132,9 +134,10 @@ class Fxos8700cq(RegisterDevice):
         """End a burst read."""
         self._accelerometer.release()
         self._magnetometer.release()
+        self._fifo.release()
 
     def following(self, register: int) -> int:
-        """Move on: over low bytes with F_READ, from 0x06 to 0x33 in hybrid burst mode, else to 0x00."""
+        """Move on: over low bytes with F_READ; from 0x06 to 0x01 with the FIFO, 0x33 in hybrid burst mode, or 0x00."""
         at_end = register == OUT_Z_LSB
         if self._registers[CTRL_REG1] & _F_READ and register in (OUT_X_MSB, OUT_X_MSB + 2, OUT_X_MSB + 4):
             if register != OUT_X_MSB + 4:
@@ -142,28 +145,26 @@ class Fxos8700cq(RegisterDevice):
             at_end = True
         if not at_end:
             return (register + 1) & 0xFF
+        if self._fifo.on:
+            return OUT_X_MSB
         joined = self._hybrid and self._registers[M_CTRL_REG2] & _HYBRID_AUTO_INCREMENT
         return M_OUT_X_MSB if joined else STATUS
 
     def read_register(self, register: int, time_s: float) -> int:
         """Return a register's byte; addresses above the map read 0."""
-        for output, first, last in (
-            (self._accelerometer, OUT_X_MSB, OUT_Z_LSB),
-            (self._magnetometer, M_OUT_X_MSB, M_OUT_Z_LSB),
-        ):
-            if first <= register <= last:
-                axis, low = divmod(register - first, 2)
-                return output.low_byte(axis, time_s) if low else output.high_byte(axis, time_s)
+        if OUT_X_MSB <= register <= OUT_Z_LSB:
+            return (self._fifo if self._fifo.on else self._accelerometer).read(register - OUT_X_MSB, time_s)
+        if M_OUT_X_MSB <= register <= M_OUT_Z_LSB:
+            return self._magnetometer.read(register - M_OUT_X_MSB, time_s)
         if CMP_X_MSB <= register <= CMP_Z_LSB:
             return self._read_aligned(register, time_s)
         match register:
             case 0x00:
-                return self._accelerometer.status(time_s)
+                return self._read_status(time_s)
             case 0x0B:
                 return self._registers[CTRL_REG1] & _ACTIVE
             case 0x0C:
-                ready = (self._accelerometer.status(time_s) | self._magnetometer.status(time_s)) & 0x08
-                return 0x01 if ready else 0x00
+                return self._interrupts(time_s)
             case 0x0D:
                 return _IDENTITY
             case 0x32:
@@ -185,7 +186,24 @@ class Fxos8700cq(RegisterDevice):
             kept = value & _KEPT.get(register, 0xFF)
             is_low_offset = M_OFF_X_MSB <= register <= M_OFF_Z_LSB and (register - M_OFF_X_MSB) % 2
             self._registers[register] = kept & 0xFE if is_low_offset else kept
+            if register == F_SETUP:
+                self._fifo.configure(value, time_s)
         return True
+
+    def _read_status(self, time_s: float) -> int:
+        if not self._fifo.on:
+            return self._accelerometer.status(time_s)
+        status = self._fifo.status(time_s)
+        self._fifo.acknowledge()
+        return status
+
+    def _interrupts(self, time_s: float) -> int:
+        # INT_SOURCE. With the FIFO on, acceleration that is ready is the FIFO's business.
+        ready = self._magnetometer.status(time_s)
+        if not self._fifo.on:
+            ready |= self._accelerometer.status(time_s)
+        flags = (_DATA_READY if ready & 0x08 else 0) | (_FIFO_EVENT if self._fifo.pending(time_s) else 0)
+        return flags & self._registers[CTRL_REG4]
 
     @property
     def _hybrid(self) -> bool:
@@ -199,6 +217,7 @@ class Fxos8700cq(RegisterDevice):
         if was_active:
             self._accelerometer.halt(time_s)
             self._magnetometer.halt(time_s)
+            self._fifo.halt(time_s)
         elif value & _ACTIVE:
             self._begin(time_s)
 
@@ -210,6 +229,7 @@ class Fxos8700cq(RegisterDevice):
         first_s = time_s + 2.0 / rate_hz + 0.001
         if mode != 1:
             self._accelerometer.begin(rate_hz, first_s=first_s)
+        self._fifo.begin(time_s)
         if mode in (1, 3):
             samples = oversampling(rate_hz, self._registers[M_CTRL_REG1] >> 2 & 7)
             self._sigma_ut = noise_at_oversampling(samples, self._noise_ut_at_2_and_32)
@@ -219,6 +239,7 @@ class Fxos8700cq(RegisterDevice):
         self._registers = bytearray(_LAST_REGISTER + 1)
         self._accelerometer.clear()
         self._magnetometer.clear()
+        self._fifo.reset()
         self._answers_from_s = time_s + _RESET_S
 
     def _read_aligned(self, register: int, time_s: float) -> int:

@@ -96,8 +96,7 @@ class Mag3110(RegisterDevice):
     def read_register(self, register: int, time_s: float) -> int:
         """Return a register's byte; addresses above the map read 0."""
         if OUT_X_MSB <= register <= OUT_Z_LSB:
-            axis, low = divmod(register - OUT_X_MSB, 2)
-            return self._output.low_byte(axis, time_s) if low else self._output.high_byte(axis, time_s)
+            return self._output.read(register - OUT_X_MSB, time_s)
         if OFF_X_MSB <= register <= OFF_Z_LSB:
             axis, low = divmod(register - OFF_X_MSB, 2)
             return self._offsets[axis] >> (0 if low else 8) & 0xFF

@@ -65,7 +65,7 @@ class SampledOutput:
             The instant of the first sample [s]; the only one when `single`.
         """
         if self._last is not None and self._last >= self._first:
-            self._before = self._values(self._last)
+            self._before = self.counts(self._last)
         self._rate_hz = rate_hz
         self._first = math.ceil(first_s * rate_hz - _TOLERANCE_TICKS)
         self._last = self._first if single else None
@@ -74,8 +74,10 @@ class SampledOutput:
         return self._first / rate_hz
 
     def halt(self, time_s: float) -> None:
-        """Stop sampling; the latest sample stays in the registers."""
-        self._last = self._latest(time_s)
+        """Stop sampling; the latest sample stays in the registers, whatever is set up meanwhile."""
+        self._last = self.latest(time_s)
+        if self._last >= self._first:
+            self.counts(self._last)
 
     def clear(self) -> None:
         """Forget everything, as a reset does."""
@@ -94,7 +96,7 @@ class SampledOutput:
         An axis is overwritten when a sample arrived while the one before had not been
         read; reading the axis's high byte clears both of its flags.
         """
-        latest = self._latest(time_s)
+        latest = self.latest(time_s)
         value = 0
         for axis, read in enumerate(self._read):
             if latest > read:
@@ -103,25 +105,37 @@ class SampledOutput:
                 value |= 0x80 | 0x10 << axis
         return value
 
-    def high_byte(self, axis: int, time_s: float) -> int:
-        """Return the high byte of an axis and clear its flags."""
+    def read(self, index: int, time_s: float) -> int:
+        """Return byte `index` (0 to 5) of the three words; a high byte clears its axis's flags."""
+        axis, low = divmod(index, 2)
         value = self._word(axis, time_s)
+        if low:
+            return value & 0xFF
         if self._held is not None:
             self._read[axis] = max(self._read[axis], self._held)
         return value >> 8 & 0xFF
 
-    def low_byte(self, axis: int, time_s: float) -> int:
-        """Return the low byte of an axis."""
-        return self._word(axis, time_s) & 0xFF
+    def latest(self, time_s: float) -> int:
+        """Return the number of the latest sample at a time; below that of the first when there is none."""
+        tick = math.floor(time_s * self._rate_hz + _TOLERANCE_TICKS)
+        if self._last is not None:
+            tick = min(tick, self._last)
+        return max(tick, self._first - 1)
+
+    def counts(self, tick: int) -> Counts:
+        """Return the three words of a sample by its number."""
+        if self._cached[0] != tick:
+            self._cached = (tick, self._convert(tick))
+        return self._cached[1]
 
     def word_at(self, instant_s: float, axis: int) -> int:
         """Return an axis's word [counts] at a sampling instant, flags and hold untouched."""
         tick = math.floor(instant_s * self._rate_hz + _TOLERANCE_TICKS)
-        return (self._values(tick) if tick >= self._first else self._before)[axis]
+        return (self.counts(tick) if tick >= self._first else self._before)[axis]
 
     def held_instant(self, time_s: float) -> float | None:
         """Return the instant of the sample a burst holds, or would hold now [s]; None before any."""
-        tick = self._latest(time_s) if self._held is None else self._held
+        tick = self.latest(time_s) if self._held is None else self._held
         return tick / self._rate_hz if tick >= self._first else None
 
     def release(self) -> None:
@@ -131,19 +145,8 @@ class SampledOutput:
     def _word(self, axis: int, time_s: float) -> int:
         # The part blocks updates while output registers are being read in one transaction.
         if self._held is None:
-            self._held = self._latest(time_s)
-        return (self._values(self._held) if self._held >= self._first else self._before)[axis]
-
-    def _latest(self, time_s: float) -> int:
-        tick = math.floor(time_s * self._rate_hz + _TOLERANCE_TICKS)
-        if self._last is not None:
-            tick = min(tick, self._last)
-        return max(tick, self._first - 1)
-
-    def _values(self, tick: int) -> Counts:
-        if self._cached[0] != tick:
-            self._cached = (tick, self._convert(tick))
-        return self._cached[1]
+            self._held = self.latest(time_s)
+        return (self.counts(self._held) if self._held >= self._first else self._before)[axis]
 
     def _convert(self, tick: int) -> Counts:
         instant_s = tick / self._rate_hz
