@@ -116,6 +116,7 @@ def test_an_unknown_key_is_named_with_its_line_and_the_nearest_known_one(edited)
         ("[turntable]", "[turntabel]", "turntable"),
         ("name = ", "nam = ", "name"),
         ("hard_iron_ut = ", "hard_iron = ", "hard_iron_ut"),
+        ("temperature_degc = 25.0", "[world.drift]\nmag3110_gain_percent = [0, 0, 0]", "mag3110_gain_percent_per_degc"),
         ("[information]", "[informations]", "information"),
         ('"heading.direct.rms" = { max = 0.75, unit', '"heading.direct.rms" = { maxi = 0.75, unit', "max"),
         ('"heading.direct.rms"', '"heading.direct.rmss"', "heading.direct.rms"),
@@ -147,6 +148,17 @@ def test_every_table_knows_its_keys(edited, old, new, nearest):
         ('kind = "simulated"', 'kind = "robot"', "turntable.kind", "'simulated', 'operator' or 'motor'"),
         ('kind = "simulated"', 'kind = "operator"', "turntable", "goes with a board"),
         ('kind = "virtual"', 'kind = "real"', "world", "absent with any other"),
+        ("temperature_degc = 25.0", "temperature_end_degc = 40.0", "world.temperature_end_degc", "how the temperature"),
+        ("temperature_degc = 25.0", "temperature_ramp_s = 9.0", "world.temperature_end_degc", "goes with"),
+        (
+            "temperature_degc = 25.0",
+            "temperature_end_degc = 40.0\ntemperature_ramp_s = 9.0\ntemperature_time_constant_s = 3.0",
+            "world.temperature_ramp_s", "excludes temperature_time_constant_s",
+        ),
+        (
+            "temperature_degc = 25.0", "temperature_end_degc = 40.0\ntemperature_time_constant_s = 0.0",
+            "world.temperature_time_constant_s", "must be above 0",
+        ),
         ("temperature_degc = 25.0", 'fitted = ["mpu6050"]', "world.fitted", "known parts: mag3110"),
     ],
 )

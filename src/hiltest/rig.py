@@ -28,6 +28,7 @@ from hiltest.rig_tables import (
 )
 
 if TYPE_CHECKING:
+    from hiltest.sensors.drift import Drift
     from hiltest.sensors.fxos8700cq import AccelerometerErrors
     from hiltest.sensors.register_device import RegisterDevice
     from hiltest.world.distortion import MagneticDistortion
@@ -130,12 +131,14 @@ def build_world(rig: Rig) -> World:
     ValueError
         If the rig has no simulated world.
     """
+    from hiltest.world.temperature import Temperature
     from hiltest.world.world import World
 
     world = _simulated(rig)
-    return World(
-        _earth_field(rig), mounting_yaw_deg=_true_yaw_deg(rig, world), temperature_degc=world.temperature_degc
+    temperature = Temperature(
+        world.temperature_degc, world.temperature_end_degc, world.temperature_ramp_s, world.temperature_time_constant_s
     )
+    return World(_earth_field(rig), mounting_yaw_deg=_true_yaw_deg(rig, world), temperature=temperature)
 
 
 def build_sensors(rig: Rig, world: World, seed: int) -> dict[str, list[RegisterDevice]]:
@@ -161,18 +164,30 @@ def build_sensors(rig: Rig, world: World, seed: int) -> dict[str, list[RegisterD
     from hiltest.world.distortion import MagneticDistortion
 
     truth = _simulated(rig)
+    drift = truth.drift
     distortion = MagneticDistortion(truth.soft_iron, truth.hard_iron_ut)
 
     def fxos8700cq(address: int, name: str) -> Fxos8700cq:
         return Fxos8700cq(
             world, _with_zero_flux(distortion, truth.fxos8700cq_zero_flux_ut),
             seed=seed, address=address, name=name, errors=_accelerometer_errors(truth),
+            accelerometer_drift=_drift(offset=_scaled(drift.accelerometer_offset_mg_per_degc, 1e-3)),
+            magnetometer_drift=_drift(
+                offset=drift.fxos8700cq_zero_flux_ut_per_degc, gain_percent=drift.fxos8700cq_gain_percent_per_degc
+            ),
         )
 
+    mag3110 = Mag3110(
+        world, distortion, seed=seed, noise_ut=truth.mag3110_noise_ut,
+        drift=_drift(gain_percent=drift.mag3110_gain_percent_per_degc),
+    )
+    fxas21002c = Fxas21002c(
+        world, seed=seed, bias_dps=truth.gyroscope_bias_dps, drift=_drift(offset=drift.gyroscope_bias_dps_per_degc)
+    )
     parts: dict[str, tuple[str, RegisterDevice]] = {
-        "mag3110": ("i2c1", Mag3110(world, distortion, seed=seed, noise_ut=truth.mag3110_noise_ut)),
+        "mag3110": ("i2c1", mag3110),
         "fxos8700cq": ("i2c1", fxos8700cq(0x1E, "shield")),
-        "fxas21002c": ("i2c1", Fxas21002c(world, seed=seed, bias_dps=truth.gyroscope_bias_dps)),
+        "fxas21002c": ("i2c1", fxas21002c),
         "onboard-fxos8700cq": ("i2c0", fxos8700cq(0x1D, "onboard")),
     }
     buses: dict[str, list[RegisterDevice]] = {"i2c0": [], "i2c1": []}
@@ -213,3 +228,14 @@ def _accelerometer_errors(truth: SimulatedWorld) -> AccelerometerErrors:
     x, y, z = truth.accelerometer_offset_mg
     gain_x, gain_y, gain_z = truth.accelerometer_gain_error_percent
     return AccelerometerErrors((x / 1000.0, y / 1000.0, z / 1000.0), (gain_x / 100.0, gain_y / 100.0, gain_z / 100.0))
+
+
+def _drift(*, offset: Triple = (0.0, 0.0, 0.0), gain_percent: Triple = (0.0, 0.0, 0.0)) -> Drift:
+    from hiltest.sensors.drift import Drift
+
+    return Drift(offset, _scaled(gain_percent, 1e-2))
+
+
+def _scaled(triple: Triple, factor: float) -> Triple:
+    x, y, z = triple
+    return (factor * x, factor * y, factor * z)

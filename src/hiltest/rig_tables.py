@@ -167,6 +167,32 @@ class Procedure:
         return tuple(Pose(heading, pitch, roll) for pitch, roll in tilts for heading in self.headings_deg)
 
 
+_NO_DRIFT: Triple = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class TemperatureDrift:
+    """How much the parts' readings change for each degree above 25 degC, body frame: nothing unless stated.
+
+    Attributes
+    ----------
+    mag3110_gain_percent_per_degc : (3,)
+        Typical 0.1, data sheet.
+    fxos8700cq_gain_percent_per_degc, fxos8700cq_zero_flux_ut_per_degc : (3,)
+        Of the magnetometer; typical 0.1 % and 0.8 uT, data sheet.
+    accelerometer_offset_mg_per_degc : (3,)
+        Typical 0.2, data sheet.
+    gyroscope_bias_dps_per_degc : (3,)
+    """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
+    mag3110_gain_percent_per_degc: Triple = _NO_DRIFT
+    fxos8700cq_gain_percent_per_degc: Triple = _NO_DRIFT
+    fxos8700cq_zero_flux_ut_per_degc: Triple = _NO_DRIFT
+    accelerometer_offset_mg_per_degc: Triple = _NO_DRIFT
+    gyroscope_bias_dps_per_degc: Triple = _NO_DRIFT
+
+
 @dataclass(frozen=True, slots=True)
 class SimulatedWorld:
     """The truth of a virtual board's world, body frame NED. Noise alone depends on the seed.
@@ -183,6 +209,13 @@ class SimulatedWorld:
         What the FXOS8700CQ magnetometers read beyond that.
     mag3110_noise_ut : (4,)
         Rms at oversampling 16, 32, 64, 128.
+    temperature_degc : float
+        Of the board at power-on, and ever after unless it has an end.
+    temperature_end_degc : float or None
+        Where the temperature goes and stays: in a straight line within `temperature_ramp_s`,
+        or with `temperature_time_constant_s` as things warm up.
+    drift : TemperatureDrift
+        What temperature does to the readings.
     fitted : tuple of str
         Which parts are there: see `FITTED_PARTS`.
     """
@@ -197,9 +230,27 @@ class SimulatedWorld:
     mag3110_noise_ut: tuple[float, float, float, float] = (0.4, 0.35, 0.3, 0.25)
     mounting_yaw_deg: float | None = None
     temperature_degc: float = 25.0
+    temperature_end_degc: float | None = None
+    temperature_ramp_s: float | None = None
+    temperature_time_constant_s: float | None = None
+    drift: TemperatureDrift = TemperatureDrift()
     fitted: tuple[str, ...] = FITTED_PARTS
 
     def __post_init__(self) -> None:
         require(all(sigma >= 0.0 for sigma in self.mag3110_noise_ut), "mag3110_noise_ut", "must not be negative")
+        self._check_temperature()
         strangers = [part for part in self.fitted if part not in FITTED_PARTS]
         require(not strangers, "fitted", f"names {strangers}; known parts: {', '.join(FITTED_PARTS)}")
+
+    def _check_temperature(self) -> None:
+        courses = {
+            "temperature_ramp_s": self.temperature_ramp_s,
+            "temperature_time_constant_s": self.temperature_time_constant_s,
+        }
+        given = {key: duration_s for key, duration_s in courses.items() if duration_s is not None}
+        require((self.temperature_end_degc is None) == (not given), "temperature_end_degc",
+                "goes with temperature_ramp_s or temperature_time_constant_s: how the temperature gets there")
+        require(len(given) < 2, "temperature_ramp_s",
+                "excludes temperature_time_constant_s: one of them says the course")
+        for key, duration_s in given.items():
+            require(duration_s > 0.0, key, "must be above 0")

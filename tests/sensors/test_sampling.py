@@ -13,6 +13,7 @@ from hiltest.sensors.fxos8700cq import AccelerometerErrors, Fxos8700cq, noise_at
 from hiltest.sensors.mag3110 import Mag3110, output_rate_hz
 from hiltest.world.distortion import MagneticDistortion
 from hiltest.world.earth_field import EarthField
+from hiltest.world.temperature import Temperature
 from hiltest.world.world import World
 
 FIELD = EarthField(48.5, 62.0)
@@ -220,7 +221,7 @@ def test_a_burst_holds_one_sample_though_another_arrives_in_it():
 
 
 def test_die_temperatures_follow_the_world():
-    world = World(FIELD, temperature_degc=-10.0)
+    world = World(FIELD, temperature=Temperature(-10.0))
     assert read(active_mag3110(world, die_temperature_offset_degc=4.0), 1.0, 0x0F, 1) == bytes([256 - 6])
     assert read(active_fxos8700cq(world), 1.0, 0x51, 1) == bytes([256 - 10])  # -10 / 0.96 = -10.4
     assert read(active_fxas21002c(world), 1.0, 0x12, 1) == bytes([256 - 10])

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 
+from hiltest.sensors.drift import Drift
 from hiltest.sensors.fifo import SampleFifo
 from hiltest.sensors.register_device import RegisterDevice, signed_byte
 from hiltest.sensors.sampling import Counts, SampledOutput, saturated_word
@@ -46,6 +47,8 @@ class Fxas21002c(RegisterDevice):
         Of the run's noise.
     bias_dps : (3,)
         Zero-rate offset, body frame [deg/s].
+    drift : Drift
+        Of the rate, offset included [deg/s].
     noise_density : float
         [dps/sqrt(Hz)]; the bandwidth is that of the selected low-pass filter.
     """
@@ -57,11 +60,13 @@ class Fxas21002c(RegisterDevice):
         seed: int,
         address: int = 0x20,
         bias_dps: Vector = (0.0, 0.0, 0.0),
+        drift: Drift = Drift(),  # noqa: B008 - frozen, so it may be shared
         noise_density: float = DATA_SHEET_NOISE_DENSITY,
     ) -> None:
         super().__init__(address)
         self._world = world
         self._bias_dps = bias_dps
+        self._drift = drift
         self._noise_density = noise_density
         self._output = SampledOutput(world, NoiseSource(seed, f"fxas21002c@{address:02x}"), self._measure)
         self._fifo = SampleFifo(self._output, has_trigger=False)
@@ -108,7 +113,7 @@ class Fxas21002c(RegisterDevice):
             case 0x0D:
                 return self._control[0]
             case 0x12:
-                return signed_byte(self._world.at(time_s).temperature_degc)
+                return signed_byte(self._world.temperature_degc(time_s))
         return self._plain.get(register, 0)
 
     def write_register(self, register: int, value: int, time_s: float) -> bool:
@@ -161,8 +166,8 @@ class Fxas21002c(RegisterDevice):
         self._boot_over_s = time_s + BOOT_S
 
     def _measure(self, instant_s: float, noise: Vector) -> Counts:
-        rate = self._world.at(instant_s).rate_body_dps
-        x, y, z = (rate[axis] + self._bias_dps[axis] for axis in range(3))
+        (x, y, z), bias = self._world.at(instant_s).rate_body_dps, self._bias_dps
+        x, y, z = self._drift.apply((x + bias[0], y + bias[1], z + bias[2]), self._world.temperature_degc(instant_s))
         # Low-pass filter, data sheet: 0.32 of the output rate at BW = 00, half of it a step.
         bandwidth_hz = 0.32 * self._output.rate_hz / (1 << (self._control[0] >> 6))
         sigma = self._noise_density * math.sqrt(bandwidth_hz)

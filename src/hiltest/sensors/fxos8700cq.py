@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from hiltest.sensors.drift import Drift
 from hiltest.sensors.fifo import SampleFifo
 from hiltest.sensors.register_device import RegisterDevice, signed_byte
 from hiltest.sensors.sampling import Counts, SampledOutput, limited
@@ -94,6 +95,8 @@ class Fxos8700cq(RegisterDevice):
         Distinguishes the noise of two such parts.
     errors : AccelerometerErrors
         Of the accelerometer.
+    accelerometer_drift, magnetometer_drift : Drift
+        Of what the two read, their offsets included [g], [uT].
     accelerometer_noise_density_g : float
         [g/sqrt(Hz)]; the bandwidth is half the output rate.
     magnetometer_noise_ut : (2,)
@@ -109,6 +112,8 @@ class Fxos8700cq(RegisterDevice):
         address: int = 0x1E,
         name: str = "fxos8700cq",
         errors: AccelerometerErrors = AccelerometerErrors(),
+        accelerometer_drift: Drift = Drift(),  # noqa: B008 - frozen, so it may be shared
+        magnetometer_drift: Drift = Drift(),  # noqa: B008
         accelerometer_noise_density_g: float = DATA_SHEET_NOISE_DENSITY_G,
         magnetometer_noise_ut: tuple[float, float] = MAGNETOMETER_NOISE_UT,
     ) -> None:
@@ -116,6 +121,8 @@ class Fxos8700cq(RegisterDevice):
         self._world = world
         self._distortion = distortion
         self._errors = errors
+        self._accelerometer_drift = accelerometer_drift
+        self._magnetometer_drift = magnetometer_drift
         self._noise_density_g = accelerometer_noise_density_g
         tag = f"{name}@{address:02x}"
         self._accelerometer = SampledOutput(world, NoiseSource(seed, f"{tag}/accelerometer"), self._measure_gravity)
@@ -170,7 +177,7 @@ class Fxos8700cq(RegisterDevice):
             case 0x32:
                 return self._magnetometer.status(time_s)
             case 0x51:
-                return signed_byte(self._world.at(time_s).temperature_degc / _TEMPERATURE_STEP_DEGC)
+                return signed_byte(self._world.temperature_degc(time_s) / _TEMPERATURE_STEP_DEGC)
         return self._registers[register] if register <= _LAST_REGISTER else 0
 
     def write_register(self, register: int, value: int, time_s: float) -> bool:
@@ -252,7 +259,8 @@ class Fxos8700cq(RegisterDevice):
         return word >> (0 if low else 8) & 0xFF
 
     def _measure_gravity(self, instant_s: float, noise: Vector) -> Counts:
-        x, y, z = self._errors.apply(self._world.at(instant_s).gravity_body_g)
+        gravity_g = self._errors.apply(self._world.at(instant_s).gravity_body_g)
+        x, y, z = self._accelerometer_drift.apply(gravity_g, self._world.temperature_degc(instant_s))
         sigma_g = self._noise_density_g * math.sqrt(self._accelerometer.rate_hz / 2.0)
         # Part axes from body axes: the inverse of body = (y, x, z).
         return (
@@ -269,7 +277,8 @@ class Fxos8700cq(RegisterDevice):
         return max(-8192, min(8191, count)) << 2  # 14 bits, left-justified
 
     def _measure_field(self, instant_s: float, noise: Vector) -> Counts:
-        x, y, z = self._distortion.apply(self._world.at(instant_s).field_body_ut)
+        field_ut = self._distortion.apply(self._world.at(instant_s).field_body_ut)
+        x, y, z = self._magnetometer_drift.apply(field_ut, self._world.temperature_degc(instant_s))
         sigma = self._sigma_ut
         # Part axes from body axes: the inverse of body = (-y, -x, -z).
         return (

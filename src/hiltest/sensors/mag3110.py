@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from hiltest.sensors.drift import Drift
 from hiltest.sensors.register_device import RegisterDevice, signed_byte
 from hiltest.sensors.sampling import Counts, SampledOutput, limited
 from hiltest.world.distortion import MagneticDistortion
@@ -48,6 +49,8 @@ class Mag3110(RegisterDevice):
         Of the run's noise.
     noise_ut : sequence of 4 floats
         Rms noise per axis at oversampling 16, 32, 64, 128 [uT].
+    drift : Drift
+        Of the field that the part sees [uT].
     die_temperature_offset_degc : float
         The die temperature's offset is not trimmed by the maker: what this one reads too much.
     """
@@ -60,12 +63,14 @@ class Mag3110(RegisterDevice):
         seed: int,
         address: int = 0x0E,
         noise_ut: Sequence[float] = DATA_SHEET_NOISE_UT,
+        drift: Drift = Drift(),  # noqa: B008 - frozen, so it may be shared
         die_temperature_offset_degc: float = 0.0,
     ) -> None:
         super().__init__(address)
         self._world = world
         self._distortion = distortion
         self._noise_counts = tuple(COUNTS_PER_UT * sigma for sigma in noise_ut)
+        self._drift = drift
         self._die_offset_degc = die_temperature_offset_degc
         self._output = SampledOutput(world, NoiseSource(seed, f"mag3110@{address:02x}"), self._measure)
         self._control1 = 0
@@ -158,7 +163,8 @@ class Mag3110(RegisterDevice):
             self._control1 &= ~_TM
 
     def _measure(self, instant_s: float, noise: Vector) -> Counts:
-        x, y, z = self._distortion.apply(self._world.at(instant_s).field_body_ut)
+        field_ut = self._distortion.apply(self._world.at(instant_s).field_body_ut)
+        x, y, z = self._drift.apply(field_ut, self._world.temperature_degc(instant_s))
         sigma = self._noise_counts[self._oversampling]
         # Part axes from body axes: the inverse of body = (-y, -x, +z).
         return (
@@ -179,4 +185,4 @@ class Mag3110(RegisterDevice):
         instant_s = self._output.held_instant(time_s)
         if instant_s is None:
             return 0
-        return signed_byte(self._world.at(instant_s).temperature_degc + self._die_offset_degc)
+        return signed_byte(self._world.temperature_degc(instant_s) + self._die_offset_degc)

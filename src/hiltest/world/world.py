@@ -19,6 +19,7 @@ from hiltest.world.motion import (
     tumble_begin,
     turn_between,
 )
+from hiltest.world.temperature import Temperature
 
 # Noise epochs: 0 is the time since power-on; tumbles and judged poses have their own, so that
 # their noise does not depend on when firmware got there.
@@ -39,8 +40,6 @@ class WorldState:
         Gravity, positive down: a level body has (0, 0, +1) [g].
     rate_body_dps : (3,)
         Angular rate [deg/s].
-    temperature_degc : float
-        Of the board [degC].
     pose : Pose
         True attitude of the board, mounting included.
     """
@@ -48,7 +47,6 @@ class WorldState:
     field_body_ut: Vector
     gravity_body_g: Vector
     rate_body_dps: Vector
-    temperature_degc: float
     pose: Pose
 
 
@@ -62,8 +60,8 @@ class World:
     mounting_yaw_deg : float
         How far the board (with the wedges that tilt it) is turned on the table, about the
         vertical: board heading = table heading + this, at every tilt [deg].
-    temperature_degc : float
-        Constant temperature of the board [degC].
+    temperature : Temperature
+        Of the board.
     pose : Pose
         In which the table stands at power-on.
 
@@ -79,12 +77,12 @@ class World:
         field: EarthField,
         *,
         mounting_yaw_deg: float = 0.0,
-        temperature_degc: float = 25.0,
-        pose: Pose = Pose(0.0),  # noqa: B008 - frozen, so it may be shared
+        temperature: Temperature = Temperature(),  # noqa: B008 - frozen, so it may be shared
+        pose: Pose = Pose(0.0),  # noqa: B008
     ) -> None:
         self.field = field
         self.mounting_yaw_deg = mounting_yaw_deg
-        self.temperature_degc = temperature_degc
+        self._temperature = temperature
         self._field_ned_ut = field.ned_ut
         self._table = pose  # where the last move ends
         first = Turn(-MOVE_GRID_S, 0.0, self._table, _STILL)
@@ -159,6 +157,10 @@ class World:
             resting = self._resting[index] = self._state(segment.angles(segment.end_s)[0], _STILL)
         return resting
 
+    def temperature_degc(self, time_s: float) -> float:
+        """Return the temperature of the board at a virtual time [degC]."""
+        return self._temperature.at(time_s)
+
     def noise_epoch(self, time_s: float) -> tuple[int, float]:
         """Return the noise epoch at a time, and the time its samples are counted from [s]."""
         # The tolerance is that of the sampling instants: an instant on the grid belongs to what begins there.
@@ -185,6 +187,5 @@ class World:
             field_body_ut=apply_rows(rows, self._field_ned_ut),
             gravity_body_g=apply_rows(rows, GRAVITY_NED_G),
             rate_body_dps=body_rate_dps(pose, angle_rates_dps),
-            temperature_degc=self.temperature_degc,
             pose=normal_angles(pose),
         )

@@ -1,0 +1,42 @@
+"""What temperature does to a reading."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hiltest.world.earth_field import Vector
+
+#: Data sheets give a part's typical values at this temperature: there nothing has drifted.
+REFERENCE_DEGC = 25.0
+_NOTHING: Vector = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Drift:
+    """Temperature coefficients of a three-axis sensor, body frame.
+
+    Attributes
+    ----------
+    offset_per_degc : (3,)
+        Change of the offset, in the unit of the reading.
+    gain_per_degc : (3,)
+        Change of the sensitivity [1/degC].
+
+    Notes
+    -----
+    ``drifted = (1 + gain_per_degc * dT) * reading + offset_per_degc * dT``, dT from
+    `REFERENCE_DEGC`. Without coefficients a reading stays the same to the last bit.
+    """
+
+    offset_per_degc: Vector = _NOTHING
+    gain_per_degc: Vector = _NOTHING
+
+    def apply(self, reading: Vector, temperature_degc: float) -> Vector:
+        """Return what the part reads at a temperature."""
+        above = temperature_degc - REFERENCE_DEGC
+        offset, gain = self.offset_per_degc, self.gain_per_degc
+        return (
+            reading[0] * (1.0 + gain[0] * above) + offset[0] * above,
+            reading[1] * (1.0 + gain[1] * above) + offset[1] * above,
+            reading[2] * (1.0 + gain[2] * above) + offset[2] * above,
+        )

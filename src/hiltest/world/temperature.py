@@ -1,0 +1,47 @@
+"""The board's temperature over time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Temperature:
+    """From one temperature at power-on to another: not at all, in a straight line, or as things warm up.
+
+    Attributes
+    ----------
+    begin_degc : float
+        At power-on.
+    end_degc : float or None
+        Where it goes and stays; None is constant.
+    ramp_s : float or None
+        A straight line that takes this long.
+    time_constant_s : float or None
+        Without a ramp: what is left to go shrinks by a factor e in this time.
+    """
+
+    begin_degc: float = 25.0
+    end_degc: float | None = None
+    ramp_s: float | None = None
+    time_constant_s: float | None = None
+
+    def __post_init__(self) -> None:
+        courses = [each for each in (self.ramp_s, self.time_constant_s) if each is not None]
+        if len(courses) != (0 if self.end_degc is None else 1):
+            raise ValueError("a temperature that changes has an end, and either a ramp or a time constant")
+        if any(duration_s <= 0.0 for duration_s in courses):
+            raise ValueError("a temperature takes more than 0 s to change")
+
+    def at(self, time_s: float) -> float:
+        """Return the temperature at a virtual time [degC]."""
+        if self.end_degc is None:
+            return self.begin_degc
+        if self.time_constant_s is not None:
+            left = math.exp(-time_s / self.time_constant_s)
+        else:
+            assert self.ramp_s is not None
+            left = max(0.0, 1.0 - time_s / self.ramp_s)
+        # Rounded, because exponentials may differ in the last bit between hosts.
+        return round(self.end_degc + (self.begin_degc - self.end_degc) * left, 6)
