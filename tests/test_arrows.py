@@ -1,0 +1,222 @@
+"""Imports point one way: from what a user runs, over procedures and boards, down to physics and numbers."""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+import hiltest
+
+# Which package may import which others. Modules directly under hiltest that have no row (cli, plugin, session, ...),
+# and the packages named in APPLICATION, are what a user runs: they may import everything, and no row may name them.
+ARROWS = """
+    errors      ->
+    angles      ->
+    measurement ->
+    calibration -> errors angles
+    orientation -> errors angles
+    cloud       -> errors calibration
+
+    world       -> errors angles
+    sensors     -> errors world
+    virtual     -> errors
+    profiling   -> errors virtual
+
+    bench_files -> errors
+    rig_tables  -> angles
+    rig         -> errors measurement rig_tables sensors world
+    rig_file    -> errors measurement rig_tables rig
+
+    link        -> errors angles calibration
+    boards      -> errors angles bench_files rig_tables rig rig_file link virtual world sensors
+    procedures  -> errors angles calibration orientation cloud rig_tables rig link boards
+    report      -> errors angles measurement calibration procedures
+"""
+APPLICATION = frozenset({"commands"})
+# Numbers in, numbers out: beside themselves and the standard library, only these.
+PURE = frozenset({"errors", "angles", "measurement", "calibration", "orientation", "world", "sensors"})
+NUMERICAL = frozenset({"numpy", "scipy"})
+
+
+def table() -> dict[str, frozenset[str]]:
+    rows = (line.split("->") for line in ARROWS.splitlines() if line.strip())
+    return {name.strip(): frozenset(targets.split()) for name, targets in rows}
+
+
+@dataclass(frozen=True)
+class Import:
+    """One module imports another: `target` is the deepest module that the statement names."""
+
+    source: str
+    target: str
+    line: int
+    for_types_only: bool
+
+    def __str__(self) -> str:
+        return f"{self.source}:{self.line} imports {self.target}"
+
+
+def modules_under(folder: Path) -> dict[str, Path]:
+    """Return every module of a package folder by its dotted name."""
+    found = {}
+    for path in sorted(folder.rglob("*.py")):
+        parts = path.relative_to(folder.parent).with_suffix("").parts
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+def imports_of(modules: dict[str, Path]) -> Iterator[Import]:
+    for name, path in modules.items():
+        package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        for_types = set(nodes_for_types_only(tree))
+        for node in ast.walk(tree):
+            for target in named_in(node, package, modules):
+                yield Import(name, target, getattr(node, "lineno", 0), node in for_types)
+
+
+def nodes_for_types_only(tree: ast.AST) -> Iterator[ast.AST]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.If) and ast.unparse(node.test).endswith("TYPE_CHECKING"):
+            for statement in node.body:
+                yield from ast.walk(statement)
+
+
+def named_in(node: ast.AST, package: str, modules: dict[str, Path]) -> Iterator[str]:
+    """Yield the modules that an import statement names, relative ones made absolute."""
+    if isinstance(node, ast.Import):
+        yield from (alias.name for alias in node.names)
+    elif isinstance(node, ast.ImportFrom):
+        base = node.module or ""
+        if node.level:
+            above = package.split(".")[: len(package.split(".")) - node.level + 1]
+            base = ".".join([*above, base] if base else above)
+        for alias in node.names:
+            inner = f"{base}.{alias.name}"
+            yield inner if inner in modules else base
+
+
+def unit(module: str) -> str:
+    """Return the row a module of the package belongs to: the part after the package's name."""
+    return module.partition(".")[2].partition(".")[0]
+
+
+def complaints(folder: Path) -> list[str]:
+    """Return every import in a package folder that the table does not allow, and every cycle."""
+    modules = modules_under(folder)
+    rows, package = table(), folder.name
+    packages = {unit(name) for name, path in modules.items() if name.count(".") > 1 or path.name == "__init__.py"}
+    found = [
+        f"package {each} has no row in the table: say what it may import"
+        for each in sorted(packages - rows.keys() - APPLICATION - {""})
+    ]
+    runtime: dict[str, set[str]] = {name: set() for name in modules}
+    for each in imports_of(modules):
+        source = unit(each.source)
+        top = each.target.split(".")[0]
+        if top == package:
+            if not each.for_types_only and each.target in modules:
+                runtime[each.source].add(each.target)
+            target = unit(each.target)
+            if source in rows and target not in rows[source] | {source, ""}:
+                found.append(f"{each}: {source} may import {' '.join(sorted(rows[source])) or 'nothing'}")
+        elif source in PURE and top not in NUMERICAL | sys.stdlib_module_names:
+            found.append(f"{each}: {source} is pure, with {' and '.join(sorted(NUMERICAL))} at most")
+    try:
+        TopologicalSorter(runtime).prepare()
+    except CycleError as error:
+        found.append(f"import cycle: {' <- '.join(error.args[1])}")
+    return found
+
+
+def test_every_import_of_the_package_follows_the_table():
+    assert complaints(Path(hiltest.__file__).parent) == []
+
+
+def test_the_walk_sees_the_package():
+    modules = modules_under(Path(hiltest.__file__).parent)
+    arrows = {(each.source, each.target) for each in imports_of(modules)}
+    # At the top of a file, in a function, and for types only.
+    assert ("hiltest.boards.bench", "hiltest.virtual.k64f") in arrows
+    assert ("hiltest.rig", "hiltest.world.world") in arrows
+    assert ("hiltest.fixtures", "hiltest.boards") in arrows
+    assert {unit(source) for source, _ in arrows} >= table().keys() - {"errors", "cloud", "profiling"}
+
+
+def test_the_table_itself_points_one_way():
+    rows = table()
+    TopologicalSorter(rows).prepare()
+    assert {target for targets in rows.values() for target in targets} <= rows.keys()
+    assert not {target for name in PURE for target in rows[name]} - PURE
+
+
+GOOD = {
+    "__init__.py": "",
+    "errors.py": "import enum\n",
+    "angles.py": "import numpy as np\n",
+    "calibration/__init__.py": "from hiltest.calibration.fit import Fit\n",
+    "calibration/fit.py": "import scipy.linalg\nfrom ..errors import HiltestError\n",
+    "link/__init__.py": "",
+    "link/session.py": "import serial\nfrom hiltest.calibration.fit import Fit\n",
+    "boards/__init__.py": "from hiltest.boards.real import RealBoard\n",
+    "boards/real.py": "from hiltest import angles\nfrom hiltest.link.session import Session\n",
+    "commands/__init__.py": "",
+    "commands/run.py": "from hiltest.session import start\n",
+    "session.py": "import pytest\nfrom hiltest import boards\n",
+}
+
+
+def tree(folder: Path, changes: dict[str, str]) -> Path:
+    for name, text in (GOOD | changes).items():
+        path = folder / "hiltest" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    return folder / "hiltest"
+
+
+def test_a_tree_whose_arrows_are_right_has_no_complaint(tmp_path):
+    assert complaints(tree(tmp_path, {})) == []
+
+
+@pytest.mark.parametrize(
+    ("module", "text", "complaint"),
+    [
+        ("link/session.py", "from hiltest.boards.real import RealBoard", "link.session:1 imports hiltest.boards.real"),
+        ("link/session.py", "from hiltest import boards", "link.session:1 imports hiltest.boards"),
+        ("link/session.py", "import hiltest.boards as b", "link.session:1 imports hiltest.boards"),
+        ("link/session.py", "from ..boards import real", "link.session:1 imports hiltest.boards.real"),
+        ("link/session.py", "def f():\n    import hiltest.boards.real", "link.session:2 imports hiltest.boards.real"),
+        (
+            "link/session.py",
+            "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from hiltest.boards.real import RealBoard",
+            "link.session:3 imports hiltest.boards.real: link may import angles calibration errors",
+        ),
+        ("boards/real.py", "from hiltest.session import start", "boards.real:1 imports hiltest.session"),
+        ("boards/real.py", "from hiltest.commands import run", "boards.real:1 imports hiltest.commands.run"),
+        ("errors.py", "from hiltest import angles", "errors:1 imports hiltest.angles: errors may import nothing"),
+        ("calibration/fit.py", "import pytest", "calibration.fit:1 imports pytest: calibration is pure"),
+        ("calibration/fit.py", "from serial.tools import list_ports", "calibration.fit:1 imports serial.tools"),
+        ("angles.py", "def f():\n    import serial", "angles:2 imports serial: angles is pure"),
+        ("study/__init__.py", "", "package study has no row"),
+    ],
+)
+def test_a_turned_arrow_is_named_with_module_and_line(tmp_path, module, text, complaint):
+    found = complaints(tree(tmp_path, {module: text}))
+    assert any(complaint in each for each in found), found
+
+
+def test_a_cycle_within_a_package_is_found_and_one_for_types_is_none(tmp_path):
+    back = "from hiltest.link.session import Session\n"
+    (cycle,) = complaints(tree(tmp_path, {
+        "link/frames.py": back, "link/session.py": "def f():\n    from hiltest.link import frames\n",
+    }))  # fmt: skip
+    assert cycle.startswith("import cycle: ")
+    assert {"hiltest.link.frames", "hiltest.link.session"} == set(cycle.removeprefix("import cycle: ").split(" <- "))
+    for_types = "import typing\nif typing.TYPE_CHECKING:\n    from hiltest.link import frames\n"
+    assert complaints(tree(tmp_path, {"link/frames.py": back, "link/session.py": for_types})) == []
