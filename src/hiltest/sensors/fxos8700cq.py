@@ -2,8 +2,8 @@
 
 Source of the map, modes, rates, scales and limits: NXP data sheet FXOS8700CQ. Not
 modelled: the embedded event functions (their registers read back what is written, so
-nothing ends the FIFO's trigger mode), min/max registers (read 0), one-shot magnetometer
-measurements, automatic hard-iron calibration, sleep and the interrupt pins.
+nothing ends the FIFO's trigger mode), one-shot magnetometer measurements, automatic
+hard-iron calibration, sleep and the interrupt pins.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import math
 from dataclasses import dataclass
 
 from hiltest.sensors.drift import Drift
+from hiltest.sensors.extremes import Extremes
 from hiltest.sensors.fifo import SampleFifo
 from hiltest.sensors.register_device import RegisterDevice, signed_byte
 from hiltest.sensors.sampling import Counts, SampledOutput, limited
@@ -25,11 +26,12 @@ SYSMOD, INT_SOURCE, WHO_AM_I, XYZ_DATA_CFG = 0x0B, 0x0C, 0x0D, 0x0E
 CTRL_REG1, CTRL_REG2, CTRL_REG4, OFF_X, OFF_Z = 0x2A, 0x2B, 0x2D, 0x2F, 0x31
 M_DR_STATUS, M_OUT_X_MSB, M_OUT_Z_LSB, CMP_X_MSB, CMP_Z_LSB = 0x32, 0x33, 0x38, 0x39, 0x3E
 M_OFF_X_MSB, M_OFF_Z_LSB, TEMP, M_CTRL_REG1, M_CTRL_REG2 = 0x3F, 0x44, 0x51, 0x5B, 0x5C
+MAX_X_MSB, MIN_Z_LSB = 0x45, 0x50
 _IDENTITY = 0xC7
 _ACTIVE, _F_READ = 0x01, 0x02  # CTRL_REG1
 _RESET = 0x40  # CTRL_REG2
 _FIFO_EVENT, _DATA_READY = 0x40, 0x01  # CTRL_REG4 enables them, INT_SOURCE shows them
-_HYBRID_AUTO_INCREMENT = 0x20  # M_CTRL_REG2
+_HYBRID_AUTO_INCREMENT, _EXTREMES_OFF, _RESET_EXTREMES = 0x20, 0x10, 0x04  # M_CTRL_REG2
 # What a write to a register leaves of it: bits that clear themselves do not stay.
 _KEPT = {CTRL_REG2: 0xBF, M_CTRL_REG1: 0x9F, M_CTRL_REG2: 0x3B}
 _READ_ONLY = frozenset(
@@ -128,6 +130,7 @@ class Fxos8700cq(RegisterDevice):
         self._accelerometer = SampledOutput(world, NoiseSource(seed, f"{tag}/accelerometer"), self._measure_gravity)
         self._magnetometer = SampledOutput(world, NoiseSource(seed, f"{tag}/magnetometer"), self._measure_field)
         self._fifo = SampleFifo(self._accelerometer, has_trigger=True)
+        self._extremes = Extremes(self._magnetometer)
         self._registers = bytearray(_LAST_REGISTER + 1)
         self._answers_from_s = 0.0
         self._noise_ut_at_2_and_32 = magnetometer_noise_ut
@@ -165,6 +168,9 @@ class Fxos8700cq(RegisterDevice):
             return self._magnetometer.read(register - M_OUT_X_MSB, time_s)
         if CMP_X_MSB <= register <= CMP_Z_LSB:
             return self._read_aligned(register, time_s)
+        if MAX_X_MSB <= register <= MIN_Z_LSB:
+            self._follow_extremes(time_s)
+            return self._extremes.read(register - MAX_X_MSB)
         match register:
             case 0x00:
                 return self._read_status(time_s)
@@ -195,7 +201,15 @@ class Fxos8700cq(RegisterDevice):
             self._registers[register] = kept & 0xFE if is_low_offset else kept
             if register == F_SETUP:
                 self._fifo.configure(value, time_s)
+            elif register == M_CTRL_REG2 and value & _RESET_EXTREMES:
+                self._extremes.restart(time_s)
         return True
+
+    def _follow_extremes(self, time_s: float) -> None:
+        if self._registers[M_CTRL_REG2] & _EXTREMES_OFF:
+            self._extremes.skip(time_s)
+        else:
+            self._extremes.take_in(time_s)
 
     def _read_status(self, time_s: float) -> int:
         if not self._fifo.on:
@@ -225,6 +239,7 @@ class Fxos8700cq(RegisterDevice):
             self._accelerometer.halt(time_s)
             self._magnetometer.halt(time_s)
             self._fifo.halt(time_s)
+            self._follow_extremes(time_s)
         elif value & _ACTIVE:
             self._begin(time_s)
 
@@ -241,12 +256,14 @@ class Fxos8700cq(RegisterDevice):
             samples = oversampling(rate_hz, self._registers[M_CTRL_REG1] >> 2 & 7)
             self._sigma_ut = noise_at_oversampling(samples, self._noise_ut_at_2_and_32)
             self._magnetometer.begin(rate_hz, first_s=first_s)
+            self._extremes.skip(time_s)
 
     def _reset(self, time_s: float) -> None:
         self._registers = bytearray(_LAST_REGISTER + 1)
         self._accelerometer.clear()
         self._magnetometer.clear()
         self._fifo.reset()
+        self._extremes.restart(time_s)
         self._answers_from_s = time_s + _RESET_S
 
     def _read_aligned(self, register: int, time_s: float) -> int:
