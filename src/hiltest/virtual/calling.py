@@ -9,6 +9,7 @@ from difflib import get_close_matches
 from typing import Any
 
 from hiltest.errors import ConfigError
+from hiltest.virtual.buffers import place
 from hiltest.virtual.cpu import RETURN_ADDRESS, Processor
 from hiltest.virtual.elf import Signature
 
@@ -47,16 +48,21 @@ class _Scratch:
         self._written_back: list[tuple[int, memoryview]] = []
 
     def place(self, buffer: Any) -> int:
-        view = memoryview(buffer)
+        return place(buffer, self._reserve, self._write)
+
+    def _reserve(self, size: int) -> int:
         address = self._next
-        self._next = (address + view.nbytes + 7) & ~7
+        self._next = (address + size + 7) & ~7
         if self._next > self._limit:
             missing = self._next - self._limit
             raise ConfigError(f"the arguments need {missing} bytes more RAM than the image leaves free")
-        self._memory.write(address, view.tobytes())
-        if not view.readonly:
-            self._written_back.append((address, view.cast("B")))
         return address
+
+    def _write(self, address: int, buffer: Any) -> None:
+        view = memoryview(buffer)
+        self._memory.write(address, view.tobytes())
+        if not view.readonly and view.nbytes:
+            self._written_back.append((address, view.cast("B")))
 
     def fetch(self) -> None:
         for address, view in self._written_back:

@@ -24,6 +24,7 @@ from hiltest.errors import ConfigError
 _PROFILE_M = ord("M")
 _CORES = {0, 10, 11, 12, 13}
 _FLOATING_POINT = {0, 6}
+_ASSEMBLER = 0x8001  # DW_LANG_Mips_Assembler, which every assembler says
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +93,8 @@ class FirmwareImage:
             self._elf = ELFFile(io.BytesIO(content))
             self._check_processor()
             self.segments = self._read_segments()
-            self.symbols = self._read_symbols()
+            self._all_symbols = self._read_symbols()
+            self.symbols = {symbol.name: symbol for symbol in self._all_symbols}
         except ConfigError:
             raise
         except Exception as error:  # the parser raises whatever a damaged file makes it meet, struct.error to KeyError
@@ -142,9 +144,9 @@ class FirmwareImage:
             raise ConfigError(f"{self.name}: nothing in it to load")
         return segments
 
-    def _read_symbols(self) -> dict[str, Symbol]:
-        """Read named functions and objects; a global one wins over a local one of the same name."""
-        found: dict[str, Symbol] = {}
+    def _read_symbols(self) -> list[Symbol]:
+        """Read named functions and objects, global ones last: by name they win over local ones."""
+        found: list[Symbol] = []
         table: Any = self._elf.get_section_by_name(".symtab")
         if table is None:
             return found
@@ -153,12 +155,12 @@ class FirmwareImage:
             if kind in ("STT_FUNC", "STT_OBJECT") and entry.name:
                 is_function = kind == "STT_FUNC"
                 address = entry.entry.st_value & ~1 if is_function else entry.entry.st_value
-                found[entry.name] = Symbol(entry.name, address, entry.entry.st_size, is_function)
+                found.append(Symbol(entry.name, address, entry.entry.st_size, is_function))
         return found
 
     @cached_property
     def _functions_by_address(self) -> tuple[list[int], list[Symbol]]:
-        functions = sorted((s for s in self.symbols.values() if s.is_function), key=lambda s: s.address)
+        functions = sorted((s for s in self._all_symbols if s.is_function), key=lambda s: (s.address, s.size > 0))
         return [s.address for s in functions], functions
 
     def function_at(self, address: int) -> Symbol | None:
@@ -217,6 +219,9 @@ class FirmwareImage:
     def _read_subprograms(self) -> dict[str, Any]:
         found: dict[str, Any] = {}
         for unit in self._elf.get_dwarf_info().iter_CUs():
+            language = unit.get_top_DIE().attributes.get("DW_AT_language")
+            if language is not None and language.value == _ASSEMBLER:
+                continue  # it names functions and says nothing of what they take
             for die in unit.get_top_DIE().iter_children():
                 name = die.attributes.get("DW_AT_name")
                 if die.tag == "DW_TAG_subprogram" and name is not None and "DW_AT_declaration" not in die.attributes:

@@ -239,7 +239,7 @@ class VirtualK64F:
         ----------
         symbol : str
             Name of the function.
-        *arguments : int, float, bytes, bytearray or numpy array
+        *arguments : int, float, bytes, bytearray, numpy array or Structure
             By the types in the DWARF; integers only without it. A buffer is
             copied to free RAM and passed by address; a writable one gets what
             the function left there.

@@ -1,0 +1,88 @@
+"""``hiltest profile``: where the cycles of one function go."""
+
+from __future__ import annotations
+
+import sys
+from copy import deepcopy
+from pathlib import Path
+
+import click
+
+from hiltest.errors import ConfigError
+
+SHIPPED = "shipped"
+
+_ARGUMENTS = """
+\b
+Arguments of the function:
+  42  -7  0x2a        an integer
+  2.5  1e-3           a float
+  int16:1,-2,3        numbers by address (int8 to uint64, float32, float64)
+  float32:@cloud.csv  the numbers in a text file, row by row
+  zeros:64            64 zero bytes for the function to fill
+  zeros:float32:12    12 zeros of a type
+  text:hello          characters, with a zero behind them
+  @data.bin           the bytes of a file
+  A+B                 buffers A and B as the members of a C struct
+  ptr:A               as such a member: the address of buffer A
+"""
+
+
+# Unknown options are let through: a negative number is an argument of the function.
+@click.command(epilog=_ARGUMENTS, context_settings={"ignore_unknown_options": True})
+@click.option("--lines", metavar="N", type=click.IntRange(min=0), default=12, show_default=True,
+              help="How many source lines to show.")
+@click.option("--instructions", metavar="N", type=click.IntRange(min=0), default=0, show_default=True,
+              help="How many instructions to show.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON (schema hiltest.profile/1) instead of tables.")
+@click.option("--folded", metavar="FILE", type=click.Path(path_type=Path, dir_okay=False),
+              help="Write the stacks as flame graph tools read them.")
+@click.option("--flame-graph", metavar="FILE", type=click.Path(path_type=Path, dir_okay=False),
+              help="Write a flame graph (SVG).")
+@click.option("--profile", "timing", metavar="NAME", help="Timing profile.  [default: cortex-m4-trm/1]")
+@click.argument("elf")
+@click.argument("function")
+@click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
+def profile(
+    elf: str, function: str, arguments: tuple[str, ...], lines: int, instructions: int, as_json: bool,
+    folded: Path | None, flame_graph: Path | None, timing: str | None,
+) -> int:
+    """Call FUNCTION of ELF on the virtual FRDM-K64F and show where its cycles go.
+
+    ELF is any program linked for the MK64FN1M0; "shipped" is the firmware that comes with hiltest.
+    """
+    from hiltest.boards import default_firmware
+    from hiltest.profiling import document as documents
+    from hiltest.profiling.arguments import parse_argument
+    from hiltest.virtual.k64f import DEFAULT_PROFILE, VirtualK64F
+    from hiltest.virtual.profiling import ProfilingAccounting, profile_call
+
+    path = default_firmware() if elf == SHIPPED else Path(elf)
+    given = [parse_argument(text) for text in arguments]
+    values = deepcopy(given)
+    board = VirtualK64F(path, profile=timing or DEFAULT_PROFILE, accounting=ProfilingAccounting)
+    document = documents.document(profile_call(board, function, *values), path, arguments, given, values)
+    if folded is not None:
+        _write(folded, documents.folded(document))
+    if flame_graph is not None:
+        from hiltest.profiling.flame_graph import flame_graph as draw
+
+        _write(flame_graph, draw(document))
+    if as_json:
+        click.echo(documents.json_text(document))
+        return 0
+    from rich.console import Console
+
+    from hiltest.profiling.tables import print_profile
+
+    # Nobody knows how wide a file is: wide enough for names.
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else 110)
+    print_profile(console, document, lines=lines, instructions=instructions)
+    return 0
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"cannot write {path}: {error.strerror}; name another file") from error

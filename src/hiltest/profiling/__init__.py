@@ -1,0 +1,1 @@
+"""Profile of one function of an ELF, for people and for machines."""

@@ -1,0 +1,149 @@
+"""A profile as a document: plain data with a schema, and folded stacks."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import TypeAdapter
+
+from hiltest.virtual.buffers import Address, Structure
+from hiltest.virtual.calling import Argument
+from hiltest.virtual.k64f import CORE_HZ
+from hiltest.virtual.profiling import AddressCost, CallProfile, FunctionCost, LineCost, StackCost
+
+SCHEMA: Literal["hiltest.profile/1"] = "hiltest.profile/1"
+SCHEMA_FILE = Path(__file__).with_name("profile.schema.json")
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """A part of the cycles, and how much of the whole it is."""
+
+    kind: Literal["work", "stall", "asleep"]
+    name: str
+    cycles: int
+    percent: float
+
+
+@dataclass(frozen=True, slots=True)
+class BufferLeft:
+    """What the function left in a buffer that it changed; `argument` counts from 1, `type` is numpy's name of it."""
+
+    argument: int
+    type: str
+    values: tuple[float | int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ProfileDocument:
+    """Everything that `hiltest profile` has to say.
+
+    Attributes
+    ----------
+    notes : tuple of str
+        What the cycle model leaves out for this code.
+    shares : tuple of Share
+        Their cycles add up to `cycles`, their percentages to 100.
+    """
+
+    schema: Literal["hiltest.profile/1"]
+    elf: str
+    elf_sha256: str
+    function: str
+    arguments: tuple[str, ...]
+    returned: float | int | None
+    buffers: tuple[BufferLeft, ...]
+    cycles: int
+    instructions: int
+    core_clock_hz: int
+    cycle_model: str
+    notes: tuple[str, ...]
+    shares: tuple[Share, ...]
+    functions: tuple[FunctionCost, ...]
+    lines: tuple[LineCost, ...]
+    addresses: tuple[AddressCost, ...]
+    stacks: tuple[StackCost, ...]
+
+
+_ADAPTER = TypeAdapter(ProfileDocument)
+
+
+def document(
+    profile: CallProfile, elf: Path, texts: Sequence[str], given: Sequence[Argument], left: Sequence[Argument]
+) -> ProfileDocument:
+    """Make the document of a profile.
+
+    Parameters
+    ----------
+    profile : CallProfile
+    elf : Path
+        Where the function came from.
+    texts, given, left : sequence
+        The arguments as they were written, as the function got them, and as it left them.
+    """
+    return ProfileDocument(
+        SCHEMA, str(elf), hashlib.sha256(elf.read_bytes()).hexdigest(), profile.function, tuple(texts), profile.value,
+        tuple(_buffers_left(given, left)), profile.cycles, profile.instructions, CORE_HZ, profile.cycle_model,
+        tuple(_notes(profile)), tuple(shares(profile)), profile.functions, profile.lines, profile.addresses,
+        profile.stacks,
+    )  # fmt: skip
+
+
+def shares(profile: CallProfile) -> Iterator[Share]:
+    """Yield the parts of the cycles: work by class, waiting by cause, and sleep."""
+    for work, cycles in profile.work.items():
+        yield Share("work", str(work), cycles, profile.share(cycles))
+    for stall, cycles in profile.stalls.items():
+        yield Share("stall", str(stall), cycles, profile.share(cycles))
+    yield Share("asleep", "asleep", profile.asleep_cycles, profile.share(profile.asleep_cycles))
+
+
+def json_text(content: ProfileDocument) -> str:
+    """Return the document as JSON."""
+    return _ADAPTER.dump_json(content, indent=1).decode()
+
+
+def schema_text() -> str:
+    """Return the text of the shipped ``profile.schema.json``."""
+    schema: dict[str, Any] = _ADAPTER.json_schema(mode="serialization")
+    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": SCHEMA}
+    return json.dumps(schema, indent=1, ensure_ascii=False) + "\n"
+
+
+def folded(content: ProfileDocument) -> str:
+    """Return stacks as flame graph tools read them: ``main;f;g cycles``."""
+    return "".join(f"{';'.join(stack.functions)} {stack.cycles}\n" for stack in content.stacks)
+
+
+def _notes(profile: CallProfile) -> Iterator[str]:
+    placement = profile.cycle_model.partition("@")[2]
+    if "flash" in placement:
+        yield "code ran from flash, whose wait states are not modelled: silicon takes more cycles"
+    if "sram_u" in placement:
+        yield "code ran from SRAM_U, where it competes with data for the bus: silicon takes more cycles"
+    if not profile.lines:
+        yield "no debug information (build with -g): no source lines, and only integers and buffers can be passed"
+
+
+def _buffers_left(given: Sequence[Argument], left: Sequence[Argument]) -> Iterator[BufferLeft]:
+    for position, (before, after) in enumerate(zip(given, left, strict=True), start=1):
+        for old, new in zip(_writable(before), _writable(after), strict=True):
+            if bytes(memoryview(old)) != bytes(memoryview(new)):
+                array = np.frombuffer(new, np.uint8) if isinstance(new, bytearray) else np.asarray(new)
+                yield BufferLeft(position, str(array.dtype), tuple(array.ravel().tolist()))
+
+
+def _writable(argument: Any) -> Iterator[Any]:
+    if isinstance(argument, Structure):
+        for member in argument.members:
+            yield from _writable(member)
+    elif isinstance(argument, Address):
+        yield from _writable(argument.buffer)
+    elif not isinstance(argument, int | float | bytes):
+        yield argument

@@ -1,0 +1,142 @@
+"""A profile for people: tables for a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from hiltest.profiling.document import BufferLeft, ProfileDocument
+
+_NAMES = {
+    "floating_point": "floating point", "load_store": "load, store", "branch": "branches", "integer": "integer",
+    "system": "system", "taken_branch": "refill behind taken branches", "fp_result": "floating-point results",
+    "division": "division and square root", "load_use": "addresses being loaded", "store_buffer": "store buffer",
+    "asleep": "asleep (WFI)",
+}  # fmt: skip
+_VALUES_SHOWN = 16
+_FUNCTIONS_SHOWN = 30
+
+
+def print_profile(console: Console, profile: ProfileDocument, *, lines: int, instructions: int) -> None:
+    """Print what a call returned and cost, and where its cycles went.
+
+    Parameters
+    ----------
+    console : Console
+    profile : ProfileDocument
+    lines, instructions : int
+        How many of the most expensive source lines and instructions to show.
+    """
+    _print_head(console, profile)
+    console.print(_kinds(profile))
+    console.print(_functions(profile))
+    if lines and profile.lines:
+        console.print(_lines(profile, lines))
+    if instructions:
+        console.print(_instructions(profile, instructions))
+
+
+def _print_head(console: Console, profile: ProfileDocument) -> None:
+    call = f"{profile.function}({', '.join(profile.arguments)})"
+    console.print(escape(f"{call}{_returned(profile.returned)}"), soft_wrap=True)
+    for buffer in profile.buffers:
+        console.print(escape(_buffer(buffer)), soft_wrap=True)
+    microseconds = profile.cycles / profile.core_clock_hz * 1e6
+    each = profile.cycles / profile.instructions
+    console.print(
+        f"[bold]{_grouped(profile.cycles)} cycles[/bold], {_grouped(profile.instructions)} instructions "
+        f"({each:.2f} cycles each), {microseconds:.2f} us at {profile.core_clock_hz / 1e6:g} MHz",
+        soft_wrap=True,
+    )
+    console.print(escape(f"cycle model {profile.cycle_model}"), soft_wrap=True)
+    for note in profile.notes:
+        console.print(escape(f"note: {note}"), style="yellow", soft_wrap=True)
+
+
+def _returned(value: float | int | None) -> str:
+    if value is None:
+        return ""
+    return f" = {value} (0x{value & 0xFFFFFFFF:x})" if isinstance(value, int) else f" = {value:.9g}"
+
+
+def _buffer(buffer: BufferLeft) -> str:
+    shown = " ".join(f"{value:.9g}" if isinstance(value, float) else str(value) for value in _first(buffer.values))
+    more = "" if len(buffer.values) <= _VALUES_SHOWN else f" ... {len(buffer.values)} in all"
+    return f"argument {buffer.argument} holds {buffer.type}: {shown}{more}"
+
+
+def _first(values: Sequence[float | int]) -> Iterator[float | int]:
+    yield from values[:_VALUES_SHOWN]
+
+
+def _kinds(profile: ProfileDocument) -> Table:
+    table = _table("where the cycles go", "cycles", "share")
+    for share in profile.shares:
+        if share.cycles and share.kind != "stall":
+            table.add_row(_NAMES[share.name], _grouped(share.cycles), f"{share.percent:.1f} %")
+    stalls = [share for share in profile.shares if share.cycles and share.kind == "stall"]
+    if stalls:
+        total = sum(share.cycles for share in stalls)
+        table.add_row("stalls", _grouped(total), f"{sum(share.percent for share in stalls):.1f} %")
+    for share in stalls:
+        table.add_row(f"  {_NAMES[share.name]}", _grouped(share.cycles), f"{share.percent:.1f} %", style="dim")
+    return table
+
+
+def _functions(profile: ProfileDocument) -> Table:
+    table = _table("function", "calls", "cycles", "share", "with callees", "instructions", "stalls")
+    for each in profile.functions[:_FUNCTIONS_SHOWN]:
+        table.add_row(
+            escape(each.name), _grouped(each.calls), _grouped(each.self_cycles), _share(profile, each.self_cycles),
+            _grouped(each.cycles), _grouped(each.instructions), _grouped(each.stall_cycles),
+        )
+    _say_what_is_left_out(table, len(profile.functions), _FUNCTIONS_SHOWN)
+    return table
+
+
+def _lines(profile: ProfileDocument, most: int) -> Table:
+    table = _table("source line", "cycles", "share", "instructions", "stalls")
+    for each in profile.lines[:most]:
+        table.add_row(
+            escape(each.location), _grouped(each.cycles), _share(profile, each.cycles), _grouped(each.instructions),
+            _grouped(each.stall_cycles),
+        )
+    _say_what_is_left_out(table, len(profile.lines), most)
+    return table
+
+
+def _instructions(profile: ProfileDocument, most: int) -> Table:
+    table = _table("instruction", "times", "cycles", "share", "stalls")
+    for each in profile.addresses[:most]:
+        place = f"{each.address:08x} {each.function} {each.location}".rstrip()
+        table.add_row(
+            escape(f"{place}  {each.text}"), _grouped(each.executions), _grouped(each.cycles),
+            _share(profile, each.cycles), _grouped(each.stall_cycles),
+        )
+    _say_what_is_left_out(table, len(profile.addresses), most)
+    return table
+
+
+def _say_what_is_left_out(table: Table, present: int, shown: int) -> None:
+    if present > shown:
+        table.add_row(f"... {present - shown} more", style="dim")
+
+
+def _table(first: str, *numbers: str) -> Table:
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column(first, overflow="fold")
+    for name in numbers:
+        table.add_column(name, justify="right", no_wrap=True)
+    return table
+
+
+def _share(profile: ProfileDocument, cycles: int) -> str:
+    return f"{100 * cycles / profile.cycles:.1f} %"
+
+
+def _grouped(count: int) -> str:
+    return f"{count:,}".replace(",", " ")

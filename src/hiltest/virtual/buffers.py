@@ -1,0 +1,99 @@
+"""Buffers for a called function, among them C structs with pointers in them."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+_POINTER_BYTES = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Address:
+    """A member of a `Structure` that points to another buffer."""
+
+    buffer: Any
+
+
+class Structure:
+    """A C struct, passed by its address.
+
+    Parameters
+    ----------
+    *members : bytes, bytearray, numpy array or Address
+        One behind the other, each aligned to its item size as the procedure call
+        standard has it, and the end to the largest of them.
+
+    Examples
+    --------
+    A pointer, a count and two limits, in 12 bytes::
+
+        Structure(Address(points), np.array([len(points)], np.uint16), np.array([low, high], np.int16))
+    """
+
+    def __init__(self, *members: Any) -> None:
+        self.members = members
+
+    @property
+    def alignment(self) -> int:
+        """What its address must be a multiple of."""
+        return max((_alignment(member) for member in self.members), default=1)
+
+    @property
+    def size(self) -> int:
+        """Bytes, padding included."""
+        end = max((offset + _size(member) for offset, member in self.laid_out()), default=0)
+        return _round_up(end, self.alignment)
+
+    def laid_out(self) -> Iterator[tuple[int, Any]]:
+        """Yield each member with its offset [bytes]."""
+        offset = 0
+        for member in self.members:
+            offset = _round_up(offset, _alignment(member))
+            yield offset, member
+            offset += _size(member)
+
+
+def place(buffer: Any, reserve: Callable[[int], int], write: Callable[[int, Any], None]) -> int:
+    """Copy a buffer to target memory, and before it all that it points to.
+
+    Parameters
+    ----------
+    buffer : bytes-like or Structure
+    reserve : callable
+        ``reserve(size)`` returns the address of that many free bytes.
+    write : callable
+        ``write(address, buffer)`` copies a plain buffer.
+
+    Returns
+    -------
+    int
+        Its address.
+    """
+    if not isinstance(buffer, Structure):
+        address = reserve(memoryview(buffer).nbytes)
+        write(address, buffer)
+        return address
+    targets = {
+        offset: place(member.buffer, reserve, write)
+        for offset, member in buffer.laid_out() if isinstance(member, Address)
+    }  # fmt: skip
+    address = reserve(buffer.size)
+    write(address, bytes(buffer.size))
+    for offset, member in buffer.laid_out():
+        write(address + offset, struct.pack("<I", targets[offset]) if offset in targets else member)
+    return address
+
+
+def _alignment(member: Any) -> int:
+    return _POINTER_BYTES if isinstance(member, Address) else max(memoryview(member).itemsize, 1)
+
+
+def _size(member: Any) -> int:
+    return _POINTER_BYTES if isinstance(member, Address) else memoryview(member).nbytes
+
+
+def _round_up(value: int, multiple: int) -> int:
+    return -(-value // multiple) * multiple

@@ -1,0 +1,119 @@
+"""`hiltest profile`: what it prints, writes and refuses."""
+
+from __future__ import annotations
+
+import json
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+from pydantic import TypeAdapter
+
+from hiltest.boards import default_firmware
+from hiltest.cli import main
+from hiltest.profiling.document import SCHEMA_FILE, ProfileDocument, schema_text
+from hiltest.virtual.k64f import VirtualK64F
+
+CRC = ("shipped", "crc32", "text:123456789", "9")
+
+
+def profile(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as ended:
+        main(["profile", *arguments])
+    output = capsys.readouterr()
+    return int(ended.value.code or 0), output.out, output.err
+
+
+def document(capsys: pytest.CaptureFixture[str], *arguments: str) -> ProfileDocument:
+    code, out, _ = profile(capsys, *arguments, "--json")
+    assert code == 0
+    return TypeAdapter(ProfileDocument).validate_json(out)
+
+
+def test_the_tables_show_the_answer_the_cost_and_its_model(capsys: pytest.CaptureFixture[str]) -> None:
+    cycles = VirtualK64F(default_firmware()).call("crc32", b"123456789", 9).cycles
+    code, out, _ = profile(capsys, *CRC, "--instructions", "2")
+    assert code == 0
+    assert "crc32(text:123456789, 9) = 3421780262 (0xcbf43926)" in out
+    assert f"{cycles} cycles," in out
+    assert "cycle model cortex-m4-trm/1@flash" in out
+    assert "wait states are not modelled" in out
+    assert "crc32.c:" in out
+    assert "ldrb" in out
+    assert "... " in out.split("instruction ")[-1], "says how many instructions are left out"
+
+
+def test_json_is_of_the_shipped_schema_and_its_shares_add_up(capsys: pytest.CaptureFixture[str]) -> None:
+    found = document(capsys, *CRC)
+    assert found.schema == "hiltest.profile/1"
+    assert found.returned == 0xCBF43926
+    assert sum(share.cycles for share in found.shares) == found.cycles
+    assert sum(share.percent for share in found.shares) == pytest.approx(100.0, abs=1e-9)  # float64 sums
+    assert found.notes == ("code ran from flash, whose wait states are not modelled: silicon takes more cycles",)
+    assert SCHEMA_FILE.read_text(encoding="utf-8") == schema_text()
+
+
+def test_code_in_sram_carries_its_placement_and_no_note(capsys: pytest.CaptureFixture[str]) -> None:
+    found = document(capsys, "shipped", "magnetometer_empty", "0", "0")
+    assert (found.cycle_model, found.notes, found.returned) == ("cortex-m4-trm/1@sram", (), None)
+
+
+def test_what_a_function_left_in_a_buffer_is_shown_and_nothing_else(capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ("shipped", "memset", "int16:1,2,3,4", "255", "6")
+    found = document(capsys, *arguments)
+    assert [(each.argument, each.type, each.values) for each in found.buffers] == [(1, "int16", (-1, -1, -1, 4))]
+    assert "argument 1 holds int16: -1 -1 -1 4" in profile(capsys, *arguments)[1]
+    assert "holds" not in profile(capsys, "shipped", "memset", "int16:0", "0", "2")[1]
+
+
+def test_folded_stacks_and_the_flame_graph_hold_every_cycle(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    folded, graph = tmp_path / "stacks.folded", tmp_path / "flame.svg"
+    points = "ptr:int16:" + ",".join(str(100 * ((k * k) % 7 - 3) + k) for k in range(60))
+    arguments = ("shipped", "magnetometer_direct", f"{points}+uint16:20+int16:-300,-300,-300,360,360,360", "zeros:64")
+    found = document(capsys, *arguments, "--folded", str(folded), "--flame-graph", str(graph))
+    stacks = {stack: int(cycles) for stack, cycles in (line.rsplit(" ", 1) for line in folded.read_text().splitlines())}
+    assert sum(stacks.values()) == found.cycles
+    assert "magnetometer_direct;moments_sum" in stacks
+    titles = [each.text or "" for each in ET.parse(graph).iter("{http://www.w3.org/2000/svg}title")]
+    assert f"magnetometer_direct: {found.cycles} cycles, 100.0 %" in titles
+    boxes = {float(each.attrib["width"]) for each in ET.parse(graph).iter("{http://www.w3.org/2000/svg}rect")
+             if each.attrib["width"] != "100%"}
+    assert max(boxes) == 1000.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (("shipped", "crc3"), "no function 'crc3'; near: crc32"),
+        (("shipped", "crc32", "1"), "crc32 takes 2 arguments, 1 were given"),
+        (("shipped", "crc32", "text:a", "1.5"), "argument 2 of crc32 is unsigned, not float"),
+        (("shipped", "crc32", "--jsn", "1"), "'--jsn' is no argument"),
+        (("gone.elf", "main"), "gone.elf: cannot read the firmware: No such file"),
+        ((*CRC, "--profile", "cortex-m7"), "no timing profile 'cortex-m7'; known: cortex-m4-trm/1"),
+        ((*CRC, "--folded", "gone/stacks"), "cannot write gone/stacks: No such file or directory"),
+        ((*CRC, "--lines", "-1"), "-1 is not in the range x>=0"),
+    ],
+)
+def test_a_wrong_command_line_is_a_usage_error(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    arguments: tuple[str, ...], complaint: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, out, err = profile(capsys, *arguments)
+    assert (code, out) == (4, "")
+    assert complaint in err
+
+
+def test_a_function_that_faults_says_where(capsys: pytest.CaptureFixture[str]) -> None:
+    code, _, err = profile(capsys, "shipped", "crc32", "0x10000000", "4")
+    assert code == 20
+    assert "read of unmapped address" in err
+    assert "in crc32" in err
+
+
+def test_negative_numbers_are_arguments_and_no_options(capsys: pytest.CaptureFixture[str]) -> None:
+    found = document(capsys, "shipped", "atanf", "-1")
+    assert found.returned == pytest.approx(-0.7853982, abs=1e-7)  # float32 eps of the answer
+    assert json.loads(json.dumps(found.arguments)) == ["-1"]
