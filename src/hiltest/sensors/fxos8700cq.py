@@ -26,11 +26,11 @@ SYSMOD, INT_SOURCE, WHO_AM_I, XYZ_DATA_CFG = 0x0B, 0x0C, 0x0D, 0x0E
 CTRL_REG1, CTRL_REG2, CTRL_REG4, OFF_X, OFF_Z = 0x2A, 0x2B, 0x2D, 0x2F, 0x31
 M_DR_STATUS, M_OUT_X_MSB, M_OUT_Z_LSB, CMP_X_MSB, CMP_Z_LSB = 0x32, 0x33, 0x38, 0x39, 0x3E
 M_OFF_X_MSB, M_OFF_Z_LSB, TEMP, M_CTRL_REG1, M_CTRL_REG2 = 0x3F, 0x44, 0x51, 0x5B, 0x5C
-MAX_X_MSB, MIN_Z_LSB = 0x45, 0x50
+MAX_X_MSB, MIN_Z_LSB, M_INT_SRC = 0x45, 0x50, 0x5E
 _IDENTITY = 0xC7
 _ACTIVE, _F_READ = 0x01, 0x02  # CTRL_REG1
 _RESET = 0x40  # CTRL_REG2
-_FIFO_EVENT, _DATA_READY = 0x40, 0x01  # CTRL_REG4 enables them, INT_SOURCE shows them
+_FIFO_EVENT, _DATA_READY = 0x40, 0x01  # CTRL_REG4 enables them, INT_SOURCE shows them; M_INT_SRC has the second
 _HYBRID_AUTO_INCREMENT, _EXTREMES_OFF, _RESET_EXTREMES = 0x20, 0x10, 0x04  # M_CTRL_REG2
 # What a write to a register leaves of it: bits that clear themselves do not stay.
 _KEPT = {CTRL_REG2: 0xBF, M_CTRL_REG1: 0x9F, M_CTRL_REG2: 0x3B}
@@ -182,6 +182,8 @@ class Fxos8700cq(RegisterDevice):
                 return _IDENTITY
             case 0x32:
                 return self._magnetometer.status(time_s)
+            case 0x5E:
+                return _DATA_READY if self._magnetometer.status(time_s) & 0x08 else 0
             case 0x51:
                 return signed_byte(self._world.temperature_degc(time_s) / _TEMPERATURE_STEP_DEGC)
         return self._registers[register] if register <= _LAST_REGISTER else 0
