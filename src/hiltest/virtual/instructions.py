@@ -10,6 +10,7 @@ import capstone
 from capstone import arm_const as arm
 
 _PC_BIT = 1 << 15
+_ALWAYS = -1  # where a register comes from that is always a multiple of four
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,7 +269,9 @@ def _derived(raw: Any, row: str, memory: Any) -> tuple[tuple[int, int], ...]:
         step = operands[-1].imm if operands[-1].type == arm.ARM_OP_IMM else memory.disp
         base = _core_number(memory.base)
         return ((base, base),) if step % 4 == 0 else ()
-    if raw.id in (arm.ARM_INS_ADD, arm.ARM_INS_SUB, arm.ARM_INS_ADR) and operands[0].type == arm.ARM_OP_REG:
+    if raw.id == arm.ARM_INS_ADR:  # its operands do not name the pc
+        return ((_core_number(operands[0].reg), 15),) if operands[1].imm % 4 == 0 else ()
+    if raw.id in (arm.ARM_INS_ADD, arm.ARM_INS_SUB) and operands[0].type == arm.ARM_OP_REG:
         source, last = operands[len(operands) - 2], operands[-1]
         by_words = (last.type == arm.ARM_OP_IMM and last.imm % 4 == 0) or (
             last.type == arm.ARM_OP_REG and last.shift.type == arm.ARM_SFT_LSL and last.shift.value >= 2
@@ -305,7 +308,8 @@ def required_alignment(instructions: list[Instruction]) -> Alignment:
     transfers; the emulator lets them pass. Bases are followed through moves and
     steps of whole words, so that most can be checked once, where a block begins.
     """
-    origin: dict[int, int] = {register: register for register in range(13)} | {14: 14}
+    # The stack pointer and the pc that ADR adds to are multiples of four whatever is written to them.
+    origin: dict[int, int] = {register: register for register in range(13)} | {14: 14, 13: _ALWAYS, 15: _ALWAYS}
     needed: set[int] = set()
     inside: list[Instruction] = []
     for instruction in instructions:
@@ -314,11 +318,11 @@ def required_alignment(instructions: list[Instruction]) -> Alignment:
         elif instruction.aligned_base >= 0:
             inside.append(instruction)
         derived = {written: origin.get(source) for written, source in instruction.derived}
-        for register in range(15):
+        for register in (*range(13), 14):
             if instruction.core_writes >> register & 1:
                 origin.pop(register, None)
         origin.update({written: source for written, source in derived.items() if source is not None and written < 13})
-    return Alignment(tuple(sorted(needed)), tuple(inside))
+    return Alignment(tuple(sorted(needed - {_ALWAYS})), tuple(inside))
 
 
 def _control(raw: Any, core_writes: int, *, in_it_block: bool) -> dict[str, Any]:
