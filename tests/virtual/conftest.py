@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from hiltest.virtual.accounting import AccountingFactory, BlockAccounting
 from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.native.accounting import NativeBlockAccounting
+from hiltest.virtual.native.library import missing_because
 
 PROGRAMS = Path(__file__).parent / "programs"
 SHIPPED = Path(__file__).parents[2] / "src/hiltest/firmware/hiltest-frdm-k64f.elf"
@@ -37,6 +41,25 @@ def build(tmp_path: Path, require_tool: Callable[[str], str]) -> Build:
         return elf
 
     return compile_program
+
+
+@pytest.fixture
+def native_hook() -> AccountingFactory:
+    """What counts in C; where it was not built, as `require_tool`."""
+    if reason := missing_because():
+        if os.environ.get("HILTEST_REQUIRE_TOOLS"):
+            pytest.fail(f"{reason}, and HILTEST_REQUIRE_TOOLS is set", pytrace=False)
+        pytest.skip(reason)
+    return NativeBlockAccounting
+
+
+@pytest.fixture(params=["python", "native"])
+def block_hook(request: pytest.FixtureRequest) -> AccountingFactory:
+    """Each of the two that count by block."""
+    if request.param == "python":
+        return BlockAccounting
+    hook: AccountingFactory = request.getfixturevalue("native_hook")
+    return hook
 
 
 @pytest.fixture

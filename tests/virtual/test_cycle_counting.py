@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hiltest.virtual.accounting import InstructionAccounting
+from hiltest.virtual.accounting import AccountingFactory, InstructionAccounting
 from hiltest.virtual.k64f import VirtualK64F
 
 from .conftest import SHIPPED, Build
@@ -38,9 +38,11 @@ def cloud(n: int, seed: int) -> np.ndarray:
 
 @pytest.mark.parametrize("kernel", KERNELS)
 @pytest.mark.parametrize("n", [3, 20, 100])
-def test_both_ways_of_counting_agree_on_every_kernel(kernel: str, n: int) -> None:
+def test_counting_by_block_agrees_with_counting_by_instruction_on_every_kernel(
+    block_hook: AccountingFactory, kernel: str, n: int
+) -> None:
     points = cloud(n, seed=n)
-    by_block = run_kernel(VirtualK64F(SHIPPED), kernel, points)
+    by_block = run_kernel(VirtualK64F(SHIPPED, accounting=block_hook), kernel, points)
     by_instruction = run_kernel(VirtualK64F(SHIPPED, accounting=InstructionAccounting), kernel, points)
     assert by_block == by_instruction
 
@@ -97,9 +99,11 @@ def random_program(seed: int, length: int) -> str:
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_both_ways_of_counting_agree_on_random_code(build: Build, seed: int) -> None:
+def test_counting_by_block_agrees_with_counting_by_instruction_on_random_code(
+    build: Build, block_hook: AccountingFactory, seed: int
+) -> None:
     elf: Path = build(random_program(seed, length=220))
-    by_block = VirtualK64F(elf).call("work")
+    by_block = VirtualK64F(elf, accounting=block_hook).call("work")
     by_instruction = VirtualK64F(elf, accounting=InstructionAccounting).call("work")
     assert (by_block.cycles, by_block.instructions, by_block.value) == (
         by_instruction.cycles,

@@ -11,15 +11,28 @@ is added when the *next* block (or instruction) begins.
 
 from __future__ import annotations
 
+import ctypes
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import ClassVar, Protocol
+from functools import lru_cache
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 from hiltest.virtual.instructions import Alignment, Instruction, decode, required_alignment
 from hiltest.virtual.timing import NEUTRAL, PipelineState, TimingProfile
 
 ReadCode = Callable[[int, int], bytes]
+
+CODE_CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_uint64, ctypes.c_uint32, ctypes.c_void_p)
+# Blocks of any firmware in this process: their code is in the key, so other code at the same address is another block.
+BLOCKS_KEPT = 32_768
+
+
+class CodeHook(NamedTuple):
+    """A C function for the emulator to call where code begins, and the argument that it wants."""
+
+    function: Any
+    data: Any
 
 
 @dataclass(slots=True)
@@ -55,10 +68,12 @@ class Block:
         """Cycles from the start of the block to the start of one of its instructions."""
         if not self._starts:
             total, state = 0, self.entry
+            starts: dict[int, int] = {}
             for instruction in self.instructions:
-                self._starts[instruction.address] = total
+                starts[instruction.address] = total
                 cycles, state = profile.step(instruction, state)
                 total += cycles
+            self._starts = starts  # whole at once: boards in other threads share the block
         return self._starts.get(address & ~1, 0)
 
 
@@ -83,6 +98,12 @@ def price_block(profile: TimingProfile, instructions: list[Instruction], entry: 
     )  # fmt: skip
 
 
+@lru_cache(maxsize=BLOCKS_KEPT)
+def priced_block(profile: TimingProfile, address: int, code: bytes, entry: PipelineState) -> Block:
+    """Decode and price a block of code; one that was priced before costs nothing."""
+    return price_block(profile, decode(address, code), entry)
+
+
 class Accounting(Protocol):
     """What the processor needs of either way of counting.
 
@@ -90,12 +111,19 @@ class Accounting(Protocol):
     ----------
     per_instruction : bool
         Whether `begins` wants every instruction rather than every block.
+    stopped : bool
+        Set by `settle`: whether the emulator was stopped without the `stop` that was given.
     """
 
     per_instruction: ClassVar[bool]
     cycles: int
     instructions: int
     deadline: float
+    stopped: bool
+
+    def hook(self, outside: int, abort: Callable[[BaseException], None]) -> CodeHook:
+        """Return what the emulator is to call where code begins, except at the address `outside`."""
+        ...
 
     @property
     def jumped_from(self) -> int | None:
@@ -157,6 +185,24 @@ class _Totals:
         self._attend = attend
         self._stop = stop
         self._state = NEUTRAL
+        self.stopped = False
+
+    def begins(self, address: int, size: int) -> None:
+        raise NotImplementedError
+
+    def hook(self, outside: int, abort: Callable[[BaseException], None]) -> CodeHook:
+        """Return a callback that calls `begins`, and `abort` with whatever that raises."""
+        begins = self.begins
+
+        def on_code(_engine: int, address: int, size: int, _data: int) -> None:
+            if address == outside:
+                return
+            try:
+                begins(address, size)
+            except BaseException as error:  # re-raised by the processor; ctypes would print and drop it
+                abort(error)
+
+        return CodeHook(CODE_CALLBACK(on_code), None)
 
     def flush_pipeline(self) -> None:
         """An exception was entered or left: nothing overlaps across it."""
@@ -214,7 +260,8 @@ class BlockAccounting(_Totals):
             self.instructions += rounds
 
     def _price(self, address: int, size: int, state: PipelineState) -> Block:
-        return price_block(self._profile, decode(address, self._read_code(address, size)), state)
+        self._running = None  # the block before is added already, should reading the code fail
+        return priced_block(self._profile, address, self._read_code(address, size), state)
 
     @property
     def jumped_from(self) -> int | None:

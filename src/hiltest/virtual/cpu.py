@@ -19,12 +19,13 @@ from unicorn import unicorn_py3
 from unicorn.unicorn_py3.unicorn import uclib
 
 from hiltest.errors import BoardFault
-from hiltest.virtual.accounting import Accounting, AccountingFactory, Block, BlockAccounting
+from hiltest.virtual.accounting import Accounting, AccountingFactory, Block
 from hiltest.virtual.elf import FirmwareImage
 from hiltest.virtual.exceptions import ExceptionUnit, VectorError
 from hiltest.virtual.instructions import Instruction
 from hiltest.virtual.interrupt import deferred_interrupt
-from hiltest.virtual.memory import BoardMemory
+from hiltest.virtual.memory import PERIPHERALS, BoardMemory
+from hiltest.virtual.native import by_block
 from hiltest.virtual.nvic import SVCALL, Nvic
 from hiltest.virtual.registers import CoreRegisters
 from hiltest.virtual.schedule import Schedule
@@ -33,8 +34,6 @@ from hiltest.virtual.timing import TimingProfile
 RETURN_ADDRESS = 0x1FFEF000  # where a called function returns to: an executable page that the part does not have
 _SLICE_CYCLES = 4_000_000  # the longest stretch without looking at the wall clock or Ctrl-C
 _INTR_UNDEFINED, _INTR_SVC, _INTR_BREAKPOINT, _INTR_EXCEPTION_RETURN = 1, 2, 7, 8
-
-_BLOCK_CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_uint64, ctypes.c_uint32, ctypes.c_void_p)
 
 _ACCESS = {
     unicorn.UC_MEM_READ_UNMAPPED: "read of unmapped address",
@@ -60,7 +59,7 @@ class Processor:
     """
 
     def __init__(
-        self, image: FirmwareImage, profile: TimingProfile, *, accounting: AccountingFactory = BlockAccounting
+        self, image: FirmwareImage, profile: TimingProfile, *, accounting: AccountingFactory = by_block
     ) -> None:
         self.image = image
         self.profile = profile
@@ -87,26 +86,19 @@ class Processor:
         self._enter: Callable[[int], int] = lambda begin: uclib.uc_emu_start(handle, begin, until, forever, forever)
 
     def _install_hooks(self) -> None:
-        begins, abort = self.accounting.begins, self.abort
-
-        def on_code(_engine: int, address: int, size: int, _data: int) -> None:
-            if address == RETURN_ADDRESS:
-                return
-            try:
-                begins(address, size)
-            except BaseException as error:  # re-raised by `run`; ctypes would print and drop it
-                abort(error)
-
         # Straight through the C interface: the binding's own wrapper doubles the cost of each block.
-        self._code_callback = _BLOCK_CALLBACK(on_code)
+        self._code_hook = self.accounting.hook(RETURN_ADDRESS, self.abort)
         handle = ctypes.c_size_t()
         kind = unicorn.UC_HOOK_CODE if self.accounting.per_instruction else unicorn.UC_HOOK_BLOCK
         uclib.uc_hook_add(
-            self.engine._uch, ctypes.byref(handle), kind, self._code_callback, None,
+            self.engine._uch, ctypes.byref(handle), kind, *self._code_hook,
             ctypes.c_uint64(1), ctypes.c_uint64(0),
         )  # fmt: skip
         self.engine.hook_add(unicorn.UC_HOOK_INTR, self._on_interrupt)
-        self.engine.hook_add(unicorn.UC_HOOK_MEM_INVALID, self._on_invalid_memory)
+        unmapped = unicorn.UC_HOOK_MEM_UNMAPPED | unicorn.UC_HOOK_MEM_FETCH_PROT
+        self.engine.hook_add(unmapped, self._on_invalid_memory)
+        protected = unicorn.UC_HOOK_MEM_READ_PROT | unicorn.UC_HOOK_MEM_WRITE_PROT
+        self.engine.hook_add(protected, self._on_invalid_memory, begin=0, end=PERIPHERALS[0] - 1)  # above: the bus
         self.engine.hook_add(unicorn.UC_HOOK_INSN_INVALID, self._on_invalid_instruction)
 
     # -- time ---------------------------------------------------------------------------------
@@ -335,5 +327,5 @@ class Processor:
         if pc & ~1 == RETURN_ADDRESS:
             return True
         # Nobody asked it to stop: only WFI leaves the emulator by itself.
-        self.sleeping = not self._stopped
+        self.sleeping = not (self._stopped or self.accounting.stopped)
         return False

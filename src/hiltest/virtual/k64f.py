@@ -7,13 +7,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from hiltest.errors import ConfigError
-from hiltest.virtual.accounting import AccountingFactory, BlockAccounting
+from hiltest.virtual.accounting import AccountingFactory
 from hiltest.virtual.calling import Argument, CallResult, call_function
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.elf import FirmwareImage
 from hiltest.virtual.i2c_bus import I2cBus, I2cDevice
 from hiltest.virtual.instructions import decode
 from hiltest.virtual.memory import SRAM
+from hiltest.virtual.native import by_block
 from hiltest.virtual.peripherals.bus import Peripheral, PeripheralBus, StoredRegisters
 from hiltest.virtual.peripherals.clocks import ClockGates, ClockGenerator, Watchdog
 from hiltest.virtual.peripherals.i2c import I2c
@@ -51,7 +52,7 @@ class VirtualK64F:
     profile : str
         Timing profile, see `hiltest.virtual.timing`.
     accounting : AccountingFactory
-        What counts: `BlockAccounting`, or `InstructionAccounting`, slow and its reference.
+        What counts; by default by block, in C where that is there. `InstructionAccounting` is slow, and the reference.
 
     Raises
     ------
@@ -66,7 +67,7 @@ class VirtualK64F:
         i2c0: Sequence[I2cDevice] = (),
         i2c1: Sequence[I2cDevice] = (),
         profile: str = DEFAULT_PROFILE,
-        accounting: AccountingFactory = BlockAccounting,
+        accounting: AccountingFactory = by_block,
     ) -> None:
         self.image = FirmwareImage(elf)
         self.processor = Processor(self.image, load_profile(profile), accounting=accounting)

@@ -46,7 +46,7 @@ class SharedMemory:
 
 
 class BoardMemory:
-    """Flash, SRAM and the windows of the peripherals.
+    """Flash and SRAM.
 
     Parameters
     ----------
@@ -57,8 +57,6 @@ class BoardMemory:
     def __init__(self, engine: Any) -> None:
         self.flash = SharedMemory(engine, FLASH, UC_PROT_READ | UC_PROT_EXEC)
         self.sram = SharedMemory(engine, SRAM, UC_PROT_READ | UC_PROT_WRITE | UC_PROT_EXEC)
-        self.peripherals = SharedMemory(engine, PERIPHERALS, UC_PROT_READ | UC_PROT_WRITE)
-        self.private = SharedMemory(engine, PRIVATE_PERIPHERALS, UC_PROT_READ | UC_PROT_WRITE)
         self._plain = (self.flash, self.sram)
 
     def read(self, address: int, size: int) -> bytes:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Protocol
 
 import unicorn
@@ -11,10 +11,14 @@ from unicorn.unicorn_py3.unicorn import uclib
 
 from hiltest.errors import BoardFault
 from hiltest.virtual.cpu import Processor
-from hiltest.virtual.memory import SharedMemory
+from hiltest.virtual.memory import PERIPHERALS, PRIVATE_PERIPHERALS
 
-_ACCESS_CALLBACK = ctypes.CFUNCTYPE(
-    None, ctypes.c_void_p, ctypes.c_int, ctypes.c_uint64, ctypes.c_int, ctypes.c_int64, ctypes.c_void_p
+_READ_CALLBACK = ctypes.CFUNCTYPE(ctypes.c_uint64, ctypes.c_void_p, ctypes.c_uint64, ctypes.c_uint, ctypes.c_void_p)
+_WRITE_CALLBACK = ctypes.CFUNCTYPE(
+    None, ctypes.c_void_p, ctypes.c_uint64, ctypes.c_uint, ctypes.c_uint64, ctypes.c_void_p
+)
+_PERMISSION_CALLBACK = ctypes.CFUNCTYPE(
+    ctypes.c_bool, ctypes.c_void_p, ctypes.c_int, ctypes.c_uint64, ctypes.c_int, ctypes.c_int64, ctypes.c_void_p
 )
 
 
@@ -105,41 +109,48 @@ class PeripheralBus:
         for peripheral in peripherals:
             self._pages[peripheral.base >> 12] = peripheral
         self._callbacks: list[object] = []
-        for memory in (processor.memory.peripherals, processor.memory.private):
-            self._hook(memory)
+        for region in (PERIPHERALS, PRIVATE_PERIPHERALS):
+            self._map(region)
 
-    def _hook(self, memory: SharedMemory) -> None:
-        view, base = memory.view, memory.base
+    def _map(self, region: tuple[int, int]) -> None:
+        """Have accesses to a window served here.
 
-        def on_read(_engine: int, _access: int, address: int, size: int, _value: int, _data: int) -> None:
+        The emulator tells a mapped device only where the block began. It looks up the exact
+        instruction when an access is not permitted; so none is, and every one is let pass.
+        A hook on all loads and stores would tell it too, and cost each load of RAM its fast path.
+        """
+        processor, (base, size) = self._processor, region
+
+        def on_read(_engine: int, offset: int, size: int, _data: int) -> int:
             try:
+                address = base + offset
                 value = self._find(address, "read of").read(address & 0xFFF, size)
-                offset = address - base
-                view[offset : offset + size] = (value & ((1 << (8 * size)) - 1)).to_bytes(size, "little")
-                if self._processor.nvic.changed:
+                if processor.nvic.changed:
                     self._notice()
+                return value & ((1 << (8 * size)) - 1)
             except BaseException as error:  # re-raised by Processor.run; ctypes would print and drop it
-                self._processor.abort(error)
+                processor.abort(error)
+                return 0
 
-        def on_write(_engine: int, _access: int, address: int, size: int, value: int, _data: int) -> None:
+        def on_write(_engine: int, offset: int, size: int, value: int, _data: int) -> None:
             try:
-                peripheral = self._find(address, "write to")
-                peripheral.write(address & 0xFFF, size, value & ((1 << (8 * size)) - 1))
-                if self._processor.nvic.changed:
+                address = base + offset
+                self._find(address, "write to").write(address & 0xFFF, size, value & ((1 << (8 * size)) - 1))
+                if processor.nvic.changed:
                     self._notice()
             except BaseException as error:  # as above
-                self._processor.abort(error)
+                processor.abort(error)
 
-        self._add(unicorn.UC_HOOK_MEM_READ, on_read, memory)
-        self._add(unicorn.UC_HOOK_MEM_WRITE, on_write, memory)
-
-    def _add(self, kind: int, function: Callable[..., None], memory: SharedMemory) -> None:
-        callback = _ACCESS_CALLBACK(function)
-        self._callbacks.append(callback)  # the emulator keeps only the pointer
-        handle = ctypes.c_size_t()
+        callbacks = _READ_CALLBACK(on_read), _WRITE_CALLBACK(on_write), _PERMISSION_CALLBACK(lambda *_: True)
+        self._callbacks.append(callbacks)  # the emulator keeps only the pointers
+        read, write, permit = callbacks
+        engine = processor.engine._uch
+        first, length = ctypes.c_uint64(base), ctypes.c_size_t(size)
+        uclib.uc_mmio_map(engine, first, length, read, None, write, None)
+        uclib.uc_mem_protect(engine, first, length, ctypes.c_uint32(unicorn.UC_PROT_NONE))
         uclib.uc_hook_add(
-            self._processor.engine._uch, ctypes.byref(handle), kind, callback, None,
-            ctypes.c_uint64(memory.base), ctypes.c_uint64(memory.base + memory.size - 1),
+            engine, ctypes.byref(ctypes.c_size_t()), unicorn.UC_HOOK_MEM_READ_PROT | unicorn.UC_HOOK_MEM_WRITE_PROT,
+            permit, None, first, ctypes.c_uint64(base + size - 1),
         )  # fmt: skip
 
     def _notice(self) -> None:

@@ -261,6 +261,7 @@ class SystemControlSpace:
             self._stored[offset] = value
             if offset == _CPACR:
                 self._processor.fpu_enabled = value & _FPU_FULL_ACCESS == _FPU_FULL_ACCESS
+                self._processor.look_soon()  # what counts may not ask again before each block that uses it
             elif offset == _DEMCR:
                 self._counter.enable_trace(bool(value & _TRCENA))
 

@@ -1,0 +1,212 @@
+/*
+ * Counts clock cycles where the emulator begins a block: `BlockAccounting.begins` of accounting.py, in C.
+ *
+ * Python prices blocks and puts them into a table that it owns; this finds them again. Python is asked when a
+ * block is not in the table, and when the processor must look at one before it runs. The emulator's functions
+ * come as pointers, so this is linked with nothing, and it uses nothing of Python.
+ */
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+enum {
+    NEUTRAL = 0, /* number of the pipeline state that nothing is remembered in */
+    CORE_REGISTERS = 15,
+};
+
+/* Why the processor must look at a block before it runs. */
+enum {
+    USES_FPU = 1 << 0,
+    ALIGNMENT_INSIDE = 1 << 1,
+    CHANGES_MASKS = 1 << 2,
+    LOOPS_TO_ITSELF = 1 << 3,
+};
+
+/* A block priced from one pipeline state; free places of the table have size 0. */
+struct block {
+    uint32_t address;
+    uint32_t size;
+    uint32_t entry;   /* pipeline state that it was priced from */
+    uint32_t leaves;  /* pipeline state behind its end; a taken branch leaves NEUTRAL */
+    uint32_t count;   /* instructions */
+    uint32_t through; /* cycles, when execution falls out of its end */
+    uint32_t taken;   /* cycles, when it jumps away */
+    uint32_t reasons; /* to look at it */
+    uint32_t aligned; /* registers that must be multiples of four when it begins, bit n for r(n) */
+    uint32_t kept;    /* registers that are multiples of four behind it if they were before */
+    uint32_t number;  /* by which Python knows it */
+};
+
+struct counter {
+    int64_t cycles;
+    int64_t instructions;
+    int64_t deadline;
+    int64_t running_number; /* of the block that runs, or -1 */
+    struct block *running;
+    struct block *table;
+    uint32_t places_mask;   /* places of the table, a power of two, less one */
+    uint32_t state;         /* pipeline state, while no block runs */
+    uint32_t reasons;       /* those for which the processor still wants to look */
+    uint32_t known_aligned; /* registers known to be multiples of four */
+    uint32_t outside;       /* address that is no code of the firmware */
+    int32_t stopped;        /* whether the emulator was stopped from here */
+    int32_t registers[CORE_REGISTERS]; /* the emulator's numbers of r0 to r14 */
+    int (*stop)(void *engine);
+    int (*read_register)(void *engine, int number, void *value);
+    int (*price)(uint32_t address, uint32_t size, uint32_t state); /* puts a block into the table; 0: it cannot */
+    int (*attend)(uint32_t number);                                /* 0: the block must not run */
+};
+
+/* The source that this was built from; what is newer or older does not fit accounting in Python. */
+const char *hiltest_block_hook_source(void)
+{
+    return HILTEST_SOURCE_SHA256;
+}
+
+static uint32_t place_of(uint32_t address, uint32_t state)
+{
+    return (address >> 1) + state * 0x9E3779B1u; /* the golden ratio spreads the states of one address */
+}
+
+/* Where a block stands, or the free place where it belongs. Python keeps the table at most half full. */
+static struct block *find(const struct counter *counter, uint32_t address, uint32_t size, uint32_t state)
+{
+    uint32_t place = place_of(address, state) & counter->places_mask;
+
+    for (;;) {
+        struct block *block = &counter->table[place];
+
+        if (block->size == 0 || (block->address == address && block->entry == state && block->size == size)) {
+            return block;
+        }
+        place = (place + 1) & counter->places_mask;
+    }
+}
+
+void hiltest_add_block(struct counter *counter, const struct block *block)
+{
+    *find(counter, block->address, block->size, block->entry) = *block;
+}
+
+/* Add the block that ran; `next` is where execution goes on. */
+static void finish(struct counter *counter, uint32_t next)
+{
+    const struct block *block = counter->running;
+
+    if (block == NULL) {
+        return;
+    }
+    counter->running = NULL;
+    counter->instructions += block->count;
+    counter->known_aligned &= block->kept;
+    if (next == block->address + block->size) {
+        counter->cycles += block->through;
+        counter->state = block->leaves;
+    } else {
+        counter->cycles += block->taken;
+        counter->state = NEUTRAL;
+    }
+}
+
+/* The emulator stopped, and `next` is where it will go on; says whether it was stopped from here. */
+int hiltest_settle(struct counter *counter, uint32_t next)
+{
+    int stopped = counter->stopped;
+
+    counter->stopped = 0;
+    finish(counter, next);
+    counter->running_number = -1;
+    /* What happens now may write registers, save the floating-point state or switch the FPU off. */
+    counter->known_aligned = 0;
+    counter->reasons |= USES_FPU;
+    return stopped;
+}
+
+static void stop(struct counter *counter, void *engine)
+{
+    counter->running_number = -1;
+    counter->stopped = 1;
+    (void)counter->stop(engine);
+}
+
+static bool any_misaligned(const struct counter *counter, void *engine, uint32_t registers)
+{
+    uint32_t together = 0;
+
+    for (int number = 0; number < CORE_REGISTERS; number++) {
+        if (registers >> number & 1) {
+            uint32_t value = 0;
+
+            (void)counter->read_register(engine, counter->registers[number], &value);
+            together |= value;
+        }
+    }
+    return (together & 3) != 0;
+}
+
+/* Whether a block may run; asks the processor where only it can tell. */
+static bool may_run(struct counter *counter, void *engine, struct block *block)
+{
+    uint32_t unknown = block->aligned & ~counter->known_aligned;
+    bool ask = (block->reasons & counter->reasons) != 0;
+
+    ask = ask || (unknown != 0 && any_misaligned(counter, engine, unknown));
+    if (ask && !counter->attend(block->number)) {
+        return false;
+    }
+    counter->known_aligned |= block->aligned;
+    counter->reasons &= ~(block->reasons & USES_FPU);
+    block->reasons &= ~(uint32_t)ALIGNMENT_INSIDE; /* is being watched from now on */
+    return true;
+}
+
+/* Nothing but an interrupt ends it: pass whole rounds at once, up to the next event. */
+static void pass_rounds(struct counter *counter, const struct block *block)
+{
+    int64_t left = counter->deadline - counter->cycles;
+    int64_t rounds = left > 0 ? (left + block->taken - 1) / block->taken - 1 : 0;
+
+    counter->cycles += rounds * block->taken;
+    counter->instructions += rounds;
+}
+
+/* The emulator is about to run a block: its block hook. */
+void hiltest_block_begins(void *engine, uint64_t address64, uint32_t size, void *data)
+{
+    struct counter *counter = data;
+    uint32_t address = (uint32_t)address64;
+    uint32_t state;
+    struct block *block;
+
+    if (address == counter->outside) {
+        return;
+    }
+    finish(counter, address);
+    if (counter->cycles >= counter->deadline) {
+        stop(counter, engine);
+        return;
+    }
+    state = counter->state;
+    block = find(counter, address, size, state);
+    if (block->size == 0) {
+        counter->running_number = -1;
+        if (!counter->price(address, size, state)) {
+            stop(counter, engine);
+            return;
+        }
+        block = find(counter, address, size, state); /* the table may have moved */
+    }
+    counter->running = block;
+    counter->running_number = block->number;
+    if ((block->reasons & counter->reasons) != 0 || (block->aligned & ~counter->known_aligned) != 0) {
+        if (!may_run(counter, engine, block)) {
+            counter->running = NULL;
+            stop(counter, engine);
+            return;
+        }
+        if ((block->reasons & LOOPS_TO_ITSELF) != 0) {
+            pass_rounds(counter, block);
+        }
+    }
+    counter->state = NEUTRAL;
+}

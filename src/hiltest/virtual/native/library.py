@@ -1,0 +1,89 @@
+"""The shared library: found, checked against its source, and declared."""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache
+
+from hiltest.virtual.native.build import LIBRARY, source_sha256
+
+PRICE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_uint32, ctypes.c_uint32, ctypes.c_uint32)
+ATTEND = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_uint32)
+NEUTRAL_NUMBER = 0
+USES_FPU, ALIGNMENT_INSIDE, CHANGES_MASKS, LOOPS_TO_ITSELF = 1, 2, 4, 8
+CORE_REGISTERS = 15
+
+
+class PricedBlock(ctypes.Structure):
+    """``struct block`` of block_hook.c."""
+
+    _fields_ = tuple(
+        (name, ctypes.c_uint32)
+        for name in (
+            "address", "size", "entry", "leaves", "count", "through", "taken", "reasons", "aligned", "kept", "number",
+        )
+    )  # fmt: skip
+
+
+class Counter(ctypes.Structure):
+    """``struct counter`` of block_hook.c."""
+
+    _fields_ = (
+        ("cycles", ctypes.c_int64),
+        ("instructions", ctypes.c_int64),
+        ("deadline", ctypes.c_int64),
+        ("running_number", ctypes.c_int64),
+        ("running", ctypes.c_void_p),
+        ("table", ctypes.c_void_p),
+        ("places_mask", ctypes.c_uint32),
+        ("state", ctypes.c_uint32),
+        ("reasons", ctypes.c_uint32),
+        ("known_aligned", ctypes.c_uint32),
+        ("outside", ctypes.c_uint32),
+        ("stopped", ctypes.c_int32),
+        ("registers", ctypes.c_int32 * CORE_REGISTERS),
+        ("stop", ctypes.c_void_p),
+        ("read_register", ctypes.c_void_p),
+        ("price", PRICE),
+        ("attend", ATTEND),
+    )
+
+
+@cache
+def _load() -> tuple[ctypes.CDLL | None, str]:
+    """Load the library, or say why it is not used."""
+    if not LIBRARY.exists():
+        return None, f"{LIBRARY} was not built"
+    try:
+        library = ctypes.CDLL(str(LIBRARY))
+        library.hiltest_block_hook_source.restype = ctypes.c_char_p
+        built_from = library.hiltest_block_hook_source()
+    except (OSError, AttributeError) as error:
+        return None, f"{LIBRARY} cannot be loaded ({error})"
+    if built_from != source_sha256().encode():
+        return None, f"{LIBRARY} was built from another block_hook.c"
+    library.hiltest_settle.argtypes = (ctypes.c_void_p, ctypes.c_uint32)
+    library.hiltest_add_block.argtypes = (ctypes.c_void_p, ctypes.c_void_p)
+    library.hiltest_add_block.restype = None
+    library.hiltest_block_begins.argtypes = (ctypes.c_void_p, ctypes.c_uint64, ctypes.c_uint32, ctypes.c_void_p)
+    library.hiltest_block_begins.restype = None
+    return library, ""
+
+
+def missing_because() -> str:
+    """Say why there is no block hook in C; empty when there is."""
+    return _load()[1]
+
+
+def library() -> ctypes.CDLL:
+    """Return the library.
+
+    Raises
+    ------
+    RuntimeError
+        When there is none that fits; ask `missing_because` first.
+    """
+    found, reason = _load()
+    if found is None:
+        raise RuntimeError(reason)
+    return found
