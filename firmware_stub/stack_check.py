@@ -15,6 +15,9 @@ from pathlib import Path
 INDIRECT_CALLS = {
     "server_run": ["command_*"],
     "count_cycles": ["magnetometer_*"],
+    "count_step_cycles": ["*_stream_add", "*_stream_remove"],
+    "count_report_cycles": ["*_stream_report"],
+    "command_reset_stream": ["*_stream_reset"],
     "read_burst": ["axes_*"],
     "wait_briefly": ["is_idle", "never", "bytes_wait", "all_handed_over"],
     "wait_until": ["is_idle", "never", "bytes_wait", "all_handed_over"],

@@ -7,10 +7,9 @@
 
 #include "calibration_slots.h"
 #include "command.h"
+#include "fit_fields.h"
 #include "points_buffer.h"
 #include "timed_run.h"
-
-#define FIT_FLAG_SPHERE 0x01u
 
 static const calibrator_entry_t *find_calibrator(const char *name, uint8_t length)
 {
@@ -22,19 +21,10 @@ static const calibrator_entry_t *find_calibrator(const char *name, uint8_t lengt
     return NULL;
 }
 
-static void write_fit(payload_writer_t *reply, const magnetometer_fit_t *fit)
-{
-    write_u8(reply, (uint8_t)fit->status);
-    write_u8(reply, fit->is_sphere != 0u ? FIT_FLAG_SPHERE : 0u);
-    write_u16(reply, fit->iterations);
-    write_f32_array(reply, fit->soft_iron, 9);
-    write_f32_array(reply, fit->hard_iron, 3);
-    write_f32(reply, fit->coverage);
-}
-
 status_t command_calibrate(payload_reader_t *request, payload_writer_t *reply)
 {
     const uint16_t count = read_u16(request);
+    const uint16_t iterations = read_u16(request);
     uint8_t name_length = 0;
     const char *name = read_string(request, &name_length);
     if (!reader_is_exhausted(request)) {
@@ -50,10 +40,11 @@ status_t command_calibrate(payload_reader_t *request, payload_writer_t *reply)
     if (count > points_count()) {
         return STATUS_TOO_FEW_POINTS;
     }
-    const magnetometer_points_t points = points_first(count);
+    magnetometer_points_t points = points_first(count);
+    points.iterations = iterations;
     magnetometer_fit_t fit = {.status = FIT_SINGULAR};
     const run_cost_t cost = timed_run(calibrator->run, &points, &fit);
-    write_fit(reply, &fit);
+    write_fit(reply, &fit, 0);
     write_u32(reply, cost.cycles);
     write_u32(reply, cost.overhead_cycles);
     return timed_run_has_counter() ? STATUS_OK : STATUS_NO_CYCLE_COUNTER;

@@ -52,6 +52,12 @@ status_t command_set_calibration(payload_reader_t *request, payload_writer_t *re
 status_t command_get_calibration(payload_reader_t *request, payload_writer_t *reply);
 status_t command_clear_calibration(payload_reader_t *request, payload_writer_t *reply);
 
+/* stream_commands.c */
+status_t command_reset_stream(payload_reader_t *request, payload_writer_t *reply);
+status_t command_feed_stream(payload_reader_t *request, payload_writer_t *reply);
+status_t command_remove_from_stream(payload_reader_t *request, payload_writer_t *reply);
+status_t command_stream_state(payload_reader_t *request, payload_writer_t *reply);
+
 /* average_commands.c */
 status_t command_average(payload_reader_t *request, payload_writer_t *reply);
 status_t command_gyroscope_rest(payload_reader_t *request, payload_writer_t *reply);

@@ -11,7 +11,7 @@ static const command_t commands[] = {
     {0x07, command_upload, 3, 3 + 160 * 6},
     {0x08, command_points, 3, 3},
     {0x09, command_clear_points, 0, 0},
-    {0x0A, command_calibrate, 3, 3 + 255},
+    {0x0A, command_calibrate, 5, 5 + 255},
     {0x0B, command_set_calibration, 49, 49},
     {0x0C, command_get_calibration, 1, 1},
     {0x0D, command_clear_calibration, 1, 1},
@@ -19,6 +19,10 @@ static const command_t commands[] = {
     {0x0F, command_gyroscope_rest, 7, 7},
     {0x10, command_link_statistics, 0, 0},
     {0x11, command_reset, 0, 0},
+    {0x12, command_reset_stream, 2, 2 + 255},
+    {0x13, command_feed_stream, 4, 4 + 255},
+    {0x14, command_remove_from_stream, 4, 4 + 255},
+    {0x15, command_stream_state, 1, 1 + 255},
 };
 
 const command_t *command_find(uint8_t type)

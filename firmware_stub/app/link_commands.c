@@ -10,6 +10,7 @@
 #include "command.h"
 #include "points_buffer.h"
 #include "server.h"
+#include "stream_set.h"
 #include "timed_run.h"
 #include "version.h"
 
@@ -40,6 +41,10 @@ status_t command_identity(payload_reader_t *request, payload_writer_t *reply)
     write_u8(reply, calibrator_count);
     for (uint8_t i = 0; i < calibrator_count; i++) {
         write_string(reply, calibrators[i].name);
+    }
+    write_u8(reply, stream_set_count());
+    for (uint8_t i = 0; i < stream_set_count(); i++) {
+        write_string(reply, stream_set_get(i)->name);
     }
     return STATUS_OK;
 }

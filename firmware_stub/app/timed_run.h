@@ -8,6 +8,7 @@
 #include <stdbool.h>
 
 #include "calibration/magnetometer_calibrator.h"
+#include "calibration/stream_calibrator.h"
 
 typedef struct {
     uint32_t cycles;          /**< of the calibrator alone; 0 when this core has no cycle counter */
@@ -27,5 +28,9 @@ bool timed_run_has_counter(void);
  * 0.7 ms and are lost after that: the host does not send while it waits for a reply.
  */
 run_cost_t timed_run(magnetometer_calibrator_t calibrator, const magnetometer_points_t *points, magnetometer_fit_t *fit);
+
+/** Give a point to a stream calibrator's add or remove, or take its report, and count likewise. */
+run_cost_t timed_step(stream_step_t step, void *state, const int16_t point[3], stream_status_t *status);
+run_cost_t timed_report(stream_reporter_t reporter, void *state, stream_report_t *report);
 
 #endif

@@ -106,7 +106,7 @@ static FAST_CODE void square_root_by_rotations(const symmetric_t *a, float facto
     work->upper[0][1] = a->xy;
     work->upper[0][2] = a->xz;
     work->upper[1][2] = a->yz;
-    jacobi_diagonalise(work, 3);
+    (void)jacobi_diagonalise(work, 3, JACOBI_SWEEP_LIMIT);
     float scaled[3];
     for (int k = 0; k < 3; k++) {
         scaled[k] = factor * __builtin_sqrtf(work->values[k] > 0.0f ? work->values[k] : 0.0f);
@@ -120,6 +120,12 @@ static FAST_CODE void square_root_by_rotations(const symmetric_t *a, float facto
             root[3 * j + i] = element;
         }
     }
+}
+
+/* Sweeps allowed: those asked for, within the solver's own limit. */
+static inline uint16_t sweep_limit(uint16_t asked)
+{
+    return asked == 0u || asked > JACOBI_SWEEP_LIMIT ? JACOBI_SWEEP_LIMIT : asked;
 }
 
 FAST_CODE void magnetometer_iterative(const magnetometer_points_t *points, magnetometer_fit_t *fit)
@@ -146,20 +152,18 @@ FAST_CODE void magnetometer_iterative(const magnetometer_points_t *points, magne
     moments_sum(points, anchor, &sums);
     assemble(&sums, &work);
     scale(unit, &work);
-    fit->iterations = jacobi_diagonalise(&work, ELEMENTS);
-    if (fit->iterations > JACOBI_SWEEP_LIMIT) {
-        fit_nothing(FIT_NOT_CONVERGED, fit);
-        return;
-    }
+    const uint16_t limit = sweep_limit(points->iterations);
+    fit->iterations = jacobi_diagonalise(&work, ELEMENTS, limit);
+    const bool ended = fit->iterations < limit;
     if (!smallest(&work, &index)) {
-        fit_sphere(&sums, anchor, FIT_POOR_COVERAGE, fit);
+        fit_sphere(&sums, anchor, ended ? FIT_POOR_COVERAGE : FIT_NOT_CONVERGED, fit);
         return;
     }
     if (!quadric_from_vector(work.vectors[index], unit, &quadric) || !quadric_ellipsoid(&quadric, &ellipsoid)) {
-        fit_sphere(&sums, anchor, FIT_NOT_AN_ELLIPSOID, fit);
+        fit_sphere(&sums, anchor, ended ? FIT_NOT_AN_ELLIPSOID : FIT_NOT_CONVERGED, fit);
         return;
     }
-    fit->status = FIT_ELLIPSOID;
+    fit->status = ended ? FIT_ELLIPSOID : FIT_NOT_CONVERGED;
     fit->is_sphere = 0;
     for (int axis = 0; axis < 3; axis++) {
         fit->hard_iron[axis] = (float)anchor[axis] + ellipsoid.centre[axis];

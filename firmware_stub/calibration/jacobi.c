@@ -60,7 +60,7 @@ static inline __attribute__((always_inline)) bool sweep(jacobi_t *m, int size, f
     return rotated;
 }
 
-static inline __attribute__((always_inline)) uint16_t diagonalise(jacobi_t *matrix, int size)
+static inline __attribute__((always_inline)) uint16_t diagonalise(jacobi_t *matrix, int size, uint16_t limit)
 {
     float sum = 0.0f;
     for (int i = 0; i < size; i++) {
@@ -70,14 +70,14 @@ static inline __attribute__((always_inline)) uint16_t diagonalise(jacobi_t *matr
         }
     }
     uint16_t sweeps = 0;
-    while (sweeps <= JACOBI_SWEEP_LIMIT && sweep(matrix, size, NEGLIGIBLE * sum)) {
+    while (sweeps < limit && sweep(matrix, size, NEGLIGIBLE * sum)) {
         sweeps++;
     }
     return sweeps;
 }
 
-FAST_CODE uint16_t jacobi_diagonalise(jacobi_t *matrix, int size)
+FAST_CODE uint16_t jacobi_diagonalise(jacobi_t *matrix, int size, uint16_t limit)
 {
     /* A copy for the largest size, where it is known how often the loops run. */
-    return size == JACOBI_LARGEST ? diagonalise(matrix, JACOBI_LARGEST) : diagonalise(matrix, size);
+    return size == JACOBI_LARGEST ? diagonalise(matrix, JACOBI_LARGEST, limit) : diagonalise(matrix, size, limit);
 }

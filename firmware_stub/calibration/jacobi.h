@@ -16,8 +16,8 @@ typedef struct {
     float vectors[JACOBI_LARGEST][JACOBI_LARGEST]; /**< on return, row i is the unit eigenvector of values[i] */
 } jacobi_t;
 
-/** Sweeps after which the iteration is given up. A 10x10 matrix needs 4 to 6. */
-#define JACOBI_SWEEP_LIMIT 15
+/** Sweeps that are always enough: a 10x10 matrix needs 4 to 6. */
+#define JACOBI_SWEEP_LIMIT 16
 
 /**
  * Diagonalise by sweeps of rotations over all elements above the diagonal, row by row.
@@ -27,8 +27,9 @@ typedef struct {
  *
  * @param[in,out] matrix see jacobi_t
  * @param size rows, at most JACOBI_LARGEST
- * @return number of sweeps that rotated something, or JACOBI_SWEEP_LIMIT + 1 when that many were not enough
+ * @param limit largest number of sweeps, at least 1
+ * @return number of sweeps that rotated something; when that is the limit, more might have been needed
  */
-uint16_t jacobi_diagonalise(jacobi_t *matrix, int size);
+uint16_t jacobi_diagonalise(jacobi_t *matrix, int size, uint16_t limit);
 
 #endif

@@ -14,12 +14,13 @@
 
 #include "calibrator_table.h"
 
-/** Points to fit, and the range of exactly these points, kept as they were stored. */
+/** Points to fit, the range of exactly these points, kept as they were stored, and how long it may take. */
 typedef struct {
     const int16_t (*points)[3]; /**< x, y, z [counts] */
     uint16_t count;
     int16_t minimum[3]; /**< smallest x, y, z among the points [counts] */
     int16_t maximum[3]; /**< largest x, y, z among the points [counts] */
+    uint16_t iterations; /**< largest number of iterations, 0 for the calibrator's own; a closed form has none to limit */
 } magnetometer_points_t;
 
 /** How a fit ended. The values are part of the link protocol. */
@@ -29,7 +30,7 @@ typedef enum {
     FIT_POOR_COVERAGE,    /**< too little of the sphere is covered; the sphere fit is returned */
     FIT_TOO_FEW_POINTS,   /**< fewer than the unknowns; no fit */
     FIT_SINGULAR,         /**< points on a plane, a line or one spot; no fit */
-    FIT_NOT_CONVERGED,    /**< iteration limit reached; no fit */
+    FIT_NOT_CONVERGED,    /**< iteration limit reached; the fit is what there was by then, the sphere fit if no ellipsoid */
 } fit_status_t;
 
 /** A calibration: `unit = soft_iron * (counts - hard_iron)` has norm 1 for a good point. */

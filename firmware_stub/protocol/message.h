@@ -11,7 +11,7 @@
 
 #include "stuffing.h"
 
-#define PROTOCOL_VERSION 1u
+#define PROTOCOL_VERSION 2u
 #define PAYLOAD_MAXIMUM 1024u
 #define REPLY_BIT 0x80u
 
@@ -32,6 +32,7 @@ typedef enum {
     STATUS_NO_CYCLE_COUNTER = 12,
     STATUS_DEGENERATE_FIELD = 13,
     STATUS_BUSY = 14,
+    STATUS_NOT_SUPPORTED = 15,
 } status_t;
 
 /** A message, its payload still in the body it was found in. */

@@ -33,7 +33,8 @@ def _unpack_fit(packed: bytes) -> MagnetometerFit:
 def _prepare(points: ArrayLike) -> tuple[NDArray[np.int16], bytes]:
     """Return the points as the firmware stores them, and what follows their address in magnetometer_points_t."""
     counts = np.ascontiguousarray(points, dtype="<i2")
-    return counts, struct.pack("<H6h", len(counts), *map(int, counts.min(axis=0)), *map(int, counts.max(axis=0)))
+    low, high = map(int, counts.min(axis=0)), map(int, counts.max(axis=0))
+    return counts, struct.pack("<H6hH", len(counts), *low, *high, 0)
 
 
 class HostCalibrators:

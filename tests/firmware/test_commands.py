@@ -4,86 +4,38 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Sequence
-from pathlib import Path
 
 import pytest
 
-from hiltest.link.framing import DamagedFrame, Frame, FrameDecoder, encode_frame
+from hiltest.link.framing import Frame, encode_frame
 from hiltest.link.replies import Status
-from hiltest.rig import build_sensors, build_world
-from hiltest.rig_file import load_rig
-from hiltest.virtual.i2c_bus import I2cDevice
-from hiltest.virtual.k64f import VirtualK64F
 
-ROOT = Path(__file__).parents[2]
-ELF = ROOT / "src" / "hiltest" / "firmware" / "hiltest-frdm-k64f.elf"
-SYNC, IDENTITY, SENSORS, SELECT, READ, COLLECT, UPLOAD, POINTS, CLEAR_POINTS = range(1, 10)
-CALIBRATE, SET, GET, CLEAR, AVERAGE, REST, STATISTICS, RESET = range(0x0A, 0x12)
+from .bench import (
+    AVERAGE,
+    CALIBRATE,
+    CLEAR,
+    CLEAR_POINTS,
+    COLLECT,
+    GET,
+    IDENTITY,
+    POINTS,
+    READ,
+    RESET,
+    REST,
+    SELECT,
+    SENSORS,
+    SET,
+    STATISTICS,
+    SYNC,
+    UPLOAD,
+    Bench,
+    bench_with,
+    sphere,
+)
+
 MAG3110, ACCELEROMETER, FXOS8700_MAGNETOMETER, GYROSCOPE, ON_BOARD_ACCELEROMETER, ON_BOARD_MAGNETOMETER = range(6)
 IDENTITY_CALIBRATION = struct.pack("<12f", 1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0)
 SECOND_US = 1_000_000
-
-
-class Bench:
-    """A booted virtual board and the host's end of its serial port."""
-
-    def __init__(
-        self, i2c0: Sequence[I2cDevice] = (), i2c1: Sequence[I2cDevice] = (), *, cycle_counter: bool = True
-    ) -> None:
-        self.board = VirtualK64F(ELF, i2c0=i2c0, i2c1=i2c1)
-        self.board.cycle_counter.present = cycle_counter
-        self.board.run_until(0.01)
-        self.decoder = FrameDecoder()
-        self.sequence = 0
-
-    def send(self, data: bytes) -> None:
-        self.board.uart0.host_write(data)
-
-    def receive(self, *, within_s: float = 10.0) -> Frame | None:
-        deadline_s = self.board.time_s + within_s
-        while True:
-            self.board.run_until(deadline_s, wake=lambda: self.board.uart0.host_waiting > 0)
-            data = self.board.uart0.host_read(self.board.uart0.host_waiting)
-            if not data:
-                return None
-            for found in self.decoder.feed(data):
-                assert not isinstance(found, DamagedFrame)
-                return found
-
-    def request(self, kind: int, payload: bytes = b"", *, sequence: int | None = None) -> Frame:
-        self.sequence = (self.sequence + 1) % 256
-        used = self.sequence if sequence is None else sequence
-        self.send(encode_frame(Frame(kind, used, payload)))
-        reply = self.receive()
-        assert reply is not None
-        assert (reply.type, reply.sequence) == (kind | 0x80, used)
-        return reply
-
-    def status(self, kind: int, payload: bytes = b"") -> Status:
-        return Status(self.request(kind, payload).payload[0])
-
-    def ask(self, kind: int, payload: bytes = b"") -> bytes:
-        """The data of a reply that must be OK."""
-        reply = self.request(kind, payload)
-        assert Status(reply.payload[0]) == Status.OK
-        return reply.payload[1:]
-
-    def counters(self) -> tuple[int, int, int, int]:
-        frames, damaged, overruns, repeated = struct.unpack("<4I", self.ask(STATISTICS))
-        return frames, damaged, overruns, repeated
-
-    def upload(self, points: Sequence[tuple[int, int, int]]) -> None:
-        self.ask(CLEAR_POINTS)
-        for first in range(0, len(points), 160):
-            part = points[first : first + 160]
-            self.ask(UPLOAD, struct.pack("<HB", first, len(part)) + b"".join(struct.pack("<3h", *p) for p in part))
-
-
-def bench_with(*buses: str) -> Bench:
-    rig = load_rig(ROOT / "hil" / "rigs" / "virtual-k64f.toml")
-    parts = build_sensors(rig, build_world(rig), 1)
-    return Bench(**{bus: parts[bus] for bus in buses})
 
 
 @pytest.fixture(scope="module")
@@ -98,29 +50,15 @@ def bare_bench() -> Bench:
     return Bench()
 
 
-def sphere(n: int) -> list[tuple[int, int, int]]:
-    """Points of a spiral on a sphere of 500 counts about (100, -200, 300)."""
-    golden = math.pi * (3 - math.sqrt(5))
-    heights = [1 - 2 * (k + 0.5) / n for k in range(n)]
-    return [
-        (
-            round(100 + 500 * math.sqrt(1 - z * z) * math.cos(golden * k)),
-            round(-200 + 500 * math.sqrt(1 - z * z) * math.sin(golden * k)),
-            round(300 + 500 * z),
-        )
-        for k, z in enumerate(heights)
-    ]
-
-
 # -- the link -----------------------------------------------------------------------------------
 
 
 def test_sync_answers_the_nonce_and_the_protocol_version(bench: Bench) -> None:
-    assert struct.unpack("<IH", bench.ask(SYNC, struct.pack("<I", 0x7D7E5D5E))) == (0x7D7E5D5E, 1)
+    assert struct.unpack("<IH", bench.ask(SYNC, struct.pack("<I", 0x7D7E5D5E))) == (0x7D7E5D5E, 2)
 
 
 def test_unknown_types_are_refused(bare_bench: Bench) -> None:
-    assert {bare_bench.status(kind) for kind in (0x00, 0x12, 0x40, 0x7F)} == {Status.UNKNOWN_COMMAND}
+    assert {bare_bench.status(kind) for kind in (0x00, 0x16, 0x40, 0x7F)} == {Status.UNKNOWN_COMMAND}
 
 
 LENGTHS = {SYNC: 4, IDENTITY: 0, SENSORS: 0, SELECT: 1, READ: 6, COLLECT: 6, POINTS: 3, CLEAR_POINTS: 0, SET: 49,
@@ -138,7 +76,7 @@ def test_an_upload_whose_count_and_length_differ_is_refused(bare_bench: Bench, p
     assert bare_bench.status(UPLOAD, payload) == Status.BAD_LENGTH
 
 
-@pytest.mark.parametrize("payload", [b"\x01\x00", b"\x01\x00\x06direc", b"\x01\x00\x06direct!"])
+@pytest.mark.parametrize("payload", [b"\x01\x00\x00\x00", b"\x01\x00\x00\x00\x06direc", b"\x01\x00\x00\x00\x06direct!"])
 def test_a_calibrator_name_that_does_not_fill_the_payload_is_refused(bare_bench: Bench, payload: bytes) -> None:
     assert bare_bench.status(CALIBRATE, payload) == Status.BAD_LENGTH
 
@@ -283,7 +221,7 @@ def test_a_timeout_ends_in_time(bench: Bench, kind: int, payload: bytes) -> None
         (UPLOAD, struct.pack("<HB", 1, 0)),
         (POINTS, struct.pack("<HB", 0, 81)),
         (POINTS, struct.pack("<HB", 1, 1)),
-        (CALIBRATE, struct.pack("<HB", 0, 6) + b"direct"),
+        (CALIBRATE, struct.pack("<HHB", 0, 0, 6) + b"direct"),
         (SET, b"\x08" + IDENTITY_CALIBRATION),
         (SET, b"\x00" + struct.pack("<f", math.nan) + IDENTITY_CALIBRATION[4:]),
         (SET, b"\x00" + IDENTITY_CALIBRATION[:-4] + struct.pack("<f", math.inf)),
@@ -333,8 +271,8 @@ def test_a_full_buffer_refuses_more(bench: Bench) -> None:
 FIT = struct.Struct("<BBH9f3ffII")
 
 
-def calibrate(bench: Bench, name: bytes, n: int) -> Frame:
-    return bench.request(CALIBRATE, struct.pack("<HB", n, len(name)) + name)
+def calibrate(bench: Bench, name: bytes, n: int, *, iterations: int = 0) -> Frame:
+    return bench.request(CALIBRATE, struct.pack("<HHB", n, iterations, len(name)) + name)
 
 
 @pytest.mark.parametrize("name", [b"direct", b"iterative"])
@@ -351,6 +289,31 @@ def test_a_calibrator_runs_on_the_first_n_points_and_is_timed(bare_bench: Bench,
     assert hard_iron == pytest.approx([100, -200, 300], abs=0.87)
     assert soft_iron == pytest.approx([1 / 500, 0, 0, 0, 1 / 500, 0, 0, 0, 1 / 500], abs=0.87 / 500**2 * 2)
     assert 0 < overhead < 100 < cycles
+
+
+def test_a_limit_on_iterations_ends_the_solver_with_the_fit_that_it_has_by_then(bare_bench: Bench) -> None:
+    bare_bench.upload([(x + y // 3, y, z - x // 4) for x, y, z in sphere(100)])
+    statuses, sweeps, cycles, soft_irons = [], [], [], []
+    for limit in range(1, 9):
+        status, _, made, *rest = FIT.unpack(calibrate(bare_bench, b"iterative", 100, iterations=limit).payload[1:])
+        statuses.append(status)
+        sweeps.append(made)
+        cycles.append(rest[13])
+        soft_irons.append(rest[:9])
+    enough = statuses.index(0)
+    assert set(statuses[:enough]) == {5}  # NOT_CONVERGED
+    assert sweeps[: enough + 1] == [*range(1, enough + 1), enough]
+    assert cycles[: enough + 1] == sorted(set(cycles[: enough + 1]))
+    # Cyclic rotations converge quadratically; in parts of the matrix.
+    left = [math.dist(each, soft_irons[enough]) * 500 for each in soft_irons]
+    assert left[0] > 0.1
+    assert left[enough - 1] < 1e-5
+    # Beyond what it needs, and with no limit at all, it is the same run.
+    unlimited = calibrate(bare_bench, b"iterative", 100).payload
+    assert calibrate(bare_bench, b"iterative", 100, iterations=8).payload == unlimited
+    assert calibrate(bare_bench, b"iterative", 100, iterations=65535).payload == unlimited
+    direct = calibrate(bare_bench, b"direct", 100).payload
+    assert calibrate(bare_bench, b"direct", 100, iterations=1).payload == direct
 
 
 def test_calibrate_refuses_what_it_cannot_do(bare_bench: Bench) -> None:

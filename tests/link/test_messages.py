@@ -16,12 +16,13 @@ from hiltest.errors import DeviceError, ProtocolError
 from hiltest.link import messages as m
 from hiltest.link.messages import CycleSource, FitStatus, SensorKind, Status, decode_reply
 from hiltest.link.replies import RunCost, SlotHeading
+from hiltest.link.streams import StreamFeed, StreamRemove, StreamReset, StreamState, StreamStatus
 
 REQUESTS: list[m.Request[object]] = [
     m.Sync(7), m.Identify(), m.Sensors(), m.Select(1), m.Read(1, 4), m.Collect(20), m.Upload(0, [(1, 2, 3)]),
     m.Points(0, 10), m.ClearPoints(), m.Calibrate(100, "direct"), m.SetCalibration(1, np.eye(3), np.zeros(3)),
     m.GetCalibration(1), m.ClearCalibration(1), m.Average(16, 0b111), m.GyroscopeRest(500, store=True),
-    m.LinkStatistics(), m.Reset(),
+    m.LinkStatistics(), m.Reset(), StreamReset("s"), StreamFeed("s", 0, 1), StreamRemove("s", 0, 1), StreamState("s"),
 ]  # fmt: skip
 
 
@@ -37,13 +38,18 @@ REQUESTS: list[m.Request[object]] = [
         (m.Upload(5, [(1, -1, 256), (-32768, 32767, 0)]), 0x07, "0500 02 0100 ffff 0001 0080 ff7f 0000"),
         (m.Points(258, 80), 0x08, "0201 50"),
         (m.ClearPoints(), 0x09, ""),
-        (m.Calibrate(100, "direct"), 0x0A, "6400 06 646972656374"),
+        (m.Calibrate(100, "direct"), 0x0A, "6400 0000 06 646972656374"),
+        (m.Calibrate(100, "direct", iterations=0x102), 0x0A, "6400 0201 06 646972656374"),
         (m.GetCalibration(7), 0x0C, "07"),
         (m.ClearCalibration(2), 0x0D, "02"),
         (m.Average(16, 0b101, timeout_us=1), 0x0E, "1000 01000000 05"),
         (m.GyroscopeRest(4096, store=True, timeout_us=2), 0x0F, "0010 02000000 01"),
         (m.LinkStatistics(), 0x10, ""),
         (m.Reset(), 0x11, ""),
+        (StreamReset("ab", sliced=True), 0x12, "01 02 6162"),
+        (StreamFeed("ab", 258, 80), 0x13, "0201 50 02 6162"),
+        (StreamRemove("ab", 3, 1), 0x14, "0300 01 02 6162"),
+        (StreamState("ab"), 0x15, "02 6162"),
     ],
 )
 def test_request_payloads_are_those_written_by_hand(request_: m.Request[object], code: int, expected: str) -> None:
@@ -66,7 +72,7 @@ def test_identity_fields_are_read_in_order() -> None:
 
     data = struct.pack("<BHIBHB", 0, 1, 120_000_000, 1, 512, 8)
     data += text("hiltest-frdm-k64f") + text("0.1.0") + text("0123456789abcdef") + text("gcc 12.2.1") + text("sram")
-    data += bytes([2]) + text("direct") + text("iterative")
+    data += bytes([2]) + text("direct") + text("iterative") + bytes([1]) + text("direct-stream")
     identity = decode_reply(m.Identify(), data)
     assert identity.core_clock_hz == 120_000_000
     assert identity.cycle_source is CycleSource.DWT
@@ -74,6 +80,7 @@ def test_identity_fields_are_read_in_order() -> None:
     assert identity.build_id == "0123456789abcdef"
     assert identity.placement == "sram"
     assert identity.calibrators == ("direct", "iterative")
+    assert identity.stream_calibrators == ("direct-stream",)
 
 
 def test_sensors_are_listed_with_what_they_answered() -> None:
@@ -110,6 +117,25 @@ def test_a_core_that_counts_no_cycles_fits_all_the_same() -> None:
     data = struct.pack("<BBBH13fII", Status.NO_CYCLE_COUNTER, 0, 0, 0, *([0.5] * 12), 1.7, 0, 0)
     fit = decode_reply(m.Calibrate(100, "direct"), data)
     assert (fit.fit, fit.cost) == (FitStatus.ELLIPSOID, None)
+
+
+def test_fed_points_are_counted_one_by_one_and_a_refused_one_is_named() -> None:
+    steps = decode_reply(StreamFeed("s", 0, 3), struct.pack("<BBIBII", 0, 1, 8, 2, 330, 328))
+    assert (steps.status, steps.taken) == (StreamStatus.OUT_OF_RANGE, 2)
+    assert steps.costs == (RunCost(330, 8), RunCost(328, 8))
+    uncounted = decode_reply(StreamFeed("s", 0, 1), struct.pack("<BBIBI", Status.NO_CYCLE_COUNTER, 0, 0, 1, 0))
+    assert (uncounted.status, uncounted.taken, uncounted.costs) == (StreamStatus.OK, 1, None)
+
+
+def test_the_state_of_a_stream_is_read_in_order() -> None:
+    data = struct.pack("<BBBH13fHBIfII", 0, 0, 3, 4, *([0.5] * 12), 1.25, 250, 10, 7, 2.5, 900, 8)
+    state = decode_reply(StreamState("s"), data)
+    assert (state.fit, state.is_sphere, state.is_solving, state.iterations) == (FitStatus.ELLIPSOID, True, True, 4)
+    assert (state.held, state.elements, state.accepted) == (250, 10, 7)
+    assert (state.coverage, state.fit_error_percent, state.cost) == (1.25, 2.5, RunCost(900, 8))
+    without = struct.pack("<BBBH13fHBIfII", 12, 3, 0, 0, *([0.5] * 12), 0.0, 5, 0, 0, math.nan, 0, 0)
+    state = decode_reply(StreamState("s"), without)
+    assert (state.fit, state.fit_error_percent, state.cost) == (FitStatus.TOO_FEW_POINTS, None, None)
 
 
 def test_average_has_one_heading_for_each_slot_asked_for_from_low_to_high() -> None:
@@ -184,6 +210,10 @@ def test_hostile_bytes_never_crash_a_parser(request_: m.Request[object], payload
         (m.Average(513), "513 samples"),
         (m.GyroscopeRest(4097), "4097 samples"),
         (m.Calibrate(9, ""), "0 characters"),
+        (m.Calibrate(9, "direct", iterations=65536), "65536 iterations"),
+        (StreamFeed("s", 0, 81), "81 points; the protocol takes 1 to 80"),
+        (StreamRemove("s", -1, 1), "-1 points"),
+        (StreamState(""), "0 characters"),
     ],
 )
 def test_requests_beyond_the_protocol_are_refused_before_they_are_sent(
@@ -194,4 +224,4 @@ def test_requests_beyond_the_protocol_are_refused_before_they_are_sent(
 
 
 def test_codes_and_names_are_unique() -> None:
-    assert len({request.code for request in REQUESTS}) == len({request.command for request in REQUESTS}) == 17
+    assert len({request.code for request in REQUESTS}) == len({request.command for request in REQUESTS}) == 21

@@ -37,7 +37,7 @@ class MagnetometerFit:
     ----------
     status : FitStatus
     is_sphere : bool
-        The ellipsoid was refused and this is the sphere fit.
+        This is a sphere fit: the ellipsoid was refused, or a stream calibrator has not come to it yet.
     iterations : int
         Sweeps of the firmware's solver; 0 for a closed form and for a float64 reference.
     soft_iron : ndarray, shape (3, 3)
@@ -58,7 +58,7 @@ class MagnetometerFit:
     @property
     def has_fit(self) -> bool:
         """Whether soft_iron and hard_iron come from the points at all."""
-        return self.status <= FitStatus.POOR_COVERAGE
+        return self.status not in (FitStatus.TOO_FEW_POINTS, FitStatus.SINGULAR)
 
     def corrected(self, points_counts: ArrayLike) -> Array:
         """Return the corrected points, shape (n, 3) [1], norm 1 for good points."""

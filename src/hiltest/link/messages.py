@@ -66,7 +66,7 @@ __all__ = [
     "decode_reply",
 ]
 
-PROTOCOL_VERSION = 1
+PROTOCOL_VERSION = 2
 REPLY_BIT = 0x80
 MAX_UPLOAD = 160
 MAX_POINTS_READ = 80
@@ -189,7 +189,7 @@ class Read(_Timed, Request[ReadReply]):
     count: int
 
     def payload(self) -> bytes:
-        return struct.pack("<BBI", self.sensor_id, _within(self.count, 1, MAX_READ, "samples"), self.timeout_us)
+        return struct.pack("<BBI", self.sensor_id, within(self.count, 1, MAX_READ, "samples"), self.timeout_us)
 
     def parse(self, fields: FieldReader) -> ReadReply:
         return ReadReply.parse(fields)
@@ -204,7 +204,7 @@ class Collect(_Timed, Request[CollectReply]):
     count: int
 
     def payload(self) -> bytes:
-        return struct.pack("<HI", _within(self.count, 1, MAX_COLLECT, "points"), self.timeout_us)
+        return struct.pack("<HI", within(self.count, 1, MAX_COLLECT, "points"), self.timeout_us)
 
     def parse(self, fields: FieldReader) -> CollectReply:
         return CollectReply.parse(fields)
@@ -221,9 +221,9 @@ class Upload(Request[int]):
 
     def payload(self) -> bytes:
         rows = np.asarray(self.points)
-        _within(len(rows), 1, MAX_UPLOAD, "points")
-        _within(int(rows.min()), -0x8000, 0x7FFF, "counts")
-        _within(int(rows.max()), -0x8000, 0x7FFF, "counts")
+        within(len(rows), 1, MAX_UPLOAD, "points")
+        within(int(rows.min()), -0x8000, 0x7FFF, "counts")
+        within(int(rows.max()), -0x8000, 0x7FFF, "counts")
         return struct.pack("<HB", self.first, len(rows)) + rows.astype("<i2").tobytes()
 
     def parse(self, fields: FieldReader) -> int:
@@ -240,7 +240,7 @@ class Points(Request[PointsReply]):
     count: int
 
     def payload(self) -> bytes:
-        return struct.pack("<HB", self.first, _within(self.count, 1, MAX_POINTS_READ, "points"))
+        return struct.pack("<HB", self.first, within(self.count, 1, MAX_POINTS_READ, "points"))
 
     def parse(self, fields: FieldReader) -> PointsReply:
         return PointsReply.parse(fields)
@@ -256,7 +256,7 @@ class ClearPoints(_Plain):
 
 @dataclass(frozen=True)
 class Calibrate(Request[CalibrateReply]):
-    """Run a calibrator by name over the first n points, counting cycles."""
+    """Run a calibrator over the first n points, counting cycles; at most so many iterations, 0 for its own limit."""
 
     code = 0x0A
     command = "CALIBRATE"
@@ -264,10 +264,11 @@ class Calibrate(Request[CalibrateReply]):
     answered_with = frozenset({Status.OK, Status.NO_CYCLE_COUNTER})
     n: int
     calibrator: str
+    iterations: int = field(default=0, kw_only=True)
 
     def payload(self) -> bytes:
-        name = self.calibrator.encode("ascii")
-        return struct.pack("<HB", self.n, _within(len(name), 1, 255, "characters")) + name
+        limit = within(self.iterations, 0, 0xFFFF, "iterations")
+        return struct.pack("<HH", self.n, limit) + name_field(self.calibrator)
 
     def parse(self, fields: FieldReader) -> CalibrateReply:
         return CalibrateReply.parse(fields)
@@ -331,7 +332,7 @@ class Average(_Timed, Request[AverageReply]):
     slot_bitmask: int = 0
 
     def payload(self) -> bytes:
-        return struct.pack("<HIB", _within(self.n, 1, MAX_AVERAGE, "samples"), self.timeout_us, self.slot_bitmask)
+        return struct.pack("<HIB", within(self.n, 1, MAX_AVERAGE, "samples"), self.timeout_us, self.slot_bitmask)
 
     def parse(self, fields: FieldReader) -> AverageReply:
         return AverageReply.parse(fields, self.slot_bitmask)
@@ -347,7 +348,7 @@ class GyroscopeRest(_Timed, Request[GyroscopeRestReply]):
     store: bool = False
 
     def payload(self) -> bytes:
-        return struct.pack("<HIB", _within(self.n, 1, MAX_REST, "samples"), self.timeout_us, self.store)
+        return struct.pack("<HIB", within(self.n, 1, MAX_REST, "samples"), self.timeout_us, self.store)
 
     def parse(self, fields: FieldReader) -> GyroscopeRestReply:
         return GyroscopeRestReply.parse(fields)
@@ -392,7 +393,13 @@ def decode_reply(request: Request[R], payload: bytes) -> R:
     return data
 
 
-def _within(value: int, lowest: int, highest: int, unit: str) -> int:
+def name_field(name: str) -> bytes:
+    """Return a calibrator's name as a string on the wire."""
+    return bytes([within(len(name), 1, 255, "characters")]) + name.encode("ascii")
+
+
+def within(value: int, lowest: int, highest: int, unit: str) -> int:
+    """Return a value that the protocol takes; `ValueError` says the range of another."""
     if not lowest <= value <= highest:
         raise ValueError(f"{value} {unit}; the protocol takes {lowest} to {highest}")
     return value

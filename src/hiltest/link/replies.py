@@ -43,6 +43,7 @@ class Status(IntEnum):
     NO_CYCLE_COUNTER = 12
     DEGENERATE_FIELD = 13
     BUSY = 14
+    NOT_SUPPORTED = 15
 
 
 class SensorKind(IntEnum):
@@ -88,6 +89,7 @@ class Identity:
     compiler: str
     placement: str
     calibrators: tuple[str, ...]
+    stream_calibrators: tuple[str, ...]
 
     @classmethod
     def parse(cls, fields: FieldReader) -> Identity:
@@ -104,6 +106,9 @@ class Identity:
             compiler=fields.text("compiler"),
             placement=fields.text("placement"),
             calibrators=tuple(fields.text("calibrator") for _ in range(fields.number("B", "calibrators"))),
+            stream_calibrators=tuple(
+                fields.text("stream calibrator") for _ in range(fields.number("B", "stream calibrators"))
+            ),
         )
 
 

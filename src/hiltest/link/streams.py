@@ -1,0 +1,179 @@
+"""Calibrators that live with the stream of points: what the host asks them, and what they answer."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import ClassVar
+
+from hiltest.calibration.fit import FitStatus
+from hiltest.link.fields import FieldReader
+from hiltest.link.messages import Request, name_field, within
+from hiltest.link.replies import CalibrationReply, RunCost, Status
+
+MAX_FEED = 80
+
+
+class StreamStatus(IntEnum):
+    """Whether a stream calibrator took a point, or why not."""
+
+    OK = 0
+    OUT_OF_RANGE = 1
+    FULL = 2
+    EMPTY = 3
+
+
+@dataclass(frozen=True, slots=True)
+class StreamStepsReply:
+    """What points cost that were fed to a stream calibrator, or taken back.
+
+    Attributes
+    ----------
+    status : StreamStatus
+        OK, or why the point after the last taken one was refused; nothing was done with it.
+    costs : tuple of RunCost, or None
+        One for each point taken, in order; None when the core counts no cycles.
+    taken : int
+        Points taken.
+    """
+
+    status: StreamStatus
+    taken: int
+    costs: tuple[RunCost, ...] | None
+
+    @classmethod
+    def parse(cls, fields: FieldReader) -> StreamStepsReply:
+        """Read the reply; an empty call of no cycles is a counter that is not there."""
+        status = fields.choice(StreamStatus, "stream status")
+        overhead_cycles = fields.number("I", "overhead cycles")
+        taken = fields.number("B", "points taken")
+        cycles = [fields.number("I", "cycles") for _ in range(taken)]
+        costs = tuple(RunCost(each, overhead_cycles) for each in cycles) if overhead_cycles else None
+        return cls(status, taken, costs)
+
+
+@dataclass(frozen=True, slots=True)
+class StreamStateReply:
+    """What a stream calibrator knows after the points so far.
+
+    Attributes
+    ----------
+    fit : FitStatus
+    is_sphere : bool
+        The calibration is a sphere: the ellipsoid was refused, or not tried yet.
+    is_solving : bool
+        A solver is at work, some of its slices done.
+    iterations : int
+    calibration : CalibrationReply
+    coverage : float
+        As CALIBRATE answers it; 0 when the calibrator has no such number.
+    held : int
+        Points that the fit is, or would be, made of.
+    elements : int
+        Unknowns of the solver whose calibration this is: 4, 7 or 10; 0 when there is but one solver.
+    accepted : int
+        Calibrations taken over since the reset.
+    fit_error_percent : float or None
+        What the calibrator judges its calibration by; None when it has no such number.
+    cost : RunCost or None
+        Of this answer: a calibrator that fits when asked did so now. None when the core counts no cycles.
+    """
+
+    fit: FitStatus
+    is_sphere: bool
+    is_solving: bool
+    iterations: int
+    calibration: CalibrationReply
+    coverage: float
+    held: int
+    elements: int
+    accepted: int
+    fit_error_percent: float | None
+    cost: RunCost | None
+
+    @classmethod
+    def parse(cls, fields: FieldReader) -> StreamStateReply:
+        """Read the reply."""
+        fit = fields.choice(FitStatus, "fit status")
+        flags = fields.number("B", "flags")
+        iterations = fields.number("H", "iterations")
+        calibration = CalibrationReply.parse(fields)
+        coverage = fields.real("coverage")
+        held = fields.number("H", "points held")
+        elements = fields.number("B", "elements")
+        accepted = fields.number("I", "accepted")
+        fit_error = fields.reals_if_any(1, "fit error")
+        return cls(
+            fit, bool(flags & 1), bool(flags & 2), iterations, calibration, coverage, held, elements, accepted,
+            None if fit_error is None else float(fit_error[0]), RunCost.parse(fields),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class StreamReset(Request[None]):
+    """Let a stream calibrator forget all points; `sliced` solvers do one slice of their work a point."""
+
+    code = 0x12
+    command = "STREAM_RESET"
+    stream: str
+    sliced: bool = False
+
+    def payload(self) -> bytes:
+        return struct.pack("<B", self.sliced) + name_field(self.stream)
+
+    def parse(self, fields: FieldReader) -> None:
+        """Read nothing."""
+
+
+@dataclass(frozen=True)
+class _StreamSteps(Request[StreamStepsReply]):
+    """Points of the board's buffer, one step each."""
+
+    # Without a counter the points are taken all the same, and their cost is None.
+    answered_with: ClassVar[frozenset[Status]] = frozenset({Status.OK, Status.NO_CYCLE_COUNTER})
+    stream: str
+    first: int
+    count: int
+
+    def payload(self) -> bytes:
+        count = within(self.count, 1, MAX_FEED, "points")
+        return struct.pack("<HB", within(self.first, 0, 0xFFFF, "points"), count) + name_field(self.stream)
+
+    def parse(self, fields: FieldReader) -> StreamStepsReply:
+        return StreamStepsReply.parse(fields)
+
+    @property
+    def board_time_s(self) -> float:
+        """Room for a million cycles a point on a 120 MHz core [s]."""
+        return self.count / 120.0
+
+
+class StreamFeed(_StreamSteps):
+    """Give points of the board's buffer to a stream calibrator, counting the cycles of each."""
+
+    code = 0x13
+    command = "STREAM_FEED"
+
+
+class StreamRemove(_StreamSteps):
+    """Take points of the board's buffer back from a stream calibrator, counting the cycles of each."""
+
+    code = 0x14
+    command = "STREAM_REMOVE"
+
+
+@dataclass(frozen=True)
+class StreamState(Request[StreamStateReply]):
+    """Ask a stream calibrator what it knows."""
+
+    code = 0x15
+    command = "STREAM_STATE"
+    answered_with = frozenset({Status.OK, Status.NO_CYCLE_COUNTER})
+    stream: str
+
+    def payload(self) -> bytes:
+        return name_field(self.stream)
+
+    def parse(self, fields: FieldReader) -> StreamStateReply:
+        return StreamStateReply.parse(fields)
