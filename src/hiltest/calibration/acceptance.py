@@ -1,0 +1,158 @@
+"""Whether a calibration may be used: good, poor or refused, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+from hiltest.calibration.fit import FitStatus
+
+
+class Acceptance(StrEnum):
+    """What a calibration is good for, the best first."""
+
+    GOOD = "good"
+    POOR = "poor"
+    REFUSED = "refused"
+
+
+@dataclass(frozen=True, slots=True)
+class FitFigures:
+    """What a calibration is judged by; None is not judged.
+
+    Attributes
+    ----------
+    status : FitStatus
+    condition : float
+        `hiltest.calibration.conditioning.ellipsoid_condition` of the points.
+    n : int or None
+        Points that the calibrator got.
+    residual_percent, axis_ratio, direction_error_deg : float or None
+    radius_ut : float or None
+        None where the unit of the points is not known.
+    """
+
+    status: FitStatus
+    condition: float
+    n: int | None = None
+    residual_percent: float | None = None
+    axis_ratio: float | None = None
+    radius_ut: float | None = None
+    direction_error_deg: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Reason:
+    """Why a calibration is not good.
+
+    Attributes
+    ----------
+    figure : str
+        Name of the figure that is out of bounds.
+    value : float or str
+        What it is; the status of a fit is a word.
+    threshold : float or str
+        The bound it is on the wrong side of.
+    unit : str
+    verdict : Acceptance
+        What this reason alone makes of the calibration.
+    meaning : str
+        In a sentence.
+    """
+
+    figure: str
+    value: float | str
+    threshold: float | str
+    unit: str
+    verdict: Acceptance
+    meaning: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Bound:
+    figure: str
+    unit: str
+    limit: float
+    verdict: Acceptance
+    meaning: str
+    below: bool = False
+
+    def broken_by(self, value: float) -> bool:
+        # A value that is no number breaks every bound.
+        return not (value >= self.limit if self.below else value <= self.limit)
+
+
+# The order is that of the reasons: for each figure the severest first, and only the first that is broken is told.
+_BOUNDS = (
+    # Nine points always lie on a quadric: nothing is left over that could tell how good it is.
+    _Bound("n", "points", 10.0, Acceptance.REFUSED,
+           "every quadric through so few points is exact, and tells nothing of its error; take more", below=True),
+    # Two for each unknown: with nine left over the residual, and with it what is predicted, is known to 24 %.
+    _Bound("n", "points", 18.0, Acceptance.POOR,
+           "too few are left over to know the residual well; take more", below=True),
+    # Simulated over 100 points: 300 is where a third of the sphere is covered (see `ellipsoid_condition`). Any
+    # calibrator returns an ellipsoid for less as well, of a wrong radius.
+    _Bound("condition", "", 300.0, Acceptance.REFUSED,
+           "the points cover too little of the sphere to determine an ellipsoid; turn the sensor all round"),
+    # 60 % of the sphere has 57 in the median: below it `direct` is worse than 0.5 deg at 0.4 uT and 100 points.
+    _Bound("condition", "", 60.0, Acceptance.POOR,
+           "a large part of the sphere is missing, and directions in it are extrapolated; turn the sensor all round"),
+    # A sensor at rest is a ball of noise: about 40 %. At 20 % a reading's own direction is off by some 11 deg.
+    _Bound("residual_percent", "%", 20.0, Acceptance.REFUSED,
+           "the points do not lie on an ellipsoid: sensor at rest, wrong columns, or the field changed"),
+    # Noise of 0.4 uT in 48 uT leaves 0.8 %, of 1 uT 2 %. More is no noise of a part that is in order.
+    _Bound("residual_percent", "%", 2.0, Acceptance.POOR,
+           "the points scatter about the ellipsoid by more than a sensor's noise: iron that moved, a current, or "
+           "turning too fast for the sensor"),
+    # Boards and cases stretch the field by tenths. Twice means another thing than a sensor in the earth's field.
+    _Bound("axis_ratio", "", 2.0, Acceptance.REFUSED,
+           "the ellipsoid is longer than any board's iron makes it; are these the columns of one magnetometer?"),
+    # The earth's field is 22 to 67 uT at the surface (World Magnetic Model).
+    _Bound("radius_ut", "uT", 20.0, Acceptance.REFUSED,
+           "the field is weaker than the earth's anywhere; wrong unit, shielding, or a fit that went astray",
+           below=True),
+    _Bound("radius_ut", "uT", 70.0, Acceptance.REFUSED,
+           "the field is stronger than the earth's anywhere; wrong unit, or a fit that went astray"),
+    # The packaged rig's heading without any calibration is off by up to 10 deg.
+    _Bound("direction_error_deg", "deg", 10.0, Acceptance.REFUSED,
+           "the points' own noise turns directions as far as no calibration at all does; take more points, all round"),
+    # Half of the 2 deg that the thesis allows any calibrator, so that the other half is left to soft iron and tilt.
+    _Bound("direction_error_deg", "deg", 1.0, Acceptance.POOR,
+           "the points' own noise alone turns directions by this much; take more points, all round"),
+)  # fmt: skip
+
+_NO_ELLIPSOID = {
+    FitStatus.NOT_AN_ELLIPSOID: "the surface that fits best is no ellipsoid",
+    FitStatus.POOR_COVERAGE: "the calibrator itself found the points too unevenly spread for an ellipsoid",
+    FitStatus.TOO_FEW_POINTS: "an ellipsoid needs at least 9 points",
+    FitStatus.SINGULAR: "the points lie in a plane, on a line or in one place",
+    FitStatus.NOT_CONVERGED: "the calibrator's iteration did not end",
+}
+
+
+def judge(figures: FitFigures) -> tuple[Acceptance, tuple[Reason, ...]]:
+    """Return what a calibration is good for, and every reason why it is not good."""
+    reasons = tuple(_reasons(figures))
+    return worst([reason.verdict for reason in reasons]), reasons
+
+
+def worst(verdicts: Sequence[Acceptance]) -> Acceptance:
+    """Return the worst of some verdicts, good when there is none."""
+    return max(verdicts, key=list(Acceptance).index, default=Acceptance.GOOD)
+
+
+def _reasons(figures: FitFigures) -> Iterator[Reason]:
+    if figures.status is not FitStatus.ELLIPSOID:
+        yield Reason("status", _word(figures.status), _word(FitStatus.ELLIPSOID), "", Acceptance.REFUSED,
+                     _NO_ELLIPSOID[figures.status])
+    told = set()
+    for bound in _BOUNDS:
+        value = getattr(figures, bound.figure)
+        if value is not None and bound.figure not in told and bound.broken_by(value):
+            told.add(bound.figure)
+            yield Reason(bound.figure, value, bound.limit, bound.unit, bound.verdict, bound.meaning)
+
+
+def _word(status: FitStatus) -> str:
+    return status.name.lower().replace("_", " ")

@@ -1,0 +1,95 @@
+"""How well a cloud of points determines an ellipsoid, however the sensor is turned."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hiltest.calibration.fit import ELLIPSOID_UNKNOWNS, Array, points_array
+
+_HALF, _SIXTH = np.sqrt(1.0 / 2.0), np.sqrt(1.0 / 6.0)
+
+#: Orthonormal symmetric matrices without trace, shape (5, 3, 3): together with the identity they span every shape.
+TRACELESS = np.array(
+    [
+        np.diag([_HALF, -_HALF, 0.0]),
+        np.diag([_SIXTH, _SIXTH, -2.0 * _SIXTH]),
+        [[0.0, _HALF, 0.0], [_HALF, 0.0, 0.0], [0.0, 0.0, 0.0]],
+        [[0.0, 0.0, _HALF], [0.0, 0.0, 0.0], [_HALF, 0.0, 0.0]],
+        [[0.0, 0.0, 0.0], [0.0, 0.0, _HALF], [0.0, _HALF, 0.0]],
+    ]
+)
+# More than float64 can tell from a singular matrix; finite, so that it can be written down.
+CONDITION_SINGULAR = 1e15
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CentredCloud:
+    """Points relative to their mean, divided by the rms of their distance from it.
+
+    Attributes
+    ----------
+    points : ndarray, shape (n, 3)
+        [1].
+    mean : ndarray, shape (3,)
+    scale : float
+        In the unit of what was given, as mean.
+    """
+
+    points: Array
+    mean: Array
+    scale: float
+
+    @classmethod
+    def of(cls, points: ArrayLike) -> Self | None:
+        """Centre and scale points, shape (n, 3); None when there are none or all are the same."""
+        given = points_array(points)
+        if not len(given):
+            return None
+        mean: Array = given.mean(axis=0)
+        centred = given - mean
+        scale = float(np.sqrt((centred * centred).sum(axis=1).mean()))
+        return cls(centred / scale, mean, scale) if scale > 0.0 else None
+
+    def rows(self) -> Array:
+        """Return the design matrix of the quadric ``|p|^2 + row . parameters = 0``, shape (n, 9).
+
+        Notes
+        -----
+        ``((x^2 - y^2) / sqrt2, (x^2 + y^2 - 2 z^2) / sqrt6, sqrt2 xy, sqrt2 xz, sqrt2 yz, x, y, z, 1)``: the
+        quadratic ones are ``p' B p`` for the `TRACELESS` B. The trace stays the identity's, 3, so nothing here
+        depends on how the axes lie.
+        """
+        quadratic = np.einsum("ni,kij,nj->nk", self.points, TRACELESS, self.points)
+        return np.column_stack([quadratic, self.points, np.ones(len(self.points))])
+
+
+def ellipsoid_condition(points: ArrayLike) -> float:
+    """Return the condition number of the normal equations of an ellipsoid [1].
+
+    Parameters
+    ----------
+    points : array_like, shape (n, 3)
+        In any unit.
+
+    Returns
+    -------
+    float
+        At least 7.5, which is a whole sphere; `CONDITION_SINGULAR` at most, also for fewer than 9 points.
+
+    Notes
+    -----
+    It is of the points alone, the same for every calibrator, unit, origin and turn of the sensor.
+    Simulated with 100 points, 0.4 uT, soft iron of 3 % (p1, p50, p99 of 1000): whole sphere 9, 11, 14;
+    75 % of it 19, 26, 38; 60 % 40, 57, 84; half 74, 105, 156; 40 % 150, 214, 317; 30 % 349, 508, 753.
+    """
+    cloud = CentredCloud.of(points)
+    if cloud is None or len(cloud.points) < ELLIPSOID_UNKNOWNS:
+        return CONDITION_SINGULAR
+    rows = cloud.rows()
+    eigenvalues = np.linalg.eigvalsh(rows.T @ rows)
+    smallest, largest = float(eigenvalues[0]), float(eigenvalues[-1])
+    return largest / smallest if smallest * CONDITION_SINGULAR > largest else CONDITION_SINGULAR

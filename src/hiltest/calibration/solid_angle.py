@@ -1,0 +1,57 @@
+"""The part of the sphere that a corrected cloud covers."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hiltest.calibration.fit import Array
+from hiltest.calibration.quality import sphere_directions
+
+# Stand for the sphere, some 4 degrees apart: a part of it is told to about 1 %.
+SPHERE = sphere_directions(2000)
+# A hole that matters to a fit; tracks of a tumble lie closer.
+_HOLE_DEG = 20.0
+# Few points leave larger holes: a cap that should hold so many of them, and holds none, is no accident (e^-5).
+_EXPECTED = 5.0
+# Points per step: bounds the memory at 16 MB.
+_STEP = 1000
+
+
+def covered_directions(corrected: ArrayLike) -> NDArray[np.bool_]:
+    """Return which directions of `SPHERE` a cloud covers.
+
+    Parameters
+    ----------
+    corrected : array_like, shape (n, 3)
+        Calibrated points, seen from the origin; length does not matter.
+
+    Notes
+    -----
+    Not covered is what an empty cap of 20 degrees can be laid over; the cap is larger for fewer
+    than 332 points: as large as would hold five of n spread over the whole sphere.
+    """
+    directions = _normalised(corrected)
+    if not len(directions):
+        return np.zeros(len(SPHERE), dtype=np.bool_)
+    cosine = max(-1.0, min(float(np.cos(np.radians(_HOLE_DEG))), 1.0 - 2.0 * _EXPECTED / len(directions)))
+    nearest = np.full(len(SPHERE), -1.0)
+    for first in range(0, len(directions), _STEP):
+        np.maximum(nearest, (SPHERE @ directions[first : first + _STEP].T).max(axis=1), out=nearest)
+    holes = SPHERE[nearest < cosine]
+    if not len(holes):
+        return np.ones(len(SPHERE), dtype=np.bool_)
+    covered: NDArray[np.bool_] = (SPHERE @ holes.T).max(axis=1) <= cosine
+    return covered
+
+
+def solid_angle_covered(corrected: ArrayLike) -> float:
+    """Return the part of the sphere's area that a cloud covers, 0 to 1; see `covered_directions`."""
+    return float(covered_directions(corrected).mean())
+
+
+def _normalised(vectors: ArrayLike) -> Array:
+    points = np.asarray(vectors, dtype=np.float64).reshape(-1, 3)
+    lengths = np.linalg.norm(points, axis=1)
+    kept: Array = points[lengths > 0.0] / lengths[lengths > 0.0, None]
+    return kept

@@ -1,0 +1,66 @@
+"""Thresholds, and what is said when one is passed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from hiltest.calibration import FitStatus
+from hiltest.calibration.acceptance import Acceptance, FitFigures, judge
+
+_GOOD = FitFigures(
+    FitStatus.ELLIPSOID, condition=11.0, n=300, residual_percent=0.8, axis_ratio=1.1, radius_ut=48.0,
+    direction_error_deg=0.2,
+)
+
+
+def test_good_figures_need_no_reason() -> None:
+    assert judge(_GOOD) == (Acceptance.GOOD, ())
+
+
+@pytest.mark.parametrize(
+    ("figure", "allowed", "broken", "verdict"),
+    [
+        ("n", 18, 17, Acceptance.POOR),
+        ("n", None, 9, Acceptance.REFUSED),
+        ("condition", 60.0, 60.1, Acceptance.POOR),
+        ("condition", None, 300.1, Acceptance.REFUSED),
+        ("residual_percent", 2.0, 2.01, Acceptance.POOR),
+        ("residual_percent", None, 20.1, Acceptance.REFUSED),
+        ("axis_ratio", 2.0, 2.01, Acceptance.REFUSED),
+        ("radius_ut", 20.0, 19.9, Acceptance.REFUSED),
+        ("radius_ut", 70.0, 70.1, Acceptance.REFUSED),
+        ("direction_error_deg", 1.0, 1.01, Acceptance.POOR),
+        ("direction_error_deg", None, 10.1, Acceptance.REFUSED),
+        ("condition", None, float("nan"), Acceptance.REFUSED),
+    ],
+)
+def test_each_threshold_allows_its_value_and_nothing_beyond(
+    figure: str, allowed: float | None, broken: float, verdict: Acceptance
+) -> None:
+    if allowed is not None:
+        assert judge(replace(_GOOD, **{figure: allowed}))[0] is Acceptance.GOOD
+    found, (reason,) = judge(replace(_GOOD, **{figure: broken}))
+    assert found is reason.verdict is verdict
+    assert reason.figure == figure
+    assert reason.meaning
+
+
+def test_the_worst_reason_decides_and_every_figure_is_told_once() -> None:
+    verdict, reasons = judge(replace(_GOOD, condition=500.0, residual_percent=3.0))
+    assert verdict is Acceptance.REFUSED
+    assert [(each.figure, each.verdict) for each in reasons] == [
+        ("condition", Acceptance.REFUSED), ("residual_percent", Acceptance.POOR),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("status", [status for status in FitStatus if status is not FitStatus.ELLIPSOID])
+def test_what_is_no_ellipsoid_is_refused(status: FitStatus) -> None:
+    verdict, (reason,) = judge(FitFigures(status, condition=11.0))
+    assert verdict is Acceptance.REFUSED
+    assert reason.value == status.name.lower().replace("_", " ")
+
+
+def test_an_unknown_unit_leaves_the_field_strength_unjudged() -> None:
+    assert judge(replace(_GOOD, radius_ut=None))[0] is Acceptance.GOOD

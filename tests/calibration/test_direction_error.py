@@ -1,0 +1,84 @@
+"""The predicted direction error is the one that is found when the noise is drawn again and again."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hiltest.calibration import FitStatus, MagnetometerFit, fit_direct, fit_iterative, fit_sphere
+from hiltest.calibration.direction_error import DirectionError, predicted_direction_error
+from hiltest.calibration.fit import Calibrator
+from hiltest.calibration.quality import direction_difference_rms_deg, sphere_directions
+from hiltest.world.instances import instance
+
+_DRAWS = 500
+
+
+def _found_and_predicted(
+    calibrator: Calibrator, *, covered: float, noise_ut: float, count: int, seed: int = 3
+) -> tuple[float, float, float]:
+    """Return rms error over draws, and rms of the predictions: with and without their bias."""
+    drawn = instance(seed, count, noise_ut=0.0, stretch=0.1, largest_hard_iron_ut=50.0, covered=(covered, covered))
+    truth = MagnetometerFit(
+        FitStatus.ELLIPSOID, False, 0, np.linalg.inv(drawn.soft_iron) / 500.0, 10.0 * drawn.hard_iron_ut
+    )
+    noise = np.random.default_rng(seed)
+    errors, predictions = [], []
+    for _ in range(_DRAWS):
+        points = drawn.points_counts + noise.normal(0.0, 10.0 * noise_ut, drawn.points_counts.shape)
+        fit = calibrator(points)
+        predicted = predicted_direction_error(points, fit)
+        assert predicted is not None, fit.status
+        errors.append(direction_difference_rms_deg(fit, truth))
+        predictions.append((predicted.rms_deg, predicted.spread_deg))
+    rms, spread = np.sqrt(np.mean(np.square(predictions), axis=0))
+    return float(np.sqrt(np.mean(np.square(errors)))), float(rms), float(spread)
+
+
+@pytest.mark.parametrize("calibrator", [fit_direct, fit_iterative])
+@pytest.mark.parametrize(("covered", "noise_ut"), [(1.0, 0.4), (1.0, 1.0), (0.5, 0.4)])
+def test_the_prediction_is_within_30_percent(calibrator: Calibrator, covered: float, noise_ut: float) -> None:
+    found, predicted, _ = _found_and_predicted(calibrator, covered=covered, noise_ut=noise_ut, count=100)
+    assert predicted == pytest.approx(found, rel=0.3)
+
+
+def test_on_half_a_sphere_the_bias_is_most_of_the_error() -> None:
+    found, predicted, spread = _found_and_predicted(fit_direct, covered=0.5, noise_ut=1.0, count=1000)
+    assert predicted == pytest.approx(found, rel=0.3)
+    assert spread < 0.3 * found, "without the bias the prediction would be far too good"
+
+
+def test_four_times_the_points_halve_the_spread_and_leave_the_bias() -> None:
+    def predicted(count: int) -> DirectionError:
+        points = instance(5, count, noise_ut=0.4, stretch=0.1, covered=(0.6, 0.6)).points_counts
+        error = predicted_direction_error(points, fit_direct(points))
+        assert error is not None
+        return error
+
+    few, many = predicted(500), predicted(2000)
+    # 10 %: 500 random directions hold an ellipsoid that much better or worse.
+    assert many.spread_deg == pytest.approx(few.spread_deg / 2.0, rel=0.1)
+    assert many.bias_deg == pytest.approx(few.bias_deg, rel=0.15)
+
+
+def test_the_prediction_does_not_depend_on_the_unit() -> None:
+    drawn = instance(7, 100).points_counts.astype(float)
+    fit = fit_direct(drawn)
+    in_gauss = MagnetometerFit(fit.status, False, 0, fit.soft_iron * 1000.0, fit.hard_iron / 1000.0)
+    first, second = predicted_direction_error(drawn, fit), predicted_direction_error(drawn / 1000.0, in_gauss)
+    assert first is not None
+    assert second is not None
+    assert second.rms_deg == pytest.approx(first.rms_deg, rel=1e-9)  # float64, squares of squares
+
+
+def test_points_without_noise_predict_no_error() -> None:
+    points = 500.0 * sphere_directions(100)
+    predicted = predicted_direction_error(points, fit_direct(points))
+    assert predicted is not None
+    assert predicted.rms_deg < 1e-9
+
+
+def test_without_an_ellipsoid_there_is_no_prediction() -> None:
+    points = instance(1, 100).points_counts
+    assert predicted_direction_error(points, fit_sphere(points)) is None
+    assert predicted_direction_error(points[:9], fit_direct(points)) is None
