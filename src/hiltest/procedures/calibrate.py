@@ -13,7 +13,7 @@ from hiltest.calibration.fit import FitStatus, MagnetometerFit
 from hiltest.calibration.quality import offset_error_ut, residual_percent, rotation_left_deg
 from hiltest.errors import CalibrationError
 from hiltest.link.messages import Calibrate, SetCalibration
-from hiltest.link.replies import CalibrateReply, RunCost
+from hiltest.link.replies import RunCost
 from hiltest.procedures.cause import predicted_residual_percent
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.tumble import Tumble
@@ -94,6 +94,24 @@ class CalibratorRun:
         return self.result.has_fit
 
 
+def calibrate_once(board: Board, name: str, n: int) -> tuple[MagnetometerFit, RunCost | None]:
+    """Run one calibrator on the first n points in the board's buffer, and keep its result nowhere.
+
+    Returns
+    -------
+    fit : MagnetometerFit
+        As the board computed it, in float32 [counts].
+    cost : RunCost or None
+        None when the core counts no cycles.
+    """
+    reply = board.session.request(Calibrate(n, name))
+    calibration = reply.calibration
+    fit = MagnetometerFit(
+        reply.fit, reply.is_sphere, reply.iterations, calibration.soft_iron, calibration.hard_iron, reply.coverage
+    )
+    return fit, reply.cost
+
+
 def run_calibrators(
     board: Board, tumble: Tumble, *, calibrators: Sequence[str], n: int = 100, progress: Progress | None = None
 ) -> dict[str, CalibratorRun]:
@@ -126,8 +144,8 @@ def run_calibrators(
     runs = {}
     for slot, name in enumerate(calibrators, start=1):
         tell(f"calibrator {name}", slot - 1, len(calibrators))
-        reply = board.session.request(Calibrate(n, name))
-        runs[name] = _judge(board, name, slot, tumble.points[:n], reply)
+        fit, cost = calibrate_once(board, name, n)
+        runs[name] = _judge(board, name, slot, tumble.points[:n], fit, cost)
         if runs[name].usable:
             board.session.request(SetCalibration(slot, runs[name].soft_iron, runs[name].hard_iron))
     tell("calibrators", len(calibrators), len(calibrators))
@@ -135,19 +153,15 @@ def run_calibrators(
 
 
 def _judge(
-    board: Board, name: str, slot: int, points: NDArray[np.int16], reply: CalibrateReply
+    board: Board, name: str, slot: int, points: NDArray[np.int16], result: MagnetometerFit, cost: RunCost | None
 ) -> CalibratorRun:
-    result = MagnetometerFit(
-        reply.fit, reply.is_sphere, reply.iterations,
-        reply.calibration.soft_iron, reply.calibration.hard_iron, reply.coverage,
-    )
     truth = board.truth if result.has_fit else None
     return CalibratorRun(
         name=name,
         slot=slot,
         n=len(points),
         result=result,
-        cost=reply.cost,
+        cost=cost,
         residual_percent=residual_percent(points, result),
         residual_predicted_percent=predicted_residual_percent(
             board.declared.magnetometer_sigma_ut, board.declared.field_ut, len(points),

@@ -1,0 +1,107 @@
+"""``hiltest fit``: calibrators over a recorded cloud, and a verdict on each."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from hiltest.calibration.acceptance import Acceptance
+from hiltest.commands.options import checked
+from hiltest.settings import file_name
+
+if TYPE_CHECKING:
+    from hiltest.cloud import Cloud
+    from hiltest.procedures.cloud_fit import CloudFit
+
+_EXIT_CODES = """
+\b
+Exit codes:
+  0   the best verdict is good or poor; with --at-least good: good
+  1   it is worse
+  2   interrupted
+  4   usage: an option, the cloud's file or a firmware file is wrong
+  20  the virtual board was lost: firmware that faults or hangs
+  23  wrong firmware, or another protocol version
+"""
+_FILE = click.Path(dir_okay=False, path_type=Path)
+
+
+@click.command(epilog=_EXIT_CODES)
+@click.argument("cloud", metavar="CLOUD", type=_FILE)
+@click.option("--columns", metavar="A,B,C",
+              help="Columns of x, y, z: names of the header or numbers from 1.  [default: the magnetometer's]")
+@click.option("--unit", type=click.Choice(["uT", "gauss", "counts"]),
+              help="Of the readings; counts have a scale that nobody knows.  [default: the header's, else counts]")
+@click.option("--calibrator", metavar="NAME", default="all", show_default=True, help="Calibrator to run, or all.")
+@click.option("--on", type=click.Choice(["virtual", "host"]), default="virtual", show_default=True,
+              help="virtual: the firmware's calibrators, cycles counted. host: their float64 references.")
+@click.option("--firmware", metavar="ELF", callback=checked(file_name),
+              help="Firmware for the virtual board.  [default: the packaged one]")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON (hiltest.fit/1) and nothing else.")
+@click.option("--export-json", metavar="FILE", type=_FILE, help="Write the best calibration as JSON.")
+@click.option("--export-header", metavar="FILE", type=_FILE, help="Write the best calibration as a C header.")
+@click.option("--at-least", type=click.Choice(["good", "poor"]), default="poor", show_default=True,
+              help="Verdict that the best calibration needs for exit code 0.")
+def fit(
+    cloud: Path, columns: str | None, unit: str | None, calibrator: str, on: str, firmware: str | None,
+    as_json: bool, export_json: Path | None, export_header: Path | None, at_least: str,
+) -> int:  # fmt: skip
+    """Fit the points of a recorded magnetometer cloud, and say whether the calibration may be used.
+
+    CLOUD is a text table: comma, semicolon, tab or blanks between cells, decimal points, with or without a header.
+    A refused calibration is not exported.
+    """
+    from hiltest.cloud import Unit, read_cloud
+
+    read = read_cloud(cloud, columns=columns, unit=Unit(unit) if unit else None)
+    fitted = _fit(read, calibrator, on, firmware)
+    _show(fitted, as_json=as_json)
+    _export(fitted, export_json, export_header)
+    order = list(Acceptance)
+    return int(order.index(fitted.best.verdict) > order.index(Acceptance(at_least)))
+
+
+def _fit(cloud: Cloud, calibrator: str, on: str, firmware: str | None) -> CloudFit:
+    from hiltest.procedures.cloud_fit import fit_on_board, fit_on_host
+
+    if on == "host":
+        if firmware is not None:
+            raise click.UsageError("--firmware is for the virtual board: leave out --on host")
+        return fit_on_host(cloud, calibrator)
+    from hiltest.bench_files import DEFAULT_RIG, shipped
+    from hiltest.boards import open_board
+    from hiltest.rig_file import load_rig
+
+    # The packaged rig, whatever lies in this folder: nothing of its world is in a recorded cloud.
+    rig = load_rig(shipped() / "rigs" / DEFAULT_RIG)
+    with open_board(rig, firmware=Path(firmware) if firmware else None) as board:
+        return fit_on_board(board, cloud, calibrator)
+
+
+def _show(fitted: CloudFit, *, as_json: bool) -> None:
+    if as_json:
+        from hiltest.report.cloud_fit_json import to_json
+
+        click.echo(to_json(fitted), nl=False)
+        return
+    from rich.console import Console
+
+    from hiltest.report.cloud_fit_table import print_fit
+
+    print_fit(fitted, Console())
+
+
+def _export(fitted: CloudFit, as_json: Path | None, as_header: Path | None) -> None:
+    if as_json is None and as_header is None:
+        return
+    from hiltest.report.cloud_fit_exports import export_header, export_json
+
+    if fitted.best.verdict is Acceptance.REFUSED:
+        click.echo("refused: no calibration was exported", err=True)
+        return
+    if as_json is not None:
+        export_json(fitted, as_json)
+    if as_header is not None:
+        export_header(fitted, as_header)

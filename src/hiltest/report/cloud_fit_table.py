@@ -1,0 +1,90 @@
+"""A fitted cloud for people."""
+
+from __future__ import annotations
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console, Group, RenderableType
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
+
+from hiltest.calibration.acceptance import Acceptance, Reason
+from hiltest.procedures.cloud_fit import CalibratorFit, CloudFit
+from hiltest.report.verdict import grouped
+
+_STYLES = {Acceptance.GOOD: "green", Acceptance.POOR: "yellow", Acceptance.REFUSED: "bold red"}
+_NAMES = {
+    "n": "number of points", "condition": "condition", "residual_percent": "residual", "axis_ratio": "axis ratio",
+    "radius_ut": "radius", "direction_error_deg": "predicted direction error",
+}  # fmt: skip
+
+
+def print_fit(fit: CloudFit, console: Console) -> None:
+    """Print what was read, a table with a column for each calibrator, the reasons and the verdict."""
+    points = f"{fit.n_in} points, columns {', '.join(fit.columns)} [{fit.unit}]"
+    console.print(escape(f"{fit.file}: {points}"), soft_wrap=True, highlight=False)
+    console.print(_grid(fit))
+    for each in fit.calibrators:
+        console.print(_reasons(each), highlight=False)
+    for note in fit.notes:
+        console.print(Text(note, style="dim"), highlight=False)
+
+
+def _grid(fit: CloudFit) -> Table:
+    grid = Table(box=SIMPLE_HEAD, pad_edge=False)
+    grid.add_column("")
+    for each in fit.calibrators:
+        grid.add_column(escape(each.name), justify="right")
+    grid.add_row("verdict", *(Text(each.verdict, style=_STYLES[each.verdict]) for each in fit.calibrators))
+    for label, cells in _rows(fit):
+        grid.add_row(escape(label), *map(escape, cells))
+    return grid
+
+
+def _rows(fit: CloudFit) -> list[tuple[str, list[str]]]:
+    fits = fit.calibrators
+    rows = [
+        ("fit", [each.status for each in fits]),
+        ("points used", [str(each.n_used) for each in fits]),
+        (f"hard iron [{fit.unit}]", [_vector(each.hard_iron) for each in fits]),
+        ("soft iron [1]", ["\n".join(map(_row, each.soft_iron or ())) or "-" for each in fits]),
+        (f"radius [{fit.unit}]", [_number(each.radius, ".4g") for each in fits]),
+        ("residual [%]", [_number(each.residual_percent, ".2f") for each in fits]),
+        ("coverage [%]", [_number(each.coverage and 100 * each.coverage, ".0f") for each in fits]),
+        ("axis ratio", [_number(each.axis_ratio, ".3f") for each in fits]),
+        ("condition of the cloud", [_number(fit.condition, ".3g")] * len(fits)),
+        ("predicted direction error [deg]", [_number(each.direction_error_deg, ".2f") for each in fits]),
+    ]
+    if fit.firmware is not None:
+        cycles = ["not counted" if each.cycles is None else grouped(each.cycles) for each in fits]
+        rows.append((f"cycles, {fit.firmware.cycle_model}", cycles))
+    return rows
+
+
+def _reasons(each: CalibratorFit) -> RenderableType:
+    head = Text(f"{each.name}: ").append(each.verdict, style=_STYLES[each.verdict])
+    lines = [Text(f"  {reason_line(reason)}") for reason in each.reasons]
+    return Group(head, *lines)
+
+
+def reason_line(reason: Reason) -> str:
+    """Return one reason of a verdict as a sentence."""
+    if isinstance(reason.value, str) or isinstance(reason.threshold, str):
+        return f"the fit ended as {reason.value!r}: {reason.meaning}."
+    name = _NAMES[reason.figure]
+    side = "above" if reason.value > reason.threshold else "below"
+    unit = f" {reason.unit}" if reason.unit else ""
+    limit = f"{reason.threshold:g}{unit} ({reason.verdict})"
+    return f"{name} {reason.value:.4g}{unit} is {side} {limit}: {reason.meaning}."
+
+
+def _number(value: float | None, how: str) -> str:
+    return "-" if value is None else format(value, how)
+
+
+def _vector(values: tuple[float, float, float] | None) -> str:
+    return "-" if values is None else " ".join(f"{value:.4g}" for value in values)
+
+
+def _row(values: tuple[float, float, float]) -> str:
+    return " ".join(f"{value:7.4f}" for value in values)

@@ -1,0 +1,112 @@
+"""The command ``hiltest fit``: what it prints, writes and ends with."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hiltest.procedures.clouds import golden_cloud
+from hiltest.world.instances import instance
+
+
+def fit(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "hiltest", "fit", *arguments], cwd=folder, capture_output=True, text=True, check=False,
+        timeout=120,
+    )  # fmt: skip
+
+
+def _write(path: Path, points_ut: np.ndarray, header: str = "mx_uT,my_uT,mz_uT") -> None:
+    rows = (",".join(f"{value:.1f}" for value in point) for point in points_ut)
+    path.write_text("\n".join([header, *rows]) + "\n", encoding="utf-8")
+
+
+@pytest.fixture
+def clouds(tmp_path: Path) -> Path:
+    """A folder with a good, a poor and a refused cloud."""
+    _write(tmp_path / "good.csv", golden_cloud(400) / 10.0)
+    _write(tmp_path / "poor.csv", instance(1, 400, noise_ut=2.0, stretch=0.03, covered=(1, 1)).points_counts / 10.0)
+    _write(tmp_path / "cap.csv", instance(1, 400, noise_ut=0.3, stretch=0.03, covered=(0.1, 0.1)).points_counts / 10.0)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("file", "options", "code", "verdict"),
+    [
+        ("good.csv", [], 0, "good"), ("good.csv", ["--at-least", "good"], 0, "good"),
+        ("poor.csv", [], 0, "poor"), ("poor.csv", ["--at-least", "good"], 1, "poor"),
+        ("cap.csv", [], 1, "refused"),
+    ],
+)  # fmt: skip
+def test_the_exit_code_is_that_of_the_best_verdict(
+    clouds: Path, file: str, options: list[str], code: int, verdict: str
+) -> None:
+    done = fit(file, "--on", "host", "--json", *options, folder=clouds)
+    assert done.returncode == code, done.stderr
+    assert json.loads(done.stdout)["verdict"] == verdict
+
+
+def test_the_firmware_s_calibrators_are_run_and_their_cycles_counted(clouds: Path) -> None:
+    done = fit("good.csv", "--json", folder=clouds)
+    assert (done.returncode, done.stderr) == (0, "")
+    content = json.loads(done.stdout)
+    assert (content["on"], content["firmware"]["cycle_model"]) == ("virtual", "cortex-m4-trm/1@sram")
+    assert {"direct", "iterative"} <= {each["name"] for each in content["calibrators"]}
+    assert all(each["cycles"] > 0 and each["n_used"] == 360 for each in content["calibrators"])
+    assert content["n_in"] == 400
+    # Two runs, to the last bit: virtual time and the model of the core depend on nothing else.
+    assert fit("good.csv", "--json", folder=clouds).stdout == done.stdout
+
+
+def test_one_calibrator_can_be_chosen(clouds: Path) -> None:
+    done = fit("good.csv", "--json", "--on", "host", "--calibrator", "direct", folder=clouds)
+    assert [each["name"] for each in json.loads(done.stdout)["calibrators"]] == ["direct"]
+
+
+def test_people_get_a_table_with_reasons_and_notes(clouds: Path) -> None:
+    done = fit("cap.csv", folder=clouds)
+    for text in (
+        "cap.csv: 400 points, columns mx_uT, my_uT, mz_uT [uT]", "verdict", "refused", "cycles", "hard iron [uT]",
+        "is above 300 (refused): the points cover too little of the sphere", "The board got 360 points",
+    ):  # fmt: skip
+        assert text in " ".join(done.stdout.split()), done.stdout
+
+
+def test_exports_are_written_for_what_is_not_refused(clouds: Path) -> None:
+    options = ["--on", "host", "--export-json", "c.json", "--export-header", "c.h"]
+    assert fit("good.csv", *options, folder=clouds).returncode == 0
+    assert json.loads((clouds / "c.json").read_text(encoding="utf-8"))["verdict"] == "good"
+    assert "magnetometer_soft_iron[3][3]" in (clouds / "c.h").read_text(encoding="utf-8")
+
+
+def test_a_refused_calibration_is_not_exported(clouds: Path) -> None:
+    done = fit("cap.csv", "--on", "host", "--export-json", "c.json", "--export-header", "c.h", folder=clouds)
+    assert done.returncode == 1
+    assert "refused: no calibration was exported" in done.stderr
+    assert sorted(path.name for path in clouds.iterdir()) == ["cap.csv", "good.csv", "poor.csv"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        ([], "Missing argument 'CLOUD'"),
+        (["gone.csv"], "gone.csv: No such file"),
+        (["good.csv", "--columns", "a,b,c"], "no column 'a' among 3; the columns are mx_uT, my_uT, mz_uT"),
+        (["good.csv", "--unit", "tesla"], "'tesla' is not one of 'uT', 'gauss', 'counts'"),
+        (["good.csv", "--calibrator", "kalman"], "the firmware has no calibrator 'kalman'"),
+        (["good.csv", "--calibrator", "kalman", "--on", "host"], "'kalman' has no float64 reference"),
+        (["good.csv", "--on", "host", "--firmware", "mine.elf"], "--firmware is for the virtual board"),
+        (["good.csv", "--firmware", "mine.elf"], "mine.elf"),
+        (["good.csv", "--on", "host", "--export-json", "gone/c.json"], "cannot write gone/c.json"),
+    ],
+)
+def test_a_wrong_command_line_ends_with_4_and_says_why(clouds: Path, arguments: list[str], complaint: str) -> None:
+    done = fit(*arguments, folder=clouds)
+    assert done.returncode == 4, done.stdout + done.stderr
+    assert complaint in done.stderr
+    assert "Traceback" not in done.stderr
