@@ -58,13 +58,12 @@ def test_their_middle_is_the_hard_iron_after_a_tumble():
 
 
 def test_standby_keeps_them_and_its_reset_bit_and_a_software_reset_forget_them():
-    part, _ = tumbling()
+    (part, _), (running, _) = tumbling(), tumbling()
     write(part, 0.05, 0x2A, 0x0D)
+    write(running, 0.05, 0x2A, 0x0D)
     write(part, 2.0, 0x2A, 0x0C)
     write(part, 2.0, 0x3F, 0x10)  # an offset changes samples to come, not the extremes of those that were
-    before = words(part, 2.1, 0x45, 6)
-    write(part, 2.2, 0x5C, 0x00)
-    assert (words(part, 2.3, 0x45, 6) == before).all()
+    assert (words(part, 2.1, 0x45, 6) == words(running, 2.0, 0x45, 6)).all()
     write(part, 2.3, 0x5C, 0x04)
     assert not words(part, 2.3, 0x45, 6).any()
     write(part, 2.4, 0x2A, 0x0D)
@@ -81,6 +80,7 @@ def test_they_can_be_switched_off():
     assert not words(part, 2.0, 0x45, 6).any()
     write(part, 2.0, 0x2A, 0x0C)
     write(part, 2.0, 0x5C, 0x00)
+    assert not words(part, 2.1, 0x45, 6).any()
     write(part, end_s, 0x2A, 0x0D)  # the board stands still from here on: only noise is between the extremes
     largest, smallest = words(part, end_s + 1.0, 0x45, 6).reshape(2, 3)
     assert (largest - smallest < 2 * 5 * 7).all()  # 200 readings of 0.67 uT, at oversampling 8: within 5 sigma
