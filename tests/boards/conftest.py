@@ -10,7 +10,8 @@ import pytest
 
 from hiltest.bench_files import shipped
 from hiltest.boards import VirtualBench
-from hiltest.boards.paced import PacedBench, PseudoTerminal
+from hiltest.boards.lines import PseudoTerminal
+from hiltest.boards.paced import PacedBench
 from hiltest.rig import Rig
 from hiltest.rig_file import load_rig
 
@@ -38,7 +39,7 @@ class PtyBoard:
         self._terminal = PseudoTerminal()
         stepped = VirtualBench(rig)
         self.machine = stepped.machine
-        self.bench = PacedBench(stepped, self._terminal.board_end)
+        self.bench = PacedBench(stepped, self._terminal)
         self.path = self._terminal.path
         self.bench.start()
 

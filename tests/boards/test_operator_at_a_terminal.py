@@ -17,7 +17,7 @@ import pytest
 
 from hiltest.angles import Pose
 from hiltest.bench_files import shipped
-from hiltest.boards.paced import PseudoTerminal
+from hiltest.boards.lines import PseudoTerminal
 from hiltest.rig import Rig
 
 StartPtyBoard = Callable[[Rig], Any]

@@ -15,7 +15,8 @@ import pytest
 
 from hiltest.bench_files import shipped
 from hiltest.boards import VirtualBench
-from hiltest.boards.paced import PacedBench, PseudoTerminal
+from hiltest.boards.lines import PseudoTerminal
+from hiltest.boards.paced import PacedBench
 from hiltest.rig_file import load_rig
 
 PROMPT = "Enter when it is:"
@@ -26,7 +27,7 @@ DEADLINE_S = 60.0
 def board_at_a_port() -> Iterator[str]:
     """Run the default rig's virtual board behind a pseudo-terminal; only bytes pass."""
     terminal = PseudoTerminal()
-    bench = PacedBench(VirtualBench(load_rig(shipped() / "rigs" / "virtual-k64f.toml")), terminal.board_end)
+    bench = PacedBench(VirtualBench(load_rig(shipped() / "rigs" / "virtual-k64f.toml")), terminal)
     try:
         with bench:
             yield terminal.path

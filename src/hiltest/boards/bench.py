@@ -8,9 +8,10 @@ from hiltest.angles import Pose
 from hiltest.errors import ConfigError
 from hiltest.rig import Rig, build_sensors, build_world
 from hiltest.virtual.k64f import VirtualK64F
+from hiltest.world.motion import Segment
 
-# From power-on until the firmware listens and its sensors are set up: the gyroscope alone boots for 60 ms.
-_START_UP_S = 0.2
+#: From power-on until the firmware listens and its sensors are set up [s]: the gyroscope alone boots for 60 ms.
+START_UP_S = 0.2
 
 
 def default_firmware() -> Path:
@@ -55,9 +56,14 @@ class VirtualBench:
         sensors = build_sensors(rig, self._world, self.seed)
         self.machine = VirtualK64F(self.firmware, i2c0=sensors["i2c0"], i2c1=sensors["i2c1"])
 
+    @property
+    def time_s(self) -> float:
+        """Virtual seconds since power-on."""
+        return self.machine.time_s
+
     def power_on(self) -> None:
         """Start the firmware, and let virtual time run until it listens."""
-        self.machine.run_until(_START_UP_S)
+        self.machine.run_until(START_UP_S)
 
     def turn_to(self, pose: Pose, *, judged_pose: int | None = None) -> None:
         """Turn the table, and let virtual time run until it stands."""
@@ -66,6 +72,14 @@ class VirtualBench:
     def tumble(self, duration_s: float) -> None:
         """Go to where a tumble begins, begin it, and come back."""
         self.machine.run_until(self.begin_tumble(duration_s))
+
+    def next_move_s(self) -> float:
+        """Return when a move that is planned now can begin [virtual s]."""
+        return self._world.hold(time_s=self.machine.time_s)
+
+    def begin_move(self, move: Segment) -> None:
+        """Set the table going on a move that somebody else has planned; the clock does not move."""
+        self._world.follow(move)
 
     def begin_turn(self, pose: Pose, *, judged_pose: int | None = None) -> float:
         """Set the table going, and return when it will stand [virtual s]; the clock does not move."""

@@ -1,4 +1,4 @@
-"""A virtual board that runs by itself, never ahead of wall time, at the far end of a byte stream.
+"""A virtual board that runs by itself, never ahead of wall time, at the far end of byte streams.
 
 In stepped time (`hiltest.boards.virtual_port`) the clock stands still unless somebody reads. A
 program that opens a real serial port knows nothing of that: for it the board has to run on.
@@ -6,53 +6,65 @@ program that opens a real serial port knows nothing of that: for it the board ha
 
 from __future__ import annotations
 
-import os
 import select
 import threading
 import time
 from types import TracebackType
-from typing import Self
+from typing import Protocol, Self
 
 from hiltest.angles import Pose
-from hiltest.boards.bench import VirtualBench
+from hiltest.boards.bench import START_UP_S, VirtualBench
+from hiltest.boards.lines import Line
 from hiltest.errors import BenchError, BoardFault
+from hiltest.virtual.k64f import VirtualK64F
 
 # How often the board is let run on [s]: late by no more than a reply of 20 bytes takes on the line.
 _STEP_S = 0.002
-# A board that fell behind catches up in pieces, so that its line is looked after in between.
+# A board that fell behind catches up in pieces, so that its lines are looked after in between.
 _LONGEST_STEP_S = 0.02
 _READ_BYTES = 4096
+_BITS_A_BYTE = 10
 
 
-class PseudoTerminal:
-    """A pair of connected terminals: other programs open `path`, the board has `board_end`. POSIX only.
+class Device(Protocol):
+    """What speaks on a line, and has no clock but the bench's."""
 
-    Attributes
-    ----------
-    path : str
-        A device such as ``/dev/pts/3``.
-    board_end : int
-        File descriptor.
-    """
+    def room(self) -> int:
+        """How many bytes it can take now."""
 
-    def __init__(self) -> None:
-        import tty  # does not exist on Windows, where this module can still be imported
+    def hear(self, data: bytes) -> None:
+        """Take bytes from the line."""
 
-        self.board_end, self._kept = os.openpty()  # kept open: programs may come and go
-        tty.setraw(self._kept)
-        self.path = os.ttyname(self._kept)
-        self._plugged = True
+    def say(self) -> bytes:
+        """Return what it has to say by now."""
 
-    def unplug(self) -> None:
-        """Hang up, as a pulled cable does; what is open at `path` breaks. Idempotent."""
-        if self._plugged:
-            self._plugged = False
-            os.close(self._kept)
-            os.close(self.board_end)
+
+class SerialPortOfBoard:
+    """The board's UART as a device; takes bytes no faster than a serial line brings them."""
+
+    def __init__(self, machine: VirtualK64F) -> None:
+        self._machine = machine
+        self._heard_by_s = 0.0  # virtual time at which everything taken so far will have arrived
+
+    def room(self) -> int:
+        """A read at a time, as soon as the one before has nearly arrived."""
+        return _READ_BYTES if self._heard_by_s <= self._machine.time_s + _LONGEST_STEP_S else 0
+
+    def hear(self, data: bytes) -> None:
+        """Put bytes on the line to the board."""
+        uart = self._machine.uart0
+        seconds = len(data) * _BITS_A_BYTE / uart.line_baud
+        self._heard_by_s = max(self._heard_by_s, self._machine.time_s) + seconds
+        uart.host_write(data)
+
+    def say(self) -> bytes:
+        """Fetch what the board has sent."""
+        uart = self._machine.uart0
+        return uart.host_read(uart.host_waiting) if uart.host_waiting else b""
 
 
 class PacedBench:
-    """Run a virtual bench in a thread, in pace with wall time, its serial line on a file descriptor.
+    """Run a virtual bench in a thread, in pace with wall time, its serial line open to other programs.
 
     Cycles are those of the virtual processor, as always. When bytes arrive depends on the host:
     runs in paced time are not reproducible.
@@ -61,19 +73,24 @@ class PacedBench:
     ----------
     bench : VirtualBench
         Not yet powered on; nobody else may run it.
-    wire : int
-        File descriptor: the board's end of a `PseudoTerminal`. Whoever opened it closes it, after `stop`.
+    line : Line
+        To the board's serial port. Whoever opened it closes it, after `stop`.
+    others : (Line, Device), optional
+        What else is served in the same time, such as a turntable.
 
     Attributes
     ----------
     fault : BoardFault or None
         What ended the firmware. A board with a fault is silent and stays on its line.
+    behind_s : float
+        How far the board is behind wall time [s].
     """
 
-    def __init__(self, bench: VirtualBench, wire: int) -> None:
+    def __init__(self, bench: VirtualBench, line: Line, *others: tuple[Line, Device]) -> None:
         self.fault: BoardFault | None = None
+        self.behind_s = 0.0
         self._bench = bench
-        self._wire = wire
+        self._served: list[tuple[Line, Device]] = [(line, SerialPortOfBoard(bench.machine)), *others]
         self._clock = threading.Condition()  # guards bench; told after every step
         self._running = False
         self._thread = threading.Thread(target=self._run, name="hiltest-paced", daemon=True)
@@ -92,15 +109,39 @@ class PacedBench:
         """Virtual seconds since power-on."""
         return self._bench.machine.time_s
 
+    @property
+    def running(self) -> bool:
+        """False before `start`, after `stop`, and when the thread has ended for whatever reason."""
+        return self._running
+
     def start(self) -> None:
-        """Power on, and keep the board running; come back when its firmware listens."""
-        os.set_blocking(self._wire, False)
-        self._bench.power_on()
+        """Power on, keep the board running, and come back when its firmware listens.
+
+        Raises
+        ------
+        ConfigError
+            When the firmware has nothing to boot from.
+        BoardFault
+            When the firmware faults before it listens.
+        """
+        self.power_on()
+        with self._clock:
+            self._wait_for(START_UP_S)
+
+    def power_on(self) -> None:
+        """Power on, keep the board running, and come back at once.
+
+        Raises
+        ------
+        ConfigError
+            When the firmware has nothing to boot from.
+        """
+        self._bench.machine.boot()
         self._running = True
         self._thread.start()
 
     def stop(self) -> None:
-        """Stop the board's clock for good: its line stays, silent. Idempotent."""
+        """Stop the board's clock for good: its lines stay, silent. Idempotent."""
         with self._clock:
             self._running = False
             self._clock.notify_all()
@@ -126,37 +167,37 @@ class PacedBench:
     def _wait_for(self, time_s: float) -> None:
         self._clock.wait_for(lambda: self.time_s >= time_s or not self._running)
         if self.time_s < time_s:
-            raise self.fault or BenchError("the board was stopped before its table stood")
+            raise self.fault or BenchError(f"the board was stopped before its {time_s:.2f} s were over")
 
     def _run(self) -> None:
-        began_s = time.monotonic() - self.time_s
-        while self._running:
-            heard = self._hear()
+        began_s = time.monotonic()
+        try:
+            while self._running:
+                self._wait_for_bytes()
+                with self._clock:
+                    self._step(time.monotonic() - began_s)
+                    self._clock.notify_all()
+        finally:
             with self._clock:
-                self._step(heard, time.monotonic() - began_s)
+                self._running = False
                 self._clock.notify_all()
 
-    def _hear(self) -> bytes:
-        """Wait for bytes from the far end, but no longer than a step."""
-        ready, _, _ = select.select([self._wire], [], [], _STEP_S)
-        return os.read(self._wire, _READ_BYTES) if ready else b""
+    def _wait_for_bytes(self) -> None:
+        """Wait until something comes on a line, but no longer than a step."""
+        sources = [each for line, device in self._served for each in line.sources(reading=device.room() > 0)]
+        select.select(sources, [], [], _STEP_S)
 
-    def _step(self, heard: bytes, wall_s: float) -> None:
-        machine = self._bench.machine
-        machine.uart0.host_write(heard)
-        if wall_s <= self.time_s:
-            return
-        try:
-            machine.run_until(min(wall_s, self.time_s + _LONGEST_STEP_S))
-        except BoardFault as error:
-            self.fault = error
-            self._running = False
-        if machine.uart0.host_waiting:
-            self._say(machine.uart0.host_read(machine.uart0.host_waiting))
-
-    def _say(self, data: bytes) -> None:
-        """Send what fits; a serial line with nobody at its end loses the rest too."""
-        try:
-            os.write(self._wire, data)
-        except BlockingIOError:
-            return
+    def _step(self, wall_s: float) -> None:
+        for line, device in self._served:
+            data = line.receive(device.room())
+            if data:
+                device.hear(data)
+        if wall_s > self.time_s:
+            try:
+                self._bench.machine.run_until(min(wall_s, self.time_s + _LONGEST_STEP_S))
+            except BoardFault as error:
+                self.fault = error
+                self._running = False
+        self.behind_s = max(0.0, wall_s - self.time_s)
+        for line, device in self._served:
+            line.send(device.say())

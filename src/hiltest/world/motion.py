@@ -24,6 +24,9 @@ TURN_SPEED_DPS = 120.0
 #: A turn of no angle still takes this long, so that arrival is always after the command [s].
 SHORTEST_TURN_S = 0.1
 
+#: A move that is broken off comes to rest in this time [s].
+BRAKE_S = 0.25
+
 
 class Segment(Protocol):
     """One piece of motion."""
@@ -66,6 +69,31 @@ class Turn:
             self.begin.roll_deg + share * roll,
         )
         return pose, (speed * heading, speed * pitch, speed * roll)
+
+
+@dataclass(frozen=True, slots=True)
+class Brake:
+    """A move broken off: each angle goes on as fast as it was, and comes to rest within the piece."""
+
+    start_s: float
+    end_s: float
+    begin: Pose
+    begin_rates_dps: Vector
+
+    def angles(self, time_s: float) -> tuple[Pose, Vector]:
+        """Return pose and angle rates; from `end_s` on it stands still."""
+        duration_s = self.end_s - self.start_s
+        u = min(1.0, (time_s - self.start_s) / duration_s)
+        # The rate falls as 1 - 3 u^2 + 2 u^3, without a step in the acceleration at the end.
+        left = 1.0 - u * u * (3.0 - 2.0 * u)
+        gone_s = duration_s * u * (1.0 - u * u * (1.0 - 0.5 * u))
+        heading, pitch, roll = self.begin_rates_dps
+        pose = Pose(
+            self.begin.heading_deg + gone_s * heading,
+            self.begin.pitch_deg + gone_s * pitch,
+            self.begin.roll_deg + gone_s * roll,
+        )
+        return pose, (left * heading, left * pitch, left * roll)
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,9 +142,25 @@ def turn_between(begin: Pose, end: Pose, *, start_s: float) -> Turn:
         wrap_180(end.pitch_deg - begin.pitch_deg),
         wrap_180(end.roll_deg - begin.roll_deg),
     )
-    duration_s = max(SHORTEST_TURN_S, max(abs(angle) for angle in travel) / TURN_SPEED_DPS)
-    steps = round(start_s / MOVE_GRID_S) + math.ceil(duration_s / MOVE_GRID_S - 1e-9)
-    return Turn(start_s, steps * MOVE_GRID_S, begin, travel)
+    return travel_from(begin, travel, start_s=start_s)
+
+
+def travel_from(begin: Pose, travel_deg: Vector, *, start_s: float, duration_s: float = 0.0) -> Turn:
+    """Plan a turn by angles of any size, in `duration_s` or as long as the table's speed makes it, on the grid."""
+    shortest_s = max(SHORTEST_TURN_S, max(abs(angle) for angle in travel_deg) / TURN_SPEED_DPS)
+    return Turn(start_s, _grid_point_after(start_s, max(shortest_s, duration_s)), begin, travel_deg)
+
+
+def brake_on(turn: Turn, *, start_s: float) -> Brake | None:
+    """Plan to come to rest on the course of a turn from a grid point on; None when it comes to rest as soon itself."""
+    if start_s + BRAKE_S >= turn.end_s:
+        return None
+    pose, rates_dps = turn.angles(start_s)
+    return Brake(start_s, _grid_point_after(start_s, BRAKE_S), pose, rates_dps)
+
+
+def _grid_point_after(start_s: float, duration_s: float) -> float:
+    return (round(start_s / MOVE_GRID_S) + math.ceil(duration_s / MOVE_GRID_S - 1e-9)) * MOVE_GRID_S
 
 
 def tumble_begin() -> Pose:

@@ -6,7 +6,7 @@ import math
 from bisect import bisect_right
 from dataclasses import dataclass
 
-from hiltest.angles import Pose, rotation_rows
+from hiltest.angles import Pose, rotation_rows, wrap_180
 from hiltest.world.earth_field import GRAVITY_NED_G, EarthField, Vector, apply_rows
 from hiltest.world.motion import (
     MOVE_GRID_S,
@@ -25,6 +25,8 @@ from hiltest.world.temperature import Temperature
 # their noise does not depend on when firmware got there.
 _TUMBLE_EPOCH = 1 << 32
 _JUDGED_EPOCH = 2 << 32
+# Rounding of angles that have been turned many times round and brought back.
+_SAME_PLACE_DEG = 1e-6
 _STILL: Vector = (0.0, 0.0, 0.0)
 
 
@@ -133,6 +135,30 @@ class World:
         self._begin_epoch(_TUMBLE_EPOCH + self._tumbles, begin)
         self._tumbles += 1
         return end
+
+    def follow(self, segment: Segment) -> None:
+        """Take a move as somebody else has planned it, instead of what the last one had still to do.
+
+        Parameters
+        ----------
+        segment : Segment
+            From where the table will be at its `start_s`, which lies ahead and not before the start of
+            the last move; angles may differ by whole turns.
+
+        Raises
+        ------
+        ValueError
+            If the table would have to jump.
+        """
+        planned = segment.angles(segment.start_s)[0]
+        last = self._segments[-1]
+        there = last.angles(min(segment.start_s, last.end_s))[0]
+        steps = (planned.heading_deg - there.heading_deg, planned.pitch_deg - there.pitch_deg,
+                 planned.roll_deg - there.roll_deg)
+        if segment.start_s < last.start_s or any(abs(wrap_180(step)) > _SAME_PLACE_DEG for step in steps):
+            raise ValueError(f"a move from {planned} at {segment.start_s:g} s does not go on from {there}")
+        self._append(segment, normal_angles(segment.angles(segment.end_s)[0]))
+        self._begin_epoch(0, segment.start_s, origin_s=0.0)
 
     def hold(self, *, time_s: float, judged_pose: int | None = None) -> float:
         """Stay as the table is; return the grid point at which everything before is over [s]."""

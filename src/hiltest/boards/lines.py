@@ -1,0 +1,212 @@
+"""Serial lines to other programs: pseudo-terminals and TCP ports, each with one program at its far end.
+
+Everything here is for one thread that must not wait: what cannot be sent at once is lost, as on
+a serial line without flow control; so is what is sent while nobody is connected.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import socket
+import sys
+from typing import Protocol
+
+from hiltest.errors import ConfigError
+
+REFUSAL = b"in use: this port serves one client at a time\r\n"
+# A client whose machine is gone without a word is noticed after about this time [s].
+_DEAD_AFTER_S = 30
+
+
+class Line(Protocol):
+    """One end of a serial line.
+
+    Attributes
+    ----------
+    url : str
+        What the program at the other end opens: a device, or a pyserial URL.
+    """
+
+    url: str
+
+    @property
+    def connected(self) -> bool:
+        """Whether a program has it open, when last looked at."""
+
+    def sources(self, *, reading: bool) -> list[int]:
+        """Return the file descriptors on which something may happen; those of data only when `reading`."""
+
+    def receive(self, limit: int) -> bytes:
+        """Look who is there, and return what has come, at most `limit` bytes."""
+
+    def send(self, data: bytes) -> None:
+        """Send what fits now."""
+
+    def close(self) -> None:
+        """Hang up for good. Idempotent."""
+
+
+class PseudoTerminal:
+    """A pair of connected terminals: other programs open `path`, the board has `board_end`. POSIX only.
+
+    Attributes
+    ----------
+    path : str
+        A device such as ``/dev/pts/3``.
+    board_end : int
+        File descriptor.
+    """
+
+    def __init__(self) -> None:
+        import tty  # does not exist on Windows, where this module can still be imported
+
+        self.board_end, far_end = os.openpty()
+        # Raw for every program to come: the settings stay while this end is open.
+        tty.setraw(far_end)
+        self.path = self.url = os.ttyname(far_end)
+        # Not kept open: only so does Linux say whether another program has it open.
+        os.close(far_end)
+        os.set_blocking(self.board_end, False)
+        self._events = select.poll()
+        self._events.register(self.board_end, select.POLLIN)
+        self._plugged = True
+        self.connected = False
+
+    def sources(self, *, reading: bool) -> list[int]:
+        """Return the board's end while somebody is there; without anybody it would be ready all the time."""
+        return [self.board_end] if reading and self.connected else []
+
+    def receive(self, limit: int) -> bytes:
+        """Look who is there, and return what has come; it may come from somebody who has left since."""
+        happened = dict(self._events.poll(0)).get(self.board_end, 0)
+        if happened & select.POLLIN and limit:
+            self.connected = True
+            return os.read(self.board_end, limit)
+        left = bool(happened & select.POLLHUP)
+        if left and self.connected:
+            self._drop_unread()
+        self.connected = not left
+        return b""
+
+    def send(self, data: bytes) -> None:
+        """Send what fits now."""
+        if self.connected and data:
+            with contextlib.suppress(BlockingIOError):
+                os.write(self.board_end, data)
+
+    def unplug(self) -> None:
+        """Hang up, as a pulled cable does; what is open at `path` breaks. Idempotent."""
+        if self._plugged:
+            self._plugged = self.connected = False
+            os.close(self.board_end)
+
+    close = unplug
+
+    def _drop_unread(self) -> None:
+        """Drop what the program that left has not read: the next one must not take it for its own."""
+        import termios
+
+        # OSError: somebody has locked the terminal, and is there already.
+        with contextlib.suppress(OSError):
+            far_end = os.open(self.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+            termios.tcflush(far_end, termios.TCIFLUSH)
+            os.close(far_end)
+
+
+class TcpLine:
+    """A TCP port as a serial line: bytes as they are, one client; a second one is told so and hung up on.
+
+    Parameters
+    ----------
+    host : str
+        Address to listen on.
+    port : int
+        0 for any free one.
+
+    Raises
+    ------
+    ConfigError
+        When the address cannot be listened on.
+    """
+
+    def __init__(self, host: str, port: int) -> None:
+        try:
+            family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+            self._listener = socket.create_server((host, port), family=family)
+        except (OSError, OverflowError) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise ConfigError(
+                f"cannot listen on {host} port {port}: {reason}. Choose another port, or 0 for any free one"
+            ) from error
+        self._listener.setblocking(False)
+        self._client: socket.socket | None = None
+        self.port: int = self._listener.getsockname()[1]
+        self.url = f"socket://{f'[{host}]' if ':' in host else host}:{self.port}"
+
+    @property
+    def connected(self) -> bool:
+        """Whether a client is there."""
+        return self._client is not None
+
+    def sources(self, *, reading: bool) -> list[int]:
+        """Return where clients arrive, and where the one that is there speaks."""
+        return [self._listener.fileno(), *([self._client.fileno()] if reading and self._client else [])]
+
+    def receive(self, limit: int) -> bytes:
+        """Look who comes and goes, and return what the client has sent."""
+        data = self._hear(limit)
+        with contextlib.suppress(OSError):  # nobody more is waiting, or has thought better of it
+            while True:
+                self._welcome(self._listener.accept()[0])
+        return data
+
+    def send(self, data: bytes) -> None:
+        """Send what fits now."""
+        if self._client is None or not data:
+            return
+        try:
+            self._client.send(data)
+        except BlockingIOError:
+            return
+        except OSError:
+            self._hang_up()
+
+    def close(self) -> None:
+        """Hang up on the client, and listen no more."""
+        self._hang_up()
+        self._listener.close()
+
+    def _hear(self, limit: int) -> bytes:
+        if self._client is None or not limit:
+            return b""
+        try:
+            data = self._client.recv(limit)
+        except BlockingIOError:
+            return b""
+        except OSError:
+            data = b""
+        if not data:
+            self._hang_up()
+        return data
+
+    def _welcome(self, caller: socket.socket) -> None:
+        caller.setblocking(False)
+        if self._client is not None:
+            with contextlib.suppress(OSError):
+                caller.send(REFUSAL)
+            caller.close()
+            return
+        caller.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        caller.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        if sys.platform == "linux":
+            caller.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, _DEAD_AFTER_S // 2)
+            caller.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, _DEAD_AFTER_S // 6)
+            caller.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, 3)
+        self._client = caller
+
+    def _hang_up(self) -> None:
+        if self._client is not None:
+            self._client.close()
+            self._client = None

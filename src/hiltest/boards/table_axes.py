@@ -1,0 +1,182 @@
+"""The three motors of a virtual board's turntable: moves that wait for each other, hold, stop, home."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import Protocol
+
+from hiltest.angles import Pose
+from hiltest.world.earth_field import Vector
+from hiltest.world.motion import Brake, Segment, Turn, brake_on, next_on_grid, travel_from
+
+#: Moves that can wait, as many as Grbl's planner holds.
+CAPACITY = 15
+HOME: Vector = (0.0, 0.0, 0.0)
+
+
+class Bench(Protocol):
+    """What turns the board."""
+
+    @property
+    def time_s(self) -> float:
+        """Virtual time [s]."""
+
+    def next_move_s(self) -> float:
+        """Return when a move that is planned now can begin [virtual s]."""
+
+    def begin_move(self, move: Segment) -> None:
+        """Set the table going on a move."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Move:
+    target_deg: Vector | None  # None is home, the short way
+    feed_dpm: float | None  # None is as fast as the motors
+
+
+class TableAxes:
+    """Heading, pitch and roll motors. Angles count on over whole turns; all start and stop together.
+
+    Parameters
+    ----------
+    bench : Bench
+        Its table stands level, heading north.
+
+    Attributes
+    ----------
+    held : bool
+        Nothing begins until `resume`.
+    homing : bool
+        Whether a way home is not over yet.
+    """
+
+    def __init__(self, bench: Bench) -> None:
+        self.held = False
+        self.homing = False
+        self._bench = bench
+        self._waiting: deque[_Move] = deque()
+        self._under_way: _Move | None = None
+        self._segment: Turn | Brake | None = None
+        self._stands_at: Vector = HOME
+
+    @property
+    def time_s(self) -> float:
+        """Virtual time [s]."""
+        return self._bench.time_s
+
+    @property
+    def turning(self) -> bool:
+        """Whether an axis is in motion."""
+        return self._segment is not None
+
+    @property
+    def busy(self) -> bool:
+        """Whether an axis is in motion, or will be."""
+        return self.turning or bool(self._waiting)
+
+    @property
+    def full(self) -> bool:
+        """Whether no further move can wait."""
+        return len(self._waiting) >= CAPACITY
+
+    @property
+    def last_target_deg(self) -> Vector:
+        """Where the table will stand when all is done."""
+        for move in (*reversed(self._waiting), self._under_way):
+            if move is not None:
+                return move.target_deg or HOME
+        return self.now()[0] if self._segment is None else _triple(self._segment.angles(self._segment.end_s)[0])
+
+    def now(self) -> tuple[Vector, float]:
+        """Return the three angles [deg], and how fast they change together [deg/s]."""
+        if self._segment is None:
+            return self._stands_at, 0.0
+        # A move begins on the world's time grid, some milliseconds ahead.
+        pose, rates_dps = self._segment.angles(max(self.time_s, self._segment.start_s))
+        return _triple(pose), math.hypot(*rates_dps)
+
+    def add(self, target_deg: Vector, *, feed_dpm: float | None) -> None:
+        """Go to angles, after what is waiting; `feed_dpm` is the mean along the way, None as fast as can be."""
+        if target_deg != self.last_target_deg:
+            self._waiting.append(_Move(target_deg, feed_dpm))
+        self.advance()
+
+    def home(self) -> None:
+        """Go to level and north the short way, and count the angles from there."""
+        self.homing = True
+        self._waiting.append(_Move(None, None))
+        self.advance()
+
+    def hold(self) -> None:
+        """Come to rest; what was under way and what waits is kept for `resume`."""
+        self.held = True
+        if self._brake() and self._under_way is not None:
+            self._waiting.appendleft(self._under_way)
+            self._under_way = None
+
+    def resume(self) -> None:
+        """Go on after `hold`."""
+        self.held = False
+        self.advance()
+
+    def stop(self) -> None:
+        """Come to rest, and forget what was under way and what waits."""
+        self.held = self.homing = False
+        self._waiting.clear()
+        if self._brake():
+            self._under_way = None
+
+    def advance(self) -> None:
+        """See what is over by now, and begin what is next."""
+        if self._segment is not None and self.time_s >= self._segment.end_s:
+            self._arrive(self._segment)
+        if self._segment is None and self._waiting and not self.held:
+            self._begin(self._waiting.popleft())
+
+    def _begin(self, move: _Move) -> None:
+        target = move.target_deg or _nearest_turn(self._stands_at)
+        travel = _difference(target, self._stands_at)
+        duration_s = math.hypot(*travel) / (move.feed_dpm / 60.0) if move.feed_dpm else 0.0
+        start_s = self._bench.next_move_s()
+        self._under_way = move
+        self._go(travel_from(Pose(*self._stands_at), travel, start_s=start_s, duration_s=duration_s))
+
+    def _arrive(self, segment: Turn | Brake) -> None:
+        self._stands_at = _triple(segment.angles(segment.end_s)[0])
+        move, self._under_way, self._segment = self._under_way, None, None
+        if move is None:
+            return
+        # The sum of begin and travel may miss the target by a rounding.
+        self._stands_at = move.target_deg or HOME
+        if move.target_deg is None:
+            self.homing = False
+
+    def _brake(self) -> bool:
+        """Begin to come to rest; False when there is nothing to break off, or it is over as soon by itself."""
+        if not isinstance(self._segment, Turn):
+            return False
+        start_s = max(next_on_grid(self.time_s), self._segment.start_s)
+        brake = brake_on(self._segment, start_s=start_s)
+        if brake is not None:
+            self._go(brake)
+        return brake is not None
+
+    def _go(self, segment: Turn | Brake) -> None:
+        self._segment = segment
+        self._bench.begin_move(segment)
+
+
+def _triple(pose: Pose) -> Vector:
+    return pose.heading_deg, pose.pitch_deg, pose.roll_deg
+
+
+def _difference(target_deg: Vector, begin_deg: Vector) -> Vector:
+    heading, pitch, roll = (to - since for to, since in zip(target_deg, begin_deg, strict=True))
+    return heading, pitch, roll
+
+
+def _nearest_turn(angles_deg: Vector) -> Vector:
+    heading, pitch, roll = (360.0 * round(angle / 360.0) for angle in angles_deg)
+    return heading, pitch, roll

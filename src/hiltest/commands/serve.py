@@ -1,0 +1,146 @@
+"""``hiltest serve``: the virtual board and its turntable as real serial ports, in paced time."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import click
+
+from hiltest.bench_files import rig_file
+from hiltest.boards.bench import START_UP_S, VirtualBench
+from hiltest.boards.grbl_table import GrblTable
+from hiltest.boards.lines import Line, PseudoTerminal, TcpLine
+from hiltest.boards.paced import PacedBench
+from hiltest.boards.port_links import port_link
+from hiltest.boards.table_axes import TableAxes
+from hiltest.commands.options import EXIT_CODES, checked
+from hiltest.errors import BenchError, ConfigError
+from hiltest.rig_file import load_rig
+from hiltest.settings import file_name, seed
+
+_ENDING = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
+_LOOK_EVERY_S = 0.2
+# A board that is this far behind wall time is no longer one that a person would call real [s].
+_BEHIND_S = 3.0
+_PORTS = click.IntRange(0, 65_535)
+
+
+@click.command(epilog=EXIT_CODES)
+@click.option("--pty", is_flag=True, help="Serve on pseudo-terminals; this is the default.")
+@click.option("--tcp", type=_PORTS, metavar="PORT", help="Serve on a TCP port instead; 0 takes any free one.")
+@click.option("--turntable-tcp", type=_PORTS, metavar="PORT",
+              help="With --tcp: the turntable's port.  [default: PORT+1]")
+@click.option("--host", metavar="ADDRESS", default="127.0.0.1", show_default=True,
+              help="With --tcp: where to listen. Whoever can reach it can use the board.")
+@click.option("--link", metavar="PATH", callback=checked(file_name),
+              help="With --pty: make PATH a symbolic link to the board's port, PATH-turntable to the turntable's.")
+@click.option("--rig", metavar="R", callback=checked(file_name),
+              help="Rig file, or name of a rig in hil/rigs, of a virtual board.  [default: virtual-k64f]")
+@click.option("--firmware", metavar="ELF", callback=checked(file_name),
+              help="Any firmware for the MK64FN1M0.  [default: the packaged one]")
+@click.option("--seed", metavar="N", callback=checked(seed), help="Seed of the simulated world.  [default: the rig's]")
+@click.option("--baud", metavar="N", type=click.IntRange(min=1),
+              help="What the far end of the board's UART runs at.  [default: the rig's]")
+def serve(
+    pty: bool, tcp: int | None, turntable_tcp: int | None, host: str, link: str | None, rig: str | None,
+    firmware: str | None, seed: str | None, baud: int | None,
+) -> int:
+    """Serve the virtual board and its turntable as real ports, until Ctrl-C.
+
+    Prints where they are, one line each: what a serial program opens. The board runs by itself, never
+    ahead of wall time. The turntable speaks Grbl: see docs/serve.md.
+    """
+    if tcp is None and (turntable_tcp is not None or host != "127.0.0.1"):
+        raise ConfigError("--turntable-tcp and --host go with --tcp PORT")
+    if tcp is not None and (pty or link):
+        raise ConfigError("--tcp goes neither with --pty nor with --link")
+    described = load_rig(rig_file(Path.cwd(), rig))
+    bench = VirtualBench(
+        described, firmware=Path(firmware) if firmware else None, seed=int(seed) if seed else None
+    )
+    bench.machine.uart0.line_baud = baud or described.link.baud
+    with contextlib.ExitStack() as stack:
+        # Before the first thread: whichever of them a signal came to, it would not be this one.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
+        stack.callback(signal.pthread_sigmask, signal.SIG_SETMASK, before)
+        lines = _open_lines(stack, tcp, turntable_tcp, host)
+        urls = _linked(stack, lines, link)
+        model = bench.machine.processor.profile.name
+        table = GrblTable(TableAxes(bench), about=f"virtual FRDM-K64F {model}")
+        paced = PacedBench(bench, lines[0], (lines[1], table))
+        stack.callback(paced.stop)
+        paced.power_on()
+        if _listening(paced):
+            click.echo(f"board: {urls[0]}\nturntable: {urls[1]}")
+            _tell(f"serving {bench.firmware.name} in {described.name}, cycle model {model}; Ctrl-C ends it")
+            _watch(paced, dict(zip(("board", "turntable"), lines, strict=True)))
+    if paced.fault is not None:
+        raise paced.fault
+    return 0
+
+
+def _open_lines(stack: contextlib.ExitStack, tcp: int | None, turntable_tcp: int | None, host: str) -> Sequence[Line]:
+    opened: list[Line] = []
+    for port in (tcp, turntable_tcp if turntable_tcp is not None else tcp and tcp + 1):
+        opened.append(PseudoTerminal() if tcp is None else TcpLine(host, port or 0))
+        stack.callback(opened[-1].close)
+    return opened
+
+
+def _linked(stack: contextlib.ExitStack, lines: Sequence[Line], link: str | None) -> list[str]:
+    if link is None:
+        return [line.url for line in lines]
+    paths = [Path(link), Path(f"{link}-turntable")]
+    for path, line in zip(paths, lines, strict=True):
+        stack.enter_context(port_link(path, line.url))
+    return [str(path) for path in paths]
+
+
+def _listening(paced: PacedBench) -> bool:
+    """Wait until the firmware has started; False when a signal comes, or the firmware ends, before."""
+    while paced.running:
+        if paced.time_s >= START_UP_S:
+            return True
+        if signal.sigtimedwait(_ENDING, _LOOK_EVERY_S / 10.0) is not None:
+            return False
+    return False
+
+
+def _watch(paced: PacedBench, lines: dict[str, Line]) -> None:
+    """Say what changes, until a signal comes or the board ends."""
+    told: dict[str, bool] = dict.fromkeys(lines, False)
+    pace = _pace()
+    while signal.sigtimedwait(_ENDING, _LOOK_EVERY_S) is None:
+        for name, line in lines.items():
+            if line.connected != told[name]:
+                told[name] = line.connected
+                _tell(f"{name}: client {'connected' if told[name] else 'gone'}")
+        pace(paced.behind_s)
+        if not paced.running:
+            if paced.fault is None:
+                raise BenchError("the virtual board ended by itself; the lines above say why")
+            _tell("the firmware has ended: the ports are closed")
+            return
+
+
+def _pace() -> Callable[[float], None]:
+    """Return what tells how far the board is behind: when it begins, doubles, and is over."""
+    tell_at_s = _BEHIND_S
+
+    def look(behind_s: float) -> None:
+        nonlocal tell_at_s
+        if behind_s >= tell_at_s:
+            _tell(f"board: {behind_s:.0f} s behind wall time; this machine is too slow or too busy for it")
+            tell_at_s = 2.0 * behind_s
+        elif behind_s < _BEHIND_S / 2.0 and tell_at_s > _BEHIND_S:
+            _tell("board: in time again")
+            tell_at_s = _BEHIND_S
+
+    return look
+
+
+def _tell(text: str) -> None:
+    click.echo(text, err=True)

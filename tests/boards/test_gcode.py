@@ -1,0 +1,60 @@
+"""One line of G-code: what it asks for, and by which of Grbl's numbers it is refused."""
+
+from __future__ import annotations
+
+import contextlib
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hiltest.boards.gcode import Block, GcodeError, Modals, Refusal, read_block
+
+FED = Modals(motion=1, feed_dpm=600.0)
+
+
+def test_a_move_names_its_axes_and_the_modes_hold_on() -> None:
+    first = read_block("G91G1X10Y-.5F600", Modals())
+    assert first == Block(Modals(motion=1, relative=True, feed_dpm=600.0), {"X": 10.0, "Y": -0.5}, None)
+    assert read_block("Z+5.", first.modals) == Block(first.modals, {"Z": 5.0}, None)
+    assert read_block("G90G0X1", first.modals).modals == Modals(motion=0, relative=False, feed_dpm=600.0)
+
+
+def test_a_dwell_has_its_seconds_and_may_stand_before_a_move() -> None:
+    assert read_block("G4P0.25", Modals()) == Block(Modals(), {}, 0.25)
+    assert read_block("G4P1X5", Modals()) == Block(Modals(), {"X": 5.0}, 1.0)
+
+
+def test_the_preamble_of_senders_is_understood() -> None:
+    assert read_block("N10G17G21G40G49G54G61G80G90G94", Modals()) == Block(Modals(motion=80), {}, None)
+
+
+@pytest.mark.parametrize(
+    ("line", "number"),
+    [
+        ("10", 1), ("X-", 2), ("G", 2), ("X1E3", 20), ("G1X1F-1", 4), ("G4P-1", 4), ("G38.2X1", 20), ("G2X1Y1I1", 20),
+        ("G20", 20), ("M3", 20), ("A5", 20), ("G-1", 20), ("G0G1X1", 21), ("G90G91", 21), ("G1.5X1", 23),
+        ("X1X2", 25), ("N10000000", 27), ("G4", 28), ("G0X1P1", 36), ("G0X1R2", 36), ("@", 1),
+    ],
+)  # fmt: skip
+def test_a_wrong_line_is_refused_by_number(line: str, number: int) -> None:
+    with pytest.raises(GcodeError, match=rf"^error:{number}$"):
+        read_block(line, FED)
+
+
+def test_a_feed_move_without_a_feed_rate_is_refused() -> None:
+    for feed in (None, 0.0):
+        with pytest.raises(GcodeError) as caught:
+            read_block("G1X1", Modals(feed_dpm=feed))
+        assert caught.value.number is Refusal.NO_FEED_RATE
+    with pytest.raises(GcodeError) as caught:
+        read_block("X1", Modals(motion=80))
+    assert caught.value.number is Refusal.AXES_WITHOUT_MOTION
+
+
+@given(st.text(st.characters(min_codepoint=0x21, max_codepoint=0x7E), max_size=80))
+def test_any_line_is_a_block_or_an_error(line: str) -> None:
+    axes: dict[str, float] = {}
+    with contextlib.suppress(GcodeError):  # anything else would be a crash
+        axes = read_block(line.upper(), Modals()).axes
+    assert set(axes) <= set("XYZ")
