@@ -145,7 +145,7 @@ def test_every_table_knows_its_keys(edited, old, new, nearest):
         ("tumble_points = 300", "tumble_points = 513", "procedure.tumble_points", "512"),
         ("[[0, 0], [20, 0],", "[[1, 0], [20, 0],", "procedure.tilts_deg", "level"),
         ("hard_iron_ut = [2.4, -2.2, 4.0]", "hard_iron_ut = [2.4, -2.2]", "world.hard_iron_ut", "missing"),
-        ('kind = "simulated"', 'kind = "robot"', "turntable.kind", "'simulated', 'operator' or 'motor'"),
+        ('kind = "simulated"', 'kind = "robot"', "turntable.kind", "'simulated', 'operator' or 'grbl'"),
         ('kind = "simulated"', 'kind = "operator"', "turntable", "goes with a board"),
         ('kind = "virtual"', 'kind = "real"', "world", "absent with any other"),
         ("temperature_degc = 25.0", "temperature_end_degc = 40.0", "world.temperature_end_degc", "how the temperature"),

@@ -102,6 +102,10 @@ class OperatorAbsentError(BenchError):
     """Somebody has to turn the board, and nobody answers; what needs no turning still runs."""
 
 
+class TurntableError(BenchError):
+    """The motor table does not do what it should; what needs no turning still runs."""
+
+
 class BoardFault(BenchError):
     """The virtual board's processor met a fault, or hung.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING
 
 import pytest
@@ -120,14 +120,19 @@ def board(request: pytest.FixtureRequest) -> Board:
 
 
 @pytest.fixture(scope="session")
-def turntable(request: pytest.FixtureRequest, board: Board, rig: Rig) -> Turntable:
-    """What sets a known angle: simulated on a virtual board, an operator or a motor on a real one."""
-    from hiltest.procedures import open_turntable
+def turntable(request: pytest.FixtureRequest, board: Board, rig: Rig) -> Iterator[Turntable]:
+    """What sets a known angle: simulated on a virtual board, an operator or motors on a real one."""
+    from hiltest.procedures import open_grbl_turntable, open_turntable
 
-    return open_turntable(
-        board, uncertainty_deg=rig.turntable.uncertainty_deg, prompt=lambda text: _ask(request.config, text),
-        tumble_s=rig.turntable.tumble_s,
-    )
+    if rig.turntable.kind == "grbl":
+        table: Turntable = open_grbl_turntable(board, rig)
+    else:
+        table = open_turntable(
+            board, uncertainty_deg=rig.turntable.uncertainty_deg, prompt=lambda text: _ask(request.config, text),
+            tumble_s=rig.turntable.tumble_s,
+        )
+    yield table
+    table.close()
 
 
 @pytest.fixture

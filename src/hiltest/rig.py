@@ -83,7 +83,7 @@ class Rig:
                 'is the truth of a board of kind "virtual": there with it, absent with any other')
         simulated = self.turntable.kind == "simulated"
         require(simulated == (self.board.kind == "virtual"), "turntable",
-                'kind "simulated" goes with a board of kind "virtual", "operator" and "motor" with others')
+                'kind "simulated" goes with a board of kind "virtual", "operator" and "grbl" with others')
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ has pydantic check a file against them.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
 
@@ -35,15 +36,26 @@ def require(holds: bool, key: str, message: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class BoardPlace:
-    """What answers on the link: the virtual board, one on a port, or a recorded session."""
+    """What answers on the link: the virtual board, one on a port, or a recorded session.
+
+    Attributes
+    ----------
+    cycle_model : str or None
+        What the cycle counter of a board on a port counts: ``silicon-dwt``, or the timing profile of a
+        virtual board that is served there. Needed where the port alone does not tell.
+    """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     kind: Literal["virtual", "real", "replay"]
     port: str | None = None
     transcript: str | None = None
+    cycle_model: str | None = None
 
     def __post_init__(self) -> None:
         require(self.kind == "real" or self.port is None, "port", 'belongs to a board of kind "real"')
+        require(self.kind == "real" or self.cycle_model is None, "cycle_model", 'belongs to a board of kind "real"')
+        require(self.cycle_model is None or re.fullmatch(r"[a-z0-9/.-]+", self.cycle_model) is not None, "cycle_model",
+                'is "silicon-dwt", or the name of a timing profile such as "cortex-m4-trm/1"')
         require((self.kind == "replay") == (self.transcript is not None), "transcript",
                 'names the recorded session of a board of kind "replay", and only of that')
 
@@ -112,16 +124,25 @@ class SensorChoice:
 
 @dataclass(frozen=True, slots=True)
 class TurntableSettings:
-    """What sets a known angle, and how well [deg]; how long an operator gets to turn the board all round [s]."""
+    """What sets a known angle, and how well [deg]; how long an operator gets to turn the board all round [s].
+
+    Attributes
+    ----------
+    port : str or None
+        Device or pyserial URL of a motor table that speaks Grbl.
+    """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
-    kind: Literal["simulated", "operator", "motor"]
+    kind: Literal["simulated", "operator", "grbl"]
     uncertainty_deg: float
     tumble_s: float = 45.0
+    port: str | None = None
 
     def __post_init__(self) -> None:
         require(self.uncertainty_deg >= 0.0, "uncertainty_deg", "must not be negative")
         require(0.0 < self.tumble_s <= 600.0, "tumble_s", "must be above 0 and at most 600")
+        require((self.kind == "grbl") == (self.port is not None), "port",
+                'names the serial port of a turntable of kind "grbl", and only of that')
 
 
 @dataclass(frozen=True, slots=True)

@@ -288,11 +288,11 @@ class HilSession:
 def board_is_gone(error: BenchError | ProtocolError) -> bool:
     """Say whether an error leaves a board that later tests cannot use.
 
-    A missing sensor does not, nor does a missing operator: what needs neither still runs.
+    A missing sensor does not, nor does a missing operator or table: what needs none of them still runs.
     """
-    from hiltest.errors import OperatorAbsentError, SensorAbsentError
+    from hiltest.errors import OperatorAbsentError, SensorAbsentError, TurntableError
 
-    return not isinstance(error, SensorAbsentError | OperatorAbsentError)
+    return not isinstance(error, SensorAbsentError | OperatorAbsentError | TurntableError)
 
 
 def pack(found: Found) -> dict[str, Any]:

@@ -6,14 +6,15 @@ import re
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from hiltest.angles import Pose
-from hiltest.boards import BoardKind, RealBoard, open_board
-from hiltest.boards.paced import PseudoTerminal
+from hiltest.boards import BoardKind, Declared, RealBoard, open_board
+from hiltest.boards.lines import PseudoTerminal
 from hiltest.errors import (
     BenchError,
     BoardFault,
@@ -49,7 +50,8 @@ def test_a_board_on_a_port_identifies_itself_and_offers_no_truth(
         assert isinstance(board, RealBoard)
         assert board.kind is BoardKind.REAL
         assert board.identity.name == "hiltest-frdm-k64f"
-        assert board.cycle_model == "silicon-dwt@sram"
+        # It is a virtual one, and cannot tell: its numbers must not pass for silicon's.
+        assert board.cycle_model == "undeclared@sram"
         assert board.sensor(SensorKind.MAGNETOMETER).name == "MAG3110"
         assert (board.clock, board.truth, board.virtual_seconds, board.instructions, board.seed) == (
             "wall", None, None, None, None,
@@ -70,7 +72,7 @@ def test_a_missing_shield_is_named_with_the_way_out_and_the_rest_still_runs(
             collect_tumble(board, open_turntable(board, uncertainty_deg=0.5, prompt=lambda _: ""))
         cost = measure_cycles(board, ["direct"], clouds=2, sizes=(20, 40, 100))["direct"]
         assert 0 < cost.total <= 12_500
-        assert cost.model == "silicon-dwt@sram"
+        assert cost.model == "undeclared@sram"
         assert cost.instructions is None
         link = check_link(board)
         assert (link.echoed, link.damaged_answered, link.executed_once) == (link.expected, 0, True)
@@ -123,6 +125,18 @@ def test_what_does_not_go_together_is_refused(real_rig: Rig, rig: Rig, tmp_path:
         open_board(rig, port="hil://?seed=4")
     with pytest.raises(PortNotFoundError):
         open_board(real_rig, port="/dev/ttyNOSUCH7")
+
+
+def test_a_rig_declares_what_the_cycles_of_a_board_behind_a_port_are(
+    pty_board: StartPtyBoard, rig: Rig, real_rig: Rig
+) -> None:
+    served = replace(real_rig, board=replace(real_rig.board, cycle_model="cortex-m4-trm/1"))
+    with open_board(served, port=pty_board(rig).path) as board:
+        assert board.cycle_model == "cortex-m4-trm/1@sram"
+        # The same board and rig at the name of a serial device: only there silicon needs no declaration.
+        hardware = RealBoard.__new__(RealBoard)
+        hardware.identity, hardware._url, hardware.declared = board.identity, "/dev/ttyACM0", Declared.of(real_rig)
+        assert hardware.cycle_model == "silicon-dwt@sram"
 
 
 def test_nobody_to_ask_is_a_bench_error(pty_board: StartPtyBoard, rig: Rig, real_rig: Rig) -> None:

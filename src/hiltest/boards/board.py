@@ -71,11 +71,14 @@ class Declared:
         rms noise of one axis of one reading, of the selected part.
     wanted : mapping of SensorKind to str
         Name of the sensor to use for each kind; without a name the first that is present.
+    cycle_model : str or None
+        What the cycle counter of a board on a port counts, when the rig says it.
     """
 
     field_ut: float
     magnetometer_sigma_ut: float
     wanted: Mapping[SensorKind, str]
+    cycle_model: str | None = None
 
     @classmethod
     def of(cls, rig: Rig) -> Declared:
@@ -86,7 +89,7 @@ class Declared:
             SensorKind.GYROSCOPE: rig.sensors.gyroscope,
         }
         wanted = {kind: name for kind, name in named.items() if name is not None}
-        return cls(rig.field.strength_ut, rig.sensors.magnetometer_noise_ut, wanted)
+        return cls(rig.field.strength_ut, rig.sensors.magnetometer_noise_ut, wanted, rig.board.cycle_model)
 
 
 class Stage(Protocol):

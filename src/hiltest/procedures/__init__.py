@@ -8,6 +8,7 @@ from hiltest.procedures.cause import Cause, name_cause, predicted_residual_perce
 from hiltest.procedures.clouds import golden_cloud
 from hiltest.procedures.coverage import largest_hole_deg, sphere_coverage
 from hiltest.procedures.cycles import CycleCost, measure_cycles
+from hiltest.procedures.grbl_turntable import GrblTurntable, open_grbl_turntable
 from hiltest.procedures.heading_statistics import HeadingSummary, summarise, tilt_to_heading
 from hiltest.procedures.known_angles import KnownAngles, measure_known_angles
 from hiltest.procedures.link_checks import LinkCheck, check_link
@@ -35,6 +36,7 @@ __all__ = [
     "CalibratorRun",
     "Cause",
     "CycleCost",
+    "GrblTurntable",
     "GyroscopeRestResult",
     "HeadingSummary",
     "KnownAngles",
@@ -54,6 +56,7 @@ __all__ = [
     "measure_gyroscope_rest",
     "measure_known_angles",
     "name_cause",
+    "open_grbl_turntable",
     "open_turntable",
     "predicted_residual_percent",
     "run_calibrators",

@@ -58,6 +58,9 @@ class Turntable(Protocol):
     def rest(self) -> None:
         """Stand level and still."""
 
+    def close(self) -> None:
+        """Give back what it is reached by."""
+
 
 class SimulatedTurntable:
     """The table of a virtual board's world: exact, and as fast as its motors.
@@ -89,6 +92,9 @@ class SimulatedTurntable:
     def rest(self) -> None:
         """Stand level, heading north."""
         self._stage.turn_to(LEVEL)
+
+    def close(self) -> None:
+        """Do nothing: the table is the board's."""
 
 
 class OperatorTurntable:
@@ -145,6 +151,9 @@ class OperatorTurntable:
     def rest(self) -> None:
         """Ask for the board to lie still."""
         self._ask("put the board down level and leave it still; Enter when it is: ")
+
+    def close(self) -> None:
+        """Do nothing: the operator may go."""
 
     def _ask(self, question: str) -> str:
         try:

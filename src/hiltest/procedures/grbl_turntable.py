@@ -1,0 +1,172 @@
+"""A motor table that speaks Grbl: X is heading, Y pitch, Z roll, in degrees."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from itertools import pairwise
+
+from hiltest.angles import Pose, wrap_180
+from hiltest.boards.board import Board
+from hiltest.boards.real import SILICON
+from hiltest.errors import HiltestError, TurntableError
+from hiltest.link.grbl import GrblLine
+from hiltest.link.ports import open_port
+from hiltest.procedures.turntables import LEVEL, Achieved
+from hiltest.rig import Rig
+
+# The axes stand when Grbl says so; what is mounted on them swings a little longer [s].
+_SETTLE_S = 0.25
+# Angles between the field and the roll axis at which a tumble rolls the board once round [deg]:
+# no direction of the sphere is further than 15 degrees from one of these circles.
+_CIRCLES_DEG = (15.0, 45.0, 75.0, 105.0, 135.0, 165.0)
+# From the end of one move to the begin of the next, at most [s].
+_BETWEEN_MOVES_S = 0.1
+_BOARD = re.compile(r"\[VER:[^:]*:virtual FRDM-K64F (\S+)\]")
+
+
+class GrblTurntable:
+    """A table with three motors behind a Grbl 1.1 controller: on a bench, or of ``hiltest serve``.
+
+    Parameters
+    ----------
+    line : GrblLine
+        This object closes it.
+    uncertainty_deg : float
+        What the rig declares for the table's angle.
+    dip_deg : float
+        Of the local field: a tumble turns the board about it.
+    mounting_yaw_deg : float
+        How far the board is turned on the table.
+
+    Attributes
+    ----------
+    board_model : str or None
+        Cycle model of the virtual board on the table, when the controller says that it is one.
+
+    Raises
+    ------
+    TurntableError
+        When the controller's way home fails.
+    """
+
+    name = "grbl"
+
+    def __init__(
+        self, line: GrblLine, *, uncertainty_deg: float, dip_deg: float, mounting_yaw_deg: float = 0.0
+    ) -> None:
+        self._line = line
+        self._dip_deg = dip_deg
+        self._yaw_deg = mounting_yaw_deg
+        self.uncertainty_deg = uncertainty_deg
+        if line.status().state == "Alarm":
+            line.ask("$H", moving=True)
+        line.ask("G90")
+        said = (_BOARD.match(text) for text in line.ask("$I"))
+        self.board_model = next((found[1] for found in said if found), None)
+
+    def turn_to(self, pose: Pose, *, judged: int | None = None) -> Achieved:
+        """Turn, wait until the table stands, and return where it says that it does."""
+        self._line.ask(_rapid(pose))
+        self._line.ask(f"G4 P{_SETTLE_S:g}", moving=True)
+        heading_deg, pitch_deg, roll_deg = self._line.status().position
+        return Achieved(heading_deg, pitch_deg, roll_deg, self.uncertainty_deg)
+
+    def tumble(self, duration_s: float) -> float:
+        """Go to where a tumble begins, begin it, and return how long it takes: as long as the motors need."""
+        poses = tumble_poses(self._dip_deg, mounting_yaw_deg=self._yaw_deg)
+        takes_s = self._seconds(poses)
+        self.turn_to(poses[0])
+        for pose in poses[1:]:
+            self._line.ask(_rapid(pose))
+        return max(duration_s, takes_s)
+
+    def rest(self) -> None:
+        """Stand level, heading north."""
+        self.turn_to(LEVEL)
+
+    def close(self) -> None:
+        """Give the port back."""
+        self._line.close()
+
+    def _seconds(self, poses: Sequence[Pose]) -> float:
+        """Estimate how long moves from pose to pose take, from the controller's rates and accelerations."""
+        settings = self._line.settings()
+        if any(settings.get(110 + axis, 0.0) <= 0.0 for axis in range(3)):
+            raise TurntableError("the turntable names no rates ($110 to $112): is it Grbl 1.1?")
+        total_s = 0.0
+        for begin, end in pairwise(poses):
+            longest_s = 0.0
+            for axis, (since, to) in enumerate(zip(_angles(begin), _angles(end), strict=True)):
+                rate_dps = settings[110 + axis] / 60.0
+                faster_dps2 = settings.get(120 + axis, 0.0)
+                ramp_s = rate_dps / faster_dps2 if faster_dps2 > 0.0 else 0.0
+                longest_s = max(longest_s, abs(to - since) / rate_dps + ramp_s)
+            total_s += longest_s + _BETWEEN_MOVES_S
+        return total_s
+
+
+def open_grbl_turntable(board: Board, rig: Rig) -> GrblTurntable:
+    """Open the port of a rig's motor table and wait for its controller.
+
+    Parameters
+    ----------
+    board : Board
+        On the table.
+    rig : Rig
+        With a turntable of kind ``grbl``.
+
+    Raises
+    ------
+    TurntableError
+        When the port cannot be opened, nobody on it answers as Grbl does, or the controller contradicts
+        what the rig says of the board.
+    """
+    try:
+        port = open_port(rig.turntable.port or "")
+    except HiltestError as error:
+        raise TurntableError(f"turntable.port in {rig.path}: {error}") from error
+    line = GrblLine(port)
+    try:
+        table = GrblTurntable(
+            line, uncertainty_deg=rig.turntable.uncertainty_deg, dip_deg=rig.field.dip_deg,
+            mounting_yaw_deg=rig.mounting.yaw_deg if rig.mounting else 0.0,
+        )
+        _refuse_contradiction(board.declared.cycle_model, table.board_model or SILICON, rig)
+    except TurntableError:
+        line.close()
+        raise
+    return table
+
+
+def _refuse_contradiction(declared: str | None, told: str, rig: Rig) -> None:
+    """Refuse to go on when cycles would be recorded under a model that is not theirs."""
+    if declared is not None and declared != told:
+        raise TurntableError(
+            f"{rig.path} says that the cycle model of the board is {declared}, the turntable that it is {told}. "
+            f'Write cycle_model = "{told}" under [board], or name the ports of the bench that is meant'
+        )
+
+
+def tumble_poses(dip_deg: float, *, mounting_yaw_deg: float = 0.0) -> list[Pose]:
+    """Return the poses between which a board is turned all round by moves of all axes, none beyond half a turn.
+
+    With the board's nose in the plane of north and down, the angle between field and roll axis is
+    pitch plus dip; a roll all round then shows the field from a circle of directions about the nose.
+    """
+    poses = []
+    for number, angle_deg in enumerate(_CIRCLES_DEG):
+        heading_deg, pitch_deg = -mounting_yaw_deg, wrap_180(angle_deg - dip_deg)
+        if abs(pitch_deg) > 90.0:  # a nose beyond the vertical is one that points the other way
+            heading_deg, pitch_deg = heading_deg + 180.0, wrap_180(180.0 - pitch_deg)
+        begin_deg = -180.0 if number % 2 == 0 else 180.0
+        poses += [Pose(wrap_180(heading_deg), pitch_deg, roll) for roll in (begin_deg, -begin_deg)]
+    return poses
+
+
+def _rapid(pose: Pose) -> str:
+    return "G0 " + " ".join(f"{letter}{angle:.3f}" for letter, angle in zip("XYZ", _angles(pose), strict=True))
+
+
+def _angles(pose: Pose) -> tuple[float, float, float]:
+    return pose.heading_deg, pose.pitch_deg, pose.roll_deg
