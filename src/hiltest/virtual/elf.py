@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import bisect
 import io
+import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -24,6 +25,7 @@ from hiltest.errors import ConfigError
 _PROFILE_M = ord("M")
 _CORES = {0, 10, 11, 12, 13}
 _FLOATING_POINT = {0, 6}
+_IMAGES_KEPT = 8  # parsed; each is a few megabytes with its debug information
 _ASSEMBLER = 0x8001  # DW_LANG_Mips_Assembler, which every assembler says
 
 
@@ -59,6 +61,30 @@ class Symbol:
     is_function: bool
 
 
+def load_image(source: Path | bytes) -> FirmwareImage:
+    """Parse an ELF; the same content under the same name is parsed once in a process.
+
+    Raises
+    ------
+    ConfigError
+        As `FirmwareImage`.
+    """
+    name, content = ("firmware image", source) if isinstance(source, bytes) else _read_file(source)
+    return _parsed(name, content)
+
+
+@lru_cache(maxsize=_IMAGES_KEPT)
+def _parsed(name: str, content: bytes) -> FirmwareImage:
+    return FirmwareImage(content, name=name)
+
+
+def _read_file(path: Path) -> tuple[str, bytes]:
+    try:
+        return str(path), path.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot read the firmware: {error.strerror}") from error
+
+
 class FirmwareImage:
     """A parsed ELF executable.
 
@@ -66,6 +92,8 @@ class FirmwareImage:
     ----------
     source : Path or bytes
         The file, or its content.
+    name : str
+        What messages call a content.
 
     Raises
     ------
@@ -80,15 +108,11 @@ class FirmwareImage:
         Functions and objects by name; empty for a stripped file.
     """
 
-    def __init__(self, source: Path | bytes) -> None:
-        if isinstance(source, bytes):
-            self.name, content = "firmware image", source
-        else:
-            self.name = str(source)
-            try:
-                content = source.read_bytes()
-            except OSError as error:
-                raise ConfigError(f"{source}: cannot read the firmware: {error.strerror}") from error
+    def __init__(self, source: Path | bytes, *, name: str = "firmware image") -> None:
+        self.name, content = (name, source) if isinstance(source, bytes) else _read_file(source)
+        # Debug information is read when it is wanted, by whichever of the boards that share this image.
+        self._reading = threading.RLock()
+        self._signatures: dict[str, Signature | None] = {}
         try:
             self._elf = ELFFile(io.BytesIO(content))
             self._check_processor()
@@ -175,7 +199,8 @@ class FirmwareImage:
     @cached_property
     def _lines(self) -> tuple[list[int], list[tuple[int, str]]]:
         try:
-            rows = sorted(self._line_rows()) if self._elf.has_dwarf_info() else []
+            with self._reading:
+                rows = sorted(self._line_rows()) if self._elf.has_dwarf_info() else []
         except Exception:  # damaged debug information, as above: a fault is then reported without lines
             rows = []
         return [row[0] for row in rows], [(row[1], row[2]) for row in rows]
@@ -212,7 +237,8 @@ class FirmwareImage:
     @cached_property
     def _subprograms(self) -> dict[str, Any]:
         try:
-            return self._read_subprograms() if self._elf.has_dwarf_info() else {}
+            with self._reading:
+                return self._read_subprograms() if self._elf.has_dwarf_info() else {}
         except Exception:  # damaged debug information: functions are then called as without any
             return {}
 
@@ -230,6 +256,12 @@ class FirmwareImage:
 
     def signature(self, function: str) -> Signature | None:
         """Read a function's parameter and return types from DWARF; None without them."""
+        with self._reading:
+            if function not in self._signatures:
+                self._signatures[function] = self._read_signature(function)
+            return self._signatures[function]
+
+    def _read_signature(self, function: str) -> Signature | None:
         die = self._subprograms.get(function)
         if die is None:
             return None

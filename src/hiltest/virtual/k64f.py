@@ -10,7 +10,7 @@ from hiltest.errors import ConfigError
 from hiltest.virtual.accounting import AccountingFactory
 from hiltest.virtual.calling import Argument, CallResult, call_function
 from hiltest.virtual.cpu import Processor
-from hiltest.virtual.elf import FirmwareImage
+from hiltest.virtual.elf import load_image
 from hiltest.virtual.i2c_bus import I2cBus, I2cDevice
 from hiltest.virtual.instructions import decode
 from hiltest.virtual.memory import SRAM
@@ -69,7 +69,7 @@ class VirtualK64F:
         profile: str = DEFAULT_PROFILE,
         accounting: AccountingFactory = by_block,
     ) -> None:
-        self.image = FirmwareImage(elf)
+        self.image = load_image(elf)
         self.processor = Processor(self.image, load_profile(profile), accounting=accounting)
         generator = ClockGenerator()
         self.clocks = ClockGates(generator)
