@@ -33,6 +33,7 @@ from hiltest.virtual.timing import TimingProfile
 
 RETURN_ADDRESS = 0x1FFEF000  # where a called function returns to: an executable page that the part does not have
 _SLICE_CYCLES = 4_000_000  # the longest stretch without looking at the wall clock or Ctrl-C
+_INTERRUPT_CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_uint32, ctypes.c_void_p)
 _INTR_UNDEFINED, _INTR_SVC, _INTR_BREAKPOINT, _INTR_EXCEPTION_RETURN = 1, 2, 7, 8
 
 _ACCESS = {
@@ -86,20 +87,25 @@ class Processor:
         self._enter: Callable[[int], int] = lambda begin: uclib.uc_emu_start(handle, begin, until, forever, forever)
 
     def _install_hooks(self) -> None:
-        # Straight through the C interface: the binding's own wrapper doubles the cost of each block.
-        self._code_hook = self.accounting.hook(RETURN_ADDRESS, self.abort)
-        handle = ctypes.c_size_t()
         kind = unicorn.UC_HOOK_CODE if self.accounting.per_instruction else unicorn.UC_HOOK_BLOCK
-        uclib.uc_hook_add(
-            self.engine._uch, ctypes.byref(handle), kind, *self._code_hook,
-            ctypes.c_uint64(1), ctypes.c_uint64(0),
-        )  # fmt: skip
-        self.engine.hook_add(unicorn.UC_HOOK_INTR, self._on_interrupt)
+        # The emulator keeps only the pointers.
+        self._hooks = (
+            self._hook(kind, *self.accounting.hook(RETURN_ADDRESS, self.abort)),
+            self._hook(unicorn.UC_HOOK_INTR, _INTERRUPT_CALLBACK(self._on_interrupt), None),
+        )
         unmapped = unicorn.UC_HOOK_MEM_UNMAPPED | unicorn.UC_HOOK_MEM_FETCH_PROT
         self.engine.hook_add(unmapped, self._on_invalid_memory)
         protected = unicorn.UC_HOOK_MEM_READ_PROT | unicorn.UC_HOOK_MEM_WRITE_PROT
         self.engine.hook_add(protected, self._on_invalid_memory, begin=0, end=PERIPHERALS[0] - 1)  # above: the bus
         self.engine.hook_add(unicorn.UC_HOOK_INSN_INVALID, self._on_invalid_instruction)
+
+    def _hook(self, kind: int, function: Any, data: Any) -> tuple[Any, Any]:
+        """Hook straight through the C interface: the binding's own wrapper doubles the cost of each call."""
+        uclib.uc_hook_add(
+            self.engine._uch, ctypes.byref(ctypes.c_size_t()), kind, function, data,
+            ctypes.c_uint64(1), ctypes.c_uint64(0),
+        )  # fmt: skip
+        return function, data
 
     # -- time ---------------------------------------------------------------------------------
 
@@ -203,8 +209,14 @@ class Processor:
         masked = self.registers.primask.get() & 1 or self.registers.faultmask.get() & 1
         return not masked and (self.nvic.can_ever_wake or self.schedule.next_cycle < math.inf)
 
-    def _on_interrupt(self, _engine: Any, number: int, _data: Any) -> None:
-        pc = self.registers.pc.get()
+    def _on_interrupt(self, _engine: int, number: int, _data: int) -> None:
+        try:
+            self._note_interrupt(number, self.registers.pc.get())
+            self._stop()
+        except BaseException as error:  # re-raised by `run`; ctypes would print and drop it
+            self.abort(error)
+
+    def _note_interrupt(self, number: int, pc: int) -> None:
         if number == _INTR_SVC:
             self.nvic.pend(SVCALL)
         elif number == _INTR_EXCEPTION_RETURN:
@@ -215,7 +227,6 @@ class Processor:
             self._fault = self.fault("undefined instruction", pc)
         else:
             self._fault = self._fault or self.fault(f"processor exception {number}", pc)
-        self._stop()
 
     def _on_invalid_memory(self, _engine: Any, access: int, address: int, size: int, _value: int, _data: Any) -> bool:
         pc = self.registers.pc.get()
@@ -282,7 +293,7 @@ class Processor:
         self.nvic.changed = False
         if not self.nvic.pending:
             return
-        if self.nvic.wakes():
+        if self.sleeping and self.nvic.wakes():
             self.sleeping = False
         try:
             taken = self.exceptions.take()

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from typing import Any
 
 from hiltest.errors import ConfigError
 from hiltest.virtual.accounting import Accounting, Block, BlockAccounting, ReadCode
 from hiltest.virtual.native.accounting import NativeBlockAccounting
-from hiltest.virtual.native.library import missing_because
+from hiltest.virtual.native.library import library, missing_because
 from hiltest.virtual.timing import TimingProfile
 
 CHOICE = "HILTEST_BLOCK_HOOK"  # in the environment: auto, native, python
@@ -41,3 +42,8 @@ def by_block(
     """Make what counts by block: in C where that is there, in Python otherwise."""
     kind = NativeBlockAccounting if counts_natively() else BlockAccounting
     return kind(profile, read_code, attend, stop)
+
+
+def permit_natively() -> Any | None:
+    """Return a memory hook in C that permits every access, if there is one."""
+    return library().hiltest_permit if counts_natively() else None

@@ -63,6 +63,13 @@ const char *hiltest_block_hook_source(void)
     return HILTEST_SOURCE_SHA256;
 }
 
+/* Lets every access to a peripheral pass: the emulator looks up the exact instruction before it asks. */
+bool hiltest_permit(void *engine, int access, uint64_t address, int size, int64_t value, void *data)
+{
+    (void)engine, (void)access, (void)address, (void)size, (void)value, (void)data;
+    return true;
+}
+
 static uint32_t place_of(uint32_t address, uint32_t state)
 {
     return (address >> 1) + state * 0x9E3779B1u; /* the golden ratio spreads the states of one address */

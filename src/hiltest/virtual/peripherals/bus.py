@@ -12,6 +12,7 @@ from unicorn.unicorn_py3.unicorn import uclib
 from hiltest.errors import BoardFault
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.memory import PERIPHERALS, PRIVATE_PERIPHERALS
+from hiltest.virtual.native import permit_natively
 
 _READ_CALLBACK = ctypes.CFUNCTYPE(ctypes.c_uint64, ctypes.c_void_p, ctypes.c_uint64, ctypes.c_uint, ctypes.c_void_p)
 _WRITE_CALLBACK = ctypes.CFUNCTYPE(
@@ -120,12 +121,13 @@ class PeripheralBus:
         A hook on all loads and stores would tell it too, and cost each load of RAM its fast path.
         """
         processor, (base, size) = self._processor, region
+        find, nvic = self._find, processor.nvic
 
         def on_read(_engine: int, offset: int, size: int, _data: int) -> int:
             try:
                 address = base + offset
-                value = self._find(address, "read of").read(address & 0xFFF, size)
-                if processor.nvic.changed:
+                value = find(address, "read of").read(address & 0xFFF, size)
+                if nvic.changed:
                     self._notice()
                 return value & ((1 << (8 * size)) - 1)
             except BaseException as error:  # re-raised by Processor.run; ctypes would print and drop it
@@ -135,15 +137,16 @@ class PeripheralBus:
         def on_write(_engine: int, offset: int, size: int, value: int, _data: int) -> None:
             try:
                 address = base + offset
-                self._find(address, "write to").write(address & 0xFFF, size, value & ((1 << (8 * size)) - 1))
-                if processor.nvic.changed:
+                find(address, "write to").write(address & 0xFFF, size, value & ((1 << (8 * size)) - 1))
+                if nvic.changed:
                     self._notice()
             except BaseException as error:  # as above
                 processor.abort(error)
 
-        callbacks = _READ_CALLBACK(on_read), _WRITE_CALLBACK(on_write), _PERMISSION_CALLBACK(lambda *_: True)
+        permit = permit_natively() or _PERMISSION_CALLBACK(lambda *_: True)
+        callbacks = _READ_CALLBACK(on_read), _WRITE_CALLBACK(on_write), permit
         self._callbacks.append(callbacks)  # the emulator keeps only the pointers
-        read, write, permit = callbacks
+        read, write, _ = callbacks
         engine = processor.engine._uch
         first, length = ctypes.c_uint64(base), ctypes.c_size_t(size)
         uclib.uc_mmio_map(engine, first, length, read, None, write, None)
