@@ -33,6 +33,11 @@ def suites(start: Path) -> Path:
     return local if local.is_dir() else shipped() / "suites"
 
 
+def has_own_rig(start: Path) -> bool:
+    """Say whether the default rig is a file under `start`, rather than the shipped one."""
+    return (start / "hil" / "rigs" / DEFAULT_RIG).is_file()
+
+
 def rig_file(start: Path, named: str | None) -> Path:
     """Return the rig file that a name means.
 

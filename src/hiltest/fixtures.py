@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -12,8 +13,9 @@ from hiltest.settings import Settings
 
 if TYPE_CHECKING:
     from hiltest.boards import Board
-    from hiltest.measurement import Limit, Measurement
+    from hiltest.measurement import Counted, Limit, Measurement
     from hiltest.procedures import Turntable
+    from hiltest.profiling.image import ProfiledImage
     from hiltest.progress_line import ProgressLine
     from hiltest.report.record import Cell
     from hiltest.rig import Rig
@@ -30,7 +32,7 @@ class Measure:
         self._session = session
 
     def __call__(
-        self, name: str, value: float | int | None, unit: str, *, limit: Limit | None = None,
+        self, name: str, value: float | int | Counted | None, unit: str = "", *, limit: Limit | None = None,
         not_judged: str = "", volatile: bool = False, cycle_model: str = "",
     ) -> Measurement:
         """Record one measurement.
@@ -39,9 +41,10 @@ class Measure:
         ----------
         name : str
             Dotted, unique in the run: ``heading.direct.max``.
-        value : float, int or None
+        value : float, int, Counted or None
             None when this board cannot offer it. On a virtual board, which can offer everything,
-            None under a limit ends the run with exit code 22.
+            None under a limit ends the run with exit code 22. What a function cost, as
+            ``cycles(elf).call(...)`` returns it, brings its unit and cycle model.
         unit : str
             The one that the rig file gives its limit in, if it does.
         limit : Limit, optional
@@ -64,6 +67,13 @@ class Measure:
             If the unit is not the one of the rig's limit, another test has measured this name, or a
             cycle count comes without its cycle model. Nothing is recorded then.
         """
+        from hiltest.measurement import Counted
+
+        if isinstance(value, Counted):
+            if unit not in ("", "cycle") or cycle_model:
+                raise ValueError(f"{name}: a counted call brings its unit and its cycle model; leave both out")
+            unit, cycle_model = "cycle", value.cycle_model
+            value = value.cycles
         measurement = self._session.judge(
             name, value, unit=unit, limit=limit, not_judged=not_judged, volatile=volatile, cycle_model=cycle_model,
             test=self._session.test_id(self._item.nodeid),
@@ -73,7 +83,8 @@ class Measure:
 
     def limit(self, name: str) -> Limit | None:
         """Return the limit that the rig file gives a measurement, None when it gives none."""
-        return self._session.rig.limits.get(name)
+        rig = self._session.rig_if_needed
+        return rig.limits.get(name) if rig else None
 
     def table(self, name: str, columns: Mapping[str, str], rows: Iterable[Iterable[Cell]]) -> None:
         """Record numbers for a plot.
@@ -139,6 +150,45 @@ def turntable(request: pytest.FixtureRequest, board: Board, rig: Rig) -> Iterato
 def measure(request: pytest.FixtureRequest) -> Measure:
     """Record a measurement: ``measure(name, value, unit, limit=Limit(max=2))``."""
     return Measure(request.node, _session(request))
+
+
+class Cycles:
+    """Opens ELFs whose functions are to be counted; needs no rig and no board."""
+
+    def __init__(self, session: HilSession) -> None:
+        self._session = session
+
+    def __call__(self, elf: str | Path | None = None, *, profile: str | None = None) -> ProfiledImage:
+        """Return an ELF on a virtual board of its own.
+
+        Parameters
+        ----------
+        elf : str or Path, optional
+            Any program linked for the MK64FN1M0, relative to pytest's root folder; by default the firmware
+            under test: that of ``--hil-firmware``, or the packaged one.
+        profile : str, optional
+            Timing profile; by default ``cortex-m4-trm/1``.
+
+        Raises
+        ------
+        ConfigError
+            If the ELF cannot be loaded, or there is no such timing profile.
+        """
+        from hiltest.boards import default_firmware
+        from hiltest.profiling.image import ProfiledImage
+        from hiltest.virtual.k64f import DEFAULT_PROFILE
+
+        if elf is None:
+            path = self._session.settings.firmware or default_firmware()
+        else:
+            path = self._session.config.rootpath / elf
+        return ProfiledImage(path, timing=profile or DEFAULT_PROFILE)
+
+
+@pytest.fixture(scope="session")
+def cycles(request: pytest.FixtureRequest) -> Cycles:
+    """Count a function's cycles: ``measure("cycles.fn", cycles("app.elf").call("fn", 3), limit=Limit(max=900))``."""
+    return Cycles(_session(request))
 
 
 @pytest.fixture(scope="session")

@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from numbers import Integral
+from typing import Protocol, runtime_checkable
 
 SIGNIFICANT_DIGITS = 9
 """What the host computes is written with this many significant digits.
@@ -32,6 +33,19 @@ class Outcome(StrEnum):
     """It has a limit that could not be judged. A gate that is not evaluated fails closed."""
     NOT_OFFERED = "not offered"
     """This kind of board cannot know it, such as the true offset on a real board."""
+
+
+@runtime_checkable
+class Counted(Protocol):
+    """A cost in clock cycles that knows what counted it, as a called function's does."""
+
+    @property
+    def cycles(self) -> int:
+        """How many."""
+
+    @property
+    def cycle_model(self) -> str:
+        """What counted them."""
 
 
 @dataclass(frozen=True, slots=True)

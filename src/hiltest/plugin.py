@@ -11,11 +11,11 @@ from collections.abc import Generator
 import pytest
 
 from hiltest import hookspecs
-from hiltest.fixtures import board, hil_progress, hil_settings, measure, rig, turntable
+from hiltest.fixtures import board, cycles, hil_progress, hil_settings, measure, rig, turntable
 from hiltest.session import CAUSE, FOUND, FOUND_HERE, GATING, REASON, SESSION, HilSession, pack, uses_board
 from hiltest.settings import add_options, resolve
 
-__all__ = ["board", "hil_progress", "hil_settings", "measure", "rig", "turntable"]
+__all__ = ["board", "cycles", "hil_progress", "hil_settings", "measure", "rig", "turntable"]
 
 _LETTERS = {"bench lost": "L", "wrong firmware": "W"}
 

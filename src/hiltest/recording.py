@@ -20,8 +20,10 @@ if TYPE_CHECKING:
 
 def start_recording(hil: HilSession) -> None:
     """Begin the record of a session whose bench is open, and see to it that it is kept."""
-    recorder = Recorder(hil.settings.out, poses=hil.settings.poses or hil.rig.procedure.poses)
-    recorder.rig(rig_record(hil.rig), hil.seed)
+    rig = hil.rig_if_needed
+    recorder = Recorder(hil.settings.out, poses=hil.settings.poses or (rig.procedure.poses if rig else "all"))
+    if rig is not None:
+        recorder.rig(rig_record(rig), hil.seed)
     if hil.board is not None:
         recorder.board(board_record(hil.board), hil.board.seed)
     hil.config.pluginmanager.register(Recording(hil, recorder), "hiltest-recording")
@@ -68,7 +70,9 @@ class Recording:
 
     def _hold_to_the_rig(self, *, left_out: bool) -> list[str]:
         """Record every limit that nothing was measured against; with `left_out` only return their names."""
-        findings, rig = self._recorder.findings, self._hil.rig
+        findings, rig = self._recorder.findings, self._hil.rig_if_needed
+        if rig is None:
+            return []
         calibrators = findings.board.calibrators if findings.board else ()
         unmet = unmet_limits(rig.limits, rig.units, findings.measurements, calibrators)
         lost = any(each.outcome in ("bench lost", "wrong firmware") for each in findings.tests)

@@ -67,6 +67,11 @@ def uses_hiltest(item: pytest.Item) -> bool:
     return uses_board(item) or bool(_FIXTURES & _fixtures_of(item))
 
 
+def uses_rig(item: pytest.Item) -> bool:
+    """Say whether a test needs a rig; one that only measures does not."""
+    return uses_board(item) or "rig" in _fixtures_of(item)
+
+
 class HilSession:
     """Opens the rig and the board once, and remembers what came of it.
 
@@ -88,6 +93,7 @@ class HilSession:
         self._board: Board | None = None
         self._opened_s = 0.0
         self._asked_for = False
+        self._needs_rig = False
 
     @property
     def is_worker(self) -> bool:
@@ -109,11 +115,12 @@ class HilSession:
         """
         if self.config.option.collectonly or not (self._asked_for or any(map(uses_hiltest, items))):
             return False
+        self._needs_rig |= any(map(uses_rig, items))
         self.open(with_board=any(map(uses_board, items)))
         return not self.is_worker
 
     def open(self, *, with_board: bool) -> None:
-        """Load the rig and, `with_board`, open the board; a bench that is lost is kept in `trouble`.
+        """Load the rig, if one is needed, and, `with_board`, open the board; one that is lost is kept in `trouble`.
 
         From here on there is something to record, even if no test needs it.
 
@@ -127,7 +134,8 @@ class HilSession:
         self._asked_for = True
         try:
             # Reading the rig is what finds its mistakes.
-            _ = self.rig
+            self._needs_rig |= with_board
+            _ = self.rig_if_needed
             if with_board:
                 # The first test that needs a lost board is charged with it.
                 with suppress(BenchError, ProtocolError):
@@ -146,6 +154,17 @@ class HilSession:
 
             self._rig = load_rig(rig_file(self.config.invocation_params.dir, self.settings.rig))
         return self._rig
+
+    @property
+    def rig_if_needed(self) -> Rig | None:
+        """The rig, or None: tests that only measure need none but the one that was asked for.
+
+        Asked for is what an option names, and the default rig of a bench of one's own.
+        """
+        from hiltest.bench_files import has_own_rig
+
+        asked_for = self.settings.rig is not None or has_own_rig(self.config.invocation_params.dir)
+        return self.rig if self._needs_rig or asked_for or self._rig is not None else None
 
     def connect(self) -> Board:
         """Return the board, opened and identified.
@@ -231,13 +250,17 @@ class HilSession:
         """
         from hiltest.measurement import judge
 
-        wanted = self.rig.units.get(name, unit)
+        rig = self.rig_if_needed
+        if rig is None:
+            # Without a rig nothing says that a board cannot know it.
+            return judge(name, value, unit=unit, limit=limit, could_offer=True, **more)
+        wanted = rig.units.get(name, unit)
         if unit != wanted:
-            raise ValueError(f"{name} is measured in {unit!r}, and its limit in {self.rig.path} is in {wanted!r}")
-        kind = self._board.kind if self._board else self.rig.board.kind
+            raise ValueError(f"{name} is measured in {unit!r}, and its limit in {rig.path} is in {wanted!r}")
+        kind = self._board.kind if self._board else rig.board.kind
         return judge(
-            name, value, unit=unit, limit=self.rig.limits.get(name) or limit,
-            information=self.rig.information.get(name), could_offer=kind == "virtual", **more,
+            name, value, unit=unit, limit=rig.limits.get(name) or limit,
+            information=rig.information.get(name), could_offer=kind == "virtual", **more,
         )
 
     def keep(self, item: pytest.Item, measurement: Measurement) -> None:

@@ -54,14 +54,14 @@ def profile(
     from hiltest.boards import default_firmware
     from hiltest.profiling import document as documents
     from hiltest.profiling.arguments import parse_argument
-    from hiltest.virtual.k64f import DEFAULT_PROFILE, VirtualK64F
-    from hiltest.virtual.profiling import ProfilingAccounting, profile_call
+    from hiltest.profiling.image import ProfiledImage
+    from hiltest.virtual.k64f import DEFAULT_PROFILE
 
     path = default_firmware() if elf == SHIPPED else Path(elf)
     given = [parse_argument(text) for text in arguments]
     values = deepcopy(given)
-    board = VirtualK64F(path, profile=timing or DEFAULT_PROFILE, accounting=ProfilingAccounting)
-    document = documents.document(profile_call(board, function, *values), path, arguments, given, values)
+    called = ProfiledImage(path, timing=timing or DEFAULT_PROFILE).call(function, *values)
+    document = documents.document(called, path, arguments, given, values)
     if folded is not None:
         _write(folded, documents.folded(document))
     if flame_graph is not None:

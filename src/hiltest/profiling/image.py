@@ -1,0 +1,53 @@
+"""Functions of one ELF, called with all that they cost."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from hiltest.virtual.calling import Argument
+from hiltest.virtual.k64f import DEFAULT_PROFILE, VirtualK64F
+from hiltest.virtual.profiling import CallProfile, ProfilingAccounting, profile_call
+
+
+class ProfiledImage:
+    """An ELF for the MK64FN1M0 on a virtual board of its own.
+
+    Parameters
+    ----------
+    elf : Path
+        Any program linked for the part.
+    timing : str
+        Timing profile.
+
+    Raises
+    ------
+    ConfigError
+        If the ELF cannot be loaded, or there is no such timing profile.
+    """
+
+    def __init__(self, elf: Path, *, timing: str = DEFAULT_PROFILE) -> None:
+        self._board = VirtualK64F(elf, profile=timing, accounting=ProfilingAccounting)
+
+    def call(self, function: str, *arguments: Argument) -> CallProfile:
+        """Call a function with interrupts masked, without booting; its data is what the ELF says, each time.
+
+        Parameters
+        ----------
+        function : str
+            Its name.
+        *arguments : int, float, bytes, bytearray, numpy array or Structure
+            As `VirtualK64F.call` takes them.
+
+        Returns
+        -------
+        CallProfile
+            ``.value``, ``.cycles``, ``.instructions``, ``.cycle_model``, and where the cycles went.
+
+        Raises
+        ------
+        ConfigError
+            No such function, or arguments that do not fit it.
+        BoardFault
+            The function faulted or hung.
+        """
+        return profile_call(self._board, function, *arguments)
