@@ -13,6 +13,8 @@ from hiltest.errors import ConfigError, UnknownKeyError
 from hiltest.measurement import Limit
 from hiltest.rig import build_sensors, build_world, world_truth
 from hiltest.rig_file import MEASUREMENT_UNITS, load_rig, measurement_unit, reference_uncertainty_deg
+from hiltest.rig_tables import CoveredPart, RigValueError, TurntableSettings
+from hiltest.sensors.fxos8700cq import noise_at_oversampling, oversampling
 
 RIGS = Path(__file__).parents[1] / "hil" / "rigs"
 DEFAULT = RIGS / "virtual-k64f.toml"
@@ -276,3 +278,99 @@ def test_a_bench_may_leave_its_mounting_undeclared(edited):
     assert reference_uncertainty_deg(rig, "heading.direct.max") == pytest.approx(0.1)
     straight = replace(rig, world=replace(rig.world, mounting_yaw_deg=None))
     assert build_world(straight).at(0.0).pose.heading_deg == 0.0
+
+
+HARSH = RIGS / "virtual-k64f-harsh.toml"
+
+
+def test_the_harsh_rig_is_the_bench_that_the_limits_were_simulated_for():
+    rig = load_rig(HARSH)
+    assert math.hypot(*rig.world.hard_iron_ut) == pytest.approx(5.0 * rig.field.strength_ut, abs=0.5)
+    assert rig.procedure.readings_per_pose == 64
+    assert (rig.procedure.calibration_points, rig.procedure.further_calibrations) == (300, ("direct@100",))
+    assert rig.limits["heading.direct.max"] == Limit(max=2.3)
+    assert rig.limits["heading.direct@100.max"] == Limit(max=3.1)
+    assert rig.limits["heading.uncalibrated.max"] == Limit(min=90.0)
+    assert rig.limits["heading.direct.float32_error"] == Limit(max=0.01)
+    # The firmware sets the part to 200 Hz and oversampling code 7: 8 samples to an output.
+    assert oversampling(200.0, 7) == 8
+    assert noise_at_oversampling(8, rig.world.fxos8700cq_noise_ut) == pytest.approx(1.0, abs=1e-6)
+    assert rig.sensors.magnetometer_noise_ut == 1.0
+
+
+@pytest.mark.parametrize(("name", "inside"), [("harsh", 60), ("harsh-cap", 60), ("harsh-outside", 0)])
+def test_the_judged_poses_of_the_harsh_rigs_lie_all_inside_what_is_covered_or_all_outside(name, inside):
+    rig = load_rig(RIGS / f"virtual-k64f-{name}.toml")
+    covered, world = rig.turntable.covered, build_world(rig)
+    seen = 0
+    for pose in rig.procedure.judged_poses():
+        field = world.at(world.turn_to(pose, time_s=0.0)).field_body_ut
+        along = sum(a * b for a, b in zip(covered.axis, field, strict=True)) / math.hypot(*field)
+        seen += along / math.hypot(*covered.axis) > 1.0 - 2.0 * covered.fraction
+    assert seen == inside
+
+
+def test_the_variants_of_the_harsh_rig_differ_in_what_is_covered_and_what_is_judged():
+    harsh, outside, cap = (load_rig(RIGS / f"virtual-k64f-harsh{name}.toml") for name in ("", "-outside", "-cap"))
+    covered = {"outside": CoveredPart((0.0, 0.0, -1.0), 0.5), "cap": CoveredPart((0.0, 0.0, 1.0), 0.2)}
+
+    def like(variant, part):
+        return replace(
+            variant, name=harsh.name, path=harsh.path,
+            turntable=replace(variant.turntable, covered=harsh.turntable.covered),
+        ) if variant.turntable.covered == part else None
+
+    assert like(cap, covered["cap"]) == harsh
+    unjudged = like(outside, covered["outside"])
+    assert replace(unjudged, limits=harsh.limits, information=harsh.information) == harsh
+    assert outside.limits | outside.information == harsh.limits | harsh.information
+    assert {name for name in outside.limits if name.startswith("heading.")} == {
+        "heading.direct.float32_error", "heading.direct@100.float32_error", "heading.uncalibrated.max",
+        "heading.uncalibrated.max_level",
+    }
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "words"),
+    [
+        ("fraction = 0.5", "fraction = 0", "turntable.covered.fraction", "above 0"),
+        ("fraction = 0.5", "fraction = 1.5", "turntable.covered.fraction", "at most 1"),
+        ("axis = [0, 0, 1]", "axis = [0, 0, 0]", "turntable.covered.axis", "direction"),
+        ("axis = [0, 0, 1]", "axes = [0, 0, 1]", "", "unknown key 'axes'; did you mean 'axis'?"),
+        ('["direct@100"]', '["direct"]', "procedure.further_calibrations", "such as direct@100"),
+        ('["direct@100"]', '["direct@8"]', "procedure.further_calibrations", "names 'direct@8'"),
+        ('["direct@100"]', '["direct@301"]', "procedure.further_calibrations", "9 to tumble_points"),
+        ("[170.0, -121.0, 124.0]", "[1170.0, 0, 0]", "world", "fxos8700cq read up to 1220 uT; its axes stop at 1200"),
+        ("[2.236068, 0.447214]", "[2.2, -0.4]", "world.fxos8700cq_noise_ut", "negative"),
+    ],
+)
+def test_a_wrong_value_of_the_harsh_rig_is_named(tmp_path, old, new, key, words):
+    text = HARSH.read_text(encoding="utf-8")
+    assert text.count(old) == 1
+    path = tmp_path / "bench.toml"
+    path.write_text(text.replace(old, new), encoding="utf-8")
+    with pytest.raises(ConfigError) as caught:
+        load_rig(path)
+    assert f": {key}" in str(caught.value)
+    assert words in str(caught.value)
+
+
+def test_only_a_simulated_tumble_can_be_confined():
+    with pytest.raises(RigValueError, match="simulated"):
+        TurntableSettings("operator", 0.5, covered=CoveredPart((0.0, 0.0, 1.0), 0.5))
+
+
+def test_the_truth_is_that_of_the_magnetometer_that_is_judged():
+    default = load_rig(DEFAULT)
+    assert default.magnetometer_part == "mag3110"
+    other = replace(default, sensors=replace(default.sensors, magnetometer="FXOS8700CQ magnetometer"))
+    # Its zero-flux offset, 9, -14 and 6 uT, on top of the hard iron.
+    assert world_truth(other).hard_iron_counts == pytest.approx((114.0, -162.0, 100.0))
+    first = replace(default, sensors=replace(default.sensors, magnetometer=None))
+    assert first.magnetometer_part == "mag3110"
+
+
+def test_an_arithmetic_limit_is_not_held_against_the_turntable():
+    rig = load_rig(HARSH)
+    assert reference_uncertainty_deg(rig, "heading.direct@100.float32_error") is None
+    assert reference_uncertainty_deg(rig, "heading.direct@100.max") == pytest.approx(math.sqrt(0.05))

@@ -50,10 +50,10 @@ def tumble(board: Board, turntable: Turntable, rig: Rig, hil_progress: Progress)
 
 @pytest.fixture(scope="session")
 def calibrations(board: Board, tumble: Tumble, rig: Rig, hil_progress: Progress) -> dict[str, CalibratorRun]:
-    """What every calibrator of the firmware made of the same first points."""
+    """What every calibrator of the firmware made of the same first points, and the rig's further calibrations."""
     return run_calibrators(
-        board, tumble, calibrators=board.identity.calibrators, n=rig.procedure.calibration_points,
-        progress=hil_progress,
+        board, tumble, calibrators=[*board.identity.calibrators, *rig.procedure.further_calibrations],
+        n=rig.procedure.calibration_points, progress=hil_progress,
     )
 
 

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from hiltest.measurement import Limit
 from hiltest.rig_tables import (
+    MAGNETOMETER_PARTS,
+    MAGNETOMETER_RANGE_UT,
     STRICT,
     BoardPlace,
     LinkSettings,
@@ -31,7 +33,6 @@ if TYPE_CHECKING:
     from hiltest.sensors.drift import Drift
     from hiltest.sensors.fxos8700cq import AccelerometerErrors
     from hiltest.sensors.register_device import RegisterDevice
-    from hiltest.world.distortion import MagneticDistortion
     from hiltest.world.earth_field import EarthField
     from hiltest.world.world import World
 
@@ -84,6 +85,19 @@ class Rig:
         simulated = self.turntable.kind == "simulated"
         require(simulated == (self.board.kind == "virtual"), "turntable",
                 'kind "simulated" goes with a board of kind "virtual", "operator" and "grbl" with others')
+        if self.world is not None and self.magnetometer_part is not None:
+            part, world = self.magnetometer_part, self.world
+            reading_ut, range_ut = world.largest_reading_ut(part, self.field.strength_ut), MAGNETOMETER_RANGE_UT[part]
+            require(reading_ut < range_ut, "world",
+                    f"hard_iron_ut makes {part} read up to {reading_ut:.0f} uT; its axes stop at {range_ut:.0f}")
+
+    @property
+    def magnetometer_part(self) -> str | None:
+        """The part of `FITTED_PARTS` that the judged magnetometer is; None where it is no known one."""
+        if self.sensors.magnetometer is not None:
+            return MAGNETOMETER_PARTS.get(self.sensors.magnetometer)
+        fitted = self.world.fitted if self.world else ()
+        return next((part for part in MAGNETOMETER_PARTS.values() if part in fitted), None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +110,7 @@ class WorldTruth:
     soft_iron : 3 rows of 3
         True field to measured field, body frame.
     hard_iron_counts : (3,)
-        Of the MAG3110, body frame [counts].
+        At the judged magnetometer, body frame [counts].
     gyroscope_bias_dps : (3,)
         Body frame [deg/s].
     mounting_yaw_deg : float
@@ -113,7 +127,7 @@ def world_truth(rig: Rig) -> WorldTruth | None:
     """Return the truth of a rig's simulated world, None for a rig that has none."""
     if rig.world is None:
         return None
-    x, y, z = rig.world.hard_iron_ut
+    x, y, z = rig.world.hard_iron_at_ut(rig.magnetometer_part or "mag3110")
     return WorldTruth(
         field=_earth_field(rig),
         soft_iron=rig.world.soft_iron,
@@ -131,14 +145,18 @@ def build_world(rig: Rig) -> World:
     ValueError
         If the rig has no simulated world.
     """
+    from hiltest.world.spiral import Cap
     from hiltest.world.temperature import Temperature
     from hiltest.world.world import World
 
-    world = _simulated(rig)
+    world, covered = _simulated(rig), rig.turntable.covered
     temperature = Temperature(
         world.temperature_degc, world.temperature_end_degc, world.temperature_ramp_s, world.temperature_time_constant_s
     )
-    return World(_earth_field(rig), mounting_yaw_deg=_true_yaw_deg(rig, world), temperature=temperature)
+    return World(
+        _earth_field(rig), mounting_yaw_deg=_true_yaw_deg(rig, world), temperature=temperature,
+        covered=Cap(covered.axis, covered.fraction) if covered else None,
+    )
 
 
 def build_sensors(rig: Rig, world: World, seed: int) -> dict[str, list[RegisterDevice]]:
@@ -169,8 +187,9 @@ def build_sensors(rig: Rig, world: World, seed: int) -> dict[str, list[RegisterD
 
     def fxos8700cq(address: int, name: str) -> Fxos8700cq:
         return Fxos8700cq(
-            world, _with_zero_flux(distortion, truth.fxos8700cq_zero_flux_ut),
-            seed=seed, address=address, name=name, errors=_accelerometer_errors(truth),
+            world, MagneticDistortion(truth.soft_iron, truth.hard_iron_at_ut("fxos8700cq")), seed=seed,
+            address=address, name=name, errors=_accelerometer_errors(truth),
+            magnetometer_noise_ut=truth.fxos8700cq_noise_ut,
             accelerometer_drift=_drift(offset=_scaled(drift.accelerometer_offset_mg_per_degc, 1e-3)),
             magnetometer_drift=_drift(
                 offset=drift.fxos8700cq_zero_flux_ut_per_degc, gain_percent=drift.fxos8700cq_gain_percent_per_degc
@@ -213,13 +232,6 @@ def _true_yaw_deg(rig: Rig, world: SimulatedWorld) -> float:
     if world.mounting_yaw_deg is not None:
         return world.mounting_yaw_deg
     return rig.mounting.yaw_deg if rig.mounting else 0.0
-
-
-def _with_zero_flux(distortion: MagneticDistortion, zero_flux_ut: Triple) -> MagneticDistortion:
-    from hiltest.world.distortion import MagneticDistortion
-
-    x, y, z = (hard + zero for hard, zero in zip(distortion.hard_iron_ut, zero_flux_ut, strict=True))
-    return MagneticDistortion(distortion.soft_iron, (x, y, z))
 
 
 def _accelerometer_errors(truth: SimulatedWorld) -> AccelerometerErrors:

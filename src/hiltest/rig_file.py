@@ -24,14 +24,16 @@ from hiltest.measurement import Limit
 from hiltest.rig import Rig
 from hiltest.rig_tables import STRICT, RigValueError
 
-#: Units of the measurements that a limit may name; ``*`` is a calibrator's name.
+#: Units of the measurements that a limit may name; ``*`` is a calibrator's name, or one of its further calibrations.
 MEASUREMENT_UNITS = {
     "heading.*.max": "deg",
     "heading.*.rms": "deg",
     "heading.*.bias": "deg",
     "heading.*.max_centred": "deg",
     "heading.*.worst_sector": "deg",
+    "heading.*.float32_error": "deg",
     "heading.uncalibrated.max_level": "deg",
+    "fit.*.status": "",
     "fit.*.residual": "%",
     "fit.*.offset_error": "uT",
     "fit.*.rotation_left": "deg",
@@ -46,10 +48,12 @@ MEASUREMENT_UNITS = {
     "board.virtual_seconds": "s",
     "board.wall_seconds": "s",
 }
-_CALIBRATOR = r"[a-z0-9_-]+"
+_CALIBRATOR = r"[a-z0-9_-]+(?:@[0-9]+)?"
 # Fields of a rig that no file may set.
 _MADE_HERE = frozenset({"path", "units"})
 _FAMILIES = frozenset(name.split(".")[0] for name in MEASUREMENT_UNITS)
+# Heading measurements that no known angle enters: where the worst is, and the board against the host.
+_WITHOUT_REFERENCE = ("worst_sector", "float32_error")
 # Heading measurements that the mounting's uncertainty enters as well as the turntable's: all that are not centred.
 _MOUNTING_ENTERS = ("max", "rms", "bias", "max_level")
 
@@ -210,7 +214,7 @@ def reference_uncertainty_deg(rig: Rig, measurement: str) -> float | None:
     """
     family, _, rest = measurement.partition(".")
     what = rest.rpartition(".")[2]
-    if family != "heading" or what == "worst_sector":
+    if family != "heading" or what in _WITHOUT_REFERENCE:
         return None
     mounting_deg = rig.mounting.uncertainty_deg if rig.mounting and what in _MOUNTING_ENTERS else 0.0
     return math.hypot(rig.turntable.uncertainty_deg, mounting_deg)

@@ -6,6 +6,7 @@ has pydantic check a file against them.
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
@@ -18,6 +19,16 @@ Triple: TypeAlias = tuple[float, float, float]
 # What pydantic reads off these dataclasses: no unknown keys, no conversions (an integer is a fine float).
 STRICT: dict[str, Any] = {"extra": "forbid", "strict": True, "allow_inf_nan": False}
 
+# Where an axis of a magnetometer stops [uT], data sheets: the MAG3110's words, its own zero-flux offset of up
+# to 1000 uT in them, at 20 000 counts; the FXOS8700CQ at its full scale.
+MAGNETOMETER_RANGE_UT = {"mag3110": 2000.0, "fxos8700cq": 1200.0, "onboard-fxos8700cq": 1200.0}
+# By the names that the packaged firmware gives them.
+MAGNETOMETER_PARTS = {
+    "MAG3110": "mag3110",
+    "FXOS8700CQ magnetometer": "fxos8700cq",
+    "on-board FXOS8700CQ magnetometer": "onboard-fxos8700cq",
+}
+
 FITTED_PARTS = ("mag3110", "fxos8700cq", "fxas21002c", "onboard-fxos8700cq")
 
 
@@ -27,6 +38,12 @@ class RigValueError(ValueError):
     def __init__(self, key: str, message: str) -> None:
         self.key = key
         super().__init__(message)
+
+
+def number_of_points(calibration: str) -> int | None:
+    """Return the 100 of ``direct@100``; None of what is not written so."""
+    written = re.fullmatch(r"[a-z0-9_-]+@([1-9][0-9]*)", calibration)
+    return int(written[1]) if written else None
 
 
 def require(holds: bool, key: str, message: str) -> None:
@@ -123,13 +140,46 @@ class SensorChoice:
 
 
 @dataclass(frozen=True, slots=True)
-class TurntableSettings:
-    """What sets a known angle, and how well [deg]; how long an operator gets to turn the board all round [s].
+class CoveredPart:
+    """The part of the sphere that a simulated tumble shows the field from.
 
     Attributes
     ----------
+    axis : (3,)
+        Middle of the part, body frame, of any length: (0, 0, 1) is down, where the field of the
+        northern hemisphere is while the board is level.
+    fraction : float
+        Of the sphere's area: 0.5 is the half around the axis, all within ``acos(1 - 2 fraction)`` of it.
+
+    Notes
+    -----
+    A direction is covered when the *true* field, seen in the body frame, comes from it during the tumble.
+    Soft iron bends the points that the sensor gives by as much as it bends any other; hard iron, which
+    shifts them all, does not enter. A pose is inside when the field's direction in it is: with a dip of 62 degrees
+    the field is 28 degrees from body z on a level board, and at most 48 with 20 degrees of pitch or roll.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
+    axis: Triple
+    fraction: float
+
+    def __post_init__(self) -> None:
+        require(any(self.axis), "axis", "must not be zero: it is a direction")
+        require(0.0 < self.fraction <= 1.0, "fraction", "must be above 0 and at most 1, all of the sphere")
+
+
+@dataclass(frozen=True, slots=True)
+class TurntableSettings:
+    """What sets a known angle, and how well [deg].
+
+    Attributes
+    ----------
+    tumble_s : float
+        How long an operator gets to turn the board all round.
     port : str or None
         Device or pyserial URL of a motor table that speaks Grbl.
+    covered : CoveredPart or None
+        What a simulated tumble is confined to; None is all of the sphere.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
@@ -137,12 +187,15 @@ class TurntableSettings:
     uncertainty_deg: float
     tumble_s: float = 45.0
     port: str | None = None
+    covered: CoveredPart | None = None
 
     def __post_init__(self) -> None:
         require(self.uncertainty_deg >= 0.0, "uncertainty_deg", "must not be negative")
         require(0.0 < self.tumble_s <= 600.0, "tumble_s", "must be above 0 and at most 600")
         require((self.kind == "grbl") == (self.port is not None), "port",
                 'names the serial port of a turntable of kind "grbl", and only of that')
+        require(self.kind == "simulated" or self.covered is None, "covered",
+                'confines a tumble of kind "simulated"; another is turned by somebody else')
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,6 +210,10 @@ class Procedure:
         Each tilt is judged at every heading.
     poses : {"all", "level"}
         Which are judged when the command line does not say.
+    calibration_points : int
+        Of the tumble, that every calibrator of the firmware gets.
+    further_calibrations : tuple of str
+        Runs beside these, judged alike, each a calibrator and the points it gets: ``direct@100``.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
@@ -167,6 +224,7 @@ class Procedure:
     calibration_points: int = 100
     tumble_points: int = 300
     gyroscope_rest_s: float = 2.0
+    further_calibrations: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         require(len(self.headings_deg) >= 4, "headings_deg", "needs at least 4 headings, or no worst sector is found")
@@ -178,6 +236,10 @@ class Procedure:
         require(self.calibration_points <= self.tumble_points <= 512, "tumble_points",
                 "must be from calibration_points to 512, what the firmware stores")
         require(self.gyroscope_rest_s >= 2.0, "gyroscope_rest_s", "must be at least 2")
+        for written in self.further_calibrations:
+            points = number_of_points(written)
+            require(points is not None and 9 <= points <= self.tumble_points, "further_calibrations",
+                    f"names {written!r}; write a calibrator and its points, 9 to tumble_points, such as direct@100")
 
     def judged_poses(self, which: Literal["all", "level"] | None = None) -> tuple[Pose, ...]:
         """Return the table poses in the order they are judged: tilt by tilt, level first as listed."""
@@ -230,6 +292,9 @@ class SimulatedWorld:
         What the FXOS8700CQ magnetometers read beyond that.
     mag3110_noise_ut : (4,)
         Rms at oversampling 16, 32, 64, 128.
+    fxos8700cq_noise_ut : (2,)
+        Rms of its magnetometer at oversampling 2 and 32; at 8, which the firmware sets, it is their
+        geometric mean.
     temperature_degc : float
         Of the board at power-on, and ever after unless it has an end.
     temperature_end_degc : float or None
@@ -249,6 +314,7 @@ class SimulatedWorld:
     gyroscope_bias_dps: Triple = (0.0, 0.0, 0.0)
     fxos8700cq_zero_flux_ut: Triple = (0.0, 0.0, 0.0)
     mag3110_noise_ut: tuple[float, float, float, float] = (0.4, 0.35, 0.3, 0.25)
+    fxos8700cq_noise_ut: tuple[float, float] = (1.5, 0.3)
     mounting_yaw_deg: float | None = None
     temperature_degc: float = 25.0
     temperature_end_degc: float | None = None
@@ -259,6 +325,7 @@ class SimulatedWorld:
 
     def __post_init__(self) -> None:
         require(all(sigma >= 0.0 for sigma in self.mag3110_noise_ut), "mag3110_noise_ut", "must not be negative")
+        require(all(sigma >= 0.0 for sigma in self.fxos8700cq_noise_ut), "fxos8700cq_noise_ut", "must not be negative")
         self._check_temperature()
         strangers = [part for part in self.fitted if part not in FITTED_PARTS]
         require(not strangers, "fitted", f"names {strangers}; known parts: {', '.join(FITTED_PARTS)}")
@@ -275,3 +342,17 @@ class SimulatedWorld:
                 "excludes temperature_time_constant_s: one of them says the course")
         for key, duration_s in given.items():
             require(duration_s > 0.0, key, "must be above 0")
+
+    def hard_iron_at_ut(self, part: str) -> Triple:
+        """Return the constant field at a magnetometer of `FITTED_PARTS`, its zero-flux offset included [uT]."""
+        if part == "mag3110":
+            return self.hard_iron_ut
+        x, y, z = (hard + zero for hard, zero in zip(self.hard_iron_ut, self.fxos8700cq_zero_flux_ut, strict=True))
+        return (x, y, z)
+
+    def largest_reading_ut(self, part: str, strength_ut: float) -> float:
+        """Return the largest reading of any axis of a magnetometer in any attitude, without noise [uT]."""
+        hard_iron = self.hard_iron_at_ut(part)
+        return max(
+            abs(hard) + strength_ut * math.hypot(*row) for hard, row in zip(hard_iron, self.soft_iron, strict=True)
+        )

@@ -130,8 +130,8 @@ def test_more_than_the_board_can_do_is_refused_by_name(
 ) -> None:
     with pytest.raises(CalibrationError, match="no calibrator magic; it has direct, iterative"):
         run_calibrators(virtual_board, tumble, calibrators=["magic"])
-    with pytest.raises(CalibrationError, match="8 calibrators; the board has 7 slots"):
-        run_calibrators(virtual_board, tumble, calibrators=["direct"] * 8)
+    with pytest.raises(CalibrationError, match="8 calibrations; the board has 7 slots"):
+        run_calibrators(virtual_board, tumble, calibrators=[f"direct@{n}" for n in range(20, 28)])
     with pytest.raises(PoorCoverageError, match="the board's buffer holds 512"):
         collect_tumble(virtual_board, simulated_turntable, points=513)
 

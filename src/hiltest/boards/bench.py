@@ -69,9 +69,14 @@ class VirtualBench:
         """Turn the table, and let virtual time run until it stands."""
         self.machine.run_until(self.begin_turn(pose, judged_pose=judged_pose))
 
-    def tumble(self, duration_s: float) -> None:
-        """Go to where a tumble begins, begin it, and come back."""
+    def tumble(self, duration_s: float) -> float:
+        """Go to where a tumble begins, begin it, come back, and say how long it takes [s]."""
         self.machine.run_until(self.begin_tumble(duration_s))
+        return self.tumble_takes_s(duration_s)
+
+    def tumble_takes_s(self, duration_s: float) -> float:
+        """Return how long a tumble takes of which `duration_s` is asked [s]."""
+        return self._world.tumble_takes_s(duration_s)
 
     def next_move_s(self) -> float:
         """Return when a move that is planned now can begin [virtual s]."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -98,8 +99,8 @@ class Stage(Protocol):
     def turn_to(self, pose: Pose, *, judged_pose: int | None = None) -> None:
         """Turn the table and come back when it stands."""
 
-    def tumble(self, duration_s: float) -> None:
-        """Go to where a tumble begins, begin it, and come back."""
+    def tumble(self, duration_s: float) -> float:
+        """Go to where a tumble begins, begin it, come back, and say how long it takes [s]."""
 
 
 class Board(ABC):
@@ -151,6 +152,10 @@ class Board(ABC):
     def now_s(self) -> float:
         """Return the time of the board's clock [s]."""
         return self.session.now()
+
+    def sleep(self, seconds: float) -> None:
+        """Wait, by the board's clock [s]."""
+        time.sleep(seconds)
 
     @property
     @abstractmethod

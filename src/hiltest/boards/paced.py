@@ -159,10 +159,11 @@ class PacedBench:
         with self._clock:
             self._wait_for(self._bench.begin_turn(pose, judged_pose=judged_pose))
 
-    def tumble(self, duration_s: float) -> None:
-        """Go to where a tumble begins, and come back when it begins."""
+    def tumble(self, duration_s: float) -> float:
+        """Go to where a tumble begins, come back when it begins, and say how long it takes [s]."""
         with self._clock:
             self._wait_for(self._bench.begin_tumble(duration_s))
+            return self._bench.tumble_takes_s(duration_s)
 
     def _wait_for(self, time_s: float) -> None:
         self._clock.wait_for(lambda: self.time_s >= time_s or not self._running)

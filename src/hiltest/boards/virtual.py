@@ -53,6 +53,10 @@ class VirtualBoard(Board):
             return "none"
         return f"{self._machine.processor.profile.name}@{self.identity.placement}"
 
+    def sleep(self, seconds: float) -> None:
+        """Let virtual time pass [s]."""
+        self._machine.run_until(self._machine.time_s + seconds)
+
     @property
     def virtual_seconds(self) -> float:
         """Virtual time since power-on [s]."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from hiltest.angles import Pose
+from hiltest.procedures.arithmetic import float32_error_deg
 from hiltest.procedures.calibrate import UNCALIBRATED, UNCALIBRATED_SLOT, CalibratorRun, run_calibrators
 from hiltest.procedures.cause import Cause, name_cause, predicted_residual_percent
 from hiltest.procedures.clouds import golden_cloud
@@ -49,6 +50,7 @@ __all__ = [
     "Turntable",
     "check_link",
     "collect_tumble",
+    "float32_error_deg",
     "golden_cloud",
     "largest_hole_deg",
     "measure_accelerometer_rest",

@@ -17,6 +17,7 @@ from hiltest.link.replies import RunCost
 from hiltest.procedures.cause import predicted_residual_percent
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.tumble import Tumble
+from hiltest.rig_tables import number_of_points
 
 UNCALIBRATED = "uncalibrated"
 UNCALIBRATED_SLOT = 0
@@ -31,6 +32,7 @@ class CalibratorRun:
     Attributes
     ----------
     name : str
+        As it was asked for, ``direct`` or ``direct@100``.
     slot : int
         Where the board keeps the calibration.
     n : int
@@ -56,6 +58,11 @@ class CalibratorRun:
     residual_predicted_percent: float
     offset_error_ut: float | None
     rotation_left_deg: float | None
+
+    @property
+    def calibrator(self) -> str:
+        """Its name in the board's identity."""
+        return self.name.partition("@")[0]
 
     @property
     def fit(self) -> FitStatus:
@@ -115,7 +122,7 @@ def calibrate_once(board: Board, name: str, n: int) -> tuple[MagnetometerFit, Ru
 def run_calibrators(
     board: Board, tumble: Tumble, *, calibrators: Sequence[str], n: int = 100, progress: Progress | None = None
 ) -> dict[str, CalibratorRun]:
-    """Run each calibrator on the first n points, and keep its result in a slot of its own.
+    """Run each calibrator on the first points, and keep its result in a slot of its own.
 
     Parameters
     ----------
@@ -123,9 +130,14 @@ def run_calibrators(
         Holding the points of `tumble`. Slot 0 becomes the identity: no calibration.
     tumble : Tumble
     calibrators : sequence of str
-        Names as in the board's identity.
+        Names as in the board's identity. One may say how many points it gets: ``direct@100``.
     n : int
-        Points each of them gets.
+        Points each of the others gets.
+
+    Returns
+    -------
+    dict of str to CalibratorRun
+        By these names, in their order.
 
     Raises
     ------
@@ -133,22 +145,23 @@ def run_calibrators(
         When a calibrator is not in the firmware, or there are more of them than slots.
     """
     tell = progress or silent
-    missing = [name for name in calibrators if name not in board.identity.calibrators]
+    asked = {name: (name.partition("@")[0], number_of_points(name) or n) for name in calibrators}
+    missing = [each for each, _ in asked.values() if each not in board.identity.calibrators]
     if missing:
         raise CalibrationError(
             f"the firmware has no calibrator {', '.join(missing)}; it has {', '.join(board.identity.calibrators)}"
         )
-    if len(calibrators) >= board.identity.slots:
-        raise CalibrationError(f"{len(calibrators)} calibrators; the board has {board.identity.slots - 1} slots")
+    if len(asked) >= board.identity.slots:
+        raise CalibrationError(f"{len(asked)} calibrations; the board has {board.identity.slots - 1} slots for them")
     board.session.request(SetCalibration(UNCALIBRATED_SLOT, np.eye(3), np.zeros(3)))
     runs = {}
-    for slot, name in enumerate(calibrators, start=1):
-        tell(f"calibrator {name}", slot - 1, len(calibrators))
-        fit, cost = calibrate_once(board, name, n)
-        runs[name] = _judge(board, name, slot, tumble.points[:n], fit, cost)
+    for slot, (name, (calibrator, points)) in enumerate(asked.items(), start=1):
+        tell(f"calibrator {name}", slot - 1, len(asked))
+        fit, cost = calibrate_once(board, calibrator, points)
+        runs[name] = _judge(board, name, slot, tumble.points[:points], fit, cost)
         if runs[name].usable:
             board.session.request(SetCalibration(slot, runs[name].soft_iron, runs[name].hard_iron))
-    tell("calibrators", len(calibrators), len(calibrators))
+    tell("calibrators", len(asked), len(asked))
     return runs
 
 

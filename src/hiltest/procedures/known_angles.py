@@ -43,8 +43,8 @@ class KnownAngles:
         As the board answered them.
     tilt_error_deg : ndarray, shape (n, 2)
         Answered pitch and roll minus what the turntable reached, in (-180, 180].
-    accelerometer_norm : ndarray, shape (n,)
-        Length of the mean accelerometer reading [g].
+    magnetometer, accelerometer : ndarray, shape (n, 3)
+        Means that the board took at each pose [counts]; its headings are from these.
     """
 
     poses: tuple[Pose, ...]
@@ -57,7 +57,8 @@ class KnownAngles:
     pitch_deg: Reals
     roll_deg: Reals
     tilt_error_deg: Reals
-    accelerometer_norm: Reals
+    magnetometer: Reals
+    accelerometer: Reals
 
     @property
     def level(self) -> NDArray[np.bool_]:
@@ -67,7 +68,8 @@ class KnownAngles:
     @property
     def accelerometer_norm_rms_mg(self) -> float:
         """How far the measured gravity is from 1 g, rms over the poses [mg]."""
-        return rms([1000.0 * (float(norm) - 1.0) for norm in self.accelerometer_norm])
+        # hypot is correctly rounded neither everywhere nor alike; run.json keeps 9 digits of it.
+        return rms([1000.0 * (G_PER_COUNT * math.hypot(*mean) - 1.0) for mean in self.accelerometer.tolist()])
 
     @property
     def max_tilt_error_deg(self) -> float:
@@ -115,18 +117,18 @@ def measure_known_angles(
         board.sensor(kind)
     mask = sum(1 << slot for slot in slots.values())
     achieved: list[Achieved] = []
-    norms_g: list[float] = []
+    answers: list[AverageReply] = []
     attitudes: dict[str, list[Pose]] = {name: [] for name in slots}
     for index, pose in enumerate(poses):
         tell("known angles", index, len(poses))
         achieved.append(turntable.turn_to(pose, judged=index))
         reply = board.session.request(Average(readings, mask))
-        norms_g.append(_norm_g(reply))
+        answers.append(reply)
         for name, slot in slots.items():
             attitudes[name].append(_attitude(reply.headings[slot], name, pose))
     tell("known angles", len(poses), len(poses))
     references = [wrap_360(place.heading_deg + mounting_yaw_deg) for place in achieved]
-    headings = {name: [attitude.heading_deg for attitude in answers] for name, answers in attitudes.items()}
+    headings = {name: [attitude.heading_deg for attitude in each] for name, each in attitudes.items()}
     # Pitch and roll come from the accelerometer alone: they are the same under every calibration.
     tilts = next(iter(attitudes.values()))
     return KnownAngles(
@@ -146,13 +148,9 @@ def measure_known_angles(
             [wrap_180(tilt.pitch_deg - place.pitch_deg), wrap_180(tilt.roll_deg - place.roll_deg)]
             for tilt, place in zip(tilts, achieved, strict=True)
         ]),
-        accelerometer_norm=np.array(norms_g),
+        magnetometer=np.array([answer.magnetometer.mean for answer in answers], dtype=np.float64),
+        accelerometer=np.array([answer.accelerometer.mean for answer in answers], dtype=np.float64),
     )
-
-
-def _norm_g(reply: AverageReply) -> float:
-    # hypot is correctly rounded neither everywhere nor alike; run.json keeps 9 digits of it.
-    return math.hypot(*(float(value) * G_PER_COUNT for value in reply.accelerometer.mean))
 
 
 def _attitude(heading: SlotHeading, name: str, pose: Pose) -> Pose:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -66,7 +65,7 @@ class Tumble:
 
 def collect_tumble(
     board: Board, turntable: Turntable, *, points: int = 300, chunk: int = 100, progress: Progress | None = None,
-    sleep: Callable[[float], None] = time.sleep,
+    sleep: Callable[[float], None] | None = None,
 ) -> Tumble:
     """Tumble the board while it collects points, and read them back.
 
@@ -80,8 +79,9 @@ def collect_tumble(
     chunk : int
         Points per request. Within a chunk the points are consecutive samples; progress
         and coverage are told after each.
-    sleep : callable
-        Waits for a number of seconds [s] of the board's clock, between the points of a slow table.
+    sleep : callable, optional
+        Waits for a number of seconds [s] of the board's clock, between the points of a slow table;
+        by default the board's own.
 
     Returns
     -------
@@ -106,11 +106,12 @@ def collect_tumble(
     takes_s = turntable.tumble(fastest_s)
     slow = takes_s > fastest_s
     collected = _Collected(board, points, progress or silent)
+    wait = sleep or board.sleep
     began_s = board.now_s()
     while collected.stored < points:
         if slow:
             due_s = began_s + takes_s * collected.stored / points
-            sleep(max(0.0, due_s - board.now_s()))
+            wait(max(0.0, due_s - board.now_s()))
         collected.add(1 if slow else min(chunk, points - collected.stored))
         if not slow or collected.stored % _TOLD_EVERY == 0 or collected.stored == points:
             collected.read_back()

@@ -85,9 +85,8 @@ class SimulatedTurntable:
         return Achieved(pose.heading_deg, pose.pitch_deg, pose.roll_deg, self.uncertainty_deg)
 
     def tumble(self, duration_s: float) -> float:
-        """Go to the first pose of a tumble and begin it; it is as fast as the sensor."""
-        self._stage.tumble(duration_s)
-        return duration_s
+        """Go to the first pose of a tumble and begin it; it is as fast as the sensor, unless the rig confines it."""
+        return self._stage.tumble(duration_s)
 
     def rest(self) -> None:
         """Stand level, heading north."""

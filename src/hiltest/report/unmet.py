@@ -36,6 +36,9 @@ def unmet_limits(
 def _why(name: str, calibrators: Sequence[str]) -> str:
     family, _, rest = name.partition(".")
     calibrator = rest.partition(".")[0]
+    calibrator, _, points = calibrator.partition("@")
     if family in _PER_CALIBRATOR and calibrators and calibrator not in (*calibrators, _UNCALIBRATED):
         return f"the board has no calibrator {calibrator!r}, only {', '.join(calibrators)}"
+    if points:
+        return f"nothing measured it; procedure.further_calibrations names no {calibrator}@{points}, or its fit failed"
     return "nothing measured it"

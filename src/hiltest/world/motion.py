@@ -163,11 +163,6 @@ def _grid_point_after(start_s: float, duration_s: float) -> float:
     return (round(start_s / MOVE_GRID_S) + math.ceil(duration_s / MOVE_GRID_S - 1e-9)) * MOVE_GRID_S
 
 
-def tumble_begin() -> Pose:
-    """Return the pose in which a tumble starts."""
-    return normal_angles(Tumble(0.0, MOVE_GRID_S).angles(0.0)[0])
-
-
 def normal_angles(pose: Pose) -> Pose:
     """Return the pose with heading in [0, 360) and pitch and roll in (-180, 180]: same attitude."""
     return Pose(wrap_360(pose.heading_deg), wrap_180(pose.pitch_deg), wrap_180(pose.roll_deg))
@@ -190,3 +185,15 @@ def body_rate_dps(pose: Pose, angle_rates_dps: Vector) -> Vector:
         pitch * cos_r + heading * sin_r * cos_p,
         heading * cos_r * cos_p - pitch * sin_r,
     )
+
+
+def angle_rates_dps(pose: Pose, body_rate: Vector) -> Vector:
+    """Return the rates of heading, pitch and roll of a body that turns at `body_rate` [deg/s], the inverse.
+
+    With the nose straight up or down heading and roll turn about one axis, and roll gets it all.
+    """
+    p, q, r = body_rate
+    sin_p, cos_p = sin_cos_deg(pose.pitch_deg)
+    sin_r, cos_r = sin_cos_deg(pose.roll_deg)
+    heading = (q * sin_r + r * cos_r) / cos_p if cos_p else 0.0
+    return heading, q * cos_r - r * sin_r, p + heading * sin_p

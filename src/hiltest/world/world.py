@@ -16,9 +16,9 @@ from hiltest.world.motion import (
     body_rate_dps,
     next_on_grid,
     normal_angles,
-    tumble_begin,
     turn_between,
 )
+from hiltest.world.spiral import SPIRAL_S, Cap, Spiral
 from hiltest.world.temperature import Temperature
 
 # Noise epochs: 0 is the time since power-on; tumbles and judged poses have their own, so that
@@ -66,6 +66,8 @@ class World:
         Of the board.
     pose : Pose
         In which the table stands at power-on.
+    covered : Cap, optional
+        The part of the sphere that a tumble shows the field from; without it all of it.
 
     Notes
     -----
@@ -81,8 +83,10 @@ class World:
         mounting_yaw_deg: float = 0.0,
         temperature: Temperature = Temperature(),  # noqa: B008 - frozen, so it may be shared
         pose: Pose = Pose(0.0),  # noqa: B008
+        covered: Cap | None = None,
     ) -> None:
         self.field = field
+        self._covered = covered
         self.mounting_yaw_deg = mounting_yaw_deg
         self._temperature = temperature
         self._field_ned_ut = field.ned_ut
@@ -124,13 +128,14 @@ class World:
 
         The tumble itself begins at `last_move_start_s`, `duration_s` (rounded up to the grid)
         before its end: a board should start to collect then. How fast
-        the sphere is covered does not depend on the duration: a longer one goes on.
+        the sphere is covered does not depend on the duration: a longer one goes on. Where a part
+        of the sphere is to be covered, `tumble_takes_s` says how long that takes, whatever was asked.
         """
-        already_there = self._table == tumble_begin()
-        begin = self._earliest(time_s) if already_there else self.turn_to(tumble_begin(), time_s=time_s)
-        steps = math.ceil(duration_s / MOVE_GRID_S - 1e-9)
+        first = normal_angles(self._tumble(0.0, MOVE_GRID_S).angles(0.0)[0])
+        begin = self._earliest(time_s) if self._table == first else self.turn_to(first, time_s=time_s)
+        steps = math.ceil(self.tumble_takes_s(duration_s) / MOVE_GRID_S - 1e-9)
         end = (round(begin / MOVE_GRID_S) + steps) * MOVE_GRID_S
-        tumble = Tumble(begin, end)
+        tumble = self._tumble(begin, end)
         self._append(tumble, normal_angles(tumble.angles(end)[0]))
         self._begin_epoch(_TUMBLE_EPOCH + self._tumbles, begin)
         self._tumbles += 1
@@ -159,6 +164,10 @@ class World:
             raise ValueError(f"a move from {planned} at {segment.start_s:g} s does not go on from {there}")
         self._append(segment, normal_angles(segment.angles(segment.end_s)[0]))
         self._begin_epoch(0, segment.start_s, origin_s=0.0)
+
+    def tumble_takes_s(self, duration_s: float) -> float:
+        """Return how long a tumble goes on of which `duration_s` is asked [s]: a spiral has its own pace."""
+        return duration_s if self._covered is None else SPIRAL_S
 
     def hold(self, *, time_s: float, judged_pose: int | None = None) -> float:
         """Stay as the table is; return the grid point at which everything before is over [s]."""
@@ -191,6 +200,11 @@ class World:
         """Return the noise epoch at a time, and the time its samples are counted from [s]."""
         # The tolerance is that of the sampling instants: an instant on the grid belongs to what begins there.
         return self._epochs[bisect_right(self._epoch_starts, time_s + 1e-9) - 1]
+
+    def _tumble(self, start_s: float, end_s: float) -> Segment:
+        if self._covered is None:
+            return Tumble(start_s, end_s)
+        return Spiral(start_s, end_s, self._covered, self.field, self.mounting_yaw_deg)
 
     def _earliest(self, time_s: float) -> float:
         return max(next_on_grid(time_s), self._segments[-1].end_s)

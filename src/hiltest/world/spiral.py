@@ -1,0 +1,110 @@
+"""A tumble that keeps the field, as the board sees it, in a part of the sphere."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hiltest.angles import Pose, pose_from_rotation, sin_cos_deg
+from hiltest.world.earth_field import EarthField, Vector
+from hiltest.world.motion import angle_rates_dps
+
+#: How long the field takes from the middle of the part to its rim [s]. 512 points, all that the firmware
+#: stores, take 9.6 s of the slowest magnetometer at most: a spiral is slower than any of them.
+SPIRAL_S = 12.5
+# About the axis, 14 turns in all. With 300 points a turn has 21.39 of them: by that fraction, near the golden section's
+# 0.38, each turn's points lie between those of the turns before, not on spokes.
+_SPIN_DPS = 404.0
+# Of the part's area, left out at both ends: in the very middle, and opposite to it, the tilt would be infinitely fast.
+_LEFT_OUT = 0.002
+# atan2 and a matrix product may differ in the last bits between hosts; that is 1e-13 degrees.
+_DECIMALS = 9
+
+
+@dataclass(frozen=True, slots=True)
+class Cap:
+    """A part of the sphere: all directions within an angle of an axis.
+
+    Attributes
+    ----------
+    axis : (3,)
+        Body frame, of any length but zero.
+    fraction : float
+        Of the sphere's area, above 0 and at most 1; the angle is ``acos(1 - 2 fraction)``.
+    """
+
+    axis: Vector
+    fraction: float
+
+
+@dataclass(frozen=True, slots=True)
+class Spiral:
+    """A tumble in which the true field's direction in the body frame runs evenly over a cap.
+
+    The body spins about the cap's axis while that axis tilts away from the field. Equal times see equal
+    areas: points taken at a constant rate are as dense at the rim as in the middle, and those of any
+    part of the time lie on a ring.
+
+    Attributes
+    ----------
+    start_s, end_s : float
+        Virtual time [s]; `SPIRAL_S` apart for the whole cap.
+    cap : Cap
+    field : EarthField
+    mounting_yaw_deg : float
+        Of the board on the table: the table's poses are such that the board does as said.
+    """
+
+    start_s: float
+    end_s: float
+    cap: Cap
+    field: EarthField
+    mounting_yaw_deg: float
+
+    def angles(self, time_s: float) -> tuple[Pose, Vector]:
+        """Return the table's pose and its angle rates [deg/s]; from `end_s` on it stands still.
+
+        Notes
+        -----
+        With the field along z of one frame and the cap's axis along z of another, the body is turned by
+        ``A Rz(spin) Ry(tilt) F'``, the columns of F and A being those frames; the tilt's cosine is
+        ``1 - 2 fraction share``, linear in time, and that makes areas equal (Archimedes).
+        """
+        duration_s = self.end_s - self.start_s
+        elapsed_s = min(time_s, self.end_s) - self.start_s
+        share = _LEFT_OUT + (1.0 - 2.0 * _LEFT_OUT) * elapsed_s / duration_s
+        cos_tilt = 1.0 - 2.0 * self.cap.fraction * share
+        sin_tilt = math.sqrt(1.0 - cos_tilt * cos_tilt)
+        sin_spin, cos_spin = sin_cos_deg(_SPIN_DPS * elapsed_s)
+        axes = _frame_about(self.cap.axis)
+        spun = axes @ np.array([[cos_spin, -sin_spin, 0.0], [sin_spin, cos_spin, 0.0], [0.0, 0.0, 1.0]])
+        tilted = spun @ np.array([[cos_tilt, 0.0, sin_tilt], [0.0, 1.0, 0.0], [-sin_tilt, 0.0, cos_tilt]])
+        board = pose_from_rotation(tilted @ _field_frame(self.field).T)
+        pose = Pose(
+            round(board.heading_deg - self.mounting_yaw_deg, _DECIMALS),
+            round(board.pitch_deg, _DECIMALS), round(board.roll_deg, _DECIMALS),
+        )
+        if time_s >= self.end_s:
+            return pose, (0.0, 0.0, 0.0)
+        tilt_dps = math.degrees(2.0 * self.cap.fraction * (1.0 - 2.0 * _LEFT_OUT) / duration_s / sin_tilt)
+        x, y, z = (-(_SPIN_DPS * axes[:, 2] + tilt_dps * spun[:, 1])).tolist()
+        return pose, angle_rates_dps(pose, (x, y, z))
+
+
+def _frame_about(axis: Vector) -> NDArray[np.float64]:
+    """Return a right-handed frame with an axis for z, as columns."""
+    z = np.array(axis) / math.hypot(*axis)
+    beside = np.zeros(3)
+    beside[int(np.abs(z).argmin())] = 1.0
+    x = np.cross(beside, z)
+    x /= math.hypot(*x.tolist())
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def _field_frame(field: EarthField) -> NDArray[np.float64]:
+    """Return the frame whose z is the field and whose y is east, as columns in the earth frame."""
+    sin_dip, cos_dip = sin_cos_deg(field.dip_deg)
+    return np.array([[sin_dip, 0.0, cos_dip], [0.0, 1.0, 0.0], [-cos_dip, 0.0, sin_dip]])

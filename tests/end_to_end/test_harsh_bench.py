@@ -1,0 +1,88 @@
+"""The harsh rig: half of the sphere, hard iron of five times the field, and what must hold there all the same."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from .conftest import RIGS
+
+HARSH = "virtual-k64f-harsh"
+# The known angles and what they need; cycles and link are the default bench's. The twelve level poses: with 64
+# readings a pose all sixty take four times as long, and what the limits are for is simulated over thousands of seeds.
+SUITES = ("--poses", "level", "--", "-k", "identity or heading")
+
+
+@pytest.fixture(scope="module")
+def harsh_run(run_in, tmp_path_factory: pytest.TempPathFactory):
+    return run_in(tmp_path_factory.mktemp("harsh"), "--rig", HARSH, *SUITES)
+
+
+def test_direct_holds_its_limits_where_it_was_calibrated(harsh_run) -> None:
+    assert harsh_run.code == 0, harsh_run.output
+    assert harsh_run.value("heading.direct.max") <= 2.3
+    assert harsh_run.value("heading.direct@100.max") <= 3.1
+    assert "direct@100: " in harsh_run.sentence
+
+
+def test_half_of_the_sphere_is_what_the_points_cover(harsh_run) -> None:
+    # Half, less what lies between the outermost points, on rings of 21 points, and the rim.
+    assert harsh_run.value("tumble.coverage") == pytest.approx(50.0, abs=4.0)
+    # 6 to 30 for half of a sphere: `direct` accepts it.
+    assert 4.0 < harsh_run.value("fit.direct.coverage") < 30.0
+
+
+def test_without_a_calibration_the_heading_is_lost(harsh_run) -> None:
+    assert harsh_run.measured["heading.uncalibrated.max"]["outcome"] == "pass"
+    assert harsh_run.value("heading.uncalibrated.max") > 90.0
+
+
+def test_the_noise_is_the_magnetometers_own(harsh_run) -> None:
+    for name in ("direct", "direct@100"):
+        # The rms of a residual over 100 points scatters by 7 %: three of that.
+        predicted = harsh_run.value(f"fit.{name}.residual_predicted")
+        assert harsh_run.value(f"fit.{name}.residual") == pytest.approx(predicted, rel=0.21)
+    assert harsh_run.value("fit.direct.residual_predicted") > 2.0  # 1 uT in 48.5
+
+
+def test_float32_does_not_show(harsh_run) -> None:
+    assert 0.0 < harsh_run.value("heading.direct.float32_error") <= 0.01
+    assert harsh_run.value("heading.iterative.float32_error") <= 0.01
+
+
+def test_what_iterative_does_there_is_shown_and_not_judged(harsh_run) -> None:
+    assert harsh_run.measured["heading.iterative.max"]["outcome"] == "information"
+    assert harsh_run.measured["heading.iterative.max"]["limit"] is None
+
+
+def test_outside_of_what_was_covered_the_same_fit_is_several_degrees_worse(harsh_run, run_in, tmp_path: Path) -> None:
+    outside = run_in(tmp_path, "--rig", f"{HARSH}-outside", *SUITES)
+    assert outside.code == 0, outside.output
+    assert outside.value("fit.direct.residual") == pytest.approx(harsh_run.value("fit.direct.residual"), rel=0.1)
+    # Simulated over 3000 seeds and all poses: 4.0 in the median, against 1.3 inside.
+    assert outside.value("heading.direct.max") > 1.5 * harsh_run.value("heading.direct.max")
+    assert outside.measured["heading.direct.max"]["outcome"] == "information"
+
+
+def test_a_fifth_of_the_sphere_is_refused_by_name(run_in, tmp_path: Path) -> None:
+    run = run_in(tmp_path, "--rig", f"{HARSH}-cap", *SUITES)
+    assert run.code == 1
+    assert run.measured["fit.direct.status"]["outcome"] == "fail"
+    assert run.value("fit.direct.status") == 2
+    assert run.value("fit.direct.coverage") > 30.0
+    # Level, a sphere would do: the run is red by the fit alone.
+    assert run.measured["heading.direct.max"]["outcome"] == "pass"
+    assert "Out of limit: fit.direct.status 2 (exactly 0), fit.direct@100.status 2 (exactly 0)." in run.sentence
+
+
+def test_a_noisier_part_and_a_weaker_hard_iron_are_red_by_name(run_in, tmp_path: Path) -> None:
+    text = (RIGS / f"{HARSH}.toml").read_text(encoding="utf-8")
+    for old, new in (("[170.0, -121.0, 124.0]", "[2.4, -2.2, 4.0]"), ("[2.236068, 0.447214]", "[22.0, 4.5]")):
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    (tmp_path / "edited.toml").write_text(text, encoding="utf-8")
+    run = run_in(tmp_path, "--rig", "edited.toml", *SUITES)
+    assert run.code == 1
+    for name in ("heading.direct.max", "heading.direct@100.max", "heading.uncalibrated.max"):
+        assert run.measured[name]["outcome"] == "fail", name
