@@ -70,7 +70,9 @@ class Reason:
 
 
 @dataclass(frozen=True, slots=True)
-class _Bound:
+class Bound:
+    """A threshold of one figure: on its wrong side a calibration has this verdict, for the reason that meaning says."""
+
     figure: str
     unit: str
     limit: float
@@ -79,46 +81,48 @@ class _Bound:
     below: bool = False
 
     def broken_by(self, value: float) -> bool:
+        """Say whether a value is on the wrong side; the limit itself is not."""
         # A value that is no number breaks every bound.
         return not (value >= self.limit if self.below else value <= self.limit)
 
 
-# The order is that of the reasons: for each figure the severest first, and only the first that is broken is told.
-_BOUNDS = (
+#: The order is that of the reasons: for each figure the severest first, and only the first that is broken is told.
+BOUNDS = (
     # Nine points always lie on a quadric: nothing is left over that could tell how good it is.
-    _Bound("n", "points", 10.0, Acceptance.REFUSED,
+    Bound("n", "points", 10.0, Acceptance.REFUSED,
            "every quadric through so few points is exact, and tells nothing of its error; take more", below=True),
     # Two for each unknown: with nine left over the residual, and with it what is predicted, is known to 24 %.
-    _Bound("n", "points", 18.0, Acceptance.POOR,
+    Bound("n", "points", 18.0, Acceptance.POOR,
            "too few are left over to know the residual well; take more", below=True),
     # Simulated over 100 points: 300 is where a third of the sphere is covered (see `ellipsoid_condition`). Any
     # calibrator returns an ellipsoid for less as well, of a wrong radius.
-    _Bound("condition", "", 300.0, Acceptance.REFUSED,
+    Bound("condition", "", 300.0, Acceptance.REFUSED,
            "the points cover too little of the sphere to determine an ellipsoid; turn the sensor all round"),
-    # 60 % of the sphere has 57 in the median: below it `direct` is worse than 0.5 deg at 0.4 uT and 100 points.
-    _Bound("condition", "", 60.0, Acceptance.POOR,
+    # 60 % of the sphere has 57 in the median: at 0.4 uT and 100 points `direct` is off by 0.32 deg there, by 0.21 on
+    # three quarters, 0.53 on a half and 1.05 on 30 %.
+    Bound("condition", "", 60.0, Acceptance.POOR,
            "a large part of the sphere is missing, and directions in it are extrapolated; turn the sensor all round"),
     # A sensor at rest is a ball of noise: about 40 %. At 20 % a reading's own direction is off by some 11 deg.
-    _Bound("residual_percent", "%", 20.0, Acceptance.REFUSED,
+    Bound("residual_percent", "%", 20.0, Acceptance.REFUSED,
            "the points do not lie on an ellipsoid: sensor at rest, wrong columns, or the field changed"),
     # Noise of 0.4 uT in 48 uT leaves 0.8 %, of 1 uT 2 %. More is no noise of a part that is in order.
-    _Bound("residual_percent", "%", 2.0, Acceptance.POOR,
+    Bound("residual_percent", "%", 2.0, Acceptance.POOR,
            "the points scatter about the ellipsoid by more than a sensor's noise: iron that moved, a current, or "
            "turning too fast for the sensor"),
     # Boards and cases stretch the field by tenths. Twice means another thing than a sensor in the earth's field.
-    _Bound("axis_ratio", "", 2.0, Acceptance.REFUSED,
+    Bound("axis_ratio", "", 2.0, Acceptance.REFUSED,
            "the ellipsoid is longer than any board's iron makes it; are these the columns of one magnetometer?"),
     # The earth's field is 22 to 67 uT at the surface (World Magnetic Model).
-    _Bound("radius_ut", "uT", 20.0, Acceptance.REFUSED,
+    Bound("radius_ut", "uT", 20.0, Acceptance.REFUSED,
            "the field is weaker than the earth's anywhere; wrong unit, shielding, or a fit that went astray",
            below=True),
-    _Bound("radius_ut", "uT", 70.0, Acceptance.REFUSED,
+    Bound("radius_ut", "uT", 70.0, Acceptance.REFUSED,
            "the field is stronger than the earth's anywhere; wrong unit, or a fit that went astray"),
     # The packaged rig's heading without any calibration is off by up to 10 deg.
-    _Bound("direction_error_deg", "deg", 10.0, Acceptance.REFUSED,
+    Bound("direction_error_deg", "deg", 10.0, Acceptance.REFUSED,
            "the points' own noise turns directions as far as no calibration at all does; take more points, all round"),
     # Half of the 2 deg that the thesis allows any calibrator, so that the other half is left to soft iron and tilt.
-    _Bound("direction_error_deg", "deg", 1.0, Acceptance.POOR,
+    Bound("direction_error_deg", "deg", 1.0, Acceptance.POOR,
            "the points' own noise alone turns directions by this much; take more points, all round"),
 )  # fmt: skip
 
@@ -147,7 +151,7 @@ def _reasons(figures: FitFigures) -> Iterator[Reason]:
         yield Reason("status", _word(figures.status), _word(FitStatus.ELLIPSOID), "", Acceptance.REFUSED,
                      _NO_ELLIPSOID[figures.status])
     told = set()
-    for bound in _BOUNDS:
+    for bound in BOUNDS:
         value = getattr(figures, bound.figure)
         if value is not None and bound.figure not in told and bound.broken_by(value):
             told.add(bound.figure)

@@ -42,11 +42,12 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON (hiltest.fit/1) and nothing else.")
 @click.option("--export-json", metavar="FILE", type=_FILE, help="Write the best calibration as JSON.")
 @click.option("--export-header", metavar="FILE", type=_FILE, help="Write the best calibration as a C header.")
+@click.option("--html", metavar="FILE", type=_FILE, help="Write a page: the cloud before and after, its coverage.")
 @click.option("--at-least", type=click.Choice(["good", "poor"]), default="poor", show_default=True,
               help="Verdict that the best calibration needs for exit code 0.")
 def fit(
     cloud: Path, columns: str | None, unit: str | None, calibrator: str, on: str, firmware: str | None,
-    as_json: bool, export_json: Path | None, export_header: Path | None, at_least: str,
+    as_json: bool, export_json: Path | None, export_header: Path | None, html: Path | None, at_least: str,
 ) -> int:  # fmt: skip
     """Fit the points of a recorded magnetometer cloud, and say whether the calibration may be used.
 
@@ -59,6 +60,10 @@ def fit(
     fitted = _fit(read, calibrator, on, firmware)
     _show(fitted, as_json=as_json)
     _export(fitted, export_json, export_header)
+    if html is not None:
+        from hiltest.report.cloud_fit_page import write_page
+
+        write_page(fitted, read.points, html)
     order = list(Acceptance)
     return int(order.index(fitted.best.verdict) > order.index(Acceptance(at_least)))
 

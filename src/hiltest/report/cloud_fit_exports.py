@@ -59,7 +59,7 @@ def export_json(fit: CloudFit, path: Path) -> None:
             "condition": fit.condition, "direction_error_deg": best.direction_error_deg,
         },
     }  # fmt: skip
-    _write(path, json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+    write_text(path, json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
 
 
 def export_header(fit: CloudFit, path: Path) -> None:
@@ -71,7 +71,7 @@ def export_header(fit: CloudFit, path: Path) -> None:
         residual=residual, n_in=fit.n_in, file=_comment(Path(fit.file).name), n_used=best.n_used,
         hard_iron=_row(hard_iron), soft_iron=",\n    ".join(map(_row, soft_iron)), radius=_float(radius),
     )  # fmt: skip
-    _write(path, text)
+    write_text(path, text)
 
 
 def _numbers(best: CalibratorFit) -> tuple[Triple, Matrix, float, float]:
@@ -94,7 +94,14 @@ def _comment(text: str) -> str:
     return re.sub(r"[^\w.+-]", "_", text, flags=re.ASCII)
 
 
-def _write(path: Path, text: str) -> None:
+def write_text(path: Path, text: str) -> None:
+    """Write a file that was asked for, so that a reader sees the whole of it or none.
+
+    Raises
+    ------
+    ConfigError
+        When it cannot be written.
+    """
     try:
         write_atomically(path, text)
     except OSError as error:

@@ -36,12 +36,13 @@ def _grid(fit: CloudFit) -> Table:
     for each in fit.calibrators:
         grid.add_column(escape(each.name), justify="right")
     grid.add_row("verdict", *(Text(each.verdict, style=_STYLES[each.verdict]) for each in fit.calibrators))
-    for label, cells in _rows(fit):
+    for label, cells in figure_rows(fit):
         grid.add_row(escape(label), *map(escape, cells))
     return grid
 
 
-def _rows(fit: CloudFit) -> list[tuple[str, list[str]]]:
+def figure_rows(fit: CloudFit) -> list[tuple[str, list[str]]]:
+    """Return the figures of a fit: a label, and a text for each calibrator."""
     fits = fit.calibrators
     rows = [
         ("fit", [each.status for each in fits]),
@@ -52,8 +53,8 @@ def _rows(fit: CloudFit) -> list[tuple[str, list[str]]]:
         ("residual [%]", [_number(each.residual_percent, ".2f") for each in fits]),
         ("coverage [%]", [_number(each.coverage and 100 * each.coverage, ".0f") for each in fits]),
         ("axis ratio", [_number(each.axis_ratio, ".3f") for each in fits]),
-        ("condition of the cloud", [_number(fit.condition, ".3g")] * len(fits)),
-        ("predicted direction error [deg]", [_number(each.direction_error_deg, ".2f") for each in fits]),
+        ("condition of the cloud", [_number(fit.condition, ".4g")] * len(fits)),
+        ("direction error [deg]", [_number(each.direction_error_deg, ".2f") for each in fits]),
     ]
     if fit.firmware is not None:
         cycles = ["not counted" if each.cycles is None else grouped(each.cycles) for each in fits]

@@ -1,0 +1,81 @@
+"""The page about ``hiltest fit``: its example runs as it stands, and its table is what decides."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hiltest.calibration.acceptance import BOUNDS, Acceptance
+
+PAGE = (Path(__file__).parents[2] / "docs" / "fit.md").read_text(encoding="utf-8")
+(EXAMPLE,) = re.findall(r"^```python\n(.*?)^```", PAGE, re.M | re.S)
+COMMANDS = [line for block in re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S) for line in block.splitlines()]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where a reader has run the example."""
+    path = tmp_path_factory.mktemp("reader")
+    subprocess.run([sys.executable, "-c", EXAMPLE], cwd=path, check=True)
+    return path
+
+
+def _truth() -> tuple[np.ndarray, np.ndarray]:
+    """Return directions and readings of the example, all round."""
+    names: dict[str, np.ndarray] = {}
+    exec(compile(EXAMPLE.split("for name, cloud")[0], "docs/fit.md", "exec"), names)
+    return names["directions"], names["readings"]
+
+
+def _run(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    _, *arguments = shlex.split(command)
+    return subprocess.run(
+        [sys.executable, "-m", "hiltest", *arguments], cwd=folder, capture_output=True, text=True, check=False,
+        timeout=120,
+    )  # fmt: skip
+
+
+def test_the_commands_do_what_the_page_says(folder: Path) -> None:
+    all_round, little, for_programs = COMMANDS
+    done = _run(all_round, folder)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "good" in done.stdout
+    assert "refused" not in done.stdout
+    assert {"fit.html", "magnetometer_calibration.h"} <= {path.name for path in folder.iterdir()}
+    done = _run(little, folder)
+    assert done.returncode == 1
+    assert "is above 300 (refused)" in " ".join(done.stdout.split())
+    done = _run(for_programs, folder)
+    assert done.returncode == 0
+    assert json.loads(done.stdout)["verdict"] == "good"
+
+
+def test_a_calibration_of_the_little_cloud_is_as_wrong_as_the_page_says(folder: Path) -> None:
+    """Small residual, wrong field strength: the ellipsoid that some calibrator returns is believed by nobody else."""
+    content = json.loads(_run("hiltest fit little.csv --on host --json", folder).stdout)
+    iterative = {each["name"]: each for each in content["calibrators"]}["iterative"]
+    assert iterative["status"] == "ellipsoid"
+    # "1 %", "a tenth" of 48.5 uT, "some 10 degrees".
+    assert iterative["residual_percent"] == pytest.approx(1.0, abs=0.1)
+    assert iterative["radius"] == pytest.approx(0.9 * 48.5, abs=0.05 * 48.5)
+    directions, readings = _truth()
+    corrected = (readings - iterative["hard_iron"]) @ np.array(iterative["soft_iron"])
+    cosines = (corrected * directions).sum(axis=1) / np.linalg.norm(corrected, axis=1)
+    assert np.degrees(np.sqrt(np.mean(np.arccos(cosines) ** 2))) == pytest.approx(10.0, abs=1.5)
+
+
+def test_the_table_has_every_threshold() -> None:
+    rows = re.findall(r"^\| (\w+) \| .* \| ?(.*?) \| (.*?) \|$", PAGE, re.M)
+    told = {name: {Acceptance.POOR: poor, Acceptance.REFUSED: refused} for name, poor, refused in rows}
+    for bound in BOUNDS:
+        side = "below" if bound.below else "above"
+        assert f"{side} {bound.limit:g}" in told[bound.figure][bound.verdict].split(", ")
+    numbers = [number for each in told.values() for cell in each.values() for number in re.findall(r"\d+", cell)]
+    assert len(numbers) == len(BOUNDS)
