@@ -33,6 +33,7 @@ def _drawn(seed: int, count: int, covered: float, noise_ut: float) -> Cloud:
 
 
 def _verdicts(fit: CloudFit) -> dict[str, Acceptance]:
+    """Return the verdicts of the two calibrators that firmware and host both have."""
     return {each.name: each.verdict for each in fit.calibrators if each.name in ("direct", "iterative")}
 
 
@@ -117,9 +118,10 @@ def test_the_wrong_unit_is_refused_by_the_field_strength() -> None:
 def test_too_few_points_are_refused_with_that_reason(virtual_board: Board, count: int) -> None:
     cloud = _cloud(golden_cloud(100)[:count] / 10.0)
     for fit in (fit_on_board(virtual_board, cloud), fit_on_host(cloud)):
+        assert set(_verdicts(fit).values()) == {Acceptance.REFUSED}
         for each in fit.calibrators:
-            assert each.verdict is Acceptance.REFUSED
-            assert (each.status, each.hard_iron) == ("too few points", None)
+            if each.name in _verdicts(fit):
+                assert (each.status, each.hard_iron) == ("too few points", None)
 
 
 def test_the_best_has_the_best_verdict_and_then_the_smallest_residual() -> None:
@@ -129,7 +131,7 @@ def test_the_best_has_the_best_verdict_and_then_the_smallest_residual() -> None:
 
 def test_an_unknown_calibrator_is_named_with_those_that_are_there(virtual_board: Board) -> None:
     cloud = _cloud(golden_cloud(20) / 10.0)
-    with pytest.raises(ConfigError, match="the firmware has no calibrator 'kalman'; it has direct, iterative"):
+    with pytest.raises(ConfigError, match="the firmware has no calibrator 'kalman'; it has .*direct"):
         fit_on_board(virtual_board, cloud, "kalman")
     with pytest.raises(ConfigError, match="calibrator 'kalman' has no float64 reference"):
         fit_on_host(cloud, "kalman")
