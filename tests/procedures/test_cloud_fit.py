@@ -131,7 +131,7 @@ def test_the_best_has_the_best_verdict_and_then_the_smallest_residual() -> None:
 
 def test_an_unknown_calibrator_is_named_with_those_that_are_there(virtual_board: Board) -> None:
     cloud = _cloud(golden_cloud(20) / 10.0)
-    with pytest.raises(ConfigError, match="the firmware has no calibrator 'kalman'; it has .*direct"):
+    with pytest.raises(ConfigError, match=r"the firmware has no calibrator 'kalman'; it has .*direct"):
         fit_on_board(virtual_board, cloud, "kalman")
     with pytest.raises(ConfigError, match="calibrator 'kalman' has no float64 reference"):
         fit_on_host(cloud, "kalman")
