@@ -112,29 +112,40 @@ class BoardFault(BenchError):
     Attributes
     ----------
     cause : str
-        What happened, in the processor's terms.
+        What happened first, in the processor's terms.
     function, location : str
         Symbol and ``file:line`` of the instruction, empty when the ELF has none.
     registers : dict of str to int
         Core registers at the fault.
+    ending : str
+        What the firmware made of the fault before it could go on no longer; empty when nothing.
     """
 
     def __init__(
         self, cause: str, *, pc: int, function: str = "", location: str = "",
-        registers: dict[str, int] | None = None,
+        registers: dict[str, int] | None = None, ending: str = "",
     ) -> None:
         self.cause = cause
         self.pc = pc
         self.function = function
         self.location = location
         self.registers = dict(registers or {})
-        place = f"0x{pc:08x}"
-        if function:
-            place += f" in {function}"
-        if location:
-            place += f" ({location})"
+        self.ending = ending
         state = " ".join(f"{name}=0x{value:08x}" for name, value in self.registers.items())
-        super().__init__(f"{cause} at {place}" + (f"; {state}" if state else ""))
+        first = f"{cause} at {place_of(pc, function, location)}"
+        super().__init__((f"{ending}, after: " if ending else "") + first + (f"; {state}" if state else ""))
+
+    def ended(self, ending: str) -> BoardFault:
+        """Return this fault with what became of it."""
+        return BoardFault(
+            self.cause, pc=self.pc, function=self.function, location=self.location, registers=self.registers,
+            ending=ending,
+        )  # fmt: skip
+
+
+def place_of(pc: int, function: str, location: str) -> str:
+    """Write where code stands: address, function and ``file:line`` as far as they are known."""
+    return f"0x{pc:08x}" + (f" in {function}" if function else "") + (f" ({location})" if location else "")
 
 
 class FrameError(ProtocolError):

@@ -7,7 +7,7 @@ import signal
 import threading
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hiltest.errors import BoardFault, ConfigError
@@ -110,6 +110,7 @@ def test_a_truncated_file_is_refused(size: int) -> None:
         VirtualK64F(SHIPPED.read_bytes()[:size])
 
 
+@settings(deadline=None)  # how long a board takes to be made is the machine's affair
 @given(st.integers(0, 2000), st.integers(0, 255))
 def test_a_damaged_header_is_refused_or_harmless(position: int, value: int) -> None:
     content = bytearray(SHIPPED.read_bytes())

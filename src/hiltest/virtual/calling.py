@@ -109,7 +109,9 @@ def call_function(processor: Processor, symbol: str, arguments: Sequence[Argumen
         hint = f"; near: {', '.join(near)}" if near else ""
         raise ConfigError(f"{processor.image.name}: no function {symbol!r}{hint}")
     registers, accounting = processor.registers, processor.accounting
-    saved = registers.general.read(), registers.floating.read(), registers.primask.get(), processor.fpu_enabled
+    processor.exceptions.floating_point_runs()  # what an interrupted handler has not saved yet is not this function's
+    saved = registers.general.read(), registers.floating_frame.read(), registers.primask.get(), processor.fpu_enabled
+    control = registers.control.get()
     was_sleeping, processor.sleeping = processor.sleeping, False
     stack = saved[0][13] if booted else _SRAM_END
     scratch = _Scratch(processor, stack - _STACK_BYTES)
@@ -126,6 +128,7 @@ def call_function(processor: Processor, symbol: str, arguments: Sequence[Argumen
     registers.floating.write((floating + [0] * 16)[:16])
     accounting.flush_pipeline()
     cycles, instructions = accounting.cycles, accounting.instructions
+    delivered, processor.delivers_faults = processor.delivers_faults, False
     try:
         if not processor.run(cycles + _HANG_CYCLES):
             raise processor.fault(f"hang: {symbol} did not return", registers.pc.get())
@@ -133,10 +136,12 @@ def call_function(processor: Processor, symbol: str, arguments: Sequence[Argumen
         scratch.fetch()
     finally:
         registers.primask.set(saved[2])
-        registers.floating.write(saved[1])
+        registers.floating_frame.write(saved[1])
+        registers.control.set(control)
         registers.xpsr.set(saved[0][16])
         registers.general.write([*saved[0][:15], saved[0][15] | 1, saved[0][16]])
         processor.fpu_enabled, processor.sleeping = saved[3], was_sleeping
+        processor.delivers_faults = delivered
         accounting.flush_pipeline()
     return CallResult(value, accounting.cycles - cycles, accounting.instructions - instructions)
 

@@ -18,32 +18,26 @@ from unicorn import arm_const as arm
 from unicorn import unicorn_py3
 from unicorn.unicorn_py3.unicorn import uclib
 
-from hiltest.errors import BoardFault
+from hiltest.errors import BoardFault, place_of
 from hiltest.virtual.accounting import Accounting, AccountingFactory, Block
 from hiltest.virtual.elf import FirmwareImage
-from hiltest.virtual.exceptions import ExceptionUnit, VectorError
+from hiltest.virtual.exceptions import ExceptionUnit
+from hiltest.virtual.faults import Fault, FaultKind, FaultLog, Lockup
 from hiltest.virtual.instructions import Instruction
 from hiltest.virtual.interrupt import deferred_interrupt
-from hiltest.virtual.memory import PERIPHERALS, BoardMemory
+from hiltest.virtual.memory import BoardMemory
 from hiltest.virtual.native import by_block
-from hiltest.virtual.nvic import SVCALL, Nvic
+from hiltest.virtual.nvic import SVCALL, SYSTICK, Nvic
 from hiltest.virtual.registers import CoreRegisters
 from hiltest.virtual.schedule import Schedule
 from hiltest.virtual.timing import TimingProfile
+from hiltest.virtual.traps import Traps
 
 RETURN_ADDRESS = 0x1FFEF000  # where a called function returns to: an executable page that the part does not have
 _SLICE_CYCLES = 4_000_000  # the longest stretch without looking at the wall clock or Ctrl-C
-_INTERRUPT_CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_uint32, ctypes.c_void_p)
-_INTR_UNDEFINED, _INTR_SVC, _INTR_BREAKPOINT, _INTR_EXCEPTION_RETURN = 1, 2, 7, 8
 
-_ACCESS = {
-    unicorn.UC_MEM_READ_UNMAPPED: "read of unmapped address",
-    unicorn.UC_MEM_WRITE_UNMAPPED: "write to unmapped address",
-    unicorn.UC_MEM_FETCH_UNMAPPED: "jump to unmapped address",
-    unicorn.UC_MEM_WRITE_PROT: "write to flash at address",
-    unicorn.UC_MEM_READ_PROT: "read of protected address",
-    unicorn.UC_MEM_FETCH_PROT: "execution of data at address",
-}
+# Faults found after their instruction is over: a jump, or an SVC.
+_BEHIND = {FaultKind.INSTRUCTION_BUS, FaultKind.EXECUTE_NEVER, FaultKind.SUPERVISOR_CALL}
 
 
 class Processor:
@@ -57,6 +51,13 @@ class Processor:
         Prices instructions.
     accounting : AccountingFactory
         What counts.
+
+    Attributes
+    ----------
+    fault_log : FaultLog
+        What was delivered to the firmware's fault handlers.
+    delivers_faults : bool
+        Whether faults enter those handlers; otherwise each ends the run.
     """
 
     def __init__(
@@ -72,15 +73,19 @@ class Processor:
         self.schedule = Schedule(self._look_at)
         self.nvic = Nvic()
         self.exceptions = ExceptionUnit(self.registers, self.memory, self.nvic)
-        self.fpu_enabled = False
+        self.fault_log = FaultLog()
+        self.delivers_faults = False
         self.sleeping = False
+        self.sleeps_on_exit = False  # SCR.SLEEPONEXIT
         self.idle_cycles = 0
-        self._fault: BaseException | None = None
-        self._exc_return = 0
+        self.traps = Traps(self.engine, self.registers, self.memory, stop=self._stop, abort=self.abort)
+        self._error: BaseException | None = None
         self._stopped = False
-        self._watched: set[int] = set()
         self._to_watch: Block | None = None
+        self._chores: list[Callable[[], None]] = []
         self.accounting: Accounting = accounting(profile, self._read_code, self._attend, self._stop)
+        self.traps.supervisor_call = self._call_supervisor
+        self.traps.jumped_from = lambda: self.accounting.jumped_from
         self._install_hooks()
         # The binding's emu_start costs as much again as the emulator's own.
         handle, until, forever = self.engine._uch, ctypes.c_uint64(RETURN_ADDRESS), ctypes.c_uint64(0)
@@ -89,15 +94,7 @@ class Processor:
     def _install_hooks(self) -> None:
         kind = unicorn.UC_HOOK_CODE if self.accounting.per_instruction else unicorn.UC_HOOK_BLOCK
         # The emulator keeps only the pointers.
-        self._hooks = (
-            self._hook(kind, *self.accounting.hook(RETURN_ADDRESS, self.abort)),
-            self._hook(unicorn.UC_HOOK_INTR, _INTERRUPT_CALLBACK(self._on_interrupt), None),
-        )
-        unmapped = unicorn.UC_HOOK_MEM_UNMAPPED | unicorn.UC_HOOK_MEM_FETCH_PROT
-        self.engine.hook_add(unmapped, self._on_invalid_memory)
-        protected = unicorn.UC_HOOK_MEM_READ_PROT | unicorn.UC_HOOK_MEM_WRITE_PROT
-        self.engine.hook_add(protected, self._on_invalid_memory, begin=0, end=PERIPHERALS[0] - 1)  # above: the bus
-        self.engine.hook_add(unicorn.UC_HOOK_INSN_INVALID, self._on_invalid_instruction)
+        self._code_hook = self._hook(kind, *self.accounting.hook(RETURN_ADDRESS, self.abort))
 
     def _hook(self, kind: int, function: Any, data: Any) -> tuple[Any, Any]:
         """Hook straight through the C interface: the binding's own wrapper doubles the cost of each call."""
@@ -131,13 +128,18 @@ class Processor:
 
     def abort(self, error: BaseException) -> None:
         """Stop the emulator; `run` raises `error`."""
-        if self._fault is None:
-            self._fault = error
+        if self._error is None:
+            self._error = error
         self.engine.emu_stop()
 
     def look_soon(self) -> None:
         """An event or interrupt may be due now: leave the emulator at the end of this block."""
         self.accounting.deadline = -1
+
+    def between_blocks(self, chore: Callable[[], None]) -> None:
+        """Do what the emulator cannot have done to it while it runs, at the end of this block."""
+        self._chores.append(chore)
+        self.look_soon()
 
     def _look_at(self, cycle: float) -> None:
         self.accounting.deadline = min(self.accounting.deadline, cycle)
@@ -149,104 +151,69 @@ class Processor:
     def _read_code(self, address: int, size: int) -> bytes:
         return self.memory.read(address, size)
 
+    @property
+    def fpu_enabled(self) -> bool:
+        """Whether CPACR lets code use the FPU."""
+        return self.traps.fpu_enabled
+
+    @fpu_enabled.setter
+    def fpu_enabled(self, enabled: bool) -> None:
+        self.traps.fpu_enabled = enabled
+
+    def trap_division_by_zero(self, enabled: bool) -> None:
+        """CCR.DIV_0_TRP."""
+        if enabled:
+            self.between_blocks(lambda: self.traps.watch_divisions(self.image))
+        self.traps.traps_division_by_zero = enabled
+
     def _attend(self, block: Block) -> bool:
-        if block.uses_fpu:
-            if not self.fpu_enabled:
-                self._fault = self.fault("FPU used while CPACR disables it (NOCP)", block.address)
-                return False
+        if block.uses_fpu and self.fpu_enabled:
             self.exceptions.floating_point_runs()
-        if block.alignment.registers and self._misaligned(block):
-            return False
-        if any(instruction.address not in self._watched for instruction in block.alignment.inside):
+        suspects = self._suspects(block)
+        if self.traps.unwatched((*suspects, *block.alignment.inside)):
             self._to_watch = block
             return False
+        if suspects:
+            self.look_soon()  # what counts must not take it from this block that the next ones are good
         if block.loops_to_itself and not self._can_leave_loop():
-            self._fault = self.fault("hang: a loop to itself that no interrupt can end", block.address)
+            self._error = self._hang("a loop to itself that no interrupt can end", block.address)
             return False
         if block.changes_masks and self.nvic.pending:
             self.look_soon()
         return True
 
+    def _suspects(self, block: Block) -> list[Instruction]:
+        """Find the instructions of a block that will fault if they run."""
+        suspects: list[Instruction] = []
+        if block.uses_fpu and not self.fpu_enabled:
+            suspects += [instruction for instruction in block.instructions if instruction.uses_fpu]
+        if block.alignment.registers and self._misaligned(block):
+            suspects += [instruction for instruction in block.instructions if instruction.aligned_base >= 0]
+        return suspects
+
     def _misaligned(self, block: Block) -> bool:
-        registers = block.alignment.registers
-        values = self.registers.cores(registers).read()
         together = 0
-        for value in values:
+        for value in self.registers.cores(block.alignment.registers).read():
             together |= value
-        if not together & 3:
-            return False
-        register = next(r for r, value in zip(registers, values, strict=True) if value & 3)
-        place = next((i for i in block.instructions if i.aligned_base == register), block.instructions[0])
-        self._fault = self._unaligned(place, register)
-        return True
-
-    def _unaligned(self, instruction: Instruction, register: int) -> BoardFault:
-        value = self.registers.cores((register,)).get()
-        cause = f"unaligned access: r{register} = 0x{value:08x} in '{instruction.text}'"
-        return self.fault(cause, instruction.address)
-
-    def _watch(self, block: Block) -> None:
-        """Have the bases that a block itself computes looked at when they are used.
-
-        Few instructions are such, so a hook on each costs little; what the emulator
-        has translated of the block must go, or it would not know of them.
-        """
-        for instruction in block.alignment.inside:
-            if instruction.address in self._watched:
-                continue
-            self._watched.add(instruction.address)
-
-            def look(_engine: Any, _address: int, _size: int, watched: Instruction) -> None:
-                if self.registers.cores((watched.aligned_base,)).get() & 3:
-                    self.abort(self._unaligned(watched, watched.aligned_base))
-
-            self.engine.hook_add(
-                unicorn.UC_HOOK_CODE, look, instruction, begin=instruction.address, end=instruction.address
-            )
-        self.engine.ctl_remove_cache(block.address, block.end)
+        return together & 3 != 0
 
     def _can_leave_loop(self) -> bool:
-        masked = self.registers.primask.get() & 1 or self.registers.faultmask.get() & 1
-        return not masked and (self.nvic.can_ever_wake or self.schedule.next_cycle < math.inf)
+        ceiling = self.exceptions.ceiling()
+        timed = self.schedule.next_cycle < math.inf and self.nvic.preempts(SYSTICK, ceiling)
+        return timed or self.nvic.can_ever_wake(ceiling)
 
-    def _on_interrupt(self, _engine: int, number: int, _data: int) -> None:
-        try:
-            self._note_interrupt(number, self.registers.pc.get())
-            self._stop()
-        except BaseException as error:  # re-raised by `run`; ctypes would print and drop it
-            self.abort(error)
+    def _call_supervisor(self) -> bool:
+        if not self.nvic.preempts(SVCALL, self.exceptions.ceiling()):
+            return False
+        self.nvic.pend(SVCALL)
+        return True
 
-    def _note_interrupt(self, number: int, pc: int) -> None:
-        if number == _INTR_SVC:
-            self.nvic.pend(SVCALL)
-        elif number == _INTR_EXCEPTION_RETURN:
-            self._exc_return = pc
-        elif number == _INTR_BREAKPOINT:
-            self._fault = self.fault("breakpoint (BKPT)", pc)
-        elif number == _INTR_UNDEFINED:
-            self._fault = self.fault("undefined instruction", pc)
-        else:
-            self._fault = self._fault or self.fault(f"processor exception {number}", pc)
+    # -- faults -------------------------------------------------------------------------------
 
-    def _on_invalid_memory(self, _engine: Any, access: int, address: int, size: int, _value: int, _data: Any) -> bool:
-        pc = self.registers.pc.get()
-        place = pc
-        if access == unicorn.UC_MEM_FETCH_UNMAPPED:  # name the jump, not where it went
-            place = self.accounting.jumped_from or pc
-        what = _ACCESS.get(access, f"memory access {access} at")
-        if self._fault is None:
-            self._fault = self.fault(f"{what} 0x{address:08x} ({size} bytes)", place)
-        return False
-
-    def _on_invalid_instruction(self, _engine: Any, _data: Any) -> bool:
-        pc = self.registers.pc.get()
-        code = self._read_code(pc & ~1, 2)
-        if code == b"\x20\xbf":  # WFE, which this emulator core lacks; the event register is always set here
-            self.registers.pc.set((pc + 2) | 1)
-            return True
-        if self._fault is None:
-            self._fault = self.fault(f"undefined instruction {code[::-1].hex()}", pc)
-        return False
+    def place(self, pc: int) -> str:
+        """Name the place of an instruction."""
+        function = self.image.function_at(pc)
+        return place_of(pc & ~1, function.name if function else "", self.image.location_at(pc))
 
     def fault(self, cause: str, pc: int) -> BoardFault:
         """Describe a fault: function, line and registers included."""
@@ -255,6 +222,31 @@ class Processor:
             cause, pc=pc & ~1, function=function.name if function else "",
             location=self.image.location_at(pc), registers=self.registers.snapshot(),
         )  # fmt: skip
+
+    def _hang(self, cause: str, pc: int) -> BoardFault:
+        """Describe a hang; in a fault's handler, the fault is what matters."""
+        first = self.fault_log.first_cause
+        return self.fault(f"hang: {cause}", pc) if first is None else first.ended(f"hang at {self.place(pc)}: {cause}")
+
+    def _deliver(self, fault: Fault) -> None:
+        """Have the firmware's handler take a fault."""
+        described = self.fault(fault.cause, fault.place)
+        if not self.delivers_faults:
+            raise described
+        try:
+            exception = self.exceptions.take_fault(fault)
+        except Lockup:
+            first = self.fault_log.first_cause
+            if first is None:
+                raise described.ended("lockup: no fault handler can run") from None
+            place = self.place(fault.place)
+            raise first.ended(f"lockup at {place}: {fault.cause} where no fault handler can run") from None
+        self.fault_log.delivered(described, exception, self.cycles, len(self.nvic.active))
+        self._entered()
+
+    def _entered(self) -> None:
+        self.accounting.cycles += self.profile.exception_entry
+        self.accounting.flush_pipeline()
 
     # -- running ------------------------------------------------------------------------------
 
@@ -293,21 +285,21 @@ class Processor:
         self.nvic.changed = False
         if not self.nvic.pending:
             return
-        if self.sleeping and self.nvic.wakes():
+        if self.sleeping and self.nvic.next_exception(ceiling=self.exceptions.wake_ceiling()) is not None:
             self.sleeping = False
-        try:
-            taken = self.exceptions.take()
-        except VectorError as error:
-            raise self.fault(str(error), self.registers.pc.get()) from error
-        if taken:
-            self.accounting.cycles += self.profile.exception_entry
-            self.accounting.flush_pipeline()
+        active = len(self.nvic.active)
+        fault = self.exceptions.take()
+        if len(self.nvic.active) > active:
+            self._entered()
+        if fault is not None:
+            self._deliver(fault)
 
     def _sleep(self, until_cycle: float) -> None:
         """Stay in WFI: jump to the next event, or to where the run ends."""
         target = min(self.schedule.next_cycle, until_cycle)
-        if math.isinf(target):
-            raise self.fault("hang: WFI with nothing that could wake the processor", self.registers.pc.get())
+        ceiling = self.exceptions.wake_ceiling()
+        if math.isinf(target) or not (self.nvic.preempts(SYSTICK, ceiling) or self.nvic.can_ever_wake(ceiling)):
+            raise self._hang("WFI with nothing that could wake the processor", self.registers.pc.get())
         jump = math.ceil(target) - self.cycles
         if jump > 0:
             self.idle_cycles += jump
@@ -315,28 +307,57 @@ class Processor:
 
     def _execute(self, deadline: float) -> bool:
         """Enter the emulator once; True when a called function returned."""
-        self._exc_return = 0
-        self._fault = None
+        while self._chores:
+            self._chores.pop(0)()
+        self.traps.clear()
+        self._error = None
         self._stopped = False
         self._to_watch = None
         self.accounting.deadline = deadline
         status = self._enter(self.registers.pc.get() | 1)
         pc = self.registers.pc.get()
-        if status != unicorn.UC_ERR_OK and self._fault is None:
-            self._fault = self.fault(str(unicorn_py3.UcError(status)), pc)
+        fault = self.traps.fault
+        if self._error is not None:
+            self.accounting.settle(pc)
+            raise self._error
+        if fault is not None:
+            self._settle(fault, pc)
+            self._deliver(fault)
+            return False
+        branch = self.accounting.jumped_from or pc
         self.accounting.settle(pc)
-        if self._fault is not None:
-            raise self._fault
-        if self._exc_return:
-            self.exceptions.leave(self._exc_return)
-            self.accounting.cycles += self.profile.exception_return
-            self.accounting.flush_pipeline()
+        if status != unicorn.UC_ERR_OK:
+            raise self.fault(str(unicorn_py3.UcError(status)), pc)
+        if self.traps.exc_return:
+            self._leave_exception(self.traps.exc_return, branch)
             return False
         if self._to_watch is not None:
-            self._watch(self._to_watch)
+            block = self._to_watch
+            self.traps.watch((*self._suspects(block), *block.alignment.inside), block.address, block.end)
             return False
         if pc & ~1 == RETURN_ADDRESS:
             return True
         # Nobody asked it to stop: only WFI leaves the emulator by itself.
         self.sleeping = not (self._stopped or self.accounting.stopped)
         return False
+
+    def _settle(self, fault: Fault, pc: int) -> None:
+        """Count what ran before an instruction that faults, and not the rest of its block."""
+        if fault.kind in _BEHIND:
+            self.accounting.settle(pc)
+            return
+        cycles, instructions = self.accounting.now(pc), self.accounting.instructions_now(pc)
+        self.accounting.settle(pc)
+        self.accounting.cycles, self.accounting.instructions = cycles, instructions
+        self.accounting.flush_pipeline()
+
+    def _leave_exception(self, exc_return: int, place: int) -> None:
+        fault = self.exceptions.leave(exc_return, place)
+        if fault is not None:
+            self._deliver(fault)
+            return
+        active = len(self.nvic.active)
+        self.fault_log.returned(active)
+        self.sleeping = self.sleeps_on_exit and active == 0
+        self.accounting.cycles += self.profile.exception_return
+        self.accounting.flush_pipeline()

@@ -1,20 +1,21 @@
-"""Entering and leaving exceptions as ARMv7-M does: stacking, EXC_RETURN, lazy FPU state."""
+"""Entering and leaving exceptions as ARMv7-M does: stacking, EXC_RETURN, lazy FPU state, escalation of faults."""
 
 from __future__ import annotations
 
+from hiltest.virtual.faults import Fault, FaultKind, FaultStatus, Lockup
 from hiltest.virtual.memory import BoardMemory
-from hiltest.virtual.nvic import Nvic
+from hiltest.virtual.nvic import HARD_FAULT, NMI, Nvic
 from hiltest.virtual.registers import CoreRegisters
 
 _BASIC_BYTES, _EXTENDED_BYTES = 32, 104
 _XPSR_REALIGNED = 1 << 9
 _APSR = 0xF80F0000  # flags and GE bits, which an exception handler inherits
 _THUMB = 1 << 24
+_EXCEPTION_NUMBER = 0x1FF
+_CONTROL_NPRIV, _CONTROL_SPSEL, _CONTROL_FPCA = 1, 2, 4
+_FPCCR_ASPEN, _FPCCR_LSPEN = 1 << 31, 1 << 30
 _NO_FRAME = 0
-
-
-class VectorError(Exception):
-    """The vector of an exception has no Thumb bit: the part would take a fault instead."""
+_RETURNS = {0xFFFFFFE1, 0xFFFFFFE9, 0xFFFFFFED, 0xFFFFFFF1, 0xFFFFFFF9, 0xFFFFFFFD}
 
 
 class ExceptionUnit:
@@ -22,19 +23,32 @@ class ExceptionUnit:
 
     Floating-point state is stacked lazily, as at reset (FPCCR.ASPEN, LSPEN): room
     is reserved at entry and filled when the handler first uses the FPU.
+
+    Attributes
+    ----------
+    vector_table : int
+        VTOR.
+    status : FaultStatus
+        What fault handlers read, and which of them are enabled.
+    base_thread_enabled : bool
+        CCR.NONBASETHRDENA: thread mode may be returned to while exceptions are active.
+    floating_control : int
+        FPCCR: ASPEN makes frames hold floating-point state, LSPEN makes that lazy.
     """
 
     def __init__(self, registers: CoreRegisters, memory: BoardMemory, nvic: Nvic) -> None:
         self._registers = registers
         self._memory = memory
         self._nvic = nvic
-        self.vector_table = 0
+        self.status = FaultStatus()
         self.reset()
 
     def reset(self) -> None:
         """State after a processor reset."""
         self.vector_table = 0
-        self._floating_active = False  # CONTROL.FPCA
+        self.base_thread_enabled = False
+        self.status.reset()
+        self.floating_control = _FPCCR_ASPEN | _FPCCR_LSPEN
         self._lazy_frame = _NO_FRAME  # where the floating-point state belongs while it is not yet saved
 
     def floating_point_runs(self) -> None:
@@ -42,74 +56,150 @@ class ExceptionUnit:
         if self._lazy_frame != _NO_FRAME:
             self._memory.write_words(self._lazy_frame, self._registers.floating_frame.read())
             self._lazy_frame = _NO_FRAME
-        self._floating_active = True
 
-    def take(self) -> bool:
+    @property
+    def lazy_frame(self) -> int:
+        """Where floating-point state still has to be saved (FPCAR), or 0."""
+        return self._lazy_frame
+
+    def ceiling(self) -> int:
+        """Return the priority that PRIMASK, FAULTMASK and BASEPRI raise execution to."""
+        return self._nvic.ceiling(*self._registers.masks.read())
+
+    def wake_ceiling(self) -> int:
+        """Return the same without PRIMASK, which does not keep WFI asleep."""
+        _, faultmask, basepri = self._registers.masks.read()
+        return self._nvic.ceiling(0, faultmask, basepri)
+
+    def take(self) -> Fault | None:
         """Enter the most urgent deliverable exception, if there is one.
+
+        Returns
+        -------
+        Fault or None
+            What went wrong on the way in; it is to be taken next.
+        """
+        exception = self._nvic.next_exception(ceiling=self.ceiling())
+        return None if exception is None else self._enter(exception)
+
+    def take_fault(self, fault: Fault) -> int:
+        """Choose the handler that a fault goes to, record it there, and enter it.
+
+        Returns
+        -------
+        int
+            The exception that was entered.
 
         Raises
         ------
-        VectorError
-            When its vector is none.
+        Lockup
+            When the fault comes where not even HardFault may run.
         """
-        exception = self._nvic.next_exception(ceiling=self._ceiling())
-        if exception is None:
-            return False
-        self._enter(exception)
-        return True
+        priority = self._nvic.execution_priority(self.ceiling())
+        wanted = fault.kind.exception
+        if wanted in self.status.enabled and self._nvic.preemption_priority(wanted) < priority:
+            handler = wanted
+        elif priority <= self._nvic.preemption_priority(HARD_FAULT):
+            raise Lockup
+        else:
+            handler = HARD_FAULT
+        self.status.record(fault, forced=handler != wanted)
+        again = self._enter(handler)
+        if again is not None and handler == HARD_FAULT:
+            raise Lockup
+        return handler if again is None else self.take_fault(again)
 
-    def _ceiling(self) -> int:
-        primask, faultmask, basepri = self._registers.masks.read()
-        if primask & 1 or faultmask & 1:
-            return 0
-        return basepri & 0xFF or 256
-
-    def _enter(self, exception: int) -> None:
+    def _enter(self, exception: int) -> Fault | None:
         registers = self._registers
         *frame, stack, control = registers.interrupted.read()
-        xpsr = frame[7]
-        from_handler = xpsr & 0x1FF != 0
-        uses_psp = not from_handler and control & 2 != 0
-        extended = self._floating_active
-        base = (stack - (_EXTENDED_BYTES if extended else _BASIC_BYTES)) & ~7
-        realigned = base + (_EXTENDED_BYTES if extended else _BASIC_BYTES) != stack
-        frame[7] = (xpsr | _XPSR_REALIGNED) if realigned else (xpsr & ~_XPSR_REALIGNED)
+        xpsr, interrupted_at = frame[7], frame[6]
+        from_handler = xpsr & _EXCEPTION_NUMBER != 0
+        uses_psp = not from_handler and control & _CONTROL_SPSEL != 0
+        # The emulator itself sets CONTROL.FPCA, with the instruction that uses the FPU.
+        extended = control & _CONTROL_FPCA != 0 and self.floating_control & _FPCCR_ASPEN != 0
+        size = _EXTENDED_BYTES if extended else _BASIC_BYTES
+        base = (stack - size) & ~7
+        frame[7] = (xpsr | _XPSR_REALIGNED) if base + size != stack else (xpsr & ~_XPSR_REALIGNED)
         frame[6] &= ~1
+        exc_return = 0xFFFFFFE1 | (0 if extended else 0x10) | (0 if from_handler else 0x08) | (0x04 if uses_psp else 0)
+        problem = self._push(base, frame, extended=extended)
+        try:
+            vector = self._memory.read_words(self.vector_table + 4 * exception, 1)[0]
+        except ValueError:
+            vector = 0
+            problem = Fault(FaultKind.VECTOR_TABLE, f"no memory at VTOR 0x{self.vector_table:08x}", interrupted_at)
+        if not vector & 1 and problem is None:
+            cause = f"vector 0x{vector:08x} of exception {exception} has no Thumb bit"
+            problem = Fault(FaultKind.INVALID_STATE, cause, interrupted_at)
+        xpsr = (xpsr & _APSR) | _THUMB | exception
+        control &= _CONTROL_NPRIV | _CONTROL_SPSEL
+        registers.entry.write([base, xpsr, control, exc_return, vector])
+        self._nvic.enter(exception)
+        if exception == HARD_FAULT and problem is not None and problem.kind is FaultKind.STACKING:
+            self.status.record(problem, forced=False)  # nothing is more urgent: the handler runs without a frame
+            return None
+        return problem
+
+    def _push(self, base: int, frame: list[int], *, extended: bool) -> Fault | None:
+        """Write a frame, or make room for it where the processor is lazy."""
+        size = _EXTENDED_BYTES if extended else _BASIC_BYTES
+        if not self._memory.holds_stack(base, size):
+            return Fault(FaultKind.STACKING, f"no RAM for a stack frame at 0x{base:08x}", frame[6])
         self._memory.write_words(base, frame)
         if extended:
             self._lazy_frame = base + _BASIC_BYTES
-        self._floating_active = False
-        exc_return = 0xFFFFFFE1 | (0 if extended else 0x10) | (0 if from_handler else 0x08) | (0x04 if uses_psp else 0)
-        handler = self._memory.read_words(self.vector_table + 4 * exception, 1)[0]
-        if not handler & 1:
-            raise VectorError(f"vector 0x{handler:08x} of exception {exception} has no Thumb bit")
-        registers.entry.write([base, (xpsr & _APSR) | _THUMB | exception, exc_return, handler])
-        self._nvic.enter(exception)
+            if not self.floating_control & _FPCCR_LSPEN:
+                self.floating_point_runs()
+        return None
 
-    def leave(self, exc_return: int) -> None:
+    def leave(self, exc_return: int, place: int) -> Fault | None:
         """Return from the exception being handled.
 
         Parameters
         ----------
         exc_return : int
             The EXC_RETURN value that was branched to; bit 0 does not matter.
+        place : int
+            Address of the branch.
+
+        Returns
+        -------
+        Fault or None
+            Why it is no return (nothing has changed then), or why what it returns to cannot run.
         """
-        registers = self._registers
+        exc_return |= 1
+        to_thread = exc_return & 0x08 != 0
         uses_psp = exc_return & 0x04 != 0
         extended = exc_return & 0x10 == 0
-        base = (registers.psp if uses_psp else registers.msp).get()
+        registers = self._registers
+        msp, psp, control, faultmask = registers.returning.read()
+        base = psp if uses_psp else msp
+        size = _EXTENDED_BYTES if extended else _BASIC_BYTES
+        if not self._may_return(exc_return, to_thread=to_thread):
+            return Fault(FaultKind.INVALID_RETURN, f"EXC_RETURN 0x{exc_return:08x} fits no active exception", place)
+        if not self._memory.holds_stack(base, size):
+            return Fault(FaultKind.UNSTACKING, f"no RAM with a stack frame at 0x{base:08x}", place)
         frame = list(self._memory.read_words(base, 8))
-        if extended and self._lazy_frame == _NO_FRAME:
-            registers.floating_frame.write(self._memory.read_words(base + _BASIC_BYTES, 17))
-        self._lazy_frame = _NO_FRAME
-        self._floating_active = extended
+        if (frame[7] & _EXCEPTION_NUMBER == 0) != to_thread:
+            return Fault(FaultKind.INVALID_RETURN, f"stacked xPSR 0x{frame[7]:08x} is of another mode", place)
+        if extended:  # a frame of the basic size says nothing about the state that waits to be saved
+            if self._lazy_frame == _NO_FRAME:
+                registers.floating_frame.write(self._memory.read_words(base + _BASIC_BYTES, 17))
+            self._lazy_frame = _NO_FRAME
+        if faultmask and self._nvic.active[-1] != NMI:
+            registers.faultmask.set(0)
         self._nvic.leave()
-        end = base + (_EXTENDED_BYTES if extended else _BASIC_BYTES) + (4 if frame[7] & _XPSR_REALIGNED else 0)
+        end = base + size + (4 if frame[7] & _XPSR_REALIGNED else 0)
         frame[6] |= 1
         frame[7] &= ~_XPSR_REALIGNED
-        if exc_return & 0x08:
-            control = registers.control.get()
-            if bool(control & 2) != uses_psp:
-                registers.xpsr.set(frame[7])  # CONTROL.SPSEL can change in thread mode only
-                registers.control.set(control ^ 2)
-        registers.resumed.write([frame[7], end, *frame])
+        control = control & _CONTROL_NPRIV | (_CONTROL_SPSEL if uses_psp else 0) | (_CONTROL_FPCA if extended else 0)
+        registers.resumed.write([0, frame[7], control, end, *frame])
+        if not frame[7] & _THUMB:
+            return Fault(FaultKind.INVALID_STATE, f"stacked xPSR 0x{frame[7]:08x} has no Thumb bit", frame[6] & ~1)
+        return None
+
+    def _may_return(self, exc_return: int, *, to_thread: bool) -> bool:
+        active = len(self._nvic.active)
+        if exc_return not in _RETURNS or active == 0:
+            return False
+        return (active == 1 or self.base_thread_enabled) if to_thread else active > 1

@@ -6,11 +6,12 @@ import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from hiltest.errors import ConfigError
+from hiltest.errors import ConfigError, place_of
 from hiltest.virtual.accounting import AccountingFactory
 from hiltest.virtual.calling import Argument, CallResult, call_function
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.elf import load_image
+from hiltest.virtual.faults import FaultRecord
 from hiltest.virtual.i2c_bus import I2cBus, I2cDevice
 from hiltest.virtual.instructions import decode
 from hiltest.virtual.memory import SRAM
@@ -83,6 +84,7 @@ class VirtualK64F:
         ]  # fmt: skip
         self._add_gated(i2c0, i2c1)
         self._bus = PeripheralBus(self.processor, self._peripherals)
+        self.clocks.on_gates = self._bus.look_again
         self._booted = False
         self._load()
 
@@ -120,12 +122,14 @@ class VirtualK64F:
         """Power on: start the firmware from its vector table at the next `run_until`."""
         self._load()
         self._reset()
+        self.processor.delivers_faults = True
         self._booted = True
 
     def _reset(self) -> None:
         processor = self.processor
         processor.nvic.reset()
         processor.exceptions.reset()
+        processor.fault_log.forget_open()
         for peripheral in self._peripherals:
             peripheral.reset()
         processor.sleeping = False
@@ -171,8 +175,19 @@ class VirtualK64F:
         """Virtual time since power-on [s]."""
         return self.processor.cycles / CORE_HZ
 
+    @property
+    def faults(self) -> Sequence[FaultRecord]:
+        """Faults that the firmware's handlers got since power-on: the first thousand."""
+        return tuple(self.processor.fault_log.records)
+
     def position(self) -> str:
-        """Say where the firmware is: sleeping, or executing which line."""
+        """Say where the firmware is: sleeping, or executing which line, and in which fault's handler."""
+        fault = self.processor.fault_log.first_cause
+        if fault is None:
+            return self._doing()
+        return f"{self._doing()}, after: {fault.cause} at {place_of(fault.pc, fault.function, fault.location)}"
+
+    def _doing(self) -> str:
         pc = self.processor.registers.pc.get()
         function = self.image.function_at(pc)
         place = f"{function.name if function else hex(pc)} ({self.image.location_at(pc) or 'no line known'})"
@@ -226,7 +241,10 @@ class VirtualK64F:
                 self.processor.run(until, wake=wake)
                 return
             except _ResetRequested:
+                fault = self.processor.fault_log.first_cause
                 self._reset()
+                if fault is not None:
+                    raise fault.ended("the firmware reset itself") from None
 
     # -- calling functions --------------------------------------------------------------------
 

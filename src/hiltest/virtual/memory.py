@@ -80,6 +80,10 @@ class BoardMemory:
                 return
         raise ValueError(f"0x{address:08x}..+{len(data)} is neither flash nor SRAM")
 
+    def holds_stack(self, address: int, size: int) -> bool:
+        """Whether a range is RAM, where a stack may be."""
+        return self.sram.base <= address and address + size <= self.sram.base + self.sram.size
+
     def read_words(self, address: int, count: int) -> tuple[int, ...]:
         """Read little-endian words."""
         return struct.unpack(f"<{count}I", self.read(address, 4 * count))

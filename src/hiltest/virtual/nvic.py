@@ -1,19 +1,46 @@
 """Exceptions: which are pending, enabled and active, and which may be taken.
 
-Numbers are exception numbers as the architecture counts them: 11 is SVCall, 14
-PendSV, 15 SysTick, 16 + n external interrupt n.
+Numbers are exception numbers as the architecture counts them: 3 is HardFault, 11
+SVCall, 14 PendSV, 15 SysTick, 16 + n external interrupt n.
 """
 
 from __future__ import annotations
 
+NMI, HARD_FAULT, MEM_MANAGE, BUS_FAULT, USAGE_FAULT = 2, 3, 4, 5, 6
 SVCALL, PENDSV, SYSTICK, FIRST_INTERRUPT = 11, 14, 15, 16
 INTERRUPTS = 86  # MK64F12
-_IDLE = 256  # a priority that everything beats
+IDLE = 256  # a priority that everything beats
 _PRIORITY_MASK = 0xF0  # the K64F implements four bits
+_FIXED_PRIORITIES = {NMI: -2, HARD_FAULT: -1}
+_SYSTEM_NAMES = {
+    NMI: "NMI", HARD_FAULT: "HardFault", MEM_MANAGE: "MemManage", BUS_FAULT: "BusFault", USAGE_FAULT: "UsageFault",
+    SVCALL: "SVCall", PENDSV: "PendSV", SYSTICK: "SysTick",
+}  # fmt: skip
+
+
+def exception_name(exception: int) -> str:
+    """Name an exception as the architecture does."""
+    if exception >= FIRST_INTERRUPT:
+        return f"interrupt {exception - FIRST_INTERRUPT}"
+    return _SYSTEM_NAMES.get(exception, f"exception {exception}")
 
 
 class Nvic:
-    """Pending and active exceptions of the processor."""
+    """Pending and active exceptions of the processor.
+
+    Attributes
+    ----------
+    enabled, lines : list of bool
+        For each external interrupt: whether it is enabled, and what its peripheral drives.
+    priority : dict of int to int
+        Priority bytes by exception; lower is more urgent.
+    pending : set of int
+        Exceptions that wait.
+    active : list of int
+        Exceptions being handled, the one that runs last.
+    changed : bool
+        Set when something may have become deliverable; the processor clears it.
+    """
 
     def __init__(self) -> None:
         self.reset()
@@ -25,8 +52,19 @@ class Nvic:
         self.priority: dict[int, int] = {}
         self.pending: set[int] = set()
         self.active: list[int] = []
-        # Set when something may have become deliverable; the processor clears it.
         self.changed = False
+        self.priority_grouping = 0
+
+    @property
+    def priority_grouping(self) -> int:
+        """AIRCR.PRIGROUP: bits up to this one order pending exceptions and do not pre-empt."""
+        return self._grouping
+
+    @priority_grouping.setter
+    def priority_grouping(self, value: int) -> None:
+        self._grouping = value
+        self._group_mask = 0xFF << (value + 1) & _PRIORITY_MASK
+        self.changed = True
 
     def set_line(self, interrupt: int, level: bool) -> None:
         """A peripheral drives its interrupt line."""
@@ -47,38 +85,61 @@ class Nvic:
 
     def set_priority(self, exception: int, value: int) -> None:
         """Set the priority byte of an exception; lower is more urgent."""
-        self.priority[exception] = value & _PRIORITY_MASK
-        self.changed = True
+        if exception >= MEM_MANAGE:
+            self.priority[exception] = value & _PRIORITY_MASK
+            self.changed = True
+
+    def _order(self, exception: int) -> int:
+        """Priority among pending exceptions, sub-priority included."""
+        fixed = _FIXED_PRIORITIES.get(exception)
+        return self.priority.get(exception, 0) if fixed is None else fixed
+
+    def preemption_priority(self, exception: int) -> int:
+        """Priority of an exception against what runs: without its sub-priority."""
+        order = self._order(exception)
+        return order if order < 0 else order & self._group_mask
+
+    def ceiling(self, primask: int, faultmask: int, basepri: int) -> int:
+        """Translate the mask registers: only what is more urgent than the answer may be taken."""
+        if faultmask & 1:
+            return _FIXED_PRIORITIES[HARD_FAULT]
+        if primask & 1:
+            return 0
+        basepri &= _PRIORITY_MASK
+        return basepri & self._group_mask if basepri else IDLE
+
+    def execution_priority(self, ceiling: int = IDLE) -> int:
+        """Priority of what runs, raised by the masks."""
+        priority = ceiling
+        for exception in self.active:
+            priority = min(priority, self.preemption_priority(exception))
+        return priority
 
     def _ready(self) -> list[int]:
         return [e for e in self.pending if e < FIRST_INTERRUPT or self.enabled[e - FIRST_INTERRUPT]]
 
-    def _running_priority(self) -> int:
-        return min((self.priority.get(exception, 0) for exception in self.active), default=_IDLE)
-
-    def next_exception(self, *, ceiling: int = _IDLE) -> int | None:
+    def next_exception(self, *, ceiling: int = IDLE) -> int | None:
         """Choose the pending exception that pre-empts what runs, if any.
 
         Parameters
         ----------
         ceiling : int
-            Only exceptions more urgent than this priority (BASEPRI, PRIMASK = 0).
+            Only exceptions more urgent than this priority, see `ceiling`.
         """
         ready = self._ready()
         if not ready:
             return None
-        best = min(ready, key=lambda exception: (self.priority.get(exception, 0), exception))
-        limit = min(self._running_priority(), ceiling)
-        return best if self.priority.get(best, 0) < limit else None
+        best = min(ready, key=lambda exception: (self._order(exception), exception))
+        return best if self.preempts(best, ceiling) else None
 
-    def wakes(self) -> bool:
-        """Whether WFI ends: something pending would be taken if PRIMASK were clear."""
-        return self.next_exception() is not None
+    def preempts(self, exception: int, ceiling: int = IDLE) -> bool:
+        """Whether an exception is urgent enough to be taken now."""
+        return self.preemption_priority(exception) < self.execution_priority(ceiling)
 
-    @property
-    def can_ever_wake(self) -> bool:
-        """Whether any interrupt is enabled at all."""
-        return any(self.enabled) or bool(self.pending)
+    def can_ever_wake(self, ceiling: int = IDLE) -> bool:
+        """Whether any interrupt that is enabled, should it come, would be taken over what runs."""
+        enabled = [FIRST_INTERRUPT + number for number, enabled in enumerate(self.enabled) if enabled]
+        return any(self.preempts(exception, ceiling) for exception in (*enabled, *self._ready()))
 
     def enter(self, exception: int) -> None:
         """An exception is taken."""

@@ -76,9 +76,11 @@ class CoreRegisters:
 
     def __init__(self, engine: Any) -> None:
         # In the order in which they must be written: XPSR decides which stack pointer SP is.
-        self.entry = RegisterGroup(engine, ["SP", "XPSR", "LR", "PC"])
+        self.entry = RegisterGroup(engine, ["SP", "XPSR", "CONTROL", "LR", "PC"])
         self.interrupted = RegisterGroup(engine, [*_FRAME, "SP", "CONTROL"])
-        self.resumed = RegisterGroup(engine, ["XPSR", "SP", *_FRAME])
+        # CONTROL first without nPRIV: unprivileged thread mode could not change it.
+        self.resumed = RegisterGroup(engine, ["CONTROL", "XPSR", "CONTROL", "SP", *_FRAME])
+        self.returning = RegisterGroup(engine, ["MSP", "PSP", "CONTROL", "FAULTMASK"])
         self.masks = RegisterGroup(engine, ["PRIMASK", "FAULTMASK", "BASEPRI"])
         self.floating_frame = RegisterGroup(engine, [f"S{n}" for n in range(16)] + ["FPSCR"])
         self.general = RegisterGroup(engine, [f"R{n}" for n in range(13)] + ["SP", "LR", "PC", "XPSR"])

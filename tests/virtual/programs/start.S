@@ -2,18 +2,37 @@
     .syntax unified
     .cpu cortex-m4
     .thumb
+    .altmacro
+
+    .macro vector name
+    .weak \name
+    .thumb_set \name, unhandled
+    .word \name
+    .endm
+
+    .macro interrupt number
+    vector Interrupt\number\()_Handler
+    .endm
+
     .section .vectors, "a"
     .word stack_top
     .word start + 1
-    .rept 9
+    vector NMI_Handler
+    vector HardFault_Handler
+    vector MemManage_Handler
+    vector BusFault_Handler
+    vector UsageFault_Handler
+    .rept 4
     .word unhandled + 1
     .endr
-    .word SVC_Handler
+    vector SVC_Handler
     .word unhandled + 1, unhandled + 1
-    .word PendSV_Handler
-    .word SysTick_Handler
+    vector PendSV_Handler
+    vector SysTick_Handler
+    .set number, 0
     .rept 86
-    .word unhandled + 1
+    interrupt %number
+    .set number, number + 1
     .endr
 
     .text
@@ -34,13 +53,9 @@ start:
     b 3b
     .size start, . - start
 
+    .global unhandled
     .thumb_func
     .type unhandled, %function
 unhandled:
     bkpt 0
     .size unhandled, . - unhandled
-
-    .weak SVC_Handler, PendSV_Handler, SysTick_Handler
-    .thumb_set SVC_Handler, unhandled
-    .thumb_set PendSV_Handler, unhandled
-    .thumb_set SysTick_Handler, unhandled

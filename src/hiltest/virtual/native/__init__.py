@@ -6,6 +6,7 @@ It is built when the package is, where there is a C compiler, and never required
 
 from __future__ import annotations
 
+import ctypes
 import os
 from collections.abc import Callable
 from typing import Any
@@ -13,7 +14,7 @@ from typing import Any
 from hiltest.errors import ConfigError
 from hiltest.virtual.accounting import Accounting, Block, BlockAccounting, ReadCode
 from hiltest.virtual.native.accounting import NativeBlockAccounting
-from hiltest.virtual.native.library import library, missing_because
+from hiltest.virtual.native.library import Window, library, missing_because
 from hiltest.virtual.timing import TimingProfile
 
 CHOICE = "HILTEST_BLOCK_HOOK"  # in the environment: auto, native, python
@@ -44,6 +45,19 @@ def by_block(
     return kind(profile, read_code, attend, stop)
 
 
-def permit_natively() -> Any | None:
-    """Return a memory hook in C that permits every access, if there is one."""
-    return library().hiltest_permit if counts_natively() else None
+def native_permission(base: int, opened: Any, ask: Any) -> tuple[Any, Any] | None:
+    """Return a memory hook in C, and its argument, that asks only about pages not known to be open.
+
+    Parameters
+    ----------
+    base : int
+        Where the window begins.
+    opened : array of c_uint8
+        For each of its pages whether every access is permitted.
+    ask : memory hook
+        Decides about the others.
+    """
+    if not counts_natively():
+        return None
+    window = Window(base, ctypes.addressof(opened), ctypes.cast(ask, ctypes.c_void_p))
+    return library().hiltest_permit, ctypes.pointer(window)

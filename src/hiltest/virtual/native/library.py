@@ -49,6 +49,12 @@ class Counter(ctypes.Structure):
     )
 
 
+class Window(ctypes.Structure):
+    """``struct window`` of block_hook.c."""
+
+    _fields_ = (("base", ctypes.c_uint64), ("opened", ctypes.c_void_p), ("ask", ctypes.c_void_p))
+
+
 @cache
 def _load() -> tuple[ctypes.CDLL | None, str]:
     """Load the library, or say why it is not used."""

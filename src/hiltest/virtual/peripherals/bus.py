@@ -9,15 +9,15 @@ from typing import Protocol
 import unicorn
 from unicorn.unicorn_py3.unicorn import uclib
 
-from hiltest.errors import BoardFault
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.memory import PERIPHERALS, PRIVATE_PERIPHERALS
-from hiltest.virtual.native import permit_natively
+from hiltest.virtual.native import native_permission
 
 _READ_CALLBACK = ctypes.CFUNCTYPE(ctypes.c_uint64, ctypes.c_void_p, ctypes.c_uint64, ctypes.c_uint, ctypes.c_void_p)
 _WRITE_CALLBACK = ctypes.CFUNCTYPE(
     None, ctypes.c_void_p, ctypes.c_uint64, ctypes.c_uint, ctypes.c_uint64, ctypes.c_void_p
 )
+_PAGE = 4096
 _PERMISSION_CALLBACK = ctypes.CFUNCTYPE(
     ctypes.c_bool, ctypes.c_void_p, ctypes.c_int, ctypes.c_uint64, ctypes.c_int, ctypes.c_int64, ctypes.c_void_p
 )
@@ -109,24 +109,25 @@ class PeripheralBus:
         self._pages: dict[int, Peripheral] = {}
         for peripheral in peripherals:
             self._pages[peripheral.base >> 12] = peripheral
+        self._open: dict[int, ctypes.Array[ctypes.c_uint8]] = {}  # by window: pages that need no look
         self._callbacks: list[object] = []
-        for region in (PERIPHERALS, PRIVATE_PERIPHERALS):
+        for region in (PRIVATE_PERIPHERALS, PERIPHERALS):  # `_permit` finds the window of an address in this order
             self._map(region)
 
     def _map(self, region: tuple[int, int]) -> None:
         """Have accesses to a window served here.
 
         The emulator tells a mapped device only where the block began. It looks up the exact
-        instruction when an access is not permitted; so none is, and every one is let pass.
+        instruction when an access is not permitted; so none is, and each is let pass here, or is a fault.
         A hook on all loads and stores would tell it too, and cost each load of RAM its fast path.
         """
-        processor, (base, size) = self._processor, region
-        find, nvic = self._find, processor.nvic
+        processor, pages, (base, size) = self._processor, self._pages, region
+        nvic = processor.nvic
 
         def on_read(_engine: int, offset: int, size: int, _data: int) -> int:
             try:
                 address = base + offset
-                value = find(address, "read of").read(address & 0xFFF, size)
+                value = pages[address >> 12].read(address & 0xFFF, size)
                 if nvic.changed:
                     self._notice()
                 return value & ((1 << (8 * size)) - 1)
@@ -137,36 +138,47 @@ class PeripheralBus:
         def on_write(_engine: int, offset: int, size: int, value: int, _data: int) -> None:
             try:
                 address = base + offset
-                find(address, "write to").write(address & 0xFFF, size, value & ((1 << (8 * size)) - 1))
+                pages[address >> 12].write(address & 0xFFF, size, value & ((1 << (8 * size)) - 1))
                 if nvic.changed:
                     self._notice()
             except BaseException as error:  # as above
                 processor.abort(error)
 
-        permit = permit_natively() or _PERMISSION_CALLBACK(lambda *_: True)
-        callbacks = _READ_CALLBACK(on_read), _WRITE_CALLBACK(on_write), permit
+        opened = (ctypes.c_uint8 * (size // _PAGE))()
+        self._open[base] = opened
+        ask = _PERMISSION_CALLBACK(self._permit)
+        permit, data = native_permission(base, opened, ask) or (ask, None)
+        callbacks = _READ_CALLBACK(on_read), _WRITE_CALLBACK(on_write), ask, permit, data
         self._callbacks.append(callbacks)  # the emulator keeps only the pointers
-        read, write, _ = callbacks
+        read, write = callbacks[:2]
         engine = processor.engine._uch
         first, length = ctypes.c_uint64(base), ctypes.c_size_t(size)
         uclib.uc_mmio_map(engine, first, length, read, None, write, None)
         uclib.uc_mem_protect(engine, first, length, ctypes.c_uint32(unicorn.UC_PROT_NONE))
         uclib.uc_hook_add(
             engine, ctypes.byref(ctypes.c_size_t()), unicorn.UC_HOOK_MEM_READ_PROT | unicorn.UC_HOOK_MEM_WRITE_PROT,
-            permit, None, first, ctypes.c_uint64(base + size - 1),
+            permit, data, first, ctypes.c_uint64(base + size - 1),
         )  # fmt: skip
 
     def _notice(self) -> None:
         self._processor.nvic.changed = False
         self._processor.look_soon()
 
-    def _find(self, address: int, access: str) -> Peripheral:
+    def _permit(self, _engine: int, access: int, address: int, _size: int, _value: int, _data: int) -> bool:
+        """Say whether an access finds a peripheral; if not, it is a bus error."""
         peripheral = self._pages.get(address >> 12)
         if peripheral is None:
-            raise self._fault(f"{access} 0x{address:08x}, where the virtual board has no peripheral")
-        if not peripheral.clocked:
-            raise self._fault(f"{access} {peripheral.name} while its clock gate in the SIM is closed")
-        return peripheral
+            reason = f"0x{address:08x}, where the virtual board has no peripheral"
+        elif not peripheral.clocked:
+            reason = f"{peripheral.name} while its clock gate in the SIM is closed"
+        else:
+            base = next(base for base in self._open if base <= address)
+            self._open[base][(address - base) // _PAGE] = 1
+            return True
+        self._processor.traps.refuse(access, address, reason)
+        return False
 
-    def _fault(self, cause: str) -> BoardFault:
-        return self._processor.fault(cause, self._processor.registers.pc.get())
+    def look_again(self) -> None:
+        """Clock gates have changed: look at the next access to each page."""
+        for opened in self._open.values():
+            ctypes.memset(opened, 0, len(opened))

@@ -82,12 +82,15 @@ class ClockGates(StoredRegisters):
     ----------
     core_hz, bus_hz : float
         Core and system clock, and bus clock [Hz].
+    on_gates : callable
+        Told that gates may have opened or closed.
     """
 
     def __init__(self, generator: ClockGenerator) -> None:
         self._generator = generator
         generator.on_change = self._divide
         self._gated: list[tuple[int, int, Peripheral]] = []
+        self.on_gates: Callable[[], None] = lambda: None
         # SDID of an MK64FN1M0VLL12: family K6x, subfamily K64, 100 pins.
         super().__init__("SIM", 0x40048000, {0x024: 0x08, 0x025: 0x03, 0x026: 0x00, 0x027: 0x64})
 
@@ -97,19 +100,22 @@ class ClockGates(StoredRegisters):
         peripheral.clocked = False
 
     def reset(self) -> None:
-        """Close every gate."""
+        """Close every gate but those that are open out of reset."""
         super().reset()
         self._divide()
-        for _, _, peripheral in self._gated:
-            peripheral.clocked = False
+        self._open_gates()
 
     def write(self, offset: int, size: int, value: int) -> None:
         """Keep the value; open and close gates."""
         super().write(offset, size, value)
         self._divide()
         if _SCGC_FIRST <= offset <= _SCGC_LAST + 3:
-            for register, bit, peripheral in self._gated:
-                peripheral.clocked = bool(self.word(register) >> bit & 1)
+            self._open_gates()
+
+    def _open_gates(self) -> None:
+        for register, bit, peripheral in self._gated:
+            peripheral.clocked = bool(self.word(register) >> bit & 1)
+        self.on_gates()
 
     def _divide(self) -> None:
         # Looked up for every byte on the wires, changed a few times at start-up.

@@ -7,11 +7,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from hiltest.virtual.cpu import Processor
-from hiltest.virtual.nvic import FIRST_INTERRUPT, INTERRUPTS, PENDSV, SYSTICK
+from hiltest.virtual.nvic import FIRST_INTERRUPT, IDLE, INTERRUPTS, NMI, PENDSV, SYSTICK
+from hiltest.virtual.peripherals.fault_registers import CFSR, HFSR, FaultRegisters
 from hiltest.virtual.schedule import Event
 
 _CPUID = 0x410FC241  # Cortex-M4 r0p1
-_ICSR, _VTOR, _AIRCR, _SHPR1, _CPACR, _DEMCR = 0xD04, 0xD08, 0xD0C, 0xD18, 0xD88, 0xDFC
+_ICSR, _VTOR, _AIRCR, _SCR, _CCR, _SHPR1, _CPACR = 0xD04, 0xD08, 0xD0C, 0xD10, 0xD14, 0xD18, 0xD88
+_DEMCR, _STIR, _FPCCR, _FPCAR = 0xDFC, 0xF00, 0xF34, 0xF38
+_CCR_STKALIGN, _CCR_DIV_0_TRP, _CCR_NONBASETHRDENA = 1 << 9, 1 << 4, 1 << 0
+_SCR_SLEEPONEXIT = 1 << 1
+_ICSR_SETS = {31: NMI, 28: PENDSV, 26: SYSTICK}  # the bit below the last two clears
 _FPU_FULL_ACCESS = 0xF << 20
 _TRCENA = 1 << 24
 
@@ -180,13 +185,16 @@ class SystemControlSpace:
         self._counter = counter
         self._request_reset = request_reset
         self._systick = SysTick(processor)
+        self._faults = FaultRegisters(processor.exceptions, processor.nvic)
         self.reset()
 
     def reset(self) -> None:
         """State after a processor reset."""
         self._systick.reset()
-        self._stored: dict[int, int] = {0xD14: 0x200, 0xF34: 0xC0000000}  # CCR.STKALIGN; FPCCR lazy
+        self._stored: dict[int, int] = {_CCR: _CCR_STKALIGN}
         self._processor.fpu_enabled = False
+        self._processor.sleeps_on_exit = False
+        self._processor.trap_division_by_zero(False)
 
     def read(self, offset: int, size: int) -> int:
         """Answer a register; byte access is for priorities."""
@@ -205,13 +213,25 @@ class SystemControlSpace:
         if _SHPR1 <= offset < _SHPR1 + 12:
             return self._priorities(4 + offset - _SHPR1)
         if offset == _ICSR:
-            active = nvic.active[-1] if nvic.active else 0
-            return active | (1 << 28 if PENDSV in nvic.pending else 0) | (1 << 26 if SYSTICK in nvic.pending else 0)
+            return self._interrupt_control()
+        if offset in FaultRegisters.offsets:
+            return self._faults.read(offset)
         if offset == _AIRCR:
-            return 0xFA050000
-        return {0x004: 2, 0xD00: _CPUID, _VTOR: self._processor.exceptions.vector_table}.get(
-            offset, self._stored.get(offset, 0)
-        )
+            return 0xFA050000 | nvic.priority_grouping << 8
+        exceptions = self._processor.exceptions
+        answers = {
+            0x004: 2, 0xD00: _CPUID, _VTOR: exceptions.vector_table,
+            _FPCCR: exceptions.floating_control | bool(exceptions.lazy_frame), _FPCAR: exceptions.lazy_frame,
+        }  # fmt: skip
+        return answers.get(offset, self._stored.get(offset, 0))
+
+    def _interrupt_control(self) -> int:
+        nvic = self._processor.nvic
+        word = nvic.active[-1] if nvic.active else 0
+        word |= (len(nvic.active) <= 1) << 11  # RETTOBASE
+        word |= (nvic.next_exception(ceiling=IDLE) or 0) << 12
+        word |= any(exception >= FIRST_INTERRUPT for exception in nvic.pending) << 22
+        return word | sum((exception in nvic.pending) << bit for bit, exception in _ICSR_SETS.items())
 
     def _bits(self, kind: int, first: int) -> int:
         nvic = self._processor.nvic
@@ -243,27 +263,50 @@ class SystemControlSpace:
         elif _SHPR1 <= offset < _SHPR1 + 12:
             self._set_priorities(4 + offset - _SHPR1, size, value)
         elif offset == _ICSR:
-            for bit, exception in ((28, PENDSV), (26, SYSTICK)):
+            for bit, exception in _ICSR_SETS.items():
                 if value >> bit & 1:
                     nvic.pend(exception)
-                elif value >> (bit - 1) & 1:
+                elif exception != NMI and value >> (bit - 1) & 1:
                     nvic.pending.discard(exception)
+        elif offset == _STIR:
+            if value & 0x1FF < INTERRUPTS:
+                nvic.pend(FIRST_INTERRUPT + (value & 0x1FF))
         else:
-            self._write_scb(offset, value)
+            word, shift = offset & ~3, 8 * (offset & 3)
+            if size < 4:  # a part of a word; beside ones that clear, zeros change nothing
+                kept = 0 if word in (CFSR, HFSR) else self._read_word(word) & ~((1 << 8 * size) - 1 << shift)
+                value = kept | value << shift
+            self._write_scb(word, value)
 
     def _write_scb(self, offset: int, value: int) -> None:
+        processor = self._processor
         if offset == _VTOR:
-            self._processor.exceptions.vector_table = value & ~0x7F
+            processor.exceptions.vector_table = value & ~0x7F
         elif offset == _AIRCR:
-            if value >> 16 == 0x05FA and value & 4:
-                self._request_reset()
+            self._write_aircr(value)
+        elif offset in FaultRegisters.offsets:
+            self._faults.write(offset, value)
+        elif offset == _FPCCR:
+            processor.exceptions.floating_control = value & ~1
         else:
             self._stored[offset] = value
             if offset == _CPACR:
-                self._processor.fpu_enabled = value & _FPU_FULL_ACCESS == _FPU_FULL_ACCESS
-                self._processor.look_soon()  # what counts may not ask again before each block that uses it
+                processor.fpu_enabled = value & _FPU_FULL_ACCESS == _FPU_FULL_ACCESS
+                processor.look_soon()  # what counts may not ask again before each block that uses it
+            elif offset == _SCR:
+                processor.sleeps_on_exit = bool(value & _SCR_SLEEPONEXIT)
+            elif offset == _CCR:
+                processor.exceptions.base_thread_enabled = bool(value & _CCR_NONBASETHRDENA)
+                processor.trap_division_by_zero(bool(value & _CCR_DIV_0_TRP))
             elif offset == _DEMCR:
                 self._counter.enable_trace(bool(value & _TRCENA))
+
+    def _write_aircr(self, value: int) -> None:
+        if value >> 16 != 0x05FA:  # the key
+            return
+        self._processor.nvic.priority_grouping = value >> 8 & 7
+        if value & 4:
+            self._request_reset()
 
     def _set_bits(self, kind: int, first: int, size: int, value: int) -> None:
         nvic = self._processor.nvic

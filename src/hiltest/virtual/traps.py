@@ -1,0 +1,216 @@
+"""Where the emulator stops because the core faults, calls its supervisor, or returns from an exception."""
+
+from __future__ import annotations
+
+import ctypes
+import itertools
+import struct
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
+
+import unicorn
+from unicorn.unicorn_py3.unicorn import uclib
+
+from hiltest.virtual.elf import FirmwareImage
+from hiltest.virtual.faults import Fault, FaultKind
+from hiltest.virtual.instructions import Instruction
+from hiltest.virtual.memory import PERIPHERALS, BoardMemory
+from hiltest.virtual.registers import CoreRegisters
+
+_INTR_UNDEFINED, _INTR_SVC, _INTR_PREFETCH_ABORT, _INTR_BREAKPOINT, _INTR_EXCEPTION_RETURN = 1, 2, 3, 7, 8
+_INTERRUPT_CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_uint32, ctypes.c_void_p)
+_THUMB = 1 << 24
+_WFE = b"\x20\xbf"
+
+_DATA_ACCESS = {
+    unicorn.UC_MEM_READ_UNMAPPED: "read of unmapped address",
+    unicorn.UC_MEM_WRITE_UNMAPPED: "write to unmapped address",
+    unicorn.UC_MEM_WRITE_PROT: "write to flash at address",
+    unicorn.UC_MEM_READ_PROT: "read of protected address",
+}
+_FETCHES = {
+    unicorn.UC_MEM_FETCH_UNMAPPED: "jump to unmapped address",
+    unicorn.UC_MEM_FETCH_PROT: "execution of data at address",
+}
+
+
+def never_executed(address: int) -> bool:
+    """Whether the architecture forbids code there: devices, and the system region."""
+    return 0x40000000 <= address < 0x60000000 or address >= 0xA0000000
+
+
+def _divisions(image: FirmwareImage) -> Iterator[tuple[int, int]]:
+    """Find what looks like SDIV or UDIV, with the register that holds the divisor."""
+    for segment in image.segments:
+        halfwords = struct.unpack(f"<{len(segment.data) // 2}H", segment.data[: len(segment.data) & ~1])
+        for index, (first, second) in enumerate(itertools.pairwise(halfwords)):
+            if first & 0xFFD0 == 0xFB90 and second & 0xF0F0 == 0xF0F0:
+                for start in {segment.address, segment.run_address}:
+                    yield start + 2 * index, second & 0xF
+
+
+class Traps:
+    """Finds out what stopped the emulator.
+
+    Parameters
+    ----------
+    engine : Uc
+        The emulator.
+    registers : CoreRegisters
+    memory : BoardMemory
+    stop : callable
+        Stops the emulator.
+    abort : callable
+        Stops it because of an error of the host.
+
+    Attributes
+    ----------
+    fault : Fault or None
+        What the instruction at PC did, since `clear`.
+    exc_return : int
+        The EXC_RETURN that was branched to, since `clear`, or 0.
+    supervisor_call : callable
+        Called after an SVC; answers whether its handler may run.
+    jumped_from : callable
+        Answers with the address of the latest branch, if it led nowhere.
+    fpu_enabled, traps_division_by_zero : bool
+        CPACR and CCR.DIV_0_TRP.
+    """
+
+    def __init__(
+        self, engine: Any, registers: CoreRegisters, memory: BoardMemory, *, stop: Callable[[], None],
+        abort: Callable[[BaseException], None],
+    ) -> None:  # fmt: skip
+        self.fault: Fault | None = None
+        self.exc_return = 0
+        self.fpu_enabled = False
+        self.traps_division_by_zero = False
+        self.supervisor_call: Callable[[], bool] = lambda: True
+        self.jumped_from: Callable[[], int | None] = lambda: None
+        self._engine = engine
+        self._registers = registers
+        self._memory = memory
+        self._stop = stop
+        self._abort = abort
+        self._watched: set[int] = set()
+        # Straight through the C interface: the binding's own wrapper doubles the cost of each call.
+        self._interrupt_hook = _INTERRUPT_CALLBACK(self._on_interrupt)
+        uclib.uc_hook_add(
+            engine._uch, ctypes.byref(ctypes.c_size_t()), unicorn.UC_HOOK_INTR, self._interrupt_hook, None,
+            ctypes.c_uint64(1), ctypes.c_uint64(0),
+        )  # fmt: skip
+        unmapped = unicorn.UC_HOOK_MEM_UNMAPPED | unicorn.UC_HOOK_MEM_FETCH_PROT
+        engine.hook_add(unmapped, self._on_invalid_memory)
+        protected = unicorn.UC_HOOK_MEM_READ_PROT | unicorn.UC_HOOK_MEM_WRITE_PROT
+        engine.hook_add(protected, self._on_invalid_memory, begin=0, end=PERIPHERALS[0] - 1)  # above: the bus
+        engine.hook_add(unicorn.UC_HOOK_INSN_INVALID, self._on_invalid_instruction)
+
+    def clear(self) -> None:
+        """Forget what stopped the emulator last."""
+        self.fault = None
+        self.exc_return = 0
+
+    def _found(self, kind: FaultKind, cause: str, place: int, address: int | None = None) -> None:
+        if self.fault is None:
+            self.fault = Fault(kind, cause, place & ~1, address)
+
+    def _on_interrupt(self, _engine: int, number: int, _data: int) -> None:
+        try:
+            self._note_interrupt(number, self._registers.pc.get())
+            self._stop()
+        except BaseException as error:  # re-raised by the processor; ctypes would print and drop it
+            self._abort(error)
+
+    def _note_interrupt(self, number: int, pc: int) -> None:
+        if number == _INTR_SVC:
+            if not self.supervisor_call():
+                self._found(FaultKind.SUPERVISOR_CALL, "SVC where the SVCall handler may not run", pc - 2)
+        elif number == _INTR_EXCEPTION_RETURN:
+            self.exc_return = pc
+        elif number == _INTR_BREAKPOINT:
+            self._found(FaultKind.BREAKPOINT, "breakpoint (BKPT) without a debugger", pc)
+        elif number == _INTR_PREFETCH_ABORT:
+            self._fetched(unicorn.UC_MEM_FETCH_PROT, pc, self.jumped_from() or pc)
+        elif number == _INTR_UNDEFINED:
+            self._found(FaultKind.UNDEFINED_INSTRUCTION, "undefined instruction", pc)
+        else:
+            self._found(FaultKind.UNDEFINED_INSTRUCTION, f"processor exception {number}", pc)
+
+    def _on_invalid_memory(self, _engine: Any, access: int, address: int, size: int, _value: int, _data: Any) -> bool:
+        pc = self._registers.pc.get()
+        if access in _FETCHES:
+            self._fetched(access, address, self.jumped_from() or pc)
+            return False
+        cause = _DATA_ACCESS.get(access, f"memory access {access} at")
+        self._found(FaultKind.DATA_BUS, f"{cause} 0x{address:08x} ({size} bytes)", pc, address)
+        return False
+
+    def refuse(self, access: int, address: int, reason: str) -> None:
+        """An access to a peripheral is a bus error; says where, and why."""
+        what = "write to" if access == unicorn.UC_MEM_WRITE_PROT else "read of"
+        self._found(FaultKind.DATA_BUS, f"{what} {reason}", self._registers.pc.get(), address)
+
+    def _fetched(self, access: int, address: int, place: int) -> None:
+        """Nothing can be executed there; what is named is the jump."""
+        cause = f"{_FETCHES[access]} 0x{address:08x}"
+        if not self._registers.xpsr.get() & _THUMB:
+            self._found(FaultKind.INVALID_STATE, f"{cause}, without Thumb bit", place)
+        elif never_executed(address):
+            self._found(FaultKind.EXECUTE_NEVER, cause, place)
+        else:
+            self._found(FaultKind.INSTRUCTION_BUS, cause, place)
+
+    def _on_invalid_instruction(self, _engine: Any, _data: Any) -> bool:
+        pc = self._registers.pc.get()
+        if not self._registers.xpsr.get() & _THUMB:
+            self._found(FaultKind.INVALID_STATE, f"jump to the even address 0x{pc:08x}: no Thumb bit", pc)
+            return False
+        code = self._memory.read(pc & ~1, 2)
+        if code == _WFE:  # which this emulator core lacks; the event register is always set here
+            self._registers.pc.set((pc + 2) | 1)
+            return True
+        self._found(FaultKind.UNDEFINED_INSTRUCTION, f"undefined instruction {code[::-1].hex()}", pc)
+        return False
+
+    # -- instructions that fault on what their registers hold ----------------------------------
+
+    def unwatched(self, instructions: Iterable[Instruction]) -> list[Instruction]:
+        """Leave out what is looked at already."""
+        return [instruction for instruction in instructions if instruction.address not in self._watched]
+
+    def watch(self, instructions: Iterable[Instruction], first: int, end: int) -> None:
+        """Have instructions looked at each time before they run.
+
+        Few instructions are such, so a hook on each costs little; what the emulator
+        has translated of the code from `first` to `end` must go, or it would not know of them.
+        """
+        for instruction in self.unwatched(instructions):
+            self._hook(instruction.address, self._look, instruction)
+        self._engine.ctl_remove_cache(first, end)
+
+    def _hook(self, address: int, function: Callable[..., None], data: Any) -> None:
+        self._watched.add(address)
+        self._engine.hook_add(unicorn.UC_HOOK_CODE, function, data, begin=address, end=address)
+
+    def _look(self, _engine: Any, address: int, _size: int, instruction: Instruction) -> None:
+        if instruction.uses_fpu and not self.fpu_enabled:
+            self._found(FaultKind.NO_COPROCESSOR, "FPU used while CPACR disables it (NOCP)", address)
+            self._stop()
+        elif instruction.aligned_base >= 0:
+            value = self._registers.cores((instruction.aligned_base,)).get()
+            if value & 3:
+                cause = f"unaligned access: r{instruction.aligned_base} = 0x{value:08x} in '{instruction.text}'"
+                self._found(FaultKind.UNALIGNED, cause, address)
+                self._stop()
+
+    def watch_divisions(self, image: FirmwareImage) -> None:
+        """Have every division of an image looked at; data that looks like one is never executed."""
+        for address, divisor in _divisions(image):
+            if address not in self._watched:
+                self._hook(address, self._look_at_divisor, divisor)
+        self._engine.ctl_flush_tb()
+
+    def _look_at_divisor(self, _engine: Any, address: int, _size: int, divisor: int) -> None:
+        if self.traps_division_by_zero and self._registers.cores((divisor,)).get() == 0:
+            self._found(FaultKind.DIVIDE_BY_ZERO, f"division by zero: r{divisor}", address)
+            self._stop()
