@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 
 from hiltest.report.record import TestResult
-from hiltest.session import CAUSE, REASON
+from hiltest.session import CAUSE, REASON, TRACE
 
 
 class TestLog:
@@ -38,6 +38,7 @@ class TestLog:
         return TestResult(
             id=self._test_id(nodeid), outcome=_outcome(worst),
             duration_s=round(sum(report.duration for report in reports), 6), reason=_reason(worst),
+            trace=next((getattr(each, TRACE) for each in reports if hasattr(each, TRACE)), ""),
         )
 
 

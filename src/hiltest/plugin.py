@@ -12,7 +12,7 @@ import pytest
 
 from hiltest import hookspecs
 from hiltest.fixtures import board, cycles, hil_progress, hil_settings, measure, rig, turntable
-from hiltest.session import CAUSE, FOUND, FOUND_HERE, GATING, REASON, SESSION, HilSession, pack, uses_board
+from hiltest.session import CAUSE, FOUND, FOUND_HERE, GATING, REASON, SESSION, TRACE, HilSession, pack, uses_board
 from hiltest.settings import add_options, resolve
 
 __all__ = ["board", "cycles", "hil_progress", "hil_settings", "measure", "rig", "turntable"]
@@ -57,6 +57,7 @@ def pytest_report_collectionfinish(config: pytest.Config) -> list[str]:
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Skip a test whose board is already lost."""
     hil = item.config.stash[SESSION]
+    hil.begin_trace()
     if hil.trouble_reported and uses_board(item):
         pytest.skip(f"bench lost earlier: {hil.trouble}")
 
@@ -102,7 +103,12 @@ def pytest_runtest_makereport(
         setattr(report, FOUND_HERE, pack(found))
         del item.stash[FOUND]
     if report.failed and call.excinfo is not None:
-        cause = item.config.stash[SESSION].blame(call.excinfo.value)
+        hil = item.config.stash[SESSION]
+        trace = hil.keep_trace(hil.test_id(item.nodeid), report.when, call.excinfo.value)
+        if trace:
+            setattr(report, TRACE, trace)
+            report.sections.append(("wire trace", str(hil.settings.out / trace)))
+        cause = hil.blame(call.excinfo.value)
         if cause:
             setattr(report, CAUSE, cause)
             setattr(report, REASON, str(call.excinfo.value))

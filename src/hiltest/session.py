@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from hiltest.measurement import Limit, Measurement
     from hiltest.report.record import Table
     from hiltest.rig import Rig
+    from hiltest.wire_traces import WireTraces
 
 BENCH_LOST = "bench lost"
 WRONG_FIRMWARE = "wrong firmware"
@@ -33,6 +34,8 @@ CAUSE = "hil_cause"
 """Whose fault a failure is, when it is not the test's own."""
 REASON = "hil_reason"
 """What the bench or the firmware did, in one line."""
+TRACE = "hil_trace"
+"""The wire trace of a failed test, relative to the run's folder."""
 FOUND_HERE = "hil_found"
 """Measurements and tables, as `pack` made them."""
 
@@ -94,6 +97,7 @@ class HilSession:
         self._opened_s = 0.0
         self._asked_for = False
         self._needs_rig = False
+        self._traces: WireTraces | None = None
 
     @property
     def is_worker(self) -> bool:
@@ -130,8 +134,11 @@ class HilSession:
             If the rig, the firmware or an option is wrong, or no record can be written.
         """
         from hiltest.errors import BenchError, ConfigError, ProtocolError
+        from hiltest.wire_traces import remove_traces
 
         self._asked_for = True
+        if not self.is_worker:
+            remove_traces(self.settings.out)
         try:
             # Reading the rig is what finds its mistakes.
             self._needs_rig |= with_board
@@ -179,14 +186,18 @@ class HilSession:
         if self._board is None:
             from hiltest.boards import open_board
             from hiltest.errors import BenchError, ProtocolError
+            from hiltest.wire_traces import WireTraces
 
             self._opened_s = time.monotonic()
+            self._traces = WireTraces(self.settings.out)
             try:
                 self._board = open_board(
-                    self.rig, firmware=self.settings.firmware, port=self.settings.port, seed=self.settings.seed
+                    self.rig, firmware=self.settings.firmware, port=self.settings.port, seed=self.settings.seed,
+                    transcript=self._traces.transcript,
                 )
             except (BenchError, ProtocolError) as error:
                 self.trouble = error
+                self.keep_trace("the first words to the board", "set-up", error)
                 raise
         return self._board
 
@@ -213,6 +224,18 @@ class HilSession:
             self.trouble = self.trouble or error
             self.trouble_reported = True
         return BENCH_LOST if isinstance(error, BenchError) else WRONG_FIRMWARE
+
+    def begin_trace(self) -> None:
+        """Forget what went over the line before the test that begins."""
+        if self._traces is not None:
+            self._traces.begin()
+
+    def keep_trace(self, test: str, phase: str, error: BaseException) -> str:
+        """Write what went over the line during a test that failed; the file, or empty."""
+        if self._traces is None:
+            return ""
+        about = self._board.description if self._board else f"rig {self.rig.name}"
+        return self._traces.keep(test, phase, error, about=about)
 
     @property
     def chose_tests(self) -> bool:

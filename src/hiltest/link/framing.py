@@ -149,6 +149,11 @@ class FrameDecoder:
         self._keep(rest)
         return found
 
+    @property
+    def unfinished(self) -> bytes:
+        """What has arrived since the last delimiter."""
+        return bytes(self._pending)
+
     def reset(self) -> None:
         """Forget an unfinished frame."""
         self._pending.clear()

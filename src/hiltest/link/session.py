@@ -109,6 +109,8 @@ class Session:
         self.clock = "virtual" if own_clock else "wall"
         self.now: Callable[[], float] = own_clock or time.monotonic
         self.transcript = transcript
+        if transcript is not None and not transcript.clock:
+            transcript.clock = self.clock
         self.attempts: list[Attempt] = []
         self.protocol_version = 0
         self._reply_deadline_s = reply_deadline_s

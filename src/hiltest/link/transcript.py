@@ -7,7 +7,8 @@ line, ``{"t": seconds, "dir": ">", "hex": "7e01..."}``, or ``{"t": seconds, "mar
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections import deque
+from collections.abc import Iterable, MutableSequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -15,6 +16,8 @@ from pathlib import Path
 from hiltest.errors import ConfigError
 
 SCHEMA = "hiltest.transcript/1"
+
+_ENTRY_BYTES = 8  # an entry's time, in what a transcript may hold: single bytes must not cost nothing
 
 
 class Direction(StrEnum):
@@ -40,12 +43,13 @@ class Transcript:
     Parameters
     ----------
     clock : str
-        ``virtual`` or ``wall``: what `Entry.time_s` counts.
+        ``virtual`` or ``wall``: what `Entry.time_s` counts. The session that fills an
+        empty one says it.
     """
 
-    def __init__(self, clock: str, entries: Iterable[Entry] = ()) -> None:
+    def __init__(self, clock: str = "", entries: Iterable[Entry] = ()) -> None:
         self.clock = clock
-        self.entries = list(entries)
+        self.entries: MutableSequence[Entry] = list(entries)
 
     def add(self, time_s: float, direction: Direction, data: bytes) -> None:
         """Append an entry."""
@@ -84,6 +88,43 @@ class Transcript:
             except (ValueError, AttributeError, KeyError, TypeError) as error:
                 raise ConfigError(f"{path}:{number}: not an entry: {error}") from None
         return transcript
+
+
+class LatestTranscript(Transcript):
+    """A transcript that forgets what is old, so that it never grows beyond a size.
+
+    Parameters
+    ----------
+    most_bytes : int
+        How many bytes of the line are kept; the entries are bounded with them.
+
+    Attributes
+    ----------
+    dropped_bytes : int
+        What was forgotten since `restart`.
+    """
+
+    def __init__(self, *, most_bytes: int) -> None:
+        super().__init__()
+        self._most_bytes = most_bytes
+        self._latest: deque[Entry] = deque()
+        self.entries = self._latest
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget everything."""
+        self._latest.clear()
+        self._weight = 0
+        self.dropped_bytes = 0
+
+    def add(self, time_s: float, direction: Direction, data: bytes) -> None:
+        """Append an entry, and forget the oldest that no longer fit."""
+        self._latest.append(Entry(time_s, direction, data))
+        self._weight += len(data) + _ENTRY_BYTES
+        while self._weight > self._most_bytes and len(self._latest) > 1:
+            oldest = self._latest.popleft()
+            self._weight -= len(oldest.data) + _ENTRY_BYTES
+            self.dropped_bytes += len(oldest.data)
 
 
 def _line(entry: Entry) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 
 from hiltest.measurement import Measurement
 from hiltest.report import overview
-from hiltest.report.record import Run
+from hiltest.report.record import Run, TestResult
 from hiltest.report.terminal import shown_limit, shown_outcome, shown_value
 
 _SPECIAL = re.compile(r"([\\`*_{}\[\]<>#|~&])")
@@ -58,7 +58,11 @@ def _tests(run: Run) -> Iterator[str]:
     troubled = [test for test in run.tests if test.outcome not in ("passed", "xfailed")]
     if troubled:
         yield from ("", "## Tests that did not pass", "")
-        yield from _table(["test", "outcome", "reason"], ([test.id, test.outcome, test.reason] for test in troubled))
+        yield from _table(["test", "outcome", "reason"], ([test.id, test.outcome, _reason(test)] for test in troubled))
+
+
+def _reason(test: TestResult) -> str:
+    return f"{test.reason} (wire trace: {test.trace})" if test.trace else test.reason
 
 
 def _measurements(measurements: Iterable[Measurement]) -> Iterator[str]:

@@ -81,7 +81,10 @@ class Environment:
 
 @dataclass(frozen=True, slots=True)
 class TestResult:
-    """One finished test; `outcome` is passed, failed, skipped, bench lost, wrong firmware, ..."""
+    """One finished test; `outcome` is passed, failed, skipped, bench lost, wrong firmware, ...
+
+    `trace` names the file, relative to the run's folder, that shows what went over the line before it failed.
+    """
 
     __test__ = False  # not a test class, whatever pytest makes of the name
 
@@ -89,6 +92,7 @@ class TestResult:
     outcome: str
     duration_s: float
     reason: str = ""
+    trace: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -48,6 +48,9 @@ def summary(run: Run, folder: Path, *, every: bool, sentence: bool, width: int, 
     for test in run.tests:
         if test.outcome in ("bench lost", "wrong firmware"):
             console.print(f"[red]{test.outcome}[/red]: {escape(test.id)}: {escape(test.reason)}", soft_wrap=True)
+        if test.trace:
+            trace = escape(f"{test.id}: {shown_path(folder / test.trace)}")
+            console.print(f"wire trace of {trace}", soft_wrap=True)
     files = [name for name in RECORD_FILES if (folder / name).exists()]
     console.print(escape(f"{shown_path(folder)}: {', '.join(files)}"), soft_wrap=True)
     if sentence:

@@ -1,0 +1,111 @@
+"""Read a request back from its bytes, as somebody does who only sees the line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from hiltest.errors import ProtocolError
+from hiltest.link import messages as m
+from hiltest.link import streams
+from hiltest.link.fields import FieldReader
+from hiltest.link.framing import Frame
+
+_Read = Callable[[FieldReader], m.Request[Any]]
+
+
+def _upload(fields: FieldReader) -> m.Upload:
+    first = fields.number("H", "first")
+    return m.Upload(first, fields.counts(fields.number("B", "points"), "points").tolist())
+
+
+def _calibrate(fields: FieldReader) -> m.Calibrate:
+    n, iterations = fields.number("H", "n"), fields.number("H", "iterations")
+    return m.Calibrate(n, fields.text("calibrator"), iterations=iterations)
+
+
+def _set_calibration(fields: FieldReader) -> m.SetCalibration:
+    slot = fields.number("B", "slot")
+    return m.SetCalibration(slot, fields.reals(9, "soft iron").reshape(3, 3), fields.reals(3, "hard iron"))
+
+
+def _collect(fields: FieldReader) -> m.Collect:
+    count = fields.number("H", "count")
+    return m.Collect(count, timeout_us=fields.number("I", "timeout"))
+
+
+def _read(fields: FieldReader) -> m.Read:
+    sensor_id, count = fields.number("B", "sensor"), fields.number("B", "count")
+    return m.Read(sensor_id, count, timeout_us=fields.number("I", "timeout"))
+
+
+def _average(fields: FieldReader) -> m.Average:
+    n, timeout_us = fields.number("H", "n"), fields.number("I", "timeout")
+    return m.Average(n, fields.number("B", "slots"), timeout_us=timeout_us)
+
+
+def _gyroscope_rest(fields: FieldReader) -> m.GyroscopeRest:
+    n, timeout_us = fields.number("H", "n"), fields.number("I", "timeout")
+    return m.GyroscopeRest(n, fields.flag("store"), timeout_us=timeout_us)
+
+
+def _stream_reset(fields: FieldReader) -> streams.StreamReset:
+    sliced = fields.flag("sliced")
+    return streams.StreamReset(fields.text("stream"), sliced)
+
+
+def _steps(kind: type[streams.StreamFeed | streams.StreamRemove]) -> _Read:
+    def read(fields: FieldReader) -> m.Request[Any]:
+        first, count = fields.number("H", "first"), fields.number("B", "count")
+        return kind(fields.text("stream"), first, count)
+
+    return read
+
+
+_READERS: Mapping[type[m.Request[Any]], _Read] = {
+    m.Sync: lambda fields: m.Sync(fields.number("I", "nonce")),
+    m.Identify: lambda _: m.Identify(),
+    m.Sensors: lambda _: m.Sensors(),
+    m.Select: lambda fields: m.Select(fields.number("B", "sensor")),
+    m.Read: _read,
+    m.Collect: _collect,
+    m.Upload: _upload,
+    m.Points: lambda fields: m.Points(fields.number("H", "first"), fields.number("B", "count")),
+    m.ClearPoints: lambda _: m.ClearPoints(),
+    m.Calibrate: _calibrate,
+    m.SetCalibration: _set_calibration,
+    m.GetCalibration: lambda fields: m.GetCalibration(fields.number("B", "slot")),
+    m.ClearCalibration: lambda fields: m.ClearCalibration(fields.number("B", "slot")),
+    m.Average: _average,
+    m.GyroscopeRest: _gyroscope_rest,
+    m.LinkStatistics: lambda _: m.LinkStatistics(),
+    m.Reset: lambda _: m.Reset(),
+    streams.StreamReset: _stream_reset,
+    streams.StreamFeed: _steps(streams.StreamFeed),
+    streams.StreamRemove: _steps(streams.StreamRemove),
+    streams.StreamState: lambda fields: streams.StreamState(fields.text("stream")),
+}
+_BY_CODE = {kind.code: kind for kind in _READERS}
+
+
+def command_of(code: int) -> str:
+    """Name a request's type, empty when there is none of that code."""
+    kind = _BY_CODE.get(code)
+    return kind.command if kind else ""
+
+
+def read_request(frame: Frame) -> m.Request[Any]:
+    """Return the request that a frame carries.
+
+    Raises
+    ------
+    ProtocolError
+        When its type is no request's, or its payload does not fit.
+    """
+    kind = _BY_CODE.get(frame.type)
+    if kind is None:
+        raise ProtocolError(f"no request has type 0x{frame.type:02x}")
+    fields = FieldReader(frame.payload, f"request {kind.command}")
+    request = _READERS[kind](fields)
+    fields.end()
+    return request

@@ -1,0 +1,110 @@
+"""A transcript for people: one line for each frame, decoded, with the time of the board's clock."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, is_dataclass
+from enum import Enum
+from typing import Any
+
+import numpy as np
+
+from hiltest.errors import DeviceError, ProtocolError
+from hiltest.link.framing import DamagedFrame, Frame, FrameDecoder
+from hiltest.link.messages import REPLY_BIT, Request, decode_reply
+from hiltest.link.request_reading import command_of, read_request
+from hiltest.link.transcript import Direction, Transcript
+
+_NUMBERS_SHOWN = 12
+_BYTES_SHOWN = 32
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """A frame, or what was none, when its last byte went by."""
+
+    time_s: float
+    direction: Direction
+    item: Frame | DamagedFrame
+
+
+def trace_lines(transcript: Transcript) -> Iterator[str]:
+    """Yield a line for each frame: time [s], direction, sequence number, command and fields."""
+    asked: dict[int, Request[Any]] = {}
+    decoders = {Direction.TO_BOARD: FrameDecoder(), Direction.TO_HOST: FrameDecoder()}
+    for entry in transcript.entries:
+        if entry.direction is Direction.MARK:
+            yield _line(entry.time_s, entry.direction, "", entry.data.decode(errors="replace"))
+            continue
+        for item in decoders[entry.direction].feed(entry.data):
+            yield _shown(_Seen(entry.time_s, entry.direction, item), asked)
+    for direction, decoder in decoders.items():
+        if decoder.unfinished:
+            yield f"{'':>14}  {direction}       unfinished: {_hex(decoder.unfinished)}"
+
+
+def _shown(seen: _Seen, asked: dict[int, Request[Any]]) -> str:
+    if isinstance(seen.item, DamagedFrame):
+        what = f"damaged: {seen.item.reason}; {_hex(seen.item.data)}"
+        return _line(seen.time_s, seen.direction, "", what)
+    describe = _request if seen.direction is Direction.TO_BOARD else _reply
+    return _line(seen.time_s, seen.direction, str(seen.item.sequence), describe(seen.item, asked))
+
+
+def _line(time_s: float, direction: Direction, sequence: str, what: str) -> str:
+    return f"{time_s:14.6f}  {direction}  {sequence:>3}  {what}"
+
+
+def _request(frame: Frame, asked: dict[int, Request[Any]]) -> str:
+    try:
+        request = read_request(frame)
+    except ProtocolError as error:
+        asked.pop(frame.sequence, None)
+        return f"{command_of(frame.type) or f'type 0x{frame.type:02x}'} not understood: {error}; {_hex(frame.payload)}"
+    asked[frame.sequence] = request
+    return f"{request.command} {_fields(request)}".rstrip()
+
+
+def _reply(frame: Frame, asked: dict[int, Request[Any]]) -> str:
+    code = frame.type & ~REPLY_BIT
+    name = command_of(code) or f"type 0x{frame.type:02x}"
+    request = asked.get(frame.sequence)
+    if request is None or request.code != code or not frame.type & REPLY_BIT:
+        return f"{name} answers no request of this trace; {_hex(frame.payload)}"
+    try:
+        answer = decode_reply(request, frame.payload)
+    except DeviceError as error:
+        return f"{name} {error.status}"
+    except ProtocolError as error:
+        return f"{name} not understood: {error}; {_hex(frame.payload)}"
+    what = _fields(answer) if is_dataclass(answer) else _value(answer) if answer is not None else ""
+    return f"{name} OK {what}".rstrip()
+
+
+def _fields(record: Any) -> str:
+    return " ".join(f"{each.name}={_value(getattr(record, each.name))}" for each in fields(record))
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, Enum):
+        return value.name
+    if is_dataclass(value):
+        return f"({_fields(value)})"
+    if isinstance(value, float):
+        return f"{value:.9g}"
+    if isinstance(value, np.ndarray) or (isinstance(value, list) and value and not is_dataclass(value[0])):
+        return _numbers(np.asarray(value))
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return f"[{', '.join(map(_value, value))}]"
+    return str(value)
+
+
+def _numbers(array: np.ndarray[Any, Any]) -> str:
+    flat = array.ravel().tolist()
+    more = f", ... {' x '.join(map(str, array.shape))} in all" if len(flat) > _NUMBERS_SHOWN else ""
+    return f"[{', '.join(_value(each) for each in flat[:_NUMBERS_SHOWN])}{more}]"
+
+
+def _hex(data: bytes) -> str:
+    more = " ..." if len(data) > _BYTES_SHOWN else ""
+    return f"{len(data)} bytes {data[:_BYTES_SHOWN].hex(' ')}{more}".rstrip()

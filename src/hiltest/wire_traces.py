@@ -1,0 +1,115 @@
+"""What went over the line during one test: written to the run's folder when the test fails, else forgotten."""
+
+from __future__ import annotations
+
+import re
+from collections import deque
+from contextlib import suppress
+from hashlib import sha256
+from pathlib import Path
+
+from hiltest.link.transcript import SCHEMA, LatestTranscript
+
+FOLDER = "traces"
+
+_MOST_BYTES = 256 * 1024  # twenty seconds of a full line at 115200 baud
+_LONGEST_NAME = 100
+# Set-ups that failed are asked for again by every test that needs them; this many are remembered.
+_FAILURES_KEPT = 32
+
+
+class WireTraces:
+    """The line's latest bytes, from the beginning of the running test.
+
+    Parameters
+    ----------
+    out : Path
+        The run's folder.
+
+    Attributes
+    ----------
+    transcript : LatestTranscript
+        What the link's session fills.
+    """
+
+    def __init__(self, out: Path) -> None:
+        self.transcript = LatestTranscript(most_bytes=_MOST_BYTES)
+        self._out = out
+        self._written: deque[tuple[BaseException, str]] = deque(maxlen=_FAILURES_KEPT)
+
+    def begin(self) -> None:
+        """Forget what was before: a test begins."""
+        self.transcript.restart()
+
+    def keep(self, test: str, phase: str, error: BaseException, *, about: str) -> str:
+        """Write what went over the line before a failure.
+
+        Parameters
+        ----------
+        test : str
+            Whose it is; names the files.
+        phase : str
+            What failed. A fixture's set-up fails once and is charged to every test that
+            needs it: they all get the file of the first.
+        error : BaseException
+            What failed it.
+        about : str
+            Which board, for the heading.
+
+        Returns
+        -------
+        str
+            The text file, relative to the run's folder; empty when nothing went over the line.
+        """
+        for known, name in self._written:
+            if known is error:
+                return name
+        if not self.transcript.entries:
+            return ""
+        name = f"{FOLDER}/{file_name(test)}.txt"
+        if not self._write(self._out / name, f"wire trace of {test}, up to where its {phase} failed", about):
+            return ""
+        if phase != "call":
+            self._written.append((error, name))
+        return name
+
+    def _write(self, path: Path, heading: str, about: str) -> bool:
+        from hiltest.link.trace_text import trace_lines
+
+        cut = self.transcript.dropped_bytes
+        head = [heading, f"{about}; {self.transcript.clock} time of the board [s], > to the board, < to the host"]
+        if cut:
+            head.append(f"cut: {cut} bytes before this are not kept")
+        lines = [*(f"# {line}" for line in head), *trace_lines(self.transcript)]
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+            self.transcript.write(path.with_suffix(".jsonl"))
+        except OSError:
+            return False  # a full disk: the test's own failure is what must be told
+        return True
+
+
+def file_name(test: str) -> str:
+    """Make a file's name of a test's id; another id never gets the same.
+
+    Examples
+    --------
+    >>> file_name("test_link.py::test_answers")
+    'test_link.py-test_answers-5811d9'
+    """
+    plain = re.sub(r"[^A-Za-z0-9_.]+", "-", test).strip("-.")[-_LONGEST_NAME:]
+    return f"{plain}-{sha256(test.encode()).hexdigest()[:6]}"
+
+
+def remove_traces(out: Path) -> None:
+    """Remove the traces of an earlier run, and nothing else, from a run's folder."""
+    folder = out / FOLDER
+    with suppress(OSError):
+        for path in folder.glob("*.jsonl"):
+            with path.open("rb") as file:
+                ours = SCHEMA.encode() in file.readline(200)
+            if ours:
+                path.unlink()
+                path.with_suffix(".txt").unlink(missing_ok=True)
+        folder.rmdir()
