@@ -35,6 +35,9 @@ from hiltest.virtual.traps import Traps
 
 RETURN_ADDRESS = 0x1FFEF000  # where a called function returns to: an executable page that the part does not have
 _SLICE_CYCLES = 4_000_000  # the longest stretch without looking at the wall clock or Ctrl-C
+_EMU_START = ctypes.CFUNCTYPE(
+    ctypes.c_int, ctypes.c_void_p, ctypes.c_uint64, ctypes.c_uint64, ctypes.c_uint64, ctypes.c_size_t
+)(("uc_emu_start", uclib))
 
 # Faults found after their instruction is over: a jump, or an SVC.
 _BEHIND = {FaultKind.INSTRUCTION_BUS, FaultKind.EXECUTE_NEVER, FaultKind.SUPERVISOR_CALL}
@@ -88,8 +91,8 @@ class Processor:
         self.traps.jumped_from = lambda: self.accounting.jumped_from
         self._install_hooks()
         # The binding's emu_start costs as much again as the emulator's own.
-        handle, until, forever = self.engine._uch, ctypes.c_uint64(RETURN_ADDRESS), ctypes.c_uint64(0)
-        self._enter: Callable[[int], int] = lambda begin: uclib.uc_emu_start(handle, begin, until, forever, forever)
+        handle = self.engine._uch.value
+        self._enter: Callable[[int], int] = lambda begin: _EMU_START(handle, begin, RETURN_ADDRESS, 0, 0)
 
     def _install_hooks(self) -> None:
         kind = unicorn.UC_HOOK_CODE if self.accounting.per_instruction else unicorn.UC_HOOK_BLOCK
@@ -98,6 +101,8 @@ class Processor:
 
     def _hook(self, kind: int, function: Any, data: Any) -> tuple[Any, Any]:
         """Hook straight through the C interface: the binding's own wrapper doubles the cost of each call."""
+        if function is None:
+            return function, data
         uclib.uc_hook_add(
             self.engine._uch, ctypes.byref(ctypes.c_size_t()), kind, function, data,
             ctypes.c_uint64(1), ctypes.c_uint64(0),
@@ -270,15 +275,17 @@ class Processor:
         BoardFault
             The processor met a fault or hung.
         """
+        schedule, accounting = self.schedule, self.accounting
         with deferred_interrupt(self.look_soon) as interrupted:
             while True:
-                self.schedule.run_due(self.cycles)
-                if (wake is not None and wake()) or self.cycles >= until_cycle or interrupted():
+                now = accounting.cycles
+                schedule.run_due(now)
+                if (wake is not None and wake()) or now >= until_cycle or interrupted():
                     return False
                 self._take_exception()
                 if self.sleeping:
                     self._sleep(until_cycle)
-                elif self._execute(min(self.schedule.next_cycle, until_cycle, self.cycles + _SLICE_CYCLES)):
+                elif self._execute(min(schedule.next_cycle, until_cycle, now + _SLICE_CYCLES)):
                     return True
 
     def _take_exception(self) -> None:

@@ -11,23 +11,19 @@ from collections.abc import Callable
 class Event:
     """One entry of the calendar; `cancel` takes it out."""
 
-    __slots__ = ("_action", "at_cycle")
+    __slots__ = ("action", "at_cycle")
 
     def __init__(self, at_cycle: float, action: Callable[[], None]) -> None:
         self.at_cycle = at_cycle
-        self._action: Callable[[], None] | None = action
-
-    @property
-    def cancelled(self) -> bool:
-        return self._action is None
+        self.action: Callable[[], None] | None = action  # None once it was cancelled or has run
 
     def cancel(self) -> None:
         """Make sure the action does not run (any more)."""
-        self._action = None
+        self.action = None
 
     def fire(self) -> None:
         """Run the action, once."""
-        action, self._action = self._action, None
+        action, self.action = self.action, None
         if action is not None:
             action()
 
@@ -65,7 +61,7 @@ class Schedule:
     def next_cycle(self) -> float:
         """When the next event is due [cycles]; infinity when there is none."""
         heap = self._heap
-        while heap and heap[0][2].cancelled:
+        while heap and heap[0][2].action is None:
             heapq.heappop(heap)
         return heap[0][0] if heap else math.inf
 

@@ -56,12 +56,13 @@ class Window(ctypes.Structure):
 
 
 @cache
-def _load() -> tuple[ctypes.CDLL | None, str]:
+def _load() -> tuple[ctypes.PyDLL | None, str]:
     """Load the library, or say why it is not used."""
     if not LIBRARY.exists():
         return None, f"{LIBRARY} was not built"
     try:
-        library = ctypes.CDLL(str(LIBRARY))
+        # PyDLL: none of these functions takes long, and the emulator calls the hook itself, as a plain C function.
+        library = ctypes.PyDLL(str(LIBRARY))
         library.hiltest_block_hook_source.restype = ctypes.c_char_p
         built_from = library.hiltest_block_hook_source()
     except (OSError, AttributeError) as error:
@@ -81,7 +82,7 @@ def missing_because() -> str:
     return _load()[1]
 
 
-def library() -> ctypes.CDLL:
+def library() -> ctypes.PyDLL:
     """Return the library.
 
     Raises
