@@ -29,7 +29,7 @@ BLOCKS_KEPT = 32_768
 
 
 class CodeHook(NamedTuple):
-    """A C function for the emulator to call where code begins, and the argument that it wants."""
+    """A C function for the emulator to call where code begins (None: nothing), and the argument that it wants."""
 
     function: Any
     data: Any

@@ -1,0 +1,57 @@
+"""What the benchmarks share: a list of ratios, printed at the end beside what was aimed at."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import pytest
+
+from hiltest.bench_files import shipped
+from hiltest.rig import Rig
+from hiltest.rig_file import load_rig
+from hiltest.virtual.native import counts_natively
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """One result, and what it should be."""
+
+    what: str
+    value: float
+    unit: str
+    aim: str
+
+
+FIGURES = pytest.StashKey[list[Figure]]()
+Report = Callable[[str, float, str, str], None]
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.stash[FIGURES] = []
+
+
+@pytest.fixture
+def report(request: pytest.FixtureRequest) -> Report:
+    """Return a function that keeps a figure: what, value, unit, aim. Nothing is asserted: machines are noisy."""
+    figures = request.config.stash[FIGURES]
+    return lambda what, value, unit, aim: figures.append(Figure(what, value, unit, aim))
+
+
+@pytest.fixture(scope="session")
+def rig() -> Rig:
+    """The default rig."""
+    return load_rig(shipped() / "rigs" / "virtual-k64f.toml")
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    figures = config.stash[FIGURES]
+    if not figures:
+        return
+    terminalreporter.section("figures of this run")
+    hook = "in C" if counts_natively() else "in Python"
+    busy = f"{os.getloadavg()[0]:.1f} processes on {os.cpu_count()} processors"
+    terminalreporter.write_line(f"boards count {hook} by default; load {busy}")
+    for figure in figures:
+        terminalreporter.write_line(f"{figure.what:<72} {figure.value:8.3f} {figure.unit:<14} {figure.aim}")

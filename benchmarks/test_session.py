@@ -1,0 +1,86 @@
+"""How fast a board boots, answers a call, and goes through the heading suite."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+from pytest_benchmark.fixture import BenchmarkFixture
+
+from hiltest.boards import default_firmware, open_board
+from hiltest.procedures import (
+    UNCALIBRATED,
+    UNCALIBRATED_SLOT,
+    collect_tumble,
+    measure_known_angles,
+    open_turntable,
+    run_calibrators,
+)
+from hiltest.rig import Rig
+from hiltest.virtual.k64f import VirtualK64F
+
+from .conftest import Report
+
+# What a fresh process spends behind its imports: on the first board, then on the first and the second call.
+COLD = """
+import time
+from hiltest.bench_files import shipped
+from hiltest.boards import default_firmware, open_board
+from hiltest.rig_file import load_rig
+from hiltest.virtual.k64f import VirtualK64F
+rig = load_rig(shipped() / "rigs" / "virtual-k64f.toml")
+marks = [time.perf_counter()]
+open_board(rig)
+marks.append(time.perf_counter())
+board = VirtualK64F(default_firmware())
+board.call("crc32", b"123456789", 9)
+marks.append(time.perf_counter())
+print(*(1e3 * (after - before) for before, after in zip(marks, marks[1:])))
+"""
+
+
+def test_boot_to_identity_and_selected_sensors(benchmark: BenchmarkFixture, report: Report, rig: Rig) -> None:
+    board = benchmark.pedantic(open_board, args=(rig,), rounds=20, warmup_rounds=1)
+    wall_s = benchmark.stats.stats.min
+    report("boot to identity, in a process that has booted before", 1e3 * wall_s, "ms", "at most 50")
+    report("boot to identity: virtual time against wall time", board.virtual_seconds / wall_s, "x real time", "")
+
+
+def test_one_call(benchmark: BenchmarkFixture, report: Report) -> None:
+    board = VirtualK64F(default_firmware())
+    result = benchmark.pedantic(board.call, args=("crc32", b"123456789", 9), rounds=200, warmup_rounds=2)
+    assert result.value == 0xCBF43926
+    report("a call, on a board that was called before", 1e3 * benchmark.stats.stats.median, "ms", "at most 1")
+
+
+def test_the_first_boot_and_call_of_a_process(benchmark: BenchmarkFixture, report: Report) -> None:
+    def fresh() -> list[float]:
+        result = subprocess.run([sys.executable, "-c", COLD], capture_output=True, text=True, check=True, timeout=120)
+        return [float(word) for word in result.stdout.split()]
+
+    runs: list[list[float]] = []
+    benchmark.pedantic(lambda: runs.append(fresh()), rounds=3)
+    boot_ms, call_ms = (min(column) for column in zip(*runs, strict=True))
+    report("boot to identity, the first of a process, imports not counted", boot_ms, "ms", "")
+    report("a board and the first call, its types read from the DWARF", call_ms, "ms", "")
+
+
+def test_the_heading_suite(benchmark: BenchmarkFixture, report: Report, rig: Rig) -> None:
+    board = open_board(rig)
+    table = open_turntable(board, uncertainty_deg=0.1, prompt=input, tumble_s=rig.turntable.tumble_s)
+    tumble = collect_tumble(board, table, points=rig.procedure.tumble_points)
+    runs = run_calibrators(board, tumble, calibrators=board.identity.calibrators, n=rig.procedure.calibration_points)
+    slots = {UNCALIBRATED: UNCALIBRATED_SLOT} | {name: run.slot for name, run in runs.items() if run.usable}
+    began_s = board.virtual_seconds or 0.0
+
+    def suite() -> int:
+        poses = rig.procedure.judged_poses()
+        angles = measure_known_angles(
+            board, table, poses=poses, slots=slots, mounting_yaw_deg=1.7, readings=rig.procedure.readings_per_pose
+        )
+        return len(angles.poses)
+
+    assert benchmark.pedantic(suite, rounds=1) == 60
+    took_s = (board.virtual_seconds or 0.0) - began_s
+    ratio = took_s / benchmark.stats.stats.min
+    report("the heading suite: virtual time against wall time", ratio, "x real time", "at least 1.0")
