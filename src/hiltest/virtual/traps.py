@@ -11,6 +11,7 @@ from typing import Any
 import unicorn
 from unicorn.unicorn_py3.unicorn import uclib
 
+from hiltest.virtual.accounting import CODE_CALLBACK
 from hiltest.virtual.elf import FirmwareImage
 from hiltest.virtual.faults import Fault, FaultKind
 from hiltest.virtual.instructions import Instruction
@@ -93,6 +94,7 @@ class Traps:
         self._stop = stop
         self._abort = abort
         self._watched: set[int] = set()
+        self._looks: list[Any] = []
         # Straight through the C interface: the binding's own wrapper doubles the cost of each call.
         self._interrupt_hook = _INTERRUPT_CALLBACK(self._on_interrupt)
         uclib.uc_hook_add(
@@ -188,11 +190,23 @@ class Traps:
             self._hook(instruction.address, self._look, instruction)
         self._engine.ctl_remove_cache(first, end)
 
-    def _hook(self, address: int, function: Callable[..., None], data: Any) -> None:
+    def _hook(self, address: int, function: Callable[[int, Any], None], data: Any) -> None:
         self._watched.add(address)
-        self._engine.hook_add(unicorn.UC_HOOK_CODE, function, data, begin=address, end=address)
 
-    def _look(self, _engine: Any, address: int, _size: int, instruction: Instruction) -> None:
+        def look(_engine: int, address: int, _size: int, _data: int) -> None:
+            try:
+                function(address, data)
+            except BaseException as error:  # re-raised by the processor; ctypes would print and drop it
+                self._abort(error)
+
+        callback = CODE_CALLBACK(look)
+        self._looks.append(callback)  # the emulator keeps only the pointer
+        first = ctypes.c_uint64(address)
+        uclib.uc_hook_add(
+            self._engine._uch, ctypes.byref(ctypes.c_size_t()), unicorn.UC_HOOK_CODE, callback, None, first, first
+        )
+
+    def _look(self, address: int, instruction: Instruction) -> None:
         if instruction.uses_fpu and not self.fpu_enabled:
             self._found(FaultKind.NO_COPROCESSOR, "FPU used while CPACR disables it (NOCP)", address)
             self._stop()
@@ -210,7 +224,7 @@ class Traps:
                 self._hook(address, self._look_at_divisor, divisor)
         self._engine.ctl_flush_tb()
 
-    def _look_at_divisor(self, _engine: Any, address: int, _size: int, divisor: int) -> None:
+    def _look_at_divisor(self, address: int, divisor: int) -> None:
         if self.traps_division_by_zero and self._registers.cores((divisor,)).get() == 0:
             self._found(FaultKind.DIVIDE_BY_ZERO, f"division by zero: r{divisor}", address)
             self._stop()
