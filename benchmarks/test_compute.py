@@ -16,7 +16,7 @@ from .conftest import Report
 from .kernel_loop import KernelLoop, Uncounted
 
 KERNELS = pytest.mark.parametrize(
-    ("kernel", "rounds"), [("magnetometer_direct", 2000), ("magnetometer_iterative", 300)], ids=["direct", "iterative"]
+    ("kernel", "rounds"), [("magnetometer_direct", 400), ("magnetometer_iterative", 60)], ids=["direct", "iterative"]
 )
 HOOKS = pytest.mark.parametrize("hook", [NativeBlockAccounting, BlockAccounting], ids=["in C", "in Python"])
 
@@ -29,7 +29,7 @@ def test_counting(
     slow = hook is BlockAccounting
     if not slow and (reason := missing_because()):
         pytest.skip(reason)
-    rounds = rounds // 20 if slow else rounds
+    rounds = rounds // 10 if slow else rounds
     counted, uncounted = KernelLoop(kernel, rounds, hook), KernelLoop(kernel, rounds, Uncounted)
     uncounted_s = []
 
@@ -39,7 +39,7 @@ def test_counting(
         uncounted.run()
         uncounted_s.append(time.perf_counter() - began)
 
-    cycles = benchmark.pedantic(counted.run, setup=run_uncounted, rounds=10, warmup_rounds=1)
+    cycles = benchmark.pedantic(counted.run, setup=run_uncounted, rounds=50, warmup_rounds=1)
     fastest_s = benchmark.stats.stats.min
     how = "in Python" if slow else "in C"
     aims = ("", "") if slow else ("at most 1.10", "at least 1.5")
