@@ -44,6 +44,18 @@ def build(tmp_path: Path, require_tool: Callable[[str], str]) -> Build:
 
 
 @pytest.fixture
+def build_c(tmp_path: Path, build: Build) -> Build:
+    """Return a function that compiles the text of a C program into an ELF."""
+
+    def compile_text(source: str, *flags: str) -> Path:
+        path = tmp_path / "program.c"
+        path.write_text(source)
+        return build(path, *flags)
+
+    return compile_text
+
+
+@pytest.fixture
 def native_hook() -> AccountingFactory:
     """What counts in C; where it was not built, as `require_tool`."""
     if reason := missing_because():

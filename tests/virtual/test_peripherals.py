@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from hiltest.virtual.accounting import AccountingFactory
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.i2c_bus import I2cBus
 from hiltest.virtual.k64f import CORE_HZ, VirtualK64F
@@ -139,6 +140,36 @@ def test_the_cycle_counter_is_exact_inside_a_block(build: Build) -> None:
     """
     # LDR 2 cycles and three additions lie between the two readings.
     assert VirtualK64F(build(HEAD + code + TAIL)).call("main").value == 5
+
+
+def test_a_conditional_access_leaves_the_conditions_of_later_blocks_alone(
+    build: Build, block_hook: AccountingFactory
+) -> None:
+    # r4 counts the words that are not zero, r5 those that are; the accesses go to GPIOB's PSOR and PCOR.
+    code = """
+    ldr r3, =0x400FF040
+    ldr r6, =words
+    movs r7, #8
+    movs r4, #0
+    movs r5, #0
+1:  ldr r2, [r6], #4
+    tst r2, #0x40
+    itete ne
+    strne r2, [r3, #4]
+    streq r2, [r3, #8]
+    addne r4, #1
+    addeq r5, #1
+    subs r7, #1
+    bne 1b
+    lsl r0, r4, #8
+    orr r0, r0, r5
+    bx lr
+    .size main, . - main
+    .ltorg
+    .data
+words: .word 0x40, 0, 0, 0x40, 0, 0, 0, 0x40
+"""
+    assert VirtualK64F(build(HEAD + code), accounting=block_hook).call("main").value == 3 << 8 | 5
 
 
 def _idle_processor() -> Processor:

@@ -54,7 +54,8 @@ class VirtualBench:
         self.seed = rig.seed if seed is None else seed
         self._world = build_world(rig)
         sensors = build_sensors(rig, self._world, self.seed)
-        self.machine = VirtualK64F(self.firmware, i2c0=sensors["i2c0"], i2c1=sensors["i2c1"])
+        # What the firmware that ships touches is modelled: anything else is a mistake, and found at once.
+        self.machine = VirtualK64F(self.firmware, i2c0=sensors["i2c0"], i2c1=sensors["i2c1"], strict=firmware is None)
 
     @property
     def time_s(self) -> float:

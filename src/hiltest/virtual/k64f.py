@@ -9,9 +9,11 @@ from pathlib import Path
 from hiltest.errors import ConfigError, place_of
 from hiltest.virtual.accounting import AccountingFactory
 from hiltest.virtual.calling import Argument, CallResult, call_function
+from hiltest.virtual.chip import mk64f12
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.elf import load_image
 from hiltest.virtual.faults import FaultRecord
+from hiltest.virtual.frdm_k64f import LedsAndButtons
 from hiltest.virtual.i2c_bus import I2cBus, I2cDevice
 from hiltest.virtual.instructions import decode
 from hiltest.virtual.memory import SRAM
@@ -19,19 +21,22 @@ from hiltest.virtual.native import by_block
 from hiltest.virtual.peripherals.bus import Peripheral, PeripheralBus, StoredRegisters
 from hiltest.virtual.peripherals.clocks import ClockGates, ClockGenerator, Watchdog
 from hiltest.virtual.peripherals.i2c import I2c
+from hiltest.virtual.peripherals.pins import Gpio, Port
 from hiltest.virtual.peripherals.pit import PeriodicTimers
 from hiltest.virtual.peripherals.system_control import CycleCounter, SystemControlSpace
 from hiltest.virtual.peripherals.uart import Uart
+from hiltest.virtual.peripherals.unmodelled import UnmodelledAccess, UnmodelledLog, UnmodelledPage
 from hiltest.virtual.timing import load_profile
 
 CORE_HZ = 120_000_000
 DEFAULT_PROFILE = "cortex-m4-trm/1"
 
-_PORTS = {"PORTA": 0x40049000, "PORTB": 0x4004A000, "PORTC": 0x4004B000, "PORTD": 0x4004C000, "PORTE": 0x4004D000}
+# Registers that firmware sets up and that change nothing which it could see: no need to tell.
 _STORED = {
-    "SIM (SOPT)": 0x40047000, "OSC": 0x40065000, "GPIO": 0x400FF000, "SMC": 0x4007E000,
-    "FMC": 0x4001F000, "SYSMPU": 0x4000D000, "RCM": 0x4007F000, "PMC": 0x4007D000,
+    "SIM (SOPT)": 0x40047000, "OSC": 0x40065000, "SMC": 0x4007E000, "FMC": 0x4001F000, "SYSMPU": 0x4000D000,
+    "RCM": 0x4007F000, "PMC": 0x4007D000,
 }  # fmt: skip
+_FIRST_PORT, _FIRST_PORT_INTERRUPT = 0x40049000, 59
 
 
 class _ResetRequested(Exception):
@@ -54,6 +59,14 @@ class VirtualK64F:
         Timing profile, see `hiltest.virtual.timing`.
     accounting : AccountingFactory
         What counts; by default by block, in C where that is there. `InstructionAccounting` is slow, and the reference.
+    strict : bool
+        Whether a peripheral that the chip has and this board does not model is a bus error. Otherwise its
+        registers keep what is written, and `unmodelled` lists what was touched.
+
+    Attributes
+    ----------
+    events : list of BoardEvent
+        What the LEDs and buttons did since power-on.
 
     Raises
     ------
@@ -69,6 +82,7 @@ class VirtualK64F:
         i2c1: Sequence[I2cDevice] = (),
         profile: str = DEFAULT_PROFILE,
         accounting: AccountingFactory = by_block,
+        strict: bool = False,
     ) -> None:
         self.image = load_image(elf)
         self.processor = Processor(self.image, load_profile(profile), accounting=accounting)
@@ -77,31 +91,46 @@ class VirtualK64F:
         self.uart0 = Uart(self.processor, self.clocks)
         self.watchdog = Watchdog()
         self.cycle_counter = CycleCounter(self.processor)
+        chip = mk64f12()
+        nvic = self.processor.nvic
+        ports = {
+            letter: Port(letter, base, _FIRST_PORT_INTERRUPT + index, nvic, chip.reset_bytes(base))
+            for index, letter in enumerate("ABCDE")
+            for base in [_FIRST_PORT + 0x1000 * index]
+        }
         self._peripherals: list[Peripheral] = [
             generator, self.clocks, self.watchdog, self.uart0, self.cycle_counter,
             SystemControlSpace(self.processor, self.cycle_counter, self._request_reset),
-            *(StoredRegisters(name, base) for name, base in _STORED.items()),
+            PeriodicTimers(self.processor, self.clocks), *ports.values(), Gpio(list(ports.values())),
+            *self._i2c_masters(i2c0, i2c1),
+            *(StoredRegisters(name, base, chip.reset_bytes(base)) for name, base in _STORED.items()),
         ]  # fmt: skip
-        self._add_gated(i2c0, i2c1)
-        self._bus = PeripheralBus(self.processor, self._peripherals)
+        self._unmodelled = UnmodelledLog(self.processor, chip)
+        if not strict:
+            modelled = {peripheral.base >> 12 for peripheral in self._peripherals}
+            self._peripherals += [
+                UnmodelledPage(page << 12, peripherals, chip, self._unmodelled)
+                for page, peripherals in chip.pages.items()
+                if page not in modelled
+            ]
+        for peripheral in self._peripherals:
+            gates = {gate for entry in chip.pages.get(peripheral.base >> 12, ()) for gate in entry.gates}
+            self.clocks.gate(peripheral, gates)
+        self._bus = PeripheralBus(self.processor, self._peripherals, chip.register_name)
         self.clocks.on_gates = self._bus.look_again
+        self._leds_and_buttons = LedsAndButtons(ports, lambda: self.processor.now() / CORE_HZ)
+        self.events = self._leds_and_buttons.events
         self._booted = False
         self._load()
 
-    def _add_gated(self, i2c0: Sequence[I2cDevice], i2c1: Sequence[I2cDevice]) -> None:
-        """Add the peripherals whose clocks the SIM gates: (block, SCGC register, bit)."""
-        processor, clocks = self.processor, self.clocks
-        gated: list[tuple[Peripheral, int, int]] = [
-            (self.uart0, 4, 10),
-            (I2c(processor, clocks, I2cBus(i2c0), core_hz=CORE_HZ, name="I2C0", base=0x40066000, interrupt=24), 4, 6),
-            (I2c(processor, clocks, I2cBus(i2c1), core_hz=CORE_HZ, name="I2C1", base=0x40067000, interrupt=25), 4, 7),
-            (PeriodicTimers(processor, clocks), 6, 23),
+    def _i2c_masters(self, i2c0: Sequence[I2cDevice], i2c1: Sequence[I2cDevice]) -> list[I2c]:
+        modules = (("I2C0", 0x40066000, 24, i2c0), ("I2C1", 0x40067000, 25, i2c1))
+        return [
+            I2c(
+                self.processor, self.clocks, I2cBus(parts), core_hz=CORE_HZ, name=name, base=base, interrupt=interrupt
+            )
+            for name, base, interrupt, parts in modules
         ]
-        gated += [(StoredRegisters(name, base), 5, 9 + index) for index, (name, base) in enumerate(_PORTS.items())]
-        for peripheral, register, bit in gated:
-            clocks.gate(register, bit, peripheral)
-            if peripheral is not self.uart0:
-                self._peripherals.append(peripheral)
 
     # -- memory and reset ---------------------------------------------------------------------
 
@@ -180,6 +209,23 @@ class VirtualK64F:
         """Faults that the firmware's handlers got since power-on: the first thousand."""
         return tuple(self.processor.fault_log.records)
 
+    @property
+    def unmodelled(self) -> Sequence[UnmodelledAccess]:
+        """First access to each register that keeps what is written and does nothing; `str` of one is a sentence."""
+        return self._unmodelled.accesses
+
+    def press(self, button: str) -> None:
+        """Press ``SW2`` or ``SW3``, and keep it pressed."""
+        self._leds_and_buttons.push(button, True)
+
+    def release(self, button: str) -> None:
+        """Let go of a button."""
+        self._leds_and_buttons.push(button, False)
+
+    def is_on(self, what: str) -> bool:
+        """Whether an LED (``LED red``, ``LED green``, ``LED blue``) is lit, or a button is pressed."""
+        return self._leds_and_buttons.is_on(what)
+
     def position(self) -> str:
         """Say where the firmware is: sleeping, or executing which line, and in which fault's handler."""
         fault = self.processor.fault_log.first_cause
@@ -194,7 +240,10 @@ class VirtualK64F:
         if self.processor.sleeping:
             return f"asleep in {place}"
         instruction = decode(pc & ~1, self.processor.memory.read(pc & ~1, 4))[0]
-        return f"hung, looping to itself in {place}" if instruction.jumps_to(pc & ~1) else f"executing {place}"
+        if instruction.jumps_to(pc & ~1):
+            return f"hung, looping to itself in {place}"
+        polled = self._unmodelled.polled
+        return f"executing {place}" + (f", polling {polled}, which is not modelled" if polled else "")
 
     def instructions_between_readings(self, cycles: int) -> int | None:
         """Count the instructions between two reads of CYCCNT that lie `cycles` apart.

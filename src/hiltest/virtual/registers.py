@@ -19,6 +19,7 @@ _BATCH = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctype
 _READ_BATCH = _BATCH(("uc_reg_read_batch", uclib))
 _WRITE_BATCH = _BATCH(("uc_reg_write_batch", uclib))
 
+_IT_STATE = 0x0600FC00  # in XPSR
 _FRAME = ("R0", "R1", "R2", "R3", "R12", "LR", "PC", "XPSR")
 
 
@@ -101,6 +102,15 @@ class CoreRegisters:
         self.primask = Register(engine, "PRIMASK")
         self.basepri = Register(engine, "BASEPRI")
         self.faultmask = Register(engine, "FAULTMASK")
+
+    def forget_condition(self) -> None:
+        """Wipe out where in an IT block an access to a device stood.
+
+        The emulator writes it down and forgets it there: the next block would begin with this one's condition.
+        """
+        xpsr = self.xpsr.get()
+        if xpsr & _IT_STATE:
+            self.xpsr.set(xpsr & ~_IT_STATE)
 
     def cores(self, numbers: tuple[int, ...]) -> RegisterGroup:
         """Return the group of some of r0 to r14, made once."""

@@ -11,10 +11,13 @@ import os
 from collections.abc import Callable
 from typing import Any
 
+from unicorn.unicorn_py3.unicorn import uclib
+
 from hiltest.errors import ConfigError
 from hiltest.virtual.accounting import Accounting, Block, BlockAccounting, ReadCode
 from hiltest.virtual.native.accounting import NativeBlockAccounting
 from hiltest.virtual.native.library import Window, library, missing_because
+from hiltest.virtual.registers import register_number
 from hiltest.virtual.timing import TimingProfile
 
 CHOICE = "HILTEST_BLOCK_HOOK"  # in the environment: auto, native, python
@@ -59,5 +62,6 @@ def native_permission(base: int, opened: Any, ask: Any) -> tuple[Any, Any] | Non
     """
     if not counts_natively():
         return None
-    window = Window(base, ctypes.addressof(opened), ctypes.cast(ask, ctypes.c_void_p))
+    functions = (ctypes.cast(function, ctypes.c_void_p) for function in (ask, uclib.uc_reg_read, uclib.uc_reg_write))
+    window = Window(base, ctypes.addressof(opened), *functions, register_number("XPSR"))
     return library().hiltest_permit, ctypes.pointer(window)

@@ -15,6 +15,8 @@ enum {
     PAGE_BITS = 12,
 };
 
+static const uint32_t IT_STATE = 0x0600FC00u; /* in XPSR */
+
 /* Why the processor must look at a block before it runs. */
 enum {
     USES_FPU = 1 << 0,
@@ -63,12 +65,30 @@ struct window {
     uint64_t base;
     const uint8_t *opened; /* for each of its pages, whether every access is permitted */
     bool (*ask)(void *engine, int access, uint64_t address, int size, int64_t value, void *data);
+    int (*read_register)(void *engine, int number, const void *value);
+    int (*write_register)(void *engine, int number, const void *value);
+    int32_t xpsr; /* the emulator's number of it */
 };
 
 /* The source that this was built from; what is newer or older does not fit accounting in Python. */
 const char *hiltest_block_hook_source(void)
 {
     return HILTEST_SOURCE_SHA256;
+}
+
+/*
+ * The emulator writes down where in an IT block the access stands, and forgets to wipe that out: the next block would
+ * begin with this one's condition.
+ */
+static void forget_condition(const struct window *window, void *engine)
+{
+    uint32_t xpsr = 0;
+
+    (void)window->read_register(engine, window->xpsr, &xpsr);
+    if ((xpsr & IT_STATE) != 0) {
+        xpsr &= ~IT_STATE;
+        (void)window->write_register(engine, window->xpsr, &xpsr);
+    }
 }
 
 /*
@@ -79,8 +99,11 @@ bool hiltest_permit(void *engine, int access, uint64_t address, int size, int64_
 {
     const struct window *window = data;
 
-    return window->opened[(address - window->base) >> PAGE_BITS] != 0 ||
-           window->ask(engine, access, address, size, value, NULL);
+    if (window->opened[(address - window->base) >> PAGE_BITS] == 0) {
+        return window->ask(engine, access, address, size, value, NULL);
+    }
+    forget_condition(window, engine);
+    return true;
 }
 
 static uint32_t place_of(uint32_t address, uint32_t state)

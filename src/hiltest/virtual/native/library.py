@@ -52,7 +52,14 @@ class Counter(ctypes.Structure):
 class Window(ctypes.Structure):
     """``struct window`` of block_hook.c."""
 
-    _fields_ = (("base", ctypes.c_uint64), ("opened", ctypes.c_void_p), ("ask", ctypes.c_void_p))
+    _fields_ = (
+        ("base", ctypes.c_uint64),
+        ("opened", ctypes.c_void_p),
+        ("ask", ctypes.c_void_p),
+        ("read_register", ctypes.c_void_p),
+        ("write_register", ctypes.c_void_p),
+        ("xpsr", ctypes.c_int32),
+    )
 
 
 @cache

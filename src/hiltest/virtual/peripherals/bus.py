@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Protocol
 
 import unicorn
@@ -102,10 +102,15 @@ class PeripheralBus:
         Whose accesses to serve.
     peripherals : iterable of Peripheral
         The blocks.
+    register_name : callable
+        Names the register of the chip at an address; None where it has nothing.
     """
 
-    def __init__(self, processor: Processor, peripherals: Iterable[Peripheral]) -> None:
+    def __init__(
+        self, processor: Processor, peripherals: Iterable[Peripheral], register_name: Callable[[int], str | None]
+    ) -> None:
         self._processor = processor
+        self._register_name = register_name
         self._pages: dict[int, Peripheral] = {}
         for peripheral in peripherals:
             self._pages[peripheral.base >> 12] = peripheral
@@ -168,12 +173,16 @@ class PeripheralBus:
         """Say whether an access finds a peripheral; if not, it is a bus error."""
         peripheral = self._pages.get(address >> 12)
         if peripheral is None:
-            reason = f"0x{address:08x}, where the virtual board has no peripheral"
+            name = self._register_name(address)
+            reason = f"0x{address:08x}, where the chip has no peripheral"
+            if name is not None:
+                reason = f"{name} at 0x{address:08x}, which is not modelled, and not stored in strict mode"
         elif not peripheral.clocked:
             reason = f"{peripheral.name} while its clock gate in the SIM is closed"
         else:
             base = next(base for base in self._open if base <= address)
             self._open[base][(address - base) // _PAGE] = 1
+            self._processor.registers.forget_condition()
             return True
         self._processor.traps.refuse(access, address, reason)
         return False

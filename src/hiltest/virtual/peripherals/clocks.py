@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
+from hiltest.virtual.chip import mk64f12
 from hiltest.virtual.peripherals.bus import Peripheral, StoredRegisters
 
 OSCILLATOR_HZ = 50_000_000  # the Ethernet PHY's clock on EXTAL0
@@ -89,15 +90,18 @@ class ClockGates(StoredRegisters):
     def __init__(self, generator: ClockGenerator) -> None:
         self._generator = generator
         generator.on_change = self._divide
-        self._gated: list[tuple[int, int, Peripheral]] = []
+        self._gated: list[tuple[Peripheral, list[tuple[int, int]]]] = []
         self.on_gates: Callable[[], None] = lambda: None
         # SDID of an MK64FN1M0VLL12: family K6x, subfamily K64, 100 pins.
-        super().__init__("SIM", 0x40048000, {0x024: 0x08, 0x025: 0x03, 0x026: 0x00, 0x027: 0x64})
+        identification = {0x024: 0x08, 0x025: 0x03, 0x026: 0x00, 0x027: 0x64}
+        super().__init__("SIM", 0x40048000, mk64f12().reset_bytes(0x40048000) | identification)
 
-    def gate(self, register: int, bit: int, peripheral: Peripheral) -> None:
-        """Make a peripheral's clock depend on a bit of an SCGC register (1..7)."""
-        self._gated.append((_SCGC_FIRST + 4 * (register - 1), bit, peripheral))
-        peripheral.clocked = False
+    def gate(self, peripheral: Peripheral, gates: Iterable[tuple[int, int]]) -> None:
+        """Clock a peripheral while any of these bits of SCGC registers (1..7) is set; always, if there are none."""
+        bits = [(_SCGC_FIRST + 4 * (register - 1), bit) for register, bit in gates]
+        if bits:
+            self._gated.append((peripheral, bits))
+            self._open_gates()
 
     def reset(self) -> None:
         """Close every gate but those that are open out of reset."""
@@ -113,8 +117,8 @@ class ClockGates(StoredRegisters):
             self._open_gates()
 
     def _open_gates(self) -> None:
-        for register, bit, peripheral in self._gated:
-            peripheral.clocked = bool(self.word(register) >> bit & 1)
+        for peripheral, bits in self._gated:
+            peripheral.clocked = any(self.word(register) >> bit & 1 for register, bit in bits)
         self.on_gates()
 
     def _divide(self) -> None:

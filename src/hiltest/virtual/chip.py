@@ -1,0 +1,123 @@
+"""What the MK64F12 has: peripherals and registers by name, for what the virtual board does not model.
+
+The tables in ``mk64f12/`` hold facts of the part (names, addresses, widths, values
+after reset, clock gates), as its reference manual lists them.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+
+_PAGE = 4096
+
+
+@dataclass(frozen=True, slots=True)
+class ChipRegister:
+    """One register: its full name, address, width in bytes and value after reset."""
+
+    name: str
+    address: int
+    size: int
+    reset: int
+
+
+@dataclass(frozen=True, slots=True)
+class ChipPeripheral:
+    """One peripheral.
+
+    Attributes
+    ----------
+    base, size : int
+        Its addresses.
+    gates : tuple of (int, int)
+        Number of the SCGC register (1 to 7) and bit; any one that is set gives it a clock. Empty: it always has one.
+    """
+
+    name: str
+    base: int
+    size: int
+    gates: tuple[tuple[int, int], ...]
+    registers: tuple[ChipRegister, ...]
+
+
+class Chip:
+    """The part's peripherals.
+
+    Parameters
+    ----------
+    peripherals : tuple of ChipPeripheral
+    """
+
+    def __init__(self, peripherals: tuple[ChipPeripheral, ...]) -> None:
+        self.peripherals = peripherals
+        self._registers = {
+            address: register
+            for peripheral in peripherals
+            for register in peripheral.registers
+            for address in range(register.address, register.address + register.size)
+        }
+        self._reset_bytes: dict[int, dict[int, int]] = {}
+        for address, register in self._registers.items():
+            if byte := register.reset >> 8 * (address - register.address) & 0xFF:
+                self._reset_bytes.setdefault(address // _PAGE, {})[address % _PAGE] = byte
+        self._pages: dict[int, list[ChipPeripheral]] = {}
+        for peripheral in peripherals:
+            for page in range(peripheral.base // _PAGE, (peripheral.base + peripheral.size - 1) // _PAGE + 1):
+                self._pages.setdefault(page, []).append(peripheral)
+
+    @property
+    def pages(self) -> Mapping[int, list[ChipPeripheral]]:
+        """The peripherals of each page of 4 KiB, counted from address 0, that has any."""
+        return self._pages
+
+    def register_name(self, address: int) -> str | None:
+        """Name the register at an address; by peripheral and offset where the table has none, None where nothing is."""
+        register = self._registers.get(address)
+        if register is not None:
+            return register.name
+        peripherals = [entry for entry in self._pages.get(address // _PAGE, ()) if entry.base <= address]
+        if not peripherals:
+            return None
+        nearest = max(peripherals, key=lambda entry: entry.base)
+        return f"{nearest.name}+0x{address - nearest.base:03X}"
+
+    def reset_bytes(self, base: int) -> dict[int, int]:
+        """Collect the bytes of a page that are not zero after reset, by offset."""
+        return dict(self._reset_bytes.get(base // _PAGE, {}))
+
+
+def _rows(name: str) -> Iterator[dict[str, str]]:
+    with (resources.files("hiltest.virtual") / "mk64f12" / name).open(encoding="ascii") as file:
+        yield from csv.DictReader(file)
+
+
+def _copies(row: dict[str, str]) -> list[str]:
+    """Expand the column of copies: nothing, how many, or what each is called."""
+    copies = row["copies"]
+    return [str(index) for index in range(int(copies))] if copies.isdigit() else copies.split() or [""]
+
+
+@cache
+def mk64f12() -> Chip:
+    """Read the tables of the part."""
+    kinds: dict[str, list[tuple[str, int, int, int]]] = {}
+    for row in _rows("registers.csv"):
+        for index, copy in enumerate(_copies(row)):
+            offset = int(row["offset"], 0) + index * int(row["step"] or "0", 0)
+            entry = row["name"].replace("#", copy), offset, int(row["bytes"]), int(row["reset"] or "0", 0)
+            kinds.setdefault(row["kind"], []).append(entry)
+    peripherals = []
+    for row in _rows("peripherals.csv"):
+        name, base = row["name"], int(row["base"], 0)
+        gates = (gate.removeprefix("SCGC").split(".") for gate in row["gates"].split())
+        registers = tuple(
+            ChipRegister(register if register.startswith(name) else f"{name}_{register}", base + offset, size, reset)
+            for register, offset, size, reset in kinds[row["registers"]]
+        )
+        scgc = tuple((int(register), int(bit)) for register, bit in gates)
+        peripherals.append(ChipPeripheral(name, base, int(row["size"], 0), scgc, registers))
+    return Chip(tuple(peripherals))

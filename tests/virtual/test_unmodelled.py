@@ -1,0 +1,105 @@
+"""Registers that the chip has and the virtual board does not model keep what is written, and are named once."""
+
+from __future__ import annotations
+
+import pytest
+
+from hiltest.errors import BoardFault
+from hiltest.virtual.chip import mk64f12
+from hiltest.virtual.k64f import VirtualK64F
+
+from .conftest import SHIPPED, Build
+from .test_exceptions import word
+
+FTM0_ON = "*(volatile unsigned *)0x4004803C |= 1u << 24;"
+HEAD = """
+#define WORD(address) (*(volatile unsigned *)(address))
+#define BYTE(address) (*(volatile unsigned char *)(address))
+unsigned before, after;
+"""
+
+
+def program(body: str) -> str:
+    return f"{HEAD}void timer_init(void) {{ {body} }}\nint main(void) {{ timer_init(); return 0; }}\n"
+
+
+@pytest.mark.parametrize("strict", [False, True], ids=["lenient", "strict"])
+def test_the_shipped_firmware_touches_nothing_that_is_not_modelled(strict: bool) -> None:
+    board = VirtualK64F(SHIPPED, strict=strict)
+    board.run_until(0.3)
+    assert board.unmodelled == ()
+
+
+def test_a_register_is_told_once_by_name_value_and_place(build_c: Build) -> None:
+    body = f"{FTM0_ON} before = WORD(0x40038008); for (int i = 8; i < 40; i++) WORD(0x40038000) = i;"
+    body += "after = WORD(0x40038000); BYTE(0x40073003) = 0x80; WORD(0x4007C0FC) = 5;"
+    board = VirtualK64F(build_c(program("WORD(0x40048034) |= 1u << 19;" + body)))
+    board.run_until(0.001)
+    told = [str(access) for access in board.unmodelled]
+    assert [access.register for access in board.unmodelled] == ["FTM0_MOD", "FTM0_SC", "CMP0_SCR", "LLWU+0x0FC"]
+    assert told[0].startswith("FTM0_MOD at 0x40038008 is not modelled; read from 0x0000")
+    assert "FTM0_SC at 0x40038000 is not modelled; write of 0x00000008 from 0x" in told[1]
+    assert "in timer_init (program.c:" in told[1]
+    assert told[1].endswith(" kept")
+    assert told[2].startswith("CMP0_SCR at 0x40073003 is not modelled; write of 0x80 from")
+    assert (word(board, "before"), word(board, "after")) == (0, 39)
+
+
+def test_registers_begin_with_their_values_after_reset(build_c: Build) -> None:
+    board = VirtualK64F(build_c(program("WORD(0x4004803C) |= 1u << 27; before = WORD(0x4003B000);")))
+    board.run_until(0.001)
+    assert word(board, "before") == 0x1F  # ADC0_SC1A: no channel
+
+
+def test_a_strict_board_faults_by_name(build_c: Build) -> None:
+    board = VirtualK64F(build_c(program(f"{FTM0_ON} WORD(0x40038000) = 8;")), strict=True)
+    with pytest.raises(BoardFault, match="write to FTM0_SC at 0x40038000, which is not modelled") as caught:
+        board.run_until(0.001)
+    assert caught.value.function == "timer_init"
+
+
+@pytest.mark.parametrize(
+    ("body", "cause"),
+    [
+        ("WORD(0x40038000) = 8;", "write to FTM0 while its clock gate in the SIM is closed"),
+        ("WORD(0x40010000) = 8;", "write to 0x40010000, where the chip has no peripheral"),
+        (f"{FTM0_ON} WORD(0x40038000) = 8; WORD(0x4004803C) = 1; WORD(0x40038000) = 8;", "while its clock gate"),
+    ],
+    ids=["gate never opened", "nothing there", "gate closed again"],
+)
+def test_what_cannot_answer_is_a_bus_error(build_c: Build, body: str, cause: str) -> None:
+    board = VirtualK64F(build_c(program(body)))
+    with pytest.raises(BoardFault, match=cause):
+        board.run_until(0.001)
+
+
+def test_either_of_two_gates_opens_a_peripheral(build_c: Build) -> None:
+    for gate in ("WORD(0x40048030) |= 1u << 24;", "WORD(0x4004803C) |= 1u << 26;"):  # FTM2: SCGC3 or SCGC6
+        board = VirtualK64F(build_c(program(f"{gate} WORD(0x4003A000) = 8;")))
+        board.run_until(0.001)
+        assert [access.register for access in board.unmodelled] == ["FTM2_SC"]
+
+
+def test_a_status_bit_that_never_comes_is_named(build_c: Build) -> None:
+    board = VirtualK64F(build_c(program("while (!(BYTE(0x40020000) & 0x80)) {}")))
+    board.run_until(0.002)
+    expected = ", polling FTFE_FSTAT at 0x40020000, which is not modelled"
+    assert board.position().startswith("executing timer_init (program.c:")
+    assert board.position().endswith(expected)
+
+
+def test_the_chips_tables_are_whole() -> None:
+    chip = mk64f12()
+    names = [entry.name for entry in chip.peripherals]
+    assert len(set(names)) == len(names) == 73
+    registers = [register for entry in chip.peripherals for register in entry.registers]
+    assert len({register.name for register in registers}) == len(registers)
+    for entry in chip.peripherals:
+        for register in entry.registers:
+            assert entry.base <= register.address < entry.base + entry.size, register.name
+    # A few that everyone knows by heart.
+    assert chip.register_name(0x4004803C) == "SIM_SCGC6"
+    assert chip.register_name(0x400FF054) == "GPIOB_PDDR"
+    assert chip.register_name(0x4006A007) == "UART0_D"
+    assert chip.register_name(0x400380A0) == "FTM0+0x0A0"
+    assert chip.register_name(0x40010000) is None
