@@ -13,18 +13,24 @@ from hiltest.procedures import (
     CalibratorRun,
     KnownAngles,
     Progress,
+    StreamRun,
     Tumble,
     Turntable,
     collect_tumble,
     measure_known_angles,
     run_calibrators,
+    run_streams,
+    store_streams,
 )
 from hiltest.rig import Rig
 from hiltest.settings import Settings
 
 # What a later suite's numbers rest on comes first; suites of your own come last. A test of any
 # suite that needs the known angles waits for the heading suite: rest comes before they are taken.
-ORDER = ("test_identity", "test_accelerometer", "test_gyroscope", "test_heading", "test_cycles", "test_link")
+ORDER = (
+    "test_identity", "test_accelerometer", "test_gyroscope", "test_heading", "test_streams", "test_budget",
+    "test_cycles", "test_link",
+)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -58,13 +64,22 @@ def calibrations(board: Board, tumble: Tumble, rig: Rig, hil_progress: Progress)
 
 
 @pytest.fixture(scope="session")
+def streams(
+    board: Board, tumble: Tumble, calibrations: dict[str, CalibratorRun], hil_progress: Progress
+) -> dict[str, StreamRun]:
+    """What the calibrators that live with the stream made of every point of the tumble, in order."""
+    return run_streams(board, len(tumble.points), progress=hil_progress)
+
+
+@pytest.fixture(scope="session")
 def known_angles(
-    board: Board, turntable: Turntable, rig: Rig, calibrations: dict[str, CalibratorRun],
+    board: Board, turntable: Turntable, rig: Rig, calibrations: dict[str, CalibratorRun], streams: dict[str, StreamRun],
     hil_settings: Settings, hil_progress: Progress,
 ) -> KnownAngles:
     """The headings that the board answered at known angles, under every calibration."""
     slots = {UNCALIBRATED: UNCALIBRATED_SLOT}
     slots |= {name: run.slot for name, run in calibrations.items() if run.usable}
+    slots |= store_streams(board, streams, first_slot=1 + len(calibrations))
     return measure_known_angles(
         board, turntable, poses=rig.procedure.judged_poses(hil_settings.poses), slots=slots,
         mounting_yaw_deg=rig.mounting.yaw_deg if rig.mounting else 0.0,

@@ -24,6 +24,10 @@ PER_CALIBRATOR = (
     "fit.{}.residual", "fit.{}.offset_error", "fit.{}.rotation_left", "cycles.{}.total", "cycles.{}.per_point",
     "cycles.{}.fixed", "cycles.{}.spread", "cycles.{}.instructions",
 )
+PER_STREAM = (
+    "heading.{}.max", "stream.{}.cycles_mean", "stream.{}.cycles_median", "stream.{}.cycles_max", "stream.{}.held",
+    "budget.{}@30.effort", "budget.{}@100.mean_error",
+)
 ALWAYS = (
     "heading.uncalibrated.max_level", "heading.uncalibrated.max", "gyroscope.bias_error", "board.virtual_seconds",
     "board.wall_seconds",
@@ -38,6 +42,7 @@ def test_the_default_bench_passes(good_run) -> None:
 
 def test_everything_that_was_promised_is_measured(good_run) -> None:
     wanted = {name.format(calibrator) for name in PER_CALIBRATOR for calibrator in ("direct", "iterative")}
+    wanted |= {name.format(stream) for name in PER_STREAM for stream in ("direct-stream",)}
     assert wanted | set(ALWAYS) <= set(good_run.measured)
     # Judged where the rig has a limit, and said to be information where it has none.
     outcomes = {
@@ -62,6 +67,29 @@ def test_the_header_names_board_firmware_and_rig(good_run) -> None:
     assert record["board"]["build_id"] in header[0]
     assert record["board"]["cycle_model"] in header[1]
     assert "virtual-k64f" in header[1]
+
+
+def test_error_against_cycles_ends_where_the_calibrators_do(good_run) -> None:
+    table = next(each for each in good_run.record["tables"] if each["name"] == "budget.curve")
+    names = [column["name"] for column in table["columns"]]
+    rows = [dict(zip(names, row, strict=True)) for row in table["rows"]]
+    for calibrator in ("direct", "iterative"):
+        last = [row for row in rows if (row["calibrator"], row["points"]) == (calibrator, 100)][-1]
+        # The same hundred points in another order: sums in float32 round otherwise.
+        assert last["max_error"] == pytest.approx(good_run.value(f"heading.{calibrator}.max"), abs=0.01)
+    # Within the thesis' own cycles for a hundred points `direct` uses them all, and `iterative` has not begun.
+    assert good_run.value("budget.direct@100.effort") == 100
+    assert good_run.measured["budget.iterative@100.effort"]["outcome"] == "not offered"
+
+
+def test_stages_of_a_stream_end_at_what_the_board_answers(good_run) -> None:
+    table = next(each for each in good_run.record["tables"] if each["name"] == "stream.stages")
+    names = [column["name"] for column in table["columns"]]
+    rows = [dict(zip(names, row, strict=True)) for row in table["rows"]]
+    assert [row["points"] for row in rows if row["calibrator"] == "direct-stream"] == [100, 150, 250, 300]
+    # On the host in float64, and on the board in float32: the same calibration and means.
+    last = next(row for row in rows if (row["calibrator"], row["points"]) == ("direct-stream", 300))
+    assert last["max_error"] == pytest.approx(good_run.value("heading.direct-stream.max"), abs=1e-3)
 
 
 def test_cycles_carry_their_model(good_run) -> None:

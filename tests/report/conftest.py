@@ -84,6 +84,21 @@ def sizes_table() -> Table:
     return Table("cycles.sizes", columns, rows)
 
 
+def budget_table() -> Table:
+    """Return two curves over 30 points and one over 100, one effort of which left no calibration."""
+    rows = (
+        ("direct", 30, "points", 9, 2700, "ELLIPSOID", 2.5, 5.0),
+        ("direct", 30, "points", 30, 4600, "ELLIPSOID", 0.7, 1.7),
+        ("iterative", 30, "sweeps", 1, 25_000, "SINGULAR", None, None),
+        ("iterative", 30, "sweeps", 5, 90_000, "ELLIPSOID", 0.7, 1.7),
+        ("direct", 100, "points", 9, 2700, "ELLIPSOID", 2.5, 5.0),
+        ("direct", 100, "points", 100, 11_000, "ELLIPSOID", 0.4, 0.8),
+    )
+    units = {"calibrator": "", "points": "", "kind": "", "effort": "", "cycles": "cycle", "fit": "",
+             "mean_error": "deg", "max_error": "deg"}
+    return Table("budget.curve", tuple(Column(*each) for each in units.items()), rows)
+
+
 @pytest.fixture
 def board() -> BoardRecord:
     return BoardRecord(
@@ -106,7 +121,7 @@ def findings(board: BoardRecord) -> Callable[..., Findings]:
         made.tests.extend(tests or [TestResult(HEADING_TEST, "passed", 1.25)])
         made.measurements.update((each.name, each) for each in measurements)
         if tables:
-            for table in (poses_table(), points_table(), calibrations_table(), sizes_table()):
+            for table in (poses_table(), points_table(), calibrations_table(), sizes_table(), budget_table()):
                 made.tables[table.name] = table
         return made
 

@@ -11,11 +11,12 @@ from pathlib import Path
 import pytest
 
 from hiltest.measurement import Limit, Measurement, judge
+from hiltest.report.budget_plot import budget_figures
 from hiltest.report.html import html_report
 from hiltest.report.markdown import markdown_report, plain_text
 from hiltest.report.record import Findings, Run, TestResult
 from hiltest.report.render import write_reports
-from hiltest.report.svg import Figure, nice_ticks
+from hiltest.report.svg import Figure, log_ticks, nice_ticks
 from hiltest.report.terminal import summary
 from hiltest.report.verdict import decide
 
@@ -182,3 +183,28 @@ def test_a_figure_maps_its_corners_to_the_frame() -> None:
     figure = Figure("t", "d", "x", "y", x_range=(0, 360), y_range=(-2, 2), width=640, height=300)
     assert figure.place(0, 2) == (52, 14)
     assert figure.place(360, -2) == (626, 260)
+
+
+def test_error_against_cycles_is_drawn_one_figure_a_size_with_the_thesis_beside_it(run: Run) -> None:
+    thirty, hundred = budget_figures(run)
+    assert thirty.title.startswith("30 points")
+    assert hundred.title.startswith("100 points")
+    drawing = str(thirty.svg())
+    assert "direct ends at 0.70 degrees for 4 600 cycles; iterative ends at 0.70 degrees for 90 000" in drawing
+    assert "thesis: 168 N + 2600 = 7 640" in drawing
+    assert "thesis: 2860 N = 85 800" in drawing
+    # An effort without a calibration is no point; the others are: two and one.
+    assert drawing.count("<circle") == 3
+    # Equal ratios are equal distances.
+    places = [thirty.place(x, 1.0)[0] for x in (4_000.0, 8_000.0, 16_000.0)]
+    assert places[1] - places[0] == pytest.approx(places[2] - places[1])
+
+
+def test_a_logarithmic_axis_has_no_zero() -> None:
+    assert log_ticks(900.0, 12_000.0) == (1000.0, 2000.0, 5000.0, 10_000.0)
+    with pytest.raises(ValueError, match="logarithmic axis"):
+        log_ticks(0.0, 10.0)
+
+
+def test_a_run_without_curves_draws_none(run: Run) -> None:
+    assert budget_figures(replace(run, tables=())) == []

@@ -25,6 +25,13 @@ def test_a_good_run_says_accuracy_cost_and_pass_in_one_sentence(findings: Make, 
     assert (verdict.outcome, verdict.exit_code, verdict.complete) == ("pass", 0, True)
 
 
+def test_what_is_neither_judged_nor_costed_is_left_to_the_report(findings: Make, good: list[Measurement]) -> None:
+    stream = judge("heading.direct-stream.max", 0.5, unit="deg")
+    assert decide(findings(*good, stream), pytest_exit=0).sentence == decide(findings(*good), pytest_exit=0).sentence
+    judged = judge("heading.direct-stream.max", 0.5, unit="deg", limit=Limit(max=1.8))
+    assert "direct-stream: 0.50 deg" in decide(findings(*good, judged), pytest_exit=0).sentence
+
+
 def test_the_better_calibrator_is_named_when_accuracy_does_not_tie(findings: Make, heading: Heading) -> None:
     iterative = heading("iterative", 1.0, limit=2, cycles=24_000)
     made = findings(*heading("direct", 1.5, limit=1.8, cycles=12_000), *iterative)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from hiltest.angles import Pose
-from hiltest.procedures.arithmetic import float32_error_deg
+from hiltest.procedures.budget import Effort, EffortKind, effort_curve, largest_effort_within
 from hiltest.procedures.calibrate import UNCALIBRATED, UNCALIBRATED_SLOT, CalibratorRun, run_calibrators
 from hiltest.procedures.cause import Cause, name_cause, predicted_residual_percent
 from hiltest.procedures.clouds import golden_cloud
 from hiltest.procedures.coverage import largest_hole_deg, sphere_coverage
-from hiltest.procedures.cycles import CycleCost, measure_cycles
+from hiltest.procedures.cycles import CycleCost, measure_cycles, upload_cloud
+from hiltest.procedures.float64_headings import float32_error_deg, heading_errors_deg
 from hiltest.procedures.grbl_turntable import GrblTurntable, open_grbl_turntable
 from hiltest.procedures.heading_statistics import HeadingSummary, summarise, tilt_to_heading
 from hiltest.procedures.known_angles import KnownAngles, measure_known_angles
@@ -20,7 +21,8 @@ from hiltest.procedures.rest import (
     measure_accelerometer_rest,
     measure_gyroscope_rest,
 )
-from hiltest.procedures.tumble import Tumble, collect_tumble
+from hiltest.procedures.streams import StreamRun, StreamStage, run_streams, store_streams
+from hiltest.procedures.tumble import Tumble, collect_tumble, evenly_spread
 from hiltest.procedures.turntables import (
     Achieved,
     OperatorTurntable,
@@ -37,6 +39,8 @@ __all__ = [
     "CalibratorRun",
     "Cause",
     "CycleCost",
+    "Effort",
+    "EffortKind",
     "GrblTurntable",
     "GyroscopeRestResult",
     "HeadingSummary",
@@ -46,12 +50,18 @@ __all__ = [
     "Pose",
     "Progress",
     "SimulatedTurntable",
+    "StreamRun",
+    "StreamStage",
     "Tumble",
     "Turntable",
     "check_link",
     "collect_tumble",
+    "effort_curve",
+    "evenly_spread",
     "float32_error_deg",
     "golden_cloud",
+    "heading_errors_deg",
+    "largest_effort_within",
     "largest_hole_deg",
     "measure_accelerometer_rest",
     "measure_cycles",
@@ -62,7 +72,10 @@ __all__ = [
     "open_turntable",
     "predicted_residual_percent",
     "run_calibrators",
+    "run_streams",
     "sphere_coverage",
+    "store_streams",
     "summarise",
     "tilt_to_heading",
+    "upload_cloud",
 ]

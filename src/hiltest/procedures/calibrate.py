@@ -101,8 +101,18 @@ class CalibratorRun:
         return self.result.has_fit
 
 
-def calibrate_once(board: Board, name: str, n: int) -> tuple[MagnetometerFit, RunCost | None]:
+def calibrate_once(
+    board: Board, name: str, n: int, *, iterations: int = 0
+) -> tuple[MagnetometerFit, RunCost | None]:
     """Run one calibrator on the first n points in the board's buffer, and keep its result nowhere.
+
+    Parameters
+    ----------
+    board : Board
+    name : str
+    n : int
+    iterations : int
+        How many it may make; 0 is its own limit.
 
     Returns
     -------
@@ -111,7 +121,7 @@ def calibrate_once(board: Board, name: str, n: int) -> tuple[MagnetometerFit, Ru
     cost : RunCost or None
         None when the core counts no cycles.
     """
-    reply = board.session.request(Calibrate(n, name))
+    reply = board.session.request(Calibrate(n, name, iterations=iterations))
     calibration = reply.calibration
     fit = MagnetometerFit(
         reply.fit, reply.is_sphere, reply.iterations, calibration.soft_iron, calibration.hard_iron, reply.coverage

@@ -131,7 +131,7 @@ def measure_cycles(
     on a real board they come the same way.
     """
     if board.identity.cycle_source is CycleSource.NONE:
-        raise _no_counter()
+        raise no_cycle_counter()
     tell = progress or silent
     work = [(n, index) for index in range(clouds)] + [(size, 0) for size in sizes if size != n]
     runs: dict[tuple[int, int], dict[str, Counted]] = {}
@@ -151,11 +151,12 @@ def measure_cycles(
 def _count(board: Board, n: int, calibrator: str) -> Counted:
     reply = board.session.request(Calibrate(n, calibrator))
     if reply.cost is None:
-        raise _no_counter()
+        raise no_cycle_counter()
     return Counted(reply.cost, reply.iterations)
 
 
-def _no_counter() -> DeviceError:
+def no_cycle_counter() -> DeviceError:
+    """Return what to raise where a number of cycles is needed and the core counts none."""
     return DeviceError(
         "CALIBRATE", Status.NO_CYCLE_COUNTER.name,
         "this core counts no cycles, so nobody can say what a calibrator costs on it; "

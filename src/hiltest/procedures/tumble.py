@@ -150,10 +150,15 @@ class _Collected:
         )
 
 
+def evenly_spread(n: int) -> NDArray[np.intp]:
+    """Return 0 to n - 1 in an order of which every beginning is spread evenly over all of them."""
+    # Multiples of the golden section, modulo 1, are that for any number of them: rank i of 0..n-1 names its place.
+    return np.argsort(np.argsort(np.arange(n) * _GOLDEN_SECTION % 1.0))
+
+
 def _spread_over_time(board: Board, tumble: Tumble) -> Tumble:
     """Upload the points again, in an order whose every beginning is spread evenly over the whole."""
-    # Multiples of the golden section, modulo 1, are that for any number of them: rank i of 0..n-1 names its time.
-    order = np.argsort(np.argsort(np.arange(len(tumble.points)) * _GOLDEN_SECTION % 1.0))
+    order = evenly_spread(len(tumble.points))
     spread = replace(tumble, points=tumble.points[order], accelerometer=tumble.accelerometer[order])
     board.session.request(ClearPoints())
     for first in range(0, len(order), MAX_UPLOAD):

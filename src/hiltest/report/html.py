@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from hiltest.report import overview
+from hiltest.report.budget_plot import budget_figures
 from hiltest.report.plots import cloud_figures, cycle_figures, heading_figures
 from hiltest.report.record import Run
 from hiltest.report.svg import Figure
@@ -55,6 +56,13 @@ def _figure_groups(run: Run) -> list[FigureGroup]:
         FigureGroup(
             "The cloud", "What the board collected, then the same points as it corrected them, with the unit circle.",
             cloud_figures(run), small=True,
+        ),
+        FigureGroup(
+            "Error against cycle budget",
+            "Each calibrator with more and more effort on the same points: a closed form with more of them, one that "
+            "iterates with more sweeps, a stream calibrator with more points seen. Mean over the known angles. Dashed: "
+            "the cycles that the thesis counts for its own calibrator and for the library's.",
+            budget_figures(run),
         ),
         FigureGroup(
             "Cycles", "Dots: counted on the board. Line: least squares through them.", cycle_figures(run),

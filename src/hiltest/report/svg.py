@@ -31,6 +31,21 @@ def nice_ticks(low: float, high: float, *, about: int = 5) -> tuple[float, ...]:
     return tuple(index * step + 0.0 for index in range(first, last + 1))
 
 
+def log_ticks(low: float, high: float) -> tuple[float, ...]:
+    """Return the numbers from `low` to `high` that are 1, 2 or 5 times a power of ten.
+
+    Examples
+    --------
+    >>> log_ticks(0.3, 4.0)
+    (0.5, 1.0, 2.0)
+    """
+    if not 0.0 < low < high:
+        raise ValueError(f"logarithmic axis from {low} to {high}")
+    powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    values = (float(f"{digit}e{power}") for power in powers for digit in (1, 2, 5))
+    return tuple(value for value in values if low <= value <= high)
+
+
 @dataclass(slots=True)
 class Figure:
     """One plot. Data coordinates in, SVG out.
@@ -46,6 +61,10 @@ class Figure:
         Where the x axis is labelled; chosen when not given.
     width, height : float
         Of the view box. The page scales it.
+    headroom : float
+        Left free above the plot, for a key.
+    logarithmic : bool
+        Both axes; all numbers are then above 0.
     """
 
     title: str
@@ -57,13 +76,21 @@ class Figure:
     x_ticks: Sequence[float] = ()
     width: float = 460.0
     height: float = 260.0
+    headroom: float = 0.0
+    logarithmic: bool = False
     _shapes: list[Markup] = field(default_factory=list)
 
     def place(self, x: float, y: float) -> Point:
         """Return view box coordinates of a data point."""
         (x_low, x_high), (y_low, y_high) = self.x_range, self.y_range
-        across, down = self.width - _LEFT - _RIGHT, self.height - _TOP - _BOTTOM
-        return _LEFT + (x - x_low) / (x_high - x_low) * across, _TOP + (y_high - y) / (y_high - y_low) * down
+        if self.logarithmic:
+            x_low, x_high, y_low, y_high, x, y = map(math.log10, (x_low, x_high, y_low, y_high, x, y))
+        across, down = self.width - _LEFT - _RIGHT, self.height - self._top - _BOTTOM
+        return _LEFT + (x - x_low) / (x_high - x_low) * across, self._top + (y_high - y) / (y_high - y_low) * down
+
+    @property
+    def _top(self) -> float:
+        return _TOP + self.headroom
 
     def band(self, low: float, high: float, style: str) -> None:
         """Shade everything between two values of y."""
@@ -101,8 +128,24 @@ class Figure:
         """Write beside a point, on the side where there is room."""
         x, y = self.place(*at)
         anchor, offset = ("end", -8) if x > self.width * 0.6 else ("start", 8)
-        y = min(max(y, _TOP + 10), self.height - _BOTTOM - 6)
+        y = min(max(y, self._top + 10), self.height - _BOTTOM - 6)
         self._add('<text class="note" x="{}" y="{}" text-anchor="{}">{}</text>', x + offset, y - 6, anchor, text)
+
+    def upright(self, x: float, text: str, style: str) -> None:
+        """Draw a line up at one value of x, with a text along it."""
+        self.line([(x, self.y_range[0]), (x, self.y_range[1])], style)
+        at, _ = self.place(x, self.y_range[1])
+        template = '<text class="along" transform="translate({} {}) rotate(-90)" text-anchor="end">{}</text>'
+        self._add(template, at - 4, self._top + 2, text)
+
+    def key(self, entries: Iterable[tuple[str, str]]) -> None:
+        """Name styles of lines above the plot, two in a row; needs a headroom of 16 a row."""
+        across = self.width - _LEFT - _RIGHT
+        for index, (text, style) in enumerate(entries):
+            row, column = divmod(index, 2)
+            x, y = _LEFT + across * column / 2.0, _TOP + 4.0 + 16.0 * row
+            self._add('<path class="{}" d="M{} {}h22"/>', style, x, y - 4.0)
+            self._add('<text x="{}" y="{}">{}</text>', x + 28.0, y, text)
 
     def svg(self) -> Markup:
         """Return the finished drawing."""
@@ -115,24 +158,30 @@ class Figure:
 
     def _axes(self) -> Markup:
         parts = []
-        for value in self.x_ticks or nice_ticks(*self.x_range):
+        ticks = log_ticks if self.logarithmic else nice_ticks
+        for value in self.x_ticks or ticks(*self.x_range):
             x, bottom = self.place(value, self.y_range[0])
-            parts.append(_shape('<path class="grid" d="M{} {}V{}"/>', x, _TOP, bottom))
-            parts.append(_shape('<text x="{}" y="{}" text-anchor="middle">{}</text>', x, bottom + 16, f"{value:g}"))
-        for value in nice_ticks(*self.y_range):
+            parts.append(_shape('<path class="grid" d="M{} {}V{}"/>', x, self._top, bottom))
+            parts.append(_shape('<text x="{}" y="{}" text-anchor="middle">{}</text>', x, bottom + 16, _written(value)))
+        for value in ticks(*self.y_range):
             left, y = self.place(self.x_range[0], value)
             parts.append(_shape('<path class="grid" d="M{} {}H{}"/>', left, y, self.width - _RIGHT))
-            parts.append(_shape('<text x="{}" y="{}" text-anchor="end">{}</text>', left - 6, y + 4, f"{value:g}"))
+            parts.append(_shape('<text x="{}" y="{}" text-anchor="end">{}</text>', left - 6, y + 4, _written(value)))
         middle, bottom = (_LEFT + self.width - _RIGHT) / 2, self.height - 6
         parts.append(_shape('<text x="{}" y="{}" text-anchor="middle">{}</text>', middle, bottom, self.x_label))
         parts.append(_shape(
             '<text transform="translate(13 {}) rotate(-90)" text-anchor="middle">{}</text>',
-            (_TOP + self.height - _BOTTOM) / 2, self.y_label,
+            (self._top + self.height - _BOTTOM) / 2, self.y_label,
         ))
         return Markup("").join(parts)
 
     def _add(self, template: str, *values: object) -> None:
         self._shapes.append(_shape(template, *values))
+
+
+def _written(value: float) -> str:
+    """Return a tick's number: whole thousands apart by a thin space, all others short."""
+    return f"{value:,.0f}".replace(",", "\u2009") if abs(value) >= 10_000 else f"{value:g}"
 
 
 def _shape(template: str, *values: object) -> Markup:

@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 from hiltest.measurement import Limit, Measurement, Outcome
 
 # Families of measurements that are made once for each calibrator: heading.direct.max.
-_PER_CALIBRATOR = ("heading", "fit", "cycles")
+_PER_CALIBRATOR = ("heading", "fit", "cycles", "budget")
 _UNCALIBRATED = "uncalibrated"
 
 

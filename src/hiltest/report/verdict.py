@@ -170,7 +170,8 @@ def _fit_status(name: str, found: dict[str, Measurement]) -> FitStatus:
 def _sentence(findings: Findings, word: str, left_out: Sequence[str]) -> str:
     """Compose the verdict: calibrators, limit and word, then whatever else is out of order."""
     measurements = tuple(findings.measurements.values())
-    results = calibrator_results(measurements)
+    # What is neither judged nor has a cost to compare, such as one that lives with the stream, is in the report alone.
+    results = [each for each in calibrator_results(measurements) if each.maximum.limit or each.cycles]
     stopped = _what_stopped(findings)
     if stopped:
         kept = f"{len(measurements)} measurement{'s' * (len(measurements) != 1)} kept"

@@ -1,0 +1,88 @@
+"""Heading error against cycle budget: every calibrator with more and more effort, on the same points."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+
+from hiltest.boards import Board
+from hiltest.errors import CalibrationError
+from hiltest.fixtures import Measure
+from hiltest.procedures import (
+    CalibratorRun,
+    Effort,
+    KnownAngles,
+    Progress,
+    Tumble,
+    effort_curve,
+    evenly_spread,
+    heading_errors_deg,
+    largest_effort_within,
+    upload_cloud,
+)
+
+pytestmark = pytest.mark.hil
+
+# The sizes that the thesis compares calibrators at, and what it says that its own takes for them.
+SIZES = (30, 100)
+
+
+def thesis_cycles(points: int) -> int:
+    return 168 * points + 2600
+
+
+@pytest.fixture(scope="module")
+def calibrators(board: Board) -> tuple[str, ...]:
+    return (*board.identity.calibrators, *board.identity.stream_calibrators)
+
+
+@pytest.fixture(scope="module")
+def efforts(
+    board: Board, tumble: Tumble, calibrations: Mapping[str, CalibratorRun], known_angles: KnownAngles,
+    calibrators: tuple[str, ...], hil_progress: Progress,
+) -> list[Effort]:
+    """All curves, over 30 and over 100 points: the first hundred of the tumble, in an order that mixes them well."""
+    points = tumble.points[: max(SIZES)]
+    upload_cloud(board, points[evenly_spread(len(points))])
+    work = [(size, name) for size in SIZES for name in calibrators]
+    found = []
+    for done, (size, name) in enumerate(work):
+        hil_progress("effort curves", done, len(work))
+        found += effort_curve(board, name, points=size)
+    hil_progress("effort curves", len(work), len(work))
+    return found
+
+
+def test_error_against_cycles(efforts: list[Effort], known_angles: KnownAngles, measure: Measure) -> None:
+    measure.table(
+        "budget.curve",
+        {"calibrator": "", "points": "", "kind": "", "effort": "", "cycles": "cycle", "fit": ""}
+        | {"mean_error": "deg", "max_error": "deg"},
+        [
+            [each.calibrator, each.points, str(each.kind), each.effort, each.cycles, each.fit.status.name,
+             *mean_and_max_deg(known_angles, each)]
+            for each in efforts
+        ],
+    )
+
+
+def test_error_within_the_cycles_of_the_thesis(
+    board: Board, efforts: list[Effort], calibrators: tuple[str, ...], known_angles: KnownAngles, measure: Measure
+) -> None:
+    for size in SIZES:
+        for name in calibrators:
+            try:
+                best = largest_effort_within(board, name, cycles=thesis_cycles(size), points=size)
+            except CalibrationError:
+                best = None  # even its smallest effort costs more
+            mean_deg = None if best is None else mean_and_max_deg(known_angles, best)[0]
+            measure(f"budget.{name}@{size}.effort", best and best.effort, "")
+            measure(f"budget.{name}@{size}.mean_error", mean_deg, "deg")
+
+
+def mean_and_max_deg(known_angles: KnownAngles, effort: Effort) -> tuple[float | None, float | None]:
+    """By the host, in float64, from the means that the board took: there are more efforts than slots."""
+    errors = heading_errors_deg(known_angles, effort.fit)
+    return (None, None) if errors is None else (float(np.abs(errors).mean()), float(np.abs(errors).max()))

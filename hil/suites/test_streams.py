@@ -1,0 +1,52 @@
+"""What the calibrators that live with the stream cost a point, and how good they are on the way."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hiltest.boards import Board
+from hiltest.fixtures import Measure
+from hiltest.procedures import KnownAngles, StreamRun, heading_errors_deg
+
+pytestmark = pytest.mark.hil
+
+
+def test_cycles_of_a_new_point(board: Board, streams: dict[str, StreamRun], measure: Measure) -> None:
+    for name, run in streams.items():
+        each = run.cycles if run.cycles is not None and len(run.cycles) else None
+        for what, number in (("mean", np.mean), ("median", np.median), ("max", np.max)):
+            cycles = None if each is None else float(number(each))
+            measure(f"stream.{name}.cycles_{what}", cycles, "cycle", cycle_model=board.cycle_model)
+        cost = run.last.state.cost
+        measure(f"stream.{name}.fit_cycles", cost and cost.cycles, "cycle", cycle_model=board.cycle_model)
+
+
+def test_points_held_and_tier_at_the_end(streams: dict[str, StreamRun], measure: Measure) -> None:
+    for name, run in streams.items():
+        measure(f"stream.{name}.held", run.last.state.held, "")
+        measure(f"stream.{name}.elements", run.last.state.elements or None, "")
+        measure(f"stream.{name}.refused", int(run.refused), "")
+
+
+def test_what_is_known_on_the_way(
+    known_angles: KnownAngles, streams: dict[str, StreamRun], measure: Measure
+) -> None:
+    # Headings by the host, in float64, from the means that the board took: the stages outnumber its slots. The last
+    # stage is in a slot too, and what the board answered under it is heading.<name>.max.
+    rows = []
+    for name, run in streams.items():
+        for each in run.stages:
+            errors = heading_errors_deg(known_angles, each.fit)
+            worst, mean = (None, None) if errors is None else (float(abs(errors).max()), float(abs(errors).mean()))
+            state = each.state
+            rows.append([
+                name, each.points, state.fit.name, state.held, state.elements, state.accepted, state.fit_error_percent,
+                worst, mean,
+            ])
+    measure.table(
+        "stream.stages",
+        {"calibrator": "", "points": "", "fit": "", "held": "", "elements": "", "accepted": "", "fit_error": "%"}
+        | {"max_error": "deg", "mean_error": "deg"},
+        rows,
+    )

@@ -1,0 +1,159 @@
+"""What a calibrator makes of a budget of clock cycles.
+
+Every calibrator has something that it can do less of: a closed form gets fewer points, one that iterates makes
+fewer sweeps, one that lives with the stream has seen fewer points yet. That is its effort.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+from hiltest.boards.board import Board
+from hiltest.calibration.fit import ELLIPSOID_UNKNOWNS, MagnetometerFit
+from hiltest.errors import CalibrationError
+from hiltest.link.replies import RunCost
+from hiltest.link.streams import StreamReset
+from hiltest.procedures.calibrate import calibrate_once
+from hiltest.procedures.cycles import no_cycle_counter
+from hiltest.procedures.streams import feed, stage
+
+# Numbers of points of a curve: dense where the error falls.
+_LADDER = (9, 10, 11, 12, 14, 16, 18, 20, 24, 28, 30, 35, 40, 50, 60, 70, 80, 90, 100)
+
+
+class EffortKind(StrEnum):
+    """What a calibrator can do less of."""
+
+    POINTS = "points"
+    SWEEPS = "sweeps"
+    POINTS_SO_FAR = "points so far"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Effort:
+    """A calibrator that did as much as it was let.
+
+    Attributes
+    ----------
+    calibrator : str
+    kind : EffortKind
+    effort : int
+        How much of that.
+    points : int
+        That it was offered: the whole.
+    cycles : int
+        Core cycles that it took. Of a stream, all points so far and the answer together.
+    fit : MagnetometerFit
+        What came of it, as the board computed it in float32 [counts].
+    """
+
+    calibrator: str
+    kind: EffortKind
+    effort: int
+    points: int
+    cycles: int
+    fit: MagnetometerFit
+
+
+def effort_curve(board: Board, calibrator: str, *, points: int) -> list[Effort]:
+    """Run a calibrator with more and more effort on the first points of the board's buffer.
+
+    Parameters
+    ----------
+    board : Board
+        Holding the points, in an order of which every beginning is as good as any.
+    calibrator : str
+        Of the board's identity, a stream calibrator or another.
+    points : int
+        With the largest effort it gets all of them.
+
+    Raises
+    ------
+    DeviceError
+        When the board's core counts no cycles.
+    """
+    kind, largest = _kind_and_largest(board, calibrator, points)
+    sizes = sorted({size for size in _LADDER if size < points} | {points})
+    if kind is EffortKind.POINTS_SO_FAR:
+        return _stream_efforts(board, calibrator, sizes, points)
+    efforts = range(1, largest + 1) if kind is EffortKind.SWEEPS else sizes
+    return [_calibrate(board, calibrator, kind, effort, points) for effort in efforts]
+
+
+def largest_effort_within(board: Board, calibrator: str, *, cycles: int, points: int) -> Effort:
+    """Run a calibrator with the largest effort whose measured cycles are within a budget.
+
+    Parameters
+    ----------
+    board, calibrator, points
+        As `effort_curve` has them.
+    cycles : int
+        The budget.
+
+    Raises
+    ------
+    CalibrationError
+        When the smallest effort costs more; says how much.
+    DeviceError
+        When the board's core counts no cycles.
+    """
+    kind, high = _kind_and_largest(board, calibrator, points)
+    smallest = ELLIPSOID_UNKNOWNS if kind is EffortKind.POINTS else 1
+    best = _run(board, calibrator, kind, smallest, points)
+    if best.cycles > cycles:
+        raise CalibrationError(
+            f"{calibrator} takes {best.cycles} cycles with {smallest} {kind}, more than the budget of {cycles}"
+        )
+    low = smallest
+    while low < high:  # more effort never costs less
+        middle = (low + high + 1) // 2
+        tried = _run(board, calibrator, kind, middle, points)
+        if tried.cycles <= cycles:
+            low, best = middle, tried
+        else:
+            high = middle - 1
+    return best
+
+
+def _kind_and_largest(board: Board, calibrator: str, points: int) -> tuple[EffortKind, int]:
+    if calibrator in board.identity.stream_calibrators:
+        return EffortKind.POINTS_SO_FAR, points
+    iterations = calibrate_once(board, calibrator, points)[0].iterations
+    return (EffortKind.SWEEPS, iterations) if iterations else (EffortKind.POINTS, points)
+
+
+def _run(board: Board, calibrator: str, kind: EffortKind, effort: int, points: int) -> Effort:
+    if kind is EffortKind.POINTS_SO_FAR:
+        return _stream_efforts(board, calibrator, [effort], points)[0]
+    return _calibrate(board, calibrator, kind, effort, points)
+
+
+def _calibrate(board: Board, calibrator: str, kind: EffortKind, effort: int, points: int) -> Effort:
+    by_sweeps = kind is EffortKind.SWEEPS
+    n, sweeps = (points, effort) if by_sweeps else (effort, 0)
+    fit, cost = calibrate_once(board, calibrator, n, iterations=sweeps)
+    return Effort(calibrator, kind, effort, points, _cycles(cost), fit)
+
+
+def _stream_efforts(board: Board, calibrator: str, sizes: Sequence[int], points: int) -> list[Effort]:
+    """Give a stream calibrator its points, and ask it whenever one of `sizes` is reached; they increase."""
+    board.session.request(StreamReset(calibrator))
+    found, spent, at = [], 0, 0
+    for size in sizes:
+        costs, _ = feed(board, calibrator, at, size - at)
+        if costs is None:
+            raise no_cycle_counter()
+        spent += sum(cost.cycles for cost in costs)
+        at = size
+        asked = stage(board, calibrator, size)
+        cycles = spent + _cycles(asked.state.cost)
+        found.append(Effort(calibrator, EffortKind.POINTS_SO_FAR, size, points, cycles, asked.fit))
+    return found
+
+
+def _cycles(cost: RunCost | None) -> int:
+    if cost is None:
+        raise no_cycle_counter()
+    return cost.cycles

@@ -1,0 +1,159 @@
+"""Give the points of a tumble to the calibrators that live with the stream, one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hiltest.boards.board import Board
+from hiltest.calibration.fit import MagnetometerFit
+from hiltest.link.messages import SetCalibration
+from hiltest.link.replies import RunCost
+from hiltest.link.streams import MAX_FEED, StreamFeed, StreamReset, StreamState, StreamStateReply, StreamStatus
+from hiltest.procedures.progress import Progress, silent
+
+#: Numbers of points at which a stream calibrator is asked what it knows, beside the end.
+STAGES = (100, 150, 250)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StreamStage:
+    """What a stream calibrator knew after so many points.
+
+    Attributes
+    ----------
+    points : int
+        Given so far.
+    state : StreamStateReply
+    fit : MagnetometerFit
+        Its calibration, as the board computed it in float32 [counts].
+    """
+
+    points: int
+    state: StreamStateReply
+    fit: MagnetometerFit
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StreamRun:
+    """A stream calibrator over all points of a tumble.
+
+    Attributes
+    ----------
+    name : str
+        The calibrator's; with ``-sliced`` when its solvers did one slice of their work a point.
+    cycles : ndarray, shape (n,), or None
+        Of each new point, in order; None when the core counts none.
+    stages : tuple of StreamStage
+        At `STAGES`, and at the end.
+    refused : StreamStatus
+        OK when all points were taken, else why the one after the last was not.
+    """
+
+    name: str
+    cycles: NDArray[np.int64] | None
+    stages: tuple[StreamStage, ...]
+    refused: StreamStatus
+
+    @property
+    def last(self) -> StreamStage:
+        """What it knew in the end."""
+        return self.stages[-1]
+
+
+def run_streams(
+    board: Board, points: int, *, stages: Sequence[int] = STAGES, progress: Progress | None = None
+) -> dict[str, StreamRun]:
+    """Run every stream calibrator of the firmware over the first points of the board's buffer.
+
+    Parameters
+    ----------
+    board : Board
+        Holding the points. Its slots stay as they are.
+    points : int
+        How many are given to each.
+    stages : sequence of int
+        When it is asked what it knows, beside the end.
+
+    Returns
+    -------
+    dict of str to StreamRun
+        By name: first with its solvers' work done at once, then, as ``<name>-sliced``, one slice a point, where
+        that is another work. A calibrator without slices does the same both times, cycle by cycle, and is there once.
+    """
+    tell = progress or silent
+    runs: dict[str, StreamRun] = {}
+    names = board.identity.stream_calibrators
+    for done, name in enumerate(names):
+        tell(f"stream {name}", done, len(names))
+        whole, sliced = (_run(board, name, points, stages, sliced=sliced) for sliced in (False, True))
+        runs[name] = whole
+        if _worked_otherwise(whole, sliced):
+            runs[sliced.name] = sliced
+    tell("streams", len(names), len(names))
+    return runs
+
+
+def store_streams(board: Board, runs: dict[str, StreamRun], *, first_slot: int) -> dict[str, int]:
+    """Put the last calibration of each run into a slot, as far as there are slots; return the slots by name."""
+    usable = [(name, run) for name, run in runs.items() if run.last.fit.has_fit]
+    slots = {}
+    for slot, (name, run) in zip(range(first_slot, board.identity.slots), usable, strict=False):
+        board.session.request(SetCalibration(slot, run.last.fit.soft_iron, run.last.fit.hard_iron))
+        slots[name] = slot
+    return slots
+
+
+def feed(board: Board, name: str, first: int, count: int) -> tuple[list[RunCost] | None, StreamStatus]:
+    """Give points of the board's buffer to a stream calibrator until one is refused.
+
+    Returns
+    -------
+    costs : list of RunCost, or None
+        Of each point taken; None when the core counts no cycles.
+    status : StreamStatus
+        OK when all were taken.
+    """
+    costs: list[RunCost] | None = []
+    for at in range(first, first + count, MAX_FEED):
+        reply = board.session.request(StreamFeed(name, at, min(MAX_FEED, first + count - at)))
+        costs = None if costs is None or reply.costs is None else costs + list(reply.costs)
+        if reply.status is not StreamStatus.OK:
+            return costs, reply.status
+    return costs, StreamStatus.OK
+
+
+def stage(board: Board, name: str, points: int) -> StreamStage:
+    """Ask a stream calibrator what it knows after so many points."""
+    state = board.session.request(StreamState(name))
+    calibration = state.calibration
+    fit = MagnetometerFit(
+        state.fit, state.is_sphere, state.iterations, calibration.soft_iron, calibration.hard_iron, state.coverage
+    )
+    return StreamStage(points, state, fit)
+
+
+def _run(board: Board, name: str, points: int, stages: Sequence[int], *, sliced: bool) -> StreamRun:
+    board.session.request(StreamReset(name, sliced=sliced))
+    cycles: list[int] | None = []
+    found: list[StreamStage] = []
+    at, refused = 0, StreamStatus.OK
+    for end in sorted({each for each in stages if each < points} | {points}):
+        costs, refused = feed(board, name, at, end - at)
+        cycles = None if cycles is None or costs is None else cycles + [cost.cycles for cost in costs]
+        at = end
+        found.append(stage(board, name, at))
+        if refused is not StreamStatus.OK:
+            break
+    return StreamRun(
+        f"{name}-sliced" if sliced else name, None if cycles is None else np.array(cycles), tuple(found), refused
+    )
+
+
+def _worked_otherwise(whole: StreamRun, sliced: StreamRun) -> bool:
+    if whole.cycles is None or sliced.cycles is None:
+        return True  # nobody can say; both are shown
+    return not np.array_equal(whole.cycles, sliced.cycles)

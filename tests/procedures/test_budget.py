@@ -1,0 +1,67 @@
+"""Calibrators within a budget of cycles, on the virtual board: virtual cycles are exact."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hiltest.boards import Board
+from hiltest.errors import CalibrationError
+from hiltest.procedures import (
+    EffortKind,
+    effort_curve,
+    evenly_spread,
+    golden_cloud,
+    largest_effort_within,
+    upload_cloud,
+)
+from hiltest.procedures.calibrate import calibrate_once
+
+POINTS = 60
+CALIBRATORS = ("direct", "iterative", "direct-stream")
+
+
+@pytest.fixture(autouse=True)
+def cloud(virtual_board: Board) -> None:
+    upload_cloud(virtual_board, golden_cloud(POINTS)[evenly_spread(POINTS)])
+
+
+@pytest.mark.parametrize("calibrator", CALIBRATORS)
+def test_more_effort_costs_more_and_ends_at_all_of_it(virtual_board: Board, calibrator: str) -> None:
+    curve = effort_curve(virtual_board, calibrator, points=POINTS)
+    efforts, cycles = [each.effort for each in curve], [each.cycles for each in curve]
+    assert efforts == sorted(set(efforts))
+    assert cycles == sorted(set(cycles))
+    name = calibrator.removesuffix("-stream")
+    whole, _ = calibrate_once(virtual_board, name, POINTS)
+    # direct-stream sums exactly, direct in float32: the entries differ by its rounding.
+    assert curve[-1].fit.soft_iron == pytest.approx(whole.soft_iron, rel=1e-4, abs=1e-7)
+    assert curve[-1].fit.hard_iron == pytest.approx(whole.hard_iron, abs=0.05)
+    # And the first is not yet that.
+    assert np.abs(curve[0].fit.hard_iron - whole.hard_iron).max() > 0.05
+
+
+def test_each_calibrator_does_less_of_what_it_can_do_less_of(virtual_board: Board) -> None:
+    kinds = {name: effort_curve(virtual_board, name, points=POINTS)[0].kind for name in CALIBRATORS}
+    assert kinds == {
+        "direct": EffortKind.POINTS, "iterative": EffortKind.SWEEPS, "direct-stream": EffortKind.POINTS_SO_FAR,
+    }
+
+
+@pytest.mark.parametrize("calibrator", CALIBRATORS)
+def test_the_largest_effort_within_a_budget_is_the_largest(virtual_board: Board, calibrator: str) -> None:
+    curve = effort_curve(virtual_board, calibrator, points=POINTS)
+    wanted, above = curve[-3], curve[-2]
+    exactly = largest_effort_within(virtual_board, calibrator, cycles=wanted.cycles, points=POINTS)
+    assert (exactly.effort, exactly.cycles) == (wanted.effort, wanted.cycles)
+    less = largest_effort_within(virtual_board, calibrator, cycles=wanted.cycles - 1, points=POINTS)
+    assert less.effort == wanted.effort - 1
+    between = largest_effort_within(virtual_board, calibrator, cycles=above.cycles - 1, points=POINTS)
+    assert wanted.effort <= between.effort == above.effort - 1
+    everything = largest_effort_within(virtual_board, calibrator, cycles=10**9, points=POINTS)
+    assert (everything.effort, everything.cycles) == (curve[-1].effort, curve[-1].cycles)
+
+
+def test_a_budget_for_nothing_is_refused_with_both_numbers(virtual_board: Board) -> None:
+    with pytest.raises(CalibrationError, match=r"takes \d+ cycles with 1 sweeps, more than the budget of 7640"):
+        largest_effort_within(virtual_board, "iterative", cycles=7640, points=POINTS)

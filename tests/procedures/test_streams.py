@@ -1,0 +1,66 @@
+"""Stream calibrators over a tumble: every point in order, and what they know on the way."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hiltest.boards import Board
+from hiltest.calibration import fit_direct
+from hiltest.link.messages import GetCalibration
+from hiltest.link.streams import StreamStatus
+from hiltest.procedures import StreamRun, golden_cloud, run_streams, store_streams, upload_cloud
+
+POINTS = 130
+CLOUD = golden_cloud(POINTS)
+
+
+@pytest.fixture
+def runs(virtual_board: Board) -> dict[str, StreamRun]:
+    upload_cloud(virtual_board, CLOUD)
+    return run_streams(virtual_board, POINTS, stages=(40, 100, 200))
+
+
+def test_every_point_is_given_in_order_and_each_costs(runs: dict[str, StreamRun]) -> None:
+    assert "direct-stream" in runs
+    for run in runs.values():
+        assert run.refused is StreamStatus.OK
+        assert run.cycles is not None
+        assert run.cycles.shape == (POINTS,)
+        assert run.cycles.min() > 0
+        # A stage beyond the points is none; the end is one in any case.
+        assert [stage.points for stage in run.stages] == [40, 100, POINTS]
+
+
+def test_what_is_known_at_a_stage_is_of_the_points_so_far(runs: dict[str, StreamRun]) -> None:
+    for stage in runs["direct-stream"].stages:
+        expected = fit_direct(CLOUD[: stage.points])
+        assert stage.state.held == stage.points
+        # Sums are exact; what is left is the solution in float32, 1e-5 of counts of some hundreds.
+        assert stage.fit.hard_iron == pytest.approx(expected.hard_iron, abs=0.01)
+    fewer, more = (stage.fit.hard_iron for stage in runs["direct-stream"].stages[:2])
+    assert np.abs(fewer - more).max() > 0.01
+
+
+def test_a_calibrator_without_slices_is_there_once(runs: dict[str, StreamRun]) -> None:
+    assert "direct-stream-sliced" not in runs
+
+
+def test_the_last_calibrations_go_into_slots_as_far_as_there_are(
+    virtual_board: Board, runs: dict[str, StreamRun]
+) -> None:
+    slots = store_streams(virtual_board, runs, first_slot=3)
+    assert list(slots.values()) == list(range(3, 3 + len(slots)))
+    back = virtual_board.session.request(GetCalibration(slots["direct-stream"]))
+    assert np.array_equal(back.hard_iron, runs["direct-stream"].last.fit.hard_iron)
+    assert store_streams(virtual_board, runs, first_slot=virtual_board.identity.slots) == {}
+
+
+def test_a_point_that_is_refused_ends_a_run_and_is_named(virtual_board: Board) -> None:
+    cloud = CLOUD.copy()
+    cloud[90] = cloud[0] + 2048  # a count beyond what the exact sums have room for
+    upload_cloud(virtual_board, cloud)
+    run = run_streams(virtual_board, POINTS, stages=(40, 100))["direct-stream"]
+    assert run.refused is StreamStatus.OUT_OF_RANGE
+    assert run.cycles is not None
+    assert len(run.cycles) == run.last.state.held == 90
