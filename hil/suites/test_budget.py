@@ -55,7 +55,7 @@ def efforts(
     return found
 
 
-def test_error_against_cycles(efforts: list[Effort], known_angles: KnownAngles, measure: Measure) -> None:
+def test_error_against_budget(efforts: list[Effort], known_angles: KnownAngles, measure: Measure) -> None:
     measure.table(
         "budget.curve",
         {"calibrator": "", "points": "", "kind": "", "effort": "", "cycles": "cycle", "fit": ""}
@@ -68,7 +68,7 @@ def test_error_against_cycles(efforts: list[Effort], known_angles: KnownAngles, 
     )
 
 
-def test_error_within_the_cycles_of_the_thesis(
+def test_error_within_the_budget_of_the_thesis(
     board: Board, efforts: list[Effort], calibrators: tuple[str, ...], known_angles: KnownAngles, measure: Measure
 ) -> None:
     for size in SIZES:

@@ -12,7 +12,7 @@ from hiltest.procedures import KnownAngles, StreamRun, heading_errors_deg
 pytestmark = pytest.mark.hil
 
 
-def test_cycles_of_a_new_point(board: Board, streams: dict[str, StreamRun], measure: Measure) -> None:
+def test_cost_of_a_new_point(board: Board, streams: dict[str, StreamRun], measure: Measure) -> None:
     for name, run in streams.items():
         each = run.cycles if run.cycles is not None and len(run.cycles) else None
         for what, number in (("mean", np.mean), ("median", np.median), ("max", np.max)):
