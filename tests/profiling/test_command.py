@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import xml.etree.ElementTree as ET
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -111,6 +113,29 @@ def test_a_function_that_faults_says_where(capsys: pytest.CaptureFixture[str]) -
     assert code == 20
     assert "read of unmapped address" in err
     assert "in crc32" in err
+
+
+def test_a_nan_is_null_for_machines_and_nan_for_people(capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ("shipped", "memset", "float32:1", "255", "4")
+    assert document(capsys, *arguments).buffers[0].values == (None,)
+    assert "argument 1 holds float32: nan" in profile(capsys, *arguments)[1]
+    assert document(capsys, "shipped", "atanf", "nan").returned is None
+
+
+def test_a_function_that_resets_the_board_says_so(capsys: pytest.CaptureFixture[str]) -> None:
+    code, _, err = profile(capsys, "shipped", "board_reset")
+    assert code == 20
+    assert "board_reset asked for a system reset" in err
+
+
+def test_a_stripped_file_is_refused_with_the_reason(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, require_tool: Callable[[str], str]
+) -> None:
+    strip = require_tool("arm-none-eabi-strip")
+    subprocess.run([strip, "-o", str(tmp_path / "bare.elf"), str(default_firmware())], check=True, timeout=60)
+    code, _, err = profile(capsys, str(tmp_path / "bare.elf"), "crc32")
+    assert code == 4
+    assert "no function 'crc32', nor any other: its symbols are stripped" in err
 
 
 def test_negative_numbers_are_arguments_and_no_options(capsys: pytest.CaptureFixture[str]) -> None:

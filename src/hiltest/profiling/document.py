@@ -33,11 +33,14 @@ class Share:
 
 @dataclass(frozen=True, slots=True)
 class BufferLeft:
-    """What the function left in a buffer that it changed; `argument` counts from 1, `type` is numpy's name of it."""
+    """What the function left in a buffer that it changed; `argument` counts from 1, `type` is numpy's name of it.
+
+    JSON has no NaN and no infinity: they are null there, as is a `returned` one.
+    """
 
     argument: int
     type: str
-    values: tuple[float | int, ...]
+    values: tuple[float | int | None, ...]
 
 
 @dataclass(frozen=True, slots=True)

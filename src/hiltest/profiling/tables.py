@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
@@ -64,13 +62,10 @@ def _returned(value: float | int | None) -> str:
 
 
 def _buffer(buffer: BufferLeft) -> str:
-    shown = " ".join(f"{value:.9g}" if isinstance(value, float) else str(value) for value in _first(buffer.values))
+    first = buffer.values[:_VALUES_SHOWN]
+    shown = " ".join(f"{value:.9g}" if isinstance(value, float) else str(value) for value in first)
     more = "" if len(buffer.values) <= _VALUES_SHOWN else f" ... {len(buffer.values)} in all"
     return f"argument {buffer.argument} holds {buffer.type}: {shown}{more}"
-
-
-def _first(values: Sequence[float | int]) -> Iterator[float | int]:
-    yield from values[:_VALUES_SHOWN]
 
 
 def _kinds(profile: ProfileDocument) -> Table:

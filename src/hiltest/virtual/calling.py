@@ -107,6 +107,8 @@ def call_function(processor: Processor, symbol: str, arguments: Sequence[Argumen
         names = [name for name, entry in processor.image.symbols.items() if entry.is_function]
         near = get_close_matches(symbol, names, n=3)
         hint = f"; near: {', '.join(near)}" if near else ""
+        if not names:
+            hint = ", nor any other: its symbols are stripped; give the ELF as it was linked"
         raise ConfigError(f"{processor.image.name}: no function {symbol!r}{hint}")
     registers, accounting = processor.registers, processor.accounting
     processor.exceptions.floating_point_runs()  # what an interrupted handler has not saved yet is not this function's

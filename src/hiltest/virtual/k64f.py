@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from hiltest.errors import ConfigError, place_of
+from hiltest.errors import BoardFault, ConfigError, place_of
 from hiltest.virtual.accounting import AccountingFactory
 from hiltest.virtual.calling import Argument, CallResult, call_function
 from hiltest.virtual.chip import mk64f12
@@ -328,4 +328,7 @@ class VirtualK64F:
             for segment in self.image.segments:
                 zeroed = segment.run_size - len(segment.data)
                 self.processor.memory.write(segment.run_address, segment.data + bytes(zeroed))
-        return call_function(self.processor, symbol, arguments, booted=self._booted)
+        try:
+            return call_function(self.processor, symbol, arguments, booted=self._booted)
+        except _ResetRequested:
+            raise BoardFault(f"{symbol} asked for a system reset", pc=self.image.symbols[symbol].address) from None
