@@ -1,9 +1,13 @@
-"""How fast a board boots, answers a call, and goes through the heading suite."""
+"""How fast a board boots, answers a call, and goes through the heading suite.
+
+Boot and calls by the clock on the wall, the long suite in processor time too.
+"""
 
 from __future__ import annotations
 
 import subprocess
 import sys
+import time
 
 from pytest_benchmark.fixture import BenchmarkFixture
 
@@ -40,10 +44,17 @@ print(*(1e3 * (after - before) for before, after in zip(marks, marks[1:])))
 
 
 def test_boot_to_identity_and_selected_sensors(benchmark: BenchmarkFixture, report: Report, rig: Rig) -> None:
-    board = benchmark.pedantic(open_board, args=(rig,), rounds=20, warmup_rounds=1)
-    wall_s = benchmark.stats.stats.min
-    report("boot to identity, in a process that has booted before", 1e3 * wall_s, "ms", "at most 50")
-    report("boot to identity: virtual time against wall time", board.virtual_seconds / wall_s, "x real time", "")
+    processor_s: list[float] = []
+
+    def boot() -> None:
+        began_s = time.process_time()
+        open_board(rig)
+        processor_s.append(time.process_time() - began_s)
+
+    benchmark.pedantic(boot, rounds=20, warmup_rounds=1)
+    wall_ms = 1e3 * benchmark.stats.stats.min
+    report("boot to identity, in a process that has booted before", wall_ms, "ms", "at most 50")
+    report("boot to identity, the same in processor time", 1e3 * min(processor_s), "ms", "")
 
 
 def test_one_call(benchmark: BenchmarkFixture, report: Report) -> None:
@@ -73,14 +84,20 @@ def test_the_heading_suite(benchmark: BenchmarkFixture, report: Report, rig: Rig
     slots = {UNCALIBRATED: UNCALIBRATED_SLOT} | {name: run.slot for name, run in runs.items() if run.usable}
     began_s = board.virtual_seconds or 0.0
 
+    processor_s = 0.0
+
     def suite() -> int:
+        nonlocal processor_s
+        processor_s = -time.process_time()
         poses = rig.procedure.judged_poses()
         angles = measure_known_angles(
             board, table, poses=poses, slots=slots, mounting_yaw_deg=1.7, readings=rig.procedure.readings_per_pose
         )
+        processor_s += time.process_time()
         return len(angles.poses)
 
     assert benchmark.pedantic(suite, rounds=1) == 60
     took_s = (board.virtual_seconds or 0.0) - began_s
-    ratio = took_s / benchmark.stats.stats.min
-    report("the heading suite: virtual time against wall time", ratio, "x real time", "at least 1.0")
+    wall_s = benchmark.stats.stats.min
+    report("the heading suite: virtual time against wall time", took_s / wall_s, "x real time", "at least 1.0")
+    report("the heading suite: virtual time against processor time", took_s / processor_s, "x real time", "")
