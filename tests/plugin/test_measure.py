@@ -201,7 +201,7 @@ def test_a_rig_that_is_not_there_lists_those_that_are(pytester: pytest.Pytester)
     pytester.makepyfile("def test_it(rig):\n    pass\n")
     result = pytester.runpytest_inprocess("--hil-rig=gone.toml")
     assert result.ret == pytest.ExitCode.USAGE_ERROR
-    result.stderr.fnmatch_lines(["ERROR: no rig file 'gone.toml'; rigs here: frdm-k64f, virtual-k64f*"])
+    result.stderr.fnmatch_lines(["ERROR: no rig file 'gone.toml'; rigs here: frdm-k64f, *virtual-k64f*"])
 
 
 def test_a_rig_is_found_by_its_bare_name(pytester: pytest.Pytester) -> None:
