@@ -20,8 +20,10 @@ from hiltest.virtual.k64f import VirtualK64F
 
 # How often the board is let run on [s]: late by no more than a reply of 20 bytes takes on the line.
 _STEP_S = 0.002
-# A board that fell behind catches up in pieces, so that its lines are looked after in between.
+# A board that fell behind catches up in pieces, so that its lines are looked after in between. They are
+# this long in virtual time, and shorter where that would take the host longer [s].
 _LONGEST_STEP_S = 0.02
+_SHORTEST_STEP_S = 0.0002
 _READ_BYTES = 4096
 _BITS_A_BYTE = 10
 
@@ -93,6 +95,7 @@ class PacedBench:
         self._served: list[tuple[Line, Device]] = [(line, SerialPortOfBoard(bench.machine)), *others]
         self._clock = threading.Condition()  # guards bench; told after every step
         self._running = False
+        self._longest_step_s = _LONGEST_STEP_S
         self._thread = threading.Thread(target=self._run, name="hiltest-paced", daemon=True)
 
     def __enter__(self) -> Self:
@@ -195,10 +198,17 @@ class PacedBench:
                 device.hear(data)
         if wall_s > self.time_s:
             try:
-                self._bench.machine.run_until(min(wall_s, self.time_s + _LONGEST_STEP_S))
+                self._run_until(min(wall_s, self.time_s + self._longest_step_s))
             except BoardFault as error:
                 self.fault = error
                 self._running = False
         self.behind_s = max(0.0, wall_s - self.time_s)
         for line, device in self._served:
             line.send(device.say())
+
+    def _run_until(self, time_s: float) -> None:
+        """Let the board run on, and see how much of that the host can do at a time."""
+        since_s, began_s = self.time_s, time.monotonic()
+        self._bench.machine.run_until(time_s)
+        share = _LONGEST_STEP_S / max(time.monotonic() - began_s, 1e-6)
+        self._longest_step_s = min(_LONGEST_STEP_S, max(_SHORTEST_STEP_S, share * (self.time_s - since_s)))

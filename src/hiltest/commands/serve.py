@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import signal
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import click
@@ -21,8 +22,10 @@ from hiltest.errors import BenchError, ConfigError
 from hiltest.rig_file import load_rig
 from hiltest.settings import file_name, seed
 
-_ENDING = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
+_ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _LOOK_EVERY_S = 0.2
+# Firmware that the host cannot run in time is not waited for any longer.
+_START_S = 2.0
 # A board that is this far behind wall time is no longer one that a person would call real [s].
 _BEHIND_S = 3.0
 _PORTS = click.IntRange(0, 65_535)
@@ -63,9 +66,7 @@ def serve(
     )
     bench.machine.uart0.line_baud = baud or described.link.baud
     with contextlib.ExitStack() as stack:
-        # Before the first thread: whichever of them a signal came to, it would not be this one.
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
-        stack.callback(signal.pthread_sigmask, signal.SIG_SETMASK, before)
+        ending = stack.enter_context(_signals_noted())
         lines = _open_lines(stack, tcp, turntable_tcp, host)
         urls = _linked(stack, lines, link)
         model = bench.machine.processor.profile.name
@@ -73,10 +74,10 @@ def serve(
         paced = PacedBench(bench, lines[0], (lines[1], table))
         stack.callback(paced.stop)
         paced.power_on()
-        if _listening(paced):
+        if _listening(paced, ending):
             click.echo(f"board: {urls[0]}\nturntable: {urls[1]}")
             _tell(f"serving {bench.firmware.name} in {described.name}, cycle model {model}; Ctrl-C ends it")
-            _watch(paced, dict(zip(("board", "turntable"), lines, strict=True)))
+            _watch(paced, dict(zip(("board", "turntable"), lines, strict=True)), ending)
     if paced.fault is not None:
         raise paced.fault
     return 0
@@ -99,21 +100,34 @@ def _linked(stack: contextlib.ExitStack, lines: Sequence[Line], link: str | None
     return [str(path) for path in paths]
 
 
-def _listening(paced: PacedBench) -> bool:
+@contextlib.contextmanager
+def _signals_noted() -> Iterator[list[int]]:
+    """Return a list that gets the signals that come, instead of their breaking in somewhere."""
+    came: list[int] = []
+    # Who starts it under nohup wants it to live on.
+    wanted = [number for number in _ENDING if signal.getsignal(number) is not signal.SIG_IGN]
+    before = [signal.signal(number, lambda number, _frame: came.append(number)) for number in wanted]
+    try:
+        yield came
+    finally:
+        for number, handler in zip(wanted, before, strict=True):
+            signal.signal(number, handler)
+
+
+def _listening(paced: PacedBench, ending: list[int]) -> bool:
     """Wait until the firmware has started; False when a signal comes, or the firmware ends, before."""
-    while paced.running:
-        if paced.time_s >= START_UP_S:
-            return True
-        if signal.sigtimedwait(_ENDING, _LOOK_EVERY_S / 10.0) is not None:
-            return False
-    return False
+    gives_up_s = time.monotonic() + _START_S
+    while paced.running and not ending and paced.time_s < START_UP_S and time.monotonic() < gives_up_s:
+        time.sleep(_LOOK_EVERY_S / 10.0)
+    return paced.running and not ending
 
 
-def _watch(paced: PacedBench, lines: dict[str, Line]) -> None:
+def _watch(paced: PacedBench, lines: dict[str, Line], ending: list[int]) -> None:
     """Say what changes, until a signal comes or the board ends."""
     told: dict[str, bool] = dict.fromkeys(lines, False)
     pace = _pace()
-    while signal.sigtimedwait(_ENDING, _LOOK_EVERY_S) is None:
+    while not ending:
+        time.sleep(_LOOK_EVERY_S)
         for name, line in lines.items():
             if line.connected != told[name]:
                 told[name] = line.connected

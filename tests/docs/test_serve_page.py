@@ -1,0 +1,117 @@
+"""The page about served boards: its commands start, its example runs, and its tables are what the table answers."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from hiltest.boards.gcode import Refusal
+from hiltest.boards.grbl_table import FURTHEST_DEG, HELP, LINE_LENGTH
+from hiltest.boards.lines import REFUSAL
+from hiltest.boards.table_axes import CAPACITY
+from hiltest.commands.serve import _BEHIND_S, serve
+from hiltest.rig_file import load_rig
+from hiltest.world.motion import TURN_SPEED_DPS
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "serve.md").read_text(encoding="utf-8")
+COMMANDS = [line for block in re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S) for line in block.splitlines()]
+(EXAMPLE,) = re.findall(r"^```python\n(.*?)^```", PAGE, re.M | re.S)
+WALL_LIMIT_S = 60.0  # for what takes a second
+
+
+class Server:
+    """A command of the page as a process; its ports are any free ones, so that others may run beside it."""
+
+    def __init__(self, command: str, folder: Path) -> None:
+        arguments = shlex.split(command.replace("--tcp 6464", "--tcp 0"))[1:]
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "hiltest", *arguments], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            text=True,
+        )  # fmt: skip
+        assert self.process.stdout is not None
+        self.printed = [self.process.stdout.readline() for _ in range(2)]
+
+    def end(self) -> tuple[int, str]:
+        self.process.send_signal(signal.SIGINT)
+        _, said = self.process.communicate(timeout=WALL_LIMIT_S)
+        return self.process.returncode, said
+
+
+@pytest.fixture
+def tcp_ports(tmp_path: Path) -> Iterator[list[str]]:
+    server = Server("hiltest serve --tcp 6464", tmp_path)
+    yield [line.rpartition(":")[2].strip() for line in server.printed]
+    server.end()
+
+
+@pytest.mark.parametrize("command", [each for each in COMMANDS if each.startswith("hiltest serve")])
+def test_every_server_starts_prints_its_ports_and_ends(command: str, tmp_path: Path) -> None:
+    server = Server(command, tmp_path)
+    code, said = server.end()
+    assert code == 0, said
+    assert [line.partition(": ")[0] for line in server.printed] == ["board", "turntable"]
+
+
+def test_every_run_is_understood(tmp_path: Path) -> None:
+    runs = [each for each in COMMANDS if each.startswith("hiltest run")]
+    assert runs
+    for command in runs:
+        arguments = [*shlex.split(command)[1:], "--", "--collect-only", "-q"]
+        done = subprocess.run(
+            [sys.executable, "-m", "hiltest", *arguments], cwd=tmp_path, capture_output=True, text=True, check=False,
+            timeout=WALL_LIMIT_S,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_the_example_runs(tcp_ports: list[str]) -> None:
+    exec(compile(EXAMPLE.replace("6465", tcp_ports[1]), "docs/serve.md", "exec"), {})
+
+
+def test_a_wrong_answer_in_the_example_would_be_seen(tcp_ports: list[str]) -> None:
+    broken = EXAMPLE.replace("6465", tcp_ports[1]).replace("90.000,-20.000", "90.000,20.000")
+    with pytest.raises(AssertionError):
+        exec(compile(broken, "docs/serve.md", "exec"), {})
+
+
+def test_every_option_is_shown_or_explained() -> None:
+    named = set(re.findall(r"--[a-z][a-z-]+", PAGE)) - {"--collect-only"}
+    assert named == {option for parameter in serve.params for option in parameter.opts}
+
+
+def test_the_tables_name_every_error_and_every_command() -> None:
+    rows = re.findall(r"^\| ([\d, ]+) \|", PAGE, re.M)
+    assert {int(number) for row in rows for number in row.split(",")} == set(Refusal)
+    commands = re.findall(r"^\| (`.*?) \|", PAGE, re.M)
+    assert all(f"`{word}`" in " ".join(commands) for word in ("$$", "$G", "$I", "$X", "$H", "~", "!", "?", "$"))
+    assert HELP == "[HLP:$$ $G $I $X $H ~ ! ? ctrl-x]"
+
+
+def test_the_numbers_are_those_of_the_program() -> None:
+    for text in (
+        f"the {CAPACITY} that can wait", f"at {TURN_SPEED_DPS:g} degrees a second",
+        f"more than {LINE_LENGTH} characters", f"more than {_BEHIND_S:g} seconds behind",
+        f"beyond {FURTHEST_DEG:,.0f} degrees".replace(",", " "),
+        REFUSAL.decode().strip(),
+    ):  # fmt: skip
+        assert text in PAGE
+
+
+def test_the_rig_keys_are_keys_of_a_rig(tmp_path: Path) -> None:
+    rig = (ROOT / "hil" / "rigs" / "served-k64f.toml").read_text(encoding="utf-8")
+    for keys in re.findall(r"^```toml\n(\[.*?)^```", PAGE, re.M | re.S):
+        table = keys.splitlines()[0]
+        before, rest = rig.split(table + "\n")
+        rig = before + keys + "\n" + rest[rest.index("\n[") :]
+    (tmp_path / "bench.toml").write_text(rig, encoding="utf-8")
+    loaded = load_rig(tmp_path / "bench.toml")
+    assert (loaded.turntable.kind, loaded.turntable.port) == ("grbl", "/dev/ttyUSB0")
+    assert loaded.board.cycle_model == "cortex-m4-trm/1"

@@ -1,0 +1,184 @@
+"""A motor table over a real line: the virtual board's own, which speaks as Grbl does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hiltest.angles import Pose, rotation_body_from_ned
+from hiltest.bench_files import shipped
+from hiltest.boards import VirtualBench, open_board
+from hiltest.boards.grbl_table import GrblTable
+from hiltest.boards.lines import PseudoTerminal
+from hiltest.boards.paced import PacedBench
+from hiltest.boards.table_axes import TableAxes
+from hiltest.errors import TurntableError
+from hiltest.link import grbl
+from hiltest.procedures import Achieved, GrblTurntable, grbl_turntable, open_grbl_turntable
+from hiltest.procedures.grbl_turntable import tumble_poses
+from hiltest.rig import Rig
+from hiltest.rig_file import load_rig
+from hiltest.world.earth_field import EarthField
+
+MODEL = "cortex-m4-trm/1"
+
+
+class Bench:
+    """A paced virtual board on its table, and the rig by which a host reaches both."""
+
+    def __init__(self) -> None:
+        self.board_line, self.table_line = PseudoTerminal(), PseudoTerminal()
+        stepped = VirtualBench(load_rig(shipped() / "rigs" / "virtual-k64f.toml"))
+        self.world, self.machine = stepped._world, stepped.machine
+        self.axes = TableAxes(stepped)
+        table = GrblTable(self.axes, about=f"virtual FRDM-K64F {MODEL}")
+        self.paced = PacedBench(stepped, self.board_line, (self.table_line, table))
+        self.paced.start()
+        served = load_rig(shipped() / "rigs" / "served-k64f.toml")
+        self.rig: Rig = replace(
+            served, board=replace(served.board, port=self.board_line.path),
+            turntable=replace(served.turntable, port=self.table_line.path),
+        )  # fmt: skip
+
+    @property
+    def pose(self) -> Pose:
+        return self.world.at(self.machine.time_s).pose
+
+    def close(self) -> None:
+        self.paced.stop()
+        self.board_line.close()
+        self.table_line.close()
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    bench = Bench()
+    yield bench
+    bench.close()
+
+
+@pytest.fixture
+def table(bench: Bench) -> Iterator[GrblTurntable]:
+    with open_board(bench.rig) as board:
+        table = open_grbl_turntable(board, bench.rig)
+        yield table
+        table.close()
+
+
+def test_it_comes_back_when_the_table_stands_and_says_where(bench: Bench, table: GrblTurntable) -> None:
+    assert table.turn_to(Pose(330.0, -20.0, 5.0), judged=3) == Achieved(330.0, -20.0, 5.0, 0.1)
+    assert (bench.pose.pitch_deg, bench.pose.roll_deg) == pytest.approx((-20.0, 5.0), abs=1e-9)
+    assert bench.pose.heading_deg == pytest.approx(331.7, abs=1e-9)  # mounted 1.7 degrees further
+    assert not bench.axes.busy
+    table.rest()
+    assert bench.pose == Pose(1.7, 0.0, 0.0)
+
+
+def test_a_tumble_begins_at_its_first_pose_and_takes_about_as_long_as_it_says(
+    bench: Bench, table: GrblTurntable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(grbl_turntable, "_CIRCLES_DEG", (75.0, 105.0))  # of six, to be over sooner
+    poses = tumble_poses(62.0, mounting_yaw_deg=1.7)
+    takes_s = table.tumble(5.6)
+    assert bench.axes.busy
+    assert bench.axes.last_target_deg == (-1.7, 43.0, -180.0)
+    table.rest()  # waits for what is under way
+    # Power-on, to the first pose, over the two circles, and home.
+    begins_s, ends_s = zip(*((move.start_s, move.end_s) for move in bench.world._segments), strict=True)
+    assert len(begins_s) == 2 + (len(poses) - 1) + 1
+    assert begins_s[2] - ends_s[1] >= 0.25  # settled at the first pose
+    # From move to move the estimate allows 0.1 s, of which the world's grid takes between 0 and 0.05, and the
+    # time between two looks at the table at most 0.02.
+    assert takes_s - 0.1 * len(poses) <= ends_s[-2] - begins_s[2] <= takes_s
+
+
+def test_a_table_that_is_locked_is_sent_home_first(bench: Bench) -> None:
+    with open_board(bench.rig) as board:
+        table = open_grbl_turntable(board, bench.rig)
+        table._line.ask("G0 X170")
+        table._line._write(b"\x18")
+        table.close()
+        table = open_grbl_turntable(board, bench.rig)
+        assert bench.pose == Pose(1.7, 0.0, 0.0)
+        table.close()
+
+
+def test_a_rig_that_the_table_contradicts_is_refused(bench: Bench) -> None:
+    wrong = replace(bench.rig, board=replace(bench.rig.board, cycle_model="silicon-dwt"))
+    with open_board(wrong) as board, pytest.raises(
+        TurntableError, match=rf'is silicon-dwt, the turntable that it is {MODEL}\. Write cycle_model = "{MODEL}"'
+    ):
+        open_grbl_turntable(board, wrong)
+    undeclared = replace(bench.rig, board=replace(bench.rig.board, cycle_model=None))
+    with open_board(undeclared) as board:
+        assert board.cycle_model == "undeclared@sram"
+        open_grbl_turntable(board, undeclared).close()
+
+
+def test_every_wait_has_an_end_and_says_what_to_do(
+    bench: Bench, table: GrblTurntable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(TurntableError, match=r"'G0 X40000.*' was answered by error:33: .* beyond the table's travel"):
+        table.turn_to(Pose(40_000.0))
+    monkeypatch.setattr(grbl, "_STALLED_S", 1.0)
+    table._line._write(b"!")
+    stalled = r"no answer to 'G4 P0\.25' within 1 s; it is in state Hold at .* not held"
+    with pytest.raises(TurntableError, match=stalled):
+        table.turn_to(Pose(10.0))
+    bench.paced.stop()
+    bench.table_line.unplug()
+    with pytest.raises(TurntableError, match=rf"turntable on {bench.table_line.path}: lost: .*Check cable"):
+        table.rest()
+
+
+def test_a_port_where_nobody_or_somebody_else_answers_is_no_turntable(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(grbl, "_START_S", 1.0)
+    silent = PseudoTerminal()
+    with open_board(bench.rig) as board:
+        wrong = replace(bench.rig, turntable=replace(bench.rig.turntable, port=silent.path))
+        with pytest.raises(TurntableError, match=r"nothing answered '\?' as Grbl 1\.1 does within 1 s"):
+            open_grbl_turntable(board, wrong)
+        gone = replace(bench.rig, turntable=replace(bench.rig.turntable, port="/dev/ttyNOSUCH7"))
+        with pytest.raises(TurntableError, match=r"turntable\.port in .*served-k64f\.toml: no serial port"):
+            open_grbl_turntable(board, gone)
+    silent.close()
+
+
+@pytest.mark.parametrize(
+    "report",
+    ["<Idle|MPos:1.000,-2.5,0|FS:0,0>", "<Run|MPos:1.000,-2.500,0.000,7.000|F:0>", "<Hold:1|MPos:1,-2.5,0>"],
+    ids=["spindle", "four axes", "bare"],
+)
+def test_status_reports_of_other_builds_are_understood(report: str) -> None:
+    status = grbl._status(report)
+    assert status is not None
+    assert status.position == (1.0, -2.5, 0.0)
+    assert grbl._status(report.replace("MPos", "WPos")) is None
+
+
+@given(st.floats(-89.0, 89.0), st.floats(-180.0, 180.0))
+def test_a_tumble_shows_the_field_from_all_sides_without_winding_up_a_cable(dip_deg: float, yaw_deg: float) -> None:
+    poses = tumble_poses(dip_deg, mounting_yaw_deg=yaw_deg)
+    assert all(abs(pose.pitch_deg) <= 90.0 and abs(pose.roll_deg) <= 180.0 for pose in poses)
+    assert all(abs(pose.heading_deg) <= 180.0 for pose in poses)
+    field = np.array(EarthField(1.0, dip_deg).ned_ut)
+    seen = []
+    for begin, end in zip(poses[::2], poses[1::2], strict=True):  # each circle; the ways between come on top
+        for share in np.linspace(0.0, 1.0, 73):
+            roll_deg = begin.roll_deg + share * (end.roll_deg - begin.roll_deg)
+            board = Pose(begin.heading_deg + yaw_deg, begin.pitch_deg, roll_deg)
+            seen.append(rotation_body_from_ned(board) @ field)
+    index = np.arange(200) + 0.5  # directions spread evenly over the sphere
+    height, around = 1.0 - index / 100.0, index * np.pi * (3.0 - np.sqrt(5.0))
+    width = np.sqrt(1.0 - height**2)
+    directions = np.column_stack([width * np.cos(around), width * np.sin(around), height])
+    nearest = np.degrees(np.arccos(np.clip((directions @ np.array(seen).T).max(axis=1), -1.0, 1.0)))
+    # Circles 30 degrees apart, points on them 5 degrees apart at most: half of both, at right angles.
+    assert nearest.max() <= np.hypot(15.0, 2.5) + 0.1

@@ -1,0 +1,115 @@
+"""How ``hiltest serve`` ends, and what it refuses to begin with."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+import serial
+
+from hiltest.bench_files import shipped
+from hiltest.boards import VirtualBench
+from hiltest.boards.lines import PseudoTerminal
+from hiltest.boards.paced import PacedBench
+from hiltest.commands.serve import _pace
+from hiltest.rig_file import load_rig
+
+from .conftest import WALL_LIMIT_S, Serve, converse
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP], ids=lambda each: each.name)
+def test_a_signal_ends_it_cleanly_and_its_terminals_are_gone(
+    serve: Serve, number: signal.Signals, tmp_path: Path
+) -> None:
+    served = serve("--link", str(tmp_path / "hil"))
+    assert (served.board, served.turntable) == (str(tmp_path / "hil"), str(tmp_path / "hil-turntable"))
+    terminal = os.readlink(served.board)
+    converse(served.board)
+    with serial.serial_for_url(served.board, timeout=WALL_LIMIT_S) as client:
+        code, said = served.end(number)
+        assert code == 0
+        assert "Traceback" not in said
+        assert not any(os.path.lexists(path) for path in (served.board, served.turntable))
+        # While it is open here the system does not give the name away again.
+        assert not os.path.exists(terminal)
+        with pytest.raises(serial.SerialException):
+            client.read(1)
+
+
+def test_a_client_sees_the_end_at_once(serve: Serve) -> None:
+    served = serve("--tcp", "0")
+    with serial.serial_for_url(served.board, timeout=WALL_LIMIT_S) as client:
+        client.write(b"\x7e")
+        assert served.end()[0] == 0
+        with pytest.raises(serial.SerialException):
+            client.read(1)
+    with pytest.raises(serial.SerialException, match="refused"):
+        serial.serial_for_url(served.board)
+
+
+@pytest.mark.parametrize(
+    ("last_byte", "reason"), [(b"!", "undefined instruction"), (b".", "hang: a loop to itself")], ids=["fault", "hang"]
+)
+def test_firmware_that_faults_or_hangs_is_named_and_ends_it_with_20(
+    serve: Serve, foreign: Path, last_byte: bytes, reason: str
+) -> None:
+    served = serve("--firmware", str(foreign), "--baud", "9600")
+    with serial.serial_for_url(served.board, timeout=WALL_LIMIT_S) as client:
+        client.write(b"alive")
+        assert client.read(5) == b"ALIVE"
+        client.write(last_byte)
+        code, said = served.ended()
+    assert code == 20
+    assert re.search(rf"ERROR: {reason}.* in main \(upper_case\.c:\d+\)", said)
+    assert "Traceback" not in said
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["--turntable-tcp", "5000"], "--turntable-tcp and --host go with --tcp PORT"),
+        (["--tcp", "0", "--pty"], "--tcp goes neither with --pty nor with --link"),
+        (["--tcp", "70000"], "70000 is not in the range"),
+        (["--rig", "frdm-k64f"], "has no world to simulate"),
+        (["--tcp", "0", "--host", "192.0.2.1"], "cannot listen on 192.0.2.1 port 0"),
+        (["--firmware", "gone.elf"], "gone.elf"),
+        (["--link", "gone/board"], "cannot make the link gone/board: No such file"),
+    ],
+)
+def test_what_cannot_be_served_is_a_usage_error(tmp_path: Path, arguments: list[str], complaint: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "hiltest", "serve", *arguments], cwd=tmp_path, capture_output=True, text=True,
+        timeout=WALL_LIMIT_S, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (4, "")
+    assert complaint in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_thread_is_left_behind() -> None:
+    before = set(threading.enumerate())
+    line = PseudoTerminal()
+    with PacedBench(VirtualBench(load_rig(shipped() / "rigs" / "virtual-k64f.toml")), line) as paced:
+        assert paced.running
+        (thread,) = set(threading.enumerate()) - before
+    line.close()
+    assert not thread.is_alive()
+    assert not paced.running
+
+
+def test_a_board_that_falls_behind_is_told_of_when_it_begins_doubles_and_is_over(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    look = _pace()
+    for behind_s in (0.0, 2.9, 3.2, 4.0, 6.3, 6.5, 6.6, 2.0, 1.0, 0.5, 3.0):
+        look(behind_s)
+    told = capsys.readouterr().err.splitlines()
+    assert [line.partition(" behind")[0] for line in told] == [
+        "board: 3 s", "board: 6 s", "board: in time again", "board: 3 s",
+    ]  # fmt: skip
