@@ -25,11 +25,13 @@ from hiltest.procedures import (
 
 pytestmark = pytest.mark.hil
 
-# The sizes that the thesis compares calibrators at, and what it says that its own takes for them.
+# The sizes that the thesis compares calibrators at. All of the tumble comes beside them: a calibrator that lives with
+# the stream may want more points before it calibrates at all.
 SIZES = (30, 100)
 
 
 def thesis_cycles(points: int) -> int:
+    """Return what the thesis says that its own calibrator takes."""
     return 168 * points + 2600
 
 
@@ -39,14 +41,19 @@ def calibrators(board: Board) -> tuple[str, ...]:
 
 
 @pytest.fixture(scope="module")
+def sizes(tumble: Tumble) -> tuple[int, ...]:
+    return tuple(sorted({size for size in SIZES if size < len(tumble.points)} | {len(tumble.points)}))
+
+
+@pytest.fixture(scope="module")
 def efforts(
     board: Board, tumble: Tumble, calibrations: Mapping[str, CalibratorRun], known_angles: KnownAngles,
-    calibrators: tuple[str, ...], hil_progress: Progress,
+    sizes: tuple[int, ...], calibrators: tuple[str, ...], hil_progress: Progress,
 ) -> list[Effort]:
-    """All curves, over 30 and over 100 points: the first hundred of the tumble, in an order that mixes them well."""
-    points = tumble.points[: max(SIZES)]
-    upload_cloud(board, points[evenly_spread(len(points))])
-    work = [(size, name) for size in SIZES for name in calibrators]
+    """All curves. The hundred points are the tumble's first, in an order that mixes them well; then come the others."""
+    first, others = np.split(tumble.points, [max(SIZES)])
+    upload_cloud(board, np.concatenate([each[evenly_spread(len(each))] for each in (first, others)]))
+    work = [(size, name) for size in sizes for name in calibrators]
     found = []
     for done, (size, name) in enumerate(work):
         hil_progress("effort curves", done, len(work))
@@ -69,9 +76,10 @@ def test_error_against_budget(efforts: list[Effort], known_angles: KnownAngles, 
 
 
 def test_error_within_the_budget_of_the_thesis(
-    board: Board, efforts: list[Effort], calibrators: tuple[str, ...], known_angles: KnownAngles, measure: Measure
+    board: Board, efforts: list[Effort], sizes: tuple[int, ...], calibrators: tuple[str, ...],
+    known_angles: KnownAngles, measure: Measure,
 ) -> None:
-    for size in SIZES:
+    for size in sizes:
         for name in calibrators:
             try:
                 best = largest_effort_within(board, name, cycles=thesis_cycles(size), points=size)

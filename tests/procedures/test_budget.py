@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hiltest.boards import Board
+from hiltest.calibration.fit import FitStatus
 from hiltest.errors import CalibrationError
 from hiltest.procedures import (
     EffortKind,
@@ -36,6 +37,7 @@ def test_more_effort_costs_more_and_ends_at_all_of_it(virtual_board: Board, cali
     whole, _ = calibrate_once(virtual_board, name, POINTS)
     # direct-stream sums exactly, direct in float32: the entries differ by its rounding.
     assert curve[-1].fit.soft_iron == pytest.approx(whole.soft_iron, rel=1e-4, abs=1e-7)
+    assert curve[-1].fit.status is FitStatus.ELLIPSOID
     assert curve[-1].fit.hard_iron == pytest.approx(whole.hard_iron, abs=0.05)
     # And the first is not yet that.
     assert np.abs(curve[0].fit.hard_iron - whole.hard_iron).max() > 0.05

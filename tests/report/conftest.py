@@ -91,6 +91,7 @@ def budget_table() -> Table:
         ("direct", 30, "points", 30, 4600, "ELLIPSOID", 0.7, 1.7),
         ("iterative", 30, "sweeps", 1, 25_000, "SINGULAR", None, None),
         ("iterative", 30, "sweeps", 5, 90_000, "ELLIPSOID", 0.7, 1.7),
+        ("slow-stream", 30, "points so far", 30, 12_000, "TOO_FEW_POINTS", None, None),
         ("direct", 100, "points", 9, 2700, "ELLIPSOID", 2.5, 5.0),
         ("direct", 100, "points", 100, 11_000, "ELLIPSOID", 0.4, 0.8),
     )

@@ -193,6 +193,8 @@ def test_error_against_cycles_is_drawn_one_figure_a_size_with_the_thesis_beside_
     assert "direct ends at 0.70 degrees for 4 600 cycles; iterative ends at 0.70 degrees for 90 000" in drawing
     assert "thesis: 168 N + 2600 = 7 640" in drawing
     assert "thesis: 2860 N = 85 800" in drawing
+    assert "slow-stream: none yet" in drawing
+    assert "slow-stream has no calibration after 12 000 cycles" in drawing
     # An effort without a calibration is no point; the others are: two and one.
     assert drawing.count("<circle") == 3
     # Equal ratios are equal distances.

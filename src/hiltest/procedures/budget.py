@@ -20,7 +20,7 @@ from hiltest.procedures.cycles import no_cycle_counter
 from hiltest.procedures.streams import feed, stage
 
 # Numbers of points of a curve: dense where the error falls.
-_LADDER = (9, 10, 11, 12, 14, 16, 18, 20, 24, 28, 30, 35, 40, 50, 60, 70, 80, 90, 100)
+_LADDER = (9, 10, 11, 12, 14, 16, 18, 20, 24, 28, 30, 35, 40, 50, 60, 70, 80, 90, 100, 120, 150, 200, 250)
 
 
 class EffortKind(StrEnum):
@@ -74,12 +74,12 @@ def effort_curve(board: Board, calibrator: str, *, points: int) -> list[Effort]:
     DeviceError
         When the board's core counts no cycles.
     """
-    kind, largest = _kind_and_largest(board, calibrator, points)
+    scale = _scale(board, calibrator, points)
     sizes = sorted({size for size in _LADDER if size < points} | {points})
-    if kind is EffortKind.POINTS_SO_FAR:
+    if scale.kind is EffortKind.POINTS_SO_FAR:
         return _stream_efforts(board, calibrator, sizes, points)
-    efforts = range(1, largest + 1) if kind is EffortKind.SWEEPS else sizes
-    return [_calibrate(board, calibrator, kind, effort, points) for effort in efforts]
+    efforts = range(1, scale.largest + 1) if scale.kind is EffortKind.SWEEPS else sizes
+    return [_run(board, calibrator, scale, effort, points) for effort in efforts]
 
 
 def largest_effort_within(board: Board, calibrator: str, *, cycles: int, points: int) -> Effort:
@@ -99,17 +99,16 @@ def largest_effort_within(board: Board, calibrator: str, *, cycles: int, points:
     DeviceError
         When the board's core counts no cycles.
     """
-    kind, high = _kind_and_largest(board, calibrator, points)
-    smallest = ELLIPSOID_UNKNOWNS if kind is EffortKind.POINTS else 1
-    best = _run(board, calibrator, kind, smallest, points)
+    scale = _scale(board, calibrator, points)
+    low, high = scale.smallest, scale.largest
+    best = _run(board, calibrator, scale, low, points)
     if best.cycles > cycles:
         raise CalibrationError(
-            f"{calibrator} takes {best.cycles} cycles with {smallest} {kind}, more than the budget of {cycles}"
+            f"{calibrator} takes {best.cycles} cycles with {low} {scale.kind}, more than the budget of {cycles}"
         )
-    low = smallest
     while low < high:  # more effort never costs less
         middle = (low + high + 1) // 2
-        tried = _run(board, calibrator, kind, middle, points)
+        tried = _run(board, calibrator, scale, middle, points)
         if tried.cycles <= cycles:
             low, best = middle, tried
         else:
@@ -117,24 +116,33 @@ def largest_effort_within(board: Board, calibrator: str, *, cycles: int, points:
     return best
 
 
-def _kind_and_largest(board: Board, calibrator: str, points: int) -> tuple[EffortKind, int]:
+@dataclass(frozen=True, slots=True)
+class _Scale:
+    """From where to where the effort of a calibrator goes."""
+
+    kind: EffortKind
+    smallest: int
+    largest: int
+
+
+def _scale(board: Board, calibrator: str, points: int) -> _Scale:
     if calibrator in board.identity.stream_calibrators:
-        return EffortKind.POINTS_SO_FAR, points
+        return _Scale(EffortKind.POINTS_SO_FAR, 1, points)
     iterations = calibrate_once(board, calibrator, points)[0].iterations
-    return (EffortKind.SWEEPS, iterations) if iterations else (EffortKind.POINTS, points)
+    if iterations:
+        return _Scale(EffortKind.SWEEPS, 1, iterations)
+    return _Scale(EffortKind.POINTS, ELLIPSOID_UNKNOWNS, points)
 
 
-def _run(board: Board, calibrator: str, kind: EffortKind, effort: int, points: int) -> Effort:
-    if kind is EffortKind.POINTS_SO_FAR:
+def _run(board: Board, calibrator: str, scale: _Scale, effort: int, points: int) -> Effort:
+    if scale.kind is EffortKind.POINTS_SO_FAR:
         return _stream_efforts(board, calibrator, [effort], points)[0]
-    return _calibrate(board, calibrator, kind, effort, points)
-
-
-def _calibrate(board: Board, calibrator: str, kind: EffortKind, effort: int, points: int) -> Effort:
-    by_sweeps = kind is EffortKind.SWEEPS
-    n, sweeps = (points, effort) if by_sweeps else (effort, 0)
-    fit, cost = calibrate_once(board, calibrator, n, iterations=sweeps)
-    return Effort(calibrator, kind, effort, points, _cycles(cost), fit)
+    if scale.kind is EffortKind.POINTS:
+        fit, cost = calibrate_once(board, calibrator, effort)
+    else:
+        # All the sweeps it makes by itself are no limit: it then finds that it has converged.
+        fit, cost = calibrate_once(board, calibrator, points, iterations=0 if effort == scale.largest else effort)
+    return Effort(calibrator, scale.kind, effort, points, _cycles(cost), fit)
 
 
 def _stream_efforts(board: Board, calibrator: str, sizes: Sequence[int], points: int) -> list[Effort]:

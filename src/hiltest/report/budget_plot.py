@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TypeGuard
 
 from hiltest.report.record import Run
 from hiltest.report.svg import Figure, Point
@@ -20,41 +22,61 @@ def budget_figures(run: Run) -> list[Figure]:
     table = run.table(CURVE_TABLE)
     if table is None:
         return []
-    curves: dict[float, dict[str, list[Point]]] = {}
+    figures: dict[float, dict[str, _Curve]] = {}
     columns = (table.column(name) for name in ("points", "calibrator", "cycles", "mean_error"))
     for points, calibrator, cycles, error in zip(*columns, strict=True):
-        if isinstance(points, int | float) and _positive(cycles) and _positive(error):
-            curves.setdefault(points, {}).setdefault(str(calibrator), []).append((float(cycles), float(error)))
-    return [_figure(points, named) for points, named in sorted(curves.items())]
+        if isinstance(points, int | float) and _is_positive(cycles):
+            curve = figures.setdefault(points, {}).setdefault(str(calibrator), _Curve())
+            curve.cycles = cycles
+            curve.points += [(cycles / 1000.0, error)] if _is_positive(error) else []
+    return [_figure(points, curves) for points, curves in sorted(figures.items()) if _any_point(curves)]
 
 
-def _figure(points: float, named: dict[str, list[Point]]) -> Figure:
+@dataclass(slots=True)
+class _Curve:
+    """Thousand cycles and error of each effort that left a calibration, and the cycles of the largest effort."""
+
+    points: list[Point] = field(default_factory=list)
+    cycles: float = 0.0
+
+    def in_words(self, name: str) -> str:
+        """Return where it ends, or what was spent on no calibration."""
+        if not self.points:
+            return f"{name} has no calibration after {grouped(self.cycles)} cycles"
+        thousands, error = self.points[-1]
+        return f"{name} ends at {error:.2f} degrees for {grouped(1000.0 * thousands)} cycles"
+
+
+def _any_point(curves: Mapping[str, _Curve]) -> bool:
+    return any(curve.points for curve in curves.values())
+
+
+def _figure(points: float, curves: Mapping[str, _Curve]) -> Figure:
     thesis = [(words, slope * points + fixed) for words, slope, fixed in _THESIS]
-    xs = [x for curve in named.values() for x, _ in curve] + [cycles for _, cycles in thesis]
-    ys = [y for curve in named.values() for _, y in curve]
+    xs = [x for curve in curves.values() for x, _ in curve.points] + [cycles / 1000.0 for _, cycles in thesis]
+    ys = [y for curve in curves.values() for _, y in curve.points]
     figure = Figure(
-        title=f"{points:g} points: mean heading error over cycles", description=_words(named),
-        x_label="cycles", y_label="mean error [deg]", x_range=_around(xs), y_range=_around(ys), height=320.0,
-        headroom=16.0 * math.ceil(len(named) / 2), logarithmic=True,
+        title=f"{points:g} points: mean heading error over cycles",
+        description="; ".join(curve.in_words(name) for name, curve in curves.items()),
+        x_label="thousand cycles", y_label="mean error [deg]", x_range=_around(xs), y_range=_around(ys), height=320.0,
+        headroom=16.0 * math.ceil(len(curves) / 2), logarithmic=True,
     )
     for words, cycles in thesis:
-        figure.upright(cycles, f"{words} = {grouped(cycles)}", "thesis")
-    styles = {name: f"series-{index % _STYLES}" for index, name in enumerate(named)}
-    for name, curve in named.items():
-        figure.line(curve, styles[name])
-        figure.rings(curve, styles[name], radius=2.5)
-    figure.key(styles.items())
+        figure.upright(cycles / 1000.0, f"{words} = {grouped(cycles)}", "thesis")
+    styles = [f"series-{index % _STYLES}" for index in range(len(curves))]
+    for style, curve in zip(styles, curves.values(), strict=True):
+        if curve.points:
+            figure.line(curve.points, style)
+            figure.rings(curve.points, style, radius=2.5)
+    # One that has no calibration yet is not left out: that is what it made of the points.
+    names = (name if curve.points else f"{name}: none yet" for name, curve in curves.items())
+    figure.key(zip(names, styles, strict=True))
     return figure
-
-
-def _words(named: dict[str, list[Point]]) -> str:
-    ends = ((name, *curve[-1]) for name, curve in named.items())
-    return "; ".join(f"{name} ends at {error:.2f} degrees for {grouped(cycles)} cycles" for name, cycles, error in ends)
 
 
 def _around(values: Sequence[float]) -> Point:
     return min(values) / 1.3, max(values) * 1.3
 
 
-def _positive(value: object) -> bool:
+def _is_positive(value: object) -> TypeGuard[float]:
     return isinstance(value, int | float) and math.isfinite(value) and value > 0.0

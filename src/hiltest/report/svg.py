@@ -162,11 +162,11 @@ class Figure:
         for value in self.x_ticks or ticks(*self.x_range):
             x, bottom = self.place(value, self.y_range[0])
             parts.append(_shape('<path class="grid" d="M{} {}V{}"/>', x, self._top, bottom))
-            parts.append(_shape('<text x="{}" y="{}" text-anchor="middle">{}</text>', x, bottom + 16, _written(value)))
+            parts.append(_shape('<text x="{}" y="{}" text-anchor="middle">{}</text>', x, bottom + 16, f"{value:g}"))
         for value in ticks(*self.y_range):
             left, y = self.place(self.x_range[0], value)
             parts.append(_shape('<path class="grid" d="M{} {}H{}"/>', left, y, self.width - _RIGHT))
-            parts.append(_shape('<text x="{}" y="{}" text-anchor="end">{}</text>', left - 6, y + 4, _written(value)))
+            parts.append(_shape('<text x="{}" y="{}" text-anchor="end">{}</text>', left - 6, y + 4, f"{value:g}"))
         middle, bottom = (_LEFT + self.width - _RIGHT) / 2, self.height - 6
         parts.append(_shape('<text x="{}" y="{}" text-anchor="middle">{}</text>', middle, bottom, self.x_label))
         parts.append(_shape(
@@ -177,11 +177,6 @@ class Figure:
 
     def _add(self, template: str, *values: object) -> None:
         self._shapes.append(_shape(template, *values))
-
-
-def _written(value: float) -> str:
-    """Return a tick's number: whole thousands apart by a thin space, all others short."""
-    return f"{value:,.0f}".replace(",", "\u2009") if abs(value) >= 10_000 else f"{value:g}"
 
 
 def _shape(template: str, *values: object) -> Markup:
