@@ -13,6 +13,14 @@ from hiltest.world.motion import Segment
 #: From power-on until the firmware listens and its sensors are set up [s]: the gyroscope alone boots for 60 ms.
 START_UP_S = 0.2
 
+# Where interrupt pins lead, by bus and address: on the shield as it is jumpered when it ships (its MAG3110 is not led
+# anywhere then) to D2, D4 and D5; on the board itself, where INT1 shares its pin with the button SW2.
+_INTERRUPT_PINS = {
+    (1, 0x1E): ("PTB9", "PTB23"),
+    (1, 0x20): ("PTA2", None),
+    (0, 0x1D): ("PTC6", "PTC13"),
+}
+
 
 def default_firmware() -> Path:
     """Return the prebuilt ELF that ships in the package."""
@@ -56,6 +64,10 @@ class VirtualBench:
         sensors = build_sensors(rig, self._world, self.seed)
         # What the firmware that ships touches is modelled: anything else is a mistake, and found at once.
         self.machine = VirtualK64F(self.firmware, i2c0=sensors["i2c0"], i2c1=sensors["i2c1"], strict=firmware is None)
+        for bus, parts in enumerate((sensors["i2c0"], sensors["i2c1"])):
+            for part in parts:
+                if pins := _INTERRUPT_PINS.get((bus, part.address)):
+                    self.machine.lead_interrupts(bus, part, int1=pins[0], int2=pins[1])
 
     @property
     def time_s(self) -> float:

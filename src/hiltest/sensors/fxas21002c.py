@@ -1,7 +1,7 @@
 """FXAS21002C three-axis gyroscope, register by register.
 
 Source of the map, modes, rates, scales and start-up times: NXP data sheet FXAS21002C.
-Not modelled: rate-threshold detection, high-pass filter, self-test and the interrupt pins.
+Not modelled: rate-threshold detection, high-pass filter and self-test; push-pull and open-drain pins are alike.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ F_EVENT, INT_SRC_FLAG, WHO_AM_I, CTRL_REG0, TEMP, CTRL_REG1 = 0x0A, 0x0B, 0x0C, 
 CTRL_REG2, CTRL_REG3 = 0x14, 0x15
 _IDENTITY = 0xD7
 _RESET, _ACTIVE, _READY = 0x40, 0x02, 0x01  # CTRL_REG1
-_EN_FIFO, _EN_DRDY = 0x40, 0x04  # CTRL_REG2: interrupt enables
+_CFG_FIFO, _EN_FIFO, _CFG_DRDY, _EN_DRDY, _ACTIVE_HIGH = 0x80, 0x40, 0x08, 0x04, 0x02  # CTRL_REG2: interrupts
 _WRAP_TO_ONE, _FS_DOUBLE = 0x08, 0x01  # CTRL_REG3
 _RATES_HZ = (800.0, 400.0, 200.0, 100.0, 50.0, 25.0, 12.5, 12.5)
 #: Registers that keep what is written, with nothing of theirs modelled beyond that.
@@ -82,6 +82,19 @@ class Fxas21002c(RegisterDevice):
         """End a burst read."""
         self._output.release()
         self._fifo.release()
+
+    def interrupt_levels(self, time_s: float) -> tuple[bool, bool]:
+        """Return INT1 and INT2, where CTRL_REG2 leads the sources that it enables."""
+        control, sources = self._control[2], self._interrupts(time_s)
+        to_int1 = (_SRC_FIFO if control & _CFG_FIFO else 0) | (_SRC_DRDY if control & _CFG_DRDY else 0)
+        active_high = bool(control & _ACTIVE_HIGH)
+        return (bool(sources & to_int1) == active_high, bool(sources & ~to_int1) == active_high)
+
+    def next_interrupt_s(self, time_s: float) -> float:
+        """Return the next sample's time [s], when an enabled source is not active yet."""
+        control = self._control[2]
+        enabled = (_SRC_FIFO if control & _EN_FIFO else 0) | (_SRC_DRDY if control & _EN_DRDY else 0)
+        return self._output.next_sample_s(time_s) if enabled & ~self._interrupts(time_s) else math.inf
 
     def following(self, register: int) -> int:
         """Move on by one; after the last output register back to STATUS, or to 0x01 with WRAPTOONE."""

@@ -3,7 +3,7 @@
 Source of the map, modes, rates, scales and limits: NXP data sheet FXOS8700CQ. Not
 modelled: the embedded event functions (their registers read back what is written, so
 nothing ends the FIFO's trigger mode), one-shot magnetometer measurements, automatic
-hard-iron calibration, sleep and the interrupt pins.
+hard-iron calibration and sleep; push-pull and open-drain pins are alike.
 """
 
 from __future__ import annotations
@@ -23,13 +23,14 @@ from hiltest.world.world import World
 
 STATUS, OUT_X_MSB, OUT_Z_LSB, F_SETUP = 0x00, 0x01, 0x06, 0x09
 SYSMOD, INT_SOURCE, WHO_AM_I, XYZ_DATA_CFG = 0x0B, 0x0C, 0x0D, 0x0E
-CTRL_REG1, CTRL_REG2, CTRL_REG4, OFF_X, OFF_Z = 0x2A, 0x2B, 0x2D, 0x2F, 0x31
+CTRL_REG1, CTRL_REG2, CTRL_REG3, CTRL_REG4, CTRL_REG5, OFF_X, OFF_Z = 0x2A, 0x2B, 0x2C, 0x2D, 0x2E, 0x2F, 0x31
 M_DR_STATUS, M_OUT_X_MSB, M_OUT_Z_LSB, CMP_X_MSB, CMP_Z_LSB = 0x32, 0x33, 0x38, 0x39, 0x3E
 M_OFF_X_MSB, M_OFF_Z_LSB, TEMP, M_CTRL_REG1, M_CTRL_REG2 = 0x3F, 0x44, 0x51, 0x5B, 0x5C
 MAX_X_MSB, MIN_Z_LSB, M_INT_SRC = 0x45, 0x50, 0x5E
 _IDENTITY = 0xC7
 _ACTIVE, _F_READ = 0x01, 0x02  # CTRL_REG1
 _RESET = 0x40  # CTRL_REG2
+_ACTIVE_HIGH = 0x02  # CTRL_REG3
 _FIFO_EVENT, _DATA_READY = 0x40, 0x01  # CTRL_REG4 enables them, INT_SOURCE shows them; M_INT_SRC has the second
 _HYBRID_AUTO_INCREMENT, _EXTREMES_OFF, _RESET_EXTREMES = 0x20, 0x10, 0x04  # M_CTRL_REG2
 # What a write to a register leaves of it: bits that clear themselves do not stay.
@@ -146,6 +147,19 @@ class Fxos8700cq(RegisterDevice):
         self._magnetometer.release()
         self._fifo.release()
 
+    def interrupt_levels(self, time_s: float) -> tuple[bool, bool]:
+        """Return INT1 and INT2: CTRL_REG5 leads a source to INT1, or to INT2; CTRL_REG3 says which level is active."""
+        sources, to_int1 = self._interrupts(time_s), self._registers[CTRL_REG5]
+        active_high = bool(self._registers[CTRL_REG3] & _ACTIVE_HIGH)
+        return (bool(sources & to_int1) == active_high, bool(sources & ~to_int1) == active_high)
+
+    def next_interrupt_s(self, time_s: float) -> float:
+        """Return the next sample's time [s], when an enabled source is not active yet."""
+        enabled = self._registers[CTRL_REG4] & (_FIFO_EVENT | _DATA_READY)
+        if not enabled & ~self._interrupts(time_s):
+            return math.inf
+        return min(self._accelerometer.next_sample_s(time_s), self._magnetometer.next_sample_s(time_s))
+
     def following(self, register: int) -> int:
         """Move on: over low bytes with F_READ; from 0x06 to 0x01 with the FIFO, 0x33 in hybrid burst mode, or 0x00."""
         at_end = register == OUT_Z_LSB
@@ -222,11 +236,14 @@ class Fxos8700cq(RegisterDevice):
 
     def _interrupts(self, time_s: float) -> int:
         # INT_SOURCE. With the FIFO on, acceleration that is ready is the FIFO's business.
+        enabled = self._registers[CTRL_REG4]
+        if not enabled:
+            return 0
         ready = self._magnetometer.status(time_s)
         if not self._fifo.on:
             ready |= self._accelerometer.status(time_s)
         flags = (_DATA_READY if ready & 0x08 else 0) | (_FIFO_EVENT if self._fifo.pending(time_s) else 0)
-        return flags & self._registers[CTRL_REG4]
+        return flags & enabled
 
     @property
     def _hybrid(self) -> bool:

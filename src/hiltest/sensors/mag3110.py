@@ -2,12 +2,13 @@
 
 Source of the map, modes, rates and limits: NXP data sheet MAG3110 (register address map
 0x00-0x11; table of output data rates and oversampling; noise by oversampling ratio). Not
-modelled: supply current, the interrupt pin, the averaging over the conversion time (a
+modelled: supply current, the averaging over the conversion time (a
 sample is the field at its instant).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from hiltest.sensors.drift import Drift
@@ -83,6 +84,15 @@ class Mag3110(RegisterDevice):
     def release(self) -> None:
         """End a burst read."""
         self._output.release()
+
+    def interrupt_levels(self, time_s: float) -> tuple[bool, bool]:
+        """Return INT1, high from new data until OUT_X_MSB is read; there is no INT2."""
+        self.settle(time_s)
+        return (bool(self._output.status(time_s) & 0x01), False)
+
+    def next_interrupt_s(self, time_s: float) -> float:
+        """Return the next sample's time [s], unless the pin is high already."""
+        return math.inf if self.interrupt_levels(time_s)[0] else self._output.next_sample_s(time_s)
 
     def settle(self, time_s: float) -> None:
         """Reach standby once the measurement that was under way is complete."""

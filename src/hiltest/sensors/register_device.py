@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 
 
@@ -54,6 +55,14 @@ class RegisterDevice(ABC):
         """See a STOP: output registers follow new samples again."""
         self.settle(time_s)
         self.release()
+
+    def interrupt_levels(self, time_s: float) -> tuple[bool, bool]:
+        """Return the levels of the pins INT1 and INT2: True is high. A pin that is not there is low."""
+        return (False, False)
+
+    def next_interrupt_s(self, time_s: float) -> float:
+        """Return the next time at which time alone may change a level [s]; infinity when an access must come first."""
+        return math.inf
 
     def responds(self, time_s: float) -> bool:
         """Say whether the part answers its address now."""

@@ -86,6 +86,11 @@ class SampledOutput:
         self._read = [-1, -1, -1]
         self._held = None
 
+    def next_sample_s(self, time_s: float) -> float:
+        """Return when the next sample will come [s]; infinity when none will."""
+        following = self.latest(time_s) + 1
+        return following / self._rate_hz if self._last is None or following <= self._last else math.inf
+
     def next_instant(self, time_s: float) -> float:
         """Return the first sampling instant at or after a time [s]."""
         return math.ceil(time_s * self._rate_hz - _TOLERANCE_TICKS) / self._rate_hz

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 
@@ -45,6 +45,11 @@ class I2cBus:
         if len(self._devices) != len(devices):
             raise ValueError("two parts on one bus have the same address")
         self._addressed: I2cDevice | None = None
+        self._after_stop: dict[int, Callable[[], None]] = {}
+
+    def after_stop(self, device: I2cDevice, action: Callable[[], None]) -> None:
+        """Call `action` after each STOP that ends an access to a part."""
+        self._after_stop[device.address] = action
 
     def address(self, byte: int, time_s: float) -> bool:
         """Send the address byte that follows a START."""
@@ -65,6 +70,8 @@ class I2cBus:
 
     def stop(self, time_s: float) -> None:
         """Put a STOP on the bus."""
-        if self._addressed is not None:
-            self._addressed.stop(time_s)
-        self._addressed = None
+        device, self._addressed = self._addressed, None
+        if device is not None:
+            device.stop(time_s)
+            if action := self._after_stop.get(device.address):
+                action()

@@ -16,6 +16,7 @@ from hiltest.virtual.faults import FaultRecord
 from hiltest.virtual.frdm_k64f import LedsAndButtons
 from hiltest.virtual.i2c_bus import I2cBus, I2cDevice
 from hiltest.virtual.instructions import decode
+from hiltest.virtual.interrupt_wires import InterruptSource, InterruptWires, Wire
 from hiltest.virtual.memory import SRAM
 from hiltest.virtual.native import by_block
 from hiltest.virtual.peripherals.bus import Peripheral, PeripheralBus, StoredRegisters
@@ -91,6 +92,7 @@ class VirtualK64F:
         self.uart0 = Uart(self.processor, self.clocks)
         self.watchdog = Watchdog()
         self.cycle_counter = CycleCounter(self.processor)
+        self._i2c_buses = (I2cBus(i2c0), I2cBus(i2c1))
         chip = mk64f12()
         nvic = self.processor.nvic
         ports = {
@@ -102,7 +104,7 @@ class VirtualK64F:
             generator, self.clocks, self.watchdog, self.uart0, self.cycle_counter,
             SystemControlSpace(self.processor, self.cycle_counter, self._request_reset),
             PeriodicTimers(self.processor, self.clocks), *ports.values(), Gpio(list(ports.values())),
-            *self._i2c_masters(i2c0, i2c1),
+            *self._i2c_masters(),
             *(StoredRegisters(name, base, chip.reset_bytes(base)) for name, base in _STORED.items()),
         ]  # fmt: skip
         self._unmodelled = UnmodelledLog(self.processor, chip)
@@ -116,6 +118,7 @@ class VirtualK64F:
         for peripheral in self._peripherals:
             gates = {gate for entry in chip.pages.get(peripheral.base >> 12, ()) for gate in entry.gates}
             self.clocks.gate(peripheral, gates)
+        self._ports = ports
         self._bus = PeripheralBus(self.processor, self._peripherals, chip.register_name)
         self.clocks.on_gates = self._bus.look_again
         self._leds_and_buttons = LedsAndButtons(ports, lambda: self.processor.now() / CORE_HZ)
@@ -123,14 +126,39 @@ class VirtualK64F:
         self._booted = False
         self._load()
 
-    def _i2c_masters(self, i2c0: Sequence[I2cDevice], i2c1: Sequence[I2cDevice]) -> list[I2c]:
-        modules = (("I2C0", 0x40066000, 24, i2c0), ("I2C1", 0x40067000, 25, i2c1))
+    def _i2c_masters(self) -> list[I2c]:
+        modules = (("I2C0", 0x40066000, 24), ("I2C1", 0x40067000, 25))
         return [
-            I2c(
-                self.processor, self.clocks, I2cBus(parts), core_hz=CORE_HZ, name=name, base=base, interrupt=interrupt
-            )
-            for name, base, interrupt, parts in modules
+            I2c(self.processor, self.clocks, bus, core_hz=CORE_HZ, name=name, base=base, interrupt=interrupt)
+            for (name, base, interrupt), bus in zip(modules, self._i2c_buses, strict=True)
         ]
+
+    def lead_interrupts(self, bus: int, part: InterruptSource, *, int1: str | None, int2: str | None) -> None:
+        """Connect the interrupt pins of a part.
+
+        Parameters
+        ----------
+        bus : int
+            Which I2C bus the part is on: 0 or 1.
+        part : InterruptSource
+            One of the parts given for that bus.
+        int1, int2 : str or None
+            Pins of the processor, such as ``PTB9``; None leaves one open.
+        """
+        pins = self._wire_to(int1), self._wire_to(int2)
+        wires = InterruptWires(part, pins, self.processor.schedule, core_hz=CORE_HZ)
+
+        def look() -> None:
+            wires.look(self.processor.now())
+
+        self._i2c_buses[bus].after_stop(part, look)
+        look()
+
+    def _wire_to(self, pin: str | None) -> Wire | None:
+        if pin is None:
+            return None
+        port, number = self._ports[pin[2]], int(pin[3:])
+        return lambda high: port.drive(number, high)
 
     # -- memory and reset ---------------------------------------------------------------------
 
