@@ -10,50 +10,42 @@ void direct_stream_reset(void *state, bool sliced)
     *(direct_stream_t *)state = (direct_stream_t){0};
 }
 
-/* Coordinates relative to the anchor; false when the sums have no room for one of them. */
-static inline __attribute__((always_inline)) bool anchored(const direct_stream_t *stream, const int16_t point[3], int32_t d[3])
+static inline bool fits(int32_t coordinate)
 {
-    bool fits = true;
-    for (int axis = 0; axis < 3; axis++) {
-        d[axis] = point[axis] - stream->anchor[axis];
-        fits &= (uint32_t)(d[axis] + EXACT_MOMENTS_LARGEST) <= 2u * EXACT_MOMENTS_LARGEST;
+    return (uint32_t)(coordinate + EXACT_MOMENTS_LARGEST) <= 2u * EXACT_MOMENTS_LARGEST;
+}
+
+/* Add (sign 1) or take away (-1), unless the sums have no room for a coordinate. */
+static inline __attribute__((always_inline)) stream_status_t step(direct_stream_t *stream, const int16_t point[3], int32_t sign)
+{
+    const int32_t x = point[0] - stream->anchor[0], y = point[1] - stream->anchor[1], z = point[2] - stream->anchor[2];
+    if (!(fits(x) & fits(y) & fits(z))) { /* not &&: all six loads stand side by side then */
+        return STREAM_OUT_OF_RANGE;
     }
-    return fits;
+    stream->held = (uint16_t)(stream->held + sign);
+    exact_moments_accumulate(&stream->sums, x, y, z, sign);
+    return STREAM_OK;
 }
 
 FAST_CODE stream_status_t direct_stream_add(void *state, const int16_t point[3])
 {
     direct_stream_t *const stream = state;
-    int32_t d[3];
-    if (stream->held == 0u) {
+    /* One comparison finds both rare cases: none held, which wraps, and all. */
+    if (__builtin_expect(stream->held - 1u >= EXACT_MOMENTS_POINTS - 1u, 0)) {
+        if (stream->held != 0u) {
+            return STREAM_FULL;
+        }
         stream->anchor[0] = point[0];
         stream->anchor[1] = point[1];
         stream->anchor[2] = point[2];
     }
-    if (stream->held == EXACT_MOMENTS_POINTS) {
-        return STREAM_FULL;
-    }
-    if (!anchored(stream, point, d)) {
-        return STREAM_OUT_OF_RANGE;
-    }
-    stream->held++;
-    exact_moments_add(&stream->sums, d[0], d[1], d[2]);
-    return STREAM_OK;
+    return step(stream, point, 1);
 }
 
 FAST_CODE stream_status_t direct_stream_remove(void *state, const int16_t point[3])
 {
     direct_stream_t *const stream = state;
-    int32_t d[3];
-    if (stream->held == 0u) {
-        return STREAM_EMPTY;
-    }
-    if (!anchored(stream, point, d)) {
-        return STREAM_OUT_OF_RANGE;
-    }
-    stream->held--;
-    exact_moments_remove(&stream->sums, d[0], d[1], d[2]);
-    return STREAM_OK;
+    return stream->held == 0u ? STREAM_EMPTY : step(stream, point, -1);
 }
 
 FAST_CODE void direct_stream_report(void *state, stream_report_t *report)

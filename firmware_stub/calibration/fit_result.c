@@ -1,7 +1,5 @@
 #include "fit_result.h"
 
-#include <stdbool.h>
-
 #include "fast_code.h"
 
 /* Product of the diagonal over the determinant, which is the product of M_ii/d_i: it does not depend on the order of columns,
@@ -60,7 +58,7 @@ static FAST_CODE bool solve_4(float m[FIT_SPHERE_UNKNOWNS + 1][FIT_SPHERE_UNKNOW
     return true;
 }
 
-FAST_CODE void fit_sphere(const moments_t *sums, const int32_t anchor[3], fit_status_t status, magnetometer_fit_t *fit)
+FAST_CODE bool sphere_from_moments(const moments_t *sums, sphere_t *sphere)
 {
     const moments_t *const s = sums;
     /* |p|^2 = (radius^2 - |centre|^2) + 2 centre . p. The constant is eliminated first: that moves the origin to the mean of the
@@ -74,20 +72,32 @@ FAST_CODE void fit_sphere(const moments_t *sums, const int32_t anchor[3], fit_st
     };
     float t[FIT_SPHERE_UNKNOWNS];
     if (!solve_4(m, t)) {
-        fit_nothing(FIT_SINGULAR, fit);
-        return;
+        return false;
     }
-    const float square = t[0] + 0.25f * (t[1] * t[1] + t[2] * t[2] + t[3] * t[3]);
-    if (!(square > 0.0f) || !(square < LARGEST_SQUARE)) {
+    sphere->square = t[0] + 0.25f * (t[1] * t[1] + t[2] * t[2] + t[3] * t[3]);
+    sphere->explained = 0.0f;
+    for (int k = 0; k < FIT_SPHERE_UNKNOWNS; k++) {
+        sphere->explained += m[FIT_SPHERE_UNKNOWNS][k] * m[FIT_SPHERE_UNKNOWNS][k] / m[k][k];
+    }
+    for (int axis = 0; axis < 3; axis++) {
+        sphere->centre[axis] = 0.5f * t[axis + 1];
+    }
+    return sphere->square > 0.0f && sphere->square < LARGEST_SQUARE;
+}
+
+FAST_CODE void fit_sphere(const moments_t *sums, const int32_t anchor[3], fit_status_t status, magnetometer_fit_t *fit)
+{
+    sphere_t sphere;
+    if (!sphere_from_moments(sums, &sphere)) {
         fit_nothing(FIT_SINGULAR, fit);
         return;
     }
     const float hard_iron[3] = {
-        (float)anchor[0] + 0.5f * t[1],
-        (float)anchor[1] + 0.5f * t[2],
-        (float)anchor[2] + 0.5f * t[3],
+        (float)anchor[0] + sphere.centre[0],
+        (float)anchor[1] + sphere.centre[1],
+        (float)anchor[2] + sphere.centre[2],
     };
     fit->status = status;
     fit->is_sphere = 1;
-    store(1.0f / __builtin_sqrtf(square), hard_iron, fit);
+    store(1.0f / __builtin_sqrtf(sphere.square), hard_iron, fit);
 }

@@ -1,7 +1,5 @@
 #include "jacobi.h"
 
-#include <stdbool.h>
-
 #include "fast_code.h"
 
 #define NEGLIGIBLE 1.4901161e-8f /* 2^-26 */
@@ -60,7 +58,8 @@ static inline __attribute__((always_inline)) bool sweep(jacobi_t *m, int size, f
     return rotated;
 }
 
-static inline __attribute__((always_inline)) uint16_t diagonalise(jacobi_t *matrix, int size, uint16_t limit)
+/* Identity for the vectors; returns what is negligible beside the diagonal. */
+static inline __attribute__((always_inline)) float start(jacobi_t *matrix, int size)
 {
     float sum = 0.0f;
     for (int i = 0; i < size; i++) {
@@ -69,8 +68,14 @@ static inline __attribute__((always_inline)) uint16_t diagonalise(jacobi_t *matr
             matrix->vectors[i][k] = (i == k) ? 1.0f : 0.0f;
         }
     }
+    return NEGLIGIBLE * sum;
+}
+
+static inline __attribute__((always_inline)) uint16_t diagonalise(jacobi_t *matrix, int size, uint16_t limit)
+{
+    const float negligible = start(matrix, size);
     uint16_t sweeps = 0;
-    while (sweeps < limit && sweep(matrix, size, NEGLIGIBLE * sum)) {
+    while (sweeps < limit && sweep(matrix, size, negligible)) {
         sweeps++;
     }
     return sweeps;
@@ -80,4 +85,18 @@ FAST_CODE uint16_t jacobi_diagonalise(jacobi_t *matrix, int size, uint16_t limit
 {
     /* A copy for the largest size, where it is known how often the loops run. */
     return size == JACOBI_LARGEST ? diagonalise(matrix, JACOBI_LARGEST, limit) : diagonalise(matrix, size, limit);
+}
+
+FAST_CODE float jacobi_start(jacobi_t *matrix, int size)
+{
+    return start(matrix, size);
+}
+
+FAST_CODE bool jacobi_rotate(jacobi_t *matrix, int size, int i, int j, float negligible)
+{
+    const bool counts = __builtin_fabsf(matrix->upper[i][j]) > negligible;
+    if (counts) {
+        annihilate(matrix, size, i, j);
+    }
+    return counts;
 }

@@ -5,6 +5,7 @@
 #ifndef HILTEST_JACOBI_H
 #define HILTEST_JACOBI_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #define JACOBI_LARGEST 10
@@ -31,5 +32,15 @@ typedef struct {
  * @return number of sweeps that rotated something; when that is the limit, more might have been needed
  */
 uint16_t jacobi_diagonalise(jacobi_t *matrix, int size, uint16_t limit);
+
+/**
+ * Prepare a matrix for rotations one at a time.
+ *
+ * @return size below which jacobi_rotate leaves an element alone
+ */
+float jacobi_start(jacobi_t *matrix, int size);
+
+/** Rotate element (i, j), i < j, to zero unless it is negligible already; returns whether it was rotated. */
+bool jacobi_rotate(jacobi_t *matrix, int size, int i, int j, float negligible);
 
 #endif

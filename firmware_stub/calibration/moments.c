@@ -1,5 +1,7 @@
 #include "moments.h"
 
+#include <stddef.h>
+
 #include "fast_code.h"
 
 /* One pass cannot hold 34 sums in 32 registers, and sums in memory cost a load and a store each. Two passes keep them in
@@ -119,4 +121,13 @@ FAST_CODE void moments_sum(const magnetometer_points_t *points, const int32_t an
     sum_with_x(points, anchor, sums);
     sum_without_x(points, anchor, sums);
     sums->one = (float)points->count;
+}
+
+FAST_CODE void moments_merge(moments_t *into, const moments_t *from)
+{
+    float *const sums = (float *)into;
+    const float *const more = (const float *)from;
+    for (size_t i = 0; i < sizeof(moments_t) / sizeof(float); i++) {
+        sums[i] += more[i];
+    }
 }

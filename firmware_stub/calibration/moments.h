@@ -38,4 +38,7 @@ void moments_anchor(const magnetometer_points_t *points, int32_t anchor[3]);
  */
 void moments_sum(const magnetometer_points_t *points, const int32_t anchor[3], moments_t *sums);
 
+/** Add sums about the same anchor. */
+void moments_merge(moments_t *into, const moments_t *from);
+
 #endif

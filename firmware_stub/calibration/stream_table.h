@@ -8,8 +8,10 @@
 #define HILTEST_STREAM_TABLE_H
 
 #include "direct_stream.h"
+#include "iterative_stream.h"
 
 #define STREAM_TABLE(LINE) \
-    LINE("direct-stream", direct_stream, CAN_REMOVE)
+    LINE("direct-stream", direct_stream, CAN_REMOVE) \
+    LINE("iterative-stream", iterative_stream, ADD_ONLY)
 
 #endif

@@ -17,6 +17,8 @@ from hiltest.calibration import FitStatus, MagnetometerFit
 from hiltest.virtual.calling import CallResult
 from hiltest.virtual.k64f import VirtualK64F
 
+from .streams import BoardStream, HostStream, Stream
+
 CALIBRATION = Path(__file__).parents[2] / "firmware_stub" / "calibration"
 SHIPPED_ELF = Path(hiltest.__file__).parent / "firmware" / "hiltest-frdm-k64f.elf"
 
@@ -90,16 +92,20 @@ class BoardCalibrators:
 
 
 @pytest.fixture(scope="session")
-def host_calibrators(
-    require_tool: Callable[[str], str], tmp_path_factory: pytest.TempPathFactory
-) -> HostCalibrators:
+def host_library(require_tool: Callable[[str], str], tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
+    """The calibration sources, compiled for this machine."""
     library = tmp_path_factory.mktemp("calibrators") / "calibrators.so"
     options = ["-std=c11", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fshort-enums", "-shared", "-fPIC"]
     warnings = ["-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Werror"]
     sources = sorted(str(path) for path in CALIBRATION.glob("*.c"))
     command = [require_tool("gcc"), *options, *warnings, *sources, "-o", str(library), "-lm"]
     subprocess.run(command, check=True)
-    return HostCalibrators(ctypes.CDLL(str(library)))
+    return ctypes.CDLL(str(library))
+
+
+@pytest.fixture(scope="session")
+def host_calibrators(host_library: ctypes.CDLL) -> HostCalibrators:
+    return HostCalibrators(host_library)
 
 
 @pytest.fixture(scope="session")
@@ -110,4 +116,23 @@ def board_calibrators() -> BoardCalibrators:
 @pytest.fixture(scope="session", params=["host", "board"])
 def calibrators(request: pytest.FixtureRequest) -> HostCalibrators | BoardCalibrators:
     found: HostCalibrators | BoardCalibrators = request.getfixturevalue(f"{request.param}_calibrators")
+    return found
+
+
+@pytest.fixture(scope="session")
+def host_stream(host_library: ctypes.CDLL) -> Callable[[str], Stream]:
+    """Return a function that makes a stream calibrator by its name."""
+    return lambda name: HostStream(name, host_library)
+
+
+@pytest.fixture(scope="session")
+def board_stream() -> Callable[[str], BoardStream]:
+    """Return a function that makes a stream calibrator by its name; one at a time is on the board."""
+    board = VirtualK64F(SHIPPED_ELF)
+    return lambda name: BoardStream(name, board)
+
+
+@pytest.fixture(scope="session", params=["host", "board"])
+def stream(request: pytest.FixtureRequest) -> Callable[[str], Stream]:
+    found: Callable[[str], Stream] = request.getfixturevalue(f"{request.param}_stream")
     return found

@@ -137,6 +137,9 @@ def test_the_vector_table_starts_the_stack_at_the_top_and_points_into_flash() ->
 def test_calibrators_and_what_times_them_run_from_sram(symbols: dict[str, tuple[int, int]]) -> None:
     timing = ("count_cycles", "cycle_counter_read", "magnetometer_empty")
     assert all(symbols[name][0] in SRAM_L for name in ("magnetometer_direct", "magnetometer_iterative", *timing))
+    steps = {name for name in symbols if name.endswith(("_stream_add", "_stream_remove", "_stream_report"))}
+    assert {"direct_stream_add", "direct_stream_remove", "iterative_stream_add", "empty_stream_add"} <= steps
+    assert all(symbols[name][0] in SRAM_L for name in {*steps, "count_step_cycles", "count_report_cycles"})
     # The linker puts a veneer beside code that calls too far: with none, fast code calls nothing in flash.
     assert [name for name, (address, _) in symbols.items() if name.endswith("_veneer") and address in SRAM_L] == []
 

@@ -15,21 +15,30 @@ from hiltest.virtual.k64f import VirtualK64F
 ROOT = Path(__file__).parents[2]
 STUB = ROOT / "firmware_stub"
 PROGRAMS = Path(__file__).parent / "programs"
-CLOUD = json.loads((ROOT / "fixtures" / "clouds" / "full_sphere.json").read_text())
+CLOUDS = ROOT / "fixtures" / "clouds"
 MANIFEST = json.loads((ROOT / "src" / "hiltest" / "firmware" / "manifest.json").read_text())
 TRACED = re.compile(r"^Trace \d+: \S+ \[[0-9a-f]+/([0-9a-f]+)/", re.M)
 
-# A hundred points cost at least 70 instructions each in moments alone.
-MINIMUM = {"magnetometer_direct": 7000, "magnetometer_iterative": 7000, "magnetometer_empty": 3}
+# A hundred points cost at least 70 instructions each in moments alone. The streams run over 301 points: 451 steps of
+# 200, or 301 of 50 and three solvers of at least 20 000, or 903 slices, none below 50.
+MINIMUM = {
+    "magnetometer_direct": 7000,
+    "magnetometer_iterative": 7000,
+    "magnetometer_empty": 3,
+    "kernel_direct_stream": 451 * 200,
+    "kernel_iterative_stream": 3 * 20_000 + 301 * 50,
+    "kernel_iterative_stream_sliced": 903 * 50,
+}
 
 
-def cloud_source() -> str:
-    rows = ", ".join("{{{}, {}, {}}}".format(*point) for point in CLOUD["points"])
-    low, high = ("{{{}, {}, {}}}".format(*CLOUD[side]) for side in ("minimum", "maximum"))
+def cloud_source(name: str) -> str:
+    cloud = json.loads((CLOUDS / f"{name}.json").read_text())
+    rows = ", ".join("{{{}, {}, {}}}".format(*point) for point in cloud["points"])
+    low, high = ("{{{}, {}, {}}}".format(*cloud[side]) for side in ("minimum", "maximum"))
     return (
         '#include "calibration/magnetometer_calibrator.h"\n'
         f"const int16_t cloud[][3] = {{{rows}}};\n"
-        f"const magnetometer_points_t cloud_points = {{cloud, {len(CLOUD['points'])}, {low}, {high}}};\n"
+        f"const magnetometer_points_t cloud_points = {{cloud, {len(cloud['points'])}, {low}, {high}, 0}};\n"
     )
 
 
@@ -40,10 +49,11 @@ def build_kernel(tmp_path: Path, require_tool: Callable[[str], str]) -> Callable
 
     def build(kernel: str) -> Path:
         cloud = tmp_path / "cloud.c"
-        cloud.write_text(cloud_source())
+        cloud.write_text(cloud_source("odd_count" if kernel.startswith("kernel_") else "full_sphere"))
         elf = tmp_path / f"{kernel}.elf"
         flags = [flag for flag in MANIFEST["flags"].split() if not flag.startswith(("-W", "-fstack", "-fcallgraph"))]
-        sources = [*sorted((STUB / "calibration").glob("*.c")), PROGRAMS / "one_kernel.c", cloud]
+        sources = [*sorted((STUB / "calibration").glob("*.c")), PROGRAMS / "one_kernel.c",
+                   PROGRAMS / "stream_kernels.c", cloud]
         subprocess.run(
             [compiler, *flags, f"-DKERNEL={kernel}", f"-I{STUB}", f"-I{STUB / 'calibration'}", "-nostartfiles",
              f"-Wl,-T,{PROGRAMS / 'ram.ld'}", *map(str, sources), "-lm", "-o", str(elf)],

@@ -114,6 +114,51 @@ def test_direct_stream_and_direct_find_the_same(bench: Bench) -> None:
     assert found.calibration.hard_iron.tolist() == pytest.approx(direct[9:], abs=0.05)
 
 
+ITERATIVE = b"iterative-stream"
+
+
+def test_iterative_stream_gets_better_as_it_is_fed(bench: Bench) -> None:
+    bench.upload([(x + y // 3, y, z - x // 4) for x, y, z in sphere(400)])
+    # Spirals come in order of height: a stride spreads them, so that each part is all round.
+    found = []
+    for offset in range(7):
+        for index in range(offset, 400, 7):
+            assert steps(bench, STREAM_FEED, index, 1, ITERATIVE).taken == 1
+        found.append(state(bench, ITERATIVE))
+    assert [each.held for each in found] == sorted(each.held for each in found)
+    assert [each.elements for each in found] == sorted(each.elements for each in found)
+    first, last = found[0], found[-1]
+    assert (first.fit.name, first.elements, first.accepted, first.fit_error_percent) == ("TOO_FEW_POINTS", 0, 0, 1000.0)
+    assert (last.fit.name, last.is_sphere, last.elements, last.is_solving) == ("ELLIPSOID", False, 10, False)
+    assert last.accepted >= 2
+    assert last.fit_error_percent is not None
+    assert last.fit_error_percent < 0.2  # rounding to whole counts: 0.3 of 500 counts rms on each axis
+    assert math.dist(last.calibration.hard_iron, (100 - 200 / 3, -200, 300 - 25)) < 1.5  # as above, and the floors
+
+
+def test_a_sliced_solver_says_that_it_is_at_work(bench: Bench) -> None:
+    bench.upload(sphere(400))
+    bench.ask(STREAM_RESET, b"\x01" + named(ITERATIVE))
+    largest = 0
+    solving = []
+    for first in range(0, 400, 10):
+        costs = steps(bench, STREAM_FEED, first, 10, ITERATIVE).costs
+        assert costs is not None
+        largest = max(largest, *(cost.cycles for cost in costs))
+        solving.append(state(bench, ITERATIVE).is_solving)
+    assert solving[0] is False
+    assert True in solving
+    assert largest < 30_000  # no slice comes near a whole solver
+
+
+def test_only_what_can_be_taken_back_is(bench: Bench) -> None:
+    bench.upload(sphere(20))
+    steps(bench, STREAM_FEED, 0, 20, ITERATIVE)
+    remove = struct.pack("<HB", 0, 1) + named(ITERATIVE)
+    assert bench.status(STREAM_REMOVE, remove) == Status.NOT_SUPPORTED
+    assert state(bench, ITERATIVE).held > 0
+
+
 def test_requests_that_make_no_sense_are_refused(bench: Bench) -> None:
     bench.upload(sphere(20))
     feed = struct.Struct("<HB")

@@ -2,16 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from hiltest.calibration.direct import fit_direct
+from hiltest.calibration.direct_stream import DirectStream
 from hiltest.calibration.fit import Calibrator, FitStatus, MagnetometerFit
 from hiltest.calibration.iterative import fit_iterative
+from hiltest.calibration.iterative_stream import IterativeStream
 from hiltest.calibration.sphere import fit_sphere
+from hiltest.calibration.streams import StreamCalibrator
 from hiltest.errors import ConfigError
 
-__all__ = ["REFERENCES", "FitStatus", "MagnetometerFit", "fit_direct", "fit_iterative", "fit_sphere", "reference"]
+__all__ = [
+    "REFERENCES",
+    "STREAM_REFERENCES",
+    "FitStatus",
+    "MagnetometerFit",
+    "fit_direct",
+    "fit_iterative",
+    "fit_sphere",
+    "reference",
+]
 
 # By the firmware's names.
 REFERENCES: dict[str, Calibrator] = {"direct": fit_direct, "iterative": fit_iterative}
+STREAM_REFERENCES: dict[str, Callable[[], StreamCalibrator]] = {
+    "direct-stream": DirectStream,
+    "iterative-stream": IterativeStream,
+}
 
 
 def reference(name: str) -> Calibrator:

@@ -50,10 +50,14 @@ def fit_direct(points_counts: ArrayLike) -> MagnetometerFit:
     points = points_array(points_counts)
     if len(points) < ELLIPSOID_UNKNOWNS:
         return no_fit(FitStatus.TOO_FEW_POINTS)
+    return fit_about(points, mid_range(points))
+
+
+def fit_about(points: Array, anchor: Array) -> MagnetometerFit:
+    """Fit as `fit_direct` does, coordinates relative to an anchor [counts] near the middle of at least 9 points."""
     unit = half_range(points)
     if not unit > 0.0:
         return fit_sphere(points, FitStatus.POOR_COVERAGE, coverage=1e6)
-    anchor = mid_range(points)
     rows, target = _design((points - anchor) / unit)
     normal = rows.T @ rows
     coverage = largest_pivot_ratio(normal)

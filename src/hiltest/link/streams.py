@@ -4,24 +4,15 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import ClassVar
 
 from hiltest.calibration.fit import FitStatus
+from hiltest.calibration.streams import StreamStatus
 from hiltest.link.fields import FieldReader
 from hiltest.link.messages import Request, name_field, within
 from hiltest.link.replies import CalibrationReply, RunCost, Status
 
 MAX_FEED = 80
-
-
-class StreamStatus(IntEnum):
-    """Whether a stream calibrator took a point, or why not."""
-
-    OK = 0
-    OUT_OF_RANGE = 1
-    FULL = 2
-    EMPTY = 3
 
 
 @dataclass(frozen=True, slots=True)

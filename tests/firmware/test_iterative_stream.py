@@ -1,0 +1,281 @@
+"""`iterative-stream`: its buffer is that of whole numbers, its calibrations are those of float64."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hiltest.calibration import FitStatus, MagnetometerFit
+from hiltest.calibration.element_fits import fit_elements
+from hiltest.calibration.iterative_stream import IterativeStream
+from hiltest.calibration.magnetic_buffer import FULL, LIMITS, MESH_COUNTS, cell_of
+from hiltest.calibration.quality import direction_difference_rms_deg
+from hiltest.world.instances import instance
+
+from .streams import BoardStream, Stream
+
+MakeStream = Callable[[str], Stream]
+Point = tuple[int, int, int]
+CELLS, ROWS = 392, 14
+
+
+def tumble(seed: int, count: int = 400, *, all_round: bool = True) -> list[Point]:
+    drawn = instance(seed, count, stretch=0.2, covered=(1.0, 1.0) if all_round else (0.5, 1.0))
+    return [(int(x), int(y), int(z)) for x, y, z in drawn.points_counts]
+
+
+@pytest.fixture(scope="module")
+def made(stream: MakeStream) -> Stream:
+    return stream("iterative-stream")
+
+
+@pytest.fixture
+def iterative(made: Stream) -> Stream:
+    made.reset()
+    return made
+
+
+def test_the_limits_between_rows_are_tangents() -> None:
+    assert tuple(int(100 * math.tan(math.radians(-90 + 180 / 14 * i))) for i in range(1, 14)) == LIMITS
+    assert tuple(-limit for limit in reversed(LIMITS)) == LIMITS
+
+
+def test_cells_are_directions() -> None:
+    """Twice as far in the same direction is the same cell; x backwards is another half of the row."""
+    assert cell_of(0, 0, 0) is None
+    assert cell_of(3, 100, 500) == cell_of(6, 200, 1000)
+    assert cell_of(-400, 100, 500) == ROWS * 2 * _row(-80) + _row(20) + ROWS
+    # A ratio beyond 16 bits wraps, as in the libraries: 100 * 500 / 1 = 50 000 becomes -15 536, the other end.
+    assert cell_of(500, 0, 1) == 0 * 2 * ROWS + 7
+
+
+def _row(ratio: int) -> int:
+    return sum(limit <= ratio for limit in LIMITS)
+
+
+_component = st.integers(-1500, 1500)
+
+
+@settings(deadline=None)
+@given(points=st.lists(st.tuples(_component, _component, _component), min_size=1, max_size=60))
+def test_any_points_go_where_whole_numbers_say(made: Stream, points: list[Point]) -> None:
+    """Before there is a calibration, all is integers."""
+    made.reset()
+    reference = IterativeStream()
+    for point in points:
+        made.add(point)
+        reference.add(point)
+    assert made.points() == reference.points
+
+
+def test_a_taken_cell_takes_a_near_point_and_a_spare_cell_one_that_is_far_from_all(iterative: Stream) -> None:
+    along = [(5 * k, 5 * k, 30 * k) for k in (10, 11, 20, 21)]  # all in one direction
+    for point in along[:1]:
+        iterative.add(point)
+    cell = cell_of(*along[0])
+    iterative.add(along[1])  # 40 counts away: instead of the first
+    assert iterative.points() == [along[1]]
+    iterative.add(along[2])  # far: into the last empty cell
+    assert iterative.points() == [along[1], along[2]]
+    iterative.add(along[3])  # near the one that is there: dropped
+    assert iterative.points() == [along[1], along[2]]
+    assert sum(abs(a - b) for a, b in zip(along[2], along[3], strict=True)) < MESH_COUNTS
+    assert cell is not None
+    assert cell < CELLS - 1
+
+
+@pytest.mark.parametrize("all_round", [True, False])
+def test_c_and_float64_go_the_same_way_point_by_point(made: Stream, all_round: bool) -> None:
+    """Held points, solvers, calibrations taken over: all the same; headings differ by what float32 makes of them.
+
+    Points whose direction is a rounding away from the next cell's may part them; over these seeds none does.
+    """
+    seeds = range(30)
+    print(f"seeds {seeds}")
+    differences: dict[int, list[float]] = {4: [], 7: [], 10: []}
+    for seed in seeds:
+        made.reset()
+        reference = IterativeStream()
+        before = 0
+        for index, point in enumerate(tumble(seed, all_round=all_round)):
+            made.add(point)
+            reference.add(point)
+            report = made.report()
+            assert (report.held, report.elements, report.accepted) == (
+                reference.held, reference.elements, reference.accepted,
+            ), f"seed {seed}, point {index}"  # fmt: skip
+            if report.accepted > before:
+                before = report.accepted
+                # float32 sums and rotations leave parts in 1e6 of the trace; the smallest eigenvalue, of which the fit
+                # error is the root, is 1e-4 of it.
+                assert report.fit_error_percent == pytest.approx(reference.fit_error_percent, rel=0.02)
+                differences[report.elements].append(direction_difference_rms_deg(report.fit, reference.fit()))
+        assert made.points() == reference.points, f"seed {seed}"
+    for elements, found in differences.items():
+        median, p99, largest = np.percentile(found, [50, 99, 100])
+        print(f"{elements} elements: {len(found)} calibrations, {median:.2g} / {p99:.2g} / {largest:.2g} deg")
+        assert len(found) >= 25
+        # As for `iterative`: a fiftieth of what noise alone does to these fits.
+        assert p99 <= 0.01
+
+
+def test_a_full_buffer_frees_its_oldest_point(iterative: Stream) -> None:
+    reference = IterativeStream()
+    for index, point in enumerate(tumble(3, 900)):
+        iterative.add(point)
+        reference.add(point)
+        assert iterative.report().held == reference.held, f"point {index}"
+    assert reference.held == FULL
+    assert iterative.points() == reference.points
+
+
+def test_solvers_take_over_as_the_buffer_fills(iterative: Stream) -> None:
+    first: dict[int, int] = {}
+    for point in tumble(1):
+        iterative.add(point)
+        report = iterative.report()
+        first.setdefault(report.elements, report.held)
+        assert report.fit.status is (FitStatus.TOO_FEW_POINTS if report.held < 100 else FitStatus.ELLIPSOID)
+        assert report.fit.is_sphere == (report.elements == 4)
+    assert first == {0: 1, 4: 100, 7: 150, 10: 250}
+
+
+def test_the_calibration_finds_the_sensor(iterative: Stream) -> None:
+    """Not only what the reference finds, but what is true."""
+    drawn = instance(1, 400, stretch=0.2, covered=(1.0, 1.0))
+    for point in drawn.points_counts:
+        iterative.add(point)
+    fit = iterative.report().fit
+    # 10 elements of 250 points at 3 counts of noise: 3 * sqrt(3 / 250) = 0.3 counts of standard deviation an axis.
+    assert np.abs(fit.hard_iron - 10.0 * drawn.hard_iron_ut).max() < 1.5
+    soft_iron = np.linalg.inv(500.0 * drawn.soft_iron)
+    truth = MagnetometerFit(FitStatus.ELLIPSOID, False, 0, soft_iron, 10.0 * drawn.hard_iron_ut)
+    assert direction_difference_rms_deg(fit, truth) < 0.3
+
+
+def test_a_field_that_is_not_the_earths_is_never_taken_over(iterative: Stream) -> None:
+    strong = 95.0
+    points = instance(5, 400, field_ut=strong, stretch=0.0, covered=(1.0, 1.0)).points_counts
+    for point in points:
+        iterative.add(point)
+    report = iterative.report()
+    assert (report.held > 250, report.accepted, report.fit.status) == (True, 0, FitStatus.SINGULAR)
+    assert report.fit_error_percent == 1000.0
+    assert np.array_equal(report.fit.soft_iron, np.eye(3))
+
+
+def test_a_refused_calibration_lets_the_present_one_age(iterative: Stream) -> None:
+    """After good points those of a noisy place: their fit is worse, and the good one is 30 s older."""
+    noisy = instance(1, 1000, stretch=0.2, covered=(1.0, 1.0), noise_ut=2.0).points_counts.tolist()
+    fit_errors = []
+    for point in [*tumble(1), *noisy]:
+        iterative.add(point)
+        report = iterative.report()
+        if report.elements == 10 and (not fit_errors or report.fit_error_percent != fit_errors[-1]):
+            fit_errors.append(report.fit_error_percent)
+    assert iterative.report().accepted == 3
+    assert len(fit_errors) == 2
+    # 750 loops at 25 Hz of a day; float32 rounds the ratio by at most 1e-7.
+    assert fit_errors[1] / fit_errors[0] == pytest.approx(1.0 + 30.0 / 86400.0, abs=2e-7)
+
+
+# Slices of a solver: the start, 14 rows or 392 cells, for 7 and 10 elements the matrix and, each sweep, its
+# rotations and a look at the residue; then the calibration.
+SLICES = {4: lambda sweeps: 16, 7: lambda sweeps: 395 + 22 * (sweeps + 1), 10: lambda sweeps: 395 + 46 * (sweeps + 1)}
+
+
+def test_sliced_solvers_find_what_their_points_have_in_as_many_loops_as_slices(made: Stream) -> None:
+    made.reset(sliced=True)
+    began, accepted, was_solving = 0, 0, False
+    snapshot: list[Point] = []
+    seen = set()
+    for index, point in enumerate(tumble(1, 2200)):
+        made.add(point)
+        report = made.report()
+        if report.is_solving and not was_solving:
+            began, snapshot = index, made.points()
+        if report.accepted > accepted:
+            wanted = fit_elements(snapshot, report.elements)
+            assert wanted is not None
+            fit = MagnetometerFit(FitStatus.ELLIPSOID, False, 0, wanted.soft_iron, wanted.hard_iron)
+            assert direction_difference_rms_deg(report.fit, fit) <= 0.01
+            assert report.fit_error_percent == pytest.approx(wanted.fit_error_percent, rel=0.02)
+            assert index - began + 1 == SLICES[report.elements](report.fit.iterations)
+            seen.add(report.elements)
+        accepted, was_solving = report.accepted, report.is_solving
+    assert seen == {4, 7, 10}
+
+
+def test_while_sums_are_formed_the_buffer_takes_no_points(made: Stream) -> None:
+    made.reset(sliced=True)
+    points = tumble(2, 300)
+    index = 0
+    while not made.report().is_solving:
+        made.add(points[index])
+        index += 1
+    held = made.points()
+    for point in points[index : index + 14]:
+        made.add(point)
+        assert made.points() == held
+    made.add(points[index + 14])
+    assert made.points() != held
+
+
+def test_host_and_board_give_the_same_bits(
+    host_stream: MakeStream, board_stream: Callable[[str], BoardStream]
+) -> None:
+    for sliced in (False, True):
+        both = [host_stream("iterative-stream"), board_stream("iterative-stream")]
+        for each in both:
+            each.reset(sliced=sliced)
+            for point in tumble(4, 700):
+                each.add(point)
+        host, board = (each.report() for each in both)
+        assert np.array_equal(host.fit.soft_iron, board.fit.soft_iron)
+        assert np.array_equal(host.fit.hard_iron, board.fit.hard_iron)
+        assert host.fit_error_percent == board.fit_error_percent
+        assert both[0].points() == both[1].points()
+
+
+_any = st.integers(-32768, 32767)
+
+
+@settings(deadline=None, max_examples=20)
+@given(seed=st.integers(0, 10**6), scale=st.sampled_from([1, 40, 3000, 32767]), flat=st.booleans())
+def test_no_points_whatever_end_in_nan_or_infinity(made: Stream, seed: int, scale: int, flat: bool) -> None:
+    points = np.random.default_rng(seed).integers(-scale, scale + 1, (400, 3))
+    points[:, 1] *= not flat
+    made.reset()
+    for point in points:
+        made.add(point)
+    report = made.report()
+    assert np.isfinite(report.fit.soft_iron).all()
+    assert np.isfinite(report.fit.hard_iron).all()
+    assert math.isfinite(report.fit_error_percent)
+
+
+def _instructions(stream: BoardStream, *, sliced: bool) -> np.ndarray:
+    stream.reset(sliced=sliced)
+    counted = []
+    for point in tumble(1, 4000):
+        stream.add(point)
+        assert stream.last is not None
+        counted.append(stream.last.instructions)
+    return np.array(counted)
+
+
+@pytest.mark.parametrize(("sliced", "mean", "largest"), [(False, 1_459, 281_000), (True, 1_170, 22_600)])
+def test_it_is_no_lame_horse(
+    board_stream: Callable[[str], BoardStream], sliced: bool, mean: int, largest: int
+) -> None:
+    """Of what the public releases 5.00 and 7 execute a point over their first 4 000, on average and at most."""
+    counted = _instructions(board_stream("iterative-stream"), sliced=sliced)
+    middle = np.median(counted)
+    print(f"sliced {sliced}: mean {counted.mean():.0f}, median {middle:.0f}, max {counted.max()} instructions")
+    assert counted.mean() <= mean
+    assert counted.max() <= largest
