@@ -12,6 +12,17 @@ from hiltest.link.fields import FieldReader
 from hiltest.link.messages import Request, name_field, within
 from hiltest.link.replies import CalibrationReply, RunCost, Status
 
+__all__ = [
+    "MAX_FEED",
+    "StreamFeed",
+    "StreamRemove",
+    "StreamReset",
+    "StreamState",
+    "StreamStateReply",
+    "StreamStatus",
+    "StreamStepsReply",
+]
+
 MAX_FEED = 80
 
 
