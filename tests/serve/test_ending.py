@@ -70,6 +70,17 @@ def test_firmware_that_faults_or_hangs_is_named_and_ends_it_with_20(
     assert "Traceback" not in said
 
 
+def test_registers_that_are_not_modelled_are_told_once(serve: Serve, foreign: Path) -> None:
+    served = serve("--firmware", str(foreign), "--baud", "9600")
+    with serial.serial_for_url(served.board, timeout=WALL_LIMIT_S) as client:
+        client.write(b"alive")
+        assert client.read(5) == b"ALIVE"
+    _, said = served.end()
+    (told,) = [line for line in said.splitlines() if "not modelled" in line]
+    assert told.startswith("LLWU_PE1 at 0x4007c000 is not modelled; write of 0x02 from 0x")
+    assert re.search(r" in \w+ \(upper_case\.c:\d+\) kept$", told)
+
+
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [

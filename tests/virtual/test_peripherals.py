@@ -8,6 +8,7 @@ from hiltest.virtual.accounting import AccountingFactory
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.i2c_bus import I2cBus
 from hiltest.virtual.k64f import CORE_HZ, VirtualK64F
+from hiltest.virtual.nvic import FIRST_INTERRUPT
 from hiltest.virtual.peripherals.pit import PeriodicTimers
 from hiltest.virtual.peripherals.system_control import SysTick
 
@@ -187,6 +188,42 @@ def test_chained_timers_count_expiries() -> None:
     board.processor.accounting.cycles += 1234
     assert timers.read(0x104, 4) == 99 - 34
     assert timers.read(0x114, 4) == 0xFFFFFFFF - 12
+
+
+def _timers() -> tuple[VirtualK64F, PeriodicTimers]:
+    board = VirtualK64F(SHIPPED)
+    return board, PeriodicTimers(board.processor, board.clocks)
+
+
+def _pass(board: VirtualK64F, cycles: int) -> None:
+    board.processor.accounting.cycles += cycles
+    board.processor.schedule.run_due(board.processor.cycles)
+
+
+def test_a_timer_that_is_polled_flags_each_expiry_until_cleared() -> None:
+    board, timers = _timers()
+    timers.write(0x100, 4, 99)
+    timers.write(0x108, 4, 1)  # no interrupt
+    seen = []
+    for _ in range(5):
+        _pass(board, 60)
+        seen.append(timers.read(0x10C, 4))
+        timers.write(0x10C, 4, 1)
+    assert seen == [0, 1, 0, 1, 1]  # looked at 60, 120, 180, 240 and 300; it expires at 100, 200 and 300
+    assert FIRST_INTERRUPT + 48 not in board.processor.nvic.pending
+
+
+def test_a_chained_timer_interrupts_when_the_chain_has_run_down() -> None:
+    board, timers = _timers()
+    timers.write(0x100, 4, 99)
+    timers.write(0x110, 4, 4)
+    timers.write(0x118, 4, 7)  # chained, interrupt, enabled: waits for the one before
+    timers.write(0x108, 4, 1)
+    _pass(board, 499)
+    assert FIRST_INTERRUPT + 49 not in board.processor.nvic.pending
+    _pass(board, 1)
+    assert FIRST_INTERRUPT + 49 in board.processor.nvic.pending
+    assert timers.read(0x11C, 4) == 1
 
 
 def test_systick_counts_down_and_flags_its_expiry() -> None:

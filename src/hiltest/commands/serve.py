@@ -78,6 +78,8 @@ def serve(
             click.echo(f"board: {urls[0]}\nturntable: {urls[1]}")
             _tell(f"serving {bench.firmware.name} in {described.name}, cycle model {model}; Ctrl-C ends it")
             _watch(paced, dict(zip(("board", "turntable"), lines, strict=True)), ending)
+    for access in bench.machine.unmodelled:
+        _tell(str(access))
     if paced.fault is not None:
         raise paced.fault
     return 0

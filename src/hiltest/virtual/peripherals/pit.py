@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.peripherals.clocks import ClockGates
 from hiltest.virtual.schedule import Event
@@ -16,8 +18,9 @@ class _Channel:
     def __init__(self) -> None:
         self.load = 0
         self.control = 0
-        self.flag = False
+        self.flag = False  # latched: what `_flag` adds are expiries that nobody was told of
         self.started_at = 0  # in ticks of what it counts
+        self.cleared_at = 0  # in expiries since then
         self.event: Event | None = None
 
 
@@ -67,6 +70,26 @@ class PeriodicTimers:
             return 0
         return (self._ticks(index) - channel.started_at) // (channel.load + 1)
 
+    def _flag(self, index: int) -> bool:
+        channel = self._channels[index]
+        return channel.flag or self._expiries(index) > channel.cleared_at
+
+    def _period(self, index: int) -> float:
+        """Bus clocks from one expiry of a channel to the next; infinite where nothing counts."""
+        channel = self._channels[index]
+        if not channel.control & _TEN:
+            return math.inf
+        return (channel.load + 1) * (self._period(index - 1) if channel.control & _CHN and index > 0 else 1)
+
+    def _until_expiry(self, index: int) -> float:
+        """Bus clocks up to the next expiry of a channel."""
+        channel = self._channels[index]
+        if not channel.control & _TEN:
+            return math.inf
+        if channel.control & _CHN and index > 0:
+            return self._until_expiry(index - 1) + self._value(index) * self._period(index - 1)
+        return self._value(index) + 1
+
     def _value(self, index: int) -> int:
         channel = self._channels[index]
         if not channel.control & _TEN:
@@ -83,7 +106,7 @@ class PeriodicTimers:
         channel = self._channels[index]
         if register == _CVAL:
             return self._value(index)
-        return {_LDVAL: channel.load, _TCTRL: channel.control, _TFLG: int(channel.flag)}.get(register, 0)
+        return {_LDVAL: channel.load, _TCTRL: channel.control, _TFLG: int(self._flag(index))}.get(register, 0)
 
     def write(self, offset: int, size: int, value: int) -> None:
         """Take a word register."""
@@ -97,13 +120,17 @@ class PeriodicTimers:
         if register == _LDVAL:
             channel.load = value
         elif register == _TCTRL:
+            channel.flag = self._flag(index)
             enabling = value & _TEN and not channel.control & _TEN
             channel.control = value
             if enabling:
                 channel.started_at = self._ticks(index)
-            self._plan(index)
+            channel.cleared_at = self._expiries(index)
+            for later in range(index, _CHANNELS):  # those chained to it begin or cease to count with it
+                self._plan(later)
         elif register == _TFLG and value & 1:
             channel.flag = False
+            channel.cleared_at = self._expiries(index)
         self._drive(index)
 
     def _plan(self, index: int) -> None:
@@ -112,15 +139,17 @@ class PeriodicTimers:
         if channel.event is not None:
             channel.event.cancel()
             channel.event = None
-        if channel.control & (_TEN | _TIE) == _TEN | _TIE and not channel.control & _CHN:
-            left = (self._value(index) + 1) * self._core_cycles_a_tick
+        left = self._until_expiry(index) * self._core_cycles_a_tick
+        if channel.control & _TIE and left < math.inf:
             channel.event = self._processor.schedule.at(self._processor.now() + left, lambda: self._expire(index))
 
     def _expire(self, index: int) -> None:
-        self._channels[index].flag = True
+        channel = self._channels[index]
+        channel.flag = True
+        channel.cleared_at = self._expiries(index)
         self._drive(index)
         self._plan(index)
 
     def _drive(self, index: int) -> None:
         channel = self._channels[index]
-        self._processor.nvic.set_line(_FIRST_INTERRUPT + index, channel.flag and bool(channel.control & _TIE))
+        self._processor.nvic.set_line(_FIRST_INTERRUPT + index, bool(channel.control & _TIE) and self._flag(index))
