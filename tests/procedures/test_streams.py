@@ -42,8 +42,12 @@ def test_what_is_known_at_a_stage_is_of_the_points_so_far(runs: dict[str, Stream
     assert np.abs(fewer - more).max() > 0.01
 
 
-def test_a_calibrator_without_slices_is_there_once(runs: dict[str, StreamRun]) -> None:
-    assert "direct-stream-sliced" not in runs
+def test_slices_are_another_run_of_a_calibrator_that_has_them(runs: dict[str, StreamRun]) -> None:
+    assert set(runs) == {"direct-stream", "iterative-stream", "iterative-stream-sliced"}
+    whole, sliced = runs["iterative-stream"], runs["iterative-stream-sliced"]
+    assert whole.cycles is not None
+    assert sliced.cycles is not None
+    assert sliced.cycles.max() < whole.cycles.max()
 
 
 def test_the_last_calibrations_go_into_slots_as_far_as_there_are(
