@@ -145,6 +145,53 @@ def test_solvers_take_over_as_the_buffer_fills(iterative: Stream) -> None:
     assert first == {0: 1, 4: 100, 7: 150, 10: 250}
 
 
+@pytest.mark.parametrize(("held", "elements", "interval"), [(110, 4, 75), (160, 7, 250), (260, 10, 750)])
+def test_each_solver_runs_again_after_its_interval(
+    iterative: Stream, held: int, elements: int, interval: int
+) -> None:
+    """One point over and over changes nothing in the buffer: a run takes the same fit over again, or ages it."""
+    points = tumble(1)
+    index = 0
+    while iterative.report().held < held:
+        iterative.add(points[index])
+        index += 1
+    runs: list[int] = []
+    before = iterative.report()
+    for loop in range(3 * interval):
+        iterative.add(points[index - 1])
+        report = iterative.report()
+        if (report.accepted, report.fit_error_percent) != (before.accepted, before.fit_error_percent):
+            runs.append(loop)
+        before = report
+    assert before.elements == elements
+    assert set(np.diff(runs)) == {interval}
+
+
+def test_more_elements_are_worth_a_worse_fit_but_not_any(iterative: Stream) -> None:
+    """Points get noisier on the way: a solver of more elements is taken over up to a fit error of 4 %."""
+    fit_errors, refused = [], 0
+    for seed in range(40):
+        noise_ut = 1.8 + 0.04 * seed
+        noisy = instance(seed, 300, stretch=0.02, covered=(1.0, 1.0), noise_ut=noise_ut).points_counts.tolist()
+        iterative.reset()
+        reference = IterativeStream()
+        before = iterative.report()
+        first = instance(seed, 120, stretch=0.02, covered=(1.0, 1.0), noise_ut=0.1).points_counts.tolist()
+        for point in [*first, *noisy]:
+            iterative.add(point)
+            reference.add(point)
+            report = iterative.report()
+            assert (report.held, report.elements, report.accepted) == (
+                reference.held, reference.elements, reference.accepted,
+            ), f"seed {seed}"  # fmt: skip
+            if report.accepted > before.accepted > 0 and report.fit_error_percent > before.fit_error_percent:
+                fit_errors.append(report.fit_error_percent)
+            refused += report.held >= 250 and report.elements < 10
+            before = report
+    assert 3.8 < max(fit_errors) <= 4.0
+    assert refused > 0
+
+
 def test_the_calibration_finds_the_sensor(iterative: Stream) -> None:
     """Not only what the reference finds, but what is true."""
     drawn = instance(1, 400, stretch=0.2, covered=(1.0, 1.0))
