@@ -25,6 +25,15 @@ status_t command_sync(payload_reader_t *request, payload_writer_t *reply)
     return STATUS_OK;
 }
 
+static void write_unique_id(payload_writer_t *reply)
+{
+    uint32_t id[4];
+    board_unique_id(id);
+    for (size_t i = 0; i < 4u; i++) {
+        write_u32(reply, id[i]);
+    }
+}
+
 status_t command_identity(payload_reader_t *request, payload_writer_t *reply)
 {
     (void)request;
@@ -33,6 +42,7 @@ status_t command_identity(payload_reader_t *request, payload_writer_t *reply)
     write_u8(reply, timed_run_has_counter() ? CYCLE_SOURCE_DWT : CYCLE_SOURCE_NONE);
     write_u16(reply, POINTS_MAXIMUM);
     write_u8(reply, SLOT_COUNT);
+    write_unique_id(reply);
     write_string(reply, board.name);
     write_string(reply, FIRMWARE_VERSION);
     write_string(reply, build_id);

@@ -19,6 +19,13 @@ extern const board_description_t board;
 /** Bring up clocks, pins, time base, UART and I2C. Returns only when all of them run. */
 void board_start(void);
 
+/**
+ * Tell which chip this is.
+ *
+ * @param[out] id 128 bits, most significant word first; a virtual board says so here
+ */
+void board_unique_id(uint32_t id[4]);
+
 /** Reset the whole chip. Does not return. */
 _Noreturn void board_reset(void);
 

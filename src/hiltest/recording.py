@@ -110,7 +110,7 @@ def board_record(board: Board) -> BoardRecord:
     identity = board.identity
     return BoardRecord(
         kind=str(board.kind), description=board.description, firmware=identity.name, version=identity.version,
-        protocol_version=identity.protocol_version, build_id=identity.build_id,
+        protocol_version=identity.protocol_version, build_id=identity.build_id, unique_id=identity.unique_id.hex(),
         firmware_sha256=board.firmware_sha256, compiler=identity.compiler, placement=identity.placement,
         core_clock_hz=identity.core_clock_hz, cycle_model=board.cycle_model, clock=board.clock,
         calibrators=tuple(identity.calibrators),

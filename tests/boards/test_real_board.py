@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from hiltest.angles import Pose
-from hiltest.boards import BoardKind, Declared, RealBoard, open_board
+from hiltest.boards import BoardKind, RealBoard, open_board
 from hiltest.boards.lines import PseudoTerminal
 from hiltest.errors import (
     BenchError,
@@ -50,7 +50,8 @@ def test_a_board_on_a_port_identifies_itself_and_offers_no_truth(
         assert isinstance(board, RealBoard)
         assert board.kind is BoardKind.REAL
         assert board.identity.name == "hiltest-frdm-k64f"
-        # It is a virtual one, and cannot tell: its numbers must not pass for silicon's.
+        # It is a virtual one, and says so: its numbers must not pass for silicon's.
+        assert board.identity.unique_id == b"virtual-frdmk64f"
         assert board.cycle_model == "undeclared@sram"
         assert board.sensor(SensorKind.MAGNETOMETER).name == "MAG3110"
         assert (board.clock, board.truth, board.virtual_seconds, board.instructions, board.seed) == (
@@ -58,6 +59,36 @@ def test_a_board_on_a_port_identifies_itself_and_offers_no_truth(
         )  # fmt: skip
         assert {attempt.outcome for attempt in board.session.attempts} == {Outcome.ANSWERED}
     assert {entry.direction for entry in transcript.entries} == {Direction.TO_BOARD, Direction.TO_HOST}
+
+
+def test_a_rig_that_takes_a_virtual_board_for_silicon_is_refused(
+    pty_board: StartPtyBoard, rig: Rig, real_rig: Rig
+) -> None:
+    wrong = replace(real_rig, board=replace(real_rig.board, cycle_model="silicon-dwt"))
+    with pytest.raises(ConfigError, match=r"declares cycle_model = 'silicon-dwt', but .* is a virtual board"):
+        open_board(wrong, port=pty_board(rig).path)
+
+
+def test_a_chip_is_known_by_its_unique_id_behind_any_port(
+    pty_board: StartPtyBoard, rig: Rig, real_rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chip = bytes(range(1, 17))
+    monkeypatch.setattr("hiltest.virtual.peripherals.clocks.VIRTUAL_UNIQUE_ID", chip)
+    port = pty_board(rig).path
+    with open_board(real_rig, port=port) as board:
+        assert (board.identity.unique_id, board.cycle_model) == (chip, "silicon-dwt@sram")
+    wrong = replace(real_rig, board=replace(real_rig.board, cycle_model="cortex-m4-trm/1"))
+    with pytest.raises(ConfigError, match="is a chip"):
+        open_board(wrong, port=port)
+
+
+@pytest.mark.parametrize("nobodys", [bytes(16), b"\xff" * 16])
+def test_a_register_that_an_emulator_leaves_blank_is_no_chip(
+    pty_board: StartPtyBoard, rig: Rig, real_rig: Rig, monkeypatch: pytest.MonkeyPatch, nobodys: bytes
+) -> None:
+    monkeypatch.setattr("hiltest.virtual.peripherals.clocks.VIRTUAL_UNIQUE_ID", nobodys)
+    with open_board(real_rig, port=pty_board(rig).path) as board:
+        assert board.cycle_model == "undeclared@sram"
 
 
 def test_a_missing_shield_is_named_with_the_way_out_and_the_rest_still_runs(
@@ -133,10 +164,6 @@ def test_a_rig_declares_what_the_cycles_of_a_board_behind_a_port_are(
     served = replace(real_rig, board=replace(real_rig.board, cycle_model="cortex-m4-trm/1"))
     with open_board(served, port=pty_board(rig).path) as board:
         assert board.cycle_model == "cortex-m4-trm/1@sram"
-        # The same board and rig at the name of a serial device: only there silicon needs no declaration.
-        hardware = RealBoard.__new__(RealBoard)
-        hardware.identity, hardware._url, hardware.declared = board.identity, "/dev/ttyACM0", Declared.of(real_rig)
-        assert hardware.cycle_model == "silicon-dwt@sram"
 
 
 def test_nobody_to_ask_is_a_bench_error(pty_board: StartPtyBoard, rig: Rig, real_rig: Rig) -> None:

@@ -70,13 +70,14 @@ def test_identity_fields_are_read_in_order() -> None:
     def text(value: str) -> bytes:
         return bytes([len(value)]) + value.encode()
 
-    data = struct.pack("<BHIBHB", 0, 1, 120_000_000, 1, 512, 8)
+    data = struct.pack("<BHIBHB4I", 0, 1, 120_000_000, 1, 512, 8, 0x01020304, 0x05060708, 0x090A0B0C, 0x0D0E0F10)
     data += text("hiltest-frdm-k64f") + text("0.1.0") + text("0123456789abcdef") + text("gcc 12.2.1") + text("sram")
     data += bytes([2]) + text("direct") + text("iterative") + bytes([1]) + text("direct-stream")
     identity = decode_reply(m.Identify(), data)
     assert identity.core_clock_hz == 120_000_000
     assert identity.cycle_source is CycleSource.DWT
     assert (identity.max_points, identity.slots) == (512, 8)
+    assert identity.unique_id == bytes(range(1, 17))
     assert identity.build_id == "0123456789abcdef"
     assert identity.placement == "sram"
     assert identity.calibrators == ("direct", "iterative")

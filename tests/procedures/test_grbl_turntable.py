@@ -109,9 +109,9 @@ def test_a_table_that_is_locked_is_sent_home_first(bench: Bench) -> None:
 
 
 def test_a_rig_that_the_table_contradicts_is_refused(bench: Bench) -> None:
-    wrong = replace(bench.rig, board=replace(bench.rig.board, cycle_model="silicon-dwt"))
+    wrong = replace(bench.rig, board=replace(bench.rig.board, cycle_model="cortex-m4-trm/0"))
     with open_board(wrong) as board, pytest.raises(
-        TurntableError, match=rf'is silicon-dwt, the turntable that it is {MODEL}\. Write cycle_model = "{MODEL}"'
+        TurntableError, match=rf'is cortex-m4-trm/0, the turntable that it is {MODEL}\. Write cycle_model = "{MODEL}"'
     ):
         open_grbl_turntable(board, wrong)
     undeclared = replace(bench.rig, board=replace(bench.rig.board, cycle_model=None))

@@ -15,6 +15,14 @@ const board_description_t board = {
     .core_clock_hz = CORE_CLOCK_HZ,
 };
 
+void board_unique_id(uint32_t id[4])
+{
+    id[0] = SIM_UIDH;
+    id[1] = SIM_UIDMH;
+    id[2] = SIM_UIDML;
+    id[3] = SIM_UIDL;
+}
+
 void board_start(void)
 {
     if (!clock_start()) {

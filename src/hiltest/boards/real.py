@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
-
 from hiltest.boards.board import Board, BoardKind, Declared
+from hiltest.errors import ConfigError
 from hiltest.link.ports import open_port
 from hiltest.link.session import Session
 from hiltest.link.transcript import Transcript
+from hiltest.virtual.unique_id import VIRTUAL_UNIQUE_ID
 
 #: Cycle model of a processor that exists.
 SILICON = "silicon-dwt"
@@ -36,6 +36,8 @@ class RealBoard(Board):
     ------
     BenchError
         When the port cannot be opened, or nothing on it answers.
+    ConfigError
+        When the rig takes a virtual board for silicon, or silicon for a virtual board.
     """
 
     kind = BoardKind.REAL
@@ -44,20 +46,36 @@ class RealBoard(Board):
         self._url = url
         session = Session(open_port(url, baud=baud), transcript=transcript)
         super().__init__(session, description=f"FRDM-K64F on {url}", declared=declared)
+        try:
+            self._refuse_wrong_model()
+        except ConfigError:
+            self.close()
+            raise
 
     @property
     def cycle_model(self) -> str:
-        """What its cycle counter counts: what the rig says, clocks of silicon, or nothing.
+        """What its cycle counter counts: clocks of silicon, what the rig says, or nothing.
 
-        A board behind a pseudo-terminal or a network may be a virtual one, and nothing that it
-        answers tells. Its numbers are ``undeclared`` unless the rig says what they are.
+        The chip's unique id tells a virtual board from silicon, behind whatever port. Which model a
+        virtual one counts by only the rig can say; without it the numbers are ``undeclared``.
         """
         if not self.identity.cycle_source:
             return "none"
-        model = self.declared.cycle_model or (SILICON if _is_hardware(self._url) else UNDECLARED)
+        model = self.declared.cycle_model or (SILICON if self._is_silicon else UNDECLARED)
         return f"{model}@{self.identity.placement}"
 
+    @property
+    def _is_silicon(self) -> bool:
+        # An emulator that nobody taught this register answers all zeros or all ones, as no chip does.
+        return self.identity.unique_id not in (VIRTUAL_UNIQUE_ID, bytes(16), b"\xff" * 16)
 
-def _is_hardware(url: str) -> bool:
-    """Say whether a port is a serial device of this machine, with a board at its other end."""
-    return "://" not in url and not os.path.realpath(url).startswith("/dev/pts/")
+    def _refuse_wrong_model(self) -> None:
+        declared = self.declared.cycle_model
+        if declared is None or (declared == SILICON) is self._is_silicon:
+            return
+        found = "a chip" if self._is_silicon else "a virtual board"
+        raise ConfigError(
+            f"the rig declares cycle_model = {declared!r}, but what answers on {self._url} is {found} "
+            f"(unique id {self.identity.unique_id.hex()}). Correct cycle_model under [board], "
+            "or name the port of the board that is meant"
+        )

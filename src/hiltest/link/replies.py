@@ -83,6 +83,7 @@ class Identity:
     cycle_source: CycleSource
     max_points: int
     slots: int
+    unique_id: bytes
     name: str
     version: str
     build_id: str
@@ -100,6 +101,7 @@ class Identity:
             cycle_source=fields.choice(CycleSource, "cycle source"),
             max_points=fields.number("H", "buffer size"),
             slots=fields.number("B", "slots"),
+            unique_id=b"".join(fields.number("I", "unique id").to_bytes(4, "big") for _ in range(4)),
             name=fields.text("name"),
             version=fields.text("version"),
             build_id=fields.text("build id"),

@@ -102,6 +102,7 @@ def provenance(run: Run) -> Iterator[tuple[str, str]]:
     if run.board:
         board = run.board
         yield "board", board.description
+        yield "unique id", board.unique_id
         yield "firmware", f"{board.firmware} {board.version}, build {board.build_id}, protocol {board.protocol_version}"
         yield "firmware SHA-256", board.firmware_sha256 or "not offered by this board"
         yield "compiler", board.compiler

@@ -49,6 +49,7 @@ class BoardRecord:
     version: str
     protocol_version: int
     build_id: str
+    unique_id: str
     firmware_sha256: str | None
     compiler: str
     placement: str

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 
 from hiltest.virtual.chip import mk64f12
 from hiltest.virtual.peripherals.bus import Peripheral, StoredRegisters
+from hiltest.virtual.unique_id import VIRTUAL_UNIQUE_ID
 
 OSCILLATOR_HZ = 50_000_000  # the Ethernet PHY's clock on EXTAL0
 _SLOW_REFERENCE_HZ = 32_768
@@ -94,7 +95,9 @@ class ClockGates(StoredRegisters):
         self.on_gates: Callable[[], None] = lambda: None
         # SDID of an MK64FN1M0VLL12: family K6x, subfamily K64, 100 pins.
         identification = {0x024: 0x08, 0x025: 0x03, 0x026: 0x00, 0x027: 0x64}
-        super().__init__("SIM", 0x40048000, mk64f12().reset_bytes(0x40048000) | identification)
+        # UIDH, UIDMH, UIDML, UIDL: words in that order, each with its lowest byte first.
+        unique = {0x054 + (index ^ 3): byte for index, byte in enumerate(VIRTUAL_UNIQUE_ID)}
+        super().__init__("SIM", 0x40048000, mk64f12().reset_bytes(0x40048000) | identification | unique)
 
     def gate(self, peripheral: Peripheral, gates: Iterable[tuple[int, int]]) -> None:
         """Clock a peripheral while any of these bits of SCGC registers (1..7) is set; always, if there are none."""

@@ -1,0 +1,6 @@
+"""How a virtual board shows that it is one, wherever its serial line leads."""
+
+from __future__ import annotations
+
+#: What stands in SIM_UIDH to SIM_UIDL, most significant byte first, where a chip has a number of its own.
+VIRTUAL_UNIQUE_ID = b"virtual-frdmk64f"
