@@ -32,6 +32,8 @@ REAL = {
     "tumble_points = 300": "tumble_points = 100",
     # The paced board's own table turns it all round in this time.
     "uncertainty_deg = 0.1": "uncertainty_deg = 0.1\ntumble_s = 2.0",
+    # That limit is of sixty poses; the rms of four, with another noise in every run, scatters up to their maximum.
+    '"heading.direct.rms" = { max = 0.75': '"heading.direct.rms" = { max = 1.8',
 }
 
 
