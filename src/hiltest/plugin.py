@@ -12,7 +12,19 @@ import pytest
 
 from hiltest import hookspecs
 from hiltest.fixtures import board, cycles, hil_progress, hil_settings, measure, rig, turntable
-from hiltest.session import CAUSE, FOUND, FOUND_HERE, GATING, REASON, SESSION, TRACE, HilSession, pack, uses_board
+from hiltest.session import (
+    CAUSE,
+    FOUND,
+    FOUND_HERE,
+    GATING,
+    REASON,
+    SESSION,
+    TRACE,
+    HilSession,
+    pack,
+    uses_board,
+    uses_hiltest,
+)
 from hiltest.settings import add_options, resolve
 
 __all__ = ["board", "cycles", "hil_progress", "hil_settings", "measure", "rig", "turntable"]
@@ -108,7 +120,8 @@ def pytest_runtest_makereport(
         if trace:
             setattr(report, TRACE, trace)
             report.sections.append(("wire trace", str(hil.settings.out / trace)))
-        cause = hil.blame(call.excinfo.value)
+        # A test that has nothing to do with hiltest fails as any other does, with its traceback.
+        cause = hil.blame(call.excinfo.value) if uses_hiltest(item) else ""
         if cause:
             setattr(report, CAUSE, cause)
             setattr(report, REASON, str(call.excinfo.value))

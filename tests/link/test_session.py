@@ -86,7 +86,7 @@ def test_another_protocol_version_is_named(session_with: OpenSession) -> None:
 def test_another_firmware_is_named(synchronised: OpenSession) -> None:
     def identity(frame: Frame, _: int) -> bytes:
         texts = b"".join(bytes([len(text)]) + text for text in (b"blinky", b"2.0", b"abcd", b"gcc", b"flash"))
-        return reply(frame, struct.pack("<BHIBHB", 0, 2, 1, 0, 1, 1) + texts + bytes(2))
+        return reply(frame, struct.pack("<BHIBHB4I", 0, 2, 1, 0, 1, 1, 1, 2, 3, 4) + texts + bytes(2))
 
     with pytest.raises(VersionMismatchError, match=r"firmware 'blinky' \(2.0"):
         synchronised(identity).identify()

@@ -104,3 +104,18 @@ def test_a_failing_teardown_is_an_error(pytester: pytest.Pytester) -> None:
     """)
     assert pytester.runpytest_inprocess().ret == 1
     assert outcomes_of(pytester) == {"test_it": "error"}
+
+
+def test_a_test_without_hiltest_fails_as_any_other_does(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(
+        """
+        from hiltest.errors import VersionMismatchError
+
+        def test_of_a_project():
+            raise VersionMismatchError("not the board of this session")
+        """
+    )
+    result = pytester.runpytest_subprocess()
+    result.assert_outcomes(failed=1)
+    result.stdout.fnmatch_lines(["*raise VersionMismatchError*"])
+    assert result.ret == 1
