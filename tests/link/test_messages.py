@@ -128,6 +128,15 @@ def test_fed_points_are_counted_one_by_one_and_a_refused_one_is_named() -> None:
     assert (uncounted.status, uncounted.taken, uncounted.costs) == (StreamStatus.OK, 1, None)
 
 
+@pytest.mark.parametrize(
+    ("status", "taken"), [(StreamStatus.OK, 2), (StreamStatus.OK, 4), (StreamStatus.FULL, 3), (StreamStatus.FULL, 4)]
+)
+def test_points_are_all_taken_or_one_is_refused(status: StreamStatus, taken: int) -> None:
+    data = struct.pack(f"<BBIB{taken}I", 0, status, 8, taken, *range(taken))
+    with pytest.raises(ProtocolError, match=f"{status.name} after {taken} of 3 points"):
+        decode_reply(StreamFeed("s", 0, 3), data)
+
+
 def test_the_state_of_a_stream_is_read_in_order() -> None:
     data = struct.pack("<BBBH13fHBIfII", 0, 0, 3, 4, *([0.5] * 12), 1.25, 250, 10, 7, 2.5, 900, 8)
     state = decode_reply(StreamState("s"), data)

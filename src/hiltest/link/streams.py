@@ -8,6 +8,7 @@ from typing import ClassVar
 
 from hiltest.calibration.fit import FitStatus
 from hiltest.calibration.streams import StreamStatus
+from hiltest.errors import ProtocolError
 from hiltest.link.fields import FieldReader
 from hiltest.link.messages import Request, name_field, within
 from hiltest.link.replies import CalibrationReply, RunCost, Status
@@ -143,7 +144,13 @@ class _StreamSteps(Request[StreamStepsReply]):
         return struct.pack("<HB", within(self.first, 0, 0xFFFF, "points"), count) + name_field(self.stream)
 
     def parse(self, fields: FieldReader) -> StreamStepsReply:
-        return StreamStepsReply.parse(fields)
+        reply = StreamStepsReply.parse(fields)
+        if reply.taken > self.count or (reply.taken == self.count) != (reply.status is StreamStatus.OK):
+            raise ProtocolError(
+                f"reply to {self.command}: {reply.status.name} after {reply.taken} of {self.count} points; "
+                "a board takes all of them or says why not. Is it this protocol's firmware?"
+            )
+        return reply
 
     @property
     def board_time_s(self) -> float:
