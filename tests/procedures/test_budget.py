@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from hiltest.boards import Board
 from hiltest.calibration.fit import FitStatus
@@ -64,6 +65,45 @@ def test_the_largest_effort_within_a_budget_is_the_largest(virtual_board: Board,
     assert (everything.effort, everything.cycles) == (curve[-1].effort, curve[-1].cycles)
 
 
+def half_a_sphere(points: int) -> NDArray[np.int16]:
+    """Noise of 1 uT on the half around +z: few of the first points determine no ellipsoid, some do by chance."""
+    noise = np.random.default_rng(4)
+    ray = noise.normal(size=(points, 3))
+    ray[:, 2] = np.abs(ray[:, 2])
+    ray *= 485.0 / np.linalg.norm(ray, axis=1, keepdims=True)
+    return np.rint(ray + noise.normal(scale=10.0, size=ray.shape) + (1700, -1210, 1240)).astype(np.int16)
+
+
+@pytest.mark.parametrize("calibrator", ["direct", "direct-stream"])
+def test_a_refused_ellipsoid_costs_more_than_one_of_more_points(virtual_board: Board, calibrator: str) -> None:
+    """The sphere comes on top. So costs go down where fits begin to succeed, and the largest effort is behind that."""
+    upload_cloud(virtual_board, half_a_sphere(24))
+    by_effort = {}
+    for points in range(9, 25):
+        last = effort_curve(virtual_board, calibrator, points=points)[-1]
+        by_effort[points] = last.cycles
+    assert any(by_effort[points] < by_effort[points - 1] for points in range(10, 25))
+    for budget in sorted(by_effort.values()):
+        largest = max(effort for effort, cycles in by_effort.items() if cycles <= budget)
+        found = largest_effort_within(virtual_board, calibrator, cycles=budget, points=24)
+        assert (found.effort, found.cycles) == (largest, by_effort[largest])
+
+
+def test_a_stream_that_refuses_a_point_has_no_effort_beyond_it(virtual_board: Board) -> None:
+    cloud = golden_cloud(POINTS)[evenly_spread(POINTS)].copy()
+    cloud[25] = cloud[0] + 2048  # a count beyond what the exact sums have room for
+    upload_cloud(virtual_board, cloud)
+    curve = effort_curve(virtual_board, "direct-stream", points=POINTS)
+    best = largest_effort_within(virtual_board, "direct-stream", cycles=10**9, points=POINTS)
+    assert curve[-1].effort == best.effort == 25
+    assert curve[-1].cycles == best.cycles
+
+
 def test_a_budget_for_nothing_is_refused_with_both_numbers(virtual_board: Board) -> None:
     with pytest.raises(CalibrationError, match=r"takes \d+ cycles with 1 sweeps, more than the budget of 7640"):
         largest_effort_within(virtual_board, "iterative", cycles=7640, points=POINTS)
+
+
+def test_too_few_points_for_any_effort_are_no_effort(virtual_board: Board) -> None:
+    with pytest.raises(CalibrationError, match="direct makes nothing of 8 points"):
+        largest_effort_within(virtual_board, "direct", cycles=10**9, points=8)

@@ -68,3 +68,4 @@ def test_a_point_that_is_refused_ends_a_run_and_is_named(virtual_board: Board) -
     assert run.refused is StreamStatus.OUT_OF_RANGE
     assert run.cycles is not None
     assert len(run.cycles) == run.last.state.held == 90
+    assert [stage.points for stage in run.stages] == [40, 90]

@@ -9,15 +9,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from itertools import accumulate
 
 from hiltest.boards.board import Board
 from hiltest.calibration.fit import ELLIPSOID_UNKNOWNS, MagnetometerFit
 from hiltest.errors import CalibrationError
 from hiltest.link.replies import RunCost
-from hiltest.link.streams import StreamReset
+from hiltest.link.streams import StreamReset, StreamStatus
 from hiltest.procedures.calibrate import calibrate_once
 from hiltest.procedures.cycles import no_cycle_counter
-from hiltest.procedures.streams import feed, stage
+from hiltest.procedures.streams import Fed, feed, stage
 
 # Numbers of points of a curve: dense where the error falls.
 _LADDER = (9, 10, 11, 12, 14, 16, 18, 20, 24, 28, 30, 35, 40, 50, 60, 70, 80, 90, 100, 120, 150, 200, 250)
@@ -76,7 +77,7 @@ def effort_curve(board: Board, calibrator: str, *, points: int) -> list[Effort]:
     """
     scale = _scale(board, calibrator, points)
     sizes = sorted({size for size in _LADDER if size < points} | {points})
-    if scale.kind is EffortKind.POINTS_SO_FAR:
+    if scale.is_stream:
         return _stream_efforts(board, calibrator, sizes, points)
     efforts = range(1, scale.largest + 1) if scale.kind is EffortKind.SWEEPS else sizes
     return [_run(board, calibrator, scale, effort, points) for effort in efforts]
@@ -95,25 +96,26 @@ def largest_effort_within(board: Board, calibrator: str, *, cycles: int, points:
     Raises
     ------
     CalibrationError
-        When the smallest effort costs more; says how much.
+        When even the cheapest effort costs more; says how much.
     DeviceError
         When the board's core counts no cycles.
     """
     scale = _scale(board, calibrator, points)
-    low, high = scale.smallest, scale.largest
-    best = _run(board, calibrator, scale, low, points)
-    if best.cycles > cycles:
-        raise CalibrationError(
-            f"{calibrator} takes {best.cycles} cycles with {low} {scale.kind}, more than the budget of {cycles}"
-        )
-    while low < high:  # more effort never costs less
-        middle = (low + high + 1) // 2
-        tried = _run(board, calibrator, scale, middle, points)
+    largest = _most_taken_within(board, calibrator, cycles, points) if scale.is_stream else scale.largest
+    cheapest: Effort | None = None
+    # From above, one by one: an ellipsoid that is refused costs its sphere fit too, so that less effort may cost more.
+    for effort in range(largest, scale.smallest - 1, -1):
+        tried = _run(board, calibrator, scale, effort, points)
         if tried.cycles <= cycles:
-            low, best = middle, tried
-        else:
-            high = middle - 1
-    return best
+            return tried
+        if cheapest is None or tried.cycles < cheapest.cycles:
+            cheapest = tried
+    if cheapest is None:
+        raise CalibrationError(f"{calibrator} makes nothing of {points} points")
+    raise CalibrationError(
+        f"{calibrator} takes {cheapest.cycles} cycles with {cheapest.effort} {scale.kind}, "
+        f"more than the budget of {cycles}"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +125,10 @@ class _Scale:
     kind: EffortKind
     smallest: int
     largest: int
+
+    @property
+    def is_stream(self) -> bool:
+        return self.kind is EffortKind.POINTS_SO_FAR
 
 
 def _scale(board: Board, calibrator: str, points: int) -> _Scale:
@@ -135,7 +141,7 @@ def _scale(board: Board, calibrator: str, points: int) -> _Scale:
 
 
 def _run(board: Board, calibrator: str, scale: _Scale, effort: int, points: int) -> Effort:
-    if scale.kind is EffortKind.POINTS_SO_FAR:
+    if scale.is_stream:
         return _stream_efforts(board, calibrator, [effort], points)[0]
     if scale.kind is EffortKind.POINTS:
         fit, cost = calibrate_once(board, calibrator, effort)
@@ -146,19 +152,37 @@ def _run(board: Board, calibrator: str, scale: _Scale, effort: int, points: int)
 
 
 def _stream_efforts(board: Board, calibrator: str, sizes: Sequence[int], points: int) -> list[Effort]:
-    """Give a stream calibrator its points, and ask it whenever one of `sizes` is reached; they increase."""
+    """Give a stream calibrator its points, and ask it whenever one of `sizes` is reached; they increase.
+
+    A point that it refuses is the end: there is no effort beyond.
+    """
     board.session.request(StreamReset(calibrator))
     found, spent, at = [], 0, 0
     for size in sizes:
-        costs, _ = feed(board, calibrator, at, size - at)
-        if costs is None:
-            raise no_cycle_counter()
-        spent += sum(cost.cycles for cost in costs)
-        at = size
-        asked = stage(board, calibrator, size)
-        cycles = spent + _cycles(asked.state.cost)
-        found.append(Effort(calibrator, EffortKind.POINTS_SO_FAR, size, points, cycles, asked.fit))
+        fed = feed(board, calibrator, at, size - at)
+        spent += sum(_step_cycles(fed))
+        at += fed.taken
+        if fed.taken:
+            asked = stage(board, calibrator, at)
+            cycles = spent + _cycles(asked.state.cost)
+            found.append(Effort(calibrator, EffortKind.POINTS_SO_FAR, at, points, cycles, asked.fit))
+        if fed.refused is not StreamStatus.OK:
+            break
     return found
+
+
+def _most_taken_within(board: Board, calibrator: str, cycles: int, points: int) -> int:
+    """Return how many points a stream calibrator takes for so many cycles, its answer not counted; one at least."""
+    board.session.request(StreamReset(calibrator))
+    fed = feed(board, calibrator, 0, points)
+    spent = accumulate(_step_cycles(fed))
+    return min(max(sum(each <= cycles for each in spent), 1), fed.taken)
+
+
+def _step_cycles(fed: Fed) -> list[int]:
+    if fed.costs is None:
+        raise no_cycle_counter()
+    return [cost.cycles for cost in fed.costs]
 
 
 def _cycles(cost: RunCost | None) -> int:

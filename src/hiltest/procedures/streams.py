@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +27,7 @@ class StreamStage:
     Attributes
     ----------
     points : int
-        Given so far.
+        Taken so far.
     state : StreamStateReply
     fit : MagnetometerFit
         Its calibration, as the board computed it in float32 [counts].
@@ -35,6 +36,24 @@ class StreamStage:
     points: int
     state: StreamStateReply
     fit: MagnetometerFit
+
+
+class Fed(NamedTuple):
+    """What came of points that were given to a stream calibrator.
+
+    Attributes
+    ----------
+    taken : int
+        Points taken.
+    costs : list of RunCost, or None
+        One for each of them; None when the core counts no cycles.
+    refused : StreamStatus
+        OK when all were taken, else why the one after the last was not.
+    """
+
+    taken: int
+    costs: list[RunCost] | None
+    refused: StreamStatus
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,23 +126,17 @@ def store_streams(board: Board, runs: dict[str, StreamRun], *, first_slot: int) 
     return slots
 
 
-def feed(board: Board, name: str, first: int, count: int) -> tuple[list[RunCost] | None, StreamStatus]:
-    """Give points of the board's buffer to a stream calibrator until one is refused.
-
-    Returns
-    -------
-    costs : list of RunCost, or None
-        Of each point taken; None when the core counts no cycles.
-    status : StreamStatus
-        OK when all were taken.
-    """
+def feed(board: Board, name: str, first: int, count: int) -> Fed:
+    """Give points of the board's buffer to a stream calibrator until one is refused."""
+    taken = 0
     costs: list[RunCost] | None = []
     for at in range(first, first + count, MAX_FEED):
         reply = board.session.request(StreamFeed(name, at, min(MAX_FEED, first + count - at)))
+        taken += reply.taken
         costs = None if costs is None or reply.costs is None else costs + list(reply.costs)
         if reply.status is not StreamStatus.OK:
-            return costs, reply.status
-    return costs, StreamStatus.OK
+            return Fed(taken, costs, reply.status)
+    return Fed(taken, costs, StreamStatus.OK)
 
 
 def stage(board: Board, name: str, points: int) -> StreamStage:
@@ -142,9 +155,9 @@ def _run(board: Board, name: str, points: int, stages: Sequence[int], *, sliced:
     found: list[StreamStage] = []
     at, refused = 0, StreamStatus.OK
     for end in sorted({each for each in stages if each < points} | {points}):
-        costs, refused = feed(board, name, at, end - at)
+        taken, costs, refused = feed(board, name, at, end - at)
         cycles = None if cycles is None or costs is None else cycles + [cost.cycles for cost in costs]
-        at = end
+        at += taken
         found.append(stage(board, name, at))
         if refused is not StreamStatus.OK:
             break
