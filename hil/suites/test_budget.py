@@ -66,10 +66,10 @@ def test_error_against_budget(efforts: list[Effort], known_angles: KnownAngles, 
     measure.table(
         "budget.curve",
         {"calibrator": "", "points": "", "kind": "", "effort": "", "cycles": "cycle", "fit": ""}
-        | {"mean_error": "deg", "max_error": "deg"},
+        | {"sphere": "", "mean_error": "deg", "max_error": "deg"},
         [
             [each.calibrator, each.points, str(each.kind), each.effort, each.cycles, each.fit.status.name,
-             *mean_and_max_deg(known_angles, each)]
+             each.fit.is_sphere, *mean_and_max_deg(known_angles, each)]
             for each in efforts
         ],
     )
@@ -79,6 +79,7 @@ def test_error_within_the_budget_of_the_thesis(
     board: Board, efforts: list[Effort], sizes: tuple[int, ...], calibrators: tuple[str, ...],
     known_angles: KnownAngles, measure: Measure,
 ) -> None:
+    unit = {each.calibrator: each.kind.unit for each in efforts}
     for size in sizes:
         for name in calibrators:
             try:
@@ -86,7 +87,7 @@ def test_error_within_the_budget_of_the_thesis(
             except CalibrationError:
                 best = None  # even its smallest effort costs more
             mean_deg = None if best is None else mean_and_max_deg(known_angles, best)[0]
-            measure(f"budget.{name}@{size}.effort", best and best.effort, "")
+            measure(f"budget.{name}@{size}.effort", best and best.effort, unit[name])
             measure(f"budget.{name}@{size}.mean_error", mean_deg, "deg")
 
 

@@ -41,12 +41,12 @@ def test_what_is_known_on_the_way(
             worst, mean = (None, None) if errors is None else (float(abs(errors).max()), float(abs(errors).mean()))
             state = each.state
             rows.append([
-                name, each.points, state.fit.name, state.held, state.elements, state.accepted, state.fit_error_percent,
-                worst, mean,
+                name, each.points, state.fit.name, state.is_sphere, state.held, state.elements, state.accepted,
+                state.fit_error_percent, worst, mean,
             ])
     measure.table(
         "stream.stages",
-        {"calibrator": "", "points": "", "fit": "", "held": "", "elements": "", "accepted": "", "fit_error": "%"}
-        | {"max_error": "deg", "mean_error": "deg"},
+        {"calibrator": "", "points": "", "fit": "", "sphere": "", "held": "", "elements": "", "accepted": ""}
+        | {"fit_error": "%", "max_error": "deg", "mean_error": "deg"},
         rows,
     )

@@ -85,19 +85,32 @@ def sizes_table() -> Table:
 
 
 def budget_table() -> Table:
-    """Return two curves over 30 points and one over 100, one effort of which left no calibration."""
+    """Return three curves over 30 points and one over 100: one effort left no calibration, another but a sphere."""
     rows = (
-        ("direct", 30, "points", 9, 2700, "ELLIPSOID", 2.5, 5.0),
-        ("direct", 30, "points", 30, 4600, "ELLIPSOID", 0.7, 1.7),
-        ("iterative", 30, "sweeps", 1, 25_000, "SINGULAR", None, None),
-        ("iterative", 30, "sweeps", 5, 90_000, "ELLIPSOID", 0.7, 1.7),
-        ("slow-stream", 30, "points so far", 30, 12_000, "TOO_FEW_POINTS", None, None),
-        ("direct", 100, "points", 9, 2700, "ELLIPSOID", 2.5, 5.0),
-        ("direct", 100, "points", 100, 11_000, "ELLIPSOID", 0.4, 0.8),
+        ("direct", 30, "points", 9, 2700, "POOR_COVERAGE", True, 2.5, 5.0),
+        ("direct", 30, "points", 30, 4600, "ELLIPSOID", False, 0.7, 1.7),
+        ("iterative", 30, "sweeps", 1, 25_000, "SINGULAR", False, None, None),
+        ("iterative", 30, "sweeps", 5, 90_000, "ELLIPSOID", False, 0.7, 1.7),
+        ("slow-stream", 30, "points so far", 30, 12_000, "TOO_FEW_POINTS", False, None, None),
+        ("direct", 100, "points", 9, 2700, "ELLIPSOID", False, 2.5, 5.0),
+        ("direct", 100, "points", 100, 11_000, "ELLIPSOID", False, 0.4, 0.8),
     )
-    units = {"calibrator": "", "points": "", "kind": "", "effort": "", "cycles": "cycle", "fit": "",
+    units = {"calibrator": "", "points": "", "kind": "", "effort": "", "cycles": "cycle", "fit": "", "sphere": "",
              "mean_error": "deg", "max_error": "deg"}
     return Table("budget.curve", tuple(Column(*each) for each in units.items()), rows)
+
+
+def stages_table() -> Table:
+    """Return what two stream calibrators know on the way; one has solvers of 4 elements and more."""
+    rows = (
+        ("direct-stream", 100, "POOR_COVERAGE", True, 100, 0, 0, None, 3.27, 1.12),
+        ("direct-stream", 300, "ELLIPSOID", False, 300, 0, 0, None, 0.81, 0.23),
+        ("slow-stream", 100, "TOO_FEW_POINTS", False, 96, 0, 0, 1000.0, None, None),
+        ("slow-stream", 300, "ELLIPSOID", True, 217, 4, 3, 1.57, 2.42, 0.97),
+    )
+    units = {"calibrator": "", "points": "", "fit": "", "sphere": "", "held": "", "elements": "", "accepted": "",
+             "fit_error": "%", "max_error": "deg", "mean_error": "deg"}
+    return Table("stream.stages", tuple(Column(*each) for each in units.items()), rows)
 
 
 @pytest.fixture
@@ -122,7 +135,10 @@ def findings(board: BoardRecord) -> Callable[..., Findings]:
         made.tests.extend(tests or [TestResult(HEADING_TEST, "passed", 1.25)])
         made.measurements.update((each.name, each) for each in measurements)
         if tables:
-            for table in (poses_table(), points_table(), calibrations_table(), sizes_table(), budget_table()):
+            for make_table in (
+                poses_table, points_table, calibrations_table, sizes_table, budget_table, stages_table,
+            ):
+                table = make_table()
                 made.tables[table.name] = table
         return made
 

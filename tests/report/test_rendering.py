@@ -14,7 +14,7 @@ from hiltest.measurement import Limit, Measurement, judge
 from hiltest.report.budget_plot import budget_figures
 from hiltest.report.html import html_report
 from hiltest.report.markdown import markdown_report, plain_text
-from hiltest.report.record import Findings, Run, TestResult
+from hiltest.report.record import Findings, Run, Table, TestResult
 from hiltest.report.render import write_reports
 from hiltest.report.svg import Figure, log_ticks, nice_ticks
 from hiltest.report.terminal import summary
@@ -197,6 +197,8 @@ def test_error_against_cycles_is_drawn_one_figure_a_size_with_the_thesis_beside_
     assert "slow-stream has no calibration after 12 000 cycles" in drawing
     # An effort without a calibration is no point; the others are: two and one.
     assert drawing.count("<circle") == 3
+    # A sphere that stands in for a refused ellipsoid is hollow.
+    assert re.findall(r'<circle class="([^"]*)"', drawing) == ["series-0 sphere", "series-0", "series-1"]
     # Equal ratios are equal distances.
     places = [thirty.place(x, 1.0)[0] for x in (4_000.0, 8_000.0, 16_000.0)]
     assert places[1] - places[0] == pytest.approx(places[2] - places[1])
@@ -206,6 +208,43 @@ def test_a_logarithmic_axis_has_no_zero() -> None:
     assert log_ticks(900.0, 12_000.0) == (1000.0, 2000.0, 5000.0, 10_000.0)
     with pytest.raises(ValueError, match="logarithmic axis"):
         log_ticks(0.0, 10.0)
+
+
+def test_what_streams_know_on_the_way_is_in_both_reports(findings: Make, good: list[Measurement]) -> None:
+    cycles = {"cycles_mean": 246.03, "cycles_median": 246.0, "cycles_max": 255.0, "fit_cycles": 3503}
+    made = findings(*good, *(
+        judge(f"stream.direct-stream.{name}", value, unit="cycle", cycle_model="m") for name, value in cycles.items()
+    ))
+    run = made.finish(decide(made, pytest_exit=0), "")
+    page = Page(html_report(run)).text
+    assert "Calibrators that live with the stream" in page
+    rows = [line for line in markdown_report(run).splitlines() if line.startswith(("| direct-stream", "| slow-stream"))]
+    assert rows == [
+        "| direct-stream | 100 | 100 |  | poor coverage: sphere |  | 3.27 deg | 1.12 deg |  |  |  |  |",
+        "| direct-stream | 300 | 300 |  | ellipsoid |  | 0.81 deg | 0.23 deg | 246 | 246 | 255 | 3 503 |",
+        "| slow-stream | 100 | 96 |  | too few points |  |  |  |  |  |  |  |",
+        "| slow-stream | 300 | 217 | 4 | sphere | 1.57 % | 2.42 deg | 0.97 deg |  |  |  |  |",
+    ]
+    for cell in ("poor coverage: sphere", "too few points", "1.57 %", "3 503"):
+        assert cell in page
+    for report in (html_report, markdown_report):
+        assert "live with the stream" not in report(replace(run, tables=()))
+
+
+def test_curves_and_stages_of_a_suite_that_says_nothing_of_spheres_are_shown(run: Run) -> None:
+    """`hiltest init` copied suites before they did."""
+    tables = tuple(without_column(table, "sphere") for table in run.tables)
+    older = replace(run, tables=tables)
+    assert "sphere" not in str(budget_figures(older)[0].svg())
+    assert "| slow-stream | 300 | 217 | 4 | ellipsoid |" in markdown_report(older)
+
+
+def without_column(table: Table, name: str) -> Table:
+    keep = [index for index, column in enumerate(table.columns) if column.name != name]
+    return Table(
+        table.name, tuple(table.columns[index] for index in keep),
+        tuple(tuple(row[index] for index in keep) for row in table.rows),
+    )
 
 
 def test_a_run_without_curves_draws_none(run: Run) -> None:

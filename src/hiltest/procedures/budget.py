@@ -31,6 +31,11 @@ class EffortKind(StrEnum):
     SWEEPS = "sweeps"
     POINTS_SO_FAR = "points so far"
 
+    @property
+    def unit(self) -> str:
+        """What one of it is called."""
+        return "sweep" if self is EffortKind.SWEEPS else "point"
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Effort:

@@ -23,12 +23,14 @@ def budget_figures(run: Run) -> list[Figure]:
     if table is None:
         return []
     figures: dict[float, dict[str, _Curve]] = {}
-    columns = (table.column(name) for name in ("points", "calibrator", "cycles", "mean_error"))
-    for points, calibrator, cycles, error in zip(*columns, strict=True):
+    columns = [table.column(name) for name in ("points", "calibrator", "cycles", "mean_error")]
+    for points, calibrator, cycles, error, is_sphere in zip(*columns, table.column_if_any("sphere"), strict=True):
         if isinstance(points, int | float) and _is_positive(cycles):
             curve = figures.setdefault(points, {}).setdefault(str(calibrator), _Curve())
             curve.cycles = cycles
-            curve.points += [(cycles / 1000.0, error)] if _is_positive(error) else []
+            if _is_positive(error):
+                curve.points.append((cycles / 1000.0, error))
+                (curve.spheres if is_sphere else curve.ellipsoids).append(curve.points[-1])
     return [_figure(points, curves) for points, curves in sorted(figures.items()) if _any_point(curves)]
 
 
@@ -37,6 +39,8 @@ class _Curve:
     """Thousand cycles and error of each effort that left a calibration, and the cycles of the largest effort."""
 
     points: list[Point] = field(default_factory=list)
+    spheres: list[Point] = field(default_factory=list)
+    ellipsoids: list[Point] = field(default_factory=list)
     cycles: float = 0.0
 
     def in_words(self, name: str) -> str:
@@ -67,7 +71,8 @@ def _figure(points: float, curves: Mapping[str, _Curve]) -> Figure:
     for style, curve in zip(styles, curves.values(), strict=True):
         if curve.points:
             figure.line(curve.points, style)
-            figure.rings(curve.points, style, radius=2.5)
+            figure.rings(curve.spheres, f"{style} sphere", radius=3.0)
+            figure.rings(curve.ellipsoids, style, radius=2.5)
     # One that has no calibration yet is not left out: that is what it made of the points.
     names = (name if curve.points else f"{name}: none yet" for name, curve in curves.items())
     figure.key(zip(names, styles, strict=True))

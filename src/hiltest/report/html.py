@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from hiltest.report import overview
+from hiltest.report import overview, stream_overview
 from hiltest.report.budget_plot import budget_figures
 from hiltest.report.plots import cloud_figures, cycle_figures, heading_figures
 from hiltest.report.record import Run
@@ -43,6 +43,7 @@ def html_report(run: Run) -> str:
     return environment.get_template("report.html.j2").render(
         run=run, tone=_TONES.get(run.verdict.outcome, "bad"), board_line=overview.board_line(run),
         calibrators=overview.accuracy_and_cost(run), groups=overview.groups(run), figures=_figure_groups(run),
+        streams=stream_overview, stream_stages=stream_overview.stream_stages(run),
         provenance=list(overview.provenance(run)),
     )
 
@@ -60,8 +61,9 @@ def _figure_groups(run: Run) -> list[FigureGroup]:
         FigureGroup(
             "Error against cycle budget",
             "Each calibrator with more and more effort on the same points: a closed form with more of them, one that "
-            "iterates with more sweeps, a stream calibrator with more points seen. Mean over the known angles. Dashed: "
-            "the cycles that the thesis counts for its own calibrator and for the library's.",
+            "iterates with more sweeps, a stream calibrator with more points seen. Mean over the known angles. Hollow: "
+            "there was no ellipsoid, only a sphere was fitted. Dashed: the cycles that the thesis counts for its own "
+            "calibrator and for the library's.",
             budget_figures(run),
         ),
         FigureGroup(

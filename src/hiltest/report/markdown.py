@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Iterator
 
 from hiltest.measurement import Measurement
-from hiltest.report import overview
+from hiltest.report import overview, stream_overview
 from hiltest.report.record import Run, TestResult
 from hiltest.report.terminal import shown_limit, shown_outcome, shown_value
 
@@ -47,11 +47,20 @@ def _lines(run: Run) -> Iterator[str]:
         yield from ("", "## Out of order", "")
         yield from _measurements(gating)
     yield from _tests(run)
+    yield from _streams(run)
     yield from ("", "<details><summary>Every measurement</summary>", "")
     yield from _measurements(run.measurements)
     yield from ("", "</details>", "", "<details><summary>What the numbers rest on</summary>", "")
     yield from (f"- {plain_text(name)}: {plain_text(text)}" for name, text in overview.provenance(run))
     yield from ("", "</details>")
+
+
+def _streams(run: Run) -> Iterator[str]:
+    stages = stream_overview.stream_stages(run)
+    if stages:
+        yield from ("", f"<details><summary>{stream_overview.HEADING}</summary>", "")
+        yield from _table([*stream_overview.HEADINGS], ([*row] for row in stages))
+        yield from ("", "</details>")
 
 
 def _tests(run: Run) -> Iterator[str]:

@@ -126,6 +126,11 @@ class Table:
         index = names.index(name)
         return tuple(row[index] for row in self.rows)
 
+    def column_if_any(self, name: str) -> tuple[Cell, ...]:
+        """Return one column, of None when there is none of this name: suites before had none."""
+        has_column = any(column.name == name for column in self.columns)
+        return self.column(name) if has_column else (None,) * len(self.rows)
+
     def rounded(self) -> Table:
         """Return it as it is written: floats to nine significant digits, none of them NaN."""
         return replace(self, rows=tuple(tuple(_cell(cell) for cell in row) for row in self.rows))

@@ -1,0 +1,58 @@
+"""What the HTML and the Markdown report show of calibrators that live with the stream: a row for each stage."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from hiltest.report.record import Cell, Run
+from hiltest.report.verdict import grouped
+
+STAGES_TABLE = "stream.stages"
+HEADING = "Calibrators that live with the stream"
+LEGEND = (
+    "All points of the tumble, one after the other. Held: points that the calibration is, or would be, made of. "
+    "Elements: unknowns of its solver. Heading errors are computed on the host from the means that the board took at "
+    "the known angles. Cycles a point are of all points up to the end; those of the fit come on top when it is asked."
+)
+HEADINGS = (
+    "calibrator", "points", "held", "elements", "fit", "fit error", "worst heading", "mean error",
+    "mean cycles a point", "median", "most", "fit cycles",
+)
+_MEASURED = ("cycles_mean", "cycles_median", "cycles_max", "fit_cycles")
+
+
+def stream_stages(run: Run) -> list[tuple[str, ...]]:
+    """Return the rows of the table, empty when there were no streams; its columns are `HEADINGS`."""
+    return list(_rows(run))
+
+
+def _rows(run: Run) -> Iterator[tuple[str, ...]]:
+    table = run.table(STAGES_TABLE)
+    if table is None:
+        return
+    names = ("calibrator", "points", "held", "elements", "fit", "fit_error", "max_error", "mean_error")
+    stages = list(zip(*(table.column(name) for name in names), table.column_if_any("sphere"), strict=True))
+    last = {stage[0]: index for index, stage in enumerate(stages)}
+    for index, (name, points, held, elements, fit, fit_error, worst, mean, is_sphere) in enumerate(stages):
+        has_fit = worst is not None
+        yield (
+            str(name), str(points), str(held), str(elements or ""), _fit_in_words(fit, is_sphere),
+            _number(fit_error, "%") if has_fit else "", _number(worst, "deg"), _number(mean, "deg"),
+            *(_cycles(run, f"stream.{name}.{what}") if last[name] == index else "" for what in _MEASURED),
+        )
+
+
+def _fit_in_words(status: Cell, is_sphere: Cell) -> str:
+    words = str(status).lower().replace("_", " ")
+    if not is_sphere:
+        return words
+    return "sphere" if words == "ellipsoid" else f"{words}: sphere"
+
+
+def _number(value: Cell, unit: str) -> str:
+    return f"{value:.2f} {unit}" if isinstance(value, int | float) else ""
+
+
+def _cycles(run: Run, name: str) -> str:
+    measurement = run.measurement(name)
+    return "" if measurement is None or measurement.value is None else grouped(measurement.value)
