@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-
 import pytest
 
 from hiltest.settings import OPTIONS
@@ -99,16 +96,3 @@ def test_an_unused_plugin_imports_nothing_heavy(pytester: pytest.Pytester) -> No
     """)
     result = pytester.runpytest_subprocess("-s", "-p", "no:benchmark")
     result.stdout.fnmatch_lines(["*True []"])
-
-
-def test_an_unused_plugin_costs_less_than_20_ms() -> None:
-    code = (
-        "import pytest, time; start = time.perf_counter(); import hiltest.plugin; "
-        "print(time.perf_counter() - start)"
-    )
-    # The best of five: what else the machine does can only add.
-    seconds = min(
-        float(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout)
-        for _ in range(5)
-    )
-    assert seconds < 0.020
