@@ -68,7 +68,7 @@ def test_members_of_a_structure_are_laid_out_as_c_does() -> None:
     [
         ("hello", "'hello' is no argument; write an integer"),
         ("", "'' is no argument"),
-        ("4294967296", "does not fit the 32 bits"),
+        ("18446744073709551616", "does not fit the 64 bits"),
         ("int16:1,x", "int16:1,x: 'x' is not a number"),
         ("int16:40000", "40000 is no int16 (-32768 to 32767)"),
         ("int16:1.5", "1.5 is no int16"),

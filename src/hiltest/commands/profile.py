@@ -40,12 +40,14 @@ Arguments of the function:
 @click.option("--flame-graph", metavar="FILE", type=click.Path(path_type=Path, dir_okay=False),
               help="Write a flame graph (SVG).")
 @click.option("--profile", "timing", metavar="NAME", help="Timing profile.  [default: cortex-m4-trm/1]")
+@click.option("--timeout", "timeout_s", metavar="S", type=click.IntRange(1, 100), default=1,
+              show_default=True, help="Virtual seconds after which the function is taken to hang.")
 @click.argument("elf")
 @click.argument("function")
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
 def profile(
     elf: str, function: str, arguments: tuple[str, ...], lines: int, instructions: int, as_json: bool,
-    folded: Path | None, flame_graph: Path | None, timing: str | None,
+    folded: Path | None, flame_graph: Path | None, timing: str | None, timeout_s: int,
 ) -> int:
     """Call FUNCTION of ELF on the virtual FRDM-K64F and show where its cycles go.
 
@@ -60,7 +62,9 @@ def profile(
     path = default_firmware() if elf == SHIPPED else Path(elf)
     given = [parse_argument(text) for text in arguments]
     values = deepcopy(given)
-    called = ProfiledImage(path, timing=timing or DEFAULT_PROFILE).call(function, *values)
+    called = ProfiledImage(path, timing=timing or DEFAULT_PROFILE).call(
+        function, *values, timeout_s=timeout_s
+    )
     document = documents.document(called, path, arguments, given, values)
     if folded is not None:
         _write(folded, documents.folded(document))

@@ -26,7 +26,7 @@ import numpy as np
 
 from hiltest.errors import ConfigError
 from hiltest.virtual.buffers import Address, Structure
-from hiltest.virtual.calling import Argument
+from hiltest.virtual.procedure_call import Argument
 
 _TYPES = {name: np.dtype(name).newbyteorder("<") for name in (
     "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64",
@@ -48,8 +48,8 @@ def parse_argument(text: str) -> Argument:
         If it is none, or a file that it names cannot be read.
     """
     number = _number(text)
-    if isinstance(number, int) and not -(1 << 31) <= number < 1 << 32:
-        raise ConfigError(f"{text} does not fit the 32 bits that an integer argument has")
+    if isinstance(number, int) and not -(1 << 63) <= number < 1 << 64:
+        raise ConfigError(f"{text} does not fit the 64 bits that an integer argument has at most")
     if number is not None:
         return number
     members = [_member(part) for part in _SEPARATOR.split(text)]

@@ -13,8 +13,8 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from hiltest.virtual.buffers import Address, Structure
-from hiltest.virtual.calling import Argument
 from hiltest.virtual.k64f import CORE_HZ
+from hiltest.virtual.procedure_call import Argument
 from hiltest.virtual.profiling import AddressCost, CallProfile, FunctionCost, LineCost, StackCost
 
 SCHEMA: Literal["hiltest.profile/1"] = "hiltest.profile/1"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from hiltest.virtual.calling import Argument
-from hiltest.virtual.k64f import DEFAULT_PROFILE, VirtualK64F
+from hiltest.virtual.k64f import DEFAULT_PROFILE, HANG_S, VirtualK64F
+from hiltest.virtual.procedure_call import Argument
 from hiltest.virtual.profiling import CallProfile, ProfilingAccounting, profile_call
 
 
@@ -28,7 +28,7 @@ class ProfiledImage:
     def __init__(self, elf: Path, *, timing: str = DEFAULT_PROFILE) -> None:
         self._board = VirtualK64F(elf, profile=timing, accounting=ProfilingAccounting)
 
-    def call(self, function: str, *arguments: Argument) -> CallProfile:
+    def call(self, function: str, *arguments: Argument, timeout_s: float = HANG_S) -> CallProfile:
         """Call a function with interrupts masked, without booting; its data is what the ELF says, each time.
 
         Parameters
@@ -37,6 +37,8 @@ class ProfiledImage:
             Its name.
         *arguments : int, float, bytes, bytearray, numpy array or Structure
             As `VirtualK64F.call` takes them.
+        timeout_s : float
+            Virtual time after which it is taken to hang [s].
 
         Returns
         -------
@@ -50,4 +52,4 @@ class ProfiledImage:
         BoardFault
             The function faulted or hung.
         """
-        return profile_call(self._board, function, *arguments)
+        return profile_call(self._board, function, *arguments, timeout_s=timeout_s)

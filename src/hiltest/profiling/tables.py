@@ -58,7 +58,10 @@ def _print_head(console: Console, profile: ProfileDocument) -> None:
 def _returned(value: float | int | None) -> str:
     if value is None:
         return ""
-    return f" = {value} (0x{value & 0xFFFFFFFF:x})" if isinstance(value, int) else f" = {value:.9g}"
+    if isinstance(value, float):
+        return f" = {value:.9g}"
+    mask = 0xFFFFFFFF if -(1 << 31) <= value < 1 << 32 else 0xFFFFFFFFFFFFFFFF
+    return f" = {value} (0x{value & mask:x})"
 
 
 def _buffer(buffer: BufferLeft) -> str:

@@ -1,8 +1,7 @@
-"""Calling one function of an image by the procedure call standard (AAPCS, hard float)."""
+"""Calling one function of an image, and putting the processor back afterwards."""
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -12,12 +11,10 @@ from hiltest.errors import ConfigError
 from hiltest.virtual.buffers import place
 from hiltest.virtual.cpu import RETURN_ADDRESS, Processor
 from hiltest.virtual.elf import Signature
-
-Argument = int | float | bytes | bytearray | Any
+from hiltest.virtual.procedure_call import Argument, assign, result
 
 _SRAM_END = 0x20030000
 _STACK_BYTES = 8192
-_HANG_CYCLES = 12_000_000_000  # a hundred virtual seconds: no function measured here comes near
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +24,7 @@ class CallResult:
     Attributes
     ----------
     value : int or float or None
-        r0, or s0 for a function that returns float; None for void.
+        By the function's type; r0 without debug information, None for void.
     cycles, instructions : int
         From its first instruction to its return, both included.
     """
@@ -69,38 +66,9 @@ class _Scratch:
             view[:] = self._memory.read(address, view.nbytes)
 
 
-def _float_bits(value: float) -> int:
-    bits: int = struct.unpack("<I", struct.pack("<f", value))[0]
-    return bits
-
-
-def _assign(
-    symbol: str, signature: Signature | None, arguments: Sequence[Argument], scratch: _Scratch
-) -> tuple[list[int], list[int]]:
-    """Distribute arguments over core words (registers, then stack) and float registers."""
-    kinds = signature.parameters if signature else ("unsigned",) * len(arguments)
-    if signature and len(kinds) != len(arguments):
-        raise ConfigError(f"{symbol} takes {len(kinds)} arguments, {len(arguments)} were given")
-    core: list[int] = []
-    floating: list[int] = []
-    for position, (kind, argument) in enumerate(zip(kinds, arguments, strict=True), start=1):
-        if kind == "unsupported":
-            raise ConfigError(f"argument {position} of {symbol} is passed in a way that call() does not know")
-        if kind == "float":
-            floating.append(_float_bits(float(argument)))
-        elif isinstance(argument, int):
-            core.append(argument & 0xFFFFFFFF)
-        elif isinstance(argument, float):
-            reason = "" if signature else " (the image has no DWARF, so only integers can be passed)"
-            raise ConfigError(f"argument {position} of {symbol} is {kind}, not float{reason}")
-        else:
-            core.append(scratch.place(argument))
-    if len(floating) > 16:
-        raise ConfigError(f"{symbol} takes more than 16 float arguments")
-    return core, floating
-
-
-def call_function(processor: Processor, symbol: str, arguments: Sequence[Argument], *, booted: bool) -> CallResult:
+def call_function(
+    processor: Processor, symbol: str, arguments: Sequence[Argument], *, booted: bool, hang_cycles: int
+) -> CallResult:
     """Call a function; see `VirtualK64F.call`."""
     function = processor.image.symbols.get(symbol)
     if function is None or not function.is_function:
@@ -118,7 +86,7 @@ def call_function(processor: Processor, symbol: str, arguments: Sequence[Argumen
     stack = saved[0][13] if booted else _SRAM_END
     scratch = _Scratch(processor, stack - _STACK_BYTES)
     signature = processor.image.signature(symbol)
-    core, floating = _assign(symbol, signature, arguments, scratch)
+    core, floating = assign(symbol, signature, arguments, scratch.place, hard_float=processor.image.hard_float)
     on_stack = core[4:]
     stack = (stack - 4 * len(on_stack)) & ~7
     processor.memory.write_words(stack, on_stack)
@@ -127,13 +95,14 @@ def call_function(processor: Processor, symbol: str, arguments: Sequence[Argumen
     registers.xpsr.set(1 << 24)
     general = (core[:4] + [0] * 13)[:13]
     registers.general.write([*general, stack, RETURN_ADDRESS | 1, function.address | 1, 1 << 24])
-    registers.floating.write((floating + [0] * 16)[:16])
+    registers.floating.write(floating)
     accounting.flush_pipeline()
     cycles, instructions = accounting.cycles, accounting.instructions
     delivered, processor.delivers_faults = processor.delivers_faults, False
     try:
-        if not processor.run(cycles + _HANG_CYCLES):
-            raise processor.fault(f"hang: {symbol} did not return", registers.pc.get())
+        if not processor.run(cycles + hang_cycles):
+            allowed = f"{hang_cycles} cycles (--timeout, timeout_s= give it more)"
+            raise processor.fault(f"hang: {symbol} did not return within {allowed}", registers.pc.get())
         value = _result(processor, signature)
         scratch.fetch()
     finally:
@@ -149,12 +118,8 @@ def call_function(processor: Processor, symbol: str, arguments: Sequence[Argumen
 
 
 def _result(processor: Processor, signature: Signature | None) -> int | float | None:
-    returns = signature.returns if signature else "unsigned"
-    if returns == "void":
-        return None
-    if returns == "float":
-        bits = processor.registers.floating.read()[0]
-        value: float = struct.unpack("<f", struct.pack("<I", bits))[0]
-        return value
-    word = processor.registers.arguments.read()[0]
-    return word - (1 << 32) if returns == "signed" and word >> 31 else word
+    registers = processor.registers
+    return result(
+        signature.returns if signature else "unsigned", registers.arguments.read(), registers.floating.read(),
+        hard_float=processor.image.hard_float,
+    )

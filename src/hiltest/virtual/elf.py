@@ -25,8 +25,20 @@ from hiltest.errors import ConfigError
 _PROFILE_M = ord("M")
 _CORES = {0, 10, 11, 12, 13}
 _FLOATING_POINT = {0, 6}
+_HARD_FLOAT = 0x400  # EF_ARM_ABI_FLOAT_HARD, which the linker says of the whole
 _IMAGES_KEPT = 8  # parsed; each is a few megabytes with its debug information
 _ASSEMBLER = 0x8001  # DW_LANG_Mips_Assembler, which every assembler says
+_QUALIFIERS = frozenset(f"DW_TAG_{name}" for name in (
+    "typedef", "const_type", "volatile_type", "restrict_type", "atomic_type",
+))  # fmt: skip
+_POINTERS = frozenset({"DW_TAG_pointer_type", "DW_TAG_reference_type", "DW_TAG_rvalue_reference_type"})
+_FLOAT = 0x04  # DW_ATE_float
+# Behind it boolean, unsigned, unsigned_char and UTF, signed and signed_char; with their bytes, small ones as a word.
+_BASE_TYPES = {
+    (_FLOAT, 4): "float", (_FLOAT, 8): "double",
+    **{(encoding, 4): "unsigned" for encoding in (0x02, 0x07, 0x08, 0x10)}, (0x07, 8): "unsigned64",
+    **{(encoding, 4): "signed" for encoding in (0x05, 0x06)}, (0x05, 8): "signed64",
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +118,8 @@ class FirmwareImage:
         What to load.
     symbols : dict of str to Symbol
         Functions and objects by name; empty for a stripped file.
+    hard_float : bool
+        Whether its functions take and return floats in float registers.
     """
 
     def __init__(self, source: Path | bytes, *, name: str = "firmware image") -> None:
@@ -116,6 +130,7 @@ class FirmwareImage:
         try:
             self._elf = ELFFile(io.BytesIO(content))
             self._check_processor()
+            self.hard_float = bool(self._elf.header.e_flags & _HARD_FLOAT)
             self.segments = self._read_segments()
             self._all_symbols = self._read_symbols()
             self.symbols = {symbol.name: symbol for symbol in self._all_symbols}
@@ -273,7 +288,11 @@ class FirmwareImage:
 
 @dataclass(frozen=True, slots=True)
 class Signature:
-    """How a function takes and returns values: "float", "signed", "unsigned", "pointer" or "void"."""
+    """How a function takes and returns values.
+
+    "float" and "double", "signed" and "unsigned" (up to 32 bits), "signed64" and "unsigned64", "pointer", "void",
+    or "unsupported".
+    """
 
     parameters: tuple[str, ...]
     returns: str
@@ -283,7 +302,7 @@ def _type_of(die: Any) -> Any:
     """Follow typedefs and qualifiers to the type that decides how a value is passed."""
     while die is not None and "DW_AT_type" in die.attributes:
         die = die.get_DIE_from_attribute("DW_AT_type")
-        if die.tag not in ("DW_TAG_typedef", "DW_TAG_const_type", "DW_TAG_volatile_type"):
+        if die.tag not in _QUALIFIERS:
             return die
     return None
 
@@ -291,14 +310,12 @@ def _type_of(die: Any) -> Any:
 def _classify(die: Any) -> str:
     if die is None:
         return "void"
-    if die.tag == "DW_TAG_pointer_type":
+    if die.tag in _POINTERS:
         return "pointer"
     size = die.attributes["DW_AT_byte_size"].value if "DW_AT_byte_size" in die.attributes else 4
     if die.tag == "DW_TAG_enumeration_type" and size <= 4:
         return "unsigned"
-    if die.tag == "DW_TAG_base_type" and size <= 4:
+    if die.tag == "DW_TAG_base_type":
         encoding = die.attributes["DW_AT_encoding"].value
-        if encoding == 0x04:  # DW_ATE_float
-            return "float"
-        return "signed" if encoding in (0x05, 0x06) else "unsigned"  # DW_ATE_signed, DW_ATE_signed_char
+        return _BASE_TYPES.get((encoding, size if encoding == _FLOAT else max(size, 4)), "unsupported")
     return "unsupported"

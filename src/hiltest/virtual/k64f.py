@@ -8,7 +8,7 @@ from pathlib import Path
 
 from hiltest.errors import BoardFault, ConfigError, place_of
 from hiltest.virtual.accounting import AccountingFactory
-from hiltest.virtual.calling import Argument, CallResult, call_function
+from hiltest.virtual.calling import CallResult, call_function
 from hiltest.virtual.chip import mk64f12
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.elf import load_image
@@ -27,10 +27,14 @@ from hiltest.virtual.peripherals.pit import PeriodicTimers
 from hiltest.virtual.peripherals.system_control import CycleCounter, SystemControlSpace
 from hiltest.virtual.peripherals.uart import Uart
 from hiltest.virtual.peripherals.unmodelled import UnmodelledAccess, UnmodelledLog, UnmodelledPage
+from hiltest.virtual.procedure_call import Argument
 from hiltest.virtual.timing import load_profile
 
 CORE_HZ = 120_000_000
 DEFAULT_PROFILE = "cortex-m4-trm/1"
+#: After so much virtual time a called function is taken to hang [s]: no function that is measured comes near, and
+#: the slowest way to count, with a profile, takes the host about a minute for it.
+HANG_S = 1.0
 
 # Registers that firmware sets up and that change nothing which it could see: no need to tell.
 _STORED = {
@@ -325,7 +329,7 @@ class VirtualK64F:
 
     # -- calling functions --------------------------------------------------------------------
 
-    def call(self, symbol: str, *arguments: Argument) -> CallResult:
+    def call(self, symbol: str, *arguments: Argument, timeout_s: float = HANG_S) -> CallResult:
         """Call one function of the image and count what it costs.
 
         Works without booting; on a running board the processor's state is put
@@ -339,6 +343,8 @@ class VirtualK64F:
             By the types in the DWARF; integers only without it. A buffer is
             copied to free RAM and passed by address; a writable one gets what
             the function left there.
+        timeout_s : float
+            Virtual time after which it is taken to hang [s].
 
         Returns
         -------
@@ -357,6 +363,8 @@ class VirtualK64F:
                 zeroed = segment.run_size - len(segment.data)
                 self.processor.memory.write(segment.run_address, segment.data + bytes(zeroed))
         try:
-            return call_function(self.processor, symbol, arguments, booted=self._booted)
+            return call_function(
+                self.processor, symbol, arguments, booted=self._booted, hang_cycles=round(timeout_s * CORE_HZ)
+            )
         except _ResetRequested:
             raise BoardFault(f"{symbol} asked for a system reset", pc=self.image.symbols[symbol].address) from None

@@ -14,11 +14,12 @@ from dataclasses import dataclass
 from hiltest.errors import ConfigError
 from hiltest.virtual.accounting import Block, BlockAccounting
 from hiltest.virtual.call_tree import CallNode, CallTree
-from hiltest.virtual.calling import Argument, CallResult
+from hiltest.virtual.calling import CallResult
 from hiltest.virtual.cost_classes import InstructionCost, Stall, Work, instruction_costs
 from hiltest.virtual.elf import FirmwareImage
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.k64f import HANG_S, VirtualK64F
 from hiltest.virtual.memory import FLASH
+from hiltest.virtual.procedure_call import Argument
 from hiltest.virtual.timing import TimingProfile
 
 _SRAM_U = 0x20000000
@@ -152,7 +153,7 @@ class CallProfile(CallResult):
         return 100.0 * cycles / self.cycles
 
 
-def profile_call(board: VirtualK64F, function: str, *arguments: Argument) -> CallProfile:
+def profile_call(board: VirtualK64F, function: str, *arguments: Argument, timeout_s: float = HANG_S) -> CallProfile:
     """Call one function of an image and find out where its cycles go.
 
     Parameters
@@ -161,7 +162,7 @@ def profile_call(board: VirtualK64F, function: str, *arguments: Argument) -> Cal
         Made with ``accounting=ProfilingAccounting``.
     function : str
         Its name.
-    *arguments
+    *arguments, timeout_s
         As `VirtualK64F.call` takes them.
 
     Raises
@@ -180,7 +181,7 @@ def profile_call(board: VirtualK64F, function: str, *arguments: Argument) -> Cal
     tree = CallTree(board.image, function, symbol.address if symbol else 0, stack_pointer)
     accounting.follow(tree)
     try:
-        result = board.call(function, *arguments)
+        result = board.call(function, *arguments, timeout_s=timeout_s)
     finally:
         accounting.tree = None
     return _Sums(processor.profile, tree).profile(board.image, function, result)
