@@ -97,6 +97,8 @@ def host_library(require_tool: Callable[[str], str], tmp_path_factory: pytest.Te
     library = tmp_path_factory.mktemp("calibrators") / "calibrators.so"
     options = ["-std=c11", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fshort-enums", "-shared", "-fPIC"]
     warnings = ["-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Werror"]
+    # Undefined behaviour ends the process: whatever points a test draws, there must be none.
+    options += ["-fsanitize=undefined,float-cast-overflow", "-fsanitize-undefined-trap-on-error"]
     sources = sorted(str(path) for path in CALIBRATION.glob("*.c"))
     command = [require_tool("gcc"), *options, *warnings, *sources, "-o", str(library), "-lm"]
     subprocess.run(command, check=True)

@@ -306,6 +306,18 @@ def test_no_points_whatever_end_in_nan_or_infinity(made: Stream, seed: int, scal
     assert math.isfinite(report.fit_error_percent)
 
 
+@pytest.mark.parametrize("sliced", [False, True])
+def test_points_at_the_ends_of_their_range_overflow_nothing(made: Stream, sliced: bool) -> None:
+    """The host's library stops at undefined behaviour. A calibration sees the far points too: it scales them up."""
+    ends = np.random.default_rng(1).choice([-32768, -32767, -1, 0, 1, 32767], (3000, 3))
+    made.reset(sliced=sliced)
+    for point in [*tumble(1, 200), *ends]:
+        made.add(point)
+    report = made.report()
+    assert report.accepted
+    assert np.isfinite(report.fit.soft_iron).all()
+
+
 def _instructions(stream: BoardStream, *, sliced: bool) -> np.ndarray:
     stream.reset(sliced=sliced)
     counted = []
