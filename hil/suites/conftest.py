@@ -17,6 +17,7 @@ from hiltest.procedures import (
     Tumble,
     Turntable,
     collect_tumble,
+    held_as_taken,
     measure_known_angles,
     run_calibrators,
     run_streams,
@@ -67,8 +68,9 @@ def calibrations(board: Board, tumble: Tumble, rig: Rig, hil_progress: Progress)
 def streams(
     board: Board, tumble: Tumble, calibrations: dict[str, CalibratorRun], hil_progress: Progress
 ) -> dict[str, StreamRun]:
-    """What the calibrators that live with the stream made of every point of the tumble, in order."""
-    return run_streams(board, len(tumble.points), progress=hil_progress)
+    """What the calibrators that live with the stream made of every point of the tumble, in the order of their time."""
+    with held_as_taken(board, tumble):
+        return run_streams(board, len(tumble.points), progress=hil_progress)
 
 
 @pytest.fixture(scope="session")

@@ -10,7 +10,7 @@ import pytest
 from hiltest.angles import Pose, wrap_180
 from hiltest.boards import Board, open_board
 from hiltest.link.messages import Points
-from hiltest.procedures import OperatorTurntable, Tumble, collect_tumble, run_calibrators
+from hiltest.procedures import OperatorTurntable, Tumble, collect_tumble, held_as_taken, run_calibrators
 from hiltest.rig import Rig
 
 POINTS = 150
@@ -61,6 +61,17 @@ def test_the_board_holds_the_points_in_that_order_for_every_calibrator(board: Bo
         assert not run.is_sphere
         # Noise alone: its rms scatters by 7 %; 30 % are four sigma.
         assert run.residual_percent == pytest.approx(run.residual_predicted_percent, rel=0.3)
+
+
+def test_the_board_can_hold_them_as_they_were_taken_and_then_as_before(board: Board, by_hand: Tumble) -> None:
+    def held() -> np.ndarray:
+        return np.concatenate([board.session.request(Points(first, 50)).magnetometer for first in (0, 50, 100)])
+
+    with held_as_taken(board, by_hand):
+        # The field along x is that of the pitch at which each was taken; soft iron and noise are 3 % of it.
+        wanted = np.cos(np.radians(62.0 + np.linspace(-89.0, 89.0, POINTS)))
+        assert np.corrcoef(held()[:, 0], wanted)[0, 1] > 0.995
+    assert np.array_equal(held(), by_hand.points)
 
 
 def test_the_coverage_is_told_while_the_board_is_turned(by_hand: Tumble, told: list[str]) -> None:

@@ -22,7 +22,7 @@ from hiltest.procedures.rest import (
     measure_gyroscope_rest,
 )
 from hiltest.procedures.streams import StreamRun, StreamStage, run_streams, store_streams
-from hiltest.procedures.tumble import Tumble, collect_tumble, evenly_spread
+from hiltest.procedures.tumble import Tumble, collect_tumble, evenly_spread, held_as_taken
 from hiltest.procedures.turntables import (
     Achieved,
     OperatorTurntable,
@@ -61,6 +61,7 @@ __all__ = [
     "float32_error_deg",
     "golden_cloud",
     "heading_errors_deg",
+    "held_as_taken",
     "largest_effort_within",
     "largest_hole_deg",
     "measure_accelerometer_rest",

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,8 +12,9 @@ from numpy.typing import NDArray
 
 from hiltest.boards.board import Board
 from hiltest.errors import PoorCoverageError
-from hiltest.link.messages import MAX_POINTS_READ, MAX_UPLOAD, ClearPoints, Collect, Points, SensorKind, Upload
+from hiltest.link.messages import MAX_POINTS_READ, ClearPoints, Collect, Points, SensorKind
 from hiltest.procedures.coverage import largest_hole_deg, sphere_coverage
+from hiltest.procedures.cycles import upload_cloud
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.turntables import Turntable
 
@@ -41,6 +43,8 @@ class Tumble:
         Samples that the sensor replaced before they were read.
     duration_s : float
         Board time from the first request to the last answer.
+    taken : ndarray of int, shape (n,)
+        How many of the points were taken before each.
     """
 
     points: Counts
@@ -48,6 +52,7 @@ class Tumble:
     field_ut: float
     overruns: int
     duration_s: float
+    taken: NDArray[np.intp]
 
     @property
     def coverage(self) -> float:
@@ -119,6 +124,18 @@ def collect_tumble(
     return _spread_over_time(board, tumble) if slow else tumble
 
 
+@contextmanager
+def held_as_taken(board: Board, tumble: Tumble) -> Iterator[None]:
+    """Let the board hold the points in the order of their time, and afterwards again in that of the tumble."""
+    in_time = np.argsort(tumble.taken)
+    if np.array_equal(in_time, np.arange(len(in_time))):
+        yield
+        return
+    upload_cloud(board, tumble.points[in_time])
+    yield
+    upload_cloud(board, tumble.points)
+
+
 class _Collected:
     """Points so far: those that the board stored, and those that were read back."""
 
@@ -146,7 +163,7 @@ class _Collected:
     def tumble(self, duration_s: float) -> Tumble:
         return Tumble(
             np.concatenate(self._magnetometer), np.concatenate(self._accelerometer),
-            self._board.declared.field_ut, self._overruns, duration_s,
+            self._board.declared.field_ut, self._overruns, duration_s, np.arange(self.stored),
         )
 
 
@@ -159,8 +176,6 @@ def evenly_spread(n: int) -> NDArray[np.intp]:
 def _spread_over_time(board: Board, tumble: Tumble) -> Tumble:
     """Upload the points again, in an order whose every beginning is spread evenly over the whole."""
     order = evenly_spread(len(tumble.points))
-    spread = replace(tumble, points=tumble.points[order], accelerometer=tumble.accelerometer[order])
-    board.session.request(ClearPoints())
-    for first in range(0, len(order), MAX_UPLOAD):
-        board.session.request(Upload(first, spread.points[first : first + MAX_UPLOAD].tolist()))
+    spread = replace(tumble, points=tumble.points[order], accelerometer=tumble.accelerometer[order], taken=order)
+    upload_cloud(board, spread.points)
     return spread
