@@ -31,6 +31,31 @@ def test_help_lists_every_exit_code(tmp_path: Path, command: list[str]) -> None:
     assert set(WORDS) == set(ExitCode)
 
 
+@pytest.mark.parametrize(("command", "codes"), [("serve", [0, 4, 20]), ("profile", [0, 2, 4, 20])])
+def test_help_lists_the_exit_codes_of_a_command_and_no_other(tmp_path: Path, command: str, codes: list[int]) -> None:
+    told = hiltest(command, "--help", folder=tmp_path).stdout.split("Exit codes:")[1].strip().splitlines()
+    assert [int(line.split()[0]) for line in told if line.split()[0].isdigit()] == codes
+    assert "every test passed" not in "".join(told)
+
+
+def test_a_file_name_that_is_no_text_is_told_all_the_same(tmp_path: Path) -> None:
+    (tmp_path / os.fsdecode(b"caf\xe9.csv")).write_text("x,y,z\n1,2,3\n")
+    result = hiltest("fit", os.fsdecode(b"caf\xe9.csv"), "--on", "host", folder=tmp_path)
+    assert (result.returncode, result.stderr) == (1, "")
+    assert result.stdout.startswith("caf\\udce9.csv: 1 points")
+
+
+def test_a_full_disk_is_told_without_a_traceback(tmp_path: Path) -> None:
+    (tmp_path / "cloud.csv").write_text("x,y,z\n1,2,3\n")
+    with Path("/dev/full").open("w") as full:
+        result = subprocess.run(
+            [sys.executable, "-m", "hiltest", "fit", "cloud.csv", "--on", "host"], cwd=tmp_path, stdout=full,
+            stderr=subprocess.PIPE, text=True, check=False,
+        )  # fmt: skip
+    assert "ERROR: cannot write the output: No space left on device" in result.stderr
+    assert "Traceback" not in result.stderr
+
+
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [

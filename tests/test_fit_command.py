@@ -77,6 +77,30 @@ def test_people_get_a_table_with_reasons_and_notes(clouds: Path) -> None:
         assert text in " ".join(done.stdout.split()), done.stdout
 
 
+def test_in_a_pipe_every_sentence_is_on_one_line(clouds: Path) -> None:
+    lines = fit("cap.csv", "--on", "host", folder=clouds).stdout.splitlines()
+    (condition,) = {line for line in lines if "is above 300 (refused)" in line}
+    assert condition.endswith("turn the sensor all round.")
+    _write(clouds / "large.csv", 1000.0 * golden_cloud(400) + 1e6, "mx,my,mz")
+    cells = fit("large.csv", "--on", "host", folder=clouds).stdout.splitlines()
+    (hard_iron,) = [line for line in cells if line.lstrip().startswith("hard iron [counts]")]
+    assert len(hard_iron.split()) == 3 + 2 * 3, "three numbers of each of the two calibrators"
+
+
+def test_too_few_points_are_told_once(clouds: Path) -> None:
+    _write(clouds / "three.csv", golden_cloud(400)[:3] / 10.0)
+    assert "  number of points 3 is below 10 (refused): " in fit("three.csv", "--on", "host", folder=clouds).stdout
+
+
+def test_a_cloud_can_come_from_standard_input(clouds: Path) -> None:
+    with (clouds / "good.csv").open() as file:
+        done = subprocess.run(
+            [sys.executable, "-m", "hiltest", "fit", "-", "--on", "host", "--json"], stdin=file, capture_output=True,
+            text=True, check=False, timeout=120,
+        )  # fmt: skip
+    assert (done.returncode, json.loads(done.stdout)["n_in"]) == (0, 400), done.stderr
+
+
 def test_exports_are_written_for_what_is_not_refused(clouds: Path) -> None:
     options = ["--on", "host", "--export-json", "c.json", "--export-header", "c.h"]
     assert fit("good.csv", *options, folder=clouds).returncode == 0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import io
 import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
@@ -45,6 +47,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command and exit with its code; a wrong option is 4, as it is for pytest."""
     # Not click's own exit: it would leave with 2 for a wrong option, which means "interrupted" here.
     command: Callable[..., Any] = commands.main
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a file's name may hold what no encoding has
+            stream.reconfigure(errors="backslashreplace")
     try:
         code = command(args=arguments, prog_name="hiltest", standalone_mode=False)
     except click.ClickException as error:
@@ -53,6 +58,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except HiltestError as error:
         click.echo(f"ERROR: {error}", err=True)
         code = next((code for kind, code in _CODES.items() if isinstance(error, kind)), _FAILED)
+    except OSError as error:
+        if error.errno != errno.ENOSPC:
+            raise
+        click.echo(f"ERROR: cannot write the output: {error.strerror}", err=True)
+        code = _USAGE_ERROR
     except (click.Abort, KeyboardInterrupt):
         click.echo("interrupted", err=True)
         code = _INTERRUPTED

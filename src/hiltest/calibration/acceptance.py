@@ -97,7 +97,8 @@ BOUNDS = (
     # Simulated over 100 points: 300 is where a third of the sphere is covered (see `ellipsoid_condition`). Any
     # calibrator returns an ellipsoid for less as well, of a wrong radius.
     Bound("condition", "", 300.0, Acceptance.REFUSED,
-           "the points cover too little of the sphere to determine an ellipsoid; turn the sensor all round"),
+           "the points cover too little of the sphere to determine an ellipsoid, or nearly all lie in one place, or "
+           "one far from all others; turn the sensor all round"),
     # 60 % of the sphere has 57 in the median: at 0.4 uT and 100 points `direct` is off by 0.32 deg there, by 0.21 on
     # three quarters, 0.53 on a half and 1.05 on 30 %.
     Bound("condition", "", 60.0, Acceptance.POOR,

@@ -78,7 +78,7 @@ def ellipsoid_condition(points: ArrayLike) -> float:
     Returns
     -------
     float
-        At least 7.5, which is a whole sphere; `CONDITION_SINGULAR` at most, also for fewer than 9 points.
+        7.5 for a whole sphere, less for a ball; `CONDITION_SINGULAR` at most, also for fewer than 9 points.
 
     Notes
     -----

@@ -83,7 +83,7 @@ def read_cloud(path: Path, *, columns: str | None = None, unit: Unit | None = No
     headers, data = _header(first, rows)
     width = len(headers or first.cells)
     try:
-        places = named_columns(columns, headers, width) if columns else guessed_columns(headers, width)
+        places = named_columns(columns, headers, width) if columns is not None else guessed_columns(headers, width)
         named = tuple(headers[place] for place in places) if headers else ()
         unit_found = unit or unit_of(named)
     except ConfigError as error:

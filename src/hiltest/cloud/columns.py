@@ -28,6 +28,8 @@ _WORDS = {
 }  # fmt: skip
 # Units of fields that no option names: better refused than read as something else.
 _FOREIGN = frozenset({"nt", "mt", "t", "tesla", "nanotesla", "mgauss", "milligauss"})
+# With the capital; in lower case these are the g of accelerometers.
+_CAPITALS = {"G": "gauss", "mG": "mgauss"}
 _OTHER = frozenset({"g", "mg", "dps", "rad", "deg", "ms2", "si"})
 # "Magnetometer X (uT)", "mx_uT", "mag.y [gauss]": a name, and perhaps a unit in brackets or behind a low line.
 _BRACKETED = re.compile(r"^(?P<name>.*?)\s*[(\[](?P<unit>[^)\]]*)[)\]]$")
@@ -123,14 +125,18 @@ def _triples(headers: Sequence[str]) -> dict[str, tuple[int, int, int]]:
 
 def _split(header: str) -> tuple[str, str]:
     """Return name and unit of a header in lower case, the unit empty when there is none."""
-    lower = header.strip().lower()
-    bracketed = _BRACKETED.match(lower)
+    written = header.strip()
+    bracketed = _BRACKETED.match(written)
     if bracketed:
-        return bracketed["name"].strip(), bracketed["unit"].strip()
-    suffixed = _SUFFIXED.match(lower)
-    if suffixed and suffixed["unit"] in {*_WORDS, *_FOREIGN, *_OTHER}:
-        return suffixed["name"], suffixed["unit"]
-    return lower, ""
+        return bracketed["name"].strip().lower(), _unit_word(bracketed["unit"])
+    suffixed = _SUFFIXED.match(written)
+    if suffixed and (unit := _unit_word(suffixed["unit"])) in {*_WORDS, *_FOREIGN, *_OTHER}:
+        return suffixed["name"].lower(), unit
+    return written.lower(), ""
+
+
+def _unit_word(written: str) -> str:
+    return _CAPITALS.get(written.strip(), written.strip().lower())
 
 
 def _index(name: str, headers: Sequence[str], width: int) -> int:

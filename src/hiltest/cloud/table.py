@@ -69,6 +69,8 @@ def _rows(path: Path, file: BinaryIO) -> Iterator[Row]:
             if before is None:
                 before = ()
             cells = _cells(text, delimiter)
+            if cells is None and "\r" in text.strip("\r\n"):
+                raise ConfigError(f"{path}:{line}: carriage returns within the line; save with line ends LF or CR LF")
             if cells is None:
                 raise ConfigError(f"{path}:{line}: a quote is opened and not closed on the line")
             yield Row(line, cells, before)

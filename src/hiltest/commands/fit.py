@@ -25,6 +25,7 @@ Exit codes:
   20  the virtual board was lost: firmware that faults or hangs
   23  wrong firmware, or another protocol version
 """
+_STANDARD_INPUT = Path("/dev/stdin")
 _FILE = click.Path(dir_okay=False, path_type=Path)
 
 
@@ -51,12 +52,13 @@ def fit(
 ) -> int:  # fmt: skip
     """Fit the points of a recorded magnetometer cloud, and say whether the calibration may be used.
 
-    CLOUD is a text table: comma, semicolon, tab or blanks between cells, decimal points, with or without a header.
-    A refused calibration is not exported.
+    CLOUD is a text table: comma, semicolon, tab or blanks between cells, decimal points, with or without a header;
+    - is standard input. A refused calibration is not exported.
     """
     from hiltest.cloud import Unit, read_cloud
 
-    read = read_cloud(cloud, columns=columns, unit=Unit(unit) if unit else None)
+    path = _STANDARD_INPUT if str(cloud) == "-" else cloud
+    read = read_cloud(path, columns=columns, unit=Unit(unit) if unit else None)
     fitted = _fit(read, calibrator, on, firmware)
     _show(fitted, as_json=as_json)
     _export(fitted, export_json, export_header)
@@ -91,11 +93,10 @@ def _show(fitted: CloudFit, *, as_json: bool) -> None:
 
         click.echo(to_json(fitted), nl=False)
         return
-    from rich.console import Console
-
     from hiltest.report.cloud_fit_table import print_fit
+    from hiltest.report.console import standard_output
 
-    print_fit(fitted, Console())
+    print_fit(fitted, standard_output())
 
 
 def _export(fitted: CloudFit, as_json: Path | None, as_header: Path | None) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from copy import deepcopy
 from pathlib import Path
 
@@ -12,7 +11,7 @@ from hiltest.errors import ConfigError
 
 SHIPPED = "shipped"
 
-_ARGUMENTS = """
+_EPILOG = """
 \b
 Arguments of the function:
   42  -7  0x2a        an integer
@@ -25,11 +24,18 @@ Arguments of the function:
   @data.bin           the bytes of a file
   A+B                 buffers A and B as the members of a C struct
   ptr:A               as such a member: the address of buffer A
+
+\b
+Exit codes:
+  0   the function returned
+  2   interrupted
+  4   usage: an option, an argument or the ELF is wrong
+  20  the function faulted or hung
 """
 
 
 # Unknown options are let through: a negative number is an argument of the function.
-@click.command(epilog=_ARGUMENTS, context_settings={"ignore_unknown_options": True})
+@click.command(epilog=_EPILOG, context_settings={"ignore_unknown_options": True})
 @click.option("--lines", metavar="N", type=click.IntRange(min=0), default=12, show_default=True,
               help="How many source lines to show.")
 @click.option("--instructions", metavar="N", type=click.IntRange(min=0), default=0, show_default=True,
@@ -75,13 +81,10 @@ def profile(
     if as_json:
         click.echo(documents.json_text(document))
         return 0
-    from rich.console import Console
-
     from hiltest.profiling.tables import print_profile
+    from hiltest.report.console import standard_output
 
-    # Nobody knows how wide a file is: wide enough for names.
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else 110)
-    print_profile(console, document, lines=lines, instructions=instructions)
+    print_profile(standard_output(), document, lines=lines, instructions=instructions)
     return 0
 
 

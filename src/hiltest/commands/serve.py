@@ -17,11 +17,18 @@ from hiltest.boards.lines import Line, PseudoTerminal, TcpLine
 from hiltest.boards.paced import PacedBench
 from hiltest.boards.port_links import port_link
 from hiltest.boards.table_axes import TableAxes
-from hiltest.commands.options import EXIT_CODES, checked
+from hiltest.commands.options import checked
 from hiltest.errors import BenchError, ConfigError
 from hiltest.rig_file import load_rig
 from hiltest.settings import file_name, seed
 
+_EXIT_CODES = """
+\b
+Exit codes:
+  0   it was ended: Ctrl-C, or another signal that ends programs
+  4   usage: an option, a port, a rig file or a firmware file is wrong
+  20  the firmware faulted, or hung where no interrupt could end it
+"""
 _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _LOOK_EVERY_S = 0.2
 # Firmware that the host cannot run in time is not waited for any longer.
@@ -31,7 +38,7 @@ _BEHIND_S = 3.0
 _PORTS = click.IntRange(0, 65_535)
 
 
-@click.command(epilog=EXIT_CODES)
+@click.command(epilog=_EXIT_CODES)
 @click.option("--pty", is_flag=True, help="Serve on pseudo-terminals; this is the default.")
 @click.option("--tcp", type=_PORTS, metavar="PORT", help="Serve on a TCP port instead; 0 takes any free one.")
 @click.option("--turntable-tcp", type=_PORTS, metavar="PORT",

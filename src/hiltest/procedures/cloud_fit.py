@@ -269,7 +269,7 @@ def _cloud_fit(
 def _unit_note(cloud: Cloud, _firmware: FirmwareUsed | None, _fits: Sequence[CalibratorFit]) -> str:
     if cloud.microtesla is not None:
         return ""
-    why = "The header names no unit: taken as counts" if cloud.unit_from == "assumed" else "Counts"
+    why = "The header names no unit that is known: taken as counts" if cloud.unit_from == "assumed" else "Counts"
     return f"{why} of unknown scale, so the field strength is not judged; --unit uT or gauss says what they are."
 
 

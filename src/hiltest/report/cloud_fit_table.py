@@ -22,12 +22,13 @@ _NAMES = {
 def print_fit(fit: CloudFit, console: Console) -> None:
     """Print what was read, a table with a column for each calibrator, the reasons and the verdict."""
     points = f"{fit.n_in} points, columns {', '.join(fit.columns)} [{fit.unit}]"
-    console.print(escape(f"{fit.file}: {points}"), soft_wrap=True, highlight=False)
+    as_one_line = not console.is_terminal
+    console.print(escape(f"{fit.file}: {points}"), soft_wrap=True)
     console.print(_grid(fit))
     for each in fit.calibrators:
-        console.print(_reasons(each), highlight=False)
+        console.print(_reasons(each), soft_wrap=as_one_line)
     for note in fit.notes:
-        console.print(Text(note, style="dim"), highlight=False)
+        console.print(Text(note, style="dim"), soft_wrap=as_one_line)
 
 
 def _grid(fit: CloudFit) -> Table:
@@ -74,7 +75,7 @@ def reason_line(reason: Reason) -> str:
         return f"the fit ended as {reason.value!r}: {reason.meaning}."
     name = _NAMES[reason.figure]
     side = "above" if reason.value > reason.threshold else "below"
-    unit = f" {reason.unit}" if reason.unit else ""
+    unit = f" {reason.unit}" if reason.unit and reason.figure != "n" else ""  # a number of points has said it
     limit = f"{reason.threshold:g}{unit} ({reason.verdict})"
     return f"{name} {reason.value:.4g}{unit} is {side} {limit}: {reason.meaning}."
 

@@ -1,0 +1,15 @@
+"""Where tables for people are printed: a terminal, or something of which nobody knows how wide it is."""
+
+from __future__ import annotations
+
+import sys
+
+from rich.console import Console
+
+# Wider than any table here: in a file or a pipe nothing is cut, and a sentence stays on its line, so that it is found.
+_FILE_WIDTH = 200
+
+
+def standard_output() -> Console:
+    """Return standard output as a console that marks nothing up by itself."""
+    return Console(highlight=False, width=None if sys.stdout.isatty() else _FILE_WIDTH)
