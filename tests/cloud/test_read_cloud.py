@@ -103,7 +103,7 @@ def test_repeated_readings_are_counted(tmp_path: Path) -> None:
         ("1,2,3\n1,2,1e300\n", {}, "cloud.csv:2: column 3: '1e300' is no magnetometer reading"),
         ("1,2,3\n1,2\n", {}, "cloud.csv:2: 2 cells where the table has 3 columns; correct or delete the line"),
         ("1,2,3\n1,\"2,3\n", {}, "cloud.csv:2: a quote is opened and not closed on the line"),
-        ("mx,my,mz\r1,2,3\r4,5,6\r", {}, "cloud.csv:1: carriage returns within the line; save it with line ends LF"),
+        ("mx,my,mz\r1,2,3\r4,5,6\r", {}, "cloud.csv:1: carriage returns within the line; save with line ends LF"),
         ("1,2,3,4\n", {}, "cannot tell which columns are the magnetometer: no header and 4 columns; say which"),
         ("a,b,c,d\n1,2,3,4\n", {}, "the columns are a, b, c, d; say which with --columns"),
         ("mag_x,mag_y,mag_z,compass_x,compass_y,compass_z\n1,2,3,4,5,6\n", {},
