@@ -131,6 +131,12 @@ def test_a_link_stays_for_its_time_and_replaces_only_what_an_earlier_start_left(
     with pytest.raises(ConfigError, match=r"cannot make the link .*/file: File exists"), port_link(file, "/dev/pts/1"):
         pass
     assert file.read_text(encoding="utf-8") == "precious"
+    with (
+        port_link(link, "/dev/pts/1"),
+        pytest.raises(ConfigError, match=r"cannot make the link .*board: another hiltest serve keeps it"),
+        port_link(tmp_path / "." / "board", "/dev/pts/2"),
+    ):
+        pass
     with port_link(link, "/dev/pts/1"):
         link.unlink()
         link.symlink_to("elsewhere")

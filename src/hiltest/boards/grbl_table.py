@@ -238,9 +238,6 @@ class GrblTable:
             self._out += f"{line}\r\n".encode()
 
 
-
-
-
 def _at_once() -> bool:
     return True
 

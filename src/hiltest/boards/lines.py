@@ -7,6 +7,7 @@ a serial line without flow control; so is what is sent while nobody is connected
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import select
 import socket
@@ -137,9 +138,9 @@ class TcpLine:
             self._listener = socket.create_server((host, port), family=family)
         except (OSError, OverflowError) as error:
             reason = getattr(error, "strerror", None) or error
-            raise ConfigError(
-                f"cannot listen on {host} port {port}: {reason}. Choose another port, or 0 for any free one"
-            ) from error
+            of_the_port = getattr(error, "errno", None) in (errno.EADDRINUSE, errno.EACCES)
+            advice = "Choose another port, or 0 for any free one." if of_the_port else "Is it this machine's address?"
+            raise ConfigError(f"cannot listen on {host} port {port}: {reason}. {advice}") from error
         self._listener.setblocking(False)
         self._client: socket.socket | None = None
         self.port: int = self._listener.getsockname()[1]

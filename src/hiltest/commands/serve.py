@@ -35,7 +35,8 @@ _LOOK_EVERY_S = 0.2
 _START_S = 2.0
 # A board that is this far behind wall time is no longer one that a person would call real [s].
 _BEHIND_S = 3.0
-_PORTS = click.IntRange(0, 65_535)
+_LAST_PORT = 65_535
+_PORTS = click.IntRange(0, _LAST_PORT)
 
 
 @click.command(epilog=_EXIT_CODES)
@@ -67,7 +68,14 @@ def serve(
         raise ConfigError("--turntable-tcp and --host go with --tcp PORT")
     if tcp is not None and (pty or link):
         raise ConfigError("--tcp goes neither with --pty nor with --link")
+    if tcp == _LAST_PORT and turntable_tcp is None:
+        raise ConfigError(f"--tcp {tcp} leaves no port above it for the turntable: name one with --turntable-tcp")
     described = load_rig(rig_file(Path.cwd(), rig))
+    if described.world is None:
+        raise ConfigError(
+            f"rig {described.name} ({described.path}) is of a {described.board.kind} board: there is nothing to serve. "
+            "Choose a rig of a virtual board with --rig"
+        )
     bench = VirtualBench(
         described, firmware=Path(firmware) if firmware else None, seed=int(seed) if seed else None
     )
