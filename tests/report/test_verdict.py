@@ -140,10 +140,10 @@ def test_a_heading_that_is_not_a_number_fails_by_name(findings: Make, heading: H
 
 
 def test_a_test_that_failed_without_a_measurement_is_named(findings: Make, good: list[Measurement]) -> None:
-    failed = TestResult("hil/suites/test_link.py::test_echo", "failed", 1, reason="assert 3 == 4")
-    assert decide(findings(*good, tests=(failed,)), pytest_exit=1).sentence.endswith(
-        "FAIL. Failed: test_link.py::test_echo (assert 3 == 4)."
-    )
+    for name in ("test_echo", "test_echo[a/b]"):
+        failed = TestResult(f"hil/suites/test_link.py::{name}", "failed", 1, reason="assert 3 == 4")
+        sentence = decide(findings(*good, tests=(failed,)), pytest_exit=1).sentence
+        assert sentence.endswith(f"FAIL. Failed: test_link.py::{name} (assert 3 == 4).")
 
 
 def test_a_lost_bench_says_what_happened_and_what_is_kept(findings: Make) -> None:

@@ -9,7 +9,7 @@ from itertools import groupby
 from hiltest.measurement import Measurement, Outcome
 from hiltest.report.record import Run
 from hiltest.report.terminal import shown_limit, shown_value
-from hiltest.report.verdict import UNCALIBRATED, calibrator_results, grouped
+from hiltest.report.verdict import UNCALIBRATED, calibrator_results, grouped, without_folders
 
 # Heading of a column of the accuracy-and-cost table, and the measurement in it.
 _COLUMNS = (
@@ -81,8 +81,7 @@ def tone(measurement: Measurement) -> str:
 
 def origin(measurement: Measurement) -> str:
     """Return which test measured it and, for cycles, what counted."""
-    test = measurement.test.rsplit("/", maxsplit=1)[-1]
-    return f"{test} {measurement.cycle_model}".strip()
+    return f"{without_folders(measurement.test)} {measurement.cycle_model}".strip()
 
 
 def board_line(run: Run) -> str:

@@ -273,7 +273,7 @@ def _failed_tests(findings: Findings, failed: Sequence[Measurement]) -> str:
     tests = [each for each in _tests(findings, *_RED_TESTS) if each.id not in explained]
     if not tests:
         return ""
-    named = [f"{each.id.rsplit('/', maxsplit=1)[-1]} ({each.reason})" for each in tests]
+    named = [f"{without_folders(each.id)} ({each.reason})" for each in tests]
     return f"Failed: {_listed(named)}."
 
 
@@ -328,6 +328,18 @@ def _value(measurement: Measurement | None) -> float | None:
 
 def _maximum_of(measurement: Measurement | None) -> float | None:
     return None if measurement is None or measurement.limit is None else measurement.limit.max
+
+
+def without_folders(test: str) -> str:
+    """Return a test's id with the name of its file only; what stands behind it may have slashes of its own.
+
+    Examples
+    --------
+    >>> without_folders("hil/suites/test_link.py::test_rate[1/2]")
+    'test_link.py::test_rate[1/2]'
+    """
+    file, colons, name = test.partition("::")
+    return file.rpartition("/")[2] + colons + name
 
 
 def grouped(value: float) -> str:
