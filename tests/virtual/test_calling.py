@@ -12,7 +12,7 @@ import pytest
 from hiltest.errors import BoardFault, ConfigError
 from hiltest.virtual.k64f import VirtualK64F
 
-from .conftest import FLAGS, PROGRAMS
+from .conftest import FLAGS, PROGRAMS, Build
 
 # Every argument has a weight of its own: one in a wrong place shows.
 SOURCE = """
@@ -99,6 +99,19 @@ def test_what_cannot_be_passed_is_refused_and_says_which(
     with pytest.raises(ConfigError, match=reason):
         board.call(function, *arguments)
     assert board.call("two", 1.0, 0.0).value == 1.0, "the board is as before"
+
+
+def test_buffers_find_room_where_the_heap_gets_all_that_is_left(tmp_path: Path, build: Build) -> None:
+    script = (PROGRAMS / "flash.ld").read_text()
+    script = script.replace("stack_top =", ".heap (NOLOAD) : { . += 0x200; . = 0x2f000; } > sram\n    stack_top =")
+    (tmp_path / "heap.ld").write_text(script)
+    (tmp_path / "program.c").write_text("int main(void) { return 0; }\nint second(const int *v) { return v[1]; }\n")
+    elf = build(tmp_path / "program.c", f"-Wl,-T,{tmp_path / 'heap.ld'}")
+    board = VirtualK64F(elf)
+    assert max(each.run_address + each.run_size for each in board.image.segments) == 0x2002F000
+    assert board.call("second", np.array([3, 7], np.int32)).value == 7
+    with pytest.raises(ConfigError, match=r"the arguments need \d+ bytes more RAM than the image leaves free"):
+        board.call("second", bytes(0x10008))
 
 
 def test_a_function_that_waits_for_ever_ends_after_the_virtual_time_that_it_was_given(board: VirtualK64F) -> None:

@@ -10,10 +10,11 @@ from typing import Any
 from hiltest.errors import ConfigError
 from hiltest.virtual.buffers import place
 from hiltest.virtual.cpu import RETURN_ADDRESS, Processor
-from hiltest.virtual.elf import Signature
+from hiltest.virtual.elf import Segment, Signature
+from hiltest.virtual.memory import SRAM
 from hiltest.virtual.procedure_call import Argument, assign, result
 
-_SRAM_END = 0x20030000
+_SRAM_END = SRAM[0] + SRAM[1]
 _STACK_BYTES = 8192
 
 
@@ -34,14 +35,27 @@ class CallResult:
     instructions: int
 
 
+def _largest_gap(segments: Sequence[Segment], limit: int) -> tuple[int, int]:
+    """Return where the most RAM in one piece is that no segment uses, below `limit`.
+
+    Behind the last one there may be none: linker scripts give the heap all that is left.
+    """
+    begin, gaps = SRAM[0], []
+    for segment in sorted(segments, key=lambda segment: segment.run_address):
+        if SRAM[0] <= segment.run_address < limit:
+            gaps.append((begin, segment.run_address))
+            begin = max(begin, segment.run_address + segment.run_size)
+    gaps.append((begin, limit))
+    return max(gaps, key=lambda gap: gap[1] - gap[0])
+
+
 class _Scratch:
-    """Free RAM behind everything the image uses, handed out from low to high."""
+    """RAM that the image does not use, handed out from low to high."""
 
     def __init__(self, processor: Processor, limit: int) -> None:
         self._memory = processor.memory
-        used = [segment.run_address + segment.run_size for segment in processor.image.segments]
-        self._next = (max([0x20000000, *(end for end in used if end <= _SRAM_END)]) + 7) & ~7
-        self._limit = limit
+        begin, self._limit = _largest_gap(processor.image.segments, limit)
+        self._next = (begin + 7) & ~7
         self._written_back: list[tuple[int, memoryview]] = []
 
     def place(self, buffer: Any) -> int:
