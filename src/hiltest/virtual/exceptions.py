@@ -132,8 +132,8 @@ class ExceptionUnit:
             cause = f"vector 0x{vector:08x} of exception {exception} has no Thumb bit"
             problem = Fault(FaultKind.INVALID_STATE, cause, interrupted_at)
         xpsr = (xpsr & _APSR) | _THUMB | exception
-        control &= _CONTROL_NPRIV | _CONTROL_SPSEL
-        registers.entry.write([base, xpsr, control, exc_return, vector])
+        control &= _CONTROL_NPRIV
+        registers.entry.write([base, 0, xpsr, control, exc_return, vector])
         self._nvic.enter(exception)
         if exception == HARD_FAULT and problem is not None and problem.kind is FaultKind.STACKING:
             self.status.record(problem, forced=False)  # nothing is more urgent: the handler runs without a frame

@@ -126,11 +126,16 @@ class Nvic:
         ceiling : int
             Only exceptions more urgent than this priority, see `ceiling`.
         """
+        best = self.most_urgent()
+        return best if best is not None and self.preempts(best, ceiling) else None
+
+    def most_urgent(self, ceiling: int = IDLE) -> int | None:
+        """Choose the pending exception that comes first, if it passes the masks; whatever is active."""
         ready = self._ready()
         if not ready:
             return None
         best = min(ready, key=lambda exception: (self._order(exception), exception))
-        return best if self.preempts(best, ceiling) else None
+        return best if self.preemption_priority(best) < ceiling else None
 
     def preempts(self, exception: int, ceiling: int = IDLE) -> bool:
         """Whether an exception is urgent enough to be taken now."""

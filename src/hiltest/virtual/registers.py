@@ -81,8 +81,9 @@ class CoreRegisters:
     """The registers that exceptions and calls move about."""
 
     def __init__(self, engine: Any) -> None:
-        # In the order in which they must be written: XPSR decides which stack pointer SP is.
-        self.entry = RegisterGroup(engine, ["SP", "XPSR", "CONTROL", "LR", "PC"])
+        # In the order in which they must be written: XPSR decides which stack pointer SP is, and only in
+        # thread mode can CONTROL.SPSEL be cleared.
+        self.entry = RegisterGroup(engine, ["SP", "CONTROL", "XPSR", "CONTROL", "LR", "PC"])
         self.interrupted = RegisterGroup(engine, [*_FRAME, "SP", "CONTROL"])
         # CONTROL first without nPRIV: unprivileged thread mode could not change it.
         self.resumed = RegisterGroup(engine, ["CONTROL", "XPSR", "CONTROL", "SP", *_FRAME])

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from hiltest.virtual.cpu import Processor
-from hiltest.virtual.nvic import FIRST_INTERRUPT, IDLE, INTERRUPTS, NMI, PENDSV, SYSTICK
+from hiltest.virtual.nvic import FIRST_INTERRUPT, INTERRUPTS, NMI, PENDSV, SYSTICK
 from hiltest.virtual.peripherals.fault_registers import CFSR, HFSR, FaultRegisters
 from hiltest.virtual.schedule import Event
 
@@ -229,7 +229,7 @@ class SystemControlSpace:
         nvic = self._processor.nvic
         word = nvic.active[-1] if nvic.active else 0
         word |= (len(nvic.active) <= 1) << 11  # RETTOBASE
-        word |= (nvic.next_exception(ceiling=IDLE) or 0) << 12
+        word |= (nvic.most_urgent() or 0) << 12
         word |= any(exception >= FIRST_INTERRUPT for exception in nvic.pending) << 22
         return word | sum((exception in nvic.pending) << bit for bit, exception in _ICSR_SETS.items())
 
