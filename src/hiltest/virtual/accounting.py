@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, ClassVar, NamedTuple, Protocol
 
-from hiltest.virtual.instructions import Alignment, Instruction, decode, required_alignment
+from hiltest.virtual.instructions import Alignment, Instruction, conditions_left, decode, required_alignment
 from hiltest.virtual.timing import NEUTRAL, PipelineState, TimingProfile
 
 ReadCode = Callable[[int, int], bytes]
@@ -99,9 +99,23 @@ def price_block(profile: TimingProfile, instructions: list[Instruction], entry: 
 
 
 @lru_cache(maxsize=BLOCKS_KEPT)
-def priced_block(profile: TimingProfile, address: int, code: bytes, entry: PipelineState) -> Block:
+def priced_block(profile: TimingProfile, address: int, code: bytes, entry: PipelineState, conditions: int = 0) -> Block:
     """Decode and price a block of code; one that was priced before costs nothing."""
-    return price_block(profile, decode(address, code), entry)
+    return price_block(profile, decode(address, code, conditions), entry)
+
+
+def conditions_at(address: int, block: Block, read_code: ReadCode) -> int:
+    """Say how many of a block's instructions belong to an IT block that began before it, if that matters.
+
+    The emulator cuts at the ends of pages. What matters is whether a jump at the end is always taken.
+    """
+    last = block.instructions[-1]
+    if block.count > 3 or not last.transfer or last.conditional:
+        return 0
+    try:
+        return conditions_left(read_code(address - 14, 14))
+    except ValueError:  # a memory begins there
+        return 0
 
 
 class Accounting(Protocol):
@@ -144,6 +158,10 @@ class Accounting(Protocol):
 
     def begins(self, address: int, size: int) -> None:
         """Take note that the emulator is about to run what stands at `address`."""
+        ...
+
+    def translated(self, address: int, size: int) -> None:
+        """Take note that the emulator has translated a block; not for the first time where it was written to."""
         ...
 
     def flush_pipeline(self) -> None:
@@ -190,6 +208,9 @@ class _Totals:
     def begins(self, address: int, size: int) -> None:
         raise NotImplementedError
 
+    def translated(self, address: int, size: int) -> None:
+        """Nothing is cached."""
+
     def hook(self, outside: int, abort: Callable[[BaseException], None]) -> CodeHook:
         """Return a callback that calls `begins`, and `abort` with whatever that raises."""
         begins = self.begins
@@ -221,6 +242,7 @@ class BlockAccounting(_Totals):
         self._running: Block | None = None
         self._cache: dict[tuple[int, int, PipelineState], Block] = {}
         self._neutral: dict[int, Block] = {}
+        self._priced_code: dict[tuple[int, int], bytes] = {}
 
     def begins(self, address: int, size: int) -> None:
         """Take note that the emulator is about to run a block (its block hook)."""
@@ -261,7 +283,16 @@ class BlockAccounting(_Totals):
 
     def _price(self, address: int, size: int, state: PipelineState) -> Block:
         self._running = None  # the block before is added already, should reading the code fail
-        return priced_block(self._profile, address, self._read_code(address, size), state)
+        code = self._priced_code[address, size] = self._read_code(address, size)
+        block = priced_block(self._profile, address, code, state)
+        conditions = conditions_at(address, block, self._read_code)
+        return priced_block(self._profile, address, code, state, conditions) if conditions else block
+
+    def translated(self, address: int, size: int) -> None:
+        """Take note that the emulator has translated a block; not for the first time where it was written to."""
+        priced = self._priced_code.get((address, size))
+        if priced is not None and priced != self._read_code(address, size):
+            self.forget_code()
 
     @property
     def jumped_from(self) -> int | None:
@@ -295,6 +326,7 @@ class BlockAccounting(_Totals):
         """Drop cached blocks."""
         self._cache.clear()
         self._neutral.clear()
+        self._priced_code.clear()
 
 
 class InstructionAccounting(_Totals):
@@ -361,5 +393,3 @@ class InstructionAccounting(_Totals):
 
     def forget_code(self) -> None:
         """Nothing is cached."""
-
-

@@ -25,7 +25,7 @@ from hiltest.virtual.exceptions import ExceptionUnit
 from hiltest.virtual.faults import Fault, FaultKind, FaultLog, Lockup
 from hiltest.virtual.instructions import Instruction
 from hiltest.virtual.interrupt import deferred_interrupt
-from hiltest.virtual.memory import BoardMemory
+from hiltest.virtual.memory import SRAM, BoardMemory
 from hiltest.virtual.native import by_block
 from hiltest.virtual.nvic import SVCALL, SYSTICK, Nvic
 from hiltest.virtual.registers import CoreRegisters
@@ -38,6 +38,10 @@ _SLICE_CYCLES = 4_000_000  # the longest stretch without looking at the wall clo
 _EMU_START = ctypes.CFUNCTYPE(
     ctypes.c_int, ctypes.c_void_p, ctypes.c_uint64, ctypes.c_uint64, ctypes.c_uint64, ctypes.c_size_t
 )(("uc_emu_start", uclib))
+
+_TRANSLATED = ctypes.CFUNCTYPE(
+    None, ctypes.c_void_p, ctypes.POINTER(unicorn_py3.unicorn.uc_tb), ctypes.c_void_p, ctypes.c_void_p
+)
 
 # Faults found after their instruction is over: a jump, or an SVC.
 _BEHIND = {FaultKind.INSTRUCTION_BUS, FaultKind.EXECUTE_NEVER, FaultKind.SUPERVISOR_CALL}
@@ -98,16 +102,26 @@ class Processor:
         kind = unicorn.UC_HOOK_CODE if self.accounting.per_instruction else unicorn.UC_HOOK_BLOCK
         # The emulator keeps only the pointers.
         self._code_hook = self._hook(kind, *self.accounting.hook(RETURN_ADDRESS, self.abort))
+        # Only RAM can be written to.
+        translated = _TRANSLATED(self._on_translated)
+        self._translation_hook = self._hook(unicorn.UC_HOOK_EDGE_GENERATED, translated, None, within=SRAM)
 
-    def _hook(self, kind: int, function: Any, data: Any) -> tuple[Any, Any]:
+    def _hook(self, kind: int, function: Any, data: Any, within: tuple[int, int] | None = None) -> tuple[Any, Any]:
         """Hook straight through the C interface: the binding's own wrapper doubles the cost of each call."""
+        first, last = (1, 0) if within is None else (within[0], within[0] + within[1] - 1)
         if function is None:
             return function, data
         uclib.uc_hook_add(
             self.engine._uch, ctypes.byref(ctypes.c_size_t()), kind, function, data,
-            ctypes.c_uint64(1), ctypes.c_uint64(0),
+            ctypes.c_uint64(first), ctypes.c_uint64(last),
         )  # fmt: skip
         return function, data
+
+    def _on_translated(self, _engine: int, block: Any, _before: int, _data: int) -> None:
+        try:
+            self.accounting.translated(block.contents.pc, block.contents.size)
+        except BaseException as error:  # re-raised by `run`; ctypes would print and drop it
+            self.abort(error)
 
     # -- time ---------------------------------------------------------------------------------
 

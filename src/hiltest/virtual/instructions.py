@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -100,6 +101,8 @@ _BRANCHES = {
     arm.ARM_INS_CBZ, arm.ARM_INS_CBNZ,
 }  # fmt: skip
 _TABLES = {arm.ARM_INS_TBB, arm.ARM_INS_TBH}
+_IT = 0xBF  # the upper byte of IT, and of hints, whose lower four bits are zero
+_LONG = (0x1D, 0x1E, 0x1F)  # the upper five bits of the first halfword of four bytes
 _UNCONDITIONAL = {arm.ARM_CC_AL, arm.ARM_CC_INVALID}
 
 
@@ -135,7 +138,35 @@ def _masks(registers: list[int]) -> tuple[int, int]:
     return core, floating
 
 
-def decode(address: int, code: bytes) -> list[Instruction]:
+def conditions_left(before: bytes) -> int:
+    """Say how many instructions are still inside an IT block where some code ends.
+
+    Parameters
+    ----------
+    before : bytes
+        The last 14 bytes of the code: an IT instruction and three of the longest.
+
+    Notes
+    -----
+    Data may look like an IT instruction; what follows it is then taken as conditional,
+    which matters to nothing but a jump to the instruction behind it.
+    """
+    if _IT not in before[1::2]:
+        return 0
+    halfwords: tuple[int, ...] = struct.unpack(f"<{len(before) // 2}H", before)
+    for start, halfword in enumerate(halfwords):
+        if halfword >> 8 == _IT and halfword & 0xF:
+            left = 5 - (halfword & -halfword).bit_length()
+            position = start + 1
+            while position < len(halfwords) and left > 0:
+                position += 2 if halfwords[position] >> 11 in _LONG else 1
+                left -= 1
+            if position == len(halfwords) and left > 0:
+                return left
+    return 0
+
+
+def decode(address: int, code: bytes, conditions: int = 0) -> list[Instruction]:
     """Decode straight-line Thumb code.
 
     Parameters
@@ -144,6 +175,8 @@ def decode(address: int, code: bytes) -> list[Instruction]:
         Address of the first byte.
     code : bytes
         Exactly the code to decode.
+    conditions : int
+        Instructions at its beginning that belong to an IT block before it.
 
     Returns
     -------
@@ -154,16 +187,15 @@ def decode(address: int, code: bytes) -> list[Instruction]:
     engine = _disassembler()
     decoded: list[Instruction] = []
     position = 0
-    conditions_left = 0  # instructions still inside an IT block
     while position < len(code):
         raw = next(iter(engine.disasm(code[position:], address + position, 1)), None)
         if raw is None:
-            size = 4 if code[position + 1] >> 3 in (0x1D, 0x1E, 0x1F) else 2
+            size = 4 if code[position + 1] >> 3 in _LONG else 2
             decoded.append(Instruction(address + position, size, ".unknown", "data"))
             position += size
             continue
-        decoded.append(_classify(raw, in_it_block=conditions_left > 0))
-        conditions_left = len(raw.mnemonic) - 1 if raw.id == arm.ARM_INS_IT else max(conditions_left - 1, 0)
+        decoded.append(_classify(raw, in_it_block=conditions > 0))
+        conditions = len(raw.mnemonic) - 1 if raw.id == arm.ARM_INS_IT else max(conditions - 1, 0)
         position += raw.size
     return decoded
 

@@ -6,6 +6,7 @@ import ctypes
 import itertools
 import struct
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from typing import Any
 
 import unicorn
@@ -40,14 +41,14 @@ def never_executed(address: int) -> bool:
     return 0x40000000 <= address < 0x60000000 or address >= 0xA0000000
 
 
-def _divisions(image: FirmwareImage) -> Iterator[tuple[int, int]]:
-    """Find what looks like SDIV or UDIV, with the register that holds the divisor."""
+def _divisions(image: FirmwareImage) -> Iterator[tuple[int, bytes]]:
+    """Find what looks like SDIV or UDIV: where it may run, and its code, whose third byte ends in the divisor."""
     for segment in image.segments:
         halfwords = struct.unpack(f"<{len(segment.data) // 2}H", segment.data[: len(segment.data) & ~1])
         for index, (first, second) in enumerate(itertools.pairwise(halfwords)):
             if first & 0xFFD0 == 0xFB90 and second & 0xF0F0 == 0xF0F0:
                 for start in {segment.address, segment.run_address}:
-                    yield start + 2 * index, second & 0xF
+                    yield start + 2 * index, segment.data[2 * index : 2 * index + 4]
 
 
 class Traps:
@@ -93,8 +94,9 @@ class Traps:
         self._memory = memory
         self._stop = stop
         self._abort = abort
-        self._watched: set[int] = set()
-        self._looks: list[Any] = []
+        self._watched: dict[int, str] = {}
+        self._looks: dict[int, tuple[bytes, Callable[[], None]]] = {}
+        self._instruction_hook = CODE_CALLBACK(self._on_instruction)  # the emulator keeps only the pointer
         # Straight through the C interface: the binding's own wrapper doubles the cost of each call.
         self._interrupt_hook = _INTERRUPT_CALLBACK(self._on_interrupt)
         uclib.uc_hook_add(
@@ -178,7 +180,7 @@ class Traps:
 
     def unwatched(self, instructions: Iterable[Instruction]) -> list[Instruction]:
         """Leave out what is looked at already."""
-        return [instruction for instruction in instructions if instruction.address not in self._watched]
+        return [each for each in instructions if self._watched.get(each.address) != each.text]
 
     def watch(self, instructions: Iterable[Instruction], first: int, end: int) -> None:
         """Have instructions looked at each time before they run.
@@ -187,26 +189,33 @@ class Traps:
         has translated of the code from `first` to `end` must go, or it would not know of them.
         """
         for instruction in self.unwatched(instructions):
-            self._hook(instruction.address, self._look, instruction)
+            self._watched[instruction.address] = instruction.text
+            code = self._memory.read(instruction.address, instruction.size)
+            self._look_before(instruction.address, code, partial(self._look, instruction))
         self._engine.ctl_remove_cache(first, end)
 
-    def _hook(self, address: int, function: Callable[[int, Any], None], data: Any) -> None:
-        self._watched.add(address)
-
-        def look(_engine: int, address: int, _size: int, _data: int) -> None:
-            try:
-                function(address, data)
-            except BaseException as error:  # re-raised by the processor; ctypes would print and drop it
-                self._abort(error)
-
-        callback = CODE_CALLBACK(look)
-        self._looks.append(callback)  # the emulator keeps only the pointer
+    def _look_before(self, address: int, code: bytes, look: Callable[[], None]) -> None:
+        """Call `look` before the instruction at an address runs, while it is still that one."""
+        hooked = address in self._looks
+        self._looks[address] = code, look
+        if hooked:
+            return
         first = ctypes.c_uint64(address)
         uclib.uc_hook_add(
-            self._engine._uch, ctypes.byref(ctypes.c_size_t()), unicorn.UC_HOOK_CODE, callback, None, first, first
-        )
+            self._engine._uch, ctypes.byref(ctypes.c_size_t()), unicorn.UC_HOOK_CODE, self._instruction_hook, None,
+            first, first,
+        )  # fmt: skip
 
-    def _look(self, address: int, instruction: Instruction) -> None:
+    def _on_instruction(self, _engine: int, address: int, _size: int, _data: int) -> None:
+        try:
+            code, look = self._looks[address]
+            if self._memory.read(address, len(code)) == code:  # firmware may have put other code there
+                look()
+        except BaseException as error:  # re-raised by the processor; ctypes would print and drop it
+            self._abort(error)
+
+    def _look(self, instruction: Instruction) -> None:
+        address = instruction.address
         if instruction.uses_fpu and not self.fpu_enabled:
             self._found(FaultKind.NO_COPROCESSOR, "FPU used while CPACR disables it (NOCP)", address)
             self._stop()
@@ -219,9 +228,9 @@ class Traps:
 
     def watch_divisions(self, image: FirmwareImage) -> None:
         """Have every division of an image looked at; data that looks like one is never executed."""
-        for address, divisor in _divisions(image):
-            if address not in self._watched:
-                self._hook(address, self._look_at_divisor, divisor)
+        for address, code in _divisions(image):
+            if address not in self._looks:
+                self._look_before(address, code, partial(self._look_at_divisor, address, code[2] & 0xF))
         self._engine.ctl_flush_tb()
 
     def _look_at_divisor(self, address: int, divisor: int) -> None:

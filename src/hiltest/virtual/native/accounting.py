@@ -10,7 +10,7 @@ from typing import ClassVar
 
 from unicorn.unicorn_py3.unicorn import uclib
 
-from hiltest.virtual.accounting import BLOCKS_KEPT, Block, CodeHook, ReadCode, priced_block
+from hiltest.virtual.accounting import BLOCKS_KEPT, Block, CodeHook, ReadCode, conditions_at, priced_block
 from hiltest.virtual.instructions import Instruction
 from hiltest.virtual.native import library as native
 from hiltest.virtual.registers import register_number
@@ -32,10 +32,10 @@ def _kept(instructions: Sequence[Instruction]) -> int:
 
 @lru_cache(maxsize=BLOCKS_KEPT)
 def _reasons_and_registers(
-    profile: TimingProfile, address: int, code: bytes, entry: PipelineState
+    profile: TimingProfile, address: int, code: bytes, entry: PipelineState, conditions: int = 0
 ) -> tuple[Block, int, int, int]:
     """Price a block, and say what of it the hook must know beside the numbers: reasons, aligned, kept."""
-    block = priced_block(profile, address, code, entry)
+    block = priced_block(profile, address, code, entry, conditions)
     reasons = (
         (native.USES_FPU if block.uses_fpu else 0)
         | (native.ALIGNMENT_INSIDE if block.alignment.inside else 0)
@@ -136,7 +136,12 @@ class NativeBlockAccounting:
     # -- the table of blocks ------------------------------------------------------------------
 
     def _add(self, address: int, code: bytes, state: int) -> None:
-        block, reasons, aligned, kept = _reasons_and_registers(self._profile, address, code, self._states[state])
+        self._priced_code[address, len(code)] = code
+        known = self._profile, address, code, self._states[state]
+        priced_alike = _reasons_and_registers(*known)
+        if conditions := conditions_at(address, priced_alike[0], self._read_code):
+            priced_alike = _reasons_and_registers(*known, conditions)
+        block, reasons, aligned, kept = priced_alike
         self._blocks.append(block)
         priced = native.PricedBlock(
             address, len(code), state, self._number(block.exit_state), block.count, block.through, block.taken,
@@ -162,10 +167,23 @@ class NativeBlockAccounting:
         for priced in self._priced:
             self._library.hiltest_add_block(self._address, ctypes.addressof(priced))
 
+    def translated(self, address: int, size: int) -> None:
+        """Take note that the emulator has translated a block; not for the first time where it was written to."""
+        priced = self._priced_code.get((address, size))
+        if priced is not None and priced != self._read_code(address, size):
+            self.forget_code()
+
     def forget_code(self) -> None:
-        """Drop cached blocks."""
+        """Drop cached blocks, but not the one whose end is still to be counted."""
+        running = self._running
         self._blocks: list[Block] = []
         self._priced: list[native.PricedBlock] = []
+        self._priced_code: dict[tuple[int, int], bytes] = {}
+        if running is not None:
+            self._blocks.append(running)
+            self._words[_RUNNING] = 0
+            self._last = native.PricedBlock.from_buffer_copy(native.PricedBlock.from_address(self._counter.running))
+            self._counter.running = ctypes.addressof(self._last)
         self._spread(_PLACES)
 
     # -- where execution is -------------------------------------------------------------------

@@ -1,0 +1,161 @@
+"""Code that firmware puts into RAM is what runs and what is counted, whatever stood there before."""
+
+from __future__ import annotations
+
+import pytest
+
+from hiltest.errors import BoardFault
+from hiltest.virtual.accounting import AccountingFactory, InstructionAccounting
+from hiltest.virtual.k64f import VirtualK64F
+
+from .conftest import Build
+from .test_faults import HEAD
+
+# A handler in RAM: it is the first code that the emulator meets after an exception. Three functions of equal
+# size take turns in it.
+OVERLAYS = (
+    HEAD.replace("culprit:", "")
+    + """
+    ldr r0, =vectors
+    movs r2, #0
+1:  ldr r3, [r2]
+    str r3, [r0, r2]
+    adds r2, #4
+    cmp r2, #256
+    bne 1b
+    ldr r1, =buffer + 1
+    str r1, [r0, #64 + 4]
+    ldr r1, =0xE000ED08
+    str r0, [r1]
+    ldr r0, =0xE000E100
+    movs r1, #2
+    str r1, [r0]
+    mov r11, #40
+again:
+    ldr r5, =loads
+    bl put
+    ldr r5, =adds
+    bl put
+    ldr r5, =divides
+    bl put
+    subs r11, #1
+    bne again
+    movs r7, #0x77
+    cpsid i
+end:
+    b end
+    .thumb_func
+put:
+    ldr r4, =buffer
+    movs r0, #0
+2:  ldr r1, [r5, r0]
+    str r1, [r4, r0]
+    adds r0, #4
+    cmp r0, #16
+    bne 2b
+    dsb
+    isb
+    ldr r0, =0xE000EF00
+    movs r1, #1
+    str r1, [r0]
+    dsb
+    isb
+    bx lr
+    .ltorg
+    .balign 4
+loads:
+    ldr r3, [pc, #8]
+    ldr r2, [r3]
+    ldrd r0, r1, [r2]
+    add r8, r1
+    bx lr
+    .word words
+adds:
+    movw r2, #2
+    add r9, r2
+    nop
+    bx lr
+    nop
+    .balign 4
+    nop
+divides:
+    udiv r0, r0, r8
+    udiv r0, r0, r8
+    add r10, #1
+    bx lr
+    .size main, . - main
+    .data
+    .balign 512
+vectors: .space 512
+buffer: .space 64
+words: .word words, 7
+"""
+)
+
+
+def counted(elf: object, hook: AccountingFactory) -> tuple[int, int, list[int]]:
+    board = VirtualK64F(elf, accounting=hook)  # type: ignore[arg-type]
+    with pytest.raises(BoardFault, match="hang: a loop to itself"):
+        board.run_until(0.01)
+    registers = board.processor.registers.snapshot()
+    return board.cycles, board.instructions, [registers[f"r{number}"] for number in (7, 8, 9, 10)]
+
+
+def test_other_code_of_the_same_size_at_the_same_address_is_counted_as_what_it_is(
+    build: Build, block_hook: AccountingFactory
+) -> None:
+    elf = build(OVERLAYS)
+    found = counted(elf, block_hook)
+    assert found[2] == [0x77, 40 * 7, 40 * 2, 40]
+    assert found == counted(elf, InstructionAccounting)
+
+
+def test_what_was_looked_at_is_not_blamed_for_the_code_that_replaced_it(
+    build: Build, block_hook: AccountingFactory
+) -> None:
+    # Where LDRD stood stands a plain load now, with an odd address in the register: it may be unaligned.
+    elf = build(OVERLAYS.replace("add r9, r2\n    nop", "ldr r0, [r2, #1]\n    add r9, r2"))
+    found = counted(elf, block_hook)
+    assert found[2] == [0x77, 40 * 7, 40 * 2, 40]
+    assert found == counted(elf, InstructionAccounting)
+
+
+def test_an_instruction_that_replaces_one_that_was_looked_at_is_looked_at(
+    build: Build, block_hook: AccountingFactory
+) -> None:
+    code = OVERLAYS.replace("add r9, r2\n    nop", "ldrd r0, r1, [r2, #4]")
+    code = code.replace("movw r2, #2", "mov r2, sp\n    adds r2, #2")
+    board = VirtualK64F(build(code), accounting=block_hook)
+    with pytest.raises(BoardFault, match=r"unaligned access: r2 = 0x\w+2 in 'ldrd r0, r1, \[r2, #4\]'"):
+        board.run_until(0.01)
+
+
+@pytest.mark.parametrize("code", ["popeq {r4, pc}", "bxeq lr", "beq.w 2f"])
+@pytest.mark.parametrize("equal", [0, 1])
+def test_an_it_block_that_is_cut_by_a_page_costs_what_it_costs_in_one(
+    build: Build, block_hook: AccountingFactory, code: str, equal: int
+) -> None:
+    source = f"""
+    .type work, %function
+    .global work
+    .thumb_func
+work:
+    mov r1, lr
+    push {{r4, lr}}
+    cmp r0, #1
+    b 1f
+    .size work, . - work
+    .balign 1024
+    .space 1020
+1:  itt eq
+    moveq r2, #3
+    {code} // the first on its page
+    mov r2, #4
+2:  pop {{r4, lr}}
+    bx r1
+"""
+    if code == "bxeq lr":
+        source = source.replace("push {r4, lr}", "nop").replace("pop {r4, lr}", "nop")
+    elf = build(HEAD + "    bx lr\n" + source)
+    found = [VirtualK64F(elf, accounting=each).call("work", equal) for each in (block_hook, InstructionAccounting)]
+    assert (found[0].cycles, found[0].instructions) == (found[1].cycles, found[1].instructions)
