@@ -249,3 +249,11 @@ def without_column(table: Table, name: str) -> Table:
 
 def test_a_run_without_curves_draws_none(run: Run) -> None:
     assert budget_figures(replace(run, tables=())) == []
+
+
+def test_a_long_number_at_the_right_end_of_an_axis_is_not_cut() -> None:
+    drawn = str(Figure("t", "d", "x", "y", x_range=(0, 100_000), y_range=(0, 1), width=400, height=300).svg())
+    texts = re.findall(r'<text x="([0-9.]+)" [^>]*>([^<]*)<', drawn)
+    (x,) = [float(x) for x, label in texts if label == "100000"]
+    # A digit of DejaVu Sans, the widest of the usual fonts, is 0.64 em: 7.7 of the page's 12 px.
+    assert x + 7.7 / 2 * len("100000") <= 400

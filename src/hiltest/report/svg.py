@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from markupsafe import Markup, escape
 
 _LEFT, _RIGHT, _TOP, _BOTTOM = 52.0, 14.0, 14.0, 40.0
+_DIGIT = 8.0  # wider than a digit of the page's 12 px
 _TICKS = (1.0, 2.0, 2.5, 5.0, 10.0)
 
 Point = tuple[float, float]
@@ -162,7 +163,9 @@ class Figure:
         for value in self.x_ticks or ticks(*self.x_range):
             x, bottom = self.place(value, self.y_range[0])
             parts.append(_shape('<path class="grid" d="M{} {}V{}"/>', x, self._top, bottom))
-            parts.append(_shape('<text x="{}" y="{}" text-anchor="middle">{}</text>', x, bottom + 16, f"{value:g}"))
+            label = f"{value:g}"
+            inside = min(x, self.width - _DIGIT / 2.0 * len(label))  # a long number at the right end is not cut
+            parts.append(_shape('<text x="{}" y="{}" text-anchor="middle">{}</text>', inside, bottom + 16, label))
         for value in ticks(*self.y_range):
             left, y = self.place(self.x_range[0], value)
             parts.append(_shape('<path class="grid" d="M{} {}H{}"/>', left, y, self.width - _RIGHT))
