@@ -85,6 +85,9 @@ def test_in_a_pipe_every_sentence_is_on_one_line(clouds: Path) -> None:
     cells = fit("large.csv", "--on", "host", folder=clouds).stdout.splitlines()
     (hard_iron,) = [line for line in cells if line.lstrip().startswith("hard iron [counts]")]
     assert len(hard_iron.split()) == 3 + 2 * 3, "three numbers of each of the two calibrators"
+    exact = json.loads(fit("large.csv", "--on", "host", "--json", folder=clouds).stdout)["calibrators"]
+    shown = [float(word) for word in hard_iron.split()[3:]]
+    assert shown == [round(value) for each in exact for value in each["hard_iron"]], "a radius of 4.8e5 has no decimals"
 
 
 def test_too_few_points_are_told_once(clouds: Path) -> None:

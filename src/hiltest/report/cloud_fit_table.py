@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from rich.box import SIMPLE_HEAD
 from rich.console import Console, Group, RenderableType
 from rich.markup import escape
@@ -17,6 +19,8 @@ _NAMES = {
     "n": "number of points", "condition": "condition", "residual_percent": "residual", "axis_ratio": "axis ratio",
     "radius_ut": "radius", "direction_error_deg": "predicted direction error",
 }  # fmt: skip
+# More of them nobody reads.
+_MOST_DECIMALS = 8
 
 
 def print_fit(fit: CloudFit, console: Console) -> None:
@@ -48,7 +52,7 @@ def figure_rows(fit: CloudFit) -> list[tuple[str, list[str]]]:
     rows = [
         ("fit", [each.status for each in fits]),
         ("points used", [str(each.n_used) for each in fits]),
-        (f"hard iron [{fit.unit}]", [_vector(each.hard_iron) for each in fits]),
+        (f"hard iron [{fit.unit}]", [_hard_iron(each) for each in fits]),
         ("soft iron [1]", ["\n".join(map(_row, each.soft_iron or ())) or "-" for each in fits]),
         (f"radius [{fit.unit}]", [_number(each.radius, ".4g") for each in fits]),
         ("residual [%]", [_number(each.residual_percent, ".2f") for each in fits]),
@@ -84,8 +88,13 @@ def _number(value: float | None, how: str) -> str:
     return "-" if value is None else format(value, how)
 
 
-def _vector(values: tuple[float, float, float] | None) -> str:
-    return "-" if values is None else " ".join(f"{value:.4g}" for value in values)
+def _hard_iron(each: CalibratorFit) -> str:
+    """Show as small a part of the radius as four digits of it are, however far out the middle is."""
+    if each.hard_iron is None or not each.radius:
+        return "-"
+    decimals = max(0, 3 - math.floor(math.log10(each.radius)))
+    how = f".{decimals}f" if decimals <= _MOST_DECIMALS else ".4g"
+    return " ".join(format(value, how) for value in each.hard_iron)
 
 
 def _row(values: tuple[float, float, float]) -> str:
