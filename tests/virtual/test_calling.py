@@ -101,6 +101,31 @@ def test_what_cannot_be_passed_is_refused_and_says_which(
     assert board.call("two", 1.0, 0.0).value == 1.0, "the board is as before"
 
 
+CPP = """
+namespace mag {
+class Filter { float state; public: float update(float x, const float &gain); };
+float Filter::update(float x, const float &gain) { state += gain * (x - state); return state; }
+float blend(float a, float b) { return a - 2.0f * b; }
+}
+float twice(float a) { return 2.0f * a; }
+int main() { return 0; }
+"""
+
+
+def test_functions_of_cpp_are_called_by_their_mangled_names(
+    tmp_path: Path, build: Build, require_tool: Callable[[str], str]
+) -> None:
+    require_tool("arm-none-eabi-g++")  # whose compiler proper the driver of C calls for this file
+    (tmp_path / "program.cpp").write_text(CPP)
+    board = VirtualK64F(build(tmp_path / "program.cpp", with_start=False))
+    assert board.call("_Z5twicef", 1.5).value == 3.0
+    assert board.call("_ZN3mag5blendEff", 1, 2).value == -3.0
+    state = np.array([1], np.float32)
+    assert board.call("_ZN3mag6Filter6updateEfRKf", state, 3.0, np.array([0.5], np.float32)).value == 2.0 == state[0]
+    with pytest.raises(ConfigError, match="no function 'mag::blend'; near: _ZN3mag5blendEff"):
+        board.call("mag::blend", 1.0, 2.0)
+
+
 def test_buffers_find_room_where_the_heap_gets_all_that_is_left(tmp_path: Path, build: Build) -> None:
     script = (PROGRAMS / "flash.ld").read_text()
     script = script.replace("stack_top =", ".heap (NOLOAD) : { . += 0x200; . = 0x2f000; } > sram\n    stack_top =")

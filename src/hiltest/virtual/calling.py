@@ -87,7 +87,9 @@ def call_function(
     function = processor.image.symbols.get(symbol)
     if function is None or not function.is_function:
         names = [name for name, entry in processor.image.symbols.items() if entry.is_function]
-        near = get_close_matches(symbol, names, n=3)
+        plain = symbol.rpartition("::")[2]
+        mangled = [name for name in names if name.startswith("_Z") and f"{len(plain)}{plain}" in name]
+        near = mangled[:3] or get_close_matches(symbol, names, n=3)
         hint = f"; near: {', '.join(near)}" if near else ""
         if not names:
             hint = ", nor any other: its symbols are stripped; give the ELF as it was linked"

@@ -263,10 +263,9 @@ class FirmwareImage:
             language = unit.get_top_DIE().attributes.get("DW_AT_language")
             if language is not None and language.value == _ASSEMBLER:
                 continue  # it names functions and says nothing of what they take
-            for die in unit.get_top_DIE().iter_children():
-                name = die.attributes.get("DW_AT_name")
-                if die.tag == "DW_TAG_subprogram" and name is not None and "DW_AT_declaration" not in die.attributes:
-                    found.setdefault(name.value.decode(errors="replace"), die)
+            for die in _functions_of(unit.get_top_DIE()):
+                if name := _symbol_name(die):
+                    found.setdefault(name, die)
         return found
 
     def signature(self, function: str) -> Signature | None:
@@ -283,7 +282,7 @@ class FirmwareImage:
         parameters = tuple(
             _classify(_type_of(child)) for child in die.iter_children() if child.tag == "DW_TAG_formal_parameter"
         )
-        return Signature(parameters, _classify(_type_of(die)))
+        return Signature(parameters, _classify(_type_of(_declared(die))))
 
 
 @dataclass(frozen=True, slots=True)
@@ -296,6 +295,27 @@ class Signature:
 
     parameters: tuple[str, ...]
     returns: str
+
+
+def _functions_of(scope: Any) -> Iterator[Any]:
+    """Yield the functions that a unit defines, also in namespaces; those of a class stand beside it."""
+    for die in scope.iter_children():
+        if die.tag == "DW_TAG_subprogram" and "DW_AT_declaration" not in die.attributes:
+            yield die
+        elif die.tag == "DW_TAG_namespace":
+            yield from _functions_of(die)
+
+
+def _declared(die: Any) -> Any:
+    """Return where a function's names and its type stand: what is declared in a class or namespace has them there."""
+    return die.get_DIE_from_attribute("DW_AT_specification") if "DW_AT_specification" in die.attributes else die
+
+
+def _symbol_name(die: Any) -> str:
+    """Return what the linker calls a function: its mangled name, if it has one; empty when it is not told."""
+    attributes = _declared(die).attributes
+    name = attributes.get("DW_AT_linkage_name") or attributes.get("DW_AT_name")
+    return name.value.decode(errors="replace") if name is not None else ""
 
 
 def _type_of(die: Any) -> Any:
