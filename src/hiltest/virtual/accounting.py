@@ -46,7 +46,7 @@ class Block:
     alignment : Alignment
         What must be word-aligned when it begins, and within it.
     needs_attention : bool
-        Whether the processor must look before (FPU, hang, alignment) or behind it (masks).
+        Whether the processor must look before (FPU, hang, alignment, SEV) or behind it (masks).
     """
 
     address: int
@@ -59,6 +59,7 @@ class Block:
     exit_state: PipelineState
     uses_fpu: bool
     changes_masks: bool
+    sends_event: bool
     loops_to_itself: bool
     alignment: Alignment
     needs_attention: bool
@@ -88,13 +89,14 @@ def price_block(profile: TimingProfile, instructions: list[Instruction], entry: 
     refill = profile.taken(last) if last.transfer else 0
     uses_fpu = any(instruction.uses_fpu for instruction in instructions)
     changes_masks = any(instruction.changes_masks for instruction in instructions)
+    sends_event = any(instruction.sends_event for instruction in instructions)
     loops = last.jumps_to(address)
     alignment = required_alignment(instructions)
     through = total if not last.transfer or last.conditional else total + refill
     return Block(
         address, end, entry, tuple(instructions), len(instructions), through, total + refill, state,
-        uses_fpu, changes_masks, loops and len(instructions) == 1, alignment,
-        bool(uses_fpu or changes_masks or loops or alignment.registers or alignment.inside),
+        uses_fpu, changes_masks, sends_event, loops and len(instructions) == 1, alignment,
+        bool(uses_fpu or changes_masks or sends_event or loops or alignment.registers or alignment.inside),
     )  # fmt: skip
 
 

@@ -21,6 +21,7 @@ from unicorn.unicorn_py3.unicorn import uclib
 from hiltest.errors import BoardFault, place_of
 from hiltest.virtual.accounting import Accounting, AccountingFactory, Block
 from hiltest.virtual.elf import FirmwareImage
+from hiltest.virtual.event_register import EventRegister
 from hiltest.virtual.exceptions import ExceptionUnit
 from hiltest.virtual.faults import Fault, FaultKind, FaultLog, Lockup
 from hiltest.virtual.instructions import Instruction
@@ -82,7 +83,9 @@ class Processor:
         self.exceptions = ExceptionUnit(self.registers, self.memory, self.nvic)
         self.fault_log = FaultLog()
         self.delivers_faults = False
+        self.event_register = EventRegister(self.nvic)
         self.sleeping = False
+        self._waits_for_event = False  # asleep in WFE
         self.sleeps_on_exit = False  # SCR.SLEEPONEXIT
         self.idle_cycles = 0
         self.traps = Traps(self.engine, self.registers, self.memory, stop=self._stop, abort=self.abort)
@@ -92,6 +95,7 @@ class Processor:
         self._chores: list[Callable[[], None]] = []
         self.accounting: Accounting = accounting(profile, self._read_code, self._attend, self._stop)
         self.traps.supervisor_call = self._call_supervisor
+        self.traps.take_event = self.event_register.take
         self.traps.jumped_from = lambda: self.accounting.jumped_from
         self._install_hooks()
         # The binding's emu_start costs as much again as the emulator's own.
@@ -197,6 +201,8 @@ class Processor:
         if block.loops_to_itself and not self._can_leave_loop():
             self._error = self._hang("a loop to itself that no interrupt can end", block.address)
             return False
+        if block.sends_event:
+            self.event_register.send()
         if block.changes_masks and self.nvic.pending:
             self.look_soon()
         return True
@@ -264,6 +270,7 @@ class Processor:
         self._entered()
 
     def _entered(self) -> None:
+        self.event_register.send()
         self.accounting.cycles += self.profile.exception_entry
         self.accounting.flush_pipeline()
 
@@ -306,7 +313,10 @@ class Processor:
         self.nvic.changed = False
         if not self.nvic.pending:
             return
-        if self.sleeping and self.nvic.next_exception(ceiling=self.exceptions.wake_ceiling()) is not None:
+        if self.sleeping and (
+            self.nvic.next_exception(ceiling=self._wake_ceiling()) is not None
+            or (self._waits_for_event and self.event_register.take())
+        ):
             self.sleeping = False
         active = len(self.nvic.active)
         fault = self.exceptions.take()
@@ -315,12 +325,17 @@ class Processor:
         if fault is not None:
             self._deliver(fault)
 
+    def _wake_ceiling(self) -> int:
+        return self.exceptions.ceiling() if self._waits_for_event else self.exceptions.wake_ceiling()
+
     def _sleep(self, until_cycle: float) -> None:
-        """Stay in WFI: jump to the next event, or to where the run ends."""
+        """Stay in WFI or WFE: jump to the next event, or to where the run ends."""
         target = min(self.schedule.next_cycle, until_cycle)
-        ceiling = self.exceptions.wake_ceiling()
-        if math.isinf(target) or not (self.nvic.preempts(SYSTICK, ceiling) or self.nvic.can_ever_wake(ceiling)):
-            raise self._hang("WFI with nothing that could wake the processor", self.registers.pc.get())
+        ceiling = self._wake_ceiling()
+        possible = self.nvic.preempts(SYSTICK, ceiling) or self.nvic.can_ever_wake(ceiling)
+        if math.isinf(target) or not (possible or (self._waits_for_event and self.event_register.on_pend)):
+            name = "WFE" if self._waits_for_event else "WFI"
+            raise self._hang(f"{name} with nothing that could wake the processor", self.registers.pc.get())
         jump = math.ceil(target) - self.cycles
         if jump > 0:
             self.idle_cycles += jump
@@ -359,7 +374,8 @@ class Processor:
         if pc & ~1 == RETURN_ADDRESS:
             return True
         # Nobody asked it to stop: only WFI leaves the emulator by itself.
-        self.sleeping = not (self._stopped or self.accounting.stopped)
+        self._waits_for_event = self.traps.waits_for_event
+        self.sleeping = self._waits_for_event or not (self._stopped or self.accounting.stopped)
         return False
 
     def _settle(self, fault: Fault, pc: int) -> None:
@@ -379,6 +395,8 @@ class Processor:
             return
         active = len(self.nvic.active)
         self.fault_log.returned(active)
+        self.event_register.send()
         self.sleeping = self.sleeps_on_exit and active == 0
+        self._waits_for_event = False
         self.accounting.cycles += self.profile.exception_return
         self.accounting.flush_pipeline()

@@ -37,6 +37,8 @@ class Instruction:
         Whether a transfer may fall through.
     changes_masks : bool
         Whether interrupts may become deliverable behind it.
+    sends_event : bool
+        Whether it is SEV.
     aligned_base : int
         The core register that must hold a multiple of four, or -1.
     core_writes : int
@@ -59,6 +61,7 @@ class Instruction:
     transfer: str = ""
     conditional: bool = False
     changes_masks: bool = False
+    sends_event: bool = False
     aligned_base: int = -1
     core_writes: int = 0
     derived: tuple[tuple[int, int], ...] = ()
@@ -361,6 +364,8 @@ def _control(raw: Any, core_writes: int, *, in_it_block: bool) -> dict[str, Any]
     kind = raw.id
     if kind in (arm.ARM_INS_CPS, arm.ARM_INS_MSR):
         return {"changes_masks": True}
+    if kind == arm.ARM_INS_SEV or (kind == arm.ARM_INS_HINT and raw.mnemonic.startswith("sev")):
+        return {"sends_event": True}
     if kind in _TABLES or (kind not in _BRANCHES and core_writes & _PC_BIT):
         return {"transfer": "indirect", "conditional": in_it_block}
     if kind not in _BRANCHES:

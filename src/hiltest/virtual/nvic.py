@@ -40,6 +40,8 @@ class Nvic:
         Exceptions being handled, the one that runs last.
     changed : bool
         Set when something may have become deliverable; the processor clears it.
+    newly_pending : bool
+        Set when an exception becomes pending; whom that wakes clears it.
     """
 
     def __init__(self) -> None:
@@ -53,6 +55,7 @@ class Nvic:
         self.pending: set[int] = set()
         self.active: list[int] = []
         self.changed = False
+        self.newly_pending = False
         self.priority_grouping = 0
 
     @property
@@ -75,6 +78,7 @@ class Nvic:
 
     def pend(self, exception: int) -> None:
         """Make an exception pending."""
+        self.newly_pending |= exception not in self.pending
         self.pending.add(exception)
         self.changed = True
 

@@ -22,7 +22,7 @@ from hiltest.virtual.registers import CoreRegisters
 _INTR_UNDEFINED, _INTR_SVC, _INTR_PREFETCH_ABORT, _INTR_BREAKPOINT, _INTR_EXCEPTION_RETURN = 1, 2, 3, 7, 8
 _INTERRUPT_CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_uint32, ctypes.c_void_p)
 _THUMB = 1 << 24
-_WFE = b"\x20\xbf"
+_WFE = (b"\x20\xbf", b"\xaf\xf3\x02\x80")
 
 _DATA_ACCESS = {
     unicorn.UC_MEM_READ_UNMAPPED: "read of unmapped address",
@@ -71,6 +71,10 @@ class Traps:
         What the instruction at PC did, since `clear`.
     exc_return : int
         The EXC_RETURN that was branched to, since `clear`, or 0.
+    waits_for_event : bool
+        Whether a WFE found no event, since `clear`.
+    take_event : callable
+        Called by WFE; answers whether it may go on.
     supervisor_call : callable
         Called after an SVC; answers whether its handler may run.
     jumped_from : callable
@@ -85,6 +89,8 @@ class Traps:
     ) -> None:  # fmt: skip
         self.fault: Fault | None = None
         self.exc_return = 0
+        self.waits_for_event = False
+        self.take_event: Callable[[], bool] = lambda: True
         self.fpu_enabled = False
         self.traps_division_by_zero = False
         self.supervisor_call: Callable[[], bool] = lambda: True
@@ -113,6 +119,7 @@ class Traps:
         """Forget what stopped the emulator last."""
         self.fault = None
         self.exc_return = 0
+        self.waits_for_event = False
 
     def _found(self, kind: FaultKind, cause: str, place: int, address: int | None = None) -> None:
         if self.fault is None:
@@ -169,12 +176,21 @@ class Traps:
         if not self._registers.xpsr.get() & _THUMB:
             self._found(FaultKind.INVALID_STATE, f"jump to the even address 0x{pc:08x}: no Thumb bit", pc)
             return False
-        code = self._memory.read(pc & ~1, 2)
-        if code == _WFE:  # which this emulator core lacks; the event register is always set here
-            self._registers.pc.set((pc + 2) | 1)
+        if self._is_behind_wfe(pc & ~1):
+            if not self.take_event():
+                self.waits_for_event = True
+                self._stop()
             return True
+        code = self._memory.read(pc & ~1, 2)
         self._found(FaultKind.UNDEFINED_INSTRUCTION, f"undefined instruction {code[::-1].hex()}", pc)
         return False
+
+    def _is_behind_wfe(self, pc: int) -> bool:
+        """Whether it was WFE that the emulator did not know: it comes here then with the PC behind it."""
+        place = self.jumped_from()
+        if place is None or place >= pc:
+            return False
+        return self._memory.read(place, pc - place) in _WFE
 
     # -- instructions that fault on what their registers hold ----------------------------------
 

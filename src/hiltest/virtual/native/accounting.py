@@ -39,7 +39,7 @@ def _reasons_and_registers(
     reasons = (
         (native.USES_FPU if block.uses_fpu else 0)
         | (native.ALIGNMENT_INSIDE if block.alignment.inside else 0)
-        | (native.CHANGES_MASKS if block.changes_masks else 0)
+        | (native.CHANGES_MASKS if block.changes_masks or block.sends_event else 0)
         | (native.LOOPS_TO_ITSELF if block.loops_to_itself else 0)
     )
     aligned = sum(1 << register for register in block.alignment.registers)

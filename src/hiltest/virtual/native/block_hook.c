@@ -21,7 +21,7 @@ static const uint32_t IT_STATE = 0x0600FC00u; /* in XPSR */
 enum {
     USES_FPU = 1 << 0,
     ALIGNMENT_INSIDE = 1 << 1,
-    CHANGES_MASKS = 1 << 2,
+    CHANGES_MASKS = 1 << 2, /* or sends an event */
     LOOPS_TO_ITSELF = 1 << 3,
 };
 
