@@ -63,9 +63,14 @@ class Import:
 
 
 def modules_under(folder: Path) -> dict[str, Path]:
-    """Return every module of a package folder by its dotted name."""
+    """Return every module of a package folder by its dotted name.
+
+    An installed package has a copy of hil/ in its folder "bench": suites, which nothing imports.
+    """
     found = {}
     for path in sorted(folder.rglob("*.py")):
+        if path.is_relative_to(folder / "bench"):
+            continue
         parts = path.relative_to(folder.parent).with_suffix("").parts
         found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
     return found
