@@ -18,10 +18,11 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, ClassVar, NamedTuple, Protocol
 
+from hiltest.errors import BoardFault
 from hiltest.virtual.instructions import Alignment, Instruction, conditions_left, decode, required_alignment
 from hiltest.virtual.timing import NEUTRAL, PipelineState, TimingProfile
 
-ReadCode = Callable[[int, int], bytes]
+ReadCode = Callable[[int, int], bytes]  # raises BoardFault where there is no memory
 
 CODE_CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_uint64, ctypes.c_uint32, ctypes.c_void_p)
 # Blocks of any firmware in this process: their code is in the key, so other code at the same address is another block.
@@ -116,7 +117,7 @@ def conditions_at(address: int, block: Block, read_code: ReadCode) -> int:
         return 0
     try:
         return conditions_left(read_code(address - 14, 14))
-    except ValueError:  # a memory begins there
+    except BoardFault:  # a memory begins there
         return 0
 
 

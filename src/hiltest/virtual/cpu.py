@@ -76,7 +76,7 @@ class Processor:
         self.engine: Any = unicorn_py3.Uc(unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS)
         self.engine.ctl_set_cpu_model(arm.UC_CPU_ARM_CORTEX_M4)
         self.memory = BoardMemory(self.engine)
-        self.engine.mem_map(RETURN_ADDRESS, 0x1000, unicorn.UC_PROT_READ | unicorn.UC_PROT_EXEC)
+        self.engine.mem_map(RETURN_ADDRESS, 0x1000, unicorn.UC_PROT_EXEC)
         self.registers = CoreRegisters(self.engine)
         self.schedule = Schedule(self._look_at)
         self.nvic = Nvic()
@@ -172,7 +172,10 @@ class Processor:
         self.engine.emu_stop()
 
     def _read_code(self, address: int, size: int) -> bytes:
-        return self.memory.read(address, size)
+        try:
+            return self.memory.read(address, size)
+        except ValueError:
+            raise self.fault(f"execution of 0x{address:08x}, where the part has no memory", address) from None
 
     @property
     def fpu_enabled(self) -> bool:
@@ -372,7 +375,10 @@ class Processor:
             self.traps.watch((*self._suspects(block), *block.alignment.inside), block.address, block.end)
             return False
         if pc & ~1 == RETURN_ADDRESS:
-            return True
+            if self.delivers_faults:  # nobody called: firmware went there by itself
+                cause = f"jump to unmapped address 0x{RETURN_ADDRESS:08x}"
+                self._deliver(Fault(FaultKind.INSTRUCTION_BUS, cause, branch))
+            return not self.delivers_faults
         # Nobody asked it to stop: only WFI leaves the emulator by itself.
         self._waits_for_event = self.traps.waits_for_event
         self.sleeping = self._waits_for_event or not (self._stopped or self.accounting.stopped)

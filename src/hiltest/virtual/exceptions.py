@@ -175,6 +175,8 @@ class ExceptionUnit:
         msp, psp, control, faultmask = registers.returning.read()
         base = psp if uses_psp else msp
         size = _EXTENDED_BYTES if extended else _BASIC_BYTES
+        if not self._nvic.active:  # no return then, but a jump to where nothing may be executed
+            return Fault(FaultKind.EXECUTE_NEVER, f"EXC_RETURN 0x{exc_return:08x} where no exception is active", place)
         if not self._may_return(exc_return, to_thread=to_thread):
             return Fault(FaultKind.INVALID_RETURN, f"EXC_RETURN 0x{exc_return:08x} fits no active exception", place)
         if not self._memory.holds_stack(base, size):
@@ -200,6 +202,6 @@ class ExceptionUnit:
 
     def _may_return(self, exc_return: int, *, to_thread: bool) -> bool:
         active = len(self._nvic.active)
-        if exc_return not in _RETURNS or active == 0:
+        if exc_return not in _RETURNS:
             return False
         return (active == 1 or self.base_thread_enabled) if to_thread else active > 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -271,11 +272,17 @@ class VirtualK64F:
         place = f"{function.name if function else hex(pc)} ({self.image.location_at(pc) or 'no line known'})"
         if self.processor.sleeping:
             return f"asleep in {place}"
-        instruction = decode(pc & ~1, self.processor.memory.read(pc & ~1, 4))[0]
-        if instruction.jumps_to(pc & ~1):
+        if self._loops_at(pc & ~1):
             return f"hung, looping to itself in {place}"
         polled = self._unmodelled.polled
         return f"executing {place}" + (f", polling {polled}, which is not modelled" if polled else "")
+
+    def _loops_at(self, address: int) -> bool:
+        """Whether a branch to itself stands there; what stands there may be the end of a memory, or nothing."""
+        for size in (4, 2):
+            with contextlib.suppress(ValueError):
+                return decode(address, self.processor.memory.read(address, size))[0].jumps_to(address)
+        return False
 
     def instructions_between_readings(self, cycles: int) -> int | None:
         """Count the instructions between two reads of CYCCNT that lie `cycles` apart.

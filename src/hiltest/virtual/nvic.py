@@ -82,6 +82,12 @@ class Nvic:
         self.pending.add(exception)
         self.changed = True
 
+    def clear_pending(self, interrupt: int) -> None:
+        """Forget that an external interrupt is pending; a line that is still high pends again, now or at the return."""
+        exception = FIRST_INTERRUPT + interrupt
+        if not self.lines[interrupt] or exception in self.active:
+            self.pending.discard(exception)
+
     def set_enabled(self, interrupt: int, enabled: bool) -> None:
         """Enable or disable an external interrupt."""
         self.enabled[interrupt] = enabled

@@ -16,10 +16,11 @@ from hiltest.virtual.accounting import CODE_CALLBACK
 from hiltest.virtual.elf import FirmwareImage
 from hiltest.virtual.faults import Fault, FaultKind
 from hiltest.virtual.instructions import Instruction
-from hiltest.virtual.memory import PERIPHERALS, BoardMemory
+from hiltest.virtual.memory import FLASH, SRAM, BoardMemory
 from hiltest.virtual.registers import CoreRegisters
 
-_INTR_UNDEFINED, _INTR_SVC, _INTR_PREFETCH_ABORT, _INTR_BREAKPOINT, _INTR_EXCEPTION_RETURN = 1, 2, 3, 7, 8
+_INTR_UNDEFINED, _INTR_SVC, _INTR_PREFETCH_ABORT, _INTR_DATA_ABORT = 1, 2, 3, 4
+_INTR_BREAKPOINT, _INTR_EXCEPTION_RETURN, _INTR_NO_COPROCESSOR = 7, 8, 17
 _INTERRUPT_CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_uint32, ctypes.c_void_p)
 _THUMB = 1 << 24
 _WFE = (b"\x20\xbf", b"\xaf\xf3\x02\x80")
@@ -27,8 +28,9 @@ _WFE = (b"\x20\xbf", b"\xaf\xf3\x02\x80")
 _DATA_ACCESS = {
     unicorn.UC_MEM_READ_UNMAPPED: "read of unmapped address",
     unicorn.UC_MEM_WRITE_UNMAPPED: "write to unmapped address",
-    unicorn.UC_MEM_WRITE_PROT: "write to flash at address",
-    unicorn.UC_MEM_READ_PROT: "read of protected address",
+    # The page that called functions return to; the part has nothing there. Flash is told apart below.
+    unicorn.UC_MEM_WRITE_PROT: "write to unmapped address",
+    unicorn.UC_MEM_READ_PROT: "read of unmapped address",
 }
 _FETCHES = {
     unicorn.UC_MEM_FETCH_UNMAPPED: "jump to unmapped address",
@@ -112,7 +114,7 @@ class Traps:
         unmapped = unicorn.UC_HOOK_MEM_UNMAPPED | unicorn.UC_HOOK_MEM_FETCH_PROT
         engine.hook_add(unmapped, self._on_invalid_memory)
         protected = unicorn.UC_HOOK_MEM_READ_PROT | unicorn.UC_HOOK_MEM_WRITE_PROT
-        engine.hook_add(protected, self._on_invalid_memory, begin=0, end=PERIPHERALS[0] - 1)  # above: the bus
+        engine.hook_add(protected, self._on_invalid_memory, begin=0, end=sum(SRAM) - 1)  # above: the bus
         engine.hook_add(unicorn.UC_HOOK_INSN_INVALID, self._on_invalid_instruction)
 
     def clear(self) -> None:
@@ -142,6 +144,10 @@ class Traps:
             self._found(FaultKind.BREAKPOINT, "breakpoint (BKPT) without a debugger", pc)
         elif number == _INTR_PREFETCH_ABORT:
             self._fetched(unicorn.UC_MEM_FETCH_PROT, pc, self.jumped_from() or pc)
+        elif number == _INTR_DATA_ABORT:
+            self._found(FaultKind.UNALIGNED, "unaligned exclusive access", pc)
+        elif number == _INTR_NO_COPROCESSOR:
+            self._found(FaultKind.NO_COPROCESSOR, "instruction for a coprocessor that is not there (NOCP)", pc)
         elif number == _INTR_UNDEFINED:
             self._found(FaultKind.UNDEFINED_INSTRUCTION, "undefined instruction", pc)
         else:
@@ -153,6 +159,8 @@ class Traps:
             self._fetched(access, address, self.jumped_from() or pc)
             return False
         cause = _DATA_ACCESS.get(access, f"memory access {access} at")
+        if access == unicorn.UC_MEM_WRITE_PROT and address < sum(FLASH):
+            cause = "write to flash at address"
         self._found(FaultKind.DATA_BUS, f"{cause} 0x{address:08x} ({size} bytes)", pc, address)
         return False
 

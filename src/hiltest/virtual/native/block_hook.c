@@ -98,8 +98,10 @@ static void forget_condition(const struct window *window, void *engine)
 bool hiltest_permit(void *engine, int access, uint64_t address, int size, int64_t value, void *data)
 {
     const struct window *window = data;
+    uint64_t page = (address - window->base) >> PAGE_BITS;
+    uint64_t last = (address - window->base + (uint64_t)size - 1) >> PAGE_BITS;
 
-    if (window->opened[(address - window->base) >> PAGE_BITS] == 0) {
+    if (page != last || window->opened[page] == 0) { /* an access may straddle two pages */
         return window->ask(engine, access, address, size, value, NULL);
     }
     forget_condition(window, engine);

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable, Iterable
-from typing import Protocol
+from typing import Any, Protocol
 
 import unicorn
 from unicorn.unicorn_py3.unicorn import uclib
@@ -12,6 +12,7 @@ from unicorn.unicorn_py3.unicorn import uclib
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.memory import PERIPHERALS, PRIVATE_PERIPHERALS
 from hiltest.virtual.native import native_permission
+from hiltest.virtual.peripherals.bit_band import PERIPHERAL_ALIAS, SRAM_ALIAS, AliasedSram, BitBandAlias
 
 _READ_CALLBACK = ctypes.CFUNCTYPE(ctypes.c_uint64, ctypes.c_void_p, ctypes.c_uint64, ctypes.c_uint, ctypes.c_void_p)
 _WRITE_CALLBACK = ctypes.CFUNCTYPE(
@@ -52,6 +53,17 @@ class Peripheral(Protocol):
     def reset(self) -> None:
         """Return to the state after a chip reset."""
         ...
+
+
+def read_by_bytes(peripheral: Peripheral, offset: int, size: int) -> int:
+    """Answer a wide read of registers of one byte each."""
+    return sum(peripheral.read(offset + index, 1) << 8 * index for index in range(size))
+
+
+def write_by_bytes(peripheral: Peripheral, offset: int, size: int, value: int) -> None:
+    """Take a wide write to registers of one byte each."""
+    for index in range(size):
+        peripheral.write(offset + index, 1, value >> 8 * index & 0xFF)
 
 
 class StoredRegisters:
@@ -116,18 +128,15 @@ class PeripheralBus:
             self._pages[peripheral.base >> 12] = peripheral
         self._open: dict[int, ctypes.Array[ctypes.c_uint8]] = {}  # by window: pages that need no look
         self._callbacks: list[object] = []
-        for region in (PRIVATE_PERIPHERALS, PERIPHERALS):  # `_permit` finds the window of an address in this order
-            self._map(region)
+        for region in (PRIVATE_PERIPHERALS, PERIPHERALS):
+            self._map(region, *self._registers_from(region[0]), self.reason_against)
+        sram = BitBandAlias(SRAM_ALIAS, AliasedSram(processor.memory))
+        for alias in (sram, BitBandAlias(PERIPHERAL_ALIAS, self)):
+            self._map(alias.region, *self._bits_of(alias), alias.reason_against)
 
-    def _map(self, region: tuple[int, int]) -> None:
-        """Have accesses to a window served here.
-
-        The emulator tells a mapped device only where the block began. It looks up the exact
-        instruction when an access is not permitted; so none is, and each is let pass here, or is a fault.
-        A hook on all loads and stores would tell it too, and cost each load of RAM its fast path.
-        """
-        processor, pages, (base, size) = self._processor, self._pages, region
-        nvic = processor.nvic
+    def _registers_from(self, base: int) -> tuple[Any, Any]:
+        """Make the functions that the emulator calls for the registers from an address on."""
+        processor, pages, nvic = self._processor, self._pages, self._processor.nvic
 
         def on_read(_engine: int, offset: int, size: int, _data: int) -> int:
             try:
@@ -149,13 +158,55 @@ class PeripheralBus:
             except BaseException as error:  # as above
                 processor.abort(error)
 
-        opened = (ctypes.c_uint8 * (size // _PAGE))()
-        self._open[base] = opened
-        ask = _PERMISSION_CALLBACK(self._permit)
+        return _READ_CALLBACK(on_read), _WRITE_CALLBACK(on_write)
+
+    def _bits_of(self, alias: BitBandAlias) -> tuple[Any, Any]:
+        """Make the functions that the emulator calls for a bit-band alias."""
+        processor, base = self._processor, alias.region[0]
+
+        def on_read(_engine: int, offset: int, size: int, _data: int) -> int:
+            try:
+                return alias.read(base + offset, size)
+            except BaseException as error:  # as above
+                processor.abort(error)
+                return 0
+
+        def on_write(_engine: int, offset: int, size: int, value: int, _data: int) -> None:
+            try:
+                alias.write(base + offset, size, value)
+            except BaseException as error:  # as above
+                processor.abort(error)
+
+        return _READ_CALLBACK(on_read), _WRITE_CALLBACK(on_write)
+
+    def _map(
+        self, region: tuple[int, int], read: Any, write: Any, reason_against: Callable[[int, int], str | None]
+    ) -> None:
+        """Have accesses to a window served here.
+
+        The emulator tells a mapped device only where the block began. It looks up the exact
+        instruction when an access is not permitted; so none is, and each is let pass here, or is a fault.
+        A hook on all loads and stores would tell it too, and cost each load of RAM its fast path.
+        """
+        processor, (base, size) = self._processor, region
+        opened = self._open[base] = (ctypes.c_uint8 * (size // _PAGE))()
+
+        def on_access(_engine: int, access: int, address: int, size: int, _value: int, _data: int) -> bool:
+            try:
+                reason = reason_against(address, size)
+                if reason is not None:
+                    processor.traps.refuse(access, address, reason)
+                    return False
+                opened[(address - base) // _PAGE] = 1
+                processor.registers.forget_condition()
+                return True
+            except BaseException as error:  # as above
+                processor.abort(error)
+                return False
+
+        ask = _PERMISSION_CALLBACK(on_access)
         permit, data = native_permission(base, opened, ask) or (ask, None)
-        callbacks = _READ_CALLBACK(on_read), _WRITE_CALLBACK(on_write), ask, permit, data
-        self._callbacks.append(callbacks)  # the emulator keeps only the pointers
-        read, write = callbacks[:2]
+        self._callbacks.append((read, write, ask, permit, data))  # the emulator keeps only the pointers
         engine = processor.engine._uch
         first, length = ctypes.c_uint64(base), ctypes.c_size_t(size)
         uclib.uc_mmio_map(engine, first, length, read, None, write, None)
@@ -169,23 +220,28 @@ class PeripheralBus:
         self._processor.nvic.changed = False
         self._processor.look_soon()
 
-    def _permit(self, _engine: int, access: int, address: int, _size: int, _value: int, _data: int) -> bool:
-        """Say whether an access finds a peripheral; if not, it is a bus error."""
-        peripheral = self._pages.get(address >> 12)
-        if peripheral is None:
-            name = self._register_name(address)
-            reason = f"0x{address:08x}, where the chip has no peripheral"
-            if name is not None:
-                reason = f"{name} at 0x{address:08x}, which is not modelled, and not stored in strict mode"
-        elif not peripheral.clocked:
-            reason = f"{peripheral.name} while its clock gate in the SIM is closed"
-        else:
-            base = next(base for base in self._open if base <= address)
-            self._open[base][(address - base) // _PAGE] = 1
-            self._processor.registers.forget_condition()
-            return True
-        self._processor.traps.refuse(access, address, reason)
-        return False
+    def read(self, address: int, size: int) -> int:
+        """Read a register, as an access to its address would."""
+        return self._pages[address >> 12].read(address & 0xFFF, size)
+
+    def write(self, address: int, size: int, value: int) -> None:
+        """Write a register, as an access to its address would."""
+        self._pages[address >> 12].write(address & 0xFFF, size, value)
+        if self._processor.nvic.changed:
+            self._notice()
+
+    def reason_against(self, address: int, size: int) -> str | None:
+        """Say why an access is a bus error, if it is: every byte of it needs a peripheral with a clock."""
+        for page in {address >> 12, (address + size - 1) >> 12}:
+            peripheral = self._pages.get(page)
+            if peripheral is None:
+                name = self._register_name(address)
+                if name is None or page != address >> 12:
+                    return f"0x{address:08x}, where the chip has no peripheral"
+                return f"{name} at 0x{address:08x}, which is not modelled, and not stored in strict mode"
+            if not peripheral.clocked:
+                return f"{peripheral.name} while its clock gate in the SIM is closed"
+        return None
 
     def look_again(self) -> None:
         """Clock gates have changed: look at the next access to each page."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 from hiltest.virtual.chip import mk64f12
-from hiltest.virtual.peripherals.bus import Peripheral, StoredRegisters
+from hiltest.virtual.peripherals.bus import Peripheral, StoredRegisters, read_by_bytes, write_by_bytes
 from hiltest.virtual.unique_id import VIRTUAL_UNIQUE_ID
 
 OSCILLATOR_HZ = 50_000_000  # the Ethernet PHY's clock on EXTAL0
@@ -35,13 +35,17 @@ class ClockGenerator:
 
     def read(self, offset: int, size: int) -> int:
         """Answer a register; S follows from what was set up."""
-        if size != 1 or offset >= len(self._registers):
+        if size > 1:
+            return read_by_bytes(self, offset, size)
+        if offset >= len(self._registers):
             return 0
         return self._status() if offset == 6 else self._registers[offset]
 
     def write(self, offset: int, size: int, value: int) -> None:
         """Take a byte; S is read-only."""
-        if size == 1 and offset < len(self._registers) and offset != 6:
+        if size > 1:
+            write_by_bytes(self, offset, size, value)
+        elif offset < len(self._registers) and offset != 6:
             self._registers[offset] = value
             self.on_change()
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.i2c_bus import I2cBus
+from hiltest.virtual.peripherals.bus import read_by_bytes, write_by_bytes
 from hiltest.virtual.peripherals.clocks import ClockGates
 from hiltest.virtual.schedule import Event
 
@@ -75,6 +76,8 @@ class I2c:
 
     def read(self, offset: int, size: int) -> int:
         """Answer a byte register; reading D as receiver starts the next byte."""
+        if size > 1:
+            return read_by_bytes(self, offset, size)
         if offset == _S:
             return self._status
         if offset != _D:
@@ -91,6 +94,9 @@ class I2c:
 
     def write(self, offset: int, size: int, value: int) -> None:
         """Take a byte register."""
+        if size > 1:
+            write_by_bytes(self, offset, size, value)
+            return
         if offset == _C1:
             self._control(value)
         elif offset == _S:

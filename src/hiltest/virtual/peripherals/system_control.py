@@ -321,7 +321,7 @@ class SystemControlSpace:
             elif kind == 0x200:
                 nvic.pend(FIRST_INTERRUPT + number)
             else:
-                nvic.pending.discard(FIRST_INTERRUPT + number)
+                nvic.clear_pending(number)
 
     def _set_priorities(self, first: int, size: int, value: int) -> None:
         for index in range(size):

@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable
 
 from hiltest.virtual.cpu import Processor
+from hiltest.virtual.peripherals.bus import read_by_bytes, write_by_bytes
 from hiltest.virtual.peripherals.clocks import ClockGates
 from hiltest.virtual.schedule import Event
 
@@ -172,6 +173,8 @@ class Uart:
 
     def read(self, offset: int, size: int) -> int:
         """Answer a byte register."""
+        if size > 1:
+            return read_by_bytes(self, offset, size)
         if offset == _S1:
             status = self._status()
             self._flags_seen = self._flags
@@ -201,6 +204,9 @@ class Uart:
 
     def write(self, offset: int, size: int, value: int) -> None:
         """Take a byte register."""
+        if size > 1:
+            write_by_bytes(self, offset, size, value)
+            return
         if offset == _D:
             self._write_data(value)
         elif offset == _CFIFO:

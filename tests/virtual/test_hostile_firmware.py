@@ -1,0 +1,118 @@
+"""Whatever firmware does ends as on the part, or in a BoardFault; never in an error of the host."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+
+from hiltest.errors import BoardFault
+from hiltest.virtual.accounting import AccountingFactory
+from hiltest.virtual.k64f import VirtualK64F
+
+from .conftest import Build
+from .test_exceptions import word
+from .test_faults import HEAD
+
+TAIL = "\nend:\n    b end\n    .size main, . - main\n    .ltorg\n"
+GATES_OPEN = """
+    ldr r0, =0x40048028
+    ldr r1, =0xFFFFFFFF
+    movs r2, #7
+1:  str r1, [r0], #4
+    subs r2, #1
+    bne 1b
+"""
+
+CASES = {
+    "a stack nowhere": ("ldr r0, =0x10000000\n mov sp, r0\n udf #1", "lockup.*after: undefined instruction"),
+    "a stack that leaves SRAM": ("1: push {r0-r7}\n b 1b", "lockup.*after: write to unmapped address 0x1ffeff"),
+    "a jump to the last halfword of SRAM": (
+        "ldr r1, =0x2002FFFE\n ldr r2, =0xBF00\n strh r2, [r1]\n adds r1, #1\n bx r1",
+        "jump to unmapped address 0x20030000",
+    ),
+    "half an instruction at the end of SRAM": (
+        "ldr r1, =0x2002FFFE\n ldr r2, =0xF3AF\n strh r2, [r1]\n adds r1, #1\n bx r1",
+        "jump to unmapped address 0x20030000",
+    ),
+    "a loop in the last halfword of SRAM": (
+        "ldr r1, =0x2002FFFE\n ldr r2, =0xE7FE\n strh r2, [r1]\n adds r1, #1\n bx r1",
+        "hang: a loop to itself that no interrupt can end at 0x2002fffe",
+    ),
+    "a jump to where called functions return to": ("ldr r0, =0x1FFEF001\n bx r0", "address 0x1ffef000 at .*main"),
+    "a jump near there": ("ldr r0, =0x1FFEF009\n bx r0", "execution of 0x1ffef008, where the part has no memory"),
+    "a read there": ("ldr r0, =0x1FFEF000\n ldr r0, [r0]", "read of unmapped address 0x1ffef000"),
+    "no memory at VTOR": ("ldr r0, =0xE000ED08\n ldr r1, =0x10000000\n str r1, [r0]\n svc 0", "no memory at VTOR"),
+    "vectors of zero": ("ldr r0, =0xE000ED08\n ldr r1, =0x20010000\n str r1, [r0]\n svc 0", "vector 0x00000000"),
+    "EXC_RETURN without an exception": ("ldr r0, =0xFFFFFFF9\n bx r0", "0xfffffff9 where no exception is active"),
+    "an unaligned LDREX": ("ldr r0, =0x20000002\n ldrex r1, [r0]", "unaligned exclusive access at .* in main"),
+    "a coprocessor": ("mrc p15, 0, r0, c0, c0, 0", r"coprocessor that is not there \(NOCP\) at .* in main"),
+    "a word across the end of the peripherals": (
+        f"{GATES_OPEN}\n ldr r0, =0x40052FFE\n ldr r1, [r0]",
+        "read of 0x40052ffe, where the chip has no peripheral at .* in main",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", CASES)
+def test_it_is_a_fault_that_says_what_happened(build: Build, block_hook: AccountingFactory, what: str) -> None:
+    code, ending = CASES[what]
+    board = VirtualK64F(build(HEAD.replace("culprit:", "") + code + TAIL), accounting=block_hook)
+    with pytest.raises(BoardFault, match=ending):
+        board.run_until(0.01)
+    board.position()  # whoever waits for the board says where it is
+
+
+def test_any_access_to_any_peripheral_is_answered_or_a_fault(build: Build, block_hook: AccountingFactory) -> None:
+    choose = random.Random(1)
+    accesses = "\n".join(
+        f".thumb_func\n.type {name}, %function\n.global {name}\n{name}: {name} r1, [r0]\nbx lr\n.size {name}, .-{name}"
+        for name in ("ldr", "ldrh", "ldrb", "str", "strh", "strb")
+    )
+    elf = build(HEAD + accesses + "\n" + TAIL)
+    pages = [0x4006A000, 0x40066000, 0x40037000, 0x40049000, 0x400FF000, 0x40064000, 0x40052000, 0xE000E000, 0xE0001000]
+    refused = answered = 0
+    board = VirtualK64F(elf, accounting=block_hook)
+    for _ in range(1500):
+        name = choose.choice(("ldr", "str")) + choose.choice(("", "h", "b"))
+        offset = choose.choice((choose.randrange(0x20), choose.randrange(0x140), choose.randrange(0xFF8, 0x1000)))
+        address = choose.choice(pages) + offset
+        if choose.random() < 0.01:
+            address, name = 0x40048034, "str"  # open the gates, now and then
+        try:
+            board.call(name, address, choose.choice((0, 0xFF, 0xFFFFFFFF, choose.getrandbits(32))))
+            answered += 1
+        except BoardFault:
+            refused += 1
+    assert refused > 100
+    assert answered > 100
+
+
+def test_a_pending_interrupt_whose_line_is_high_cannot_be_cleared(build_c: Build) -> None:
+    source = """
+#include <stdint.h>
+#define REGISTER(address) (*(volatile uint32_t *)(address))
+volatile uint32_t seen, pending;
+void Interrupt48_Handler(void)
+{
+    seen++;
+    REGISTER(0x4003710Cu) = 1u; /* PIT_TFLG0 */
+}
+int main(void)
+{
+    REGISTER(0x4004803Cu) |= 1u << 23;
+    REGISTER(0x40037000u) = 0u;
+    REGISTER(0x40037100u) = 10000u;
+    REGISTER(0x40037108u) = 3u;
+    while (REGISTER(0x4003710Cu) == 0u) {
+    }
+    REGISTER(0x40037108u) = 2u; /* it does not expire again */
+    REGISTER(0xE000E284u) = 1u << 16; /* as drivers do before they enable their interrupt */
+    pending = REGISTER(0xE000E204u) >> 16 & 1u;
+    REGISTER(0xE000E104u) = 1u << 16;
+    return 0;
+}
+"""
+    board = VirtualK64F(build_c(source))
+    board.run_until(0.01)
+    assert (word(board, "pending"), word(board, "seen")) == (1, 1)
