@@ -209,6 +209,33 @@ def test_a_missing_or_broken_compiler_leaves_no_library_and_is_no_error(
     assert not list(tmp_path.iterdir())
 
 
+def test_a_place_that_cannot_be_written_to_is_a_reason_and_no_error(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, require_tool: object
+) -> None:
+    require_tool("gcc")  # type: ignore[operator]
+    library = tmp_path / "block_hook.so"
+    library.mkdir()  # stands in for a file system that is read-only, which does not stop root
+    monkeypatch.setattr(build, "LIBRARY", library)
+    monkeypatch.setenv("CC", "gcc")
+    assert "could not be run" in build.compile_library()
+
+
+@pytest.mark.parametrize("kept", [0.0, 0.05, 0.25, 0.5, 0.75, 0.95])
+def test_a_library_that_is_cut_off_is_not_used_and_kills_nothing(
+    tmp_path: Path, native_hook: AccountingFactory, kept: float
+) -> None:
+    content = build.LIBRARY.read_bytes()
+    part = tmp_path / "block_hook.so"
+    part.write_bytes(content[: int(kept * len(content))])
+    code = (
+        "import importlib, pathlib, sys; library = importlib.import_module('hiltest.virtual.native.library')\n"
+        "library.LIBRARY = pathlib.Path(sys.argv[1]); print(library.missing_because())"
+    )
+    result = subprocess.run([sys.executable, "-c", code, str(part)], capture_output=True, text=True, timeout=60)
+    assert result.returncode == 0
+    assert result.stdout.startswith(str(part))
+
+
 def test_the_source_compiles_without_a_warning(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, require_tool: object
 ) -> None:

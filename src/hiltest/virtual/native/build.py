@@ -6,6 +6,7 @@ this file before the package is installed.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 import shlex
@@ -39,7 +40,8 @@ def compile_library(*flags: str) -> str:
     """
     reason = _compile(flags)
     if reason:
-        LIBRARY.unlink(missing_ok=True)  # an older one is of another source
+        with contextlib.suppress(OSError):  # where nothing can be written, nothing was
+            LIBRARY.unlink(missing_ok=True)  # an older one is of another source
     return reason
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import struct
 from functools import cache
 
 from hiltest.virtual.native.build import LIBRARY, source_sha256
@@ -62,12 +63,24 @@ class Window(ctypes.Structure):
     )
 
 
+def _is_cut_off(content: bytes) -> bool:
+    """Whether the end of an ELF file is missing: to load such a one can kill the process, not only fail."""
+    if len(content) < 64 or content[:4] != b"\x7fELF":
+        return False  # what is no ELF file at all the loader refuses
+    wide = content[4] == 2
+    (sections,) = struct.unpack_from("=Q" if wide else "=I", content, 0x28 if wide else 0x20)
+    size, count = struct.unpack_from("=HH", content, 0x3A if wide else 0x2E)
+    return bool(sections + size * count > len(content))  # the table of sections ends the file
+
+
 @cache
 def _load() -> tuple[ctypes.PyDLL | None, str]:
     """Load the library, or say why it is not used."""
     if not LIBRARY.exists():
         return None, f"{LIBRARY} was not built"
     try:
+        if _is_cut_off(LIBRARY.read_bytes()):
+            return None, f"{LIBRARY} is cut off"
         # PyDLL: none of these functions takes long, and the emulator calls the hook itself, as a plain C function.
         library = ctypes.PyDLL(str(LIBRARY))
         library.hiltest_block_hook_source.restype = ctypes.c_char_p
