@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from hiltest.angles import Pose
 from hiltest.errors import DeviceError, ProtocolError
 from hiltest.link import messages as m
-from hiltest.link.messages import CycleSource, FitStatus, SensorKind, Status, decode_reply
+from hiltest.link.messages import CycleSource, FitStatus, SensorKind, Status
 from hiltest.link.replies import RunCost, SlotHeading
+from hiltest.link.request import decode_reply
 from hiltest.link.streams import StreamFeed, StreamRemove, StreamReset, StreamState, StreamStatus
 
 REQUESTS: list[m.Request[object]] = [

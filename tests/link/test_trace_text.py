@@ -11,6 +11,7 @@ import pytest
 from hiltest.link import messages as m
 from hiltest.link import streams
 from hiltest.link.framing import Frame, encode_frame
+from hiltest.link.request import REPLY_BIT
 from hiltest.link.request_reading import read_request
 from hiltest.link.trace_text import trace_lines
 from hiltest.link.transcript import Direction, LatestTranscript, Transcript
@@ -54,7 +55,7 @@ def asked(request: m.Request[Any], sequence: int) -> bytes:
 
 
 def answered(request: m.Request[Any], sequence: int, payload: bytes) -> bytes:
-    return encode_frame(Frame(request.code | m.REPLY_BIT, sequence, payload))
+    return encode_frame(Frame(request.code | REPLY_BIT, sequence, payload))
 
 
 def test_a_frame_is_shown_with_the_time_of_its_last_byte_its_number_and_its_fields() -> None:

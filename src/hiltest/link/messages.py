@@ -1,22 +1,15 @@
-"""What the host asks, as typed requests, each knowing its reply.
-
-A reply's payload is a status byte and, when that is one of the request's
-`answered_with`, the data that its `parse` reads.
-"""
+"""What the host asks of every firmware, as typed requests, each knowing its reply."""
 
 from __future__ import annotations
 
 import struct
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hiltest.calibration.fit import FitStatus
-from hiltest.errors import DeviceError
 from hiltest.link.fields import FieldReader
 from hiltest.link.replies import (
     AverageReply,
@@ -34,10 +27,10 @@ from hiltest.link.replies import (
     Status,
     SyncReply,
 )
+from hiltest.link.request import Plain, Request, Timed, name_field, within
 
 __all__ = [
     "PROTOCOL_VERSION",
-    "REPLY_BIT",
     "Average",
     "Calibrate",
     "ClearCalibration",
@@ -63,71 +56,15 @@ __all__ = [
     "Status",
     "Sync",
     "Upload",
-    "decode_reply",
 ]
 
 PROTOCOL_VERSION = 2
-REPLY_BIT = 0x80
 MAX_UPLOAD = 160
 MAX_POINTS_READ = 80
 MAX_READ = 64
 MAX_COLLECT = 512
 MAX_AVERAGE = 512
 MAX_REST = 4096
-
-R = TypeVar("R")
-
-_HINTS = {
-    Status.UNKNOWN_COMMAND: "the firmware is older than this hiltest; put the packaged one on the board",
-    Status.SENSOR_ABSENT: "check that the FRDM-FXS-MULTI-B shield sits on the board",
-    Status.SENSOR_TIMEOUT: "the sensor answers but delivers no new samples in time",
-    Status.BUS_ERROR: "the I2C bus failed; check shield and jumpers, then reset the board",
-    Status.NO_CALIBRATION: "the slot is empty; run a calibrator or set a calibration first",
-    Status.DEGENERATE_FIELD: "gravity and magnetic field are parallel or zero",
-}
-
-
-@dataclass(frozen=True)
-class Request(ABC, Generic[R]):
-    """A request; `R` is what its reply parses to."""
-
-    code: ClassVar[int]
-    command: ClassVar[str]
-    # What a reply with data may say: most requests are either done or not.
-    answered_with: ClassVar[frozenset[Status]] = frozenset({Status.OK})
-
-    def payload(self) -> bytes:
-        """Return the request's payload."""
-        return b""
-
-    @abstractmethod
-    def parse(self, fields: FieldReader) -> R:
-        """Read the data of an OK reply."""
-
-    @property
-    def board_time_s(self) -> float:
-        """How long the board may take to answer, beyond the line itself [s]."""
-        return 0.0
-
-
-@dataclass(frozen=True)
-class _Plain(Request[None]):
-    """A request answered by its status alone."""
-
-    def parse(self, fields: FieldReader) -> None:
-        """Read nothing."""
-
-
-@dataclass(frozen=True)
-class _Timed:
-    """Part of a request that waits for samples, `timeout_us` at most in all."""
-
-    timeout_us: int = field(default=5_000_000, kw_only=True)
-
-    @property
-    def board_time_s(self) -> float:
-        """How long the board may wait for its sensors [s]."""
-        return self.timeout_us * 1e-6
 
 
 @dataclass(frozen=True)
@@ -168,7 +105,7 @@ class Sensors(Request[tuple[SensorInfo, ...]]):
 
 
 @dataclass(frozen=True)
-class Select(_Plain):
+class Select(Plain):
     """Make a sensor the one of its kind, and configure it."""
 
     code = 0x04
@@ -180,7 +117,7 @@ class Select(_Plain):
 
 
 @dataclass(frozen=True)
-class Read(_Timed, Request[ReadReply]):
+class Read(Timed, Request[ReadReply]):
     """Read new raw samples of one sensor."""
 
     code = 0x05
@@ -196,7 +133,7 @@ class Read(_Timed, Request[ReadReply]):
 
 
 @dataclass(frozen=True)
-class Collect(_Timed, Request[CollectReply]):
+class Collect(Timed, Request[CollectReply]):
     """Add magnetometer points to the board's buffer, each with its accelerometer sample."""
 
     code = 0x06
@@ -247,7 +184,7 @@ class Points(Request[PointsReply]):
 
 
 @dataclass(frozen=True)
-class ClearPoints(_Plain):
+class ClearPoints(Plain):
     """Empty the point buffer."""
 
     code = 0x09
@@ -280,7 +217,7 @@ class Calibrate(Request[CalibrateReply]):
 
 
 @dataclass(frozen=True)
-class SetCalibration(_Plain):
+class SetCalibration(Plain):
     """Store a calibration in a slot; slot 0 is the active one."""
 
     code = 0x0B
@@ -311,7 +248,7 @@ class GetCalibration(Request[CalibrationReply]):
 
 
 @dataclass(frozen=True)
-class ClearCalibration(_Plain):
+class ClearCalibration(Plain):
     """Empty a slot."""
 
     code = 0x0D
@@ -323,7 +260,7 @@ class ClearCalibration(_Plain):
 
 
 @dataclass(frozen=True)
-class Average(_Timed, Request[AverageReply]):
+class Average(Timed, Request[AverageReply]):
     """Average n new samples of every sensor; heading under each slot of a bit mask."""
 
     code = 0x0E
@@ -339,7 +276,7 @@ class Average(_Timed, Request[AverageReply]):
 
 
 @dataclass(frozen=True)
-class GyroscopeRest(_Timed, Request[GyroscopeRestReply]):
+class GyroscopeRest(Timed, Request[GyroscopeRestReply]):
     """Average the gyroscope at rest; `store` keeps the mean as bias afterwards."""
 
     code = 0x0F
@@ -366,40 +303,8 @@ class LinkStatistics(Request[LinkCounters]):
 
 
 @dataclass(frozen=True)
-class Reset(_Plain):
+class Reset(Plain):
     """Ask for a reset; the answer comes before it."""
 
     code = 0x11
     command = "RESET"
-
-
-def decode_reply(request: Request[R], payload: bytes) -> R:
-    """Return the data of a reply to this request.
-
-    Raises
-    ------
-    DeviceError
-        When the board answers with an error status.
-    ProtocolError
-        When the payload is no reply to this request; says which field and where.
-    """
-    fields = FieldReader(payload, f"reply to {request.command}")
-    status = fields.choice(Status, "status")
-    if status not in request.answered_with:
-        fields.end()
-        raise DeviceError(request.command, status.name, _HINTS.get(status, ""))
-    data = request.parse(fields)
-    fields.end()
-    return data
-
-
-def name_field(name: str) -> bytes:
-    """Return a calibrator's name as a string on the wire."""
-    return bytes([within(len(name), 1, 255, "characters")]) + name.encode("ascii")
-
-
-def within(value: int, lowest: int, highest: int, unit: str) -> int:
-    """Return a value that the protocol takes; `ValueError` says the range of another."""
-    if not lowest <= value <= highest:
-        raise ValueError(f"{value} {unit}; the protocol takes {lowest} to {highest}")
-    return value

@@ -10,8 +10,8 @@ from hiltest.calibration.fit import FitStatus
 from hiltest.calibration.streams import StreamStatus
 from hiltest.errors import ProtocolError
 from hiltest.link.fields import FieldReader
-from hiltest.link.messages import Request, name_field, within
 from hiltest.link.replies import CalibrationReply, RunCost, Status
+from hiltest.link.request import Request, name_field, within
 
 __all__ = [
     "MAX_FEED",

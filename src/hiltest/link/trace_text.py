@@ -11,7 +11,7 @@ import numpy as np
 
 from hiltest.errors import DeviceError, ProtocolError
 from hiltest.link.framing import DamagedFrame, Frame, FrameDecoder
-from hiltest.link.messages import REPLY_BIT, Request, decode_reply
+from hiltest.link.request import REPLY_BIT, Request, decode_reply
 from hiltest.link.request_reading import command_of, read_request
 from hiltest.link.transcript import Direction, Transcript
 

@@ -12,14 +12,13 @@ from hiltest.link.framing import DELIMITER, ESCAPE, MAX_PAYLOAD, Frame, encode_f
 from hiltest.link.messages import (
     MAX_POINTS_READ,
     MAX_UPLOAD,
-    REPLY_BIT,
     ClearPoints,
     LinkStatistics,
     Points,
     Status,
     Upload,
-    decode_reply,
 )
+from hiltest.link.request import REPLY_BIT, decode_reply
 from hiltest.procedures.cycles import upload_cloud
 
 # A command that no firmware of this protocol has.

@@ -1,0 +1,105 @@
+"""What a request is: bytes for the board, and what its reply parses to.
+
+A reply's payload is a status byte and, when that is one of the request's
+`answered_with`, the data that its `parse` reads.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from typing import ClassVar, Generic, TypeVar
+
+from hiltest.errors import DeviceError
+from hiltest.link.fields import FieldReader
+from hiltest.link.replies import Status
+
+__all__ = ["REPLY_BIT", "Plain", "Request", "Timed", "decode_reply", "name_field", "within"]
+
+REPLY_BIT = 0x80
+
+R = TypeVar("R")
+
+_HINTS = {
+    Status.UNKNOWN_COMMAND: "the firmware is older than this hiltest; put the packaged one on the board",
+    Status.SENSOR_ABSENT: "check that the FRDM-FXS-MULTI-B shield sits on the board",
+    Status.SENSOR_TIMEOUT: "the sensor answers but delivers no new samples in time",
+    Status.BUS_ERROR: "the I2C bus failed; check shield and jumpers, then reset the board",
+    Status.NO_CALIBRATION: "the slot is empty; run a calibrator or set a calibration first",
+    Status.DEGENERATE_FIELD: "gravity and magnetic field are parallel or zero",
+}
+
+
+@dataclass(frozen=True)
+class Request(ABC, Generic[R]):
+    """A request; `R` is what its reply parses to."""
+
+    code: ClassVar[int]
+    command: ClassVar[str]
+    # What a reply with data may say: most requests are either done or not.
+    answered_with: ClassVar[frozenset[Status]] = frozenset({Status.OK})
+
+    def payload(self) -> bytes:
+        """Return the request's payload."""
+        return b""
+
+    @abstractmethod
+    def parse(self, fields: FieldReader) -> R:
+        """Read the data of an OK reply."""
+
+    @property
+    def board_time_s(self) -> float:
+        """How long the board may take to answer, beyond the line itself [s]."""
+        return 0.0
+
+
+@dataclass(frozen=True)
+class Plain(Request[None]):
+    """A request answered by its status alone."""
+
+    def parse(self, fields: FieldReader) -> None:
+        """Read nothing."""
+
+
+@dataclass(frozen=True)
+class Timed:
+    """Part of a request that waits for samples, `timeout_us` at most in all."""
+
+    timeout_us: int = field(default=5_000_000, kw_only=True)
+
+    @property
+    def board_time_s(self) -> float:
+        """How long the board may wait for its sensors [s]."""
+        return self.timeout_us * 1e-6
+
+
+def decode_reply(request: Request[R], payload: bytes) -> R:
+    """Return the data of a reply to this request.
+
+    Raises
+    ------
+    DeviceError
+        When the board answers with an error status.
+    ProtocolError
+        When the payload is no reply to this request; says which field and where.
+    """
+    fields = FieldReader(payload, f"reply to {request.command}")
+    status = fields.choice(Status, "status")
+    if status not in request.answered_with:
+        fields.end()
+        raise DeviceError(request.command, status.name, _HINTS.get(status, ""))
+    data = request.parse(fields)
+    fields.end()
+    return data
+
+
+def name_field(name: str) -> bytes:
+    """Return a calibrator's name as a string on the wire."""
+    return bytes([within(len(name), 1, 255, "characters")]) + name.encode("ascii")
+
+
+def within(value: int, lowest: int, highest: int, unit: str) -> int:
+    """Return a value that the protocol takes; `ValueError` says the range of another."""
+    if not lowest <= value <= highest:
+        raise ValueError(f"{value} {unit}; the protocol takes {lowest} to {highest}")
+    return value
