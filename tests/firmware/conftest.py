@@ -19,7 +19,9 @@ from hiltest.virtual.k64f import VirtualK64F
 
 from .streams import BoardStream, HostStream, Stream
 
-CALIBRATION = Path(__file__).parents[2] / "firmware_stub" / "calibration"
+FIRMWARE = Path(__file__).parents[2] / "firmware_stub"
+CALIBRATION = FIRMWARE / "calibration"
+PROGRAMS = Path(__file__).parent / "programs"
 SHIPPED_ELF = Path(hiltest.__file__).parent / "firmware" / "hiltest-frdm-k64f.elf"
 
 # magnetometer_fit_t, the same on both: -fshort-enums on the host is what the target's ABI does.
@@ -103,6 +105,29 @@ def host_library(require_tool: Callable[[str], str], tmp_path_factory: pytest.Te
     command = [require_tool("gcc"), *options, *warnings, *sources, "-o", str(library), "-lm"]
     subprocess.run(command, check=True)
     return ctypes.CDLL(str(library))
+
+
+@pytest.fixture(scope="session")
+def build_program(
+    require_tool: Callable[[str], str], tmp_path_factory: pytest.TempPathFactory
+) -> Callable[[str], Path]:
+    """Return a function that builds one of `programs` with the firmware's drivers of board and sensors into an ELF."""
+    board = FIRMWARE / "boards" / "frdm_k64f"
+    drivers = [*sorted(board.glob("*.c")), *sorted((FIRMWARE / "sensors").glob("*.c"))]
+
+    def build(program: str) -> Path:
+        elf = tmp_path_factory.mktemp("program") / "program.elf"
+        command = [
+            require_tool("arm-none-eabi-gcc"), "-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard",
+            "-std=c11", "-O2", "-g", "-Wall", "-Wextra", "-Wconversion", "-Werror", "-ffunction-sections",
+            "-fdata-sections", "-fno-tree-loop-distribute-patterns", f"-I{FIRMWARE}", "-nostartfiles",
+            f"-T{board / 'frdm_k64f.ld'}", "-Wl,--gc-sections", str(PROGRAMS / program), *map(str, drivers), "-lm",
+            "-o", str(elf),
+        ]  # fmt: skip
+        subprocess.run(command, check=True, timeout=120)
+        return elf
+
+    return build
 
 
 @pytest.fixture(scope="session")

@@ -13,27 +13,17 @@ from hiltest.world.earth_field import EarthField
 from hiltest.world.temperature import Temperature
 from hiltest.world.world import World
 
+from .bus_master import read, write
+
 FIELD = EarthField(48.5, 62.0)
 OFFSET, GAIN = (0.1, -0.2, 0.4), (0.001, -0.002, 0.003)
 RAMP = Temperature(25.0, 45.0, ramp_s=20.0)  # one degree a second
 POSE = Pose(30.0, 20.0, -40.0)
 
 
-def read(part, time_s, register, count):
-    part.start(False, time_s)
-    part.write(register, time_s)
-    part.start(True, time_s)
-    data = bytes(part.read(time_s) for _ in range(count))
-    part.stop(time_s)
-    return data
-
-
 def active(part, *writes):
     for register, value in writes:
-        part.start(False, 0.06)
-        assert part.write(register, 0.06)
-        assert part.write(value, 0.06)
-        part.stop(0.06)
+        assert write(part, 0.06, register, value)
     return part
 
 

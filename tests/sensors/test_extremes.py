@@ -7,24 +7,13 @@ from hiltest.world.distortion import MagneticDistortion
 from hiltest.world.earth_field import EarthField
 from hiltest.world.world import World
 
+from .bus_master import read, write
+
 HARD_IRON_UT = (12.0, -30.0, 7.0)
 
 
-def write(part, time_s, register, value):
-    part.start(False, time_s)
-    assert part.write(register, time_s)
-    acknowledged = part.write(value, time_s)
-    part.stop(time_s)
-    return acknowledged
-
-
 def words(part, time_s, register, count):
-    part.start(False, time_s)
-    part.write(register, time_s)
-    part.start(True, time_s)
-    data = bytes(part.read(time_s) for _ in range(2 * count))
-    part.stop(time_s)
-    return np.frombuffer(data, ">i2").astype(int)
+    return np.frombuffer(read(part, time_s, register, 2 * count), ">i2").astype(int)
 
 
 def tumbling():

@@ -14,25 +14,11 @@ from hiltest.world.distortion import MagneticDistortion
 from hiltest.world.earth_field import EarthField
 from hiltest.world.world import World
 
+from .bus_master import read, write
+
 FIELD = EarthField(48.5, 62.0)
 CIRCULAR, STOP, TRIGGER = 0x40, 0x80, 0xC0
 RATE_HZ = 200.0
-
-
-def write(part, time_s, *data):
-    part.start(False, time_s)
-    acknowledged = [part.write(byte, time_s) for byte in data]
-    assert all(acknowledged)
-    part.stop(time_s)
-
-
-def read(part, time_s, register, count):
-    part.start(False, time_s)
-    part.write(register, time_s)
-    part.start(True, time_s)
-    data = bytes(part.read(time_s) for _ in range(count))
-    part.stop(time_s)
-    return data
 
 
 class Gyroscope:
@@ -44,7 +30,7 @@ class Gyroscope:
     def __init__(self, world, setup=0):
         self.part = Fxas21002c(world, seed=3)
         for register, value in ((0x09, setup), (0x15, 0x08), (0x13, 0x0A)):
-            write(self.part, 0.135, register, value)
+            assert write(self.part, 0.135, register, value)
 
 
 class Accelerometer:
@@ -56,7 +42,7 @@ class Accelerometer:
     def __init__(self, world, setup=0):
         self.part = Fxos8700cq(world, MagneticDistortion(), seed=3)
         for register, value in ((0x09, setup), (0x5B, 0x1F), (0x2A, 0x0D)):
-            write(self.part, 0.186, register, value)
+            assert write(self.part, 0.186, register, value)
 
 
 both = pytest.mark.parametrize("sensor", [Gyroscope, Accelerometer])

@@ -11,24 +11,10 @@ from hiltest.world.distortion import MagneticDistortion
 from hiltest.world.earth_field import EarthField
 from hiltest.world.world import World
 
+from .bus_master import read, write
+
 WORLD = World(EarthField(48.5, 62.0))
 HIGH, LOW = True, False
-
-
-def write(part, time_s, *data):
-    part.start(False, time_s)
-    for byte in data:
-        part.write(byte, time_s)
-    part.stop(time_s)
-
-
-def read(part, time_s, register, count):
-    part.start(False, time_s)
-    part.write(register, time_s)
-    part.start(True, time_s)
-    data = bytes(part.read(time_s) for _ in range(count))
-    part.stop(time_s)
-    return data
 
 
 def mag3110():

@@ -16,24 +16,10 @@ from hiltest.world.earth_field import EarthField
 from hiltest.world.temperature import Temperature
 from hiltest.world.world import World
 
+from .bus_master import read, write
+
 FIELD = EarthField(48.5, 62.0)
 CYCLE_S = 1.0 / 120e6
-
-
-def write(part, time_s, *data):
-    part.start(False, time_s)
-    acknowledged = [part.write(byte, time_s) for byte in data]
-    part.stop(time_s)
-    return all(acknowledged)
-
-
-def read(part, time_s, register, count):
-    part.start(False, time_s)
-    part.write(register, time_s)
-    part.start(True, time_s)
-    data = bytes(part.read(time_s) for _ in range(count))
-    part.stop(time_s)
-    return data
 
 
 def words(data):

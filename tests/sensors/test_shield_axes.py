@@ -14,6 +14,8 @@ from hiltest.world.distortion import MagneticDistortion
 from hiltest.world.earth_field import EarthField
 from hiltest.world.world import World
 
+from .bus_master import read, write
+
 POSES = json.loads((Path(__file__).parents[2] / "fixtures" / "axes" / "shield.json").read_text())["poses"]
 # The fixture's field: 20 uT north, 3 east, 40 down. The world's north is magnetic: the same field lies
 # in it along north, and the fixture's headings count from atan2(3, 20) west of that.
@@ -24,16 +26,8 @@ NORTH_DEG = math.degrees(math.atan2(3.0, 20.0))
 
 def words(part, setup, register):
     for at, value in setup:
-        part.start(False, 0.1)
-        assert part.write(at, 0.1)
-        assert part.write(value, 0.1)
-        part.stop(0.1)
-    part.start(False, 1.0)
-    part.write(register, 1.0)
-    part.start(True, 1.0)
-    data = bytes(part.read(1.0) for _ in range(6))
-    part.stop(1.0)
-    return data.hex(" ")
+        assert write(part, 0.1, at, value)
+    return read(part, 1.0, register, 6).hex(" ")
 
 
 @pytest.mark.parametrize("case", POSES, ids=lambda case: case["name"])

@@ -15,7 +15,7 @@ from hiltest.virtual.native import CHOICE, build, by_block
 from hiltest.virtual.native.accounting import NativeBlockAccounting
 
 from .conftest import PROGRAMS, SHIPPED, Build
-from .test_faults import HEAD, TAIL
+from .test_faults import HEAD, TAIL, WAITS_FOR_TICKS
 from .test_peripherals import Part
 from .test_peripherals import _framed as framed
 
@@ -65,24 +65,7 @@ def test_both_hooks_agree_on_a_session_with_serial_port_and_sensors(native_hook:
 
 
 def test_both_hooks_pass_the_time_of_a_loop_to_itself_alike(build: Build, native_hook: AccountingFactory) -> None:
-    code = """
-    ldr r0, =0xE000E014
-    ldr r1, =1000
-    str r1, [r0]
-    str r1, [r0, #4]
-    movs r1, #7
-    ldr r0, =0xE000E010
-    str r1, [r0]
-wait:
-    b wait
-    .global SysTick_Handler
-    .thumb_func
-    .type SysTick_Handler, %function
-SysTick_Handler:
-    adds r7, #1
-    bx lr
-"""
-    elf = build(HEAD + code + TAIL)
+    elf = build(HEAD + WAITS_FOR_TICKS + TAIL)
     states = []
     for hook in (BlockAccounting, native_hook):
         board = VirtualK64F(elf, accounting=hook)

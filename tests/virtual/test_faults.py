@@ -31,6 +31,26 @@ culprit:
 """
 TAIL = "\n    bx lr\n    .size main, . - main\n    .ltorg\n    .data\nwords: .word 0x20000006\n"
 
+# A loop to itself that a tick every 1000 cycles interrupts; r7 counts them.
+WAITS_FOR_TICKS = """
+    ldr r0, =0xE000E014
+    ldr r1, =999
+    str r1, [r0]
+    str r1, [r0, #4]
+    movs r1, #7
+    ldr r0, =0xE000E010
+    str r1, [r0]
+wait:
+    b wait
+    .global SysTick_Handler
+    .thumb_func
+    .type SysTick_Handler, %function
+SysTick_Handler:
+    adds r7, #1
+    bx lr
+    .size SysTick_Handler, . - SysTick_Handler
+"""
+
 CASES = [
     ("the FPU before CPACR enables it", "vadd.f32 s0, s0, s0", "CPACR"),
     ("an unaligned LDRD", "ldr r0, =0x20000002\n    b 1f\n1:  ldrd r2, r3, [r0]", "unaligned"),
@@ -62,25 +82,7 @@ def test_a_fault_names_its_cause_and_place(build: Build, what: str, code: str, c
 
 
 def test_waiting_in_a_loop_for_interrupts_passes_time_and_is_no_hang(build: Build) -> None:
-    code = """
-    ldr r0, =0xE000E014
-    ldr r1, =999
-    str r1, [r0]
-    str r1, [r0, #4]
-    movs r1, #7
-    ldr r0, =0xE000E010
-    str r1, [r0]
-wait:
-    b wait
-    .global SysTick_Handler
-    .thumb_func
-    .type SysTick_Handler, %function
-SysTick_Handler:
-    adds r7, #1
-    bx lr
-    .size SysTick_Handler, . - SysTick_Handler
-"""
-    board = VirtualK64F(build(HEAD + code + TAIL))
+    board = VirtualK64F(build(HEAD + WAITS_FOR_TICKS + TAIL))
     board.run_until(0.1)
     # 12 million cycles, a tick every thousand.
     assert board.processor.registers.snapshot()["r7"] == pytest.approx(12_000, abs=2)
