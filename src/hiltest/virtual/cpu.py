@@ -8,19 +8,17 @@ next event of the calendar, an interrupt, WFI, or an exception return.
 
 from __future__ import annotations
 
-import ctypes
 import math
 from collections.abc import Callable
 from typing import Any
 
 import unicorn
-from unicorn import arm_const as arm
 from unicorn import unicorn_py3
-from unicorn.unicorn_py3.unicorn import uclib
 
 from hiltest.errors import BoardFault, place_of
 from hiltest.virtual.accounting import Accounting, AccountingFactory, Block
 from hiltest.virtual.elf import FirmwareImage
+from hiltest.virtual.engine import TRANSLATED_CALLBACK, add_hook, cortex_m4, entrance
 from hiltest.virtual.event_register import EventRegister
 from hiltest.virtual.exceptions import ExceptionUnit
 from hiltest.virtual.faults import Fault, FaultKind, FaultLog, Lockup
@@ -36,13 +34,6 @@ from hiltest.virtual.traps import Traps
 
 RETURN_ADDRESS = 0x1FFEF000  # where a called function returns to: an executable page that the part does not have
 _SLICE_CYCLES = 4_000_000  # the longest stretch without looking at the wall clock or Ctrl-C
-_EMU_START = ctypes.CFUNCTYPE(
-    ctypes.c_int, ctypes.c_void_p, ctypes.c_uint64, ctypes.c_uint64, ctypes.c_uint64, ctypes.c_size_t
-)(("uc_emu_start", uclib))
-
-_TRANSLATED = ctypes.CFUNCTYPE(
-    None, ctypes.c_void_p, ctypes.POINTER(unicorn_py3.unicorn.uc_tb), ctypes.c_void_p, ctypes.c_void_p
-)
 
 # Faults found after their instruction is over: a jump, or an SVC.
 _BEHIND = {FaultKind.INSTRUCTION_BUS, FaultKind.EXECUTE_NEVER, FaultKind.SUPERVISOR_CALL}
@@ -73,8 +64,7 @@ class Processor:
     ) -> None:
         self.image = image
         self.profile = profile
-        self.engine: Any = unicorn_py3.Uc(unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS)
-        self.engine.ctl_set_cpu_model(arm.UC_CPU_ARM_CORTEX_M4)
+        self.engine: Any = cortex_m4()
         self.memory = BoardMemory(self.engine)
         self.engine.mem_map(RETURN_ADDRESS, 0x1000, unicorn.UC_PROT_EXEC)
         self.registers = CoreRegisters(self.engine)
@@ -98,28 +88,16 @@ class Processor:
         self.traps.take_event = self.event_register.take
         self.traps.jumped_from = lambda: self.accounting.jumped_from
         self._install_hooks()
-        # The binding's emu_start costs as much again as the emulator's own.
-        handle = self.engine._uch.value
-        self._enter: Callable[[int], int] = lambda begin: _EMU_START(handle, begin, RETURN_ADDRESS, 0, 0)
+        self._enter = entrance(self.engine, RETURN_ADDRESS)
 
     def _install_hooks(self) -> None:
         kind = unicorn.UC_HOOK_CODE if self.accounting.per_instruction else unicorn.UC_HOOK_BLOCK
-        # The emulator keeps only the pointers.
-        self._code_hook = self._hook(kind, *self.accounting.hook(RETURN_ADDRESS, self.abort))
+        self._code_hook = self.accounting.hook(RETURN_ADDRESS, self.abort)
+        add_hook(self.engine, kind, *self._code_hook)
+        self._translation_hook = TRANSLATED_CALLBACK(self._on_translated)
         # Only RAM can be written to.
-        translated = _TRANSLATED(self._on_translated)
-        self._translation_hook = self._hook(unicorn.UC_HOOK_EDGE_GENERATED, translated, None, within=SRAM)
-
-    def _hook(self, kind: int, function: Any, data: Any, within: tuple[int, int] | None = None) -> tuple[Any, Any]:
-        """Hook straight through the C interface: the binding's own wrapper doubles the cost of each call."""
-        first, last = (1, 0) if within is None else (within[0], within[0] + within[1] - 1)
-        if function is None:
-            return function, data
-        uclib.uc_hook_add(
-            self.engine._uch, ctypes.byref(ctypes.c_size_t()), kind, function, data,
-            ctypes.c_uint64(first), ctypes.c_uint64(last),
-        )  # fmt: skip
-        return function, data
+        ram = (SRAM[0], sum(SRAM) - 1)
+        add_hook(self.engine, unicorn.UC_HOOK_EDGE_GENERATED, self._translation_hook, within=ram)
 
     def _on_translated(self, _engine: int, block: Any, _before: int, _data: int) -> None:
         try:

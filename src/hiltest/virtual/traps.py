@@ -10,10 +10,10 @@ from functools import partial
 from typing import Any
 
 import unicorn
-from unicorn.unicorn_py3.unicorn import uclib
 
 from hiltest.virtual.accounting import CODE_CALLBACK
 from hiltest.virtual.elf import FirmwareImage
+from hiltest.virtual.engine import add_hook
 from hiltest.virtual.faults import Fault, FaultKind
 from hiltest.virtual.instructions import Instruction
 from hiltest.virtual.memory import FLASH, SRAM, BoardMemory
@@ -105,12 +105,8 @@ class Traps:
         self._watched: dict[int, str] = {}
         self._looks: dict[int, tuple[bytes, Callable[[], None]]] = {}
         self._instruction_hook = CODE_CALLBACK(self._on_instruction)  # the emulator keeps only the pointer
-        # Straight through the C interface: the binding's own wrapper doubles the cost of each call.
         self._interrupt_hook = _INTERRUPT_CALLBACK(self._on_interrupt)
-        uclib.uc_hook_add(
-            engine._uch, ctypes.byref(ctypes.c_size_t()), unicorn.UC_HOOK_INTR, self._interrupt_hook, None,
-            ctypes.c_uint64(1), ctypes.c_uint64(0),
-        )  # fmt: skip
+        add_hook(engine, unicorn.UC_HOOK_INTR, self._interrupt_hook)
         unmapped = unicorn.UC_HOOK_MEM_UNMAPPED | unicorn.UC_HOOK_MEM_FETCH_PROT
         engine.hook_add(unmapped, self._on_invalid_memory)
         protected = unicorn.UC_HOOK_MEM_READ_PROT | unicorn.UC_HOOK_MEM_WRITE_PROT
@@ -222,13 +218,8 @@ class Traps:
         """Call `look` before the instruction at an address runs, while it is still that one."""
         hooked = address in self._looks
         self._looks[address] = code, look
-        if hooked:
-            return
-        first = ctypes.c_uint64(address)
-        uclib.uc_hook_add(
-            self._engine._uch, ctypes.byref(ctypes.c_size_t()), unicorn.UC_HOOK_CODE, self._instruction_hook, None,
-            first, first,
-        )  # fmt: skip
+        if not hooked:
+            add_hook(self._engine, unicorn.UC_HOOK_CODE, self._instruction_hook, within=(address, address))
 
     def _on_instruction(self, _engine: int, address: int, _size: int, _data: int) -> None:
         try:

@@ -10,6 +10,7 @@ import unicorn
 from unicorn.unicorn_py3.unicorn import uclib
 
 from hiltest.virtual.cpu import Processor
+from hiltest.virtual.engine import add_hook
 from hiltest.virtual.memory import PERIPHERALS, PRIVATE_PERIPHERALS
 from hiltest.virtual.native import native_permission
 from hiltest.virtual.peripherals.bit_band import PERIPHERAL_ALIAS, SRAM_ALIAS, AliasedSram, BitBandAlias
@@ -211,10 +212,8 @@ class PeripheralBus:
         first, length = ctypes.c_uint64(base), ctypes.c_size_t(size)
         uclib.uc_mmio_map(engine, first, length, read, None, write, None)
         uclib.uc_mem_protect(engine, first, length, ctypes.c_uint32(unicorn.UC_PROT_NONE))
-        uclib.uc_hook_add(
-            engine, ctypes.byref(ctypes.c_size_t()), unicorn.UC_HOOK_MEM_READ_PROT | unicorn.UC_HOOK_MEM_WRITE_PROT,
-            permit, data, first, ctypes.c_uint64(base + size - 1),
-        )  # fmt: skip
+        protected = unicorn.UC_HOOK_MEM_READ_PROT | unicorn.UC_HOOK_MEM_WRITE_PROT
+        add_hook(processor.engine, protected, permit, data, within=(base, base + size - 1))
 
     def _notice(self) -> None:
         self._processor.nvic.changed = False
