@@ -75,17 +75,19 @@ static void write_statistics(payload_writer_t *reply, const vector_statistics_t 
     write_f32_array(reply, values, 3);
 }
 
-/** Heading, pitch and roll under one calibration; NaN with the status that says why there are none. */
-static void write_attitude(payload_writer_t *reply, const calibration_t *calibration, const float gravity[3],
-                           const float field[3])
+/** Heading, pitch and roll under a slot's two calibrations; NaN with the status that says why there are none. */
+static void write_attitude(payload_writer_t *reply, uint8_t slot, const float acceleration[3], const float field[3])
 {
+    const calibration_t *calibration = slot_get(slot);
     float angles_deg[3] = {NAN, NAN, NAN};
     status_t status = STATUS_NO_CALIBRATION;
     if (calibration != NULL) {
         float unit[3];
+        float gravity_g[3];
         calibration_apply(calibration, field, unit);
+        accelerometer_apply(slot_accelerometer(slot), acceleration, gravity_g);
         status = STATUS_OK;
-        if (tilt_heading(gravity, unit, &angles_deg[0], &angles_deg[1], &angles_deg[2]) != TILT_OK) {
+        if (tilt_heading(gravity_g, unit, &angles_deg[0], &angles_deg[1], &angles_deg[2]) != TILT_OK) {
             status = STATUS_DEGENERATE_FIELD;
             angles_deg[0] = angles_deg[1] = angles_deg[2] = NAN;
         }
@@ -98,7 +100,7 @@ status_t command_average(payload_reader_t *request, payload_writer_t *reply)
 {
     const uint16_t count = read_u16(request);
     const uint32_t timeout_us = read_u32(request);
-    const uint8_t slots = read_u8(request);
+    const uint16_t slots = read_u16(request);
     if (count == 0u || count > AVERAGE_MAXIMUM || timeout_us > TIMEOUT_MAXIMUM_US) {
         return STATUS_BAD_ARGUMENT;
     }
@@ -121,12 +123,12 @@ status_t command_average(payload_reader_t *request, payload_writer_t *reply)
     }
     write_u16(reply, (uint16_t)(overruns < UINT16_MAX ? overruns : UINT16_MAX));
     float field[3];
-    float gravity[3];
+    float acceleration[3];
     statistics_mean(&series[SENSOR_MAGNETOMETER].statistics, field);
-    statistics_mean(&series[SENSOR_ACCELEROMETER].statistics, gravity);
+    statistics_mean(&series[SENSOR_ACCELEROMETER].statistics, acceleration);
     for (uint8_t slot = 0; slot < SLOT_COUNT; slot++) {
         if ((slots >> slot & 1u) != 0u) {
-            write_attitude(reply, slot_get(slot), gravity, field);
+            write_attitude(reply, slot, acceleration, field);
         }
     }
     return STATUS_OK;

@@ -2,12 +2,12 @@
  * @file calibration_commands.c
  * @brief CALIBRATE, SET_CALIBRATION, GET_CALIBRATION and CLEAR_CALIBRATION.
  */
-#include <math.h>
 #include <string.h>
 
 #include "calibration_slots.h"
 #include "command.h"
 #include "fit_fields.h"
+#include "linear_fields.h"
 #include "points_buffer.h"
 #include "timed_run.h"
 
@@ -50,28 +50,13 @@ status_t command_calibrate(payload_reader_t *request, payload_writer_t *reply)
     return timed_run_has_counter() ? STATUS_OK : STATUS_NO_CYCLE_COUNTER;
 }
 
-static bool all_finite(const float *values, size_t count)
-{
-    for (size_t i = 0; i < count; i++) {
-        if (!isfinite(values[i])) {
-            return false;
-        }
-    }
-    return true;
-}
-
 status_t command_set_calibration(payload_reader_t *request, payload_writer_t *reply)
 {
     (void)reply;
     const uint8_t slot = read_u8(request);
     calibration_t calibration;
-    for (size_t i = 0; i < 9u; i++) {
-        calibration.soft_iron[i] = read_f32(request);
-    }
-    for (size_t i = 0; i < 3u; i++) {
-        calibration.hard_iron[i] = read_f32(request);
-    }
-    if (slot >= SLOT_COUNT || !all_finite(calibration.soft_iron, 9) || !all_finite(calibration.hard_iron, 3)) {
+    const bool is_finite = read_linear(request, calibration.soft_iron, calibration.hard_iron);
+    if (slot >= SLOT_COUNT || !is_finite) {
         return STATUS_BAD_ARGUMENT;
     }
     slot_set(slot, &calibration);
@@ -88,8 +73,7 @@ status_t command_get_calibration(payload_reader_t *request, payload_writer_t *re
     if (calibration == NULL) {
         return STATUS_NO_CALIBRATION;
     }
-    write_f32_array(reply, calibration->soft_iron, 9);
-    write_f32_array(reply, calibration->hard_iron, 3);
+    write_linear(reply, calibration->soft_iron, calibration->hard_iron);
     return STATUS_OK;
 }
 

@@ -2,7 +2,9 @@
 
 static struct {
     calibration_t calibration;
+    accelerometer_calibration_t accelerometer;
     bool filled;
+    bool has_accelerometer; /* else it is the nominal one: so a slot that was never touched needs no start-up code */
 } slots[SLOT_COUNT];
 
 void slot_set(uint8_t slot, const calibration_t *calibration)
@@ -11,14 +13,26 @@ void slot_set(uint8_t slot, const calibration_t *calibration)
     slots[slot].filled = true;
 }
 
+void slot_set_accelerometer(uint8_t slot, const accelerometer_calibration_t *calibration)
+{
+    slots[slot].accelerometer = *calibration;
+    slots[slot].has_accelerometer = true;
+}
+
 void slot_clear(uint8_t slot)
 {
     slots[slot].filled = false;
+    slots[slot].has_accelerometer = false;
 }
 
 const calibration_t *slot_get(uint8_t slot)
 {
     return slots[slot].filled ? &slots[slot].calibration : NULL;
+}
+
+const accelerometer_calibration_t *slot_accelerometer(uint8_t slot)
+{
+    return slots[slot].has_accelerometer ? &slots[slot].accelerometer : &accelerometer_nominal;
 }
 
 void calibration_apply(const calibration_t *calibration, const float field[3], float unit[3])

@@ -52,6 +52,10 @@ status_t command_set_calibration(payload_reader_t *request, payload_writer_t *re
 status_t command_get_calibration(payload_reader_t *request, payload_writer_t *reply);
 status_t command_clear_calibration(payload_reader_t *request, payload_writer_t *reply);
 
+/* accelerometer_commands.c */
+status_t command_set_accelerometer(payload_reader_t *request, payload_writer_t *reply);
+status_t command_get_accelerometer(payload_reader_t *request, payload_writer_t *reply);
+
 /* stream_commands.c */
 status_t command_reset_stream(payload_reader_t *request, payload_writer_t *reply);
 status_t command_feed_stream(payload_reader_t *request, payload_writer_t *reply);

@@ -15,7 +15,7 @@ static const command_t commands[] = {
     {0x0B, command_set_calibration, 49, 49},
     {0x0C, command_get_calibration, 1, 1},
     {0x0D, command_clear_calibration, 1, 1},
-    {0x0E, command_average, 7, 7},
+    {0x0E, command_average, 8, 8},
     {0x0F, command_gyroscope_rest, 7, 7},
     {0x10, command_link_statistics, 0, 0},
     {0x11, command_reset, 0, 0},
@@ -23,6 +23,8 @@ static const command_t commands[] = {
     {0x13, command_feed_stream, 4, 4 + 255},
     {0x14, command_remove_from_stream, 4, 4 + 255},
     {0x15, command_stream_state, 1, 1 + 255},
+    {0x16, command_set_accelerometer, 49, 49},
+    {0x17, command_get_accelerometer, 1, 1},
 };
 
 const command_t *command_find(uint8_t type)

@@ -86,7 +86,7 @@ def test_heading_at_known_angles(
             [pose.heading_deg, pose.pitch_deg, pose.roll_deg, bool(level), *numbers]
             for pose, level, *numbers in zip(
                 known_angles.poses, known_angles.level, known_angles.reference_deg.tolist(),
-                known_angles.pitch_deg.tolist(), known_angles.roll_deg.tolist(),
+                known_angles.pitch_deg[UNCALIBRATED].tolist(), known_angles.roll_deg[UNCALIBRATED].tolist(),
                 *(headings.tolist() for headings in known_angles.heading_deg.values()),
                 *(errors.tolist() for errors in known_angles.error_deg.values()), strict=True,
             )

@@ -17,6 +17,7 @@ from .bench import (
     CLEAR_POINTS,
     COLLECT,
     GET,
+    GET_ACCELEROMETER,
     IDENTITY,
     POINTS,
     READ,
@@ -25,6 +26,7 @@ from .bench import (
     SELECT,
     SENSORS,
     SET,
+    SET_ACCELEROMETER,
     STATISTICS,
     SYNC,
     UPLOAD,
@@ -54,15 +56,16 @@ def bare_bench() -> Bench:
 
 
 def test_sync_answers_the_nonce_and_the_protocol_version(bench: Bench) -> None:
-    assert struct.unpack("<IH", bench.ask(SYNC, struct.pack("<I", 0x7D7E5D5E))) == (0x7D7E5D5E, 2)
+    assert struct.unpack("<IH", bench.ask(SYNC, struct.pack("<I", 0x7D7E5D5E))) == (0x7D7E5D5E, 3)
 
 
 def test_unknown_types_are_refused(bare_bench: Bench) -> None:
-    assert {bare_bench.status(kind) for kind in (0x00, 0x16, 0x40, 0x7F)} == {Status.UNKNOWN_COMMAND}
+    assert {bare_bench.status(kind) for kind in (0x00, 0x40, 0x7F)} == {Status.UNKNOWN_COMMAND}
 
 
 LENGTHS = {SYNC: 4, IDENTITY: 0, SENSORS: 0, SELECT: 1, READ: 6, COLLECT: 6, POINTS: 3, CLEAR_POINTS: 0, SET: 49,
-           GET: 1, CLEAR: 1, AVERAGE: 7, REST: 7, STATISTICS: 0, RESET: 0}  # fmt: skip
+           GET: 1, CLEAR: 1, SET_ACCELEROMETER: 49,
+           GET_ACCELEROMETER: 1, AVERAGE: 8, REST: 7, STATISTICS: 0, RESET: 0}  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", LENGTHS)
@@ -156,14 +159,14 @@ def test_without_the_shield_the_sensors_on_the_board_are_selected() -> None:
     assert bench.status(SELECT, bytes([MAG3110])) == Status.SENSOR_ABSENT
     assert bench.status(READ, struct.pack("<BBI", GYROSCOPE, 1, SECOND_US)) == Status.SENSOR_ABSENT
     assert bench.status(REST, struct.pack("<HIB", 1, SECOND_US, 0)) == Status.SENSOR_ABSENT
-    values = struct.unpack("<H18fH", bench.ask(AVERAGE, struct.pack("<HIB", 4, SECOND_US, 0)))[1:19]
+    values = struct.unpack("<H18fH", bench.ask(AVERAGE, struct.pack("<HIH", 4, SECOND_US, 0)))[1:19]
     assert all(math.isfinite(value) for value in values[:12])
     assert all(math.isnan(value) for value in values[12:])  # there is no gyroscope
 
 
 def test_with_no_sensor_at_all_nothing_is_measured(bare_bench: Bench) -> None:
     assert all(row[5:] == (0, 0, 0) for row in listed(bare_bench))
-    assert bare_bench.status(AVERAGE, struct.pack("<HIB", 4, SECOND_US, 0)) == Status.SENSOR_ABSENT
+    assert bare_bench.status(AVERAGE, struct.pack("<HIH", 4, SECOND_US, 0)) == Status.SENSOR_ABSENT
     assert bare_bench.status(COLLECT, struct.pack("<HI", 4, SECOND_US)) == Status.SENSOR_ABSENT
 
 
@@ -197,7 +200,7 @@ def test_read_gives_every_sample_once(bench: Bench, sensor_id: int) -> None:
     [
         (READ, struct.pack("<BBI", MAG3110, 64, 100_000)),
         (COLLECT, struct.pack("<HI", 100, 100_000)),
-        (AVERAGE, struct.pack("<HIB", 100, 100_000, 0)),
+        (AVERAGE, struct.pack("<HIH", 100, 100_000, 0)),
         (REST, struct.pack("<HIB", 100, 100_000, 0)),
     ],
     ids=["read", "collect", "average", "rest"],
@@ -222,13 +225,17 @@ def test_a_timeout_ends_in_time(bench: Bench, kind: int, payload: bytes) -> None
         (POINTS, struct.pack("<HB", 0, 81)),
         (POINTS, struct.pack("<HB", 1, 1)),
         (CALIBRATE, struct.pack("<HHB", 0, 0, 6) + b"direct"),
-        (SET, b"\x08" + IDENTITY_CALIBRATION),
+        (SET, b"\x10" + IDENTITY_CALIBRATION),
         (SET, b"\x00" + struct.pack("<f", math.nan) + IDENTITY_CALIBRATION[4:]),
         (SET, b"\x00" + IDENTITY_CALIBRATION[:-4] + struct.pack("<f", math.inf)),
-        (GET, b"\x08"),
-        (CLEAR, b"\x08"),
-        (AVERAGE, struct.pack("<HIB", 0, SECOND_US, 0)),
-        (AVERAGE, struct.pack("<HIB", 513, SECOND_US, 0)),
+        (GET, b"\x10"),
+        (CLEAR, b"\x10"),
+        (SET_ACCELEROMETER, b"\x10" + IDENTITY_CALIBRATION),
+        (SET_ACCELEROMETER, b"\x00" + struct.pack("<f", math.nan) + IDENTITY_CALIBRATION[4:]),
+        (SET_ACCELEROMETER, b"\x0f" + IDENTITY_CALIBRATION[:-4] + struct.pack("<f", math.inf)),
+        (GET_ACCELEROMETER, b"\x10"),
+        (AVERAGE, struct.pack("<HIH", 0, SECOND_US, 0)),
+        (AVERAGE, struct.pack("<HIH", 513, SECOND_US, 0)),
         (REST, struct.pack("<HIB", 0, SECOND_US, 0)),
         (REST, struct.pack("<HIB", 4097, SECOND_US, 0)),
         (REST, struct.pack("<HIB", 1, SECOND_US, 2)),
@@ -334,13 +341,29 @@ def test_without_a_cycle_counter_the_fit_comes_with_a_status_that_says_so() -> N
 
 
 def test_slots_keep_calibrations_until_they_are_cleared(bare_bench: Bench) -> None:
-    slots = [struct.pack("<12f", *(slot + k / 8 for k in range(12))) for slot in range(8)]
+    slots = [struct.pack("<12f", *(slot + k / 8 for k in range(12))) for slot in range(16)]
     for slot, calibration in enumerate(slots):
         bare_bench.ask(SET, bytes([slot]) + calibration)
-    assert [bare_bench.ask(GET, bytes([slot])) for slot in range(8)] == slots
-    for slot in range(8):
+    assert [bare_bench.ask(GET, bytes([slot])) for slot in range(16)] == slots
+    for slot in range(16):
         bare_bench.ask(CLEAR, bytes([slot]))
         assert bare_bench.status(GET, bytes([slot])) == Status.NO_CALIBRATION
+
+
+NOMINAL_ACCELEROMETER = struct.pack("<12f", 1 / 8192, 0, 0, 0, 1 / 8192, 0, 0, 0, 1 / 8192, 0, 0, 0)
+
+
+def test_every_slot_has_an_accelerometer_calibration_of_its_own(bare_bench: Bench) -> None:
+    assert [bare_bench.ask(GET_ACCELEROMETER, bytes([slot])) for slot in range(16)] == 16 * [NOMINAL_ACCELEROMETER]
+    given = [struct.pack("<12f", *(slot - k / 8 for k in range(12))) for slot in range(16)]
+    for slot, calibration in enumerate(given):
+        bare_bench.ask(SET_ACCELEROMETER, bytes([slot]) + calibration)
+    assert bare_bench.status(GET, b"\x05") == Status.NO_CALIBRATION  # of the magnetometer, as before
+    bare_bench.ask(SET, b"\x05" + IDENTITY_CALIBRATION)
+    assert [bare_bench.ask(GET_ACCELEROMETER, bytes([slot])) for slot in range(16)] == given
+    for slot in range(16):
+        bare_bench.ask(CLEAR, bytes([slot]))
+        assert bare_bench.ask(GET_ACCELEROMETER, bytes([slot])) == NOMINAL_ACCELEROMETER
 
 
 # -- averages -----------------------------------------------------------------------------------
@@ -348,8 +371,8 @@ def test_slots_keep_calibrations_until_they_are_cleared(bare_bench: Bench) -> No
 
 def test_average_answers_each_asked_slot_in_order(bench: Bench) -> None:
     bench.ask(SET, b"\x01" + IDENTITY_CALIBRATION)
-    bench.ask(SET, b"\x04" + bytes(48))  # maps every field to zero
-    data = bench.ask(AVERAGE, struct.pack("<HIB", 16, SECOND_US, 0b0001_0110))
+    bench.ask(SET, b"\x0f" + bytes(48))  # maps every field to zero
+    data = bench.ask(AVERAGE, struct.pack("<HIH", 16, SECOND_US, 0x8012))
     slots = [struct.unpack_from("<B3f", data, 76 + 13 * k) for k in range((len(data) - 76) // 13)]
     assert [slot[0] for slot in slots] == [Status.OK, Status.NO_CALIBRATION, Status.DEGENERATE_FIELD]
     assert all(math.isfinite(angle) for angle in slots[0][1:])
@@ -359,7 +382,23 @@ def test_average_answers_each_asked_slot_in_order(bench: Bench) -> None:
     assert math.hypot(*values[6:9]) == pytest.approx(8192, abs=100)  # gravity; the rig's errors are below 10 mg
     # 0.4 uT rms are 4 counts; a sample deviation of 16 readings is within 60 % of it but for 1 in 1000.
     assert values[3:6] == pytest.approx([4, 4, 4], rel=0.6)
-    for slot in (1, 4):
+    for slot in (1, 15):
+        bench.ask(CLEAR, bytes([slot]))
+
+
+def test_a_slots_attitude_uses_its_accelerometer_calibration_and_no_others(bench: Bench) -> None:
+    quarter_turned = struct.pack("<12f", 1, 0, 0, 0, 0, 1, 0, -1, 0, 100, 200, 300)  # y is what z was, z what y was not
+    for slot in (2, 3):
+        bench.ask(SET, bytes([slot]) + IDENTITY_CALIBRATION)
+    bench.ask(SET_ACCELEROMETER, b"\x03" + quarter_turned)
+    data = bench.ask(AVERAGE, struct.pack("<HIH", 16, SECOND_US, 0b1100))
+    x, y, z = struct.unpack_from("<3f", data, 26)
+    plain, turned = (struct.unpack_from("<B3f", data, 76 + 13 * k) for k in range(2))
+    assert [plain[0], turned[0]] == [Status.OK, Status.OK]
+    assert plain[2:] == pytest.approx([math.degrees(math.atan2(-x, math.hypot(y, z))), math.degrees(math.atan2(y, z))])
+    x, y, z = x - 100, z - 300, -(y - 200)
+    assert turned[2:] == pytest.approx([math.degrees(math.atan2(-x, math.hypot(y, z))), math.degrees(math.atan2(y, z))])
+    for slot in (2, 3):
         bench.ask(CLEAR, bytes([slot]))
 
 

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from hiltest.angles import Pose
 from hiltest.errors import DeviceError, ProtocolError
 from hiltest.link import messages as m
+from hiltest.link.accelerometer import GetAccelerometer, SetAccelerometer
 from hiltest.link.messages import CycleSource, FitStatus, SensorKind, Status
 from hiltest.link.replies import RunCost, SlotHeading
 from hiltest.link.request import decode_reply
@@ -24,6 +25,7 @@ REQUESTS: list[m.Request[object]] = [
     m.Points(0, 10), m.ClearPoints(), m.Calibrate(100, "direct"), m.SetCalibration(1, np.eye(3), np.zeros(3)),
     m.GetCalibration(1), m.ClearCalibration(1), m.Average(16, 0b111), m.GyroscopeRest(500, store=True),
     m.LinkStatistics(), m.Reset(), StreamReset("s"), StreamFeed("s", 0, 1), StreamRemove("s", 0, 1), StreamState("s"),
+    SetAccelerometer(1, np.eye(3), np.zeros(3)), GetAccelerometer(1),
 ]  # fmt: skip
 
 
@@ -43,7 +45,7 @@ REQUESTS: list[m.Request[object]] = [
         (m.Calibrate(100, "direct", iterations=0x102), 0x0A, "6400 0201 06 646972656374"),
         (m.GetCalibration(7), 0x0C, "07"),
         (m.ClearCalibration(2), 0x0D, "02"),
-        (m.Average(16, 0b101, timeout_us=1), 0x0E, "1000 01000000 05"),
+        (m.Average(16, 0b101, timeout_us=1), 0x0E, "1000 01000000 0500"),
         (m.GyroscopeRest(4096, store=True, timeout_us=2), 0x0F, "0010 02000000 01"),
         (m.LinkStatistics(), 0x10, ""),
         (m.Reset(), 0x11, ""),
@@ -51,6 +53,7 @@ REQUESTS: list[m.Request[object]] = [
         (StreamFeed("ab", 258, 80), 0x13, "0201 50 02 6162"),
         (StreamRemove("ab", 3, 1), 0x14, "0300 01 02 6162"),
         (StreamState("ab"), 0x15, "02 6162"),
+        (GetAccelerometer(15), 0x17, "0f"),
     ],
 )
 def test_request_payloads_are_those_written_by_hand(request_: m.Request[object], code: int, expected: str) -> None:
@@ -65,6 +68,15 @@ def test_a_calibration_travels_row_major_in_float32() -> None:
     reply = decode_reply(m.GetCalibration(4), b"\x00" + payload[1:])
     assert np.array_equal(reply.soft_iron, soft_iron)
     assert np.array_equal(reply.hard_iron, [10.0, 20.0, -30.0])
+
+
+def test_an_accelerometer_calibration_travels_row_major_in_float32() -> None:
+    gain = np.arange(1.0, 10.0).reshape(3, 3) / 8192
+    payload = SetAccelerometer(15, gain, [10.0, 20.0, -30.0]).payload()
+    assert payload == bytes([15]) + struct.pack("<12f", *(k / 8192 for k in range(1, 10)), 10, 20, -30)
+    back = decode_reply(GetAccelerometer(15), b"\x00" + payload[1:])
+    assert np.array_equal(back.gain, gain)
+    assert np.array_equal(back.offset, [10.0, 20.0, -30.0])
 
 
 def test_identity_fields_are_read_in_order() -> None:
@@ -235,4 +247,5 @@ def test_requests_beyond_the_protocol_are_refused_before_they_are_sent(
 
 
 def test_codes_and_names_are_unique() -> None:
-    assert len({request.code for request in REQUESTS}) == len({request.command for request in REQUESTS}) == 21
+    codes, names = ({getattr(each, what) for each in REQUESTS} for what in ("code", "command"))
+    assert len(codes) == len(names) == len(REQUESTS)

@@ -10,6 +10,7 @@ import pytest
 
 from hiltest.link import messages as m
 from hiltest.link import streams
+from hiltest.link.accelerometer import GetAccelerometer, SetAccelerometer
 from hiltest.link.framing import Frame, encode_frame
 from hiltest.link.request import REPLY_BIT
 from hiltest.link.request_reading import read_request
@@ -23,7 +24,7 @@ REQUESTS: list[m.Request[Any]] = [
     m.GetCalibration(2), m.ClearCalibration(7), m.Average(16, 0b101, timeout_us=9), m.GyroscopeRest(64, store=True),
     m.LinkStatistics(), m.Reset(), streams.StreamReset("direct-stream", sliced=True),
     streams.StreamFeed("direct-stream", 9, 80), streams.StreamRemove("direct-stream", 0, 1),
-    streams.StreamState("iterative-stream"),
+    streams.StreamState("iterative-stream"), SetAccelerometer(15, np.eye(3) / 8192, [1, -2, 0.5]), GetAccelerometer(3),
 ]  # fmt: skip
 
 

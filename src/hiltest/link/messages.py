@@ -58,7 +58,7 @@ __all__ = [
     "Upload",
 ]
 
-PROTOCOL_VERSION = 2
+PROTOCOL_VERSION = 3
 MAX_UPLOAD = 160
 MAX_POINTS_READ = 80
 MAX_READ = 64
@@ -261,7 +261,7 @@ class ClearCalibration(Plain):
 
 @dataclass(frozen=True)
 class Average(Timed, Request[AverageReply]):
-    """Average n new samples of every sensor; heading under each slot of a bit mask."""
+    """Average n new samples of every sensor; attitude under both calibrations of each slot of a bit mask."""
 
     code = 0x0E
     command = "AVERAGE"
@@ -269,7 +269,7 @@ class Average(Timed, Request[AverageReply]):
     slot_bitmask: int = 0
 
     def payload(self) -> bytes:
-        return struct.pack("<HIB", within(self.n, 1, MAX_AVERAGE, "samples"), self.timeout_us, self.slot_bitmask)
+        return struct.pack("<HIH", within(self.n, 1, MAX_AVERAGE, "samples"), self.timeout_us, self.slot_bitmask)
 
     def parse(self, fields: FieldReader) -> AverageReply:
         return AverageReply.parse(fields, self.slot_bitmask)

@@ -337,7 +337,7 @@ class AverageReply:
             Statistic.parse(fields, "accelerometer"),
             Statistic.parse_if_any(fields, "gyroscope"),
             fields.number("H", "overruns"),
-            {slot: SlotHeading.parse(fields) for slot in range(8) if slot_bitmask >> slot & 1},
+            {slot: SlotHeading.parse(fields) for slot in range(16) if slot_bitmask >> slot & 1},
         )
 
 

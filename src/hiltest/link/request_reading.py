@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from hiltest.errors import ProtocolError
+from hiltest.link import accelerometer, streams
 from hiltest.link import messages as m
-from hiltest.link import streams
 from hiltest.link.fields import FieldReader
 from hiltest.link.framing import Frame
 
@@ -41,12 +41,17 @@ def _read(fields: FieldReader) -> m.Read:
 
 def _average(fields: FieldReader) -> m.Average:
     n, timeout_us = fields.number("H", "n"), fields.number("I", "timeout")
-    return m.Average(n, fields.number("B", "slots"), timeout_us=timeout_us)
+    return m.Average(n, fields.number("H", "slots"), timeout_us=timeout_us)
 
 
 def _gyroscope_rest(fields: FieldReader) -> m.GyroscopeRest:
     n, timeout_us = fields.number("H", "n"), fields.number("I", "timeout")
     return m.GyroscopeRest(n, fields.flag("store"), timeout_us=timeout_us)
+
+
+def _set_accelerometer(fields: FieldReader) -> accelerometer.SetAccelerometer:
+    slot = fields.number("B", "slot")
+    return accelerometer.SetAccelerometer(slot, fields.reals(9, "gain").reshape(3, 3), fields.reals(3, "offset"))
 
 
 def _stream_reset(fields: FieldReader) -> streams.StreamReset:
@@ -80,6 +85,8 @@ _READERS: Mapping[type[m.Request[Any]], _Read] = {
     m.GyroscopeRest: _gyroscope_rest,
     m.LinkStatistics: lambda _: m.LinkStatistics(),
     m.Reset: lambda _: m.Reset(),
+    accelerometer.SetAccelerometer: _set_accelerometer,
+    accelerometer.GetAccelerometer: lambda fields: accelerometer.GetAccelerometer(fields.number("B", "slot")),
     streams.StreamReset: _stream_reset,
     streams.StreamFeed: _steps(streams.StreamFeed),
     streams.StreamRemove: _steps(streams.StreamRemove),

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from hiltest.angles import heading_error_deg
 from hiltest.calibration import REFERENCES
+from hiltest.calibration.accelerometer import NOMINAL, AccelerometerFit
 from hiltest.calibration.fit import MagnetometerFit
 from hiltest.orientation import DegenerateFieldError, tilt_heading
 from hiltest.procedures.calibrate import CalibratorRun
@@ -20,12 +21,14 @@ from hiltest.procedures.tumble import Tumble
 Reals = NDArray[np.float64]
 
 
-def heading_errors_deg(known: KnownAngles, fit: MagnetometerFit) -> Reals | None:
-    """Return the heading errors under a calibration at all known angles, in (-180, 180], shape (n,) [deg].
+def heading_errors_deg(
+    known: KnownAngles, fit: MagnetometerFit, accelerometer: AccelerometerFit = NOMINAL
+) -> Reals | None:
+    """Return the heading errors under two calibrations at all known angles, in (-180, 180], shape (n,) [deg].
 
-    None when the calibration is none, or leaves no horizontal field at one of the poses.
+    None when the magnetometer's is none, or leaves no horizontal field at one of the poses.
     """
-    headings = _headings_deg(known, fit)
+    headings = _headings_deg(known, fit, accelerometer)
     return None if headings is None else _differences_deg(headings, known.reference_deg)
 
 
@@ -52,14 +55,16 @@ def float32_error_deg(known: KnownAngles, run: CalibratorRun, tumble: Tumble) ->
     computed from the same means. What differs is the firmware's arithmetic, in the fit and after it.
     """
     reference = REFERENCES.get(run.calibrator)
-    headings = _headings_deg(known, reference(tumble.points[: run.n])) if reference else None
+    if reference is None:
+        return None
+    headings = _headings_deg(known, reference(tumble.points[: run.n]), known.accelerometer_fits[run.name])
     return None if headings is None else float(np.abs(_differences_deg(known.heading_deg[run.name], headings)).max())
 
 
-def _headings_deg(known: KnownAngles, fit: MagnetometerFit) -> Reals | None:
+def _headings_deg(known: KnownAngles, fit: MagnetometerFit, accelerometer: AccelerometerFit) -> Reals | None:
     if not fit.has_fit:
         return None
-    pairs = zip(known.accelerometer, fit.corrected(known.magnetometer), strict=True)
+    pairs = zip(accelerometer.gravity_g(known.accelerometer), fit.corrected(known.magnetometer), strict=True)
     try:
         return np.array([tilt_heading(gravity, field).heading_deg for gravity, field in pairs])
     except DegenerateFieldError:

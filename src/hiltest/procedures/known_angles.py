@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 
 from hiltest.angles import Pose, heading_error_deg, wrap_180, wrap_360
 from hiltest.boards.board import Board
+from hiltest.calibration.accelerometer import AccelerometerFit
 from hiltest.errors import DeviceError
+from hiltest.link.accelerometer import GetAccelerometer
 from hiltest.link.messages import Average, SensorKind
-from hiltest.link.replies import G_PER_COUNT, AverageReply, SlotHeading
+from hiltest.link.replies import AverageReply, SlotHeading
 from hiltest.procedures.heading_statistics import HeadingSummary, rms, summarise
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.turntables import Achieved, Turntable
@@ -39,12 +41,14 @@ class KnownAngles:
         New samples averaged at each pose.
     heading_deg, error_deg : dict of str to ndarray, shape (n,)
         Answer, and answer minus reference in (-180, 180], per calibration.
-    pitch_deg, roll_deg : ndarray, shape (n,)
-        As the board answered them.
-    tilt_error_deg : ndarray, shape (n, 2)
+    pitch_deg, roll_deg : dict of str to ndarray, shape (n,)
+        As the board answered them, per calibration: each has its accelerometer's.
+    tilt_error_deg : dict of str to ndarray, shape (n, 2)
         Answered pitch and roll minus what the turntable reached, in (-180, 180].
     magnetometer, accelerometer : ndarray, shape (n, 3)
         Means that the board took at each pose [counts]; its headings are from these.
+    accelerometer_fits : dict of str to AccelerometerFit
+        The accelerometer calibration that the board holds beside each calibration.
     """
 
     poses: tuple[Pose, ...]
@@ -54,27 +58,27 @@ class KnownAngles:
     readings: int
     heading_deg: dict[str, Reals]
     error_deg: dict[str, Reals]
-    pitch_deg: Reals
-    roll_deg: Reals
-    tilt_error_deg: Reals
+    pitch_deg: dict[str, Reals]
+    roll_deg: dict[str, Reals]
+    tilt_error_deg: dict[str, Reals]
     magnetometer: Reals
     accelerometer: Reals
+    accelerometer_fits: dict[str, AccelerometerFit]
 
     @property
     def level(self) -> NDArray[np.bool_]:
         """Which poses are level, shape (n,)."""
         return np.array([pose.pitch_deg == 0.0 and pose.roll_deg == 0.0 for pose in self.poses])
 
-    @property
-    def accelerometer_norm_rms_mg(self) -> float:
-        """How far the measured gravity is from 1 g, rms over the poses [mg]."""
+    def accelerometer_norm_rms_mg(self, name: str) -> float:
+        """Return how far gravity under a calibration is from 1 g, rms over the poses [mg]."""
+        gravity_g = self.accelerometer_fits[name].gravity_g(self.accelerometer)
         # hypot is correctly rounded neither everywhere nor alike; run.json keeps 9 digits of it.
-        return rms([1000.0 * (G_PER_COUNT * math.hypot(*mean) - 1.0) for mean in self.accelerometer.tolist()])
+        return rms([1000.0 * (math.hypot(*each) - 1.0) for each in gravity_g.tolist()])
 
-    @property
-    def max_tilt_error_deg(self) -> float:
-        """Largest error of pitch or roll over the poses [deg]; the accelerometer alone makes it."""
-        return float(np.abs(self.tilt_error_deg).max())
+    def max_tilt_error_deg(self, name: str) -> float:
+        """Return the largest error of pitch or roll over the poses [deg]; the accelerometer alone makes it."""
+        return float(np.abs(self.tilt_error_deg[name]).max())
 
     def summary(self, name: str) -> HeadingSummary:
         """Return the statistics of one calibration."""
@@ -129,8 +133,6 @@ def measure_known_angles(
     tell("known angles", len(poses), len(poses))
     references = [wrap_360(place.heading_deg + mounting_yaw_deg) for place in achieved]
     headings = {name: [attitude.heading_deg for attitude in each] for name, each in attitudes.items()}
-    # Pitch and roll come from the accelerometer alone: they are the same under every calibration.
-    tilts = next(iter(attitudes.values()))
     return KnownAngles(
         poses=tuple(poses),
         reference_deg=np.array(references),
@@ -142,15 +144,20 @@ def measure_known_angles(
             name: np.array([heading_error_deg(*pair) for pair in zip(values, references, strict=True)])
             for name, values in headings.items()
         },
-        pitch_deg=np.array([tilt.pitch_deg for tilt in tilts]),
-        roll_deg=np.array([tilt.roll_deg for tilt in tilts]),
-        tilt_error_deg=np.array([
-            [wrap_180(tilt.pitch_deg - place.pitch_deg), wrap_180(tilt.roll_deg - place.roll_deg)]
-            for tilt, place in zip(tilts, achieved, strict=True)
-        ]),
+        pitch_deg={name: np.array([tilt.pitch_deg for tilt in each]) for name, each in attitudes.items()},
+        roll_deg={name: np.array([tilt.roll_deg for tilt in each]) for name, each in attitudes.items()},
+        tilt_error_deg={name: _tilt_errors_deg(each, achieved) for name, each in attitudes.items()},
         magnetometer=np.array([answer.magnetometer.mean for answer in answers], dtype=np.float64),
         accelerometer=np.array([answer.accelerometer.mean for answer in answers], dtype=np.float64),
+        accelerometer_fits={name: board.session.request(GetAccelerometer(slot)) for name, slot in slots.items()},
     )
+
+
+def _tilt_errors_deg(attitudes: Sequence[Pose], achieved: Sequence[Achieved]) -> Reals:
+    return np.array([
+        [wrap_180(tilt.pitch_deg - place.pitch_deg), wrap_180(tilt.roll_deg - place.roll_deg)]
+        for tilt, place in zip(attitudes, achieved, strict=True)
+    ])
 
 
 def _attitude(heading: SlotHeading, name: str, pose: Pose) -> Pose:
