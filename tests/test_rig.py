@@ -1,6 +1,7 @@
 """Rig files: what the shipped ones say, and what is said about wrong ones."""
 
 import math
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -32,6 +33,24 @@ def edited(tmp_path):
         return load_rig(path)
 
     return load
+
+
+def test_a_limit_of_the_full_set_must_not_be_met_by_the_gate_set(edited):
+    rig = edited("[limits]", '[limits]\n"lamp.life" = { min = 3, unit = "h", suite = "full" }')
+    assert rig.limits["lamp.life"] == rig.limits_of("full")["lamp.life"] == Limit(min=3)
+    assert rig.limits_of("gate").keys() == rig.limits.keys() - {"lamp.life"}
+
+
+@pytest.mark.parametrize(
+    ("table", "suite", "complaint"),
+    [
+        ("limits", "nightly", "limits.lamp.life.suite: input should be 'gate' or 'full', not \"nightly\""),
+        ("information", "full", "information.lamp.life: suite says which tests must meet a limit"),
+    ],
+)
+def test_a_suite_that_means_nothing_is_refused(edited, table, suite, complaint):
+    with pytest.raises(ConfigError, match=re.escape(complaint)):
+        edited(f"[{table}]", f'[{table}]\n"lamp.life" = {{ min = 3, unit = "h", suite = "{suite}" }}')
 
 
 def line_of(text, path=DEFAULT):

@@ -23,7 +23,7 @@ from hiltest.procedures import (
     upload_cloud,
 )
 
-pytestmark = pytest.mark.hil
+pytestmark = [pytest.mark.hil, pytest.mark.full]
 
 # The sizes that the thesis compares calibrators at. All of the tumble comes beside them: a calibrator that lives with
 # the stream may want more points before it calibrates at all.

@@ -12,6 +12,7 @@ import pytest
 
 from hiltest import hookspecs
 from hiltest.fixtures import board, cycles, hil_progress, hil_settings, measure, rig, turntable
+from hiltest.gate_set import leave_out_full
 from hiltest.session import (
     CAUSE,
     FOUND,
@@ -43,9 +44,19 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Register the marker and keep the session's state."""
+    """Register the markers and keep the session's state."""
     config.addinivalue_line("markers", "hil: the test needs a board; skipped with the reason once the board is lost")
+    config.addinivalue_line("markers", "full: a test that needs a board, and is left out of the gate set of tests")
     config.stash[SESSION] = HilSession(config, resolve(config))
+
+
+# Last: what is left out here is what the user's own choice of tests would have run.
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out what only the full set of tests runs."""
+    hil = config.stash[SESSION]
+    if hil.settings.suite == "gate":
+        hil.left_out = leave_out_full(config, items, [each for each in items if uses_hiltest(each)])
 
 
 # First, so that the board is known when other plugins report what was collected.
@@ -53,6 +64,7 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_collection_finish(session: pytest.Session) -> None:
     """Open the rig and the board once it is known that a test needs them."""
     hil = session.config.stash[SESSION]
+    hil.left_out.check_that_some_are_left(session.items)
     if hil.begin(session.items):
         from hiltest.recording import start_recording
 
@@ -61,7 +73,8 @@ def pytest_collection_finish(session: pytest.Session) -> None:
 
 def pytest_report_collectionfinish(config: pytest.Config) -> list[str]:
     """Show which board the tests run on."""
-    return config.stash[SESSION].describe()
+    hil = config.stash[SESSION]
+    return [*hil.describe(), *hil.left_out.describe()]
 
 
 # First: no fixture of a test is set up on a board that is gone.

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 def start_recording(hil: HilSession) -> None:
     """Begin the record of a session whose bench is open, and see to it that it is kept."""
     rig = hil.rig_if_needed
-    recorder = Recorder(hil.settings.out, poses=hil.settings.poses or (rig.procedure.poses if rig else "all"))
+    poses = hil.settings.poses or (rig.procedure.poses if rig else "all")
+    recorder = Recorder(hil.settings.out, suite=hil.settings.suite, poses=poses)
     if rig is not None:
         recorder.rig(rig_record(rig), hil.seed)
     if hil.board is not None:
@@ -69,12 +70,15 @@ class Recording:
         session.config.hook.pytest_hil_finished(config=session.config, run=self.run)
 
     def _hold_to_the_rig(self, *, left_out: bool) -> list[str]:
-        """Record every limit that nothing was measured against; with `left_out` only return their names."""
+        """Record every limit that this set of tests has not met; with `left_out` only return their names."""
         findings, rig = self._recorder.findings, self._hil.rig_if_needed
         if rig is None:
             return []
         calibrators = findings.board.calibrators if findings.board else ()
-        unmet = unmet_limits(rig.limits, rig.units, findings.measurements, calibrators)
+        unmet = unmet_limits(
+            rig.limits_of(findings.suite), rig.units, findings.measurements, calibrators,
+            gate_only=bool(self._hil.left_out.tests),
+        )
         lost = any(each.outcome in ("bench lost", "wrong firmware") for each in findings.tests)
         if left_out or lost:
             return [each.name for each in unmet]

@@ -60,6 +60,8 @@ class Rig:
         Shown beside a measurement, without a verdict.
     units : dict of str to str
         Of both, by measurement name.
+    full_only : frozenset of str
+        Names of the limits that only the full set of tests measures.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
@@ -78,6 +80,7 @@ class Rig:
     limits: dict[str, Limit] = dataclass_field(default_factory=dict)
     information: dict[str, Limit] = dataclass_field(default_factory=dict)
     units: dict[str, str] = dataclass_field(default_factory=dict)
+    full_only: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         require((self.world is None) == (self.board.kind != "virtual"), "world",
@@ -90,6 +93,11 @@ class Rig:
             reading_ut, range_ut = world.largest_reading_ut(part, self.field.strength_ut), MAGNETOMETER_RANGE_UT[part]
             require(reading_ut < range_ut, "world",
                     f"hard_iron_ut makes {part} read up to {reading_ut:.0f} uT; its axes stop at {range_ut:.0f}")
+
+    def limits_of(self, suite: Literal["gate", "full"]) -> dict[str, Limit]:
+        """Return the limits that a set of tests must meet: all that it is not excused from."""
+        excused = self.full_only if suite == "gate" else frozenset()
+        return {name: limit for name, limit in self.limits.items() if name not in excused}
 
     @property
     def magnetometer_part(self) -> str | None:

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from types import UnionType
-from typing import Any, ClassVar, get_args, get_type_hints
+from typing import Any, ClassVar, Literal, get_args, get_type_hints
 
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
@@ -58,7 +58,7 @@ MEASUREMENT_UNITS = {
 }
 _CALIBRATOR = r"[a-z0-9_-]+(?:@[0-9]+)?"
 # Fields of a rig that no file may set.
-_MADE_HERE = frozenset({"path", "units"})
+_MADE_HERE = frozenset({"path", "units", "full_only"})
 _FAMILIES = frozenset(name.split(".")[0] for name in MEASUREMENT_UNITS)
 # Heading measurements that no known angle enters: where the worst is, and the board against the host.
 _WITHOUT_REFERENCE = ("worst_sector", "float32_error")
@@ -68,12 +68,13 @@ _MOUNTING_ENTERS = ("max", "rms", "bias", "max_level")
 
 @dataclass(frozen=True, slots=True)
 class LimitEntry:
-    """A limit as the file gives it."""
+    """A limit as the file gives it; `suite` is the smallest set of tests that measures it."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     unit: str
     min: float | None = None
     max: float | None = None
+    suite: Literal["gate", "full"] | None = None
 
 
 def load_rig(path: Path | str) -> Rig:
@@ -108,8 +109,11 @@ def load_rig(path: Path | str) -> Rig:
         table: {name: {"min": entry.min, "max": entry.max} for name, entry in entries.items()}
         for table, entries in read.items()
     }
-    units = _units(source, read)
-    rig: Rig = source.validate(TypeAdapter(Rig), {**data, "path": str(path), **bounds, "units": units}, Rig)
+    derived = {
+        "path": str(path), "units": _units(source, read),
+        "full_only": [name for name, entry in read["limits"].items() if entry.suite == "full"],
+    }
+    rig: Rig = source.validate(TypeAdapter(Rig), {**data, **bounds, **derived}, Rig)
     _refuse_limits_within_uncertainty(rig, source)
     return rig
 
@@ -195,6 +199,8 @@ def _check_limit(source: _Source, key: tuple[str, str], entry: LimitEntry) -> No
         raise ConfigError(f"{source.where(key)}: {'.'.join(key)}: its unit is {unit!r}, not {entry.unit!r}")
     try:
         Limit(min=entry.min, max=entry.max)
+        if entry.suite and key[0] != "limits":
+            raise ValueError("suite says which tests must meet a limit; what is shown without a verdict has none")
     except ValueError as error:
         raise ConfigError(f"{source.where(key)}: {'.'.join(key)}: {error}") from error
 

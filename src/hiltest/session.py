@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from hiltest.gate_set import LeftOut
 from hiltest.settings import Settings, make_folder
 
 if TYPE_CHECKING:
@@ -98,6 +99,7 @@ class HilSession:
         self._asked_for = False
         self._needs_rig = False
         self._traces: WireTraces | None = None
+        self.left_out = LeftOut()
 
     @property
     def is_worker(self) -> bool:

@@ -19,6 +19,7 @@ import pytest
 DEFAULT_OUT = "hil-out"
 
 _POSES: Mapping[str, Literal["all", "level"]] = {"all": "all", "level": "level"}
+_SUITES: Mapping[str, Literal["gate", "full"]] = {"gate": "gate", "full": "full"}
 
 
 def seed(text: str) -> int:
@@ -39,6 +40,13 @@ def poses(text: str) -> Literal["all", "level"]:
     if text not in _POSES:
         raise argparse.ArgumentTypeError(f"{text!r} is neither 'all' nor 'level'")
     return _POSES[text]
+
+
+def suite(text: str) -> Literal["gate", "full"]:
+    """Parse which set of tests runs: ``gate`` or ``full``."""
+    if text not in _SUITES:
+        raise argparse.ArgumentTypeError(f"{text!r} is neither 'gate' nor 'full'")
+    return _SUITES[text]
 
 
 def file_name(text: str) -> str:
@@ -101,6 +109,7 @@ OPTIONS = (
     Option("out", "DIR", file_name, DEFAULT_OUT, f"folder for run.json and the reports (default: {DEFAULT_OUT})"),
     Option("seed", "N", seed, None, "seed of the simulated world (default: the rig's)"),
     Option("poses", "all|level", poses, None, "which known angles are judged (default: the rig's)"),
+    Option("suite", "gate|full", suite, "gate", "set of tests: gate leaves out those marked full (default: gate)"),
 )
 
 
@@ -114,6 +123,7 @@ class Settings:
     out: Path
     seed: int | None
     poses: Literal["all", "level"] | None
+    suite: Literal["gate", "full"]
     sources: Mapping[str, str]
 
 
@@ -145,6 +155,7 @@ def resolve(config: pytest.Config, environment: Mapping[str, str] = os.environ) 
         out=out if out.is_absolute() else config.invocation_params.dir / out,
         seed=values["seed"],
         poses=values["poses"],
+        suite=values["suite"],
         sources=sources,
     )
 

@@ -69,6 +69,12 @@ def good_run(run_in: Run, tmp_path_factory: pytest.TempPathFactory) -> Finished:
     return run_in(tmp_path_factory.mktemp("good"))
 
 
+@pytest.fixture(scope="session")
+def full_run(run_in: Run, tmp_path_factory: pytest.TempPathFactory) -> Finished:
+    """The full set of tests on the default bench."""
+    return run_in(tmp_path_factory.mktemp("full"), "--suite", "full")
+
+
 @pytest.fixture
 def edited(tmp_path: Path) -> Callable[..., str]:
     """Return a function that writes a changed copy of the default rig and returns its name."""

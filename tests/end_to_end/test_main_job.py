@@ -70,17 +70,27 @@ def test_the_header_names_board_firmware_and_rig(good_run) -> None:
     assert "virtual-k64f" in header[1]
 
 
-def test_error_against_cycles_ends_where_the_calibrators_do(good_run) -> None:
-    table = next(each for each in good_run.record["tables"] if each["name"] == "budget.curve")
+def test_the_full_set_measures_more_and_nothing_otherwise(good_run, full_run) -> None:
+    assert (good_run.record["suite"], full_run.record["suite"]) == ("gate", "full")
+    assert full_run.code == 0, full_run.output
+    gate, full = good_run.measured, full_run.measured
+    assert gate.keys() < full.keys()
+    assert {each.split(".")[0] for each in full.keys() - gate.keys()} == {"budget"}
+    same = [each for each in gate if not gate[each]["volatile"] and each != "board.virtual_seconds"]
+    assert [full[each]["value"] for each in same] == [gate[each]["value"] for each in same]
+
+
+def test_error_against_cycles_ends_where_the_calibrators_do(full_run) -> None:
+    table = next(each for each in full_run.record["tables"] if each["name"] == "budget.curve")
     names = [column["name"] for column in table["columns"]]
     rows = [dict(zip(names, row, strict=True)) for row in table["rows"]]
     for calibrator in ("direct", "iterative"):
         last = [row for row in rows if (row["calibrator"], row["points"]) == (calibrator, 100)][-1]
         # The same hundred points in another order: sums in float32 round otherwise.
-        assert last["max_error"] == pytest.approx(good_run.value(f"heading.{calibrator}.max"), abs=0.01)
+        assert last["max_error"] == pytest.approx(full_run.value(f"heading.{calibrator}.max"), abs=0.01)
     # Within the thesis' own cycles for a hundred points `direct` uses them all, and `iterative` has not begun.
-    assert good_run.value("budget.direct@100.effort") == 100
-    assert good_run.measured["budget.iterative@100.effort"]["outcome"] == "not offered"
+    assert full_run.value("budget.direct@100.effort") == 100
+    assert full_run.measured["budget.iterative@100.effort"]["outcome"] == "not offered"
 
 
 def test_stages_of_a_stream_end_at_what_the_board_answers(good_run) -> None:
@@ -156,7 +166,7 @@ def test_a_suite_that_is_gone_leaves_its_limits_unset(run_in, tmp_path: Path) ->
     (tmp_path / "hil" / "suites" / "test_cycles.py").unlink()
     run = run_in(tmp_path, "--poses", "level")
     assert run.code == 22
-    assert run.sentence.startswith("NOT JUDGED. Not judged: heading.direct.max (nothing measured it), ")
+    assert run.sentence.startswith("NOT JUDGED. Not judged: heading.direct.max (nothing in the gate set measured it), ")
 
 
 def test_a_test_has_the_same_id_wherever_its_suites_are(good_run, run_in, tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from hiltest.settings import OPTIONS
 
 SHOW = """
     def test_it(hil_settings):
-        for name in ("rig", "firmware", "port", "out", "seed", "poses"):
+        for name in ("rig", "firmware", "port", "out", "seed", "poses", "suite"):
             print(f"{name}={getattr(hil_settings, name)} from {hil_settings.sources[name]}")
 """
 
@@ -22,8 +22,10 @@ def test_help_shows_every_option_with_its_argument(pytester: pytest.Pytester, op
     result.stdout.re_match_lines([rf"  {option.ini} \(string\):"])
 
 
-def test_the_marker_is_registered_and_strict(pytester: pytest.Pytester) -> None:
-    pytester.runpytest_inprocess("--markers").stdout.fnmatch_lines(["@pytest.mark.hil: the test needs a board;*"])
+def test_the_markers_are_registered_and_strict(pytester: pytest.Pytester) -> None:
+    pytester.runpytest_inprocess("--markers").stdout.fnmatch_lines([
+        "@pytest.mark.hil: the test needs a board;*", "", "@pytest.mark.full: *left out of the gate set*",
+    ])
     pytester.makepyfile("import pytest\n\n@pytest.mark.hill\ndef test_it():\n    pass\n")
     result = pytester.runpytest_inprocess("--strict-markers")
     result.stdout.fnmatch_lines(["*'hill' not found in `markers`*"])
@@ -39,7 +41,7 @@ def test_the_command_line_wins_over_environment_ini_and_default(
     monkeypatch.setenv("HIL_POSES", "all")
     pytester.runpytest_inprocess("-s", "--hil-seed=1").stdout.fnmatch_lines([
         "*rig=None from default", "port=socket://ini:1 from hil_port", "seed=1 from --hil-seed",
-        "poses=all from HIL_POSES",
+        "poses=all from HIL_POSES", "suite=gate from default",
     ])
 
 
@@ -57,6 +59,13 @@ def test_a_bad_value_in_the_environment_names_the_variable(
     result = pytester.runpytest_inprocess()
     assert result.ret == pytest.ExitCode.USAGE_ERROR
     result.stderr.fnmatch_lines(["ERROR: HIL_POSES: 'some' is neither 'all' nor 'level'"])
+
+
+def test_a_suite_that_is_none_is_a_usage_error(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HIL_SUITE", "quick")
+    result = pytester.runpytest_inprocess()
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    result.stderr.fnmatch_lines(["ERROR: HIL_SUITE: 'quick' is neither 'gate' nor 'full'"])
 
 
 def test_without_the_plugin_its_options_are_unknown(pytester: pytest.Pytester) -> None:

@@ -124,7 +124,7 @@ class TestRecorder:
 
     @pytest.fixture
     def recorder(self, tmp_path: Path, board: BoardRecord) -> Recorder:
-        recorder = Recorder(tmp_path / "out", poses="all")
+        recorder = Recorder(tmp_path / "out", suite="gate", poses="all")
         recorder.rig(RigRecord("virtual-k64f", "rig.toml", "cd" * 32, "not declared"), seed=None)
         recorder.board(board, seed=7)
         recorder.found([judge("heading.direct.max", 0.97, unit="deg", limit=Limit(max=1.8), test="a")],
@@ -157,7 +157,7 @@ class TestRecorder:
 
     def test_a_new_run_removes_the_record_of_the_last(self, recorder: Recorder) -> None:
         recorder.finish(PASSED)
-        Recorder(recorder.folder, poses="all")
+        Recorder(recorder.folder, suite="gate", poses="all")
         assert not (recorder.folder / RUN_FILE).exists()
 
 

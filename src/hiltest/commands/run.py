@@ -67,6 +67,8 @@ def _seed_range(_context: click.Context, _parameter: click.Parameter, text: str 
 @click.option("--may-fail", metavar="N", type=click.IntRange(min=0), default=0, show_default=True,
               help="With --seeds: how many seeds may miss a limit.")
 @click.option("--poses", type=click.Choice(["all", "level"]), help="Known angles to judge.  [default: the rig's]")
+@click.option("--suite", type=click.Choice(["gate", "full"]),
+              help="Set of tests: gate leaves out what takes longest.  [default: gate]")
 @click.argument("pytest_args", nargs=-1, type=click.UNPROCESSED)
 def run(
     out: str, seeds: range | None, may_fail: int, pytest_args: Sequence[str], **given: str | None
@@ -77,7 +79,7 @@ def run(
     -- goes to pytest: hiltest run -- -k heading
     """
     names = {"rig": "--hil-rig", "firmware": "--hil-firmware", "hil_port": "--hil-port", "seed": "--hil-seed",
-             "poses": "--hil-poses"}
+             "poses": "--hil-poses", "suite": "--hil-suite"}
     options = [f"{names[name]}={value}" for name, value in given.items() if value is not None]
     if seeds is None:
         return run_suites([*options, *pytest_args], Path(out))

@@ -119,6 +119,7 @@ def provenance(run: Run) -> Iterator[tuple[str, str]]:
         yield "rig SHA-256", run.rig.sha256
         yield "mounting yaw", run.rig.mounting
     yield "seed", "none" if run.seed is None else str(run.seed)
+    yield "suite", run.suite
     yield "poses", run.poses
     yield "host", f"{run.environment.host}, {run.environment.platform}"
     versions = ", ".join(f"{name} {number}" for name, number in run.environment.versions.items())

@@ -152,6 +152,8 @@ class Run:
 
     Attributes
     ----------
+    suite : str
+        Which set of tests it was: ``gate`` or ``full``.
     volatile : tuple of str
         JSON pointers (RFC 6901) of all that may differ between two runs of the same seed.
     """
@@ -161,6 +163,7 @@ class Run:
     board: BoardRecord | None
     rig: RigRecord | None
     seed: int | None
+    suite: Literal["gate", "full"]
     poses: str
     environment: Environment
     started_utc: str
@@ -184,6 +187,7 @@ class Findings:
     """What a run has come to so far; `finish` makes the `Run` of it."""
 
     environment: Environment
+    suite: Literal["gate", "full"]
     poses: str
     started_utc: str
     seed: int | None = None
@@ -196,8 +200,8 @@ class Findings:
     def finish(self, verdict: Verdict, finished_utc: str) -> Run:
         """Return the record: measurements and tables sorted by name, volatile places listed."""
         run = Run(
-            schema=SCHEMA, verdict=verdict, board=self.board, rig=self.rig, seed=self.seed, poses=self.poses,
-            environment=self.environment, started_utc=self.started_utc, finished_utc=finished_utc,
+            schema=SCHEMA, verdict=verdict, board=self.board, rig=self.rig, seed=self.seed, suite=self.suite,
+            poses=self.poses, environment=self.environment, started_utc=self.started_utc, finished_utc=finished_utc,
             tests=tuple(self.tests),
             measurements=tuple(self.measurements[name].rounded() for name in sorted(self.measurements)),
             tables=tuple(self.tables[name].rounded() for name in sorted(self.tables)),
@@ -343,7 +347,7 @@ def read_journal(lines: Sequence[str], verdict: Verdict) -> Run:
     if not entries or entries[0].get("schema") != SCHEMA:
         raise ValueError(f"not a journal of {SCHEMA}")
     start = entries[0]
-    findings = Findings(Environment(**start["environment"]), start["poses"], start["started_utc"])
+    findings = Findings(Environment(**start["environment"]), start["suite"], start["poses"], start["started_utc"])
     for entry in entries[1:]:
         _replay(findings, entry)
     return findings.finish(verdict, finished_utc=start["started_utc"])

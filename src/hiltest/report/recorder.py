@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Literal
 
 from hiltest.measurement import Measurement
 from hiltest.report.record import (
@@ -32,14 +33,14 @@ _PACKAGES = ("hiltest", "pytest", "unicorn", "capstone", "pyelftools", "numpy", 
 class Recorder:
     """Collects what a session finds and writes it into one folder."""
 
-    def __init__(self, folder: Path, *, poses: str) -> None:
+    def __init__(self, folder: Path, *, suite: Literal["gate", "full"], poses: str) -> None:
         self.folder = folder
-        self.findings = Findings(describe_host(), poses, utc_now())
+        self.findings = Findings(describe_host(), suite, poses, utc_now())
         self._unwritten_measurements: list[Measurement] = []
         self._unwritten_tables: list[Table] = []
         self._journal = Journal(folder)
         self._journal.append("start", {
-            "schema": SCHEMA, "started_utc": self.findings.started_utc, "poses": poses,
+            "schema": SCHEMA, "started_utc": self.findings.started_utc, "suite": suite, "poses": poses,
             "environment": asdict(self.findings.environment),
         })
 

@@ -13,6 +13,7 @@ _UNCALIBRATED = "uncalibrated"
 
 def unmet_limits(
     limits: Mapping[str, Limit], units: Mapping[str, str], measured: Collection[str], calibrators: Sequence[str],
+    *, gate_only: bool = False,
 ) -> list[Measurement]:
     """Return an ``unset`` measurement for every limit of the rig that no measurement met.
 
@@ -24,16 +25,18 @@ def unmet_limits(
         Names of all that was measured.
     calibrators : sequence of str
         That the board offers; empty when no board answered.
+    gate_only : bool, optional
+        Whether there are tests that were left out because they are of the full set.
     """
     return [
         Measurement(
-            name, None, units.get(name, ""), limit=limit, outcome=Outcome.UNSET, note=_why(name, calibrators)
+            name, None, units.get(name, ""), limit=limit, outcome=Outcome.UNSET, note=_why(name, calibrators, gate_only)
         )
         for name, limit in limits.items() if name not in measured
     ]
 
 
-def _why(name: str, calibrators: Sequence[str]) -> str:
+def _why(name: str, calibrators: Sequence[str], gate_only: bool) -> str:
     family, _, rest = name.partition(".")
     calibrator = rest.partition(".")[0]
     calibrator, _, points = calibrator.partition("@")
@@ -41,4 +44,4 @@ def _why(name: str, calibrators: Sequence[str]) -> str:
         return f"the board has no calibrator {calibrator!r}, only {', '.join(calibrators)}"
     if points:
         return f"nothing measured it; procedure.further_calibrations names no {calibrator}@{points}, or its fit failed"
-    return "nothing measured it"
+    return "nothing in the gate set measured it" if gate_only else "nothing measured it"
