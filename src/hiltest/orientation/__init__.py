@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from hiltest.orientation.tilt_heading import DegenerateFieldError, tilt_heading
+from hiltest.orientation.tilt_heading import DegenerateFieldError, earth_axes, tilt_heading
 
-__all__ = ["DegenerateFieldError", "tilt_heading"]
+__all__ = ["DegenerateFieldError", "earth_axes", "tilt_heading"]

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hiltest.angles import Pose, wrap_360
+from hiltest.angles import Matrix, Pose, wrap_360
 from hiltest.errors import CalibrationError
 
 # Sine of the angle between gravity and field below which a heading would be noise; the firmware has the same.
@@ -45,14 +45,7 @@ def tilt_heading(gravity: ArrayLike, field: ArrayLike) -> Pose:
     field, north is east cross down (the firmware turns the field back by roll and pitch
     instead).
     """
-    down = _unit(gravity, "gravity")
-    toward = _unit(field, "field")
-    east = np.cross(down, toward)
-    sine = float(np.linalg.norm(east))
-    if not sine > SMALLEST_SINE:
-        raise DegenerateFieldError("gravity and magnetic field are parallel: no heading")
-    east /= sine
-    north = np.cross(east, down)
+    north, east, down = earth_axes(gravity, field)
     across = math.hypot(down[1], down[2])
     pitch_deg = math.degrees(math.atan2(-down[0], across))
     if across == 0.0:
@@ -60,6 +53,34 @@ def tilt_heading(gravity: ArrayLike, field: ArrayLike) -> Pose:
         return Pose(wrap_360(math.degrees(math.atan2(-north[1], east[1]))), pitch_deg, 0.0)
     heading_deg = wrap_360(math.degrees(math.atan2(east[0], north[0])))
     return Pose(heading_deg, pitch_deg, math.degrees(math.atan2(down[1], down[2])))
+
+
+def earth_axes(gravity: ArrayLike, field: ArrayLike) -> Matrix:
+    """Return north, east and down in the body frame, from gravity and the magnetic field (TRIAD).
+
+    Parameters
+    ----------
+    gravity, field : array_like, shape (3,)
+        As in `tilt_heading`.
+
+    Returns
+    -------
+    ndarray, shape (3, 3)
+        Orthonormal rows: the matrix takes body components to the earth frame.
+
+    Raises
+    ------
+    DegenerateFieldError
+        As `tilt_heading` does.
+    """
+    down = _unit(gravity, "gravity")
+    toward = _unit(field, "field")
+    east = np.cross(down, toward)
+    sine = float(np.linalg.norm(east))
+    if not sine > SMALLEST_SINE:
+        raise DegenerateFieldError("gravity and magnetic field are parallel: no heading")
+    east /= sine
+    return np.array([np.cross(east, down), east, down])
 
 
 def _unit(vector: ArrayLike, name: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:

@@ -1,0 +1,122 @@
+"""Quaternions of attitude, in float64.
+
+A quaternion is (x, y, z, w), scalar last, as in Mucciaccia's thesis, equation (11).
+One of attitude has norm 1 and takes body components to the earth frame (NED):
+``v_ned = q v q*``, the product being Hamilton's. q and -q are one attitude. Body
+rates therefore multiply on the right: ``q_next = product(q, from_rotation_vector(rate * dt))``.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hiltest.angles import Pose, pose_from_rotation, rotation_body_from_ned
+
+Quaternion: TypeAlias = NDArray[np.float64]
+IDENTITY: Quaternion = np.array([0.0, 0.0, 0.0, 1.0])
+IDENTITY.flags.writeable = False
+
+
+def product(first: ArrayLike, second: ArrayLike) -> Quaternion:
+    """Return Hamilton's product: what `second` does in the frame that `first` has made."""
+    x, y, z, w = np.asarray(second, dtype=np.float64)
+    return right_matrix((x, y, z, w)) @ np.asarray(first, dtype=np.float64)
+
+
+def right_matrix(second: ArrayLike) -> NDArray[np.float64]:
+    """Return the matrix, shape (4, 4), with ``product(q, second) = right_matrix(second) @ q``."""
+    x, y, z, w = np.asarray(second, dtype=np.float64)
+    return np.array([[w, z, -y, x], [-z, w, x, y], [y, -x, w, z], [-x, -y, -z, w]])
+
+
+def left_columns(second: ArrayLike) -> NDArray[np.float64]:
+    """Return the products of the earth's axes with a quaternion, as columns.
+
+    Notes
+    -----
+    ``q + left_columns(q) @ turn_rad / 2`` is q turned by a small rotation about north, east
+    and down. For a unit q the columns are orthonormal, and orthogonal to q.
+    """
+    x, y, z, w = np.asarray(second, dtype=np.float64)
+    return np.array([[w, z, -y], [-z, w, x], [y, -x, w], [-x, -y, -z]])
+
+
+def conjugate(quaternion: ArrayLike) -> Quaternion:
+    """Return the opposite turn of a unit quaternion."""
+    return np.asarray(quaternion, dtype=np.float64) * (-1.0, -1.0, -1.0, 1.0)
+
+
+def normalised(quaternion: ArrayLike) -> Quaternion:
+    """Return the quaternion of norm 1 in the same direction."""
+    values = np.asarray(quaternion, dtype=np.float64)
+    unit: Quaternion = values / np.linalg.norm(values)
+    return unit
+
+
+def from_rotation_vector(rotation_rad: ArrayLike) -> Quaternion:
+    """Return the turn about an axis by the vector's length [rad].
+
+    Notes
+    -----
+    The thesis' equations (8) to (11), which are 0/0 for no rotation at all: sine over angle
+    is taken as one function, which is 1/2 there.
+    """
+    vector = np.asarray(rotation_rad, dtype=np.float64)
+    angle_rad = float(np.linalg.norm(vector))
+    # numpy's sinc is sin(pi x)/(pi x), and knows its limit.
+    sine = 0.5 * float(np.sinc(angle_rad / (2.0 * math.pi)))
+    return np.append(sine * vector, math.cos(0.5 * angle_rad))
+
+
+def from_pose(pose: Pose) -> Quaternion:
+    """Return the quaternion of an attitude given by its angles, w not negative."""
+    return from_ned_axes(rotation_body_from_ned(pose).T)
+
+
+def from_ned_axes(axes: ArrayLike) -> Quaternion:
+    """Return the quaternion of a rotation matrix, w not negative.
+
+    Parameters
+    ----------
+    axes : array_like, shape (3, 3)
+        Takes body components to north, east and down: its rows are these directions as the body sees them.
+
+    Notes
+    -----
+    Each element of the quaternion's outer square is a sum of elements of the matrix. The row of its
+    largest diagonal element is used, so that nothing small is divided by (Shepperd 1978).
+    """
+    (a, b, c), (d, e, f), (g, h, i) = np.asarray(axes, dtype=np.float64)
+    # Four times the outer square, in the order x, y, z, w.
+    square = np.array([
+        [1 + a - e - i, b + d, c + g, h - f], [b + d, 1 - a + e - i, f + h, c - g],
+        [c + g, f + h, 1 - a - e + i, d - b], [h - f, c - g, d - b, 1 + a + e + i],
+    ])  # fmt: skip
+    row = square[int(np.argmax(np.diag(square)))]
+    unit = normalised(row)
+    return -unit if unit[3] < 0.0 else unit
+
+
+def rotation_ned_from_body(quaternion: ArrayLike) -> NDArray[np.float64]:
+    """Return the matrix, shape (3, 3), of a unit quaternion: ``v_ned = R @ v_body``."""
+    x, y, z, w = np.asarray(quaternion, dtype=np.float64)
+    return np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ])  # fmt: skip
+
+
+def pose_of(quaternion: ArrayLike) -> Pose:
+    """Return heading, pitch and roll of a unit quaternion."""
+    return pose_from_rotation(rotation_ned_from_body(quaternion).T)
+
+
+def angle_between_deg(first: ArrayLike, second: ArrayLike) -> float:
+    """Return the smallest rotation that takes one attitude to another [deg]; signs do not matter."""
+    between = product(conjugate(first), second)
+    return math.degrees(2.0 * math.atan2(float(np.linalg.norm(between[:3])), abs(float(between[3]))))
