@@ -8,72 +8,14 @@
 #include "calibration_slots.h"
 #include "command.h"
 #include "orientation/tilt_heading.h"
+#include "sample_series.h"
 #include "sensor_set.h"
-#include "sensors/sampler.h"
-#include "vector_statistics.h"
 
 #define AVERAGE_MAXIMUM 512u
 #define REST_MAXIMUM 4096u
 
 /** Counts that the gyroscope gave at rest when the bias was last stored. */
 static float gyroscope_bias[3];
-
-/** Samples of one sensor until there are enough. */
-typedef struct {
-    sampler_t sampler; /**< its sensor is NULL when no sensor of the kind is selected */
-    vector_statistics_t statistics;
-} series_t;
-
-/** The series that must be looked at next; NULL when all have `count` samples. */
-static series_t *next_series(series_t *series, size_t series_count, uint16_t count)
-{
-    series_t *next = NULL;
-    for (size_t i = 0; i < series_count; i++) {
-        const bool open = series[i].sampler.sensor != NULL && series[i].statistics.count < count;
-        if (open && (next == NULL || series[i].sampler.next_look_us < next->sampler.next_look_us)) {
-            next = &series[i];
-        }
-    }
-    return next;
-}
-
-/** Take `count` new samples of every sensor, each at its own rate. Bounded: every look moves its next one on. */
-static sensor_status_t fill(series_t *series, size_t series_count, uint16_t count, uint64_t deadline_us)
-{
-    for (size_t i = 0; i < series_count; i++) {
-        if (series[i].sampler.sensor != NULL) {
-            const sensor_status_t status = sampler_start(&series[i].sampler, series[i].sampler.sensor);
-            if (status != SENSOR_OK) {
-                return status;
-            }
-        }
-    }
-    series_t *next = next_series(series, series_count, count);
-    while (next != NULL) {
-        if (next->sampler.next_look_us >= deadline_us) {
-            return SENSOR_TIMED_OUT;
-        }
-        sleep_until_us(next->sampler.next_look_us);
-        sample_t sample;
-        const sensor_status_t status = sampler_look(&next->sampler, &sample);
-        if (status == SENSOR_OK) {
-            statistics_add(&next->statistics, sample.body);
-        } else if (status != SENSOR_NOT_READY) {
-            return status;
-        }
-        next = next_series(series, series_count, count);
-    }
-    return SENSOR_OK;
-}
-
-static void write_statistics(payload_writer_t *reply, const vector_statistics_t *statistics)
-{
-    float values[3];
-    statistics_mean(statistics, values);
-    write_f32_array(reply, values, 3);
-    statistics_spread(statistics, values);
-    write_f32_array(reply, values, 3);
-}
 
 /** Heading, pitch and roll under a slot's two calibrations; NaN with the status that says why there are none. */
 static void write_attitude(payload_writer_t *reply, uint8_t slot, const float acceleration[3], const float field[3])
@@ -104,24 +46,12 @@ status_t command_average(payload_reader_t *request, payload_writer_t *reply)
     if (count == 0u || count > AVERAGE_MAXIMUM || timeout_us > TIMEOUT_MAXIMUM_US) {
         return STATUS_BAD_ARGUMENT;
     }
-    series_t series[SENSOR_KIND_COUNT] = {0};
-    for (uint32_t kind = 0; kind < SENSOR_KIND_COUNT; kind++) {
-        series[kind].sampler.sensor = sensor_set_selected((sensor_kind_t)kind);
+    series_t series[SENSOR_KIND_COUNT];
+    const status_t status = series_fill_selected(series, count, time_us() + timeout_us);
+    if (status != STATUS_OK) {
+        return status;
     }
-    if (series[SENSOR_MAGNETOMETER].sampler.sensor == NULL || series[SENSOR_ACCELEROMETER].sampler.sensor == NULL) {
-        return STATUS_SENSOR_ABSENT;
-    }
-    const sensor_status_t status = fill(series, SENSOR_KIND_COUNT, count, time_us() + timeout_us);
-    if (status != SENSOR_OK) {
-        return status_of_sensor(status);
-    }
-    uint32_t overruns = 0;
-    write_u16(reply, count);
-    for (uint32_t kind = 0; kind < SENSOR_KIND_COUNT; kind++) {
-        write_statistics(reply, &series[kind].statistics);
-        overruns += series[kind].sampler.overruns;
-    }
-    write_u16(reply, (uint16_t)(overruns < UINT16_MAX ? overruns : UINT16_MAX));
+    write_series(reply, series, count);
     float field[3];
     float acceleration[3];
     statistics_mean(&series[SENSOR_MAGNETOMETER].statistics, field);
@@ -159,7 +89,7 @@ status_t command_gyroscope_rest(payload_reader_t *request, payload_writer_t *rep
     if (series.sampler.sensor == NULL) {
         return STATUS_SENSOR_ABSENT;
     }
-    sensor_status_t status = fill(&series, 1, count, time_us() + timeout_us);
+    sensor_status_t status = series_fill(&series, 1, count, time_us() + timeout_us);
     int8_t degc = 0;
     if (status == SENSOR_OK) {
         status = sensor_die_temperature(series.sampler.sensor, &degc);

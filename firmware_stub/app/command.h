@@ -56,6 +56,12 @@ status_t command_clear_calibration(payload_reader_t *request, payload_writer_t *
 status_t command_set_accelerometer(payload_reader_t *request, payload_writer_t *reply);
 status_t command_get_accelerometer(payload_reader_t *request, payload_writer_t *reply);
 
+/* pose_commands.c */
+status_t command_add_pose(payload_reader_t *request, payload_writer_t *reply);
+status_t command_poses(payload_reader_t *request, payload_writer_t *reply);
+status_t command_clear_poses(payload_reader_t *request, payload_writer_t *reply);
+status_t command_upload_poses(payload_reader_t *request, payload_writer_t *reply);
+
 /* stream_commands.c */
 status_t command_reset_stream(payload_reader_t *request, payload_writer_t *reply);
 status_t command_feed_stream(payload_reader_t *request, payload_writer_t *reply);

@@ -25,6 +25,10 @@ static const command_t commands[] = {
     {0x15, command_stream_state, 1, 1 + 255},
     {0x16, command_set_accelerometer, 49, 49},
     {0x17, command_get_accelerometer, 1, 1},
+    {0x18, command_add_pose, 7, 7},
+    {0x19, command_poses, 2, 2},
+    {0x1A, command_clear_poses, 0, 0},
+    {0x1B, command_upload_poses, 2, 2 + 20 * 51},
 };
 
 const command_t *command_find(uint8_t type)

@@ -12,20 +12,27 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hiltest.angles import Pose
+from hiltest.calibration.still_pose import FACES, Face, StillPose
 from hiltest.errors import DeviceError, ProtocolError
 from hiltest.link import messages as m
 from hiltest.link.accelerometer import GetAccelerometer, SetAccelerometer
 from hiltest.link.messages import CycleSource, FitStatus, SensorKind, Status
+from hiltest.link.poses import AddPose, ClearPoses, Poses, UploadPoses
 from hiltest.link.replies import RunCost, SlotHeading
 from hiltest.link.request import decode_reply
 from hiltest.link.streams import StreamFeed, StreamRemove, StreamReset, StreamState, StreamStatus
 
+POSE = StillPose(
+    magnetometer=np.array([1.0, -2.0, 0.5]), magnetometer_spread=None, accelerometer=np.array([-8192.0, 0.0, 4.0]),
+    accelerometer_spread=np.array([0.0, 1.0, 1.0]), readings=16, face=Face.MINUS_X,
+)
 REQUESTS: list[m.Request[object]] = [
     m.Sync(7), m.Identify(), m.Sensors(), m.Select(1), m.Read(1, 4), m.Collect(20), m.Upload(0, [(1, 2, 3)]),
     m.Points(0, 10), m.ClearPoints(), m.Calibrate(100, "direct"), m.SetCalibration(1, np.eye(3), np.zeros(3)),
     m.GetCalibration(1), m.ClearCalibration(1), m.Average(16, 0b111), m.GyroscopeRest(500, store=True),
     m.LinkStatistics(), m.Reset(), StreamReset("s"), StreamFeed("s", 0, 1), StreamRemove("s", 0, 1), StreamState("s"),
-    SetAccelerometer(1, np.eye(3), np.zeros(3)), GetAccelerometer(1),
+    SetAccelerometer(1, np.eye(3), np.zeros(3)), GetAccelerometer(1), AddPose(1), Poses(0, 1), ClearPoses(),
+    UploadPoses(0, [POSE]),
 ]  # fmt: skip
 
 
@@ -54,6 +61,15 @@ REQUESTS: list[m.Request[object]] = [
         (StreamRemove("ab", 3, 1), 0x14, "0300 01 02 6162"),
         (StreamState("ab"), 0x15, "02 6162"),
         (GetAccelerometer(15), 0x17, "0f"),
+        (AddPose(512, Face.PLUS_Z, timeout_us=3), 0x18, "0002 03000000 04"),
+        (AddPose(1, timeout_us=3), 0x18, "0100 03000000 ff"),
+        (Poses(3, 20), 0x19, "03 14"),
+        (ClearPoses(), 0x1A, ""),
+        (
+            UploadPoses(2, [POSE]), 0x1B,
+            "02 01 01 1000 0000803f 000000c0 0000003f 0000c07f 0000c07f 0000c07f"
+            " 000000c6 00000000 00008040 00000000 0000803f 0000803f",
+        ),
     ],
 )
 def test_request_payloads_are_those_written_by_hand(request_: m.Request[object], code: int, expected: str) -> None:
@@ -77,6 +93,27 @@ def test_an_accelerometer_calibration_travels_row_major_in_float32() -> None:
     back = decode_reply(GetAccelerometer(15), b"\x00" + payload[1:])
     assert np.array_equal(back.gain, gain)
     assert np.array_equal(back.offset, [10.0, 20.0, -30.0])
+
+
+def test_a_pose_comes_back_as_it_was_sent() -> None:
+    payload = UploadPoses(0, [POSE, POSE]).payload()
+    first, second = decode_reply(Poses(0, 20), b"\x00" + payload[1:])
+    assert first.magnetometer.tolist() == POSE.magnetometer.tolist()
+    assert first.accelerometer.tolist() == POSE.accelerometer.tolist()
+    assert second.magnetometer_spread is None
+    assert second.accelerometer_spread is not None
+    assert second.accelerometer_spread.tolist() == [0.0, 1.0, 1.0]
+    assert (second.readings, second.face) == (16, Face.MINUS_X)
+    with pytest.raises(ProtocolError, match="face at byte 2 of 104: 6 is no Face"):
+        decode_reply(Poses(0, 20), b"\x00\x02\x06" + payload[3:])
+
+
+def test_a_face_reads_gravity_on_the_axis_that_is_down() -> None:
+    assert [face.gravity_g for face in FACES] == [
+        (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)
+    ]  # fmt: skip
+    with pytest.raises(ValueError, match="no gravity"):
+        _ = Face.NONE.gravity_g
 
 
 def test_identity_fields_are_read_in_order() -> None:
@@ -231,6 +268,9 @@ def test_hostile_bytes_never_crash_a_parser(request_: m.Request[object], payload
         (m.Upload(0, [(0, 40_000, 0)]), "40000 counts"),
         (m.Points(0, 81), "81 points"),
         (m.Average(513), "513 samples"),
+        (AddPose(0), "0 samples"),
+        (Poses(0, 21), "21 poses; the protocol takes 1 to 20"),
+        (UploadPoses(0, [POSE] * 21), "21 poses"),
         (m.GyroscopeRest(4097), "4097 samples"),
         (m.Calibrate(9, ""), "0 characters"),
         (m.Calibrate(9, "direct", iterations=65536), "65536 iterations"),

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import struct
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from hiltest.calibration.still_pose import Face, StillPose
 from hiltest.link import messages as m
 from hiltest.link import streams
 from hiltest.link.accelerometer import GetAccelerometer, SetAccelerometer
 from hiltest.link.framing import Frame, encode_frame
+from hiltest.link.poses import AddPose, ClearPoses, Poses, UploadPoses
 from hiltest.link.request import REPLY_BIT
 from hiltest.link.request_reading import read_request
 from hiltest.link.trace_text import trace_lines
 from hiltest.link.transcript import Direction, LatestTranscript, Transcript
 
+POSE = StillPose(np.array([1.5, -2.0, 3.0]), np.ones(3), np.array([0.0, 8192.0, -1.0]), np.zeros(3), 16, Face.PLUS_Y)
 REQUESTS: list[m.Request[Any]] = [
     m.Sync(0x12345678), m.Identify(), m.Sensors(), m.Select(3), m.Read(2, 64, timeout_us=7), m.Collect(512),
     m.Upload(7, [[1, -2, 3], [-32768, 32767, 0]]), m.Points(300, 80), m.ClearPoints(),
@@ -25,6 +29,8 @@ REQUESTS: list[m.Request[Any]] = [
     m.LinkStatistics(), m.Reset(), streams.StreamReset("direct-stream", sliced=True),
     streams.StreamFeed("direct-stream", 9, 80), streams.StreamRemove("direct-stream", 0, 1),
     streams.StreamState("iterative-stream"), SetAccelerometer(15, np.eye(3) / 8192, [1, -2, 0.5]), GetAccelerometer(3),
+    AddPose(64, Face.MINUS_Y), Poses(3, 20), ClearPoses(),
+    UploadPoses(0, [POSE, replace(POSE, magnetometer_spread=None)]),
 ]  # fmt: skip
 
 

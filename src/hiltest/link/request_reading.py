@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from hiltest.calibration.still_pose import Face
 from hiltest.errors import ProtocolError
-from hiltest.link import accelerometer, streams
+from hiltest.link import accelerometer, poses, streams
 from hiltest.link import messages as m
 from hiltest.link.fields import FieldReader
 from hiltest.link.framing import Frame
@@ -54,6 +55,16 @@ def _set_accelerometer(fields: FieldReader) -> accelerometer.SetAccelerometer:
     return accelerometer.SetAccelerometer(slot, fields.reals(9, "gain").reshape(3, 3), fields.reals(3, "offset"))
 
 
+def _add_pose(fields: FieldReader) -> poses.AddPose:
+    n, timeout_us = fields.number("H", "n"), fields.number("I", "timeout")
+    return poses.AddPose(n, fields.choice(Face, "face"), timeout_us=timeout_us)
+
+
+def _upload_poses(fields: FieldReader) -> poses.UploadPoses:
+    first, count = fields.number("B", "first"), fields.number("B", "poses")
+    return poses.UploadPoses(first, [poses.read_pose(fields) for _ in range(count)])
+
+
 def _stream_reset(fields: FieldReader) -> streams.StreamReset:
     sliced = fields.flag("sliced")
     return streams.StreamReset(fields.text("stream"), sliced)
@@ -87,6 +98,10 @@ _READERS: Mapping[type[m.Request[Any]], _Read] = {
     m.Reset: lambda _: m.Reset(),
     accelerometer.SetAccelerometer: _set_accelerometer,
     accelerometer.GetAccelerometer: lambda fields: accelerometer.GetAccelerometer(fields.number("B", "slot")),
+    poses.AddPose: _add_pose,
+    poses.Poses: lambda fields: poses.Poses(fields.number("B", "first"), fields.number("B", "poses")),
+    poses.ClearPoses: lambda _: poses.ClearPoses(),
+    poses.UploadPoses: _upload_poses,
     streams.StreamReset: _stream_reset,
     streams.StreamFeed: _steps(streams.StreamFeed),
     streams.StreamRemove: _steps(streams.StreamRemove),

@@ -1,0 +1,63 @@
+"""What magnetometer and accelerometer read while the board stood still somewhere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+Reals = NDArray[np.float64]
+
+
+class Face(IntEnum):
+    """Which body axis is down, or none: body frame x forward, y right, z down.
+
+    An axis that is down reads gravity with its own sign: a level board, `PLUS_Z`, reads (0, 0, +1) g.
+    """
+
+    PLUS_X = 0
+    MINUS_X = 1
+    PLUS_Y = 2
+    MINUS_Y = 3
+    PLUS_Z = 4
+    MINUS_Z = 5
+    NONE = 255
+
+    @property
+    def gravity_g(self) -> tuple[float, float, float]:
+        """Gravity in the body frame on this face [g]."""
+        if self is Face.NONE:
+            raise ValueError("a pose that is no face has no gravity that is known before")
+        axis, sign = self // 2, 1.0 - 2.0 * (self % 2)
+        x, y, z = (sign if each == axis else 0.0 for each in range(3))
+        return x, y, z
+
+
+#: The six, in the order of their numbers.
+FACES = tuple(face for face in Face if face is not Face.NONE)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StillPose:
+    """Means and sample standard deviations of new samples of each sensor [counts, body frame].
+
+    Attributes
+    ----------
+    magnetometer, accelerometer : ndarray, shape (3,)
+        Means.
+    magnetometer_spread, accelerometer_spread : ndarray, shape (3,), or None
+        None for a single sample.
+    readings : int
+        Of each sensor.
+    face : Face
+        What the pose was meant to be.
+    """
+
+    magnetometer: Reals
+    magnetometer_spread: Reals | None
+    accelerometer: Reals
+    accelerometer_spread: Reals | None
+    readings: int
+    face: Face = Face.NONE
