@@ -121,6 +121,8 @@ class WorldTruth:
         At the judged magnetometer, body frame [counts].
     gyroscope_bias_dps : (3,)
         Body frame [deg/s].
+    gyroscope_response : 3 rows of 3
+        True rate to felt rate, body frame.
     mounting_yaw_deg : float
     """
 
@@ -128,6 +130,7 @@ class WorldTruth:
     soft_iron: tuple[Triple, Triple, Triple]
     hard_iron_counts: Triple
     gyroscope_bias_dps: Triple
+    gyroscope_response: tuple[Triple, Triple, Triple]
     mounting_yaw_deg: float
 
 
@@ -141,6 +144,7 @@ def world_truth(rig: Rig) -> WorldTruth | None:
         soft_iron=rig.world.soft_iron,
         hard_iron_counts=(COUNTS_PER_UT * x, COUNTS_PER_UT * y, COUNTS_PER_UT * z),
         gyroscope_bias_dps=rig.world.gyroscope_bias_dps,
+        gyroscope_response=rig.world.gyroscope_response,
         mounting_yaw_deg=_true_yaw_deg(rig, rig.world),
     )
 
@@ -209,7 +213,8 @@ def build_sensors(rig: Rig, world: World, seed: int) -> dict[str, list[RegisterD
         drift=_drift(gain_percent=drift.mag3110_gain_percent_per_degc),
     )
     fxas21002c = Fxas21002c(
-        world, seed=seed, bias_dps=truth.gyroscope_bias_dps, drift=_drift(offset=drift.gyroscope_bias_dps_per_degc)
+        world, seed=seed, bias_dps=truth.gyroscope_bias_dps, drift=_drift(offset=drift.gyroscope_bias_dps_per_degc),
+        noise_density=1e-3 * truth.gyroscope_noise_mdps_per_rthz, response=truth.gyroscope_response,
     )
     parts: dict[str, tuple[str, RegisterDevice]] = {
         "mag3110": ("i2c1", mag3110),

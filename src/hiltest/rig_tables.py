@@ -125,18 +125,22 @@ class SensorChoice:
     ----------
     magnetometer_noise_ut : float
         Rms of one axis of one reading; what a fit's residual is held against.
+    gyroscope_noise_mdps_per_rthz : float
+        One-sided density of the rate's noise, data sheet; what stillness is judged by.
     magnetometer, accelerometer, gyroscope : str or None
         Names as the board's identity gives them; None takes the first that answers.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     magnetometer_noise_ut: float
+    gyroscope_noise_mdps_per_rthz: float = 25.0
     magnetometer: str | None = None
     accelerometer: str | None = None
     gyroscope: str | None = None
 
     def __post_init__(self) -> None:
         require(self.magnetometer_noise_ut >= 0.0, "magnetometer_noise_ut", "must not be negative")
+        require(self.gyroscope_noise_mdps_per_rthz > 0.0, "gyroscope_noise_mdps_per_rthz", "must be above 0")
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,6 +216,10 @@ class Procedure:
         Which are judged when the command line does not say.
     calibration_points : int
         Of the tumble, that every calibrator of the firmware gets.
+    gyroscope_rest_s : float
+        Length of a rest of the gyroscope, before and after a turn.
+    gyroscope_turn_dps : float
+        How fast the table turns for the gyroscope: 36 to 90, a turn in 10 to 4 s.
     further_calibrations : tuple of str
         Runs beside these, judged alike, each a calibrator and the points it gets: ``direct@100``.
     """
@@ -224,6 +232,7 @@ class Procedure:
     calibration_points: int = 100
     tumble_points: int = 300
     gyroscope_rest_s: float = 2.0
+    gyroscope_turn_dps: float = 60.0
     further_calibrations: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -235,7 +244,8 @@ class Procedure:
         require(self.calibration_points >= 9, "calibration_points", "must be at least 9, the unknowns of an ellipsoid")
         require(self.calibration_points <= self.tumble_points <= 512, "tumble_points",
                 "must be from calibration_points to 512, what the firmware stores")
-        require(self.gyroscope_rest_s >= 2.0, "gyroscope_rest_s", "must be at least 2")
+        require(2.0 <= self.gyroscope_rest_s <= 20.0, "gyroscope_rest_s", "must be 2 to 20")
+        require(36.0 <= self.gyroscope_turn_dps <= 90.0, "gyroscope_turn_dps", "must be 36 to 90")
         for written in self.further_calibrations:
             points = number_of_points(written)
             require(points is not None and 9 <= points <= self.tumble_points, "further_calibrations",
@@ -288,6 +298,10 @@ class SimulatedWorld:
         Added to it at the MAG3110, the part's zero-flux offset included.
     mounting_yaw_deg : float or None
         True mounting yaw; None is the declared one, or 0 when none is declared.
+    gyroscope_response : 3 rows of 3
+        Gains and misalignment: takes the true rate to the felt one, before the bias.
+    gyroscope_noise_mdps_per_rthz : float
+        One-sided density below the part's low-pass filter.
     fxos8700cq_zero_flux_ut : (3,)
         What the FXOS8700CQ magnetometers read beyond that.
     mag3110_noise_ut : (4,)
@@ -312,6 +326,8 @@ class SimulatedWorld:
     accelerometer_offset_mg: Triple = (0.0, 0.0, 0.0)
     accelerometer_gain_error_percent: Triple = (0.0, 0.0, 0.0)
     gyroscope_bias_dps: Triple = (0.0, 0.0, 0.0)
+    gyroscope_response: tuple[Triple, Triple, Triple] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    gyroscope_noise_mdps_per_rthz: float = 25.0
     fxos8700cq_zero_flux_ut: Triple = (0.0, 0.0, 0.0)
     mag3110_noise_ut: tuple[float, float, float, float] = (0.4, 0.35, 0.3, 0.25)
     fxos8700cq_noise_ut: tuple[float, float] = (1.5, 0.3)
@@ -326,6 +342,7 @@ class SimulatedWorld:
     def __post_init__(self) -> None:
         require(all(sigma >= 0.0 for sigma in self.mag3110_noise_ut), "mag3110_noise_ut", "must not be negative")
         require(all(sigma >= 0.0 for sigma in self.fxos8700cq_noise_ut), "fxos8700cq_noise_ut", "must not be negative")
+        require(self.gyroscope_noise_mdps_per_rthz >= 0.0, "gyroscope_noise_mdps_per_rthz", "must not be negative")
         self._check_temperature()
         strangers = [part for part in self.fitted if part not in FITTED_PARTS]
         require(not strangers, "fitted", f"names {strangers}; known parts: {', '.join(FITTED_PARTS)}")

@@ -12,7 +12,8 @@ from hiltest.sensors.drift import Drift
 from hiltest.sensors.fifo import SampleFifo
 from hiltest.sensors.register_device import RegisterDevice, signed_byte
 from hiltest.sensors.sampling import Counts, SampledOutput, saturated_word
-from hiltest.world.earth_field import Vector
+from hiltest.world.earth_field import Vector, apply_rows
+from hiltest.world.filtered_noise import LowPassedNoise, low_pass_taps
 from hiltest.world.noise import NoiseSource
 from hiltest.world.world import World
 
@@ -30,6 +31,7 @@ _PLAIN = frozenset({0x0E, 0x10, 0x11})
 _COUNTS_PER_DPS = (16.0, 32.0, 64.0, 128.0)
 #: Rate noise density, data sheet, 200 Hz and 64 Hz bandwidth [dps/sqrt(Hz)].
 DATA_SHEET_NOISE_DENSITY = 0.025
+IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _BOOT_END, _SRC_FIFO, _SRC_DRDY = 0x08, 0x04, 0x01  # INT_SRC_FLAG; boot end is set as soon as the part answers at all
 #: Registers answer this long after power-on or reset [s].
 BOOT_S = 0.050
@@ -50,7 +52,9 @@ class Fxas21002c(RegisterDevice):
     drift : Drift
         Of the rate, offset included [deg/s].
     noise_density : float
-        [dps/sqrt(Hz)]; the bandwidth is that of the selected low-pass filter.
+        One-sided, below the selected low-pass filter [dps/sqrt(Hz)]: its rms is this times the root of the bandwidth.
+    response : 3 rows of 3
+        Gains and misalignment, body frame: what a true rate is felt as, before the offset.
     """
 
     def __init__(
@@ -62,13 +66,16 @@ class Fxas21002c(RegisterDevice):
         bias_dps: Vector = (0.0, 0.0, 0.0),
         drift: Drift = Drift(),  # noqa: B008 - frozen, so it may be shared
         noise_density: float = DATA_SHEET_NOISE_DENSITY,
+        response: tuple[Vector, Vector, Vector] = IDENTITY,
     ) -> None:
         super().__init__(address)
         self._world = world
         self._bias_dps = bias_dps
         self._drift = drift
         self._noise_density = noise_density
-        self._output = SampledOutput(world, NoiseSource(seed, f"fxas21002c@{address:02x}"), self._measure)
+        self._response = response
+        self._noise = LowPassedNoise(NoiseSource(seed, f"fxas21002c@{address:02x}"))
+        self._output = SampledOutput(world, self._noise, self._measure)
         self._fifo = SampleFifo(self._output, has_trigger=False)
         self._control = [0, 0, 0, 0]  # CTRL_REG0..3
         self._plain = dict.fromkeys(_PLAIN, 0)
@@ -165,6 +172,8 @@ class Fxas21002c(RegisterDevice):
             self._output.halt(time_s)
             self._fifo.halt(time_s)
         elif value & _ACTIVE:
+            # Low-pass filter, data sheet: 0.32 of the output rate at BW = 00, half of it a step.
+            self._noise.taps = low_pass_taps(0.32 / (1 << (self._control[0] >> 6)))
             rate_hz = _RATES_HZ[value >> 2 & 7]
             settling_s = _FROM_READY_S if before & _READY else _FROM_STANDBY_S
             self._output.begin(rate_hz, first_s=time_s + settling_s + 1.0 / rate_hz)
@@ -179,11 +188,10 @@ class Fxas21002c(RegisterDevice):
         self._boot_over_s = time_s + BOOT_S
 
     def _measure(self, instant_s: float, noise: Vector) -> Counts:
-        (x, y, z), bias = self._world.at(instant_s).rate_body_dps, self._bias_dps
+        (x, y, z), bias = apply_rows(self._response, self._world.at(instant_s).rate_body_dps), self._bias_dps
         x, y, z = self._drift.apply((x + bias[0], y + bias[1], z + bias[2]), self._world.temperature_degc(instant_s))
-        # Low-pass filter, data sheet: 0.32 of the output rate at BW = 00, half of it a step.
-        bandwidth_hz = 0.32 * self._output.rate_hz / (1 << (self._control[0] >> 6))
-        sigma = self._noise_density * math.sqrt(bandwidth_hz)
+        # Of white noise before the filter, up to half the output rate.
+        sigma = self._noise_density * math.sqrt(0.5 * self._output.rate_hz)
         scale = _COUNTS_PER_DPS[self._control[0] & 3] / (2.0 if self._control[3] & _FS_DOUBLE else 1.0)
         # Part axes from body axes: the inverse of body = (-y, -x, -z).
         return (

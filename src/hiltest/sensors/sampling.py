@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TypeAlias
+from typing import Protocol, TypeAlias
 
 from hiltest.world.earth_field import Vector
-from hiltest.world.noise import NoiseSource
 from hiltest.world.world import World
 
 Counts: TypeAlias = tuple[int, int, int]
@@ -26,6 +25,13 @@ _TOLERANCE_TICKS = 1e-9
 _NO_SAMPLE: Counts = (0, 0, 0)
 
 
+class Noise(Protocol):
+    """Noise of one quantity."""
+
+    def sample(self, epoch: int, number: int) -> Vector:
+        """Return the triple of sample `number`, counted from the start of `epoch`."""
+
+
 class SampledOutput:
     """Three output words on an absolute time grid, with data-ready and overwrite flags.
 
@@ -33,13 +39,13 @@ class SampledOutput:
     ----------
     world : World
         Gives the noise epoch of an instant.
-    noise : NoiseSource
+    noise : Noise
         Of this quantity.
     measure : callable
         The part's conversion.
     """
 
-    def __init__(self, world: World, noise: NoiseSource, measure: Measure) -> None:
+    def __init__(self, world: World, noise: Noise, measure: Measure) -> None:
         self._world = world
         self._noise = noise
         self._measure = measure

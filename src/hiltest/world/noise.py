@@ -24,6 +24,7 @@ from hiltest.world.earth_field import Vector
 _LEVELS = 1 << 16
 _GRID = 1 << 20
 _BLOCK = 64  # samples made at once, in 20 us; at a judged pose few more are read
+_BLOCKS_KEPT = 2
 _WORDS_PER_BLOCK = _BLOCK * 3 // 4  # four 16-bit draws to a 64-bit word
 _WORD_MASK = (1 << 64) - 1
 
@@ -50,16 +51,18 @@ class NoiseSource:
 
     def __init__(self, seed: int, sensor: str) -> None:
         self._key = np.array([seed & _WORD_MASK, crc32(sensor.encode())], dtype=np.uint64)
-        self._made = (-1, -1)  # epoch and number of the one block that is kept: samples are read in order
-        self._block: list[Vector] = []
+        # By epoch and number. Samples are read in order, by a filter with their neighbours: two blocks are kept.
+        self._blocks: dict[tuple[int, int], list[Vector]] = {}
 
     def sample(self, epoch: int, number: int) -> Vector:
         """Return the noise of sample `number` (counted from the start of `epoch`), in sigmas."""
         block, index = divmod(number, _BLOCK)
-        if self._made != (epoch, block):
-            self._block = self._generate(epoch, block)
-            self._made = (epoch, block)
-        return self._block[index]
+        made = self._blocks.get((epoch, block))
+        if made is None:
+            if len(self._blocks) == _BLOCKS_KEPT:
+                del self._blocks[next(iter(self._blocks))]
+            made = self._blocks[epoch, block] = self._generate(epoch, block)
+        return made[index]
 
     def _generate(self, epoch: int, block: int) -> list[Vector]:
         # Counter words: 0 counts within the block, 1 is the block, 2 the epoch.
