@@ -1,6 +1,6 @@
 /**
  * @file average_commands.c
- * @brief AVERAGE and GYROSCOPE_REST.
+ * @brief AVERAGE.
  */
 #include <math.h>
 
@@ -12,10 +12,6 @@
 #include "sensor_set.h"
 
 #define AVERAGE_MAXIMUM 512u
-#define REST_MAXIMUM 4096u
-
-/** Counts that the gyroscope gave at rest when the bias was last stored. */
-static float gyroscope_bias[3];
 
 /** Heading, pitch and roll under a slot's two calibrations; NaN with the status that says why there are none. */
 static void write_attitude(payload_writer_t *reply, uint8_t slot, const float acceleration[3], const float field[3])
@@ -61,44 +57,5 @@ status_t command_average(payload_reader_t *request, payload_writer_t *reply)
             write_attitude(reply, slot, acceleration, field);
         }
     }
-    return STATUS_OK;
-}
-
-static void write_rest(payload_writer_t *reply, const vector_statistics_t *statistics, bool store)
-{
-    float mean[3];
-    float corrected[3];
-    statistics_mean(statistics, mean);
-    for (uint32_t axis = 0; axis < 3u; axis++) {
-        corrected[axis] = mean[axis] - gyroscope_bias[axis];
-        gyroscope_bias[axis] = store ? mean[axis] : gyroscope_bias[axis];
-    }
-    write_statistics(reply, statistics);
-    write_f32_array(reply, corrected, 3);
-}
-
-status_t command_gyroscope_rest(payload_reader_t *request, payload_writer_t *reply)
-{
-    const uint16_t count = read_u16(request);
-    const uint32_t timeout_us = read_u32(request);
-    const uint8_t store = read_u8(request);
-    if (count == 0u || count > REST_MAXIMUM || timeout_us > TIMEOUT_MAXIMUM_US || store > 1u) {
-        return STATUS_BAD_ARGUMENT;
-    }
-    series_t series = {.sampler = {.sensor = sensor_set_selected(SENSOR_GYROSCOPE)}};
-    if (series.sampler.sensor == NULL) {
-        return STATUS_SENSOR_ABSENT;
-    }
-    sensor_status_t status = series_fill(&series, 1, count, time_us() + timeout_us);
-    int8_t degc = 0;
-    if (status == SENSOR_OK) {
-        status = sensor_die_temperature(series.sampler.sensor, &degc);
-    }
-    if (status != SENSOR_OK) {
-        return status_of_sensor(status);
-    }
-    write_u16(reply, count);
-    write_rest(reply, &series.statistics, store == 1u);
-    write_i8(reply, degc);
     return STATUS_OK;
 }

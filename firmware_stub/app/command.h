@@ -70,6 +70,15 @@ status_t command_stream_state(payload_reader_t *request, payload_writer_t *reply
 
 /* average_commands.c */
 status_t command_average(payload_reader_t *request, payload_writer_t *reply);
+
+/* gyroscope_commands.c */
 status_t command_gyroscope_rest(payload_reader_t *request, payload_writer_t *reply);
+status_t command_integrate_gyroscope(payload_reader_t *request, payload_writer_t *reply);
+status_t command_log_gyroscope(payload_reader_t *request, payload_writer_t *reply);
+
+/* gyroscope_calibration_commands.c */
+status_t command_fit_gyroscope(payload_reader_t *request, payload_writer_t *reply);
+status_t command_set_gyroscope(payload_reader_t *request, payload_writer_t *reply);
+status_t command_get_gyroscope(payload_reader_t *request, payload_writer_t *reply);
 
 #endif

@@ -16,7 +16,7 @@ static const command_t commands[] = {
     {0x0C, command_get_calibration, 1, 1},
     {0x0D, command_clear_calibration, 1, 1},
     {0x0E, command_average, 8, 8},
-    {0x0F, command_gyroscope_rest, 7, 7},
+    {0x0F, command_gyroscope_rest, 11, 11},
     {0x10, command_link_statistics, 0, 0},
     {0x11, command_reset, 0, 0},
     {0x12, command_reset_stream, 2, 2 + 255},
@@ -29,6 +29,11 @@ static const command_t commands[] = {
     {0x19, command_poses, 2, 2},
     {0x1A, command_clear_poses, 0, 0},
     {0x1B, command_upload_poses, 2, 2 + 20 * 51},
+    {0x1E, command_integrate_gyroscope, 6, 6},
+    {0x1F, command_fit_gyroscope, 1, 1 + 8 * 58},
+    {0x20, command_set_gyroscope, 48, 48},
+    {0x21, command_get_gyroscope, 0, 0},
+    {0x25, command_log_gyroscope, 6, 6},
 };
 
 const command_t *command_find(uint8_t type)

@@ -4,6 +4,7 @@
 
 #include "boards/board_sensors.h"
 #include "boards/time_base.h"
+#include "sensors/fifo_sampler.h"
 
 static const sensor_t *selected[SENSOR_KIND_COUNT];
 static bool is_set_up[BOARD_SENSORS_MAXIMUM];
@@ -40,6 +41,7 @@ static status_t set_up(uint8_t id)
 {
     uint8_t seen = 0;
     sensor_status_t status = sensor_probe(&board_sensors[id], &seen);
+    fifo_sampler_forget(&board_sensors[id]);
     if (status == SENSOR_OK) {
         status = sensor_configure(&board_sensors[id]);
     }

@@ -33,4 +33,10 @@ run_cost_t timed_run(magnetometer_calibrator_t calibrator, const magnetometer_po
 run_cost_t timed_step(stream_step_t step, void *state, const int16_t point[3], stream_status_t *status);
 run_cost_t timed_report(stream_reporter_t reporter, void *state, stream_report_t *report);
 
+/** A function of fast code from an input to a result: what has no type of its own here. */
+typedef void (*timed_function_t)(const void *input, void *result);
+
+/** Call it and count likewise. */
+run_cost_t timed_function(timed_function_t function, const void *input, void *result);
+
 #endif

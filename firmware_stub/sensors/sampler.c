@@ -1,14 +1,24 @@
 #include "sampler.h"
 
 #include "boards/time_base.h"
+#include "fifo_sampler.h"
 
 #define RETRIES_A_SAMPLE 8u
 
 sensor_status_t sampler_start(sampler_t *sampler, const sensor_t *sensor)
 {
     *sampler = (sampler_t){.sensor = sensor};
-    const sensor_status_t status = sensor_discard(sensor);
-    sampler->next_look_us = time_us() + sensor->driver->period_us / RETRIES_A_SAMPLE;
+    sensor_status_t status = SENSOR_OK;
+    uint32_t pause_us = sensor->driver->period_us / RETRIES_A_SAMPLE;
+    if (fifo_sampler_runs(sensor)) {
+        fifo_sampler_forget(sensor);
+        status = sensor_configure(sensor);
+        pause_us = sensor->driver->fifo.start_up_us;
+    }
+    if (status == SENSOR_OK) {
+        status = sensor_discard(sensor);
+    }
+    sampler->next_look_us = time_us() + pause_us;
     return status;
 }
 

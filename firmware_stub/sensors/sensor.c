@@ -6,6 +6,9 @@
 #define STATUS_XYZ_READY 0x08u
 #define STATUS_XYZ_OVERWRITTEN 0x80u
 #define BURST_BYTES 7u /* status, then x, y, z */
+#define SAMPLE_BYTES 6u
+#define FIFO_OVERFLOWED 0x80u
+#define FIFO_COUNT 0x3Fu
 #define STANDBY_LOOK_US 1000u
 #define STANDBY_LOOKS 200u
 
@@ -74,17 +77,51 @@ static sensor_status_t wait_for_standby(const sensor_t *sensor)
     return SENSOR_TIMED_OUT;
 }
 
-sensor_status_t sensor_configure(const sensor_t *sensor)
+static sensor_status_t write_settings(const sensor_t *sensor, const register_setting_t *settings, uint8_t count)
 {
-    const sensor_driver_t *driver = sensor->driver;
-    sensor_status_t status = write_setting(sensor, &driver->settings[0]);
+    sensor_status_t status = write_setting(sensor, &settings[0]);
     if (status == SENSOR_OK) {
         status = wait_for_standby(sensor);
     }
-    for (uint8_t i = 1; i < driver->setting_count && status == SENSOR_OK; i++) {
-        status = write_setting(sensor, &driver->settings[i]);
+    for (uint8_t i = 1; i < count && status == SENSOR_OK; i++) {
+        status = write_setting(sensor, &settings[i]);
     }
     return status;
+}
+
+sensor_status_t sensor_configure(const sensor_t *sensor)
+{
+    return write_settings(sensor, sensor->driver->settings, sensor->driver->setting_count);
+}
+
+sensor_status_t sensor_configure_fifo(const sensor_t *sensor)
+{
+    return write_settings(sensor, sensor->driver->fifo.settings, sensor->driver->fifo.setting_count);
+}
+
+sensor_status_t sensor_fifo_look(const sensor_t *sensor, uint8_t *held, bool *lost)
+{
+    uint8_t flags = 0;
+    const sensor_status_t status = read_registers(sensor, sensor->driver->fifo.status_register, &flags, 1);
+    *held = flags & FIFO_COUNT;
+    *lost = (flags & FIFO_OVERFLOWED) != 0u;
+    return status;
+}
+
+sensor_status_t sensor_fifo_read(const sensor_t *sensor, int16_t body[][3], uint8_t count)
+{
+    uint8_t bytes[SENSOR_FIFO_BURST * SAMPLE_BYTES];
+    const sensor_status_t status =
+        read_registers(sensor, sensor->driver->fifo.data_register, bytes, (uint8_t)(count * SAMPLE_BYTES));
+    if (status != SENSOR_OK) {
+        return status;
+    }
+    for (uint8_t i = 0; i < count; i++) {
+        const uint8_t *sample = &bytes[i * SAMPLE_BYTES];
+        const int16_t axes[3] = {big_endian(sample), big_endian(&sample[2]), big_endian(&sample[4])};
+        sensor->driver->to_body(axes, body[i]);
+    }
+    return SENSOR_OK;
 }
 
 sensor_status_t sensor_read_if_ready(const sensor_t *sensor, sample_t *sample)

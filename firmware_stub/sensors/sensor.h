@@ -32,6 +32,15 @@ typedef struct {
     uint8_t value;
 } register_setting_t;
 
+/** How a part keeps samples until a burst reads many of them; all zero where its FIFO is not used. */
+typedef struct {
+    const register_setting_t *settings; /**< instead of the driver's */
+    uint8_t setting_count;
+    uint8_t status_register; /**< bit 7: full, samples were lost; bits 5 to 0: how many it holds */
+    uint8_t data_register;   /**< a burst from here gives sample after sample, the oldest first */
+    uint32_t start_up_us;    /**< from the last setting to the first sample, at least */
+} fifo_layout_t;
+
 /** What a driver knows about its part. */
 typedef struct {
     sensor_kind_t kind;
@@ -43,6 +52,7 @@ typedef struct {
     uint32_t period_us;                 /**< between samples, as the settings make it */
     const register_setting_t *settings; /**< the first sends the part to standby, the last makes it measure */
     uint8_t setting_count;
+    fifo_layout_t fifo;
     axis_map_t to_body;
 } sensor_driver_t;
 
@@ -74,6 +84,18 @@ sensor_status_t sensor_probe(const sensor_t *sensor, uint8_t *seen);
  * is complete; so the mode is asked until it is standby. SENSOR_TIMED_OUT when it is not after 200 ms.
  */
 sensor_status_t sensor_configure(const sensor_t *sensor);
+
+/** Write the settings under which samples are kept in the part's FIFO, likewise. */
+sensor_status_t sensor_configure_fifo(const sensor_t *sensor);
+
+/** Ask how many samples the FIFO holds, and whether any was lost since it was last read. */
+sensor_status_t sensor_fifo_look(const sensor_t *sensor, uint8_t *held, bool *lost);
+
+/** Most samples of one sensor_fifo_read(): 3.5 ms on the bus, within what a transaction may take. */
+#define SENSOR_FIFO_BURST 24u
+
+/** Take the `count` oldest samples out of the FIFO, 1 to SENSOR_FIFO_BURST and no more than it holds. */
+sensor_status_t sensor_fifo_read(const sensor_t *sensor, int16_t body[][3], uint8_t count);
 
 /**
  * Read the sample that waits, if one does.

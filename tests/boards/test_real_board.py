@@ -25,7 +25,8 @@ from hiltest.errors import (
     SensorAbsentError,
     SyncError,
 )
-from hiltest.link.messages import GyroscopeRest, Identify, LinkStatistics, SensorKind
+from hiltest.link.gyroscope import GyroscopeRest
+from hiltest.link.messages import Identify, LinkStatistics, SensorKind
 from hiltest.link.ports import READ_SLICE_S
 from hiltest.link.session import ATTEMPTS, REPLY_DEADLINE_S, Outcome
 from hiltest.link.transcript import Direction, Transcript

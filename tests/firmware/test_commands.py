@@ -65,7 +65,7 @@ def test_unknown_types_are_refused(bare_bench: Bench) -> None:
 
 LENGTHS = {SYNC: 4, IDENTITY: 0, SENSORS: 0, SELECT: 1, READ: 6, COLLECT: 6, POINTS: 3, CLEAR_POINTS: 0, SET: 49,
            GET: 1, CLEAR: 1, SET_ACCELEROMETER: 49,
-           GET_ACCELEROMETER: 1, AVERAGE: 8, REST: 7, STATISTICS: 0, RESET: 0}  # fmt: skip
+           GET_ACCELEROMETER: 1, AVERAGE: 8, REST: 11, STATISTICS: 0, RESET: 0}  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", LENGTHS)
@@ -158,7 +158,7 @@ def test_without_the_shield_the_sensors_on_the_board_are_selected() -> None:
     assert [row[6:] for row in listed(bench)] == [(0, 0)] * 4 + [(1, 1), (1, 1)]
     assert bench.status(SELECT, bytes([MAG3110])) == Status.SENSOR_ABSENT
     assert bench.status(READ, struct.pack("<BBI", GYROSCOPE, 1, SECOND_US)) == Status.SENSOR_ABSENT
-    assert bench.status(REST, struct.pack("<HIB", 1, SECOND_US, 0)) == Status.SENSOR_ABSENT
+    assert bench.status(REST, struct.pack("<HIBf", 1, SECOND_US, 0, 0.0)) == Status.SENSOR_ABSENT
     values = struct.unpack("<H18fH", bench.ask(AVERAGE, struct.pack("<HIH", 4, SECOND_US, 0)))[1:19]
     assert all(math.isfinite(value) for value in values[:12])
     assert all(math.isnan(value) for value in values[12:])  # there is no gyroscope
@@ -201,7 +201,7 @@ def test_read_gives_every_sample_once(bench: Bench, sensor_id: int) -> None:
         (READ, struct.pack("<BBI", MAG3110, 64, 100_000)),
         (COLLECT, struct.pack("<HI", 100, 100_000)),
         (AVERAGE, struct.pack("<HIH", 100, 100_000, 0)),
-        (REST, struct.pack("<HIB", 100, 100_000, 0)),
+        (REST, struct.pack("<HIBf", 100, 100_000, 0, 0.0)),
     ],
     ids=["read", "collect", "average", "rest"],
 )
@@ -236,9 +236,9 @@ def test_a_timeout_ends_in_time(bench: Bench, kind: int, payload: bytes) -> None
         (GET_ACCELEROMETER, b"\x10"),
         (AVERAGE, struct.pack("<HIH", 0, SECOND_US, 0)),
         (AVERAGE, struct.pack("<HIH", 513, SECOND_US, 0)),
-        (REST, struct.pack("<HIB", 0, SECOND_US, 0)),
-        (REST, struct.pack("<HIB", 4097, SECOND_US, 0)),
-        (REST, struct.pack("<HIB", 1, SECOND_US, 2)),
+        (REST, struct.pack("<HIBf", 0, SECOND_US, 0, 0.0)),
+        (REST, struct.pack("<HIBf", 4097, SECOND_US, 0, 0.0)),
+        (REST, struct.pack("<HIBf", 1, SECOND_US, 2, 0.0)),
     ],
 )
 def test_an_argument_out_of_range_is_refused(bench: Bench, kind: int, payload: bytes) -> None:
@@ -400,14 +400,3 @@ def test_a_slots_attitude_uses_its_accelerometer_calibration_and_no_others(bench
     assert turned[2:] == pytest.approx([math.degrees(math.atan2(-x, math.hypot(y, z))), math.degrees(math.atan2(y, z))])
     for slot in (2, 3):
         bench.ask(CLEAR, bytes([slot]))
-
-
-def test_the_stored_gyroscope_bias_is_taken_off_the_next_rest() -> None:
-    bench = bench_with("i2c1")
-    first = struct.unpack("<H9fb", bench.ask(REST, struct.pack("<HIB", 50, SECOND_US, 1)))
-    second = struct.unpack("<H9fb", bench.ask(REST, struct.pack("<HIB", 50, SECOND_US, 0)))
-    assert first[0] == second[0] == 50
-    assert first[7:10] == first[1:4]  # nothing was stored before
-    assert second[7:10] == pytest.approx([now - before for now, before in zip(second[1:4], first[1:4], strict=True)])
-    third = struct.unpack("<H9fb", bench.ask(REST, struct.pack("<HIB", 1, SECOND_US, 0)))
-    assert all(math.isnan(spread) for spread in third[4:7])  # one reading has none

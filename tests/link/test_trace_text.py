@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hiltest.calibration.gyroscope import GyroscopeTurn
 from hiltest.calibration.still_pose import Face, StillPose
+from hiltest.link import gyroscope as g
 from hiltest.link import messages as m
 from hiltest.link import streams
 from hiltest.link.accelerometer import GetAccelerometer, SetAccelerometer
@@ -21,16 +23,19 @@ from hiltest.link.trace_text import trace_lines
 from hiltest.link.transcript import Direction, LatestTranscript, Transcript
 
 POSE = StillPose(np.array([1.5, -2.0, 3.0]), np.ones(3), np.array([0.0, 8192.0, -1.0]), np.zeros(3), 16, Face.PLUS_Y)
+TURN = GyroscopeTurn(np.array([0.0, 0, 360]), np.array([-5, 7, 2_000_000]), 1200, 5.995, np.ones(3), np.zeros(3), 0.25)
 REQUESTS: list[m.Request[Any]] = [
     m.Sync(0x12345678), m.Identify(), m.Sensors(), m.Select(3), m.Read(2, 64, timeout_us=7), m.Collect(512),
     m.Upload(7, [[1, -2, 3], [-32768, 32767, 0]]), m.Points(300, 80), m.ClearPoints(),
     m.Calibrate(100, "iterative", iterations=5), m.SetCalibration(1, np.arange(9).reshape(3, 3), [0.5, 0, -1]),
-    m.GetCalibration(2), m.ClearCalibration(7), m.Average(16, 0b101, timeout_us=9), m.GyroscopeRest(64, store=True),
+    m.GetCalibration(2), m.ClearCalibration(7), m.Average(16, 0b101, timeout_us=9),
     m.LinkStatistics(), m.Reset(), streams.StreamReset("direct-stream", sliced=True),
     streams.StreamFeed("direct-stream", 9, 80), streams.StreamRemove("direct-stream", 0, 1),
     streams.StreamState("iterative-stream"), SetAccelerometer(15, np.eye(3) / 8192, [1, -2, 0.5]), GetAccelerometer(3),
     AddPose(64, Face.MINUS_Y), Poses(3, 20), ClearPoses(),
     UploadPoses(0, [POSE, replace(POSE, magnetometer_spread=None)]),
+    g.GyroscopeRest(64, store=True, noise=4.0), g.IntegrateGyroscope(40), g.LogGyroscope(128, go_on=True),
+    g.FitGyroscope([TURN]), g.SetGyroscope(np.arange(9).reshape(3, 3), [0.5, 0, -1]), g.GetGyroscope(),
 ]  # fmt: skip
 
 

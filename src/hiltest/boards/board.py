@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from hiltest.angles import Pose
 from hiltest.errors import HiltestError, SensorAbsentError
 from hiltest.link.messages import Identity, Select, SensorInfo, SensorKind, Sensors
+from hiltest.link.replies import DPS_PER_COUNT
 from hiltest.link.session import Session
 from hiltest.rig import Rig
 
@@ -50,6 +51,8 @@ class Truth:
         rms noise of one axis of one reading [uT].
     gyroscope_bias_dps : ndarray, shape (3,)
         Body frame [deg/s].
+    gyroscope_response : ndarray, shape (3, 3)
+        ``felt_dps = gyroscope_response @ rate_dps + bias``, body frame.
     """
 
     soft_iron: NDArray[np.float64]
@@ -58,6 +61,13 @@ class Truth:
     dip_deg: float
     magnetometer_sigma_ut: float
     gyroscope_bias_dps: NDArray[np.float64]
+    gyroscope_response: NDArray[np.float64]
+
+    @property
+    def gyroscope_matrix(self) -> NDArray[np.float64]:
+        """What makes counts without bias a rate, the inverse of the response [deg/s/count]."""
+        inverse = np.linalg.inv(self.gyroscope_response) * DPS_PER_COUNT
+        return np.asarray(inverse, dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,12 +84,15 @@ class Declared:
         Name of the sensor to use for each kind; without a name the first that is present.
     cycle_model : str or None
         What the cycle counter of a board on a port counts, when the rig says it.
+    gyroscope_density_dps : float
+        One-sided noise density of the rate [deg/s/sqrt(Hz)].
     """
 
     field_ut: float
     magnetometer_sigma_ut: float
     wanted: Mapping[SensorKind, str]
     cycle_model: str | None = None
+    gyroscope_density_dps: float = 0.025
 
     @classmethod
     def of(cls, rig: Rig) -> Declared:
@@ -90,7 +103,10 @@ class Declared:
             SensorKind.GYROSCOPE: rig.sensors.gyroscope,
         }
         wanted = {kind: name for kind, name in named.items() if name is not None}
-        return cls(rig.field.strength_ut, rig.sensors.magnetometer_noise_ut, wanted, rig.board.cycle_model)
+        return cls(
+            rig.field.strength_ut, rig.sensors.magnetometer_noise_ut, wanted, rig.board.cycle_model,
+            1e-3 * rig.sensors.gyroscope_noise_mdps_per_rthz,
+        )
 
 
 class Stage(Protocol):

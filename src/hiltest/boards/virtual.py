@@ -83,4 +83,5 @@ def _truth(rig: Rig) -> Truth | None:
         dip_deg=known.field.dip_deg,
         magnetometer_sigma_ut=rig.sensors.magnetometer_noise_ut,
         gyroscope_bias_dps=np.array(known.gyroscope_bias_dps),
+        gyroscope_response=np.array(known.gyroscope_response),
     )

@@ -17,7 +17,6 @@ from hiltest.link.replies import (
     CalibrationReply,
     CollectReply,
     CycleSource,
-    GyroscopeRestReply,
     Identity,
     LinkCounters,
     PointsReply,
@@ -39,7 +38,6 @@ __all__ = [
     "CycleSource",
     "FitStatus",
     "GetCalibration",
-    "GyroscopeRest",
     "Identify",
     "Identity",
     "LinkCounters",
@@ -64,7 +62,6 @@ MAX_POINTS_READ = 80
 MAX_READ = 64
 MAX_COLLECT = 512
 MAX_AVERAGE = 512
-MAX_REST = 4096
 
 
 @dataclass(frozen=True)
@@ -273,22 +270,6 @@ class Average(Timed, Request[AverageReply]):
 
     def parse(self, fields: FieldReader) -> AverageReply:
         return AverageReply.parse(fields, self.slot_bitmask)
-
-
-@dataclass(frozen=True)
-class GyroscopeRest(Timed, Request[GyroscopeRestReply]):
-    """Average the gyroscope at rest; `store` keeps the mean as bias afterwards."""
-
-    code = 0x0F
-    command = "GYROSCOPE_REST"
-    n: int
-    store: bool = False
-
-    def payload(self) -> bytes:
-        return struct.pack("<HIB", within(self.n, 1, MAX_REST, "samples"), self.timeout_us, self.store)
-
-    def parse(self, fields: FieldReader) -> GyroscopeRestReply:
-        return GyroscopeRestReply.parse(fields)
 
 
 @dataclass(frozen=True)

@@ -342,26 +342,6 @@ class AverageReply:
 
 
 @dataclass(frozen=True, slots=True)
-class GyroscopeRestReply:
-    """Rate at rest [counts]; `corrected_mean` is without the bias stored before."""
-
-    n: int
-    rate: Statistic
-    corrected_mean: Reals
-    die_temperature_degc: int
-
-    @classmethod
-    def parse(cls, fields: FieldReader) -> GyroscopeRestReply:
-        """Read the reply."""
-        return cls(
-            fields.number("H", "count"),
-            Statistic.parse(fields, "gyroscope"),
-            fields.reals(3, "corrected mean"),
-            fields.number("b", "die temperature"),
-        )
-
-
-@dataclass(frozen=True, slots=True)
 class LinkCounters:
     """What the firmware saw on its line since reset."""
 

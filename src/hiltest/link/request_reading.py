@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import numpy as np
+
+from hiltest.calibration.gyroscope import GyroscopeTurn
 from hiltest.calibration.still_pose import Face
 from hiltest.errors import ProtocolError
-from hiltest.link import accelerometer, poses, streams
+from hiltest.link import accelerometer, gyroscope, poses, streams
 from hiltest.link import messages as m
 from hiltest.link.fields import FieldReader
 from hiltest.link.framing import Frame
@@ -45,9 +48,31 @@ def _average(fields: FieldReader) -> m.Average:
     return m.Average(n, fields.number("H", "slots"), timeout_us=timeout_us)
 
 
-def _gyroscope_rest(fields: FieldReader) -> m.GyroscopeRest:
+def _gyroscope_rest(fields: FieldReader) -> gyroscope.GyroscopeRest:
     n, timeout_us = fields.number("H", "n"), fields.number("I", "timeout")
-    return m.GyroscopeRest(n, fields.flag("store"), timeout_us=timeout_us)
+    return gyroscope.GyroscopeRest(n, fields.flag("store"), fields.real("noise"), timeout_us=timeout_us)
+
+
+def _integrate_gyroscope(fields: FieldReader) -> gyroscope.IntegrateGyroscope:
+    n = fields.number("H", "n")
+    return gyroscope.IntegrateGyroscope(n, timeout_us=fields.number("I", "timeout"))
+
+
+def _log_gyroscope(fields: FieldReader) -> gyroscope.LogGyroscope:
+    n, go_on = fields.number("B", "n"), fields.flag("go on")
+    return gyroscope.LogGyroscope(n, go_on, timeout_us=fields.number("I", "timeout"))
+
+
+def _turn(fields: FieldReader) -> GyroscopeTurn:
+    return GyroscopeTurn(
+        fields.reals(3, "turned"), np.array([fields.number("i", "sum") for _ in range(3)]), fields.number("H", "n"),
+        1e-6 * fields.number("I", "duration"), fields.reals(3, "bias before"), fields.reals(3, "bias after"),
+        fields.real("share"),
+    )  # fmt: skip
+
+
+def _set_gyroscope(fields: FieldReader) -> gyroscope.SetGyroscope:
+    return gyroscope.SetGyroscope(fields.reals(9, "matrix").reshape(3, 3), fields.reals(3, "bias"))
 
 
 def _set_accelerometer(fields: FieldReader) -> accelerometer.SetAccelerometer:
@@ -93,7 +118,6 @@ _READERS: Mapping[type[m.Request[Any]], _Read] = {
     m.GetCalibration: lambda fields: m.GetCalibration(fields.number("B", "slot")),
     m.ClearCalibration: lambda fields: m.ClearCalibration(fields.number("B", "slot")),
     m.Average: _average,
-    m.GyroscopeRest: _gyroscope_rest,
     m.LinkStatistics: lambda _: m.LinkStatistics(),
     m.Reset: lambda _: m.Reset(),
     accelerometer.SetAccelerometer: _set_accelerometer,
@@ -106,6 +130,14 @@ _READERS: Mapping[type[m.Request[Any]], _Read] = {
     streams.StreamFeed: _steps(streams.StreamFeed),
     streams.StreamRemove: _steps(streams.StreamRemove),
     streams.StreamState: lambda fields: streams.StreamState(fields.text("stream")),
+    gyroscope.GyroscopeRest: _gyroscope_rest,
+    gyroscope.IntegrateGyroscope: _integrate_gyroscope,
+    gyroscope.LogGyroscope: _log_gyroscope,
+    gyroscope.FitGyroscope: lambda fields: gyroscope.FitGyroscope(
+        [_turn(fields) for _ in range(fields.number("B", "turns"))]
+    ),
+    gyroscope.SetGyroscope: _set_gyroscope,
+    gyroscope.GetGyroscope: lambda _: gyroscope.GetGyroscope(),
 }
 _BY_CODE = {kind.code: kind for kind in _READERS}
 

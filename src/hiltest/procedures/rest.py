@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hiltest.boards.board import Board
-from hiltest.link.messages import Average, GyroscopeRest, SensorKind
+from hiltest.link.gyroscope import GyroscopeRest
+from hiltest.link.messages import Average, SensorKind
 from hiltest.link.replies import DPS_PER_COUNT, G_PER_COUNT
 from hiltest.procedures.progress import Progress, silent
 

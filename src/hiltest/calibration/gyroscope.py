@@ -1,0 +1,191 @@
+"""Scale and axes of a gyroscope from whole turns about known axes: the float64 reference of ``gyroscope_turns_fit``.
+
+A board that turns about an axis which does not move has turned, when it is at rest again, by the integral
+of its rate: a vector along the axis that is the same in the body frame all the way. With ``counts =
+response @ rate + bias`` the integral of the counts without their bias is ``response @ turned``, whatever the course
+of the rate, and the calibration is the inverse: ``rate_dps = matrix @ (counts - bias)``.
+
+Model: Puc, Podobnik, Munih 2018 (ERK), equations 3 and 6. That paper leaves the matrix at a constant for want of a
+reference rate; whole turns of a table are a reference for its integral, which is enough.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+Reals = NDArray[np.float64]
+
+#: What the data sheet of the FXAS21002C says at 2000 deg/s full scale.
+NOMINAL_DPS_PER_COUNT = 0.0625
+SMALLEST_TURN_DEG = 90.0
+#: Least determinant beside the cube of the longest row: 1 for three turns at right angles, 0.001 for a third one
+#: that is 5 degrees out of the plane of the others.
+LEAST_DETERMINANT = 1e-3
+MAX_TURNS = 8
+
+
+class TurnsStatus(IntEnum):
+    """How a fit of turns ended, as the firmware numbers it."""
+
+    OK = 0
+    TOO_FEW = 1
+    TOO_SMALL = 2
+    NOT_SPANNING = 3
+    SINGULAR = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GyroscopeFit:
+    """What makes counts a rate: ``rate_dps = matrix @ (counts - bias)``, body frame.
+
+    Attributes
+    ----------
+    matrix : ndarray, shape (3, 3)
+        [deg/s/count]
+    bias : ndarray, shape (3,)
+        [counts]
+    """
+
+    matrix: Reals
+    bias: Reals
+
+    def rate_dps(self, counts: Reals) -> Reals:
+        """Return the rates of readings, shape (3,) or (n, 3) [deg/s]."""
+        return (np.asarray(counts, dtype=np.float64) - self.bias) @ self.matrix.T
+
+    @property
+    def response(self) -> Reals:
+        """What a rate makes of the counts, the inverse of the matrix [count/(deg/s)]."""
+        return np.asarray(np.linalg.inv(self.matrix), dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GyroscopeTurn:
+    """One turn: what the table did, and what the gyroscope gave from before it until after it.
+
+    Attributes
+    ----------
+    turned_deg : ndarray, shape (3,)
+        About the body axes: all of it about one axis, which did not move.
+    total : ndarray of int, shape (3,)
+        Sum of all samples [counts]; exact.
+    n : int
+        Samples.
+    duration_s : float
+        From the first sample to the last, by the board's clock.
+    bias_before, bias_after : ndarray, shape (3,)
+        Means of the rests around the turn [counts].
+    share : float
+        Where between the middles of the two rests the middle of the turn lies, 0 to 1.
+    """
+
+    turned_deg: Reals
+    total: NDArray[np.int64]
+    n: int
+    duration_s: float
+    bias_before: Reals
+    bias_after: Reals
+    share: float = 0.5
+
+    @property
+    def bias(self) -> Reals:
+        """What the gyroscope reads at rest in the middle of the turn [counts]."""
+        return self.bias_before + self.share * (self.bias_after - self.bias_before)
+
+    @property
+    def integral(self) -> Reals:
+        """What the turn added to the counts [count s]: zero without samples or time."""
+        period_s = self.duration_s / (self.n - 1) if self.n >= 2 else 0.0
+        return period_s * (self.total - self.n * self.bias)
+
+    @property
+    def direction(self) -> Reals:
+        """Unit vector about which the table turned, body frame."""
+        return self.turned_deg / np.linalg.norm(self.turned_deg)
+
+    @property
+    def response(self) -> Reals:
+        """Counts of one deg/s about `direction`, shape (3,)."""
+        return self.integral / float(np.linalg.norm(self.turned_deg))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TurnsFit:
+    """What a fit of turns found.
+
+    Attributes
+    ----------
+    status : TurnsStatus
+    at_fault : int or None
+        Index of the turn that is too small.
+    matrix : ndarray, shape (3, 3)
+        [deg/s/count]; zero unless the status is OK.
+    residual_deg : float
+        rms of ``matrix @ integral - turned_deg`` over all turns; three turns are met exactly.
+    """
+
+    status: TurnsStatus
+    at_fault: int | None
+    matrix: Reals
+    residual_deg: float
+
+
+def fit_turns(turns: Sequence[GyroscopeTurn]) -> TurnsFit:
+    """Fit the matrix to whole turns by linear least squares.
+
+    Parameters
+    ----------
+    turns : sequence of GyroscopeTurn
+        At least three, about axes that span; each at least a quarter turn.
+
+    Returns
+    -------
+    TurnsFit
+        Its status says what is wrong with turns that do not determine the nine unknowns.
+
+    Notes
+    -----
+    ``response = (sum s t') (sum t t')^-1`` minimises the sum of ``|s - response t|^2``: the table's turns t are the
+    reference, the integrals s have the noise.
+    """
+    nothing = np.zeros((3, 3))
+    if not 3 <= len(turns) <= MAX_TURNS:
+        return TurnsFit(TurnsStatus.TOO_FEW, None, nothing, 0.0)
+    for index, turn in enumerate(turns):
+        if not np.linalg.norm(turn.turned_deg) >= SMALLEST_TURN_DEG or turn.n < 2:
+            return TurnsFit(TurnsStatus.TOO_SMALL, index, nothing, 0.0)
+    turned = np.array([turn.turned_deg for turn in turns])
+    seen = np.array([turn.integral for turn in turns])
+    moments = turned.T @ turned
+    if not _spans(moments):
+        return TurnsFit(TurnsStatus.NOT_SPANNING, None, nothing, 0.0)
+    response = np.linalg.solve(moments, turned.T @ seen).T
+    if not _spans(response):
+        return TurnsFit(TurnsStatus.SINGULAR, None, nothing, 0.0)
+    matrix = np.linalg.inv(response)
+    left = seen @ matrix.T - turned
+    return TurnsFit(TurnsStatus.OK, None, matrix, float(np.sqrt((left**2).sum(axis=1).mean())))
+
+
+def _spans(matrix: Reals) -> bool:
+    longest = float(np.linalg.norm(matrix, axis=1).max())
+    return bool(abs(np.linalg.det(matrix)) > LEAST_DETERMINANT * longest**3)
+
+
+def scale_error_percent(response: Reals, true_response: Reals) -> float:
+    """Return how much longer a response to a rate about one axis is than the true one, both shape (3,) [%]."""
+    return 100.0 * float(np.linalg.norm(response) / np.linalg.norm(true_response) - 1.0)
+
+
+def misalignment_deg(response: Reals, true_response: Reals) -> float:
+    """Return the angle between a response to a rate about one axis and the true one, both shape (3,) [deg].
+
+    From sine and cosine: of the cosine alone an angle of a hundredth of a degree would keep half of its digits.
+    """
+    across = np.linalg.norm(np.cross(response, true_response))
+    return float(np.degrees(np.arctan2(across, response @ true_response)))

@@ -1,0 +1,317 @@
+"""The gyroscope at rest, in a turn and in a log: what the host asks, and what the board answers."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hiltest.calibration.gyroscope import MAX_TURNS, GyroscopeFit, GyroscopeTurn, TurnsFit, TurnsStatus
+from hiltest.link.fields import FieldReader
+from hiltest.link.replies import Counts, Reals, RunCost, Statistic, Status
+from hiltest.link.request import Plain, Request, Timed, within
+
+__all__ = [
+    "EDGE_SAMPLES",
+    "MAX_LOG",
+    "MAX_REST",
+    "MAX_TURN",
+    "Axis",
+    "FitGyroscope",
+    "FitGyroscopeReply",
+    "GetGyroscope",
+    "GyroscopeRest",
+    "GyroscopeRestReply",
+    "IntegrateGyroscope",
+    "IntegrateGyroscopeReply",
+    "LogGyroscope",
+    "LogGyroscopeReply",
+    "SetGyroscope",
+    "Span",
+    "Stillness",
+    "StillnessKind",
+]
+
+MAX_REST = 4096
+MAX_TURN = 12_000
+MAX_LOG = 128
+#: Samples at either end of a turn whose sum is told by itself.
+EDGE_SAMPLES = 20
+
+
+class Axis(IntEnum):
+    """Of the body frame."""
+
+    X = 0
+    Y = 1
+    Z = 2
+
+
+class StillnessKind(IntEnum):
+    """What the firmware's test of a rest found."""
+
+    STILL = 0
+    TURNED = 1
+    SHAKEN = 2
+    NOT_TESTED = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Stillness:
+    """Whether a rest was one.
+
+    Attributes
+    ----------
+    kind : StillnessKind
+    axis : Axis
+        Where the first window that is not still is furthest from it.
+    first : int
+        Sample with which that window begins, from 0.
+    amount : float
+        How far its mean is from that before, with sign, or its spread [counts].
+    """
+
+    kind: StillnessKind
+    axis: Axis
+    first: int
+    amount: float
+
+    @classmethod
+    def parse(cls, fields: FieldReader) -> Stillness:
+        """Read the verdict."""
+        kind, axis = fields.choice(StillnessKind, "stillness"), fields.choice(Axis, "axis")
+        return cls(kind, axis, fields.number("H", "first sample"), fields.real("amount"))
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """When samples were taken, by the board's clock [s]; `lost` when the part's FIFO ran over."""
+
+    first_s: float
+    last_s: float
+    lost: bool
+
+    @property
+    def middle_s(self) -> float:
+        """Half way between first and last sample [s]."""
+        return 0.5 * (self.first_s + self.last_s)
+
+    @property
+    def duration_s(self) -> float:
+        """From the first sample to the last [s]."""
+        return self.last_s - self.first_s
+
+    @classmethod
+    def parse(cls, fields: FieldReader) -> Span:
+        """Read the times."""
+        first_us, last_us = fields.number("Q", "first time"), fields.number("Q", "last time")
+        return cls(1e-6 * first_us, 1e-6 * last_us, fields.flag("lost"))
+
+
+@dataclass(frozen=True, slots=True)
+class GyroscopeRestReply:
+    """Rate at rest [counts]; `corrected_mean` is without the bias stored before."""
+
+    n: int
+    rate: Statistic
+    corrected_mean: Reals
+    die_temperature_degc: int
+    span: Span
+    stillness: Stillness
+
+    @classmethod
+    def parse(cls, fields: FieldReader) -> GyroscopeRestReply:
+        """Read the reply."""
+        return cls(
+            fields.number("H", "count"),
+            Statistic.parse(fields, "gyroscope"),
+            fields.reals(3, "corrected mean"),
+            fields.number("b", "die temperature"),
+            Span.parse(fields),
+            Stillness.parse(fields),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class IntegrateGyroscopeReply:
+    """Exact sums over a turn [counts].
+
+    Attributes
+    ----------
+    total, begin, end : ndarray of int, shape (3,)
+        Of all samples, of the first and of the last `EDGE_SAMPLES`.
+    lowest, highest : ndarray of int, shape (3,)
+        Of any sample, by axis.
+    """
+
+    n: int
+    total: NDArray[np.int64]
+    begin: NDArray[np.int64]
+    end: NDArray[np.int64]
+    lowest: Counts
+    highest: Counts
+    die_temperature_degc: int
+    span: Span
+
+    @classmethod
+    def parse(cls, fields: FieldReader) -> IntegrateGyroscopeReply:
+        """Read the reply."""
+        return cls(
+            fields.number("H", "count"), _sums(fields, "sum"), _sums(fields, "sum at the begin"),
+            _sums(fields, "sum at the end"), fields.counts(1, "lowest")[0], fields.counts(1, "highest")[0],
+            fields.number("b", "die temperature"), Span.parse(fields),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class LogGyroscopeReply:
+    """Samples without a gap between them; `span` is of all since the log began, but its `lost` of these alone."""
+
+    samples: Counts
+    die_temperature_degc: int
+    span: Span
+
+    @classmethod
+    def parse(cls, fields: FieldReader) -> LogGyroscopeReply:
+        """Read the reply."""
+        samples = fields.counts(fields.number("B", "count"), "samples")
+        return cls(samples, fields.number("b", "die temperature"), Span.parse(fields))
+
+
+@dataclass(frozen=True, slots=True)
+class FitGyroscopeReply:
+    """What the board made of turns, and what that cost; None when its core counts no cycles."""
+
+    fit: TurnsFit
+    cost: RunCost | None
+
+    @classmethod
+    def parse(cls, fields: FieldReader) -> FitGyroscopeReply:
+        """Read the reply."""
+        status, at_fault = fields.choice(TurnsStatus, "fit status"), fields.number("B", "turn at fault")
+        matrix, residual_deg = fields.reals(9, "matrix").reshape(3, 3), fields.real("residual")
+        fit = TurnsFit(status, at_fault if at_fault < MAX_TURNS else None, matrix, residual_deg)
+        return cls(fit, RunCost.parse(fields))
+
+
+@dataclass(frozen=True)
+class GyroscopeRest(Timed, Request[GyroscopeRestReply]):
+    """Average the gyroscope at rest; `store` keeps the mean as bias afterwards, unless the board was moved.
+
+    Attributes
+    ----------
+    noise : float
+        rms of one sample, were all independent, that the stillness of the board is judged by [counts]; 0: not at all.
+    """
+
+    code: ClassVar[int] = 0x0F
+    command: ClassVar[str] = "GYROSCOPE_REST"
+    n: int
+    store: bool = False
+    noise: float = 0.0
+
+    def payload(self) -> bytes:
+        """Return the request's payload."""
+        n = within(self.n, 1, MAX_REST, "samples")
+        return struct.pack("<HIBf", n, self.timeout_us, self.store, self.noise)
+
+    def parse(self, fields: FieldReader) -> GyroscopeRestReply:
+        """Read the data of an OK reply."""
+        return GyroscopeRestReply.parse(fields)
+
+
+@dataclass(frozen=True)
+class IntegrateGyroscope(Timed, Request[IntegrateGyroscopeReply]):
+    """Add up n samples of the gyroscope without a gap."""
+
+    code: ClassVar[int] = 0x1E
+    command: ClassVar[str] = "INTEGRATE_GYROSCOPE"
+    n: int
+
+    def payload(self) -> bytes:
+        """Return the request's payload."""
+        return struct.pack("<HI", within(self.n, 2 * EDGE_SAMPLES, MAX_TURN, "samples"), self.timeout_us)
+
+    def parse(self, fields: FieldReader) -> IntegrateGyroscopeReply:
+        """Read the data of an OK reply."""
+        return IntegrateGyroscopeReply.parse(fields)
+
+
+@dataclass(frozen=True)
+class LogGyroscope(Timed, Request[LogGyroscopeReply]):
+    """Take the next n samples; with `go_on` those that follow the last request's."""
+
+    code: ClassVar[int] = 0x25
+    command: ClassVar[str] = "LOG_GYROSCOPE"
+    n: int
+    go_on: bool = False
+
+    def payload(self) -> bytes:
+        """Return the request's payload."""
+        return struct.pack("<BBI", within(self.n, 1, MAX_LOG, "samples"), self.go_on, self.timeout_us)
+
+    def parse(self, fields: FieldReader) -> LogGyroscopeReply:
+        """Read the data of an OK reply."""
+        return LogGyroscopeReply.parse(fields)
+
+
+@dataclass(frozen=True)
+class FitGyroscope(Request[FitGyroscopeReply]):
+    """Fit the matrix to turns, counting cycles."""
+
+    code: ClassVar[int] = 0x1F
+    command: ClassVar[str] = "FIT_GYROSCOPE"
+    answered_with: ClassVar[frozenset[Status]] = frozenset({Status.OK, Status.NO_CYCLE_COUNTER})
+    turns: Sequence[GyroscopeTurn]
+
+    def payload(self) -> bytes:
+        """Return the request's payload."""
+        count = within(len(self.turns), 1, MAX_TURNS, "turns")
+        return bytes([count]) + b"".join(map(_turn_field, self.turns))
+
+    def parse(self, fields: FieldReader) -> FitGyroscopeReply:
+        """Read the data of a reply."""
+        return FitGyroscopeReply.parse(fields)
+
+
+@dataclass(frozen=True)
+class SetGyroscope(Plain):
+    """Store the gyroscope's calibration: ``rate_dps = matrix @ (counts - bias)``."""
+
+    code: ClassVar[int] = 0x20
+    command: ClassVar[str] = "SET_GYROSCOPE"
+    matrix: ArrayLike
+    bias: ArrayLike
+
+    def payload(self) -> bytes:
+        """Return the request's payload."""
+        matrix, bias = np.asarray(self.matrix, dtype="<f4"), np.asarray(self.bias, dtype="<f4")
+        return matrix.reshape(9).tobytes() + bias.reshape(3).tobytes()
+
+
+@dataclass(frozen=True)
+class GetGyroscope(Request[GyroscopeFit]):
+    """Ask for the gyroscope's calibration."""
+
+    code: ClassVar[int] = 0x21
+    command: ClassVar[str] = "GET_GYROSCOPE"
+
+    def parse(self, fields: FieldReader) -> GyroscopeFit:
+        """Read the data of an OK reply."""
+        return GyroscopeFit(fields.reals(9, "matrix").reshape(3, 3), fields.reals(3, "bias"))
+
+
+def _turn_field(turn: GyroscopeTurn) -> bytes:
+    return struct.pack(
+        "<3f3iHI3f3ff", *turn.turned_deg, *(int(each) for each in turn.total), turn.n, round(1e6 * turn.duration_s),
+        *turn.bias_before, *turn.bias_after, turn.share,
+    )  # fmt: skip
+
+
+def _sums(fields: FieldReader, field: str) -> NDArray[np.int64]:
+    return np.array([fields.number("i", field) for _ in range(3)], dtype=np.int64)
