@@ -28,6 +28,7 @@ ARROWS = """
     virtual     -> errors
     profiling   -> errors virtual
 
+    c_source    ->
     bench_files -> errors
     rig_tables  -> angles
     rig         -> errors measurement rig_tables sensors world
@@ -36,7 +37,9 @@ ARROWS = """
     link        -> errors angles calibration
     boards      -> errors angles bench_files rig_tables rig rig_file link virtual world sensors
     procedures  -> errors angles calibration orientation cloud rig_tables rig link boards
-    report      -> errors angles measurement calibration procedures
+    report      -> errors angles measurement calibration procedures c_source
+
+    imu_calibration -> errors c_source calibration rig link boards virtual procedures
 """
 APPLICATION = frozenset({"commands"})
 # Numbers in, numbers out: beside themselves and the standard library, only these.

@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 
 from hiltest.boards import Board
+from hiltest.imu_calibration import ImuCalibration
+from hiltest.imu_calibration.on_board import store_calibration
 from hiltest.procedures import (
     UNCALIBRATED,
     UNCALIBRATED_SLOT,
@@ -24,14 +26,20 @@ from hiltest.procedures import (
     store_streams,
 )
 from hiltest.rig import Rig
-from hiltest.settings import Settings
+from hiltest.settings import Settings, resolve
 
 # What a later suite's numbers rest on comes first; suites of your own come last. A test of any
 # suite that needs the known angles waits for the heading suite: rest comes before they are taken.
 ORDER = (
-    "test_identity", "test_accelerometer", "test_gyroscope", "test_heading", "test_streams", "test_budget",
-    "test_cycles", "test_link",
+    "test_identity", "test_accelerometer", "test_gyroscope", "test_calibration_file", "test_heading", "test_streams",
+    "test_budget", "test_cycles", "test_link",
 )
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave out the suite of a calibration file where none is named."""
+    of_a_file = collection_path == Path(__file__).with_name("test_calibration_file.py")
+    return True if of_a_file and resolve(config).calibration is None else None
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -76,12 +84,14 @@ def streams(
 @pytest.fixture(scope="session")
 def known_angles(
     board: Board, turntable: Turntable, rig: Rig, calibrations: dict[str, CalibratorRun], streams: dict[str, StreamRun],
-    hil_settings: Settings, hil_progress: Progress,
+    hil_calibration: ImuCalibration | None, hil_settings: Settings, hil_progress: Progress,
 ) -> KnownAngles:
     """The headings that the board answered at known angles, under every calibration."""
     slots = {UNCALIBRATED: UNCALIBRATED_SLOT}
     slots |= {name: run.slot for name, run in calibrations.items() if run.usable}
-    slots |= store_streams(board, streams, first_slot=1 + len(calibrations))
+    if hil_calibration is not None:
+        slots |= store_calibration(board, hil_calibration, slot=1 + len(calibrations))
+    slots |= store_streams(board, streams, first_slot=1 + max(slots.values()))
     return measure_known_angles(
         board, turntable, poses=rig.procedure.judged_poses(hil_settings.poses), slots=slots,
         mounting_yaw_deg=rig.mounting.yaw_deg if rig.mounting else 0.0,

@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from hiltest.operator_prompt import ask
 from hiltest.session import FOUND, SESSION, Found, HilSession
 from hiltest.settings import Settings
 
 if TYPE_CHECKING:
     from hiltest.boards import Board
+    from hiltest.imu_calibration import ImuCalibration
     from hiltest.measurement import Counted, Limit, Measurement
     from hiltest.procedures import Turntable
     from hiltest.profiling.image import ProfiledImage
@@ -133,17 +135,18 @@ def board(request: pytest.FixtureRequest) -> Board:
 @pytest.fixture(scope="session")
 def turntable(request: pytest.FixtureRequest, board: Board, rig: Rig) -> Iterator[Turntable]:
     """What sets a known angle: simulated on a virtual board, an operator or motors on a real one."""
-    from hiltest.procedures import open_grbl_turntable, open_turntable
+    from hiltest.procedures import open_table
 
-    if rig.turntable.kind == "grbl":
-        table: Turntable = open_grbl_turntable(board, rig)
-    else:
-        table = open_turntable(
-            board, uncertainty_deg=rig.turntable.uncertainty_deg, prompt=lambda text: _ask(request.config, text),
-            tumble_s=rig.turntable.tumble_s,
-        )
+    table = open_table(board, rig, prompt=lambda text: _ask(request.config, text))
     yield table
     table.close()
+
+
+@pytest.fixture(scope="session")
+def hil_calibration(request: pytest.FixtureRequest) -> ImuCalibration | None:
+    """The calibration of ``--hil-calibration``, which is this board's; None without the option."""
+    file = _session(request).calibration
+    return file.calibration if file else None
 
 
 @pytest.fixture
@@ -212,18 +215,11 @@ def _ask(config: pytest.Config, text: str) -> str:
     OperatorAbsentError
         If there is no terminal to ask at.
     """
-    from hiltest.errors import OperatorAbsentError
-
     capture = config.pluginmanager.getplugin("capturemanager")
     if capture is not None:
         capture.suspend(in_=True)
     try:
-        return input(text)
-    except (EOFError, OSError, RuntimeError) as error:  # RuntimeError: standard input is closed
-        raise OperatorAbsentError(
-            f"nobody answers at the terminal; this was asked: {text.strip()} "
-            "Run it where somebody can type and turn the board."
-        ) from error
+        return ask(text)
     finally:
         if capture is not None:
             capture.resume()

@@ -11,7 +11,7 @@ from collections.abc import Generator
 import pytest
 
 from hiltest import hookspecs
-from hiltest.fixtures import board, cycles, hil_progress, hil_settings, measure, rig, turntable
+from hiltest.fixtures import board, cycles, hil_calibration, hil_progress, hil_settings, measure, rig, turntable
 from hiltest.gate_set import leave_out_full
 from hiltest.session import (
     CAUSE,
@@ -28,7 +28,7 @@ from hiltest.session import (
 )
 from hiltest.settings import add_options, resolve
 
-__all__ = ["board", "cycles", "hil_progress", "hil_settings", "measure", "rig", "turntable"]
+__all__ = ["board", "cycles", "hil_calibration", "hil_progress", "hil_settings", "measure", "rig", "turntable"]
 
 _LETTERS = {"bench lost": "L", "wrong firmware": "W"}
 

@@ -41,6 +41,11 @@ class ProgressLine:
             self._drawn_s = now_s
             self._draw(progress_text(what, done, of, elapsed_s=now_s - self._started_s))
 
+    def clear(self) -> None:
+        """Take the line away, however far the work is."""
+        if self._shown:
+            self._draw("")
+
     def _draw(self, text: str) -> None:
         self._writer.write(f"{_SAVE}{text}{_CLEAR}{_RESTORE}", flush=True)
 

@@ -8,13 +8,22 @@ from typing import TYPE_CHECKING
 import pytest
 
 from hiltest.outcomes import TestLog
-from hiltest.report.record import BoardRecord, RigRecord, Run, SensorRecord, measurement_from, table_from
+from hiltest.report.record import (
+    BoardRecord,
+    CalibrationRecord,
+    RigRecord,
+    Run,
+    SensorRecord,
+    measurement_from,
+    table_from,
+)
 from hiltest.report.recorder import Recorder
 from hiltest.report.unmet import unmet_limits
 from hiltest.session import FOUND_HERE, HilSession
 
 if TYPE_CHECKING:
     from hiltest.boards import Board
+    from hiltest.imu_calibration.file import CalibrationFile
     from hiltest.rig import Rig
 
 
@@ -22,7 +31,9 @@ def start_recording(hil: HilSession) -> None:
     """Begin the record of a session whose bench is open, and see to it that it is kept."""
     rig = hil.rig_if_needed
     poses = hil.settings.poses or (rig.procedure.poses if rig else "all")
-    recorder = Recorder(hil.settings.out, suite=hil.settings.suite, poses=poses)
+    recorder = Recorder(
+        hil.settings.out, suite=hil.settings.suite, poses=poses, calibration=calibration_record(hil.calibration)
+    )
     if rig is not None:
         recorder.rig(rig_record(rig), hil.seed)
     if hil.board is not None:
@@ -107,6 +118,11 @@ def rig_record(rig: Rig) -> RigRecord:
     declared = rig.mounting
     mounting = "not declared" if declared is None else f"{declared.yaw_deg:g} ± {declared.uncertainty_deg:g} deg"
     return RigRecord(rig.name, str(rig.path), sha256(rig.path.read_bytes()).hexdigest(), mounting)
+
+
+def calibration_record(file: CalibrationFile | None) -> CalibrationRecord | None:
+    """Return what the record keeps of a calibration file."""
+    return CalibrationRecord(str(file.path), file.sha256, file.calibration.made_utc) if file else None
 
 
 def board_record(board: Board) -> BoardRecord:

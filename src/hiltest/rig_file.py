@@ -53,6 +53,10 @@ MEASUREMENT_UNITS = {
     "accelerometer.norm_rms": "mg",
     "accelerometer.tilt_error": "deg",
     "gyroscope.bias_error": "dps",
+    "accelerometer.calibration.norm_rms": "mg",
+    "accelerometer.calibration.tilt_error": "deg",
+    "gyroscope.calibration.bias_error": "dps",
+    "magnetometer.calibration.norm_rms": "%",
     "board.virtual_seconds": "s",
     "board.wall_seconds": "s",
 }

@@ -22,6 +22,7 @@ from hiltest.settings import Settings, make_folder
 if TYPE_CHECKING:
     from hiltest.boards import Board
     from hiltest.errors import BenchError, ProtocolError
+    from hiltest.imu_calibration.file import CalibrationFile
     from hiltest.measurement import Limit, Measurement
     from hiltest.report.record import Table
     from hiltest.rig import Rig
@@ -85,6 +86,10 @@ class HilSession:
         Why the board cannot be used any more.
     trouble_reported : bool
         Whether a test has already been charged with it; later ones are skipped.
+    calibration : CalibrationFile or None
+        What ``--hil-calibration`` named.
+    left_out : LeftOut
+        Tests of the full set.
     """
 
     def __init__(self, config: pytest.Config, settings: Settings) -> None:
@@ -92,6 +97,7 @@ class HilSession:
         self.settings = settings
         self.trouble: BenchError | ProtocolError | None = None
         self.trouble_reported = False
+        self.calibration: CalibrationFile | None = None
         self.measured_by: dict[str, str] = {}
         self._rig: Rig | None = None
         self._board: Board | None = None
@@ -136,6 +142,7 @@ class HilSession:
             If the rig, the firmware or an option is wrong, or no record can be written.
         """
         from hiltest.errors import BenchError, ConfigError, ProtocolError
+        from hiltest.imu_calibration.file import load_calibration
         from hiltest.wire_traces import remove_traces
 
         self._asked_for = True
@@ -145,6 +152,8 @@ class HilSession:
             # Reading the rig is what finds its mistakes.
             self._needs_rig |= with_board
             _ = self.rig_if_needed
+            if self.settings.calibration is not None and self.calibration is None:
+                self.calibration = load_calibration(self.settings.calibration)
             if with_board:
                 # The first test that needs a lost board is charged with it.
                 with suppress(BenchError, ProtocolError):
@@ -188,6 +197,7 @@ class HilSession:
         if self._board is None:
             from hiltest.boards import open_board
             from hiltest.errors import BenchError, ProtocolError
+            from hiltest.imu_calibration.owner import refuse_another_board
             from hiltest.wire_traces import WireTraces
 
             self._opened_s = time.monotonic()
@@ -197,6 +207,8 @@ class HilSession:
                     self.rig, firmware=self.settings.firmware, port=self.settings.port, seed=self.settings.seed,
                     transcript=self._traces.transcript,
                 )
+                if self.calibration is not None:
+                    refuse_another_board(self.calibration, self._board, self.rig)
             except (BenchError, ProtocolError) as error:
                 self.trouble = error
                 self.keep_trace("the first words to the board", "set-up", error)

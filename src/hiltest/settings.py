@@ -110,6 +110,7 @@ OPTIONS = (
     Option("seed", "N", seed, None, "seed of the simulated world (default: the rig's)"),
     Option("poses", "all|level", poses, None, "which known angles are judged (default: the rig's)"),
     Option("suite", "gate|full", suite, "gate", "set of tests: gate leaves out those marked full (default: gate)"),
+    Option("calibration", "FILE", file_name, None, "calibration file of this board, to be judged beside the others"),
 )
 
 
@@ -124,6 +125,7 @@ class Settings:
     seed: int | None
     poses: Literal["all", "level"] | None
     suite: Literal["gate", "full"]
+    calibration: Path | None
     sources: Mapping[str, str]
 
 
@@ -156,6 +158,7 @@ def resolve(config: pytest.Config, environment: Mapping[str, str] = os.environ) 
         seed=values["seed"],
         poses=values["poses"],
         suite=values["suite"],
+        calibration=None if values["calibration"] is None else Path(values["calibration"]),
         sources=sources,
     )
 

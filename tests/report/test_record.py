@@ -15,6 +15,7 @@ from hiltest.report.record import (
     JOURNAL_FILE,
     RUN_FILE,
     BoardRecord,
+    CalibrationRecord,
     Column,
     Findings,
     RigRecord,
@@ -124,7 +125,8 @@ class TestRecorder:
 
     @pytest.fixture
     def recorder(self, tmp_path: Path, board: BoardRecord) -> Recorder:
-        recorder = Recorder(tmp_path / "out", suite="gate", poses="all")
+        calibration = CalibrationRecord("imu.json", "ef" * 32, "2026-01-02T03:04:05Z")
+        recorder = Recorder(tmp_path / "out", suite="gate", poses="all", calibration=calibration)
         recorder.rig(RigRecord("virtual-k64f", "rig.toml", "cd" * 32, "not declared"), seed=None)
         recorder.board(board, seed=7)
         recorder.found([judge("heading.direct.max", 0.97, unit="deg", limit=Limit(max=1.8), test="a")],

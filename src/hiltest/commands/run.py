@@ -69,6 +69,8 @@ def _seed_range(_context: click.Context, _parameter: click.Parameter, text: str 
 @click.option("--poses", type=click.Choice(["all", "level"]), help="Known angles to judge.  [default: the rig's]")
 @click.option("--suite", type=click.Choice(["gate", "full"]),
               help="Set of tests: gate leaves out what takes longest.  [default: gate]")
+@click.option("--calibration", metavar="FILE", callback=checked(file_name),
+              help="Calibration file of this board (hiltest calibrate), to be judged beside the others.")
 @click.argument("pytest_args", nargs=-1, type=click.UNPROCESSED)
 def run(
     out: str, seeds: range | None, may_fail: int, pytest_args: Sequence[str], **given: str | None
@@ -79,7 +81,7 @@ def run(
     -- goes to pytest: hiltest run -- -k heading
     """
     names = {"rig": "--hil-rig", "firmware": "--hil-firmware", "hil_port": "--hil-port", "seed": "--hil-seed",
-             "poses": "--hil-poses", "suite": "--hil-suite"}
+             "poses": "--hil-poses", "suite": "--hil-suite", "calibration": "--hil-calibration"}
     options = [f"{names[name]}={value}" for name, value in given.items() if value is not None]
     if seeds is None:
         return run_suites([*options, *pytest_args], Path(out))

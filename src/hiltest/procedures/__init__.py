@@ -14,6 +14,7 @@ from hiltest.procedures.grbl_turntable import GrblTurntable, open_grbl_turntable
 from hiltest.procedures.heading_statistics import HeadingSummary, summarise, tilt_to_heading
 from hiltest.procedures.known_angles import KnownAngles, measure_known_angles
 from hiltest.procedures.link_checks import LinkCheck, check_link
+from hiltest.procedures.open_table import open_table
 from hiltest.procedures.progress import Progress
 from hiltest.procedures.rest import (
     AccelerometerRestResult,
@@ -70,6 +71,7 @@ __all__ = [
     "measure_known_angles",
     "name_cause",
     "open_grbl_turntable",
+    "open_table",
     "open_turntable",
     "predicted_residual_percent",
     "run_calibrators",

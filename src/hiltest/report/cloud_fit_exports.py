@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 
-import numpy as np
-
 from hiltest import __version__
+from hiltest.c_source import c_float, in_comment
 from hiltest.errors import ConfigError
 from hiltest.procedures.cloud_fit import CalibratorFit, CloudFit, Matrix, Triple
 from hiltest.report.record import write_atomically
@@ -67,9 +65,9 @@ def export_header(fit: CloudFit, path: Path) -> None:
     best = fit.best
     hard_iron, soft_iron, radius, residual = _numbers(best)
     text = _HEADER.format(
-        version=__version__, calibrator=_comment(best.name), verdict=best.verdict, formula=FORMULA, unit=fit.unit,
-        residual=residual, n_in=fit.n_in, file=_comment(Path(fit.file).name), n_used=best.n_used,
-        hard_iron=_row(hard_iron), soft_iron=",\n    ".join(map(_row, soft_iron)), radius=_float(radius),
+        version=__version__, calibrator=in_comment(best.name), verdict=best.verdict, formula=FORMULA, unit=fit.unit,
+        residual=residual, n_in=fit.n_in, file=in_comment(Path(fit.file).name), n_used=best.n_used,
+        hard_iron=_row(hard_iron), soft_iron=",\n    ".join(map(_row, soft_iron)), radius=c_float(radius),
     )  # fmt: skip
     write_text(path, text)
 
@@ -81,17 +79,7 @@ def _numbers(best: CalibratorFit) -> tuple[Triple, Matrix, float, float]:
 
 
 def _row(values: Triple) -> str:
-    return f"{{{', '.join(map(_float, values))}}}"
-
-
-def _float(value: float) -> str:
-    """Return a C literal with as many digits as a float holds."""
-    return f"{np.format_float_scientific(np.float32(value), unique=True, trim='0')}f"
-
-
-def _comment(text: str) -> str:
-    """Return a name that can neither end a comment nor be a trigraph in it."""
-    return re.sub(r"[^\w.+-]", "_", text, flags=re.ASCII)
+    return f"{{{', '.join(map(c_float, values))}}}"
 
 
 def write_text(path: Path, text: str) -> None:

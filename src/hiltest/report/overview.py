@@ -121,6 +121,9 @@ def provenance(run: Run) -> Iterator[tuple[str, str]]:
     yield "seed", "none" if run.seed is None else str(run.seed)
     yield "suite", run.suite
     yield "poses", run.poses
+    if run.calibration:
+        yield "calibration file", f"{run.calibration.file}, made {run.calibration.made_utc}"
+        yield "calibration SHA-256", run.calibration.sha256
     yield "host", f"{run.environment.host}, {run.environment.platform}"
     versions = ", ".join(f"{name} {number}" for name, number in run.environment.versions.items())
     yield "versions", f"Python {run.environment.python}, {versions}"

@@ -71,6 +71,15 @@ class RigRecord:
 
 
 @dataclass(frozen=True, slots=True)
+class CalibrationRecord:
+    """The calibration file that was judged: its name, its SHA-256, and when it was made."""
+
+    file: str
+    sha256: str
+    made_utc: str
+
+
+@dataclass(frozen=True, slots=True)
 class Environment:
     """The host and the versions of what the numbers rest on."""
 
@@ -165,6 +174,7 @@ class Run:
     seed: int | None
     suite: Literal["gate", "full"]
     poses: str
+    calibration: CalibrationRecord | None
     environment: Environment
     started_utc: str
     finished_utc: str
@@ -193,6 +203,7 @@ class Findings:
     seed: int | None = None
     rig: RigRecord | None = None
     board: BoardRecord | None = None
+    calibration: CalibrationRecord | None = None
     tests: list[TestResult] = field(default_factory=list)
     measurements: dict[str, Measurement] = field(default_factory=dict)
     tables: dict[str, Table] = field(default_factory=dict)
@@ -201,8 +212,8 @@ class Findings:
         """Return the record: measurements and tables sorted by name, volatile places listed."""
         run = Run(
             schema=SCHEMA, verdict=verdict, board=self.board, rig=self.rig, seed=self.seed, suite=self.suite,
-            poses=self.poses, environment=self.environment, started_utc=self.started_utc, finished_utc=finished_utc,
-            tests=tuple(self.tests),
+            poses=self.poses, calibration=self.calibration, environment=self.environment,
+            started_utc=self.started_utc, finished_utc=finished_utc, tests=tuple(self.tests),
             measurements=tuple(self.measurements[name].rounded() for name in sorted(self.measurements)),
             tables=tuple(self.tables[name].rounded() for name in sorted(self.tables)),
         )
@@ -347,7 +358,11 @@ def read_journal(lines: Sequence[str], verdict: Verdict) -> Run:
     if not entries or entries[0].get("schema") != SCHEMA:
         raise ValueError(f"not a journal of {SCHEMA}")
     start = entries[0]
-    findings = Findings(Environment(**start["environment"]), start["suite"], start["poses"], start["started_utc"])
+    calibration = start["calibration"]
+    findings = Findings(
+        Environment(**start["environment"]), start["suite"], start["poses"], start["started_utc"],
+        calibration=calibration and CalibrationRecord(**calibration),
+    )
     for entry in entries[1:]:
         _replay(findings, entry)
     return findings.finish(verdict, finished_utc=start["started_utc"])

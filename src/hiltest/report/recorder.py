@@ -14,6 +14,7 @@ from hiltest.measurement import Measurement
 from hiltest.report.record import (
     SCHEMA,
     BoardRecord,
+    CalibrationRecord,
     Environment,
     Findings,
     Journal,
@@ -33,15 +34,18 @@ _PACKAGES = ("hiltest", "pytest", "unicorn", "capstone", "pyelftools", "numpy", 
 class Recorder:
     """Collects what a session finds and writes it into one folder."""
 
-    def __init__(self, folder: Path, *, suite: Literal["gate", "full"], poses: str) -> None:
+    def __init__(
+        self, folder: Path, *, suite: Literal["gate", "full"], poses: str,
+        calibration: CalibrationRecord | None = None,
+    ) -> None:
         self.folder = folder
-        self.findings = Findings(describe_host(), suite, poses, utc_now())
+        self.findings = Findings(describe_host(), suite, poses, utc_now(), calibration=calibration)
         self._unwritten_measurements: list[Measurement] = []
         self._unwritten_tables: list[Table] = []
         self._journal = Journal(folder)
         self._journal.append("start", {
             "schema": SCHEMA, "started_utc": self.findings.started_utc, "suite": suite, "poses": poses,
-            "environment": asdict(self.findings.environment),
+            "calibration": calibration and asdict(calibration), "environment": asdict(self.findings.environment),
         })
 
     def rig(self, rig: RigRecord, seed: int | None) -> None:

@@ -1,0 +1,142 @@
+"""``hiltest calibrate``: the whole IMU in one guided procedure, to one file."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from hiltest.bench_files import rig_file
+from hiltest.commands.options import checked
+from hiltest.errors import ConfigError
+from hiltest.measurement import readable
+from hiltest.operator_prompt import ask
+from hiltest.settings import file_name, seed
+
+if TYPE_CHECKING:
+    from hiltest.boards import Board
+    from hiltest.imu_calibration import Figure, ImuCalibration
+    from hiltest.rig import Rig
+
+DEFAULT_FILE = "imu_calibration.json"
+_EXIT_CODES = """
+\b
+Exit codes:
+  0   calibrated; the file and the header are written
+  1   the data supports no calibration; nothing was written
+  2   interrupted; nothing was written
+  4   usage: an option, a port, a rig file or a firmware file is wrong
+  20  bench lost: link, cable, board, sensor or operator
+  23  wrong firmware, or another protocol version
+"""
+
+
+@click.command(epilog=_EXIT_CODES)
+@click.option("--rig", metavar="R", callback=checked(file_name),
+              help="Rig file, or name of a rig in hil/rigs.  [default: virtual-k64f]")
+@click.option("--hil-port", metavar="URL", callback=checked(file_name),
+              help="Serial port of a real board: a device or a pyserial URL.")
+@click.option("--firmware", metavar="ELF", callback=checked(file_name),
+              help="Firmware for the virtual board.  [default: the packaged one]")
+@click.option("--seed", metavar="N", callback=checked(seed), help="Seed of the simulated world.  [default: the rig's]")
+@click.option("--calibrator", metavar="NAME", default="direct", show_default=True,
+              help="Of the firmware, for the magnetometer.")
+@click.option("--out", metavar="FILE", default=DEFAULT_FILE, show_default=True,
+              type=click.Path(dir_okay=False, path_type=Path),
+              help="Calibration file; the C header beside it has the same name and ends in .h.")
+def calibrate(
+    rig: str | None, hil_port: str | None, firmware: str | None, seed: str | None, calibrator: str, out: Path
+) -> int:
+    """Calibrate accelerometer, gyroscope and magnetometer of a board, and write one file.
+
+    A virtual board does it by itself. With an operator's turntable it says what to do next, shows how far it is, and
+    asks again for what was refused. Judge the file on other poses: hiltest run --calibration FILE.
+    """
+    from hiltest.boards import open_board
+    from hiltest.rig_file import load_rig
+
+    header = out.with_suffix(".h")
+    _check_before_the_work(out, header)
+    described = load_rig(rig_file(Path.cwd(), rig))
+    with open_board(
+        described, firmware=Path(firmware) if firmware else None, port=hil_port, seed=int(seed) if seed else None
+    ) as board:
+        if calibrator not in board.identity.calibrators:
+            raise ConfigError(f"the firmware has no calibrator {calibrator!r}; it has "
+                              f"{', '.join(board.identity.calibrators)}")
+        click.echo(f"{board.description}; rig {described.name} ({described.path})")
+        made = _led_through(board, described, calibrator)
+    _write(made, out, header)
+    click.echo(f"{out}, {header}")
+    return 0
+
+
+def _check_before_the_work(out: Path, header: Path) -> None:
+    """Refuse a name that could not be written to in the end, when somebody has turned the board for minutes."""
+    if out == header:
+        raise ConfigError(f"{out} is the name of the header: name the calibration file otherwise, such as "
+                          f"{out.with_suffix('.json')}")
+    folder = out.absolute().parent
+    if not folder.is_dir():
+        raise ConfigError(f"cannot write {out}: there is no folder {folder}")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise ConfigError(f"cannot write {out}: nothing may be written to the folder {folder}")
+
+
+def _led_through(board: Board, rig: Rig, calibrator: str) -> ImuCalibration:
+    from hiltest.imu_calibration.guided import calibrate_imu
+    from hiltest.procedures import open_table
+    from hiltest.progress_line import ProgressLine
+    from hiltest.report.record import utc_now
+
+    progress = ProgressLine(_StandardOutput(), shown=sys.stdout.isatty())
+    table = open_table(board, rig, prompt=ask)
+    try:
+        return calibrate_imu(
+            board, table, rig, guide=_TerminalGuide(asks=table.name == "operator"), made_utc=utc_now(),
+            calibrator=calibrator, progress=progress,
+        )
+    finally:
+        progress.clear()
+        table.close()
+
+
+def _write(made: ImuCalibration, out: Path, header: Path) -> None:
+    """Write both files; the calibration file last, so that it is never there without its header."""
+    from hiltest.imu_calibration.c_header import to_header
+    from hiltest.imu_calibration.file import to_json
+    from hiltest.report.cloud_fit_exports import write_text
+
+    write_text(header, to_header(made))
+    write_text(out, to_json(made))
+
+
+class _TerminalGuide:
+    """Says on standard output what comes next; only where an operator turns the board it asks."""
+
+    def __init__(self, *, asks: bool) -> None:
+        self._asks = asks
+
+    def begin(self, step: int, of: int, what: str) -> None:
+        click.echo(f"{step} of {of}: {what}")
+
+    def found(self, part: str, method: str, figures: tuple[Figure, ...]) -> None:
+        listed = ", ".join(f"{each.name} {readable(each.value)} {each.unit}".rstrip() for each in figures)
+        click.echo(f"   {part} by {method}: {listed}")
+
+    def again(self, why: str) -> bool:
+        if self._asks:
+            ask(f"   {why}. Enter to do it again, Ctrl-C to end: ")
+        return self._asks
+
+
+class _StandardOutput:
+    """What the line of progress is written to."""
+
+    def write(self, msg: str, *, flush: bool = False) -> None:
+        sys.stdout.write(msg)
+        if flush:
+            sys.stdout.flush()

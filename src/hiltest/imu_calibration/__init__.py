@@ -1,0 +1,14 @@
+"""The calibration of a whole IMU as a file: what it holds, whose it is, and the same numbers for C."""
+
+from __future__ import annotations
+
+from hiltest.imu_calibration.contents import (
+    AccelerometerPart,
+    Figure,
+    GyroscopePart,
+    ImuCalibration,
+    MadeOn,
+    MagnetometerPart,
+)
+
+__all__ = ["AccelerometerPart", "Figure", "GyroscopePart", "ImuCalibration", "MadeOn", "MagnetometerPart"]

@@ -1,0 +1,234 @@
+"""What a calibration file holds. Frame, formulas and units stand in it, and have one value each.
+
+Plain data: what is no number, contradicts itself or means something else is refused as it is made.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+
+Triple = tuple[float, float, float]
+Matrix = tuple[Triple, Triple, Triple]
+
+SCHEMA: Literal["hiltest.imu-calibration/1"] = "hiltest.imu-calibration/1"
+FRAME: Literal["body: x forward, y right, z down; accelerometer counts are gravity-positive"] = (
+    "body: x forward, y right, z down; accelerometer counts are gravity-positive"
+)
+MICROTESLA_PER_COUNT = 0.1
+
+_STRICT: dict[str, Any] = {"extra": "forbid", "strict": True, "allow_inf_nan": False}
+# Of a matrix whose rows are as long as each other, 1: below this the axes are one plane as far as a float32 can tell.
+_SMALLEST_VOLUME = 1e-6
+# Counts and microtesla are written with as many digits as a double has.
+_SAME = 1e-9
+_UTC = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ")
+_HEX = re.compile(r"[0-9a-f]+")
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """One number that says how good a part is."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
+    name: str
+    value: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class MadeOn:
+    """The board that a calibration is of.
+
+    Attributes
+    ----------
+    kind : str
+        ``virtual`` or ``real``.
+    firmware, version, build_id : str
+        Counts are this firmware's: its name must be the same, its build may be another.
+    unique_id : str
+        Of the chip, hexadecimal. All virtual boards have the same.
+    rig : str
+        Name of the rig it was made with.
+    world_sha256 : str or None
+        Of the simulated world, without its noise: what tells virtual boards apart. None on a port.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
+    kind: Literal["virtual", "real"]
+    firmware: str
+    version: str
+    build_id: str
+    unique_id: str
+    rig: str
+    world_sha256: str | None
+
+    def __post_init__(self) -> None:
+        if not _HEX.fullmatch(self.unique_id):
+            raise ValueError(f"unique_id {self.unique_id!r} is not hexadecimal")
+
+
+@dataclass(frozen=True, slots=True)
+class MagnetometerUnits:
+    """Of a magnetometer's numbers."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
+    soft_iron: Literal["1/count"]
+    hard_iron: Literal["count"]
+    hard_iron_ut: Literal["uT"]
+
+
+@dataclass(frozen=True, slots=True)
+class MagnetometerPart:
+    """Counts to a field of norm 1.
+
+    Attributes
+    ----------
+    sensor, method : str
+    n : int
+        Points that the method used.
+    soft_iron : 3 rows of 3
+        [1/count].
+    hard_iron : (3,)
+        [counts].
+    hard_iron_ut : (3,)
+        The same [uT].
+    figures : tuple of Figure
+    """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
+    sensor: str
+    method: str
+    n: int
+    formula: Literal["unit_field = soft_iron * (counts - hard_iron)"]
+    soft_iron: Matrix
+    hard_iron: Triple
+    hard_iron_ut: Triple
+    units: MagnetometerUnits
+    figures: tuple[Figure, ...]
+
+    def __post_init__(self) -> None:
+        _check("soft_iron", self.soft_iron, self.hard_iron)
+        for counts, ut in zip(self.hard_iron, self.hard_iron_ut, strict=True):
+            if not math.isclose(MICROTESLA_PER_COUNT * counts, ut, rel_tol=_SAME, abs_tol=_SAME):
+                raise ValueError(
+                    f"hard_iron and hard_iron_ut contradict each other: {counts:g} counts of "
+                    f"{MICROTESLA_PER_COUNT:g} uT are {MICROTESLA_PER_COUNT * counts:g} uT, not {ut:g}"
+                )
+
+
+@dataclass(frozen=True, slots=True)
+class AccelerometerUnits:
+    """Of an accelerometer's numbers."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
+    gain: Literal["g/count"]
+    offset: Literal["count"]
+
+
+@dataclass(frozen=True, slots=True)
+class AccelerometerPart:
+    """Counts to gravity: `gain`, 3 rows of 3 [g/count]; `offset` (3,) [counts]; `n` poses."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
+    sensor: str
+    method: str
+    n: int
+    formula: Literal["gravity_g = gain * (counts - offset)"]
+    gain: Matrix
+    offset: Triple
+    units: AccelerometerUnits
+    figures: tuple[Figure, ...]
+
+    def __post_init__(self) -> None:
+        _check("gain", self.gain, self.offset)
+
+
+@dataclass(frozen=True, slots=True)
+class GyroscopeUnits:
+    """Of a gyroscope's numbers."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
+    matrix: Literal["dps/count"]
+    bias: Literal["count"]
+
+
+@dataclass(frozen=True, slots=True)
+class GyroscopePart:
+    """Counts to rates: `matrix`, 3 rows of 3 [dps/count]; `bias` (3,) [counts]; `n` samples at rest."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
+    sensor: str
+    method: str
+    n: int
+    formula: Literal["rate_dps = matrix * (counts - bias)"]
+    matrix: Matrix
+    bias: Triple
+    units: GyroscopeUnits
+    figures: tuple[Figure, ...]
+
+    def __post_init__(self) -> None:
+        _check("matrix", self.matrix, self.bias)
+
+
+MAGNETOMETER_UNITS = MagnetometerUnits("1/count", "count", "uT")
+ACCELEROMETER_UNITS = AccelerometerUnits("g/count", "count")
+GYROSCOPE_UNITS = GyroscopeUnits("dps/count", "count")
+
+
+@dataclass(frozen=True, slots=True)
+class ImuCalibration:
+    """The calibration of one board.
+
+    Attributes
+    ----------
+    hiltest : str
+        Version that made it.
+    made_utc : str
+        ISO 8601, to the second.
+    temperature_degc : float or None
+        Of the gyroscope's die when it was made; its offset is not trimmed. None without a gyroscope.
+    accelerometer, gyroscope : part or None
+        None where that sensor was not calibrated.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
+    schema: Literal["hiltest.imu-calibration/1"]
+    hiltest: str
+    made_utc: str
+    frame: Literal["body: x forward, y right, z down; accelerometer counts are gravity-positive"]
+    temperature_degc: float | None
+    made_on: MadeOn
+    accelerometer: AccelerometerPart | None
+    gyroscope: GyroscopePart | None
+    magnetometer: MagnetometerPart
+
+    def __post_init__(self) -> None:
+        if not _UTC.fullmatch(self.made_utc):
+            raise ValueError(f"made_utc {self.made_utc!r} is no time in UTC; write it as 2026-01-31T12:00:00Z")
+
+
+def triple(values: object) -> Triple:
+    """Return three numbers of an array as they stand in a file."""
+    x, y, z = (float(each) for each in np.asarray(values, dtype=np.float64).reshape(3))
+    return (x, y, z)
+
+
+def matrix(values: object) -> Matrix:
+    """Return nine numbers of an array, row by row."""
+    rows = np.asarray(values, dtype=np.float64).reshape(3, 3)
+    return (triple(rows[0]), triple(rows[1]), triple(rows[2]))
+
+
+def _check(name: str, rows: Matrix, offset: Triple) -> None:
+    """Refuse what the board cannot hold as float32, and a matrix that has lost an axis."""
+    linear = np.array(rows, dtype=np.float64)
+    if np.abs([*linear.ravel(), *offset]).max() > np.finfo(np.float32).max:
+        raise ValueError("a number is larger than a float32 can be")
+    norms = np.linalg.norm(linear, axis=1)
+    if norms.min() == 0.0 or abs(np.linalg.det(linear / norms[:, np.newaxis])) < _SMALLEST_VOLUME:
+        raise ValueError(f"{name} is singular: it maps all readings into a plane")

@@ -1,0 +1,118 @@
+"""Reading and writing a calibration file: JSON that is hostile until it is parsed."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+from hiltest.errors import ConfigError
+from hiltest.imu_calibration.contents import SCHEMA, ImuCalibration
+
+_FAMILY = SCHEMA.partition("/")[0]
+# A file is some 4 kB: more is not one of ours.
+_LARGEST_BYTES = 1_000_000
+# A list of numbers alone, which stands on one line. No string has a line break behind a bracket.
+_NUMBERS = re.compile(r"\[\n([^\[\]{}]*?)\n\s*\]")
+_OTHERWISE = "calibrate again: hiltest calibrate"
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationFile:
+    """A calibration, and the file that it was read from."""
+
+    path: Path
+    sha256: str
+    calibration: ImuCalibration
+
+
+def to_json(calibration: ImuCalibration) -> str:
+    """Return the text of a calibration file."""
+    text = json.dumps(asdict(calibration), indent=1, ensure_ascii=False, allow_nan=False)
+    return _NUMBERS.sub(lambda found: f"[{' '.join(found[1].split())}]", text) + "\n"
+
+
+def load_calibration(path: Path) -> CalibrationFile:
+    """Read and check a calibration file.
+
+    Raises
+    ------
+    ConfigError
+        If it cannot be read, is no such file, or has a number, unit, frame or formula that means something else;
+        says which, and what to do.
+    """
+    content = _bytes_of(path)
+    try:
+        text = content.decode("utf-8")
+        parsed = json.loads(text, object_pairs_hook=_without_duplicates, parse_constant=_refuse_constant)
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(f"{path}: not a whole JSON file: {error}; {_OTHERWISE}") from error
+    _check_schema(path, parsed)
+    return CalibrationFile(path, sha256(content).hexdigest(), _validated(path, text))
+
+
+def _bytes_of(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            content = file.read(_LARGEST_BYTES + 1)
+    except OSError as error:
+        raise ConfigError(f"cannot read calibration {path}: {error.strerror}; `hiltest calibrate` makes one") from error
+    if len(content) > _LARGEST_BYTES:
+        raise ConfigError(f"{path}: larger than {_LARGEST_BYTES} bytes: no calibration file; {_OTHERWISE}")
+    return content
+
+
+def _check_schema(path: Path, parsed: object) -> None:
+    found = parsed.get("schema") if isinstance(parsed, dict) else None
+    if found == SCHEMA:
+        return
+    if isinstance(found, str) and found.partition("/")[0] == _FAMILY:
+        raise ConfigError(f"{path}: schema is {found!r}, this hiltest reads {SCHEMA!r}; use the version that wrote it, "
+                          f"or {_OTHERWISE}")
+    raise ConfigError(f"{path}: no calibration of an IMU: its schema is {_shown(found)}, not {SCHEMA!r}; {_OTHERWISE}")
+
+
+def _validated(path: Path, text: str) -> ImuCalibration:
+    from pydantic import TypeAdapter, ValidationError
+
+    try:
+        return TypeAdapter(ImuCalibration).validate_json(text)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(step) for step in first["loc"])
+        raise ConfigError(f"{path}: {_complaint(place, first['type'], first['msg'], first['input'])}") from error
+
+
+def _complaint(place: str, kind: str, message: str, given: object) -> str:
+    if kind in ("missing", "missing_argument"):
+        return f"{place} is missing; {_OTHERWISE}"
+    if kind in ("unexpected_keyword_argument", "extra_forbidden"):
+        return f"unknown key {place}; a newer hiltest may have written it: use that one, or {_OTHERWISE}"
+    message = message.removeprefix("Value error, ")
+    if kind == "value_error":
+        return f"{place + ': ' if place else ''}{message}; {_OTHERWISE}"
+    said = f"{place}: {message[0].lower()}{message[1:]}, not {_shown(given)}"
+    if kind == "literal_error":
+        return f"{said}; nothing is converted: {_OTHERWISE}"
+    return f"{said}; {_OTHERWISE}"
+
+
+def _without_duplicates(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+    keys = [key for key, _ in pairs]
+    for key in keys:
+        if keys.count(key) > 1:
+            raise ValueError(f"key {_shown(key)} stands twice in one object")
+    return dict(pairs)
+
+
+def _refuse_constant(name: str) -> None:
+    raise ValueError(f"{name} is no number")
+
+
+def _shown(value: object) -> str:
+    text = json.dumps(value, default=str)
+    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -1,0 +1,32 @@
+"""A calibration file's numbers in the board, so that the board answers under them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hiltest.boards import Board
+from hiltest.imu_calibration.contents import ImuCalibration
+from hiltest.link.accelerometer import SetAccelerometer
+from hiltest.link.messages import ClearCalibration, SetCalibration
+from hiltest.procedures.heading_statistics import rms
+from hiltest.procedures.known_angles import KnownAngles
+
+#: Under this name the headings of a file's calibration are judged: ``heading.calibration.max``.
+NAME = "calibration"
+
+
+def store_calibration(board: Board, calibration: ImuCalibration, slot: int) -> dict[str, int]:
+    """Put magnetometer and accelerometer calibration into a slot; return the slot by its name."""
+    board.session.request(ClearCalibration(slot))
+    magnetometer, accelerometer = calibration.magnetometer, calibration.accelerometer
+    board.session.request(SetCalibration(slot, magnetometer.soft_iron, magnetometer.hard_iron))
+    if accelerometer is not None:
+        board.session.request(SetAccelerometer(slot, accelerometer.gain, accelerometer.offset))
+    return {NAME: slot}
+
+
+def field_norm_rms_percent(known: KnownAngles, calibration: ImuCalibration) -> float:
+    """Return how far the corrected field is from norm 1 at the known angles, rms over the poses [%]."""
+    part = calibration.magnetometer
+    corrected = (known.magnetometer - np.array(part.hard_iron)) @ np.array(part.soft_iron).T
+    return rms([100.0 * (float(np.linalg.norm(each)) - 1.0) for each in corrected])

@@ -1,0 +1,76 @@
+"""Whose calibration it is: the board that it was made on, and the refusal of every other."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict
+from hashlib import sha256
+
+from hiltest.boards import Board
+from hiltest.errors import ConfigError
+from hiltest.imu_calibration.contents import ImuCalibration, MadeOn
+from hiltest.imu_calibration.file import CalibrationFile
+from hiltest.link.messages import SensorKind
+from hiltest.rig import Rig
+from hiltest.virtual.unique_id import VIRTUAL_UNIQUE_ID
+
+
+def made_on(board: Board, rig: Rig) -> MadeOn:
+    """Return what tells a board from others."""
+    identity = board.identity
+    return MadeOn(
+        kind="virtual" if board.kind == "virtual" else "real", firmware=identity.name, version=identity.version,
+        build_id=identity.build_id, unique_id=identity.unique_id.hex(), rig=rig.name, world_sha256=world_sha256(rig),
+    )
+
+
+def world_sha256(rig: Rig) -> str | None:
+    """Return a hash of what a virtual board's sensors are and where they stand; None where nobody knows.
+
+    The field belongs to it, since the hard iron is of this place. The seed does not: it is noise.
+    """
+    if rig.world is None:
+        return None
+    return sha256(json.dumps([asdict(rig.world), asdict(rig.field)], sort_keys=True).encode()).hexdigest()
+
+
+def refuse_another_board(file: CalibrationFile, board: Board, rig: Rig) -> None:
+    """Check that a calibration is of this board and of the sensors that it uses.
+
+    Raises
+    ------
+    ConfigError
+        If it is not; says in what they differ, and what to do.
+    """
+    other = next(_differences(file.calibration, board, rig), None)
+    if other is not None:
+        raise ConfigError(
+            f"{file.path} is not of this board: {other}. Name the board's own file, or make one: hiltest calibrate"
+        )
+
+
+def _differences(calibration: ImuCalibration, board: Board, rig: Rig) -> Iterator[str]:
+    made, here = calibration.made_on, made_on(board, rig)
+    if made.firmware != here.firmware:
+        yield f"it was made with firmware {made.firmware!r}, whose counts are its own; here is {here.firmware!r}"
+    if made.unique_id != here.unique_id:
+        yield f"it was made on the chip with unique id {made.unique_id}, this one has {here.unique_id}"
+    if here.unique_id == VIRTUAL_UNIQUE_ID.hex():
+        yield from _another_world(made, here)
+    parts = {
+        SensorKind.ACCELEROMETER: calibration.accelerometer, SensorKind.GYROSCOPE: calibration.gyroscope,
+        SensorKind.MAGNETOMETER: calibration.magnetometer,
+    }
+    for kind, part in parts.items():
+        if part is not None and part.sensor != (used := board.sensor(kind).name):
+            yield f"it calibrates the {kind.name.lower()} {part.sensor!r}, this rig uses {used!r}"
+
+
+def _another_world(made: MadeOn, here: MadeOn) -> Iterator[str]:
+    """Tell virtual boards apart, whose chips are all the same: by their worlds, or else by the rigs' names."""
+    if made.world_sha256 and here.world_sha256:
+        if made.world_sha256 != here.world_sha256:
+            yield f"it was made in the world of rig {made.rig!r} as that was then; that of {here.rig!r} is another"
+    elif made.rig != here.rig:
+        yield f"it was made on the virtual board of rig {made.rig!r}, this one is of {here.rig!r}"

@@ -1,0 +1,22 @@
+"""Asking whoever sits at the terminal."""
+
+from __future__ import annotations
+
+from hiltest.errors import OperatorAbsentError
+
+
+def ask(text: str) -> str:
+    """Show a text and return the line that was typed.
+
+    Raises
+    ------
+    OperatorAbsentError
+        If there is no terminal to ask at.
+    """
+    try:
+        return input(text)
+    except (EOFError, OSError, RuntimeError) as error:  # RuntimeError: standard input is closed
+        raise OperatorAbsentError(
+            f"nobody answers at the terminal; this was asked: {text.strip()} "
+            "Run it where somebody can type and turn the board."
+        ) from error

@@ -1,0 +1,34 @@
+"""The turntable of a rig, of whatever kind."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from hiltest.boards.board import Board
+from hiltest.procedures.grbl_turntable import open_grbl_turntable
+from hiltest.procedures.turntables import Turntable, open_turntable
+from hiltest.rig import Rig
+
+
+def open_table(board: Board, rig: Rig, *, prompt: Callable[[str], str] | None = None) -> Turntable:
+    """Return what turns the board: motors, the simulated table of a virtual board, or an operator.
+
+    Parameters
+    ----------
+    board : Board
+    rig : Rig
+    prompt : callable, optional
+        Shows a text to the operator and returns the line that was typed, as `input` does.
+
+    Raises
+    ------
+    OperatorAbsentError
+        When the board needs an operator and nobody can be asked.
+    BenchError
+        When the motors do not answer.
+    """
+    if rig.turntable.kind == "grbl":
+        return open_grbl_turntable(board, rig)
+    return open_turntable(
+        board, uncertainty_deg=rig.turntable.uncertainty_deg, prompt=prompt, tumble_s=rig.turntable.tumble_s
+    )

@@ -1,0 +1,69 @@
+"""The page about calibration files: its commands run, its tables are the program's."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from hiltest.imu_calibration import AccelerometerPart, GyroscopePart, MagnetometerPart
+from hiltest.imu_calibration.contents import ACCELEROMETER_UNITS, GYROSCOPE_UNITS, MAGNETOMETER_UNITS, SCHEMA
+from hiltest.imu_calibration.file import load_calibration
+from hiltest.report.schema import load_run
+
+PAGE = (Path(__file__).parents[2] / "docs" / "calibrate.md").read_text(encoding="utf-8")
+(COMMANDS,) = re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S)
+PARTS = {
+    "accelerometer": (AccelerometerPart, ACCELEROMETER_UNITS), "gyroscope": (GyroscopePart, GYROSCOPE_UNITS),
+    "magnetometer": (MagnetometerPart, MAGNETOMETER_UNITS),
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where a reader has run the page's commands."""
+    path = tmp_path_factory.mktemp("reader")
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
+    for command in COMMANDS.splitlines():
+        done = subprocess.run(
+            [sys.executable, "-m", *shlex.split(command)], cwd=path, env=environment, stdin=subprocess.DEVNULL,
+            capture_output=True, text=True, check=False, timeout=300,
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+    return path
+
+
+def test_the_commands_leave_what_the_page_says(folder: Path) -> None:
+    assert (folder / "imu_calibration.h").is_file()
+    file = load_calibration(folder / "imu_calibration.json")
+    run = load_run(folder / "hil-out" / "run.json")
+    assert run.calibration is not None
+    assert (run.calibration.sha256, run.calibration.made_utc) == (file.sha256, file.calibration.made_utc)
+
+
+def test_every_measurement_of_the_table_is_made_and_judged(folder: Path) -> None:
+    rows = re.findall(r"^\| (`\S+\.calibration\..*?) \| ", PAGE, re.M)
+    assert len(rows) > 2
+    run = load_run(folder / "hil-out" / "run.json")
+    for row in rows:
+        first, *others = re.findall(r"`(\S+?)`", row)
+        for name in (first, *(first.rpartition(".")[0] + each for each in others)):
+            measured = run.measurement(name)
+            assert measured is not None, name
+            assert measured.limit is not None, name
+
+
+def test_formulas_and_units_are_those_of_the_file() -> None:
+    assert f"`{SCHEMA}`" in PAGE
+    rows = dict(re.findall(r"^\| `(\w+)` \| (.*) \|$", PAGE, re.M))
+    assert rows.keys() == PARTS.keys()
+    for name, (part, units) in PARTS.items():
+        formula, listed = rows[name].split(" | ")
+        assert formula.strip("`") in str(part.__annotations__["formula"])
+        told = dict(re.findall(r"`(\w+)` (\S+?)(?:, |$)", listed))
+        assert told == {each: getattr(units, each) for each in units.__slots__}

@@ -1,0 +1,135 @@
+"""``hiltest calibrate`` makes a file, ``hiltest run --calibration`` judges it: a wrong number in it is a red run."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+FILE = "imu_calibration.json"
+Change = Callable[[dict[str, Any]], None]
+# The suites that judge a file, on the level poses.
+JUDGE = ("--poses", "level", "--", "-k", "calibration_file or heading_at_known_angles")
+
+
+def calibrate(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
+    return subprocess.run(
+        [sys.executable, "-m", "hiltest", "calibrate", *arguments], cwd=folder, env=environment,
+        stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False, timeout=300,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the calibration of the virtual board, which asks nobody."""
+    folder = tmp_path_factory.mktemp("calibrated")
+    done = calibrate(folder)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert sorted(path.name for path in folder.iterdir()) == ["imu_calibration.h", FILE]
+    return folder / FILE
+
+
+@pytest.fixture(scope="module")
+def judged(calibrated: Path, run_in, tmp_path_factory: pytest.TempPathFactory):
+    """A whole run with the file."""
+    return run_in(tmp_path_factory.mktemp("judged"), "--calibration", str(calibrated))
+
+
+def test_the_file_is_judged_green_on_poses_that_it_is_not_made_of(judged, calibrated: Path) -> None:
+    assert judged.code == 0, judged.output
+    limits = {name: each["limit"] for name, each in judged.measured.items() if ".calibration." in name}
+    assert {name for name, limit in limits.items() if limit} == {
+        "heading.calibration.max", "heading.calibration.bias", "heading.calibration.max_centred",
+        "accelerometer.calibration.norm_rms", "accelerometer.calibration.tilt_error",
+        "magnetometer.calibration.norm_rms",
+    }
+    assert "calibration: worst heading" in judged.sentence or "; calibration: " in judged.sentence
+    assert judged.record["calibration"]["file"] == str(calibrated)
+    assert judged.record["calibration"]["sha256"] == sha256(calibrated.read_bytes()).hexdigest()
+
+
+def test_without_the_option_nothing_is_said_of_a_file(good_run) -> None:
+    assert good_run.record["calibration"] is None
+    assert not any(".calibration." in name for name in good_run.measured)
+
+
+def magnetometer(name: str, function: Callable[[np.ndarray], np.ndarray]) -> Change:
+    """Change numbers of the magnetometer; microtesla follow the counts, or the file would contradict itself."""
+
+    def change(content: dict[str, Any]) -> None:
+        part = content["magnetometer"]
+        part[name] = function(np.array(part[name])).tolist()
+        part["hard_iron_ut"] = (0.1 * np.array(part["hard_iron"])).tolist()
+
+    return change
+
+
+SWAPPED = [1, 0, 2]
+
+
+@pytest.mark.parametrize(
+    ("change", "red"),
+    [
+        (magnetometer("hard_iron", lambda counts: -counts), "heading.calibration.max"),
+        (magnetometer("hard_iron", lambda counts: 0.1 * counts), "heading.calibration.max"),
+        (magnetometer("hard_iron", lambda counts: counts[SWAPPED]), "heading.calibration.max"),
+        (magnetometer("soft_iron", lambda matrix: -matrix), "heading.calibration.max"),
+        (magnetometer("soft_iron", lambda matrix: matrix[SWAPPED]), "heading.calibration.max"),
+        (magnetometer("soft_iron", lambda matrix: 10.0 * matrix), "magnetometer.calibration.norm_rms"),
+    ],
+    ids=["hard iron's sign", "hard iron in uT", "hard iron's axes", "soft iron's sign", "axes", "soft iron per uT"],
+)
+def test_a_wrong_sign_axis_or_unit_in_the_file_is_red(
+    calibrated: Path, run_in, tmp_path: Path, change: Change, red: str
+) -> None:
+    content = json.loads(calibrated.read_text(encoding="utf-8"))
+    change(content)
+    (tmp_path / FILE).write_text(json.dumps(content), encoding="utf-8")
+    run = run_in(tmp_path, "--calibration", FILE, *JUDGE)
+    assert run.code == 1, run.output
+    assert run.measured[red]["outcome"] == "fail"
+    # The board's own calibrators are as good as ever: it is the file.
+    assert run.measured["heading.direct.max"]["outcome"] == "pass"
+
+
+def test_another_boards_file_ends_the_run_before_it_begins(calibrated: Path, run_in, tmp_path: Path) -> None:
+    run = run_in(tmp_path, "--calibration", str(calibrated), "--rig", "virtual-k64f-rotated")
+    assert run.code == 4
+    assert "is not of this board: it was made in the world of rig 'virtual-k64f'" in run.errors
+    assert not run.folder.exists() or not list(run.folder.iterdir())
+
+
+def test_a_file_in_other_units_ends_the_run_before_it_begins(calibrated: Path, run_in, tmp_path: Path) -> None:
+    text = calibrated.read_text(encoding="utf-8").replace('"hard_iron": "count"', '"hard_iron": "uT"')
+    (tmp_path / FILE).write_text(text, encoding="utf-8")
+    run = run_in(tmp_path, "--calibration", FILE)
+    assert run.code == 4
+    assert "magnetometer.units.hard_iron: input should be 'count', not \"uT\"; nothing is converted" in run.errors
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "complaint"),
+    [
+        (["--calibrator", "perfect"], 4, "the firmware has no calibrator 'perfect'; it has "),
+        (["--out", "gone/imu.json"], 4, "there is no folder"),
+        (["--out", "imu.h"], 4, "imu.h is the name of the header"),
+        (["--rig", "virtual-k64f-harsh-cap"], 1, "magnetometer refused: "),
+    ],
+    ids=["calibrator", "folder", "header", "a fifth of the sphere"],
+)
+def test_what_supports_no_calibration_leaves_no_file(
+    tmp_path: Path, arguments: list[str], code: int, complaint: str
+) -> None:
+    done = calibrate(tmp_path, *arguments)
+    assert done.returncode == code, done.stdout + done.stderr
+    assert complaint in done.stderr
+    assert list(tmp_path.iterdir()) == []
