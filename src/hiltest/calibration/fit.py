@@ -27,6 +27,13 @@ class FitStatus(IntEnum):
     TOO_FEW_POINTS = 3
     SINGULAR = 4
     NOT_CONVERGED = 5
+    HORIZONTAL_FIELD = 6
+    MIRRORED = 7
+
+
+_WITHOUT_A_FIT = frozenset(
+    {FitStatus.TOO_FEW_POINTS, FitStatus.SINGULAR, FitStatus.HORIZONTAL_FIELD, FitStatus.MIRRORED}
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,7 +48,7 @@ class MagnetometerFit:
     iterations : int
         Sweeps of the firmware's solver; 0 for a closed form and for a float64 reference.
     soft_iron : ndarray, shape (3, 3)
-        Symmetric [1/count]; ``soft_iron @ (counts - hard_iron)`` has norm 1 for a good point.
+        [1/count]; ``soft_iron @ (counts - hard_iron)`` has norm 1 for a good point. Symmetric from a fit of norms.
     hard_iron : ndarray, shape (3,)
         [counts], body frame.
     coverage : float
@@ -58,7 +65,7 @@ class MagnetometerFit:
     @property
     def has_fit(self) -> bool:
         """Whether soft_iron and hard_iron come from the points at all."""
-        return self.status not in (FitStatus.TOO_FEW_POINTS, FitStatus.SINGULAR)
+        return self.status not in _WITHOUT_A_FIT
 
     def corrected(self, points_counts: ArrayLike) -> Array:
         """Return the corrected points, shape (n, 3) [1], norm 1 for good points."""
