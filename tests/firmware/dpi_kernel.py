@@ -1,0 +1,114 @@
+"""The firmware's `dpi`, compiled for this machine, and on a virtual board that did not boot."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import struct
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hiltest.calibration import FitStatus, MagnetometerFit
+from hiltest.virtual.calling import CallResult
+from hiltest.virtual.k64f import VirtualK64F
+
+# dpi_known_t and dpi_fit_t, the same on both.
+KNOWN = struct.Struct("<9f3ffB3x")
+RESULT = struct.Struct("<BBH13fH2xff")
+NOMINAL_GAIN = np.eye(3) / 8192.0
+
+
+class DpiAnswer:
+    """What the kernel answered."""
+
+    def __init__(self, packed: bytes) -> None:
+        status, is_sphere, iterations, *rest = RESULT.unpack(packed)
+        self.fit = MagnetometerFit(
+            FitStatus(status), bool(is_sphere), iterations,
+            np.array(rest[:9]).reshape(3, 3), np.array(rest[9:12]), rest[12],
+        )  # fmt: skip
+        self.used: int = rest[13]
+        self.sine: float = rest[14]
+        self.standard_error: float = rest[15]
+
+    @property
+    def dip_deg(self) -> float:
+        return math.degrees(math.asin(max(-1.0, min(1.0, self.sine))))
+
+
+class DpiKernel(Protocol):
+    """Something that runs the firmware's C."""
+
+    def pairs(
+        self, magnetometer: ArrayLike, accelerometer: ArrayLike, *, gain: ArrayLike = ..., offset: ArrayLike = ...,
+        dip_deg: float | None = None,
+    ) -> DpiAnswer: ...
+
+    def poses(
+        self, magnetometer: ArrayLike, accelerometer: ArrayLike, *, gain: ArrayLike = ..., offset: ArrayLike = ...,
+        dip_deg: float | None = None,
+    ) -> DpiAnswer: ...
+
+
+def _known(gain: ArrayLike, offset: ArrayLike, dip_deg: float | None) -> bytes:
+    sine = 0.0 if dip_deg is None else math.sin(math.radians(dip_deg))
+    return KNOWN.pack(*np.ravel(gain), *np.ravel(offset), sine, dip_deg is not None)
+
+
+def _range(counts: NDArray[np.int16]) -> bytes:
+    return struct.pack("<H6h", len(counts), *counts.min(axis=0).tolist(), *counts.max(axis=0).tolist())
+
+
+class HostDpi:
+    """The kernel in a library of this machine."""
+
+    def __init__(self, library: ctypes.CDLL) -> None:
+        self._library = library
+
+    def pairs(self, magnetometer, accelerometer, *, gain=NOMINAL_GAIN, offset=(0, 0, 0), dip_deg=None):  # type: ignore[no-untyped-def]
+        rows = [np.ascontiguousarray(each, dtype="<i2") for each in (magnetometer, accelerometer)]
+        task = struct.pack("PP", *(each.ctypes.data for each in rows)) + _range(rows[0])
+        return self._run("dpi_from_pairs", task, _known(gain, offset, dip_deg))
+
+    def poses(self, magnetometer, accelerometer, *, gain=NOMINAL_GAIN, offset=(0, 0, 0), dip_deg=None):  # type: ignore[no-untyped-def]
+        rows = [np.ascontiguousarray(each, dtype="<f4") for each in (magnetometer, accelerometer)]
+        task = struct.pack("PPH", *(each.ctypes.data for each in rows), len(rows[0]))
+        return self._run("dpi_from_poses", task, _known(gain, offset, dip_deg))
+
+    def _run(self, function: str, task: bytes, known: bytes) -> DpiAnswer:
+        result = ctypes.create_string_buffer(RESULT.size)
+        getattr(self._library, function)(task, known, result)
+        return DpiAnswer(result.raw)
+
+
+class BoardDpi:
+    """The shipped firmware's kernel."""
+
+    # In SRAM_U behind everything the image uses, below the stack.
+    MAGNETOMETER, ACCELEROMETER, TASK, KNOWN, RESULT = 0x20020000, 0x20024000, 0x20028000, 0x20028040, 0x20028080
+
+    def __init__(self, elf: Path) -> None:
+        self._board = VirtualK64F(elf)
+        end = max(segment.run_address + segment.run_size for segment in self._board.image.segments)
+        assert end <= self.MAGNETOMETER
+        self.last: CallResult | None = None
+
+    def pairs(self, magnetometer, accelerometer, *, gain=NOMINAL_GAIN, offset=(0, 0, 0), dip_deg=None):  # type: ignore[no-untyped-def]
+        rows = [np.ascontiguousarray(each, dtype="<i2") for each in (magnetometer, accelerometer)]
+        return self._run("dpi_from_pairs", rows, _range(rows[0]), _known(gain, offset, dip_deg))
+
+    def poses(self, magnetometer, accelerometer, *, gain=NOMINAL_GAIN, offset=(0, 0, 0), dip_deg=None):  # type: ignore[no-untyped-def]
+        rows = [np.ascontiguousarray(each, dtype="<f4") for each in (magnetometer, accelerometer)]
+        return self._run("dpi_from_poses", rows, struct.pack("<H", len(rows[0])), _known(gain, offset, dip_deg))
+
+    def _run(self, function: str, rows: list[NDArray[np.generic]], rest: bytes, known: bytes) -> DpiAnswer:
+        memory = self._board.processor.memory
+        memory.write(self.MAGNETOMETER, rows[0].tobytes())
+        memory.write(self.ACCELEROMETER, rows[1].tobytes())
+        memory.write(self.TASK, struct.pack("<II", self.MAGNETOMETER, self.ACCELEROMETER) + rest)
+        memory.write(self.KNOWN, known)
+        self.last = self._board.call(function, self.TASK, self.KNOWN, self.RESULT)
+        return DpiAnswer(memory.read(self.RESULT, RESULT.size))
