@@ -81,4 +81,7 @@ status_t command_fit_gyroscope(payload_reader_t *request, payload_writer_t *repl
 status_t command_set_gyroscope(payload_reader_t *request, payload_writer_t *reply);
 status_t command_get_gyroscope(payload_reader_t *request, payload_writer_t *reply);
 
+/* dpi_commands.c */
+status_t command_fit_dpi(payload_reader_t *request, payload_writer_t *reply);
+
 #endif

@@ -8,7 +8,7 @@
 #include "sensor_set.h"
 #include "sensors/sampler.h"
 
-#define POINT_BYTES 6u
+#define VECTOR_BYTES 6u
 #define UPLOAD_MAXIMUM 160u
 #define POINTS_REPLY_MAXIMUM 80u
 
@@ -72,12 +72,21 @@ status_t command_collect(payload_reader_t *request, payload_writer_t *reply)
     return STATUS_OK;
 }
 
+static void read_vector(payload_reader_t *request, int16_t vector[3])
+{
+    for (uint32_t axis = 0; axis < 3u; axis++) {
+        vector[axis] = read_i16(request);
+    }
+}
+
+/** Points of the magnetometer alone, or pairs: the length says which. */
 status_t command_upload(payload_reader_t *request, payload_writer_t *reply)
 {
-    static const int16_t no_accelerometer[3] = {0, 0, 0};
     const uint16_t first = read_u16(request);
     const uint8_t count = read_u8(request);
-    if (request->length - request->position != (size_t)count * POINT_BYTES) {
+    const size_t bytes = request->length - request->position;
+    const bool are_pairs = count != 0u && bytes == 2u * count * VECTOR_BYTES;
+    if (!are_pairs && bytes != count * VECTOR_BYTES) {
         return STATUS_BAD_LENGTH;
     }
     if (first != points_count() || count > UPLOAD_MAXIMUM) {
@@ -87,11 +96,13 @@ status_t command_upload(payload_reader_t *request, payload_writer_t *reply)
         return STATUS_BUFFER_FULL;
     }
     for (uint8_t i = 0; i < count; i++) {
-        int16_t point[3];
-        for (uint32_t axis = 0; axis < 3u; axis++) {
-            point[axis] = read_i16(request);
+        int16_t magnetometer[3];
+        int16_t accelerometer[3] = {0, 0, 0};
+        read_vector(request, magnetometer);
+        if (are_pairs) {
+            read_vector(request, accelerometer);
         }
-        (void)points_store(point, no_accelerometer); /* room was checked */
+        (void)points_store(magnetometer, accelerometer); /* room was checked */
     }
     write_u16(reply, points_count());
     return STATUS_OK;

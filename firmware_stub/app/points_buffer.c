@@ -47,6 +47,18 @@ magnetometer_points_t points_first(uint16_t count)
     return points;
 }
 
+dpi_pairs_t pairs_first(uint16_t count)
+{
+    dpi_pairs_t pairs = {
+        .magnetometer = (const int16_t(*)[3])buffer.magnetometer,
+        .accelerometer = (const int16_t(*)[3])buffer.accelerometer,
+        .count = count,
+    };
+    memcpy(pairs.minimum, buffer.minimum[count - 1u], sizeof pairs.minimum);
+    memcpy(pairs.maximum, buffer.maximum[count - 1u], sizeof pairs.maximum);
+    return pairs;
+}
+
 const int16_t *points_magnetometer(uint16_t index)
 {
     return buffer.magnetometer[index];

@@ -11,6 +11,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "calibration/dpi.h"
 #include "calibration/magnetometer_calibrator.h"
 
 #define POINTS_MAXIMUM 512u
@@ -24,6 +25,9 @@ bool points_store(const int16_t magnetometer[3], const int16_t accelerometer[3])
 
 /** The first `count` points and their range; `count` from 1 to points_count(). */
 magnetometer_points_t points_first(uint16_t count);
+
+/** The first `count` points with their accelerometer samples; `count` from 1 to points_count(). */
+dpi_pairs_t pairs_first(uint16_t count);
 
 /** Magnetometer part of a stored point. */
 const int16_t *points_magnetometer(uint16_t index);

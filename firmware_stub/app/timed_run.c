@@ -35,6 +35,30 @@ run_cost_t timed_run(magnetometer_calibrator_t calibrator, const magnetometer_po
     return cost;
 }
 
+static FAST_CODE void empty_work(const void *task, void *result)
+{
+    (void)task;
+    (void)result;
+}
+
+FAST_CODE __attribute__((noinline)) static uint32_t count_work_cycles(timed_work_t work, const void *task, void *result)
+{
+    const uint32_t mask = interrupts_mask();
+    const uint32_t before = cycle_counter_read();
+    work(task, result);
+    const uint32_t after = cycle_counter_read();
+    interrupts_restore(mask);
+    return after - before;
+}
+
+run_cost_t timed_work(timed_work_t work, const void *task, void *result)
+{
+    run_cost_t cost = {.overhead_cycles = count_work_cycles(empty_work, task, result)};
+    const uint32_t total = count_work_cycles(work, task, result);
+    cost.cycles = total - cost.overhead_cycles;
+    return cost;
+}
+
 FAST_CODE __attribute__((noinline)) static uint32_t
 count_step_cycles(stream_step_t step, void *state, const int16_t point[3], stream_status_t *status)
 {

@@ -218,11 +218,22 @@ FAST_CODE void dpi_from_pairs(const dpi_pairs_t *pairs, const dpi_known_t *known
     solve(&sums, known, result);
 }
 
+static FAST_CODE uint16_t poses_of_enough_readings(const dpi_poses_t *poses)
+{
+    uint16_t count = 0;
+    for (uint32_t index = 0; index < poses->count; index++) {
+        if (poses->poses[index].readings >= DPI_POSE_READINGS) {
+            count++;
+        }
+    }
+    return count;
+}
+
 FAST_CODE void dpi_from_poses(const dpi_poses_t *poses, const dpi_known_t *known, dpi_fit_t *result)
 {
     dpi_sums_t sums;
-    begin(poses->count, result);
-    if (poses->count < DPI_POSES_MINIMUM) {
+    begin(poses_of_enough_readings(poses), result);
+    if (result->used < DPI_POSES_MINIMUM || result->used < poses->count) {
         result->fit.status = FIT_TOO_FEW_POINTS;
         return;
     }

@@ -11,12 +11,14 @@
 #ifndef HILTEST_DPI_H
 #define HILTEST_DPI_H
 
+#include "accelerometer_calibration.h"
 #include "magnetometer_calibrator.h"
+#include "still_pose.h"
 
 /** Fewer are refused: of 100 single pairs, one set in a hundred makes a heading that errs by more than 2 degrees. */
 #define DPI_PAIRS_MINIMUM 300u
 #define DPI_POSES_MINIMUM 38u
-/** A still pose is the mean of at least so many readings. */
+/** Of every pose. */
 #define DPI_POSE_READINGS 16u
 
 /** Readings of both sensors, taken at the same instants [counts, body frame]. */
@@ -28,17 +30,15 @@ typedef struct {
     int16_t maximum[3];
 } dpi_pairs_t;
 
-/** Means of both sensors at still poses [counts, body frame]. */
+/** Means of both sensors at still poses. */
 typedef struct {
-    const float (*magnetometer)[3];
-    const float (*accelerometer)[3];
+    const still_pose_t *poses;
     uint16_t count;
 } dpi_poses_t;
 
 /** What is known before the fit. */
 typedef struct {
-    float gain[9];        /**< of the accelerometer, row-major [g/count]: `gravity_g = gain * (counts - offset)`, positive down */
-    float offset[3];      /**< of the accelerometer [counts] */
+    accelerometer_calibration_t accelerometer;
     float sine;           /**< of the dip, positive where the field points down; not looked at unless it is given */
     uint8_t dip_is_given; /**< 0: the dip is estimated */
 } dpi_known_t;
@@ -47,7 +47,7 @@ typedef struct {
 typedef struct {
     magnetometer_fit_t fit; /**< FIT_ELLIPSOID when there is one: soft_iron is no symmetric matrix. No iterations. Coverage: largest
                                  pivot that attitudes all round would have over the one there is, the last left out */
-    uint16_t used;          /**< rows of the least squares: all that were given */
+    uint16_t used;          /**< rows of the least squares: all, or none was fitted */
     float sine;             /**< of the dip, as the data have it; 0 without a solution */
     float standard_error;   /**< of one row's dot product, in parts of the field's strength; float32 adds up to
                                  0.001: read it where the dip is in question, not for the noise */
@@ -62,7 +62,7 @@ typedef struct {
  */
 void dpi_from_pairs(const dpi_pairs_t *pairs, const dpi_known_t *known, dpi_fit_t *result);
 
-/** The same from still poses, at least DPI_POSES_MINIMUM. */
+/** The same from still poses: at least DPI_POSES_MINIMUM, and none of fewer than DPI_POSE_READINGS; `used` counts those that have them. */
 void dpi_from_poses(const dpi_poses_t *poses, const dpi_known_t *known, dpi_fit_t *result);
 
 #endif

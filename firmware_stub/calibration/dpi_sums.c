@@ -25,8 +25,8 @@ INLINE row_t pair_at(const dpi_pairs_t *pairs, const int32_t anchor[3], uint32_t
 
 INLINE row_t pose_at(const dpi_poses_t *poses, const float anchor[3], uint32_t index)
 {
-    const float *const m = poses->magnetometer[index];
-    const float *const a = poses->accelerometer[index];
+    const float *const m = poses->poses[index].magnetometer;
+    const float *const a = poses->poses[index].accelerometer;
     return (row_t){.u = {m[0] - anchor[0], m[1] - anchor[1], m[2] - anchor[2]}, .a = {a[0], a[1], a[2]}};
 }
 
@@ -65,7 +65,7 @@ INLINE void add_row(dpi_block_t *diagonal, dpi_block_t *beside, float target[4],
 static FAST_CODE void gravity_at_zero(const dpi_known_t *known, float at_zero[3])
 {
     for (int axis = 0; axis < 3; axis++) {
-        at_zero[axis] = -component(&known->gain[3 * axis], 0.0f, known->offset);
+        at_zero[axis] = -component(&known->accelerometer.gain[3 * axis], 0.0f, known->accelerometer.offset);
     }
 }
 
@@ -82,7 +82,7 @@ static FAST_CODE void pass_over_pairs(const dpi_pairs_t *pairs, const dpi_known_
                                       const float at_zero[3], int i, dpi_sums_t *sums)
 {
     const int next = i == 2 ? 0 : i + 1;
-    const float *const first_row = &known->gain[3 * i], *const next_row = &known->gain[3 * next];
+    const float *const first_row = &known->accelerometer.gain[3 * i], *const next_row = &known->accelerometer.gain[3 * next];
     dpi_block_t diagonal = {0}, beside = {0};
     float target[4] = {0};
     for (uint32_t index = 0; index < pairs->count; index++) {
@@ -115,9 +115,9 @@ static FAST_CODE void anchor_of_poses(const dpi_poses_t *poses, dpi_sums_t *sums
 {
     float widest = 0.0f;
     for (int axis = 0; axis < 3; axis++) {
-        float low = poses->magnetometer[0][axis], high = low;
+        float low = poses->poses[0].magnetometer[axis], high = low;
         for (uint32_t index = 1; index < poses->count; index++) {
-            const float value = poses->magnetometer[index][axis];
+            const float value = poses->poses[index].magnetometer[axis];
             low = value < low ? value : low;
             high = value > high ? value : high;
         }
@@ -139,8 +139,8 @@ FAST_CODE void dpi_sum_poses(const dpi_poses_t *poses, const dpi_known_t *known,
         float target[4] = {0};
         for (uint32_t index = 0; index < poses->count; index++) {
             const row_t row = pose_at(poses, sums->anchor, index);
-            const float g = component(&known->gain[3 * i], at_zero[i], row.a);
-            const float h = component(&known->gain[3 * next], at_zero[next], row.a);
+            const float g = component(&known->accelerometer.gain[3 * i], at_zero[i], row.a);
+            const float h = component(&known->accelerometer.gain[3 * next], at_zero[next], row.a);
             add_row(&diagonal, &beside, target, g, h, row.u);
         }
         store(sums, i, &diagonal, &beside, target);

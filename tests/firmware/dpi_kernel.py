@@ -15,8 +15,9 @@ from hiltest.calibration import FitStatus, MagnetometerFit
 from hiltest.virtual.calling import CallResult
 from hiltest.virtual.k64f import VirtualK64F
 
-# dpi_known_t and dpi_fit_t, the same on both.
+# dpi_known_t, still_pose_t and dpi_fit_t, the same on both.
 KNOWN = struct.Struct("<9f3ffB3x")
+POSE = struct.Struct("<12fHBx")
 RESULT = struct.Struct("<BBH13fH2xff")
 NOMINAL_GAIN = np.eye(3) / 8192.0
 
@@ -49,8 +50,15 @@ class DpiKernel(Protocol):
 
     def poses(
         self, magnetometer: ArrayLike, accelerometer: ArrayLike, *, gain: ArrayLike = ..., offset: ArrayLike = ...,
-        dip_deg: float | None = None,
+        dip_deg: float | None = None, readings: int = ...,
     ) -> DpiAnswer: ...
+
+
+def _poses(magnetometer: ArrayLike, accelerometer: ArrayLike, readings: int) -> bytes:
+    """still_pose_t of each; of spreads and faces nothing is used."""
+    rows = np.column_stack([magnetometer, accelerometer]).tolist()
+    nothing = (math.nan,) * 3
+    return b"".join(POSE.pack(*row[:3], *nothing, *row[3:], *nothing, readings, 255) for row in rows)
 
 
 def _known(gain: ArrayLike, offset: ArrayLike, dip_deg: float | None) -> bytes:
@@ -73,9 +81,9 @@ class HostDpi:
         task = struct.pack("PP", *(each.ctypes.data for each in rows)) + _range(rows[0])
         return self._run("dpi_from_pairs", task, _known(gain, offset, dip_deg))
 
-    def poses(self, magnetometer, accelerometer, *, gain=NOMINAL_GAIN, offset=(0, 0, 0), dip_deg=None):  # type: ignore[no-untyped-def]
-        rows = [np.ascontiguousarray(each, dtype="<f4") for each in (magnetometer, accelerometer)]
-        task = struct.pack("PPH", *(each.ctypes.data for each in rows), len(rows[0]))
+    def poses(self, magnetometer, accelerometer, *, gain=NOMINAL_GAIN, offset=(0, 0, 0), dip_deg=None, readings=16):  # type: ignore[no-untyped-def]
+        poses = ctypes.create_string_buffer(_poses(magnetometer, accelerometer, readings))
+        task = struct.pack("PH", ctypes.addressof(poses), len(magnetometer))
         return self._run("dpi_from_poses", task, _known(gain, offset, dip_deg))
 
     def _run(self, function: str, task: bytes, known: bytes) -> DpiAnswer:
@@ -98,17 +106,20 @@ class BoardDpi:
 
     def pairs(self, magnetometer, accelerometer, *, gain=NOMINAL_GAIN, offset=(0, 0, 0), dip_deg=None):  # type: ignore[no-untyped-def]
         rows = [np.ascontiguousarray(each, dtype="<i2") for each in (magnetometer, accelerometer)]
-        return self._run("dpi_from_pairs", rows, _range(rows[0]), _known(gain, offset, dip_deg))
-
-    def poses(self, magnetometer, accelerometer, *, gain=NOMINAL_GAIN, offset=(0, 0, 0), dip_deg=None):  # type: ignore[no-untyped-def]
-        rows = [np.ascontiguousarray(each, dtype="<f4") for each in (magnetometer, accelerometer)]
-        return self._run("dpi_from_poses", rows, struct.pack("<H", len(rows[0])), _known(gain, offset, dip_deg))
-
-    def _run(self, function: str, rows: list[NDArray[np.generic]], rest: bytes, known: bytes) -> DpiAnswer:
         memory = self._board.processor.memory
         memory.write(self.MAGNETOMETER, rows[0].tobytes())
         memory.write(self.ACCELEROMETER, rows[1].tobytes())
-        memory.write(self.TASK, struct.pack("<II", self.MAGNETOMETER, self.ACCELEROMETER) + rest)
+        task = struct.pack("<II", self.MAGNETOMETER, self.ACCELEROMETER) + _range(rows[0])
+        return self._run("dpi_from_pairs", task, _known(gain, offset, dip_deg))
+
+    def poses(self, magnetometer, accelerometer, *, gain=NOMINAL_GAIN, offset=(0, 0, 0), dip_deg=None, readings=16):  # type: ignore[no-untyped-def]
+        self._board.processor.memory.write(self.MAGNETOMETER, _poses(magnetometer, accelerometer, readings))
+        task = struct.pack("<IH", self.MAGNETOMETER, len(magnetometer))
+        return self._run("dpi_from_poses", task, _known(gain, offset, dip_deg))
+
+    def _run(self, function: str, task: bytes, known: bytes) -> DpiAnswer:
+        memory = self._board.processor.memory
+        memory.write(self.TASK, task)
         memory.write(self.KNOWN, known)
         self.last = self._board.call(function, self.TASK, self.KNOWN, self.RESULT)
         return DpiAnswer(memory.read(self.RESULT, RESULT.size))

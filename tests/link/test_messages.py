@@ -16,6 +16,7 @@ from hiltest.calibration.still_pose import FACES, Face, StillPose
 from hiltest.errors import DeviceError, ProtocolError
 from hiltest.link import messages as m
 from hiltest.link.accelerometer import GetAccelerometer, SetAccelerometer
+from hiltest.link.dpi import FitDpi
 from hiltest.link.messages import CycleSource, FitStatus, SensorKind, Status
 from hiltest.link.poses import AddPose, ClearPoses, Poses, UploadPoses
 from hiltest.link.replies import RunCost, SlotHeading
@@ -32,7 +33,7 @@ REQUESTS: list[m.Request[object]] = [
     m.GetCalibration(1), m.ClearCalibration(1), m.Average(16, 0b111), m.LinkStatistics(), m.Reset(),
     StreamReset("s"), StreamFeed("s", 0, 1), StreamRemove("s", 0, 1), StreamState("s"),
     SetAccelerometer(1, np.eye(3), np.zeros(3)), GetAccelerometer(1), AddPose(1), Poses(0, 1), ClearPoses(),
-    UploadPoses(0, [POSE]),
+    UploadPoses(0, [POSE]), FitDpi(300, 1),
 ]  # fmt: skip
 
 
@@ -46,6 +47,7 @@ REQUESTS: list[m.Request[object]] = [
         (m.Read(2, 64, timeout_us=1_000_000), 0x05, "02 40 40420f00"),
         (m.Collect(300, timeout_us=65536), 0x06, "2c01 00000100"),
         (m.Upload(5, [(1, -1, 256), (-32768, 32767, 0)]), 0x07, "0500 02 0100 ffff 0001 0080 ff7f 0000"),
+        (m.Upload(1, [(1, -1, 256, 2, -2, 512)]), 0x07, "0100 01 0100 ffff 0001 0200 feff 0002"),
         (m.Points(258, 80), 0x08, "0201 50"),
         (m.ClearPoints(), 0x09, ""),
         (m.Calibrate(100, "direct"), 0x0A, "6400 0000 06 646972656374"),
@@ -264,6 +266,7 @@ def test_hostile_bytes_never_crash_a_parser(request_: m.Request[object], payload
         (m.Read(1, 65), "65 samples; the protocol takes 1 to 64"),
         (m.Collect(0), "0 points; the protocol takes 1 to 512"),
         (m.Upload(0, [(0, 0, 0)] * 161), "161 points"),
+        (m.Upload(0, [(0, 0, 0, 0, 0, 0)] * 81), "81 points"),
         (m.Upload(0, [(0, 40_000, 0)]), "40000 counts"),
         (m.Points(0, 81), "81 points"),
         (m.Average(513), "513 samples"),

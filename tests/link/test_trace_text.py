@@ -15,6 +15,7 @@ from hiltest.link import gyroscope as g
 from hiltest.link import messages as m
 from hiltest.link import streams
 from hiltest.link.accelerometer import GetAccelerometer, SetAccelerometer
+from hiltest.link.dpi import DpiSource, FitDpi
 from hiltest.link.framing import Frame, encode_frame
 from hiltest.link.poses import AddPose, ClearPoses, Poses, UploadPoses
 from hiltest.link.request import REPLY_BIT
@@ -36,6 +37,8 @@ REQUESTS: list[m.Request[Any]] = [
     UploadPoses(0, [POSE, replace(POSE, magnetometer_spread=None)]),
     g.GyroscopeRest(64, store=True, noise=4.0), g.IntegrateGyroscope(40), g.LogGyroscope(128, go_on=True),
     g.FitGyroscope([TURN]), g.SetGyroscope(np.arange(9).reshape(3, 3), [0.5, 0, -1]), g.GetGyroscope(),
+    m.Upload(0, [[1, -2, 3, 4, -5, 8192]]),
+    FitDpi(300, 2, dip_deg=-62.5), FitDpi(38, 15, source=DpiSource.POSES),
 ]  # fmt: skip
 
 

@@ -42,8 +42,8 @@ class DpiFit:
     dip_deg : float
         Inclination of the field, as the data have it, positive where it points down; NaN without a calibration.
     strength_counts : float
-        ``det(soft_iron)^(-1/3)``: the field's strength as the sensor shows it, if its soft iron has determinant 1;
-        NaN without a calibration.
+        ``det(soft_iron)^(-1/3)``, with the scale that gives norm 1: the field's strength as the sensor shows it, if
+        its soft iron has determinant 1; NaN without a calibration.
     standard_error : float
         Of the dot product of one row, in parts of the field's strength; NaN when there is none.
     """
@@ -159,6 +159,6 @@ def _calibration(
         return DpiFit(no_fit(status, coverage=coverage), n, dip, math.nan, standard_error)
     soft_iron: Array = gain * (wanted / explained) / unit
     hard_iron: Array = anchor - unit * np.linalg.solve(gain, constant)
-    strength = float(np.linalg.det(soft_iron)) ** (-1.0 / 3.0)
+    strength = float(np.linalg.det(soft_iron * sine / wanted)) ** (-1.0 / 3.0)
     calibration = MagnetometerFit(status, False, 0, soft_iron, hard_iron, coverage)
     return DpiFit(calibration, n, dip, strength, standard_error)

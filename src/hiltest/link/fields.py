@@ -87,19 +87,22 @@ class FieldReader:
         raw = self._take(2 * rows * columns, field)
         return _read_only(np.frombuffer(raw, dtype="<i2").astype(np.int16).reshape(rows, columns))
 
+    @property
+    def left(self) -> int:
+        """Bytes that nobody has read yet."""
+        return len(self._data) - self._offset
+
     def end(self) -> None:
         """Insist that nothing is left."""
-        left = len(self._data) - self._offset
-        if left:
-            raise self._error("end", self._offset, f"{left} bytes too many")
+        if self.left:
+            raise self._error("end", self._offset, f"{self.left} bytes too many")
 
     def _unpack(self, form: str, field: str) -> tuple[float, ...]:
         return struct.unpack(form, self._take(struct.calcsize(form), field))
 
     def _take(self, count: int, field: str) -> bytes:
-        left = len(self._data) - self._offset
-        if left < count:
-            raise self._error(field, self._offset, f"needs {count} bytes, {left} are left")
+        if self.left < count:
+            raise self._error(field, self._offset, f"needs {count} bytes, {self.left} are left")
         self._offset += count
         return self._data[self._offset - count : self._offset]
 

@@ -58,6 +58,7 @@ __all__ = [
 
 PROTOCOL_VERSION = 3
 MAX_UPLOAD = 160
+MAX_UPLOAD_PAIRS = 80
 MAX_POINTS_READ = 80
 MAX_READ = 64
 MAX_COLLECT = 512
@@ -146,7 +147,10 @@ class Collect(Timed, Request[CollectReply]):
 
 @dataclass(frozen=True)
 class Upload(Request[int]):
-    """Add points from the host; `first` is the number stored so far. Answers the number stored."""
+    """Add points from the host; `first` is the number stored so far. Answers the number stored.
+
+    A row is x, y, z of the magnetometer, or pairs: those and x, y, z of the accelerometer.
+    """
 
     code = 0x07
     command = "UPLOAD"
@@ -155,7 +159,7 @@ class Upload(Request[int]):
 
     def payload(self) -> bytes:
         rows = np.asarray(self.points)
-        within(len(rows), 1, MAX_UPLOAD, "points")
+        within(len(rows), 1, MAX_UPLOAD if rows.shape[1:] == (3,) else MAX_UPLOAD_PAIRS, "points")
         within(int(rows.min()), -0x8000, 0x7FFF, "counts")
         within(int(rows.max()), -0x8000, 0x7FFF, "counts")
         return struct.pack("<HB", self.first, len(rows)) + rows.astype("<i2").tobytes()

@@ -10,7 +10,7 @@ import numpy as np
 from hiltest.calibration.gyroscope import GyroscopeTurn
 from hiltest.calibration.still_pose import Face
 from hiltest.errors import ProtocolError
-from hiltest.link import accelerometer, gyroscope, poses, streams
+from hiltest.link import accelerometer, dpi, gyroscope, poses, streams
 from hiltest.link import messages as m
 from hiltest.link.fields import FieldReader
 from hiltest.link.framing import Frame
@@ -19,8 +19,9 @@ _Read = Callable[[FieldReader], m.Request[Any]]
 
 
 def _upload(fields: FieldReader) -> m.Upload:
-    first = fields.number("H", "first")
-    return m.Upload(first, fields.counts(fields.number("B", "points"), "points").tolist())
+    first, count = fields.number("H", "first"), fields.number("B", "points")
+    columns = 6 if count and fields.left == 12 * count else 3
+    return m.Upload(first, fields.counts(count, "points", columns=columns).tolist())
 
 
 def _calibrate(fields: FieldReader) -> m.Calibrate:
@@ -90,6 +91,13 @@ def _upload_poses(fields: FieldReader) -> poses.UploadPoses:
     return poses.UploadPoses(first, [poses.read_pose(fields) for _ in range(count)])
 
 
+def _fit_dpi(fields: FieldReader) -> dpi.FitDpi:
+    source, n = fields.choice(dpi.DpiSource, "source"), fields.number("H", "n")
+    slot, given = fields.number("B", "slot"), fields.flag("dip given")
+    dip_deg = fields.real("dip")
+    return dpi.FitDpi(n, slot, source=source, dip_deg=dip_deg if given else None)
+
+
 def _stream_reset(fields: FieldReader) -> streams.StreamReset:
     sliced = fields.flag("sliced")
     return streams.StreamReset(fields.text("stream"), sliced)
@@ -126,6 +134,7 @@ _READERS: Mapping[type[m.Request[Any]], _Read] = {
     poses.Poses: lambda fields: poses.Poses(fields.number("B", "first"), fields.number("B", "poses")),
     poses.ClearPoses: lambda _: poses.ClearPoses(),
     poses.UploadPoses: _upload_poses,
+    dpi.FitDpi: _fit_dpi,
     streams.StreamReset: _stream_reset,
     streams.StreamFeed: _steps(streams.StreamFeed),
     streams.StreamRemove: _steps(streams.StreamRemove),

@@ -1,0 +1,103 @@
+"""FIT_DPI, the magnetometer against gravity: what the host asks, and what it is answered."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+from hiltest.calibration.fit import FitStatus
+from hiltest.link.fields import FieldReader
+from hiltest.link.replies import CalibrationReply, RunCost, Status
+from hiltest.link.request import Request, within
+
+__all__ = ["DpiReply", "DpiSource", "FitDpi"]
+
+
+class DpiSource(IntEnum):
+    """What is fitted; the values are those of the protocol."""
+
+    PAIRS = 0
+    POSES = 1
+
+
+@dataclass(frozen=True, slots=True)
+class DpiReply:
+    """A calibration against gravity, and what it rests on.
+
+    Attributes
+    ----------
+    fit : FitStatus
+    calibration : CalibrationReply
+    coverage : float
+        Largest pivot that attitudes all round would have over the one there is.
+    n_used : int
+        Rows of the least squares.
+    dip_deg, strength_counts, standard_error : float or None
+        As the data have them; None where they say nothing.
+    cost : RunCost or None
+        None when the core counts no cycles.
+    """
+
+    fit: FitStatus
+    calibration: CalibrationReply
+    coverage: float
+    n_used: int
+    dip_deg: float | None
+    strength_counts: float | None
+    standard_error: float | None
+    cost: RunCost | None
+
+    @classmethod
+    def parse(cls, fields: FieldReader) -> DpiReply:
+        """Read the reply."""
+        fit = fields.choice(FitStatus, "fit status")
+        fields.number("B", "flags")
+        fields.number("H", "iterations")
+        return cls(
+            fit, CalibrationReply.parse(fields), fields.real("coverage"), fields.number("H", "used"),
+            _real_if_any(fields, "dip"), _real_if_any(fields, "strength"), _real_if_any(fields, "standard error"),
+            RunCost.parse(fields),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class FitDpi(Request[DpiReply]):
+    """Calibrate by the dot product with gravity, of the accelerometer as a slot has it calibrated.
+
+    Attributes
+    ----------
+    n : int
+        The first so many points, or poses.
+    slot : int
+        Whose accelerometer calibration is used.
+    dip_deg : float, optional
+        Inclination of the field, positive where it points down; without it, it is estimated.
+    """
+
+    code = 0x1D
+    command = "FIT_DPI"
+    answered_with = frozenset({Status.OK, Status.NO_CYCLE_COUNTER})
+    n: int
+    slot: int
+    source: DpiSource = field(default=DpiSource.PAIRS, kw_only=True)
+    dip_deg: float | None = field(default=None, kw_only=True)
+
+    def payload(self) -> bytes:
+        given = self.dip_deg is not None
+        return struct.pack(
+            "<BHBBf", self.source, within(self.n, 1, 0xFFFF, "rows"), self.slot, given, self.dip_deg if given else 0.0
+        )
+
+    def parse(self, fields: FieldReader) -> DpiReply:
+        return DpiReply.parse(fields)
+
+    @property
+    def board_time_s(self) -> float:
+        """Room for 120 million cycles [s]."""
+        return 1.0
+
+
+def _real_if_any(fields: FieldReader, name: str) -> float | None:
+    values = fields.reals_if_any(1, name)
+    return None if values is None else float(values[0])
