@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import select
+import signal
+import subprocess
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import pytest
 
@@ -14,6 +20,73 @@ from hiltest.boards.lines import PseudoTerminal
 from hiltest.boards.paced import PacedBench
 from hiltest.rig import Rig
 from hiltest.rig_file import load_rig
+
+# It takes some 10 s; nothing may wait for ever.
+WALL_LIMIT_S = 90.0
+CTRL_C = "\x03"
+
+# The default bench as its operator would describe it: another kind of board, and no world.
+OPERATORS = {
+    'kind = "virtual"': 'kind = "real"',
+    'kind = "simulated"': 'kind = "operator"',
+    "headings_deg = [0, 30, 60, 90, 120, 150, 180, 210, 240, 270, 300, 330]": "headings_deg = [0, 90, 180, 270]",
+    "tumble_points = 300": "tumble_points = 100",
+    # The paced board's own table turns it all round in this time.
+    "uncertainty_deg = 0.1": "uncertainty_deg = 0.1\ntumble_s = 2.0",
+    # That limit is of sixty poses; the rms of four, with another noise in every run, scatters up to their maximum.
+    '"heading.direct.rms" = { max = 0.75': '"heading.direct.rms" = { max = 1.8',
+}
+
+
+@pytest.fixture
+def operators_rig_file(tmp_path: Path) -> Path:
+    """A rig file whose board somebody turns."""
+    text = (shipped() / "rigs" / "virtual-k64f.toml").read_text(encoding="utf-8")
+    for old, new in OPERATORS.items():
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    before, rest = text.split("\n[world]\n")
+    path = tmp_path / "operator.toml"
+    path.write_text(before + "\n" + rest[rest.index("\n[limits]\n") :], encoding="utf-8")
+    return path
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A command that ran at a terminal."""
+
+    code: int
+    shown: str
+
+
+@pytest.fixture
+def at_a_terminal() -> Callable[..., Ended]:
+    """Return a function that runs a command at a pseudo-terminal and answers each question that it asks."""
+
+    def run(command: list[str], folder: Path, answer: Callable[[str], str]) -> Ended:
+        terminal = PseudoTerminal()
+        far_end = os.open(terminal.path, os.O_RDWR)
+        process = subprocess.Popen(command, stdin=far_end, stdout=far_end, stderr=far_end, cwd=folder)
+        shown, answered, ends_s = "", 0, time.monotonic() + WALL_LIMIT_S
+        while process.poll() is None and time.monotonic() < ends_s:
+            if select.select([terminal.board_end], [], [], 0.1)[0]:
+                shown += os.read(terminal.board_end, 4096).decode()
+            question = shown[answered:]
+            if question.endswith(": ") and "Enter" in question:
+                answered = len(shown)
+                if (typed := answer(question)) == CTRL_C:
+                    process.send_signal(signal.SIGINT)
+                else:
+                    os.write(terminal.board_end, typed.encode())
+        process.kill()
+        process.wait()
+        while select.select([terminal.board_end], [], [], 0.1)[0]:
+            shown += os.read(terminal.board_end, 4096).decode()
+        os.close(far_end)
+        terminal.unplug()
+        return Ended(process.returncode, shown)
+
+    return run
 
 
 @pytest.fixture(scope="session")
