@@ -20,6 +20,7 @@ INDIRECT_CALLS = {
     "command_reset_stream": ["*_stream_reset"],
     "count_function_cycles": ["empty_function", "fit_*"],
     "for_each_sample": ["take_*"],
+    "command_fit_accelerometer": ["accelerometer_*_residual_mg"],
     "read_burst": ["axes_*"],
     "sensor_fifo_read": ["axes_*"],
     "wait_briefly": ["is_idle", "never", "bytes_wait", "all_handed_over"],

@@ -55,6 +55,7 @@ status_t command_clear_calibration(payload_reader_t *request, payload_writer_t *
 /* accelerometer_commands.c */
 status_t command_set_accelerometer(payload_reader_t *request, payload_writer_t *reply);
 status_t command_get_accelerometer(payload_reader_t *request, payload_writer_t *reply);
+status_t command_fit_accelerometer(payload_reader_t *request, payload_writer_t *reply);
 
 /* pose_commands.c */
 status_t command_add_pose(payload_reader_t *request, payload_writer_t *reply);

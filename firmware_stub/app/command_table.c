@@ -29,6 +29,7 @@ static const command_t commands[] = {
     {0x19, command_poses, 2, 2},
     {0x1A, command_clear_poses, 0, 0},
     {0x1B, command_upload_poses, 2, 2 + 20 * 51},
+    {0x1C, command_fit_accelerometer, 2, 2 + 255},
     {0x1D, command_fit_dpi, 9, 9},
     {0x1E, command_integrate_gyroscope, 6, 6},
     {0x1F, command_fit_gyroscope, 1, 1 + 8 * 58},

@@ -1,9 +1,8 @@
 #include "accelerometer_calibration.h"
 
-#define G_PER_COUNT (1.0f / 8192.0f)
-
 const accelerometer_calibration_t accelerometer_nominal = {
-    .gain = {G_PER_COUNT, 0.0f, 0.0f, 0.0f, G_PER_COUNT, 0.0f, 0.0f, 0.0f, G_PER_COUNT},
+    .gain = {ACCELEROMETER_G_PER_COUNT, 0.0f, 0.0f, 0.0f, ACCELEROMETER_G_PER_COUNT, 0.0f, 0.0f, 0.0f,
+             ACCELEROMETER_G_PER_COUNT},
 };
 
 void accelerometer_apply(const accelerometer_calibration_t *calibration, const float counts[3], float gravity_g[3])

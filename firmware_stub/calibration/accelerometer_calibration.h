@@ -11,7 +11,10 @@ typedef struct {
     float offset[3]; /**< [counts] */
 } accelerometer_calibration_t;
 
-/** What the part is by its data sheet: 8192 counts are 1 g, no offset. */
+/** By the data sheet, at 4 g full scale. */
+#define ACCELEROMETER_G_PER_COUNT (1.0f / 8192.0f)
+
+/** What the part is by its data sheet: no offset, no gain error. */
 extern const accelerometer_calibration_t accelerometer_nominal;
 
 /** Apply a calibration to counts; `gravity_g` gets the corrected gravity, of norm 1 while the board is still. */

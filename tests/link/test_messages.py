@@ -12,10 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hiltest.angles import Pose
+from hiltest.calibration.accelerometer import AccelerometerStatus
 from hiltest.calibration.still_pose import FACES, Face, StillPose
 from hiltest.errors import DeviceError, ProtocolError
 from hiltest.link import messages as m
-from hiltest.link.accelerometer import GetAccelerometer, SetAccelerometer
+from hiltest.link.accelerometer import FitAccelerometer, GetAccelerometer, SetAccelerometer
 from hiltest.link.dpi import FitDpi
 from hiltest.link.messages import CycleSource, FitStatus, SensorKind, Status
 from hiltest.link.poses import AddPose, ClearPoses, Poses, UploadPoses
@@ -33,7 +34,7 @@ REQUESTS: list[m.Request[object]] = [
     m.GetCalibration(1), m.ClearCalibration(1), m.Average(16, 0b111), m.LinkStatistics(), m.Reset(),
     StreamReset("s"), StreamFeed("s", 0, 1), StreamRemove("s", 0, 1), StreamState("s"),
     SetAccelerometer(1, np.eye(3), np.zeros(3)), GetAccelerometer(1), AddPose(1), Poses(0, 1), ClearPoses(),
-    UploadPoses(0, [POSE]), FitDpi(300, 1),
+    UploadPoses(0, [POSE]), FitAccelerometer(6, "six-position"), FitDpi(300, 1),
 ]  # fmt: skip
 
 
@@ -62,6 +63,7 @@ REQUESTS: list[m.Request[object]] = [
         (StreamRemove("ab", 3, 1), 0x14, "0300 01 02 6162"),
         (StreamState("ab"), 0x15, "02 6162"),
         (GetAccelerometer(15), 0x17, "0f"),
+        (FitAccelerometer(6, "ellipsoid"), 0x1C, "06 09 656c6c6970736f6964"),
         (AddPose(512, Face.PLUS_Z, timeout_us=3), 0x18, "0002 03000000 04"),
         (AddPose(1, timeout_us=3), 0x18, "0100 03000000 ff"),
         (Poses(3, 20), 0x19, "03 14"),
@@ -107,6 +109,18 @@ def test_a_pose_comes_back_as_it_was_sent() -> None:
     assert (second.readings, second.face) == (16, Face.MINUS_X)
     with pytest.raises(ProtocolError, match="face at byte 2 of 104: 6 is no Face"):
         decode_reply(Poses(0, 20), b"\x00\x02\x06" + payload[3:])
+
+
+def test_a_fit_of_an_accelerometer_names_the_faces_at_fault() -> None:
+    numbers = [float(k) for k in range(12)]
+    data = struct.pack("<B3B13fII", 0, AccelerometerStatus.MISPLACED_FACE, 0b100010, 255, *numbers, 0.5, 900, 30)
+    found = decode_reply(FitAccelerometer(6, "six-position"), data)
+    assert found.solution.status is AccelerometerStatus.MISPLACED_FACE
+    assert found.solution.faces == (Face.MINUS_X, Face.MINUS_Z)
+    assert found.solution.pose is None
+    assert found.solution.fit.gain.ravel().tolist() == numbers[:9]
+    assert found.solution.fit.offset.tolist() == numbers[9:]
+    assert (found.solution.residual_mg, found.cost) == (0.5, RunCost(900, 30))
 
 
 def test_a_face_reads_gravity_on_the_axis_that_is_down() -> None:

@@ -14,7 +14,7 @@ from hiltest.calibration.still_pose import Face, StillPose
 from hiltest.link import gyroscope as g
 from hiltest.link import messages as m
 from hiltest.link import streams
-from hiltest.link.accelerometer import GetAccelerometer, SetAccelerometer
+from hiltest.link.accelerometer import FitAccelerometer, GetAccelerometer, SetAccelerometer
 from hiltest.link.dpi import DpiSource, FitDpi
 from hiltest.link.framing import Frame, encode_frame
 from hiltest.link.poses import AddPose, ClearPoses, Poses, UploadPoses
@@ -33,7 +33,7 @@ REQUESTS: list[m.Request[Any]] = [
     m.LinkStatistics(), m.Reset(), streams.StreamReset("direct-stream", sliced=True),
     streams.StreamFeed("direct-stream", 9, 80), streams.StreamRemove("direct-stream", 0, 1),
     streams.StreamState("iterative-stream"), SetAccelerometer(15, np.eye(3) / 8192, [1, -2, 0.5]), GetAccelerometer(3),
-    AddPose(64, Face.MINUS_Y), Poses(3, 20), ClearPoses(),
+    FitAccelerometer(6, "six-position"),     AddPose(64, Face.MINUS_Y), Poses(3, 20), ClearPoses(),
     UploadPoses(0, [POSE, replace(POSE, magnetometer_spread=None)]),
     g.GyroscopeRest(64, store=True, noise=4.0), g.IntegrateGyroscope(40), g.LogGyroscope(128, go_on=True),
     g.FitGyroscope([TURN]), g.SetGyroscope(np.arange(9).reshape(3, 3), [0.5, 0, -1]), g.GetGyroscope(),

@@ -1,18 +1,23 @@
-"""The accelerometer calibration of a slot: what the host asks, and what it is answered."""
+"""Accelerometer calibrations, of a slot and fitted to poses: what the host asks, and what it is answered."""
 
 from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hiltest.calibration.accelerometer import AccelerometerFit
+from hiltest.calibration.accelerometer import AccelerometerFit, AccelerometerSolution, AccelerometerStatus
+from hiltest.calibration.still_pose import FACES
 from hiltest.link.fields import FieldReader
-from hiltest.link.request import Plain, Request
+from hiltest.link.replies import RunCost, Status
+from hiltest.link.request import Plain, Request, name_field, within
 
-__all__ = ["GetAccelerometer", "SetAccelerometer"]
+__all__ = ["FitAccelerometer", "FitAccelerometerReply", "GetAccelerometer", "SetAccelerometer"]
+
+_NO_POSE = 255
 
 
 @dataclass(frozen=True)
@@ -44,6 +49,44 @@ class GetAccelerometer(Request[AccelerometerFit]):
 
     def parse(self, fields: FieldReader) -> AccelerometerFit:
         return read_accelerometer(fields)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FitAccelerometerReply:
+    """What a fit found and what it cost; no cost when the core counts no cycles."""
+
+    solution: AccelerometerSolution
+    cost: RunCost | None
+
+    @classmethod
+    def parse(cls, fields: FieldReader) -> FitAccelerometerReply:
+        """Read the reply."""
+        status = fields.choice(AccelerometerStatus, "fit status")
+        mask, pose = fields.number("B", "faces"), fields.number("B", "pose")
+        faces = tuple(face for face in FACES if mask >> face & 1)
+        fit = read_accelerometer(fields)
+        solution = AccelerometerSolution(
+            status, faces, None if pose == _NO_POSE else pose, fit, fields.real("residual")
+        )
+        return cls(solution, RunCost.parse(fields))
+
+
+@dataclass(frozen=True)
+class FitAccelerometer(Request[FitAccelerometerReply]):
+    """Fit an accelerometer calibration to the first n poses, counting cycles; it is put into no slot."""
+
+    code = 0x1C
+    command = "FIT_ACCELEROMETER"
+    # Without a counter the fit is as good, and its cost is None.
+    answered_with: ClassVar[frozenset[Status]] = frozenset({Status.OK, Status.NO_CYCLE_COUNTER})
+    n: int
+    method: str
+
+    def payload(self) -> bytes:
+        return struct.pack("<B", within(self.n, 0, 0xFF, "poses")) + name_field(self.method)
+
+    def parse(self, fields: FieldReader) -> FitAccelerometerReply:
+        return FitAccelerometerReply.parse(fields)
 
 
 def read_accelerometer(fields: FieldReader) -> AccelerometerFit:

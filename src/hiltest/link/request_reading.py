@@ -81,6 +81,11 @@ def _set_accelerometer(fields: FieldReader) -> accelerometer.SetAccelerometer:
     return accelerometer.SetAccelerometer(slot, fields.reals(9, "gain").reshape(3, 3), fields.reals(3, "offset"))
 
 
+def _fit_accelerometer(fields: FieldReader) -> accelerometer.FitAccelerometer:
+    n = fields.number("B", "n")
+    return accelerometer.FitAccelerometer(n, fields.text("method"))
+
+
 def _add_pose(fields: FieldReader) -> poses.AddPose:
     n, timeout_us = fields.number("H", "n"), fields.number("I", "timeout")
     return poses.AddPose(n, fields.choice(Face, "face"), timeout_us=timeout_us)
@@ -130,6 +135,7 @@ _READERS: Mapping[type[m.Request[Any]], _Read] = {
     m.Reset: lambda _: m.Reset(),
     accelerometer.SetAccelerometer: _set_accelerometer,
     accelerometer.GetAccelerometer: lambda fields: accelerometer.GetAccelerometer(fields.number("B", "slot")),
+    accelerometer.FitAccelerometer: _fit_accelerometer,
     poses.AddPose: _add_pose,
     poses.Poses: lambda fields: poses.Poses(fields.number("B", "first"), fields.number("B", "poses")),
     poses.ClearPoses: lambda _: poses.ClearPoses(),
