@@ -90,7 +90,7 @@ def fits(request: pytest.FixtureRequest) -> Fits:
 
 
 def drawn(seed: int, directions: np.ndarray, faces: Sequence[Face]) -> list[StillPose]:
-    """What an untrimmed part reads: gains to 5 %, axes askew, offsets to 60 mg, noise of 64 readings, places to 2 deg."""
+    """What an untrimmed part reads: gains to 5 %, skew, offsets to 60 mg, noise of 64 readings, places to 2 deg."""
     rng = np.random.default_rng(seed)
     part = np.eye(3) + rng.uniform(-0.05, 0.05, (3, 3)) * (np.eye(3) + 0.4)
     gravity_g = directions + rng.normal(0.0, 0.01, directions.shape)
