@@ -62,12 +62,14 @@ def test_an_ellipsoid_along_the_axes_is_found_as_derived_by_hand() -> None:
         assert np.allclose(fit.corrected(points), unit, atol=EXACT)
 
 
+@pytest.mark.parametrize("name", ["direct", "corrected"])
 @pytest.mark.parametrize("cloud", CLOUDS, ids=lambda path: path.stem)
-def test_direct_matches_exact_arithmetic(cloud: Path) -> None:
+def test_closed_forms_match_exact_arithmetic(name: str, cloud: Path) -> None:
     golden = json.loads(cloud.read_text())
-    fit, wanted = fit_direct(golden["points"]), golden["direct"]
+    fit, wanted = reference(name)(golden["points"]), golden[name]
     assert fit.status.name == wanted["status"]
     assert fit.is_sphere == wanted["is_sphere"]
+    assert fit.iterations == wanted.get("iterations", 0)
     soft_iron = np.array(wanted["soft_iron"]).reshape(3, 3)
     assert np.allclose(fit.soft_iron, soft_iron, rtol=0, atol=EXACT * soft_iron.max())
     assert np.allclose(fit.hard_iron, wanted["hard_iron"], rtol=0, atol=EXACT / soft_iron[0, 0])
@@ -146,5 +148,5 @@ def test_what_is_not_a_list_of_points_is_an_error(points: list[tuple[float, ...]
 
 
 def test_an_unknown_calibrator_names_the_known_ones() -> None:
-    with pytest.raises(ConfigError, match="direct, iterative"):
+    with pytest.raises(ConfigError, match="corrected, direct, iterative"):
         reference("magic")

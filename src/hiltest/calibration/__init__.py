@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from hiltest.calibration.corrected import fit_corrected
 from hiltest.calibration.direct import fit_direct
 from hiltest.calibration.direct_stream import DirectStream
 from hiltest.calibration.fit import Calibrator, FitStatus, MagnetometerFit
@@ -18,6 +19,7 @@ __all__ = [
     "STREAM_REFERENCES",
     "FitStatus",
     "MagnetometerFit",
+    "fit_corrected",
     "fit_direct",
     "fit_iterative",
     "fit_sphere",
@@ -25,7 +27,7 @@ __all__ = [
 ]
 
 # By the firmware's names.
-REFERENCES: dict[str, Calibrator] = {"direct": fit_direct, "iterative": fit_iterative}
+REFERENCES: dict[str, Calibrator] = {"direct": fit_direct, "corrected": fit_corrected, "iterative": fit_iterative}
 STREAM_REFERENCES: dict[str, Callable[[], StreamCalibrator]] = {
     "direct-stream": DirectStream,
     "iterative-stream": IterativeStream,

@@ -1,0 +1,187 @@
+"""`corrected`: the fit of `direct` with the bias of noise taken out (adjusted least squares), in float64.
+
+Notes
+-----
+Noise in the points is noise in the rows of the equations too, so least squares of a quadric is biased: its ellipsoid
+shrinks, and where part of the sphere is missing it also leans. Adjusted least squares (Kukush, Markovsky and Van
+Huffel, Consistent estimation in an implicit quadratic measurement error model, 2004) replaces each sum of a monomial
+by one whose expectation is the sum over the true points. For ``x = x0 + n``, n normal with variance s, these are the
+Hermite polynomials of variance s::
+
+    [1] = 1    [x] = x    [x^2] = x^2 - s    [x^3] = x^3 - 3 s x    [x^4] = x^4 - 6 s x^2 + 3 s^2
+
+and with independent noise on the axes ``[x^i y^j z^k] = [x^i] [y^j] [z^k]``. All are linear in the 34 moments, so the
+correction costs nothing per point.
+
+s itself is unknown. Over the true points the smallest sum of squares of ``D(p) = p' A p + g . p + j``, ``tr A = 1``,
+is zero: s is the root of ``J(s) = min over (A, g, j) of [sum D^2]``. Since ``d[m]/ds = -1/2 [laplacian m]``, and D's
+laplacian is 2 and [sum D] zero at the minimum, ``J'(s) = -[sum |grad D|^2]``, and Newton's step from the quadric
+fitted at s is::
+
+    s <- s + [sum D^2] / [sum |grad D|^2],    |grad D|^2 = 4 p' A^2 p + 4 g' A p + |g|^2
+
+From s = 0, the fit of `direct`, the first step is the mean square of the algebraic distance over that of its slope.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hiltest.calibration.direct import fit_direct
+from hiltest.calibration.fit import (
+    COVERAGE_SINGULAR,
+    Array,
+    FitStatus,
+    MagnetometerFit,
+    half_range,
+    mid_range,
+    points_array,
+)
+from hiltest.calibration.normal_equations import largest_pivot_ratio
+from hiltest.calibration.quadric import Quadric, calibration_from_quadric, quadric_from_coefficients
+
+# Simulated at 2.5 uT and 1000 points: median error 1.03 degrees without a step, 0.496 after one, 0.489 after two,
+# and the same after any more.
+NEWTON_STEPS = 2
+# With fewer points the fit's variance outweighs the bias that it is rid of.
+FEWEST_POINTS = 50
+# Of the noise in calibrated readings, rms of an axis, against their norm of 1. Beyond, likewise.
+LARGEST_NOISE = 0.1
+# A variance that leaves no ellipsoid is too large. What these shrink it to together, 6 %, would correct nothing.
+SHRINK = 0.7
+SHRINKS = 8
+
+# Exponents of x, y, z in the monomials of a quadric, in the order of `quadric_from_coefficients`.
+_EXPONENTS = np.array(
+    [(2, 0, 0), (0, 2, 0), (0, 0, 2), (1, 1, 0), (1, 0, 1), (0, 1, 1), (1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 0)]
+)
+_PRODUCTS = tuple(np.moveaxis(_EXPONENTS[:, None] + _EXPONENTS, -1, 0))
+# From the monomials to the rows of `direct`, (x^2 - z^2, y^2 - z^2, xy, xz, yz, x, y, z, 1), and z^2 behind them.
+_UNIT_TRACE = np.eye(10)[[0, 1, 3, 4, 5, 6, 7, 8, 9, 2]] - np.outer([1, 1, *[0] * 8], np.eye(10)[2])
+
+
+def fit_corrected(points_counts: ArrayLike) -> MagnetometerFit:
+    """Fit the quadric of unit trace without the bias that noise makes, and calibrate by it.
+
+    Parameters
+    ----------
+    points_counts : array_like, shape (n, 3)
+        Raw points [counts], body frame, with noise of one variance on all axes.
+
+    Returns
+    -------
+    MagnetometerFit
+        With `iterations` Newton steps on the noise's variance. With 0 it is the fit of `direct`: where that has no
+        ellipsoid, for fewer than 50 points, for noise of a tenth of the field or more, and where no ellipsoid is
+        left of the corrected sums. Its coverage is that of `direct` always.
+    """
+    direct = fit_direct(points_counts)
+    points = points_array(points_counts)
+    if direct.status is not FitStatus.ELLIPSOID or len(points) < FEWEST_POINTS:
+        return direct
+    adjusted = _newton(points)
+    if adjusted is None or not adjusted.relative_noise < LARGEST_NOISE:
+        return direct
+    unit = half_range(points)
+    hard_iron: Array = mid_range(points) + unit * adjusted.centre
+    return MagnetometerFit(
+        FitStatus.ELLIPSOID, False, NEWTON_STEPS, adjusted.soft_iron / unit, hard_iron, direct.coverage
+    )
+
+
+def estimated_noise(points_counts: ArrayLike) -> float | None:
+    """Return the standard deviation of the points' noise on each axis, as the Newton steps find it [counts].
+
+    Parameters
+    ----------
+    points_counts : array_like, shape (n, 3)
+        Raw points [counts], body frame.
+
+    Returns
+    -------
+    float or None
+        None where no ellipsoid can be fitted. At 2.5 uT and half of the sphere or more in the median
+        0.94 of the true one for 100 points, 0.994 for 1000.
+    """
+    points = points_array(points_counts)
+    if fit_direct(points).status is not FitStatus.ELLIPSOID:
+        return None
+    adjusted = _newton(points)
+    return None if adjusted is None else half_range(points) * math.sqrt(adjusted.variance)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Adjusted:
+    """The calibration that a variance of the noise leads to, and Newton's step from there; in half ranges."""
+
+    variance: float
+    newton_step: float
+    soft_iron: Array
+    centre: Array
+
+    @property
+    def relative_noise(self) -> float:
+        """Of calibrated readings, rms of an axis [1]."""
+        return math.sqrt(self.variance * float((self.soft_iron**2).sum()) / 3.0)
+
+
+def _newton(points: Array) -> _Adjusted | None:
+    """Take the Newton steps from no noise; None when no ellipsoid is left on the way."""
+    sums = _power_sums((points - mid_range(points)) / half_range(points))
+    adjusted = _solve(sums, 0.0)
+    for _ in range(NEWTON_STEPS):
+        if adjusted is not None:
+            adjusted = _largest_ellipsoid(sums, max(0.0, adjusted.variance + adjusted.newton_step))
+    return adjusted
+
+
+def _power_sums(points: Array) -> Array:
+    """Return the sums of ``x^i y^j z^k`` at [i, j, k], shape (5, 5, 5)."""
+    x, y, z = (points.T[:, :, None] ** np.arange(5)).astype(np.float64)
+    sums: Array = np.einsum("ni,nj,nk->ijk", x, y, z, optimize=True)
+    return sums
+
+
+def _without_noise(sums: Array, variance: float) -> Array:
+    """Return power sums as they are expected without noise: those of the Hermite polynomials."""
+    hermite = np.eye(5)
+    hermite[2, 0], hermite[3, 1], hermite[4, 2] = -variance, -3.0 * variance, -6.0 * variance
+    hermite[4, 0] = 3.0 * variance**2
+    corrected: Array = np.einsum("ai,bj,ck,ijk->abc", hermite, hermite, hermite, sums, optimize=True)
+    return corrected
+
+
+def _largest_ellipsoid(sums: Array, variance: float) -> _Adjusted | None:
+    """Solve at a variance, or at the largest shrunk one that leaves an ellipsoid."""
+    for shrinks in range(SHRINKS + 1):
+        adjusted = _solve(sums, variance * SHRINK**shrinks)
+        if adjusted is not None:
+            return adjusted
+    return None
+
+
+def _solve(sums: Array, variance: float) -> _Adjusted | None:
+    """Fit the quadric to sums corrected for a variance; None when it is no ellipsoid."""
+    scatter = _without_noise(sums, variance)[_PRODUCTS]
+    rows = _UNIT_TRACE @ scatter @ _UNIT_TRACE.T
+    normal = rows[:9, :9]
+    if not largest_pivot_ratio(normal) < COVERAGE_SINGULAR:
+        return None
+    coefficients = np.append(np.linalg.solve(normal, -rows[:9, 9]), 1.0) @ _UNIT_TRACE
+    quadric = quadric_from_coefficients(coefficients, unit=1.0)
+    calibration = None if quadric is None else calibration_from_quadric(quadric)
+    if quadric is None or calibration is None:
+        return None
+    squares = float(coefficients @ scatter @ coefficients)
+    return _Adjusted(variance, squares / _squared_slopes(quadric, scatter), *calibration)
+
+
+def _squared_slopes(quadric: Quadric, scatter: Array) -> float:
+    """Return the sum of ``|grad D|^2`` over the points that a scatter matrix is of."""
+    second, first, count = scatter[6:9, 6:9], scatter[6:9, 9], scatter[9, 9]
+    by_shape = quadric.shape @ (second @ quadric.shape + np.outer(first, quadric.linear))
+    return float(4.0 * np.trace(by_shape) + count * quadric.linear @ quadric.linear)
