@@ -7,6 +7,7 @@
 
 #define CALIBRATOR_TABLE(LINE)                 \
     LINE("direct", magnetometer_direct)        \
+    LINE("corrected", magnetometer_corrected)  \
     LINE("iterative", magnetometer_iterative)
 
 #endif

@@ -34,11 +34,11 @@ def _unpack_fit(packed: bytes) -> MagnetometerFit:
     return MagnetometerFit(FitStatus(status), bool(is_sphere), iterations, soft_iron, hard_iron, floats[12])
 
 
-def _prepare(points: ArrayLike) -> tuple[NDArray[np.int16], bytes]:
+def _prepare(points: ArrayLike, iterations: int = 0) -> tuple[NDArray[np.int16], bytes]:
     """Return the points as the firmware stores them, and what follows their address in magnetometer_points_t."""
     counts = np.ascontiguousarray(points, dtype="<i2")
     low, high = map(int, counts.min(axis=0)), map(int, counts.max(axis=0))
-    return counts, struct.pack("<H6hH", len(counts), *low, *high, 0)
+    return counts, struct.pack("<H6hH", len(counts), *low, *high, iterations)
 
 
 class HostCalibrators:
@@ -47,8 +47,8 @@ class HostCalibrators:
     def __init__(self, library: ctypes.CDLL) -> None:
         self._library = library
 
-    def calibrate(self, name: str, points: ArrayLike) -> MagnetometerFit:
-        counts, rest = _prepare(points)
+    def calibrate(self, name: str, points: ArrayLike, *, iterations: int = 0) -> MagnetometerFit:
+        counts, rest = _prepare(points, iterations)
         fit = ctypes.create_string_buffer(FIT.size)
         getattr(self._library, f"magnetometer_{name}")(struct.pack("P", counts.ctypes.data) + rest, fit)
         return _unpack_fit(fit.raw)
@@ -71,14 +71,14 @@ class BoardCalibrators:
         end = max(segment.run_address + segment.run_size for segment in board.image.segments)
         assert end <= self.POINTS
 
-    def _place(self, points: ArrayLike) -> None:
-        counts, rest = _prepare(points)
+    def _place(self, points: ArrayLike, iterations: int = 0) -> None:
+        counts, rest = _prepare(points, iterations)
         memory = self._board.processor.memory
         memory.write(self.POINTS, counts.tobytes())
         memory.write(self.ARGUMENT, struct.pack("<I", self.POINTS) + rest)
 
-    def cost(self, name: str, points: ArrayLike) -> CallResult:
-        self._place(points)
+    def cost(self, name: str, points: ArrayLike, *, iterations: int = 0) -> CallResult:
+        self._place(points, iterations)
         return self._board.call(f"magnetometer_{name}", self.ARGUMENT, self.RESULT)
 
     def calibrate(self, name: str, points: ArrayLike) -> MagnetometerFit:

@@ -19,7 +19,7 @@ from hiltest.world.instances import Instance, instance
 
 ROOT = Path(__file__).parents[2]
 CLOUDS = sorted((ROOT / "fixtures" / "clouds").glob("*.json"))
-CALIBRATORS = ("direct", "iterative")
+CALIBRATORS = ("direct", "corrected", "iterative")
 GOOD_SEEDS = range(1000, 1570)
 CAP_SEEDS = range(2000, 2030)  # 30 of 600: 5 %
 FLOAT32_EPSILON = 2.0**-23
@@ -89,12 +89,14 @@ def test_moments_match_integer_arithmetic(calibrators: Runner, cloud: Path) -> N
         assert abs(value - exact) <= (len(points) + 3) * FLOAT32_EPSILON / 2 * terms.sum(), name
 
 
+@pytest.mark.parametrize("name", ["direct", "corrected"])
 @pytest.mark.parametrize("cloud", CLOUDS, ids=lambda path: path.stem)
-def test_direct_matches_exact_arithmetic(calibrators: Runner, cloud: Path) -> None:
+def test_closed_forms_match_exact_arithmetic(calibrators: Runner, name: str, cloud: Path) -> None:
     golden = json.loads(cloud.read_text())
-    fit, wanted = calibrators.calibrate("direct", golden["points"]), golden["direct"]
+    fit, wanted = calibrators.calibrate(name, golden["points"]), golden[name]
     assert fit.status.name == wanted["status"]
     assert fit.is_sphere == wanted["is_sphere"]
+    assert fit.iterations == wanted.get("iterations", 0)
     soft_iron = np.array(wanted["soft_iron"]).reshape(3, 3)
     # float32 sums of 300 points carry 2e-6; the condition of the normal equations (below 100 here) multiplies it.
     assert np.allclose(fit.soft_iron, soft_iron, rtol=0, atol=2e-4 * soft_iron.max())

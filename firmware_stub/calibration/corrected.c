@@ -1,0 +1,82 @@
+/* The fit of `direct`, then Newton steps on the variance of the noise, each a fit to moments that this noise is taken out of. Where
+ * that cannot be better than the fit of `direct`, it is the fit of `direct`. */
+#include "adjusted_moments.h"
+#include "closed_form.h"
+#include "fast_code.h"
+
+/* Simulated at 2.5 uT and 1000 points: median error 1.03 degrees without a step, 0.496 after one, 0.489 after two and any more. */
+#define NEWTON_STEPS 2
+
+/* With fewer points, or more noise, the fit's variance outweighs the bias that it is rid of. The noise is that of a calibrated
+ * reading, rms of an axis: sqrt(s trace(C C') / 3), where C = sqrt(A / level) and A has trace 1. */
+#define FEWEST_POINTS 50
+#define LARGEST_NOISE 0.1f
+#define LARGEST_VARIANCE (3.0f * LARGEST_NOISE * LARGEST_NOISE) /* of level */
+
+/* A variance that leaves no ellipsoid is too large. What these shrink it to together, 6 %, would correct nothing. */
+#define SHRINK 0.7f
+#define SHRINKS 8
+
+/** A fit to moments that noise of some variance is taken out of. */
+typedef struct {
+    float variance; /**< [counts^2] */
+    moments_t sums;
+    quadric_t quadric;
+    ellipsoid_t ellipsoid;
+} adjusted_t;
+
+/* Fit at the variance of `fit`, or at the largest shrunk one that leaves an ellipsoid. */
+static FAST_CODE bool largest_ellipsoid(const moments_t *sums, adjusted_t *fit)
+{
+    for (int shrinks = 0; shrinks <= SHRINKS; shrinks++) {
+        moments_adjust(sums, fit->variance, &fit->sums);
+        if (quadric_fit(&fit->sums, &fit->quadric) < COVERAGE_SINGULAR && quadric_ellipsoid(&fit->quadric, &fit->ellipsoid)) {
+            return true;
+        }
+        fit->variance *= SHRINK;
+    }
+    return false;
+}
+
+/* Take Newton steps, at least one, from the fit of `direct`, whose quadric is in `fit`; false when what they lead to is not to be used. */
+static FAST_CODE bool newton(const moments_t *sums, uint16_t steps, adjusted_t *fit)
+{
+    fit->variance = 0.0f;
+    for (uint16_t step = 0; step < steps; step++) {
+        const float variance = fit->variance + moments_noise_step(step == 0u ? sums : &fit->sums, &fit->quadric);
+        fit->variance = variance > 0.0f ? variance : 0.0f;
+        if (!largest_ellipsoid(sums, fit)) {
+            return false;
+        }
+    }
+    return fit->variance < LARGEST_VARIANCE * fit->ellipsoid.level;
+}
+
+FAST_CODE void magnetometer_corrected(const magnetometer_points_t *points, magnetometer_fit_t *fit)
+{
+    int32_t anchor[3];
+    moments_t sums;
+    quadric_t quadric;
+    ellipsoid_t ellipsoid;
+    adjusted_t adjusted;
+
+    fit->iterations = 0;
+    fit->coverage = 0.0f;
+    if (points->count < FIT_ELLIPSOID_UNKNOWNS) {
+        fit_nothing(FIT_TOO_FEW_POINTS, fit);
+        return;
+    }
+    moments_anchor(points, anchor);
+    moments_sum(points, anchor, &sums);
+    if (!fit_ellipsoid(&sums, anchor, &quadric, &ellipsoid, fit)) {
+        return;
+    }
+    const uint16_t steps = points->iterations == 0u || points->iterations > NEWTON_STEPS ? NEWTON_STEPS : points->iterations;
+    adjusted.quadric = quadric;
+    if (points->count < FEWEST_POINTS || !newton(&sums, steps, &adjusted)) {
+        fit_calibration(&quadric, &ellipsoid, anchor, FIT_ELLIPSOID, fit);
+        return;
+    }
+    fit->iterations = steps;
+    fit_calibration(&adjusted.quadric, &adjusted.ellipsoid, anchor, steps < NEWTON_STEPS ? FIT_NOT_CONVERGED : FIT_ELLIPSOID, fit);
+}

@@ -1,0 +1,115 @@
+"""`corrected` in the firmware: how far from the truth, when it is `direct`, and what its steps cost."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hiltest.calibration import FitStatus, MagnetometerFit, fit_corrected
+from hiltest.calibration.quality import COUNTS_PER_UT, direction_error_rms_deg, sphere_directions
+from hiltest.world.instances import Instance, instance
+
+NOISE_UT = 2.5
+BUFFER = 512  # points that the board has room for
+
+
+def error_deg(fit: MagnetometerFit, drawn: Instance) -> float:
+    """Return the rms over the sphere of true directions."""
+    directions = sphere_directions(200)
+    counts = COUNTS_PER_UT * (50.0 * directions @ drawn.soft_iron + drawn.hard_iron_ut)
+    return direction_error_rms_deg(fit, counts, directions)
+
+
+def median_errors_deg(runner: Any, seeds: range, covered: tuple[float, float]) -> tuple[float, float]:
+    drawn = [instance(seed, BUFFER, noise_ut=NOISE_UT, covered=covered) for seed in seeds]
+    direct, corrected = (
+        float(np.median([error_deg(runner.calibrate(name, each.points_counts), each) for each in drawn]))
+        for name in ("direct", "corrected")
+    )
+    print(f"n = {BUFFER}, covered {covered}, {seeds}: direct {direct:.3f}, corrected {corrected:.3f} deg")
+    return direct, corrected
+
+
+def test_a_full_buffer_of_noisy_points_is_worth_three_quarters_of_a_degree(host_calibrators: Any) -> None:
+    """2000 instances on the host, which has the same bits as the board."""
+    _, corrected_deg = median_errors_deg(host_calibrators, range(2000), (0.5, 1.0))
+    assert corrected_deg <= 0.75
+
+
+def test_with_half_of_the_sphere_it_errs_by_a_quarter_of_direct(host_calibrators: Any) -> None:
+    direct_deg, corrected_deg = median_errors_deg(host_calibrators, range(2000), (0.5, 0.5))
+    assert corrected_deg <= direct_deg / 4.0
+
+
+def test_the_board_is_as_accurate(board_calibrators: Any, host_calibrators: Any) -> None:
+    seeds = range(60)
+    on_board = median_errors_deg(board_calibrators, seeds, (0.5, 1.0))
+    assert on_board == median_errors_deg(host_calibrators, seeds, (0.5, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("count", "noise_ut", "covered"),
+    [(60, 5.0, (0.5, 0.5)), (50, 4.0, (0.5, 1.0)), (60, 10.0, (0.5, 1.0)), (512, 5.0, (0.5, 0.6)), (300, 0.0, (0.5, 1.0))],
+)
+def test_noise_that_shrinks_or_refuses_the_step_does_so_in_both(
+    host_calibrators: Any, count: int, noise_ut: float, covered: tuple[float, float]
+) -> None:
+    """Where a step is shrunk or refused is a comparison of two numbers: rounding could flip it, and does in none of these."""
+    ends = set()
+    for seed in range(300):
+        points = instance(seed, count, noise_ut=noise_ut, covered=covered).points_counts
+        ours, wanted = host_calibrators.calibrate("corrected", points), fit_corrected(points)
+        assert (ours.status, ours.iterations) == (wanted.status, wanted.iterations), f"seed {seed}"
+        ends.add(ours.iterations)
+    assert 2 in ends
+
+
+@pytest.mark.parametrize(("count", "noise_ut"), [(9, 0.3), (49, 0.3), (300, 9.0)])
+def test_few_points_and_much_noise_have_the_bits_of_direct(calibrators: Any, count: int, noise_ut: float) -> None:
+    for seed in range(20):
+        points = instance(seed, count, noise_ut=noise_ut, covered=(0.9, 1.0), stretch=0.1).points_counts
+        ours, direct = (calibrators.calibrate(name, points) for name in ("corrected", "direct"))
+        assert (ours.status, ours.iterations, ours.coverage) == (direct.status, 0, direct.coverage)
+        assert np.array_equal(ours.soft_iron, direct.soft_iron)
+        assert np.array_equal(ours.hard_iron, direct.hard_iron)
+
+
+def test_one_step_is_not_converged_and_lies_between(host_calibrators: Any) -> None:
+    points = instance(8, 200, noise_ut=NOISE_UT, covered=(0.6, 0.6)).points_counts
+    none, one, both = (
+        host_calibrators.calibrate(name, points, iterations=steps)
+        for name, steps in (("direct", 0), ("corrected", 1), ("corrected", 0))
+    )
+    assert (one.status, one.iterations) == (FitStatus.NOT_CONVERGED, 1)
+    assert (both.status, both.iterations) == (FitStatus.ELLIPSOID, 2)
+    # Newton's method converges quadratically: most of the way is done by the first step.
+    assert np.abs(one.soft_iron - both.soft_iron).max() < 0.3 * np.abs(none.soft_iron - both.soft_iron).max()
+    for steps in (2, 3, 65535):
+        again = host_calibrators.calibrate("corrected", points, iterations=steps)
+        assert np.array_equal(again.soft_iron, both.soft_iron)
+
+
+def test_a_step_costs_1800_cycles_whatever_the_number_of_points(board_calibrators: Any) -> None:
+    steps = set()
+    for count in (60, 100, 300):
+        points = instance(1, count, stretch=0.1, covered=(1.0, 1.0)).points_counts
+        one, both = (board_calibrators.cost("corrected", points, iterations=steps).cycles for steps in (1, 2))
+        direct = board_calibrators.cost("direct", points).cycles
+        print(f"corrected, n = {count}: {both} cycles, {both - one} the second step; direct {direct}")
+        # Two steps and the choice between two fits are all that it does beyond `direct`.
+        assert both - direct <= 2 * (both - one) + 150
+        steps.add(both - one)
+    assert max(steps) <= 1800
+    assert max(steps) - min(steps) <= 30  # the square root's own steps differ by one
+
+
+def test_the_worst_back_off_is_bounded(board_calibrators: Any) -> None:
+    """Nine fits a step at most."""
+    costs = [
+        board_calibrators.cost("corrected", instance(seed, 50, noise_ut=5.0, covered=(0.5, 0.5)).points_counts).cycles
+        for seed in range(100)
+    ]
+    print(f"corrected, n = 50, much noise: {min(costs)} to {max(costs)} cycles")
+    assert max(costs) <= 105 * 50 + 1900 + 2 * 9 * 1800
