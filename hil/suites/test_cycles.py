@@ -29,12 +29,14 @@ def test_cycles_of_every_calibrator(costs: Mapping[str, CycleCost], measure: Mea
             ("regression_residual", cost.regression_residual), ("spread", cost.spread),
         ):
             measure(f"cycles.{name}.{what}", cycles, "cycle", cycle_model=cost.model)
+        if cost.per_iteration is not None:
+            measure(f"cycles.{name}.per_iteration", cost.per_iteration, "cycle", cycle_model=cost.model)
 
 
 def test_instructions_of_every_calibrator(costs: Mapping[str, CycleCost], measure: Measure) -> None:
     for name, cost in costs.items():
         measure(f"cycles.{name}.instructions", cost.instructions, "instruction")
-        if cost.iterations:
+        if cost.is_mostly_iterations:
             per_sweep = None if cost.instructions is None else cost.instructions / cost.iterations
             measure(f"cycles.{name}.sweeps", cost.iterations, "")
             measure(f"cycles.{name}.instructions_per_sweep", per_sweep, "instruction")

@@ -20,7 +20,7 @@ from hiltest.procedures import (
 from hiltest.procedures.calibrate import calibrate_once
 
 POINTS = 60
-CALIBRATORS = ("direct", "iterative", "direct-stream")
+CALIBRATORS = ("direct", "corrected", "iterative", "direct-stream")
 
 
 @pytest.fixture(autouse=True)
@@ -47,7 +47,8 @@ def test_more_effort_costs_more_and_ends_at_all_of_it(virtual_board: Board, cali
 def test_each_calibrator_does_less_of_what_it_can_do_less_of(virtual_board: Board) -> None:
     kinds = {name: effort_curve(virtual_board, name, points=POINTS)[0].kind for name in CALIBRATORS}
     assert kinds == {
-        "direct": EffortKind.POINTS, "iterative": EffortKind.SWEEPS, "direct-stream": EffortKind.POINTS_SO_FAR,
+        "direct": EffortKind.POINTS, "corrected": EffortKind.POINTS, "iterative": EffortKind.SWEEPS,
+        "direct-stream": EffortKind.POINTS_SO_FAR,
     }
 
 

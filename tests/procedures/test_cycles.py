@@ -37,14 +37,19 @@ def test_a_line_needs_two_places(x: list[int], y: list[int]) -> None:
 def test_the_board_counts_every_calibrator_on_the_same_clouds(virtual_board: Board) -> None:
     told: list[tuple[int, int]] = []
     costs = measure_cycles(
-        virtual_board, ["direct", "iterative"], clouds=3, sizes=(20, 100, 300),
+        virtual_board, ["direct", "corrected", "iterative"], clouds=3, sizes=(20, 100, 300),
         progress=lambda _, done, of: told.append((done, of)),
     )  # fmt: skip
-    direct, iterative = costs["direct"], costs["iterative"]
-    assert direct.total < iterative.total
+    direct, corrected, iterative = costs["direct"], costs["corrected"], costs["iterative"]
+    assert direct.total < corrected.total < iterative.total
     assert direct.cycles[1] == direct.total
     assert direct.per_point * 100 + direct.fixed == pytest.approx(direct.total, rel=0.01)  # it is nearly a line
-    assert (direct.iterations, iterative.iterations > 0) == (0, True)
+    assert (direct.iterations, corrected.iterations, iterative.iterations > 2) == (0, 2, True)
+    assert direct.per_iteration is None
+    assert corrected.per_iteration is not None
+    # Two steps are all that it has beyond `direct`: the first does not call less than the second.
+    assert corrected.total - direct.total == pytest.approx(2 * corrected.per_iteration, rel=0.1)
+    assert [each.is_mostly_iterations for each in costs.values()] == [False, False, True]
     assert direct.model == iterative.model == virtual_board.cycle_model
     assert direct.instructions is not None
     # A Cortex-M4 executes at most one instruction a cycle.

@@ -1,7 +1,8 @@
 """What a calibrator makes of a budget of clock cycles.
 
 Every calibrator has something that it can do less of: a closed form gets fewer points, one that iterates makes
-fewer sweeps, one that lives with the stream has seen fewer points yet. That is its effort.
+fewer sweeps, one that lives with the stream has seen fewer points yet. That is its effort. What a few steps add to
+a closed form, as in `corrected`, is no effort to save: it gets fewer points too.
 """
 
 from __future__ import annotations
@@ -139,9 +140,11 @@ class _Scale:
 def _scale(board: Board, calibrator: str, points: int) -> _Scale:
     if calibrator in board.identity.stream_calibrators:
         return _Scale(EffortKind.POINTS_SO_FAR, 1, points)
-    iterations = calibrate_once(board, calibrator, points)[0].iterations
-    if iterations:
-        return _Scale(EffortKind.SWEEPS, 1, iterations)
+    whole, cost = calibrate_once(board, calibrator, points)
+    if whole.iterations > 1:
+        _, least = calibrate_once(board, calibrator, points, iterations=1)
+        if 2 * _cycles(least) < _cycles(cost):  # most of its work is sweeps
+            return _Scale(EffortKind.SWEEPS, 1, whole.iterations)
     return _Scale(EffortKind.POINTS, ELLIPSOID_UNKNOWNS, points)
 
 

@@ -56,7 +56,9 @@ class CycleCost:
     instructions : int or None
         Of the same run as `total`; None when nobody counts them: "not offered".
     iterations : int
-        Sweeps or iterations of the same run as `total`, 0 for a closed form.
+        Sweeps or steps of the same run as `total`, 0 for a closed form.
+    per_iteration : float or None
+        Cycles of one more of them on the same points, the mean of all but the first; None when there are not two.
     sizes, cycles : ndarray, shape (k,)
         What the line was fitted to.
     """
@@ -71,8 +73,14 @@ class CycleCost:
     spread: int
     instructions: int | None
     iterations: int
+    per_iteration: float | None
     sizes: Ints
     cycles: Ints
+
+    @property
+    def is_mostly_iterations(self) -> bool:
+        """Whether iterations are most of what it costs, and not a few steps behind a closed form."""
+        return self.per_iteration is not None and 2.0 * self.per_iteration * self.iterations > self.total
 
 
 def fit_line(x: ArrayLike, y: ArrayLike) -> Line:
@@ -136,6 +144,7 @@ def measure_cycles(
     work = [(n, index) for index in range(clouds)] + [(size, 0) for size in sizes if size != n]
     runs: dict[tuple[int, int], dict[str, Counted]] = {}
     instructions: dict[str, int | None] = {}
+    per_iteration: dict[str, float | None] = {}
     for done, (size, index) in enumerate(work):
         tell("cycles", done, len(work))
         upload_cloud(board, golden_cloud(size, index=index))
@@ -144,12 +153,23 @@ def measure_cycles(
             run = runs[size, index][name] = _count(board, size, name)
             if (size, index) == (n, 0):
                 instructions[name] = _instructions(board, run.cost)
+                per_iteration[name] = _per_iteration(board, size, name, run)
     tell("cycles", len(work), len(work))
-    return {name: _cost(board, name, n, clouds, sizes, runs, instructions[name]) for name in calibrators}
+    return {
+        name: _cost(board, name, n, clouds, sizes, runs, instructions[name], per_iteration[name])
+        for name in calibrators
+    }
 
 
-def _count(board: Board, n: int, calibrator: str) -> Counted:
-    reply = board.session.request(Calibrate(n, calibrator))
+def _per_iteration(board: Board, n: int, calibrator: str, whole: Counted) -> float | None:
+    if whole.iterations < 2:
+        return None
+    first = _count(board, n, calibrator, iterations=1)
+    return (whole.cost.cycles - first.cost.cycles) / (whole.iterations - 1)
+
+
+def _count(board: Board, n: int, calibrator: str, *, iterations: int = 0) -> Counted:
+    reply = board.session.request(Calibrate(n, calibrator, iterations=iterations))
     if reply.cost is None:
         raise no_cycle_counter()
     return Counted(reply.cost, reply.iterations)
@@ -173,7 +193,7 @@ def _instructions(board: Board, cost: RunCost) -> int | None:
 
 def _cost(
     board: Board, name: str, n: int, clouds: int, sizes: Sequence[int],
-    runs: dict[tuple[int, int], dict[str, Counted]], instructions: int | None,
+    runs: dict[tuple[int, int], dict[str, Counted]], instructions: int | None, per_iteration: float | None,
 ) -> CycleCost:
     at_n = [runs[n, index][name].cost.cycles for index in range(clouds)]
     over_sizes = [runs[size, 0][name].cost.cycles for size in sizes]
@@ -189,6 +209,7 @@ def _cost(
         spread=max(at_n) - min(at_n),
         instructions=instructions,
         iterations=runs[n, 0][name].iterations,
+        per_iteration=per_iteration,
         sizes=np.array(sizes),
         cycles=np.array(over_sizes),
     )
