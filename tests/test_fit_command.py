@@ -84,7 +84,7 @@ def test_in_a_pipe_every_sentence_is_on_one_line(clouds: Path) -> None:
     _write(clouds / "large.csv", 1000.0 * golden_cloud(400) + 1e6, "mx,my,mz")
     cells = fit("large.csv", "--on", "host", folder=clouds).stdout.splitlines()
     (hard_iron,) = [line for line in cells if line.lstrip().startswith("hard iron [counts]")]
-    assert len(hard_iron.split()) == 3 + 2 * 3, "three numbers of each of the two calibrators"
+    assert len(hard_iron.split()) == 3 + 3 * 3, "three numbers of each of the three calibrators"
     exact = json.loads(fit("large.csv", "--on", "host", "--json", folder=clouds).stdout)["calibrators"]
     shown = [float(word) for word in hard_iron.split()[3:]]
     assert shown == [round(value) for each in exact for value in each["hard_iron"]], "a radius of 4.8e5 has no decimals"

@@ -344,8 +344,8 @@ def test_the_variants_of_the_harsh_rig_differ_in_what_is_covered_and_what_is_jud
     assert replace(unjudged, limits=harsh.limits, information=harsh.information) == harsh
     assert outside.limits | outside.information == harsh.limits | harsh.information
     assert {name for name in outside.limits if name.startswith("heading.")} == {
-        "heading.direct.float32_error", "heading.direct@100.float32_error", "heading.uncalibrated.max",
-        "heading.uncalibrated.max_level",
+        "heading.direct.float32_error", "heading.direct@100.float32_error", "heading.corrected.float32_error",
+        "heading.uncalibrated.max", "heading.uncalibrated.max_level",
     }
 
 

@@ -92,7 +92,7 @@ def test_a_third_step_would_change_nothing_that_matters(monkeypatch: pytest.Monk
     for steps in (1, 2, 3):
         monkeypatch.setattr(corrected, "NEWTON_STEPS", steps)
         errors[steps] = np.array([direction_error_deg(fit_corrected, each) for each in drawn])
-    # A hundredth of the half degree that they err by, in nine of ten; of the others some are shrunk, and go on from there.
+    # A hundredth of the half degree that they err by, in nine of ten; some others are shrunk, and go on from there.
     assert np.percentile(np.abs(errors[3] - errors[2]), 90) < 0.005
     assert np.percentile(np.abs(errors[2] - errors[1]), 90) > 0.025
 

@@ -23,6 +23,7 @@ def test_direct_holds_its_limits_where_it_was_calibrated(harsh_run) -> None:
     assert harsh_run.code == 0, harsh_run.output
     assert harsh_run.value("heading.direct.max") <= 2.3
     assert harsh_run.value("heading.direct@100.max") <= 3.1
+    assert harsh_run.value("heading.corrected.max") <= 2.1
     assert "direct@100: " in harsh_run.sentence
 
 
@@ -48,6 +49,7 @@ def test_the_noise_is_the_magnetometers_own(harsh_run) -> None:
 
 def test_float32_does_not_show(harsh_run) -> None:
     assert 0.0 < harsh_run.value("heading.direct.float32_error") <= 0.01
+    assert 0.0 < harsh_run.value("heading.corrected.float32_error") <= 0.01
     assert harsh_run.value("heading.iterative.float32_error") <= 0.01
 
 

@@ -19,6 +19,7 @@ from hiltest.report.schema import load_run
 
 Run = Callable[..., object]
 
+CALIBRATORS = ("direct", "corrected", "iterative")
 PER_CALIBRATOR = (
     "heading.{}.max", "heading.{}.rms", "heading.{}.bias", "heading.{}.max_centred", "heading.{}.worst_sector",
     "fit.{}.residual", "fit.{}.offset_error", "fit.{}.rotation_left", "cycles.{}.total", "cycles.{}.per_point",
@@ -42,7 +43,7 @@ def test_the_default_bench_passes(good_run) -> None:
 
 
 def test_everything_that_was_promised_is_measured(good_run) -> None:
-    wanted = {name.format(calibrator) for name in PER_CALIBRATOR for calibrator in ("direct", "iterative")}
+    wanted = {name.format(calibrator) for name in PER_CALIBRATOR for calibrator in CALIBRATORS}
     wanted |= {name.format(stream) for name in PER_STREAM for stream in STREAMS}
     assert wanted | set(ALWAYS) <= set(good_run.measured)
     # Judged where the rig has a limit, and said to be information where it has none.
@@ -84,7 +85,7 @@ def test_error_against_cycles_ends_where_the_calibrators_do(full_run) -> None:
     table = next(each for each in full_run.record["tables"] if each["name"] == "budget.curve")
     names = [column["name"] for column in table["columns"]]
     rows = [dict(zip(names, row, strict=True)) for row in table["rows"]]
-    for calibrator in ("direct", "iterative"):
+    for calibrator in CALIBRATORS:
         last = [row for row in rows if (row["calibrator"], row["points"]) == (calibrator, 100)][-1]
         # The same hundred points in another order: sums in float32 round otherwise.
         assert last["max_error"] == pytest.approx(full_run.value(f"heading.{calibrator}.max"), abs=0.01)
@@ -157,7 +158,7 @@ def test_a_limit_of_a_calibrator_that_the_board_has_not_is_not_judged(
     rig = edited(('"heading.direct.max" =', '"heading.dirct.max" ='))
     run = run_in(tmp_path, "--rig", rig, "--poses", "level")
     assert run.code == 22
-    assert "heading.dirct.max (the board has no calibrator 'dirct', only direct, iterative)" in run.sentence
+    assert "heading.dirct.max (the board has no calibrator 'dirct', only direct, corrected, iterative)" in run.sentence
 
 
 def test_a_suite_that_is_gone_leaves_its_limits_unset(run_in, tmp_path: Path) -> None:

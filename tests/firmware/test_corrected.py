@@ -51,12 +51,15 @@ def test_the_board_is_as_accurate(board_calibrators: Any, host_calibrators: Any)
 
 @pytest.mark.parametrize(
     ("count", "noise_ut", "covered"),
-    [(60, 5.0, (0.5, 0.5)), (50, 4.0, (0.5, 1.0)), (60, 10.0, (0.5, 1.0)), (512, 5.0, (0.5, 0.6)), (300, 0.0, (0.5, 1.0))],
+    [
+        (60, 5.0, (0.5, 0.5)), (50, 4.0, (0.5, 1.0)), (60, 10.0, (0.5, 1.0)), (512, 5.0, (0.5, 0.6)),
+        (300, 0.0, (0.5, 1.0)),
+    ],
 )
 def test_noise_that_shrinks_or_refuses_the_step_does_so_in_both(
     host_calibrators: Any, count: int, noise_ut: float, covered: tuple[float, float]
 ) -> None:
-    """Where a step is shrunk or refused is a comparison of two numbers: rounding could flip it, and does in none of these."""
+    """Where a step is shrunk or refused two numbers are compared: rounding could flip it, and does in none of these."""
     ends = set()
     for seed in range(300):
         points = instance(seed, count, noise_ut=noise_ut, covered=covered).points_counts

@@ -47,6 +47,9 @@ def test_the_board_counts_every_calibrator_on_the_same_clouds(virtual_board: Boa
     assert (direct.iterations, corrected.iterations, iterative.iterations > 2) == (0, 2, True)
     assert direct.per_iteration is None
     assert corrected.per_iteration is not None
+    # Below 50 points it makes no step, and the line is not drawn through what it costs there.
+    assert corrected.per_point == pytest.approx(direct.per_point, rel=0.001)
+    assert corrected.fixed == pytest.approx(direct.fixed + 2 * corrected.per_iteration, rel=0.05)
     # Two steps are all that it has beyond `direct`: the first does not call less than the second.
     assert corrected.total - direct.total == pytest.approx(2 * corrected.per_iteration, rel=0.1)
     assert [each.is_mostly_iterations for each in costs.values()] == [False, False, True]

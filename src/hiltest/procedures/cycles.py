@@ -50,7 +50,8 @@ class CycleCost:
     total : int
         Cycles at n points of golden cloud 0.
     per_point, fixed, regression_residual : float
-        Least-squares line of cycles over n, and the rms of what it leaves.
+        Least-squares line of cycles over n, and the rms of what it leaves; of a calibrator that makes its steps with
+        n points, over those sizes with which it makes them too.
     spread : int
         Largest minus smallest over the clouds, each at n points.
     instructions : int or None
@@ -197,7 +198,12 @@ def _cost(
 ) -> CycleCost:
     at_n = [runs[n, index][name].cost.cycles for index in range(clouds)]
     over_sizes = [runs[size, 0][name].cost.cycles for size in sizes]
-    line = fit_line(sizes, over_sizes)
+    # One that leaves its steps out with few points does other work there: no line goes through both.
+    steps = runs[n, 0][name].iterations > 0
+    alike = np.array([(runs[size, 0][name].iterations > 0) == steps for size in sizes])
+    if alike.sum() < 2:
+        alike[:] = True
+    line = fit_line(np.array(sizes)[alike], np.array(over_sizes)[alike])
     return CycleCost(
         calibrator=name,
         model=board.cycle_model,
