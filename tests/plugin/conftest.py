@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+# pytester forgets what a run in this process has imported, and numpy and pydantic cannot be imported twice in
+# one process: so they are here before it begins. Hypothesis' plugin imports hypothesis at the end of each run.
+import hypothesis.internal.observability  # noqa: F401
 import pytest
 
-# pytester forgets what a run in this process has imported, and numpy and pydantic cannot be imported
-# twice in one process: so they are here before it begins.
+import hiltest.boards
 import hiltest.report.render
 import hiltest.rig_file  # noqa: F401
 
