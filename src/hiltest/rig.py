@@ -198,6 +198,7 @@ def build_sensors(rig: Rig, world: World, seed: int) -> dict[str, list[RegisterD
     distortion = MagneticDistortion(truth.soft_iron, truth.hard_iron_ut)
 
     def fxos8700cq(address: int, name: str) -> Fxos8700cq:
+        """Make one of the two: the shield's, or the one on the board itself."""
         return Fxos8700cq(
             world, MagneticDistortion(truth.soft_iron, truth.hard_iron_at_ut("fxos8700cq")), seed=seed,
             address=address, name=name, errors=_accelerometer_errors(truth),

@@ -136,6 +136,7 @@ class GrblTable:
         axes, feed_dpm = self._axes, block.modals.feed_dpm if block.modals.motion == 1 else None
 
         def begun() -> bool:
+            """Put the movement into the queue; say whether there was room."""
             if not block.axes:
                 return True
             if axes.full:

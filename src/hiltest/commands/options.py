@@ -27,6 +27,7 @@ def checked(check: Callable[[str], Any]) -> Callable[[click.Context, click.Param
     """Return a callback that refuses what the plugin's option of the same name would refuse."""
 
     def callback(_context: click.Context, _parameter: click.Parameter, text: str | None) -> str | None:
+        """Return the text as it is; what the check refuses is a wrong parameter of the command."""
         if text is not None:
             try:
                 check(text)

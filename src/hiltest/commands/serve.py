@@ -162,6 +162,7 @@ def _pace() -> Callable[[float], None]:
     tell_at_s = _BEHIND_S
 
     def look(behind_s: float) -> None:
+        """Tell of it, if there is something new to tell."""
         nonlocal tell_at_s
         if behind_s >= tell_at_s:
             _tell(f"board: {behind_s:.0f} s behind wall time; this machine is too slow or too busy for it")

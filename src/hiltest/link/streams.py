@@ -144,6 +144,7 @@ class _StreamSteps(Request[StreamStepsReply]):
         return struct.pack("<HB", within(self.first, 0, 0xFFFF, "points"), count) + name_field(self.stream)
 
     def parse(self, fields: FieldReader) -> StreamStepsReply:
+        """Read the reply; `ProtocolError` when it took more points than were sent, or fewer without a reason."""
         reply = StreamStepsReply.parse(fields)
         if reply.taken > self.count or (reply.taken == self.count) != (reply.status is StreamStatus.OK):
             raise ProtocolError(

@@ -152,6 +152,7 @@ class _Collected:
         self.stored = reply.stored
 
     def read_back(self) -> None:
+        """Fetch the points that were stored since the last time, and tell how much of the sphere they cover."""
         for first in range(self._back, self.stored, MAX_POINTS_READ):
             back = self._board.session.request(Points(first, min(MAX_POINTS_READ, self.stored - first)))
             self._magnetometer.append(back.magnetometer)
