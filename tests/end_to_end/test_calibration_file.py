@@ -50,7 +50,7 @@ def test_the_file_is_judged_green_on_poses_that_it_is_not_made_of(judged, calibr
     assert {name for name, limit in limits.items() if limit} == {
         "heading.calibration.max", "heading.calibration.bias", "heading.calibration.max_centred",
         "accelerometer.calibration.norm_rms", "accelerometer.calibration.tilt_error",
-        "magnetometer.calibration.norm_rms",
+        "gyroscope.calibration.bias_error", "magnetometer.calibration.norm_rms",
     }
     assert "calibration: worst heading" in judged.sentence or "; calibration: " in judged.sentence
     assert judged.record["calibration"]["file"] == str(calibrated)
@@ -73,6 +73,15 @@ def magnetometer(name: str, function: Callable[[np.ndarray], np.ndarray]) -> Cha
     return change
 
 
+def changed(part: str, name: str, function: Callable[[np.ndarray], np.ndarray]) -> Change:
+    """Change numbers of a part."""
+
+    def change(content: dict[str, Any]) -> None:
+        content[part][name] = function(np.array(content[part][name])).tolist()
+
+    return change
+
+
 SWAPPED = [1, 0, 2]
 
 
@@ -85,8 +94,12 @@ SWAPPED = [1, 0, 2]
         (magnetometer("soft_iron", lambda matrix: -matrix), "heading.calibration.max"),
         (magnetometer("soft_iron", lambda matrix: matrix[SWAPPED]), "heading.calibration.max"),
         (magnetometer("soft_iron", lambda matrix: 10.0 * matrix), "magnetometer.calibration.norm_rms"),
+        (changed("gyroscope", "bias", lambda counts: -counts), "gyroscope.calibration.bias_error"),
+        (changed("gyroscope", "bias", lambda counts: 0.0625 * counts), "gyroscope.calibration.bias_error"),
+        (changed("gyroscope", "bias", lambda counts: counts[SWAPPED]), "gyroscope.calibration.bias_error"),
     ],
-    ids=["hard iron's sign", "hard iron in uT", "hard iron's axes", "soft iron's sign", "axes", "soft iron per uT"],
+    ids=["hard iron's sign", "hard iron in uT", "hard iron's axes", "soft iron's sign", "axes", "soft iron per uT",
+         "bias' sign", "bias in deg per s", "bias' axes"],
 )
 def test_a_wrong_sign_axis_or_unit_in_the_file_is_red(
     calibrated: Path, run_in, tmp_path: Path, change: Change, red: str

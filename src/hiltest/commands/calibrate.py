@@ -42,7 +42,7 @@ Exit codes:
 @click.option("--firmware", metavar="ELF", callback=checked(file_name),
               help="Firmware for the virtual board.  [default: the packaged one]")
 @click.option("--seed", metavar="N", callback=checked(seed), help="Seed of the simulated world.  [default: the rig's]")
-@click.option("--calibrator", metavar="NAME", default="direct", show_default=True,
+@click.option("--calibrator", metavar="NAME", default="corrected", show_default=True,
               help="Of the firmware, for the magnetometer.")
 @click.option("--out", metavar="FILE", default=DEFAULT_FILE, show_default=True,
               type=click.Path(dir_okay=False, path_type=Path),

@@ -57,7 +57,7 @@ class Guide(Protocol):
 
 
 def calibrate_imu(
-    board: Board, turntable: Turntable, rig: Rig, *, guide: Guide, made_utc: str, calibrator: str = "direct",
+    board: Board, turntable: Turntable, rig: Rig, *, guide: Guide, made_utc: str, calibrator: str,
     progress: Progress | None = None,
 ) -> ImuCalibration:
     """Calibrate every sensor of a board, in the order in which they need each other.

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import numpy as np
 
 from hiltest.boards import Board
-from hiltest.imu_calibration.contents import ImuCalibration
+from hiltest.imu_calibration.contents import GyroscopePart, ImuCalibration
 from hiltest.link.accelerometer import SetAccelerometer
+from hiltest.link.gyroscope import GetGyroscope, GyroscopeRest, SetGyroscope
 from hiltest.link.messages import ClearCalibration, SetCalibration
 from hiltest.procedures.heading_statistics import rms
 from hiltest.procedures.known_angles import KnownAngles
+from hiltest.procedures.rest import GYROSCOPE_RATE_HZ
 
 #: Under this name the headings of a file's calibration are judged: ``heading.calibration.max``.
 NAME = "calibration"
@@ -23,6 +29,25 @@ def store_calibration(board: Board, calibration: ImuCalibration, slot: int) -> d
     if accelerometer is not None:
         board.session.request(SetAccelerometer(slot, accelerometer.gain, accelerometer.offset))
     return {NAME: slot}
+
+
+@contextmanager
+def gyroscope_calibrated_by(board: Board, part: GyroscopePart) -> Iterator[None]:
+    """Let the board, which has one gyroscope calibration, have a file's, and its own again afterwards."""
+    own = board.session.request(GetGyroscope())
+    board.session.request(SetGyroscope(part.matrix, part.bias))
+    try:
+        yield
+    finally:
+        board.session.request(SetGyroscope(own.matrix, own.bias))
+
+
+def gyroscope_bias_error_dps(board: Board, part: GyroscopePart, *, seconds: float) -> float:
+    """Return the largest axis of a still board's mean rate under a file's calibration [deg/s]."""
+    n = math.ceil(seconds * GYROSCOPE_RATE_HZ)
+    with gyroscope_calibrated_by(board, part):
+        rest = board.session.request(GyroscopeRest(n, timeout_us=round(2e6 * seconds + 1e6)))
+    return float(np.abs(np.array(part.matrix) @ rest.corrected_mean).max())
 
 
 def field_norm_rms_percent(known: KnownAngles, calibration: ImuCalibration) -> float:
