@@ -21,6 +21,8 @@ INDIRECT_CALLS = {
     "count_function_cycles": ["empty_function", "fit_*"],
     "for_each_sample": ["take_*"],
     "command_fit_accelerometer": ["accelerometer_*_residual_mg"],
+    "count_predict_cycles": ["fusion_predict", "empty_fusion_predict"],
+    "count_update_cycles": ["fusion_update", "empty_fusion_update"],
     "read_burst": ["axes_*"],
     "sensor_fifo_read": ["axes_*"],
     "wait_briefly": ["is_idle", "never", "bytes_wait", "all_handed_over"],

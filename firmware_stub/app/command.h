@@ -85,4 +85,9 @@ status_t command_get_gyroscope(payload_reader_t *request, payload_writer_t *repl
 /* dpi_commands.c */
 status_t command_fit_dpi(payload_reader_t *request, payload_writer_t *reply);
 
+/* fusion_commands.c */
+status_t command_start_fusion(payload_reader_t *request, payload_writer_t *reply);
+status_t command_run_fusion(payload_reader_t *request, payload_writer_t *reply);
+status_t command_read_fusion(payload_reader_t *request, payload_writer_t *reply);
+
 #endif

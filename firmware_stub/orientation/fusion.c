@@ -59,8 +59,9 @@ INLINE fusion_status_t earth_axes(const float gravity_g[3], const float field[3]
     return FUSION_OK;
 }
 
-/* Four times the outer square of the quaternion, in the row of its largest diagonal element, whose norm is 2 sqrt(diagonal). */
-INLINE void quaternion_of_axes(const float north[3], const float east[3], const float down[3], float q[4])
+/* Four times the outer square of the quaternion, in the row of its largest diagonal element, which is returned. The row has a
+ * norm of twice that element's root; it is not divided by it here, since what follows divides anyway. */
+INLINE float row_of_axes(const float north[3], const float east[3], const float down[3], float q[4])
 {
     float diagonal;
     if (down[2] >= 0.0f) {
@@ -86,10 +87,7 @@ INLINE void quaternion_of_axes(const float north[3], const float east[3], const 
         q[2] = east[2] + down[1];
         q[3] = north[2] - down[0];
     }
-    const float scale = 0.5f / __builtin_sqrtf(diagonal);
-    for (int i = 0; i < 4; i++) {
-        q[i] *= scale;
-    }
+    return diagonal;
 }
 
 FAST_CODE fusion_status_t fusion_triad(const float gravity_g[3], const float field[3], float gate_g, float attitude[4])
@@ -97,7 +95,11 @@ FAST_CODE fusion_status_t fusion_triad(const float gravity_g[3], const float fie
     float north[3], east[3], down[3];
     const fusion_status_t status = earth_axes(gravity_g, field, gate_g, north, east, down);
     if (status == FUSION_OK) {
-        quaternion_of_axes(north, east, down, attitude);
+        float row[4];
+        const float scale = 0.5f / __builtin_sqrtf(row_of_axes(north, east, down, row));
+        for (int i = 0; i < 4; i++) {
+            attitude[i] = scale * row[i];
+        }
     }
     return status;
 }
@@ -168,30 +170,33 @@ FAST_CODE fusion_status_t fusion_predict(fusion_t *state, const fusion_noise_t *
 FAST_CODE fusion_status_t fusion_update(fusion_t *state, const fusion_noise_t *noise, const float gravity_g[3],
                                         const float field[3])
 {
-    float measured[4];
-    const fusion_status_t status = fusion_triad(gravity_g, field, noise->gate_g, measured);
+    float north[3], east[3], down[3];
+    const fusion_status_t status = earth_axes(gravity_g, field, noise->gate_g, north, east, down);
     if (status != FUSION_OK) {
         return status;
     }
+    float row[4]; /* the measured attitude, times 2 root */
+    const float root = __builtin_sqrtf(row_of_axes(north, east, down, row));
     float *const q = state->attitude;
-    /* The measured attitude along the predicted one, and along its turns about north, east and down. */
-    const float along = q[0] * measured[0] + q[1] * measured[1] + q[2] * measured[2] + q[3] * measured[3];
-    const float north = q[3] * measured[0] - q[2] * measured[1] + q[1] * measured[2] - q[0] * measured[3];
-    const float east = q[2] * measured[0] + q[3] * measured[1] - q[0] * measured[2] - q[1] * measured[3];
-    const float down = q[0] * measured[1] - q[1] * measured[0] + q[3] * measured[2] - q[2] * measured[3];
+    /* Along the predicted attitude, and along its turns about north, east and down. */
+    const float along = q[0] * row[0] + q[1] * row[1] + q[2] * row[2] + q[3] * row[3];
+    const float about_north = q[3] * row[0] - q[2] * row[1] + q[1] * row[2] - q[0] * row[3];
+    const float about_east = q[2] * row[0] + q[3] * row[1] - q[0] * row[2] - q[1] * row[3];
+    const float about_down = q[0] * row[1] - q[1] * row[0] + q[3] * row[2] - q[2] * row[3];
 
+    /* One division for both gains and for the row. */
     const float tilt_sum = state->tilt_variance + noise->tilt_variance;
     const float heading_sum = state->heading_variance + noise->heading_variance;
-    const float reciprocal = 1.0f / (tilt_sum * heading_sum);
-    const float tilt_gain = state->tilt_variance * (heading_sum * reciprocal);
-    const float heading_gain = state->heading_variance * (tilt_sum * reciprocal);
-    state->tilt_variance -= tilt_gain * state->tilt_variance;
-    state->heading_variance -= heading_gain * state->heading_variance;
+    const float reciprocal = 1.0f / (tilt_sum * heading_sum * root);
+    const float tilt = state->tilt_variance * heading_sum * reciprocal;
+    const float heading = state->heading_variance * tilt_sum * reciprocal;
+    state->tilt_variance -= root * tilt * state->tilt_variance;
+    state->heading_variance -= root * heading * state->heading_variance;
 
-    const float sign = along < 0.0f ? -1.0f : 1.0f; /* of the two signs of an attitude, the nearer */
-    const float a = sign * tilt_gain * north;
-    const float b = sign * tilt_gain * east;
-    const float c = sign * heading_gain * down;
+    const float half = along < 0.0f ? -0.5f : 0.5f; /* of the two signs of an attitude, the nearer */
+    const float a = half * tilt * about_north;
+    const float b = half * tilt * about_east;
+    const float c = half * heading * about_down;
     const float scale = 1.0f / __builtin_sqrtf(1.0f + a * a + b * b + c * c);
     const float x = q[0] + q[3] * a + q[2] * b - q[1] * c;
     const float y = q[1] - q[2] * a + q[3] * b + q[0] * c;

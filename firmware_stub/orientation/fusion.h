@@ -23,7 +23,7 @@ typedef enum {
     FUSION_BAD_STEP,    /**< rate or time not finite, time negative, or more than half a turn in one step */
 } fusion_status_t;
 
-/** How far the sensors are trusted. */
+/** How far the sensors are trusted; the variances are above 0. */
 typedef struct {
     float rate_variance;    /**< what a second of the rate's white noise adds to each rotation's variance [rad^2/s] */
     float tilt_variance;    /**< of a measured attitude about north and about east [rad^2] */
@@ -61,5 +61,10 @@ fusion_status_t fusion_predict(fusion_t *state, const fusion_noise_t *noise, con
 
 /** Correct the attitude by that of gravity and field, equations (33) and (34). Parameters as in fusion_triad(). */
 fusion_status_t fusion_update(fusion_t *state, const fusion_noise_t *noise, const float gravity_g[3], const float field[3]);
+
+/** Steps that do nothing: what calling one costs is measured with them. */
+fusion_status_t empty_fusion_predict(fusion_t *state, const fusion_noise_t *noise, const float rate_rad_s[3], float dt_s);
+fusion_status_t empty_fusion_update(fusion_t *state, const fusion_noise_t *noise, const float gravity_g[3],
+                                    const float field[3]);
 
 #endif

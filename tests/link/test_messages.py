@@ -18,6 +18,7 @@ from hiltest.errors import DeviceError, ProtocolError
 from hiltest.link import messages as m
 from hiltest.link.accelerometer import FitAccelerometer, GetAccelerometer, SetAccelerometer
 from hiltest.link.dpi import FitDpi
+from hiltest.link.fusion import FusionRead, FusionRun, FusionStart
 from hiltest.link.messages import CycleSource, FitStatus, SensorKind, Status
 from hiltest.link.poses import AddPose, ClearPoses, Poses, UploadPoses
 from hiltest.link.replies import RunCost, SlotHeading
@@ -35,6 +36,7 @@ REQUESTS: list[m.Request[object]] = [
     StreamReset("s"), StreamFeed("s", 0, 1), StreamRemove("s", 0, 1), StreamState("s"),
     SetAccelerometer(1, np.eye(3), np.zeros(3)), GetAccelerometer(1), AddPose(1), Poses(0, 1), ClearPoses(),
     UploadPoses(0, [POSE]), FitAccelerometer(6, "six-position"), FitDpi(300, 1),
+    FusionStart(1, 1, 1, 0.5, 0.5, 1.0, 0.1), FusionRun(1), FusionRead(0, 1),
 ]  # fmt: skip
 
 
@@ -64,6 +66,10 @@ REQUESTS: list[m.Request[object]] = [
         (StreamState("ab"), 0x15, "02 6162"),
         (GetAccelerometer(15), 0x17, "0f"),
         (FitAccelerometer(6, "ellipsoid"), 0x1C, "06 09 656c6c6970736f6964"),
+        (FusionStart(3, 5, 16, 0.5, 0.25, 1.0, 0.125, timeout_us=2), 0x22,
+         "03 05 1000 02000000 0000003f 0000803e 0000803f 0000003e"),
+        (FusionRun(258), 0x23, "02010000"),
+        (FusionRead(258, 36), 0x24, "0201 24"),
         (AddPose(512, Face.PLUS_Z, timeout_us=3), 0x18, "0002 03000000 04"),
         (AddPose(1, timeout_us=3), 0x18, "0100 03000000 ff"),
         (Poses(3, 20), 0x19, "03 14"),
@@ -129,6 +135,26 @@ def test_a_face_reads_gravity_on_the_axis_that_is_down() -> None:
     ]  # fmt: skip
     with pytest.raises(ValueError, match="no gravity"):
         _ = Face.NONE.gravity_g
+
+
+def test_what_a_fusion_run_did_and_what_it_kept() -> None:
+    done = struct.pack("<BQ5H4I4I", 0, 10**12, 2, 3, 4, 5, 6, 10, 126, 1240, 22, 0, 0, 0, 22)
+    summary = decode_reply(FusionRun(1), done)
+    assert (summary.began_us, summary.records, summary.no_attitude) == (10**12, 2, 3)
+    assert (summary.accelerated, summary.bad_steps, summary.overruns) == (4, 5, 6)
+    assert (summary.predicted.steps, summary.predicted.largest) == (10, RunCost(126, 22))
+    assert summary.predicted.mean_cycles == 124.0
+    assert summary.updated.mean_cycles is None  # of no step
+    uncounted = decode_reply(FusionRun(1), b"\x0c" + done[1:19] + struct.pack("<8I", 10, 0, 0, 0, 5, 0, 0, 0))
+    assert (uncounted.predicted.steps, uncounted.predicted.largest, uncounted.predicted.mean_cycles) == (10, None, None)
+
+    record = struct.pack("<I12h", 12500, 0, 0, 0, 32767, 0, 0, 0, 0, -32767, 0, 0, 0)
+    records = decode_reply(FusionRead(0, 1), b"\x00\x01" + record)
+    assert records.time_us.tolist() == [12500]
+    assert records.fused.tolist() == [[0, 0, 0, 1]]
+    assert np.isnan(records.measured).all()
+    assert records.turned.tolist() == [[-1, 0, 0, 0]]
+    assert len(decode_reply(FusionRead(5, 1), b"\x00\x00").time_us) == 0
 
 
 def test_identity_fields_are_read_in_order() -> None:

@@ -17,6 +17,7 @@ from hiltest.link import streams
 from hiltest.link.accelerometer import FitAccelerometer, GetAccelerometer, SetAccelerometer
 from hiltest.link.dpi import DpiSource, FitDpi
 from hiltest.link.framing import Frame, encode_frame
+from hiltest.link.fusion import FusionRead, FusionRun, FusionStart
 from hiltest.link.poses import AddPose, ClearPoses, Poses, UploadPoses
 from hiltest.link.request import REPLY_BIT
 from hiltest.link.request_reading import read_request
@@ -39,6 +40,7 @@ REQUESTS: list[m.Request[Any]] = [
     g.FitGyroscope([TURN]), g.SetGyroscope(np.arange(9).reshape(3, 3), [0.5, 0, -1]), g.GetGyroscope(),
     m.Upload(0, [[1, -2, 3, 4, -5, 8192]]),
     FitDpi(300, 2, dip_deg=-62.5), FitDpi(38, 15, source=DpiSource.POSES),
+    FusionStart(3, 5, 16, 0.5, 0.25, 1.0, 0.125, timeout_us=9), FusionRun(24_000_000), FusionRead(36, 12),
 ]  # fmt: skip
 
 

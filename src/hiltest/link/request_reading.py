@@ -10,7 +10,7 @@ import numpy as np
 from hiltest.calibration.gyroscope import GyroscopeTurn
 from hiltest.calibration.still_pose import Face
 from hiltest.errors import ProtocolError
-from hiltest.link import accelerometer, dpi, gyroscope, poses, streams
+from hiltest.link import accelerometer, dpi, fusion, gyroscope, poses, streams
 from hiltest.link import messages as m
 from hiltest.link.fields import FieldReader
 from hiltest.link.framing import Frame
@@ -103,6 +103,12 @@ def _fit_dpi(fields: FieldReader) -> dpi.FitDpi:
     return dpi.FitDpi(n, slot, source=source, dip_deg=dip_deg if given else None)
 
 
+def _fusion_start(fields: FieldReader) -> fusion.FusionStart:
+    slot, every, readings = fields.number("B", "slot"), fields.number("B", "every"), fields.number("H", "readings")
+    timeout_us = fields.number("I", "timeout")
+    return fusion.FusionStart(slot, every, readings, *fields.reals(4, "noise").tolist(), timeout_us=timeout_us)
+
+
 def _stream_reset(fields: FieldReader) -> streams.StreamReset:
     sliced = fields.flag("sliced")
     return streams.StreamReset(fields.text("stream"), sliced)
@@ -141,6 +147,9 @@ _READERS: Mapping[type[m.Request[Any]], _Read] = {
     poses.ClearPoses: lambda _: poses.ClearPoses(),
     poses.UploadPoses: _upload_poses,
     dpi.FitDpi: _fit_dpi,
+    fusion.FusionStart: _fusion_start,
+    fusion.FusionRun: lambda fields: fusion.FusionRun(fields.number("I", "duration")),
+    fusion.FusionRead: lambda fields: fusion.FusionRead(fields.number("H", "first"), fields.number("B", "records")),
     streams.StreamReset: _stream_reset,
     streams.StreamFeed: _steps(streams.StreamFeed),
     streams.StreamRemove: _steps(streams.StreamRemove),

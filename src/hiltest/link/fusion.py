@@ -1,0 +1,209 @@
+"""The fusion filter on the board: what the host asks, and what it is answered."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hiltest.link.fields import FieldReader
+from hiltest.link.replies import RunCost, Status
+from hiltest.link.request import Request, Timed, within
+
+__all__ = [
+    "MAX_FUSION_READ", "MAX_FUSION_RECORDS", "FusionRead", "FusionRecords", "FusionRun", "FusionStart", "FusionSummary",
+    "StepCosts",
+]  # fmt: skip
+
+#: Records that the board keeps, and how many of them one reply holds.
+MAX_FUSION_RECORDS = 1024
+MAX_FUSION_READ = 36
+_MAX_READINGS = 512
+_LONGEST_US = 60_000_000
+_QUATERNION_SCALE = 32767.0
+
+Quaternions = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class StepCosts:
+    """What the steps of one kind cost.
+
+    Attributes
+    ----------
+    steps : int
+        How many there were.
+    largest : RunCost or None
+        The dearest of them; None when the core counts no cycles.
+    mean_cycles : float or None
+        Of all.
+    """
+
+    steps: int
+    largest: RunCost | None
+    mean_cycles: float | None
+
+    @classmethod
+    def parse(cls, fields: FieldReader, name: str) -> StepCosts:
+        """Read the costs; an empty step of no cycles is a counter that is not there."""
+        steps, largest, total, overhead = (
+            fields.number("I", f"{name}: {what}") for what in ("steps", "largest", "total", "overhead")
+        )
+        if not overhead:
+            return cls(steps, None, None)
+        return cls(steps, RunCost(largest, overhead), total / steps if steps else None)
+
+
+@dataclass(frozen=True, slots=True)
+class FusionSummary:
+    """What a run of the filter did.
+
+    Attributes
+    ----------
+    began_us : int
+        On the board's clock.
+    records : int
+        Kept on the board.
+    no_attitude, accelerated : int
+        Corrections left out: no TRIAD, and gravity that was not 1 g.
+    bad_steps : int
+        Predictions left out.
+    overruns : int
+        Samples lost unread.
+    predicted, updated : StepCosts
+    """
+
+    began_us: int
+    records: int
+    no_attitude: int
+    accelerated: int
+    bad_steps: int
+    overruns: int
+    predicted: StepCosts
+    updated: StepCosts
+
+    @classmethod
+    def parse(cls, fields: FieldReader) -> FusionSummary:
+        """Read the reply."""
+        began_us = fields.number("Q", "began")
+        names = ("records", "no attitude", "accelerated", "bad steps", "overruns")
+        records, no_attitude, accelerated, bad_steps, overruns = (fields.number("H", name) for name in names)
+        return cls(
+            began_us, records, no_attitude, accelerated, bad_steps, overruns,
+            StepCosts.parse(fields, "predictions"), StepCosts.parse(fields, "corrections"),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FusionRecords:
+    """Attitudes at corrections, as quaternions (x, y, z, w), body to north-east-down.
+
+    Attributes
+    ----------
+    time_us : ndarray of int, shape (n,)
+        Since the run began.
+    fused, measured, turned : ndarray, shape (n, 4)
+        The filter's; accelerometer and magnetometer alone, NaN where they showed none; gyroscope alone.
+        In steps of 1/32767, 0.0035 degrees.
+    """
+
+    time_us: NDArray[np.int64]
+    fused: Quaternions
+    measured: Quaternions
+    turned: Quaternions
+
+    @classmethod
+    def parse(cls, fields: FieldReader) -> FusionRecords:
+        """Read the reply."""
+        count = fields.number("B", "records")
+        times, rows = [], []
+        for _ in range(count):
+            times.append(fields.number("I", "time"))
+            rows.append(fields.counts(3, "quaternion", columns=4))
+        steps = np.array(rows, dtype=np.float64).reshape(count, 3, 4)
+        steps[~steps.any(axis=2)] = np.nan
+        fused, measured, turned = (steps / _QUATERNION_SCALE).swapaxes(0, 1)
+        return cls(np.array(times, dtype=np.int64), fused, measured, turned)
+
+    @classmethod
+    def joined(cls, parts: list[FusionRecords]) -> FusionRecords:
+        """Put the records of several replies one after the other."""
+        fused, measured, turned = (
+            np.concatenate([getattr(part, name) for part in parts]) for name in ("fused", "measured", "turned")
+        )
+        return cls(np.concatenate([part.time_us for part in parts]), fused, measured, turned)
+
+
+@dataclass(frozen=True)
+class FusionStart(Timed, Request[Quaternions]):
+    """Take the first attitude from the resting board; answers it as a quaternion (x, y, z, w).
+
+    Attributes
+    ----------
+    slot : int
+        Whose calibrations are used.
+    every : int
+        One in so many corrections is kept.
+    readings : int
+        Averaged for the first attitude.
+    rate_dps_rthz, tilt_deg, heading_deg, gate_g : float
+        As `hiltest.orientation.fusion.FusionNoise` has them.
+    """
+
+    code = 0x22
+    command = "FUSION_START"
+    slot: int
+    every: int
+    readings: int
+    rate_dps_rthz: float
+    tilt_deg: float
+    heading_deg: float
+    gate_g: float
+
+    def payload(self) -> bytes:
+        every, readings = within(self.every, 1, 255, "corrections"), within(self.readings, 1, _MAX_READINGS, "readings")
+        noise = (self.rate_dps_rthz, self.tilt_deg, self.heading_deg, self.gate_g)
+        return struct.pack("<BBHI4f", self.slot, every, readings, self.timeout_us, *noise)
+
+    def parse(self, fields: FieldReader) -> Quaternions:
+        return fields.reals(4, "attitude")
+
+
+@dataclass(frozen=True)
+class FusionRun(Request[FusionSummary]):
+    """Run the filter on the board's sensors for a time, or until the records are full."""
+
+    code = 0x23
+    command = "FUSION_RUN"
+    answered_with = frozenset({Status.OK, Status.NO_CYCLE_COUNTER})
+    duration_us: int
+
+    def payload(self) -> bytes:
+        return struct.pack("<I", within(self.duration_us, 1, _LONGEST_US, "us"))
+
+    def parse(self, fields: FieldReader) -> FusionSummary:
+        return FusionSummary.parse(fields)
+
+    @property
+    def board_time_s(self) -> float:
+        """How long the board runs [s]."""
+        return self.duration_us * 1e-6
+
+
+@dataclass(frozen=True)
+class FusionRead(Request[FusionRecords]):
+    """Read what a run has kept; fewer records when no more are there."""
+
+    code = 0x24
+    command = "FUSION_READ"
+    first: int
+    count: int = MAX_FUSION_READ
+
+    def payload(self) -> bytes:
+        count = within(self.count, 0, MAX_FUSION_READ, "records")
+        return struct.pack("<HB", within(self.first, 0, MAX_FUSION_RECORDS, "records"), count)
+
+    def parse(self, fields: FieldReader) -> FusionRecords:
+        return FusionRecords.parse(fields)
