@@ -20,7 +20,7 @@ from hiltest.boards.table_axes import TableAxes
 from hiltest.errors import TurntableError
 from hiltest.link import grbl
 from hiltest.procedures import Achieved, GrblTurntable, grbl_turntable, open_grbl_turntable
-from hiltest.procedures.grbl_turntable import tumble_poses
+from hiltest.procedures.grbl_turntable import sway_poses, tumble_poses
 from hiltest.rig import Rig
 from hiltest.rig_file import load_rig
 from hiltest.world.earth_field import EarthField
@@ -95,6 +95,32 @@ def test_a_tumble_begins_at_its_first_pose_and_takes_about_as_long_as_it_says(
     # From move to move the estimate allows 0.1 s, of which the world's grid takes between 0 and 0.05, and the
     # time between two looks at the table at most 0.02.
     assert takes_s - 0.1 * len(poses) <= ends_s[-2] - begins_s[2] <= takes_s
+
+
+def test_a_sway_takes_about_as_long_as_it_says(
+    bench: Bench, table: GrblTurntable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Of 14 moves three, and as fast as the motors, to be over sooner.
+    monkeypatch.setattr(grbl_turntable, "_SWAY_HEADINGS_DEG", (0.0, 45.0, 0.0, 0.0))
+    monkeypatch.setattr(grbl_turntable, "SWAY_S", 1.0)
+    table.rest()
+    moves = len(bench.world._segments)
+    takes_s = table.sway()
+    assert bench.axes.busy
+    assert bench.axes.last_target_deg == (0.0, 0.0, 0.0)
+    table.rest()
+    begins_s, ends_s = zip(*((move.start_s, move.end_s) for move in bench.world._segments[moves:]), strict=True)
+    assert len(begins_s) == 3
+    # As above: 0.1 s are allowed for between moves.
+    assert takes_s - 0.1 * 4 * 2 <= ends_s[-1] - begins_s[0] <= takes_s
+
+
+def test_a_sway_tilts_to_all_sides_without_winding_up_a_cable() -> None:
+    poses = sway_poses()
+    assert poses[0] == poses[-1] == Pose(0.0, 0.0, 0.0)
+    assert len(poses) - 1 <= 15  # what a planner of Grbl's holds
+    assert max(abs(pose.heading_deg) for pose in poses) == 180.0
+    assert {(pose.pitch_deg, pose.roll_deg) for pose in poses} >= {(20.0, 0.0), (-20.0, 0.0), (0.0, 20.0), (0.0, -20.0)}
 
 
 def test_a_table_that_is_locked_is_sent_home_first(bench: Bench) -> None:

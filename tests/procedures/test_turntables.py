@@ -50,7 +50,7 @@ def test_a_terminal_that_has_been_closed_is_an_absent_operator() -> None:
         raise EOFError
 
     table = OperatorTurntable(prompt=closed, uncertainty_deg=0.5)
-    for ask in (table.rest, lambda: table.tumble(2.0), lambda: table.turn_to(Pose(30.0))):
+    for ask in (table.rest, table.sway, lambda: table.tumble(2.0), lambda: table.turn_to(Pose(30.0))):
         with pytest.raises(OperatorAbsentError, match=r"nobody answers at the terminal; this was asked: \w+"):
             ask()
 
@@ -65,6 +65,28 @@ def test_an_operator_is_asked_to_rest_and_to_tumble() -> None:
     assert "for 45 s" in asked[1]
     _, prompt = answers("")
     assert OperatorTurntable(prompt=prompt, uncertainty_deg=0.5, tumble_s=2.0).tumble(5.6) == 5.6
+
+
+def test_an_operator_is_asked_to_turn_and_tilt_at_the_pace_of_a_hand() -> None:
+    asked, prompt = answers("")
+    assert OperatorTurntable(prompt=prompt, uncertainty_deg=0.5).sway() == 24.0
+    assert "all within 24 s" in asked[0]
+
+
+def test_the_simulated_table_sways_while_the_clock_goes_on(
+    virtual_board: Board, simulated_turntable: Turntable
+) -> None:
+    simulated_turntable.rest()
+    began_s = virtual_board.now_s()
+    takes_s = simulated_turntable.sway()
+    assert virtual_board.now_s() == began_s  # what the board sees of it is for it to say
+    seen = [virtual_board.true_attitude(round(1e6 * (began_s + after_s))) for after_s in (0.0, 9.0, takes_s + 0.1)]
+    assert seen[0] == Pose(1.7, 0.0, 0.0)
+    assert seen[1] is not None
+    assert max(abs(seen[1].pitch_deg), abs(seen[1].roll_deg)) > 5.0
+    assert seen[2] == Pose(pytest.approx(181.7), pytest.approx(0.0, abs=1e-9), pytest.approx(0.0, abs=1e-9))
+    virtual_board.sleep(takes_s + 0.1)
+    simulated_turntable.rest()
 
 
 def test_the_simulated_table_stands_when_it_comes_back(virtual_board: Board, simulated_turntable: Turntable) -> None:

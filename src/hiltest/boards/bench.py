@@ -8,7 +8,8 @@ from hiltest.angles import Pose
 from hiltest.errors import ConfigError
 from hiltest.rig import Rig, build_sensors, build_world
 from hiltest.virtual.k64f import VirtualK64F
-from hiltest.world.motion import Segment
+from hiltest.world.motion import MOVE_GRID_S, Segment
+from hiltest.world.sway import SWAY_S, Sway
 
 #: From power-on until the firmware listens and its sensors are set up [s]: the gyroscope alone boots for 60 ms.
 START_UP_S = 0.2
@@ -90,6 +91,18 @@ class VirtualBench:
     def tumble_takes_s(self, duration_s: float) -> float:
         """Return how long a tumble takes of which `duration_s` is asked [s]."""
         return self._world.tumble_takes_s(duration_s)
+
+    def sway(self) -> float:
+        """Begin to turn and tilt from where the level table stands, come back at once; return how long it takes [s]."""
+        begin_s = self.next_move_s()
+        steps = round(begin_s / MOVE_GRID_S) + round(SWAY_S / MOVE_GRID_S)
+        heading_deg = self._world.at(begin_s).pose.heading_deg - self._world.mounting_yaw_deg
+        self.begin_move(Sway(begin_s, steps * MOVE_GRID_S, heading_deg))
+        return SWAY_S
+
+    def attitude_at(self, time_s: float) -> Pose:
+        """Return the board's true attitude at a virtual time [s]."""
+        return self._world.at(time_s).pose
 
     def next_move_s(self) -> float:
         """Return when a move that is planned now can begin [virtual s]."""

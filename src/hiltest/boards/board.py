@@ -118,6 +118,9 @@ class Stage(Protocol):
     def tumble(self, duration_s: float) -> float:
         """Go to where a tumble begins, begin it, come back, and say how long it takes [s]."""
 
+    def sway(self) -> float:
+        """Begin to turn and tilt from where the level table stands, come back at once; say how long it takes [s]."""
+
 
 class Board(ABC):
     """A board that is synchronised, identified and has its sensors selected.
@@ -186,6 +189,10 @@ class Board(ABC):
     @property
     def instructions(self) -> int | None:
         """Instructions executed since power-on; None where nobody counts them."""
+        return None
+
+    def true_attitude(self, board_us: int) -> Pose | None:
+        """Return the board's attitude at a time of its own clock [us]; None where nobody knows it."""
         return None
 
     def instructions_counted(self, cycles: int) -> int | None:

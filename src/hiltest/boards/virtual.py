@@ -6,6 +6,7 @@ import hashlib
 
 import numpy as np
 
+from hiltest.angles import Pose
 from hiltest.boards.bench import VirtualBench
 from hiltest.boards.board import Board, BoardKind, Declared, Truth
 from hiltest.boards.virtual_port import VirtualPort
@@ -31,7 +32,7 @@ class VirtualBoard(Board):
     kind = BoardKind.VIRTUAL
 
     def __init__(self, bench: VirtualBench, *, declared: Declared, transcript: Transcript | None = None) -> None:
-        self._machine = bench.machine
+        self._bench, self._machine = bench, bench.machine
         bench.power_on()
         port = VirtualPort()
         port.port = "hil://"
@@ -66,6 +67,10 @@ class VirtualBoard(Board):
     def instructions(self) -> int:
         """Instructions executed since power-on."""
         return self._machine.instructions
+
+    def true_attitude(self, board_us: int) -> Pose:
+        """Return the board's attitude at a time of its own clock [us], which begins within 1 ms of power-on."""
+        return self._bench.attitude_at(board_us * 1e-6)
 
     def instructions_counted(self, cycles: int) -> int | None:
         """Count the instructions between the two latest readings of CYCCNT that lie `cycles` apart."""

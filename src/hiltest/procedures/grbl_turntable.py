@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from itertools import pairwise
@@ -12,7 +13,7 @@ from hiltest.boards.real import SILICON
 from hiltest.errors import HiltestError, TurntableError
 from hiltest.link.grbl import GrblLine
 from hiltest.link.ports import open_port
-from hiltest.procedures.turntables import LEVEL, Achieved
+from hiltest.procedures.turntables import LEVEL, SWAY_S, Achieved
 from hiltest.rig import Rig
 
 # The axes stand when Grbl says so; what is mounted on them swings a little longer [s].
@@ -22,6 +23,10 @@ _SETTLE_S = 0.25
 _CIRCLES_DEG = (15.0, 45.0, 75.0, 105.0, 135.0, 165.0)
 # From the end of one move to the begin of the next, at most [s].
 _BETWEEN_MOVES_S = 0.1
+# Corners of a sway: headings, half a turn to one side and to the other, so that no cable is wound up, and tilts, again
+# and again. A planner of Grbl's holds the 14 moves between them.
+_SWAY_HEADINGS_DEG = (0.0, 45.0, 90.0, 135.0, 180.0, 135.0, 90.0, 45.0, 0.0, -45.0, -90.0, -135.0, -90.0, -45.0, 0.0)
+_SWAY_TILTS_DEG = ((0.0, 0.0), (20.0, 0.0), (0.0, 20.0), (-20.0, 0.0), (0.0, -20.0))
 _BOARD = re.compile(r"\[VER:[^:]*:virtual FRDM-K64F (\S+)\]")
 
 
@@ -80,6 +85,15 @@ class GrblTurntable:
         for pose in poses[1:]:
             self._line.ask(_rapid(pose))
         return max(duration_s, takes_s)
+
+    def sway(self) -> float:
+        """Begin to turn and tilt, and return how long it takes: `SWAY_S`, or as long as the motors need."""
+        poses = sway_poses()
+        takes_s = max(SWAY_S, self._seconds(poses))
+        for begin, end in pairwise(poses):
+            travel_deg = math.dist(_angles(begin), _angles(end))
+            self._line.ask(_feed(end, travel_deg * (len(poses) - 1) / takes_s))
+        return takes_s + _BETWEEN_MOVES_S * len(poses)
 
     def rest(self) -> None:
         """Stand level, heading north."""
@@ -162,6 +176,19 @@ def tumble_poses(dip_deg: float, *, mounting_yaw_deg: float = 0.0) -> list[Pose]
         begin_deg = -180.0 if number % 2 == 0 else 180.0
         poses += [Pose(wrap_180(heading_deg), pitch_deg, roll) for roll in (begin_deg, -begin_deg)]
     return poses
+
+
+def sway_poses() -> list[Pose]:
+    """Return the corners of a sway: it begins and ends level, heading north, and tilts to all sides meanwhile."""
+    last = len(_SWAY_HEADINGS_DEG) - 1
+    return [
+        Pose(heading_deg, *_SWAY_TILTS_DEG[number % len(_SWAY_TILTS_DEG) if number < last else 0])
+        for number, heading_deg in enumerate(_SWAY_HEADINGS_DEG)
+    ]
+
+
+def _feed(pose: Pose, speed_dps: float) -> str:
+    return f"{_rapid(pose).replace('G0', 'G1')} F{60.0 * speed_dps:.0f}"
 
 
 def _rapid(pose: Pose) -> str:

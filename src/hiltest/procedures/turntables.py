@@ -14,6 +14,8 @@ from hiltest.errors import OperatorAbsentError
 LEVEL = Pose(0.0, 0.0, 0.0)
 # Six sides and eight corners, 3 s each, and a little to begin with.
 HAND_TUMBLE_S = 45.0
+# The motion that a filter is judged by, where a hand or a motor makes it.
+SWAY_S = 24.0
 # An operator who gives nonsense this often in a row is not there.
 _QUESTIONS = 3
 
@@ -55,6 +57,15 @@ class Turntable(Protocol):
             are then collected over all of its time.
         """
 
+    def sway(self) -> float:
+        """Begin to turn and tilt the board from where `rest` leaves it, at tens of degrees a second; come back at once.
+
+        Returns
+        -------
+        float
+            How long it takes until the board is at rest again [s].
+        """
+
     def rest(self) -> None:
         """Stand level and still."""
 
@@ -87,6 +98,10 @@ class SimulatedTurntable:
     def tumble(self, duration_s: float) -> float:
         """Go to the first pose of a tumble and begin it; it is as fast as the sensor, unless the rig confines it."""
         return self._stage.tumble(duration_s)
+
+    def sway(self) -> float:
+        """Begin a sway; it is as fast as it is."""
+        return self._stage.sway()
 
     def rest(self) -> None:
         """Stand level, heading north."""
@@ -146,6 +161,14 @@ class OperatorTurntable:
             "How much of the sphere is seen is shown. Enter to begin: "
         )
         return takes_s
+
+    def sway(self) -> float:
+        """Ask the operator to turn and tilt the board, at the pace of a hand."""
+        self._ask(
+            f"turn the level board once round and on, tilting it by about 20 degrees to all sides meanwhile, and lay "
+            f"it down again: all within {SWAY_S:.0f} s. Enter to begin: "
+        )
+        return SWAY_S
 
     def rest(self) -> None:
         """Ask for the board to lie still."""
