@@ -10,6 +10,7 @@ from hiltest.procedures.clouds import golden_cloud
 from hiltest.procedures.coverage import largest_hole_deg, sphere_coverage
 from hiltest.procedures.cycles import CycleCost, measure_cycles, upload_cloud
 from hiltest.procedures.float64_headings import float32_error_deg, heading_errors_deg
+from hiltest.procedures.fusion import AttitudeErrors, FusionResult, filter_noise, measure_fusion
 from hiltest.procedures.grbl_turntable import GrblTurntable, open_grbl_turntable
 from hiltest.procedures.heading_statistics import HeadingSummary, summarise, tilt_to_heading
 from hiltest.procedures.known_angles import KnownAngles, measure_known_angles
@@ -37,11 +38,13 @@ __all__ = [
     "UNCALIBRATED_SLOT",
     "AccelerometerRestResult",
     "Achieved",
+    "AttitudeErrors",
     "CalibratorRun",
     "Cause",
     "CycleCost",
     "Effort",
     "EffortKind",
+    "FusionResult",
     "GrblTurntable",
     "GyroscopeRestResult",
     "HeadingSummary",
@@ -59,6 +62,7 @@ __all__ = [
     "collect_tumble",
     "effort_curve",
     "evenly_spread",
+    "filter_noise",
     "float32_error_deg",
     "golden_cloud",
     "heading_errors_deg",
@@ -67,6 +71,7 @@ __all__ = [
     "largest_hole_deg",
     "measure_accelerometer_rest",
     "measure_cycles",
+    "measure_fusion",
     "measure_gyroscope_rest",
     "measure_known_angles",
     "name_cause",

@@ -1,0 +1,87 @@
+"""Does the Kalman filter know the attitude while the board moves? Beside each of its two halves alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import pytest
+
+from hiltest.boards import Board
+from hiltest.fixtures import Measure
+from hiltest.procedures import (
+    AttitudeErrors,
+    CalibratorRun,
+    FusionResult,
+    Progress,
+    Turntable,
+    filter_noise,
+    measure_fusion,
+)
+from hiltest.rig import Rig
+
+pytestmark = [pytest.mark.hil, pytest.mark.full]
+
+# The calibration that headings are judged under first.
+CALIBRATOR = "direct"
+
+
+@pytest.fixture(scope="module")
+def motion(
+    board: Board, turntable: Turntable, rig: Rig, calibrations: Mapping[str, CalibratorRun], hil_progress: Progress
+) -> FusionResult:
+    """What the board found while it was turned and tilted."""
+    noise = filter_noise(
+        magnetometer_sigma_ut=rig.sensors.magnetometer_noise_ut, field_ut=rig.field.strength_ut,
+        dip_deg=rig.field.dip_deg,
+    )
+    return measure_fusion(
+        board, turntable, slot=calibrations[CALIBRATOR].slot, noise=noise, readings=rig.procedure.readings_per_pose,
+        bias_s=rig.procedure.gyroscope_rest_s, progress=hil_progress,
+    )
+
+
+def test_attitude_during_a_motion(motion: FusionResult, measure: Measure) -> None:
+    for name, errors in alternatives(motion).items():
+        prefix = "fusion" if name == "fused" else f"fusion.{name}"
+        measure(f"{prefix}.heading.rms", errors and errors.heading_rms_deg, "deg")
+        measure(f"{prefix}.heading.max", errors and errors.heading_max_deg, "deg")
+        measure(f"{prefix}.tilt.rms", errors and errors.tilt_rms_deg, "deg")
+
+
+def test_every_sample_of_the_motion_is_used(motion: FusionResult, measure: Measure) -> None:
+    summary = motion.summary
+    left_out = summary.no_attitude + summary.accelerated + summary.bad_steps + summary.overruns
+    measure("fusion.corrections", summary.updated.steps, "")
+    measure("fusion.left_out", left_out, "")
+
+
+def test_cycles_of_a_step(motion: FusionResult, measure: Measure) -> None:
+    for name, costs in (("predict", motion.summary.predicted), ("update", motion.summary.updated)):
+        largest = costs.largest and costs.largest.cycles
+        measure(f"cycles.fusion.{name}", largest, "cycle", cycle_model=motion.cycle_model)
+        measure(f"cycles.fusion.{name}.mean", costs.mean_cycles, "cycle", cycle_model=motion.cycle_model)
+
+
+def test_errors_over_time(motion: FusionResult, measure: Measure) -> None:
+    found = alternatives(motion)
+    if motion.truth is None or any(errors is None for errors in found.values()):
+        pytest.skip("nobody knows the truth here")
+    measure.table(
+        "fusion.motion", {"time": "s", "heading": "deg"} | dict.fromkeys(found, "deg"),
+        zip(
+            motion.time_s.tolist(), (pose.heading_deg for pose in motion.truth),
+            *(map(cell, errors.heading_deg.tolist()) for errors in found.values() if errors), strict=True,
+        ),
+    )
+
+
+def cell(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def alternatives(motion: FusionResult) -> dict[str, AttitudeErrors | None]:
+    return {
+        "fused": motion.fused, "accelerometer_magnetometer": motion.accelerometer_magnetometer,
+        "gyroscope": motion.gyroscope,
+    }

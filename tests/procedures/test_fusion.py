@@ -1,0 +1,169 @@
+"""The board runs the fusion filter through a motion; what is wrong with its rates shows."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from hiltest.angles import Pose
+from hiltest.boards import Board, VirtualBench
+from hiltest.link.gyroscope import GetGyroscope, SetGyroscope
+from hiltest.link.messages import SetCalibration
+from hiltest.orientation.quaternions import from_pose, left_columns
+from hiltest.procedures import FusionResult, SimulatedTurntable, filter_noise, measure_fusion
+from hiltest.procedures.fusion import AttitudeErrors, _error
+from hiltest.rig import COUNTS_PER_UT, Rig
+from hiltest.world.motion import MOVE_GRID_S
+from hiltest.world.sway import Sway
+
+SLOT = 12
+# A third of the sway's time for all of it: three times as fast, and quicker to test.
+SECONDS = 8.0
+
+
+class QuickTurntable(SimulatedTurntable):
+    """A simulated table in a hurry."""
+
+    def __init__(self, bench: VirtualBench) -> None:
+        super().__init__(bench, uncertainty_deg=0.1)
+        self._bench = bench
+
+    def sway(self) -> float:
+        begin_s = self._bench.next_move_s()
+        end_s = (round(begin_s / MOVE_GRID_S) + round(SECONDS / MOVE_GRID_S)) * MOVE_GRID_S
+        self._bench.begin_move(Sway(begin_s, end_s))
+        return SECONDS
+
+
+@pytest.fixture(scope="module")
+def calibrated(virtual_board: Board) -> Iterator[Board]:
+    """The board with the world's own distortion for a calibration: what is left is noise."""
+    truth = virtual_board.truth
+    assert truth is not None
+    soft_iron = np.linalg.inv(truth.soft_iron) / (COUNTS_PER_UT * truth.field_ut)
+    virtual_board.session.request(SetCalibration(SLOT, soft_iron, COUNTS_PER_UT * truth.hard_iron_ut))
+    before = virtual_board.session.request(GetGyroscope())
+    nominal = truth.gyroscope_matrix
+    virtual_board.session.request(SetGyroscope(nominal, before.bias))
+    yield virtual_board
+    virtual_board.session.request(SetGyroscope(before.matrix, before.bias))
+
+
+def moved(board: Board, rig: Rig) -> FusionResult:
+    assert isinstance(board.stage, VirtualBench)
+    noise = filter_noise(
+        magnetometer_sigma_ut=rig.sensors.magnetometer_noise_ut, field_ut=rig.field.strength_ut,
+        dip_deg=rig.field.dip_deg,
+    )
+    return measure_fusion(board, QuickTurntable(board.stage), slot=SLOT, noise=noise, bias_s=2.0)
+
+
+@pytest.fixture(scope="module")
+def motion(calibrated: Board, bench_rig: Rig) -> FusionResult:
+    return moved(calibrated, bench_rig)
+
+
+def heading_limit_deg(rig: Rig) -> float:
+    limit = rig.limits["fusion.heading.rms"].max
+    assert limit is not None
+    return limit
+
+
+def test_the_filter_is_within_the_rigs_limits_and_better_than_its_measurements(
+    motion: FusionResult, bench_rig: Rig
+) -> None:
+    fused, measured = motion.fused, motion.accelerometer_magnetometer
+    assert fused is not None
+    assert measured is not None
+    assert fused.heading_rms_deg < heading_limit_deg(bench_rig)
+    assert fused.tilt_rms_deg < (bench_rig.limits["fusion.tilt.rms"].max or 0.0)
+    # 0.4 uT over a horizontal field of 22.8 uT are 1.0 degree; half as much again over 130 records and three times the
+    # tilt error of a motion three times as fast.
+    assert 0.9 < measured.heading_rms_deg < 2.0
+    assert fused.heading_rms_deg < 0.6 * measured.heading_rms_deg
+
+
+def test_the_gyroscope_alone_keeps_the_attitude_for_seconds(motion: FusionResult) -> None:
+    assert motion.gyroscope is not None
+    # The first attitude is the mean of 16 readings: 0.25 degrees. 8 s of what is left of the bias: 0.1.
+    assert motion.gyroscope.heading_rms_deg < 1.0
+    assert motion.gyroscope.tilt_rms_deg < 0.5
+
+
+def test_nothing_is_lost_and_every_step_is_counted(motion: FusionResult) -> None:
+    summary = motion.summary
+    assert (summary.no_attitude, summary.accelerated, summary.bad_steps, summary.overruns) == (0, 0, 0, 0)
+    assert len(motion.time_s) == summary.records == -(-summary.updated.steps // 6)
+    assert motion.time_s[-1] == pytest.approx(SECONDS + 0.3, abs=0.1)
+    assert summary.predicted.largest is not None
+    assert motion.cycle_model == "cortex-m4-trm/1@sram"
+
+
+def test_the_truth_is_that_of_the_boards_clock(motion: FusionResult, calibrated: Board) -> None:
+    """At 120 deg/s a clock that is wrong by 10 ms is an error of 1.2 degrees, in step with the rate."""
+    assert motion.truth is not None
+    assert motion.gyroscope is not None
+    turning = np.array([pose.heading_deg for pose in motion.truth])
+    rates_dps = np.gradient(np.unwrap(turning, period=360.0), motion.time_s)
+    slope_s = np.polyfit(rates_dps, motion.gyroscope.heading_deg, 1)[0]
+    # Looks come up to an eighth of a period, 0.6 and 1.6 ms, after their samples; clocks differ by 1 ms at most.
+    assert abs(slope_s) < 3e-3
+    assert abs(calibrated.now_s() - (1e-6 * motion.summary.began_us + SECONDS + 0.3)) < 1.0
+
+
+def test_where_nobody_knows_the_truth_there_are_no_errors(
+    calibrated: Board, bench_rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(type(calibrated), "true_attitude", Board.true_attitude)
+    assert isinstance(calibrated.stage, VirtualBench)
+    still = SimulatedTurntable(calibrated.stage, uncertainty_deg=0.1)
+    monkeypatch.setattr(still, "sway", lambda: 0.2)
+    noise = filter_noise(magnetometer_sigma_ut=0.4, field_ut=48.5, dip_deg=62.0)
+    found = measure_fusion(calibrated, still, slot=SLOT, noise=noise, bias_s=0.5)
+    assert (found.truth, found.fused, found.accelerometer_magnetometer, found.gyroscope) == (None, None, None, None)
+    assert found.summary.updated.steps > 30
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [-np.eye(3), np.eye(3)[[1, 0, 2]], np.diag([1.0, 1.0, -1.0]), np.diag([1.0, -1.0, 1.0]), np.radians(np.eye(3))],
+    ids=["sign of the rate", "x and y exchanged", "sign of z", "sign of y", "radians for degrees"],
+)
+def test_a_wrong_sign_axis_or_unit_of_the_rate_is_red(calibrated: Board, bench_rig: Rig, wrong: np.ndarray) -> None:
+    right = calibrated.session.request(GetGyroscope())
+    calibrated.session.request(SetGyroscope(wrong @ right.matrix, right.bias))
+    try:
+        found = moved(calibrated, bench_rig)
+    finally:
+        calibrated.session.request(SetGyroscope(right.matrix, right.bias))
+    assert found.fused is not None
+    tilt_limit_deg = bench_rig.limits["fusion.tilt.rms"].max
+    assert tilt_limit_deg is not None
+    assert found.fused.heading_rms_deg > heading_limit_deg(bench_rig) or found.fused.tilt_rms_deg > tilt_limit_deg
+
+
+def test_errors_of_an_attitude_are_those_of_its_heading_and_of_its_vertical() -> None:
+    truth = Pose(350.0, 10.0, -20.0)
+    assert _error(from_pose(truth), truth) == pytest.approx((0.0, 0.0), abs=1e-6)
+    turned = from_pose(Pose(5.0, 10.0, -20.0))
+    assert _error(turned, truth) == pytest.approx((15.0, 0.0), abs=1e-6)
+    about_east = from_pose(truth) + left_columns(from_pose(truth)) @ np.radians([0.0, 2.0, 0.0]) / 2.0
+    assert _error(about_east, truth)[1] == pytest.approx(2.0, abs=1e-3)
+    assert np.isnan(_error(np.full(4, np.nan), truth)).all()
+
+
+def test_a_record_without_an_attitude_does_not_count() -> None:
+    errors = AttitudeErrors(np.array([3.0, np.nan, -4.0]), np.array([1.0, np.nan, 1.0]))
+    assert errors.heading_rms_deg == pytest.approx(np.sqrt(12.5))
+    assert (errors.heading_max_deg, errors.tilt_rms_deg) == (4.0, 1.0)
+
+
+def test_the_filter_is_told_the_benchs_own_noise() -> None:
+    noise = filter_noise(magnetometer_sigma_ut=0.4, field_ut=48.5, dip_deg=0.0)
+    assert noise.heading_deg == pytest.approx(np.degrees(0.4 / 48.5))
+    steep = filter_noise(magnetometer_sigma_ut=0.4, field_ut=48.5, dip_deg=62.0)
+    assert steep.heading_deg > 2.0 * noise.heading_deg
+    assert dataclasses.replace(steep, heading_deg=noise.heading_deg) == noise
