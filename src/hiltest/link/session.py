@@ -38,6 +38,8 @@ REPLY_DEADLINE_S = 1.0
 ATTEMPTS = 3
 # A board on a real clock cannot exceed it within its deadlines; a virtual one that computes without end can.
 WALL_GUARD_S = 30.0
+# A virtual board that is told to work for a second may take so much longer on a busy machine; 0.4 s on an idle one.
+_WALL_A_BOARD_SECOND = 4.0
 # Late answers to that many earlier requests are dropped; a stranger number is an error.
 _STALE_SEQUENCES = 16
 _HEARD_KEPT = 256
@@ -240,7 +242,8 @@ class Session:
             )
 
     def _await(self, message: Request[R], sequence: int, end_s: float, resync: bool) -> bytes | None:
-        wall_end_s = time.monotonic() + self._wall_guard_s
+        guard_s = self._wall_guard_s + _WALL_A_BOARD_SECOND * message.board_time_s
+        wall_end_s = time.monotonic() + guard_s
         while self.now() < end_s:
             for item in self._receive():
                 if isinstance(item, DamagedFrame):
@@ -251,7 +254,7 @@ class Session:
                 elif self._answers(item, message, sequence):
                     return item.payload
             if self.clock == "virtual" and time.monotonic() > wall_end_s:
-                raise DeviceTimeoutError(message.command, self._wall_guard_s, "wall", self._found())
+                raise DeviceTimeoutError(message.command, guard_s, "wall", self._found())
         return None
 
     def _found(self) -> str:
