@@ -9,6 +9,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from hiltest.report import overview, stream_overview
 from hiltest.report.budget_plot import budget_figures
+from hiltest.report.fusion_plot import fusion_figures
 from hiltest.report.plots import cloud_figures, cycle_figures, heading_figures
 from hiltest.report.record import Run
 from hiltest.report.svg import Figure
@@ -65,6 +66,11 @@ def _figure_groups(run: Run) -> list[FigureGroup]:
             "there was no ellipsoid, only a sphere was fitted. Dashed: the cycles that the thesis counts for its own "
             "calibrator and for the library's.",
             budget_figures(run),
+        ),
+        FigureGroup(
+            "Fusion",
+            "Heading while the board was turned and tilted, against the truth; all three began with the same attitude.",
+            fusion_figures(run),
         ),
         FigureGroup(
             "Cycles", "Dots: counted on the board. Line: least squares through them.", cycle_figures(run),
