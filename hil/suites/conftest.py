@@ -9,18 +9,23 @@ import pytest
 from hiltest.boards import Board
 from hiltest.imu_calibration import ImuCalibration
 from hiltest.imu_calibration.on_board import store_calibration
+from hiltest.link.gyroscope import Axis
 from hiltest.procedures import (
     UNCALIBRATED,
     UNCALIBRATED_SLOT,
     CalibratorRun,
+    FittedTurns,
     KnownAngles,
+    MeasuredTurn,
     Progress,
     StreamRun,
     Tumble,
     Turntable,
     collect_tumble,
+    fit_on_board,
     held_as_taken,
     measure_known_angles,
+    measure_turn,
     run_calibrators,
     run_streams,
     store_streams,
@@ -55,6 +60,33 @@ def _place(item: pytest.Item) -> int:
     place = ORDER.index(item.path.stem) if item.path.stem in ORDER else len(ORDER)
     waits = "known_angles" in getattr(item, "fixturenames", ())
     return max(place, ORDER.index("test_heading")) if waits else place
+
+
+@pytest.fixture(scope="session")
+def turn_about_z(board: Board, turntable: Turntable, rig: Rig, hil_progress: Progress) -> MeasuredTurn:
+    """One turn of the level board, between two rests; the first has stored the gyroscope's bias."""
+    return _turn(board, turntable, rig, Axis.Z, hil_progress)
+
+
+@pytest.fixture(scope="session")
+def gyroscope_turns(
+    board: Board, turntable: Turntable, rig: Rig, turn_about_z: MeasuredTurn, hil_progress: Progress
+) -> list[MeasuredTurn]:
+    """One turn about each axis of the board."""
+    return [turn_about_z, *(_turn(board, turntable, rig, axis, hil_progress) for axis in (Axis.X, Axis.Y))]
+
+
+def _turn(board: Board, turntable: Turntable, rig: Rig, axis: Axis, progress: Progress) -> MeasuredTurn:
+    return measure_turn(
+        board, turntable, axis, rate_dps=rig.procedure.gyroscope_turn_dps, rest_s=rig.procedure.gyroscope_rest_s,
+        progress=progress,
+    )
+
+
+@pytest.fixture(scope="session")
+def gyroscope_calibration(board: Board, rig: Rig, gyroscope_turns: list[MeasuredTurn]) -> FittedTurns:
+    """What the board made of these turns; it keeps it as its gyroscope's calibration."""
+    return fit_on_board(board, gyroscope_turns, uncertainty_deg=rig.turntable.uncertainty_deg)
 
 
 @pytest.fixture(scope="session")

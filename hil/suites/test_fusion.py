@@ -12,6 +12,7 @@ from hiltest.fixtures import Measure
 from hiltest.procedures import (
     AttitudeErrors,
     CalibratorRun,
+    FittedTurns,
     FusionResult,
     Progress,
     Turntable,
@@ -28,9 +29,10 @@ CALIBRATOR = "direct"
 
 @pytest.fixture(scope="module")
 def motion(
-    board: Board, turntable: Turntable, rig: Rig, calibrations: Mapping[str, CalibratorRun], hil_progress: Progress
+    board: Board, turntable: Turntable, rig: Rig, calibrations: Mapping[str, CalibratorRun],
+    gyroscope_calibration: FittedTurns, hil_progress: Progress,
 ) -> FusionResult:
-    """What the board found while it was turned and tilted."""
+    """What the board found while it was turned and tilted; it keeps the gyroscope's calibration that it has made."""
     noise = filter_noise(
         magnetometer_sigma_ut=rig.sensors.magnetometer_noise_ut, field_ut=rig.field.strength_ut,
         dip_deg=rig.field.dip_deg,

@@ -12,15 +12,17 @@ from hypothesis import strategies as st
 
 from hiltest.angles import Pose, rotation_body_from_ned
 from hiltest.bench_files import shipped
-from hiltest.boards import VirtualBench, open_board
+from hiltest.boards import VirtualBench, grbl_table, open_board
 from hiltest.boards.grbl_table import GrblTable
 from hiltest.boards.lines import PseudoTerminal
 from hiltest.boards.paced import PacedBench
 from hiltest.boards.table_axes import TableAxes
 from hiltest.errors import TurntableError
 from hiltest.link import grbl
+from hiltest.link.gyroscope import Axis
 from hiltest.procedures import Achieved, GrblTurntable, grbl_turntable, open_grbl_turntable
 from hiltest.procedures.grbl_turntable import sway_poses, tumble_poses
+from hiltest.procedures.turntables import AFTER_TURN_S, BEFORE_TURN_S
 from hiltest.rig import Rig
 from hiltest.rig_file import load_rig
 from hiltest.world.earth_field import EarthField
@@ -121,6 +123,26 @@ def test_a_sway_tilts_to_all_sides_without_winding_up_a_cable() -> None:
     assert len(poses) - 1 <= 15  # what a planner of Grbl's holds
     assert max(abs(pose.heading_deg) for pose in poses) == 180.0
     assert {(pose.pitch_deg, pose.roll_deg) for pose in poses} >= {(20.0, 0.0), (-20.0, 0.0), (0.0, 20.0), (0.0, -20.0)}
+
+
+def test_a_turn_begins_after_it_has_come_back_and_is_over_when_it_says(bench: Bench, table: GrblTurntable) -> None:
+    table.mount(Axis.Y)
+    assert (bench.pose.pitch_deg, bench.pose.roll_deg) == (0.0, 90.0)
+    before_s = bench.machine.time_s
+    takes_s = table.turn(Axis.Y, -180.0, rate_dps=90.0)
+    table.rest()  # waits for the turn first
+    # Power-on, to the axis, the turn, and home. It may have come back a little later than the turn was asked for.
+    _, _, turn, _ = bench.world._segments
+    assert turn.start_s - before_s >= BEFORE_TURN_S - 0.1
+    assert turn.end_s - turn.start_s == pytest.approx(2.0, abs=0.05)
+    assert turn.end_s - before_s <= takes_s - AFTER_TURN_S + 0.2
+    assert bench.pose == Pose(1.7, 0.0, 0.0)
+
+
+def test_a_table_that_cannot_tilt_so_far_says_so(table: GrblTurntable, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(grbl_table, "FURTHEST_DEG", 45.0)
+    with pytest.raises(TurntableError, match=r"Y-90.*' was answered by error:33: .* beyond the table's travel"):
+        table.mount(Axis.X)
 
 
 def test_a_table_that_is_locked_is_sent_home_first(bench: Bench) -> None:

@@ -9,6 +9,7 @@ import pytest
 from hiltest.angles import Pose
 from hiltest.boards import Board
 from hiltest.errors import OperatorAbsentError
+from hiltest.link.gyroscope import Axis
 from hiltest.procedures import Achieved, OperatorTurntable, Turntable
 
 
@@ -96,3 +97,15 @@ def test_the_simulated_table_stands_when_it_comes_back(virtual_board: Board, sim
     assert achieved == Achieved(90.0, 20.0, 0.0, simulated_turntable.uncertainty_deg)
     # At 120 deg/s a quarter turn takes 0.75 s.
     assert virtual_board.now_s() - before >= 0.75
+
+
+def test_an_operator_is_asked_to_mount_an_axis_and_to_turn_it_once() -> None:
+    asked, prompt = answers("", "", "")
+    table = OperatorTurntable(prompt=prompt, uncertainty_deg=0.5)
+    table.mount(Axis.X)
+    assert table.turn(Axis.X, 360.0, rate_dps=60.0) == 16.0  # twice as long as it should take, and to begin and end
+    table.turn(Axis.X, -360.0, rate_dps=60.0)
+    assert "nose down, its x axis straight down" in asked[0]
+    assert "turn the table clockwise (seen from above) by 360 deg" in asked[1]
+    assert "in about 6 s" in asked[1]
+    assert "anticlockwise" in asked[2]

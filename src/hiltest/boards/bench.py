@@ -88,6 +88,11 @@ class VirtualBench:
         self.machine.run_until(self.begin_tumble(duration_s))
         return self.tumble_takes_s(duration_s)
 
+    def turn_round(self, turn_deg: float, *, rate_dps: float, after_s: float) -> float:
+        """Begin to turn about the vertical in `after_s`, come back at once, and say in how long it will stand [s]."""
+        now_s = self.machine.time_s
+        return self._world.turn_round(turn_deg, rate_dps=rate_dps, time_s=now_s + after_s) - now_s
+
     def tumble_takes_s(self, duration_s: float) -> float:
         """Return how long a tumble takes of which `duration_s` is asked [s]."""
         return self._world.tumble_takes_s(duration_s)

@@ -121,6 +121,9 @@ class Stage(Protocol):
     def sway(self) -> float:
         """Begin to turn and tilt from where the level table stands, come back at once; say how long it takes [s]."""
 
+    def turn_round(self, turn_deg: float, *, rate_dps: float, after_s: float) -> float:
+        """Begin to turn about the vertical in `after_s`, come back at once, and say in how long it will stand [s]."""
+
 
 class Board(ABC):
     """A board that is synchronised, identified and has its sensors selected.

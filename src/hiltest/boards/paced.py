@@ -168,6 +168,11 @@ class PacedBench:
             self._wait_for(self._bench.begin_tumble(duration_s))
             return self._bench.tumble_takes_s(duration_s)
 
+    def turn_round(self, turn_deg: float, *, rate_dps: float, after_s: float) -> float:
+        """Begin to turn about the vertical in `after_s`, come back at once, and say in how long it will stand [s]."""
+        with self._clock:
+            return self._bench.turn_round(turn_deg, rate_dps=rate_dps, after_s=after_s)
+
     def _wait_for(self, time_s: float) -> None:
         self._clock.wait_for(lambda: self.time_s >= time_s or not self._running)
         if self.time_s < time_s:

@@ -68,6 +68,7 @@ class GrblLine:
     def __init__(self, port: SerialPort) -> None:
         self._port = port
         self._partial = b""
+        self._owed: list[str] = []  # lines that were sent and are not answered yet
         try:
             self._synchronise()
         except TurntableError:
@@ -88,7 +89,23 @@ class GrblLine:
         TurntableError
             On another answer than ``ok``, on none in time, and when the line breaks.
         """
+        self._settle()
         self._write(f"{line}\n".encode("ascii"))
+        return self._answer(line, moving=moving)
+
+    def begin(self, *lines: str) -> None:
+        """Send lines and do not wait for their answers; whatever is asked next waits for them first."""
+        self._settle()
+        for line in lines:
+            self._write(f"{line}\n".encode("ascii"))
+            self._owed.append(line)
+
+    def _settle(self) -> None:
+        while self._owed:
+            self._answer(self._owed.pop(0), moving=True)
+
+    def _answer(self, line: str, *, moving: bool) -> list[str]:
+        """Return what is said until ``ok``."""
         began_s = looked_s = time.monotonic()
         patience_s = _STALLED_S if moving else _ANSWER_S
         gives_up_s = began_s + patience_s
@@ -118,6 +135,7 @@ class GrblLine:
         TurntableError
             When there is no report in time, or one without machine positions.
         """
+        self._settle()
         status = self._report(_ANSWER_S)
         if status is None:
             raise self._error(f"no status report with MPos within {_ANSWER_S:g} s. Set $10=1 in the controller")

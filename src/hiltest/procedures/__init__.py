@@ -12,6 +12,8 @@ from hiltest.procedures.cycles import CycleCost, measure_cycles, upload_cloud
 from hiltest.procedures.float64_headings import float32_error_deg, heading_errors_deg
 from hiltest.procedures.fusion import AttitudeErrors, FusionResult, filter_noise, measure_fusion
 from hiltest.procedures.grbl_turntable import GrblTurntable, open_grbl_turntable
+from hiltest.procedures.gyroscope_log import GyroscopeLog, LogChunk, log_chunks, log_gyroscope
+from hiltest.procedures.gyroscope_rest import BoardMovedError, rest_gyroscope
 from hiltest.procedures.heading_statistics import HeadingSummary, summarise, tilt_to_heading
 from hiltest.procedures.known_angles import KnownAngles, measure_known_angles
 from hiltest.procedures.link_checks import LinkCheck, check_link
@@ -25,6 +27,7 @@ from hiltest.procedures.rest import (
 )
 from hiltest.procedures.streams import StreamRun, StreamStage, run_streams, store_streams
 from hiltest.procedures.tumble import Tumble, collect_tumble, evenly_spread, held_as_taken
+from hiltest.procedures.turns import FittedTurns, MeasuredTurn, TurnInvalidError, fit_on_board, measure_turn
 from hiltest.procedures.turntables import (
     Achieved,
     OperatorTurntable,
@@ -39,17 +42,22 @@ __all__ = [
     "AccelerometerRestResult",
     "Achieved",
     "AttitudeErrors",
+    "BoardMovedError",
     "CalibratorRun",
     "Cause",
     "CycleCost",
     "Effort",
     "EffortKind",
+    "FittedTurns",
     "FusionResult",
     "GrblTurntable",
+    "GyroscopeLog",
     "GyroscopeRestResult",
     "HeadingSummary",
     "KnownAngles",
     "LinkCheck",
+    "LogChunk",
+    "MeasuredTurn",
     "OperatorTurntable",
     "Pose",
     "Progress",
@@ -57,28 +65,34 @@ __all__ = [
     "StreamRun",
     "StreamStage",
     "Tumble",
+    "TurnInvalidError",
     "Turntable",
     "check_link",
     "collect_tumble",
     "effort_curve",
     "evenly_spread",
     "filter_noise",
+    "fit_on_board",
     "float32_error_deg",
     "golden_cloud",
     "heading_errors_deg",
     "held_as_taken",
     "largest_effort_within",
     "largest_hole_deg",
+    "log_chunks",
+    "log_gyroscope",
     "measure_accelerometer_rest",
     "measure_cycles",
     "measure_fusion",
     "measure_gyroscope_rest",
     "measure_known_angles",
+    "measure_turn",
     "name_cause",
     "open_grbl_turntable",
     "open_table",
     "open_turntable",
     "predicted_residual_percent",
+    "rest_gyroscope",
     "run_calibrators",
     "run_streams",
     "sphere_coverage",

@@ -24,8 +24,8 @@ from hiltest.link.gyroscope import GyroscopeRest
 from hiltest.link.messages import SensorKind
 from hiltest.orientation.fusion import FusionNoise, heading_sigma_deg
 from hiltest.orientation.quaternions import Quaternion, from_pose, normalised, pose_of, rotation_ned_from_body
+from hiltest.procedures.gyroscope_rest import GYROSCOPE_RATE_HZ
 from hiltest.procedures.progress import Progress, silent
-from hiltest.procedures.rest import GYROSCOPE_RATE_HZ
 from hiltest.procedures.turntables import Turntable
 
 Reals = NDArray[np.float64]

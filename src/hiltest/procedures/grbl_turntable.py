@@ -12,8 +12,9 @@ from hiltest.boards.board import Board
 from hiltest.boards.real import SILICON
 from hiltest.errors import HiltestError, TurntableError
 from hiltest.link.grbl import GrblLine
+from hiltest.link.gyroscope import Axis
 from hiltest.link.ports import open_port
-from hiltest.procedures.turntables import LEVEL, SWAY_S, Achieved
+from hiltest.procedures.turntables import AFTER_TURN_S, AXIS_DOWN, BEFORE_TURN_S, LEVEL, SWAY_S, Achieved
 from hiltest.rig import Rig
 
 # The axes stand when Grbl says so; what is mounted on them swings a little longer [s].
@@ -98,6 +99,21 @@ class GrblTurntable:
     def rest(self) -> None:
         """Stand level, heading north."""
         self.turn_to(LEVEL)
+
+    def mount(self, axis: Axis) -> None:
+        """Tilt the board until the axis is down; a table whose axes do not go so far says so."""
+        self.turn_to(AXIS_DOWN[axis])
+
+    def turn(self, axis: Axis, degrees: float, *, rate_dps: float) -> float:
+        """Turn the heading axis on, at the rate or as fast as its motor can."""
+        settings = self._line.settings()
+        fastest_dps, faster_dps2 = settings.get(110, 0.0) / 60.0, settings.get(120, 0.0)
+        if fastest_dps <= 0.0:
+            raise TurntableError("the turntable names no rate of its heading axis ($110): is it Grbl 1.1?")
+        reached_dps = min(rate_dps, fastest_dps)
+        ramp_s = reached_dps / faster_dps2 if faster_dps2 > 0.0 else 0.0
+        self._line.begin(f"G4 P{BEFORE_TURN_S:g}", "G91", f"G1 X{degrees:.3f} F{60.0 * reached_dps:.3f}", "G90")
+        return BEFORE_TURN_S + abs(degrees) / reached_dps + ramp_s + _BETWEEN_MOVES_S + _SETTLE_S + AFTER_TURN_S
 
     def close(self) -> None:
         """Give the port back."""

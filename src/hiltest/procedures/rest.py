@@ -9,15 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hiltest.boards.board import Board
-from hiltest.link.gyroscope import GyroscopeRest
 from hiltest.link.messages import Average, SensorKind
 from hiltest.link.replies import DPS_PER_COUNT, G_PER_COUNT
+from hiltest.procedures.gyroscope_rest import GYROSCOPE_RATE_HZ, rest_gyroscope
 from hiltest.procedures.progress import Progress, silent
 
 Reals = NDArray[np.float64]
-
-# The rate the firmware configures the FXAS21002C for.
-GYROSCOPE_RATE_HZ = 200.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,22 +72,21 @@ def measure_gyroscope_rest(
 
     Raises
     ------
+    BoardMovedError
+        When the board was moved in a rest.
     SensorAbsentError
         When the board has no gyroscope.
     """
     tell = progress or silent
-    board.sensor(SensorKind.GYROSCOPE)
-    n = math.ceil(seconds * GYROSCOPE_RATE_HZ)
-    timeout_us = round(2e6 * seconds + 1e6)  # twice the time it should take, and a second
     tell("gyroscope at rest", 0, 2)
-    first = board.session.request(GyroscopeRest(n, store=True, timeout_us=timeout_us))
+    first = rest_gyroscope(board, seconds=seconds, store=True)
     tell("gyroscope at rest", 1, 2)
-    second = board.session.request(GyroscopeRest(n, timeout_us=timeout_us))
+    second = rest_gyroscope(board, seconds=seconds)
     tell("gyroscope at rest", 2, 2)
     corrected_dps = second.corrected_mean * DPS_PER_COUNT
     return GyroscopeRestResult(
         n=second.n,
-        seconds=n / GYROSCOPE_RATE_HZ,
+        seconds=second.n / GYROSCOPE_RATE_HZ,
         bias_dps=first.rate.mean * DPS_PER_COUNT,
         corrected_dps=corrected_dps,
         spread_dps=_scaled(second.rate.spread, DPS_PER_COUNT),

@@ -10,8 +10,17 @@ from typing import Protocol
 from hiltest.angles import Pose
 from hiltest.boards.board import Board, Stage
 from hiltest.errors import OperatorAbsentError
+from hiltest.link.gyroscope import Axis
 
 LEVEL = Pose(0.0, 0.0, 0.0)
+#: Table poses in which a body axis is straight down: nose down, right side down, level.
+AXIS_DOWN = {Axis.X: Pose(0.0, -90.0, 0.0), Axis.Y: Pose(0.0, 0.0, 90.0), Axis.Z: LEVEL}
+_MOUNTED = {Axis.X: "nose down", Axis.Y: "right side down", Axis.Z: "flat"}
+#: A table stands still for so long after `Turntable.turn` has come back [s]: the board's FIFO starts in 0.07 s, and its
+#: first samples show that it did stand.
+BEFORE_TURN_S = 0.4
+#: And for so long at the end.
+AFTER_TURN_S = 0.3
 # Six sides and eight corners, 3 s each, and a little to begin with.
 HAND_TUMBLE_S = 45.0
 # The motion that a filter is judged by, where a hand or a motor makes it.
@@ -69,6 +78,22 @@ class Turntable(Protocol):
     def rest(self) -> None:
         """Stand level and still."""
 
+    def mount(self, axis: Axis) -> None:
+        """Stand still with a body axis straight down: the axis that `turn` turns about."""
+
+    def turn(self, axis: Axis, degrees: float, *, rate_dps: float) -> float:
+        """Begin to turn about the vertical, come back at once, and say how long samples must be taken [s].
+
+        Parameters
+        ----------
+        axis : Axis
+            That `mount` has put down.
+        degrees : float
+            Positive is clockwise seen from above.
+        rate_dps : float
+            Of the table; it stands still for the first `BEFORE_TURN_S`, and at the end of the time.
+        """
+
     def close(self) -> None:
         """Give back what it is reached by."""
 
@@ -106,6 +131,14 @@ class SimulatedTurntable:
     def rest(self) -> None:
         """Stand level, heading north."""
         self._stage.turn_to(LEVEL)
+
+    def mount(self, axis: Axis) -> None:
+        """Tilt the board until the axis is down."""
+        self._stage.turn_to(AXIS_DOWN[axis])
+
+    def turn(self, axis: Axis, degrees: float, *, rate_dps: float) -> float:
+        """Turn at a constant rate."""
+        return self._stage.turn_round(degrees, rate_dps=rate_dps, after_s=BEFORE_TURN_S) + AFTER_TURN_S
 
     def close(self) -> None:
         """Do nothing: the table is the board's."""
@@ -173,6 +206,25 @@ class OperatorTurntable:
     def rest(self) -> None:
         """Ask for the board to lie still."""
         self._ask("put the board down level and leave it still; Enter when it is: ")
+
+    def mount(self, axis: Axis) -> None:
+        """Ask for the board to stand on the table, the axis down."""
+        self._ask(
+            f"put the board on the table {_MOUNTED[axis]}, its {axis.name.lower()} axis straight down, the table at "
+            "its mark, and let it stand still. Enter when it does: "
+        )
+
+    def turn(self, axis: Axis, degrees: float, *, rate_dps: float) -> float:
+        """Ask for the table to be turned by hand; the hand gets time to begin late and to turn slowly."""
+        turn_s = abs(degrees) / rate_dps
+        takes_s = 2.0 * turn_s + 4.0
+        way = "clockwise" if degrees > 0.0 else "anticlockwise"
+        self._ask(
+            f"press Enter, wait a second, then turn the table {way} (seen from above) by {abs(degrees):g} deg, back to "
+            f"the mark where that is all round, in about {turn_s:.0f} s, and leave it; there are {takes_s:.0f} s. "
+            "Enter to begin: "
+        )
+        return takes_s
 
     def close(self) -> None:
         """Do nothing: the operator may go."""

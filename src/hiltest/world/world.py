@@ -19,6 +19,7 @@ from hiltest.world.motion import (
     turn_between,
 )
 from hiltest.world.spiral import SPIRAL_S, Cap, Spiral
+from hiltest.world.steady_turn import steady_turn
 from hiltest.world.temperature import Temperature
 
 # Noise epochs: 0 is the time since power-on; tumbles and judged poses have their own, so that
@@ -140,6 +141,13 @@ class World:
         self._begin_epoch(_TUMBLE_EPOCH + self._tumbles, begin)
         self._tumbles += 1
         return end
+
+    def turn_round(self, turn_deg: float, *, rate_dps: float, time_s: float) -> float:
+        """Turn about the vertical at a constant rate, from a time or the last move's end on; return its end [s]."""
+        turn = steady_turn(self._table, turn_deg, rate_dps=rate_dps, start_s=self._earliest(time_s))
+        self._append(turn, normal_angles(turn.angles(turn.end_s)[0]))
+        self._begin_epoch(0, turn.start_s, origin_s=0.0)
+        return turn.end_s
 
     def follow(self, segment: Segment) -> None:
         """Take a move as somebody else has planned it, instead of what the last one had still to do.

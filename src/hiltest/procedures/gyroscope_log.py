@@ -1,0 +1,96 @@
+"""Every sample of the gyroscope for as long as one likes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hiltest.boards.board import Board
+from hiltest.link.gyroscope import LogGyroscope
+from hiltest.link.messages import SensorKind
+from hiltest.link.replies import DPS_PER_COUNT, Counts
+from hiltest.procedures.gyroscope_rest import GYROSCOPE_RATE_HZ, SamplesLostError
+from hiltest.procedures.progress import Progress, silent
+
+Reals = NDArray[np.float64]
+
+# A reply of 64 takes 36 ms on the line, while the FIFO fills up in 160: that leaves 120 for host and USB.
+CHUNK = 64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LogChunk:
+    """Some samples of a log.
+
+    Attributes
+    ----------
+    times_s : ndarray, shape (n,)
+        By the board's clock.
+    counts : ndarray of int16, shape (n, 3)
+    die_temperature_degc : int
+    lost : bool
+        Whether samples are missing before or among them.
+    """
+
+    times_s: Reals
+    counts: Counts
+    die_temperature_degc: int
+    lost: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GyroscopeLog:
+    """A log without a gap: rates, shape (n, 3) [deg/s], and the rate of sampling by the board's clock [Hz]."""
+
+    rates_dps: Reals
+    rate_hz: float
+
+
+def log_chunks(board: Board, *, samples: int, chunk: int = CHUNK) -> Iterator[LogChunk]:
+    """Yield the gyroscope's samples, chunk by chunk, until there are so many.
+
+    Raises
+    ------
+    SensorAbsentError
+        When the board has no gyroscope.
+    """
+    board.sensor(SensorKind.GYROSCOPE)
+    until_s, done = -math.inf, 0
+    while done < samples:
+        n = min(chunk, samples - done)
+        reply = board.session.request(LogGyroscope(n, go_on=done > 0))
+        first_s = reply.span.first_s if done == 0 else until_s + (reply.span.last_s - until_s) / n
+        yield LogChunk(
+            np.linspace(first_s, reply.span.last_s, n), reply.samples, reply.die_temperature_degc, reply.span.lost
+        )
+        until_s, done = reply.span.last_s, done + n
+
+
+def log_gyroscope(board: Board, *, seconds: float, progress: Progress | None = None) -> GyroscopeLog:
+    """Log the gyroscope of a still board.
+
+    Raises
+    ------
+    SamplesLostError
+        When the host was too slow for the part's FIFO.
+    SensorAbsentError
+        When the board has no gyroscope.
+    """
+    tell = progress or silent
+    samples = math.ceil(seconds * GYROSCOPE_RATE_HZ)
+    chunks: list[LogChunk] = []
+    for chunk in log_chunks(board, samples=samples):
+        if chunk.lost:
+            raise SamplesLostError(
+                f"samples of the gyroscope were lost {len(chunks) * CHUNK / GYROSCOPE_RATE_HZ:.1f} s into the log: the "
+                "host did not ask in time. Run again on a quieter machine"
+            )
+        chunks.append(chunk)
+        tell("gyroscope log", min(len(chunks) * CHUNK, samples), samples)
+    times_s = np.concatenate([chunk.times_s for chunk in chunks])
+    counts = np.concatenate([chunk.counts for chunk in chunks])
+    return GyroscopeLog(counts * DPS_PER_COUNT, (len(times_s) - 1) / float(times_s[-1] - times_s[0]))
