@@ -10,11 +10,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 PAGE = (Path(__file__).parents[2] / "docs" / "fusion.md").read_text(encoding="utf-8")
 (COMMAND,) = re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S)
-ROWS = re.findall(r"^\| `(fusion[a-z._]*)` \| ([0-9.]+) \| ([0-9.]+) \| ([0-9.]+) \|$", PAGE, re.M)
+ROWS = re.findall(r"^\| `(fusion[a-z._]*)`" + r" \| ([0-9.]+)" * 4 + r" \|$", PAGE, re.M)
 
 
 def test_the_command_measures_what_the_page_says(tmp_path: Path) -> None:
@@ -28,8 +26,9 @@ def test_the_command_measures_what_the_page_says(tmp_path: Path) -> None:
     measured = {each["name"]: each["value"] for each in found}
     assert len(ROWS) == 3
     for name, *told in ROWS:
-        values = [measured[f"{name}.{what}"] for what in ("heading.rms", "heading.max", "tilt.rms")]
-        # To the digits shown: another build of the firmware looks at its sensors some microseconds earlier or later.
-        assert values == pytest.approx([float(each) for each in told], rel=0.1, abs=0.01), name
+        heading, heading_99, tilt, tilt_99 = map(float, told)
+        # One seed of 300: below the 99th percentile, and not far below the median.
+        assert heading / 4.0 < measured[f"{name}.heading.rms"] < heading_99
+        assert tilt / 4.0 < measured[f"{name}.tilt.rms"] < tilt_99
     assert f"takes {measured['cycles.fusion.predict']} cycles" in PAGE
     assert f"at most {measured['cycles.fusion.update']} (" in PAGE

@@ -32,7 +32,7 @@ def test_the_three_are_drawn_and_told(run: Run) -> None:
     (figure,) = fusion_figures(replace(run, tables=(*run.tables, motion(*ROWS))))
     drawing = str(figure.svg())
     assert "fused: at most 0.40 degrees" in drawing
-    assert "accelerometer and magnetometer alone: at most 2.00 degrees" in drawing
+    assert "without gyroscope: at most 2.00 degrees" in drawing
     assert "gyroscope alone: at most 0.50 degrees" in drawing
     start, end = figure.place(0.0, 0.1), figure.place(24.0, 0.5)
     assert f"M{start[0]:.1f} {start[1]:.1f}" in drawing

@@ -11,7 +11,7 @@ from hiltest.report.svg import Figure, Point
 MOTION_TABLE = "fusion.motion"
 # Of what was found, in the order in which it is drawn: the noisiest first, so that the others lie on it.
 _LINES = (
-    ("accelerometer_magnetometer", "accelerometer and magnetometer alone", "series-2"),
+    ("accelerometer_magnetometer", "without gyroscope", "series-2"),
     ("gyroscope", "gyroscope alone", "series-1"),
     ("fused", "fused", "series-0"),
 )
