@@ -33,6 +33,15 @@ bool wait_until(bool (*done)(const void *context), const void *context, uint64_t
 /** The same with a short timeout from now [us], 1 to WAIT_BRIEFLY_MAXIMUM_US: it does without reading the clock. */
 bool wait_briefly(bool (*done)(const void *context), const void *context, uint32_t timeout_us);
 
+/**
+ * As wait_briefly(), for a condition that only the last of many interrupts makes true: handlers return into sleep, and not here,
+ * until one of them calls wait_is_over(). The timeout ends it without.
+ */
+bool wait_through_interrupts(bool (*done)(const void *context), const void *context, uint32_t timeout_us);
+
+/** Called by a handler that has made such a condition true. */
+void wait_is_over(void);
+
 /** Sleep until a point in time [us]; returns at once when it has passed. */
 void sleep_until_us(uint64_t deadline_us);
 

@@ -24,6 +24,7 @@ void SysTick_Handler(void);
 void SysTick_Handler(void)
 {
     SYST_CSR = 0u; /* one shot */
+    wait_is_over();
     tick_came = true;
 }
 
@@ -83,6 +84,19 @@ bool wait_briefly(bool (*done)(const void *context), const void *context, uint32
     const bool holds = wait_for_condition_or_tick(done, context);
     SYST_CSR = 0u;
     return holds;
+}
+
+bool wait_through_interrupts(bool (*done)(const void *context), const void *context, uint32_t timeout_us)
+{
+    SCB_SCR = SCB_SCR_SLEEPONEXIT;
+    const bool holds = wait_briefly(done, context, timeout_us);
+    SCB_SCR = 0u;
+    return holds;
+}
+
+void wait_is_over(void)
+{
+    SCB_SCR = 0u;
 }
 
 bool wait_until(bool (*done)(const void *context), const void *context, uint64_t deadline_us)
