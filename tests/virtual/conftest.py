@@ -11,10 +11,12 @@ import pytest
 
 from hiltest.virtual.accounting import AccountingFactory, BlockAccounting
 from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.native import CHOICE
 from hiltest.virtual.native.accounting import NativeBlockAccounting
 from hiltest.virtual.native.library import missing_because
 
-PROGRAMS = Path(__file__).parent / "programs"
+HERE = Path(__file__).parent
+PROGRAMS = HERE / "programs"
 SHIPPED = Path(__file__).parents[2] / "src/hiltest/firmware/hiltest-frdm-k64f.elf"
 FLAGS = [
     "-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard", "-O1", "-g", "-nostdlib",
@@ -22,6 +24,18 @@ FLAGS = [
 ]  # fmt: skip
 
 Build = Callable[..., Path]
+
+# Fixtures that say what counts, so that HILTEST_BLOCK_HOOK changes nothing for a test that uses one.
+HOOKS_BY_NAME = {"block_hook", "native_hook", "counting"}
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Where the environment chooses the hook in Python, leave out the tests that choose for themselves."""
+    if os.environ.get(CHOICE) != "python":
+        return
+    chosen = [item for item in items if HERE in item.path.parents and HOOKS_BY_NAME.intersection(item.fixturenames)]
+    config.hook.pytest_deselected(items=chosen)
+    items[:] = [item for item in items if item not in chosen]
 
 
 @pytest.fixture
