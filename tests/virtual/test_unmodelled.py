@@ -81,11 +81,22 @@ def test_either_of_two_gates_opens_a_peripheral(build_c: Build) -> None:
 
 
 def test_a_status_bit_that_never_comes_is_named(build_c: Build) -> None:
-    board = VirtualK64F(build_c(program("while (!(BYTE(0x40020000) & 0x80)) {}")))
+    open_gate = "WORD(0x4004803C) |= 1u << 27;"
+    board = VirtualK64F(build_c(program(f"{open_gate} while (!(WORD(0x4003B000) & 0x80)) {{}}")))
     board.run_until(0.002)
-    expected = ", polling FTFE_FSTAT at 0x40020000, which is not modelled"
+    expected = ", polling ADC0_SC1A at 0x4003b000, which is not modelled"
     assert board.position().startswith("executing timer_init (program.c:")
     assert board.position().endswith(expected)
+
+
+def test_a_flash_command_is_over_when_its_driver_asks(build_c: Build) -> None:
+    # Clear the errors of the one before, name the command, start it, wait for CCIF.
+    command = "BYTE(0x40020000) = 0x70; BYTE(0x40020007) = 0x09; BYTE(0x40020000) = 0x80;"
+    waiting = "while (!(BYTE(0x40020000) & 0x80)) {}"
+    board = VirtualK64F(build_c(program(f"{waiting} {command} BYTE(0x40020000) = 0x30; {waiting} after = 1;")))
+    board.run_until(0.001)
+    assert word(board, "after") == 1
+    assert [access.register for access in board.unmodelled] == ["FTFE_FSTAT", "FTFE_FCCOB0"]
 
 
 def test_the_chips_tables_are_whole() -> None:

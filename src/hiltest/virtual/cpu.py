@@ -205,7 +205,7 @@ class Processor:
 
     def _can_leave_loop(self) -> bool:
         ceiling = self.exceptions.ceiling()
-        timed = self.schedule.next_cycle < math.inf and self.nvic.preempts(SYSTICK, ceiling)
+        timed = self.schedule.wakes_ever and self.nvic.preempts(SYSTICK, ceiling)
         return timed or self.nvic.can_ever_wake(ceiling)
 
     def _call_supervisor(self) -> bool:
@@ -314,7 +314,8 @@ class Processor:
         target = min(self.schedule.next_cycle, until_cycle)
         ceiling = self._wake_ceiling()
         possible = self.nvic.preempts(SYSTICK, ceiling) or self.nvic.can_ever_wake(ceiling)
-        if math.isinf(target) or not (possible or (self._waits_for_event and self.event_register.on_pend)):
+        forever = math.isinf(until_cycle) and not self.schedule.wakes_ever
+        if forever or not (possible or (self._waits_for_event and self.event_register.on_pend)):
             name = "WFE" if self._waits_for_event else "WFI"
             raise self._hang(f"{name} with nothing that could wake the processor", self.registers.pc.get())
         jump = math.ceil(target) - self.cycles

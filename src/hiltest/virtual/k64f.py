@@ -21,13 +21,15 @@ from hiltest.virtual.interrupt_wires import InterruptSource, InterruptWires, Wir
 from hiltest.virtual.memory import SRAM
 from hiltest.virtual.native import by_block
 from hiltest.virtual.peripherals.bus import Peripheral, PeripheralBus, StoredRegisters
-from hiltest.virtual.peripherals.clocks import ClockGates, ClockGenerator, Watchdog
+from hiltest.virtual.peripherals.clocks import ClockGates, ClockGenerator
 from hiltest.virtual.peripherals.i2c import I2c
 from hiltest.virtual.peripherals.pins import Gpio, Port
 from hiltest.virtual.peripherals.pit import PeriodicTimers
+from hiltest.virtual.peripherals.reset_control import ResetControl, ResetSource
 from hiltest.virtual.peripherals.system_control import CycleCounter, SystemControlSpace
 from hiltest.virtual.peripherals.uart import Uart
 from hiltest.virtual.peripherals.unmodelled import UnmodelledAccess, UnmodelledLog, UnmodelledPage
+from hiltest.virtual.peripherals.watchdog import Watchdog
 from hiltest.virtual.procedure_call import Argument
 from hiltest.virtual.timing import load_profile
 
@@ -40,13 +42,17 @@ HANG_S = 1.0
 # Registers that firmware sets up and that change nothing which it could see: no need to tell.
 _STORED = {
     "SIM (SOPT)": 0x40047000, "OSC": 0x40065000, "SMC": 0x4007E000, "FMC": 0x4001F000, "SYSMPU": 0x4000D000,
-    "RCM": 0x4007F000, "PMC": 0x4007D000,
+    "PMC": 0x4007D000,
 }  # fmt: skip
 _FIRST_PORT, _FIRST_PORT_INTERRUPT = 0x40049000, 59
 
 
 class _ResetRequested(Exception):
-    """The firmware asked for a system reset through AIRCR."""
+    """The part is to be reset: by AIRCR, or by the watchdog."""
+
+    def __init__(self, source: ResetSource) -> None:
+        super().__init__("the watchdog reset it" if source is ResetSource.WATCHDOG else "the firmware reset itself")
+        self.source = source
 
 
 class VirtualK64F:
@@ -95,7 +101,9 @@ class VirtualK64F:
         generator = ClockGenerator()
         self.clocks = ClockGates(generator)
         self.uart0 = Uart(self.processor, self.clocks)
-        self.watchdog = Watchdog()
+        self.watchdog = Watchdog(self.processor, self.clocks, core_hz=CORE_HZ, bite=self._bitten)
+        self._reset_control = ResetControl()
+        self._bites = 0  # of the watchdog, since power-on
         self.cycle_counter = CycleCounter(self.processor)
         self._i2c_buses = (I2cBus(i2c0), I2cBus(i2c1))
         chip = mk64f12()
@@ -106,7 +114,7 @@ class VirtualK64F:
             for base in [_FIRST_PORT + 0x1000 * index]
         }
         self._peripherals: list[Peripheral] = [
-            generator, self.clocks, self.watchdog, self.uart0, self.cycle_counter,
+            generator, self.clocks, self.watchdog, self._reset_control, self.uart0, self.cycle_counter,
             SystemControlSpace(self.processor, self.cycle_counter, self._request_reset),
             PeriodicTimers(self.processor, self.clocks), *ports.values(), Gpio(list(ports.values())),
             *self._i2c_masters(),
@@ -183,17 +191,20 @@ class VirtualK64F:
     def boot(self) -> None:
         """Power on: start the firmware from its vector table at the next `run_until`."""
         self._load()
-        self._reset()
+        self._bites = 0
+        self._reset(ResetSource.POWER_ON)
         self.processor.delivers_faults = True
         self._booted = True
 
-    def _reset(self) -> None:
+    def _reset(self, source: ResetSource) -> None:
         processor = self.processor
         processor.nvic.reset()
         processor.exceptions.reset()
         processor.fault_log.forget_open()
         for peripheral in self._peripherals:
             peripheral.reset()
+        self._reset_control.reset_by(source)
+        self.watchdog.start()
         processor.sleeping = False
         processor.accounting.forget_code()
         processor.accounting.flush_pipeline()
@@ -218,7 +229,11 @@ class VirtualK64F:
         return stack, entry
 
     def _request_reset(self) -> None:
-        self.processor.abort(_ResetRequested())
+        self.processor.abort(_ResetRequested(ResetSource.SOFTWARE))
+
+    def _bitten(self) -> None:
+        self._bites += 1
+        raise _ResetRequested(ResetSource.WATCHDOG)  # the emulator stands still: nothing to abort
 
     # -- time ---------------------------------------------------------------------------------
 
@@ -275,7 +290,8 @@ class VirtualK64F:
         if self._loops_at(pc & ~1):
             return f"hung, looping to itself in {place}"
         polled = self._unmodelled.polled
-        return f"executing {place}" + (f", polling {polled}, which is not modelled" if polled else "")
+        bitten = f", reset {self._bites} times by its watchdog" if self._bites else ""
+        return f"executing {place}" + (f", polling {polled}, which is not modelled" if polled else "") + bitten
 
     def _loops_at(self, address: int) -> bool:
         """Whether a branch to itself stands there; what stands there may be the end of a memory, or nothing."""
@@ -328,11 +344,11 @@ class VirtualK64F:
             try:
                 self.processor.run(until, wake=wake)
                 return
-            except _ResetRequested:
+            except _ResetRequested as request:
                 fault = self.processor.fault_log.first_cause
-                self._reset()
+                self._reset(request.source)
                 if fault is not None:
-                    raise fault.ended("the firmware reset itself") from None
+                    raise fault.ended(str(request)) from None
 
     # -- calling functions --------------------------------------------------------------------
 
@@ -373,5 +389,6 @@ class VirtualK64F:
             return call_function(
                 self.processor, symbol, arguments, booted=self._booted, hang_cycles=round(timeout_s * CORE_HZ)
             )
-        except _ResetRequested:
-            raise BoardFault(f"{symbol} asked for a system reset", pc=self.image.symbols[symbol].address) from None
+        except _ResetRequested as request:
+            by = "asked for" if request.source is ResetSource.SOFTWARE else "was ended by the watchdog with"
+            raise BoardFault(f"{symbol} {by} a system reset", pc=self.image.symbols[symbol].address) from None

@@ -11,10 +11,11 @@ from collections.abc import Callable
 class Event:
     """One entry of the calendar; `cancel` takes it out."""
 
-    __slots__ = ("action", "at_cycle")
+    __slots__ = ("action", "at_cycle", "wakes")
 
-    def __init__(self, at_cycle: float, action: Callable[[], None]) -> None:
+    def __init__(self, at_cycle: float, action: Callable[[], None], wakes: bool) -> None:
         self.at_cycle = at_cycle
+        self.wakes = wakes
         self.action: Callable[[], None] | None = action  # None once it was cancelled or has run
 
     def cancel(self) -> None:
@@ -49,9 +50,9 @@ class Schedule:
         self._order = itertools.count()
         self.time: float = 0.0
 
-    def at(self, cycle: float, action: Callable[[], None]) -> Event:
-        """Call `action` when virtual time reaches `cycle`."""
-        event = Event(cycle, action)
+    def at(self, cycle: float, action: Callable[[], None], *, wakes: bool = True) -> Event:
+        """Call `action` when virtual time reaches `cycle`; `wakes`: firmware may wait for what it does."""
+        event = Event(cycle, action, wakes)
         heapq.heappush(self._heap, (cycle, next(self._order), event))
         if self._planned is not None:
             self._planned(cycle)
@@ -64,6 +65,11 @@ class Schedule:
         while heap and heap[0][2].action is None:
             heapq.heappop(heap)
         return heap[0][0] if heap else math.inf
+
+    @property
+    def wakes_ever(self) -> bool:
+        """Whether anything is to come that firmware may wait for."""
+        return any(event.wakes and event.action is not None for _, _, event in self._heap)
 
     def run_due(self, now: float) -> None:
         """Run every event that is due at cycle `now`."""

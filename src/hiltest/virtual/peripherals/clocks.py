@@ -133,27 +133,3 @@ class ClockGates(StoredRegisters):
         dividers = self.word(_CLKDIV1)
         self.core_hz = self._generator.output_hz / ((dividers >> 28) + 1)
         self.bus_hz = self._generator.output_hz / ((dividers >> 24 & 0xF) + 1)
-
-
-class Watchdog(StoredRegisters):
-    """WDOG: counts as disabled once the unlock sequence and WDOGEN = 0 were written.
-
-    The part resets when the watchdog is not served; no firmware runs long with
-    it forgotten, so the board only tells whether it was switched off.
-    """
-
-    def __init__(self) -> None:
-        self._unlock: list[int] = []
-        super().__init__("WDOG", 0x40052000, {0x00: 0xD3, 0x01: 0x01})
-
-    @property
-    def enabled(self) -> bool:
-        """Whether the watchdog would reset the part."""
-        return bool(self._bytes[0] & 1)
-
-    def write(self, offset: int, size: int, value: int) -> None:
-        """Take a write; STCTRLH only after the unlock sequence."""
-        if offset == 0x0E:
-            self._unlock = [*self._unlock[-1:], value]
-        elif offset != 0x00 or self._unlock == [0xC520, 0xD928]:
-            super().write(offset, size, value)

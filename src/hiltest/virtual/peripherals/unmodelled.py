@@ -8,6 +8,8 @@ from hiltest.virtual.chip import Chip, ChipPeripheral
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.peripherals.bus import StoredRegisters
 
+# FTFE_FSTAT's CCIF: every flash command is over. A driver waits for it, whatever it has written there.
+_ALWAYS_SET = {0x40020000: 0x80}
 _POLLED_READS = 1000  # reads of one register in a row, with no write between: more than any driver needs for its value
 
 
@@ -107,8 +109,9 @@ class UnmodelledPage(StoredRegisters):
 
     def read(self, offset: int, size: int) -> int:
         """Answer what was written last, or the value after reset."""
-        self._log.note(self.base + offset, size, None)
-        return super().read(offset, size)
+        address = self.base + offset
+        self._log.note(address, size, None)
+        return super().read(offset, size) | _ALWAYS_SET.get(address, 0)
 
     def write(self, offset: int, size: int, value: int) -> None:
         """Keep what is written."""

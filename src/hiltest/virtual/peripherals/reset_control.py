@@ -1,0 +1,26 @@
+"""RCM: tells firmware why it starts."""
+
+from __future__ import annotations
+
+from enum import Enum
+
+from hiltest.virtual.peripherals.bus import StoredRegisters
+
+
+class ResetSource(Enum):
+    """What reset the part: SRS0, and SRS1 above it."""
+
+    POWER_ON = 0x0082  # with LVD, as the supply rises through it
+    WATCHDOG = 0x0020
+    SOFTWARE = 0x0400
+
+
+class ResetControl(StoredRegisters):
+    """The module; of its registers only those that name the source do anything."""
+
+    def __init__(self) -> None:
+        super().__init__("RCM", 0x4007F000, {0: ResetSource.POWER_ON.value})
+
+    def reset_by(self, source: ResetSource) -> None:
+        """Show a source to the firmware that starts now."""
+        self._bytes[0:2] = source.value.to_bytes(2, "little")

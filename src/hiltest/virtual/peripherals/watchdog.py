@@ -1,0 +1,113 @@
+"""WDOG: resets the part when firmware neither serves it nor switches it off."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from hiltest.virtual.chip import mk64f12
+from hiltest.virtual.cpu import Processor
+from hiltest.virtual.peripherals.bus import StoredRegisters
+from hiltest.virtual.peripherals.clocks import ClockGates
+from hiltest.virtual.schedule import Event
+
+_BASE = 0x40052000
+_STCTRLH, _TOVALH, _TOVALL, _REFRESH, _UNLOCK, _PRESC = 0x00, 0x04, 0x06, 0x0C, 0x0E, 0x16
+_WDOGEN, _CLKSRC = 1, 2
+_UNLOCKING, _REFRESHING = [0xC520, 0xD928], [0xA602, 0xB480]
+_LOW_POWER_OSCILLATOR_HZ = 1000
+_WINDOW_BUS_CLOCKS = 256  # WCT: so long may be set up, register by register; then all of it counts
+
+
+class Watchdog(StoredRegisters):
+    """The watchdog timer.
+
+    It is not as strict as the part: its windows (for set-up, for the second word of a sequence, WINEN) are
+    open all the time, a wrong word is no reset, and there is no interrupt before the reset (IRQRSTEN).
+
+    Parameters
+    ----------
+    processor : Processor
+        Time.
+    clocks : ClockGates
+        It counts the bus clock, or a low-power oscillator of 1 kHz.
+    core_hz : float
+        Cycles of virtual time in a second.
+    bite : callable
+        Called when its time is over; resets the part.
+    """
+
+    def __init__(
+        self, processor: Processor, clocks: ClockGates, *, core_hz: float, bite: Callable[[], None]
+    ) -> None:
+        self._processor = processor
+        self._clocks = clocks
+        self._core_hz = core_hz
+        self._bite = bite
+        self._event: Event | None = None
+        super().__init__("WDOG", _BASE, mk64f12().reset_bytes(_BASE))
+
+    def reset(self) -> None:
+        """Return to the state after a chip reset, not counting yet."""
+        super().reset()
+        self._unlock: list[int] = []
+        self._refresh: list[int] = []
+        self._since = 0.0
+        if self._event is not None:
+            self._event.cancel()
+            self._event = None
+
+    @property
+    def enabled(self) -> bool:
+        """Whether it will reset the part if it is not served."""
+        return bool(self._bytes[_STCTRLH] & _WDOGEN)
+
+    def start(self) -> None:
+        """Count from nothing again."""
+        self._count_from(self._processor.now())
+
+    def _count_from(self, cycle: float) -> None:
+        self._since = cycle
+        # Served more often than it is due, it is not planned anew: `_look` comes too early then, and once again.
+        if self._event is not None and (self._event.at_cycle > self._due or not self.enabled):
+            self._event.cancel()
+            self._event = None
+        if self.enabled and self._event is None:
+            self._plan()
+
+    def _plan(self) -> None:
+        # Nobody waits for a watchdog: what sleeps for ever or loops to itself is a hang, told at once.
+        self._event = self._processor.schedule.at(self._due, self._look, wakes=False)
+
+    def write(self, offset: int, size: int, value: int) -> None:
+        """Take a write; STCTRLH only after the unlock sequence."""
+        if offset == _UNLOCK:
+            self._unlock = [*self._unlock[-1:], value]
+        elif offset == _REFRESH:
+            self._refresh = [*self._refresh[-1:], value]
+            if self._refresh == _REFRESHING:
+                self.start()
+        elif offset != _STCTRLH or self._unlock == _UNLOCKING:
+            super().write(offset, size, value)
+            self._count_from(self._processor.now() + _WINDOW_BUS_CLOCKS * self._cycles_a_bus_clock)
+
+    def _half(self, offset: int) -> int:
+        return int.from_bytes(self._bytes[offset : offset + 2], "little")
+
+    @property
+    def _due(self) -> float:
+        """When its time is over, by the clocks as they are now [cycles]."""
+        ticks = (self._half(_TOVALH) << 16 | self._half(_TOVALL)) * ((self._half(_PRESC) >> 8 & 7) + 1)
+        by_bus_clock = self._bytes[_STCTRLH] & _CLKSRC
+        cycles_a_tick = self._cycles_a_bus_clock if by_bus_clock else self._core_hz / _LOW_POWER_OSCILLATOR_HZ
+        return self._since + ticks * cycles_a_tick
+
+    @property
+    def _cycles_a_bus_clock(self) -> float:
+        return self._clocks.core_hz / self._clocks.bus_hz
+
+    def _look(self) -> None:
+        self._event = None
+        if self._due > self._processor.schedule.time:
+            self._plan()
+        else:
+            self._bite()

@@ -1,0 +1,92 @@
+"""A watchdog that firmware leaves on and does not serve resets the part, and the firmware is told by whom."""
+
+from __future__ import annotations
+
+import pytest
+
+from hiltest.virtual.k64f import CORE_HZ, VirtualK64F
+
+from .conftest import Build
+from .test_exceptions import word
+
+# What a program of these tests does first: it counts its starts and keeps their sources, in memory that none clears.
+HEAD = """
+#define HALF(address) (*(volatile unsigned short *)(address))
+#define BYTE(address) (*(volatile unsigned char *)(address))
+#define STCTRLH HALF(0x40052000)
+#define TOVALH HALF(0x40052004)
+#define TOVALL HALF(0x40052006)
+#define REFRESH HALF(0x4005200C)
+#define UNLOCK HALF(0x4005200E)
+#define PRESC HALF(0x40052016)
+__attribute__((section(".noinit"))) volatile unsigned starts, sources;
+static void unlock(void) { UNLOCK = 0xC520u; UNLOCK = 0xD928u; }
+static void refresh(void) { REFRESH = 0xA602u; REFRESH = 0xB480u; }
+"""
+# 5 000 012 ticks of the bus clock, through a prescaler of five; out of reset a core cycle is a tick.
+FORGOTTEN_CYCLES = 5 * 0x4C4B4C
+
+
+def program(body: str) -> str:
+    main = "starts++; sources = sources << 16 | BYTE(0x4007F000) | BYTE(0x4007F001) << 8;"
+    return f"{HEAD}int main(void) {{ {main} {body} for (;;) {{ __asm__(\"nop\"); }} }}\n"
+
+
+def board_of(build_c: Build, body: str) -> VirtualK64F:
+    return VirtualK64F(build_c(program(f"(void)unlock; (void)refresh; {body}")))
+
+
+def test_a_forgotten_watchdog_resets_the_part_after_its_time(build_c: Build) -> None:
+    board = board_of(build_c, "")
+    board.run_until((FORGOTTEN_CYCLES - 1000) / CORE_HZ)
+    assert word(board, "starts") == 1
+    assert "watchdog" not in board.position()
+    board.run_until((FORGOTTEN_CYCLES + 1000) / CORE_HZ)
+    assert word(board, "starts") == 2
+    assert word(board, "sources") == 0x0082_0020  # power-on, then WDOG
+    assert board.position().endswith(", reset 1 times by its watchdog")
+    board.run_until((3 * FORGOTTEN_CYCLES + 1000) / CORE_HZ)
+    assert word(board, "starts") == 4
+
+
+def test_one_that_is_switched_off_or_served_does_not(build_c: Build) -> None:
+    served = "for (;;) { for (volatile int i = 0; i < 1000000; i++) {} refresh(); }"
+    for body in ("unlock(); STCTRLH = 0x01D2u;", served):
+        board = board_of(build_c, body)
+        board.run_until(3.5 * FORGOTTEN_CYCLES / CORE_HZ)
+        assert word(board, "starts") == 1
+
+
+@pytest.mark.parametrize(
+    "body",
+    ["STCTRLH = 0x01D2u;", "UNLOCK = 0xD928u; UNLOCK = 0xC520u; STCTRLH = 0x01D2u;",
+     "for (;;) { REFRESH = 0xB480u; REFRESH = 0xA602u; __asm__(\"nop\"); REFRESH = 0u; }"],
+    ids=["never unlocked", "unlocked the wrong way round", "served the wrong way round"],
+)  # fmt: skip
+def test_one_that_is_handled_wrongly_does(build_c: Build, body: str) -> None:
+    board = board_of(build_c, body)
+    board.run_until((FORGOTTEN_CYCLES + 1000) / CORE_HZ)
+    assert word(board, "starts") == 2
+
+
+def test_its_time_and_clock_are_what_firmware_sets(build_c: Build) -> None:
+    # 25 ticks of the oscillator of 1 kHz, not divided: 25 ms after it was set up.
+    board = board_of(build_c, "unlock(); TOVALH = 0; TOVALL = 25; PRESC = 0; STCTRLH = 0x01D1u;")
+    board.run_until(0.0249)
+    assert word(board, "starts") == 1
+    board.run_until(0.0251)
+    assert word(board, "starts") == 2
+
+
+def test_a_sleeping_part_is_reset_too(build_c: Build) -> None:
+    tick = "HALF(0xE000E014) = 0xFFFF; HALF(0xE000E016) = 0xFF; BYTE(0xE000E010) = 7;"
+    source = program(f"(void)unlock; (void)refresh; {tick} for (;;) {{ __asm__(\"wfi\"); }}")
+    board = VirtualK64F(build_c(source + "void SysTick_Handler(void) {}\n"))
+    board.run_until((FORGOTTEN_CYCLES + 1000) / CORE_HZ)
+    assert word(board, "starts") == 2
+
+
+def test_a_reset_by_firmware_is_told_apart(build_c: Build) -> None:
+    board = board_of(build_c, "if (starts == 1) { *(volatile unsigned *)0xE000ED0C = 0x05FA0004u; }")
+    board.run_until(0.001)
+    assert word(board, "sources") == 0x0082_0400  # SRS1: SW
