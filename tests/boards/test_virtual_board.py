@@ -13,7 +13,7 @@ from hiltest.angles import Pose, rotation_body_from_ned
 from hiltest.boards import BoardKind, Declared, VirtualBench, VirtualBoard, default_firmware, open_board
 from hiltest.errors import ConfigError, DeviceError, SensorAbsentError, VersionMismatchError
 from hiltest.link.framing import Frame, FrameDecoder, encode_frame
-from hiltest.link.messages import Average, CycleSource, LinkStatistics, SensorKind, Sync
+from hiltest.link.messages import Average, CycleSource, LinkStatistics, Read, Reset, SensorKind, Sync
 from hiltest.link.replies import DPS_PER_COUNT, G_PER_COUNT, MICROTESLA_PER_COUNT
 from hiltest.link.transcript import Transcript
 from hiltest.procedures import collect_tumble, measure_cycles, open_turntable, run_calibrators
@@ -148,3 +148,25 @@ def test_another_firmware_is_named_with_what_it_calls_itself(rig: Rig, tmp_path:
     (tmp_path / "other.elf").write_bytes(own.replace(b"hiltest-frdm-k64f\0", b"another-frdm-k64f\0"))
     with pytest.raises(VersionMismatchError, match="'another-frdm-k64f'"):
         open_board(rig, firmware=tmp_path / "other.elf")
+
+
+@pytest.mark.parametrize("after_reset", [False, True])
+def test_the_true_attitude_is_that_of_a_time_of_the_firmwares_clock(rig: Rig, after_reset: bool) -> None:
+    """The gyroscope samples every 5 ms of virtual time; a look finds a sample at most an eighth of that later."""
+    with open_board(rig) as board:
+        if after_reset:
+            board.session.request(Reset())
+            board.sleep(0.3)
+            board.session.synchronise()
+        samples = board.session.request(Read(board.sensor(SensorKind.GYROSCOPE).sensor_id, 64))
+        assert isinstance(board.stage, VirtualBench)
+        behind_us = 1e6 * board.stage.firmware_clock_began_s
+        assert behind_us > 250_000 if after_reset else 0 < behind_us < 3_000
+        # The time is taken before the status is asked for over I2C, which takes a tenth of a millisecond.
+        late_us = (samples.time_us + behind_us + 100) % 5_000 - 100
+        assert late_us.max() < 5_000 / 8
+        board.stage.begin_turn(Pose(90.0))
+        began_s = board.now_s()
+        at_us = round(1e6 * began_s - behind_us)
+        assert board.true_attitude(at_us) == board.true_attitude(at_us - 1000) == Pose(pytest.approx(1.7), 0.0, 0.0)
+        assert board.true_attitude(at_us + 2_000_000) == Pose(pytest.approx(91.7), 0.0, 0.0)

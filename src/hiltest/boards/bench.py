@@ -7,7 +7,7 @@ from pathlib import Path
 from hiltest.angles import Pose
 from hiltest.errors import ConfigError
 from hiltest.rig import Rig, build_sensors, build_world
-from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.k64f import CORE_HZ, VirtualK64F
 from hiltest.world.motion import MOVE_GRID_S, Segment
 from hiltest.world.sway import SWAY_S, Sway
 
@@ -105,9 +105,14 @@ class VirtualBench:
         self.begin_move(Sway(begin_s, steps * MOVE_GRID_S, heading_deg))
         return SWAY_S
 
-    def attitude_at(self, time_s: float) -> Pose:
-        """Return the board's true attitude at a virtual time [s]."""
-        return self._world.at(time_s).pose
+    @property
+    def firmware_clock_began_s(self) -> float:
+        """Virtual time at which the firmware's clock, channel 0 of the PIT, began: soon after power-on or reset."""
+        return self.machine.timers.began_cycles(0) / CORE_HZ
+
+    def attitude_at(self, board_us: int) -> Pose:
+        """Return the board's true attitude at a time of the firmware's clock [us]."""
+        return self._world.at(self.firmware_clock_began_s + 1e-6 * board_us).pose
 
     def next_move_s(self) -> float:
         """Return when a move that is planned now can begin [virtual s]."""

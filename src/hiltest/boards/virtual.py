@@ -69,8 +69,8 @@ class VirtualBoard(Board):
         return self._machine.instructions
 
     def true_attitude(self, board_us: int) -> Pose:
-        """Return the board's attitude at a time of its own clock [us], which begins within 1 ms of power-on."""
-        return self._bench.attitude_at(board_us * 1e-6)
+        """Return the board's attitude at a time of its own clock [us]."""
+        return self._bench.attitude_at(board_us)
 
     def instructions_counted(self, cycles: int) -> int | None:
         """Count the instructions between the two latest readings of CYCCNT that lie `cycles` apart."""

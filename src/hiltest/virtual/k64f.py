@@ -101,6 +101,7 @@ class VirtualK64F:
         generator = ClockGenerator()
         self.clocks = ClockGates(generator)
         self.uart0 = Uart(self.processor, self.clocks)
+        self.timers = PeriodicTimers(self.processor, self.clocks)
         self.watchdog = Watchdog(self.processor, self.clocks, core_hz=CORE_HZ, bite=self._bitten)
         self._reset_control = ResetControl()
         self._bites = 0  # of the watchdog, since power-on
@@ -116,7 +117,7 @@ class VirtualK64F:
         self._peripherals: list[Peripheral] = [
             generator, self.clocks, self.watchdog, self._reset_control, self.uart0, self.cycle_counter,
             SystemControlSpace(self.processor, self.cycle_counter, self._request_reset),
-            PeriodicTimers(self.processor, self.clocks), *ports.values(), Gpio(list(ports.values())),
+            self.timers, *ports.values(), Gpio(list(ports.values())),
             *self._i2c_masters(),
             *(StoredRegisters(name, base, chip.reset_bytes(base)) for name, base in _STORED.items()),
         ]  # fmt: skip

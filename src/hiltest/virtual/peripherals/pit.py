@@ -53,6 +53,10 @@ class PeriodicTimers:
         self._channels = [_Channel() for _ in range(_CHANNELS)]
         self._mcr = 0x06
 
+    def began_cycles(self, index: int) -> float:
+        """Return when a channel that counts bus clocks was last enabled, in core cycles since power-on."""
+        return self._channels[index].started_at * self._core_cycles_a_tick
+
     @property
     def _core_cycles_a_tick(self) -> float:
         return self._clocks.core_hz / self._clocks.bus_hz
