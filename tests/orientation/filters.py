@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from hiltest.orientation import fusion
 from hiltest.orientation.fusion import FusionNoise, FusionStatus
 from hiltest.orientation.quaternions import IDENTITY, from_rotation_vector, product, rotation_ned_from_body
+from hiltest.virtual.k64f import VirtualK64F
 
 FIRMWARE = Path(__file__).parents[2] / "firmware_stub"
 SOURCE = FIRMWARE / "orientation" / "fusion.c"
@@ -83,6 +84,31 @@ class Firmware:
     def update(self, gravity_g: Vector, field: Vector) -> FusionStatus:
         vectors = floats(gravity_g), floats(field)
         return FusionStatus(self._library.fusion_update(ctypes.byref(self._state), self._noise, *vectors))
+
+
+class OnBoard(Firmware):
+    """The shipped firmware's, called on a virtual board that did not boot."""
+
+    def __init__(self, board: VirtualK64F, noise: FusionNoise, attitude: Vector = IDENTITY) -> None:
+        noise_t = noise_floats(noise)
+        _, tilt_variance, heading_variance, _ = noise_t
+        self._board, self._noise_bytes = board, bytes(noise_t)
+        # As fusion_start() does, which may be part of its only caller.
+        self._bytes = bytearray(floats([*attitude, tilt_variance, heading_variance]))
+
+    @property
+    def _state(self) -> _State:
+        return _State.from_buffer_copy(self._bytes)
+
+    def predict(self, rate_dps: Vector, dt_s: float) -> FusionStatus:
+        rate = bytes(floats([math.radians(value) for value in rate_dps]))
+        return self._call("fusion_predict", rate, dt_s)
+
+    def update(self, gravity_g: Vector, field: Vector) -> FusionStatus:
+        return self._call("fusion_update", bytes(floats(gravity_g)), bytes(floats(field)))
+
+    def _call(self, function: str, *arguments: bytes | float) -> FusionStatus:
+        return FusionStatus(self._board.call(function, self._bytes, self._noise_bytes, *arguments).value)
 
 
 Filter = Reference | Firmware

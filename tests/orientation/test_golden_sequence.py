@@ -11,10 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hiltest.boards import default_firmware
 from hiltest.orientation.fusion import FusionNoise, FusionStatus, triad
 from hiltest.orientation.quaternions import angle_between_deg, from_ned_axes
+from hiltest.virtual.k64f import VirtualK64F
 
-from .filters import FilterMaker, Reference
+from .filters import FilterMaker, Firmware, OnBoard, Reference
 
 FOLDER = Path(__file__).parents[2] / "fixtures" / "fusion"
 GOLDEN = json.loads((FOLDER / "sequence.json").read_text(encoding="utf-8"))
@@ -33,6 +35,23 @@ def test_every_step_of_the_golden_sequence(either: FilterMaker):
         # Roundings of 6e-8 in each of some ten operations a step, 2e-6 radians at most; of float64, 1e-16.
         assert angle_between_deg(found.attitude, expected) < (1e-12 * count if exact else math.degrees(2e-6 * count))
         assert found.sigmas_deg == pytest.approx(step["sigmas_deg"], rel=1e-12 if exact else 1e-5)
+
+
+def test_the_board_computes_it_bit_by_bit_as_this_machine_does(firmware: FilterMaker):
+    noise, first = FusionNoise(**GOLDEN["noise"]), triad(GOLDEN["start"]["gravity_g"], GOLDEN["start"]["field"])
+    here, board = firmware(noise, first), OnBoard(VirtualK64F(default_firmware()), noise, first)
+    assert isinstance(here, Firmware)
+    for step in GOLDEN["steps"]:
+        for each in (here, board):
+            if step["step"] == "predict":
+                assert each.predict(step["rate_dps"], step["dt_s"]) is FusionStatus.OK
+            else:
+                assert each.update(step["gravity_g"], step["field"]) is FusionStatus.OK
+        assert board.raw == here.raw
+    assert board.update((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)) is FusionStatus.NO_ATTITUDE
+    assert board.predict((0.0, 0.0, 0.0), -1.0) is FusionStatus.BAD_STEP
+    assert board.update((0.0, 0.0, 2.0), (1.0, 0.0, 0.0)) is FusionStatus.ACCELERATED
+    assert board.raw == here.raw
 
 
 def test_the_golden_sequence_is_what_its_generator_writes(tmp_path: Path):
