@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hiltest.calibration import FitStatus, MagnetometerFit, fit_direct, fit_iterative, fit_sphere
+from hiltest.calibration import FitStatus, MagnetometerFit, fit_corrected, fit_direct, fit_iterative, fit_sphere
 from hiltest.calibration.direction_error import DirectionError, predicted_direction_error
 from hiltest.calibration.fit import Calibrator
 from hiltest.calibration.quality import direction_difference_rms_deg, sphere_directions
@@ -46,6 +46,18 @@ def test_on_half_a_sphere_the_bias_is_most_of_the_error() -> None:
     found, predicted, spread = _found_and_predicted(fit_direct, covered=0.5, noise_ut=1.0, count=1000)
     assert predicted == pytest.approx(found, rel=0.3)
     assert spread < 0.3 * found, "without the bias the prediction would be far too good"
+
+
+def test_what_corrected_leaves_is_the_spread() -> None:
+    """The bias that `direct` has on the same half is not there, and not predicted where it is said to be gone."""
+    biased, _, _ = _found_and_predicted(fit_direct, covered=0.5, noise_ut=1.0, count=1000)
+    found, _, spread = _found_and_predicted(fit_corrected, covered=0.5, noise_ut=1.0, count=1000)
+    assert spread == pytest.approx(found, rel=0.3)
+    assert found < biased / 3.0
+    points = instance(3, 1000, noise_ut=1.0, covered=(0.5, 0.5)).points_counts
+    predicted = predicted_direction_error(points, fit_corrected(points), unbiased=True)
+    assert predicted is not None
+    assert predicted.rms_deg == predicted.spread_deg > 0.0
 
 
 def test_four_times_the_points_halve_the_spread_and_leave_the_bias() -> None:

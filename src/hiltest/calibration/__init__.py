@@ -17,6 +17,7 @@ from hiltest.errors import ConfigError
 __all__ = [
     "REFERENCES",
     "STREAM_REFERENCES",
+    "UNBIASED",
     "FitStatus",
     "MagnetometerFit",
     "fit_corrected",
@@ -28,6 +29,8 @@ __all__ = [
 
 # By the firmware's names.
 REFERENCES: dict[str, Calibrator] = {"direct": fit_direct, "corrected": fit_corrected, "iterative": fit_iterative}
+# Those whose steps take the bias of noise out.
+UNBIASED = frozenset({"corrected"})
 STREAM_REFERENCES: dict[str, Callable[[], StreamCalibrator]] = {
     "direct-stream": DirectStream,
     "iterative-stream": IterativeStream,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hiltest.boards.board import Board
-from hiltest.calibration import REFERENCES, reference
+from hiltest.calibration import REFERENCES, UNBIASED, reference
 from hiltest.calibration.acceptance import Acceptance, FitFigures, Reason, judge
 from hiltest.calibration.conditioning import ellipsoid_condition
 from hiltest.calibration.direction_error import predicted_direction_error
@@ -234,7 +234,8 @@ class _Judge:
             return CalibratorFit(name, _words(fit.status), verdict, reasons, len(used), iterations=fit.iterations)
         radius = float(np.linalg.det(fit.soft_iron)) ** (-1.0 / 3.0)
         microtesla = self._cloud.microtesla
-        predicted = predicted_direction_error(used, fit)
+        # With no step in it the fit of a calibrator that takes the bias out is another's.
+        predicted = predicted_direction_error(used, fit, unbiased=name in UNBIASED and fit.iterations > 0)
         figures = FitFigures(
             fit.status, self.condition, n=len(used),
             residual_percent=residual_percent(self._cloud.points, fit),
