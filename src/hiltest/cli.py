@@ -18,7 +18,7 @@ from hiltest.errors import BenchError, ConfigError, HiltestError, ProtocolError
 _FAILED, _INTERRUPTED, _USAGE_ERROR = 1, 2, 4
 _CODES = {ConfigError: _USAGE_ERROR, BenchError: 20, ProtocolError: 23}
 # In the order of the help. Each is a function of this name in a module of this name in hiltest.commands.
-_COMMANDS = ("run", "calibrate", "serve", "fit", "profile", "init")
+_COMMANDS = ("run", "calibrate", "serve", "fit", "fit-imu", "profile", "init")
 
 
 class _Commands(click.Group):
@@ -30,7 +30,8 @@ class _Commands(click.Group):
     def get_command(self, _context: click.Context, name: str) -> click.Command | None:
         if name not in _COMMANDS:
             return None
-        command: click.Command = getattr(import_module(f"hiltest.commands.{name}"), name)
+        place = name.replace("-", "_")
+        command: click.Command = getattr(import_module(f"hiltest.commands.{place}"), place)
         return command
 
 

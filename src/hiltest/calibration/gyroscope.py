@@ -72,8 +72,8 @@ class GyroscopeTurn:
     ----------
     turned_deg : ndarray, shape (3,)
         About the body axes: all of it about one axis, which did not move.
-    total : ndarray of int, shape (3,)
-        Sum of all samples [counts]; exact.
+    total : ndarray, shape (3,)
+        Sum of all samples [counts]; of integers exact.
     n : int
         Samples.
     duration_s : float
@@ -85,7 +85,7 @@ class GyroscopeTurn:
     """
 
     turned_deg: Reals
-    total: NDArray[np.int64]
+    total: NDArray[np.int64] | Reals
     n: int
     duration_s: float
     bias_before: Reals

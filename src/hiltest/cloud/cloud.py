@@ -6,20 +6,18 @@ import math
 from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hiltest.cloud.cells import check_width, number_in, split_header
 from hiltest.cloud.columns import MICROTESLA, Unit, guessed_columns, named_columns, unit_of
 from hiltest.cloud.table import Row, read_rows
 from hiltest.errors import ConfigError
 
 # 24 MB of numbers, and three hours of a sensor at 80 Hz.
 MAX_ROWS = 1_000_000
-# Beyond 32 bits of any sensor: not a reading, and squares of squares would leave float64.
-_LARGEST = 2.0**32
 _AXES = 3
 
 
@@ -80,7 +78,7 @@ def read_cloud(path: Path, *, columns: str | None = None, unit: Unit | None = No
     first = next(rows, None)
     if first is None:
         raise ConfigError(f"{path}: the file is empty")
-    headers, data = _header(first, rows)
+    headers, data = split_header(first, rows)
     width = len(headers or first.cells)
     try:
         places = named_columns(columns, headers, width) if columns is not None else guessed_columns(headers, width)
@@ -96,25 +94,16 @@ def read_cloud(path: Path, *, columns: str | None = None, unit: Unit | None = No
     )
 
 
-def _header(first: Row, rest: Iterator[Row]) -> tuple[tuple[str, ...], Iterator[Row]]:
-    """Return the names of the columns, empty when there are none, and the rows of data."""
-    if sum(_is_number(cell) for cell in first.cells) < _AXES:
-        return first.cells, rest
-    as_comment = len(first.comment) == len(first.cells) and not any(map(_is_number, first.comment))
-    return (first.comment if as_comment else ()), chain([first], rest)
-
-
 def _points(
     path: Path, rows: Iterator[Row], places: tuple[int, int, int], names: Sequence[str], width: int
 ) -> tuple[NDArray[np.float64], int]:
     values, skipped = array("d"), 0
     for row in rows:
-        if len(row.cells) != width:
-            raise ConfigError(
-                f"{path}:{row.line}: {len(row.cells)} cells where the table has {width} columns; "
-                "correct or delete the line"
-            )
-        reading = [_value(path, row, place, name) for place, name in zip(places, names, strict=True)]
+        check_width(path, row, width)
+        reading = [
+            number_in(path, row, place, name, what="magnetometer reading")
+            for place, name in zip(places, names, strict=True)
+        ]
         if not all(map(math.isfinite, reading)):
             skipped += 1
             continue
@@ -124,30 +113,3 @@ def _points(
     if not values:
         raise ConfigError(f"{path}: no row has three numbers in the columns {', '.join(names)}")
     return np.frombuffer(values, dtype=np.float64).reshape(-1, _AXES), skipped
-
-
-def _value(path: Path, row: Row, place: int, name: str) -> float:
-    """Return a cell's number; an empty cell is not a number, as loggers leave it where nothing was measured."""
-    cell = row.cells[place]
-    if not cell:
-        return math.nan
-    where = f"{path}:{row.line}: column {name}"
-    if not _is_number(cell):
-        decimal_comma = "; decimals need a point, not a comma" if _is_number(cell.replace(",", ".")) else ""
-        raise ConfigError(f"{where}: {_shown(cell)} is not a number{decimal_comma}")
-    value = float(cell)
-    if math.isfinite(value) and abs(value) > _LARGEST:
-        raise ConfigError(f"{where}: {_shown(cell)} is no magnetometer reading")
-    return value
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return "_" not in cell  # float() takes 1_000
-
-
-def _shown(cell: str) -> str:
-    return repr(cell if len(cell) <= 40 else f"{cell[:40]}...")

@@ -30,7 +30,9 @@ _WORDS = {
 _FOREIGN = frozenset({"nt", "mt", "t", "tesla", "nanotesla", "mgauss", "milligauss"})
 # With the capital; in lower case these are the g of accelerometers.
 _CAPITALS = {"G": "gauss", "mG": "mgauss"}
-_OTHER = frozenset({"g", "mg", "dps", "rad", "deg", "ms2", "si"})
+_OTHER = frozenset(
+    {"g", "mg", "dps", "rad", "deg", "ms2", "si", "m/s2", "m/s^2", "m/s²", "deg/s", "rad/s", "rads", "°/s", "mdps"}
+)
 # "Magnetometer X (uT)", "mx_uT", "mag.y [gauss]": a name, and perhaps a unit in brackets or behind a low line.
 _BRACKETED = re.compile(r"^(?P<name>.*?)\s*[(\[](?P<unit>[^)\]]*)[)\]]$")
 _SUFFIXED = re.compile(r"^(?P<name>.*[^_ ])[_ ](?P<unit>[^_ ]+)$")
@@ -48,7 +50,7 @@ def unit_of(headers: Sequence[str]) -> Unit | None:
     ConfigError
         When they name different ones, or one that is not supported.
     """
-    words = {_split(header)[1] for header in headers}
+    words = {name_and_unit(header)[1] for header in headers}
     foreign = sorted(words & _FOREIGN)
     if foreign:
         raise ConfigError(
@@ -61,7 +63,9 @@ def unit_of(headers: Sequence[str]) -> Unit | None:
     return next(iter(units), None)
 
 
-def named_columns(wanted: str, headers: Sequence[str], width: int) -> tuple[int, int, int]:
+def named_columns(
+    wanted: str, headers: Sequence[str], width: int, *, option: str = "--columns"
+) -> tuple[int, int, int]:
     """Return the indexes of columns given as ``a,b,c``: names of the header, or numbers from 1.
 
     Raises
@@ -71,10 +75,10 @@ def named_columns(wanted: str, headers: Sequence[str], width: int) -> tuple[int,
     """
     names = [name.strip() for name in next(csv.reader([wanted], skipinitialspace=True), [])]
     if len(names) != 3:
-        raise ConfigError(f"--columns {wanted}: {len(names)} columns; give three, for example mx,my,mz or 5,6,7")
-    first, second, third = (_index(name, headers, width) for name in names)
+        raise ConfigError(f"{option} {wanted}: {len(names)} columns; give three, for example mx,my,mz or 5,6,7")
+    first, second, third = (column_index(name, headers, width, option=option) for name in names)
     if len({first, second, third}) != 3:
-        raise ConfigError(f"--columns {wanted}: a column is named twice")
+        raise ConfigError(f"{option} {wanted}: a column is named twice")
     return first, second, third
 
 
@@ -86,7 +90,7 @@ def guessed_columns(headers: Sequence[str], width: int) -> tuple[int, int, int]:
     ConfigError
         When nothing or more than one triple could be; names the choices.
     """
-    triples = _triples(headers)
+    triples = axis_triples(headers)
     magnetic = {stem: triple for stem, triple in triples.items() if _MAGNETIC.search(stem)}
     if len(magnetic) == 1:
         return next(iter(magnetic.values()))
@@ -108,11 +112,11 @@ def _options(choices: Sequence[str]) -> str:
     return f"choose {' or '.join(quoted)}"
 
 
-def _triples(headers: Sequence[str]) -> dict[str, tuple[int, int, int]]:
+def axis_triples(headers: Sequence[str]) -> dict[str, tuple[int, int, int]]:
     """Return the columns of x, y and z by what their names have in common, where all three are there once."""
     found: dict[str, dict[str, list[int]]] = {}
     for index, header in enumerate(headers):
-        name = _split(header)[0]
+        name = name_and_unit(header)[0]
         parts = _AXIS_LAST.match(name) or _AXIS_FIRST.match(name)
         if parts is not None:
             found.setdefault(parts["stem"], {}).setdefault(parts["axis"], []).append(index)
@@ -123,7 +127,7 @@ def _triples(headers: Sequence[str]) -> dict[str, tuple[int, int, int]]:
     }  # fmt: skip
 
 
-def _split(header: str) -> tuple[str, str]:
+def name_and_unit(header: str) -> tuple[str, str]:
     """Return name and unit of a header in lower case, the unit empty when there is none."""
     written = header.strip()
     bracketed = _BRACKETED.match(written)
@@ -139,14 +143,21 @@ def _unit_word(written: str) -> str:
     return _CAPITALS.get(written.strip(), written.strip().lower())
 
 
-def _index(name: str, headers: Sequence[str], width: int) -> int:
+def column_index(name: str, headers: Sequence[str], width: int, *, option: str) -> int:
+    """Return the index of a column given by its name, or its number from 1.
+
+    Raises
+    ------
+    ConfigError
+        When there is none, or more than one of the name.
+    """
     places = [index for index, header in enumerate(headers) if header == name]
     places = places or [index for index, header in enumerate(headers) if header.lower() == name.lower()]
     if len(places) > 1:
-        raise ConfigError(f"--columns: {len(places)} columns are called {name!r}; give numbers from 1")
+        raise ConfigError(f"{option}: {len(places)} columns are called {name!r}; give numbers from 1")
     if places:
         return places[0]
     if name.isascii() and name.isdigit() and 1 <= int(name) <= width:
         return int(name) - 1
     known = f"; the columns are {', '.join(headers)}" if headers else ""
-    raise ConfigError(f"--columns: no column {name!r} among {width}{known}")
+    raise ConfigError(f"{option}: no column {name!r} among {width}{known}")

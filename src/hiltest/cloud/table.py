@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import csv
+import gzip
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, cast
 
 from hiltest.errors import ConfigError
 
 # A table line is shorter by far; what is not must not fill the memory.
 _LONGEST_LINE = 65_536
+# Hours of any sensor. A small compressed file could otherwise go on for ever.
+_MOST_BYTES = 512 << 20
 _BYTE_ORDER_MARKS = {b"\xff\xfe": "UTF-16", b"\xfe\xff": "UTF-16"}
 _COMMENTS = ("#", "%", "//")
 # What separates cells, tried in this order on the first line that is no comment.
@@ -40,6 +44,8 @@ class Row:
 def read_rows(path: Path) -> Iterator[Row]:
     """Yield the rows of a file: comma, semicolon, tab or blanks between cells, UTF-8, `#`, `%` or `//` comments.
 
+    A file whose name ends in .gz is unpacked as it is read.
+
     Raises
     ------
     ConfigError
@@ -47,9 +53,13 @@ def read_rows(path: Path) -> Iterator[Row]:
     """
     try:
         with path.open("rb") as file:
-            yield from _rows(path, file)
-    except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror or error}") from error
+            yield from _rows(path, _unpacked(path, file))
+    except (OSError, EOFError, zlib.error) as error:
+        raise ConfigError(f"{path}: {getattr(error, 'strerror', None) or error}") from error
+
+
+def _unpacked(path: Path, file: BinaryIO) -> BinaryIO:
+    return cast(BinaryIO, gzip.open(file)) if path.suffix == ".gz" else file
 
 
 def _rows(path: Path, file: BinaryIO) -> Iterator[Row]:
@@ -78,9 +88,12 @@ def _rows(path: Path, file: BinaryIO) -> Iterator[Row]:
 
 
 def _lines(path: Path, file: BinaryIO) -> Iterator[tuple[int, str]]:
-    line = 0
+    line, size = 0, 0
     while raw := file.readline(_LONGEST_LINE + 1):
         line += 1
+        size += len(raw)
+        if size > _MOST_BYTES:
+            raise ConfigError(f"{path}:{line}: more than {_MOST_BYTES >> 20} MB of text; cut the file")
         if line == 1:
             encoding = _BYTE_ORDER_MARKS.get(raw[:2])
             if encoding:

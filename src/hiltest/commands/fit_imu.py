@@ -1,0 +1,90 @@
+"""``hiltest fit-imu``: accelerometer and gyroscope from the log of an IMU that was laid down and turned by hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from hiltest.imu_log import ImuLog, Intervals
+
+_EXIT_CODES = """
+\b
+Exit codes:
+  0   the accelerometer is calibrated; of the gyroscope the bias at least
+  1   it is not: the log does not support it
+  2   interrupted
+  4   usage: an option or a file is wrong
+"""
+_FILE = click.Path(dir_okay=False, path_type=Path)
+
+
+@click.command(name="fit-imu", epilog=_EXIT_CODES)
+@click.argument("log", metavar="LOG", type=_FILE)
+@click.option("--gyroscope-log", metavar="FILE", type=_FILE, help="The gyroscope's own log, row by row with LOG.")
+@click.option("--accelerometer-columns", metavar="A,B,C", help="Names, or numbers from 1.  [default: acc..., a...]")
+@click.option("--gyroscope-columns", metavar="A,B,C", help="Names, or numbers from 1.  [default: gyr..., g...]")
+@click.option("--accelerometer-unit", type=click.Choice(["g", "mg", "m/s2", "counts"]),
+              help="Counts: zero and scale unknown.  [default: the header's, else counts]")
+@click.option("--gyroscope-unit", type=click.Choice(["deg/s", "rad/s", "counts"]),
+              help="Counts: scale unknown.  [default: the header's, else counts]")
+@click.option("--rate", metavar="HZ", type=click.FloatRange(1.0, 100_000.0),
+              help="Samples a second.  [default: by the column of time]")
+@click.option("--time", metavar="COLUMN", help="The column of time.  [default: time, t, timestamp]")
+@click.option("--intervals", metavar="FILE|COLUMN",
+              help="Where it rested and turned: a JSON list, or a column of labels.  [default: found]")
+@click.option("--method", type=click.Choice(["auto", "six-position", "ellipsoid"]), default="auto", show_default=True,
+              help="Of the accelerometer.")
+@click.option("--turn", "turn_deg", metavar="DEG", type=click.FloatRange(90.0, 36_000.0), default=360.0,
+              show_default=True, help="What it was turned by each time.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON (hiltest.fit-imu/1) and nothing else.")
+@click.option("--export-json", metavar="FILE", type=_FILE, help="Write the same JSON to a file.")
+@click.option("--export-header", metavar="FILE", type=_FILE, help="Write the calibration as a C header.")
+def fit_imu(
+    log: Path, gyroscope_log: Path | None, accelerometer_columns: str | None, gyroscope_columns: str | None,
+    accelerometer_unit: str | None, gyroscope_unit: str | None, rate: float | None, time: str | None,
+    intervals: str | None, method: str, turn_deg: float, as_json: bool, export_json: Path | None,
+    export_header: Path | None,
+) -> int:  # fmt: skip
+    """Fit an IMU's accelerometer and gyroscope from a log of rests and turns, recorded without any equipment.
+
+    LOG is a text table, also packed (.gz): comma, semicolon, tab or blanks between cells, with or without a header.
+    The rests are found by themselves; so are six faces, and whole turns about the vertical.
+    """
+    from hiltest.imu_log import AccelerationUnit, LogColumns, RateUnit, read_imu_log
+    from hiltest.imu_log.fit import fit_imu_log
+    from hiltest.report.cloud_fit_exports import write_text
+    from hiltest.report.console import standard_output
+    from hiltest.report.imu_log_fit import print_fit, to_header, to_json
+
+    listed = intervals if intervals is not None and Path(intervals).suffix == ".json" else None
+    read = read_imu_log(
+        log, gyroscope_log, rate_hz=rate,
+        columns=LogColumns(accelerometer_columns, gyroscope_columns, time, None if listed else intervals),
+        acceleration_unit=AccelerationUnit(accelerometer_unit) if accelerometer_unit else None,
+        rate_unit=RateUnit(gyroscope_unit) if gyroscope_unit else None,
+    )
+    fitted = fit_imu_log(read, _intervals(read, listed), method, turn_deg=turn_deg)
+    if as_json:
+        click.echo(to_json(fitted), nl=False)
+    else:
+        print_fit(fitted, standard_output())
+    if fitted.accelerometer.fit is None:
+        if export_json or export_header:
+            click.echo("refused: no calibration was exported", err=True)
+        return 1
+    if export_json is not None:
+        write_text(export_json, to_json(fitted))
+    if export_header is not None:
+        write_text(export_header, to_header(fitted))
+    return 0
+
+
+def _intervals(log: ImuLog, listed: str | None) -> Intervals:
+    from hiltest.imu_log import found_intervals, labelled_intervals, listed_intervals
+
+    if listed is not None:
+        return listed_intervals(log, Path(listed))
+    return labelled_intervals(log) if log.labels is not None else found_intervals(log)
