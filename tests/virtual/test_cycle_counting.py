@@ -10,10 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hiltest.errors import BoardFault
 from hiltest.virtual.accounting import AccountingFactory, InstructionAccounting
 from hiltest.virtual.k64f import VirtualK64F
 
 from .conftest import SHIPPED, Build
+from .test_faults import HEAD, TAIL
 
 KERNELS = ("magnetometer_direct", "magnetometer_iterative", "magnetometer_empty")
 POINTS_ADDRESS = 0x20020000
@@ -142,3 +144,16 @@ def test_counting_by_block_agrees_with_counting_by_instruction_on_random_code(
         by_instruction.instructions,
         by_instruction.value,
     )
+
+
+@pytest.mark.parametrize("jump", ["bx r0", "nop\n    nop\n    bx r0"])
+def test_a_jump_that_faults_behind_it_is_counted(build: Build, block_hook: AccountingFactory, jump: str) -> None:
+    elf = build(HEAD + f"    ldr r0, =culprit\n    bic r0, r0, #1\n    {jump}" + TAIL)
+    counted = []
+    for accounting in (block_hook, InstructionAccounting):
+        board = VirtualK64F(elf, accounting=accounting)
+        with pytest.raises(BoardFault, match="even address"):
+            board.call("main")
+        counted.append((board.cycles, board.instructions))
+    assert counted[0] == counted[1]
+    assert counted[0][1] == 4 + jump.count("nop")  # and `main` begins with a nop

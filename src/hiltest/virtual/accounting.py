@@ -384,11 +384,18 @@ class InstructionAccounting(_Totals):
 
     def now(self, pc: int) -> int:
         """Virtual time [cycles] at the start of the instruction at `pc`."""
+        self._reach(pc & ~1)
         return self.cycles
 
     def instructions_now(self, pc: int) -> int:
         """Instructions before the one at `pc`."""
+        self._reach(pc & ~1)
         return self.instructions
+
+    def _reach(self, address: int) -> None:
+        # The code hook is silent at an even address: the jump there is over, and nothing else has begun.
+        if self._last is not None and self._last.address != address:
+            self._finish(address)
 
     def settle(self, pc: int) -> None:
         """Add the instruction that just ended; `pc` is where execution goes on."""
