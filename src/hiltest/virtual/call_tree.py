@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from hiltest.virtual.accounting import Block
+from hiltest.virtual.blocks import Block
 from hiltest.virtual.elf import FirmwareImage
 from hiltest.virtual.instructions import Instruction
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
-from hiltest.virtual.accounting import Block
+from hiltest.virtual.blocks import Block
 from hiltest.virtual.instructions import Instruction
 from hiltest.virtual.timing import NEUTRAL, PipelineState, TimingProfile
 

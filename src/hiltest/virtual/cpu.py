@@ -16,7 +16,8 @@ import unicorn
 from unicorn import unicorn_py3
 
 from hiltest.errors import BoardFault, place_of
-from hiltest.virtual.accounting import Accounting, AccountingFactory, Block
+from hiltest.virtual.accounting import Accounting, AccountingFactory
+from hiltest.virtual.blocks import Block
 from hiltest.virtual.elf import FirmwareImage
 from hiltest.virtual.engine import TRANSLATED_CALLBACK, add_hook, cortex_m4, entrance
 from hiltest.virtual.event_register import EventRegister

@@ -12,7 +12,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from hiltest.errors import ConfigError
-from hiltest.virtual.accounting import Block, BlockAccounting
+from hiltest.virtual.accounting import BlockAccounting
+from hiltest.virtual.blocks import Block
 from hiltest.virtual.call_tree import CallNode, CallTree
 from hiltest.virtual.calling import CallResult
 from hiltest.virtual.cost_classes import InstructionCost, Stall, Work, instruction_costs

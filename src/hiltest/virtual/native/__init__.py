@@ -14,7 +14,8 @@ from typing import Any
 from unicorn.unicorn_py3.unicorn import uclib
 
 from hiltest.errors import ConfigError
-from hiltest.virtual.accounting import Accounting, Block, BlockAccounting, ReadCode
+from hiltest.virtual.accounting import Accounting, BlockAccounting
+from hiltest.virtual.blocks import Block, ReadCode
 from hiltest.virtual.native.accounting import NativeBlockAccounting
 from hiltest.virtual.native.library import Window, library, missing_because
 from hiltest.virtual.registers import register_number

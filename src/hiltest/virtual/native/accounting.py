@@ -10,7 +10,8 @@ from typing import ClassVar
 
 from unicorn.unicorn_py3.unicorn import uclib
 
-from hiltest.virtual.accounting import BLOCKS_KEPT, Block, CodeHook, ReadCode, conditions_at, priced_block
+from hiltest.virtual.accounting import CodeHook
+from hiltest.virtual.blocks import BLOCKS_KEPT, Block, ReadCode, conditions_at, priced_block
 from hiltest.virtual.instructions import Instruction
 from hiltest.virtual.native import library as native
 from hiltest.virtual.registers import register_number

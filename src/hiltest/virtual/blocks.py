@@ -1,0 +1,101 @@
+"""Straight-line code and what it costs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+from hiltest.errors import BoardFault
+from hiltest.virtual.instructions import Alignment, Instruction, conditions_left, decode, required_alignment
+from hiltest.virtual.timing import PipelineState, TimingProfile
+
+ReadCode = Callable[[int, int], bytes]  # raises BoardFault where there is no memory
+
+# Blocks of any firmware in this process: their code is in the key, so other code at the same address is another block.
+BLOCKS_KEPT = 32_768
+
+
+@dataclass(slots=True)
+class Block:
+    """Straight-line code as the emulator cuts it, priced from one pipeline state.
+
+    Attributes
+    ----------
+    through, taken : int
+        Cycles when execution falls out of its end, and when it jumps away.
+    alignment : Alignment
+        What must be word-aligned when it begins, and within it.
+    needs_attention : bool
+        Whether the processor must look before (FPU, hang, alignment, SEV) or behind it (masks).
+    """
+
+    address: int
+    end: int
+    entry: PipelineState
+    instructions: tuple[Instruction, ...]
+    count: int
+    through: int
+    taken: int
+    exit_state: PipelineState
+    uses_fpu: bool
+    changes_masks: bool
+    sends_event: bool
+    loops_to_itself: bool
+    alignment: Alignment
+    needs_attention: bool
+    _starts: dict[int, int] = field(default_factory=dict)
+
+    def cycles_before(self, address: int, profile: TimingProfile) -> int:
+        """Cycles from the start of the block to the start of one of its instructions."""
+        if not self._starts:
+            total, state = 0, self.entry
+            starts: dict[int, int] = {}
+            for instruction in self.instructions:
+                starts[instruction.address] = total
+                cycles, state = profile.step(instruction, state)
+                total += cycles
+            self._starts = starts  # whole at once: boards in other threads share the block
+        return self._starts.get(address & ~1, 0)
+
+
+def price_block(profile: TimingProfile, instructions: list[Instruction], entry: PipelineState) -> Block:
+    """Price straight-line code from a pipeline state on."""
+    total, state = 0, entry
+    for instruction in instructions:
+        cycles, state = profile.step(instruction, state)
+        total += cycles
+    last = instructions[-1]
+    address, end = instructions[0].address, last.address + last.size
+    refill = profile.taken(last) if last.transfer else 0
+    uses_fpu = any(instruction.uses_fpu for instruction in instructions)
+    changes_masks = any(instruction.changes_masks for instruction in instructions)
+    sends_event = any(instruction.sends_event for instruction in instructions)
+    loops = last.jumps_to(address)
+    alignment = required_alignment(instructions)
+    through = total if not last.transfer or last.conditional else total + refill
+    return Block(
+        address, end, entry, tuple(instructions), len(instructions), through, total + refill, state,
+        uses_fpu, changes_masks, sends_event, loops and len(instructions) == 1, alignment,
+        bool(uses_fpu or changes_masks or sends_event or loops or alignment.registers or alignment.inside),
+    )  # fmt: skip
+
+
+@lru_cache(maxsize=BLOCKS_KEPT)
+def priced_block(profile: TimingProfile, address: int, code: bytes, entry: PipelineState, conditions: int = 0) -> Block:
+    """Decode and price a block of code; one that was priced before costs nothing."""
+    return price_block(profile, decode(address, code, conditions), entry)
+
+
+def conditions_at(address: int, block: Block, read_code: ReadCode) -> int:
+    """Say how many of a block's instructions belong to an IT block that began before it, if that matters.
+
+    The emulator cuts at the ends of pages. What matters is whether a jump at the end is always taken.
+    """
+    last = block.instructions[-1]
+    if block.count > 3 or not last.transfer or last.conditional:
+        return 0
+    try:
+        return conditions_left(read_code(address - 14, 14))
+    except BoardFault:  # a memory begins there
+        return 0
