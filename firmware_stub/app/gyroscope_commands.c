@@ -203,10 +203,10 @@ static void take_log(void *context, uint32_t index, const int16_t body[3])
 status_t command_log_gyroscope(payload_reader_t *request, payload_writer_t *reply)
 {
     static fifo_sampler_t sampler; /* goes on from request to request */
-    const uint8_t count = read_u8(request);
+    uint8_t count = read_u8(request);
     const uint8_t go_on = read_u8(request);
     const uint32_t timeout_us = read_u32(request);
-    if (count == 0u || count > LOG_MAXIMUM || go_on > 1u || timeout_us > TIMEOUT_MAXIMUM_US) {
+    if (count > LOG_MAXIMUM || go_on > 1u || timeout_us > TIMEOUT_MAXIMUM_US) {
         return STATUS_BAD_ARGUMENT;
     }
     const uint64_t deadline_us = time_us() + timeout_us;
@@ -219,6 +219,10 @@ status_t command_log_gyroscope(payload_reader_t *request, payload_writer_t *repl
     if (go_on == 0u || sampler.sensor != sensor || !fifo_sampler_runs(sensor)) {
         status = fifo_sampler_start(&sampler, sensor, deadline_us);
         sampler.lost = go_on == 1u; /* there was nothing to go on with: what lies between is lost */
+    }
+    if (status == SENSOR_OK && count == 0u) {
+        status = fifo_sampler_waiting(&sampler, &count);
+        count = count == 0u ? 1u : count; /* then the next one is waited for */
     }
     write_u8(reply, count);
     if (status == SENSOR_OK) {

@@ -56,6 +56,13 @@ sensor_status_t fifo_sampler_start(fifo_sampler_t *sampler, const sensor_t *sens
     return status;
 }
 
+sensor_status_t fifo_sampler_waiting(fifo_sampler_t *sampler, uint8_t *count)
+{
+    const sensor_status_t status = look(sampler);
+    *count = sampler->held;
+    return status;
+}
+
 /** When to look first so that `missing` samples can be there and hardly more: a sixteenth early, as far as clocks may differ. */
 static uint64_t first_look_us(const fifo_sampler_t *sampler, uint8_t missing)
 {

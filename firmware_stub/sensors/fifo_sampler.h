@@ -35,6 +35,9 @@ sensor_status_t fifo_sampler_start(fifo_sampler_t *sampler, const sensor_t *sens
 sensor_status_t fifo_sampler_take(fifo_sampler_t *sampler, uint32_t wanted, uint64_t deadline_us, int16_t body[][3],
                                   uint8_t *count);
 
+/** Ask how many samples wait to be taken now; may be 0. */
+sensor_status_t fifo_sampler_waiting(fifo_sampler_t *sampler, uint8_t *count);
+
 /** Whether the FIFO is still on since fifo_sampler_start(): the series goes on, or has been lost. */
 bool fifo_sampler_runs(const sensor_t *sensor);
 

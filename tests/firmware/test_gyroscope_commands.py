@@ -145,6 +145,21 @@ def test_a_log_goes_on_from_request_to_request_without_a_gap() -> None:
     assert np.array_equal(np.concatenate(parts), body_samples(world, range(first, first + 6 * 64)))
 
 
+def test_a_log_of_what_waits_takes_all_of_it_and_waits_for_one_when_there_is_none() -> None:
+    world = World(EarthField(48.5, 62.0))
+    bench = bench_in(world)
+    _, (_, first_us, *_) = first = ask_log(bench, 16, go_on=False)
+    parts = [first[0]]
+    for pause_s in (0.1, 0.0, 0.05):
+        bench.board.run_until(bench.board.time_s + pause_s)
+        data = bench.ask(LOG, struct.pack("<BBI", 0, 1, SECOND_US))
+        parts.append(np.frombuffer(data[1 : 1 + 6 * data[0]], dtype="<i2").reshape(-1, 3))
+        assert max(1, 200 * pause_s - 1) <= data[0] <= 200 * pause_s + 5  # frames on the line take some ms
+    rows = np.concatenate(parts)
+    begin = round(first_us * 1e-6 * 200.0)
+    assert np.array_equal(rows, body_samples(world, range(begin, begin + len(rows))))
+
+
 def test_a_log_that_is_asked_too_late_says_that_samples_are_lost() -> None:
     bench = bench_in(World(EarthField(48.5, 62.0)))
     ask_log(bench, 64, go_on=False)
@@ -189,7 +204,6 @@ TURN = struct.pack("<3f3iHI3f3ff", 0, 0, 360, 0, 0, 1_000_000, 1000, 5_000_000, 
         (INTEGRATE, struct.pack("<HI", 39, SECOND_US)),
         (INTEGRATE, struct.pack("<HI", 12_001, SECOND_US)),
         (INTEGRATE, struct.pack("<HI", 40, 60 * SECOND_US + 1)),
-        (LOG, struct.pack("<BBI", 0, 0, SECOND_US)),
         (LOG, struct.pack("<BBI", 129, 0, SECOND_US)),
         (LOG, struct.pack("<BBI", 1, 2, SECOND_US)),
         (SET, struct.pack("<12f", *[0.0] * 11, math.inf)),

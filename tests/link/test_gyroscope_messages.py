@@ -41,6 +41,7 @@ def test_request_payloads_are_those_written_by_hand(request_: Request[Any], code
         (g.IntegrateGyroscope(39), "39 samples"),
         (g.IntegrateGyroscope(12_001), "12001 samples"),
         (g.LogGyroscope(129), "129 samples"),
+        (g.LogGyroscope(-1), "-1 samples"),
         (g.FitGyroscope([]), "0 turns"),
         (g.FitGyroscope([TURN] * 9), "9 turns"),
     ],

@@ -244,7 +244,7 @@ class IntegrateGyroscope(Timed, Request[IntegrateGyroscopeReply]):
 
 @dataclass(frozen=True)
 class LogGyroscope(Timed, Request[LogGyroscopeReply]):
-    """Take the next n samples; with `go_on` those that follow the last request's."""
+    """Take the next n samples, 0 those that wait; with `go_on` those that follow the last request's."""
 
     code: ClassVar[int] = 0x25
     command: ClassVar[str] = "LOG_GYROSCOPE"
@@ -253,7 +253,7 @@ class LogGyroscope(Timed, Request[LogGyroscopeReply]):
 
     def payload(self) -> bytes:
         """Return the request's payload."""
-        return struct.pack("<BBI", within(self.n, 1, MAX_LOG, "samples"), self.go_on, self.timeout_us)
+        return struct.pack("<BBI", within(self.n, 0, MAX_LOG, "samples"), self.go_on, self.timeout_us)
 
     def parse(self, fields: FieldReader) -> LogGyroscopeReply:
         """Read the data of an OK reply."""
