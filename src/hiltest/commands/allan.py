@@ -1,0 +1,56 @@
+"""``hiltest allan``: what a long log of a gyroscope says about its noise."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+_EXIT_CODES = """
+\b
+Exit codes:
+  0   read off and printed
+  1   the log cannot support it: too short, or a column that does not change
+  2   interrupted
+  4   usage: an option, or a row of the file is wrong
+"""
+_FILE = click.Path(dir_okay=False, path_type=Path)
+_UNITS = ("dps", "mdps", "rad/s", "deg/h", "counts")
+
+
+@click.command(epilog=_EXIT_CODES)
+@click.argument("log", metavar="FILE.csv", type=_FILE)
+@click.option("--columns", metavar="A,B,C",
+              help="Columns of the rates, one to three: names or numbers from 1.  [default: the gyroscope's]")
+@click.option("--unit", type=click.Choice(_UNITS), help="Of the rates.  [default: the header's]")
+@click.option("--time", metavar="COLUMN",
+              help="Column of the time, in the unit its name ends with, else s.  [default: the one called time]")
+@click.option("--rate", "rate_hz", metavar="HZ", type=click.FloatRange(min=0.0, min_open=True),
+              help="Rate of sampling, for a file without time.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON (hiltest.allan/1) and nothing else.")
+@click.option("--html", metavar="FILE", type=_FILE, help="Write a page with the curve.")
+def allan(
+    log: Path, columns: str | None, unit: str | None, time: str | None, rate_hz: float | None, as_json: bool,
+    html: Path | None,
+) -> None:
+    """Print the angle random walk and the bias instability of a gyroscope's log at rest.
+
+    FILE.csv is what `hiltest log` writes, or any text table with a row a sample. Of a log with gaps the longest part
+    is used.
+    """
+    from hiltest.calibration.allan import allan_curve
+    from hiltest.cloud.rate_log import RateUnit, read_rate_log
+    from hiltest.report.allan_page import headline, table, to_json, write_page
+
+    read = read_rate_log(log, columns=columns, unit=RateUnit(unit) if unit else None, time=time, rate_hz=rate_hz)
+    curve = allan_curve(read.rates, rate_hz=read.rate_hz)
+    if as_json:
+        click.echo(to_json(read, curve), nl=False)
+    else:
+        click.echo(headline(read))
+        rows = list(table(read, curve))
+        widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+        for row in rows:
+            click.echo("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+    if html is not None:
+        write_page(read, curve, html)

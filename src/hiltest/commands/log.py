@@ -1,0 +1,137 @@
+"""``hiltest log``: samples of a board's sensors into a CSV file."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, TextIO
+
+import click
+
+from hiltest.bench_files import rig_file
+from hiltest.commands.options import checked
+from hiltest.errors import ConfigError
+from hiltest.settings import file_name, seed
+
+if TYPE_CHECKING:
+    from hiltest.boards import Board
+    from hiltest.link.messages import SensorKind
+    from hiltest.procedures.sensor_log import LogPart
+
+_INTERRUPTED = 2
+_EXIT_CODES = """
+\b
+Exit codes:
+  0   logged for as long as was asked
+  2   ended by Ctrl-C; the file is whole up to there
+  4   usage: an option, a port, a rig file or a firmware file is wrong
+  20  bench lost: link, cable, board or sensor; the file is whole up to there
+  23  wrong firmware, or another protocol version
+"""
+
+
+@click.command(epilog=_EXIT_CODES)
+@click.option("--seconds", metavar="N", type=click.FloatRange(min=0.0, min_open=True), required=True,
+              help="How long, by the board's clock.")
+@click.option("--out", metavar="FILE", required=True, type=click.Path(dir_okay=False, path_type=Path),
+              help="CSV file to write.")
+@click.option("--sensor", "sensors", multiple=True, default=["gyroscope"], show_default=True,
+              type=click.Choice(["gyroscope", "accelerometer", "magnetometer"]),
+              help="Whose samples; give it again for another one.")
+@click.option("--rig", metavar="R", callback=checked(file_name),
+              help="Rig file, or name of a rig in hil/rigs.  [default: virtual-k64f]")
+@click.option("--hil-port", metavar="URL", callback=checked(file_name),
+              help="Serial port of a real board: a device or a pyserial URL.")
+@click.option("--firmware", metavar="ELF", callback=checked(file_name),
+              help="Firmware for the virtual board.  [default: the packaged one]")
+@click.option("--seed", metavar="N", callback=checked(seed), help="Seed of the simulated world.  [default: the rig's]")
+def log(
+    seconds: float, out: Path, sensors: Sequence[str], rig: str | None, hil_port: str | None, firmware: str | None,
+    seed: str | None,
+) -> int:  # fmt: skip
+    """Write every sample of the gyroscope of a board at rest to a CSV file, with the board's time.
+
+    Of accelerometer and magnetometer those samples are written that the board takes while it is asked; between two
+    requests some are not. Ctrl-C ends a log. hiltest allan reads it.
+    """
+    from hiltest.boards import open_board
+    from hiltest.link.messages import SensorKind
+    from hiltest.procedures.sensor_log import log_sensors
+    from hiltest.rig_file import load_rig
+
+    kinds = [SensorKind[name.upper()] for name in dict.fromkeys(sensors)]
+    described = load_rig(rig_file(Path.cwd(), rig))
+    with _asked_to_end() as ending, open_board(
+        described, firmware=Path(firmware) if firmware else None, port=hil_port, seed=int(seed) if seed else None
+    ) as board, _opened(out) as file:
+        counts = _write(file, board, kinds, log_sensors(board, kinds, seconds=seconds), seconds, ending)
+    told = ", ".join(f"{counts[kind]} of the {kind.name.lower()}" for kind in kinds)
+    click.echo(f"{out}: {told}" + (f"; {counts[None]} times samples were lost" if counts[None] else ""))
+    return _INTERRUPTED if ending else 0
+
+
+def _write(
+    file: TextIO, board: Board, kinds: Sequence[SensorKind], parts: Iterator[LogPart], seconds: float,
+    ending: list[int],
+) -> dict[SensorKind | None, int]:  # fmt: skip
+    """Write the rows and return how many of each sensor, and under None how often samples were lost."""
+    from hiltest.procedures.sensor_log import UNITS
+    from hiltest.progress_line import ProgressLine
+
+    counts: dict[SensorKind | None, int] = dict.fromkeys([*kinds, None], 0)
+    progress = ProgressLine(_ErrorOutput(), shown=sys.stderr.isatty())
+    names = [f"{kind.name.lower()}_{axis}_{UNITS[kind][0]}" for kind in kinds for axis in "xyz"]
+    file.write(f"# hiltest log: {board.description}, body frame, uncalibrated; die temperature of the row's sensor\n")
+    file.write(",".join(["time_s", *names, "temperature_degc"]) + "\n")
+    begin_s: float | None = None
+    for part in parts:
+        counts[None] += part.lost
+        lines = ["# samples of the gyroscope are missing here\n"] if part.lost else []
+        for row in part.rows:
+            counts[row.kind] += 1
+            cells = [",".join(f"{each:.7g}" for each in row.values) if kind is row.kind else ",," for kind in kinds]
+            lines.append(f"{row.time_s:.6f},{','.join(cells)},{row.temperature_degc}\n")
+        file.write("".join(lines))
+        file.flush()
+        begin_s = part.rows[0].time_s if begin_s is None else begin_s
+        progress("seconds logged", min(int(part.rows[-1].time_s - begin_s), int(seconds)), max(1, int(seconds)))
+        if ending:
+            break
+    return counts
+
+
+@contextlib.contextmanager
+def _opened(out: Path) -> Iterator[TextIO]:
+    try:
+        file = out.open("w", encoding="utf-8", newline="")
+    except OSError as error:
+        raise ConfigError(f"cannot write {out}: {error.strerror or error}") from error
+    with file:
+        yield file
+
+
+@contextlib.contextmanager
+def _asked_to_end() -> Iterator[list[int]]:
+    """Return a list that gets Ctrl-C instead of its breaking in; a second one does."""
+    came: list[int] = []
+
+    def note(number: int, _frame: object) -> None:
+        came.append(number)
+        signal.signal(signal.SIGINT, before)
+
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield came
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+class _ErrorOutput:
+    """Where progress goes: standard error, so that standard output is the result."""
+
+    def write(self, msg: str, *, flush: bool = False) -> None:
+        """Write a text."""
+        click.echo(msg, nl=False, err=True)

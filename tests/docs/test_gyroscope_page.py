@@ -1,0 +1,51 @@
+"""The page about the gyroscope: its commands run as they stand, and its table has every measurement."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from hiltest.rig_file import MEASUREMENT_UNITS
+
+PAGE = (Path(__file__).parents[2] / "docs" / "gyroscope.md").read_text(encoding="utf-8")
+COMMANDS = [line for block in re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S) for line in block.splitlines()]
+
+
+def _run(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    _, *arguments = shlex.split(command)
+    return subprocess.run(
+        [sys.executable, "-m", "hiltest", *arguments], cwd=folder, capture_output=True, text=True, check=False,
+        timeout=240,
+    )  # fmt: skip
+
+
+def test_the_commands_do_what_the_page_says(tmp_path: Path) -> None:
+    run, log, page, for_programs = COMMANDS
+    done = _run(run, tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "gyroscope.noise_density" in done.stdout
+    done = _run(log, tmp_path)
+    assert (done.returncode, done.stdout) == (0, "rest.csv: 4000 of the gyroscope\n"), done.stderr
+    done = _run(page, tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "deg/rth" in done.stdout
+    assert "<svg" in (tmp_path / "rest.html").read_text(encoding="utf-8")
+    columns = json.loads(_run(for_programs, tmp_path).stdout)["columns"]
+    for each in columns:
+        # 25 mdps/sqrt(Hz) one-sided; 20 s with averages from 0.05 s on leave 4 %.
+        assert each["noise_density_one_sided_per_rthz"] == pytest.approx(0.025, rel=0.15)
+        assert each["angle_random_walk_deg_per_rth"] == pytest.approx(60.0 * 0.025 / 2**0.5, rel=0.15)
+        assert each["bias_instability"] is None  # the virtual part has none
+
+
+def test_the_table_has_every_measurement() -> None:
+    told = set(re.findall(r"`(gyroscope\.[a-z_.]+)`", PAGE))
+    told |= {f"gyroscope.{rest}" for rest in re.findall(r"`\.([a-z_.]+)`", PAGE)}
+    ours = {each for each in MEASUREMENT_UNITS if each.startswith("gyroscope.") and ".calibration." not in each}
+    assert ours <= told
