@@ -133,6 +133,8 @@ _NO_ELLIPSOID = {
     FitStatus.TOO_FEW_POINTS: "an ellipsoid needs at least 9 points",
     FitStatus.SINGULAR: "the points lie in a plane, on a line or in one place",
     FitStatus.NOT_CONVERGED: "the calibrator's iteration did not end",
+    FitStatus.HORIZONTAL_FIELD: "the field dips too little for gravity to say where it points",
+    FitStatus.MIRRORED: "what fits is a reflection; an axis, or the sign of gravity, is wrong",
 }
 
 
