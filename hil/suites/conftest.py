@@ -7,12 +7,14 @@ from pathlib import Path
 import pytest
 
 from hiltest.boards import Board
+from hiltest.calibration.accelerometer import NOMINAL, AccelerometerFit
 from hiltest.imu_calibration import ImuCalibration
 from hiltest.imu_calibration.on_board import store_calibration
 from hiltest.link.gyroscope import Axis
 from hiltest.procedures import (
     UNCALIBRATED,
     UNCALIBRATED_SLOT,
+    AccelerometerRun,
     CalibratorRun,
     FittedTurns,
     KnownAngles,
@@ -21,14 +23,20 @@ from hiltest.procedures import (
     StreamRun,
     Tumble,
     Turntable,
+    collect_still_poses,
     collect_tumble,
     fit_on_board,
+    fit_poses,
     held_as_taken,
     measure_known_angles,
+    measure_six_positions,
     measure_turn,
     run_calibrators,
     run_streams,
+    spread_poses,
+    store_accelerometer,
     store_streams,
+    store_untrimmed,
 )
 from hiltest.rig import Rig
 from hiltest.settings import Settings, resolve
@@ -39,6 +47,9 @@ ORDER = (
     "test_identity", "test_accelerometer", "test_gyroscope", "test_calibration_file", "test_heading", "test_streams",
     "test_budget", "test_cycles", "test_fusion", "test_link",
 )
+
+# As few as calibrate a magnetometer by gravity too, of 16 readings each.
+STILL_POSES = 40
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
@@ -60,6 +71,39 @@ def _place(item: pytest.Item) -> int:
     place = ORDER.index(item.path.stem) if item.path.stem in ORDER else len(ORDER)
     waits = "known_angles" in getattr(item, "fixturenames", ())
     return max(place, ORDER.index("test_heading")) if waits else place
+
+
+@pytest.fixture(scope="session")
+def six_positions(board: Board, turntable: Turntable, rig: Rig, hil_progress: Progress) -> AccelerometerRun | None:
+    """What the board made of its six faces; None where the rig does not ask for it."""
+    if rig.procedure.accelerometer_calibration == "none" or rig.faces is None:
+        return None
+    run = measure_six_positions(
+        board, turntable, uncertainty_deg=rig.faces.uncertainty_deg, progress=hil_progress
+    )
+    store_accelerometer(board, run.fit, [UNCALIBRATED_SLOT])
+    return run
+
+
+@pytest.fixture(scope="session")
+def accelerometer_fit(six_positions: AccelerometerRun | None) -> AccelerometerFit:
+    """The accelerometer calibration under which headings are judged; slot 0 holds it."""
+    return NOMINAL if six_positions is None else six_positions.fit
+
+
+@pytest.fixture(scope="session")
+def still_poses(board: Board, turntable: Turntable, known_angles: KnownAngles, hil_progress: Progress) -> int:
+    """Poses all round in the board's buffer, none of them judged; the die's temperature after them [degC].
+
+    They come after all that the gate set takes too: what that measures is then the same in both sets.
+    """
+    return collect_still_poses(board, turntable, spread_poses(STILL_POSES), progress=hil_progress)
+
+
+@pytest.fixture(scope="session")
+def ellipsoid(board: Board, still_poses: int) -> AccelerometerRun:
+    """What the board made of gravity's ellipsoid over these poses."""
+    return fit_poses(board, "ellipsoid", STILL_POSES, still_poses)
 
 
 @pytest.fixture(scope="session")
@@ -96,12 +140,16 @@ def tumble(board: Board, turntable: Turntable, rig: Rig, hil_progress: Progress)
 
 
 @pytest.fixture(scope="session")
-def calibrations(board: Board, tumble: Tumble, rig: Rig, hil_progress: Progress) -> dict[str, CalibratorRun]:
+def calibrations(
+    board: Board, accelerometer_fit: AccelerometerFit, tumble: Tumble, rig: Rig, hil_progress: Progress
+) -> dict[str, CalibratorRun]:
     """What every calibrator of the firmware made of the same first points, and the rig's further calibrations."""
-    return run_calibrators(
+    runs = run_calibrators(
         board, tumble, calibrators=[*board.identity.calibrators, *rig.procedure.further_calibrations],
         n=rig.procedure.calibration_points, progress=hil_progress,
     )
+    store_accelerometer(board, accelerometer_fit, [run.slot for run in runs.values()])
+    return runs
 
 
 @pytest.fixture(scope="session")
@@ -116,14 +164,20 @@ def streams(
 @pytest.fixture(scope="session")
 def known_angles(
     board: Board, turntable: Turntable, rig: Rig, calibrations: dict[str, CalibratorRun], streams: dict[str, StreamRun],
-    hil_calibration: ImuCalibration | None, hil_settings: Settings, hil_progress: Progress,
+    accelerometer_fit: AccelerometerFit, hil_calibration: ImuCalibration | None, hil_settings: Settings,
+    hil_progress: Progress,
 ) -> KnownAngles:
     """The headings that the board answered at known angles, under every calibration."""
     slots = {UNCALIBRATED: UNCALIBRATED_SLOT}
     slots |= {name: run.slot for name, run in calibrations.items() if run.usable}
-    if hil_calibration is not None:
-        slots |= store_calibration(board, hil_calibration, slot=1 + len(calibrations))
-    slots |= store_streams(board, streams, first_slot=1 + max(slots.values()))
+    slots |= store_streams(board, streams, first_slot=1 + len(calibrations))
+    store_accelerometer(board, accelerometer_fit, list(slots.values()))  # the streams' too
+    slots |= store_untrimmed(
+        board, {name: run for name, run in calibrations.items() if name in rig.procedure.untrimmed_calibrations},
+        first_slot=1 + max(slots.values()),
+    )
+    if hil_calibration is not None:  # a file brings its own of the accelerometer
+        slots |= store_calibration(board, hil_calibration, slot=1 + max(slots.values()))
     return measure_known_angles(
         board, turntable, poses=rig.procedure.judged_poses(hil_settings.poses), slots=slots,
         mounting_yaw_deg=rig.mounting.yaw_deg if rig.mounting else 0.0,

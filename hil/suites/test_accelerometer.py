@@ -5,8 +5,15 @@ from __future__ import annotations
 import pytest
 
 from hiltest.boards import Board
+from hiltest.calibration.accelerometer import NOMINAL
 from hiltest.fixtures import Measure
-from hiltest.procedures import UNCALIBRATED, KnownAngles, Turntable, measure_accelerometer_rest
+from hiltest.procedures import (
+    UNCALIBRATED,
+    AccelerometerRun,
+    KnownAngles,
+    Turntable,
+    measure_accelerometer_rest,
+)
 
 pytestmark = pytest.mark.hil
 
@@ -17,7 +24,40 @@ def test_gravity_at_rest(board: Board, turntable: Turntable, measure: Measure) -
     measure("accelerometer.rest_norm_error", rest.norm_error_mg, "mg")
 
 
+def test_six_faces_are_fitted(board: Board, six_positions: AccelerometerRun | None, measure: Measure) -> None:
+    if six_positions is None:
+        pytest.skip('the rig asks for no calibration: accelerometer_calibration = "none"')
+    record_fit("six_position", six_positions, board, measure)
+
+
 def test_gravity_at_the_known_angles(known_angles: KnownAngles, measure: Measure) -> None:
     # Every calibration of the magnetometer is judged beside the same one of the accelerometer.
     measure("accelerometer.norm_rms", known_angles.accelerometer_norm_rms_mg(UNCALIBRATED), "mg")
     measure("accelerometer.tilt_error", known_angles.max_tilt_error_deg(UNCALIBRATED), "deg")
+    measure("accelerometer.untrimmed_norm_rms", known_angles.norm_rms_mg(NOMINAL), "mg")
+
+
+def test_six_faces_at_the_known_angles(
+    known_angles: KnownAngles, six_positions: AccelerometerRun | None, measure: Measure
+) -> None:
+    if six_positions is None:
+        pytest.skip('the rig asks for no calibration: accelerometer_calibration = "none"')
+    measure("accelerometer.six_position.norm_rms", known_angles.norm_rms_mg(six_positions.fit), "mg")
+
+
+@pytest.mark.full
+def test_an_ellipsoid_of_still_poses(
+    board: Board, known_angles: KnownAngles, ellipsoid: AccelerometerRun, measure: Measure
+) -> None:
+    record_fit("ellipsoid", ellipsoid, board, measure)
+    measure("accelerometer.ellipsoid.norm_rms", known_angles.norm_rms_mg(ellipsoid.fit), "mg")
+
+
+def record_fit(name: str, run: AccelerometerRun, board: Board, measure: Measure) -> None:
+    measure(f"accelerometer.{name}.residual", run.solution.residual_mg, "mg")
+    measure(f"accelerometer.{name}.axis_error", run.axis_error_deg, "deg")
+    measure(f"accelerometer.{name}.offset_error", run.offset_error_mg, "mg")
+    measure(f"accelerometer.{name}.cycles", run.cost and run.cost.cycles, "cycle", cycle_model=board.cycle_model)
+    measure.table(
+        f"accelerometer.{name}.poses", dict.fromkeys("xyz", "count"), run.counts.tolist()
+    )

@@ -11,6 +11,7 @@ from hiltest.boards import Board
 from hiltest.errors import CalibrationError
 from hiltest.fixtures import Measure
 from hiltest.procedures import (
+    UNCALIBRATED,
     CalibratorRun,
     Effort,
     KnownAngles,
@@ -93,5 +94,5 @@ def test_error_within_the_budget_of_the_thesis(
 
 def mean_and_max_deg(known_angles: KnownAngles, effort: Effort) -> tuple[float | None, float | None]:
     """By the host, in float64, from the means that the board took: there are more efforts than slots."""
-    errors = heading_errors_deg(known_angles, effort.fit)
+    errors = heading_errors_deg(known_angles, effort.fit, known_angles.accelerometer_fits[UNCALIBRATED])
     return (None, None) if errors is None else (float(np.abs(errors).mean()), float(np.abs(errors).max()))

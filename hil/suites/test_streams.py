@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hiltest.boards import Board
+from hiltest.calibration.accelerometer import AccelerometerFit
 from hiltest.fixtures import Measure
 from hiltest.procedures import KnownAngles, StreamRun, heading_errors_deg
 
@@ -30,14 +31,14 @@ def test_points_held_and_tier_at_the_end(streams: dict[str, StreamRun], measure:
 
 
 def test_what_is_known_on_the_way(
-    known_angles: KnownAngles, streams: dict[str, StreamRun], measure: Measure
+    known_angles: KnownAngles, streams: dict[str, StreamRun], accelerometer_fit: AccelerometerFit, measure: Measure
 ) -> None:
     # Headings by the host, in float64, from the means that the board took: the stages outnumber its slots. The last
     # stage is in a slot too, and what the board answered under it is heading.<name>.max.
     rows = []
     for name, run in streams.items():
         for each in run.stages:
-            errors = heading_errors_deg(known_angles, each.fit)
+            errors = heading_errors_deg(known_angles, each.fit, accelerometer_fit)
             worst, mean = (None, None) if errors is None else (float(abs(errors).max()), float(abs(errors).mean()))
             state = each.state
             rows.append([

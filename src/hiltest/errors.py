@@ -184,6 +184,20 @@ class PoorCoverageError(CalibrationError):
     """The points do not cover enough of the sphere to fit an ellipsoid."""
 
 
+class FaceError(CalibrationError):
+    """The board lies on another face than it should, moved there, or the faces contradict each other.
+
+    Attributes
+    ----------
+    faces : tuple of int
+        At fault: 0 to 5 are body +x, -x, +y, -y, +z, -z down.
+    """
+
+    def __init__(self, message: str, *, faces: Sequence[int]) -> None:
+        self.faces = tuple(faces)
+        super().__init__(message)
+
+
 class UnknownKeyError(ConfigError):
     """A configuration file has a key that nobody knows."""
 

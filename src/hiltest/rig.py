@@ -18,6 +18,7 @@ from hiltest.rig_tables import (
     MAGNETOMETER_RANGE_UT,
     STRICT,
     BoardPlace,
+    Faces,
     LinkSettings,
     LocalField,
     Mounting,
@@ -50,6 +51,8 @@ class Rig:
         The file it was read from.
     mounting : Mounting or None
         None when nobody declares it: only centred heading errors can then be judged.
+    faces : Faces or None
+        None when nobody declares them: gravity on a face is then no reference.
     seed : int
         Of the noise, when the command line gives none.
     world : SimulatedWorld or None
@@ -74,6 +77,7 @@ class Rig:
     sensors: SensorChoice
     procedure: Procedure
     mounting: Mounting | None = None
+    faces: Faces | None = None
     link: LinkSettings = dataclass_field(default_factory=LinkSettings)
     seed: int = 1
     world: SimulatedWorld | None = None
@@ -88,6 +92,8 @@ class Rig:
         simulated = self.turntable.kind == "simulated"
         require(simulated == (self.board.kind == "virtual"), "turntable",
                 'kind "simulated" goes with a board of kind "virtual", "operator" and "grbl" with others')
+        require(self.procedure.accelerometer_calibration == "none" or self.faces is not None, "faces",
+                'is missing: procedure.accelerometer_calibration "six-position" needs to know how true they are')
         if self.world is not None and self.magnetometer_part is not None:
             part, world = self.magnetometer_part, self.world
             reading_ut, range_ut = world.largest_reading_ut(part, self.field.strength_ut), MAGNETOMETER_RANGE_UT[part]
@@ -119,6 +125,9 @@ class WorldTruth:
         True field to measured field, body frame.
     hard_iron_counts : (3,)
         At the judged magnetometer, body frame [counts].
+    accelerometer_response : 3 rows of 3
+        Gravity to what the part reads of it, body frame; `accelerometer_offset_g` comes on top [g].
+    accelerometer_offset_g : (3,)
     gyroscope_bias_dps : (3,)
         Body frame [deg/s].
     gyroscope_response : 3 rows of 3
@@ -129,6 +138,8 @@ class WorldTruth:
     field: EarthField
     soft_iron: tuple[Triple, Triple, Triple]
     hard_iron_counts: Triple
+    accelerometer_response: tuple[Triple, Triple, Triple]
+    accelerometer_offset_g: Triple
     gyroscope_bias_dps: Triple
     gyroscope_response: tuple[Triple, Triple, Triple]
     mounting_yaw_deg: float
@@ -143,6 +154,8 @@ def world_truth(rig: Rig) -> WorldTruth | None:
         field=_earth_field(rig),
         soft_iron=rig.world.soft_iron,
         hard_iron_counts=(COUNTS_PER_UT * x, COUNTS_PER_UT * y, COUNTS_PER_UT * z),
+        accelerometer_response=rig.world.accelerometer_response,
+        accelerometer_offset_g=_scaled(rig.world.accelerometer_offset_mg, 1e-3),
         gyroscope_bias_dps=rig.world.gyroscope_bias_dps,
         gyroscope_response=rig.world.gyroscope_response,
         mounting_yaw_deg=_true_yaw_deg(rig, rig.world),
@@ -253,7 +266,11 @@ def _accelerometer_errors(truth: SimulatedWorld) -> AccelerometerErrors:
 
     x, y, z = truth.accelerometer_offset_mg
     gain_x, gain_y, gain_z = truth.accelerometer_gain_error_percent
-    return AccelerometerErrors((x / 1000.0, y / 1000.0, z / 1000.0), (gain_x / 100.0, gain_y / 100.0, gain_z / 100.0))
+    row_x, row_y, row_z = truth.accelerometer_cross_axis_percent
+    return AccelerometerErrors(
+        (x / 1000.0, y / 1000.0, z / 1000.0), (gain_x / 100.0, gain_y / 100.0, gain_z / 100.0),
+        (_scaled(row_x, 1e-2), _scaled(row_y, 1e-2), _scaled(row_z, 1e-2)),
+    )
 
 
 def _drift(*, offset: Triple = (0.0, 0.0, 0.0), gain_percent: Triple = (0.0, 0.0, 0.0)) -> Drift:

@@ -52,6 +52,17 @@ MEASUREMENT_UNITS = {
     "budget.*.mean_error": "deg",
     "accelerometer.norm_rms": "mg",
     "accelerometer.tilt_error": "deg",
+    "accelerometer.untrimmed_norm_rms": "mg",
+    "accelerometer.six_position.norm_rms": "mg",
+    "accelerometer.six_position.axis_error": "deg",
+    "accelerometer.six_position.offset_error": "mg",
+    "accelerometer.six_position.residual": "mg",
+    "accelerometer.six_position.cycles": "cycle",
+    "accelerometer.ellipsoid.norm_rms": "mg",
+    "accelerometer.ellipsoid.axis_error": "deg",
+    "accelerometer.ellipsoid.offset_error": "mg",
+    "accelerometer.ellipsoid.residual": "mg",
+    "accelerometer.ellipsoid.cycles": "cycle",
     "gyroscope.bias_error": "dps",
     "accelerometer.calibration.norm_rms": "mg",
     "accelerometer.calibration.tilt_error": "deg",
@@ -89,6 +100,10 @@ _FAMILIES = frozenset(name.split(".")[0] for name in MEASUREMENT_UNITS)
 _WITHOUT_REFERENCE = ("worst_sector", "float32_error")
 # Heading measurements that the mounting's uncertainty enters as well as the turntable's: all that are not centred.
 _MOUNTING_ENTERS = ("max", "rms", "bias", "max_level")
+
+#: Faces must be at least so true where a heading limit is at most so wide.
+TRUE_FACES_DEG = 0.2
+FINE_HEADING_DEG = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,6 +155,7 @@ def load_rig(path: Path | str) -> Rig:
     }
     rig: Rig = source.validate(TypeAdapter(Rig), {**data, **bounds, **derived}, Rig)
     _refuse_limits_within_uncertainty(rig, source)
+    _refuse_coarse_faces(rig, source)
     return rig
 
 
@@ -272,6 +288,26 @@ def _refuse_limits_within_uncertainty(rig: Rig, source: _Source) -> None:
                     f"itself is known, {uncertainty_deg:.3g} deg (turntable {rig.turntable.uncertainty_deg:g}, "
                     f"mounting {mounting}); widen the limit, or measure the reference better"
                 )
+
+
+def _refuse_coarse_faces(rig: Rig, source: _Source) -> None:
+    """Refuse faces as the reference of an accelerometer whose headings are to be good to 2 degrees.
+
+    A face askew by e turns gravity by up to e, and a heading by e tan(dip): at a dip of 62 degrees 0.2 degree is 0.4 of
+    them, a fifth of the limit, which is what a reference may take.
+    """
+    if rig.faces is None or rig.procedure.accelerometer_calibration == "none":
+        return
+    for name, limit in rig.limits.items():
+        fine = name.startswith("heading.") and limit.max is not None and limit.max <= FINE_HEADING_DEG
+        if fine and not name.endswith(_WITHOUT_REFERENCE) and rig.faces.uncertainty_deg > TRUE_FACES_DEG:
+            raise ConfigError(
+                f"{source.where(('faces', 'uncertainty_deg'))}: faces.uncertainty_deg of {rig.faces.uncertainty_deg:g} "
+                f"deg is too coarse a reference for limits.{name} of {limit.max:g} deg "
+                f"({source.where(('limits', name))}): where a heading is to be within {FINE_HEADING_DEG:g} deg, faces "
+                f"must be true to {TRUE_FACES_DEG:g}. Measure the faces better, or write accelerometer_calibration = "
+                '"none"'
+            )
 
 
 def _known_keys(model: Any, place: tuple[str, ...]) -> list[str]:

@@ -118,6 +118,17 @@ class Mounting:
 
 
 @dataclass(frozen=True, slots=True)
+class Faces:
+    """How true the six faces are that the board is put on: none is further from its axis than this [deg]."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
+    uncertainty_deg: float
+
+    def __post_init__(self) -> None:
+        require(0.0 < self.uncertainty_deg <= 5.0, "uncertainty_deg", "must be above 0 and at most 5")
+
+
+@dataclass(frozen=True, slots=True)
 class SensorChoice:
     """Which sensors are judged, and how noisy the magnetometer is declared to be.
 
@@ -220,6 +231,11 @@ class Procedure:
         Length of a rest of the gyroscope, before and after a turn.
     gyroscope_turn_dps : float
         How fast the table turns for the gyroscope: 36 to 90, a turn in 10 to 4 s.
+    accelerometer_calibration : {"none", "six-position"}
+        What comes before all headings: nothing, or the six faces, a second each, fitted on the board.
+    untrimmed_calibrations : tuple of str
+        Calibrations that are judged once more, without that of the accelerometer: ``direct`` as
+        ``direct-untrimmed``.
     further_calibrations : tuple of str
         Runs beside these, judged alike, each a calibrator and the points it gets: ``direct@100``.
     """
@@ -233,6 +249,8 @@ class Procedure:
     tumble_points: int = 300
     gyroscope_rest_s: float = 2.0
     gyroscope_turn_dps: float = 60.0
+    accelerometer_calibration: Literal["none", "six-position"] = "none"
+    untrimmed_calibrations: tuple[str, ...] = ()
     further_calibrations: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -246,6 +264,8 @@ class Procedure:
                 "must be from calibration_points to 512, what the firmware stores")
         require(2.0 <= self.gyroscope_rest_s <= 20.0, "gyroscope_rest_s", "must be 2 to 20")
         require(36.0 <= self.gyroscope_turn_dps <= 90.0, "gyroscope_turn_dps", "must be 36 to 90")
+        require(self.accelerometer_calibration != "none" or not self.untrimmed_calibrations, "untrimmed_calibrations",
+                "has nothing to leave out while accelerometer_calibration is none")
         for written in self.further_calibrations:
             points = number_of_points(written)
             require(points is not None and 9 <= points <= self.tumble_points, "further_calibrations",
@@ -261,6 +281,7 @@ class Procedure:
 
 
 _NO_DRIFT: Triple = (0.0, 0.0, 0.0)
+_NO_CROSS_AXIS: tuple[Triple, Triple, Triple] = (_NO_DRIFT, _NO_DRIFT, _NO_DRIFT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -298,6 +319,10 @@ class SimulatedWorld:
         Added to it at the MAG3110, the part's zero-flux offset included.
     mounting_yaw_deg : float or None
         True mounting yaw; None is the declared one, or 0 when none is declared.
+    accelerometer_cross_axis_percent : 3 rows of 3
+        What each axis reads of the other two; nothing on the diagonal, where the gain error is.
+    face_errors_deg : 6 rows of 3, or empty
+        How each face is askew, +x, -x, +y, -y, +z, -z down: turns of the board about its x, y and z.
     gyroscope_response : 3 rows of 3
         Gains and misalignment: takes the true rate to the felt one, before the bias.
     gyroscope_noise_mdps_per_rthz : float
@@ -325,6 +350,8 @@ class SimulatedWorld:
     hard_iron_ut: Triple
     accelerometer_offset_mg: Triple = (0.0, 0.0, 0.0)
     accelerometer_gain_error_percent: Triple = (0.0, 0.0, 0.0)
+    accelerometer_cross_axis_percent: tuple[Triple, Triple, Triple] = _NO_CROSS_AXIS
+    face_errors_deg: tuple[Triple, ...] = ()
     gyroscope_bias_dps: Triple = (0.0, 0.0, 0.0)
     gyroscope_response: tuple[Triple, Triple, Triple] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     gyroscope_noise_mdps_per_rthz: float = 25.0
@@ -343,6 +370,10 @@ class SimulatedWorld:
         require(all(sigma >= 0.0 for sigma in self.mag3110_noise_ut), "mag3110_noise_ut", "must not be negative")
         require(all(sigma >= 0.0 for sigma in self.fxos8700cq_noise_ut), "fxos8700cq_noise_ut", "must not be negative")
         require(self.gyroscope_noise_mdps_per_rthz >= 0.0, "gyroscope_noise_mdps_per_rthz", "must not be negative")
+        require(all(self.accelerometer_cross_axis_percent[axis][axis] == 0.0 for axis in range(3)),
+                "accelerometer_cross_axis_percent",
+                "has a number on its diagonal: that is accelerometer_gain_error_percent")
+        require(len(self.face_errors_deg) in (0, 6), "face_errors_deg", "needs a row for each of the six faces")
         self._check_temperature()
         strangers = [part for part in self.fitted if part not in FITTED_PARTS]
         require(not strangers, "fitted", f"names {strangers}; known parts: {', '.join(FITTED_PARTS)}")
@@ -359,6 +390,17 @@ class SimulatedWorld:
                 "excludes temperature_time_constant_s: one of them says the course")
         for key, duration_s in given.items():
             require(duration_s > 0.0, key, "must be above 0")
+
+    @property
+    def accelerometer_response(self) -> tuple[Triple, Triple, Triple]:
+        """Gravity to what the accelerometer reads of it, before its offset: 3 rows of 3."""
+        rows = []
+        for axis, (gain, row) in enumerate(
+            zip(self.accelerometer_gain_error_percent, self.accelerometer_cross_axis_percent, strict=True)
+        ):
+            x, y, z = (float(other == axis) + (gain if other == axis else row[other]) / 100.0 for other in range(3))
+            rows.append((x, y, z))
+        return rows[0], rows[1], rows[2]
 
     def hard_iron_at_ut(self, part: str) -> Triple:
         """Return the constant field at a magnetometer of `FITTED_PARTS`, its zero-flux offset included [uT]."""

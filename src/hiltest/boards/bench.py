@@ -8,6 +8,7 @@ from hiltest.angles import Pose
 from hiltest.errors import ConfigError
 from hiltest.rig import Rig, build_sensors, build_world
 from hiltest.virtual.k64f import CORE_HZ, VirtualK64F
+from hiltest.world.faces import askew
 from hiltest.world.motion import MOVE_GRID_S, Segment
 from hiltest.world.sway import SWAY_S, Sway
 
@@ -79,8 +80,10 @@ class VirtualBench:
         """Start the firmware, and let virtual time run until it listens."""
         self.machine.run_until(START_UP_S)
 
-    def turn_to(self, pose: Pose, *, judged_pose: int | None = None) -> None:
-        """Turn the table, and let virtual time run until it stands."""
+    def turn_to(self, pose: Pose, *, judged_pose: int | None = None, face: int | None = None) -> None:
+        """Turn the table, and let virtual time run until it stands; a face may be askew, as the world has it."""
+        errors_deg = self.rig.world.face_errors_deg if self.rig.world and face is not None else ()
+        pose = askew(pose, errors_deg[face]) if errors_deg and face is not None else pose
         self.machine.run_until(self.begin_turn(pose, judged_pose=judged_pose))
 
     def tumble(self, duration_s: float) -> float:

@@ -49,6 +49,9 @@ class Truth:
         Strength and inclination of the earth's field.
     magnetometer_sigma_ut : float
         rms noise of one axis of one reading [uT].
+    accelerometer_response : ndarray, shape (3, 3)
+        ``read_g = accelerometer_response @ gravity_g + accelerometer_offset_g``, body frame.
+    accelerometer_offset_g : ndarray, shape (3,)
     gyroscope_bias_dps : ndarray, shape (3,)
         Body frame [deg/s].
     gyroscope_response : ndarray, shape (3, 3)
@@ -60,6 +63,8 @@ class Truth:
     field_ut: float
     dip_deg: float
     magnetometer_sigma_ut: float
+    accelerometer_response: NDArray[np.float64]
+    accelerometer_offset_g: NDArray[np.float64]
     gyroscope_bias_dps: NDArray[np.float64]
     gyroscope_response: NDArray[np.float64]
 
@@ -112,8 +117,8 @@ class Declared:
 class Stage(Protocol):
     """What can turn a board without anybody's help."""
 
-    def turn_to(self, pose: Pose, *, judged_pose: int | None = None) -> None:
-        """Turn the table and come back when it stands."""
+    def turn_to(self, pose: Pose, *, judged_pose: int | None = None, face: int | None = None) -> None:
+        """Turn the table and come back when it stands; the number of a face is for a world whose faces are askew."""
 
     def tumble(self, duration_s: float) -> float:
         """Go to where a tumble begins, begin it, come back, and say how long it takes [s]."""

@@ -87,6 +87,8 @@ def _truth(rig: Rig) -> Truth | None:
         field_ut=known.field.strength_ut,
         dip_deg=known.field.dip_deg,
         magnetometer_sigma_ut=rig.sensors.magnetometer_noise_ut,
+        accelerometer_response=np.array(known.accelerometer_response),
+        accelerometer_offset_g=np.array(known.accelerometer_offset_g),
         gyroscope_bias_dps=np.array(known.gyroscope_bias_dps),
         gyroscope_response=np.array(known.gyroscope_response),
     )

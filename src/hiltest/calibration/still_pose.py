@@ -8,6 +8,8 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from hiltest.angles import Pose
+
 Reals = NDArray[np.float64]
 
 
@@ -34,6 +36,25 @@ class Face(IntEnum):
         x, y, z = (sign if each == axis else 0.0 for each in range(3))
         return x, y, z
 
+    @property
+    def label(self) -> str:
+        """The axis that is down, with its sign: ``-y``."""
+        if self is Face.NONE:
+            return "none"
+        return "+-"[self % 2] + "xyz"[self // 2]
+
+    @property
+    def pose(self) -> Pose:
+        """A pose of the table that puts the board on this face: heading does not matter."""
+        return _POSES[self]
+
+
+# A nose that points up has pitch +90, and reads gravity along -x; the right side is down with roll +90.
+_POSES = {
+    Face.PLUS_X: Pose(0.0, -90.0, 0.0), Face.MINUS_X: Pose(0.0, 90.0, 0.0),
+    Face.PLUS_Y: Pose(0.0, 0.0, 90.0), Face.MINUS_Y: Pose(0.0, 0.0, -90.0),
+    Face.PLUS_Z: Pose(0.0, 0.0, 0.0), Face.MINUS_Z: Pose(0.0, 0.0, 180.0),
+}  # fmt: skip
 
 #: The six, in the order of their numbers.
 FACES = tuple(face for face in Face if face is not Face.NONE)

@@ -9,6 +9,7 @@ import numpy as np
 
 from hiltest import __version__
 from hiltest.boards import Board
+from hiltest.calibration import UNBIASED
 from hiltest.calibration.acceptance import Acceptance, FitFigures, judge
 from hiltest.calibration.conditioning import ellipsoid_condition
 from hiltest.calibration.direction_error import predicted_direction_error
@@ -150,7 +151,8 @@ def _figures_of(run: CalibratorRun, points: np.ndarray) -> FitFigures:
     """Return what a calibration is judged by, as `hiltest fit` judges one."""
     if not run.usable:
         return FitFigures(run.fit, ellipsoid_condition(points), n=len(points))
-    predicted = predicted_direction_error(points, run.result)
+    unbiased = run.calibrator in UNBIASED and run.iterations > 0
+    predicted = predicted_direction_error(points, run.result, unbiased=unbiased)
     return FitFigures(
         run.fit, ellipsoid_condition(points), n=len(points), residual_percent=run.residual_percent,
         axis_ratio=float(np.linalg.cond(run.soft_iron)),

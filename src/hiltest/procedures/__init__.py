@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from hiltest.angles import Pose
 from hiltest.procedures.budget import Effort, EffortKind, effort_curve, largest_effort_within
-from hiltest.procedures.calibrate import UNCALIBRATED, UNCALIBRATED_SLOT, CalibratorRun, run_calibrators
+from hiltest.procedures.calibrate import (
+    UNCALIBRATED,
+    UNCALIBRATED_SLOT,
+    UNTRIMMED,
+    CalibratorRun,
+    run_calibrators,
+    store_untrimmed,
+)
 from hiltest.procedures.cause import Cause, name_cause, predicted_residual_percent
 from hiltest.procedures.clouds import golden_cloud
 from hiltest.procedures.coverage import largest_hole_deg, sphere_coverage
@@ -25,6 +32,13 @@ from hiltest.procedures.rest import (
     measure_accelerometer_rest,
     measure_gyroscope_rest,
 )
+from hiltest.procedures.six_positions import (
+    AccelerometerRun,
+    fit_poses,
+    measure_six_positions,
+    store_accelerometer,
+)
+from hiltest.procedures.still_poses import collect_still_poses, spread_poses
 from hiltest.procedures.streams import StreamRun, StreamStage, run_streams, store_streams
 from hiltest.procedures.tumble import Tumble, collect_tumble, evenly_spread, held_as_taken
 from hiltest.procedures.turns import FittedTurns, MeasuredTurn, TurnInvalidError, fit_on_board, measure_turn
@@ -39,7 +53,9 @@ from hiltest.procedures.turntables import (
 __all__ = [
     "UNCALIBRATED",
     "UNCALIBRATED_SLOT",
+    "UNTRIMMED",
     "AccelerometerRestResult",
+    "AccelerometerRun",
     "Achieved",
     "AttitudeErrors",
     "BoardMovedError",
@@ -68,11 +84,13 @@ __all__ = [
     "TurnInvalidError",
     "Turntable",
     "check_link",
+    "collect_still_poses",
     "collect_tumble",
     "effort_curve",
     "evenly_spread",
     "filter_noise",
     "fit_on_board",
+    "fit_poses",
     "float32_error_deg",
     "golden_cloud",
     "heading_errors_deg",
@@ -86,6 +104,7 @@ __all__ = [
     "measure_fusion",
     "measure_gyroscope_rest",
     "measure_known_angles",
+    "measure_six_positions",
     "measure_turn",
     "name_cause",
     "open_grbl_turntable",
@@ -96,7 +115,10 @@ __all__ = [
     "run_calibrators",
     "run_streams",
     "sphere_coverage",
+    "spread_poses",
+    "store_accelerometer",
     "store_streams",
+    "store_untrimmed",
     "summarise",
     "tilt_to_heading",
     "upload_cloud",

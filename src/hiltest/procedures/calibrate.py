@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,7 @@ from hiltest.boards.board import Board
 from hiltest.calibration.fit import FitStatus, MagnetometerFit
 from hiltest.calibration.quality import offset_error_ut, residual_percent, rotation_left_deg
 from hiltest.errors import CalibrationError
-from hiltest.link.messages import Calibrate, SetCalibration
+from hiltest.link.messages import Calibrate, ClearCalibration, SetCalibration
 from hiltest.link.replies import RunCost
 from hiltest.procedures.cause import predicted_residual_percent
 from hiltest.procedures.progress import Progress, silent
@@ -21,6 +21,7 @@ from hiltest.rig_tables import number_of_points
 
 UNCALIBRATED = "uncalibrated"
 UNCALIBRATED_SLOT = 0
+UNTRIMMED = "-untrimmed"
 _ELLIPSOID_PARAMETERS = 9
 _SPHERE_PARAMETERS = 4
 
@@ -173,6 +174,21 @@ def run_calibrators(
             board.session.request(SetCalibration(slot, runs[name].soft_iron, runs[name].hard_iron))
     tell("calibrators", len(asked), len(asked))
     return runs
+
+
+def store_untrimmed(board: Board, runs: Mapping[str, CalibratorRun], *, first_slot: int) -> dict[str, int]:
+    """Put calibrations into further slots without that of the accelerometer; return the slots by name.
+
+    The names are theirs with `UNTRIMMED` behind. What is judged there is what an accelerometer as it left
+    its factory makes of the same magnetometer calibration.
+    """
+    slots = {}
+    usable = [(name, run) for name, run in runs.items() if run.usable]
+    for slot, (name, run) in zip(range(first_slot, board.identity.slots), usable, strict=False):
+        board.session.request(ClearCalibration(slot))
+        board.session.request(SetCalibration(slot, run.soft_iron, run.hard_iron))
+        slots[f"{name}{UNTRIMMED}"] = slot
+    return slots
 
 
 def _judge(

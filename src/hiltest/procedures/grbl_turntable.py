@@ -10,11 +10,20 @@ from itertools import pairwise
 from hiltest.angles import Pose, wrap_180
 from hiltest.boards.board import Board
 from hiltest.boards.real import SILICON
+from hiltest.calibration.still_pose import Face
 from hiltest.errors import HiltestError, TurntableError
 from hiltest.link.grbl import GrblLine
 from hiltest.link.gyroscope import Axis
 from hiltest.link.ports import open_port
-from hiltest.procedures.turntables import AFTER_TURN_S, AXIS_DOWN, BEFORE_TURN_S, LEVEL, SWAY_S, Achieved
+from hiltest.procedures.turntables import (
+    AFTER_TURN_S,
+    AXIS_DOWN,
+    BEFORE_TURN_S,
+    FACE_WORDS,
+    LEVEL,
+    SWAY_S,
+    Achieved,
+)
 from hiltest.rig import Rig
 
 # The axes stand when Grbl says so; what is mounted on them swings a little longer [s].
@@ -77,6 +86,23 @@ class GrblTurntable:
         self._line.ask(f"G4 P{_SETTLE_S:g}", moving=True)
         heading_deg, pitch_deg, roll_deg = self._line.status().position
         return Achieved(heading_deg, pitch_deg, roll_deg, self.uncertainty_deg)
+
+    def turn_to_face(self, face: Face) -> None:
+        """Tilt until the face is down.
+
+        Raises
+        ------
+        TurntableError
+            When the axes do not go so far.
+        """
+        try:
+            self.turn_to(face.pose)
+        except TurntableError as error:
+            raise TurntableError(
+                f"the table cannot put the board {FACE_WORDS[face]} (pitch {face.pose.pitch_deg:+g}, roll "
+                f'{face.pose.roll_deg:+g}): {error}. Write accelerometer_calibration = "none" under [procedure], or '
+                "calibrate the accelerometer by hand, with a turntable of kind operator"
+            ) from error
 
     def tumble(self, duration_s: float) -> float:
         """Go to where a tumble begins, begin it, and return how long it takes: as long as the motors need."""

@@ -72,7 +72,11 @@ class KnownAngles:
 
     def accelerometer_norm_rms_mg(self, name: str) -> float:
         """Return how far gravity under a calibration is from 1 g, rms over the poses [mg]."""
-        gravity_g = self.accelerometer_fits[name].gravity_g(self.accelerometer)
+        return self.norm_rms_mg(self.accelerometer_fits[name])
+
+    def norm_rms_mg(self, fit: AccelerometerFit) -> float:
+        """Return the same under an accelerometer calibration that no slot need hold [mg]."""
+        gravity_g = fit.gravity_g(self.accelerometer)
         # hypot is correctly rounded neither everywhere nor alike; run.json keeps 9 digits of it.
         return rms([1000.0 * (math.hypot(*each) - 1.0) for each in gravity_g.tolist()])
 

@@ -9,6 +9,7 @@ from typing import Protocol
 
 from hiltest.angles import Pose
 from hiltest.boards.board import Board, Stage
+from hiltest.calibration.still_pose import FACES, Face
 from hiltest.errors import OperatorAbsentError
 from hiltest.link.gyroscope import Axis
 
@@ -21,6 +22,11 @@ _MOUNTED = {Axis.X: "nose down", Axis.Y: "right side down", Axis.Z: "flat"}
 BEFORE_TURN_S = 0.4
 #: And for so long at the end.
 AFTER_TURN_S = 0.3
+#: How a board lies on each face, as one says it.
+FACE_WORDS = {
+    Face.PLUS_X: "nose down", Face.MINUS_X: "nose up", Face.PLUS_Y: "right side down", Face.MINUS_Y: "left side down",
+    Face.PLUS_Z: "level", Face.MINUS_Z: "upside down",
+}  # fmt: skip
 # Six sides and eight corners, 3 s each, and a little to begin with.
 HAND_TUMBLE_S = 45.0
 # The motion that a filter is judged by, where a hand or a motor makes it.
@@ -55,6 +61,9 @@ class Turntable(Protocol):
         judged : int, optional
             Number of the judged pose.
         """
+
+    def turn_to_face(self, face: Face) -> None:
+        """Put the board on one of its six faces, and stand still there."""
 
     def tumble(self, duration_s: float) -> float:
         """Begin to turn the board all round, come back at once, and say how long it takes [s].
@@ -120,6 +129,10 @@ class SimulatedTurntable:
         self._stage.turn_to(pose, judged_pose=judged)
         return Achieved(pose.heading_deg, pose.pitch_deg, pose.roll_deg, self.uncertainty_deg)
 
+    def turn_to_face(self, face: Face) -> None:
+        """Turn until the face is down, as true as the world has it."""
+        self._stage.turn_to(face.pose, face=face)
+
     def tumble(self, duration_s: float) -> float:
         """Go to the first pose of a tumble and begin it; it is as fast as the sensor, unless the rig confines it."""
         return self._stage.tumble(duration_s)
@@ -184,6 +197,13 @@ class OperatorTurntable:
             if heading_deg is not None:
                 return Achieved(heading_deg, pose.pitch_deg, pose.roll_deg, self.uncertainty_deg)
         raise OperatorAbsentError(f"{_QUESTIONS} answers were no heading between -360 and 360: is an operator there?")
+
+    def turn_to_face(self, face: Face) -> None:
+        """Ask for the board to be put on a face, square and on something level."""
+        self._ask(
+            f"face {FACES.index(face) + 1} of 6: put the board {FACE_WORDS[face]}, square on a level surface, and "
+            "let go of it. Enter when it lies still: "
+        )
 
     def tumble(self, duration_s: float) -> float:
         """Ask the operator to turn the board all round, at the pace of a hand."""

@@ -9,6 +9,7 @@ from hiltest.measurement import Limit, Measurement, Outcome
 # Families of measurements that are made once for each calibrator: heading.direct.max.
 _PER_CALIBRATOR = ("heading", "fit", "cycles", "budget")
 _UNCALIBRATED = "uncalibrated"
+_UNTRIMMED = "-untrimmed"
 
 
 def unmet_limits(
@@ -39,7 +40,7 @@ def unmet_limits(
 def _why(name: str, calibrators: Sequence[str], gate_only: bool) -> str:
     family, _, rest = name.partition(".")
     calibrator = rest.partition(".")[0]
-    calibrator, _, points = calibrator.partition("@")
+    calibrator, _, points = calibrator.removesuffix(_UNTRIMMED).partition("@")
     if family in _PER_CALIBRATOR and calibrators and calibrator not in (*calibrators, _UNCALIBRATED):
         return f"the board has no calibrator {calibrator!r}, only {', '.join(calibrators)}"
     if points:

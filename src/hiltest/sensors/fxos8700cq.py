@@ -68,18 +68,20 @@ _RESET_S = 0.001
 
 @dataclass(frozen=True, slots=True)
 class AccelerometerErrors:
-    """What the accelerometer still gets wrong, body frame: ``(1 + gain_error) * g + offset_g``."""
+    """What the accelerometer still gets wrong, body frame: ``(I + diag(gain_error) + cross_axis) @ g + offset_g``."""
 
     offset_g: Vector = (0.0, 0.0, 0.0)
     gain_error: Vector = (0.0, 0.0, 0.0)
+    cross_axis: tuple[Vector, Vector, Vector] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
     def apply(self, gravity_body_g: Vector) -> Vector:
         """Return what the part believes gravity to be [g]."""
         x, y, z = gravity_body_g
+        (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = self.cross_axis
         return (
-            x + self.gain_error[0] * x + self.offset_g[0],
-            y + self.gain_error[1] * y + self.offset_g[1],
-            z + self.gain_error[2] * z + self.offset_g[2],
+            x + self.gain_error[0] * x + (xx * x + xy * y + xz * z) + self.offset_g[0],
+            y + self.gain_error[1] * y + (yx * x + yy * y + yz * z) + self.offset_g[1],
+            z + self.gain_error[2] * z + (zx * x + zy * y + zz * z) + self.offset_g[2],
         )
 
 

@@ -1,0 +1,229 @@
+"""The accelerometer on its six faces: each is looked at as it is taken, and the board fits what it stored."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hiltest.boards.board import Board
+from hiltest.calibration.accelerometer import (
+    COUNTS_PER_G,
+    MOVED_SPREAD_MG,
+    AccelerometerFit,
+    AccelerometerSolution,
+    AccelerometerStatus,
+    axis_error_deg,
+    is_on_face,
+    offset_error_mg,
+)
+from hiltest.calibration.still_pose import FACES, Face
+from hiltest.errors import FaceError
+from hiltest.link.accelerometer import FitAccelerometer, SetAccelerometer
+from hiltest.link.messages import Average, SensorKind
+from hiltest.link.poses import AddPose, ClearPoses, Poses
+from hiltest.link.replies import RunCost, Statistic
+from hiltest.procedures.progress import Progress, silent
+from hiltest.procedures.turntables import FACE_WORDS, Turntable
+
+Reals = NDArray[np.float64]
+
+# Of each face: a second at the magnetometer's 80 Hz. The last of it is taken apart, and compared.
+READINGS = 64
+READINGS_AFTER = 16
+# A board whose mean moves by more within that second was not left alone. Noise is 1.3 mg a reading, which makes
+# the difference of the two means 0.35 mg rms; 2 mg are 0.1 degree.
+_DRIFT_MG = 2.0
+# Beyond what the faces' own uncertainty explains: 5 times the noise of a mean of 64 readings.
+_NOISE_MG = 0.8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AccelerometerRun:
+    """A fit of the accelerometer on the board, held against the truth where there is one.
+
+    Attributes
+    ----------
+    method : str
+    counts : ndarray, shape (n, 3)
+        Means of the poses, in the order they were taken.
+    solution : AccelerometerSolution
+        As the board computed it, in float32.
+    cost : RunCost or None
+        None when the core counts no cycles.
+    die_temperature_degc : int
+        At the last pose.
+    axis_error_deg, offset_error_mg : float or None
+        None where there is no truth: "not offered".
+    """
+
+    method: str
+    counts: Reals
+    solution: AccelerometerSolution
+    cost: RunCost | None
+    die_temperature_degc: int
+    axis_error_deg: float | None
+    offset_error_mg: float | None
+
+    @property
+    def fit(self) -> AccelerometerFit:
+        """The calibration."""
+        return self.solution.fit
+
+
+def measure_six_positions(
+    board: Board, turntable: Turntable, *, uncertainty_deg: float, progress: Progress | None = None
+) -> AccelerometerRun:
+    """Put the board on each face for a second, and let it fit gain and offset to them.
+
+    Parameters
+    ----------
+    board : Board
+        Its pose buffer is emptied first, and holds the faces afterwards.
+    turntable : Turntable
+    uncertainty_deg : float
+        How true the faces are declared to be.
+
+    Raises
+    ------
+    FaceError
+        When the board lies on another face than it should, or on none; when it moved; or when the faces
+        contradict each other by more than they are declared to.
+    SensorAbsentError
+        When the board has no accelerometer or magnetometer.
+    """
+    tell = progress or silent
+    for kind in (SensorKind.ACCELEROMETER, SensorKind.MAGNETOMETER):
+        board.sensor(kind)
+    board.session.request(ClearPoses())
+    for number, face in enumerate(FACES):
+        tell("six faces", number, len(FACES))
+        turntable.turn_to_face(face)
+        degc = _take(board, face)
+    tell("six faces", len(FACES), len(FACES))
+    turntable.rest()
+    run = fit_poses(board, "six-position", len(FACES), degc)
+    _refuse_contradiction(run, uncertainty_deg)
+    return run
+
+
+def fit_poses(board: Board, method: str, n: int, die_temperature_degc: int) -> AccelerometerRun:
+    """Let the board fit its first n poses.
+
+    Raises
+    ------
+    FaceError
+        When it refuses; says what is wrong.
+    """
+    counts: list[Reals] = []
+    while len(counts) < n:
+        counts += [pose.accelerometer for pose in board.session.request(Poses(len(counts), min(20, n - len(counts))))]
+    reply = board.session.request(FitAccelerometer(n, method))
+    solution = reply.solution
+    if solution.status is not AccelerometerStatus.OK:
+        which = f" (pose {solution.pose + 1})" if solution.pose is not None else ""
+        raise FaceError(
+            f"the board refuses the {method} fit of {n} poses: {solution.status.name}{which}"
+            + (f", {_named(solution.faces)}" if solution.faces else "") + f"; {_REMEDIES[solution.status]}",
+            faces=[int(face) for face in solution.faces],
+        )
+    truth = true_accelerometer(board)
+    return AccelerometerRun(
+        method, np.array(counts), solution, reply.cost, die_temperature_degc,
+        None if truth is None else axis_error_deg(solution.fit, truth),
+        None if truth is None else offset_error_mg(solution.fit, truth),
+    )
+
+
+def store_accelerometer(board: Board, fit: AccelerometerFit, slots: Sequence[int]) -> None:
+    """Put an accelerometer calibration into slots, beside what they hold."""
+    for slot in slots:
+        board.session.request(SetAccelerometer(slot, fit.gain, fit.offset))
+
+
+def true_accelerometer(board: Board) -> AccelerometerFit | None:
+    """Return the calibration that the world's truth makes the right one, None where nobody knows it."""
+    if board.truth is None:
+        return None
+    inverse = np.linalg.inv(board.truth.accelerometer_response)
+    return AccelerometerFit(
+        np.asarray(inverse / COUNTS_PER_G, dtype=np.float64), COUNTS_PER_G * board.truth.accelerometer_offset_g
+    )
+
+
+_REMEDIES = {
+    AccelerometerStatus.MISSING_FACE: "take all six",
+    AccelerometerStatus.REPEATED_FACE: "take each face once",
+    AccelerometerStatus.MISPLACED_FACE: "put the board on the faces that are asked for",
+    AccelerometerStatus.MOVED: "leave the board alone for a second on each",
+    AccelerometerStatus.TOO_FEW_POSES: "an ellipsoid needs at least 9",
+    AccelerometerStatus.POOR_COVERAGE: "turn the board to more sides",
+    AccelerometerStatus.NOT_AN_ELLIPSOID: "the poses fit no ellipsoid: was the board still, and the part not shaken?",
+}
+
+
+def _take(board: Board, face: Face) -> int:
+    """Store one face as a pose, when it is one and the board is still; return the die's temperature [degC]."""
+    reply = board.session.request(AddPose(READINGS, face))
+    taken = reply.average.accelerometer
+    after = board.session.request(Average(READINGS_AFTER)).accelerometer
+    if not is_on_face(taken.mean, face):
+        raise FaceError(
+            f"asked for {FACE_WORDS[face]}, and the board reads {_grams(taken.mean)}: it lies {_seen(taken.mean)}; "
+            "put it on the face that is asked for, and begin again", faces=[face],
+        )
+    moved = _movement(taken, after)
+    if moved:
+        raise FaceError(
+            f"the board moved while it lay {FACE_WORDS[face]}: {moved}; leave it alone for a second, and begin again",
+            faces=[face],
+        )
+    return reply.die_temperature_degc
+
+
+def _movement(taken: Statistic, after: Statistic) -> str:
+    """Say how the board moved, by the spread of its readings and by what their mean did afterwards."""
+    spread_mg = math.inf if taken.spread is None else 1000.0 / COUNTS_PER_G * float(taken.spread.max())
+    if not spread_mg <= MOVED_SPREAD_MG:
+        return f"its readings spread by {spread_mg:.1f} mg rms, a still board's by 1.3"
+    drift_mg = 1000.0 / COUNTS_PER_G * math.hypot(*(after.mean - taken.mean).tolist())
+    return f"gravity changed by {drift_mg:.1f} mg within the second" if drift_mg > _DRIFT_MG else ""
+
+
+def _refuse_contradiction(run: AccelerometerRun, uncertainty_deg: float) -> None:
+    """Refuse faces that disagree by more than they are declared to.
+
+    Notes
+    -----
+    Six faces overdetermine the fit. Of a face askew by e the fit leaves e/3 there and on the opposite one, e/6 on the
+    others; with all six askew by up to u no component is left more than u, no face more than u sqrt(2).
+    """
+    gravity_g = np.array([face.gravity_g for face in FACES])
+    left_mg = 1000.0 * np.linalg.norm(run.fit.gravity_g(run.counts) - gravity_g, axis=1)
+    worst = int(np.argmax(left_mg))
+    allowed_mg = 1000.0 * math.sqrt(2.0) * math.sin(math.radians(uncertainty_deg)) + _NOISE_MG
+    if not left_mg[worst] <= allowed_mg:
+        pair = [face for face in FACES if face // 2 == worst // 2]
+        askew_deg = math.degrees(3e-3 * float(left_mg[worst]))
+        raise FaceError(
+            f"the faces contradict each other: one of {_named(pair)} is askew by some {askew_deg:.1f} deg (the fit "
+            f"leaves {left_mg[worst]:.1f} mg there; faces within {uncertainty_deg:g} deg leave at most "
+            f"{allowed_mg:.1f}); put the board flat on both, and begin again", faces=[int(face) for face in pair],
+        )
+
+
+def _seen(counts: Reals) -> str:
+    """Say on which face a board lies, by what it reads."""
+    face = next((face for face in FACES if is_on_face(counts, face)), None)
+    return "on none of the six faces" if face is None else FACE_WORDS[face]
+
+
+def _grams(counts: Reals) -> str:
+    return "(" + ", ".join(f"{each / COUNTS_PER_G:+.2f}" for each in counts.tolist()) + ") g"
+
+
+def _named(faces: Sequence[Face]) -> str:
+    return ", ".join(f"{FACE_WORDS[face]} ({face.label} down)" for face in faces)

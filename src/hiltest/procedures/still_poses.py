@@ -1,0 +1,74 @@
+"""Still poses all round: gravity and the field from all sides, in the board's buffer."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from hiltest.angles import Pose, wrap_180, wrap_360
+from hiltest.boards.board import Board
+from hiltest.calibration.quality import sphere_directions
+from hiltest.link.messages import SensorKind
+from hiltest.link.poses import AddPose, ClearPoses
+from hiltest.procedures.progress import Progress, silent
+from hiltest.procedures.turntables import Turntable
+
+# Between one pose's heading and the next's, so that no few headings repeat [deg].
+_GOLDEN_ANGLE_DEG = 180.0 * (3.0 - math.sqrt(5.0))
+
+
+def spread_poses(n: int) -> tuple[Pose, ...]:
+    """Return poses that show gravity evenly from all sides, each at another heading.
+
+    Parameters
+    ----------
+    n : int
+        At least 9 for an ellipsoid of gravity.
+    """
+    poses = []
+    for number, (x, y, z) in enumerate(sphere_directions(n).tolist()):
+        pitch_deg = math.degrees(math.atan2(-x, math.hypot(y, z)))
+        roll_deg = math.degrees(math.atan2(y, z))
+        poses.append(Pose(wrap_360(number * _GOLDEN_ANGLE_DEG), wrap_180(pitch_deg), wrap_180(roll_deg)))
+    return tuple(poses)
+
+
+def collect_still_poses(
+    board: Board, turntable: Turntable, poses: Sequence[Pose], *, readings: int = 16, progress: Progress | None = None
+) -> int:
+    """Turn to each pose and let the board store it.
+
+    Parameters
+    ----------
+    board : Board
+        Its pose buffer is emptied first.
+    turntable : Turntable
+        How exactly it turns does not matter: nothing here knows the poses.
+    poses : sequence of Pose
+    readings : int
+        New samples of each sensor that are averaged.
+
+    Returns
+    -------
+    int
+        Temperature of the accelerometer's die at the end [degC].
+
+    Raises
+    ------
+    SensorAbsentError
+        When magnetometer or accelerometer is missing.
+    ValueError
+        If there are no poses.
+    """
+    tell = progress or silent
+    if not poses:
+        raise ValueError("no poses to take")
+    for kind in (SensorKind.MAGNETOMETER, SensorKind.ACCELEROMETER):
+        board.sensor(kind)
+    board.session.request(ClearPoses())
+    for number, pose in enumerate(poses):
+        tell("still poses", number, len(poses))
+        turntable.turn_to(pose)
+        degc = board.session.request(AddPose(readings)).die_temperature_degc
+    tell("still poses", len(poses), len(poses))
+    return degc

@@ -1,0 +1,30 @@
+"""How a board really lies on a face that is not quite true."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from hiltest.angles import Pose, pose_from_rotation, rotation_body_from_ned, sin_cos_deg
+from hiltest.world.earth_field import Vector
+
+
+def askew(pose: Pose, turn_deg: Vector) -> Pose:
+    """Return a pose after a small turn of the body.
+
+    Parameters
+    ----------
+    pose : Pose
+    turn_deg : (3,)
+        Angle about body x, y and z [deg], as one turn about their sum.
+    """
+    angle_deg = math.hypot(*turn_deg)
+    if angle_deg == 0.0:
+        return pose
+    x, y, z = (each / angle_deg for each in turn_deg)
+    sine, cosine = sin_cos_deg(angle_deg)
+    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    # Rodrigues; the body turns, so what it sees turns the other way.
+    turn = np.eye(3) + sine * across + (1.0 - cosine) * (across @ across)
+    return pose_from_rotation(turn.T @ rotation_body_from_ned(pose))
