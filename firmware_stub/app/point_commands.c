@@ -4,46 +4,13 @@
  */
 #include "boards/time_base.h"
 #include "command.h"
+#include "pair_collector.h"
 #include "points_buffer.h"
 #include "sensor_set.h"
-#include "sensors/sampler.h"
 
 #define VECTOR_BYTES 6u
 #define UPLOAD_MAXIMUM 160u
 #define POINTS_REPLY_MAXIMUM 80u
-
-/** Store one new magnetometer sample and the accelerometer's latest, which is at most one of its periods older. */
-static sensor_status_t collect_point(sampler_t *magnetometer, const sensor_t *accelerometer, uint64_t deadline_us)
-{
-    sample_t sample;
-    sensor_status_t status = sampler_next(magnetometer, &sample, deadline_us);
-    if (status != SENSOR_OK) {
-        return status;
-    }
-    int16_t gravity[3];
-    status = sensor_read_latest(accelerometer, gravity);
-    if (status == SENSOR_OK) {
-        (void)points_store(sample.body, gravity); /* room was checked before the first point */
-    }
-    return status;
-}
-
-static sensor_status_t collect(sampler_t *magnetometer, const sensor_t *accelerometer, uint16_t count, uint64_t deadline_us)
-{
-    sampler_t first;
-    sample_t dropped;
-    sensor_status_t status = sampler_start(&first, accelerometer);
-    if (status == SENSOR_OK) {
-        status = sampler_next(&first, &dropped, deadline_us); /* from here on its registers hold a sample of now */
-    }
-    if (status == SENSOR_OK) {
-        status = sampler_start(magnetometer, magnetometer->sensor);
-    }
-    for (uint16_t i = 0; i < count && status == SENSOR_OK; i++) {
-        status = collect_point(magnetometer, accelerometer, deadline_us);
-    }
-    return status;
-}
 
 status_t command_collect(payload_reader_t *request, payload_writer_t *reply)
 {
@@ -55,12 +22,14 @@ status_t command_collect(payload_reader_t *request, payload_writer_t *reply)
     if (count > POINTS_MAXIMUM - points_count()) {
         return STATUS_BUFFER_FULL;
     }
-    sampler_t magnetometer = {.sensor = sensor_set_selected(SENSOR_MAGNETOMETER)};
-    const sensor_t *accelerometer = sensor_set_selected(SENSOR_ACCELEROMETER);
-    if (magnetometer.sensor == NULL || accelerometer == NULL) {
+    const sensor_t *const magnetometer = sensor_set_selected(SENSOR_MAGNETOMETER);
+    const sensor_t *const accelerometer = sensor_set_selected(SENSOR_ACCELEROMETER);
+    if (magnetometer == NULL || accelerometer == NULL) {
         return STATUS_SENSOR_ABSENT;
     }
-    const sensor_status_t status = collect(&magnetometer, accelerometer, count, time_us() + timeout_us);
+    uint16_t overruns = 0;
+    const sensor_status_t status =
+        collect_pairs(magnetometer, accelerometer, count, time_us() + timeout_us, &overruns);
     if (status != SENSOR_OK) {
         return status_of_sensor(status);
     }
@@ -68,7 +37,7 @@ status_t command_collect(payload_reader_t *request, payload_writer_t *reply)
     write_u16(reply, points_count());
     write_vector_i16(reply, points.minimum);
     write_vector_i16(reply, points.maximum);
-    write_u16(reply, magnetometer.overruns);
+    write_u16(reply, overruns);
     return STATUS_OK;
 }
 

@@ -16,6 +16,7 @@ sensor_status_t sampler_start(sampler_t *sampler, const sensor_t *sensor)
         pause_us = sensor->driver->fifo.start_up_us;
     }
     if (status == SENSOR_OK) {
+        sampler->missed_us = sampler->earliest_us = time_us(); /* and latest_us is 0: no bounds but this one */
         status = sensor_discard(sensor);
     }
     sampler->next_look_us = time_us() + pause_us;
@@ -29,6 +30,25 @@ static uint32_t lead_us(uint32_t period_us, uint8_t hits)
     return period_us / 64u << (doublings < 3u ? doublings : 3u);
 }
 
+/** What the look at now_us, which found a sample, says of its instant. */
+static void bound_instant(sampler_t *sampler, uint64_t now_us, bool overrun)
+{
+    const uint32_t period_us = sampler->sensor->driver->period_us;
+    const uint64_t earliest_us = sampler->earliest_us + period_us, latest_us = sampler->latest_us + period_us;
+    sampler->earliest_us = earliest_us > sampler->missed_us ? earliest_us : sampler->missed_us;
+    sampler->latest_us = latest_us < now_us ? latest_us : now_us;
+    /* Nothing is left of bounds from a clock that is not what the part says, nor from before samples were lost: this look alone. */
+    if (overrun || sampler->earliest_us > sampler->latest_us) {
+        sampler->earliest_us = now_us - sampler->missed_us < period_us ? sampler->missed_us : now_us - period_us;
+        sampler->latest_us = now_us;
+    }
+}
+
+uint64_t sampler_instant_us(const sampler_t *sampler)
+{
+    return (sampler->earliest_us + sampler->latest_us) / 2u;
+}
+
 sensor_status_t sampler_look(sampler_t *sampler, sample_t *sample)
 {
     const uint32_t period_us = sampler->sensor->driver->period_us;
@@ -37,8 +57,10 @@ sensor_status_t sampler_look(sampler_t *sampler, sample_t *sample)
     if (status != SENSOR_OK) {
         sampler->next_look_us = now_us + period_us / RETRIES_A_SAMPLE;
         sampler->hits = 0;
+        sampler->missed_us = now_us;
         return status;
     }
+    bound_instant(sampler, now_us, sample->overrun);
     sample->time_us = now_us;
     sampler->next_look_us = now_us + period_us - lead_us(period_us, sampler->hits);
     if (sampler->hits < UINT8_MAX) {

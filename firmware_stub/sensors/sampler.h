@@ -6,6 +6,9 @@
  * less than a period after the look that found the last one, so looks move towards the moment of data-ready from behind. A look
  * that comes too early is repeated an eighth of a period later, which happens once in eight samples when the sensor's clock is
  * right. When it does not happen the sensor is faster than it says, and the looks move twice as fast.
+ *
+ * A look says that a sample was there, not since when. But samples come a period apart, so every look that finds one, and every one
+ * that comes too early, bounds the instants of all: after some ten samples to a 64th of a period.
  */
 #ifndef HILTEST_SAMPLER_H
 #define HILTEST_SAMPLER_H
@@ -17,6 +20,9 @@ typedef struct {
     uint64_t next_look_us;
     uint8_t hits;      /**< looks in a row that found a sample */
     uint16_t overruns; /**< samples before which others were lost */
+    uint64_t missed_us;   /**< the last look that found nothing */
+    uint64_t earliest_us; /**< between these two the last sample became ready */
+    uint64_t latest_us;
 } sampler_t;
 
 /** Begin: drop what the sensor holds, so that everything sampled is new. */
@@ -27,5 +33,8 @@ sensor_status_t sampler_look(sampler_t *sampler, sample_t *sample);
 
 /** Sleep and look until a sample comes; SENSOR_TIMED_OUT at the deadline [us]. */
 sensor_status_t sampler_next(sampler_t *sampler, sample_t *sample, uint64_t deadline_us);
+
+/** When the sample that was found last became ready, as far as the looks tell [us]; before the first sample it means nothing. */
+uint64_t sampler_instant_us(const sampler_t *sampler);
 
 #endif
