@@ -12,10 +12,12 @@ from hiltest.imu_calibration import ImuCalibration
 from hiltest.imu_calibration.on_board import store_calibration
 from hiltest.link.gyroscope import Axis
 from hiltest.procedures import (
+    DPI,
     UNCALIBRATED,
     UNCALIBRATED_SLOT,
     AccelerometerRun,
     CalibratorRun,
+    DpiRun,
     FittedTurns,
     KnownAngles,
     MeasuredTurn,
@@ -27,6 +29,8 @@ from hiltest.procedures import (
     collect_tumble,
     fit_on_board,
     fit_poses,
+    fit_still_poses,
+    fit_tumble,
     held_as_taken,
     measure_known_angles,
     measure_six_positions,
@@ -44,8 +48,8 @@ from hiltest.settings import Settings, resolve
 # What a later suite's numbers rest on comes first; suites of your own come last. A test of any
 # suite that needs the known angles waits for the heading suite: rest comes before they are taken.
 ORDER = (
-    "test_identity", "test_accelerometer", "test_gyroscope", "test_calibration_file", "test_heading", "test_streams",
-    "test_budget", "test_cycles", "test_fusion", "test_link",
+    "test_identity", "test_accelerometer", "test_gyroscope", "test_calibration_file", "test_heading", "test_dpi",
+    "test_streams", "test_budget", "test_cycles", "test_fusion", "test_link",
 )
 
 # As few as calibrate a magnetometer by gravity too, of 16 readings each.
@@ -107,6 +111,14 @@ def ellipsoid(board: Board, still_poses: int) -> AccelerometerRun:
 
 
 @pytest.fixture(scope="session")
+def dpi_of_poses(board: Board, still_poses: int, rig: Rig) -> DpiRun | None:
+    """What the board made of the same poses against gravity; None where the rig does not ask for it."""
+    if rig.procedure.dpi == "none":
+        return None
+    return fit_still_poses(board, STILL_POSES, dip_deg=rig.field.dip_deg)
+
+
+@pytest.fixture(scope="session")
 def turn_about_z(board: Board, turntable: Turntable, rig: Rig, hil_progress: Progress) -> MeasuredTurn:
     """One turn of the level board, between two rests; the first has stored the gyroscope's bias."""
     return _turn(board, turntable, rig, Axis.Z, hil_progress)
@@ -153,8 +165,16 @@ def calibrations(
 
 
 @pytest.fixture(scope="session")
+def dpi(board: Board, tumble: Tumble, calibrations: dict[str, CalibratorRun], rig: Rig) -> DpiRun | None:
+    """What the board made of the pairs of the tumble against gravity; None where the rig does not ask for it."""
+    if rig.procedure.dpi == "none":
+        return None
+    return fit_tumble(board, tumble, slot=1 + len(calibrations), dip_deg=rig.field.dip_deg)
+
+
+@pytest.fixture(scope="session")
 def streams(
-    board: Board, tumble: Tumble, calibrations: dict[str, CalibratorRun], hil_progress: Progress
+    board: Board, tumble: Tumble, calibrations: dict[str, CalibratorRun], dpi: DpiRun | None, hil_progress: Progress
 ) -> dict[str, StreamRun]:
     """What the calibrators that live with the stream made of every point of the tumble, in the order of their time."""
     with held_as_taken(board, tumble):
@@ -163,14 +183,16 @@ def streams(
 
 @pytest.fixture(scope="session")
 def known_angles(
-    board: Board, turntable: Turntable, rig: Rig, calibrations: dict[str, CalibratorRun], streams: dict[str, StreamRun],
-    accelerometer_fit: AccelerometerFit, hil_calibration: ImuCalibration | None, hil_settings: Settings,
-    hil_progress: Progress,
+    board: Board, turntable: Turntable, rig: Rig, calibrations: dict[str, CalibratorRun], dpi: DpiRun | None,
+    streams: dict[str, StreamRun], accelerometer_fit: AccelerometerFit, hil_calibration: ImuCalibration | None,
+    hil_settings: Settings, hil_progress: Progress,
 ) -> KnownAngles:
     """The headings that the board answered at known angles, under every calibration."""
     slots = {UNCALIBRATED: UNCALIBRATED_SLOT}
     slots |= {name: run.slot for name, run in calibrations.items() if run.usable}
-    slots |= store_streams(board, streams, first_slot=1 + len(calibrations))
+    if dpi is not None and dpi.run.usable:
+        slots[DPI] = dpi.run.slot
+    slots |= store_streams(board, streams, first_slot=1 + max(slots.values()))
     store_accelerometer(board, accelerometer_fit, list(slots.values()))  # the streams' too
     slots |= store_untrimmed(
         board, {name: run for name, run in calibrations.items() if name in rig.procedure.untrimmed_calibrations},

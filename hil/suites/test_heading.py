@@ -9,7 +9,7 @@ import pytest
 from hiltest.fixtures import Measure
 from hiltest.imu_calibration.on_board import NAME as CALIBRATION_FILE
 from hiltest.measurement import Limit
-from hiltest.procedures import UNCALIBRATED, CalibratorRun, KnownAngles, Tumble, float32_error_deg
+from hiltest.procedures import DPI, UNCALIBRATED, CalibratorRun, KnownAngles, Tumble, float32_error_deg
 from hiltest.rig import Rig
 
 pytestmark = pytest.mark.hil
@@ -66,7 +66,7 @@ def test_heading_at_known_angles(
             continue
         errors = known_angles.summary(name)
         # What lives with the stream is judged by the rig alone: how far it has come depends on the points so far.
-        judged = name in calibrations or name == CALIBRATION_FILE
+        judged = name in calibrations or name in (DPI, CALIBRATION_FILE)
         limit = {
             what: most if judged and f"heading.{name}.{what}" not in rig.information else None
             for what, most in unnamed.items()

@@ -236,6 +236,8 @@ class Procedure:
     untrimmed_calibrations : tuple of str
         Calibrations that are judged once more, without that of the accelerometer: ``direct`` as
         ``direct-untrimmed``.
+    dpi : {"pairs", "none"}
+        Whether the magnetometer is calibrated against gravity too, on all pairs of the tumble.
     further_calibrations : tuple of str
         Runs beside these, judged alike, each a calibrator and the points it gets: ``direct@100``.
     """
@@ -251,6 +253,7 @@ class Procedure:
     gyroscope_turn_dps: float = 60.0
     accelerometer_calibration: Literal["none", "six-position"] = "none"
     untrimmed_calibrations: tuple[str, ...] = ()
+    dpi: Literal["pairs", "none"] = "pairs"
     further_calibrations: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

@@ -13,9 +13,11 @@ from hiltest.procedures.calibrate import (
     store_untrimmed,
 )
 from hiltest.procedures.cause import Cause, name_cause, predicted_residual_percent
-from hiltest.procedures.clouds import golden_cloud
+from hiltest.procedures.clouds import golden_cloud, golden_pairs
 from hiltest.procedures.coverage import largest_hole_deg, sphere_coverage
-from hiltest.procedures.cycles import CycleCost, measure_cycles, upload_cloud
+from hiltest.procedures.cycles import CycleCost, measure_cycles, upload_cloud, upload_pairs
+from hiltest.procedures.dpi import DPI, DpiRun, fit_still_poses, fit_tumble
+from hiltest.procedures.dpi_cycles import measure_dpi_cycles
 from hiltest.procedures.float64_headings import float32_error_deg, heading_errors_deg
 from hiltest.procedures.fusion import AttitudeErrors, FusionResult, filter_noise, measure_fusion
 from hiltest.procedures.grbl_turntable import GrblTurntable, open_grbl_turntable
@@ -51,6 +53,7 @@ from hiltest.procedures.turntables import (
 )
 
 __all__ = [
+    "DPI",
     "UNCALIBRATED",
     "UNCALIBRATED_SLOT",
     "UNTRIMMED",
@@ -62,6 +65,7 @@ __all__ = [
     "CalibratorRun",
     "Cause",
     "CycleCost",
+    "DpiRun",
     "Effort",
     "EffortKind",
     "FittedTurns",
@@ -91,8 +95,11 @@ __all__ = [
     "filter_noise",
     "fit_on_board",
     "fit_poses",
+    "fit_still_poses",
+    "fit_tumble",
     "float32_error_deg",
     "golden_cloud",
+    "golden_pairs",
     "heading_errors_deg",
     "held_as_taken",
     "largest_effort_within",
@@ -101,6 +108,7 @@ __all__ = [
     "log_gyroscope",
     "measure_accelerometer_rest",
     "measure_cycles",
+    "measure_dpi_cycles",
     "measure_fusion",
     "measure_gyroscope_rest",
     "measure_known_angles",
@@ -122,4 +130,5 @@ __all__ = [
     "summarise",
     "tilt_to_heading",
     "upload_cloud",
+    "upload_pairs",
 ]

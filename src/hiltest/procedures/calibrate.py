@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -169,7 +170,8 @@ def run_calibrators(
     for slot, (name, (calibrator, points)) in enumerate(asked.items(), start=1):
         tell(f"calibrator {name}", slot - 1, len(asked))
         fit, cost = calibrate_once(board, calibrator, points)
-        runs[name] = _judge(board, name, slot, tumble.points[:points], fit, cost)
+        parameters = _SPHERE_PARAMETERS if fit.is_sphere else _ELLIPSOID_PARAMETERS
+        runs[name] = judged(board, name, slot, tumble.points[:points], fit, cost, parameters=parameters)
         if runs[name].usable:
             board.session.request(SetCalibration(slot, runs[name].soft_iron, runs[name].hard_iron))
     tell("calibrators", len(asked), len(asked))
@@ -191,9 +193,19 @@ def store_untrimmed(board: Board, runs: Mapping[str, CalibratorRun], *, first_sl
     return slots
 
 
-def _judge(
-    board: Board, name: str, slot: int, points: NDArray[np.int16], result: MagnetometerFit, cost: RunCost | None
+def judged(
+    board: Board, name: str, slot: int, points: NDArray[np.int16] | NDArray[np.float64], result: MagnetometerFit,
+    cost: RunCost | None, *, parameters: int, readings: int = 1,
 ) -> CalibratorRun:
+    """Hold a calibration against the points it was fitted to, and against the truth where there is one.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Counts, or means of `readings` of them.
+    parameters : int
+        That the fit chose.
+    """
     truth = board.truth if result.has_fit else None
     return CalibratorRun(
         name=name,
@@ -203,8 +215,8 @@ def _judge(
         cost=cost,
         residual_percent=residual_percent(points, result),
         residual_predicted_percent=predicted_residual_percent(
-            board.declared.magnetometer_sigma_ut, board.declared.field_ut, len(points),
-            parameters=_SPHERE_PARAMETERS if result.is_sphere else _ELLIPSOID_PARAMETERS,
+            board.declared.magnetometer_sigma_ut / math.sqrt(readings), board.declared.field_ut, len(points),
+            parameters=parameters,
         ),
         offset_error_ut=None if truth is None else offset_error_ut(result, truth.hard_iron_ut),
         rotation_left_deg=None if truth is None else rotation_left_deg(result, truth.soft_iron),

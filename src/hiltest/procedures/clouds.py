@@ -16,6 +16,9 @@ _SOFT_IRON = 0.05  # entries of a symmetric matrix vary by this much about the i
 _HARD_IRON_COUNTS = 600.0
 # Twelve uniform draws have variance 1: sigma is 4 counts, the 0.4 uT of a MAG3110.
 _SIGMA_COUNTS = 4.0
+_DIP_DEG = 62.0
+# About the field, from pair to pair: another irrational part of a turn than the lattice's, which they would follow.
+_TURN_DEG = 360.0 * (math.sqrt(2.0) - 1.0)
 
 
 def golden_cloud(n: int, *, index: int = 0) -> NDArray[np.int16]:
@@ -53,6 +56,39 @@ def golden_cloud(n: int, *, index: int = 0) -> NDArray[np.int16]:
             noise = _SIGMA_COUNTS * (math.fsum(draw.random() for _ in range(12)) - 6.0)
             points[k, axis] = round(_FIELD_COUNTS * (a * x + b * y + c * z) + hard_iron[axis] + noise)
     return points
+
+
+def golden_pairs(n: int, *, index: int = 0) -> tuple[NDArray[np.int16], NDArray[np.int16]]:
+    """Return a golden cloud, and gravity as an accelerometer has it beside each point.
+
+    Parameters
+    ----------
+    n, index : int
+        As for `golden_cloud`.
+
+    Returns
+    -------
+    magnetometer, accelerometer : ndarray of int16, shape (n, 3)
+        Counts. The field's dip is 62 degrees, and from one pair to the next the body turns about the field.
+    """
+    sine, cosine = sin_cos_deg(_DIP_DEG)
+    gravities = np.empty((n, 3), dtype=np.int16)
+    for k in range(n):
+        field = np.array(_lattice_direction(k, n))
+        beside = np.zeros(3)
+        beside[int(np.abs(field).argmin())] = 1.0
+        across = _cross(field, beside)
+        across /= math.sqrt(math.fsum(each * each for each in across.tolist()))
+        turn_sine, turn_cosine = sin_cos_deg(math.fmod(k * _TURN_DEG, 360.0))
+        gravity = sine * field + cosine * (turn_cosine * across + turn_sine * _cross(field, across))
+        gravities[k] = np.rint(8192.0 * gravity)
+    return golden_cloud(n, index=index), gravities
+
+
+def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Multiply one rounding at a time, as a linear-algebra library might not."""
+    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
 def _lattice_direction(k: int, n: int) -> tuple[float, float, float]:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hiltest.boards.board import Board
 from hiltest.errors import DeviceError
-from hiltest.link.messages import MAX_UPLOAD, Calibrate, ClearPoints, CycleSource, Status, Upload
+from hiltest.link.messages import MAX_UPLOAD, MAX_UPLOAD_PAIRS, Calibrate, ClearPoints, CycleSource, Status, Upload
 from hiltest.link.replies import RunCost
 from hiltest.procedures.clouds import golden_cloud
 from hiltest.procedures.progress import Progress, silent
@@ -109,6 +109,14 @@ def upload_cloud(board: Board, points: NDArray[np.int16]) -> None:
         board.session.request(Upload(first, points[first : first + MAX_UPLOAD].tolist()))
 
 
+def upload_pairs(board: Board, points: NDArray[np.int16], accelerometer: NDArray[np.int16]) -> None:
+    """Replace the board's point buffer by points with their accelerometer samples, each of shape (n, 3) [counts]."""
+    board.session.request(ClearPoints())
+    rows = np.column_stack([points, accelerometer])
+    for first in range(0, len(rows), MAX_UPLOAD_PAIRS):
+        board.session.request(Upload(first, rows[first : first + MAX_UPLOAD_PAIRS].tolist()))
+
+
 def measure_cycles(
     board: Board, calibrators: Sequence[str], *, n: int = 100, clouds: int = 100,
     sizes: Sequence[int] = REGRESSION_SIZES, progress: Progress | None = None,
@@ -153,7 +161,7 @@ def measure_cycles(
         for name in calibrators:
             run = runs[size, index][name] = _count(board, size, name)
             if (size, index) == (n, 0):
-                instructions[name] = _instructions(board, run.cost)
+                instructions[name] = instructions_of(board, run.cost)
                 per_iteration[name] = _per_iteration(board, size, name, run)
     tell("cycles", len(work), len(work))
     return {
@@ -185,7 +193,7 @@ def no_cycle_counter() -> DeviceError:
     )
 
 
-def _instructions(board: Board, cost: RunCost) -> int | None:
+def instructions_of(board: Board, cost: RunCost) -> int | None:
     """Count the instructions of a timed run, those of the empty call beside it subtracted."""
     whole = board.instructions_counted(cost.cycles + cost.overhead_cycles)
     empty = board.instructions_counted(cost.overhead_cycles)

@@ -13,8 +13,9 @@ from hiltest.link.poses import AddPose, ClearPoses
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.turntables import Turntable
 
-# Between one pose's heading and the next's, so that no few headings repeat [deg].
-_GOLDEN_ANGLE_DEG = 180.0 * (3.0 - math.sqrt(5.0))
+# Between one pose's heading and the next's, so that no few headings repeat [deg]. Gravity's directions are a golden
+# angle apart: with the same one headings would follow gravity, and a fit of both sensors would know four times less.
+_HEADING_STEP_DEG = 360.0 * (math.sqrt(2.0) - 1.0)
 
 
 def spread_poses(n: int) -> tuple[Pose, ...]:
@@ -29,7 +30,7 @@ def spread_poses(n: int) -> tuple[Pose, ...]:
     for number, (x, y, z) in enumerate(sphere_directions(n).tolist()):
         pitch_deg = math.degrees(math.atan2(-x, math.hypot(y, z)))
         roll_deg = math.degrees(math.atan2(y, z))
-        poses.append(Pose(wrap_360(number * _GOLDEN_ANGLE_DEG), wrap_180(pitch_deg), wrap_180(roll_deg)))
+        poses.append(Pose(wrap_360(number * _HEADING_STEP_DEG), wrap_180(pitch_deg), wrap_180(roll_deg)))
     return tuple(poses)
 
 

@@ -14,7 +14,7 @@ from hiltest.boards.board import Board
 from hiltest.errors import PoorCoverageError
 from hiltest.link.messages import MAX_POINTS_READ, ClearPoints, Collect, Points, SensorKind
 from hiltest.procedures.coverage import largest_hole_deg, sphere_coverage
-from hiltest.procedures.cycles import upload_cloud
+from hiltest.procedures.cycles import upload_pairs
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.turntables import Turntable
 
@@ -131,9 +131,9 @@ def held_as_taken(board: Board, tumble: Tumble) -> Iterator[None]:
     if np.array_equal(in_time, np.arange(len(in_time))):
         yield
         return
-    upload_cloud(board, tumble.points[in_time])
+    upload_pairs(board, tumble.points[in_time], tumble.accelerometer[in_time])
     yield
-    upload_cloud(board, tumble.points)
+    upload_pairs(board, tumble.points, tumble.accelerometer)
 
 
 class _Collected:
@@ -178,5 +178,5 @@ def _spread_over_time(board: Board, tumble: Tumble) -> Tumble:
     """Upload the points again, in an order whose every beginning is spread evenly over the whole."""
     order = evenly_spread(len(tumble.points))
     spread = replace(tumble, points=tumble.points[order], accelerometer=tumble.accelerometer[order], taken=order)
-    upload_cloud(board, spread.points)
+    upload_pairs(board, spread.points, spread.accelerometer)
     return spread

@@ -1,0 +1,104 @@
+"""The magnetometer against gravity: what no fit of norms can see, from the tumble's pairs and from still poses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hiltest.boards import Board
+from hiltest.calibration.dpi import fit_dpi
+from hiltest.fixtures import Measure
+from hiltest.link.accelerometer import GetAccelerometer
+from hiltest.measurement import Limit
+from hiltest.procedures import (
+    DPI,
+    UNCALIBRATED_SLOT,
+    DpiRun,
+    KnownAngles,
+    Progress,
+    Tumble,
+    heading_errors_deg,
+    measure_dpi_cycles,
+    summarise,
+)
+from hiltest.rig import Rig
+
+pytestmark = pytest.mark.hil
+
+# A field whose dip is further from what the rig declares is not the rig's, or gravity is in another unit: 300 pairs
+# of 0.4 uT tell it to 0.1 degree. It does not enter a heading.
+DIP_WITHIN_DEG = 2.0
+
+
+def measure_fit(measure: Measure, found: DpiRun, rig: Rig) -> None:
+    """Everything there is to say of a calibration against gravity."""
+    run, dip_deg = found.run, rig.field.dip_deg
+    measure(f"fit.{run.name}.status", int(run.fit), "")
+    measure(f"fit.{run.name}.n_used", found.n_used, "")
+    assert run.usable, f"{run.name} of {found.n_used} rows: {run.fit.name}"
+    measure(f"fit.{run.name}.residual", run.residual_percent, "%")
+    measure(f"fit.{run.name}.residual_predicted", run.residual_predicted_percent, "%")
+    measure(f"fit.{run.name}.offset_error", run.offset_error_ut, "uT")
+    measure(f"fit.{run.name}.rotation_left", run.rotation_left_deg, "deg")
+    measure(f"fit.{run.name}.coverage", run.coverage, "")
+    measure(f"fit.{run.name}.standard_error", found.standard_error_percent, "%")
+    declared = Limit(min=dip_deg - DIP_WITHIN_DEG, max=dip_deg + DIP_WITHIN_DEG)
+    measure(f"fit.{run.name}.dip", found.dip_deg, "deg", limit=declared)
+    measure(f"fit.{run.name}.dip_declared", dip_deg, "deg")
+    measure(f"fit.{run.name}.strength", found.strength_ut, "uT")
+    measure(f"fit.{run.name}.strength_declared", rig.field.strength_ut, "uT")
+
+
+def asked_for(found: DpiRun | None) -> DpiRun:
+    """Skip where the rig asks for none."""
+    if found is None:
+        pytest.skip("the rig's [procedure] has no calibration against gravity")
+    return found
+
+
+def test_gravity_calibrates_the_magnetometer(dpi: DpiRun | None, rig: Rig, measure: Measure) -> None:
+    measure_fit(measure, asked_for(dpi), rig)
+
+
+def test_the_boards_arithmetic_does_not_enter(
+    board: Board, dpi: DpiRun | None, known_angles: KnownAngles, tumble: Tumble, rig: Rig, measure: Measure
+) -> None:
+    found = asked_for(dpi)
+    if not found.run.usable:
+        pytest.skip("there is no calibration")
+    accelerometer = board.session.request(GetAccelerometer(UNCALIBRATED_SLOT))
+    reference = fit_dpi(tumble.points, accelerometer.gravity_g(tumble.accelerometer), dip_deg=rig.field.dip_deg)
+    errors = heading_errors_deg(known_angles, reference.calibration, accelerometer)
+    assert errors is not None
+    differences = (known_angles.error_deg[DPI] - errors + 180.0) % 360.0 - 180.0
+    measure(f"heading.{DPI}.float32_error", float(np.abs(differences).max()), "deg")
+
+
+def test_cycles_of_a_calibration_against_gravity(
+    board: Board, rig: Rig, measure: Measure, hil_progress: Progress
+) -> None:
+    if rig.procedure.dpi == "none":
+        pytest.skip("the rig's [procedure] has no calibration against gravity")
+    cost = measure_dpi_cycles(board, progress=hil_progress)
+    for what, cycles in (
+        ("total", cost.total), ("per_point", cost.per_point), ("fixed", cost.fixed),
+        ("regression_residual", cost.regression_residual), ("spread", cost.spread),
+    ):
+        measure(f"cycles.{DPI}.{what}", cycles, "cycle", cycle_model=cost.model)
+    measure(f"cycles.{DPI}.instructions", cost.instructions, "instruction")
+
+
+@pytest.mark.full
+def test_still_poses_do_as_well(
+    board: Board, dpi_of_poses: DpiRun | None, known_angles: KnownAngles, rig: Rig, measure: Measure
+) -> None:
+    found = asked_for(dpi_of_poses)
+    measure_fit(measure, found, rig)
+    accelerometer = board.session.request(GetAccelerometer(UNCALIBRATED_SLOT))
+    errors = heading_errors_deg(known_angles, found.run.result, accelerometer)
+    assert errors is not None
+    summary = summarise(errors, known_angles.reference_deg, level=known_angles.level)
+    measure(f"heading.{found.run.name}.max", summary.max_deg, "deg", limit=Limit(max=2.0))
+    measure(f"heading.{found.run.name}.rms", summary.rms_deg, "deg")
+    measure(f"heading.{found.run.name}.bias", summary.bias_deg, "deg")
+    measure(f"heading.{found.run.name}.max_centred", summary.max_centred_deg, "deg")

@@ -1,0 +1,104 @@
+"""Calibrate the magnetometer against gravity on the board: from the tumble's pairs, or from still poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hiltest.boards.board import Board
+from hiltest.calibration.dpi import POSE_READINGS, UNKNOWNS
+from hiltest.calibration.fit import MagnetometerFit
+from hiltest.calibration.quality import COUNTS_PER_UT
+from hiltest.calibration.still_pose import StillPose
+from hiltest.link.accelerometer import GetAccelerometer, SetAccelerometer
+from hiltest.link.dpi import DpiReply, DpiSource, FitDpi
+from hiltest.link.messages import SetCalibration
+from hiltest.link.poses import MAX_TRANSFER, Poses
+from hiltest.procedures.calibrate import UNCALIBRATED_SLOT, CalibratorRun, judged
+from hiltest.procedures.tumble import Tumble
+
+DPI = "dpi"
+DPI_POSES = "dpi-poses"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DpiRun:
+    """What the board made of magnetometer and gravity.
+
+    Attributes
+    ----------
+    run : CalibratorRun
+        The calibration, judged as every other one.
+    n_used : int
+        Rows of the least squares; those that were there when it was refused.
+    dip_deg, strength_ut : float or None
+        Of the field, as the data have them; None where they say nothing.
+    standard_error_percent : float or None
+        Of one dot product, in parts of the field's strength.
+    """
+
+    run: CalibratorRun
+    n_used: int
+    dip_deg: float | None
+    strength_ut: float | None
+    standard_error_percent: float | None
+
+
+def fit_tumble(board: Board, tumble: Tumble, *, slot: int, dip_deg: float | None = None) -> DpiRun:
+    """Let the board fit all pairs of a tumble, and keep the calibration in a slot.
+
+    Parameters
+    ----------
+    board : Board
+        Holding the pairs of `tumble`. Gravity is corrected by the accelerometer calibration of slot 0, which `slot`
+        gets as well.
+    tumble : Tumble
+    slot : int
+    dip_deg : float, optional
+        Declared inclination of the field; without it the board estimates it.
+    """
+    reply = board.session.request(FitDpi(len(tumble.points), UNCALIBRATED_SLOT, dip_deg=dip_deg))
+    found = _found(board, DPI, reply, tumble.points, slot)
+    if found.run.usable:
+        accelerometer = board.session.request(GetAccelerometer(UNCALIBRATED_SLOT))
+        board.session.request(SetCalibration(slot, found.run.soft_iron, found.run.hard_iron))
+        board.session.request(SetAccelerometer(slot, accelerometer.gain, accelerometer.offset))
+    return found
+
+
+def fit_still_poses(board: Board, n: int, *, dip_deg: float | None = None) -> DpiRun:
+    """Let the board fit its first n still poses.
+
+    Parameters
+    ----------
+    board : Board
+        Holding them, of 16 readings at least. Gravity is corrected by the accelerometer calibration of slot 0.
+    n : int
+        At least 38 are fitted.
+    dip_deg : float, optional
+        As for `fit_tumble`.
+    """
+    poses: list[StillPose] = []
+    while len(poses) < n:
+        poses += board.session.request(Poses(len(poses), min(MAX_TRANSFER, n - len(poses))))
+    reply = board.session.request(FitDpi(n, UNCALIBRATED_SLOT, source=DpiSource.POSES, dip_deg=dip_deg))
+    return _found(board, DPI_POSES, reply, np.array([pose.magnetometer for pose in poses]), None)
+
+
+def _found(
+    board: Board, name: str, reply: DpiReply, points: NDArray[np.int16] | ArrayLike, slot: int | None
+) -> DpiRun:
+    calibration = reply.calibration
+    fit = MagnetometerFit(reply.fit, False, 0, calibration.soft_iron, calibration.hard_iron, reply.coverage)
+    readings = 1 if name == DPI else POSE_READINGS
+    run = judged(
+        board, name, UNCALIBRATED_SLOT if slot is None else slot, np.asarray(points), fit, reply.cost,
+        parameters=UNKNOWNS, readings=readings,
+    )
+    return DpiRun(
+        run, reply.n_used, reply.dip_deg,
+        None if reply.strength_counts is None else reply.strength_counts / COUNTS_PER_UT,
+        None if reply.standard_error is None else 100.0 * reply.standard_error,
+    )
