@@ -20,7 +20,7 @@ import pytest
 REPOSITORY = Path(__file__).parents[2]
 WALL_LIMIT_S = 120  # a run takes a few seconds; nothing may wait for ever
 # What these causes show in, and the gyroscope, which is measured before the headings are.
-SUITES = ("--", "-k", "identity or accelerometer or gyroscope or heading")
+SUITES = ("--", "-k", "identity or accelerometer or gyroscope or heading or dpi")
 
 
 @dataclass(frozen=True)
@@ -104,6 +104,52 @@ def test_a_swapped_magnetometer_axis_is_red(run_edited: RunEdited) -> None:
     )
     assert ended.exit_code == 1, ended.output
     assert ended.value("heading.direct.max") > 45
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "refused"),
+    [
+        # Of gravity: its sign.
+        ("calibration/dpi_sums.c", "    return row[0] * a[0] + row[1] * a[1] + row[2] * a[2] + at_zero;",
+         "    return -(row[0] * a[0] + row[1] * a[1] + row[2] * a[2] + at_zero);", "MIRRORED"),
+        # Of the magnetometer: two axes.
+        ("calibration/dpi_sums.c",
+         ".u = {(float)(m[0] - anchor[0]), (float)(m[1] - anchor[1]), (float)(m[2] - anchor[2])},",
+         ".u = {(float)(m[1] - anchor[1]), (float)(m[0] - anchor[0]), (float)(m[2] - anchor[2])},", "MIRRORED"),
+        # Of the dip: degrees taken for radians, and 62 radians are a dip of -48 degrees.
+        ("app/dpi_commands.c", "sinf(dip_deg / DEGREES_PER_RADIAN)", "sinf(dip_deg)", "MIRRORED"),
+    ],
+    ids=["the sign of gravity", "a swapped axis", "the dip in another unit"],
+)
+def test_a_calibration_against_gravity_with_a_mistake_is_refused_by_name(
+    run_edited: RunEdited, file: str, old: str, new: str, refused: str
+) -> None:
+    ended = run_edited(file, old, new)
+    assert ended.exit_code == 1, ended.output
+    assert f"dpi of 300 rows: {refused}" in ended.output
+    assert ended.measurement("fit.dpi.residual") is None
+
+
+def test_gravity_in_another_unit_is_red(run_edited: RunEdited) -> None:
+    ended = run_edited(
+        "calibration/dpi_sums.c",
+        "    return row[0] * a[0] + row[1] * a[1] + row[2] * a[2] + at_zero;",
+        "    return 9.80665f * (row[0] * a[0] + row[1] * a[1] + row[2] * a[2] + at_zero);",
+    )
+    assert ended.exit_code == 1, ended.output
+    # The heading does not depend on it. But 9.8 times the sine of 62 degrees is no sine.
+    assert ended.value("fit.dpi.dip") == pytest.approx(90.0)
+    assert "fit.dpi.dip" in ended.output
+
+
+def test_axes_of_gravity_in_a_circle_make_every_heading_wrong(run_edited: RunEdited) -> None:
+    ended = run_edited(
+        "calibration/dpi_sums.c",
+        ".a = {(float)a[0], (float)a[1], (float)a[2]},", ".a = {(float)a[1], (float)a[2], (float)a[0]},",
+    )
+    assert ended.exit_code == 1, ended.output
+    assert ended.value("fit.dpi.rotation_left") == pytest.approx(120.0, abs=1.0)
+    assert ended.value("heading.dpi.max") > 45
 
 
 def test_firmware_that_hangs_is_a_lost_bench_with_all_measured_before_kept(run_edited: RunEdited) -> None:

@@ -55,8 +55,9 @@ def test_the_first_points_are_spread_over_all_of_the_turn(by_hand: Tumble) -> No
 
 
 def test_the_board_holds_the_points_in_that_order_for_every_calibrator(board: Board, by_hand: Tumble) -> None:
-    back = np.concatenate([board.session.request(Points(first, 50)).magnetometer for first in (0, 50, 100)])
-    assert np.array_equal(back, by_hand.points)
+    back = [board.session.request(Points(first, 50)) for first in (0, 50, 100)]
+    assert np.array_equal(np.concatenate([each.magnetometer for each in back]), by_hand.points)
+    assert np.array_equal(np.concatenate([each.accelerometer for each in back]), by_hand.accelerometer)
     for run in run_calibrators(board, by_hand, calibrators=["direct", "iterative"], n=100).values():
         assert not run.is_sphere
         # Noise alone: its rms scatters by 7 %; 30 % are four sigma.

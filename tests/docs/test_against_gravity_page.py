@@ -1,0 +1,31 @@
+"""What the page about gravity says of bounds, statuses and rigs is what there is."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from hiltest.calibration import FitStatus
+from hiltest.calibration.dpi import PAIRS_MINIMUM, POSE_READINGS, POSES_MINIMUM, SIGNIFICANCE
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "against-gravity.md").read_text(encoding="utf-8")
+
+
+def test_bounds_are_those_of_the_fit() -> None:
+    assert f"At least {PAIRS_MINIMUM} pairs, or {POSES_MINIMUM} still poses of {POSE_READINGS} readings" in PAGE
+    assert f"under {SIGNIFICANCE:g} standard errors" in PAGE
+
+
+def test_statuses_are_those_that_end_without_a_calibration() -> None:
+    named = set(re.findall(r"`([A-Z]{3}[A-Z_]+)`", PAGE))
+    assert named == {"SINGULAR", "TOO_FEW_POINTS", "HORIZONTAL_FIELD", "MIRRORED"}
+    assert named <= set(FitStatus.__members__)
+
+
+def test_the_rig_it_runs_is_there_and_measurements_are_the_suites() -> None:
+    (rig,) = re.findall(r"\$ hiltest run --rig (\S+)", PAGE)
+    assert (ROOT / "hil" / "rigs" / f"{rig}.toml").exists()
+    suite = (ROOT / "hil" / "suites" / "test_dpi.py").read_text(encoding="utf-8")
+    for name in re.findall(r"`fit\.dpi\.(\w+)`", PAGE):
+        assert f'measure(f"fit.{{run.name}}.{name}"' in suite, name
