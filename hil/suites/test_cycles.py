@@ -8,7 +8,7 @@ import pytest
 
 from hiltest.boards import Board
 from hiltest.fixtures import Measure
-from hiltest.procedures import CycleCost, Progress, measure_cycles
+from hiltest.procedures import DPI, CycleCost, Progress, measure_cycles, measure_dpi_cycles
 from hiltest.rig import Rig
 
 pytestmark = pytest.mark.hil
@@ -48,3 +48,17 @@ def test_cycles_over_the_number_of_points(costs: Mapping[str, CycleCost], measur
         "cycles.sizes", {"n": ""} | dict.fromkeys(costs, "cycle"),
         zip(sizes, *(cost.cycles.tolist() for cost in costs.values()), strict=True),
     )
+
+
+def test_cycles_of_the_calibration_against_gravity(
+    board: Board, rig: Rig, measure: Measure, hil_progress: Progress
+) -> None:
+    if rig.procedure.dpi == "none":
+        pytest.skip("the rig's [procedure] has no calibration against gravity")
+    cost = measure_dpi_cycles(board, progress=hil_progress)
+    for what, cycles in (
+        ("total", cost.total), ("per_point", cost.per_point), ("fixed", cost.fixed),
+        ("regression_residual", cost.regression_residual), ("spread", cost.spread),
+    ):
+        measure(f"cycles.{DPI}.{what}", cycles, "cycle", cycle_model=cost.model)
+    measure(f"cycles.{DPI}.instructions", cost.instructions, "instruction")

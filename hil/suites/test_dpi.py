@@ -18,7 +18,6 @@ from hiltest.procedures import (
     Progress,
     Tumble,
     heading_errors_deg,
-    measure_dpi_cycles,
     summarise,
 )
 from hiltest.rig import Rig
@@ -72,20 +71,6 @@ def test_the_boards_arithmetic_does_not_enter(
     assert errors is not None
     differences = (known_angles.error_deg[DPI] - errors + 180.0) % 360.0 - 180.0
     measure(f"heading.{DPI}.float32_error", float(np.abs(differences).max()), "deg")
-
-
-def test_cycles_of_a_calibration_against_gravity(
-    board: Board, rig: Rig, measure: Measure, hil_progress: Progress
-) -> None:
-    if rig.procedure.dpi == "none":
-        pytest.skip("the rig's [procedure] has no calibration against gravity")
-    cost = measure_dpi_cycles(board, progress=hil_progress)
-    for what, cycles in (
-        ("total", cost.total), ("per_point", cost.per_point), ("fixed", cost.fixed),
-        ("regression_residual", cost.regression_residual), ("spread", cost.spread),
-    ):
-        measure(f"cycles.{DPI}.{what}", cycles, "cycle", cycle_model=cost.model)
-    measure(f"cycles.{DPI}.instructions", cost.instructions, "instruction")
 
 
 @pytest.mark.full
