@@ -16,7 +16,7 @@ from hiltest.rig_file import load_rig
 # The known angles and what their verdict needs; cycles and link have nothing to do with these causes.
 SUITES = ("--", "-k", "identity or accelerometer or heading")
 CALIBRATORS = ("direct", "corrected", "iterative")
-SUITES_AND_DPI = ("--", "-k", "identity or accelerometer or heading or gravity")
+SUITES_AND_DPI = ("--", "-k", "identity or accelerometer or heading or test_dpi")
 DIP = "dip_deg = 62.0 "
 SOFT_IRON = """soft_iron = [
   [ 1.022,  0.010, -0.006],
