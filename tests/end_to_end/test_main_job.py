@@ -20,6 +20,8 @@ from hiltest.report.schema import load_run
 Run = Callable[..., object]
 
 CALIBRATORS = ("direct", "corrected", "iterative")
+# Beside them, against gravity.
+DPI = "dpi"
 PER_CALIBRATOR = (
     "heading.{}.max", "heading.{}.rms", "heading.{}.bias", "heading.{}.max_centred", "heading.{}.worst_sector",
     "fit.{}.residual", "fit.{}.offset_error", "fit.{}.rotation_left", "cycles.{}.total", "cycles.{}.per_point",
@@ -32,7 +34,8 @@ PER_STREAM = (
 STREAMS = ("direct-stream", "iterative-stream", "iterative-stream-sliced")
 ALWAYS = (
     "heading.uncalibrated.max_level", "heading.uncalibrated.max", "gyroscope.bias_error", "board.virtual_seconds",
-    "board.wall_seconds",
+    "board.wall_seconds", "fit.dpi.n_used", "fit.dpi.dip", "fit.dpi.dip_declared", "fit.dpi.strength",
+    "fit.dpi.strength_declared", "fit.dpi.standard_error",
 )
 
 
@@ -43,7 +46,7 @@ def test_the_default_bench_passes(good_run) -> None:
 
 
 def test_everything_that_was_promised_is_measured(good_run) -> None:
-    wanted = {name.format(calibrator) for name in PER_CALIBRATOR for calibrator in CALIBRATORS}
+    wanted = {name.format(calibrator) for name in PER_CALIBRATOR for calibrator in (*CALIBRATORS, DPI)}
     wanted |= {name.format(stream) for name in PER_STREAM for stream in STREAMS}
     assert wanted | set(ALWAYS) <= set(good_run.measured)
     # Judged where the rig has a limit, and said to be information where it has none.
@@ -76,8 +79,11 @@ def test_the_full_set_measures_more_and_nothing_otherwise(good_run, full_run) ->
     assert full_run.code == 0, full_run.output
     gate, full = good_run.measured, full_run.measured
     assert gate.keys() < full.keys()
-    more = {each.split(".")[0] for each in full.keys() - gate.keys()}
-    assert more == {"accelerometer", "budget", "cycles", "fusion", "gyroscope"}
+    more = full.keys() - gate.keys()
+    assert {each.split(".")[0] for each in more if "dpi-poses" not in each} == {
+        "accelerometer", "budget", "cycles", "fusion", "gyroscope",
+    }
+    assert {"fit.dpi-poses.n_used", "heading.dpi-poses.max"} <= more
     same = [each for each in gate if not gate[each]["volatile"] and each != "board.virtual_seconds"]
     assert [full[each]["value"] for each in same] == [gate[each]["value"] for each in same]
 
