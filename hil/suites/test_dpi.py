@@ -15,7 +15,6 @@ from hiltest.procedures import (
     UNCALIBRATED_SLOT,
     DpiRun,
     KnownAngles,
-    Progress,
     Tumble,
     heading_errors_deg,
     summarise,
