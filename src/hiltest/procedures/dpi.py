@@ -82,8 +82,8 @@ def fit_still_poses(board: Board, n: int, *, dip_deg: float | None = None) -> Dp
     """
     poses: list[StillPose] = []
     while len(poses) < n:
-        request = Poses(len(poses), min(MAX_TRANSFER, n - len(poses)))
-        poses.extend(board.session.request(request))
+        more = board.session.request(Poses(len(poses), min(MAX_TRANSFER, n - len(poses))))
+        poses += more
     reply = board.session.request(FitDpi(n, UNCALIBRATED_SLOT, source=DpiSource.POSES, dip_deg=dip_deg))
     return _found(board, DPI_POSES, reply, np.array([pose.magnetometer for pose in poses]), None)
 
