@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import numpy as np
 import pytest
 
 from hiltest.boards import Board
@@ -9,7 +12,7 @@ from hiltest.fixtures import Measure
 from hiltest.imu_calibration import ImuCalibration
 from hiltest.imu_calibration.on_board import NAME, field_norm_rms_percent, gyroscope_bias_error_dps
 from hiltest.measurement import Limit
-from hiltest.procedures import KnownAngles, Turntable
+from hiltest.procedures import KnownAngles, MeasuredTurn, Turntable
 from hiltest.rig import Rig
 
 pytestmark = pytest.mark.hil
@@ -21,6 +24,7 @@ FIELD = Limit(max=3.5)
 GRAVITY = Limit(max=10.0)
 TILT = Limit(max=0.5)
 RATE = Limit(max=0.1)
+TURN_DEG = 0.36  # 0.1 % of it
 
 
 def test_rate_at_rest_under_the_file(
@@ -34,6 +38,33 @@ def test_rate_at_rest_under_the_file(
     )
     limit = measure.limit("gyroscope.bias_error") or RATE
     measure(f"gyroscope.{NAME}.bias_error", error_dps, "dps", limit=limit)
+
+
+def test_turn_under_the_file(
+    turn_about_z: MeasuredTurn, rig: Rig, hil_calibration: ImuCalibration, measure: Measure
+) -> None:
+    judge_turns("turn_error", [turn_about_z], rig, hil_calibration, measure)
+
+
+# One turn about z does not tell x from y.
+@pytest.mark.full
+def test_every_turn_under_the_file(
+    gyroscope_turns: list[MeasuredTurn], rig: Rig, hil_calibration: ImuCalibration, measure: Measure
+) -> None:
+    judge_turns("largest_turn_error", gyroscope_turns, rig, hil_calibration, measure)
+
+
+def judge_turns(
+    name: str, turns: Sequence[MeasuredTurn], rig: Rig, calibration: ImuCalibration, measure: Measure
+) -> None:
+    part = calibration.gyroscope
+    if part is None:
+        pytest.skip("the file calibrates no gyroscope")
+    # The table's own angle enters at both ends. A file that knows the bias alone has the data sheet's sensitivity.
+    table = Limit(max=TURN_DEG + 2.0 * rig.turntable.uncertainty_deg)
+    limit = (measure.limit("gyroscope.turn_error") or table) if part.method != "rest" else None
+    off_deg = [np.array(part.matrix) @ each.turn.integral - each.turn.turned_deg for each in turns]
+    measure(f"gyroscope.{NAME}.{name}", max(float(np.linalg.norm(each)) for each in off_deg), "deg", limit=limit)
 
 
 def test_gravity_under_the_file(known_angles: KnownAngles, measure: Measure) -> None:

@@ -67,6 +67,8 @@ MEASUREMENT_UNITS = {
     "accelerometer.calibration.norm_rms": "mg",
     "accelerometer.calibration.tilt_error": "deg",
     "gyroscope.calibration.bias_error": "dps",
+    "gyroscope.calibration.turn_error": "deg",
+    "gyroscope.calibration.largest_turn_error": "deg",
     "magnetometer.calibration.norm_rms": "%",
     "fusion.heading.rms": "deg",
     "fusion.heading.max": "deg",

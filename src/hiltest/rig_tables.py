@@ -238,6 +238,8 @@ class Procedure:
         ``direct-untrimmed``.
     dpi : {"pairs", "none"}
         Whether the magnetometer is calibrated against gravity too, on all pairs of the tumble.
+    gyroscope_calibration : {"rest", "turns"}
+        What `hiltest calibrate` does: find the bias alone, or turn about all three axes for scale and axes, too.
     further_calibrations : tuple of str
         Runs beside these, judged alike, each a calibrator and the points it gets: ``direct@100``.
     """
@@ -254,6 +256,7 @@ class Procedure:
     accelerometer_calibration: Literal["none", "six-position"] = "none"
     untrimmed_calibrations: tuple[str, ...] = ()
     dpi: Literal["pairs", "none"] = "pairs"
+    gyroscope_calibration: Literal["rest", "turns"] = "turns"
     further_calibrations: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

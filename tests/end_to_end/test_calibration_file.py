@@ -50,7 +50,7 @@ def test_the_file_is_judged_green_on_poses_that_it_is_not_made_of(judged, calibr
     assert {name for name, limit in limits.items() if limit} == {
         "heading.calibration.max", "heading.calibration.bias", "heading.calibration.max_centred",
         "accelerometer.calibration.norm_rms", "accelerometer.calibration.tilt_error",
-        "gyroscope.calibration.bias_error", "magnetometer.calibration.norm_rms",
+        "gyroscope.calibration.bias_error", "gyroscope.calibration.turn_error", "magnetometer.calibration.norm_rms",
     }
     assert "calibration: worst heading" in judged.sentence or "; calibration: " in judged.sentence
     assert judged.record["calibration"]["file"] == str(calibrated)
@@ -94,12 +94,20 @@ SWAPPED = [1, 0, 2]
         (magnetometer("soft_iron", lambda matrix: -matrix), "heading.calibration.max"),
         (magnetometer("soft_iron", lambda matrix: matrix[SWAPPED]), "heading.calibration.max"),
         (magnetometer("soft_iron", lambda matrix: 10.0 * matrix), "magnetometer.calibration.norm_rms"),
+        (changed("accelerometer", "offset", lambda counts: -counts), "accelerometer.calibration.norm_rms"),
+        (changed("accelerometer", "gain", lambda matrix: -matrix), "heading.calibration.max"),
+        (changed("accelerometer", "gain", lambda matrix: matrix[SWAPPED]), "accelerometer.calibration.tilt_error"),
+        (changed("accelerometer", "gain", lambda matrix: 9.81 * matrix), "accelerometer.calibration.norm_rms"),
+        (changed("gyroscope", "matrix", lambda matrix: -matrix), "gyroscope.calibration.turn_error"),
+        (changed("gyroscope", "matrix", lambda matrix: matrix[[2, 1, 0]]), "gyroscope.calibration.turn_error"),
+        (changed("gyroscope", "matrix", lambda matrix: np.radians(matrix)), "gyroscope.calibration.turn_error"),
         (changed("gyroscope", "bias", lambda counts: -counts), "gyroscope.calibration.bias_error"),
         (changed("gyroscope", "bias", lambda counts: 0.0625 * counts), "gyroscope.calibration.bias_error"),
         (changed("gyroscope", "bias", lambda counts: counts[SWAPPED]), "gyroscope.calibration.bias_error"),
     ],
     ids=["hard iron's sign", "hard iron in uT", "hard iron's axes", "soft iron's sign", "axes", "soft iron per uT",
-         "bias' sign", "bias in deg per s", "bias' axes"],
+         "offset's sign", "gravity's sign", "gravity's axes", "gravity in m/s2", "rate's sign", "rate's axes",
+         "rate in rad/s", "bias' sign", "bias in deg per s", "bias' axes"],
 )
 def test_a_wrong_sign_axis_or_unit_in_the_file_is_red(
     calibrated: Path, run_in, tmp_path: Path, change: Change, red: str
@@ -112,6 +120,16 @@ def test_a_wrong_sign_axis_or_unit_in_the_file_is_red(
     assert run.measured[red]["outcome"] == "fail"
     # The board's own calibrators are as good as ever: it is the file.
     assert run.measured["heading.direct.max"]["outcome"] == "pass"
+
+
+def test_a_gyroscope_whose_x_is_its_y_is_red_in_the_full_set(calibrated: Path, run_in, tmp_path: Path) -> None:
+    content = json.loads(calibrated.read_text(encoding="utf-8"))
+    changed("gyroscope", "matrix", lambda matrix: matrix[SWAPPED])(content)
+    (tmp_path / FILE).write_text(json.dumps(content), encoding="utf-8")
+    run = run_in(tmp_path, "--calibration", FILE, "--suite", "full", "--", "-k", "turn_under_the_file")
+    assert run.code == 1, run.output
+    assert run.measured["gyroscope.calibration.turn_error"]["outcome"] == "pass"
+    assert run.measured["gyroscope.calibration.largest_turn_error"]["outcome"] == "fail"
 
 
 def test_another_boards_file_ends_the_run_before_it_begins(calibrated: Path, run_in, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -13,13 +14,16 @@ from hiltest.calibration import UNBIASED
 from hiltest.calibration.acceptance import Acceptance, FitFigures, judge
 from hiltest.calibration.conditioning import ellipsoid_condition
 from hiltest.calibration.direction_error import predicted_direction_error
+from hiltest.calibration.gyroscope import GyroscopeFit
 from hiltest.errors import CalibrationError
 from hiltest.imu_calibration.contents import (
+    ACCELEROMETER_UNITS,
     FRAME,
     GYROSCOPE_UNITS,
     MAGNETOMETER_UNITS,
     MICROTESLA_PER_COUNT,
     SCHEMA,
+    AccelerometerPart,
     Figure,
     GyroscopePart,
     ImuCalibration,
@@ -28,15 +32,20 @@ from hiltest.imu_calibration.contents import (
     triple,
 )
 from hiltest.imu_calibration.owner import made_on
+from hiltest.link.gyroscope import Axis
 from hiltest.link.messages import SensorKind
 from hiltest.link.replies import DPS_PER_COUNT
 from hiltest.procedures import (
     CalibratorRun,
-    GyroscopeRestResult,
+    MeasuredTurn,
     Progress,
+    Tumble,
     Turntable,
     collect_tumble,
-    measure_gyroscope_rest,
+    fit_on_board,
+    measure_six_positions,
+    measure_turn,
+    rest_gyroscope,
     run_calibrators,
 )
 from hiltest.rig import Rig
@@ -69,7 +78,7 @@ def calibrate_imu(
     turntable : Turntable
         An operator is asked; one that turns by itself asks nobody.
     rig : Rig
-        Says how many points and seconds.
+        Says which steps, how many points and how many seconds.
     guide : Guide
     made_utc : str
         The time that the calibration gets, ISO 8601.
@@ -83,72 +92,139 @@ def calibrate_imu(
     SensorAbsentError
         When a sensor is missing.
     """
-    guide.begin(1, 2, "gyroscope")
-    turntable.rest()
-    rest = _until_good(guide, lambda: measure_gyroscope_rest(
-        board, seconds=rig.procedure.gyroscope_rest_s, progress=progress
-    ))
-    gyroscope = _gyroscope_part(board, rest)
-    guide.found("gyroscope", gyroscope.method, gyroscope.figures)
-    guide.begin(2, 2, "magnetometer")
-    magnetometer = _until_good(guide, lambda: _magnetometer(board, turntable, rig, calibrator, progress))
-    guide.found("magnetometer", magnetometer.method, magnetometer.figures)
+    led = _Led(board, turntable, rig, guide, progress)
+    accelerometer = led.step("accelerometer", led.accelerometer) if led.has_faces else None
+    gyroscope, degc = led.step("gyroscope", led.gyroscope)
+    magnetometer = led.step("magnetometer", lambda: led.magnetometer(calibrator))
     return ImuCalibration(
-        schema=SCHEMA, hiltest=__version__, made_utc=made_utc, frame=FRAME,
-        temperature_degc=float(rest.die_temperature_degc), made_on=made_on(board, rig), accelerometer=None,
-        gyroscope=gyroscope, magnetometer=magnetometer,
+        schema=SCHEMA, hiltest=__version__, made_utc=made_utc, frame=FRAME, temperature_degc=degc,
+        made_on=made_on(board, rig), accelerometer=accelerometer, gyroscope=gyroscope, magnetometer=magnetometer,
     )
 
 
-def _until_good(guide: Guide, do: Callable[[], Done]) -> Done:
-    """Do a step, and again as long as its data is refused and the guide wants it once more."""
-    while True:
-        try:
-            return do()
-        except CalibrationError as error:
-            if not guide.again(str(error)):
-                raise
+class _Led:
+    """The steps, each with the same board, table, rig and guide."""
+
+    def __init__(
+        self, board: Board, turntable: Turntable, rig: Rig, guide: Guide, progress: Progress | None
+    ) -> None:
+        self._board, self._turntable, self._rig, self._guide, self._progress = board, turntable, rig, guide, progress
+        self._step = 0
+
+    @property
+    def has_faces(self) -> bool:
+        """Whether the rig asks for the six faces and says how true they are."""
+        return self._rig.faces is not None and self._rig.procedure.accelerometer_calibration == "six-position"
+
+    def step(self, part: str, do: Callable[[], Done]) -> Done:
+        """Announce a step, do it, and do it again as long as its data is refused and the guide wants it once more."""
+        self._step += 1
+        self._guide.begin(self._step, 2 + self.has_faces, part)
+        return self._until_good(do)
+
+    def _until_good(self, do: Callable[[], Done]) -> Done:
+        while True:
+            try:
+                return do()
+            except CalibrationError as error:
+                if not self._guide.again(str(error)):
+                    raise
+
+    def accelerometer(self) -> AccelerometerPart:
+        """Put the board on its six faces; of those that are refused only these again."""
+        faces = self._rig.faces
+        assert faces is not None
+        run = measure_six_positions(
+            self._board, self._turntable, uncertainty_deg=faces.uncertainty_deg, progress=self._progress,
+            again=lambda error: self._guide.again(str(error)),
+        )
+        part = AccelerometerPart(
+            sensor=self._board.sensor(SensorKind.ACCELEROMETER).name, method=run.method, n=len(run.counts),
+            formula="gravity_g = gain * (counts - offset)", gain=matrix(run.fit.gain), offset=triple(run.fit.offset),
+            units=ACCELEROMETER_UNITS, figures=(
+                Figure("residual", run.solution.residual_mg, "mg"),
+                Figure("faces declared within", faces.uncertainty_deg, "deg"),
+            ),
+        )
+        self._guide.found("accelerometer", part.method, part.figures)
+        return part
+
+    def gyroscope(self) -> tuple[GyroscopePart, float]:
+        """Rest, and where the rig asks for it turn about each axis; return the die's temperature, too [degC]."""
+        turns = self._rig.procedure.gyroscope_calibration == "turns"
+        part, degc = self._turns() if turns else self._rests()
+        self._guide.found("gyroscope", part.method, part.figures)
+        return part, degc
+
+    def _rests(self) -> tuple[GyroscopePart, float]:
+        self._turntable.rest()
+        seconds = self._rig.procedure.gyroscope_rest_s
+        bias = rest_gyroscope(self._board, seconds=seconds, store=True, progress=self._progress)
+        after = rest_gyroscope(self._board, seconds=seconds, progress=self._progress)
+        error_dps = DPS_PER_COUNT * float(np.abs(after.corrected_mean).max())
+        figures = (Figure("error of the second rest", error_dps, "dps"),)
+        fit = GyroscopeFit(DPS_PER_COUNT * np.eye(3), bias.rate.mean)
+        return self._gyroscope_part("rest", fit, bias.n, figures), float(after.die_temperature_degc)
+
+    def _turns(self) -> tuple[GyroscopePart, float]:
+        turns = [self._until_good(partial(self._turn, axis)) for axis in (Axis.Z, Axis.X, Axis.Y)]
+        found = fit_on_board(self._board, turns, uncertainty_deg=self._rig.turntable.uncertainty_deg)
+        figures = (
+            Figure("error of the rests after", max(each.bias_error_dps for each in turns), "dps"),
+            Figure("uncertainty of scale", found.scale_uncertainty_percent, "%"),
+            Figure("uncertainty of axes", found.misalignment_uncertainty_deg, "deg"),
+        )
+        last = turns[-1].after
+        part = self._gyroscope_part("rests and turns", found.fit, last.n, figures)
+        return part, float(last.die_temperature_degc)
+
+    def _turn(self, axis: Axis) -> MeasuredTurn:
+        procedure = self._rig.procedure
+        return measure_turn(
+            self._board, self._turntable, axis, rate_dps=procedure.gyroscope_turn_dps,
+            rest_s=procedure.gyroscope_rest_s, progress=self._progress,
+        )
+
+    def _gyroscope_part(
+        self, method: str, fit: GyroscopeFit, n: int, figures: tuple[Figure, ...]
+    ) -> GyroscopePart:
+        return GyroscopePart(
+            sensor=self._board.sensor(SensorKind.GYROSCOPE).name, method=method, n=n,
+            formula="rate_dps = matrix * (counts - bias)", matrix=matrix(fit.matrix), bias=triple(fit.bias),
+            units=GYROSCOPE_UNITS, figures=figures,
+        )
+
+    def magnetometer(self, calibrator: str) -> MagnetometerPart:
+        """Tumble, and run a calibrator on all points."""
+        tumble = collect_tumble(
+            self._board, self._turntable, points=self._rig.procedure.tumble_points, progress=self._progress
+        )
+        n = len(tumble.points)
+        run = run_calibrators(self._board, tumble, calibrators=[calibrator], n=n, progress=self._progress)[calibrator]
+        figures = _figures_of(run, tumble)
+        verdict, reasons = judge(figures)
+        if verdict is Acceptance.REFUSED:
+            seen = f"{100 * tumble.coverage:.0f} % of the sphere was seen"
+            raise CalibrationError(f"magnetometer refused: {reasons[0].meaning} ({seen})")
+        part = MagnetometerPart(
+            sensor=self._board.sensor(SensorKind.MAGNETOMETER).name, method=run.calibrator, n=n,
+            formula="unit_field = soft_iron * (counts - hard_iron)", soft_iron=matrix(run.soft_iron),
+            hard_iron=triple(run.hard_iron), hard_iron_ut=triple(MICROTESLA_PER_COUNT * run.hard_iron),
+            units=MAGNETOMETER_UNITS, figures=(
+                Figure("residual", run.residual_percent, "%"),
+                Figure("residual that noise predicts", run.residual_predicted_percent, "%"),
+                Figure("predicted direction error", figures.direction_error_deg or 0.0, "deg"),
+                Figure("field strength", figures.radius_ut or 0.0, "uT"),
+                Figure("coverage of the sphere", 100.0 * tumble.coverage, "%"),
+            ),
+        )
+        self._guide.found("magnetometer", part.method, part.figures)
+        return part
 
 
-def _gyroscope_part(board: Board, rest: GyroscopeRestResult) -> GyroscopePart:
-    figures = [Figure("error of the second rest", rest.bias_error_dps, "dps")]
-    if rest.spread_dps is not None:
-        figures.append(Figure("noise of a reading, worst axis", float(rest.spread_dps.max()), "dps"))
-    return GyroscopePart(
-        sensor=board.sensor(SensorKind.GYROSCOPE).name, method="rest", n=rest.n,
-        formula="rate_dps = matrix * (counts - bias)", matrix=matrix(np.eye(3) * DPS_PER_COUNT),
-        bias=triple(rest.bias_dps / DPS_PER_COUNT), units=GYROSCOPE_UNITS, figures=tuple(figures),
-    )
-
-
-def _magnetometer(
-    board: Board, turntable: Turntable, rig: Rig, calibrator: str, progress: Progress | None
-) -> MagnetometerPart:
-    """Tumble, and run a calibrator on all points."""
-    tumble = collect_tumble(board, turntable, points=rig.procedure.tumble_points, progress=progress)
-    n = len(tumble.points)
-    run = run_calibrators(board, tumble, calibrators=[calibrator], n=n, progress=progress)[calibrator]
-    figures = _figures_of(run, tumble.points)
-    verdict, reasons = judge(figures)
-    if verdict is Acceptance.REFUSED:
-        raise CalibrationError(f"magnetometer refused: {reasons[0].meaning} ({100 * tumble.coverage:.0f} % of the "
-                               "sphere was seen)")
-    return MagnetometerPart(
-        sensor=board.sensor(SensorKind.MAGNETOMETER).name, method=run.calibrator, n=n,
-        formula="unit_field = soft_iron * (counts - hard_iron)", soft_iron=matrix(run.soft_iron),
-        hard_iron=triple(run.hard_iron), hard_iron_ut=triple(MICROTESLA_PER_COUNT * run.hard_iron),
-        units=MAGNETOMETER_UNITS, figures=(
-            Figure("residual", run.residual_percent, "%"),
-            Figure("residual that noise predicts", run.residual_predicted_percent, "%"),
-            Figure("predicted direction error", figures.direction_error_deg or 0.0, "deg"),
-            Figure("field strength", figures.radius_ut or 0.0, "uT"),
-            Figure("coverage of the sphere", 100.0 * tumble.coverage, "%"),
-        ),
-    )
-
-
-def _figures_of(run: CalibratorRun, points: np.ndarray) -> FitFigures:
+def _figures_of(run: CalibratorRun, tumble: Tumble) -> FitFigures:
     """Return what a calibration is judged by, as `hiltest fit` judges one."""
+    points = tumble.points
     if not run.usable:
         return FitFigures(run.fit, ellipsoid_condition(points), n=len(points))
     unbiased = run.calibrator in UNBIASED and run.iterations > 0

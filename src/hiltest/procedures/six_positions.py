@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,11 +20,11 @@ from hiltest.calibration.accelerometer import (
     is_on_face,
     offset_error_mg,
 )
-from hiltest.calibration.still_pose import FACES, Face
+from hiltest.calibration.still_pose import FACES, Face, StillPose
 from hiltest.errors import FaceError
 from hiltest.link.accelerometer import FitAccelerometer, SetAccelerometer
 from hiltest.link.messages import Average, SensorKind
-from hiltest.link.poses import AddPose, ClearPoses, Poses
+from hiltest.link.poses import MAX_TRANSFER, AddPose, ClearPoses, Poses, UploadPoses
 from hiltest.link.replies import RunCost, Statistic
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.turntables import FACE_WORDS, Turntable
@@ -75,7 +75,8 @@ class AccelerometerRun:
 
 
 def measure_six_positions(
-    board: Board, turntable: Turntable, *, uncertainty_deg: float, progress: Progress | None = None
+    board: Board, turntable: Turntable, *, uncertainty_deg: float, progress: Progress | None = None,
+    again: Callable[[FaceError], bool] | None = None,
 ) -> AccelerometerRun:
     """Put the board on each face for a second, and let it fit gain and offset to them.
 
@@ -86,6 +87,8 @@ def measure_six_positions(
     turntable : Turntable
     uncertainty_deg : float
         How true the faces are declared to be.
+    again : callable, optional
+        Asked when a face is refused, whether it is taken once more; those that were not at fault stay.
 
     Raises
     ------
@@ -99,15 +102,50 @@ def measure_six_positions(
     for kind in (SensorKind.ACCELEROMETER, SensorKind.MAGNETOMETER):
         board.sensor(kind)
     board.session.request(ClearPoses())
+    while True:
+        try:
+            degc = _take_missing(board, turntable, tell)
+            run = fit_poses(board, "six-position", len(FACES), degc)
+            _refuse_contradiction(run, uncertainty_deg)
+        except FaceError as error:
+            if again is None or not again(error):
+                raise
+            _forget(board, error.faces or FACES)
+        else:
+            turntable.rest()
+            return run
+
+
+def _take_missing(board: Board, turntable: Turntable, tell: Progress) -> int:
+    """Take the faces that the buffer lacks, and leave it in their order; return the die's temperature [degC]."""
+    held = {pose.face for pose in _stored(board)}
+    degc = 0
     for number, face in enumerate(FACES):
-        tell("six faces", number, len(FACES))
-        turntable.turn_to_face(face)
-        degc = _take(board, face)
+        if face not in held:
+            tell("six faces", number, len(FACES))
+            turntable.turn_to_face(face)
+            degc = _take(board, face)
     tell("six faces", len(FACES), len(FACES))
-    turntable.rest()
-    run = fit_poses(board, "six-position", len(FACES), degc)
-    _refuse_contradiction(run, uncertainty_deg)
-    return run
+    if held:
+        _store(board, sorted(_stored(board), key=lambda pose: pose.face))
+    return degc
+
+
+def _forget(board: Board, faces: Sequence[int]) -> None:
+    """Take the poses on some faces out of the board's buffer."""
+    _store(board, [pose for pose in _stored(board) if pose.face not in faces])
+
+
+def _stored(board: Board) -> list[StillPose]:
+    """Read every pose of the board's buffer, which holds no more than the faces, each perhaps once too often."""
+    stored = board.session.request(Poses(0, MAX_TRANSFER))
+    return list(stored)
+
+
+def _store(board: Board, poses: Sequence[StillPose]) -> None:
+    board.session.request(ClearPoses())
+    if poses:
+        board.session.request(UploadPoses(0, poses))
 
 
 def fit_poses(board: Board, method: str, n: int, die_temperature_degc: int) -> AccelerometerRun:
@@ -173,12 +211,12 @@ def _take(board: Board, face: Face) -> int:
     if not is_on_face(taken.mean, face):
         raise FaceError(
             f"asked for {FACE_WORDS[face]}, and the board reads {_grams(taken.mean)}: it lies {_seen(taken.mean)}; "
-            "put it on the face that is asked for, and begin again", faces=[face],
+            "put it on the face that is asked for", faces=[face],
         )
     moved = _movement(taken, after)
     if moved:
         raise FaceError(
-            f"the board moved while it lay {FACE_WORDS[face]}: {moved}; leave it alone for a second, and begin again",
+            f"the board moved while it lay {FACE_WORDS[face]}: {moved}; leave it alone for a second",
             faces=[face],
         )
     return reply.die_temperature_degc
@@ -211,7 +249,7 @@ def _refuse_contradiction(run: AccelerometerRun, uncertainty_deg: float) -> None
         raise FaceError(
             f"the faces contradict each other: one of {_named(pair)} is askew by some {askew_deg:.1f} deg (the fit "
             f"leaves {left_mg[worst]:.1f} mg there; faces within {uncertainty_deg:g} deg leave at most "
-            f"{allowed_mg:.1f}); put the board flat on both, and begin again", faces=[int(face) for face in pair],
+            f"{allowed_mg:.1f}); put the board flat on both", faces=[int(face) for face in pair],
         )
 
 
