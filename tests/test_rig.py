@@ -126,6 +126,46 @@ def test_the_rotated_rig_is_the_default_one_with_its_soft_iron_turned_by_three_d
             assert rotated.world.soft_iron[row][column] == pytest.approx(product, abs=5.1e-7)  # six digits in the file
 
 
+def test_the_untrimmed_rig_is_the_default_bench_with_a_part_that_was_never_trimmed():
+    default, untrimmed = load_rig(DEFAULT), load_rig(RIGS / "virtual-k64f-untrimmed.toml")
+    assert untrimmed.world.accelerometer_offset_mg == (20.0, -20.0, 20.0)
+    gains = [untrimmed.world.accelerometer_response[axis][axis] for axis in range(3)]
+    assert gains == pytest.approx([1.025, 0.975, 1.025], abs=1e-12)
+    for key in ("soft_iron", "hard_iron_ut", "face_errors_deg", "mag3110_noise_ut", "mounting_yaw_deg"):
+        assert getattr(untrimmed.world, key) == getattr(default.world, key)
+    assert untrimmed.limits["heading.direct-untrimmed.max"] == Limit(min=4.0)
+
+
+def test_the_true_faces_are_within_what_is_declared():
+    for name in ("virtual-k64f", "virtual-k64f-rotated", "virtual-k64f-untrimmed"):
+        rig = load_rig(RIGS / f"{name}.toml")
+        assert max(math.hypot(*turn) for turn in rig.world.face_errors_deg) <= rig.faces.uncertainty_deg
+        # The turn about the vertical would be none of the face's.
+        assert all(turn[face // 2] == 0.0 for face, turn in enumerate(rig.world.face_errors_deg))
+
+
+def test_coarse_faces_are_no_reference_for_a_fine_heading(edited):
+    with pytest.raises(ConfigError) as caught:
+        edited("[faces]\nuncertainty_deg = 0.1", "[faces]\nuncertainty_deg = 0.21")
+    message = str(caught.value)
+    assert f"bench.toml:{line_of('[faces]') + 1}: faces.uncertainty_deg of 0.21 deg" in message
+    assert "too coarse a reference for limits.heading.direct.max of 1.8 deg (" in message
+    assert "bench.toml:{})".format(line_of('"heading.direct.max"')) in message
+    assert edited("[faces]\nuncertainty_deg = 0.1", "[faces]\nuncertainty_deg = 0.2").faces.uncertainty_deg == 0.2
+
+
+def test_faces_that_are_not_used_may_be_coarse(edited, tmp_path):
+    text = DEFAULT.read_text(encoding="utf-8").replace('_calibration = "six-position"', '_calibration = "none"')
+    text = text.replace("[faces]\nuncertainty_deg = 0.1", "[faces]\nuncertainty_deg = 2.0")
+    (tmp_path / "hand.toml").write_text(text, encoding="utf-8")
+    assert load_rig(tmp_path / "hand.toml").procedure.accelerometer_calibration == "none"
+
+
+def test_six_positions_need_declared_faces(edited):
+    with pytest.raises(ConfigError, match=r"faces: is missing: procedure\.accelerometer_calibration"):
+        edited("[faces]\nuncertainty_deg = 0.1\n", "")
+
+
 def test_an_unknown_key_is_named_with_its_line_and_the_nearest_known_one(edited):
     with pytest.raises(UnknownKeyError) as caught:
         edited("dip_deg = 62.0", "dipp_deg = 62.0")
@@ -181,6 +221,12 @@ def test_every_table_knows_its_keys(edited, old, new, nearest):
             "temperature_degc = 25.0", "temperature_end_degc = 40.0\ntemperature_time_constant_s = 0.0",
             "world.temperature_time_constant_s", "must be above 0",
         ),
+        ("[faces]\nuncertainty_deg = 0.1", "[faces]\nuncertainty_deg = 0", "faces.uncertainty_deg", "must be above 0"),
+        ('"six-position"', '"twelve-position"', "procedure.accelerometer_calibration", "'none' or 'six-position'"),
+        ("[ 0.00,  0.08, -0.05]", "[ 0.01,  0.08, -0.05]", "world.accelerometer_cross_axis_percent", "diagonal"),
+        ("  [ 0.05,  0.00,  0.06],\n", "", "world.face_errors_deg", "each of the six faces"),
+        ('accelerometer_calibration = "six-position"', 'untrimmed_calibrations = ["direct"]',
+         "procedure.untrimmed_calibrations", "nothing to leave out"),
         ("temperature_degc = 25.0", 'fitted = ["mpu6050"]', "world.fitted", "known parts: mag3110"),
     ],
 )

@@ -24,6 +24,8 @@ SOFT_IRON = """soft_iron = [
   [-0.006,  0.009,  1.004],
 ]"""
 ACCELEROMETER = "accelerometer_offset_mg = [1.2, -1.5, 2.0]"
+# Six faces take any offset off: what one does to a heading shows where they are left out.
+NO_FACES = ('accelerometer_calibration = "six-position"', 'accelerometer_calibration = "none"')
 MOUNTING = """[mounting]
 yaw_deg = 1.7                             # board heading = table heading + this, at every tilt
 uncertainty_deg = 0.2
@@ -110,7 +112,7 @@ def test_over_tilted_poses_the_same_rotation_is_no_constant(
 
 
 def test_a_bad_accelerometer_is_named_first(run_in, edited: Callable[..., str], tmp_path: Path) -> None:
-    rig = edited((ACCELEROMETER, "accelerometer_offset_mg = [60.0, -50.0, 40.0]"))
+    rig = edited((ACCELEROMETER, "accelerometer_offset_mg = [60.0, -50.0, 40.0]"), NO_FACES)
     run = run_in(tmp_path, "--rig", rig, *SUITES)
     assert run.code == 1
     assert "(accelerometer)" in run.sentence
@@ -120,7 +122,9 @@ def test_a_bad_accelerometer_is_named_first(run_in, edited: Callable[..., str], 
 def test_a_horizontal_offset_that_the_norm_hardly_sees_is_still_the_accelerometer(
     run_in, edited: Callable[..., str], tmp_path: Path
 ) -> None:
-    rig = edited((ACCELEROMETER, "accelerometer_offset_mg = [20.0, 0.0, 0.0]"))
+    # The part's gains alone make 2 to 3 mg of the norm: its limit here is that of a part without faces.
+    limit = ('"accelerometer.norm_rms" = { max = 1.0', '"accelerometer.norm_rms" = { max = 6.0')
+    rig = edited((ACCELEROMETER, "accelerometer_offset_mg = [20.0, 0.0, 0.0]"), NO_FACES, limit)
     run = run_in(tmp_path, "--rig", rig, *SUITES)
     assert run.code == 1
     assert run.measured["accelerometer.norm_rms"]["outcome"] == "pass"
@@ -128,6 +132,22 @@ def test_a_horizontal_offset_that_the_norm_hardly_sees_is_still_the_acceleromete
     assert run.value("accelerometer.tilt_error") == pytest.approx(np.degrees(0.020), abs=0.25)
     assert "(accelerometer)" in run.sentence
     assert "accelerometer.tilt_error" in run.sentence
+
+
+def test_six_faces_take_off_what_a_bad_accelerometer_does(
+    run_in, edited: Callable[..., str], tmp_path: Path
+) -> None:
+    rig = edited((ACCELEROMETER, "accelerometer_offset_mg = [60.0, -50.0, 40.0]"))
+    run = run_in(tmp_path, "--rig", rig, "--poses", "level", *SUITES)
+    assert run.code == 0, run.output
+    assert run.value("accelerometer.untrimmed_norm_rms") > 30.0
+
+
+def test_a_face_that_is_askew_is_named_and_ends_red(run_in, edited: Callable[..., str], tmp_path: Path) -> None:
+    rig = edited(("  [ 0.05,  0.00,  0.06],", "  [ 0.90,  0.00,  0.06],"))
+    run = run_in(tmp_path, "--rig", rig, "--poses", "level", *SUITES)
+    assert run.code == 1
+    assert "one of right side down (+y down), left side down (-y down) is askew by some 0.8 deg" in run.output
 
 
 def test_points_on_a_part_of_the_sphere_are_poor_coverage(

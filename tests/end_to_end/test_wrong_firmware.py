@@ -65,7 +65,7 @@ def run_edited(tmp_path: Path, copy_of_the_firmware: Path) -> RunEdited:
         subprocess.run(["cmake", "--build", str(build)], check=True, capture_output=True, timeout=WALL_LIMIT_S)
         shutil.copyfile(build / "hiltest-frdm-k64f.elf", elf)
 
-    def run(file: str, old: str, new: str) -> Ended:
+    def run(file: str, old: str, new: str, *, rig: str = "virtual-k64f") -> Ended:
         source = copy_of_the_firmware / file
         text = source.read_text()
         assert text.count(old) == 1, f"{file}: the line to edit is there {text.count(old)} times"
@@ -76,7 +76,7 @@ def run_edited(tmp_path: Path, copy_of_the_firmware: Path) -> RunEdited:
             source.write_text(text)
         out = tmp_path / "out"
         command = [sys.executable, "-m", "hiltest", "run", "--poses", "level", "--out", str(out)]
-        command += ["--firmware", str(tmp_path / "edited.elf"), *SUITES]
+        command += ["--rig", rig, "--firmware", str(tmp_path / "edited.elf"), *SUITES]
         done = subprocess.run(command, capture_output=True, text=True, timeout=WALL_LIMIT_S, cwd=tmp_path)
         record = json.loads((out / "run.json").read_text())
         return Ended(done.returncode, done.stdout + done.stderr, record)
@@ -150,6 +150,41 @@ def test_axes_of_gravity_in_a_circle_make_every_heading_wrong(run_edited: RunEdi
     assert ended.exit_code == 1, ended.output
     assert ended.value("fit.dpi.rotation_left") == pytest.approx(120.0, abs=1.0)
     assert ended.value("heading.dpi.max") > 45
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new"),
+    [
+        (
+            "calibration/accelerometer_calibration.c",
+            "const float x = counts[0] - calibration->offset[0];",
+            "const float x = counts[0] + calibration->offset[0];",
+        ),
+        (
+            "calibration/accelerometer_calibration.c",
+            "const float x = counts[0] - calibration->offset[0];",
+            "const float x = counts[0] - calibration->offset[1];",
+        ),
+        (
+            "app/accelerometer_commands.c",
+            "    slot_set_accelerometer(slot, &calibration);",
+            "    for (int i = 0; i < 3; i++) {\n"
+            "        calibration.offset[i] *= 1000.0f * ACCELEROMETER_G_PER_COUNT;\n"
+            "    }\n"
+            "    slot_set_accelerometer(slot, &calibration);",
+        ),
+    ],
+    ids=["sign", "axis", "unit"],
+)
+def test_an_accelerometer_calibration_of_the_wrong_sign_axis_or_unit_is_red(
+    run_edited: RunEdited, file: str, old: str, new: str
+) -> None:
+    ended = run_edited(file, old, new, rig="virtual-k64f-untrimmed")
+    assert ended.exit_code == 1, ended.output
+    # 20 mg that stay, or come twice, on one axis alone: 1.1 degrees of tilt at least, times tan(62).
+    assert ended.value("heading.direct.max") > 2.0
+    assert ended.value("accelerometer.tilt_error") > 0.3
+    assert ended.value("accelerometer.six_position.offset_error") < 1.2  # the fit itself is right
 
 
 def test_firmware_that_hangs_is_a_lost_bench_with_all_measured_before_kept(run_edited: RunEdited) -> None:
