@@ -147,7 +147,8 @@ def test_a_face_that_is_askew_is_named_and_ends_red(run_in, edited: Callable[...
     rig = edited(("  [ 0.05,  0.00,  0.06],", "  [ 0.90,  0.00,  0.06],"))
     run = run_in(tmp_path, "--rig", rig, "--poses", "level", *SUITES)
     assert run.code == 1
-    assert "one of right side down (+y down), left side down (-y down) is askew by some 0.8 deg" in run.output
+    # 0.9 of it, and what the other faces' own errors, below 0.1, put on top.
+    assert "one of right side down (+y down), left side down (-y down) is askew by some 1.0 deg" in run.output
 
 
 def test_points_on_a_part_of_the_sphere_are_poor_coverage(
