@@ -7,6 +7,7 @@ They share one copy of the sources and its build folder: of each, only what incl
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -185,6 +186,37 @@ def test_an_accelerometer_calibration_of_the_wrong_sign_axis_or_unit_is_red(
     assert ended.value("heading.direct.max") > 2.0
     assert ended.value("accelerometer.tilt_error") > 0.3
     assert ended.value("accelerometer.six_position.offset_error") < 1.2  # the fit itself is right
+
+
+GYROSCOPE_AXES = """void axes_gyroscope(const int16_t sensor[3], int16_t body[3])
+{
+    body[0] = negated(sensor[1]);
+    body[1] = negated(sensor[0]);
+    body[2] = negated(sensor[2]);
+"""
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "felt"),
+    [
+        ("sensors/axes.c", GYROSCOPE_AXES, GYROSCOPE_AXES.replace("negated(sensor[2])", "limited(sensor[2])"),
+         r"\(.*, .*, -36\d\) deg"),
+        ("sensors/axes.c", GYROSCOPE_AXES, GYROSCOPE_AXES.replace("sensor[1]", "sensor[2]", 1).replace(
+            "[2] = negated(sensor[2])", "[2] = negated(sensor[1])"), r"\(\+36\d, .*, .*\) deg"),
+        # The part's range doubled, which halves its counts.
+        ("sensors/fxas21002.c", "CTRL_REG3_WRAP_TO_ONE 0x08u", "CTRL_REG3_WRAP_TO_ONE 0x09u",
+         r"\(.*, .*, \+18\d\) deg"),
+    ],
+    ids=["sign", "axis", "unit"],
+)  # fmt: skip
+def test_a_gyroscope_of_wrong_sign_axis_or_unit_is_red(
+    run_edited: RunEdited, file: str, old: str, new: str, felt: str
+) -> None:
+    ended = run_edited(file, old, new)
+    assert ended.exit_code == 1, ended.output
+    told = " ".join(ended.output.split())
+    assert re.search(rf"felt {felt} about x, y, z where \+360 about z", told), ended.output
+    assert ended.measurement("gyroscope.scale_error.z") is None
 
 
 def test_firmware_that_hangs_is_a_lost_bench_with_all_measured_before_kept(run_edited: RunEdited) -> None:
