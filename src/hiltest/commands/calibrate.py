@@ -43,7 +43,7 @@ Exit codes:
               help="Firmware for the virtual board.  [default: the packaged one]")
 @click.option("--seed", metavar="N", callback=checked(seed), help="Seed of the simulated world.  [default: the rig's]")
 @click.option("--calibrator", metavar="NAME", default="corrected", show_default=True,
-              help="Of the firmware, for the magnetometer.")
+              help="Of the firmware, for the magnetometer; dpi calibrates it against gravity.")
 @click.option("--out", metavar="FILE", default=DEFAULT_FILE, show_default=True,
               type=click.Path(dir_okay=False, path_type=Path),
               help="Calibration file; the C header beside it has the same name and ends in .h.")
@@ -56,6 +56,7 @@ def calibrate(
     asks again for what was refused. Judge the file on other poses: hiltest run --calibration FILE.
     """
     from hiltest.boards import open_board
+    from hiltest.procedures import DPI
     from hiltest.rig_file import load_rig
 
     header = out.with_suffix(".h")
@@ -64,9 +65,9 @@ def calibrate(
     with open_board(
         described, firmware=Path(firmware) if firmware else None, port=hil_port, seed=int(seed) if seed else None
     ) as board:
-        if calibrator not in board.identity.calibrators:
-            raise ConfigError(f"the firmware has no calibrator {calibrator!r}; it has "
-                              f"{', '.join(board.identity.calibrators)}")
+        known = (*board.identity.calibrators, DPI)
+        if calibrator not in known:
+            raise ConfigError(f"the firmware has no calibrator {calibrator!r}; it has {', '.join(known)}")
         click.echo(f"{board.description}; rig {described.name} ({described.path})")
         made = _led_through(board, described, calibrator)
     _write(made, out, header)

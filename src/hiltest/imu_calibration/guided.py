@@ -15,7 +15,7 @@ from hiltest.calibration.acceptance import Acceptance, FitFigures, judge
 from hiltest.calibration.conditioning import ellipsoid_condition
 from hiltest.calibration.direction_error import predicted_direction_error
 from hiltest.calibration.gyroscope import GyroscopeFit
-from hiltest.errors import CalibrationError
+from hiltest.errors import CalibrationError, ConfigError
 from hiltest.imu_calibration.contents import (
     ACCELEROMETER_UNITS,
     FRAME,
@@ -36,6 +36,8 @@ from hiltest.link.gyroscope import Axis
 from hiltest.link.messages import SensorKind
 from hiltest.link.replies import DPS_PER_COUNT
 from hiltest.procedures import (
+    DPI,
+    UNCALIBRATED_SLOT,
     CalibratorRun,
     MeasuredTurn,
     Progress,
@@ -43,10 +45,12 @@ from hiltest.procedures import (
     Turntable,
     collect_tumble,
     fit_on_board,
+    fit_tumble,
     measure_six_positions,
     measure_turn,
     rest_gyroscope,
     run_calibrators,
+    store_accelerometer,
 )
 from hiltest.rig import Rig
 
@@ -83,16 +87,23 @@ def calibrate_imu(
     made_utc : str
         The time that the calibration gets, ISO 8601.
     calibrator : str
-        Of the firmware, for the magnetometer.
+        Of the firmware, for the magnetometer; `DPI` calibrates it against gravity.
 
     Raises
     ------
+    ConfigError
+        When `dpi` is asked for, and the rig asks for no calibration of the accelerometer.
     CalibrationError
         When a step's data supports no calibration and it is not done again; says why.
     SensorAbsentError
         When a sensor is missing.
     """
     led = _Led(board, turntable, rig, guide, progress)
+    if calibrator == DPI and not led.has_faces:
+        raise ConfigError(
+            f"{DPI} holds the magnetometer against a calibrated accelerometer, and {rig.path} asks for none: set "
+            'accelerometer_calibration = "six-position" under [procedure], with [faces], or take another calibrator'
+        )
     accelerometer = led.step("accelerometer", led.accelerometer) if led.has_faces else None
     gyroscope, degc = led.step("gyroscope", led.gyroscope)
     magnetometer = led.step("magnetometer", lambda: led.magnetometer(calibrator))
@@ -138,6 +149,7 @@ class _Led:
             self._board, self._turntable, uncertainty_deg=faces.uncertainty_deg, progress=self._progress,
             again=lambda error: self._guide.again(str(error)),
         )
+        store_accelerometer(self._board, run.fit, [UNCALIBRATED_SLOT])  # what `dpi` corrects gravity by
         part = AccelerometerPart(
             sensor=self._board.sensor(SensorKind.ACCELEROMETER).name, method=run.method, n=len(run.counts),
             formula="gravity_g = gain * (counts - offset)", gain=matrix(run.fit.gain), offset=triple(run.fit.offset),
@@ -200,7 +212,11 @@ class _Led:
             self._board, self._turntable, points=self._rig.procedure.tumble_points, progress=self._progress
         )
         n = len(tumble.points)
-        run = run_calibrators(self._board, tumble, calibrators=[calibrator], n=n, progress=self._progress)[calibrator]
+        if calibrator == DPI:
+            run = fit_tumble(self._board, tumble, slot=1, dip_deg=self._rig.field.dip_deg).run
+        else:
+            found = run_calibrators(self._board, tumble, calibrators=[calibrator], n=n, progress=self._progress)
+            run = found[calibrator]
         figures = _figures_of(run, tumble)
         verdict, reasons = judge(figures)
         if verdict is Acceptance.REFUSED:
