@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from hiltest.angles import Pose
+from hiltest.calibration.still_pose import FACES
+from hiltest.procedures.turntables import FACE_WORDS
 from hiltest.rig import Rig
 
 StartPtyBoard = Callable[[Rig], Any]
@@ -38,6 +40,8 @@ def test_an_operator_is_asked_at_the_terminal_and_the_headings_are_judged(
         pose = re.search(r"heading (\S+), pitch (\S+), roll (\S+) and", question)
         if pose:
             paced.bench.turn_to(Pose(*(float(angle) for angle in pose.groups())))
+        elif face := re.search(r"put the board (.+), square on", question):
+            paced.bench.turn_to(next(each.pose for each in FACES if FACE_WORDS[each] == face[1]))
         elif "all round" in question:
             paced.bench.tumble(2.0)
         return "\n"
@@ -45,6 +49,7 @@ def test_an_operator_is_asked_at_the_terminal_and_the_headings_are_judged(
     ended = at_a_terminal(command(operators_rig_file, paced.path), operators_rig_file.parent, answer)
     assert ended.code == 0, ended.shown
     assert "pose 4: turn to heading 270" in ended.shown
+    assert "face 6 of 6: put the board upside down" in ended.shown
     values = measured(operators_rig_file)
     assert values["heading.direct.max"] < 1.8  # the rig's limit
     assert values["fit.direct.offset_error"] is None  # nobody knows the truth of a real board
