@@ -3,10 +3,10 @@
 #include "boards/time_base.h"
 #include "points_buffer.h"
 
-/** What was read, and when it became ready. */
+/** What was read, and between which times it became ready. */
 typedef struct {
     int16_t body[3];
-    uint64_t instant_us;
+    uint64_t earliest_us, latest_us;
 } reading_t;
 
 typedef struct {
@@ -20,21 +20,27 @@ static reading_t reading_of(const sampler_t *sampler, const sample_t *sample)
 {
     return (reading_t){
         .body = {sample->body[0], sample->body[1], sample->body[2]},
-        .instant_us = sampler_instant_us(sampler),
+        .earliest_us = sampler->earliest_us,
+        .latest_us = sampler->latest_us,
     };
+}
+
+static int64_t twice_the_middle_us(const reading_t *reading)
+{
+    return (int64_t)(reading->earliest_us + reading->latest_us);
 }
 
 /** Store the point, with the acceleration from the line between the two readings around it. */
 static void store_pair(collector_t *collector)
 {
     const reading_t *const before = &collector->before, *const after = &collector->after;
-    const int32_t span_us = (int32_t)(after->instant_us - before->instant_us);
-    const uint64_t at_us = collector->point.instant_us;
-    const int32_t gone_us = at_us > before->instant_us ? (int32_t)(at_us - before->instant_us) : 0;
+    const int64_t span = twice_the_middle_us(after) - twice_the_middle_us(before);
+    const int64_t passed = twice_the_middle_us(&collector->point) - twice_the_middle_us(before);
+    const int64_t gone = passed > 0 ? passed : 0; /* bounds may move while they narrow */
     int16_t acceleration[3];
     for (uint32_t axis = 0; axis < 3u; axis++) {
         const int32_t step = after->body[axis] - before->body[axis];
-        const int64_t part = span_us > 0 ? (int64_t)step * gone_us / span_us : step;
+        const int64_t part = gone < span ? step * gone / span : step;
         acceleration[axis] = (int16_t)(before->body[axis] + part);
     }
     (void)points_store(collector->point.body, acceleration); /* there is room */
@@ -91,7 +97,8 @@ sensor_status_t collect_pairs(const sensor_t *magnetometer, const sensor_t *acce
             return SENSOR_TIMED_OUT;
         }
         status = look(&collector);
-        if (collector.is_waiting && collector.after.instant_us >= collector.point.instant_us) {
+        /* Surely behind it. Were it only likely, two instants that are the same would end a run now or 5 ms later, by chance. */
+        if (collector.is_waiting && collector.after.earliest_us >= collector.point.latest_us) {
             store_pair(&collector);
             stored++;
         }

@@ -44,11 +44,6 @@ static void bound_instant(sampler_t *sampler, uint64_t now_us, bool overrun)
     }
 }
 
-uint64_t sampler_instant_us(const sampler_t *sampler)
-{
-    return (sampler->earliest_us + sampler->latest_us) / 2u;
-}
-
 sensor_status_t sampler_look(sampler_t *sampler, sample_t *sample)
 {
     const uint32_t period_us = sampler->sensor->driver->period_us;

@@ -34,7 +34,4 @@ sensor_status_t sampler_look(sampler_t *sampler, sample_t *sample);
 /** Sleep and look until a sample comes; SENSOR_TIMED_OUT at the deadline [us]. */
 sensor_status_t sampler_next(sampler_t *sampler, sample_t *sample, uint64_t deadline_us);
 
-/** When the sample that was found last became ready, as far as the looks tell [us]; before the first sample it means nothing. */
-uint64_t sampler_instant_us(const sampler_t *sampler);
-
 #endif

@@ -84,8 +84,15 @@ def test_the_full_set_measures_more_and_nothing_otherwise(good_run, full_run) ->
         "accelerometer", "budget", "cycles", "fusion", "gyroscope",
     }
     assert {"fit.dpi-poses.n_used", "heading.dpi-poses.max"} <= more
-    same = [each for each in gate if not gate[each]["volatile"] and each != "board.virtual_seconds"]
-    assert [full[each]["value"] for each in same] == [gate[each]["value"] for each in same]
+    same = {each for each in gate if not gate[each]["volatile"] and each != "board.virtual_seconds"}
+    # Gravity is of an instant that looks at the sensors bound, and when these come hangs on the bytes on the line:
+    # 0.1 ms of a tumble of 560 deg/s are 0.06 degrees.
+    of_an_instant = {each for each in same if each.startswith(("fit.dpi.", "heading.dpi."))}
+    assert {name: full[name]["value"] for name in same - of_an_instant} == {
+        name: gate[name]["value"] for name in same - of_an_instant
+    }
+    for name in ("heading.dpi.max", "heading.dpi.rms", "fit.dpi.rotation_left", "fit.dpi.dip"):
+        assert full[name]["value"] == pytest.approx(gate[name]["value"], abs=0.15)
 
 
 def test_error_against_cycles_ends_where_the_calibrators_do(full_run) -> None:
