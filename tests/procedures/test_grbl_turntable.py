@@ -17,6 +17,7 @@ from hiltest.boards.grbl_table import GrblTable
 from hiltest.boards.lines import PseudoTerminal
 from hiltest.boards.paced import PacedBench
 from hiltest.boards.table_axes import TableAxes
+from hiltest.calibration.still_pose import Face
 from hiltest.errors import TurntableError
 from hiltest.link import grbl
 from hiltest.link.gyroscope import Axis
@@ -137,6 +138,22 @@ def test_a_turn_begins_after_it_has_come_back_and_is_over_when_it_says(bench: Be
     assert turn.end_s - turn.start_s == pytest.approx(2.0, abs=0.05)
     assert turn.end_s - before_s <= takes_s - AFTER_TURN_S + 0.2
     assert bench.pose == Pose(1.7, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("face", [Face.MINUS_X, Face.PLUS_Y, Face.MINUS_Z])
+def test_it_puts_the_board_on_a_face(bench: Bench, table: GrblTurntable, face: Face) -> None:
+    table.turn_to_face(face)
+    gravity_g = bench.world.at(bench.machine.time_s).gravity_body_g
+    assert gravity_g == pytest.approx(face.gravity_g, abs=1e-9)
+
+
+def test_a_table_that_does_not_reach_a_face_says_which_and_what_to_do(
+    table: GrblTurntable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(grbl_table, "FURTHEST_DEG", 45.0)
+    words = r'cannot put the board nose up \(pitch \+90, .*error:33.* accelerometer_calibration = "none"'
+    with pytest.raises(TurntableError, match=words):
+        table.turn_to_face(Face.MINUS_X)
 
 
 def test_a_table_that_cannot_tilt_so_far_says_so(table: GrblTurntable, monkeypatch: pytest.MonkeyPatch) -> None:
