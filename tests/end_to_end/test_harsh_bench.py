@@ -59,11 +59,12 @@ def test_what_iterative_does_there_is_shown_and_not_judged(harsh_run) -> None:
 
 
 def test_outside_of_what_was_covered_the_same_fit_is_several_degrees_worse(harsh_run, run_in, tmp_path: Path) -> None:
-    outside = run_in(tmp_path, "--rig", f"{HARSH}-outside", *SUITES)
+    # All poses: where the ellipsoid errs is the noise's choice, and twelve headings on a level board may miss it.
+    outside = run_in(tmp_path, "--rig", f"{HARSH}-outside", "--", "-k", "identity or heading")
     assert outside.code == 0, outside.output
     assert outside.value("fit.direct.residual") == pytest.approx(harsh_run.value("fit.direct.residual"), rel=0.1)
-    # Simulated over 3000 seeds and all poses: 4.0 in the median, against 1.3 inside.
-    assert outside.value("heading.direct.max") > 1.5 * harsh_run.value("heading.direct.max")
+    # Simulated over 3000 seeds and all poses: 4.0 in the median, against 1.3 inside, where 2.3 is the limit.
+    assert outside.value("heading.direct.max") > 2.3
     assert outside.measured["heading.direct.max"]["outcome"] == "information"
 
 
@@ -73,9 +74,10 @@ def test_a_fifth_of_the_sphere_is_refused_by_name(run_in, tmp_path: Path) -> Non
     assert run.measured["fit.direct.status"]["outcome"] == "fail"
     assert run.value("fit.direct.status") == 2
     assert run.value("fit.direct.coverage") > 30.0
-    # Level, a sphere would do: the run is red by the fit alone.
-    assert run.measured["heading.direct.max"]["outcome"] == "pass"
-    assert "Out of limit: fit.direct.status 2 (exactly 0), fit.direct@100.status 2 (exactly 0)." in run.sentence
+    # Whether the sphere that was fitted would do for a level board is the noise's choice.
+    assert "(poor coverage: only a sphere was fitted" in run.sentence or (
+        "Out of limit: fit.direct.status 2 (exactly 0), fit.direct@100.status 2 (exactly 0)." in run.sentence
+    )
 
 
 def test_a_noisier_part_and_a_weaker_hard_iron_are_red_by_name(run_in, tmp_path: Path) -> None:
