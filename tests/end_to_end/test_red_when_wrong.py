@@ -190,13 +190,14 @@ def test_a_gyroscope_that_drifts_while_the_board_warms_up_fails_its_bias(
     run_in, edited: Callable[..., str], tmp_path: Path
 ) -> None:
     warm_up = "temperature_degc = 25.0\ntemperature_end_degc = 45.0\ntemperature_time_constant_s = 20.0\n"
-    drift = "[world.drift]\ngyroscope_bias_dps_per_degc = [0.0, 0.2, 0.0]\n"
+    drift = "[world.drift]\ngyroscope_bias_dps_per_degc = [0.0, 0.03, 0.0]\n"
     run = run_in(tmp_path, "--rig", edited(("temperature_degc = 25.0\n", warm_up + drift)), "--", "-k", "gyroscope")
     assert run.code == 1
     assert run.sentence.startswith("FAIL. Out of limit: gyroscope.bias_error ")
-    # 20 degC toward a time constant of 20 s: 0.9 degC/s after the 0.2 s of start-up and in the middle of
-    # the rests, of 2 s each, that lie 2 s apart: 1.7 to 1.8 degC, 0.35 dps. Noise of the means: 0.014 dps.
-    assert run.value("gyroscope.bias_error") == pytest.approx(0.35, abs=0.06)
+    # Slow enough that no rest is taken for a moved board. The middles of the rests, of 5 s each with a turn of 5 s
+    # between them, are 2.8 and 12.8 s after power-on: 20 degC * (exp(-2.8 / 20) - exp(-12.8 / 20)) = 6.8 degC,
+    # 0.205 dps. The difference of two means has 25 mdps/rtHz / sqrt(5 s) = 0.011 dps of noise; four times that.
+    assert run.value("gyroscope.bias_error") == pytest.approx(0.205, abs=0.045)
 
 
 def test_a_board_without_its_shield_names_the_way_out_and_runs_the_rest(
