@@ -57,7 +57,7 @@ def test_what_is_written_is_read(made: ImuCalibration, tmp_path: Path) -> None:
 
 
 @given(hard_iron=st.tuples(COUNTS, COUNTS, COUNTS))
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_every_digit_of_a_number_survives(
     made: ImuCalibration, tmp_path: Path, hard_iron: tuple[float, float, float]
 ) -> None:
