@@ -4,11 +4,18 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
+import threading
 from collections.abc import Callable
 
 import pytest
 
 pytest_plugins = ["pytester"]
+
+# A shell ignores Ctrl-C for what it starts in the background, and every process that is started from there inherits
+# that, those too which tests end with it.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN and threading.current_thread() is threading.main_thread():
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")
