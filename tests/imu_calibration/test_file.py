@@ -181,6 +181,12 @@ def test_a_key_that_stands_twice_is_refused(made: ImuCalibration, refusal: Refus
     assert 'key "method" stands twice' in refusal(text)
 
 
+def test_a_great_many_keys_are_refused_as_fast_as_they_are_read(refusal: Refusal) -> None:
+    # 900 kB: were each key looked for among all others, it would take a minute and a half.
+    text = "{" + ", ".join(f'"{key:x}": 0' for key in range(80_000)) + "}"
+    assert refusal(text).startswith("no calibration of an IMU")
+
+
 def test_an_unknown_key_is_refused(made: ImuCalibration, refusal: Refusal) -> None:
     assert refusal(changed(made, "magnetometer.scale", 2.0)).startswith("unknown key magnetometer.scale")
 

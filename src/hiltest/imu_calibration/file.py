@@ -102,11 +102,12 @@ def _complaint(place: str, kind: str, message: str, given: object) -> str:
 
 
 def _without_duplicates(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
-    keys = [key for key, _ in pairs]
-    for key in keys:
-        if keys.count(key) > 1:
+    found: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in found:
             raise ValueError(f"key {_shown(key)} stands twice in one object")
-    return dict(pairs)
+        found[key] = value
+    return found
 
 
 def _refuse_constant(name: str) -> None:
