@@ -13,7 +13,7 @@ from hiltest.boards import Board, VirtualBench
 from hiltest.link.gyroscope import GetGyroscope, SetGyroscope
 from hiltest.link.messages import SetCalibration
 from hiltest.orientation.quaternions import from_pose, left_columns
-from hiltest.procedures import FusionResult, SimulatedTurntable, filter_noise, measure_fusion
+from hiltest.procedures import BoardMovedError, FusionResult, SimulatedTurntable, filter_noise, measure_fusion
 from hiltest.procedures.fusion import AttitudeErrors, _error
 from hiltest.rig import COUNTS_PER_UT, Rig
 from hiltest.world.motion import MOVE_GRID_S
@@ -143,6 +143,23 @@ def test_a_wrong_sign_axis_or_unit_of_the_rate_is_red(calibrated: Board, bench_r
     tilt_limit_deg = bench_rig.limits["fusion.tilt.rms"].max
     assert tilt_limit_deg is not None
     assert found.fused.heading_rms_deg > heading_limit_deg(bench_rig) or found.fused.tilt_rms_deg > tilt_limit_deg
+
+
+class Nudged(QuickTurntable):
+    """A table that somebody pushes against while it rests."""
+
+    def rest(self) -> None:
+        super().rest()
+        self._bench._world.turn_to(Pose(3.0), time_s=self._bench.time_s + 1.0)
+
+
+def test_a_board_that_is_moved_while_its_bias_is_measured_is_refused(calibrated: Board) -> None:
+    assert isinstance(calibrated.stage, VirtualBench)
+    bias = calibrated.session.request(GetGyroscope()).bias
+    noise = filter_noise(magnetometer_sigma_ut=0.4, field_ut=48.5, dip_deg=62.0)
+    with pytest.raises(BoardMovedError, match="about its z axis"):
+        measure_fusion(calibrated, Nudged(calibrated.stage), slot=SLOT, noise=noise, bias_s=2.0)
+    assert np.array_equal(calibrated.session.request(GetGyroscope()).bias, bias)
 
 
 def test_errors_of_an_attitude_are_those_of_its_heading_and_of_its_vertical() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -11,9 +10,9 @@ import numpy as np
 from hiltest.boards import Board
 from hiltest.imu_calibration.contents import GyroscopePart, ImuCalibration
 from hiltest.link.accelerometer import SetAccelerometer
-from hiltest.link.gyroscope import GetGyroscope, GyroscopeRest, SetGyroscope
+from hiltest.link.gyroscope import GetGyroscope, SetGyroscope
 from hiltest.link.messages import ClearCalibration, SetCalibration
-from hiltest.procedures.gyroscope_rest import GYROSCOPE_RATE_HZ
+from hiltest.procedures.gyroscope_rest import rest_gyroscope
 from hiltest.procedures.heading_statistics import rms
 from hiltest.procedures.known_angles import KnownAngles
 
@@ -43,10 +42,15 @@ def gyroscope_calibrated_by(board: Board, part: GyroscopePart) -> Iterator[None]
 
 
 def gyroscope_bias_error_dps(board: Board, part: GyroscopePart, *, seconds: float) -> float:
-    """Return the largest axis of a still board's mean rate under a file's calibration [deg/s]."""
-    n = math.ceil(seconds * GYROSCOPE_RATE_HZ)
+    """Return the largest axis of a still board's mean rate under a file's calibration [deg/s].
+
+    Raises
+    ------
+    BoardMovedError, SamplesLostError
+        When it was no rest: to and fro, a motion's mean would be as good as none.
+    """
     with gyroscope_calibrated_by(board, part):
-        rest = board.session.request(GyroscopeRest(n, timeout_us=round(2e6 * seconds + 1e6)))
+        rest = rest_gyroscope(board, seconds=seconds)
     return float(np.abs(np.array(part.matrix) @ rest.corrected_mean).max())
 
 

@@ -20,11 +20,10 @@ from hiltest.link.fusion import (
     FusionStart,
     FusionSummary,
 )
-from hiltest.link.gyroscope import GyroscopeRest
 from hiltest.link.messages import SensorKind
 from hiltest.orientation.fusion import FusionNoise, heading_sigma_deg
 from hiltest.orientation.quaternions import Quaternion, from_pose, normalised, pose_of, rotation_ned_from_body
-from hiltest.procedures.gyroscope_rest import GYROSCOPE_RATE_HZ
+from hiltest.procedures.gyroscope_rest import rest_gyroscope
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.turntables import Turntable
 
@@ -133,6 +132,8 @@ def measure_fusion(
 
     Raises
     ------
+    BoardMovedError, SamplesLostError
+        When the gyroscope's rest was none: its bias is not stored then.
     SensorAbsentError
         When the board has not all three sensors.
     DeviceError
@@ -143,8 +144,7 @@ def measure_fusion(
         board.sensor(kind)
     tell("fusion", 0, 3)
     turntable.rest()
-    samples = math.ceil(bias_s * GYROSCOPE_RATE_HZ)
-    board.session.request(GyroscopeRest(samples, store=True, timeout_us=round(2e6 * bias_s + 1e6)))
+    rest_gyroscope(board, seconds=bias_s, store=True)
     tell("fusion", 1, 3)
     summary = _run_through(board, turntable.sway, slot=slot, noise=noise, readings=readings)
     tell("fusion", 2, 3)
