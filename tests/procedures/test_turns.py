@@ -10,11 +10,13 @@ import pytest
 
 from hiltest.angles import Pose
 from hiltest.boards import Board, VirtualBench, open_board
+from hiltest.calibration.gyroscope import GyroscopeFit
 from hiltest.calibration.noise_density import noise_density
 from hiltest.errors import CalibrationError
 from hiltest.link.gyroscope import Axis, GetGyroscope, GyroscopeRest
 from hiltest.procedures import (
     BoardMovedError,
+    FittedTurns,
     MeasuredTurn,
     SimulatedTurntable,
     TurnInvalidError,
@@ -70,6 +72,23 @@ def test_three_turns_find_scale_and_axes_of_the_world(board: Board, table: Turnt
     # What the calibrated gyroscope makes of a turn that it was not fitted to.
     (back,) = turns_about(board, table, Axis.Y, degrees=-360.0)
     assert np.linalg.norm(held.matrix @ back.turn.integral - back.turn.turned_deg) < 0.72  # 0.2 %; two turns' noise
+
+
+@pytest.mark.parametrize("axis", Axis)
+def test_what_the_board_made_of_the_turns_is_judged_and_not_the_turns(axis: Axis) -> None:
+    response = np.diag([1.012, 0.985, 1.018]) / 0.0625
+    right = FittedTurns(GyroscopeFit(np.linalg.inv(response), np.zeros(3)), 0.0, None, 0.0, 0.0)
+    assert right.scale_errors_percent(0.0625 * response) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+    assert right.misalignments_deg(0.0625 * response) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+    # A board that fits an axis wrong, of turns that were right.
+    longer, turned = np.eye(3), np.eye(3)
+    longer[axis, axis] = 1.005
+    turned[(axis + 1) % 3, axis] = np.tan(np.radians(0.5))
+    long, askew = (
+        replace(right, fit=GyroscopeFit(np.linalg.inv(wrong @ response), np.zeros(3))) for wrong in (longer, turned)
+    )
+    assert long.scale_errors_percent(0.0625 * response)[axis] == pytest.approx(0.5)
+    assert askew.misalignments_deg(0.0625 * response)[axis] == pytest.approx(0.5)
 
 
 def test_stated_uncertainties_are_those_of_noise_and_table(board: Board, table: Turntable) -> None:

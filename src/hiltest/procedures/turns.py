@@ -108,6 +108,19 @@ class FittedTurns:
     scale_uncertainty_percent: float
     misalignment_uncertainty_deg: float
 
+    def scale_errors_percent(self, true_response: Reals) -> tuple[float, ...]:
+        """Return the error of the scale of each axis, against a world's ``felt_dps = true_response @ rate_dps`` [%]."""
+        return tuple(
+            scale_error_percent(seen, felt / NOMINAL_DPS_PER_COUNT)
+            for seen, felt in zip(self.fit.response.T, true_response.T, strict=True)
+        )
+
+    def misalignments_deg(self, true_response: Reals) -> tuple[float, ...]:
+        """Return the angle between each axis and that of a world [deg]."""
+        return tuple(
+            misalignment_deg(seen, felt) for seen, felt in zip(self.fit.response.T, true_response.T, strict=True)
+        )
+
 
 def measure_turn(
     board: Board, turntable: Turntable, axis: Axis, *, degrees: float = 360.0, rate_dps: float, rest_s: float,
