@@ -17,6 +17,12 @@ def test_bounds_are_those_of_the_fit() -> None:
     assert f"under {SIGNIFICANCE:g} standard errors" in PAGE
 
 
+def test_there_are_as_many_still_poses_as_the_suites_take() -> None:
+    suites = (ROOT / "hil" / "suites" / "conftest.py").read_text(encoding="utf-8")
+    assert "\nSTILL_POSES = 40\n" in suites
+    assert "from forty still poses of 16 readings" in PAGE
+
+
 def test_statuses_are_those_that_end_without_a_calibration() -> None:
     named = set(re.findall(r"`([A-Z]{3}[A-Z_]+)`", PAGE))
     assert named == {"SINGULAR", "TOO_FEW_POINTS", "HORIZONTAL_FIELD", "MIRRORED"}
