@@ -53,6 +53,14 @@ def test_time_may_be_in_milliseconds_or_only_a_rate(tmp_path: Path) -> None:
     assert read_imu_log(log).rate is None
 
 
+@pytest.mark.parametrize(("unit", "ticks"), [("s", 1), ("ms", 1_000), ("us", 1_000_000), ("ns", 1_000_000_000)])
+def test_time_may_be_that_of_the_calendar(tmp_path: Path, unit: str, ticks: int) -> None:
+    rows = [f"{(1_760_000_000 * 100 + n) * ticks / 100:.2f},1,2,3" for n in range(20)]
+    log = read_imu_log(text(tmp_path / "log.csv", f"timestamp_{unit},ax,ay,az", *rows))
+    # A float64 of nanoseconds since 1970 is a multiple of 256 of them.
+    assert log.period_s == pytest.approx(0.01, abs=1e-6)
+
+
 def test_two_packed_tables_without_a_header_are_one_log(tmp_path: Path) -> None:
     for name, first in (("acc", 1), ("gyro", 100)):
         rows = "".join(f"   {0.01 * n:.7e}   {first}.0   2.0   {n}.0\n" for n in range(20))
@@ -95,6 +103,8 @@ HEADER = "t,ax,ay,az,gx,gy,gz"
         (["ax,ay,az", "1,2,3"], "no columns of time; give --rate in Hz, or --time"),
         (["t,mx,my,mz", "0,1,2,3"], "cannot tell which columns are the accelerometer: .*--accelerometer-columns"),
         (["t,acc1_x,acc1_y,acc1_z,acc2_x,acc2_y,acc2_z", "0,1,2,3,4,5,6"], "more than one accelerometer: choose with"),
+        (["t,ax,ay,az", "5e-324,1,2,3", "1e-323,1,2,3"], "samples are 4.94066e-324 s apart by column t"),
+        (["t,ax,ay,az", "1e30,1,2,3"], ":2: column t: '1e30' is no time"),
         (["t_s,ax_g,ay_g,az_mg", "0,1,2,3"], "g and mg is no unit that can be read here"),
     ],
 )

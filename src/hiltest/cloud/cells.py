@@ -37,7 +37,9 @@ def check_width(path: Path, row: Row, width: int) -> None:
         )
 
 
-def number_in(path: Path, row: Row, place: int, name: str, *, what: str) -> float:
+def number_in(
+    path: Path, row: Row, place: int, name: str, *, what: str, largest: float = LARGEST_READING
+) -> float:
     """Return a cell's number; an empty cell is not a number, as loggers leave it where nothing was measured.
 
     Raises
@@ -53,7 +55,7 @@ def number_in(path: Path, row: Row, place: int, name: str, *, what: str) -> floa
         decimal_comma = "; decimals need a point, not a comma" if is_number(cell.replace(",", ".")) else ""
         raise ConfigError(f"{where}: {shown(cell)} is not a number{decimal_comma}")
     value = float(cell)
-    if math.isfinite(value) and abs(value) > LARGEST_READING:
+    if math.isfinite(value) and abs(value) > largest:
         raise ConfigError(f"{where}: {shown(cell)} is no {what}")
     return value
 

@@ -138,9 +138,11 @@ def _listed(log: ImuLog, path: Path, name: str, entry: object) -> Interval:
 
 
 def _named(intervals: Sequence[Interval]) -> Intervals:
-    turns = tuple(each for each in intervals if any(word in each.name.lower() for word in _TURN_WORDS))
-    rests = tuple(each for each in intervals if each not in turns)
-    return Intervals(tuple(sorted(rests, key=lambda each: each.start)), turns, found=False)
+    turns: list[Interval] = []
+    rests: list[Interval] = []
+    for each in intervals:
+        (turns if any(word in each.name.lower() for word in _TURN_WORDS) else rests).append(each)
+    return Intervals(tuple(sorted(rests, key=lambda each: each.start)), tuple(turns), found=False)
 
 
 def _still(spread: Reals, restless: float) -> NDArray[np.bool_]:

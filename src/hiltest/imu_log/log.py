@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.cloud.cells import check_width, number_in, split_header
+from hiltest.cloud.cells import LARGEST_READING, check_width, number_in, split_header
 from hiltest.cloud.columns import axis_triples, column_index, named_columns
 from hiltest.cloud.table import read_rows
 from hiltest.errors import ConfigError
@@ -33,6 +33,9 @@ _ACCELEROMETER = re.compile(r"acc|^a$|^f$")
 _GYROSCOPE = re.compile(r"gyr|^g$|^w$|omega")
 # A log that is slower does not see a turn, and its column of time is more likely in another unit.
 _SLOWEST_HZ = 5.0
+_FASTEST_HZ = 1e5
+# Nanoseconds of 3000 years: the largest time that a clock gives.
+_LATEST = 1e20
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,7 +185,8 @@ class _Table:
         for row in self._rows:
             check_width(self.path, row, self.width)
             for at, name in zip(wanted, names, strict=True):
-                value = number_in(self.path, row, at, name, what="reading of an IMU")
+                what, largest = ("time", _LATEST) if at == place else ("reading of an IMU", LARGEST_READING)
+                value = number_in(self.path, row, at, name, what=what, largest=largest)
                 if not math.isfinite(value):
                     raise ConfigError(f"{self.path}:{row.line}: column {name}: no number; a turn cannot be summed over "
                                       "a gap: cut the log there")
@@ -203,7 +207,7 @@ class _Table:
             return np.arange(len(read)) / rate_hz, read
         time_s = scale_s * read[:, 0]
         step_s = float(np.median(np.diff(time_s)))
-        if step_s > 1.0 / _SLOWEST_HZ:
+        if not 1.0 / _FASTEST_HZ <= step_s <= 1.0 / _SLOWEST_HZ:
             raise ConfigError(f"{self.path}: samples are {step_s:g} s apart by column {names[0]}; give --rate, or name "
                               "the column with its unit, such as time_ms")
         return time_s, read[:, 1:]

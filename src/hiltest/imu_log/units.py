@@ -50,8 +50,8 @@ RATE_WORDS = {
     **dict.fromkeys(_COUNTS, RateUnit.COUNTS),
 }  # fmt: skip
 
-_TIME = re.compile(r"^(time|timestamp|seconds|t)\s*[_(\[]?\s*(?P<unit>s|sec|seconds|ms|us|µs)?\s*[)\]]?$", re.I)
-_SECONDS = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6}
+_TIME = re.compile(r"^(time|timestamp|seconds|t)\s*[_(\[]?\s*(?P<unit>s|sec|seconds|ms|us|µs|ns)?\s*[)\]]?$", re.I)
+_SECONDS = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 _U = TypeVar("_U", AccelerationUnit, RateUnit)
 
 
