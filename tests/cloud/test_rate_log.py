@@ -93,6 +93,9 @@ HEADER = "time_s,gyro_x_dps,gyro_y_dps,gyro_z_dps"
         (["time_s,gyro_x,gyro_y,gyro_z", "0,1,2,3"], r"name no unit; say it: --unit dps or"),
         (["time_s,gyro_x_dps,gyro_y_mdps,gyro_z_dps", "0,1,2,3"], r"name different units"),
         (["gyro_x_dps,gyro_y_dps,gyro_z_dps", "1,2,3"], r"no column is called time.*--rate HZ"),
+        ([HEADER, "-1e300,1,2,3", "1e300,1,2,4"], r":2: column time: '-1e300' is no time"),
+        ([HEADER, "0,1,2,3", "1e15,1,2,4"], r"samples are 1e\+15 s apart by the column of time; give --rate, or name"),
+        ([HEADER, "0,1,2,3", "5e-324,1,2,4"], r"samples are 4.94066e-324 s apart by the column of time"),
     ],
 )
 def test_what_is_wrong_is_refused_by_row(tmp_path: Path, lines: list[str], complaint: str) -> None:

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from hiltest.cloud.cells import check_width, is_number, shown
 from hiltest.cloud.columns import axis_triples, column_index
 from hiltest.cloud.table import Row, read_rows
 from hiltest.errors import ConfigError
@@ -26,6 +27,10 @@ MAX_ROWS = 20_000_000
 #: A step longer than so many others is a gap.
 GAP = 1.5
 _LARGEST = 1e9  # deg/s or counts: no sensor's reading
+# Nanoseconds of 3000 years: the largest time that a clock gives.
+_LATEST = 1e20
+# Of sampling: what is slower or faster has its time in another unit.
+_RATES_HZ = (1e-3, 1e6)
 
 
 class RateUnit(StrEnum):
@@ -124,7 +129,7 @@ def read_rate_log(
     first = next(rows, None)
     if first is None:
         raise ConfigError(f"{path}: the file is empty")
-    headers = first.cells if not any(map(_is_number, first.cells)) else ()
+    headers = first.cells if not any(map(is_number, first.cells)) else ()
     try:
         layout = _layout(headers, len(first.cells), columns, None if rate_hz else time, want_time=rate_hz is None)
         found = unit or _unit_of(layout.names if headers else ())
@@ -132,6 +137,8 @@ def read_rate_log(
         raise ConfigError(f"{path}: {error}") from error
     times, values = _numbers(path, rows if headers else chain([first], rows), layout)
     factor = DEGREES_PER_SECOND[found]
+    if rate_hz is None:
+        _check_steps(path, times, layout.seconds)
     part, gaps, rate_hz = _longest_part(times, layout.seconds, rate_hz, len(values))
     rates = values[part] * (1.0 if factor is None else factor)
     return RateLog(path, layout.names, rates, found, rate_hz, len(values), gaps)
@@ -202,15 +209,14 @@ def _numbers(path: Path, rows: Iterator[Row], layout: _Layout) -> tuple[Reals, R
     times, values = array("d"), array("d")
     last_s = -math.inf
     for row in rows:
-        if len(row.cells) != layout.width:
-            raise ConfigError(f"{path}:{row.line}: {len(row.cells)} cells where the table has {layout.width} columns")
+        check_width(path, row, layout.width)
         cells = [row.cells[place] for place in layout.places]
         if not any(cells):
             continue  # a row of another sensor
         for cell, name in zip(cells, layout.names, strict=True):
-            values.append(_value(path, row.line, cell, name))
+            values.append(_value(path, row.line, cell, name, "reading of a gyroscope"))
         if layout.time is not None:
-            time = _value(path, row.line, row.cells[layout.time], "time", largest=math.inf)
+            time = _value(path, row.line, row.cells[layout.time], "time", "time", largest=_LATEST)
             if time <= last_s:
                 raise ConfigError(f"{path}:{row.line}: the time {time:.9g} is not after the one before, {last_s:.9g}")
             times.append(time)
@@ -223,14 +229,20 @@ def _numbers(path: Path, rows: Iterator[Row], layout: _Layout) -> tuple[Reals, R
     return np.frombuffer(times, dtype=np.float64), np.frombuffer(values, dtype=np.float64).reshape(-1, count)
 
 
-def _value(path: Path, line: int, cell: str, name: str, *, largest: float = _LARGEST) -> float:
-    shown = repr(cell if len(cell) <= 40 else f"{cell[:40]}...")
-    if not _is_number(cell) or not math.isfinite(float(cell)):
-        comma = "; decimals need a point, not a comma" if _is_number(cell.replace(",", ".")) and "," in cell else ""
-        raise ConfigError(f"{path}:{line}: column {name}: {shown} is not a number{comma}")
+def _value(path: Path, line: int, cell: str, name: str, what: str, *, largest: float = _LARGEST) -> float:
+    if not is_number(cell) or not math.isfinite(float(cell)):
+        comma = "; decimals need a point, not a comma" if is_number(cell.replace(",", ".")) and "," in cell else ""
+        raise ConfigError(f"{path}:{line}: column {name}: {shown(cell)} is not a number{comma}")
     if abs(float(cell)) > largest:
-        raise ConfigError(f"{path}:{line}: column {name}: {shown} is no reading of a gyroscope")
+        raise ConfigError(f"{path}:{line}: column {name}: {shown(cell)} is no {what}")
     return float(cell)
+
+
+def _check_steps(path: Path, times: Reals, seconds: float) -> None:
+    step_s = float(np.median(np.diff(times))) * seconds if len(times) > 1 else 1.0
+    if not 1.0 / _RATES_HZ[1] <= step_s <= 1.0 / _RATES_HZ[0]:
+        raise ConfigError(f"{path}: samples are {step_s:g} s apart by the column of time; give --rate, or name the "
+                          "column with its unit, such as time_ms")
 
 
 def _longest_part(times: Reals, seconds: float, rate_hz: float | None, rows: int) -> tuple[slice, int, float]:
@@ -246,11 +258,3 @@ def _longest_part(times: Reals, seconds: float, rate_hz: float | None, rows: int
     begin, end = int(starts[longest]), int(ends[longest])
     span_s = float(times[end - 1] - times[begin]) * seconds
     return slice(begin, end), len(breaks), (end - begin - 1) / span_s if span_s > 0.0 else math.nan
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return "_" not in cell  # float() takes 1_000

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import click
 
+from hiltest.commands.options import NumberRange
+
 _EXIT_CODES = """
 \b
 Exit codes:
@@ -25,7 +27,7 @@ _UNITS = ("dps", "mdps", "rad/s", "deg/h", "counts")
 @click.option("--unit", type=click.Choice(_UNITS), help="Of the rates.  [default: the header's]")
 @click.option("--time", metavar="COLUMN",
               help="Column of the time, in the unit its name ends with, else s.  [default: the one called time]")
-@click.option("--rate", "rate_hz", metavar="HZ", type=click.FloatRange(min=0.0, min_open=True),
+@click.option("--rate", "rate_hz", metavar="HZ", type=NumberRange(1e-3, 1e6),
               help="Rate of sampling, for a file without time.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON (hiltest.allan/1) and nothing else.")
 @click.option("--html", metavar="FILE", type=_FILE, help="Write a page with the curve.")

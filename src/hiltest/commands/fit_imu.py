@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from hiltest.commands.options import NumberRange
+
 if TYPE_CHECKING:
     from hiltest.imu_log import ImuLog, Intervals
 
@@ -30,14 +32,14 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
               help="Counts: zero and scale unknown.  [default: the header's, else counts]")
 @click.option("--gyroscope-unit", type=click.Choice(["deg/s", "rad/s", "counts"]),
               help="Counts: scale unknown.  [default: the header's, else counts]")
-@click.option("--rate", metavar="HZ", type=click.FloatRange(1.0, 100_000.0),
+@click.option("--rate", metavar="HZ", type=NumberRange(1.0, 100_000.0),
               help="Samples a second.  [default: by the column of time]")
 @click.option("--time", metavar="COLUMN", help="The column of time.  [default: time, t, timestamp]")
 @click.option("--intervals", metavar="FILE|COLUMN",
               help="Where it rested and turned: a JSON list, or a column of labels.  [default: found]")
 @click.option("--method", type=click.Choice(["auto", "six-position", "ellipsoid"]), default="auto", show_default=True,
               help="Of the accelerometer.")
-@click.option("--turn", "turn_deg", metavar="DEG", type=click.FloatRange(90.0, 36_000.0), default=360.0,
+@click.option("--turn", "turn_deg", metavar="DEG", type=NumberRange(90.0, 36_000.0), default=360.0,
               show_default=True, help="What it was turned by each time.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON (hiltest.fit-imu/1) and nothing else.")
 @click.option("--export-json", metavar="FILE", type=_FILE, help="Write the same JSON to a file.")

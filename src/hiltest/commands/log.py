@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, TextIO
 import click
 
 from hiltest.bench_files import rig_file
-from hiltest.commands.options import checked
+from hiltest.commands.options import NumberRange, checked
 from hiltest.errors import ConfigError
 from hiltest.settings import file_name, seed
 
@@ -34,7 +34,7 @@ Exit codes:
 
 
 @click.command(epilog=_EXIT_CODES)
-@click.option("--seconds", metavar="N", type=click.FloatRange(min=0.0, min_open=True), required=True,
+@click.option("--seconds", metavar="N", type=NumberRange(min=0.0, max=1e9, min_open=True), required=True,
               help="How long, by the board's clock.")
 @click.option("--out", metavar="FILE", required=True, type=click.Path(dir_okay=False, path_type=Path),
               help="CSV file to write.")
