@@ -203,6 +203,15 @@ def test_a_turn_that_has_begun_too_early_is_invalid(board: Board) -> None:
         turns_about(board, Early(bench_of(board), uncertainty_deg=0.1), Axis.Z)
 
 
+def test_a_table_that_is_too_slow_for_the_board_is_told_so(board: Board) -> None:
+    class Slow(SimulatedTurntable):
+        def turn(self, axis: Axis, degrees: float, *, rate_dps: float) -> float:
+            return super().turn(axis, degrees, rate_dps=rate_dps) + 60.0
+
+    with pytest.raises(TurnInvalidError, match=r"the turn about z is invalid: the table takes 65 s for it"):
+        turns_about(board, Slow(bench_of(board), uncertainty_deg=0.1), Axis.Z)
+
+
 def test_half_a_turn_is_not_a_turn(board: Board, table: Turntable) -> None:
     class Half(SimulatedTurntable):
         def turn(self, axis: Axis, degrees: float, *, rate_dps: float) -> float:

@@ -39,6 +39,8 @@ Reals = NDArray[np.float64]
 _PLAUSIBLE = 0.2
 _EDGE_SIGMAS = 8.0  # at 24 edges a run, once in 10^13 runs
 _LARGEST_WORD = 32_767
+# Of what a board adds up, 60 s, with time for the FIFO to start.
+_LONGEST_S = 59.0
 
 
 class TurnInvalidError(CalibrationError):
@@ -157,6 +159,11 @@ def measure_turn(
     tell(what, 1, 3)
     takes_s = turntable.turn(axis, degrees, rate_dps=rate_dps)
     n = math.ceil(takes_s * GYROSCOPE_RATE_HZ)
+    if takes_s > _LONGEST_S:
+        raise TurnInvalidError(
+            f"the turn about {axis.name.lower()} is invalid: the table takes {takes_s:.0f} s for it, and the board "
+            f"adds up {_LONGEST_S:g} s at most. Let the table turn faster"
+        )
     seen = board.session.request(IntegrateGyroscope(n, timeout_us=min(round(2e6 * takes_s + 1e6), 60_000_000)))
     _refuse_unusable(axis, seen, before.rate.mean, noise_counts(board))
     tell(what, 2, 3)
