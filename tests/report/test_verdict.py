@@ -126,6 +126,22 @@ def test_a_limit_that_nothing_met_is_named_and_is_no_calibrator(findings: Make, 
     ) in verdict.sentence
 
 
+@pytest.mark.parametrize(
+    ("name", "gate_only", "why"),
+    [
+        ("heading.dpi.max", True, 'nothing measured it; procedure.dpi is "none", or its fit was refused'),
+        ("cycles.dpi-poses.total", False, 'nothing measured it; procedure.dpi is "none", or its fit was refused'),
+        ("heading.dpi-poses.max", True, "nothing in the gate set measured it"),
+        ("heading.calibration.max", True, "nothing measured it; no calibration file was named with --calibration"),
+    ],
+)
+def test_what_is_no_calibrator_of_the_firmware_is_unmet_for_another_reason(
+    name: str, why: str, *, gate_only: bool
+) -> None:
+    (unmet,) = unmet_limits({name: Limit(max=2.0)}, {}, (), ["direct"], gate_only=gate_only)
+    assert unmet.note == why
+
+
 def test_other_measurements_out_of_limit_are_named(findings: Make, good: list[Measurement]) -> None:
     bad = judge("gyroscope.bias_error", 0.4, unit="dps", limit=Limit(max=0.1), test="t.py::test_rest")
     verdict = decide(findings(*good, bad, tests=(TestResult("t.py::test_rest", "failed", 1),)), pytest_exit=1)

@@ -10,6 +10,12 @@ from hiltest.measurement import Limit, Measurement, Outcome
 _PER_CALIBRATOR = ("heading", "fit", "cycles", "budget")
 _UNCALIBRATED = "uncalibrated"
 _UNTRIMMED = "-untrimmed"
+# Calibrations that no calibrator of the firmware makes of the tumble's points, and why there may be none.
+_OF_STILL_POSES = "dpi-poses"
+_OTHERWISE = {
+    **dict.fromkeys(("dpi", _OF_STILL_POSES), 'procedure.dpi is "none", or its fit was refused'),
+    "calibration": "no calibration file was named with --calibration",
+}
 
 
 def unmet_limits(
@@ -41,8 +47,12 @@ def _why(name: str, calibrators: Sequence[str], gate_only: bool) -> str:
     family, _, rest = name.partition(".")
     calibrator = rest.partition(".")[0]
     calibrator, _, points = calibrator.removesuffix(_UNTRIMMED).partition("@")
-    if family in _PER_CALIBRATOR and calibrators and calibrator not in (*calibrators, _UNCALIBRATED):
-        return f"the board has no calibrator {calibrator!r}, only {', '.join(calibrators)}"
+    waits = gate_only and calibrator == _OF_STILL_POSES
+    if family in _PER_CALIBRATOR and not waits:
+        if calibrator in _OTHERWISE:
+            return f"nothing measured it; {_OTHERWISE[calibrator]}"
+        if calibrators and calibrator not in (*calibrators, _UNCALIBRATED):
+            return f"the board has no calibrator {calibrator!r}, only {', '.join(calibrators)}"
     if points:
         return f"nothing measured it; procedure.further_calibrations names no {calibrator}@{points}, or its fit failed"
     return "nothing in the gate set measured it" if gate_only else "nothing measured it"
