@@ -11,6 +11,7 @@ from hiltest.angles import rotation_rows
 from hiltest.boards import Board
 from hiltest.calibration import FitStatus
 from hiltest.calibration.dpi import fit_dpi
+from hiltest.errors import CalibrationError
 from hiltest.link.accelerometer import GetAccelerometer, SetAccelerometer
 from hiltest.link.messages import GetCalibration, Points
 from hiltest.procedures import (
@@ -120,6 +121,15 @@ def test_cycles_do_not_depend_on_the_pairs_but_on_their_number(virtual_board: Bo
     assert cost.total == pytest.approx(cost.fixed + 300 * cost.per_point)
     assert cost.instructions is not None
     assert 0.5 * cost.total < cost.instructions < cost.total
+
+
+def test_what_a_refusal_costs_is_no_measure_of_the_fit(virtual_board: Board) -> None:
+    virtual_board.session.request(SetAccelerometer(0, np.diag([1.0, 1.0, 0.0]) / 8192.0, np.zeros(3)))
+    try:
+        with pytest.raises(CalibrationError, match="the board refuses 300 golden pairs against gravity: SINGULAR"):
+            measure_dpi_cycles(virtual_board, clouds=1, sizes=(300, 350))
+    finally:
+        virtual_board.session.request(SetAccelerometer(0, GAIN, OFFSET))
 
 
 def test_pairs_that_are_uploaded_are_those_that_come_back(virtual_board: Board) -> None:

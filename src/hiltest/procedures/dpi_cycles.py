@@ -7,7 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from hiltest.boards.board import Board
+from hiltest.calibration import FitStatus
 from hiltest.calibration.dpi import PAIRS_MINIMUM
+from hiltest.errors import CalibrationError
 from hiltest.link.dpi import FitDpi
 from hiltest.link.messages import CycleSource
 from hiltest.procedures.calibrate import UNCALIBRATED_SLOT
@@ -36,6 +38,8 @@ def measure_dpi_cycles(
 
     Raises
     ------
+    CalibrationError
+        When the board refuses to fit them.
     DeviceError
         When the board's core has no cycle counter.
     """
@@ -48,7 +52,13 @@ def measure_dpi_cycles(
     for done, (size, index) in enumerate(work):
         tell("cycles of dpi", done, len(work))
         upload_pairs(board, *golden_pairs(size, index=index))
-        cost = board.session.request(FitDpi(size, UNCALIBRATED_SLOT)).cost
+        reply = board.session.request(FitDpi(size, UNCALIBRATED_SLOT))
+        cost = reply.cost
+        if reply.fit is not FitStatus.ELLIPSOID:
+            raise CalibrationError(
+                f"the board refuses {size} golden pairs against gravity: {reply.fit.name}. What a refusal costs is no "
+                "measure of the fit: does slot 0 hold a good calibration of the accelerometer?"
+            )
         if cost is None:
             raise no_cycle_counter()
         cycles[size, index] = cost.cycles
