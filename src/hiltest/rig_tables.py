@@ -128,6 +128,10 @@ class Faces:
         require(0.0 < self.uncertainty_deg <= 5.0, "uncertainty_deg", "must be above 0 and at most 5")
 
 
+# Forty times what the part here has; a window of 0.1 s is then still up to 19 deg/s.
+_NOISIEST_MDPS = 1000.0
+
+
 @dataclass(frozen=True, slots=True)
 class SensorChoice:
     """Which sensors are judged, and how noisy the magnetometer is declared to be.
@@ -151,7 +155,8 @@ class SensorChoice:
 
     def __post_init__(self) -> None:
         require(self.magnetometer_noise_ut >= 0.0, "magnetometer_noise_ut", "must not be negative")
-        require(self.gyroscope_noise_mdps_per_rthz > 0.0, "gyroscope_noise_mdps_per_rthz", "must be above 0")
+        require(0.0 < self.gyroscope_noise_mdps_per_rthz <= _NOISIEST_MDPS, "gyroscope_noise_mdps_per_rthz",
+                f"must be above 0 and at most {_NOISIEST_MDPS:g}: with more, a board in a hand would count as still")
 
 
 @dataclass(frozen=True, slots=True)
