@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hiltest.calibration.still_pose import Face
-from hiltest.imu_log import AccelerationUnit, ImuLog, RateUnit, found_intervals
+from hiltest.imu_log import AccelerationUnit, ImuLog, RateUnit, found_intervals, read_imu_log
 from hiltest.imu_log.fit import ImuLogFit, fit_imu_log
 
 from .recording import (
@@ -71,6 +72,22 @@ def test_six_faces_and_three_turns_calibrate_both_sensors() -> None:
     assert np.abs(fit.gyroscope.bias - GYROSCOPE.bias).max() < 0.02
     assert [turn.turned_deg for turn in fit.gyroscope.turns] == [360.0, 360.0, 360.0, -360.0]
     assert max(turn.left_deg for turn in fit.gyroscope.turns) < 0.2
+    assert fit.complete
+
+
+def test_rows_of_one_sensor_each_calibrate_as_well(tmp_path: Path) -> None:
+    """As `hiltest log` writes both: every sample of the gyroscope, the accelerometer's in bursts with pauses."""
+    acceleration, rate = six_faces_and_turns().readings()
+    lines = ["time_s,gyr_x_dps,gyr_y_dps,gyr_z_dps,acc_x_g,acc_y_g,acc_z_g"]
+    for k, (felt, turned) in enumerate(zip(acceleration.tolist(), rate.tolist(), strict=True)):
+        if k % 8 < 5:
+            lines.append(f"{k / RATE_HZ:.6f},,,,{felt[0]:.9g},{felt[1]:.9g},{felt[2]:.9g}")
+        lines.append(f"{k / RATE_HZ + 0.002:.6f},{turned[0]:.9g},{turned[1]:.9g},{turned[2]:.9g},,,")
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    log = read_imu_log(path)
+    fit = fit_imu_log(log, found_intervals(log))
+    assert max(errors(fit)) < 0.001  # as with both in a row
     assert fit.complete
 
 

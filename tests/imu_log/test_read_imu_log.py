@@ -61,6 +61,44 @@ def test_time_may_be_that_of_the_calendar(tmp_path: Path, unit: str, ticks: int)
     assert log.period_s == pytest.approx(0.01, abs=1e-6)
 
 
+def test_rows_of_one_sensor_each_are_joined_at_the_gyroscopes_times(tmp_path: Path) -> None:
+    """As `hiltest log` writes several sensors: here the accelerometer half as often, and between the gyroscope's."""
+    rows = ["0.0,,,,1,10,-5,,7", *(
+        line for n in range(20) for line in (
+            f"{0.01 * n + 0.005:.3f},{n},{2 * n},0.5,,,,,7", f"{0.01 * n + 0.005:.3f},,,,,,,30.5,7",
+            *([f"{0.01 * n + 0.01:.3f},,,,{1 + n},{10 - n},-5,,7"] if n % 2 else []),
+        )
+    )]  # fmt: skip
+    header = "time_s,gyroscope_x_dps,gyroscope_y_dps,gyroscope_z_dps,acc_x_g,acc_y_g,acc_z_g,magnetometer_x_uT,label"
+    log = read_imu_log(text(tmp_path / "log.csv", header, *rows), columns=LogColumns(labels="label"))
+    assert log.rate is not None
+    assert log.labels == ("7",) * 20
+    assert log.rate.tolist() == [[n, 2 * n, 0.5] for n in range(20)]
+    assert log.time_s == pytest.approx([0.01 * n + 0.005 for n in range(20)])
+    # On the line through (0.02 k, 1 + 2 k - 1), but for the first piece, from 1 to 2.
+    wanted = [1.25, 1.75, *(0.5 + n for n in range(2, 20))]
+    assert log.acceleration[:, 0] == pytest.approx(wanted)
+    assert log.acceleration[:, 2].tolist() == [-5.0] * 20
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        (["0,1,2,3,,,", "0.01,,,,4,5,6", "0.02,1,2,3,4,5,6"], ":4: both sensors in a row, and before rows of one each"),
+        (["0,1,2,3,4,5,6", "0.01,,,,4,5,6"], ":3: column ax_g: no number; a turn cannot be summed over a gap"),
+        (["0,1,2,3,,,", "0.01,,,,4,,6"], ":3: column gy_dps: no number"),
+        (["0,1,2,3,,,", "0.01,,,,4,5,6", "0.005,1,2,3,,,"], ":4: column t_s: time 0.005 is not behind 0.01"),
+        (["0,1,2,3,,,", "0.01,1,2,3,,,"], "no two at different times among those of the accelerometer"),
+        (["0,,,,4,5,6", "0.01,,,,4,5,6"], "no two at different times among those of the accelerometer"),
+    ],
+)
+def test_rows_that_are_not_one_sensor_each_throughout_are_refused(
+    tmp_path: Path, rows: list[str], message: str
+) -> None:
+    with pytest.raises(ConfigError, match=message):
+        read_imu_log(text(tmp_path / "log.csv", "t_s,ax_g,ay_g,az_g,gx_dps,gy_dps,gz_dps", *rows))
+
+
 def test_two_packed_tables_without_a_header_are_one_log(tmp_path: Path) -> None:
     for name, first in (("acc", 1), ("gyro", 100)):
         rows = "".join(f"   {0.01 * n:.7e}   {first}.0   2.0   {n}.0\n" for n in range(20))

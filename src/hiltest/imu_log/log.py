@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from array import array
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from hiltest.cloud.cells import LARGEST_READING, check_width, number_in, split_header
 from hiltest.cloud.columns import axis_triples, column_index, named_columns
-from hiltest.cloud.table import read_rows
+from hiltest.cloud.table import Row, read_rows
 from hiltest.errors import ConfigError
+from hiltest.imu_log.one_sensor_a_row import at_the_gyroscope_s, filled_of
 from hiltest.imu_log.units import (
     ACCELERATION_WORDS,
     RATE_WORDS,
@@ -182,18 +183,24 @@ class _Table:
         wanted = places if place is None else [place, *places]
         names = self.names(wanted)
         values, labels = array("d"), []
+        sensors = [places[first : first + 3] for first in range(0, len(places), 3)]
+        one_a_row = False
         for row in self._rows:
             check_width(self.path, row, self.width)
-            for at, name in zip(wanted, names, strict=True):
-                what, largest = ("time", _LATEST) if at == place else ("reading of an IMU", LARGEST_READING)
-                value = number_in(self.path, row, at, name, what=what, largest=largest)
-                if not math.isfinite(value):
-                    raise ConfigError(f"{self.path}:{row.line}: column {name}: no number; a turn cannot be summed over "
-                                      "a gap: cut the log there")
-                if place is not None and at == place and len(values) and not value > values[-len(wanted)]:
-                    raise ConfigError(f"{self.path}:{row.line}: column {name}: time {value:g} is not behind "
-                                      f"{values[-len(wanted)]:g}; cut the log there, or give --rate")
-                values.append(value)
+            filled = filled_of(row.cells, sensors)
+            one_a_row = one_a_row or (not len(values) and place is not None and filled.count(True) < len(sensors) > 1)
+            if one_a_row and not any(filled):
+                continue  # a row of another sensor
+            if one_a_row and all(filled):
+                raise ConfigError(f"{self.path}:{row.line}: both sensors in a row, and before rows of one each")
+            absent = {at for at in places if one_a_row and not filled[places.index(at) // 3]}
+            numbers = self._numbers(row, wanted, names, place, absent)
+            if place is not None and len(values):
+                before = values[-len(wanted)]
+                if numbers[0] < before or (numbers[0] == before and not one_a_row):
+                    raise ConfigError(f"{self.path}:{row.line}: column {names[0]}: time {numbers[0]:g} is not behind "
+                                      f"{before:g}; cut the log there, or give --rate")
+            values.extend(numbers)
             if self._label is not None:
                 labels.append(row.cells[self._label])
             if len(values) > MAX_ROWS * len(wanted):
@@ -205,12 +212,38 @@ class _Table:
             self.labels = tuple(labels)
         if rate_hz is not None:
             return np.arange(len(read)) / rate_hz, read
+        if one_a_row:
+            read = self._joined(read)
         time_s = scale_s * read[:, 0]
         step_s = float(np.median(np.diff(time_s)))
         if not 1.0 / _FASTEST_HZ <= step_s <= 1.0 / _SLOWEST_HZ:
             raise ConfigError(f"{self.path}: samples are {step_s:g} s apart by column {names[0]}; give --rate, or name "
                               "the column with its unit, such as time_ms")
         return time_s, read[:, 1:]
+
+    def _numbers(
+        self, row: Row, wanted: Sequence[int], names: Sequence[str], time: int | None, absent: Collection[int]
+    ) -> list[float]:
+        """Return a row's time and readings; only what is absent may be no number."""
+        numbers = []
+        for at, name in zip(wanted, names, strict=True):
+            what, largest = ("time", _LATEST) if at == time else ("reading of an IMU", LARGEST_READING)
+            value = number_in(self.path, row, at, name, what=what, largest=largest)
+            if not math.isfinite(value) and at not in absent:
+                raise ConfigError(f"{self.path}:{row.line}: column {name}: no number; a turn cannot be summed over "
+                                  "a gap: cut the log there")
+            numbers.append(value)
+        return numbers
+
+    def _joined(self, read: Reals) -> Reals:
+        rows, joined = at_the_gyroscope_s(read[:, 0], read[:, 1:])
+        time = read[rows, 0]
+        if len(time) < 2 or not bool((np.diff(time) > 0.0).all()):
+            raise ConfigError(f"{self.path}: rows of one sensor each, and of the gyroscope no two at different times "
+                              "among those of the accelerometer: no log of both")
+        if self.labels is not None:
+            self.labels = tuple(label for label, taken in zip(self.labels, rows.tolist(), strict=True) if taken)
+        return np.column_stack([time, joined])
 
     def _time(self, wanted: str | None) -> tuple[int, float]:
         if wanted is not None:
