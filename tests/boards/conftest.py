@@ -23,6 +23,9 @@ from hiltest.rig_file import load_rig
 
 # It takes some 10 s; nothing may wait for ever.
 WALL_LIMIT_S = 90.0
+# A hand that turns for longer than points are collected: where they are asked for late, on a machine that is busy, it
+# must not lie still already.
+HAND_GOES_ON_S = 8.0
 CTRL_C = "\x03"
 
 # The default bench as its operator would describe it: another kind of board, and no world.
@@ -115,6 +118,10 @@ class PtyBoard:
         self.bench = PacedBench(stepped, self._terminal)
         self.path = self._terminal.path
         self.bench.start()
+
+    def tumble_by_hand(self) -> None:
+        """Begin to turn the board all round, and go on after the host has its points."""
+        self.bench.tumble(HAND_GOES_ON_S)
 
     def unplug(self) -> None:
         """Pull the cable."""

@@ -40,8 +40,8 @@ def led_rig_file(operators_rig_file: Path) -> Path:
 class Hand:
     """Does with a paced board what the terminal asks for, and each thing wrong the first time."""
 
-    def __init__(self, bench: Any) -> None:
-        self._bench = bench
+    def __init__(self, board: Any) -> None:
+        self._board = board
         self.faces: list[str] = []
         self.tumbles = 0
 
@@ -50,13 +50,13 @@ class Hand:
         if asked:
             self.faces.append(asked[1])
             wrong = self.faces == ["nose down", "nose up"]
-            self._bench.turn_to(FACES["nose down" if wrong else asked[1]].pose)
+            self._board.bench.turn_to(FACES["nose down" if wrong else asked[1]].pose)
         elif "put the board down level" in question:
-            self._bench.turn_to(LEVEL)
+            self._board.bench.turn_to(LEVEL)
         elif "all round" in question:
             self.tumbles += 1
             if self.tumbles > 1:  # the first time the board is left where it lies
-                self._bench.tumble(2.0)
+                self._board.tumble_by_hand()
         return "\n"
 
 
@@ -64,7 +64,7 @@ def test_an_operator_is_led_and_only_what_was_refused_is_done_again(
     pty_board: StartPtyBoard, rig: Rig, led_rig_file: Path, at_a_terminal: Callable[..., Any]
 ) -> None:
     paced = pty_board(rig)
-    hand = Hand(paced.bench)
+    hand = Hand(paced)
     ended = at_a_terminal(command(led_rig_file, paced.path), led_rig_file.parent, hand)
     assert ended.code == 0, ended.shown
     assert hand.faces == [

@@ -43,7 +43,7 @@ def test_an_operator_is_asked_at_the_terminal_and_the_headings_are_judged(
         elif face := re.search(r"put the board (.+), square on", question):
             paced.bench.turn_to(next(each.pose for each in FACES if FACE_WORDS[each] == face[1]))
         elif "all round" in question:
-            paced.bench.tumble(2.0)
+            paced.tumble_by_hand()
         return "\n"
 
     ended = at_a_terminal(command(operators_rig_file, paced.path), operators_rig_file.parent, answer)

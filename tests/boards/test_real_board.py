@@ -123,7 +123,7 @@ def test_an_operator_who_follows_the_prompts_gets_the_headings_judged(
         if pose:
             paced.bench.turn_to(Pose(*(float(angle) for angle in pose.groups())))
         else:
-            paced.bench.tumble(4.0)
+            paced.tumble_by_hand()
         return ""
 
     assert rig.mounting is not None

@@ -96,7 +96,7 @@ SWAPPED = [1, 0, 2]
         (magnetometer("soft_iron", lambda matrix: 10.0 * matrix), "magnetometer.calibration.norm_rms"),
         (changed("accelerometer", "offset", lambda counts: -counts), "accelerometer.calibration.norm_rms"),
         (changed("accelerometer", "gain", lambda matrix: -matrix), "heading.calibration.max"),
-        (changed("accelerometer", "gain", lambda matrix: matrix[SWAPPED]), "accelerometer.calibration.tilt_error"),
+        (changed("accelerometer", "gain", lambda matrix: matrix[[2, 1, 0]]), "accelerometer.calibration.tilt_error"),
         (changed("accelerometer", "gain", lambda matrix: 9.81 * matrix), "accelerometer.calibration.norm_rms"),
         (changed("gyroscope", "matrix", lambda matrix: -matrix), "gyroscope.calibration.turn_error"),
         (changed("gyroscope", "matrix", lambda matrix: matrix[[2, 1, 0]]), "gyroscope.calibration.turn_error"),
