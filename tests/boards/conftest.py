@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import select
 import signal
@@ -27,6 +28,9 @@ WALL_LIMIT_S = 90.0
 # must not lie still already.
 HAND_GOES_ON_S = 8.0
 CTRL_C = "\x03"
+# A signal that comes between the prompt and the read behind it waits for the read's end, as for every `input` of
+# Python: who sees nothing happen presses Ctrl-C again.
+PRESSED_AGAIN_S = 5.0
 
 # The default bench as its operator would describe it: another kind of board, and no world.
 OPERATORS = {
@@ -71,13 +75,18 @@ def at_a_terminal() -> Callable[..., Ended]:
         far_end = os.open(terminal.path, os.O_RDWR)
         process = subprocess.Popen(command, stdin=far_end, stdout=far_end, stderr=far_end, cwd=folder)
         shown, answered, ends_s = "", 0, time.monotonic() + WALL_LIMIT_S
+        pressed_s = math.inf
         while process.poll() is None and time.monotonic() < ends_s:
+            if time.monotonic() > pressed_s + PRESSED_AGAIN_S:
+                pressed_s = time.monotonic()
+                process.send_signal(signal.SIGINT)
             if select.select([terminal.board_end], [], [], 0.1)[0]:
                 shown += os.read(terminal.board_end, 4096).decode()
             question = shown[answered:]
             if question.endswith(": ") and "Enter" in question:
                 answered = len(shown)
                 if (typed := answer(question)) == CTRL_C:
+                    pressed_s = time.monotonic()
                     process.send_signal(signal.SIGINT)
                 else:
                     os.write(terminal.board_end, typed.encode())
