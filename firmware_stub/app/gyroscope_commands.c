@@ -216,7 +216,7 @@ status_t command_log_gyroscope(payload_reader_t *request, payload_writer_t *repl
     }
     sensor_status_t status = SENSOR_OK;
     sampler.lost = false;
-    if (go_on == 0u || sampler.sensor != sensor || !fifo_sampler_runs(sensor)) {
+    if (go_on == 0u || !fifo_sampler_goes_on(&sampler, sensor)) {
         status = fifo_sampler_start(&sampler, sensor, deadline_us);
         sampler.lost = go_on == 1u; /* there was nothing to go on with: what lies between is lost */
     }

@@ -6,12 +6,18 @@
 
 #define LOOKS_A_PERIOD 16u
 
-/** The one sensor whose FIFO is on, NULL when none is. */
+/** The one sensor whose FIFO is on, NULL when none is; and the sampler that turned it on, to be compared and nothing else. */
 static const sensor_t *running;
+static const fifo_sampler_t *owner;
 
 bool fifo_sampler_runs(const sensor_t *sensor)
 {
     return running == sensor;
+}
+
+bool fifo_sampler_goes_on(const fifo_sampler_t *sampler, const sensor_t *sensor)
+{
+    return running == sensor && owner == sampler && sampler->sensor == sensor;
 }
 
 void fifo_sampler_forget(const sensor_t *sensor)
@@ -48,6 +54,7 @@ sensor_status_t fifo_sampler_start(fifo_sampler_t *sampler, const sensor_t *sens
 {
     *sampler = (fifo_sampler_t){.sensor = sensor};
     running = sensor;
+    owner = sampler;
     sensor_status_t status = sensor_configure_fifo(sensor);
     if (status == SENSOR_OK) {
         status = look_until(sampler, 1, time_us() + sensor->driver->fifo.start_up_us, deadline_us);

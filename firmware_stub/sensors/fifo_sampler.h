@@ -38,8 +38,11 @@ sensor_status_t fifo_sampler_take(fifo_sampler_t *sampler, uint32_t wanted, uint
 /** Ask how many samples wait to be taken now; may be 0. */
 sensor_status_t fifo_sampler_waiting(fifo_sampler_t *sampler, uint8_t *count);
 
-/** Whether the FIFO is still on since fifo_sampler_start(): the series goes on, or has been lost. */
+/** Whether the FIFO is on since some fifo_sampler_start(). */
 bool fifo_sampler_runs(const sensor_t *sensor);
+
+/** Whether it is on since this sampler's start, and no other one has begun since: the series goes on. */
+bool fifo_sampler_goes_on(const fifo_sampler_t *sampler, const sensor_t *sensor);
 
 /** Forget that the FIFO is on: the sensor has been set up anew, or is about to be. */
 void fifo_sampler_forget(const sensor_t *sensor);

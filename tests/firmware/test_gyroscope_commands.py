@@ -170,6 +170,17 @@ def test_a_log_that_is_asked_too_late_says_that_samples_are_lost() -> None:
     assert ask_log(bench, 64, go_on=True)[1][-1] == 0
 
 
+def test_another_command_that_uses_the_fifo_ends_a_log(bench: Bench) -> None:
+    for other in (REST, INTEGRATE):
+        ask_log(bench, 16, go_on=False)
+        if other == REST:
+            ask_rest(bench, 40)
+        else:
+            bench.ask(INTEGRATE, struct.pack("<HI", 40, SECOND_US))
+        assert ask_log(bench, 16, go_on=True)[1][-1] == 1
+        assert ask_log(bench, 16, go_on=True)[1][-1] == 0
+
+
 def test_what_reads_the_sensor_by_itself_ends_a_log(bench: Bench) -> None:
     ask_log(bench, 16, go_on=False)
     average = struct.unpack_from("<H18fH", bench.ask(AVERAGE, struct.pack("<HIH", 16, SECOND_US, 0)))
