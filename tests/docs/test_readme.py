@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 SH_BLOCKS = re.findall(r"^```sh\n(.*?)^```", README, re.M | re.S)
 SUITES = re.findall(r"^```python\n(.*?)^```", README, re.M | re.S)
-COMMANDS = re.findall(r"`(hiltest (?:run|init|fit|profile|serve)[^`]*)`", README)
+COMMANDS = re.findall(r"`(hiltest (?:run|init|fit-imu|fit|profile|serve|calibrate|log|allan)[^`]*)`", README)
 
 
 def test_the_first_two_blocks_are_one_line_each() -> None:
@@ -45,8 +45,10 @@ def test_every_command_is_understood(command: str, tmp_path: Path) -> None:
     _, *arguments = shlex.split(command)
     if arguments[0] == "run":
         arguments += ([] if "--" in arguments else ["--"]) + ["--collect-only", "-q"]
-    if arguments[0] == "serve":
-        arguments += ["--help"]  # it would serve until somebody ends it; a wrong option is refused all the same
+    if arguments[0] in ("serve", "calibrate", "log", "allan", "fit-imu"):
+        # It would serve until somebody ends it, calibrate a board or want a log, as the tests of their own pages do.
+        # A wrong option is refused all the same.
+        arguments += ["--help"]
     if arguments[0] == "fit":
         directions = np.random.default_rng(1).normal(size=(100, 3))
         readings_ut = 48.5 * directions / np.linalg.norm(directions, axis=1, keepdims=True) + [10.0, -20.0, 5.0]
