@@ -18,7 +18,7 @@ INDIRECT_CALLS = {
     "count_step_cycles": ["*_stream_add", "*_stream_remove"],
     "count_report_cycles": ["*_stream_report"],
     "command_reset_stream": ["*_stream_reset"],
-    "count_function_cycles": ["empty_function", "fit_*"],
+    "count_work_cycles": ["empty_work", "fit_*"],
     "for_each_sample": ["take_*"],
     "command_fit_accelerometer": ["accelerometer_*_residual_mg"],
     "count_predict_cycles": ["fusion_predict", "empty_fusion_predict"],

@@ -48,7 +48,7 @@ static FAST_CODE void fit_accelerometer_ellipsoid(const void *poses, void *fit)
 
 typedef struct {
     const char *name;
-    timed_function_t fit;
+    timed_work_t fit;
     float (*residual_mg)(const still_poses_t *poses, const accelerometer_calibration_t *calibration);
 } method_t;
 
@@ -83,7 +83,7 @@ status_t command_fit_accelerometer(payload_reader_t *request, payload_writer_t *
         return STATUS_TOO_FEW_POINTS;
     }
     accelerometer_fit_t fit;
-    const run_cost_t cost = timed_function(method->fit, &poses, &fit);
+    const run_cost_t cost = timed_work(method->fit, &poses, &fit);
     write_u8(reply, (uint8_t)fit.status);
     write_u8(reply, fit.faces);
     write_u8(reply, fit.pose);

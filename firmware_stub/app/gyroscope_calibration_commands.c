@@ -2,23 +2,12 @@
  * @file gyroscope_calibration_commands.c
  * @brief FIT_GYROSCOPE, SET_GYROSCOPE and GET_GYROSCOPE.
  */
-#include <math.h>
-
 #include "calibration/fast_code.h"
 #include "calibration/gyroscope_turns.h"
 #include "command.h"
 #include "gyroscope_calibration.h"
+#include "linear_fields.h"
 #include "timed_run.h"
-
-static bool read_finite(payload_reader_t *request, float *values, size_t count)
-{
-    bool all_finite = true;
-    for (size_t i = 0; i < count; i++) {
-        values[i] = read_f32(request);
-        all_finite = all_finite && isfinite(values[i]);
-    }
-    return all_finite;
-}
 
 static bool read_turn(payload_reader_t *request, gyroscope_turn_t *turn)
 {
@@ -56,7 +45,7 @@ status_t command_fit_gyroscope(payload_reader_t *request, payload_writer_t *repl
         return STATUS_BAD_ARGUMENT;
     }
     gyroscope_turns_fit_t fit;
-    const run_cost_t cost = timed_function(fit_turns, &turns, &fit);
+    const run_cost_t cost = timed_work(fit_turns, &turns, &fit);
     write_u8(reply, (uint8_t)fit.status);
     write_u8(reply, fit.at_fault);
     write_f32_array(reply, fit.matrix, 9);
@@ -70,8 +59,7 @@ status_t command_set_gyroscope(payload_reader_t *request, payload_writer_t *repl
 {
     (void)reply;
     gyroscope_calibration_t calibration;
-    const bool is_finite = read_finite(request, calibration.matrix, 9);
-    if (!read_finite(request, calibration.bias, 3) || !is_finite) {
+    if (!read_linear(request, calibration.matrix, calibration.bias)) {
         return STATUS_BAD_ARGUMENT;
     }
     gyroscope_calibration_set(&calibration);
@@ -81,7 +69,6 @@ status_t command_set_gyroscope(payload_reader_t *request, payload_writer_t *repl
 status_t command_get_gyroscope(payload_reader_t *request, payload_writer_t *reply)
 {
     (void)request;
-    write_f32_array(reply, gyroscope_calibration()->matrix, 9);
-    write_f32_array(reply, gyroscope_calibration()->bias, 3);
+    write_linear(reply, gyroscope_calibration()->matrix, gyroscope_calibration()->bias);
     return STATUS_OK;
 }

@@ -2,7 +2,7 @@
 
 #include <math.h>
 
-static bool read_finite(payload_reader_t *request, float *values, size_t count)
+bool read_finite(payload_reader_t *request, float *values, size_t count)
 {
     bool is_finite = true;
     for (size_t i = 0; i < count; i++) {

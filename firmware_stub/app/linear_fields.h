@@ -5,7 +5,12 @@
 #ifndef HILTEST_LINEAR_FIELDS_H
 #define HILTEST_LINEAR_FIELDS_H
 
+#include <stddef.h>
+
 #include "protocol/payload.h"
+
+/** Read numbers; false when one is not finite. All are read. */
+bool read_finite(payload_reader_t *request, float *values, size_t count);
 
 /** Read a row-major matrix and the vector behind it. False when an element is not finite. */
 bool read_linear(payload_reader_t *request, float matrix[9], float vector[3]);

@@ -96,28 +96,3 @@ run_cost_t timed_report(stream_reporter_t reporter, void *state, stream_report_t
     cost.cycles = total - cost.overhead_cycles;
     return cost;
 }
-
-FAST_CODE static void empty_function(const void *input, void *result)
-{
-    (void)input;
-    (void)result;
-}
-
-FAST_CODE __attribute__((noinline)) static uint32_t
-count_function_cycles(timed_function_t function, const void *input, void *result)
-{
-    const uint32_t mask = interrupts_mask();
-    const uint32_t before = cycle_counter_read();
-    function(input, result);
-    const uint32_t after = cycle_counter_read();
-    interrupts_restore(mask);
-    return after - before;
-}
-
-run_cost_t timed_function(timed_function_t function, const void *input, void *result)
-{
-    run_cost_t cost = {.overhead_cycles = count_function_cycles(empty_function, input, result)};
-    const uint32_t total = count_function_cycles(function, input, result);
-    cost.cycles = total - cost.overhead_cycles;
-    return cost;
-}

@@ -29,7 +29,7 @@ bool timed_run_has_counter(void);
  */
 run_cost_t timed_run(magnetometer_calibrator_t calibrator, const magnetometer_points_t *points, magnetometer_fit_t *fit);
 
-/** What is neither a calibrator nor a stream's step: `task` and `result` are its own. */
+/** Fast code that is neither a calibrator nor a stream's step: `task` and `result` are its own. */
 typedef void (*timed_work_t)(const void *task, void *result);
 
 /** Do a piece of work and count likewise. */
@@ -38,11 +38,5 @@ run_cost_t timed_work(timed_work_t work, const void *task, void *result);
 /** Give a point to a stream calibrator's add or remove, or take its report, and count likewise. */
 run_cost_t timed_step(stream_step_t step, void *state, const int16_t point[3], stream_status_t *status);
 run_cost_t timed_report(stream_reporter_t reporter, void *state, stream_report_t *report);
-
-/** A function of fast code from an input to a result: what has no type of its own here. */
-typedef void (*timed_function_t)(const void *input, void *result);
-
-/** Call it and count likewise. */
-run_cost_t timed_function(timed_function_t function, const void *input, void *result);
 
 #endif
