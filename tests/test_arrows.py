@@ -19,6 +19,7 @@ ARROWS = """
     errors      ->
     angles      ->
     measurement ->
+    comparison  -> errors measurement
     calibration -> errors angles
     orientation -> errors angles
     cloud       -> errors calibration
@@ -38,7 +39,7 @@ ARROWS = """
     link        -> errors angles calibration
     boards      -> errors angles bench_files rig_tables rig rig_file link virtual world sensors
     procedures  -> errors angles calibration orientation cloud rig_tables rig link boards
-    report      -> errors angles measurement calibration cloud procedures c_source imu_log
+    report      -> errors angles measurement comparison calibration cloud procedures c_source imu_log
 
     imu_calibration -> errors c_source calibration rig link boards virtual procedures
 """

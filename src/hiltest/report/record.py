@@ -17,6 +17,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
+from hiltest.comparison.model import Comparison
 from hiltest.measurement import Limit, Measurement, Outcome, plain, round_significant
 
 RUN_FILE = "run.json"
@@ -62,12 +63,16 @@ class BoardRecord:
 
 @dataclass(frozen=True, slots=True)
 class RigRecord:
-    """Which rig, by name, file and SHA-256 of that file; `mounting` as it declares it."""
+    """Which rig, by name, file and SHA-256 of that file; `mounting` as it declares it.
+
+    `conditions_sha256` is of what its numbers rest on: no limits, no texts. Empty in records from before it was kept.
+    """
 
     name: str
     file: str
     sha256: str
     mounting: str
+    conditions_sha256: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,6 +170,8 @@ class Run:
         Which set of tests it was: ``gate`` or ``full``.
     volatile : tuple of str
         JSON pointers (RFC 6901) of all that may differ between two runs of the same seed.
+    comparison : Comparison or None
+        With the baseline or the older firmware that the run was judged against.
     """
 
     schema: Literal["hiltest.run/1"]
@@ -182,6 +189,7 @@ class Run:
     measurements: tuple[Measurement, ...]
     tables: tuple[Table, ...]
     volatile: tuple[str, ...] = ()
+    comparison: Comparison | None = None
 
     def measurement(self, name: str) -> Measurement | None:
         """Return the measurement of this name, None when it was not made."""
@@ -207,6 +215,7 @@ class Findings:
     tests: list[TestResult] = field(default_factory=list)
     measurements: dict[str, Measurement] = field(default_factory=dict)
     tables: dict[str, Table] = field(default_factory=dict)
+    comparison: Comparison | None = None
 
     def finish(self, verdict: Verdict, finished_utc: str) -> Run:
         """Return the record: measurements and tables sorted by name, volatile places listed."""
@@ -215,7 +224,7 @@ class Findings:
             poses=self.poses, calibration=self.calibration, environment=self.environment,
             started_utc=self.started_utc, finished_utc=finished_utc, tests=tuple(self.tests),
             measurements=tuple(self.measurements[name].rounded() for name in sorted(self.measurements)),
-            tables=tuple(self.tables[name].rounded() for name in sorted(self.tables)),
+            tables=tuple(self.tables[name].rounded() for name in sorted(self.tables)), comparison=self.comparison,
         )
         return replace(run, volatile=_volatile_places(run))
 
@@ -309,7 +318,9 @@ def _field(name: str, value: Any) -> str:
             f"  {_json('rows')}: {_lines([_json(row) for row in table['rows']], indent='   ')}}}"
             for table in value
         ])
-    if name in ("tests", "measurements"):
+    if name == "comparison" and value is not None:
+        return "{" + ",\n ".join(f"{_json(key)}: {_field(key, each)}" for key, each in value.items()) + "}"
+    if name in ("tests", "measurements", "differences"):
         return _lines([_json(each) for each in value])
     return json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False)
 
@@ -331,6 +342,8 @@ def _volatile_places(run: Run) -> tuple[str, ...]:
     for index, measurement in enumerate(run.measurements):
         if measurement.volatile:
             places += [f"/measurements/{index}/value", f"/measurements/{index}/outcome"]
+    if run.comparison is not None:
+        places += [f"/comparison/{side}/{name}" for side in ("base", "new") for name in ("file", "saved_utc")]
     return tuple(places)
 
 

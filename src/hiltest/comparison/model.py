@@ -1,0 +1,222 @@
+"""What a comparison of two runs says: every measurement's change, and what kept it from being judged.
+
+Pure: nothing here knows pytest, a board or a file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+from hiltest.measurement import Limit, Measurement
+
+
+class Change(StrEnum):
+    """What became of a measurement since the base."""
+
+    BETTER = "better"
+    WORSE = "worse"
+    NEW = "new"
+    """The base has no number of it."""
+    GONE = "gone"
+    """The base has a number, the new run has none."""
+    UNCHANGED = "unchanged"
+    CHANGED = "changed"
+    """Beyond its tolerance, and neither better nor worse: a fact, such as the worst sector."""
+
+
+class Sense(StrEnum):
+    """Which way a measurement gets better."""
+
+    SMALLER = "smaller"
+    LARGER = "larger"
+    NEARER_ZERO = "nearer zero"
+    NEITHER = "neither"
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerance:
+    """How far a measurement may move and still count as unchanged: a change must be beyond both.
+
+    Attributes
+    ----------
+    absolute : float
+        In the measurement's unit.
+    relative : float
+        Of the base's value, 0.02 for 2 %. With 0 and 0 any change counts.
+
+    Raises
+    ------
+    ValueError
+        If one is negative, infinite or no number: nothing would ever be worse.
+    """
+
+    absolute: float
+    relative: float
+
+    def __post_init__(self) -> None:
+        for name, value in (("absolute", self.absolute), ("relative", self.relative)):
+            if not 0 <= value < float("inf"):
+                raise ValueError(f"{name} must be a finite number, 0 or more, not {value}")
+
+
+EXACT = Tolerance(0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """One measurement, base against new, paired by seed.
+
+    Attributes
+    ----------
+    base, new : float or None
+        Over several seeds: means over the paired ones. None where there is no number.
+    delta : float or None
+        New less base; over several seeds the mean of the paired changes.
+    interval : (float, float) or None
+        95 % interval of the mean paired change, from eight paired seeds up.
+    seeds : int
+        How many pairs, each with a number on both sides.
+    tolerance : Tolerance
+    limit : Limit or None
+        The new run's.
+    outcome : str
+        The new run's; over several seeds the one that gates, if any.
+    cycle_model : str
+    note : str
+        What the numbers alone do not say.
+    """
+
+    name: str
+    unit: str
+    change: Change
+    sense: Sense
+    base: float | None
+    new: float | None
+    delta: float | None
+    interval: tuple[float, float] | None
+    seeds: int
+    tolerance: Tolerance
+    limit: Limit | None
+    outcome: str
+    cycle_model: str
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Side:
+    """What stood on one side.
+
+    Attributes
+    ----------
+    file : str
+        Where it was read from; empty for a run that is being judged as it ends.
+    sha256 : str
+        Of that file, empty where there is none.
+    rig : str
+        Name of the rig.
+    seeds : tuple of int
+    saved_utc : str
+        When the run ended, or the baseline was saved.
+    """
+
+    file: str
+    sha256: str
+    firmware: str
+    version: str
+    build_id: str
+    compiler: str
+    cycle_model: str
+    rig: str
+    seeds: tuple[int, ...]
+    saved_utc: str
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Base against new.
+
+    Attributes
+    ----------
+    differences : tuple of Difference
+        Sorted by name.
+    obstacles : tuple of str
+        Why the gate cannot be evaluated, one line each, with what to do. None of them: it was.
+    sentence : str
+        All of it in one sentence.
+    """
+
+    base: Side
+    new: Side
+    differences: tuple[Difference, ...]
+    obstacles: tuple[str, ...]
+    sentence: str
+
+    def of(self, change: Change) -> tuple[Difference, ...]:
+        """Return the measurements with this change, sorted by name."""
+        return tuple(each for each in self.differences if each.change is change)
+
+    @property
+    def evaluated(self) -> bool:
+        """Whether the gate could be evaluated at all."""
+        return not self.obstacles
+
+    @property
+    def regression(self) -> bool:
+        """Whether the gate was evaluated, and something got worse."""
+        return self.evaluated and any(each.change is Change.WORSE for each in self.differences)
+
+
+@dataclass(frozen=True, slots=True)
+class Conditions:
+    """What must be the same on both sides for their numbers to be comparable, beside the cycle model and the compiler.
+
+    Attributes
+    ----------
+    conditions_sha256 : str
+        Of the rig without limits, information, tolerances and texts; empty in a record from before it was kept.
+    calibrators : tuple of str
+        As the board names them.
+    sensors : tuple of str
+        Those that were there, by name.
+    placement : str
+        Where code and data lay when cycles were counted.
+    poses : str
+        Known angles that were judged: ``all`` or ``level``.
+    suite : str
+        Set of tests: ``gate`` or ``full``.
+    calibrated : bool
+        Whether a calibration file was judged too.
+    """
+
+    board: str
+    conditions_sha256: str
+    calibrators: tuple[str, ...]
+    sensors: tuple[str, ...]
+    protocol_version: int
+    placement: str
+    poses: str
+    suite: str
+    calibrated: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """One side of a comparison: one run, or several runs of the same build that differ in their seed.
+
+    Attributes
+    ----------
+    side : Side
+    conditions : Conditions or None
+        None when no board answered.
+    measurements : mapping of int or None to mapping of str to Measurement
+        By seed and name; the seed is None where the run had none.
+    faults : tuple of str
+        Why this side is no evidence, one line each: a run cut short, a failed one as a baseline.
+    """
+
+    side: Side
+    conditions: Conditions | None
+    measurements: Mapping[int | None, Mapping[str, Measurement]]
+    faults: tuple[str, ...] = ()
