@@ -17,6 +17,10 @@ pytest_plugins = ["pytester"]
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN and threading.current_thread() is threading.main_thread():
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+# Runs that tests make have no part in the job that runs the tests, nor its check an annotation of them.
+for name in ("GITHUB_STEP_SUMMARY", "GITHUB_ACTIONS"):
+    os.environ.pop(name, None)
+
 
 @pytest.fixture(scope="session")
 def require_tool() -> Callable[[str], str]:

@@ -48,6 +48,7 @@ class Recording:
         self._hil = hil
         self._recorder = recorder
         self._log = TestLog(hil.test_id)
+        self._summary_remark = ""
         self.run: Run | None = None
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
@@ -67,7 +68,9 @@ class Recording:
     @pytest.hookimpl(tryfirst=True)
     def pytest_sessionfinish(self, session: pytest.Session, exitstatus: int) -> None:
         """Close the board, decide the run, write ``run.json`` and the reports."""
-        from hiltest.report.render import write_reports
+        from hiltest.report.job_summary import append_to_job_summary
+        from hiltest.report.markdown import markdown_report
+        from hiltest.report.render import MARKDOWN_FILE, write_reports
         from hiltest.report.verdict import decide
 
         self._recorder.found(self._hil.end(), ())
@@ -78,6 +81,7 @@ class Recording:
         self.run = self._recorder.finish(verdict)
         session.exitstatus = verdict.exit_code
         write_reports(self.run, self._recorder.folder)
+        self._summary_remark = append_to_job_summary(markdown_report(self.run), self._recorder.folder / MARKDOWN_FILE)
         session.config.hook.pytest_hil_finished(config=session.config, run=self.run)
 
     def _hold_to_the_rig(self, *, left_out: bool) -> list[str]:
@@ -101,6 +105,7 @@ class Recording:
         """Print the table of measurements, the files and the verdict."""
         if self.run is None:
             return
+        from hiltest.report.job_summary import annotation
         from hiltest.report.terminal import summary
 
         # `hiltest run` ends with the sentence itself, behind pytest's own last line.
@@ -111,6 +116,9 @@ class Recording:
         )
         terminalreporter.section("hiltest")
         terminalreporter.write(text)
+        if self._summary_remark:
+            terminalreporter.write_line(self._summary_remark)
+        terminalreporter.write(annotation(self.run.verdict))
 
 
 def rig_record(rig: Rig) -> RigRecord:

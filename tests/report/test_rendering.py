@@ -13,7 +13,8 @@ import pytest
 from hiltest.measurement import Limit, Measurement, judge
 from hiltest.report.budget_plot import budget_figures
 from hiltest.report.html import html_report
-from hiltest.report.markdown import markdown_report, plain_text
+from hiltest.report.markdown import markdown_report
+from hiltest.report.markdown_text import plain_text
 from hiltest.report.record import Findings, Run, Table, TestResult
 from hiltest.report.render import write_reports
 from hiltest.report.svg import Figure, log_ticks, nice_ticks

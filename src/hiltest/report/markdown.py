@@ -2,72 +2,106 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator
 
+from hiltest.comparison.model import Change, Comparison, Difference, Side
 from hiltest.measurement import Measurement
-from hiltest.report import overview, stream_overview
+from hiltest.report import differences, overview, stream_overview
+from hiltest.report.markdown_text import folded, plain_text, table
 from hiltest.report.record import Run, TestResult
 from hiltest.report.terminal import shown_limit, shown_outcome, shown_value
 
-_SPECIAL = re.compile(r"([\\`*_{}\[\]<>#|~&])")
-
 
 def markdown_report(run: Run) -> str:
-    """Return the page of a run: verdict, accuracy and cost, what was out of order, the rest folded."""
+    """Return the page of a run: verdict, what changed, what was out of order, accuracy and cost; the rest folded."""
     return "\n".join(_lines(run)) + "\n"
 
 
-def plain_text(text: str) -> str:
-    """Return text that Markdown shows as it is, on one line.
-
-    Examples
-    --------
-    >>> plain_text("<script>|")
-    '\\\\<script\\\\>\\\\|'
-    """
-    return _SPECIAL.sub(r"\\\1", " ".join(text.split()))
+def comparison_lines(comparison: Comparison) -> Iterator[str]:
+    """Yield what a comparison says: its sentence, why it could not be made, and all that changed."""
+    yield from ("", "## Against the baseline", "", plain_text(comparison.sentence))
+    if comparison.obstacles:
+        yield ""
+        yield from (f"- not evaluated: {plain_text(each)}" for each in comparison.obstacles)
+    rows = [_changed(each) for each in differences.changed(comparison)]
+    if rows:
+        yield ""
+        yield from table(["change", "measurement", "base", "new", "by", "tolerance", "limit", "outcome"], rows)
+    yield from ("", f"{plain_text(differences.counts(comparison))}.")
+    yield from folded("What was compared", table(
+        ["", "base", "new"],
+        ([name, old, new] for (name, old), (_, new) in zip(_side(comparison.base), _side(comparison.new), strict=True)),
+    ))  # fmt: skip
 
 
 def _lines(run: Run) -> Iterator[str]:
     yield f"# {plain_text(run.verdict.outcome.upper())}"
-    yield ""
-    yield plain_text(run.verdict.sentence)
-    yield ""
-    yield plain_text(overview.board_line(run))
-    calibrators = overview.accuracy_and_cost(run)
-    if calibrators.rows:
-        yield ""
-        yield from _table(
-            ["calibrator", *calibrators.headings],
-            ([row.name, *(_marked(cell) for cell in row.cells)] for row in calibrators.rows),
-        )
+    yield from ("", plain_text(run.verdict.sentence), "", plain_text(overview.board_line(run)))
+    if run.comparison is not None:
+        yield from comparison_lines(run.comparison)
     gating = [each for each in run.measurements if each.gates]
     if gating:
         yield from ("", "## Out of order", "")
         yield from _measurements(gating)
     yield from _tests(run)
-    yield from _streams(run)
-    yield from ("", "<details><summary>Every measurement</summary>", "")
-    yield from _measurements(run.measurements)
-    yield from ("", "</details>", "", "<details><summary>What the numbers rest on</summary>", "")
-    yield from (f"- {plain_text(name)}: {plain_text(text)}" for name, text in overview.provenance(run))
-    yield from ("", "</details>")
-
-
-def _streams(run: Run) -> Iterator[str]:
+    yield from _accuracy_and_cost(run)
     stages = stream_overview.stream_stages(run)
     if stages:
-        yield from ("", f"<details><summary>{stream_overview.HEADING}</summary>", "")
-        yield from _table([*stream_overview.HEADINGS], ([*row] for row in stages))
-        yield from ("", "</details>")
+        rows = ([*row] for row in stages)
+        yield from folded(stream_overview.HEADING, table([*stream_overview.HEADINGS], rows))
+    yield from folded("Every measurement", _measurements(run.measurements))
+    yield from folded(
+        "What the numbers rest on",
+        (f"- {plain_text(name)}: {plain_text(text)}" for name, text in overview.provenance(run)),
+    )
+
+
+def _changed(difference: Difference) -> list[str]:
+    limit = "" if difference.limit is None else str(difference.limit)
+    note = f": {difference.note}" if difference.note else ""
+    outcome = "" if difference.outcome == "information" else difference.outcome
+    return [
+        difference.change, difference.name,
+        *(_with_unit(value, difference) for value in (difference.base, difference.new)),
+        differences.shown_delta(difference),
+        "" if difference.change in (Change.NEW, Change.GONE) else differences.shown_tolerance(difference),
+        limit, outcome + note,
+    ]  # fmt: skip
+
+
+def _with_unit(value: float | None, difference: Difference) -> str:
+    return f"{differences.shown(value)} {difference.unit if value is not None else ''}".rstrip()
+
+
+def _side(side: Side) -> Iterator[tuple[str, str]]:
+    yield "file", f"{side.file} {side.sha256[:16]}".strip()
+    yield "firmware", f"{side.firmware} {side.version} build {side.build_id}"
+    yield "compiler", side.compiler
+    yield "cycle model", side.cycle_model
+    yield "rig", side.rig
+    yield "seeds", ", ".join(map(str, side.seeds)) or "none"
+    yield "saved", side.saved_utc
+
+
+def _accuracy_and_cost(run: Run) -> Iterator[str]:
+    calibrators = overview.accuracy_and_cost(run)
+    if not calibrators.rows:
+        return
+    lines = table(
+        ["calibrator", *calibrators.headings],
+        ([row.name, *(_marked(cell) for cell in row.cells)] for row in calibrators.rows),
+    )
+    if run.comparison is None:
+        yield from ("", *lines)
+    else:
+        yield from folded("Accuracy and cost", lines)
 
 
 def _tests(run: Run) -> Iterator[str]:
     troubled = [test for test in run.tests if test.outcome not in ("passed", "xfailed")]
     if troubled:
         yield from ("", "## Tests that did not pass", "")
-        yield from _table(["test", "outcome", "reason"], ([test.id, test.outcome, _reason(test)] for test in troubled))
+        yield from table(["test", "outcome", "reason"], ([test.id, test.outcome, _reason(test)] for test in troubled))
 
 
 def _reason(test: TestResult) -> str:
@@ -80,14 +114,7 @@ def _measurements(measurements: Iterable[Measurement]) -> Iterator[str]:
          shown_outcome(each) + (f": {each.note}" if each.note else ""), overview.origin(each)]
         for each in measurements
     )
-    yield from _table(["measurement", "value", "unit", "limit", "outcome", "where from"], rows)
-
-
-def _table(headings: list[str], rows: Iterable[list[str]]) -> Iterator[str]:
-    yield f"| {' | '.join(headings)} |"
-    yield f"|{' --- |' * len(headings)}"
-    for row in rows:
-        yield f"| {' | '.join(plain_text(cell) for cell in row)} |"
+    yield from table(["measurement", "value", "unit", "limit", "outcome", "where from"], rows)
 
 
 def _marked(cell: overview.Cell) -> str:

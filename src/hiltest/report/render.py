@@ -8,8 +8,10 @@ from hiltest.report.html import html_report
 from hiltest.report.markdown import markdown_report
 from hiltest.report.record import Run, write_atomically
 
+HTML_FILE, MARKDOWN_FILE = "report.html", "report.md"
+
 
 def write_reports(run: Run, folder: Path) -> None:
     """Write ``report.html`` and ``report.md`` beside ``run.json``."""
-    write_atomically(folder / "report.html", html_report(run))
-    write_atomically(folder / "report.md", markdown_report(run))
+    write_atomically(folder / HTML_FILE, html_report(run))
+    write_atomically(folder / MARKDOWN_FILE, markdown_report(run))

@@ -1,0 +1,86 @@
+"""Markdown of texts that may hold anything: escaped, in tables, folded, and cut to a length."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Iterable, Iterator
+
+# What Markdown and GitHub's mathematics give a meaning.
+_SPECIAL = re.compile(r"([\\`*_{}\[\]<>#|~&$])")
+# What GitHub makes a link of, without any mark-up around it; a comment inside keeps it text.
+_LINKED = re.compile(r"(://|\bwww\.|(?<!\w)@(?=\w))", re.I)
+_OPENED, _CLOSED = "<details>", "</details>"
+
+
+def plain_text(text: str) -> str:
+    """Return text that Markdown shows as it is, on one line.
+
+    Examples
+    --------
+    >>> plain_text("<script>|")
+    '\\\\<script\\\\>\\\\|'
+    >>> plain_text("see https://x")
+    'see https:<!-- -->//x'
+    """
+    one_line = _SPECIAL.sub(r"\\\1", " ".join(text.split()))
+    unlinked = _LINKED.sub(lambda match: f"{match[0][0]}<!-- -->{match[0][1:]}", one_line)
+    return "".join(map(_visible, unlinked))
+
+
+def table(headings: list[str], rows: Iterable[list[str]]) -> Iterator[str]:
+    """Yield the lines of a table of plain texts."""
+    yield f"| {' | '.join(headings)} |"
+    yield f"|{' --- |' * len(headings)}"
+    for row in rows:
+        yield f"| {' | '.join(plain_text(cell) for cell in row)} |"
+
+
+def folded(heading: str, lines: Iterable[str]) -> Iterator[str]:
+    """Yield lines that a reader has to open; `heading` is trusted text."""
+    yield from ("", f"{_OPENED}<summary>{heading}</summary>", "")
+    yield from lines
+    yield from ("", _CLOSED)
+
+
+def cut(text: str, most_bytes: int, whole_is: str) -> str:
+    """Return as many whole lines of a page as fit, and say so where something is left out.
+
+    Parameters
+    ----------
+    text : str
+        With nothing folded inside something folded.
+    most_bytes : int
+        In UTF-8, of all that is returned.
+    whole_is : str
+        Where the whole page is; plain text.
+
+    Returns
+    -------
+    str
+        Empty when not even the remark fits.
+    """
+    if len(_bytes(text)) <= most_bytes:
+        return text
+    ending = f"\n**Cut short: it would have been too long. The whole is in {plain_text(whole_is)}.**\n"
+    left = most_bytes - len(_bytes(ending)) - len(_bytes(f"\n{_CLOSED}\n"))
+    kept, is_open = [], False
+    for line in text.splitlines(keepends=True):
+        left -= len(_bytes(line))
+        if left < 0:
+            break
+        kept.append(line)
+        is_open = line.startswith(_OPENED) or (is_open and not line.startswith(_CLOSED))
+    cut_text = "".join(kept) + (f"\n{_CLOSED}\n" if is_open else "") + ending
+    return cut_text if len(_bytes(cut_text)) <= most_bytes else ""
+
+
+def _bytes(text: str) -> bytes:
+    # A file's name may hold half a surrogate pair, which no encoding has.
+    return text.encode("utf-8", errors="backslashreplace")
+
+
+def _visible(character: str) -> str:
+    """Write out what would be seen as nothing, or turn the text behind it around."""
+    hidden = unicodedata.category(character) in ("Cc", "Cf", "Cs")
+    return f"\\\\u{ord(character):04x}" if hidden else character

@@ -1,0 +1,151 @@
+"""The Markdown page of a run: what changed comes before the rest, nothing breaks out, and no line is cut in two."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hiltest.comparison.model import Change
+from hiltest.measurement import Measurement
+from hiltest.report.differences import counts, shown_delta, shown_tolerance
+from hiltest.report.markdown import markdown_report
+from hiltest.report.markdown_text import cut, plain_text
+from hiltest.report.record import Findings, Run
+from hiltest.report.verdict import decide
+
+from .comparisons import comparison, difference
+
+Make = Callable[..., Findings]
+HOSTILE = "<script>alert('x')</script>|`\"&"
+
+
+@pytest.fixture
+def run(findings: Make, good: list[Measurement]) -> Run:
+    made = findings(*good)
+    made.comparison = comparison()
+    return made.finish(decide(made, pytest_exit=0), "2026-01-02T03:05:00Z")
+
+
+def unfolded(page: str) -> str:
+    """Return what a reader sees without opening anything."""
+    return re.sub(r"<details>.*?</details>", "", page, flags=re.S)
+
+
+def test_what_changed_is_shown_worst_first_with_limit_and_tolerance(run: Run) -> None:
+    rows = re.findall(r"^\| (?:worse|gone|better|new|changed) .*$", unfolded(markdown_report(run)), re.M)
+    assert rows == [
+        "| worse | cycles.direct.total | 11 061 cycle | 11 161 cycle | +100 (+0.9 %) | exact | at most 12 500 | pass |",
+        "| gone | fusion.kalman.max | 1.2 deg | - |  |  |  |  |",
+        "| better | heading.direct.max | 0.97 deg | 0.75 deg | -0.22 (-22.7 %) | 0.05 deg and 2 % |"
+        " at most 1.8 | pass |",
+        "| new | link.errors | - | 0 |  |  | at most 1.8 | pass |",
+        "| changed | heading.direct.worst\\_sector | 200 deg | 230 deg | +30 (+15.0 %) | 0.05 deg and 2 % |"
+        " at most 1.8 | pass |",
+    ]
+
+
+def test_what_did_not_change_is_counted_and_folded(run: Run) -> None:
+    page = markdown_report(run)
+    assert "1 worse, 1 gone, 1 better, 1 new, 1 changed, 1 unchanged." in unfolded(page)
+    assert "fit.direct.residual" not in unfolded(page)
+    assert "fit.direct.residual" in page
+    assert "| calibrator |" not in unfolded(page)
+    assert "| calibrator |" in page
+
+
+def test_without_a_baseline_accuracy_and_cost_are_open(run: Run) -> None:
+    page = unfolded(markdown_report(replace(run, comparison=None)))
+    assert "| calibrator |" in page
+    assert "baseline" not in page
+
+
+def test_a_gate_that_was_not_evaluated_says_why(run: Run) -> None:
+    page = unfolded(markdown_report(replace(run, comparison=comparison(obstacles=("another rig: <b>; save anew",)))))
+    assert "- not evaluated: another rig: \\<b\\>; save anew" in page
+
+
+def test_the_interval_over_seeds_is_told(run: Run) -> None:
+    paired = difference("heading.direct.max", Change.WORSE, 0.9, 1.2, interval=(0.25, 0.35), seeds=8)
+    assert shown_delta(paired) == "+0.3 (+33.3 %), 95 % 0.25 to 0.35 over 8 seeds"
+
+
+def test_a_change_from_nearly_nothing_has_no_percents() -> None:
+    assert shown_delta(difference("heading.direct.bias", Change.WORSE, 0.001, 0.301)) == "+0.3"
+    assert shown_delta(difference("link.errors", Change.WORSE, 0.0, 3.0)) == "+3"
+    assert shown_delta(difference("cycles.a.total", Change.WORSE, 100_000.0, 112_345.0)) == "+12 345 (+12.3 %)"
+    assert shown_delta(difference("cycles.a.total", Change.BETTER, 112_345.0, 100_000.0)) == "-12 345 (-11.0 %)"
+
+
+def test_a_comparison_of_nothing_says_so() -> None:
+    assert counts(replace(comparison(), differences=())) == "nothing to compare"
+    assert shown_tolerance(difference("a", Change.WORSE, 1, 2)) == "0.05 deg and 2 %"
+
+
+def test_hostile_texts_of_a_comparison_stay_text(run: Run) -> None:
+    hostile = comparison(
+        difference(HOSTILE, Change.WORSE, 1, 2, unit=HOSTILE, note=HOSTILE), obstacles=(HOSTILE,)
+    )
+    made = replace(hostile, sentence=HOSTILE, base=replace(hostile.base, firmware=HOSTILE, file=HOSTILE))
+    page = markdown_report(replace(run, comparison=made))
+    assert "<script" not in page.replace("\\<script", "")
+    rows = [line for line in page.splitlines() if line.startswith("|") and "alert" in line]
+    assert {len(re.findall(r"(?<!\\)\|", line)) for line in rows} == {9, 4}, "an unescaped | would add a column"
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("https://evil.example", "https:<!-- -->//evil.example"),
+        ("www.evil.example", "w<!-- -->ww.evil.example"),
+        ("ask @team", "ask @<!-- -->team"),
+        ("cortex-m4-trm/1@sram", "cortex-m4-trm/1@sram"),
+        ("$\\frac12$", "\\$\\\\frac12\\$"),
+        ("![x](y)", "!\\[x\\](y)"),
+        ("a\u202eb\x1b[31m", "a\\\\u202eb\\\\u001b\\[31m"),
+        ("\udce9", "\\\\udce9"),
+    ],
+)
+def test_nothing_becomes_a_link_a_formula_or_a_control_character(text: str, shown: str) -> None:
+    assert plain_text(text) == shown
+
+
+def page_of(sections: list[tuple[bool, int]]) -> str:
+    """Return a page of paragraphs and folded tables with so many rows each."""
+    parts = []
+    for folds, rows in sections:
+        lines = "".join(f"| {row} | ä |\n" for row in range(rows))
+        parts.append(f"\n<details><summary>s</summary>\n\n{lines}\n</details>\n" if folds else f"\n{lines}")
+    return "# PASS\n" + "".join(parts)
+
+
+@given(st.lists(st.tuples(st.booleans(), st.integers(0, 20)), max_size=6), st.integers(0, 1500))
+def test_a_page_is_cut_at_the_end_of_a_line_with_everything_closed(
+    sections: list[tuple[bool, int]], most_bytes: int
+) -> None:
+    page = page_of(sections)
+    kept = cut(page, most_bytes, "hil-out/report.md")
+    assert len(kept.encode()) <= most_bytes
+    if len(page.encode()) <= most_bytes:
+        assert kept == page
+        return
+    assert kept.count("<details>") == kept.count("</details>")
+    body, _, remark = kept.rpartition("\n**Cut short")
+    if kept:
+        assert "hil-out/report.md" in remark
+        lines = [line for line in body.splitlines() if line not in ("", "</details>")]
+        whole = [line for line in page.splitlines() if line not in ("", "</details>")]
+        assert lines == whole[: len(lines)]
+    else:
+        assert most_bytes < 130, "only a length that has no room for the remark leaves nothing"
+
+
+def test_a_page_that_is_cut_keeps_as_much_as_fits() -> None:
+    page = page_of([(True, 100)])
+    kept = cut(page, 600, "r.md")
+    # The longest line of the page, the end of the fold and half a remark.
+    assert len(kept.encode()) > 600 - 40
