@@ -175,7 +175,8 @@ class Processor:
         if block.uses_fpu and self.fpu_enabled:
             self.exceptions.floating_point_runs()
         suspects = self._suspects(block)
-        if self.traps.unwatched((*suspects, *block.alignment.inside)):
+        watched = (*suspects, *block.alignment.inside)
+        if watched and self.traps.unwatched(watched):
             self._to_watch = block
             return False
         if suspects:
@@ -199,10 +200,7 @@ class Processor:
         return suspects
 
     def _misaligned(self, block: Block) -> bool:
-        together = 0
-        for value in self.registers.cores(block.alignment.registers).read():
-            together |= value
-        return together & 3 != 0
+        return any(value & 3 for value in self.registers.cores(block.alignment.registers).read())
 
     def _can_leave_loop(self) -> bool:
         ceiling = self.exceptions.ceiling()
@@ -295,25 +293,24 @@ class Processor:
         self.nvic.changed = False
         if not self.nvic.pending:
             return
+        ceiling, ceiling_asleep = self.exceptions.ceilings()
         if self.sleeping and (
-            self.nvic.next_exception(ceiling=self._wake_ceiling()) is not None
+            self.nvic.next_exception(ceiling=ceiling if self._waits_for_event else ceiling_asleep) is not None
             or (self._waits_for_event and self.event_register.take())
         ):
             self.sleeping = False
         active = len(self.nvic.active)
-        fault = self.exceptions.take()
+        fault = self.exceptions.take(ceiling)
         if len(self.nvic.active) > active:
             self._entered()
         if fault is not None:
             self._deliver(fault)
 
-    def _wake_ceiling(self) -> int:
-        return self.exceptions.ceiling() if self._waits_for_event else self.exceptions.wake_ceiling()
-
     def _sleep(self, until_cycle: float) -> None:
         """Stay in WFI or WFE: jump to the next event, or to where the run ends."""
         target = min(self.schedule.next_cycle, until_cycle)
-        ceiling = self._wake_ceiling()
+        ceiling, ceiling_asleep = self.exceptions.ceilings()
+        ceiling = ceiling if self._waits_for_event else ceiling_asleep
         possible = self.nvic.preempts(SYSTICK, ceiling) or self.nvic.can_ever_wake(ceiling)
         forever = math.isinf(until_cycle) and not self.schedule.wakes_ever
         if forever or not (possible or (self._waits_for_event and self.event_register.on_pend)):

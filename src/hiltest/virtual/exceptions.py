@@ -66,20 +66,26 @@ class ExceptionUnit:
         """Return the priority that PRIMASK, FAULTMASK and BASEPRI raise execution to."""
         return self._nvic.ceiling(*self._registers.masks.read())
 
-    def wake_ceiling(self) -> int:
-        """Return the same without PRIMASK, which does not keep WFI asleep."""
-        _, faultmask, basepri = self._registers.masks.read()
-        return self._nvic.ceiling(0, faultmask, basepri)
+    def ceilings(self) -> tuple[int, int]:
+        """Return that priority, and the same without PRIMASK, which does not keep WFI asleep."""
+        primask, faultmask, basepri = self._registers.masks.read()
+        awake = self._nvic.ceiling(0, faultmask, basepri)
+        return self._nvic.ceiling(primask, faultmask, basepri) if primask else awake, awake
 
-    def take(self) -> Fault | None:
-        """Enter the most urgent deliverable exception, if there is one.
+    def take(self, ceiling: int) -> Fault | None:
+        """Enter the most urgent exception that the masks let pass, if there is one.
+
+        Parameters
+        ----------
+        ceiling : int
+            What the masks raise execution to, see `ceiling`.
 
         Returns
         -------
         Fault or None
             What went wrong on the way in; it is to be taken next.
         """
-        exception = self._nvic.next_exception(ceiling=self.ceiling())
+        exception = self._nvic.next_exception(ceiling=ceiling)
         return None if exception is None else self._enter(exception)
 
     def take_fault(self, fault: Fault) -> int:

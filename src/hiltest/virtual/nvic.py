@@ -67,6 +67,7 @@ class Nvic:
     def priority_grouping(self, value: int) -> None:
         self._grouping = value
         self._group_mask = 0xFF << (value + 1) & _PRIORITY_MASK
+        self._preemption: dict[int, int] = {}
         self.changed = True
 
     def set_line(self, interrupt: int, level: bool) -> None:
@@ -97,6 +98,7 @@ class Nvic:
         """Set the priority byte of an exception; lower is more urgent."""
         if exception >= MEM_MANAGE:
             self.priority[exception] = value & _PRIORITY_MASK
+            self._preemption.clear()
             self.changed = True
 
     def _order(self, exception: int) -> int:
@@ -106,8 +108,11 @@ class Nvic:
 
     def preemption_priority(self, exception: int) -> int:
         """Priority of an exception against what runs: without its sub-priority."""
-        order = self._order(exception)
-        return order if order < 0 else order & self._group_mask
+        priority = self._preemption.get(exception)
+        if priority is None:
+            order = self._order(exception)
+            priority = self._preemption[exception] = order if order < 0 else order & self._group_mask
+        return priority
 
     def ceiling(self, primask: int, faultmask: int, basepri: int) -> int:
         """Translate the mask registers: only what is more urgent than the answer may be taken."""
@@ -144,7 +149,9 @@ class Nvic:
         ready = self._ready()
         if not ready:
             return None
-        best = min(ready, key=lambda exception: (self._order(exception), exception))
+        best = ready[0]
+        if len(ready) > 1:
+            best = min(ready, key=lambda exception: (self._order(exception), exception))
         return best if self.preemption_priority(best) < ceiling else None
 
     def preempts(self, exception: int, ceiling: int = IDLE) -> bool:

@@ -194,11 +194,13 @@ class PeripheralBus:
 
         def on_access(_engine: int, access: int, address: int, size: int, _value: int, _data: int) -> bool:
             try:
-                reason = reason_against(address, size)
-                if reason is not None:
-                    processor.traps.refuse(access, address, reason)
-                    return False
-                opened[(address - base) // _PAGE] = 1
+                page = (address - base) // _PAGE
+                if not opened[page] or address % _PAGE + size > _PAGE:  # an access may straddle two pages
+                    reason = reason_against(address, size)
+                    if reason is not None:
+                        processor.traps.refuse(access, address, reason)
+                        return False
+                    opened[page] = 1
                 processor.registers.forget_condition()
                 return True
             except BaseException as error:  # as above

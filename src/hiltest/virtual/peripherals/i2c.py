@@ -66,9 +66,6 @@ class I2c:
         self._address_next = False
         self._receiving = False
 
-    def _time_s(self) -> float:
-        return self._processor.now() / self._core_hz
-
     def _byte_cycles(self, clocks: int) -> int:
         frequency = self._registers[_F]
         divider = _DIVIDERS[frequency & 0x3F] << (frequency >> 6)
@@ -86,8 +83,9 @@ class I2c:
         control = self._registers[_C1]
         if control & _MST and not control & _TX and self._transfer is None:
             self._receiving = True
-            self._data = self._bus.read(self._time_s())
-            self._begin(_CLOCKS_A_BYTE)
+            now = self._processor.now()
+            self._data = self._bus.read(now / self._core_hz)
+            self._begin(now, _CLOCKS_A_BYTE)
             # The byte that is under way can be read only when it is complete.
             self._arriving, self._data = self._data, value
         return value
@@ -117,7 +115,7 @@ class I2c:
             self._status |= _BUSY
             self._address_next = True
         elif before & _MST and not value & _MST:
-            self._bus.stop(self._time_s())
+            self._bus.stop(self._processor.now() / self._core_hz)
             self._status &= ~_BUSY
         self._drive()
 
@@ -126,20 +124,19 @@ class I2c:
         if not (control & _MST and control & _TX) or self._transfer is not None:
             return
         self._receiving = False
-        time_s = self._time_s()
+        now = self._processor.now()
+        time_s = now / self._core_hz
         if self._address_next:
             self._address_next = False
             self._acknowledged = self._bus.address(value, time_s)
-            self._begin(_CLOCKS_A_BYTE + _START_CLOCKS)
+            self._begin(now, _CLOCKS_A_BYTE + _START_CLOCKS)
         else:
             self._acknowledged = self._bus.write(value, time_s)
-            self._begin(_CLOCKS_A_BYTE)
+            self._begin(now, _CLOCKS_A_BYTE)
 
-    def _begin(self, clocks: int) -> None:
+    def _begin(self, now: int, clocks: int) -> None:
         self._status &= ~_TCF
-        self._transfer = self._processor.schedule.at(
-            self._processor.now() + self._byte_cycles(clocks), self._complete
-        )
+        self._transfer = self._processor.schedule.at(now + self._byte_cycles(clocks), self._complete)
 
     def _complete(self) -> None:
         self._transfer = None
