@@ -42,8 +42,8 @@ status_t command_average(payload_reader_t *request, payload_writer_t *reply)
     if (count == 0u || count > AVERAGE_MAXIMUM || timeout_us > TIMEOUT_MAXIMUM_US) {
         return STATUS_BAD_ARGUMENT;
     }
-    series_t series[SENSOR_KIND_COUNT];
-    const status_t status = series_fill_selected(series, count, time_us() + timeout_us);
+    series_t series[ATTITUDE_KINDS];
+    const status_t status = series_fill(series, count, time_us() + timeout_us);
     if (status != STATUS_OK) {
         return status;
     }

@@ -30,9 +30,9 @@ status_t command_add_pose(payload_reader_t *request, payload_writer_t *reply)
     if (poses_count() == POSES_MAXIMUM) {
         return STATUS_BUFFER_FULL;
     }
-    series_t series[SENSOR_KIND_COUNT];
+    series_t series[ATTITUDE_KINDS];
     int8_t degc = 0;
-    status_t status = series_fill_selected(series, count, time_us() + timeout_us);
+    status_t status = series_fill(series, count, time_us() + timeout_us);
     if (status == STATUS_OK) {
         status = status_of_sensor(sensor_die_temperature(series[SENSOR_ACCELEROMETER].sampler.sensor, &degc));
     }

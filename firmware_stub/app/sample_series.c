@@ -3,30 +3,22 @@
 #include "boards/time_base.h"
 #include "sensor_set.h"
 
-/** The series that must be looked at next; NULL when all have `count` samples. */
-static series_t *next_series(series_t *series, size_t series_count, uint16_t count)
+/** The series that must be looked at next; NULL when both have `count` samples. */
+static series_t *next_series(series_t series[ATTITUDE_KINDS], uint16_t count)
 {
     series_t *next = NULL;
-    for (size_t i = 0; i < series_count; i++) {
-        const bool open = series[i].sampler.sensor != NULL && series[i].statistics.count < count;
-        if (open && (next == NULL || series[i].sampler.next_look_us < next->sampler.next_look_us)) {
-            next = &series[i];
+    for (size_t kind = 0; kind < ATTITUDE_KINDS; kind++) {
+        const bool open = series[kind].statistics.count < count;
+        if (open && (next == NULL || series[kind].sampler.next_look_us < next->sampler.next_look_us)) {
+            next = &series[kind];
         }
     }
     return next;
 }
 
-sensor_status_t series_fill(series_t *series, size_t series_count, uint16_t count, uint64_t deadline_us)
+static sensor_status_t take_samples(series_t series[ATTITUDE_KINDS], uint16_t count, uint64_t deadline_us)
 {
-    for (size_t i = 0; i < series_count; i++) {
-        if (series[i].sampler.sensor != NULL) {
-            const sensor_status_t status = sampler_start(&series[i].sampler, series[i].sampler.sensor);
-            if (status != SENSOR_OK) {
-                return status;
-            }
-        }
-    }
-    series_t *next = next_series(series, series_count, count);
+    series_t *next = next_series(series, count);
     while (next != NULL) {
         if (next->sampler.next_look_us >= deadline_us) {
             return SENSOR_TIMED_OUT;
@@ -39,20 +31,23 @@ sensor_status_t series_fill(series_t *series, size_t series_count, uint16_t coun
         } else if (status != SENSOR_NOT_READY) {
             return status;
         }
-        next = next_series(series, series_count, count);
+        next = next_series(series, count);
     }
     return SENSOR_OK;
 }
 
-status_t series_fill_selected(series_t series[SENSOR_KIND_COUNT], uint16_t count, uint64_t deadline_us)
+status_t series_fill(series_t series[ATTITUDE_KINDS], uint16_t count, uint64_t deadline_us)
 {
-    for (uint32_t kind = 0; kind < SENSOR_KIND_COUNT; kind++) {
-        series[kind] = (series_t){.sampler = {.sensor = sensor_set_selected((sensor_kind_t)kind)}};
+    sensor_status_t status = SENSOR_OK;
+    for (uint32_t kind = 0; kind < ATTITUDE_KINDS && status == SENSOR_OK; kind++) {
+        const sensor_t *sensor = sensor_set_selected((sensor_kind_t)kind);
+        series[kind] = (series_t){.statistics = {.count = 0}};
+        status = sensor == NULL ? SENSOR_ABSENT : sampler_start(&series[kind].sampler, sensor);
     }
-    if (series[SENSOR_MAGNETOMETER].sampler.sensor == NULL || series[SENSOR_ACCELEROMETER].sampler.sensor == NULL) {
-        return STATUS_SENSOR_ABSENT;
+    if (status == SENSOR_OK) {
+        status = take_samples(series, count, deadline_us);
     }
-    return status_of_sensor(series_fill(series, SENSOR_KIND_COUNT, count, deadline_us));
+    return status_of_sensor(status);
 }
 
 void write_statistics(payload_writer_t *reply, const vector_statistics_t *statistics)
@@ -64,11 +59,11 @@ void write_statistics(payload_writer_t *reply, const vector_statistics_t *statis
     write_f32_array(reply, values, 3);
 }
 
-void write_series(payload_writer_t *reply, const series_t series[SENSOR_KIND_COUNT], uint16_t count)
+void write_series(payload_writer_t *reply, const series_t series[ATTITUDE_KINDS], uint16_t count)
 {
     uint32_t overruns = 0;
     write_u16(reply, count);
-    for (uint32_t kind = 0; kind < SENSOR_KIND_COUNT; kind++) {
+    for (uint32_t kind = 0; kind < ATTITUDE_KINDS; kind++) {
         write_statistics(reply, &series[kind].statistics);
         overruns += series[kind].sampler.overruns;
     }

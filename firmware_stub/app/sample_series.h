@@ -12,25 +12,26 @@
 
 /** Samples of one sensor. */
 typedef struct {
-    sampler_t sampler; /**< its sensor is NULL when no sensor of the kind is selected: it then stays empty */
+    sampler_t sampler;
     vector_statistics_t statistics;
 } series_t;
 
-/** Take `count` new samples of every sensor. Bounded by the deadline [us]: every look moves its next one on. */
-sensor_status_t series_fill(series_t *series, size_t series_count, uint16_t count, uint64_t deadline_us);
+/** What an attitude is made of: the first kinds, SENSOR_MAGNETOMETER and SENSOR_ACCELEROMETER. */
+#define ATTITUDE_KINDS 2u
 
 /**
- * Take `count` new samples of the selected sensor of each kind.
+ * Take `count` new samples of the selected magnetometer and of the selected accelerometer.
  *
  * @param[out] series one of each kind, in the order of the kinds
- * @return SENSOR_ABSENT when no magnetometer or no accelerometer is selected; the gyroscope may be missing
+ * @param deadline_us bounds the looks, each of which moves its series' next one on [us]
+ * @return SENSOR_ABSENT when one of the two is not selected
  */
-status_t series_fill_selected(series_t series[SENSOR_KIND_COUNT], uint16_t count, uint64_t deadline_us);
+status_t series_fill(series_t series[ATTITUDE_KINDS], uint16_t count, uint64_t deadline_us);
 
 /** Write mean and spread of one series. */
 void write_statistics(payload_writer_t *reply, const vector_statistics_t *statistics);
 
-/** Write the number of samples, mean and spread of each kind, and the overruns of all together. */
-void write_series(payload_writer_t *reply, const series_t series[SENSOR_KIND_COUNT], uint16_t count);
+/** Write the number of samples, mean and spread of both kinds, and the overruns of both together. */
+void write_series(payload_writer_t *reply, const series_t series[ATTITUDE_KINDS], uint16_t count);
 
 #endif

@@ -270,6 +270,6 @@ def test_firmware_of_another_name_is_the_wrong_firmware(run_edited: RunEdited) -
 
 
 def test_another_protocol_version_is_the_wrong_firmware(run_edited: RunEdited) -> None:
-    ended = run_edited("protocol/message.h", "#define PROTOCOL_VERSION 3u", "#define PROTOCOL_VERSION 4u")
+    ended = run_edited("protocol/message.h", "#define PROTOCOL_VERSION 4u", "#define PROTOCOL_VERSION 5u")
     assert ended.exit_code == 23, ended.output
     assert "protocol" in ended.output

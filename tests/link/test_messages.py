@@ -240,30 +240,29 @@ def test_the_state_of_a_stream_is_read_in_order() -> None:
 
 
 def test_average_has_one_heading_for_each_slot_asked_for_from_low_to_high() -> None:
-    data = struct.pack("<BH18fH", 0, 16, *range(18), 1)
+    data = struct.pack("<BH12fH", 0, 16, *range(12), 1)
     data += struct.pack("<B3f", 0, 10.0, 1.0, 2.0) + struct.pack("<B3f", 13, math.nan, math.nan, math.nan)
     reply = decode_reply(m.Average(16, 0b1001), data)
     assert list(reply.headings) == [0, 3]
     assert reply.headings[0].attitude == Pose(10.0, 1.0, 2.0)
     assert reply.headings[3] == SlotHeading(Status.DEGENERATE_FIELD, None)
     assert reply.accelerometer.mean.tolist() == [6.0, 7.0, 8.0]
-    assert reply.gyroscope is not None
-    assert reply.gyroscope.spread is not None
-    assert reply.gyroscope.spread.tolist() == [15.0, 16.0, 17.0]
+    assert reply.accelerometer.spread is not None
+    assert reply.accelerometer.spread.tolist() == [9.0, 10.0, 11.0]
 
 
 def test_numbers_that_a_board_does_not_have_are_none() -> None:
     one_sample = [*range(3), *[math.nan] * 3]
-    data = struct.pack("<BH18fH", 0, 1, *one_sample, *one_sample, *[math.nan] * 6, 0)
+    data = struct.pack("<BH12fH", 0, 1, *one_sample, *one_sample, 0)
     reply = decode_reply(m.Average(1), data)
     assert reply.magnetometer.spread is None
-    assert reply.gyroscope is None
+    assert reply.accelerometer.spread is None
 
 
 @pytest.mark.parametrize("slot", [[math.nan] * 3, [1.0, math.nan, 2.0], [math.inf, 0.0, 0.0]])
 def test_an_ok_heading_without_a_number_is_refused(slot: list[float]) -> None:
-    data = struct.pack("<BH18fH", 0, 16, *range(18), 1) + struct.pack("<B3f", 0, *slot)
-    with pytest.raises(ProtocolError, match=r"reply to AVERAGE: (heading at byte 78|pitch at byte 82) of 90"):
+    data = struct.pack("<BH12fH", 0, 16, *range(12), 1) + struct.pack("<B3f", 0, *slot)
+    with pytest.raises(ProtocolError, match=r"reply to AVERAGE: (heading at byte 54|pitch at byte 58) of 66"):
         decode_reply(m.Average(16, 1), data)
 
 

@@ -117,7 +117,7 @@ def stages_table() -> Table:
 def board() -> BoardRecord:
     return BoardRecord(
         kind="virtual", description="virtual FRDM-K64F, seed 1", firmware="hiltest-frdm-k64f", version="0.1.0",
-        protocol_version=3, build_id="0123456789abcdef", unique_id="00" * 16, firmware_sha256="ab" * 32,
+        protocol_version=4, build_id="0123456789abcdef", unique_id="00" * 16, firmware_sha256="ab" * 32,
         compiler="GCC 12.2.1", placement="sram", core_clock_hz=120_000_000, cycle_model=MODEL, clock="virtual",
         calibrators=("direct", "iterative"),
         sensors=(SensorRecord("MAG3110", "magnetometer", 1, 0x0E, present=True, selected=True),),

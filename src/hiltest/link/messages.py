@@ -56,7 +56,7 @@ __all__ = [
     "Upload",
 ]
 
-PROTOCOL_VERSION = 3
+PROTOCOL_VERSION = 4
 MAX_UPLOAD = 160
 MAX_UPLOAD_PAIRS = 80
 MAX_POINTS_READ = 80
@@ -262,7 +262,7 @@ class ClearCalibration(Plain):
 
 @dataclass(frozen=True)
 class Average(Timed, Request[AverageReply]):
-    """Average n new samples of every sensor; attitude under both calibrations of each slot of a bit mask."""
+    """Average new samples of magnetometer and accelerometer; attitude under the calibrations of each slot in a mask."""
 
     code = 0x0E
     command = "AVERAGE"

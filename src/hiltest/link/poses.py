@@ -38,7 +38,7 @@ class AddPoseReply:
 
 @dataclass(frozen=True)
 class AddPose(Timed, Request[AddPoseReply]):
-    """Average n new samples of every sensor, and keep the means as one more still pose."""
+    """Average n new samples of magnetometer and accelerometer, and keep the means as one more still pose."""
 
     code = 0x18
     command = "ADD_POSE"

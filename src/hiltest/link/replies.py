@@ -293,12 +293,6 @@ class Statistic:
         """Read six float32."""
         return cls(fields.reals(3, f"{name} mean"), fields.reals_if_any(3, f"{name} spread"))
 
-    @classmethod
-    def parse_if_any(cls, fields: FieldReader, name: str) -> Statistic | None:
-        """Read six float32 of a sensor that may be absent."""
-        mean, spread = fields.reals_if_any(3, f"{name} mean"), fields.reals_if_any(3, f"{name} spread")
-        return None if mean is None else cls(mean, spread)
-
 
 @dataclass(frozen=True, slots=True)
 class SlotHeading:
@@ -319,12 +313,11 @@ class SlotHeading:
 
 @dataclass(frozen=True, slots=True)
 class AverageReply:
-    """Means of n new samples of each sensor, and the heading under each slot asked for."""
+    """Means of n new samples of magnetometer and accelerometer, and the heading under each slot asked for."""
 
     n: int
     magnetometer: Statistic
     accelerometer: Statistic
-    gyroscope: Statistic | None
     overruns: int
     headings: dict[int, SlotHeading]
 
@@ -335,7 +328,6 @@ class AverageReply:
             fields.number("H", "count"),
             Statistic.parse(fields, "magnetometer"),
             Statistic.parse(fields, "accelerometer"),
-            Statistic.parse_if_any(fields, "gyroscope"),
             fields.number("H", "overruns"),
             {slot: SlotHeading.parse(fields) for slot in range(16) if slot_bitmask >> slot & 1},
         )
