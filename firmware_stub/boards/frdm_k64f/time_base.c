@@ -1,9 +1,10 @@
 /**
  * @file time_base.c
- * @brief Time from two chained PIT channels, waking up by SysTick.
+ * @brief Time from three chained PIT channels, waking up by SysTick.
  *
- * Channel 0 counts bus clocks down from 2^32 - 1 and channel 1 counts its wraps: 64 bits at 60 MHz, 9700 years. This chip's PIT
- * has no lifetime registers that would read both at once, so the high word is read before and after the low one.
+ * Channel 0 divides the bus clock down to microseconds, channel 1 counts these down from 2^32 - 1 and channel 2 its wraps: 64 bits
+ * that nothing divides. This chip's PIT has no lifetime registers that would read both words at once, so the high one is read before
+ * and after the low one.
  */
 #include "boards/time_base.h"
 
@@ -33,22 +34,24 @@ void time_base_start(void)
     SIM_SCGC6 |= SIM_SCGC6_PIT;
     (void)PIT_MCR; /* a write within two bus clocks after the gate opens is lost (erratum e7914); this read takes as long */
     PIT_MCR = 0u;
-    PIT_LDVAL(1u) = 0xFFFFFFFFu;
-    PIT_TCTRL(1u) = PIT_TCTRL_CHAIN | PIT_TCTRL_ENABLE;
-    PIT_LDVAL(0u) = 0xFFFFFFFFu;
+    for (uint32_t word = 2u; word > 0u; word--) {
+        PIT_LDVAL(word) = 0xFFFFFFFFu;
+        PIT_TCTRL(word) = PIT_TCTRL_CHAIN | PIT_TCTRL_ENABLE;
+    }
+    PIT_LDVAL(0u) = BUS_CLOCKS_PER_US - 1u;
     PIT_TCTRL(0u) = PIT_TCTRL_ENABLE;
 }
 
 uint64_t time_us(void)
 {
-    uint32_t high = PIT_CVAL(1u);
-    uint32_t low = PIT_CVAL(0u);
-    const uint32_t high_after = PIT_CVAL(1u);
-    if (high != high_after) { /* the low word wrapped between the reads; it will not again for 71 s */
+    uint32_t high = PIT_CVAL(2u);
+    uint32_t low = PIT_CVAL(1u);
+    const uint32_t high_after = PIT_CVAL(2u);
+    if (high != high_after) { /* the low word wrapped between the reads; it will not again for 71 minutes */
         high = high_after;
-        low = PIT_CVAL(0u);
+        low = PIT_CVAL(1u);
     }
-    return ~(((uint64_t)high << 32) | low) / BUS_CLOCKS_PER_US; /* both count down */
+    return ~(((uint64_t)high << 32) | low); /* both count down */
 }
 
 /** Make SysTick fire once, `delay_us` from now; 1 to WAIT_BRIEFLY_MAXIMUM_US. It is off between waits. */
