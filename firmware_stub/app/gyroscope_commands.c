@@ -80,10 +80,11 @@ static void take_rest(void *context, uint32_t index, const int16_t body[3])
     stillness_add(&rest->stillness, body);
 }
 
+/** A rest that should be tested must have been found still. */
 static bool may_be_stored(const rest_t *rest, const fifo_sampler_t *sampler)
 {
-    const stillness_kind_t kind = rest->stillness.verdict.kind;
-    return !sampler->lost && (kind == STILLNESS_STILL || kind == STILLNESS_NOT_TESTED);
+    const bool is_to_be_tested = rest->stillness.noise > 0.0f;
+    return !sampler->lost && (!is_to_be_tested || rest->stillness.verdict.kind == STILLNESS_STILL);
 }
 
 static void write_rest(payload_writer_t *reply, const rest_t *rest)

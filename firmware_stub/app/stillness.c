@@ -1,14 +1,14 @@
 #include "stillness.h"
 
 #include <math.h>
+#include <stdbool.h>
 
 #define MEAN_LIMIT 6.0f
 #define SPREAD_LIMIT 2.0f
 
 void stillness_start(stillness_t *stillness, float noise)
 {
-    *stillness = (stillness_t){.noise = noise};
-    stillness->verdict.kind = noise > 0.0f ? STILLNESS_STILL : STILLNESS_NOT_TESTED;
+    *stillness = (stillness_t){.noise = noise, .verdict = {.kind = STILLNESS_NOT_TESTED}};
 }
 
 /** Sample standard deviation of the window on an axis; the numbers under the root are exact. */
@@ -68,9 +68,16 @@ static void begin_window(stillness_t *stillness)
     stillness->filled = 0;
 }
 
+/** Whether there is more to find: not without a noise to judge by, nor after a window that was not still. */
+static bool goes_on(const stillness_t *stillness)
+{
+    const stillness_kind_t kind = stillness->verdict.kind;
+    return stillness->noise > 0.0f && (kind == STILLNESS_NOT_TESTED || kind == STILLNESS_STILL);
+}
+
 void stillness_add(stillness_t *stillness, const int16_t sample[3])
 {
-    if (stillness->verdict.kind != STILLNESS_STILL) {
+    if (!goes_on(stillness)) {
         return;
     }
     for (uint32_t axis = 0; axis < 3u; axis++) {

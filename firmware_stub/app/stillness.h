@@ -19,7 +19,7 @@ typedef enum {
     STILLNESS_STILL = 0,
     STILLNESS_TURNED = 1,     /**< the mean of a window is another than before */
     STILLNESS_SHAKEN = 2,     /**< a window is noisier than the sensor */
-    STILLNESS_NOT_TESTED = 3, /**< the noise was given as 0 */
+    STILLNESS_NOT_TESTED = 3, /**< no window was judged: the noise was given as 0, or there are too few samples for one */
 } stillness_kind_t;
 
 /** The first window that is not still. */

@@ -85,6 +85,17 @@ def test_stillness_is_not_judged_where_nobody_says_the_noise(bench: Bench) -> No
     assert ask_rest(bench, 100, noise=0.0)[14] == NOT_TESTED
 
 
+def test_stillness_is_not_judged_of_fewer_samples_than_a_window() -> None:
+    bench = bench_with("i2c1")
+    assert [ask_rest(bench, n, store=True)[14] for n in (1, 19)] == [NOT_TESTED, NOT_TESTED]
+    assert struct.unpack("<12f", bench.ask(GET))[9:] == (0, 0, 0), "what was not found still is not stored"
+    found = ask_rest(bench, 20, store=True)
+    assert found[14] == STILL
+    assert struct.unpack("<12f", bench.ask(GET))[9:] == found[1:4]
+    untested = ask_rest(bench, 19, store=True, noise=0.0)
+    assert struct.unpack("<12f", bench.ask(GET))[9:] == untested[1:4], "without a noise nobody asked for a test"
+
+
 def test_noise_is_no_motion() -> None:
     """475 windows of 20: six sigma on three axes are exceeded in three of a million such tests."""
     for seed in range(5):

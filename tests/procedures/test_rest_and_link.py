@@ -5,10 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from hiltest.boards import Board, open_board
+from hiltest.errors import CalibrationError
 from hiltest.link.framing import DamagedFrame, FrameDecoder
+from hiltest.link.gyroscope import GetGyroscope, StillnessKind
 from hiltest.procedures import Turntable, check_link, measure_accelerometer_rest, measure_gyroscope_rest
+from hiltest.procedures.gyroscope_rest import rest_gyroscope
 from hiltest.procedures.link_checks import damaged_frames
 from hiltest.rig import Rig
 from hiltest.rig_tables import TemperatureDrift
@@ -38,6 +42,14 @@ def test_a_bias_that_drifts_between_the_rests_is_not_gone(bench_rig: Rig) -> Non
     assert np.allclose(rest.corrected_dps, [0.0, 0.3, 0.1], atol=4.5 * 0.2 * np.sqrt(2 / 400) + 0.3 * 0.5 * 0.05)
     assert rest.bias_error_dps > 0.1
     assert rest.die_temperature_degc == 27  # 4.2 s after power-on
+
+
+def test_a_rest_too_short_to_test_stillness_is_refused_and_not_stored(virtual_board: Board) -> None:
+    before = virtual_board.session.request(GetGyroscope())
+    with pytest.raises(CalibrationError, match=r"rest of 0\.05 s is shorter than the 0\.1 s"):
+        rest_gyroscope(virtual_board, seconds=0.05, store=True)
+    assert np.array_equal(virtual_board.session.request(GetGyroscope()).bias, before.bias)
+    assert rest_gyroscope(virtual_board, seconds=0.1).stillness.kind is StillnessKind.STILL
 
 
 def test_gravity_at_rest_is_one_g_and_level(virtual_board: Board, simulated_turntable: Turntable) -> None:

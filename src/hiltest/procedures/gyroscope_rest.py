@@ -65,6 +65,8 @@ def rest_gyroscope(
     ------
     BoardMovedError
         When the board was moved: nothing is stored then.
+    CalibrationError
+        When the rest is too short to test whether the board was still; nothing is stored then either.
     SamplesLostError
         When the board could not read its gyroscope in time.
     SensorAbsentError
@@ -84,10 +86,15 @@ def rest_gyroscope(
 
 
 def _refuse_motion(reply: GyroscopeRestReply, seconds: float) -> None:
-    found = reply.stillness
-    if found.kind not in (StillnessKind.TURNED, StillnessKind.SHAKEN):
+    found, window_s = reply.stillness, STILLNESS_WINDOW / GYROSCOPE_RATE_HZ
+    if found.kind is StillnessKind.STILL:
         return
-    amount_dps, window_s = found.amount * DPS_PER_COUNT, STILLNESS_WINDOW / GYROSCOPE_RATE_HZ
+    if found.kind is StillnessKind.NOT_TESTED:
+        raise CalibrationError(
+            f"whether the board was still was not tested: a rest of {seconds:g} s is shorter than the {window_s:g} s "
+            "that are judged together; let it rest for longer"
+        )
+    amount_dps = found.amount * DPS_PER_COUNT
     axis = found.axis.name.lower()
     if found.kind is StillnessKind.TURNED:
         what = f"{amount_dps:+.2f} deg/s about its {axis} axis, as the mean of {window_s:g} s, beside the time before"
