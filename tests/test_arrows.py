@@ -17,6 +17,7 @@ import hiltest
 # and the packages named in APPLICATION, are what a user runs: they may import everything, and no row may name them.
 ARROWS = """
     errors      ->
+    strict_json -> errors
     angles      ->
     measurement ->
     comparison  -> errors measurement
@@ -39,9 +40,9 @@ ARROWS = """
     link        -> errors angles calibration
     boards      -> errors angles bench_files rig_tables rig rig_file link virtual world sensors
     procedures  -> errors angles calibration orientation cloud rig_tables rig link boards
-    report      -> errors angles measurement comparison calibration cloud procedures c_source imu_log
+    report      -> errors strict_json angles measurement comparison calibration cloud procedures c_source imu_log
 
-    imu_calibration -> errors c_source calibration rig link boards virtual procedures
+    imu_calibration -> errors strict_json c_source calibration rig link boards virtual procedures
 """
 APPLICATION = frozenset({"commands"})
 # Numbers in, numbers out: beside themselves and the standard library, only these.

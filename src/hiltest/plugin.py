@@ -50,6 +50,15 @@ def pytest_configure(config: pytest.Config) -> None:
     config.stash[SESSION] = HilSession(config, resolve(config))
 
 
+# Last: whatever other plugins write into the folder, such as junitxml, they have written.
+@pytest.hookimpl(trylast=True)
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """Give the folder of the record back."""
+    hil = config.stash.get(SESSION, None)
+    if hil is not None:
+        hil.release_folder()
+
+
 # Last: what is left out here is what the user's own choice of tests would have run.
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -32,7 +32,7 @@ def start_recording(hil: HilSession) -> None:
     rig = hil.rig_if_needed
     poses = hil.settings.poses or (rig.procedure.poses if rig else "all")
     recorder = Recorder(
-        hil.settings.out, suite=hil.settings.suite, poses=poses, calibration=calibration_record(hil.calibration)
+        hil.claim_folder(), suite=hil.settings.suite, poses=poses, calibration=calibration_record(hil.calibration)
     )
     if rig is not None:
         recorder.rig(rig_record(rig), hil.seed)

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from hiltest.errors import BenchError, ProtocolError
     from hiltest.imu_calibration.file import CalibrationFile
     from hiltest.measurement import Limit, Measurement
+    from hiltest.report.journal import Journal
     from hiltest.report.record import Table
     from hiltest.rig import Rig
     from hiltest.wire_traces import WireTraces
@@ -105,6 +106,8 @@ class HilSession:
         self._asked_for = False
         self._needs_rig = False
         self._traces: WireTraces | None = None
+        self._journal: Journal | None = None
+        self._made_folder = False
         self.left_out = LeftOut()
 
     @property
@@ -146,22 +149,46 @@ class HilSession:
         from hiltest.wire_traces import remove_traces
 
         self._asked_for = True
-        if not self.is_worker:
-            remove_traces(self.settings.out)
         try:
             # Reading the rig is what finds its mistakes.
             self._needs_rig |= with_board
             _ = self.rig_if_needed
             if self.settings.calibration is not None and self.calibration is None:
                 self.calibration = load_calibration(self.settings.calibration)
+            if not self.is_worker:
+                # Before anything is written to the folder, the first words on the line among it.
+                self.claim_folder()
+                remove_traces(self.settings.out)
             if with_board:
                 # The first test that needs a lost board is charged with it.
                 with suppress(BenchError, ProtocolError):
                     self.connect()
-            if not self.is_worker:
-                make_folder(self.settings.out)
         except ConfigError as error:
             raise pytest.UsageError(str(error)) from error
+
+    def claim_folder(self) -> Journal:
+        """Return the journal, whose folder belongs to this session alone until `release_folder`.
+
+        Raises
+        ------
+        ConfigError
+            If another run has the folder, or it cannot be written to.
+        """
+        from hiltest.report.journal import Journal
+
+        if self._journal is None:
+            self._made_folder = not self.settings.out.exists()
+            make_folder(self.settings.out)
+            self._journal = Journal(self.settings.out)
+        return self._journal
+
+    def release_folder(self) -> None:
+        """Give the folder back, when every file of the run is written."""
+        if self._journal is not None:
+            self._journal.release()
+        if self._made_folder:
+            with suppress(OSError):  # a usage error leaves nothing in it, and a run does
+                self.settings.out.rmdir()
 
     @property
     def rig(self) -> Rig:

@@ -14,7 +14,8 @@ from pathlib import Path
 import pytest
 
 from hiltest.bench_files import shipped
-from hiltest.report.record import JOURNAL_FILE, RECORD_FILES, without_volatile
+from hiltest.report.journal import JOURNAL_FILE
+from hiltest.report.record import RECORD_FILES, without_volatile
 from hiltest.report.schema import load_run
 
 Run = Callable[..., object]
@@ -200,7 +201,11 @@ def test_a_run_that_is_killed_leaves_no_report_of_the_one_before(tmp_path: Path)
     command = [sys.executable, "-m", "hiltest", "run", "--out", str(out)]
     with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL) as running:
         ends_s = time.monotonic() + 60.0
-        while not (out / JOURNAL_FILE).exists() and running.poll() is None and time.monotonic() < ends_s:
+        while not _has_begun(out / JOURNAL_FILE) and running.poll() is None and time.monotonic() < ends_s:
             time.sleep(0.02)
         running.terminate()
     assert [path.name for path in out.iterdir()] == [JOURNAL_FILE]
+
+
+def _has_begun(journal: Path) -> bool:
+    return journal.exists() and journal.stat().st_size > 0

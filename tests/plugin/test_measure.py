@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from hiltest.report.record import JOURNAL_FILE
+from hiltest.report.journal import JOURNAL_FILE
 from hiltest.report.schema import load_run
 
 HEAD = "from hiltest.measurement import Limit\n\n"

@@ -1,4 +1,4 @@
-"""run.json: schema, journal, rounding, volatile places, atomic writes."""
+"""run.json: schema, rounding, volatile places, atomic writes."""
 
 from __future__ import annotations
 
@@ -10,31 +10,22 @@ from pathlib import Path
 import pytest
 
 from hiltest.errors import ConfigError
-from hiltest.measurement import Limit, Measurement, judge
+from hiltest.measurement import Measurement
 from hiltest.report.record import (
-    JOURNAL_FILE,
     RUN_FILE,
-    BoardRecord,
-    CalibrationRecord,
     Column,
     Findings,
-    RigRecord,
-    Run,
     Table,
-    TestResult,
     Verdict,
-    read_journal,
     to_json,
     without_volatile,
     write_atomically,
     write_run,
 )
-from hiltest.report.recorder import Recorder
 from hiltest.report.schema import SCHEMA_FILE, load_run, run_schema, schema_text
 
 Make = Callable[..., Findings]
 PASSED = Verdict("pass", 0, "PASS.", complete=True)
-CUT_SHORT = Verdict("cut short", 2, "cut short", complete=False)
 
 
 def test_the_shipped_schema_is_the_one_of_the_classes() -> None:
@@ -97,8 +88,13 @@ def test_the_text_has_one_measurement_a_line(findings: Make, good: list[Measurem
     ("text", "complaint"),
     [
         ("{", "not JSON"),
-        ("[]", "schema is None"),
-        ('{"schema": "hiltest.run/2"}', r"schema is 'hiltest.run/2', this hiltest reads 'hiltest.run/1'"),
+        ("[]", "schema is null, .*: it is no record of a run"),
+        ('{"schema": "hiltest.fit/1"}', 'schema is "hiltest.fit/1", .*: it is no record of a run'),
+        (
+            '{"schema": "hiltest.run/2"}',
+            'schema is "hiltest.run/2", this hiltest reads "hiltest.run/1": use the version that wrote it, or make the',
+        ),
+        ('{"schema": "hiltest.run/2", "environment": {"versions": {"hiltest": "3.1"}}}', r'wrote it \(hiltest "3.1"\)'),
         ('{"schema": "hiltest.run/1"}', "verdict: Field required"),
     ],
 )
@@ -118,55 +114,3 @@ def test_a_write_leaves_the_old_file_or_the_new_one(tmp_path: Path) -> None:
     path = write_atomically(tmp_path / "a", "old")
     write_atomically(path, "new")
     assert [(each.name, each.read_text()) for each in tmp_path.iterdir()] == [("a", "new")]
-
-
-class TestRecorder:
-    """What stands on the disk while a run goes on."""
-
-    @pytest.fixture
-    def recorder(self, tmp_path: Path, board: BoardRecord) -> Recorder:
-        calibration = CalibrationRecord("imu.json", "ef" * 32, "2026-01-02T03:04:05Z")
-        recorder = Recorder(tmp_path / "out", suite="gate", poses="all", calibration=calibration)
-        recorder.rig(RigRecord("virtual-k64f", "rig.toml", "cd" * 32, "not declared"), seed=None)
-        recorder.board(board, seed=7)
-        recorder.found([judge("heading.direct.max", 0.97, unit="deg", limit=Limit(max=1.8), test="a")],
-                       [Table("t", (Column("n"),), ((1,), (2,)))])
-        recorder.finished(TestResult("a", "passed", 1.0))
-        return recorder
-
-    def test_a_finished_test_is_on_the_disk_before_the_next(self, recorder: Recorder) -> None:
-        lines = (recorder.folder / JOURNAL_FILE).read_text().splitlines()
-        assert json.loads(lines[-1])["measurements"][0]["value"] == 0.97
-
-    def test_a_journal_that_was_cut_short_gives_every_finished_test(
-        self, recorder: Recorder, board: BoardRecord
-    ) -> None:
-        whole = (recorder.folder / JOURNAL_FILE).read_text()
-        run = read_journal([*whole.splitlines(), '{"kind": "test", "test": {"id": "b"'], CUT_SHORT)
-        assert run.board == board
-        assert run.seed == 7
-        assert [test.id for test in run.tests] == ["a"]
-        assert run.measurement("heading.direct.max") == recorder.findings.measurements["heading.direct.max"]
-        assert run.table("t") == recorder.findings.tables["t"]
-
-    def test_the_journal_gives_the_same_run_as_the_end_does(self, recorder: Recorder) -> None:
-        lines = (recorder.folder / JOURNAL_FILE).read_text().splitlines()
-        assert _timeless(read_journal(lines, PASSED)) == _timeless(recorder.finish(PASSED))
-
-    def test_the_journal_gives_way_to_the_finished_run(self, recorder: Recorder) -> None:
-        recorder.finish(PASSED)
-        assert [each.name for each in recorder.folder.iterdir()] == [RUN_FILE]
-
-    def test_a_new_run_removes_the_record_of_the_last(self, recorder: Recorder) -> None:
-        recorder.finish(PASSED)
-        Recorder(recorder.folder, suite="gate", poses="all")
-        assert not (recorder.folder / RUN_FILE).exists()
-
-
-def test_what_is_no_journal_is_refused() -> None:
-    with pytest.raises(ValueError, match="not a journal"):
-        read_journal(['{"kind": "start", "schema": "hiltest.run/9"}'], CUT_SHORT)
-
-
-def _timeless(run: Run) -> Run:
-    return replace(run, finished_utc="")

@@ -1,8 +1,6 @@
-"""The record of a run: its parts, its journal and ``run.json``.
+"""The record of a run: its parts, and ``run.json``.
 
-Every report is rendered from a `Run` and from nothing else. While tests finish, each
-adds one line to ``journal.jsonl``; at the end the same entries become ``run.json``, so
-a run that is cut short loses nothing that was finished.
+Every report is rendered from a `Run` and from nothing else.
 """
 
 from __future__ import annotations
@@ -21,8 +19,9 @@ from hiltest.comparison.model import Comparison
 from hiltest.measurement import Limit, Measurement, Outcome, plain, round_significant
 
 RUN_FILE = "run.json"
-JOURNAL_FILE = "journal.jsonl"
 RECORD_FILES = (RUN_FILE, "report.html", "report.md", "junit.xml")
+UNFINISHED = ".unfinished"
+"""Ends the name of a file that is being written."""
 SCHEMA: Literal["hiltest.run/1"] = "hiltest.run/1"
 
 Cell = float | int | str | bool | None
@@ -226,30 +225,7 @@ class Findings:
             measurements=tuple(self.measurements[name].rounded() for name in sorted(self.measurements)),
             tables=tuple(self.tables[name].rounded() for name in sorted(self.tables)), comparison=self.comparison,
         )
-        return replace(run, volatile=_volatile_places(run))
-
-
-class Journal:
-    """Lines of JSON, each on the disk before the next test starts."""
-
-    def __init__(self, folder: Path) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
-        # A record of an earlier run must not be taken for this one if this one is cut short.
-        for name in RECORD_FILES:
-            (folder / name).unlink(missing_ok=True)
-        self.path = folder / JOURNAL_FILE
-        self.path.write_text("", encoding="utf-8")
-
-    def append(self, kind: str, content: Mapping[str, Any]) -> None:
-        """Write one entry through to the disk."""
-        with self.path.open("a", encoding="utf-8") as file:
-            file.write(_json({"kind": kind, **content}) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
-
-    def remove(self) -> None:
-        """Remove the file, once ``run.json`` holds the same."""
-        self.path.unlink(missing_ok=True)
+        return replace(run, volatile=volatile_places(run))
 
 
 def utc_now() -> str:
@@ -258,8 +234,13 @@ def utc_now() -> str:
 
 
 def to_json(run: Run) -> str:
-    """Return the text of ``run.json``: one test, measurement or table row a line, for readable diffs."""
-    fields = ",\n".join(f"{_json(name)}: {_field(name, value)}" for name, value in asdict(run).items())
+    """Return the text of ``run.json``."""
+    return content_to_json(asdict(run))
+
+
+def content_to_json(content: Mapping[str, Any]) -> str:
+    """Return the text of a record's fields: one test, measurement or table row a line, for readable diffs."""
+    fields = ",\n".join(f"{_json(name)}: {_field(name, value)}" for name, value in content.items())
     return "{\n" + fields + "\n}\n"
 
 
@@ -269,14 +250,34 @@ def write_run(run: Run, folder: Path) -> Path:
 
 
 def write_atomically(path: Path, text: str) -> Path:
-    """Write `text` beside `path`, then move it there."""
-    unfinished = path.with_name(f"{path.name}.unfinished")
-    with unfinished.open("w", encoding="utf-8") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-    unfinished.replace(path)
+    """Write `text` beside `path`, then move it there: whoever opens it sees the old text or the new, and all of it.
+
+    A lone surrogate, as of a file's name that is no UTF-8, becomes a question mark.
+    """
+    # Of this process alone: two that write one file take nothing from each other.
+    unfinished = path.with_name(f"{path.name}.{os.getpid()}{UNFINISHED}")
+    try:
+        with unfinished.open("w", encoding="utf-8", errors="replace") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        unfinished.replace(path)
+    except OSError:
+        unfinished.unlink(missing_ok=True)
+        raise
     return path
+
+
+def volatile_places(run: Run) -> tuple[str, ...]:
+    """Return JSON pointers of all that may differ between two runs of the same seed."""
+    places = ["/started_utc", "/finished_utc"]
+    places += [f"/tests/{index}/duration_s" for index in range(len(run.tests))]
+    for index, measurement in enumerate(run.measurements):
+        if measurement.volatile:
+            places += [f"/measurements/{index}/value", f"/measurements/{index}/outcome"]
+    if run.comparison is not None:
+        places += [f"/comparison/{side}/{name}" for side in ("base", "new") for name in ("file", "saved_utc")]
+    return tuple(places)
 
 
 def without_volatile(content: Mapping[str, Any]) -> dict[str, Any]:
@@ -334,65 +335,3 @@ def _cell(cell: Cell) -> Cell:
         return cell
     # JSON has no NaN; a hole in a table is null.
     return None if cell is None or not math.isfinite(cell) else round_significant(plain(cell))
-
-
-def _volatile_places(run: Run) -> tuple[str, ...]:
-    places = ["/started_utc", "/finished_utc"]
-    places += [f"/tests/{index}/duration_s" for index in range(len(run.tests))]
-    for index, measurement in enumerate(run.measurements):
-        if measurement.volatile:
-            places += [f"/measurements/{index}/value", f"/measurements/{index}/outcome"]
-    if run.comparison is not None:
-        places += [f"/comparison/{side}/{name}" for side in ("base", "new") for name in ("file", "saved_utc")]
-    return tuple(places)
-
-
-def read_journal(lines: Sequence[str], verdict: Verdict) -> Run:
-    """Make the record of a run that was cut short from its journal.
-
-    Parameters
-    ----------
-    lines : sequence of str
-        Of ``journal.jsonl``; a half-written last line is left out.
-    verdict : Verdict
-        What to say of it.
-
-    Raises
-    ------
-    ValueError
-        If the first line is not the start of a journal of this schema.
-    """
-    entries = []
-    for line in lines:
-        try:
-            entries.append(json.loads(line))
-        except ValueError:
-            break
-    if not entries or entries[0].get("schema") != SCHEMA:
-        raise ValueError(f"not a journal of {SCHEMA}")
-    start = entries[0]
-    calibration = start["calibration"]
-    findings = Findings(
-        Environment(**start["environment"]), start["suite"], start["poses"], start["started_utc"],
-        calibration=calibration and CalibrationRecord(**calibration),
-    )
-    for entry in entries[1:]:
-        _replay(findings, entry)
-    return findings.finish(verdict, finished_utc=start["started_utc"])
-
-
-def _replay(findings: Findings, entry: Mapping[str, Any]) -> None:
-    if entry["kind"] == "rig":
-        findings.rig, findings.seed = RigRecord(**entry["rig"]), entry["seed"]
-    elif entry["kind"] == "board":
-        sensors = tuple(SensorRecord(**sensor) for sensor in entry["board"]["sensors"])
-        calibrators = tuple(entry["board"]["calibrators"])
-        findings.board = BoardRecord(**{**entry["board"], "sensors": sensors, "calibrators": calibrators})
-        findings.seed = entry["seed"]
-    else:
-        if entry["test"]:
-            findings.tests.append(TestResult(**entry["test"]))
-        for content in entry["measurements"]:
-            findings.measurements[content["name"]] = measurement_from(content)
-        for content in entry["tables"]:
-            findings.tables[content["name"]] = table_from(content)

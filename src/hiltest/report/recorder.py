@@ -7,17 +7,16 @@ import platform
 from collections.abc import Iterable
 from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 from typing import Literal
 
 from hiltest.measurement import Measurement
+from hiltest.report.journal import Journal
 from hiltest.report.record import (
     SCHEMA,
     BoardRecord,
     CalibrationRecord,
     Environment,
     Findings,
-    Journal,
     RigRecord,
     Run,
     Table,
@@ -32,18 +31,18 @@ _PACKAGES = ("hiltest", "pytest", "unicorn", "capstone", "pyelftools", "numpy", 
 
 
 class Recorder:
-    """Collects what a session finds and writes it into one folder."""
+    """Collects what a session finds and writes it into the folder of its journal."""
 
     def __init__(
-        self, folder: Path, *, suite: Literal["gate", "full"], poses: str,
+        self, journal: Journal, *, suite: Literal["gate", "full"], poses: str,
         calibration: CalibrationRecord | None = None,
     ) -> None:
-        self.folder = folder
+        self.folder = journal.folder
         self.findings = Findings(describe_host(), suite, poses, utc_now(), calibration=calibration)
         self._unwritten_measurements: list[Measurement] = []
         self._unwritten_tables: list[Table] = []
-        self._journal = Journal(folder)
-        self._journal.append("start", {
+        self._journal = journal
+        journal.begin({
             "schema": SCHEMA, "started_utc": self.findings.started_utc, "suite": suite, "poses": poses,
             "calibration": calibration and asdict(calibration), "environment": asdict(self.findings.environment),
         })
@@ -70,6 +69,7 @@ class Recorder:
         self.findings.measurements.update((each.name, each) for each in self._unwritten_measurements)
         self.findings.tables.update((each.name, each) for each in self._unwritten_tables)
         self._journal.append("test", {
+            "utc": utc_now(),
             "test": test and asdict(test),
             "measurements": [asdict(each.rounded()) for each in self._unwritten_measurements],
             "tables": [asdict(each.rounded()) for each in self._unwritten_tables],
@@ -77,10 +77,10 @@ class Recorder:
         self._unwritten_measurements, self._unwritten_tables = [], []
 
     def finish(self, verdict: Verdict) -> Run:
-        """Write ``run.json``, then drop the journal, which holds nothing more."""
+        """Write ``run.json``; the journal, which holds nothing more, goes when its folder is given back."""
         run = self.findings.finish(verdict, utc_now())
         write_run(run, self.folder)
-        self._journal.remove()
+        self._journal.finish()
         return run
 
 

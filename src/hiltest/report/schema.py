@@ -1,8 +1,12 @@
-"""Check and read ``run.json``. The only report module that imports pydantic."""
+"""Check and read ``run.json``. The only report module that imports pydantic.
+
+``python -m hiltest.report.schema`` writes the shipped JSON Schema anew.
+"""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,16 +14,32 @@ from pydantic import TypeAdapter, ValidationError
 
 from hiltest.errors import ConfigError
 from hiltest.report.record import SCHEMA, Run
+from hiltest.strict_json import read_json, shown
 
 SCHEMA_FILE = Path(__file__).with_name("run.schema.json")
+LARGEST_BYTES = 32 * 1024 * 1024
+"""A larger record is refused: that of the full set of tests has a hundredth of it."""
+
+DESCRIPTION = (
+    "The record of one run of hiltest, the only source of every report. The number behind the slash is the major "
+    "version, and it changes when a field is removed, or is called or means something else. What changes without it "
+    "is minor: a field that is new, is optional, and leaves all others as they were. Whoever reads a record "
+    "ignores fields that it does not know, and keeps them when it writes the record again; it refuses another major."
+)
 
 _ADAPTER = TypeAdapter(Run)
+_OTHERWISE = "render another record, or run again: hiltest run"
 
 
 def run_schema() -> dict[str, Any]:
-    """Return the JSON Schema of ``run.json``, generated from the record's classes."""
-    schema = _ADAPTER.json_schema(mode="serialization")
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": SCHEMA, **_without_title(schema)}
+    """Return the JSON Schema of ``run.json``, generated from the record's classes.
+
+    Required is what has no default: a field that was added later has one, so that older records are valid.
+    """
+    schema = _ADAPTER.json_schema(mode="validation")
+    head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": SCHEMA, "description": DESCRIPTION}
+    about = schema.pop("description", None)
+    return {**head, "$comment": about, **{key: value for key, value in schema.items() if key != "title"}}
 
 
 def schema_text() -> str:
@@ -33,25 +53,85 @@ def load_run(path: Path) -> Run:
     Raises
     ------
     ConfigError
-        If the file is missing, not JSON, of another schema, or lacks a field; it says which.
+        If the file is missing, not JSON, of another schema, or has a field that is missing or wrong; it says which.
+    """
+    return run_from(load_content(path), path)
+
+
+def load_content(path: Path) -> dict[str, Any]:
+    """Read what JSON says in a ``run.json``, with every field that only a newer hiltest knows.
+
+    Raises
+    ------
+    ConfigError
+        If the file is missing, not JSON, or of another schema.
+    """
+    content = read_json(path, largest_bytes=LARGEST_BYTES, otherwise=_OTHERWISE)
+    check_schema(path, content)
+    checked: dict[str, Any] = content
+    return checked
+
+
+def check_schema(path: Path, content: object) -> None:
+    """Refuse what is no record of a run, and what is one of another major version.
+
+    Raises
+    ------
+    ConfigError
+        It says what to do.
+    """
+    found = content.get("schema") if isinstance(content, dict) else None
+    if found == SCHEMA:
+        return
+    said = f"{path}: schema is {shown(found)}, this hiltest reads {shown(SCHEMA)}"
+    if not isinstance(found, str) or found.partition("/")[0] != SCHEMA.partition("/")[0]:
+        raise ConfigError(f"{said}: it is no record of a run")
+    raise ConfigError(f"{said}: use the version that wrote it{_writer(content)}, or make the run again with this one")
+
+
+def run_from(content: dict[str, Any], path: Path) -> Run:
+    """Make a record of what JSON says.
+
+    Raises
+    ------
+    ConfigError
+        If a field is missing or wrong; it says which. Unknown fields are no error.
     """
     try:
-        text = path.read_text(encoding="utf-8")
-        content = json.loads(text)
-    except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror}") from error
-    except ValueError as error:
-        raise ConfigError(f"{path}: not JSON: {error}") from error
-    found = content.get("schema") if isinstance(content, dict) else None
-    if found != SCHEMA:
-        raise ConfigError(f"{path}: schema is {found!r}, this hiltest reads {SCHEMA!r}; use the version that wrote it")
-    try:
-        return _ADAPTER.validate_json(text)
+        # As JSON, and strictly: a number in quotes is no number, and a list is what a tuple is written as.
+        run = _ADAPTER.validate_json(json.dumps(content), strict=True)
     except ValidationError as error:
         first = error.errors()[0]
-        place = ".".join(str(step) for step in first["loc"])
-        raise ConfigError(f"{path}: {place}: {first['msg']}") from error
+        place = "".join(f"{step}." for step in first["loc"])[:-1]
+        raise ConfigError(f"{path}: {place or 'as a whole'}: {first['msg']}; {_OTHERWISE}") from error
+    _check_tables(run, path)
+    _check_names(path, "measurement", [each.name for each in run.measurements])
+    return run
 
 
-def _without_title(schema: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in schema.items() if key != "title"}
+def _check_tables(run: Run, path: Path) -> None:
+    _check_names(path, "table", [each.name for each in run.tables])
+    for table in run.tables:
+        _check_names(path, f"column of table {shown(table.name)}:", [each.name for each in table.columns])
+        for number, row in enumerate(table.rows, 1):
+            if len(row) != len(table.columns):
+                cells = f"{len(row)} cells in {len(table.columns)} columns"
+                raise ConfigError(f"{path}: table {shown(table.name)}, row {number}: {cells}; {_OTHERWISE}")
+
+
+def _check_names(path: Path, kind: str, names: Sequence[str]) -> None:
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ConfigError(f"{path}: {kind} {shown(twice)} stands twice; {_OTHERWISE}")
+
+
+def _writer(content: object) -> str:
+    """Return which version wrote a record, as far as one can tell of another schema."""
+    try:
+        return f" (hiltest {shown(content['environment']['versions']['hiltest'])})"  # type: ignore[index]
+    except (LookupError, TypeError):
+        return ""
+
+
+if __name__ == "__main__":
+    SCHEMA_FILE.write_text(schema_text(), encoding="utf-8")

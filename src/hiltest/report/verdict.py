@@ -9,7 +9,7 @@ from enum import IntEnum
 from hiltest.calibration.fit import FitStatus
 from hiltest.measurement import Measurement, Outcome, readable
 from hiltest.procedures.cause import Cause, name_cause
-from hiltest.report.record import Findings, TestResult, Verdict
+from hiltest.report.record import Findings, Run, TestResult, Verdict
 
 POSES_TABLE = "heading.poses"
 UNCALIBRATED = "uncalibrated"
@@ -91,6 +91,31 @@ def decide(findings: Findings, *, pytest_exit: int, left_out: Sequence[str] = ()
         complete=(
             pytest_exit not in _PYTEST_WINS and not left_out and not _stopped(findings)
         ),
+    )
+
+
+def unfinished_verdict(run: Run, *, going_on: bool) -> Verdict:
+    """Say what is known of a run that has not ended: it was cut short, as by SIGKILL, or still goes on.
+
+    Parameters
+    ----------
+    run : Run
+        What its journal holds; its own verdict does not count.
+    going_on : bool
+
+    Returns
+    -------
+    Verdict
+        Never complete. The exit code is the one of an interrupted run: its own it did not come to.
+    """
+    word = "still running" if going_on else "cut short"
+    said = f"{_counted(run.tests, 'test')} finished, {_counted(run.measurements, 'measurement')} kept"
+    last = f"; the last test was {without_folders(run.tests[-1].id)}" if run.tests else ""
+    failed = [each for each in run.measurements if each.outcome is Outcome.FAIL]
+    remarks = (_out_of_limit(failed), _failed_tests(run.tests, failed))
+    return Verdict(
+        outcome=word, exit_code=ExitCode.INTERRUPTED, complete=False,
+        sentence=" ".join(filter(None, (f"{word.upper()}: {said}{last}.", *remarks))),
     )
 
 
@@ -236,7 +261,7 @@ def _remarks(findings: Findings, results: Sequence[CalibratorResult]) -> list[st
     explained = {f"{kind}.{name}." for name in named for kind in ("heading", "fit")}
     failed = _failed(findings)
     others = [each for each in failed if not each.name.startswith(tuple(explained))]
-    remarks = [_not_judged(list(measurements)), _out_of_limit(others), _failed_tests(findings, failed)]
+    remarks = [_not_judged(list(measurements)), _out_of_limit(others), _failed_tests(findings.tests, failed)]
     remarks += [f"{each.outcome.capitalize()}: {each.reason.rstrip('.')}." for each in _stopped(findings)[:1]]
     if not failed and not _tests(findings, *_RED_TESTS):
         remarks.append(_comparison(results))
@@ -267,10 +292,10 @@ def _measured(measurement: Measurement) -> str:
     return f"{value} ({measurement.limit})"
 
 
-def _failed_tests(findings: Findings, failed: Sequence[Measurement]) -> str:
+def _failed_tests(run: Sequence[TestResult], failed: Sequence[Measurement]) -> str:
     """Name tests that failed for another reason than a measurement."""
     explained = {each.test for each in failed}
-    tests = [each for each in _tests(findings, *_RED_TESTS) if each.id not in explained]
+    tests = [each for each in run if each.outcome in _RED_TESTS and each.id not in explained]
     if not tests:
         return ""
     named = [f"{without_folders(each.id)} ({each.reason})" for each in tests]
@@ -315,6 +340,10 @@ def _unmet(measurement: Measurement) -> bool:
 
 def _tests(findings: Findings, *outcomes: str) -> list[TestResult]:
     return [each for each in findings.tests if each.outcome in outcomes]
+
+
+def _counted(things: Sequence[object], word: str) -> str:
+    return f"{len(things)} {word}{'s' * (len(things) != 1)}"
 
 
 def _listed(texts: Sequence[str]) -> str:

@@ -1,0 +1,102 @@
+"""``hiltest report``: the reports of a record once more, whatever became of its run."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from hiltest.errors import ConfigError
+
+if TYPE_CHECKING:
+    from hiltest.report.stored import StoredRun
+
+_EXIT_CODES = """
+\b
+Exit codes:
+  0   rendered, whatever the verdict
+  2   interrupted
+  4   there is no record, it cannot be read, or nothing can be written
+"""
+# A run can begin or finish while its folder is being read.
+_TRIES = 3
+
+
+@click.command(epilog=_EXIT_CODES)
+@click.argument("record", metavar="DIR|FILE", type=click.Path(path_type=Path))
+@click.option("--out", metavar="DIR", type=click.Path(path_type=Path),
+              help="Folder for run.json and the reports.  [default: where the record is]")
+def report(record: Path, out: Path | None) -> int:
+    """Render report.html and report.md again, and print the verdict.
+
+    DIR is the folder of a run, FILE a run.json. Of a run that was cut short, or still goes on, the reports hold every
+    test that had finished, and say so.
+    """
+    from hiltest.report.stored import read_stored
+
+    folder = record if record.is_dir() else record.parent
+    if out is None or out.resolve() == folder.resolve():
+        stored = _in_place(record, folder)
+    else:
+        stored = read_stored(record)
+        _elsewhere(stored, out)
+    click.echo(f"{out or folder}: report.html, report.md")
+    click.echo(stored.run.verdict.sentence)
+    return 0
+
+
+def _in_place(record: Path, folder: Path) -> StoredRun:
+    """Write the reports beside the record, and again if a run has begun or finished there meanwhile."""
+    from hiltest.report.stored import read_stored
+
+    for _ in range(_TRIES):
+        before = _state(folder)
+        stored = read_stored(record)
+        _render(stored, folder)
+        if _state(folder) == before:
+            break
+    return stored
+
+
+def _elsewhere(stored: StoredRun, out: Path) -> None:
+    """Write the whole record into a folder of its own, in the place of what was there."""
+    from hiltest.report.journal import Journal, remove_record
+    from hiltest.report.record import RUN_FILE, content_to_json, write_atomically
+    from hiltest.settings import make_folder
+
+    make_folder(out)
+    claim = Journal(out)
+    try:
+        remove_record(out)
+        _render(stored, out)
+        write_atomically(out / RUN_FILE, content_to_json(stored.content))
+    finally:
+        claim.release()
+
+
+def _render(stored: StoredRun, folder: Path) -> None:
+    from hiltest.report.render import write_reports
+
+    try:
+        write_reports(stored.run, folder)
+    except OSError as error:
+        raise ConfigError(f"cannot write to {folder}: {error.strerror}; name another folder with --out") from error
+    except (LookupError, TypeError, ValueError, ArithmeticError) as error:
+        # The plots read tables by column: a file can be a record in form, and hold tables of other contents.
+        raise ConfigError(f"{stored.path}: cannot be drawn: {type(error).__name__}: {error}") from error
+
+
+def _state(folder: Path) -> tuple[int | None, bool | None]:
+    """Return which finished record is in a folder, and whether a run goes on there; None for what is not there."""
+    from hiltest.report.journal import JOURNAL_FILE, is_going_on
+    from hiltest.report.record import RUN_FILE
+
+    record: int | None = None
+    going_on: bool | None = None
+    with suppress(FileNotFoundError):
+        record = (folder / RUN_FILE).stat().st_ino
+    with suppress(FileNotFoundError):
+        going_on = is_going_on(folder / JOURNAL_FILE)
+    return record, going_on

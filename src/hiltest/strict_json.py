@@ -1,0 +1,125 @@
+"""JSON files that are hostile until they are parsed: their size, depth, numbers and keys have bounds."""
+
+from __future__ import annotations
+
+import json
+import math
+import stat
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from hiltest.errors import ConfigError
+
+DEEPEST = 32
+"""Levels of lists and objects; a record has six."""
+
+_LONGEST_INTEGER = 19  # digits; nothing that is counted here needs 64 bits
+
+
+def read_json(path: Path, *, largest_bytes: int, otherwise: str) -> Any:
+    """Read and parse one JSON file.
+
+    Parameters
+    ----------
+    path : Path
+    largest_bytes : int
+        A larger file is refused before it is read.
+    otherwise : str
+        What to do when it is refused; ends the message.
+
+    Raises
+    ------
+    ConfigError
+        If it cannot be read or is not JSON in the sense of `parse_json`.
+    """
+    content = read_bounded(path, largest_bytes=largest_bytes, otherwise=otherwise)
+    try:
+        return parse_json(content)
+    except ValueError as error:
+        raise ConfigError(f"{path}: not JSON: {error}; {otherwise}") from error
+
+
+def read_bounded(path: Path, *, largest_bytes: int, otherwise: str) -> bytes:
+    """Return the bytes of a regular file.
+
+    Raises
+    ------
+    ConfigError
+        If it cannot be read, is larger, or is a pipe or a device, which may never end.
+    """
+    try:
+        if not stat.S_ISREG(path.stat().st_mode):
+            raise ConfigError(f"{path}: not a regular file; {otherwise}")
+        with path.open("rb") as file:
+            content = file.read(largest_bytes + 1)
+    except (OSError, ValueError) as error:  # a name with a NUL is a ValueError
+        raise ConfigError(f"{path}: {getattr(error, 'strerror', None) or error}; {otherwise}") from error
+    if len(content) > largest_bytes:
+        raise ConfigError(f"{path}: larger than {largest_bytes} bytes; {otherwise}")
+    return content
+
+
+def parse_json(text: str | bytes) -> Any:
+    """Parse JSON as RFC 8259 has it, in UTF-8.
+
+    Raises
+    ------
+    ValueError
+        If it is none, is nested too deeply, holds a NaN or a number that is too large for a float or for 64 bits,
+        or has a key twice in one object.
+    """
+    decoded = text.decode("utf-8") if isinstance(text, bytes) else text
+    try:
+        parsed = json.loads(
+            decoded, object_pairs_hook=_without_duplicates, parse_constant=_refuse_constant, parse_float=_finite,
+            parse_int=_short_integer,
+        )
+    except RecursionError as error:
+        raise ValueError(f"nested more than {DEEPEST} levels deep") from error
+    if _deeper_than(parsed, DEEPEST):
+        raise ValueError(f"nested more than {DEEPEST} levels deep")
+    return parsed
+
+
+def _without_duplicates(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"key {shown(twice)} stands twice in one object")
+    return found
+
+
+def _refuse_constant(name: str) -> None:
+    raise ValueError(f"{name} is no number")
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"{shown(text)} is too large for a number")
+    return number
+
+
+def _short_integer(text: str) -> int:
+    if len(text.lstrip("-")) >= _LONGEST_INTEGER:
+        raise ValueError(f"{shown(text)} is too large for a whole number")
+    return int(text)
+
+
+def _deeper_than(value: Any, levels: int) -> bool:
+    """Say whether there is a list or object inside more than `levels` of them, without recursion."""
+    level = [value]
+    for _ in range(levels + 1):
+        level = [each for each in level if isinstance(each, list | dict)]
+        if not level:
+            return False
+        level = [inner for each in level for inner in (each.values() if isinstance(each, dict) else each)]
+    return True
+
+
+def shown(value: object) -> str:
+    """Return a value that was found in a file for a message, short."""
+    text = json.dumps(value, default=str)
+    return text if len(text) <= 60 else f"{text[:57]}..."
