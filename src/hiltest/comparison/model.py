@@ -5,11 +5,10 @@ Pure: nothing here knows pytest, a board or a file.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
-from hiltest.measurement import Limit, Measurement
+from hiltest.measurement import Limit
 
 
 class Change(StrEnum):
@@ -166,57 +165,3 @@ class Comparison:
     def regression(self) -> bool:
         """Whether the gate was evaluated, and something got worse."""
         return self.evaluated and any(each.change is Change.WORSE for each in self.differences)
-
-
-@dataclass(frozen=True, slots=True)
-class Conditions:
-    """What must be the same on both sides for their numbers to be comparable, beside the cycle model and the compiler.
-
-    Attributes
-    ----------
-    conditions_sha256 : str
-        Of the rig without limits, information, tolerances and texts; empty in a record from before it was kept.
-    calibrators : tuple of str
-        As the board names them.
-    sensors : tuple of str
-        Those that were there, by name.
-    placement : str
-        Where code and data lay when cycles were counted.
-    poses : str
-        Known angles that were judged: ``all`` or ``level``.
-    suite : str
-        Set of tests: ``gate`` or ``full``.
-    calibrated : bool
-        Whether a calibration file was judged too.
-    """
-
-    board: str
-    conditions_sha256: str
-    calibrators: tuple[str, ...]
-    sensors: tuple[str, ...]
-    protocol_version: int
-    placement: str
-    poses: str
-    suite: str
-    calibrated: bool
-
-
-@dataclass(frozen=True, slots=True)
-class Evidence:
-    """One side of a comparison: one run, or several runs of the same build that differ in their seed.
-
-    Attributes
-    ----------
-    side : Side
-    conditions : Conditions or None
-        None when no board answered.
-    measurements : mapping of int or None to mapping of str to Measurement
-        By seed and name; the seed is None where the run had none.
-    faults : tuple of str
-        Why this side is no evidence, one line each: a run cut short, a failed one as a baseline.
-    """
-
-    side: Side
-    conditions: Conditions | None
-    measurements: Mapping[int | None, Mapping[str, Measurement]]
-    faults: tuple[str, ...] = ()

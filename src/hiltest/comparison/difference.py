@@ -1,0 +1,187 @@
+"""One measurement, base against new, over the seeds that both sides have."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from statistics import fmean
+
+from hiltest.comparison.evidence import Seed
+from hiltest.comparison.interval import mean_interval
+from hiltest.comparison.model import EXACT, Change, Difference, Sense, Tolerance
+from hiltest.comparison.rules import rule_of, tolerance_of
+from hiltest.measurement import SIGNIFICANT_DIGITS, Measurement, Outcome, round_significant
+
+#: Values are written with so many significant digits; what two of them differ by in the last one is no difference.
+_LAST_DIGIT = 10.0 ** (1 - SIGNIFICANT_DIGITS)
+
+
+@dataclass(frozen=True, slots=True)
+class Pairs:
+    """One measurement on every seed that both sides have; None where a side did not make it."""
+
+    name: str
+    base: Mapping[Seed, Measurement | None]
+    new: Mapping[Seed, Measurement | None]
+
+    @property
+    def seeds(self) -> list[Seed]:
+        """Those with a number on both sides."""
+        return [seed for seed, was in self.base.items() if _has_number(was) and _has_number(self.new[seed])]
+
+    @property
+    def lost(self) -> list[Seed]:
+        """Those with a number in the base alone."""
+        return [seed for seed, was in self.base.items() if _has_number(was) and not _has_number(self.new[seed])]
+
+    @property
+    def latest(self) -> Measurement:
+        """The new run's, or where there is none the base's; over several seeds one that gates, if any."""
+        made = [each for each in self.new.values() if each] or [each for each in self.base.values() if each]
+        return next((each for each in made if each.gates), made[0])
+
+
+def difference(pairs: Pairs, board: str, tolerances: Mapping[str, Tolerance]) -> Difference:
+    """Say what became of a measurement.
+
+    Parameters
+    ----------
+    pairs : Pairs
+        At least one measurement in it.
+    board : str
+        Kind of the board: a real one has noise of its own in every run.
+    tolerances : mapping of str to Tolerance
+        Of the rig, by exact name.
+    """
+    latest = pairs.latest
+    rule = rule_of(pairs.name, latest.limit)
+    tolerance = tolerance_of(pairs.name, rule, board, tolerances)
+    note = _cannot_be_paired(pairs)
+    seeds = [] if note else pairs.seeds
+    base, new = _values(pairs.base, seeds), _values(pairs.new, seeds)
+    change, remark = _presence(pairs, note) or _judged(base, new, rule.sense, tolerance, pairs)
+    return Difference(
+        name=pairs.name, unit=latest.unit, change=change, sense=rule.sense,
+        base=_mean(base or _values(pairs.base)), new=_mean(new or _values(pairs.new)),
+        delta=_mean(_changes(base, new)), interval=_rounded(mean_interval(_changes(base, new))),
+        seeds=len(seeds), tolerance=tolerance, limit=latest.limit, outcome=str(latest.outcome),
+        cycle_model=latest.cycle_model, note=remark,
+    )
+
+
+def _cannot_be_paired(pairs: Pairs) -> str:
+    """Return why numbers of this name are never compared, empty when they are."""
+    bases, news = ([each for each in side.values() if each] for side in (pairs.base, pairs.new))
+    if not bases or not news:
+        return ""
+    for what, was, now in (
+        ("unit", {each.unit for each in bases}, {each.unit for each in news}),
+        ("cycle model", {each.cycle_model for each in bases}, {each.cycle_model for each in news}),
+    ):
+        if was != now:
+            return f"the {what} was {_listed(was)}, and is {_listed(now)}"
+    if any(each.volatile for each in news):
+        return "it is volatile now, and no longer compared"
+    return ""
+
+
+def _presence(pairs: Pairs, note: str) -> tuple[Change, str] | None:
+    """Return the change of what has no number to compare, None where there are pairs and nothing is missing."""
+    if pairs.lost or (note and pairs.seeds):
+        missing = [str(seed) for seed in pairs.lost if seed is not None]
+        reasons = {each.note for seed in pairs.lost if (each := pairs.new[seed]) and each.note}
+        on_seeds = f"on seed {', '.join(missing)}" if pairs.seeds and missing else ""
+        return Change.GONE, "; ".join(filter(None, (note, on_seeds, *sorted(reasons))))
+    if pairs.seeds:
+        return None
+    made = any(map(_has_number, pairs.new.values()))
+    return (Change.NEW, "") if made else (Change.UNCHANGED, "no number on either side")
+
+
+def _judged(
+    base: Sequence[float], new: Sequence[float], sense: Sense, tolerance: Tolerance, pairs: Pairs
+) -> tuple[Change, str]:
+    """Return the change of paired numbers, with a remark where they alone do not say why."""
+    was_out, is_out = _out_of_limit(pairs.base), _out_of_limit(pairs.new)
+    if is_out != was_out:
+        return (Change.WORSE, "out of its limit") if is_out else (Change.BETTER, "within its limit again")
+    costs = [(_cost(before, sense), _cost(after, sense)) for before, after in zip(base, new, strict=True)]
+    if sense is not Sense.NEITHER:
+        before, after = (list(side) for side in zip(*costs, strict=True))
+        if _beyond(before, after, tolerance):
+            if not _certain(before, after, tolerance):
+                return Change.UNCHANGED, "within what these seeds differ by"
+            way = f"magnitude {fmean(before):.4g} -> {fmean(after):.4g}"
+            remark = way if sense is Sense.NEARER_ZERO and len(base) > 1 else ""
+            return (Change.WORSE if fmean(after) > fmean(before) else Change.BETTER), remark
+    if _beyond(base, new, tolerance) and _certain(base, new, tolerance):
+        return Change.CHANGED, ""
+    if tolerance == EXACT and any(_beyond([a], [b], EXACT) for a, b in zip(base, new, strict=True)):
+        return Change.CHANGED, "the same in the mean, not on every seed"
+    return Change.UNCHANGED, ""
+
+
+def _out_of_limit(side: Mapping[Seed, Measurement | None]) -> bool:
+    return any(each is not None and each.outcome is Outcome.FAIL for each in side.values())
+
+
+def _cost(value: float, sense: Sense) -> float:
+    """Return a number that is smaller the better the value is."""
+    return abs(value) if sense is Sense.NEARER_ZERO else -value if sense is Sense.LARGER else value
+
+
+def _beyond(base: Sequence[float], new: Sequence[float], tolerance: Tolerance) -> bool:
+    """Say whether the mean moved by more than both tolerances; the relative one is of the smaller magnitude.
+
+    Of the smaller: for a cost that rises that is the base's, and both ways round the answer is the same.
+    """
+    was, now = fmean(base), fmean(new)
+    sizes = [fmean(map(abs, base)), fmean(map(abs, new))]
+    written = 0.0 if all(map(float.is_integer, (*base, *new))) else _LAST_DIGIT * max(sizes)
+    moved = abs(now - was) - written
+    return moved > tolerance.absolute and moved > tolerance.relative * min(sizes)
+
+
+def _certain(base: Sequence[float], new: Sequence[float], tolerance: Tolerance) -> bool:
+    """Say whether the mean change is one: with seeds enough, and noise, zero must lie outside its interval."""
+    interval = None if tolerance == EXACT else mean_interval(_changes(base, new))
+    return interval is None or not interval[0] <= 0.0 <= interval[1]
+
+
+def _changes(base: Sequence[float], new: Sequence[float]) -> list[float]:
+    return [after - before for before, after in zip(base, new, strict=True)]
+
+
+def _values(side: Mapping[Seed, Measurement | None], seeds: Sequence[Seed] | None = None) -> list[float]:
+    numbers = [_number(side[seed]) for seed in (side if seeds is None else seeds)]
+    return [float(each) for each in numbers if each is not None]
+
+
+def _number(measurement: Measurement | None) -> float | int | None:
+    """Return the value that can be compared: a NaN is none."""
+    if measurement is None or measurement.value is None or not math.isfinite(measurement.value):
+        return None
+    return measurement.value
+
+
+def _has_number(measurement: Measurement | None) -> bool:
+    return _number(measurement) is not None
+
+
+def _mean(values: Sequence[float]) -> float | int | None:
+    if not values:
+        return None
+    mean = round_significant(fmean(values))
+    return int(mean) if mean is not None and all(map(float.is_integer, values)) and mean == int(mean) else mean
+
+
+def _rounded(interval: tuple[float, float] | None) -> tuple[float, float] | None:
+    if interval is None:
+        return None
+    low, high = (round_significant(side) or 0.0 for side in interval)
+    return low, high
+
+
+def _listed(words: set[str]) -> str:
+    return " and ".join(repr(each) for each in sorted(words))

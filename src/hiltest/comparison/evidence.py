@@ -1,0 +1,76 @@
+"""One side of a comparison: what was measured, and what the numbers rest on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from hiltest.comparison.model import Side, Tolerance
+from hiltest.measurement import Measurement
+
+Seed = int | None
+"""None for a board that simulates nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Conditions:
+    """What must be the same on both sides, beside the compiler and the cycle model, for numbers to be comparable.
+
+    Attributes
+    ----------
+    board : str
+        Its kind: ``virtual``, ``real`` or ``replay``.
+    rig_sha256 : str
+        Of the rig's conditions; empty in a record from before they were kept.
+    calibrators : tuple of str
+        As the board names them.
+    sensors : tuple of str
+        Those that were there, by name.
+    compiler_flags : tuple of str
+        Of all units of the firmware; empty where there is no ELF, or none with debugging information.
+    poses : str
+        Known angles that were judged: ``all`` or ``level``.
+    suite : str
+        Set of tests: ``gate`` or ``full``.
+    calibrated : bool
+        Whether a calibration file was judged too.
+    """
+
+    board: str
+    rig_sha256: str
+    calibrators: tuple[str, ...]
+    sensors: tuple[str, ...]
+    protocol_version: int
+    compiler_flags: tuple[str, ...]
+    poses: str
+    suite: str
+    calibrated: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """One run, or several runs of the same firmware on the same rig that differ in their seed.
+
+    Attributes
+    ----------
+    side : Side
+    conditions : Conditions or None
+        None when no board answered.
+    measurements : mapping of seed to mapping of str to Measurement
+        By name; the volatile ones too.
+    tolerances : mapping of str to Tolerance
+        Of the rig, by exact name.
+    faults : tuple of str
+        Why this side is no evidence, one line each, with what to do: such as a run that was cut short.
+    """
+
+    side: Side
+    conditions: Conditions | None
+    measurements: Mapping[Seed, Mapping[str, Measurement]]
+    tolerances: Mapping[str, Tolerance] = field(default_factory=dict)
+    faults: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """What to call it: its file, or for a run that is just ending its firmware."""
+        return self.side.file or f"this run of {self.side.firmware} {self.side.version}"

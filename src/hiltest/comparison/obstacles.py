@@ -1,0 +1,110 @@
+"""What keeps a gate from being evaluated: a number is compared with its like, or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from hiltest.comparison.evidence import Conditions, Evidence
+from hiltest.comparison.model import Change, Difference
+
+_NAMED_AT_MOST = 3
+_RENEW = "renew the baseline with `hiltest baseline save RUN FILE`"
+_SUITES = ("gate", "full")
+
+
+def obstacles(
+    base: Evidence, new: Evidence, differences: Sequence[Difference], *, together: bool
+) -> tuple[str, ...]:
+    """Return why the gate cannot be evaluated, one line each, with what to do; nothing when it can.
+
+    Parameters
+    ----------
+    base, new : Evidence
+    differences : sequence of Difference
+        Between them.
+    together : bool
+        Whether both firmwares ran in one session: compiler and flags may then differ.
+    """
+    return (
+        *base.faults, *new.faults, *_of_conditions(base, new), *_of_builds(base, new, together=together),
+        *_of_measurements(base, new, differences),
+    )
+
+
+def _of_conditions(base: Evidence, new: Evidence) -> Iterator[str]:
+    was, now = base.conditions, new.conditions
+    if was is None or now is None:
+        yield from (f"{each.name}: no board answered; run it again" for each in (base, new) if each.conditions is None)
+        return
+    if was.board != now.board:
+        yield f"another kind of board: {was.board} before, {now.board} now; compare runs of one kind"
+    yield from _of_rigs(base, new, was, now)
+    if set(was.sensors) != set(now.sensors):
+        lost, added = _without(was.sensors, now.sensors), _without(now.sensors, was.sensors)
+        yield f"other sensors: {_gone_and_added(lost, added)}; put them back, or {_RENEW}"
+    if lost := _without(was.calibrators, now.calibrators):
+        yield f"calibrator missing: the firmware has no {lost} any more; put it back, or {_RENEW}"
+    if was.protocol_version != now.protocol_version:
+        yield f"another protocol: version {was.protocol_version} before, {now.protocol_version} now; {_RENEW}"
+    if was.poses != now.poses:
+        yield f"other poses: {was.poses!r} before, {now.poses!r} now; run with --poses {was.poses}"
+    if _SUITES.index(now.suite) < _SUITES.index(was.suite):
+        yield f"a smaller set of tests: {was.suite!r} before, {now.suite!r} now; run with --suite {was.suite}"
+    if was.calibrated and not now.calibrated:
+        yield "no calibration file: the base judged one; run with --calibration FILE"
+
+
+def _of_rigs(base: Evidence, new: Evidence, was: Conditions, now: Conditions) -> Iterator[str]:
+    unknown = [each.name for each, conditions in ((base, was), (new, now)) if not conditions.rig_sha256]
+    if unknown:
+        yield f"{' and '.join(unknown)}: the record does not say what rig it is of; run it again with this hiltest"
+    elif was.rig_sha256 != now.rig_sha256:
+        yield (
+            f"another rig: {base.side.rig} ({was.rig_sha256[:8]}) before, {new.side.rig} ({now.rig_sha256[:8]}) now; "
+            f"use the same --rig, or {_RENEW}"
+        )
+
+
+def _of_builds(base: Evidence, new: Evidence, *, together: bool) -> Iterator[str]:
+    if base.side.cycle_model != new.side.cycle_model:
+        yield (
+            f"another cycle model: {base.side.cycle_model} before, {new.side.cycle_model} now; cycles of different "
+            f"models are never compared: {_RENEW}"
+        )
+    if together or base.conditions is None or new.conditions is None:
+        return
+    advice = f"run both firmwares together with `hiltest run --against OLD.elf`, or {_RENEW}"
+    if base.side.compiler != new.side.compiler:
+        yield f"another compiler: {base.side.compiler} before, {new.side.compiler} now; {advice}"
+    was, now = base.conditions.compiler_flags, new.conditions.compiler_flags
+    if was != now:
+        lost, added = _without(was, now), _without(now, was)
+        yield f"other compiler flags: {_gone_and_added(lost, added)}; {advice}"
+
+
+def _of_measurements(base: Evidence, new: Evidence, differences: Sequence[Difference]) -> Iterator[str]:
+    if not set(base.measurements) & set(new.measurements):
+        was, now = _seeds(base), _seeds(new)
+        yield f"no seed in common: {was} before, {now} now; run with a seed of the base"
+    gone = [each for each in differences if each.change is Change.GONE]
+    for each in gone[:_NAMED_AT_MOST]:
+        why = f" ({each.note})" if each.note else ""
+        yield (
+            f"measurement gone: {each.name}{why}; bring it back, or accept that with "
+            f"`hiltest baseline update FILE RUN --accept {each.name} --because TEXT`"
+        )
+    if len(gone) > _NAMED_AT_MOST:
+        yield f"measurements gone: {len(gone) - _NAMED_AT_MOST} more, {gone[_NAMED_AT_MOST].name} among them"
+
+
+def _without(these: Sequence[str], those: Sequence[str]) -> str:
+    return ", ".join(each for each in these if each not in those)
+
+
+def _gone_and_added(lost: str, added: str) -> str:
+    return ", and ".join(filter(None, (lost and f"{lost} before and not now", added and f"{added} now and not before")))
+
+
+def _seeds(evidence: Evidence) -> str:
+    seeds = [str(seed) for seed in evidence.side.seeds]
+    return f"seed{'s' * (len(seeds) != 1)} {', '.join(seeds) or 'none'}"
