@@ -34,8 +34,9 @@ ARROWS = """
     c_source    ->
     bench_files -> errors
     rig_tables  -> angles
-    rig         -> errors measurement rig_tables sensors world
-    rig_file    -> errors measurement rig_tables rig
+    rig_conditions -> rig
+    rig         -> errors measurement comparison rig_tables sensors world
+    rig_file    -> errors measurement comparison rig_tables rig
 
     link        -> errors angles calibration
     boards      -> errors angles bench_files rig_tables rig rig_file link virtual world sensors

@@ -19,6 +19,7 @@ from hiltest.report.record import (
 )
 from hiltest.report.recorder import Recorder
 from hiltest.report.unmet import unmet_limits
+from hiltest.rig_conditions import conditions_sha256
 from hiltest.session import FOUND_HERE, HilSession
 
 if TYPE_CHECKING:
@@ -125,7 +126,10 @@ def rig_record(rig: Rig) -> RigRecord:
     """Return what the record keeps of a rig."""
     declared = rig.mounting
     mounting = "not declared" if declared is None else f"{declared.yaw_deg:g} ± {declared.uncertainty_deg:g} deg"
-    return RigRecord(rig.name, str(rig.path), sha256(rig.path.read_bytes()).hexdigest(), mounting)
+    return RigRecord(
+        rig.name, str(rig.path), sha256(rig.path.read_bytes()).hexdigest(), mounting, conditions_sha256(rig),
+        {name: (each.absolute, each.relative) for name, each in rig.tolerances.items()},
+    )
 
 
 def calibration_record(file: CalibrationFile | None) -> CalibrationRecord | None:
@@ -148,4 +152,5 @@ def board_record(board: Board) -> BoardRecord:
             )
             for each in board.sensors
         ),
+        compiler_flags=board.compiler_flags,
     )

@@ -12,6 +12,7 @@ from dataclasses import field as dataclass_field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
+from hiltest.comparison.model import Tolerance
 from hiltest.measurement import Limit
 from hiltest.rig_tables import (
     MAGNETOMETER_PARTS,
@@ -61,8 +62,10 @@ class Rig:
         By measurement name; a value outside is a failure.
     information : dict of str to Limit
         Shown beside a measurement, without a verdict.
+    tolerances : dict of str to Tolerance
+        How far a measurement may move from a baseline, where it is not hiltest's own table that says so.
     units : dict of str to str
-        Of both, by measurement name.
+        Of all three, by measurement name.
     full_only : frozenset of str
         Names of the limits that only the full set of tests measures.
     """
@@ -83,6 +86,7 @@ class Rig:
     world: SimulatedWorld | None = None
     limits: dict[str, Limit] = dataclass_field(default_factory=dict)
     information: dict[str, Limit] = dataclass_field(default_factory=dict)
+    tolerances: dict[str, Tolerance] = dataclass_field(default_factory=dict)
     units: dict[str, str] = dataclass_field(default_factory=dict)
     full_only: frozenset[str] = frozenset()
 

@@ -10,7 +10,7 @@ import json
 import math
 import re
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from types import UnionType
@@ -19,6 +19,8 @@ from typing import Any, ClassVar, Literal, get_args, get_type_hints
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
+from hiltest.comparison.model import Tolerance
+from hiltest.comparison.rules import is_known
 from hiltest.errors import ConfigError, UnknownKeyError
 from hiltest.measurement import Limit
 from hiltest.rig import Rig
@@ -119,6 +121,16 @@ class LimitEntry:
     suite: Literal["gate", "full"] | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class ToleranceEntry:
+    """A tolerance as the file gives it."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
+    unit: str
+    absolute: float
+    relative: float = 0.0
+
+
 def load_rig(path: Path | str) -> Rig:
     """Read and check a rig file.
 
@@ -147,12 +159,16 @@ def load_rig(path: Path | str) -> Rig:
         raise ConfigError(f"{path}:1: schema is missing; write `schema = 1` above the first table")
     tables = {name: data.pop(name, {}) for name in ("limits", "information")}
     read = {name: _checked_limits(source, name, table) for name, table in tables.items()}
+    tolerances = _checked_tolerances(source, data.pop("tolerances", {}))
     bounds = {
         table: {name: {"min": entry.min, "max": entry.max} for name, entry in entries.items()}
         for table, entries in read.items()
     }
     derived = {
-        "path": str(path), "units": _units(source, read),
+        "path": str(path), "units": _units(source, {**read, "tolerances": tolerances}),
+        "tolerances": {
+            name: {"absolute": entry.absolute, "relative": entry.relative} for name, entry in tolerances.items()
+        },
         "full_only": [name for name, entry in read["limits"].items() if entry.suite == "full"],
     }
     rig: Rig = source.validate(TypeAdapter(Rig), {**data, **bounds, **derived}, Rig)
@@ -212,17 +228,18 @@ def _not_toml(path: Path, text: str, complaint: str) -> str:
     return f"{path}:{line}: not TOML: {complaint[: place.start()]}{column}"
 
 
-def _units(source: _Source, tables: dict[str, dict[str, LimitEntry]]) -> dict[str, str]:
-    """Return the unit of every name, which is the same in both tables."""
-    units: dict[str, str] = {}
+def _units(source: _Source, tables: Mapping[str, Mapping[str, LimitEntry | ToleranceEntry]]) -> dict[str, str]:
+    """Return the unit of every name, which is the same in all tables."""
+    units: dict[str, tuple[str, str]] = {}
     for table, entries in tables.items():
         for name, entry in entries.items():
-            if units.setdefault(name, entry.unit) != entry.unit:
+            unit, first = units.setdefault(name, (entry.unit, table))
+            if unit != entry.unit:
                 raise ConfigError(
-                    f"{source.where((table, name))}: {table}.{name}: its unit is {units[name]!r} under limits, "
+                    f"{source.where((table, name))}: {table}.{name}: its unit is {unit!r} under {first}, "
                     f"{entry.unit!r} here"
                 )
-    return units
+    return {name: unit for name, (unit, _) in units.items()}
 
 
 def _checked_limits(source: _Source, table: str, entries: object) -> dict[str, LimitEntry]:
@@ -233,13 +250,31 @@ def _checked_limits(source: _Source, table: str, entries: object) -> dict[str, L
     return read
 
 
-def _check_limit(source: _Source, key: tuple[str, str], entry: LimitEntry) -> None:
+def _checked_tolerances(source: _Source, entries: object) -> dict[str, ToleranceEntry]:
+    adapter = TypeAdapter(dict[str, ToleranceEntry])
+    key = ("tolerances",)
+    read: dict[str, ToleranceEntry] = source.validate(adapter, entries, dict[str, ToleranceEntry], key)
+    for name, entry in read.items():
+        _check_name(source, (*key, name), entry.unit, known=is_known(name))
+        try:
+            Tolerance(entry.absolute, entry.relative)
+        except ValueError as error:
+            raise ConfigError(f"{source.where((*key, name))}: tolerances.{name}: {error}") from error
+    return read
+
+
+def _check_name(source: _Source, key: tuple[str, str], given: str, *, known: bool = False) -> None:
+    """Refuse a name that is no measurement of hiltest's though its family is, and a unit that is not its own."""
     name = key[1]
     unit = measurement_unit(name)
-    if unit is None and name.split(".")[0] in _FAMILIES:
+    if unit is None and not known and name.split(".")[0] in _FAMILIES:
         raise UnknownKeyError(name, where=source.where(key), known=_names_like(name))
-    if unit is not None and entry.unit != unit:
-        raise ConfigError(f"{source.where(key)}: {'.'.join(key)}: its unit is {unit!r}, not {entry.unit!r}")
+    if unit is not None and given != unit:
+        raise ConfigError(f"{source.where(key)}: {'.'.join(key)}: its unit is {unit!r}, not {given!r}")
+
+
+def _check_limit(source: _Source, key: tuple[str, str], entry: LimitEntry) -> None:
+    _check_name(source, key, entry.unit)
     try:
         Limit(min=entry.min, max=entry.max)
         if entry.suite and key[0] != "limits":

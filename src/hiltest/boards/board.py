@@ -149,6 +149,8 @@ class Board(ABC):
         None where nobody knows it: "not offered".
     firmware_sha256 : str or None
         Of the ELF file, where there is one.
+    compiler_flags : str
+        Of all units of that file; empty where nothing tells them.
     seed : int or None
         Of a simulated world.
     """
@@ -157,6 +159,7 @@ class Board(ABC):
     stage: Stage | None = None
     truth: Truth | None = None
     firmware_sha256: str | None = None
+    compiler_flags: str = ""
     seed: int | None = None
 
     def __init__(self, session: Session, *, description: str, declared: Declared) -> None:

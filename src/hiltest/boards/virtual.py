@@ -14,6 +14,7 @@ from hiltest.link.ports import READ_SLICE_S
 from hiltest.link.session import Session
 from hiltest.link.transcript import Transcript
 from hiltest.rig import COUNTS_PER_UT, Rig, world_truth
+from hiltest.virtual.elf import load_image
 
 
 class VirtualBoard(Board):
@@ -43,6 +44,7 @@ class VirtualBoard(Board):
         self.seed = bench.seed
         self.truth = _truth(bench.rig)
         self.firmware_sha256 = hashlib.sha256(bench.firmware.read_bytes()).hexdigest()
+        self.compiler_flags = load_image(bench.firmware).compiler_flags
         # Nothing is lost on a simulated line: what is not answered in time would not be answered the second time.
         session = Session(port, transcript=transcript, nonce_seed=bench.seed, attempts=1)
         super().__init__(session, description=f"virtual FRDM-K64F, seed {bench.seed}", declared=declared)

@@ -41,7 +41,10 @@ class SensorRecord:
 
 @dataclass(frozen=True, slots=True)
 class BoardRecord:
-    """What answered on the link. `clock` is ``virtual`` or ``wall``."""
+    """What answered on the link. `clock` is ``virtual`` or ``wall``.
+
+    `compiler_flags` are those of all units of the firmware; empty where there is no ELF that tells them.
+    """
 
     kind: str
     description: str
@@ -58,6 +61,7 @@ class BoardRecord:
     clock: str
     calibrators: tuple[str, ...]
     sensors: tuple[SensorRecord, ...]
+    compiler_flags: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +69,7 @@ class RigRecord:
     """Which rig, by name, file and SHA-256 of that file; `mounting` as it declares it.
 
     `conditions_sha256` is of what its numbers rest on: no limits, no texts. Empty in records from before it was kept.
+    `tolerances` has absolute and relative by measurement name.
     """
 
     name: str
@@ -72,6 +77,7 @@ class RigRecord:
     sha256: str
     mounting: str
     conditions_sha256: str = ""
+    tolerances: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import bisect
 import io
+import re
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -28,6 +29,7 @@ _FLOATING_POINT = {0, 6}
 _HARD_FLOAT = 0x400  # EF_ARM_ABI_FLOAT_HARD, which the linker says of the whole
 _IMAGES_KEPT = 8  # parsed; each is a few megabytes with its debug information
 _ASSEMBLER = 0x8001  # DW_LANG_Mips_Assembler, which every assembler says
+_PRODUCER = re.compile(rb"GNU [^\0]+")  # DW_AT_producer of GCC: language, version, and the flags of the unit
 _QUALIFIERS = frozenset(f"DW_TAG_{name}" for name in (
     "typedef", "const_type", "volatile_type", "restrict_type", "atomic_type",
 ))  # fmt: skip
@@ -196,6 +198,20 @@ class FirmwareImage:
                 address = entry.entry.st_value & ~1 if is_function else entry.entry.st_value
                 found.append(Symbol(entry.name, address, entry.entry.st_size, is_function))
         return found
+
+    @property
+    def compiler_flags(self) -> str:
+        """Every flag that GCC says a unit was compiled with, sorted; empty without debug information.
+
+        All of it: that a unit among hundreds has a flag of its own is seen too.
+        """
+        try:
+            section = self._elf.get_section_by_name(".debug_str")
+            texts = _PRODUCER.findall(section.data()) if section is not None else []
+        except Exception:  # damaged, as debug information may be: nothing is known then
+            texts = []
+        words = {word for text in texts for word in text.decode("ascii", "replace").split()}
+        return " ".join(sorted(word for word in words if word.startswith("-")))
 
     @cached_property
     def _functions_by_address(self) -> tuple[list[int], list[Symbol]]:
