@@ -10,11 +10,12 @@ from pathlib import Path
 import pytest
 
 from hiltest.angles import Pose
+from hiltest.calibration.dpi import PAIRS_MINIMUM
 from hiltest.errors import ConfigError, UnknownKeyError
 from hiltest.measurement import Limit
 from hiltest.rig import build_sensors, build_world, world_truth
 from hiltest.rig_file import MEASUREMENT_UNITS, load_rig, measurement_unit, reference_uncertainty_deg
-from hiltest.rig_tables import CoveredPart, RigValueError, TurntableSettings
+from hiltest.rig_tables import DPI_PAIRS_MINIMUM, CoveredPart, RigValueError, TurntableSettings
 from hiltest.sensors.fxos8700cq import noise_at_oversampling, oversampling
 
 RIGS = Path(__file__).parents[1] / "hil" / "rigs"
@@ -205,6 +206,7 @@ def test_every_table_knows_its_keys(edited, old, new, nearest):
         ("schema = 1", "schema = 2", "schema", "should be 1"),
         ("readings_per_pose = 16", "readings_per_pose = 16.5", "procedure.readings_per_pose", "valid integer"),
         ("tumble_points = 300", "tumble_points = 513", "procedure.tumble_points", "512"),
+        ("tumble_points = 300", "tumble_points = 299", "procedure.tumble_points", 'or dpi = "none" beside it'),
         ("[[0, 0], [20, 0],", "[[1, 0], [20, 0],", "procedure.tilts_deg", "level"),
         ("hard_iron_ut = [2.4, -2.2, 4.0]", "hard_iron_ut = [2.4, -2.2]", "world.hard_iron_ut", "missing"),
         ('kind = "simulated"', 'kind = "robot"', "turntable.kind", "'simulated', 'operator' or 'grbl'"),
@@ -236,6 +238,12 @@ def test_a_wrong_value_is_named_with_key_file_and_line(edited, old, new, key, wo
     assert f": {key}" in str(caught.value)
     assert words in str(caught.value)
     assert "bench.toml" in str(caught.value)
+
+
+def test_a_tumble_too_short_for_the_calibration_against_gravity_goes_without_it(edited):
+    assert DPI_PAIRS_MINIMUM == PAIRS_MINIMUM
+    rig = edited("tumble_points = 300", 'tumble_points = 299\ndpi = "none"')
+    assert (rig.procedure.tumble_points, rig.procedure.dpi) == (299, "none")
 
 
 def test_the_line_of_a_wrong_value_is_right(edited):

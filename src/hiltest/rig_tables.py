@@ -29,6 +29,9 @@ MAGNETOMETER_PARTS = {
     "on-board FXOS8700CQ magnetometer": "onboard-fxos8700cq",
 }
 
+# What the firmware asks for at least, or its fit of them against gravity is refused as TOO_FEW_POINTS.
+DPI_PAIRS_MINIMUM = 300
+
 FITTED_PARTS = ("mag3110", "fxos8700cq", "fxas21002c", "onboard-fxos8700cq")
 
 
@@ -273,6 +276,9 @@ class Procedure:
         require(self.calibration_points >= 9, "calibration_points", "must be at least 9, the unknowns of an ellipsoid")
         require(self.calibration_points <= self.tumble_points <= 512, "tumble_points",
                 "must be from calibration_points to 512, what the firmware stores")
+        require(self.dpi == "none" or self.tumble_points >= DPI_PAIRS_MINIMUM, "tumble_points",
+                f"must be at least {DPI_PAIRS_MINIMUM}, the pairs that the calibration against gravity needs: write "
+                'tumble_points = 300, or dpi = "none" beside it to go without')
         require(2.0 <= self.gyroscope_rest_s <= 20.0, "gyroscope_rest_s", "must be 2 to 20")
         require(36.0 <= self.gyroscope_turn_dps <= 90.0, "gyroscope_turn_dps", "must be 36 to 90")
         require(self.accelerometer_calibration != "none" or not self.untrimmed_calibrations, "untrimmed_calibrations",

@@ -37,7 +37,7 @@ OPERATORS = {
     'kind = "virtual"': 'kind = "real"',
     'kind = "simulated"': 'kind = "operator"',
     "headings_deg = [0, 30, 60, 90, 120, 150, 180, 210, 240, 270, 300, 330]": "headings_deg = [0, 90, 180, 270]",
-    "tumble_points = 300": "tumble_points = 100",
+    "tumble_points = 300": 'tumble_points = 100\ndpi = "none"',
     # The paced board's own table turns it all round in this time.
     'kind = "operator"\nuncertainty_deg = 0.1': 'kind = "operator"\nuncertainty_deg = 0.1\ntumble_s = 2.0',
     # That limit is of sixty poses; the rms of four, with another noise in every run, scatters up to their maximum.
