@@ -192,16 +192,17 @@ def known_angles(
     slots |= {name: run.slot for name, run in calibrations.items() if run.usable}
     if dpi is not None and dpi.run.usable:
         slots[DPI] = dpi.run.slot
-    slots |= store_streams(board, streams, first_slot=1 + max(slots.values()))
-    store_accelerometer(board, accelerometer_fit, list(slots.values()))  # the streams' too
+    store_accelerometer(board, accelerometer_fit, list(slots.values()))
     slots |= store_untrimmed(
         board, {name: run for name, run in calibrations.items() if name in rig.procedure.untrimmed_calibrations},
         first_slot=1 + max(slots.values()),
     )
     if hil_calibration is not None:  # a file brings its own of the accelerometer
         slots |= store_calibration(board, hil_calibration, slot=1 + max(slots.values()))
+    of_streams = store_streams(board, streams, first_slot=1 + max(slots.values()))  # the others are the rig's wish
+    store_accelerometer(board, accelerometer_fit, list(of_streams.values()))
     return measure_known_angles(
-        board, turntable, poses=rig.procedure.judged_poses(hil_settings.poses), slots=slots,
+        board, turntable, poses=rig.procedure.judged_poses(hil_settings.poses), slots=slots | of_streams,
         mounting_yaw_deg=rig.mounting.yaw_deg if rig.mounting else 0.0,
         readings=rig.procedure.readings_per_pose, progress=hil_progress,
     )

@@ -15,7 +15,7 @@ from hiltest.boards.bench import VirtualBench
 from hiltest.boards.board import Stage
 from hiltest.calibration.accelerometer import NOMINAL, fit_six_position, is_on_face
 from hiltest.calibration.still_pose import FACES, Face
-from hiltest.errors import FaceError, OperatorAbsentError
+from hiltest.errors import CalibrationError, FaceError, OperatorAbsentError
 from hiltest.link.accelerometer import GetAccelerometer
 from hiltest.link.messages import Average, SetCalibration
 from hiltest.link.poses import Poses
@@ -208,6 +208,9 @@ def test_slots_get_the_calibration_and_an_untrimmed_copy_does_not(virtual_board:
     assert without is not None
     # 100 counts of x are 12 mg: 0.7 degree of pitch.
     assert with_it.pitch_deg - without.pitch_deg == pytest.approx(0.7, abs=0.02)
+    with pytest.raises(CalibrationError, match=r"no slots for direct-untrimmed: the board has 16, and 16 are taken"):
+        store_untrimmed(virtual_board, runs, first_slot=16)
+    assert store_untrimmed(virtual_board, runs, first_slot=15) == {"direct-untrimmed": 15}
     store_accelerometer(virtual_board, NOMINAL, [0, 1])
 
 

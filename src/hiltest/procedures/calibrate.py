@@ -183,10 +183,20 @@ def store_untrimmed(board: Board, runs: Mapping[str, CalibratorRun], *, first_sl
 
     The names are theirs with `UNTRIMMED` behind. What is judged there is what an accelerometer as it left
     its factory makes of the same magnetometer calibration.
+
+    Raises
+    ------
+    CalibrationError
+        When there are not slots enough.
     """
     slots = {}
     usable = [(name, run) for name, run in runs.items() if run.usable]
-    for slot, (name, run) in zip(range(first_slot, board.identity.slots), usable, strict=False):
+    if first_slot + len(usable) > board.identity.slots:
+        raise CalibrationError(
+            f"no slots for {', '.join(name + UNTRIMMED for name, _ in usable)}: the board has {board.identity.slots}, "
+            f"and {first_slot} are taken; name fewer further_calibrations or untrimmed_calibrations under [procedure]"
+        )
+    for slot, (name, run) in enumerate(usable, start=first_slot):
         board.session.request(ClearCalibration(slot))
         board.session.request(SetCalibration(slot, run.soft_iron, run.hard_iron))
         slots[f"{name}{UNTRIMMED}"] = slot
