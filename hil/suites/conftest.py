@@ -83,7 +83,8 @@ def six_positions(board: Board, turntable: Turntable, rig: Rig, hil_progress: Pr
     if rig.procedure.accelerometer_calibration == "none" or rig.faces is None:
         return None
     run = measure_six_positions(
-        board, turntable, uncertainty_deg=rig.faces.uncertainty_deg, progress=hil_progress
+        board, turntable, uncertainty_deg=rig.faces.uncertainty_deg, progress=hil_progress,
+        again=lambda error: turntable.again(str(error)),
     )
     store_accelerometer(board, run.fit, [UNCALIBRATED_SLOT])
     return run

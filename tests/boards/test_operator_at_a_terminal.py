@@ -31,17 +31,20 @@ def measured(rig_file: Path) -> dict[str, Any]:
     return {each["name"]: each["value"] for each in record["measurements"]}
 
 
-def test_an_operator_is_asked_at_the_terminal_and_the_headings_are_judged(
+def test_an_operator_is_asked_again_for_a_wrong_face_and_the_headings_are_judged(
     pty_board: StartPtyBoard, rig: Rig, operators_rig_file: Path, at_a_terminal: Callable[..., Any]
 ) -> None:
     paced = pty_board(rig)
+    faces: list[str] = []
 
     def answer(question: str) -> str:
         pose = re.search(r"heading (\S+), pitch (\S+), roll (\S+) and", question)
         if pose:
             paced.bench.turn_to(Pose(*(float(angle) for angle in pose.groups())))
         elif face := re.search(r"put the board (.+), square on", question):
-            paced.bench.turn_to(next(each.pose for each in FACES if FACE_WORDS[each] == face[1]))
+            faces.append(face[1])
+            put = "level" if faces == ["nose down", "nose up"] else face[1]  # wrong the first time
+            paced.bench.turn_to(next(each.pose for each in FACES if FACE_WORDS[each] == put))
         elif "all round" in question:
             paced.tumble_by_hand()
         return "\n"
@@ -49,7 +52,10 @@ def test_an_operator_is_asked_at_the_terminal_and_the_headings_are_judged(
     ended = at_a_terminal(command(operators_rig_file, paced.path), operators_rig_file.parent, answer)
     assert ended.code == 0, ended.shown
     assert "pose 4: turn to heading 270" in ended.shown
-    assert "face 6 of 6: put the board upside down" in ended.shown
+    assert faces == [
+        "nose down", "nose up", "nose up", "right side down", "left side down", "level", "upside down",
+    ]
+    assert re.search(r"asked for nose up, .*: it lies level; .*\. Enter to do it again, Ctrl-C to end", ended.shown)
     values = measured(operators_rig_file)
     assert values["heading.direct.max"] < 1.8  # the rig's limit
     assert values["fit.direct.offset_error"] is None  # nobody knows the truth of a real board

@@ -56,6 +56,13 @@ def test_a_terminal_that_has_been_closed_is_an_absent_operator() -> None:
             ask()
 
 
+def test_only_a_hand_is_asked_to_do_something_again(simulated_turntable: Turntable) -> None:
+    asked, prompt = answers("")
+    assert OperatorTurntable(prompt=prompt, uncertainty_deg=0.5).again("the board moved")
+    assert asked == ["the board moved. Enter to do it again, Ctrl-C to end: "]
+    assert not simulated_turntable.again("the board moved")
+
+
 def test_an_operator_is_asked_to_rest_and_to_tumble() -> None:
     asked, prompt = answers("", "")
     table = OperatorTurntable(prompt=prompt, uncertainty_deg=0.5)

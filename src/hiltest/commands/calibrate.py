@@ -19,6 +19,7 @@ from hiltest.settings import file_name, seed
 if TYPE_CHECKING:
     from hiltest.boards import Board
     from hiltest.imu_calibration import Figure, ImuCalibration
+    from hiltest.procedures import Turntable
     from hiltest.rig import Rig
 
 DEFAULT_FILE = "imu_calibration.json"
@@ -97,7 +98,7 @@ def _led_through(board: Board, rig: Rig, calibrator: str) -> ImuCalibration:
     table = open_table(board, rig, prompt=ask)
     try:
         return calibrate_imu(
-            board, table, rig, guide=_TerminalGuide(asks=table.name == "operator"), made_utc=utc_now(),
+            board, table, rig, guide=_TerminalGuide(table), made_utc=utc_now(),
             calibrator=calibrator, progress=progress,
         )
     finally:
@@ -116,10 +117,10 @@ def _write(made: ImuCalibration, out: Path, header: Path) -> None:
 
 
 class _TerminalGuide:
-    """Says on standard output what comes next; only where an operator turns the board it asks."""
+    """Says on standard output what comes next, and asks whoever turns the board."""
 
-    def __init__(self, *, asks: bool) -> None:
-        self._asks = asks
+    def __init__(self, turntable: Turntable) -> None:
+        self._turntable = turntable
 
     def begin(self, step: int, of: int, what: str) -> None:
         click.echo(f"{step} of {of}: {what}")
@@ -129,9 +130,7 @@ class _TerminalGuide:
         click.echo(f"   {part} by {method}: {listed}")
 
     def again(self, why: str) -> bool:
-        if self._asks:
-            ask(f"   {why}. Enter to do it again, Ctrl-C to end: ")
-        return self._asks
+        return self._turntable.again(f"   {why}")
 
 
 class _StandardOutput:

@@ -130,6 +130,10 @@ class GrblTurntable:
         """Tilt the board until the axis is down; a table whose axes do not go so far says so."""
         self.turn_to(AXIS_DOWN[axis])
 
+    def again(self, why: str) -> bool:
+        """Turn it nowhere: it would stand as it did."""
+        return False
+
     def turn(self, axis: Axis, degrees: float, *, rate_dps: float) -> float:
         """Turn the heading axis on, at the rate or as fast as its motor can."""
         settings = self._line.settings()

@@ -103,6 +103,12 @@ class Turntable(Protocol):
             Of the table; it stands still for the first `BEFORE_TURN_S`, and at the end of the time.
         """
 
+    def again(self, why: str) -> bool:
+        """Say what was wrong with where the board was put, and whether that is done once more.
+
+        A hand can do better; what turns by itself would do the same again.
+        """
+
     def close(self) -> None:
         """Give back what it is reached by."""
 
@@ -152,6 +158,10 @@ class SimulatedTurntable:
     def turn(self, axis: Axis, degrees: float, *, rate_dps: float) -> float:
         """Turn at a constant rate."""
         return self._stage.turn_round(degrees, rate_dps=rate_dps, after_s=BEFORE_TURN_S) + AFTER_TURN_S
+
+    def again(self, why: str) -> bool:
+        """Turn it nowhere: it would stand as it did."""
+        return False
 
     def close(self) -> None:
         """Do nothing: the table is the board's."""
@@ -245,6 +255,11 @@ class OperatorTurntable:
             "Enter to begin: "
         )
         return takes_s
+
+    def again(self, why: str) -> bool:
+        """Ask for it; who does not want to presses Ctrl-C."""
+        self._ask(f"{why}. Enter to do it again, Ctrl-C to end: ")
+        return True
 
     def close(self) -> None:
         """Do nothing: the operator may go."""
