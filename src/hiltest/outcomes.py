@@ -1,13 +1,17 @@
-"""From pytest's three reports a test to one result."""
+"""From pytest's three reports a test to one result, and to one more for each attempt that was not the last."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import pytest
 
 from hiltest.report.record import TestResult
 from hiltest.session import CAUSE, REASON, TRACE
+
+RERUN = "rerun"
+"""What pytest-rerunfailures calls a report of an attempt that it follows with another."""
 
 
 class TestLog:
@@ -23,17 +27,21 @@ class TestLog:
 
     def __init__(self, test_id: Callable[[str], str] = str) -> None:
         self._test_id = test_id
-        self._reports: dict[str, list[pytest.TestReport]] = {}
+        self._attempts: dict[str, list[list[pytest.TestReport]]] = {}
 
     def add(self, report: pytest.TestReport) -> None:
-        """Take the report of one phase."""
-        self._reports.setdefault(report.nodeid, []).append(report)
+        """Take the report of one phase; another set-up of the same test begins another attempt."""
+        attempts = self._attempts.setdefault(report.nodeid, [])
+        if report.when == "setup" or not attempts:
+            attempts.append([])
+        attempts[-1].append(report)
 
-    def finish(self, nodeid: str) -> TestResult | None:
-        """Return the result of a test all of whose phases are in, None when it never ran."""
-        reports = self._reports.pop(nodeid, [])
-        if not reports:
-            return None
+    def finish(self, nodeid: str) -> list[TestResult]:
+        """Return a result for each attempt of a test, the last being the test's own; none if it never ran."""
+        results = [self._result(nodeid, reports) for reports in self._attempts.pop(nodeid, [])]
+        return [*(replace(each, outcome=RERUN) for each in results[:-1]), *results[-1:]]
+
+    def _result(self, nodeid: str, reports: Sequence[pytest.TestReport]) -> TestResult:
         worst = max(reports, key=_badness)
         return TestResult(
             id=self._test_id(nodeid), outcome=_outcome(worst),
@@ -43,6 +51,8 @@ class TestLog:
 
 
 def _outcome(report: pytest.TestReport) -> str:
+    if report.outcome == RERUN:
+        return RERUN
     cause = getattr(report, CAUSE, "")
     if cause:
         return str(cause)
@@ -55,7 +65,7 @@ def _outcome(report: pytest.TestReport) -> str:
 
 def _badness(report: pytest.TestReport) -> tuple[bool, bool, bool]:
     # Of several failures the first phase counts: max() keeps the first of equals.
-    return (report.failed, report.skipped, report.when == "call")
+    return (report.failed or report.outcome == RERUN, report.skipped, report.when == "call")
 
 
 def _reason(report: pytest.TestReport) -> str:

@@ -16,12 +16,14 @@ from hiltest.gate_set import leave_out_full
 from hiltest.session import (
     CAUSE,
     FOUND,
+    FOUND_AT_ITS_END,
     FOUND_HERE,
     GATING,
     REASON,
     SESSION,
     TRACE,
     HilSession,
+    carry_over,
     pack,
     uses_board,
     uses_hiltest,
@@ -47,7 +49,11 @@ def pytest_configure(config: pytest.Config) -> None:
     """Register the markers and keep the session's state."""
     config.addinivalue_line("markers", "hil: the test needs a board; skipped with the reason once the board is lost")
     config.addinivalue_line("markers", "full: a test that needs a board, and is left out of the gate set of tests")
-    config.stash[SESSION] = HilSession(config, resolve(config))
+    hil = config.stash[SESSION] = HilSession(config, resolve(config))
+    if hil.is_worker or hil.hands_out:
+        from hiltest.workers import Controller, Worker
+
+        config.pluginmanager.register(Worker(hil) if hil.is_worker else Controller(hil), "hiltest-workers")
 
 
 # Last: whatever other plugins write into the folder, such as junitxml, they have written.
@@ -92,7 +98,10 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     """Skip a test whose board is already lost."""
     hil = item.config.stash[SESSION]
     hil.begin_trace()
+    carry_over(item)
     if hil.trouble_reported and uses_board(item):
+        if hil.trouble_met_by == item.nodeid and hil.trouble is not None:
+            raise hil.trouble  # another attempt of the test that met it: no skip may take its place
         pytest.skip(f"bench lost earlier: {hil.trouble}")
 
 
@@ -136,6 +145,8 @@ def pytest_runtest_makereport(
     if found is not None:
         setattr(report, FOUND_HERE, pack(found))
         del item.stash[FOUND]
+        if call.when == "teardown":
+            item.stash[FOUND_AT_ITS_END] = found
     if report.failed and call.excinfo is not None:
         hil = item.config.stash[SESSION]
         trace = hil.keep_trace(hil.test_id(item.nodeid), report.when, call.excinfo.value)
@@ -143,7 +154,7 @@ def pytest_runtest_makereport(
             setattr(report, TRACE, trace)
             report.sections.append(("wire trace", str(hil.settings.out / trace)))
         # A test that has nothing to do with hiltest fails as any other does, with its traceback.
-        cause = hil.blame(call.excinfo.value) if uses_hiltest(item) else ""
+        cause = hil.blame(call.excinfo.value, item.nodeid) if uses_hiltest(item) else ""
         if cause:
             setattr(report, CAUSE, cause)
             setattr(report, REASON, str(call.excinfo.value))
@@ -154,5 +165,6 @@ def pytest_runtest_makereport(
 @pytest.hookimpl(tryfirst=True)
 def pytest_report_teststatus(report: pytest.CollectReport | pytest.TestReport) -> tuple[str, str, object] | None:
     """Name tests that the bench or the firmware ended."""
-    cause = getattr(report, CAUSE, "")
+    # One that is tried again is pytest-rerunfailures' to name.
+    cause = getattr(report, CAUSE, "") if report.failed else ""
     return (cause, _LETTERS[cause], (cause.upper(), {"red": True})) if cause else None

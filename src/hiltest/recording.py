@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from hashlib import sha256
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -14,22 +15,25 @@ from hiltest.report.record import (
     RigRecord,
     Run,
     SensorRecord,
+    board_from,
     measurement_from,
     table_from,
 )
 from hiltest.report.recorder import Recorder
 from hiltest.report.unmet import unmet_limits
 from hiltest.rig_conditions import conditions_sha256
-from hiltest.session import FOUND_HERE, HilSession
+from hiltest.session import BENCH, FOUND_HERE, HilSession
 
 if TYPE_CHECKING:
     from hiltest.boards import Board
     from hiltest.imu_calibration.file import CalibrationFile
     from hiltest.rig import Rig
 
+_PHASES = ("setup", "call", "teardown")
 
-def start_recording(hil: HilSession) -> None:
-    """Begin the record of a session whose bench is open, and see to it that it is kept."""
+
+def start_recording(hil: HilSession) -> Recording:
+    """Begin the record of a session, and see to it that it is kept."""
     rig = hil.rig_if_needed
     poses = hil.settings.poses or (rig.procedure.poses if rig else "all")
     recorder = Recorder(
@@ -39,7 +43,9 @@ def start_recording(hil: HilSession) -> None:
         recorder.rig(rig_record(rig), hil.seed)
     if hil.board is not None:
         recorder.board(board_record(hil.board), hil.board.seed)
-    hil.config.pluginmanager.register(Recording(hil, recorder), "hiltest-recording")
+    recording = Recording(hil, recorder)
+    hil.config.pluginmanager.register(recording, "hiltest-recording")
+    return recording
 
 
 class Recording:
@@ -55,14 +61,29 @@ class Recording:
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Take what one phase of a test found."""
         self._log.add(report)
+        self._note_board(getattr(report, BENCH, None))
         found = getattr(report, FOUND_HERE, None)
         if found is not None:
-            self._recorder.found(map(measurement_from, found["measurements"]), map(table_from, found["tables"]))
+            self.found(found["measurements"], found["tables"])
+        if report.when not in _PHASES:
+            # pytest-xdist's own words on a test whose worker crashed: nothing more is heard of it.
+            self.pytest_runtest_logfinish(report.nodeid)
+
+    def found(self, measurements: Sequence[dict[str, Any]], tables: Sequence[dict[str, Any]] = ()) -> None:
+        """Take what a report or a worker's end carried."""
+        self._recorder.found(map(measurement_from, measurements), map(table_from, tables))
+
+    def _note_board(self, bench: dict[str, Any] | None) -> None:
+        """Note the board that answered a worker."""
+        if bench is None or bench["board"] is None:
+            return
+        board = board_from(bench["board"])
+        if board != self._recorder.findings.board:
+            self._recorder.board(board, bench["seed"])
 
     def pytest_runtest_logfinish(self, nodeid: str) -> None:
-        """Write a finished test through to the disk."""
-        result = self._log.finish(nodeid)
-        if result is not None:
+        """Write a finished test through to the disk, each attempt of it."""
+        for result in self._log.finish(nodeid):
             self._recorder.finished(result)
 
     # First of the plain implementations: others, such as junitxml, then see the final exit status.

@@ -6,6 +6,7 @@ to import is imported by the function that needs it.
 
 from __future__ import annotations
 
+import json
 import os
 import time
 from collections.abc import Sequence
@@ -20,6 +21,8 @@ from hiltest.gate_set import LeftOut
 from hiltest.settings import Settings, make_folder
 
 if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
     from hiltest.boards import Board
     from hiltest.errors import BenchError, ProtocolError
     from hiltest.imu_calibration.file import CalibrationFile
@@ -41,6 +44,11 @@ TRACE = "hil_trace"
 """The wire trace of a failed test, relative to the run's folder."""
 FOUND_HERE = "hil_found"
 """Measurements and tables, as `pack` made them."""
+BENCH = "hil_bench"
+"""From a worker: whether there is a rig, and which board with which seed."""
+
+GROUP = "hil"
+"""What pytest-xdist calls the tests that it keeps together."""
 
 _BOARD_FIXTURES = frozenset({"board", "turntable"})
 _FIXTURES = _BOARD_FIXTURES | {"measure", "rig"}
@@ -60,6 +68,8 @@ class Found:
 
 SESSION: pytest.StashKey[HilSession] = pytest.StashKey()
 FOUND: pytest.StashKey[Found] = pytest.StashKey()
+FOUND_AT_ITS_END: pytest.StashKey[Found] = pytest.StashKey()
+"""What the report of a tear-down took of it."""
 GATING: pytest.StashKey[list[Measurement]] = pytest.StashKey()
 
 
@@ -87,6 +97,10 @@ class HilSession:
         Why the board cannot be used any more.
     trouble_reported : bool
         Whether a test has already been charged with it; later ones are skipped.
+    trouble_met_by : str
+        Node id of that test.
+    asked_for : bool
+        Whether the bench is needed even if no test uses it.
     calibration : CalibrationFile or None
         What ``--hil-calibration`` named.
     left_out : LeftOut
@@ -98,12 +112,13 @@ class HilSession:
         self.settings = settings
         self.trouble: BenchError | ProtocolError | None = None
         self.trouble_reported = False
+        self.trouble_met_by = ""
         self.calibration: CalibrationFile | None = None
         self.measured_by: dict[str, str] = {}
         self._rig: Rig | None = None
         self._board: Board | None = None
         self._opened_s = 0.0
-        self._asked_for = False
+        self.asked_for = False
         self._needs_rig = False
         self._traces: WireTraces | None = None
         self._journal: Journal | None = None
@@ -115,8 +130,14 @@ class HilSession:
         """True in a worker of pytest-xdist, which writes no files."""
         return hasattr(self.config, "workerinput")
 
+    @property
+    def hands_out(self) -> bool:
+        """True in the process that hands tests out to workers, which opens no board."""
+        option = self.config.option
+        return not self.is_worker and getattr(option, "dist", "no") != "no" and bool(getattr(option, "tx", None))
+
     def begin(self, items: Sequence[pytest.Item]) -> bool:
-        """Load the rig and open the board, if any test will need them.
+        """Load the rig and open the board, if any test will need them; a worker opens it for the first that does.
 
         Returns
         -------
@@ -128,7 +149,7 @@ class HilSession:
         pytest.UsageError
             If the rig, the firmware or an option is wrong; no file has been touched then.
         """
-        if self.config.option.collectonly or not (self._asked_for or any(map(uses_hiltest, items))):
+        if self.config.option.collectonly or not (self.asked_for or any(map(uses_hiltest, items))):
             return False
         self._needs_rig |= any(map(uses_rig, items))
         self.open(with_board=any(map(uses_board, items)))
@@ -148,7 +169,7 @@ class HilSession:
         from hiltest.imu_calibration.file import load_calibration
         from hiltest.wire_traces import remove_traces
 
-        self._asked_for = True
+        self.asked_for = True
         try:
             # Reading the rig is what finds its mistakes.
             self._needs_rig |= with_board
@@ -159,7 +180,7 @@ class HilSession:
                 # Before anything is written to the folder, the first words on the line among it.
                 self.claim_folder()
                 remove_traces(self.settings.out)
-            if with_board:
+            if with_board and not (self.is_worker or self.hands_out):
                 # The first test that needs a lost board is charged with it.
                 with suppress(BenchError, ProtocolError):
                     self.connect()
@@ -252,7 +273,7 @@ class HilSession:
         """Seed of the simulated world: the command line's, or else the rig's."""
         return self.rig.seed if self.settings.seed is None else self.settings.seed
 
-    def blame(self, error: BaseException) -> str:
+    def blame(self, error: BaseException, nodeid: str) -> str:
         """Return whose fault a failed test is, empty when it is the test's own.
 
         A lost board is remembered, so that the tests after this one can be skipped.
@@ -263,6 +284,7 @@ class HilSession:
             return ""
         if board_is_gone(error):
             self.trouble = self.trouble or error
+            self.trouble_met_by = self.trouble_met_by or nodeid
             self.trouble_reported = True
         return BENCH_LOST if isinstance(error, BenchError) else WRONG_FIRMWARE
 
@@ -290,6 +312,7 @@ class HilSession:
 
     def test_id(self, nodeid: str) -> str:
         """Return the id of a test for the record: for a suite it does not depend on where pytest was started."""
+        nodeid = nodeid.removesuffix(f"@{GROUP}")
         file, colons, rest = nodeid.partition("::")
         parts = Path(os.path.normpath(self.config.rootpath / file)).parts
         for index in range(len(parts) - 1, 1, -1):
@@ -382,12 +405,28 @@ def board_is_gone(error: BenchError | ProtocolError) -> bool:
     return not isinstance(error, SensorAbsentError | OperatorAbsentError | TurntableError)
 
 
+def carry_over(item: pytest.Item) -> None:
+    """Take again, at the set-up of another attempt, what the tear-down of the one before measured.
+
+    pytest-rerunfailures before 16 shows nobody the reports that follow a failed one.
+    """
+    before = item.stash.get(FOUND_AT_ITS_END, None)
+    if before is not None:
+        item.stash.setdefault(FOUND, Found()).measurements.extend(before.measurements)
+
+
 def pack(found: Found) -> dict[str, Any]:
-    """Return plain data that a report can carry from a worker to the controller."""
+    """Return plain data that a report can carry from a worker to the controller: no enum, no number of numpy's."""
     return {
-        "measurements": [asdict(each.rounded()) for each in found.measurements],
-        "tables": [asdict(each.rounded()) for each in found.tables],
+        "measurements": [plain_data(each.rounded()) for each in found.measurements],
+        "tables": [plain_data(each.rounded()) for each in found.tables],
     }
+
+
+def plain_data(record: DataclassInstance) -> dict[str, Any]:
+    """Return what `asdict` makes of a part of the record, of JSON's own kinds alone."""
+    plain: dict[str, Any] = json.loads(json.dumps(asdict(record)))
+    return plain
 
 
 def _fixtures_of(item: pytest.Item) -> set[str]:

@@ -17,6 +17,7 @@ from typing import Any, Literal
 
 from hiltest.comparison.model import Comparison
 from hiltest.measurement import Limit, Measurement, Outcome, plain, round_significant
+from hiltest.report.attempts import marked, worst_first
 
 RUN_FILE = "run.json"
 RECORD_FILES = (RUN_FILE, "report.html", "report.md", "junit.xml")
@@ -177,6 +178,8 @@ class Run:
         JSON pointers (RFC 6901) of all that may differ between two runs of the same seed.
     comparison : Comparison or None
         With the baseline or the older firmware that the run was judged against.
+    other_attempts : tuple of Measurement
+        What the other attempts of tests that were run again measured; the worst stands under `measurements`.
     """
 
     schema: Literal["hiltest.run/1"]
@@ -195,6 +198,7 @@ class Run:
     tables: tuple[Table, ...]
     volatile: tuple[str, ...] = ()
     comparison: Comparison | None = None
+    other_attempts: tuple[Measurement, ...] = ()
 
     def measurement(self, name: str) -> Measurement | None:
         """Return the measurement of this name, None when it was not made."""
@@ -221,15 +225,27 @@ class Findings:
     measurements: dict[str, Measurement] = field(default_factory=dict)
     tables: dict[str, Table] = field(default_factory=dict)
     comparison: Comparison | None = None
+    other_attempts: list[Measurement] = field(default_factory=list)
+
+    def take(self, measurement: Measurement) -> None:
+        """Take a measurement; of several attempts the worst counts."""
+        kept = self.measurements.setdefault(measurement.name, measurement)
+        # The same may come twice: see `carry_over` of the session.
+        if measurement != kept and measurement not in self.other_attempts:
+            self.measurements[measurement.name], other = worst_first(kept, measurement)
+            self.other_attempts.append(other)
 
     def finish(self, verdict: Verdict, finished_utc: str) -> Run:
         """Return the record: measurements and tables sorted by name, volatile places listed."""
+        several = {each.name for each in self.other_attempts}
+        measurements = [self.measurements[name].rounded() for name in sorted(self.measurements)]
         run = Run(
             schema=SCHEMA, verdict=verdict, board=self.board, rig=self.rig, seed=self.seed, suite=self.suite,
             poses=self.poses, calibration=self.calibration, environment=self.environment,
             started_utc=self.started_utc, finished_utc=finished_utc, tests=tuple(self.tests),
-            measurements=tuple(self.measurements[name].rounded() for name in sorted(self.measurements)),
+            measurements=tuple(marked(each) if each.name in several else each for each in measurements),
             tables=tuple(self.tables[name].rounded() for name in sorted(self.tables)), comparison=self.comparison,
+            other_attempts=tuple(each.rounded() for each in self.other_attempts),
         )
         return replace(run, volatile=volatile_places(run))
 
@@ -278,9 +294,10 @@ def volatile_places(run: Run) -> tuple[str, ...]:
     """Return JSON pointers of all that may differ between two runs of the same seed."""
     places = ["/started_utc", "/finished_utc"]
     places += [f"/tests/{index}/duration_s" for index in range(len(run.tests))]
-    for index, measurement in enumerate(run.measurements):
-        if measurement.volatile:
-            places += [f"/measurements/{index}/value", f"/measurements/{index}/outcome"]
+    for name, measurements in (("measurements", run.measurements), ("other_attempts", run.other_attempts)):
+        for index, measurement in enumerate(measurements):
+            if measurement.volatile:
+                places += [f"/{name}/{index}/value", f"/{name}/{index}/outcome"]
     if run.comparison is not None:
         places += [f"/comparison/{side}/{name}" for side in ("base", "new") for name in ("file", "saved_utc")]
     return tuple(places)
@@ -305,6 +322,12 @@ def measurement_from(content: Mapping[str, Any]) -> Measurement:
     return Measurement(**{**content, **limits, "outcome": Outcome(content["outcome"])})
 
 
+def board_from(content: Mapping[str, Any]) -> BoardRecord:
+    """Make a board's record from what `asdict` made of one."""
+    sensors = tuple(SensorRecord(**sensor) for sensor in content["sensors"])
+    return BoardRecord(**{**content, "sensors": sensors, "calibrators": tuple(content["calibrators"])})
+
+
 def table_from(content: Mapping[str, Any]) -> Table:
     """Make a table from what `asdict` made of one."""
     return Table(
@@ -327,7 +350,7 @@ def _field(name: str, value: Any) -> str:
         ])
     if name == "comparison" and value is not None:
         return "{" + ",\n ".join(f"{_json(key)}: {_field(key, each)}" for key, each in value.items()) + "}"
-    if name in ("tests", "measurements", "differences"):
+    if name in ("tests", "measurements", "other_attempts", "differences"):
         return _lines([_json(each) for each in value])
     return json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False)
 

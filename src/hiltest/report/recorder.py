@@ -66,12 +66,16 @@ class Recorder:
         """Write a finished test, or with None what the session itself found, through to the disk."""
         if test is not None:
             self.findings.tests.append(test)
-        self.findings.measurements.update((each.name, each) for each in self._unwritten_measurements)
+        names = dict.fromkeys(each.name for each in self._unwritten_measurements)
+        others = len(self.findings.other_attempts)
+        for each in self._unwritten_measurements:
+            self.findings.take(each)
         self.findings.tables.update((each.name, each) for each in self._unwritten_tables)
         self._journal.append("test", {
             "utc": utc_now(),
             "test": test and asdict(test),
-            "measurements": [asdict(each.rounded()) for each in self._unwritten_measurements],
+            "measurements": [asdict(self.findings.measurements[name].rounded()) for name in names],
+            "other_attempts": [asdict(each.rounded()) for each in self.findings.other_attempts[others:]],
             "tables": [asdict(each.rounded()) for each in self._unwritten_tables],
         })
         self._unwritten_measurements, self._unwritten_tables = [], []

@@ -129,6 +129,7 @@ def _replayed(path: Path, entries: list[dict[str, Any]]) -> dict[str, Any]:
         "finished_utc": start.get("started_utc"),
     }
     tests: list[Any] = []
+    other_attempts: list[Any] = []
     measurements: dict[str, Any] = {}
     tables: dict[str, Any] = {}
     for number, entry in enumerate(entries[1:], 2):
@@ -139,10 +140,11 @@ def _replayed(path: Path, entries: list[dict[str, Any]]) -> dict[str, Any]:
                 tests += [entry["test"]] if entry["test"] is not None else []
                 measurements |= {each["name"]: each for each in entry["measurements"]}
                 tables |= {each["name"]: each for each in entry["tables"]}
+                other_attempts += entry.get("other_attempts", [])
                 content["finished_utc"] = entry["utc"]
         except (LookupError, TypeError) as error:
             raise ConfigError(f"{path}: line {number} is no entry of a journal: {error}; {_OTHERWISE}") from error
     listed = {"measurements": measurements, "tables": tables}
-    return content | {"tests": tests} | {
+    return content | {"tests": tests, "other_attempts": other_attempts} | {
         kind: [by_name[name] for name in sorted(by_name, key=str)] for kind, by_name in listed.items()
     }

@@ -1,0 +1,31 @@
+"""Of several attempts a measurement keeps its worst: no rerun makes a pass of what was out of its limit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from hiltest.measurement import Measurement, Outcome
+
+WORST_OF_SEVERAL = "worst of several attempts"
+
+_WORST_FIRST = (Outcome.FAIL, Outcome.UNSET, Outcome.NOT_OFFERED)
+
+
+def worst_first(kept: Measurement, other: Measurement) -> tuple[Measurement, Measurement]:
+    """Return what two attempts measured under one name, the one that counts first.
+
+    Out of its limit comes before not judged, that before no number at all, and that before a number. Of two
+    that are equal in this the earlier stays.
+    """
+    worst, rest = sorted((kept, other), key=_rank)
+    return worst, rest
+
+
+def marked(measurement: Measurement) -> Measurement:
+    """Return it with the note that it is not the only one of its name."""
+    return replace(measurement, note="; ".join(filter(None, (measurement.note, WORST_OF_SEVERAL))))
+
+
+def _rank(measurement: Measurement) -> int:
+    outcome = measurement.outcome
+    return _WORST_FIRST.index(outcome) if outcome in _WORST_FIRST else len(_WORST_FIRST)

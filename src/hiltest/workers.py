@@ -1,0 +1,195 @@
+"""pytest-xdist: tests that use hiltest run in one worker, and the process that hands them out keeps the record.
+
+A worker opens the board when its first test needs it, and writes no file but wire traces. What it finds goes up on
+the reports of its tests, and what only its end can measure on its last words.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any, Protocol
+
+import pytest
+
+from hiltest.gate_set import LeftOut
+from hiltest.session import BENCH, GROUP, HilSession, plain_data, uses_board, uses_hiltest
+
+if TYPE_CHECKING:
+    from hiltest.recording import Recording
+
+_OUTPUT = "hil"
+
+
+class Node(Protocol):
+    """A worker as the process that hands out tests sees it; one that crashed has no output."""
+
+    workeroutput: dict[str, Any]
+
+
+class Worker:
+    """In a worker: keeps tests that use hiltest together, and tells what they rest on."""
+
+    def __init__(self, hil: HilSession) -> None:
+        self._hil = hil
+        self._board: dict[str, Any] | None = None
+        # Filled until the session ends, which sends it.
+        self._told: dict[str, Any] = {"measurements": [], "left_out": ([], ""), "usage_error": ""}
+        hil.config.workeroutput[_OUTPUT] = self._told  # type: ignore[attr-defined]
+
+    # First, so that pytest-xdist sees the group.
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        """Put all tests that use hiltest into one group."""
+        for item in items:
+            if uses_hiltest(item):
+                item.add_marker(pytest.mark.xdist_group(GROUP))
+
+    @pytest.hookimpl(wrapper=True, tryfirst=True)
+    def pytest_collection_finish(self, session: pytest.Session) -> Generator[None, object, object]:
+        """Refuse what would put one board into several hands, and pass on every usage error, which xdist does not."""
+        let_groups_count(session.items)
+        try:
+            check_one_worker(self._hil.config, session.items)
+            result = yield
+        except pytest.UsageError as error:
+            self._told["usage_error"] = str(error)
+            raise
+        self._told["left_out"] = (list(self._hil.left_out.tests), self._hil.left_out.how)
+        return result
+
+    # First: the board is open, or known to be lost, before anything of the test is set up.
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtest_setup(self, item: pytest.Item) -> None:
+        """Open the board for the first test that needs it: only this worker gets such tests."""
+        from hiltest.errors import BenchError, ConfigError, ProtocolError
+
+        if not uses_board(item):
+            return
+        try:
+            # The test itself is charged with a lost board.
+            with suppress(BenchError, ProtocolError):
+                self._hil.connect()
+        except ConfigError as error:
+            self._told["usage_error"] = str(error)
+            pytest.exit(str(error), returncode=int(pytest.ExitCode.USAGE_ERROR))
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_makereport(self, item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+        """Say on the report what the test's numbers rest on."""
+        report = yield
+        if uses_hiltest(item):
+            setattr(report, BENCH, {"rig": self._hil.rig_if_needed is not None, **self._answering()})
+        return report
+
+    def pytest_sessionfinish(self) -> None:
+        """Close the board, and tell what the session itself measured."""
+        self._told["measurements"] = [plain_data(each.rounded()) for each in self._hil.end()]
+
+    def _answering(self) -> dict[str, Any]:
+        from hiltest.recording import board_record
+
+        board = self._hil.board
+        if board is not None and self._board is None:
+            self._board = plain_data(board_record(board))
+        return {"board": self._board, "seed": None if board is None else board.seed}
+
+
+def let_groups_count(items: Sequence[pytest.Item]) -> None:
+    """Make the ids be what pytest-xdist meant them to be.
+
+    It hands out by group what has the group behind its id, and puts it there through an attribute that from pytest 9.2
+    on nothing reads (its issue 1386): ``--dist loadgroup`` would group nothing, and not say so.
+    """
+    for item in items:
+        meant = getattr(item, "_nodeid", item.nodeid)
+        if meant != item.nodeid:
+            item._id = type(item.id).parse(meant)
+
+
+def check_one_worker(config: pytest.Config, items: Sequence[pytest.Item]) -> None:
+    """Refuse a session whose tests that use hiltest would run in several workers.
+
+    Raises
+    ------
+    pytest.UsageError
+        It says what to write.
+    """
+    ours = [item for item in items if uses_hiltest(item)]
+    workers = config.workerinput["workercount"]  # type: ignore[attr-defined]
+    if not ours or workers < 2:
+        return
+    if not config.option.loadgroup:
+        raise pytest.UsageError(
+            f"{workers} workers, and {ours[0].nodeid} uses hiltest: such tests share one board and one record, so they "
+            "must run in one worker. Add --dist loadgroup, or leave out -n"
+        )
+    strays = [item.nodeid for item in ours if not item.nodeid.endswith(f"@{GROUP}")]
+    if strays:
+        raise pytest.UsageError(
+            f"{strays[0]} uses hiltest, and is not in the xdist_group {GROUP!r} alone: such tests share one board and "
+            "one record. Leave out its own xdist_group, or run without -n"
+        )
+
+
+class Controller:
+    """In the process that hands out tests: begins the record with the first test that uses hiltest."""
+
+    def __init__(self, hil: HilSession) -> None:
+        self._hil = hil
+        self._recording: Recording | None = None
+        # Finished before it is known that anything is to be recorded: reports, and ids of tests that are through.
+        self._early: list[pytest.TestReport | str] = []
+
+    def pytest_sessionstart(self) -> None:
+        """Begin at once when the command itself needs the bench."""
+        if self._hil.asked_for:
+            self._begin()
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Begin when a test says what its numbers rest on."""
+        if self._recording is not None:
+            return
+        self._early.append(report)
+        bench = getattr(report, BENCH, None)
+        if bench is not None:
+            if bench["rig"]:
+                _ = self._hil.rig
+            self._begin()
+
+    def pytest_runtest_logfinish(self, nodeid: str) -> None:
+        """Remember that a test is through."""
+        if self._recording is None:
+            self._early.append(nodeid)
+
+    def pytest_testnodedown(self, node: Node) -> None:
+        """Take what a worker told at its end.
+
+        Raises
+        ------
+        pytest.UsageError
+            If the worker met one.
+        """
+        told = getattr(node, "workeroutput", {}).get(_OUTPUT)
+        if told is None:
+            return
+        if told["usage_error"]:
+            raise pytest.UsageError(told["usage_error"])
+        tests, how = told["left_out"]
+        self._hil.left_out = LeftOut(tuple(tests), how)
+        if self._recording is not None:
+            self._recording.found(told["measurements"])
+
+    def _begin(self) -> None:
+        from hiltest.errors import ConfigError
+        from hiltest.recording import start_recording
+
+        try:
+            self._recording = start_recording(self._hil)
+        except ConfigError as error:
+            raise pytest.UsageError(str(error)) from error
+        for each in self._early:
+            if isinstance(each, str):
+                self._recording.pytest_runtest_logfinish(each)
+            else:
+                self._recording.pytest_runtest_logreport(each)

@@ -1,0 +1,144 @@
+"""pytest-xdist: tests that use hiltest run in one worker, and the record is the one that a single process writes."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+
+from hiltest.report.record import without_volatile
+
+pytest.importorskip("xdist")
+
+GROUPED = ("-n2", "--dist=loadgroup")
+
+BOARD = """
+import os
+import pytest
+from hiltest.measurement import Limit
+
+@pytest.mark.parametrize("k", range(4))
+def test_of_a_project(k):
+    pass
+
+def test_slots(board, measure):
+    measure("board.slots", board.identity.slots, "", limit=Limit(min=1))
+
+def test_name(board, measure):
+    measure.table("name", {"letter": ""}, [[each] for each in board.identity.name])
+"""
+MORE = """
+import os
+from hiltest.measurement import Limit
+
+def test_noise(measure):
+    measure("lamp.noise", 4.5, "uV", limit=Limit(max=5))
+
+def test_process(measure, board):
+    measure("host.process", os.getpid(), "", volatile=True)
+"""
+
+
+def record_of(pytester: pytest.Pytester) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads((pytester.path / "hil-out" / "run.json").read_text(encoding="utf-8"))
+    return content
+
+
+def test_two_workers_write_the_record_that_one_process_does(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(test_board=BOARD, test_more=MORE)
+    assert pytester.runpytest_subprocess().ret == 0
+    alone = record_of(pytester)
+    result = pytester.runpytest_subprocess(*GROUPED)
+    assert result.ret == 0
+    result.stdout.fnmatch_lines(["PASS."])
+    shared = record_of(pytester)
+    for each in (alone, shared):
+        each["tests"].sort(key=lambda test: str(test["id"]))
+    assert without_volatile(shared) == without_volatile(alone)
+    assert shared["board"]["firmware"] == "hiltest-frdm-k64f"
+    assert {"board.slots", "board.virtual_seconds", "lamp.noise"} <= {each["name"] for each in shared["measurements"]}
+
+
+def test_tests_of_one_board_in_several_workers_are_refused(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(test_board=BOARD, test_more=MORE)
+    result = pytester.runpytest_subprocess("-n2", "--dist=loadfile")
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    result.stderr.fnmatch_lines([
+        "ERROR: 2 workers, and test_board.py::test_slots uses hiltest: * must run in one worker. Add --dist loadgroup, "
+        "or leave out -n"
+    ])
+    assert not (pytester.path / "hil-out" / "run.json").exists()
+
+
+def test_a_test_that_has_a_group_of_its_own_is_refused(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile("""
+        import pytest
+
+        @pytest.mark.xdist_group("oven")
+        def test_warm(measure):
+            pass
+    """)
+    result = pytester.runpytest_subprocess(*GROUPED)
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    result.stderr.fnmatch_lines(["ERROR: *::test_warm@hil_oven uses hiltest, * not in the xdist_group 'hil' alone*"])
+
+
+def test_a_rig_that_is_wrong_is_the_same_usage_error(
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HIL_RIG", "no-such-rig.toml")
+    pytester.makepyfile(BOARD)
+    result = pytester.runpytest_subprocess("-n1")
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    result.stderr.fnmatch_lines(["ERROR: *no-such-rig.toml*"])
+
+
+def test_firmware_that_is_none_is_the_same_usage_error(pytester: pytest.Pytester) -> None:
+    pytester.makefile(".elf", mine="no ELF")
+    pytester.makepyfile(BOARD)
+    result = pytester.runpytest_subprocess(*GROUPED, "--hil-firmware=mine.elf")
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    result.stderr.fnmatch_lines(["ERROR: *mine.elf*"])
+
+
+def test_a_lost_bench_keeps_its_exit_code(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile("""
+        from hiltest.errors import LinkLostError
+
+        def test_plain():
+            pass
+
+        def test_lost(measure):
+            measure("lamp.current", 2.0, "mA")
+            raise LinkLostError("/dev/ttyACM0", "unplugged")
+    """)
+    assert pytester.runpytest_subprocess(*GROUPED).ret == 20
+    record = record_of(pytester)
+    assert {each["outcome"] for each in record["tests"]} == {"passed", "bench lost"}
+    assert [each["name"] for each in record["measurements"]] == ["lamp.current"]
+
+
+def test_a_worker_that_dies_is_a_failed_test_in_the_record(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile("""
+        import os
+
+        def test_before(measure):
+            measure("lamp.current", 2.0, "mA")
+
+        def test_dies(measure):
+            os._exit(7)
+    """)
+    assert pytester.runpytest_subprocess(*GROUPED).ret == 1
+    tests = {each["id"].split("::")[1]: each for each in record_of(pytester)["tests"]}
+    assert tests["test_before"]["outcome"] == "passed"
+    assert tests["test_dies"]["outcome"] == "error"
+    assert "crashed while running" in tests["test_dies"]["reason"]
+    assert [each["name"] for each in record_of(pytester)["measurements"]] == ["lamp.current"]
+
+
+def test_who_distributes_tests_without_hiltest_notices_nothing(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile("def test_it():\n    pass\n\ndef test_other():\n    pass\n")
+    result = pytester.runpytest_subprocess("-n2", "--hil-rig=no-such-rig.toml")
+    result.assert_outcomes(passed=2)
+    assert not (pytester.path / "hil-out").exists()
