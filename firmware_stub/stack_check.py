@@ -25,7 +25,7 @@ INDIRECT_CALLS = {
     "count_update_cycles": ["fusion_update", "empty_fusion_update"],
     "read_burst": ["axes_*"],
     "sensor_fifo_read": ["axes_*"],
-    "wait_through_interrupts": ["is_idle"],
+    "wait_for_condition_or_tick": ["is_idle", "never", "bytes_wait", "all_handed_over"],
     "wait_briefly": ["is_idle", "never", "bytes_wait", "all_handed_over"],
     "wait_until": ["is_idle", "never", "bytes_wait", "all_handed_over"],
 }

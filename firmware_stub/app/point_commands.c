@@ -41,13 +41,6 @@ status_t command_collect(payload_reader_t *request, payload_writer_t *reply)
     return STATUS_OK;
 }
 
-static void read_vector(payload_reader_t *request, int16_t vector[3])
-{
-    for (uint32_t axis = 0; axis < 3u; axis++) {
-        vector[axis] = read_i16(request);
-    }
-}
-
 /** Points of the magnetometer alone, or pairs: the length says which. */
 status_t command_upload(payload_reader_t *request, payload_writer_t *reply)
 {
@@ -67,9 +60,9 @@ status_t command_upload(payload_reader_t *request, payload_writer_t *reply)
     for (uint8_t i = 0; i < count; i++) {
         int16_t magnetometer[3];
         int16_t accelerometer[3] = {0, 0, 0};
-        read_vector(request, magnetometer);
+        read_vector_i16(request, magnetometer);
         if (are_pairs) {
-            read_vector(request, accelerometer);
+            read_vector_i16(request, accelerometer);
         }
         (void)points_store(magnetometer, accelerometer); /* room was checked */
     }

@@ -10,9 +10,10 @@
 #include "protocol/payload.h"
 #include "protocol/stuffing.h"
 
-#define CHUNK_BYTES 64u
 /* 2066 bytes take 180 ms at 115200 baud. */
 #define SEND_TIMEOUT_US 500000u
+
+_Static_assert(UART_LAST_BYTE == STUFFING_DELIMITER, "the UART must hand over whole frames");
 
 static unstuffer_t unstuffer;
 static uint8_t reply_body[BODY_MAXIMUM];
@@ -102,16 +103,14 @@ static void handle_body(void)
 _Noreturn void server_run(void)
 {
     for (;;) {
-        uint8_t chunk[CHUNK_BYTES];
-        (void)uart_wait_for_bytes(WAIT_FOREVER);
-        const size_t count = uart_read(chunk, sizeof chunk);
-        for (size_t i = 0; i < count; i++) {
-            const unstuff_result_t result = unstuff(&unstuffer, chunk[i]);
-            if (result == UNSTUFF_BODY) {
-                handle_body();
-            } else if (result == UNSTUFF_DAMAGED) {
-                statistics.damaged++;
-            }
+        const uart_span_t received = uart_wait_for_bytes();
+        size_t taken;
+        const unstuff_result_t result = unstuff(&unstuffer, received.bytes, received.count, &taken);
+        uart_taken(taken); /* before the request is executed: what comes meanwhile has the whole buffer */
+        if (result == UNSTUFF_BODY) {
+            handle_body();
+        } else if (result == UNSTUFF_DAMAGED) {
+            statistics.damaged++;
         }
     }
 }

@@ -17,10 +17,11 @@ uint64_t time_us(void);
 /**
  * Sleep until a condition holds or a deadline passes.
  *
- * The core stops (WFI) between looks at the condition; any interrupt wakes it for the next look. The look and the decision to
- * stop happen with interrupts masked, so an interrupt that makes the condition true in between is not slept over.
+ * The core stops (WFI) between looks at the condition. Handlers return into sleep, and not here, until one of them calls
+ * wait_is_over(): of many interrupts mostly the last alone concerns who waits. The look and the decision to stop happen with
+ * interrupts masked, so an interrupt that makes the condition true in between is not slept over.
  *
- * @param done condition; called with interrupts masked, must be short
+ * @param done condition, made true by handlers that call wait_is_over(); called with interrupts masked, must be short
  * @param context handed to `done`
  * @param deadline_us point in time [us], or WAIT_FOREVER
  * @return true when the condition holds, false when the deadline passed first
@@ -33,13 +34,7 @@ bool wait_until(bool (*done)(const void *context), const void *context, uint64_t
 /** The same with a short timeout from now [us], 1 to WAIT_BRIEFLY_MAXIMUM_US: it does without reading the clock. */
 bool wait_briefly(bool (*done)(const void *context), const void *context, uint32_t timeout_us);
 
-/**
- * As wait_briefly(), for a condition that only the last of many interrupts makes true: handlers return into sleep, and not here,
- * until one of them calls wait_is_over(). The timeout ends it without.
- */
-bool wait_through_interrupts(bool (*done)(const void *context), const void *context, uint32_t timeout_us);
-
-/** Called by a handler that has made such a condition true. */
+/** Called by a handler that has made true what somebody may be waiting for; harmless when nobody is, or for something else. */
 void wait_is_over(void);
 
 /** Sleep until a point in time [us]; returns at once when it has passed. */

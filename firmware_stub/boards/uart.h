@@ -9,11 +9,23 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/** Take up to `capacity` received bytes; returns how many there were. */
-size_t uart_read(uint8_t *bytes, size_t capacity);
+/**
+ * Received bytes are handed over up to the last of these that came. What comes behind it waits for the next one, or until it is
+ * half of the buffer, so nobody is woken for a part of a frame, and a line that never ends a frame fills nothing.
+ */
+#define UART_LAST_BYTE 0x7Eu
 
-/** Sleep until a received byte waits (true) or the deadline [us] passes (false). */
-bool uart_wait_for_bytes(uint64_t deadline_us);
+/** Received bytes where they lie. */
+typedef struct {
+    const uint8_t *bytes;
+    size_t count;
+} uart_span_t;
+
+/** Sleep until bytes were handed over; returns the first of them, at least one and as many as lie in one piece. */
+uart_span_t uart_wait_for_bytes(void);
+
+/** Give back the first `count` bytes of that span: received ones will take their place. */
+void uart_taken(size_t count);
 
 /** Start sending. `bytes` must stay unchanged, and no other send may start, until uart_wait_until_sent() is true. */
 void uart_send(const uint8_t *bytes, size_t count);

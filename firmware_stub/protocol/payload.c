@@ -2,13 +2,14 @@
 
 #include <string.h>
 
-static uint64_t read_unsigned(payload_reader_t *reader, size_t size)
+static inline __attribute__((always_inline)) uint64_t read_unsigned(payload_reader_t *reader, size_t size)
 {
     if (reader->failed || reader->length - reader->position < size) {
         reader->failed = true;
         return 0;
     }
     uint64_t value = 0;
+#pragma GCC unroll 8 /* callers give a constant: no loop is left */
     for (size_t i = size; i > 0u; i--) {
         value = value << 8 | reader->bytes[reader->position + i - 1u];
     }
@@ -31,9 +32,12 @@ uint32_t read_u32(payload_reader_t *reader)
     return (uint32_t)read_unsigned(reader, 4);
 }
 
-int16_t read_i16(payload_reader_t *reader)
+void read_vector_i16(payload_reader_t *reader, int16_t vector[3])
 {
-    return (int16_t)read_u16(reader);
+    const uint64_t bits = read_unsigned(reader, 6);
+    for (size_t axis = 0; axis < 3u; axis++) {
+        vector[axis] = (int16_t)(uint16_t)(bits >> (16u * axis));
+    }
 }
 
 float read_f32(payload_reader_t *reader)

@@ -28,8 +28,10 @@ typedef struct {
 uint8_t read_u8(payload_reader_t *reader);
 uint16_t read_u16(payload_reader_t *reader);
 uint32_t read_u32(payload_reader_t *reader);
-int16_t read_i16(payload_reader_t *reader);
 float read_f32(payload_reader_t *reader);
+
+/** Read three int16, as every sensor vector is. */
+void read_vector_i16(payload_reader_t *reader, int16_t vector[3]);
 
 /** A string's bytes, not terminated; `length` gets their number. Empty when it does not fit. */
 const char *read_string(payload_reader_t *reader, uint8_t *length);

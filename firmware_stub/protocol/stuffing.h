@@ -12,6 +12,9 @@
 #include <stddef.h>
 #include <stdint.h>
 
+/** Stands before and behind every body, and nowhere else. */
+#define STUFFING_DELIMITER 0x7Eu
+
 /** Longest body [bytes]: a message with 1024 bytes of payload. */
 #define BODY_MAXIMUM 1032u
 /** Longest frame on the wire [bytes]: every byte of the body escaped, and two delimiters. */
@@ -19,7 +22,7 @@
 
 typedef enum {
     UNSTUFF_PENDING = 0, /**< nothing complete yet */
-    UNSTUFF_BODY,        /**< a body is complete in `body[0..length)`, until the next byte is given */
+    UNSTUFF_BODY,        /**< a body is complete in `body[0..length)`, until the next bytes are given */
     UNSTUFF_DAMAGED,     /**< what just ended cannot be a frame: too long, or an escape of something else */
 } unstuff_result_t;
 
@@ -32,8 +35,15 @@ typedef struct {
     bool complete;
 } unstuffer_t;
 
-/** Take one byte from the wire. */
-unstuff_result_t unstuff(unstuffer_t *state, uint8_t byte);
+/**
+ * Take bytes from the wire, however they are cut, up to the end of a body or of what cannot be one.
+ *
+ * @param state what was given before
+ * @param bytes from the wire
+ * @param count of them
+ * @param[out] taken how many were used: all of them when nothing is complete yet
+ */
+unstuff_result_t unstuff(unstuffer_t *state, const uint8_t *bytes, size_t count, size_t *taken);
 
 /**
  * Put a body on the wire.

@@ -5,7 +5,8 @@ from __future__ import annotations
 import ctypes
 import json
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -78,19 +79,28 @@ class FirmwareCodec:
         length = self.library.message_finish(body, frame.type, frame.sequence, len(frame.payload))
         return bytes(wire[: self.library.stuff(body, ctypes.c_size_t(length), wire)])
 
-    def decode(self, wire: bytes) -> tuple[list[Frame], int]:
+    def decode(self, wire: bytes, cuts: Sequence[int] = ()) -> tuple[list[Frame], int]:
+        """Find frames in bytes that come in pieces: cut at these places."""
         state, frames, damaged = _Unstuffer(), [], 0
-        for byte in wire:
-            result = self.library.unstuff(ctypes.byref(state), byte)
-            message = _Message()
-            if result == BODY and self.library.message_parse(
-                state.body, ctypes.c_size_t(state.length), ctypes.byref(message)
-            ):
-                payload = bytes(message.payload[: message.payload_length])
-                frames.append(Frame(message.type, message.sequence, payload))
-            elif result != PENDING:
-                damaged += 1
+        for start, end in pairwise([0, *sorted(cuts), len(wire)]):
+            for result in self._unstuff(state, wire[start:end]):
+                message = _Message()
+                if result == BODY and self.library.message_parse(
+                    state.body, ctypes.c_size_t(state.length), ctypes.byref(message)
+                ):
+                    payload = bytes(message.payload[: message.payload_length])
+                    frames.append(Frame(message.type, message.sequence, payload))
+                elif result != PENDING:
+                    damaged += 1
         return frames, damaged
+
+    def _unstuff(self, state: _Unstuffer, piece: bytes) -> Iterator[int]:
+        """Give a piece, what is left of it after each end of a body; the state is that end's while it is yielded."""
+        taken = ctypes.c_size_t()
+        while piece:
+            yield self.library.unstuff(ctypes.byref(state), piece, ctypes.c_size_t(len(piece)), ctypes.byref(taken))
+            assert 0 < taken.value <= len(piece)
+            piece = piece[taken.value :]
 
 
 @pytest.fixture(scope="module")
@@ -152,3 +162,28 @@ def test_every_payload_length_comes_back(firmware_codec: FirmwareCodec) -> None:
 def test_both_ends_agree_on_arbitrary_bytes(firmware_codec: FirmwareCodec, noise: bytes) -> None:
     framed = b"\x7e" + noise + b"\x7e"
     assert firmware_codec.decode(framed) == HostCodec().decode(framed)
+
+
+# What a line can bring: frames full of delimiters and escapes, parts of frames, noise, more than fits a body.
+SPECIAL = st.sampled_from([0x00, 0x5D, 0x5E, 0x7D, 0x7E, 0xFF])
+LONGEST = st.integers(1000, 1024).map(lambda size: (b"\x7d\x01" * 512)[:size])
+PAYLOADS = st.lists(SPECIAL, max_size=40).map(bytes) | LONGEST
+WHOLE = st.builds(Frame, st.integers(0, 0x7F), st.integers(0, 255), PAYLOADS).map(encode_frame)
+PARTS = st.tuples(WHOLE, st.floats(0, 1)).map(lambda part: part[0][int(part[1] * len(part[0])) :])
+NOISE = st.lists(SPECIAL, max_size=20).map(bytes) | st.integers(1030, 1036).map(lambda size: b"\x7e" + b"U" * size)
+STREAMS = st.lists(WHOLE | PARTS | NOISE, max_size=6).map(b"".join)
+
+
+@given(stream=STREAMS, places=st.lists(st.floats(0, 1), max_size=12))
+def test_frames_are_found_wherever_the_stream_is_cut(
+    firmware_codec: FirmwareCodec, stream: bytes, places: list[float]
+) -> None:
+    closed = stream + b"\x7e"
+    cuts = [int(place * len(closed)) for place in places]
+    assert firmware_codec.decode(closed, cuts) == HostCodec().decode(closed)
+
+
+@pytest.mark.parametrize("name", FRAMES)
+def test_a_golden_frame_is_read_byte_by_byte(firmware_codec: FirmwareCodec, name: str) -> None:
+    wire = bytes.fromhex(FRAMES[name]["wire"])
+    assert firmware_codec.decode(wire, range(1, len(wire))) == ([as_frame(FRAMES[name])], 0)

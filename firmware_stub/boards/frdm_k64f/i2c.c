@@ -165,7 +165,7 @@ static i2c_status_t run(bus_t *bus)
     bus->step = STEP_ADDRESS;
     I2C_C1(bus->base) = C1_TRANSMIT; /* setting MST sends the START */
     I2C_D(bus->base) = (uint8_t)(bus->address << 1);
-    if (!wait_through_interrupts(is_idle, bus, TRANSACTION_TIMEOUT_US)) {
+    if (!wait_briefly(is_idle, bus, TRANSACTION_TIMEOUT_US)) {
         I2C_C1(bus->base) = 0u; /* off the bus, so no interrupt can change what follows */
         bus->step = STEP_IDLE;
         return I2C_TIMEOUT;

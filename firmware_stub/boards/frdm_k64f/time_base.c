@@ -66,18 +66,17 @@ static void start_tick(uint32_t delay_us)
 /** Sleep until the condition holds (true) or the tick has come (false). */
 static bool wait_for_condition_or_tick(bool (*done)(const void *context), const void *context)
 {
-    bool holds = false;
-    bool waiting = true;
-    while (waiting) {
-        const uint32_t mask = primask_set();
-        holds = done(context);
-        waiting = !holds && !tick_came;
-        if (waiting) {
-            __asm volatile("dsb\n\twfi" ::: "memory"); /* a pending interrupt ends it though it is masked */
-        }
+    const uint32_t mask = primask_set();
+    bool holds = done(context);
+    while (!holds && !tick_came) {
+        SCB_SCR = SCB_SCR_SLEEPONEXIT; /* only now: a handler that made it true before would have found nothing to take back */
+        __asm volatile("dsb\n\twfi" ::: "memory"); /* a pending interrupt ends it though it is masked */
         primask_restore(mask);
         __asm volatile("isb" ::: "memory"); /* what woke the core runs here */
+        (void)primask_set();
+        holds = done(context);
     }
+    primask_restore(mask);
     return holds;
 }
 
@@ -89,17 +88,10 @@ bool wait_briefly(bool (*done)(const void *context), const void *context, uint32
     return holds;
 }
 
-bool wait_through_interrupts(bool (*done)(const void *context), const void *context, uint32_t timeout_us)
-{
-    SCB_SCR = SCB_SCR_SLEEPONEXIT;
-    const bool holds = wait_briefly(done, context, timeout_us);
-    SCB_SCR = 0u;
-    return holds;
-}
-
 void wait_is_over(void)
 {
     SCB_SCR = 0u;
+    __asm volatile("dsb" ::: "memory"); /* before the handler returns */
 }
 
 bool wait_until(bool (*done)(const void *context), const void *context, uint64_t deadline_us)

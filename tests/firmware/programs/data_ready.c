@@ -46,6 +46,7 @@ static void edge(part_t *part)
 {
     PORT_ISFR(part->port) = 1u << part->pin;
     part->edges++;
+    wait_is_over();
 }
 
 static void porta_handler(void)
