@@ -8,12 +8,14 @@ import struct
 import pytest
 
 from hiltest.link.framing import DamagedFrame, Frame, FrameDecoder, encode_frame
+from hiltest.link.messages import PROTOCOL_VERSION
 from hiltest.link.replies import Status
 
 from .bench import CLEAR_POINTS, READ, SYNC, UPLOAD, Bench, bench_with
 
 BUFFER_BYTES = 4096
 BYTE_S = 10 / 115_200
+VERSION = PROTOCOL_VERSION.to_bytes(2, "little")
 MAG3110 = 0
 SAMPLE_S = 1 / 80
 
@@ -56,7 +58,7 @@ def test_every_frame_of_a_stream_cut_anywhere_is_answered_in_order(bench: Bench,
     pieces = [stream[start:end] for start, end in zip([0, *cuts], [*cuts, len(stream)], strict=True)]
     # Pauses around the one byte time after which the line counts as idle and the FIFO is emptied.
     replies = replies_to(bench, [(piece, chance.uniform(0, 3 * BYTE_S)) for piece in pieces])
-    answers = [(SYNC | 0x80, frame.sequence, b"\x00" + frame.payload + b"\x03\x00") for frame in asked]
+    answers = [(SYNC | 0x80, frame.sequence, b"\x00" + frame.payload + VERSION) for frame in asked]
     assert [(item.type, item.sequence, item.payload) for item in replies if isinstance(item, Frame)] == answers
     assert len(answers) >= 15
     _, damaged, overruns, _ = bench.counters()
