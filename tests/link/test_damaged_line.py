@@ -96,8 +96,8 @@ def test_a_damaged_request_is_dropped_counted_and_sent_again(session: Session, p
     first, second = last(session, 2)
     assert (first.outcome, second.outcome) == (Outcome.TIMEOUT, Outcome.ANSWERED)
     assert first.sequence == second.sequence
-    # The deadline of the first attempt was kept, on the board's clock; a read slice is the grain. The session forms the same sum:
-    # a difference could be rounded to less than 0.2.
+    # The deadline of the first attempt was kept, on the board's clock; a read slice is the grain. The session forms
+    # the same sum: a difference could be rounded to less than 0.2.
     assert first.sent_s + 0.2 <= first.ended_s <= first.sent_s + 0.2 + READ_SLICE_S
     after = counters(session)
     assert (after.damaged - before.damaged, after.repeated - before.repeated) == (1, 0)
