@@ -20,7 +20,7 @@ ARROWS = """
     strict_json -> errors
     angles      ->
     measurement ->
-    comparison  -> errors measurement
+    comparison  -> errors strict_json measurement
     calibration -> errors angles
     orientation -> errors angles
     cloud       -> errors calibration

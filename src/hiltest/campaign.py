@@ -17,12 +17,12 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from hiltest.measurement import Measurement, Outcome, round_significant
+from hiltest.report.evidence import SEEDS_FILE
 from hiltest.report.record import RUN_FILE, Run, write_atomically
 from hiltest.report.schema import load_run
 from hiltest.report.verdict import ExitCode
 from hiltest.settings import make_folder
 
-SEEDS_FILE = "seeds.json"
 SEEDS_SCHEMA = "hiltest.seeds/1"
 
 # The first of these that any seed ended with is the campaign's, as for the tests of one run.
@@ -88,6 +88,7 @@ def run_seeds(seeds: Sequence[int], options: Sequence[str], out: Path, *, may_fa
         If `out` cannot be written to; nothing has been run then.
     """
     make_folder(out)
+    (out / SEEDS_FILE).unlink(missing_ok=True)  # it says that all seeds have run
     console = Console()
     columns = (TextColumn("seeds"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool, Progress(*columns, console=console) as progress:

@@ -18,7 +18,9 @@ from hiltest.errors import BenchError, ConfigError, HiltestError, ProtocolError
 _FAILED, _INTERRUPTED, _USAGE_ERROR = 1, 2, 4
 _CODES = {ConfigError: _USAGE_ERROR, BenchError: 20, ProtocolError: 23}
 # In the order of the help. Each is a function of this name in a module of this name in hiltest.commands.
-_COMMANDS = ("run", "report", "calibrate", "serve", "fit", "fit-imu", "profile", "log", "allan", "init")
+_COMMANDS = (
+    "run", "compare", "baseline", "report", "calibrate", "serve", "fit", "fit-imu", "profile", "log", "allan", "init",
+)
 
 
 class _Commands(click.Group):

@@ -77,7 +77,11 @@ def _of_builds(base: Evidence, new: Evidence, *, together: bool) -> Iterator[str
     if base.side.compiler != new.side.compiler:
         yield f"another compiler: {base.side.compiler} before, {new.side.compiler} now; {advice}"
     was, now = base.conditions.compiler_flags, new.conditions.compiler_flags
-    if was != now:
+    if not was or not now:
+        unknown = base.name if now else new.name
+        if was or now:
+            yield f"{unknown}: nothing tells its compiler flags; build it with debugging information (-g)"
+    elif was != now:
         lost, added = _without(was, now), _without(now, was)
         yield f"other compiler flags: {_gone_and_added(lost, added)}; {advice}"
 

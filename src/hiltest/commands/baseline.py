@@ -1,0 +1,100 @@
+"""``hiltest baseline``: keep the numbers of a run to compare later ones with."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from hiltest.errors import ConfigError
+
+if TYPE_CHECKING:
+    from hiltest.comparison.baseline import Baseline
+
+_EXIT_CODES = """
+\b
+Exit codes:
+  0   written
+  2   interrupted
+  4   usage: a file cannot be read or written, the run is not whole, or no measurement has that name
+"""
+_PATH = click.Path(path_type=Path)
+
+
+@click.group()
+def baseline() -> None:
+    """Keep the numbers of a run, and accept a change into them by name."""
+
+
+@baseline.command(epilog=_EXIT_CODES)
+@click.argument("run", type=_PATH)
+@click.argument("file", type=_PATH)
+def save(run: Path, file: Path) -> int:
+    """Write FILE from RUN: all its measurements but the volatile ones.
+
+    RUN is a run.json, the folder of a run, or the folder of a campaign (hiltest run --seeds).
+    """
+    from hiltest.comparison.baseline import baseline_of
+    from hiltest.report.evidence import read_evidence
+    from hiltest.report.record import utc_now
+
+    saved = baseline_of(read_evidence(run), utc_now())
+    _write(saved, file)
+    click.echo(f"{file}: {_counted(len(saved.measurements))} of build {saved.side.build_id}, {_seeds(saved)}")
+    return 0
+
+
+@baseline.command(epilog=_EXIT_CODES)
+@click.option("--accept", "names", metavar="NAME", required=True, multiple=True,
+              help="Measurement to move, * for anything; may be given more than once.")
+@click.option("--because", metavar="TEXT", required=True,
+              help="Why it may be as it is now; goes into the file's history.")
+@click.argument("file", type=_PATH)
+@click.argument("run", type=_PATH)
+def update(file: Path, run: Path, names: tuple[str, ...], because: str) -> int:
+    """Move the named measurements of RUN into FILE, and keep all others.
+
+    One that RUN does not make any more is taken out.
+    """
+    from hiltest.comparison.baseline import accept
+    from hiltest.comparison.baseline_file import read_baseline
+    from hiltest.report.evidence import read_evidence
+    from hiltest.report.record import utc_now
+
+    if not because.strip():
+        raise click.BadParameter("say why, in words that the next reader understands", param_hint="--because")
+    before = read_baseline(file)
+    after = accept(before, read_evidence(run), names, because=because, when_utc=utc_now())
+    moved = after.history[len(before.history):]
+    if moved:
+        _write(after, file)
+    for each in moved:
+        click.echo(f"{each.name}: {_value(each.was)} -> {_value(each.now)}")
+    click.echo(f"{file}: {_counted(len(moved))} moved, {len(after.measurements)} in it")
+    return 0
+
+
+def _write(written: Baseline, file: Path) -> None:
+    from hiltest.comparison.baseline_file import to_json
+    from hiltest.report.record import write_atomically
+
+    try:
+        write_atomically(file, to_json(written))
+    except OSError as error:
+        raise ConfigError(f"cannot write {file}: {error.strerror}; name another file") from error
+
+
+def _value(value: float | None) -> str:
+    from hiltest.measurement import readable
+
+    return "none" if value is None else readable(value, 6)
+
+
+def _counted(count: int) -> str:
+    return f"{count} measurement{'s' * (count != 1)}"
+
+
+def _seeds(saved: Baseline) -> str:
+    seeds = [str(seed) for seed in saved.seeds if seed is not None]
+    return f"seed{'s' * (len(seeds) != 1)} {', '.join(seeds)}" if seeds else "no seed"

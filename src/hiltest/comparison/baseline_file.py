@@ -1,0 +1,99 @@
+"""Reading and writing a baseline file; imports pydantic, which takes its time."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from hiltest.comparison.baseline import SCHEMA, Baseline, evidence_from
+from hiltest.comparison.evidence import Evidence
+from hiltest.errors import ConfigError
+from hiltest.strict_json import parse_json, read_bounded, shown
+
+LARGEST_BYTES = 32 * 1024 * 1024
+"""A larger file is refused: eight seeds of the gate set have a thousandth of it."""
+
+_ADAPTER = TypeAdapter(Baseline)
+_OTHERWISE = "save it again: hiltest baseline save RUN FILE"
+
+
+def read_baseline(path: Path) -> Baseline:
+    """Read a baseline file.
+
+    Raises
+    ------
+    ConfigError
+        If it is missing, not JSON, of another schema, or has a field that is missing or wrong; it says which.
+    """
+    return _parsed(path, read_bounded(path, largest_bytes=LARGEST_BYTES, otherwise=_OTHERWISE))
+
+
+def read_baseline_evidence(path: Path) -> Evidence:
+    """Read a baseline file as one side of a comparison.
+
+    Raises
+    ------
+    ConfigError
+        As `read_baseline`.
+    """
+    content = read_bounded(path, largest_bytes=LARGEST_BYTES, otherwise=_OTHERWISE)
+    return evidence_from(_parsed(path, content), str(path), sha256(content).hexdigest())
+
+
+def to_json(baseline: Baseline) -> str:
+    """Return the text of a baseline file: a measurement a line, for readable diffs."""
+    content = asdict(baseline)
+    fields = ",\n".join(f"{_json(name)}: {_field(name, value)}" for name, value in content.items())
+    return "{\n" + fields + "\n}\n"
+
+
+def _parsed(path: Path, text: bytes) -> Baseline:
+    try:
+        content = parse_json(text)
+    except ValueError as error:
+        raise ConfigError(f"{path}: not JSON: {error}; {_OTHERWISE}") from error
+    found = content.get("schema") if isinstance(content, dict) else None
+    if found != SCHEMA:
+        raise ConfigError(f"{path}: schema is {shown(found)}, this hiltest reads {shown(SCHEMA)}; {_OTHERWISE}")
+    try:
+        # As JSON, and strictly: a number in quotes is no number, and a list is what a tuple is written as.
+        baseline = _ADAPTER.validate_json(json.dumps(content), strict=True)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(step) for step in first["loc"])
+        raise ConfigError(f"{path}: {place}: {first['msg']}; {_OTHERWISE}") from error
+    _check_rows(path, baseline)
+    return baseline
+
+
+def _check_rows(path: Path, baseline: Baseline) -> None:
+    if not baseline.seeds:
+        raise ConfigError(f"{path}: it is of no run at all: seeds is empty; {_OTHERWISE}")
+    _check_unique(path, "seed", baseline.seeds)
+    _check_unique(path, "measurement", [row.name for row in baseline.measurements])
+    for row in baseline.measurements:
+        if len(row.values) != len(baseline.seeds):
+            counts = f"{len(row.values)} values for {len(baseline.seeds)} seeds"
+            raise ConfigError(f"{path}: {shown(row.name)} has {counts}; {_OTHERWISE}")
+
+
+def _check_unique(path: Path, kind: str, each: Sequence[object]) -> None:
+    if len(set(each)) < len(each):
+        twice = next(one for one in each if each.count(one) > 1)
+        raise ConfigError(f"{path}: {kind} {shown(twice)} stands twice; {_OTHERWISE}")
+
+
+def _json(value: object) -> str:
+    return json.dumps(value, allow_nan=False, ensure_ascii=False)
+
+
+def _field(name: str, value: Any) -> str:
+    if name in ("measurements", "history"):
+        return "[" + ",".join(f"\n {_json(each)}" for each in value) + "]"
+    return _json(value) if name == "seeds" else json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False)

@@ -1,0 +1,70 @@
+"""A comparison for people at a terminal, and for programs."""
+
+from __future__ import annotations
+
+import json
+import textwrap
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict
+
+from rich.console import Console
+from rich.text import Text
+
+from hiltest.comparison.model import Change, Comparison, Side
+from hiltest.comparison.words import numbers, shown
+
+SCHEMA = "hiltest.comparison/1"
+_STYLES = {Change.WORSE: "bold red", Change.GONE: "bold red", Change.BETTER: "green"}
+
+
+def print_comparison(console: Console, comparison: Comparison) -> None:
+    """Print the sentence, what kept the gate from being evaluated, and every measurement that changed."""
+    say(console, f"{_described(comparison.base)} -> {_described(comparison.new)}")
+    say(console, comparison.sentence, "" if comparison.evaluated and not comparison.regression else "bold red")
+    if len(comparison.obstacles) > 1:
+        say(console, "why it is not evaluated", "bold red")
+        _entries(console, comparison.obstacles)
+    for change, found in shown(comparison):
+        say(console, f"{change} ({len(found)})", _STYLES.get(change, "bold"))
+        _entries(console, (f"{each.name} {numbers(each)}" for each in found))
+    if unchanged := len(comparison.of(Change.UNCHANGED)):
+        say(console, f"unchanged ({unchanged})")
+
+
+def json_text(comparisons: Sequence[Comparison]) -> str:
+    """Return comparisons as JSON."""
+    content = {"schema": SCHEMA, "comparisons": [asdict(each) for each in comparisons]}
+    return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def say(console: Console, text: str, style: str = "") -> None:
+    """Print a line that the terminal may wrap; what it would obey instead of show is made visible."""
+    console.print(Text(printable(text), style=style), soft_wrap=True)
+
+
+def printable(text: str) -> str:
+    """Return a text with every control character written out, as names from a file may hold some."""
+    return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in text)
+
+
+def _entries(console: Console, entries: Iterable[str]) -> None:
+    for entry in entries:
+        lines = textwrap.wrap(
+            printable(entry), console.width, initial_indent="  ", subsequent_indent="      ", break_on_hyphens=False,
+            break_long_words=False,
+        )
+        for line in lines:
+            console.print(Text(line), soft_wrap=True)
+
+
+def _described(side: Side) -> str:
+    """Return what stood on a side, in a few words."""
+    seeds = f", seed{'s' * (len(side.seeds) != 1)} {_listed(side.seeds)}" if side.seeds else ""
+    build = f" (build {side.build_id}{seeds})" if side.build_id else ""
+    return f"{side.file or 'this run'}{build}"
+
+
+def _listed(seeds: Sequence[int]) -> str:
+    """Return numbers in a row as ``1..8``."""
+    in_a_row = len(seeds) > 2 and list(seeds) == list(range(seeds[0], seeds[0] + len(seeds)))
+    return f"{seeds[0]}..{seeds[-1]}" if in_a_row else ", ".join(map(str, seeds))

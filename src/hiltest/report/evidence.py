@@ -1,0 +1,142 @@
+"""Records of runs as one side of a comparison."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+
+from hiltest.comparison.baseline import SCHEMA as BASELINE_SCHEMA
+from hiltest.comparison.evidence import Conditions, Evidence
+from hiltest.comparison.model import Side, Tolerance
+from hiltest.errors import ConfigError
+from hiltest.report.record import RUN_FILE, Run
+from hiltest.strict_json import read_bounded
+
+SEED_FOLDERS = "seed-*"
+"""Of a campaign, each with the record of one seed."""
+SEEDS_FILE = "seeds.json"
+"""Written when all seeds of a campaign have run."""
+
+_LARGEST_BYTES = 32 * 1024 * 1024
+_NO_SIDE = Side("", "", "", "", "", "", "", "", (), "")
+
+
+def evidence_of(run: Run, *, file: str = "", sha256: str = "") -> Evidence:
+    """Return one run as one side of a comparison.
+
+    Parameters
+    ----------
+    run : Run
+    file, sha256 : str, optional
+        Where it was read from; empty for a run that is just ending.
+    """
+    board, rig = run.board, run.rig
+    side = replace(_NO_SIDE, file=file, sha256=sha256, saved_utc=run.finished_utc)
+    if board is not None:
+        side = replace(
+            side, firmware=board.firmware, version=board.version, build_id=board.build_id, compiler=board.compiler,
+            cycle_model=board.cycle_model,
+        )
+    side = replace(side, rig=rig.name if rig else "", seeds=() if run.seed is None else (run.seed,))
+    tolerances = {name: Tolerance(*each) for name, each in rig.tolerances.items()} if rig else {}
+    name = file or "this run"
+    fault = f"{name}: the run is not complete ({run.verdict.outcome}); run all of it again"
+    return Evidence(
+        side, _conditions(run), {run.seed: {each.name: each for each in run.measurements}}, tolerances,
+        () if run.verdict.complete else (fault,),
+    )
+
+
+def read_evidence(place: Path) -> Evidence:
+    """Read one side of a comparison.
+
+    Parameters
+    ----------
+    place : Path
+        A run's folder or its ``run.json``, the folder of a campaign, or a baseline file.
+
+    Raises
+    ------
+    ConfigError
+        If there is nothing of the kind, or it cannot be read; it says why and what to do.
+    """
+    if place.is_dir():
+        seeds = sorted(each for each in place.glob(SEED_FOLDERS) if each.is_dir())
+        has_run = (place / RUN_FILE).exists()
+        return _of_campaign(place, seeds) if seeds and not has_run else _of_run(place)
+    content = read_bounded(place, largest_bytes=_LARGEST_BYTES, otherwise="name a run.json, its folder or a baseline")
+    # A look is enough to tell which reader it is for; that one checks all of it.
+    if BASELINE_SCHEMA.partition("/")[0].encode() in content[:200]:
+        from hiltest.comparison.baseline_file import read_baseline_evidence
+
+        return read_baseline_evidence(place)
+    return _of_run(place)
+
+
+def together(runs: Sequence[Evidence], file: str) -> Evidence:
+    """Put runs that differ in their seed together as one side.
+
+    Parameters
+    ----------
+    runs : sequence of Evidence
+        At least one.
+    file : str
+        What to call them.
+    """
+    first = runs[0]
+    faults = [fault for each in runs for fault in each.faults]
+    for each in runs[1:]:
+        if each.conditions != first.conditions:
+            faults.append(f"{each.name}: under other conditions than {first.name}; run all seeds on one rig")
+        elif _build(each.side) != _build(first.side):
+            faults.append(f"{each.name}: of another firmware than {first.name}; run all seeds with one")
+    measurements = {seed: found for each in runs for seed, found in each.measurements.items()}
+    if len(measurements) < len(runs):
+        faults.append(f"{file}: a seed stands there twice; run the campaign into an empty folder")
+    digest = sha256("".join(each.side.sha256 for each in runs).encode()).hexdigest()
+    side = replace(
+        first.side, file=file, sha256=digest, seeds=tuple(seed for each in runs for seed in each.side.seeds),
+        saved_utc=max(each.side.saved_utc for each in runs),
+    )
+    return Evidence(side, first.conditions, measurements, first.tolerances, tuple(faults))
+
+
+def _conditions(run: Run) -> Conditions | None:
+    if run.board is None:
+        return None
+    return Conditions(
+        board=run.board.kind, rig_sha256=run.rig.conditions_sha256 if run.rig else "",
+        calibrators=run.board.calibrators, sensors=tuple(each.name for each in run.board.sensors if each.present),
+        protocol_version=run.board.protocol_version, compiler_flags=tuple(run.board.compiler_flags.split()),
+        poses=run.poses, suite=run.suite, calibrated=run.calibration is not None,
+    )
+
+
+def _of_run(place: Path) -> Evidence:
+    from hiltest.report.stored import read_stored
+
+    stored = read_stored(place)
+    return evidence_of(stored.run, file=str(stored.path), sha256=sha256(stored.path.read_bytes()).hexdigest())
+
+
+def _of_campaign(folder: Path, seeds: Sequence[Path]) -> Evidence:
+    runs, faults = [], []
+    if not (folder / SEEDS_FILE).exists():
+        faults.append(f"{folder}: the campaign was cut short: it has no {SEEDS_FILE}; run all of it again")
+    for each in seeds:
+        try:
+            runs.append(_of_run(each))
+        except ConfigError as error:
+            faults.append(str(error))
+    if not runs:
+        raise ConfigError(faults[0])
+    found = together(runs, str(folder))
+    return replace(found, faults=(*faults, *found.faults))
+
+
+def _build(side: Side) -> tuple[str, ...]:
+    return (side.firmware, side.version, side.build_id, side.compiler, side.cycle_model)
+
+
