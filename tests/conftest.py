@@ -9,6 +9,7 @@ import threading
 from collections.abc import Callable
 
 import pytest
+from hypothesis import settings
 
 pytest_plugins = ["pytester"]
 
@@ -16,6 +17,10 @@ pytest_plugins = ["pytester"]
 # that, those too which tests end with it.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN and threading.current_thread() is threading.main_thread():
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# How long an example takes is the machine's affair, which may be busy.
+settings.register_profile("hiltest", deadline=None)
+settings.load_profile("hiltest")
 
 # Runs that tests make have no part in the job that runs the tests, nor its check an annotation of them.
 for name in ("GITHUB_STEP_SUMMARY", "GITHUB_ACTIONS"):
