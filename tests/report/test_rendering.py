@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from hiltest.measurement import Limit, Measurement, judge
-from hiltest.report.budget_plot import budget_figures
+from hiltest.report.figures.budget import budget_figures
 from hiltest.report.html import html_report
 from hiltest.report.markdown import markdown_report
 from hiltest.report.markdown_text import plain_text
@@ -94,7 +94,8 @@ def test_the_page_holds_every_measurement_with_value_and_limit(run: Run) -> None
 def test_the_page_needs_no_network_and_runs_no_script(run: Run) -> None:
     page = Page(html_report(run))
     assert {"script", "link", "iframe", "img", "object"}.isdisjoint(page.tags)
-    assert not [value for name, value in page.attributes if name in ("src", "href", "srcset", "data")]
+    assert not [value for name, value in page.attributes if name in ("src", "srcset", "data")]
+    assert all((value or "").startswith("#") for name, value in page.attributes if name == "href")
     style = re.search(r"<style>(.*?)</style>", html_report(run), re.S)
     assert style is not None
     assert "url(" not in style[1]
@@ -103,10 +104,16 @@ def test_the_page_needs_no_network_and_runs_no_script(run: Run) -> None:
 
 
 def test_every_plot_says_in_words_what_it_shows(run: Run) -> None:
-    labels = [value or "" for name, value in Page(html_report(run)).attributes if name == "aria-label"]
-    assert any(label.startswith("direct: heading error at known angles. 60 poses, worst") for label in labels)
-    assert "iterative. Cycles against points, 4 sizes" in labels
-    assert "after direct. 200 points seen from above, with the unit circle" in labels
+    page = html_report(run)
+    told = re.findall(r'<svg [^>]*role="img"><title>([^<]*)</title><desc>([^<]*)</desc>', page)
+    assert len(told) == page.count('role="img"') >= 8
+    words = dict(told)
+    assert words["direct: heading error"].startswith("60 poses, worst +0.97 degrees at heading")
+    assert words["iterative: cycles"] == "4 sizes, from 43 000 cycles for 20 points to 603 000 for 300"
+    assert words["after direct"] == "200 points seen from above, with the unit circle"
+    # What is drawn for the eye alone says nothing to a screen reader.
+    assert page.count("<svg") == len(told) + page.count('class="swatch"')
+    assert page.count('class="swatch"') == page.count('aria-hidden="true"') - 1
 
 
 def test_hostile_names_show_as_text_in_html(hostile: Run) -> None:
@@ -182,8 +189,8 @@ def test_ticks_are_round_numbers(ends: tuple[float, float], ticks: tuple[float, 
 
 def test_a_figure_maps_its_corners_to_the_frame() -> None:
     figure = Figure("t", "d", "x", "y", x_range=(0, 360), y_range=(-2, 2), width=640, height=300)
-    assert figure.place(0, 2) == (52, 14)
-    assert figure.place(360, -2) == (626, 260)
+    assert figure.place(0, 2) == (68, 14)
+    assert figure.place(360, -2) == (626, 256)
 
 
 def test_error_against_cycles_is_drawn_one_figure_a_size_with_the_thesis_beside_it(run: Run) -> None:
@@ -194,12 +201,12 @@ def test_error_against_cycles_is_drawn_one_figure_a_size_with_the_thesis_beside_
     assert "direct ends at 0.70 degrees for 4 600 cycles; iterative ends at 0.70 degrees for 90 000" in drawing
     assert "thesis: 168 N + 2600 = 7 640" in drawing
     assert "thesis: 2860 N = 85 800" in drawing
-    assert "slow-stream: none yet" in drawing
+    assert [each.text for each in thirty.key] == ["direct", "iterative", "slow-stream: none yet"]
     assert "slow-stream has no calibration after 12 000 cycles" in drawing
-    # An effort without a calibration is no point; the others are: two and one.
-    assert drawing.count("<circle") == 3
+    # An effort without a calibration is no point; the others are: two, and one of another shape.
     # A sphere that stands in for a refused ellipsoid is hollow.
-    assert re.findall(r'<circle class="([^"]*)"', drawing) == ["series-0 sphere", "series-0", "series-1"]
+    assert re.findall(r'<circle class="([^"]*)"', drawing) == ["series-0 hollow", "series-0 filled"]
+    assert re.findall(r'<path class="mark ([^"]*)"', drawing) == ["series-1 filled"]
     # Equal ratios are equal distances.
     places = [thirty.place(x, 1.0)[0] for x in (4_000.0, 8_000.0, 16_000.0)]
     assert places[1] - places[0] == pytest.approx(places[2] - places[1])
@@ -253,8 +260,8 @@ def test_a_run_without_curves_draws_none(run: Run) -> None:
 
 
 def test_a_long_number_at_the_right_end_of_an_axis_is_not_cut() -> None:
-    drawn = str(Figure("t", "d", "x", "y", x_range=(0, 100_000), y_range=(0, 1), width=400, height=300).svg())
+    drawn = str(Figure("t", "d", "x", "y", x_range=(0, 10_000), y_range=(0, 1), width=400, height=300).svg())
     texts = re.findall(r'<text x="([0-9.]+)" [^>]*>([^<]*)<', drawn)
-    (x,) = [float(x) for x, label in texts if label == "100000"]
-    # A digit of DejaVu Sans, the widest of the usual fonts, is 0.64 em: 7.7 of the page's 12 px.
-    assert x + 7.7 / 2 * len("100000") <= 400
+    (x,) = [float(x) for x, label in texts if label == "10000"]
+    # A digit of DejaVu Sans, the widest of the usual fonts, is 0.64 em: 9.6 of the 15 px on a telephone.
+    assert x + 9.6 / 2 * len("10000") <= 400

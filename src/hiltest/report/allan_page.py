@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from hiltest import __version__
 from hiltest.calibration.allan import FLICKER, AllanCurve, AllanReading
 from hiltest.cloud.rate_log import RateLog
 from hiltest.report.cloud_fit_exports import write_text
+from hiltest.report.marks import KeyEntry, series
+from hiltest.report.page import render
 from hiltest.report.svg import Figure
 
 SCHEMA = "hiltest.allan/1"
@@ -57,14 +58,11 @@ def to_json(log: RateLog, curve: AllanCurve) -> str:
 
 def write_page(log: RateLog, curve: AllanCurve, path: Path) -> None:
     """Write a page with the curve so that a reader sees the whole file or none."""
-    environment = Environment(
-        loader=PackageLoader("hiltest.report", "."), autoescape=True, undefined=StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
     header, *rows = table(log, curve)
-    page = environment.get_template("allan.html.j2").render(
-        headline=headline(log), header=header, rows=rows, figure=figure(log, curve), version=__version__
-    )
+    page = render(
+        "allan.html.j2", headline=headline(log), header=header, rows=rows, figure=figure(log, curve),
+        version=__version__,
+    )  # fmt: skip
     write_text(path, page)
 
 
@@ -78,17 +76,19 @@ def figure(log: RateLog, curve: AllanCurve) -> Figure:
         x_label="averaging time [s]", y_label=f"Allan deviation [{unit}]",
         x_range=(float(curve.tau_s[0]), float(curve.tau_s[-1])),
         y_range=(float(curve.deviation.min()) / 1.5, float(curve.deviation.max()) * 1.5),
-        width=640.0, height=400.0, headroom=16.0 * math.ceil((len(log.columns) + 1) / 2), logarithmic=True,
+        width=640.0, height=400.0, log_x=True, log_y=True,
     )  # fmt: skip
     low, high = drawn.y_range
     for reading in curve.readings:
         deviation = np.clip(reading.deviation(curve.tau_s), low, high)
         drawn.line(zip(curve.tau_s.tolist(), deviation.tolist(), strict=True), "thesis")
-    for axis in range(len(log.columns)):
+    for axis, name in enumerate(log.columns):
+        style, mark = series(axis)
         points = list(zip(curve.tau_s.tolist(), curve.deviation[:, axis].tolist(), strict=True))
-        drawn.line(points, f"series-{axis}")
-        drawn.rings(points, f"series-{axis}", radius=2.0)
-    drawn.key([*((name, f"series-{axis}") for axis, name in enumerate(log.columns)), ("what was read off", "thesis")])
+        drawn.line(points, style)
+        drawn.marks(points, f"{style} filled", mark, radius=2.5)
+        drawn.key.append(KeyEntry(name, style, mark, f"{style} filled"))
+    drawn.key.append(KeyEntry("what was read off", "thesis"))
     return drawn
 
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from numpy.typing import NDArray
 
 from hiltest import __version__
 from hiltest.calibration.acceptance import Acceptance
-from hiltest.calibration.solid_angle import SPHERE, covered_directions
 from hiltest.procedures.cloud_fit import CalibratorFit, CloudFit
 from hiltest.report.cloud_fit_exports import write_text
 from hiltest.report.cloud_fit_table import figure_rows, reason_line
+from hiltest.report.figures.coverage import coverage_map
+from hiltest.report.page import render
 from hiltest.report.svg import Figure
 
 Array = NDArray[np.float64]
@@ -35,12 +35,8 @@ def fit_page(fit: CloudFit, points: Array) -> str:
     points : ndarray, shape (n, 3)
         The cloud, in its unit.
     """
-    environment = Environment(
-        loader=PackageLoader("hiltest.report", "."), autoescape=True, undefined=StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
-    environment.filters["reason"] = reason_line
-    return environment.get_template("cloud_fit.html.j2").render(
+    return render(
+        "cloud_fit.html.j2", reason=reason_line,
         fit=fit, tone=_TONES[fit.best.verdict], rows=figure_rows(fit), clouds=_clouds(fit, points),
         maps=_maps(fit, points), version=__version__,
     )
@@ -61,7 +57,7 @@ def _maps(fit: CloudFit, points: Array) -> list[Figure]:
     corrected = _corrected(fit.best, points)
     if corrected is None:
         return []
-    return [_coverage(corrected, _drawn(corrected)), _lengths(_drawn(corrected), len(points))]
+    return [coverage_map(corrected, _drawn(corrected)), _lengths(_drawn(corrected), len(points))]
 
 
 def _drawn(points: Array) -> Array:
@@ -109,20 +105,6 @@ def _after(points: Array, name: str, axes: str) -> Figure:
     return figure
 
 
-def _coverage(corrected: Array, shown: Array) -> Figure:
-    """Draw the sphere as the cylinder around it, which keeps areas; what is not covered is marked."""
-    covered = covered_directions(corrected)
-    figure = Figure(
-        title=f"coverage: {100.0 * covered.mean():.0f} % of the sphere",
-        description="Directions of the corrected points on an equal-area map; marked where none is near",
-        x_label="azimuth in the sensor's axes [deg]", y_label="sine of the elevation towards z",
-        x_range=(-180, 180), y_range=(-1, 1), x_ticks=(-180, -90, 0, 90, 180),
-    )  # fmt: skip
-    figure.dots(_on_map(SPHERE[~covered]), "hole")
-    figure.dots(_on_map(shown), "cloud")
-    return figure
-
-
 def _lengths(shown: Array, count: int) -> Figure:
     """Draw the corrected lengths in the order of the file: what happened at one time shows as one step."""
     lengths = 100.0 * (np.linalg.norm(shown, axis=1) - 1.0)
@@ -134,12 +116,6 @@ def _lengths(shown: Array, count: int) -> Figure:
     figure.level(0, "zero")
     figure.dots(_pairs(np.linspace(0, count, len(lengths), endpoint=False), lengths), "cloud")
     return figure
-
-
-def _on_map(directions: Array) -> list[tuple[float, float]]:
-    lengths = np.linalg.norm(directions, axis=1)
-    directions = directions[lengths > 0.0] / lengths[lengths > 0.0, None]
-    return _pairs(np.degrees(np.arctan2(directions[:, 1], directions[:, 0])), directions[:, 2])
 
 
 def _pairs(x: Array, y: Array) -> list[tuple[float, float]]:

@@ -2,37 +2,41 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 
 from hiltest.measurement import Measurement, Outcome
+from hiltest.report.costs import CalibratorCost, calibrator_costs
 from hiltest.report.record import Run
 from hiltest.report.terminal import shown_limit, shown_value
-from hiltest.report.verdict import UNCALIBRATED, calibrator_results, grouped, without_folders
+from hiltest.report.verdict import UNCALIBRATED, grouped, without_folders
 
 # Heading of a column of the accuracy-and-cost table, and the measurement in it.
-_COLUMNS = (
-    ("worst heading", "heading.{}.max"),
-    ("cycles", "cycles.{}.total"),
-    ("rms", "heading.{}.rms"),
-    ("bias", "heading.{}.bias"),
-    ("worst, centred", "heading.{}.max_centred"),
-    ("residual", "fit.{}.residual"),
-    ("rotation left", "fit.{}.rotation_left"),
-    ("per point", "cycles.{}.per_point"),
-    ("fixed", "cycles.{}.fixed"),
+_ACCURACY = (("worst heading [deg]", "heading.{}.max"),)
+_MORE = (
+    ("rms [deg]", "heading.{}.rms"),
+    ("bias [deg]", "heading.{}.bias"),
+    ("worst, centred [deg]", "heading.{}.max_centred"),
+    ("residual [%]", "fit.{}.residual"),
+    ("rotation left [deg]", "fit.{}.rotation_left"),
+)
+_COST_HEADINGS = ("cycles", "per point", "fixed")
+HEADINGS = (
+    *(heading for heading, _ in _ACCURACY), _COST_HEADINGS[0], *(heading for heading, _ in _MORE), *_COST_HEADINGS[1:],
 )
 _TONES = {Outcome.PASS: "pass", Outcome.FAIL: "fail", Outcome.UNSET: "unset"}
 
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One cell of the accuracy-and-cost table; `tone` is a class of the style sheet."""
+    """One cell of the accuracy-and-cost table; `tone` is a class of the style sheet, `note` says more of the text."""
 
     text: str
     limit: str = ""
     tone: str = ""
+    note: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,20 +62,40 @@ class Group:
     name: str
     measurements: tuple[Measurement, ...]
 
+    @property
+    def judged(self) -> int:
+        """How many have a limit."""
+        return sum(each.limit is not None for each in self.measurements)
+
+    @property
+    def out_of_order(self) -> int:
+        """How many make the run red."""
+        return sum(each.gates for each in self.measurements)
+
 
 def accuracy_and_cost(run: Run) -> AccuracyAndCost:
-    """Return the table of all calibrators, cheapest first, without calibration last."""
-    names = [each.name for each in calibrator_results(run.measurements)]
+    """Return the table of all calibrators, cheapest first, streams after the others, without calibration last."""
+    rows = [Row(each.name, _cells(run, each)) for each in calibrator_costs(run)]
     if run.measurement(f"heading.{UNCALIBRATED}.max"):
-        names.append(UNCALIBRATED)
-    rows = tuple(Row(name, tuple(_cell(run, pattern.format(name)) for _, pattern in _COLUMNS)) for name in names)
-    return AccuracyAndCost(tuple(heading for heading, _ in _COLUMNS), rows)
+        rows.append(Row(UNCALIBRATED, _cells(run, CalibratorCost(UNCALIBRATED, None))))
+    return AccuracyAndCost(HEADINGS, tuple(rows))
 
 
 def groups(run: Run) -> list[Group]:
     """Return all measurements by the first word of their names."""
     by_word = groupby(run.measurements, key=lambda each: each.name.split(".")[0])
     return [Group(name, tuple(measurements)) for name, measurements in by_word]
+
+
+def tally(run: Run) -> str:
+    """Return how many tests ran and how many limits held."""
+    outcomes = Counter(test.outcome for test in run.tests)
+    limits = [each for each in run.measurements if each.limit is not None]
+    held = sum(each.outcome is Outcome.PASS for each in limits)
+    parts = [", ".join(f"{count} {outcome}" for outcome, count in outcomes.items()) or "no test ran"]
+    parts.append(f"{held} of {len(limits)} limits held" if limits else "no limit was judged")
+    parts.append(f"{len(run.measurements) - len(limits)} more measurements")
+    return f"{'Tests: ' if outcomes else ''}{parts[0]} · {' · '.join(parts[1:])}"
 
 
 def tone(measurement: Measurement) -> str:
@@ -130,6 +154,27 @@ def provenance(run: Run) -> Iterator[tuple[str, str]]:
     yield "started, finished", f"{run.started_utc}, {run.finished_utc}"
 
 
+def _cells(run: Run, cost: CalibratorCost) -> tuple[Cell, ...]:
+    accuracy, more = (
+        [_cell(run, pattern.format(cost.name)) for _, pattern in columns] for columns in (_ACCURACY, _MORE)
+    )
+    total, *parts = _stream_cells(run, cost) if cost.lives_with_the_stream else _batch_cells(run, cost.name)
+    return (*accuracy, total, *more, *parts)
+
+
+def _batch_cells(run: Run, name: str) -> list[Cell]:
+    return [_cell(run, f"cycles.{name}.{what}") for what in ("total", "per_point", "fixed")]
+
+
+def _stream_cells(run: Run, cost: CalibratorCost) -> list[Cell]:
+    """Of a stream the fixed part is the fit at the end, and a point has a mean and a worst case."""
+    total = Cell("" if cost.cycles is None else grouped(cost.cycles), note=f"{cost.points} points")
+    most = run.measurement(f"stream.{cost.name}.cycles_max")
+    note = "" if most is None or most.value is None else f"most {grouped(most.value)}"
+    per_point = replace(_cell(run, f"stream.{cost.name}.cycles_mean"), note=note)
+    return [total, per_point, _cell(run, f"stream.{cost.name}.fit_cycles")]
+
+
 def _cell(run: Run, name: str) -> Cell:
     measurement = run.measurement(name)
     if measurement is None:
@@ -142,5 +187,6 @@ def _comparable(measurement: Measurement) -> str:
     if measurement.value is None:
         return shown_value(measurement)
     if measurement.unit in ("deg", "%"):
-        return f"{measurement.value:.2f} {measurement.unit}"
-    return grouped(measurement.value) if abs(measurement.value) >= 1000 else f"{measurement.value:.1f}"
+        return f"{measurement.value:.2f}"
+    whole = isinstance(measurement.value, int) or abs(measurement.value) >= 1000
+    return grouped(measurement.value) if whole else f"{measurement.value:.1f}"

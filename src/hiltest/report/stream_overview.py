@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from hiltest.report.costs import STAGES_TABLE
 from hiltest.report.record import Cell, Run
 from hiltest.report.verdict import grouped
 
-STAGES_TABLE = "stream.stages"
 HEADING = "Calibrators that live with the stream"
 LEGEND = (
     "All points of the tumble, one after the other. Held: points that the calibration is, or would be, made of. "

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
-_LEFT, _RIGHT, _TOP, _BOTTOM = 52.0, 14.0, 14.0, 40.0
-_DIGIT = 8.0  # wider than a digit of the page's 12 px
+from hiltest.report.legible import legible
+from hiltest.report.marks import KeyEntry, Mark, shape
+
+_LEFT, _RIGHT, _TOP, _BOTTOM = 68.0, 14.0, 14.0, 44.0
+_DIGIT = 10.0  # wider than a digit of the 15 px that the page has on a telephone
 _TICKS = (1.0, 2.0, 2.5, 5.0, 10.0)
 
 Point = tuple[float, float]
@@ -54,7 +57,7 @@ class Figure:
     Attributes
     ----------
     title, description : str
-        Read out by a screen reader; the title is also the caption.
+        Read out by a screen reader: its ``title`` and ``desc``. The title is also the caption.
     x_label, y_label : str
     x_range, y_range : tuple of float
         Ends of the axes.
@@ -62,10 +65,10 @@ class Figure:
         Where the x axis is labelled; chosen when not given.
     width, height : float
         Of the view box. The page scales it.
-    headroom : float
-        Left free above the plot, for a key.
-    logarithmic : bool
-        Both axes; all numbers are then above 0.
+    log_x, log_y : bool
+        Whether an axis is logarithmic; all its numbers are then above 0.
+    key : list of KeyEntry
+        What its lines and marks stand for; the page writes it above the drawing, where it wraps as text does.
     """
 
     title: str
@@ -77,21 +80,17 @@ class Figure:
     x_ticks: Sequence[float] = ()
     width: float = 460.0
     height: float = 260.0
-    headroom: float = 0.0
-    logarithmic: bool = False
+    log_x: bool = False
+    log_y: bool = False
+    key: list[KeyEntry] = field(default_factory=list)
     _shapes: list[Markup] = field(default_factory=list)
 
     def place(self, x: float, y: float) -> Point:
         """Return view box coordinates of a data point."""
-        (x_low, x_high), (y_low, y_high) = self.x_range, self.y_range
-        if self.logarithmic:
-            x_low, x_high, y_low, y_high, x, y = map(math.log10, (x_low, x_high, y_low, y_high, x, y))
-        across, down = self.width - _LEFT - _RIGHT, self.height - self._top - _BOTTOM
-        return _LEFT + (x - x_low) / (x_high - x_low) * across, self._top + (y_high - y) / (y_high - y_low) * down
-
-    @property
-    def _top(self) -> float:
-        return _TOP + self.headroom
+        across = _share(x, self.x_range, logarithmic=self.log_x)
+        up = _share(y, self.y_range, logarithmic=self.log_y)
+        width, height = self.width - _LEFT - _RIGHT, self.height - _TOP - _BOTTOM
+        return _LEFT + across * width, _TOP + (1.0 - up) * height
 
     def band(self, low: float, high: float, style: str) -> None:
         """Shade everything between two values of y."""
@@ -114,10 +113,9 @@ class Figure:
         path = "".join(f"M{x:.1f} {y:.1f}h0" for x, y in (self.place(*point) for point in points))
         self._add('<path class="{}" d="{}"/>', style, path)
 
-    def rings(self, points: Iterable[Point], style: str, *, radius: float = 3.5) -> None:
-        """Draw points as circles."""
-        for x, y in (self.place(*point) for point in points):
-            self._add('<circle class="{}" cx="{}" cy="{}" r="{}"/>', style, x, y, radius)
+    def marks(self, points: Iterable[Point], style: str, mark: Mark = Mark.DOT, *, radius: float = 3.5) -> None:
+        """Draw points as marks."""
+        self._shapes += [mark.at(*self.place(*point), radius, style) for point in points]
 
     def circle(self, centre: Point, radius: float, style: str) -> None:
         """Draw a circle whose radius is in units of x."""
@@ -129,7 +127,7 @@ class Figure:
         """Write beside a point, on the side where there is room."""
         x, y = self.place(*at)
         anchor, offset = ("end", -8) if x > self.width * 0.6 else ("start", 8)
-        y = min(max(y, self._top + 10), self.height - _BOTTOM - 6)
+        y = min(max(y, _TOP + 16), self.height - _BOTTOM - 6)
         self._add('<text class="note" x="{}" y="{}" text-anchor="{}">{}</text>', x + offset, y - 6, anchor, text)
 
     def upright(self, x: float, text: str, style: str) -> None:
@@ -137,51 +135,57 @@ class Figure:
         self.line([(x, self.y_range[0]), (x, self.y_range[1])], style)
         at, _ = self.place(x, self.y_range[1])
         template = '<text class="along" transform="translate({} {}) rotate(-90)" text-anchor="end">{}</text>'
-        self._add(template, at - 4, self._top + 2, text)
-
-    def key(self, entries: Iterable[tuple[str, str]]) -> None:
-        """Name styles of lines above the plot, two in a row; needs a headroom of 16 a row."""
-        across = self.width - _LEFT - _RIGHT
-        for index, (text, style) in enumerate(entries):
-            row, column = divmod(index, 2)
-            x, y = _LEFT + across * column / 2.0, _TOP + 4.0 + 16.0 * row
-            self._add('<path class="{}" d="M{} {}h22"/>', style, x, y - 4.0)
-            self._add('<text x="{}" y="{}">{}</text>', x + 28.0, y, text)
+        self._add(template, at - 4, _TOP + 2, text)
 
     def svg(self) -> Markup:
         """Return the finished drawing."""
-        return Markup(
-            '<svg viewBox="0 0 {w:g} {h:g}" role="img" aria-label="{title}. {description}">{axes}{shapes}</svg>'
-        ).format(
-            w=self.width, h=self.height, title=self.title, description=self.description,
-            axes=self._axes(), shapes=Markup("").join(self._shapes),
+        return drawing(
+            self.title, self.description, self.width, self.height, Markup("").join([*self._axes(), *self._shapes])
         )
 
-    def _axes(self) -> Markup:
-        parts = []
-        ticks = log_ticks if self.logarithmic else nice_ticks
-        for value in self.x_ticks or ticks(*self.x_range):
+    def _axes(self) -> Iterator[Markup]:
+        yield from self._x_axis()
+        yield from self._y_axis()
+
+    def _x_axis(self) -> Iterator[Markup]:
+        ticks = self.x_ticks or (log_ticks if self.log_x else nice_ticks)(*self.x_range)
+        free_from = 0.0
+        for value in ticks:
             x, bottom = self.place(value, self.y_range[0])
-            parts.append(_shape('<path class="grid" d="M{} {}V{}"/>', x, self._top, bottom))
+            yield shape('<path class="grid" d="M{} {}V{}"/>', x, _TOP, bottom)
             label = f"{value:g}"
-            inside = min(x, self.width - _DIGIT / 2.0 * len(label))  # a long number at the right end is not cut
-            parts.append(_shape('<text x="{}" y="{}" text-anchor="middle">{}</text>', inside, bottom + 16, label))
-        for value in ticks(*self.y_range):
+            half = _DIGIT / 2.0 * len(label)
+            inside = min(x, self.width - half)  # a long number at the right end is not cut
+            if inside - half >= free_from:  # nor does one lie on another
+                yield shape('<text x="{}" y="{}" text-anchor="middle">{}</text>', inside, bottom + 17.0, label)
+                free_from = inside + half
+        middle = (_LEFT + self.width - _RIGHT) / 2
+        yield shape('<text x="{}" y="{}" text-anchor="middle">{}</text>', middle, self.height - 6, self.x_label)
+
+    def _y_axis(self) -> Iterator[Markup]:
+        for value in (log_ticks if self.log_y else nice_ticks)(*self.y_range):
             left, y = self.place(self.x_range[0], value)
-            parts.append(_shape('<path class="grid" d="M{} {}H{}"/>', left, y, self.width - _RIGHT))
-            parts.append(_shape('<text x="{}" y="{}" text-anchor="end">{}</text>', left - 6, y + 4, f"{value:g}"))
-        middle, bottom = (_LEFT + self.width - _RIGHT) / 2, self.height - 6
-        parts.append(_shape('<text x="{}" y="{}" text-anchor="middle">{}</text>', middle, bottom, self.x_label))
-        parts.append(_shape(
+            yield shape('<path class="grid" d="M{} {}H{}"/>', left, y, self.width - _RIGHT)
+            yield shape('<text x="{}" y="{}" text-anchor="end">{}</text>', left - 6, y + 4, f"{value:g}")
+        yield shape(
             '<text transform="translate(13 {}) rotate(-90)" text-anchor="middle">{}</text>',
-            (self._top + self.height - _BOTTOM) / 2, self.y_label,
-        ))
-        return Markup("").join(parts)
+            (_TOP + self.height - _BOTTOM) / 2, self.y_label,
+        )
 
     def _add(self, template: str, *values: object) -> None:
-        self._shapes.append(_shape(template, *values))
+        self._shapes.append(shape(template, *values))
 
 
-def _shape(template: str, *values: object) -> Markup:
-    written = (f"{value:.1f}" if isinstance(value, float) else escape(str(value)) for value in values)
-    return Markup(template).format(*written)
+def drawing(title: str, description: str, width: float, height: float, content: Markup) -> Markup:
+    """Return an SVG element that says in words what it shows."""
+    return Markup(
+        '<svg viewBox="0 0 {:g} {:g}" role="img"><title>{}</title><desc>{}</desc>{}</svg>'
+    ).format(width, height, legible(title), legible(description), content)
+
+
+def _share(value: float, ends: Point, *, logarithmic: bool) -> float:
+    """Return where between two ends a value lies, 0 to 1."""
+    low, high = ends
+    if logarithmic:
+        low, high, value = math.log10(low), math.log10(high), math.log10(value)
+    return (value - low) / (high - low)

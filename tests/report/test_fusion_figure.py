@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from hiltest.report.fusion_plot import fusion_figures
+from hiltest.report.figures.fusion import fusion_group, motion_figure
 from hiltest.report.html import html_report
 from hiltest.report.record import Column, Findings, Run, Table
 from hiltest.report.verdict import decide
@@ -29,7 +29,8 @@ def run(findings: Callable[..., Findings]) -> Run:
 
 
 def test_the_three_are_drawn_and_told(run: Run) -> None:
-    (figure,) = fusion_figures(replace(run, tables=(*run.tables, motion(*ROWS))))
+    figure = motion_figure(replace(run, tables=(*run.tables, motion(*ROWS))))
+    assert figure is not None
     drawing = str(figure.svg())
     assert "fused: at most 0.40 degrees" in drawing
     assert "without gyroscope: at most 2.00 degrees" in drawing
@@ -43,6 +44,6 @@ def test_the_three_are_drawn_and_told(run: Run) -> None:
 
 def test_the_page_has_the_picture_where_there_was_a_motion(run: Run) -> None:
     moved = replace(run, tables=(*run.tables, motion(*ROWS)))
-    assert "Heading error during a motion" in html_report(moved)
-    assert "Heading error during a motion" not in html_report(run)
-    assert fusion_figures(replace(run, tables=(motion(),))) == []
+    assert "Fusion during a motion" in html_report(moved)
+    assert "Fusion during a motion" not in html_report(run)
+    assert fusion_group(replace(run, tables=(motion(),))) is None

@@ -1,4 +1,4 @@
-"""Heading error against cycle budget: the thesis' comparison of calibrators, from a table of the record."""
+"""Heading error against cycle budget: the thesis' comparison of calibrators."""
 
 from __future__ import annotations
 
@@ -7,14 +7,36 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeGuard
 
-from hiltest.report.record import Run
+from hiltest.report.figures.columns import written
+from hiltest.report.figures.group import FigureGroup, Sheet
+from hiltest.report.marks import KeyEntry, series
+from hiltest.report.record import Run, Table
 from hiltest.report.svg import Figure, Point
 from hiltest.report.verdict import grouped
 
 CURVE_TABLE = "budget.curve"
 # As the thesis has them: what its own calibrator takes for N points, and the library's, one iteration a point.
 _THESIS = (("thesis: 168 N + 2600", 168.0, 2600.0), ("thesis: 2860 N", 2860.0, 0.0))
-_STYLES = 5  # of lines, in the style sheet
+_COLUMNS = {
+    "calibrator": "calibrator", "points": "of points", "kind": "effort in", "effort": "effort", "cycles": "cycles",
+    "fit": "fit", "mean_error": "mean error [deg]", "max_error": "worst error [deg]",
+}
+
+
+def budget_group(run: Run) -> FigureGroup | None:
+    """Return the section, None when the run drew no curve."""
+    table = run.table(CURVE_TABLE)
+    figures = budget_figures(run)
+    if table is None or not figures:
+        return None
+    return FigureGroup(
+        "budget", "Error against cycle budget",
+        "Each calibrator with more and more effort on the same points: a closed form with more of them, one that "
+        "iterates with more sweeps, a stream calibrator with more points seen. Mean over the known angles. Hollow: "
+        "there was no ellipsoid, only a sphere was fitted. Upright lines: the cycles that the thesis counts for its "
+        "own calibrator and for the library's.",
+        figures, numbers=_sheet(table), short="Budget",
+    )
 
 
 def budget_figures(run: Run) -> list[Figure]:
@@ -23,9 +45,9 @@ def budget_figures(run: Run) -> list[Figure]:
     if table is None:
         return []
     figures: dict[float, dict[str, _Curve]] = {}
-    columns = [table.column(name) for name in ("points", "calibrator", "cycles", "mean_error")]
-    for points, calibrator, cycles, error, is_sphere in zip(*columns, table.column_if_any("sphere"), strict=True):
-        if isinstance(points, int | float) and _is_positive(cycles):
+    columns = [table.column_if_any(name) for name in ("points", "calibrator", "cycles", "mean_error", "sphere")]
+    for points, calibrator, cycles, error, is_sphere in zip(*columns, strict=True):
+        if _is_positive(points) and _is_positive(cycles):
             curve = figures.setdefault(points, {}).setdefault(str(calibrator), _Curve())
             curve.cycles = cycles
             if _is_positive(error):
@@ -60,23 +82,27 @@ def _figure(points: float, curves: Mapping[str, _Curve]) -> Figure:
     xs = [x for curve in curves.values() for x, _ in curve.points] + [cycles / 1000.0 for _, cycles in thesis]
     ys = [y for curve in curves.values() for _, y in curve.points]
     figure = Figure(
-        title=f"{points:g} points: mean heading error over cycles",
-        description="; ".join(curve.in_words(name) for name, curve in curves.items()),
-        x_label="thousand cycles", y_label="mean error [deg]", x_range=_around(xs), y_range=_around(ys), height=320.0,
-        headroom=16.0 * math.ceil(len(curves) / 2), logarithmic=True,
+        title=f"{points:g} points", description="; ".join(curve.in_words(name) for name, curve in curves.items()),
+        x_label="thousand cycles", y_label="mean error [deg]", x_range=_around(xs), y_range=_around(ys), height=300.0,
+        log_x=True, log_y=True,
     )
     for words, cycles in thesis:
         figure.upright(cycles / 1000.0, f"{words} = {grouped(cycles)}", "thesis")
-    styles = [f"series-{index % _STYLES}" for index in range(len(curves))]
-    for style, curve in zip(styles, curves.values(), strict=True):
+    for index, (name, curve) in enumerate(curves.items()):
+        style, mark = series(index)
         if curve.points:
             figure.line(curve.points, style)
-            figure.rings(curve.spheres, f"{style} sphere", radius=3.0)
-            figure.rings(curve.ellipsoids, style, radius=2.5)
-    # One that has no calibration yet is not left out: that is what it made of the points.
-    names = (name if curve.points else f"{name}: none yet" for name, curve in curves.items())
-    figure.key(zip(names, styles, strict=True))
+            figure.marks(curve.spheres, f"{style} hollow", mark)
+            figure.marks(curve.ellipsoids, f"{style} filled", mark, radius=3.0)
+        # One that has no calibration yet is not left out: that is what it made of the points.
+        words = name if curve.points else f"{name}: none yet"
+        figure.key.append(KeyEntry(words, style, mark, f"{style} filled"))
     return figure
+
+
+def _sheet(table: Table) -> Sheet:
+    columns = [written(table.column_if_any(name)) for name in _COLUMNS]
+    return Sheet("Every effort", list(_COLUMNS.values()), list(zip(*columns, strict=True)))
 
 
 def _around(values: Sequence[float]) -> Point:

@@ -1,0 +1,63 @@
+"""Heading error over time while a board was moved: the filter and its two halves."""
+
+from __future__ import annotations
+
+import math
+
+from hiltest.report.figures.columns import numbers
+from hiltest.report.figures.group import FigureGroup
+from hiltest.report.figures.limits import limit_figure
+from hiltest.report.marks import KeyEntry
+from hiltest.report.record import Run, Table
+from hiltest.report.svg import Figure, Point
+
+MOTION_TABLE = "fusion.motion"
+# In the order in which they are drawn: the noisiest first and thinnest, so that the others are seen on it.
+_LINES = (
+    ("accelerometer_magnetometer", "without gyroscope", "thin"),
+    ("gyroscope", "gyroscope alone", "dashed"),
+    ("fused", "fused", "thick"),
+)
+
+
+def fusion_group(run: Run) -> FigureGroup | None:
+    """Return the section, None when the run has no motion."""
+    figure = motion_figure(run)
+    if figure is None:
+        return None
+    return FigureGroup(
+        "fusion", "Fusion during a motion",
+        "Heading while the board was turned and tilted, against the truth; all three began with the same attitude.",
+        [each for each in (figure, limit_figure(run.measurements, "fusion", "Limits")) if each],
+    )
+
+
+def motion_figure(run: Run) -> Figure | None:
+    """Draw the heading errors of a motion, None when there was none."""
+    table = run.table(MOTION_TABLE)
+    lines = {} if table is None else {name: _points(table, name) for name, _, _ in _LINES}
+    if not any(lines.values()):
+        return None
+    ends_s = max(time_s for points in lines.values() for time_s, _ in points)
+    largest = max(abs(error) for points in lines.values() for _, error in points)
+    shown = [(name, words, style) for name, words, style in _LINES if lines[name]]
+    figure = Figure(
+        title="Heading error over time",
+        description="; ".join(f"{words}: at most {_largest(lines[name]):.2f} degrees" for name, words, _ in shown),
+        x_label="time [s]", y_label="error [deg]", x_range=(0.0, max(ends_s, 0.1)),
+        y_range=(-1.05 * (largest or 0.1), 1.05 * (largest or 0.1)),
+        key=[KeyEntry(words, style) for _, words, style in reversed(shown)],
+    )
+    for name, _, style in shown:
+        figure.line(lines[name], style)
+    return figure
+
+
+def _points(table: Table, name: str) -> list[Point]:
+    """Return time and error of every record that has one."""
+    pairs = zip(numbers(table, "time"), numbers(table, name), strict=True)
+    return [(time_s, error) for time_s, error in pairs if math.isfinite(time_s) and math.isfinite(error)]
+
+
+def _largest(points: list[Point]) -> float:
+    return max(abs(error) for _, error in points)

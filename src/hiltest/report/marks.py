@@ -1,0 +1,72 @@
+"""Marks of a plot, told apart by their shape, and the key that names them: colour never says anything alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from markupsafe import Markup, escape
+
+from hiltest.report.legible import legible
+
+
+class Mark(StrEnum):
+    """Shape of a mark; the path is drawn around the origin with a radius of 1."""
+
+    DOT = "dot"
+    SQUARE = "M-.9 -.9h1.8v1.8h-1.8z"
+    DIAMOND = "M0 -1.3L1.3 0L0 1.3L-1.3 0z"
+    TRIANGLE = "M0 -1.2L1.15 .9h-2.3z"
+    FLAG = "M0 1.2L1.15 -.9h-2.3z"
+    CROSS = "M-1 -1L1 1M-1 1L1 -1"
+    PLUS = "M0 -1.2V1.2M-1.2 0H1.2"
+    HOURGLASS = "M-1 -1.1h2L-1 1.1h2z"
+
+    def at(self, x: float, y: float, radius: float, style: str) -> Markup:
+        """Return it drawn at a place of the view box."""
+        if self is Mark.DOT:
+            return shape('<circle class="{}" cx="{}" cy="{}" r="{}"/>', style, x, y, radius)
+        template = '<path class="mark {}" transform="translate({} {}) scale({})" d="{}"/>'
+        return shape(template, style, x, y, radius, self.value)
+
+
+# One series after the other: a class of the style sheet, which has a colour and dashes, and a shape.
+SERIES = tuple(
+    (f"series-{index}", mark)
+    for index, mark in enumerate((
+        Mark.DOT, Mark.SQUARE, Mark.DIAMOND, Mark.TRIANGLE, Mark.FLAG, Mark.CROSS, Mark.PLUS, Mark.HOURGLASS,
+    ))
+)
+
+
+def series(index: int) -> tuple[str, Mark]:
+    """Return class and shape of a series; after the eighth they begin again."""
+    return SERIES[index % len(SERIES)]
+
+
+@dataclass(frozen=True, slots=True)
+class KeyEntry:
+    """What a line or a mark stands for; `line` and `mark` are classes of the style sheet."""
+
+    text: str
+    line: str = ""
+    mark: Mark | None = None
+    mark_style: str = ""
+
+    @property
+    def swatch(self) -> Markup:
+        """The line and the mark as small as a letter."""
+        width = 34.0 if self.line else 14.0
+        parts = []
+        if self.line:
+            parts.append(shape('<path class="{}" d="M1 7h32"/>', self.line))
+        if self.mark:
+            parts.append(self.mark.at(width / 2.0, 7.0, 3.5, self.mark_style or self.line))
+        template = '<svg class="swatch" viewBox="0 0 {0:g} 14" width="{0:g}" height="14" aria-hidden="true">{1}</svg>'
+        return Markup(template).format(width, Markup("").join(parts))
+
+
+def shape(template: str, *values: object) -> Markup:
+    """Return an element: numbers to a tenth, texts escaped."""
+    written = (f"{value:.1f}" if isinstance(value, float) else escape(legible(str(value))) for value in values)
+    return Markup(template).format(*written)

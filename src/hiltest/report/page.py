@@ -1,0 +1,35 @@
+"""What all pages share: one self-contained file each, no script, no address, light and dark, screen and paper."""
+
+from __future__ import annotations
+
+import re
+from urllib.parse import quote
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from hiltest.report.legible import legible
+
+# The space in 12 500, which a narrow cell must not break at.
+_THOUSANDS = re.compile(r"(?<=\d) (?=\d{3}(?!\d))")
+
+
+def render(template: str, **content: object) -> str:
+    """Return a page.
+
+    Every text in it is escaped, so a firmware called ``<script>`` shows as text; what would be unseen is named.
+    """
+    environment = Environment(
+        loader=PackageLoader("hiltest.report", "."), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True, finalize=_shown,
+    )
+    environment.filters["beside"] = _beside
+    return environment.get_template(template).render(**content)
+
+
+def _shown(value: object) -> object:
+    return _THOUSANDS.sub("\N{NO-BREAK SPACE}", legible(value)) if type(value) is str else value
+
+
+def _beside(path: str) -> str:
+    """Return the address of a file beside the page: a path, whatever it is called."""
+    return f"./{quote(path)}"

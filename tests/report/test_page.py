@@ -1,0 +1,170 @@
+"""The page of a run, section by section: what is shown, what is left out, and how it is told."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from hiltest.comparison.model import EXACT, Change, Comparison, Difference, Sense, Side, Tolerance
+from hiltest.measurement import Limit, Measurement, judge
+from hiltest.report.html import html_report
+from hiltest.report.legible import legible
+from hiltest.report.overview import accuracy_and_cost, tally
+from hiltest.report.record import Column, Findings, Run, Table, TestResult
+from hiltest.report.verdict import decide
+
+Make = Callable[..., Findings]
+SIDE = Side("base.json", "ab" * 32, "hiltest-frdm-k64f", "0.1.0", "0123", "GCC 12.2.1", "m", "virtual-k64f", (1,), "")
+
+
+@pytest.fixture
+def run(findings: Make, good: list[Measurement]) -> Run:
+    return finished(findings(*good))
+
+
+def finished(made: Findings) -> Run:
+    return made.finish(decide(made, pytest_exit=0), "2026-01-02T03:05:00Z")
+
+
+def text_of(page: str) -> str:
+    """Return what is read on a page, without its style sheet and without what only drawings have."""
+    body = page[page.index("<body>"):]
+    return " ".join(re.sub(r"<[^>]*>", " ", re.sub(r"<svg.*?</svg>", " ", body, flags=re.S)).split())
+
+
+def difference(name: str, change: Change, base: float | None, new: float | None, **more: object) -> Difference:
+    delta = None if base is None or new is None else new - base
+    given = {"unit": "cycle", "sense": Sense.SMALLER, "interval": None, "seeds": 1, "tolerance": EXACT, "limit": None,
+             "outcome": "information", "cycle_model": "m", "note": ""} | more
+    return Difference(name=name, change=change, base=base, new=new, delta=delta, **given)  # type: ignore[arg-type]
+
+
+def test_streams_have_their_cycles_in_the_table_of_all_calibrators(
+    findings: Make, good: list[Measurement], heading: Callable[..., list[Measurement]]
+) -> None:
+    cycles = {"cycles_mean": 246.03, "cycles_max": 255.0, "fit_cycles": 3503}
+    stream = [each for each in heading("direct-stream", 0.9, limit=1.8, cycles=1) if each.name.startswith("heading")]
+    run = finished(findings(*good, *stream, *(
+        judge(f"stream.direct-stream.{name}", value, unit="cycle", cycle_model="m") for name, value in cycles.items()
+    )))
+    table = accuracy_and_cost(run)
+    assert [row.name for row in table.rows] == ["direct", "iterative", "direct-stream"]
+    row = dict(zip(table.headings, table.rows[-1].cells, strict=True))
+    # 300 points of the table of stages: 300 times 246.03, and the fit's 3 503.
+    assert (row["cycles"].text, row["cycles"].note) == ("77 312", "300 points")
+    assert (row["per point"].text, row["per point"].note) == ("246.0", "most 255")
+    assert row["fixed"].text == "3 503"
+    assert "direct-stream: 0.90 degrees for 77 312 cycles" in html_report(run)
+
+
+def test_a_verdict_is_told_by_a_sign_and_a_word_and_not_by_its_colour(findings: Make, good: list[Measurement]) -> None:
+    assert '<span aria-hidden="true">✓</span> pass</h1>' in html_report(finished(findings(*good)))
+    bad = judge("gyroscope.bias_error", 0.4, unit="dps", limit=Limit(max=0.1), test="t.py::t")
+    page = html_report(finished(findings(*good, bad)))
+    assert '<span aria-hidden="true">✗</span> fail</h1>' in page
+    assert text_of(page).index("Out of order") < text_of(page).index("gyroscope.bias_error 0.4 dps at most 0.1 fail")
+
+
+def test_numbers_beside_a_limit_say_whether_it_held(findings: Make, heading: Callable[..., list[Measurement]]) -> None:
+    page = text_of(html_report(finished(findings(*heading("direct", 2.5, limit=1.8, cycles=12_400)))))
+    assert "2.50 ✗ not held: at most 1.8" in page
+    assert "0.10 ✓ held: within ±0.7" in page
+
+
+def test_limits_and_tests_are_counted(run: Run) -> None:
+    assert tally(run) == "Tests: 1 passed · 7 of 7 limits held · 7 more measurements"
+
+
+def test_a_run_that_was_cut_short_says_so(run: Run) -> None:
+    assert "not complete" not in text_of(html_report(run))
+    cut = replace(run, verdict=replace(run.verdict, complete=False))
+    assert "This run is not complete" in text_of(html_report(cut))
+
+
+def test_a_run_of_nothing_still_has_a_page(findings: Make) -> None:
+    made = findings(tests=(TestResult("t", "bench lost", 0, reason="no port"),), tables=False)
+    made.board = made.rig = None
+    page = html_report(replace(finished(made), tests=()))
+    assert "Nothing was measured" in page
+    assert "No test ran to its end" in page
+    assert 'role="img"' not in page
+    assert "Accuracy and cost" not in page
+
+
+def test_what_has_no_data_is_left_out_and_the_contents_agree(run: Run) -> None:
+    for each in (run, replace(run, tables=()), replace(run, tables=(), measurements=())):
+        page = html_report(each)
+        anchors = re.findall(r'<li><a href="#([^"]*)"', page)
+        identifiers = re.findall(r' id="([^"]*)"', page)
+        assert set(anchors) <= set(identifiers)
+        assert len(identifiers) == len(set(identifiers))
+        assert re.findall(r'<h2 id="([^"]*)"', page) == anchors
+
+
+def test_headings_go_down_by_one(run: Run) -> None:
+    levels = [int(level) for level in re.findall(r"<h(\d)", html_report(run))]
+    assert levels[0] == 1
+    assert levels.count(1) == 1
+    assert all(after - before <= 1 for before, after in itertools.pairwise(levels))
+
+
+def test_every_table_has_a_caption_and_every_heading_a_scope(run: Run) -> None:
+    page = html_report(replace(run, comparison=Comparison(SIDE, SIDE, (), (), "The same.")))
+    assert page.count("<table") == page.count("<caption") >= 8
+    assert all("scope=" in heading for heading in re.findall(r"<th[ >][^>]*", page))
+
+
+@pytest.mark.parametrize(
+    ("name", "shown"),
+    [("a\u202egpj.elf", "a⟨U+202E⟩gpj.elf"), ("zero\x00byte", "zero⟨U+0000⟩byte"), ("Kompaß 12 µT", "Kompaß 12 µT"),
+     ("hid\u200bden", "hid⟨U+200B⟩den"), ("lone \ud800", "lone ⟨U+D800⟩"), ("עברית", "עברית")],
+)
+def test_a_name_can_neither_hide_nor_turn_the_words_around_it(findings: Make, name: str, shown: str) -> None:
+    assert legible(name) == shown
+    made = findings(judge(name, 1.0, unit="uT"), tests=(TestResult(f'{name}["\'x\']', "failed", 1, reason=name),))
+    made.tables["cycles.sizes"] = Table("cycles.sizes", (Column("n"), Column(name, "cycle")), ((1, 2), (3, 4)))
+    page = html_report(finished(made))
+    page.encode()
+    assert page.count(shown) >= 5
+    assert shown == name or name not in page
+
+
+def test_a_trace_is_a_path_beside_the_page_whatever_it_is_called(findings: Make, good: list[Measurement]) -> None:
+    test = TestResult("t", "failed", 1, reason="r", trace="javascript:alert(1)")
+    page = html_report(finished(findings(*good, tests=(test,))))
+    assert 'href="./javascript%3Aalert%281%29"' in page
+
+
+def test_a_comparison_shows_what_changed_in_order_of_concern(run: Run) -> None:
+    differences = (
+        difference("a.better", Change.BETTER, 200.0, 150.0), difference("b.same", Change.UNCHANGED, 1.0, 1.0),
+        difference("c.new", Change.NEW, None, 3.0), difference("d.gone", Change.GONE, 3.0, None),
+        difference("cycles.direct.total", Change.WORSE, 11_061.0, 11_161.0, limit=Limit(max=12_500)),
+        difference("heading.direct.bias", Change.WORSE, 0.1, 0.4, unit="deg", tolerance=Tolerance(0.05, 0.02),
+                   interval=(0.28, 0.32), seeds=8),
+    )
+    page = html_report(replace(run, comparison=Comparison(SIDE, SIDE, differences, (), "2 worse: not to be merged.")))
+    text = text_of(page)
+    places = [text.index(name) for name in (
+        "2 worse: not to be merged.", "2 worse, 1 gone, 1 better, 1 new, 1 unchanged", "cycles.direct.total",
+        "heading.direct.bias", "d.gone", "a.better", "c.new",
+    )]
+    assert places == sorted(places)
+    assert "✗ worse 11 061 cycle 11 161 cycle +100, +0.90 % exact at most 12 500" in text
+    assert "+0.3, +300 %, 95 %: 0.28 to 0.32 over 8 seeds 0.05 deg and 2 %" in text
+    assert "b.same" not in text
+    assert "cycles.direct.total: worse, +0.90 %" in page, "the drawing says in words what it shows"
+
+
+def test_a_gate_that_was_not_evaluated_names_what_stands_in_its_way(run: Run) -> None:
+    blocked = Comparison(SIDE, SIDE, (), ("another rig: x; run on y",), "Not evaluated.")
+    text = text_of(html_report(replace(run, comparison=blocked)))
+    assert text.index("Not evaluated.") < text.index("another rig: x; run on y")
+
+
+def test_a_run_that_was_compared_with_nothing_has_no_such_section(run: Run) -> None:
+    assert "Against the baseline" not in html_report(run)
