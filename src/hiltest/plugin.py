@@ -6,12 +6,23 @@ here: no numpy, no pydantic, no emulator until a test asks for a board.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Generator
 
 import pytest
 
 from hiltest import hookspecs
-from hiltest.fixtures import board, cycles, hil_calibration, hil_progress, hil_settings, measure, rig, turntable
+from hiltest.fixtures import (
+    benchmark_cycles,
+    board,
+    cycles,
+    hil_calibration,
+    hil_progress,
+    hil_settings,
+    measure,
+    rig,
+    turntable,
+)
 from hiltest.gate_set import leave_out_full
 from hiltest.session import (
     CAUSE,
@@ -30,7 +41,10 @@ from hiltest.session import (
 )
 from hiltest.settings import add_options, resolve
 
-__all__ = ["board", "cycles", "hil_calibration", "hil_progress", "hil_settings", "measure", "rig", "turntable"]
+__all__ = [
+    "benchmark_cycles", "board", "cycles", "hil_calibration", "hil_progress", "hil_settings", "measure", "rig",
+    "turntable",
+]  # fmt: skip
 
 _LETTERS = {"bench lost": "L", "wrong firmware": "W"}
 
@@ -54,6 +68,10 @@ def pytest_configure(config: pytest.Config) -> None:
         from hiltest.workers import Controller, Worker
 
         config.pluginmanager.register(Worker(hil) if hil.is_worker else Controller(hil), "hiltest-workers")
+    if "pytest_benchmark.plugin" in sys.modules:
+        from hiltest.cycle_benchmarks import join_pytest_benchmark
+
+        join_pytest_benchmark(config.pluginmanager)
 
 
 # Last: whatever other plugins write into the folder, such as junitxml, they have written.

@@ -52,6 +52,7 @@ GROUP = "hil"
 
 _BOARD_FIXTURES = frozenset({"board", "turntable"})
 _FIXTURES = _BOARD_FIXTURES | {"measure", "rig"}
+_FIXTURE_MODULES = frozenset({"hiltest.fixtures", "hiltest.cycle_benchmarks"})
 # pytest's options that leave tests out.
 _CHOICES = ("keyword", "markexpr", "deselect", "ignore", "ignore_glob", "lf", "stepwise")
 # Folders of suites: a bench's own, and the packaged ones.
@@ -88,6 +89,11 @@ def uses_rig(item: pytest.Item) -> bool:
     return uses_board(item) or "rig" in _fixtures_of(item)
 
 
+def is_benchmark(item: pytest.Item) -> bool:
+    """Say whether a test shows device cycles in pytest-benchmark, by hiltest's fixture and not another project's."""
+    return "benchmark_cycles" in _fixtures_of(item)
+
+
 class HilSession:
     """Opens the rig and the board once, and remembers what came of it.
 
@@ -105,6 +111,8 @@ class HilSession:
         What ``--hil-calibration`` named.
     left_out : LeftOut
         Tests of the full set.
+    only_benchmarks : bool
+        Whether pytest was asked for benchmarks of device cycles and for no other test of ours.
     """
 
     def __init__(self, config: pytest.Config, settings: Settings) -> None:
@@ -120,6 +128,7 @@ class HilSession:
         self._opened_s = 0.0
         self.asked_for = False
         self._needs_rig = False
+        self.only_benchmarks = False
         self._traces: WireTraces | None = None
         self._journal: Journal | None = None
         self._made_folder = False
@@ -152,6 +161,8 @@ class HilSession:
         if self.config.option.collectonly or not (self.asked_for or any(map(uses_hiltest, items))):
             return False
         self._needs_rig |= any(map(uses_rig, items))
+        ours = list(filter(uses_hiltest, items))
+        self.only_benchmarks = not self.asked_for and bool(ours) and all(map(is_benchmark, ours))
         self.open(with_board=any(map(uses_board, items)))
         return not self.is_worker
 
@@ -302,7 +313,12 @@ class HilSession:
 
     @property
     def chose_tests(self) -> bool:
-        """Whether the user asked for a part of the tests: by ``-k``, ``-m``, ``--ignore``, files or node ids."""
+        """Whether the user asked for a part of the tests: by ``-k``, ``-m``, ``--ignore``, files or node ids.
+
+        Benchmarks of device cycles, and no other tests, are a part too: they measure nothing that is judged.
+        """
+        if self.only_benchmarks:
+            return True
         given = vars(self.config.option)
         if any(given.get(name) for name in _CHOICES):
             return True
@@ -438,7 +454,7 @@ def _fixtures_of(item: pytest.Item) -> set[str]:
     if info is None:
         return set()
     used = {name: definitions[-1].func for name, definitions in info.name2fixturedefs.items() if definitions}
-    return {name for name, function in used.items() if function.__module__ == "hiltest.fixtures"}
+    return {name for name, function in used.items() if function.__module__ in _FIXTURE_MODULES}
 
 
 def _properties(measurement: Measurement) -> list[tuple[str, object]]:

@@ -34,7 +34,9 @@ class Worker:
         self._hil = hil
         self._board: dict[str, Any] | None = None
         # Filled until the session ends, which sends it.
-        self._told: dict[str, Any] = {"measurements": [], "left_out": ([], ""), "usage_error": ""}
+        self._told: dict[str, Any] = {
+            "measurements": [], "left_out": ([], ""), "only_benchmarks": False, "usage_error": "",
+        }  # fmt: skip
         hil.config.workeroutput[_OUTPUT] = self._told  # type: ignore[attr-defined]
 
     # First, so that pytest-xdist sees the group.
@@ -56,6 +58,7 @@ class Worker:
             self._told["usage_error"] = str(error)
             raise
         self._told["left_out"] = (list(self._hil.left_out.tests), self._hil.left_out.how)
+        self._told["only_benchmarks"] = self._hil.only_benchmarks
         return result
 
     # First: the board is open, or known to be lost, before anything of the test is set up.
@@ -177,6 +180,7 @@ class Controller:
             raise pytest.UsageError(told["usage_error"])
         tests, how = told["left_out"]
         self._hil.left_out = LeftOut(tuple(tests), how)
+        self._hil.only_benchmarks = told["only_benchmarks"]
         if self._recording is not None:
             self._recording.found(told["measurements"])
 

@@ -1,0 +1,11 @@
+"""Device cycles of the firmware's kernels in tables of pytest-benchmark: ``pytest hil/benchmarks``.
+
+Nothing is judged here: suites and limits are what gates. ``pytest-benchmark compare``, started in this
+folder, finds here how cycles are shown.
+"""
+
+from __future__ import annotations
+
+from hiltest.compare_cycles import pytest_benchmark_group_stats, pytest_benchmark_scale_unit
+
+__all__ = ["pytest_benchmark_group_stats", "pytest_benchmark_scale_unit"]

@@ -1,0 +1,120 @@
+"""Accelerometer fits, tilt-compensated heading and the fusion filter's steps, over attitudes all round."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from hiltest.angles import Pose, rotation_body_from_ned, sin_cos_deg
+from hiltest.boards import Board
+from hiltest.calibration.still_pose import FACES, Face, StillPose
+from hiltest.cycle_benchmarks import BenchmarkCycles
+from hiltest.errors import ConfigError
+from hiltest.fixtures import Cycles
+from hiltest.link.accelerometer import FitAccelerometer
+from hiltest.link.poses import MAX_TRANSFER, ClearPoses, UploadPoses
+from hiltest.orientation.quaternions import from_pose
+from hiltest.procedures import spread_poses
+from hiltest.profiling.image import ProfiledImage
+from hiltest.virtual.procedure_call import Argument
+from hiltest.virtual.profiling import CallProfile
+
+COUNTS_PER_G = 8192.0
+FIELD_UT, DIP_DEG = 48.5, 62.0
+HEADINGS = tuple(
+    Pose(heading_deg, pitch_deg, roll_deg)
+    for pitch_deg, roll_deg in ((0.0, 0.0), (20.0, 0.0), (-20.0, 0.0), (0.0, 20.0), (0.0, -20.0))
+    for heading_deg in range(0, 360, 90)
+)
+# Of the filter: rates, tilts and headings [rad^2/s, rad^2, rad^2], and the gate [g].
+NOISE = np.array([math.radians(0.2) ** 2, math.radians(0.3) ** 2, math.radians(1.2) ** 2, 0.1], np.float32)
+RATE_RAD_S = np.array([0.1, -0.2, 0.5], np.float32)
+STEP_S = 0.005
+
+
+@pytest.mark.hil
+@pytest.mark.parametrize(
+    ("method", "poses"),
+    [("six-position", [face.pose for face in FACES]), ("ellipsoid", spread_poses(12)), ("ellipsoid", spread_poses(40))],
+    ids=["six faces", "ellipsoid of 12", "ellipsoid of 40"],
+)
+def test_accelerometer_fit(
+    board: Board, method: str, poses: list[Pose], benchmark_cycles: BenchmarkCycles
+) -> None:
+    faces = FACES if method == "six-position" else [Face.NONE] * len(poses)
+    still = [still_pose(pose, face) for pose, face in zip(poses, faces, strict=True)]
+    board.session.request(ClearPoses())
+    for first in range(0, len(still), MAX_TRANSFER):
+        board.session.request(UploadPoses(first, still[first : first + MAX_TRANSFER]))
+    reply = board.session.request(FitAccelerometer(len(still), method))
+    assert reply.solution.status == 0, reply.solution.status.name
+    if reply.cost is None:
+        pytest.skip("this core counts no cycles")
+    benchmark_cycles("accelerometer fit", reply.cost.cycles, cycle_model=board.cycle_model)
+
+
+@pytest.fixture(scope="module")
+def firmware(cycles: Cycles) -> ProfiledImage:
+    """The firmware under test, whose functions are called on a virtual board of their own."""
+    return cycles()
+
+
+def test_tilt_heading(firmware: ProfiledImage, benchmark_cycles: BenchmarkCycles) -> None:
+    benchmark_cycles("heading", [call(firmware, "tilt_heading", *seen(pose), *angles()) for pose in HEADINGS])
+
+
+def test_fusion_prediction(firmware: ProfiledImage, benchmark_cycles: BenchmarkCycles) -> None:
+    benchmark_cycles("fusion step", [
+        call(firmware, "fusion_predict", state(pose), NOISE, RATE_RAD_S, STEP_S) for pose in HEADINGS
+    ])  # fmt: skip
+
+
+def test_fusion_correction(firmware: ProfiledImage, benchmark_cycles: BenchmarkCycles) -> None:
+    # From a few degrees beside what is seen.
+    benchmark_cycles("fusion step", [
+        call(firmware, "fusion_update", state(turned(pose)), NOISE, *seen(pose)) for pose in HEADINGS
+    ])  # fmt: skip
+
+
+def call(firmware: ProfiledImage, function: str, *arguments: Argument) -> CallProfile:
+    """Call a function, and skip the test where the firmware has none of this name; all of ours return 0."""
+    try:
+        called = firmware.call(function, *arguments)
+    except ConfigError as error:
+        if "no function" not in str(error):
+            raise
+        pytest.skip(str(error))
+    assert called.value == 0, f"{function} returns {called.value}"
+    return called
+
+
+def seen(pose: Pose) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return gravity [g] and the field [uT] in the body frame."""
+    sine, cosine = sin_cos_deg(DIP_DEG)
+    down, field = (0.0, 0.0, 1.0), (FIELD_UT * cosine, 0.0, FIELD_UT * sine)
+    gravity, body_field = (rotation_body_from_ned(pose) @ np.array(each) for each in (down, field))
+    return gravity.astype(np.float32), body_field.astype(np.float32)
+
+
+def still_pose(pose: Pose, face: Face) -> StillPose:
+    """Return what a perfect board would have averaged there, from readings with some noise [counts]."""
+    gravity_g, field_ut = seen(pose)
+    magnetometer, accelerometer = (10.0 * field_ut).astype(np.float64), np.rint(COUNTS_PER_G * gravity_g)
+    return StillPose(magnetometer, np.full(3, 4.0), accelerometer.astype(np.float64), np.full(3, 8.0), 16, face)
+
+
+def state(pose: Pose) -> NDArray[np.float32]:
+    """Return the filter's state at an attitude as good as a measured one: fusion_t."""
+    return np.array([*from_pose(pose), NOISE[1], NOISE[2]], np.float32)
+
+
+def turned(pose: Pose) -> Pose:
+    return Pose(pose.heading_deg + 5.0, pose.pitch_deg + 2.0, pose.roll_deg - 2.0)
+
+
+def angles() -> tuple[bytearray, bytearray, bytearray]:
+    """Return room for heading, pitch and roll."""
+    return bytearray(4), bytearray(4), bytearray(4)

@@ -1,0 +1,88 @@
+"""pytest-benchmark's tables of device cycles, beside its tables of seconds.
+
+Imported by every pytest run that has pytest-benchmark, and by its command line: nothing heavy is imported here.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+CYCLES, CYCLE_MODEL, CORE_CLOCK_HZ = "cycles", "cycle_model", "core_clock_hz"
+"""What the extra_info of a benchmark of device cycles holds."""
+
+#: One row: a dictionary, or what behaves like one.
+Row = Any
+Groups = Iterable[tuple[str | None, list[Row]]]
+
+_PREFIXES = {"ns": ("n", 1e9), "us": ("u", 1e6), "ms": ("m", 1e3), "s": ("", 1.0)}
+
+
+def group_name(kernel: str | None, cycle_model: str) -> str:
+    """Name the table of one kernel under one cycle model: numbers of two models are never ranked together."""
+    return ", ".join(filter(None, (kernel, f"cycles of {cycle_model}")))
+
+
+def cycle_model_of(row: Row) -> str:
+    """Return what counted the cycles of a benchmark, empty for one that a clock of the host has timed."""
+    return str(_extra_info(row).get(CYCLE_MODEL, ""))
+
+
+def scale_cycles(
+    unit: str, rows: Sequence[Row], best: Mapping[str, float], time_unit: str | None
+) -> tuple[str, float] | None:
+    """Say how a table of device cycles shows its numbers, as ``pytest_benchmark_scale_unit`` does.
+
+    Parameters
+    ----------
+    unit : str
+        ``seconds``, or ``operations`` for the operations per second.
+    rows : sequence
+        Of one table.
+    best : mapping of str to float
+        The best number of each column; of `rows`, where a release of pytest-benchmark gives none.
+    time_unit : str or None
+        What ``--benchmark-time-unit`` asks for: time at the board's core clock, in place of cycles.
+
+    Returns
+    -------
+    tuple of str and float, or None
+        What stands before the "s" of the unit, and a factor. None for a table that is not all cycles.
+    """
+    if not rows or not all(map(cycle_model_of, rows)):
+        return None
+    clock_hz = float(_extra_info(rows[0])[CORE_CLOCK_HZ])
+    if unit == "operations":
+        ops = clock_hz * best.get("ops", rows[0]["ops"])
+        prefix, factor = ("M", 1e-6) if ops > 1e6 else ("K", 1e-3) if ops > 1e3 else ("", 1.0)
+        return prefix, clock_hz * factor
+    if time_unit in _PREFIXES:
+        prefix, factor = _PREFIXES[time_unit]
+        return prefix, factor / clock_hz
+    _name_unit_in_histograms()
+    return "cycle", 1.0
+
+
+def split_by_cycle_model(groups: Groups) -> list[tuple[str | None, list[Row]]]:
+    """Give the device cycles of each model a table of their own, however the rows were grouped."""
+    tables: list[tuple[str | None, list[Row]]] = []
+    for name, rows in groups:
+        of_model: dict[str, list[Row]] = defaultdict(list)
+        for row in rows:
+            of_model[cycle_model_of(row)].append(row)
+        for model, those in sorted(of_model.items()):
+            named_already = not model or (name or "").endswith(group_name(None, model))
+            tables.append((name if named_already else group_name(name, model), those))
+    return tables
+
+
+def _extra_info(row: Row) -> Mapping[str, Any]:
+    return row.get("extra_info") or {}
+
+
+def _name_unit_in_histograms() -> None:
+    """Let ``--benchmark-histogram`` find a word for the unit: its titles take nothing but prefixes of seconds."""
+    from pytest_benchmark.utils import TIME_UNITS
+
+    TIME_UNITS.setdefault("cycle", "cycles")

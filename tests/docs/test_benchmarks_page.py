@@ -1,0 +1,70 @@
+"""The page about device cycles in pytest-benchmark: its commands and its suite do what it says."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from hiltest.boards import default_firmware
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "benchmarks.md").read_text(encoding="utf-8")
+(COMMANDS,) = re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S)
+(TABLE,) = re.findall(r"^```text\n(.*?)^```", PAGE, re.M | re.S)
+(SUITE,) = re.findall(r"^```python\n(.*?)^```", PAGE, re.M | re.S)
+MODULES = {"hiltest": "hiltest", "pytest": "pytest", "pytest-benchmark": "pytest_benchmark"}
+
+
+def run(command: str, folder: Path) -> str:
+    """Run one of the page's commands and return what it prints."""
+    program, *arguments = shlex.split(command)
+    if program == "cp":
+        shutil.copy(*(folder / each for each in arguments))
+        return ""
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
+    done = subprocess.run(
+        [sys.executable, "-m", MODULES[program], *arguments], cwd=folder, env=environment, capture_output=True,
+        text=True, check=False, timeout=240,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def printed(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """What each of the page's commands prints, one after the other in one folder."""
+    folder = tmp_path_factory.mktemp("bench")
+    shutil.copy(default_firmware(), folder / "new.elf")
+    return [run(line, folder) for line in COMMANDS.splitlines()]
+
+
+def rows(text: str) -> set[str]:
+    return {" ".join(line.split()) for line in text.splitlines() if line.startswith("test_")}
+
+
+def test_the_table_is_the_one_that_is_printed(printed: list[str]) -> None:
+    assert {row.removesuffix(" 5") for row in rows(printed[2])} >= rows(TABLE)
+
+
+def test_the_same_firmware_compares_as_the_same(printed: list[str]) -> None:
+    *_, compared = printed
+    assert "Name (time in cycles)" in compared
+    assert "Name (time in s)" not in compared
+    pairs = [line for line in compared.splitlines() if line.startswith("test_calibrator[direct-100]")]
+    assert [line.split()[1:] for line in pairs] == [
+        [f"({name})", "11,061.0000", "(1.0)", "11,061.0000", "(1.0)"] for name in ("new", "old")
+    ]
+
+
+def test_the_suite_of_one_s_own_runs_as_it_stands(tmp_path: Path) -> None:
+    (tmp_path / "test_mine.py").write_text(SUITE, encoding="utf-8")
+    output = run("pytest -q test_mine.py --benchmark-columns=min,rounds", tmp_path)
+    assert "benchmark 'crc32, cycles of " in output
+    assert "benchmark 'direct, cycles of cortex-m4-trm/1@sram': 1 tests" in output

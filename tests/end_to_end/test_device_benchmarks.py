@@ -1,0 +1,78 @@
+"""``pytest hil/benchmarks``: every kernel's device cycles, the same numbers that the suites judge."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hiltest.bench_files import shipped
+from hiltest.boards import open_board
+from hiltest.boards.board import Board
+from hiltest.link.messages import Calibrate
+from hiltest.procedures import golden_cloud, measure_dpi_cycles, upload_cloud
+from hiltest.rig_file import load_rig
+
+
+@pytest.fixture(scope="module")
+def board() -> Board:
+    return open_board(load_rig(shipped() / "rigs" / "virtual-k64f.toml"))
+
+
+@pytest.fixture(scope="module")
+def rows(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]]:
+    """What pytest-benchmark keeps of each benchmark, by name."""
+    folder = tmp_path_factory.mktemp("bench")
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
+    command = [sys.executable, "-m", "pytest", str(shipped() / "benchmarks"), "-W", "error",
+               f"--rootdir={folder}", "-p", "no:cacheprovider", "--benchmark-json=cycles.json"]  # fmt: skip
+    done = subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=240
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "Name (time in s)" not in done.stdout
+    content = json.loads((folder / "cycles.json").read_text(encoding="utf-8"))
+    return {row["name"]: row for row in content["benchmarks"]}
+
+
+def test_every_calibrator_of_the_firmware_has_its_rows(board: Board, rows: dict[str, dict[str, Any]]) -> None:
+    kernels = {row["group"].partition(",")[0] for row in rows.values()}
+    assert {*board.identity.calibrators, "dpi", "accelerometer fit", "fusion step", "heading"} <= kernels
+    assert {f"test_new_point[{name}]" for name in board.identity.stream_calibrators} <= rows.keys()
+    assert {row["extra_info"]["cycle_model"] for row in rows.values() if row["group"].startswith("direct,")} == {
+        board.cycle_model
+    }
+
+
+def test_the_numbers_are_those_of_the_board(board: Board, rows: dict[str, dict[str, Any]]) -> None:
+    for name in board.identity.calibrators:
+        counted = []
+        for index in range(2):
+            upload_cloud(board, golden_cloud(100, index=index))
+            cost = board.session.request(Calibrate(100, name)).cost
+            assert cost is not None
+            counted.append(cost.cycles)
+        assert rows[f"test_calibrator[{name}-100]"]["stats"]["data"][:2] == counted
+    gravity = measure_dpi_cycles(board)
+    sizes = dict(zip(gravity.sizes.tolist(), gravity.cycles.tolist(), strict=True))
+    for pairs in (300, 500):
+        assert rows[f"test_against_gravity[{pairs}]"]["stats"]["data"][0] == sizes[pairs]
+
+
+def test_a_calibrator_that_is_in_no_list_is_named(tmp_path: Path) -> None:
+    for file in ("conftest.py", "test_calibrator_cycles.py"):
+        text = (shipped() / "benchmarks" / file).read_text(encoding="utf-8")
+        (tmp_path / file).write_text(text.replace('("direct", "corrected", "iterative")', '("direct", "gone")'))
+    command = [sys.executable, "-m", "pytest", "-rs", "-k", "test_calibrator and 30", "-p", "no:cacheprovider"]
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
+    done = subprocess.run(
+        command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False, timeout=240
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "corrected is in no table: put it into CALIBRATORS of test_calibrator_cycles.py" in done.stdout
+    assert "this firmware has no calibrator 'gone'" in done.stdout

@@ -1,0 +1,282 @@
+"""The fixture ``benchmark_cycles``: device cycles in tables of pytest-benchmark, which no verdict depends on."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+# As in conftest.py: numpy and what is built on it cannot be imported twice in one process.
+import hiltest.profiling.image  # noqa: F401
+from hiltest.boards import default_firmware
+
+HOOKS = "from hiltest.compare_cycles import pytest_benchmark_group_stats, pytest_benchmark_scale_unit\n"
+MODEL = "cortex-m4-trm/1@sram"
+BOTH = """
+def test_fit(benchmark_cycles):
+    benchmark_cycles("direct", 12_345, cycle_model="cortex-m4-trm/1@sram")
+
+def test_host(benchmark):
+    benchmark.pedantic(sum, ([1, 2],), rounds=3)
+"""
+
+
+@pytest.fixture(autouse=True)
+def _no_rig(monkeypatch: pytest.MonkeyPatch, _no_settings_from_outside: None) -> None:
+    monkeypatch.delenv("HIL_RIG")
+
+
+def fit(cycles: int | list[int], model: str = MODEL) -> str:
+    """A project whose only test shows what a kernel took."""
+    return f"def test_fit(benchmark_cycles):\n    benchmark_cycles('direct', {cycles}, cycle_model={model!r})\n"
+
+
+def saved(pytester: pytest.Pytester, text: str, name: str, *options: str) -> dict[str, Any]:
+    """Run a project and return what pytest-benchmark writes of it."""
+    pytester.makepyfile(test_it=text)
+    result = pytester.runpytest_inprocess(f"--benchmark-json={name}.json", *options)
+    assert result.ret == 0
+    content: dict[str, Any] = json.loads((pytester.path / f"{name}.json").read_text(encoding="utf-8"))
+    return content
+
+
+def compare(pytester: pytest.Pytester, *arguments: str) -> str:
+    """Run ``pytest-benchmark compare`` where the project is."""
+    (pytester.path / "conftest.py").write_text(HOOKS, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest_benchmark", "compare", *arguments], cwd=pytester.path, capture_output=True,
+        text=True, check=False, timeout=60,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def tables(output: str) -> dict[str, list[str]]:
+    """Return the lines of each table by its title."""
+    found: dict[str, list[str]] = {}
+    title = None
+    for line in output.splitlines():
+        if " benchmark" in line and " tests" in line:
+            title = line.strip("- ")
+            found[title] = []
+        elif title is not None and line.strip("-"):
+            found[title].append(" ".join(line.split()))
+        elif not line:
+            title = None
+    return found
+
+
+def test_cycles_have_a_table_of_their_own_and_host_times_stay_in_seconds(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(BOTH)
+    result = pytester.runpytest_inprocess("--benchmark-columns=min,ops,rounds")
+    assert result.ret == 0
+    found = tables(result.stdout.str())
+    header, row = found[f"benchmark 'direct, cycles of {MODEL}': 1 tests"]
+    # 120 MHz over 12 345 cycles.
+    assert (header, row) == ("Name (time in cycles) Min OPS (Kops/s) Rounds", "test_fit 12,345.0000 9.7205 1")
+    header, row = found["benchmark: 1 tests"]
+    assert header.startswith(("Name (time in ns)", "Name (time in us)"))
+    assert row.startswith("test_host ")
+
+
+def test_the_json_holds_cycles_their_model_the_firmware_and_the_board(pytester: pytest.Pytester) -> None:
+    content = saved(pytester, """
+        def test_on_the_board(benchmark_cycles, board):
+            benchmark_cycles("x", [7, 9, 8], cycle_model=board.cycle_model)
+
+        def test_called(benchmark_cycles, cycles):
+            benchmark_cycles("empty", cycles().call("magnetometer_empty", 0, 0))
+    """, "both")  # fmt: skip
+    on_the_board, called = content["benchmarks"]
+    assert content["machine_info"]["board"] == {
+        "kind": "virtual", "unique_id": b"virtual-frdmk64f".hex(), "core_clock_hz": 120_000_000,
+    }
+    assert on_the_board["group"] == f"x, cycles of {MODEL}"
+    assert on_the_board["stats"]["data"] == [7, 9, 8]
+    assert on_the_board["options"]["timer"] == "device_cycles"
+    about = on_the_board["extra_info"]
+    assert (about["cycles"], about["cycle_model"], about["core_clock_hz"]) == (9, MODEL, 120_000_000)
+    manifest = json.loads((default_firmware().parent / "manifest.json").read_text(encoding="utf-8"))
+    assert about["build_id"] == manifest["build_id"]
+    assert (called["extra_info"]["cycles"], called["extra_info"]["cycle_model"]) == (3, MODEL)
+    assert "build_id" not in called["extra_info"], "cycles(elf) may call into any ELF"
+
+
+def test_nine_times_the_cycles_are_shown_as_nine_times(pytester: pytest.Pytester) -> None:
+    for name, cycles in (("old", 12_345), ("new", 9 * 12_345)):
+        saved(pytester, fit(cycles), name)
+    (table,) = tables(compare(pytester, "old.json", "new.json", "--columns=min,median")).values()
+    assert table == [
+        "Name (time in cycles) Min Median",
+        "test_fit (old) 12,345.0000 (1.0) 12,345.0000 (1.0)",
+        "test_fit (new) 111,105.0000 (9.00) 111,105.0000 (9.00)",
+    ]
+    (table,) = tables(compare(pytester, "old.json", "new.json", "--columns=min", "--time-unit=us")).values()
+    assert table[1] == "test_fit (old) 102.8750 (1.0)"
+
+
+@pytest.mark.parametrize("group_by", ["group", "func", "fullname"])
+def test_two_models_are_never_ranked_together(pytester: pytest.Pytester, group_by: str) -> None:
+    for name, model in (("old", "silicon-dwt"), ("new", MODEL)):
+        saved(pytester, BOTH.replace(MODEL, model), name)
+    found = tables(compare(pytester, "old.json", "new.json", f"--group-by={group_by}", "--columns=min"))
+    of_cycles = {title: rows for title, rows in found.items() if "cycles of" in title}
+    assert len(of_cycles) == 2
+    for title, (header, row) in of_cycles.items():
+        model, name = ("silicon-dwt", "old") if "silicon-dwt" in title else (MODEL, "new")
+        assert f"cycles of {model}': 1 tests" in title
+        assert (header, row) == ("Name (time in cycles) Min", f"test_fit ({name}) 12,345.0000")
+    assert all("test_host" in row for title in found.keys() - of_cycles.keys() for row in found[title][1:])
+
+
+def test_a_saved_run_of_another_model_keeps_its_own_table(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(test_it=fit(900, "silicon-dwt"))
+    assert pytester.runpytest_inprocess("--benchmark-save=one").ret == 0
+    pytester.makepyfile(test_it=fit(100))
+    result = pytester.runpytest_inprocess("--benchmark-compare=0001", "--benchmark-columns=min")
+    assert result.ret == 0
+    found = tables(result.stdout.str())
+    assert found[f"benchmark 'direct, cycles of {MODEL}': 1 tests"][1] == "test_fit (NOW) 100.0000"
+    assert found["benchmark 'direct, cycles of silicon-dwt': 1 tests"][1] == "test_fit (0001_one) 900.0000"
+
+
+def test_a_saved_run_is_ranked_beside_the_new_one_and_another_build_is_no_other_machine(
+    pytester: pytest.Pytester
+) -> None:
+    pytester.makepyfile(test_it=fit(900))
+    assert pytester.runpytest_inprocess("--benchmark-save=one").ret == 0
+    pytester.makepyfile(test_it=fit(100))
+    result = pytester.runpytest_inprocess("--benchmark-compare=0001", "--benchmark-columns=min")
+    (rows,) = tables(result.stdout.str()).values()
+    assert rows[1:] == ["test_fit (NOW) 100.0000 (1.0)", "test_fit (0001_one) 900.0000 (9.00)"]
+    assert "machine_info is different" not in result.stdout.str() + result.stderr.str()
+    assert "another board" not in result.stdout.str()
+
+
+def test_another_board_is_named(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(test_it=fit(900))
+    assert pytester.runpytest_inprocess("--benchmark-save=one").ret == 0
+    (file,) = (pytester.path / ".benchmarks").rglob("0001_one.json")
+    content = json.loads(file.read_text(encoding="utf-8"))
+    content["machine_info"]["board"]["kind"] = "real"
+    file.write_text(json.dumps(content), encoding="utf-8")
+    result = pytester.runpytest_inprocess("--benchmark-compare=0001")
+    assert result.ret == 0
+    result.stdout.fnmatch_lines(["the saved cycles are of another board: kind real, now virtual"])
+
+
+BLOCKED = """
+import pytest
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_configure(config):
+    # As pytest-codspeed does; it refuses marks that it does not know, too.
+    config.option.benchmark_disable = True
+    config.pluginmanager.set_blocked("pytest-benchmark")
+
+def pytest_runtest_setup(item):
+    assert item.get_closest_marker("benchmark") is None
+"""
+JUDGED = """
+from hiltest.measurement import Limit
+
+def test_fit(benchmark_cycles, cycles, measure):
+    found = cycles().call("magnetometer_empty", 0, 0)
+    benchmark_cycles("empty", found)
+    measure("cycles.empty", found, limit=Limit(max={most}))
+"""
+WRONG = "def test_fit(benchmark_cycles):\n    benchmark_cycles('direct', 900)\n"
+
+
+@pytest.mark.parametrize("text", [JUDGED.format(most=3), JUDGED.format(most=2), WRONG], ids=["pass", "fail", "wrong"])
+def test_exit_code_and_verdict_are_the_same_without_pytest_benchmark(pytester: pytest.Pytester, text: str) -> None:
+    pytester.makepyfile(blocks=BLOCKED, test_it=text)
+    pytester.syspathinsert()
+    seen = {}
+    for options in ((), ("-p", "no:benchmark"), ("-p", "blocks"), ("--benchmark-disable",), ("--benchmark-only",)):
+        result = pytester.runpytest_inprocess("-W", "error", *options)
+        record = pytester.path / "hil-out" / "run.json"
+        verdict = json.loads(record.read_text(encoding="utf-8"))["verdict"] if record.exists() else None
+        seen[options] = (result.ret, result.parseoutcomes(), verdict)
+    assert len({json.dumps(each) for each in seen.values()}) == 1, seen
+    assert seen[()][0] == (0 if "max=3" in text else 1)
+
+
+def test_workers_show_nothing_and_pass_all_the_same(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(fit(100) + fit(200).replace("test_fit", "test_other"))
+    result = pytester.runpytest_subprocess("-n", "2", timeout=60)
+    assert result.ret == 0
+    result.assert_outcomes(passed=2)
+    assert "cycles of" not in result.stdout.str()
+    pytester.makepyfile(WRONG)
+    assert pytester.runpytest_subprocess("-n", "2", timeout=60).ret == 1
+
+
+@pytest.mark.parametrize(
+    ("cost", "complaint"),
+    [
+        ("[], cycle_model='m'", "no round was counted"),
+        ("[7, None], cycle_model='m'", "None is no number of cycles"),
+        ("7.5, cycle_model='m'", "7.5 is no number of cycles"),
+        ("-1, cycle_model='m'", "-1 is no number of cycles"),
+        ("7", "nothing says what counted these"),
+        ("cycles().call('magnetometer_empty', 0, 0), cycle_model='m'", f"these were counted by {MODEL} and m"),
+    ],
+)
+def test_what_is_no_cost_is_refused(pytester: pytest.Pytester, cost: str, complaint: str) -> None:
+    pytester.makepyfile(f"def test_it(benchmark_cycles, cycles):\n    benchmark_cycles('x', {cost})\n")
+    result = pytester.runpytest_inprocess()
+    assert result.ret == 1
+    result.stdout.fnmatch_lines([f"*ValueError: *{complaint}*"])
+
+
+def test_options_of_pytest_benchmark_choose_these_tests_too(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(fit(100) + "def test_other():\n    pass\n")
+    pytester.runpytest_inprocess("--benchmark-only").assert_outcomes(passed=1, skipped=1)
+    pytester.runpytest_inprocess("--benchmark-skip").assert_outcomes(passed=1, skipped=1)
+
+
+def test_a_mark_of_one_s_own_stays_and_another_project_s_fixture_is_none_of_ours(pytester: pytest.Pytester) -> None:
+    content = saved(pytester, "import pytest\n@pytest.mark.benchmark(disable_gc=True)\n" + fit(100), "marked")
+    assert content["benchmarks"][0]["options"]["disable_gc"] is True
+    content = saved(pytester, """
+        import pytest
+
+        @pytest.fixture
+        def benchmark_cycles(benchmark):
+            return benchmark
+
+        def test_it(benchmark_cycles):
+            benchmark_cycles.pedantic(sum, ([1, 2],))
+    """, "theirs")  # fmt: skip
+    assert content["benchmarks"][0]["options"]["timer"] == "perf_counter"
+    assert "board" not in content["machine_info"]
+
+
+def test_benchmarks_alone_are_held_to_no_limit_of_the_rig_and_beside_others_they_are(
+    pytester: pytest.Pytester, default_rig: str
+) -> None:
+    path = Path("mine.toml")
+    path.write_text(
+        default_rig[: default_rig.index("[limits]")] + '[limits]\n"x" = { max = 2, unit = "deg" }\n', encoding="utf-8"
+    )
+    kernel = fit(100).replace("benchmark_cycles)", "benchmark_cycles, board)")
+    workers = ("-n", "2", "--dist", "loadgroup")
+    pytester.makepyfile(test_it=kernel)
+    assert pytester.runpytest_inprocess("--hil-rig=mine.toml").ret == 0
+    assert pytester.runpytest_subprocess("--hil-rig=mine.toml", *workers, timeout=60).ret == 0
+    pytester.makepyfile(test_it=kernel + "def test_other(board):\n    pass\n")
+    assert pytester.runpytest_inprocess("--hil-rig=mine.toml").ret == 22, "the limit was not judged"
+    assert pytester.runpytest_subprocess("--hil-rig=mine.toml", *workers, timeout=60).ret == 22
+
+
+def test_a_histogram_has_a_word_for_the_unit(pytester: pytest.Pytester) -> None:
+    pytest.importorskip("pygal")
+    pytester.makepyfile(fit([100, 110]))
+    assert pytester.runpytest_subprocess("--benchmark-histogram=plot").ret == 0
+    (file,) = pytester.path.glob("plot-*.svg")
+    assert "Speed in cycles of direct" in file.read_text(encoding="utf-8")
