@@ -19,7 +19,6 @@ from hiltest.report.record import (
     measurement_from,
     table_from,
 )
-from hiltest.report.recorder import Recorder
 from hiltest.report.unmet import unmet_limits
 from hiltest.rig_conditions import conditions_sha256
 from hiltest.session import BENCH, FOUND_HERE, HilSession
@@ -27,6 +26,7 @@ from hiltest.session import BENCH, FOUND_HERE, HilSession
 if TYPE_CHECKING:
     from hiltest.boards import Board
     from hiltest.imu_calibration.file import CalibrationFile
+    from hiltest.report.recorder import Recorder
     from hiltest.rig import Rig
 
 _PHASES = ("setup", "call", "teardown")
@@ -34,11 +34,8 @@ _PHASES = ("setup", "call", "teardown")
 
 def start_recording(hil: HilSession) -> Recording:
     """Begin the record of a session, and see to it that it is kept."""
-    rig = hil.rig_if_needed
-    poses = hil.settings.poses or (rig.procedure.poses if rig else "all")
-    recorder = Recorder(
-        hil.claim_folder(), suite=hil.settings.suite, poses=poses, calibration=calibration_record(hil.calibration)
-    )
+    rig, recorder = hil.rig_if_needed, hil.claim_folder()
+    recorder.begin(calibration_record(hil.calibration))
     if rig is not None:
         recorder.rig(rig_record(rig), hil.seed)
     if hil.board is not None:

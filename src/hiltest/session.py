@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from hiltest.errors import BenchError, ProtocolError
     from hiltest.imu_calibration.file import CalibrationFile
     from hiltest.measurement import Limit, Measurement
-    from hiltest.report.journal import Journal
     from hiltest.report.record import Table
+    from hiltest.report.recorder import Recorder
     from hiltest.rig import Rig
     from hiltest.wire_traces import WireTraces
 
@@ -130,7 +130,7 @@ class HilSession:
         self._needs_rig = False
         self.only_benchmarks = False
         self._traces: WireTraces | None = None
-        self._journal: Journal | None = None
+        self._recorder: Recorder | None = None
         self._made_folder = False
         self.left_out = LeftOut()
 
@@ -198,8 +198,8 @@ class HilSession:
         except ConfigError as error:
             raise pytest.UsageError(str(error)) from error
 
-    def claim_folder(self) -> Journal:
-        """Return the journal, whose folder belongs to this session alone until `release_folder`.
+    def claim_folder(self) -> Recorder:
+        """Return the recorder, whose folder belongs to this session alone until `release_folder`.
 
         Raises
         ------
@@ -207,17 +207,20 @@ class HilSession:
             If another run has the folder, or it cannot be written to.
         """
         from hiltest.report.journal import Journal
+        from hiltest.report.recorder import Recorder
 
-        if self._journal is None:
+        if self._recorder is None:
             self._made_folder = not self.settings.out.exists()
             make_folder(self.settings.out)
-            self._journal = Journal(self.settings.out)
-        return self._journal
+            rig = self.rig_if_needed
+            poses = self.settings.poses or (rig.procedure.poses if rig else "all")
+            self._recorder = Recorder(Journal(self.settings.out), suite=self.settings.suite, poses=poses)
+        return self._recorder
 
     def release_folder(self) -> None:
         """Give the folder back, when every file of the run is written."""
-        if self._journal is not None:
-            self._journal.release()
+        if self._recorder is not None:
+            self._recorder.release()
         if self._made_folder:
             with suppress(OSError):  # a usage error leaves nothing in it, and a run does
                 self.settings.out.rmdir()

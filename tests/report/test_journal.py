@@ -44,7 +44,8 @@ def begin(tmp_path: Path, board: BoardRecord) -> Iterator[Begin]:
     def begun() -> Recorder:
         journals.append(Journal(tmp_path))
         calibration = CalibrationRecord("imu.json", "ef" * 32, "2026-01-02T03:04:05Z")
-        recorder = Recorder(journals[-1], suite="gate", poses="all", calibration=calibration)
+        recorder = Recorder(journals[-1], suite="gate", poses="all")
+        recorder.begin(calibration)
         recorder.rig(RigRecord("virtual-k64f", "rig.toml", "cd" * 32, "not declared"), seed=None)
         recorder.board(board, seed=7)
         recorder.found([judge("heading.direct.max", 0.97, unit="deg", limit=Limit(max=1.8), test="a")],
@@ -62,8 +63,18 @@ def cut_short(begin: Begin) -> Path:
     """Return the journal of a run whose process died after its first test."""
     recorder = begin()
     path = recorder.folder / JOURNAL_FILE
-    recorder._journal.release()
+    recorder.release()
     return path
+
+
+def finished(recorder: Recorder) -> Path:
+    recorder.finish(PASSED)
+    recorder.release()
+    return recorder.folder
+
+
+def _no_room(_run: Run, _folder: Path) -> None:
+    raise OSError(28, "the disk is full")
 
 
 def timeless(run: Run) -> Run:
@@ -106,7 +117,7 @@ def test_what_is_out_of_its_limit_is_named_even_when_the_run_is_cut_short(begin:
     recorder.found([judge("heading.direct.max", 2.5, unit="deg", limit=Limit(max=1.8), test="b")], ())
     recorder.finished(TestResult("b", "failed", 1.0, "heading.direct.max = 2.5"))
     recorder.finished(TestResult("c", "failed", 1.0, "assert 1 == 2"))
-    recorder._journal.release()
+    recorder.release()
     assert read_stored(recorder.folder).run.verdict.sentence == (
         "CUT SHORT: 3 tests finished, 1 measurement kept; the last test was c. "
         "Out of limit: heading.direct.max 2.5 deg (at most 1.8). Failed: c (assert 1 == 2)."
@@ -130,11 +141,11 @@ def test_a_last_line_that_is_whole_but_for_its_end_is_not_taken_for_finished(cut
 @pytest.mark.parametrize(
     ("line", "complaint"),
     [
-        ("{", "line 5 is damaged: Expecting property name"),
-        ("[]", "line 5 is no entry of a journal"),
-        ("{}", "line 5 is no entry of a journal: 'kind'"),
-        ('{"kind": "test", "test": null, "utc": "", "measurements": [{}], "tables": []}', "line 5 .*: 'name'"),
-        ('{"kind": "test", "test": null, "utc": "", "measurements": 1, "tables": []}', "line 5 is no entry"),
+        ("{", "line 6 is damaged: Expecting property name"),
+        ("[]", "line 6 is no entry of a journal"),
+        ("{}", "line 6 is no entry of a journal: 'kind'"),
+        ('{"kind": "test", "test": null, "utc": "", "measurements": [{}], "tables": []}', "line 6 .*: 'name'"),
+        ('{"kind": "test", "test": null, "utc": "", "measurements": 1, "tables": []}', "line 6 is no entry"),
         ('{"kind": "test", "test": {"id": 1}, "utc": "", "measurements": [], "tables": []}', r"tests\.1\.id"),
         ('{"kind": "board", "board": 1, "seed": 1}', "board"),
     ],
@@ -158,7 +169,7 @@ def test_an_entry_of_a_kind_that_is_not_known_yet_is_passed_over(cut_short: Path
     [
         ('{"kind": "start", "schema": "hiltest.run/9"}\n', '"hiltest.run/9", this hiltest reads "hiltest.run/1": use'),
         ('{"kind": "start", "schema": "hiltest.run/1"}\n', "suite: Field required"),
-        ('{"kind": "test"}\n', "does not begin with a start"),
+        ('{"kind": "test"}\n', "no record of a run"),
         ("\n", "line 1 is damaged"),
     ],
 )
@@ -226,7 +237,7 @@ class TestFolder:
     def test_the_journal_goes_when_the_folder_is_given_back(self, begin: Begin) -> None:
         recorder = begin()
         recorder.finish(PASSED)
-        recorder._journal.release()
+        recorder.release()
         assert [each.name for each in recorder.folder.iterdir()] == [RUN_FILE]
 
     def test_a_run_that_begins_removes_the_record_of_the_last(self, tmp_path: Path, begin: Begin) -> None:
@@ -238,7 +249,7 @@ class TestFolder:
     def test_a_run_that_never_begins_leaves_the_record_of_the_last(self, begin: Begin) -> None:
         recorder = begin()
         recorder.finish(PASSED)
-        recorder._journal.release()
+        recorder.release()
         before = (recorder.folder / RUN_FILE).read_bytes()
         Journal(recorder.folder).release()
         assert [each.name for each in recorder.folder.iterdir()] == [RUN_FILE]
@@ -249,23 +260,37 @@ class TestFolder:
         Journal(cut_short.parent).release()
         assert cut_short.read_bytes() == before
 
-    @pytest.mark.parametrize("going_on", [True, False])
-    def test_the_record_of_the_last_never_passes_for_the_one_of_a_run_that_has_the_folder(
-        self, begin: Begin, going_on: bool
+    def test_the_record_of_the_last_never_passes_for_the_one_of_a_run_that_has_the_folder(self, begin: Begin) -> None:
+        folder = finished(begin())
+        later = Recorder(Journal(folder), suite="full", poses="level")
+        run = read_stored(folder).run
+        assert (run.verdict.outcome, run.suite, run.tests) == ("still running", "full", ())
+        assert read_stored(folder / RUN_FILE).run.verdict == PASSED, "by its own name it can be read"
+        later.release()
+        assert read_stored(folder).run.verdict == PASSED, "it did not take place"
+
+    def test_an_announcement_follows_a_journal_that_was_cut_short(self, cut_short: Path) -> None:
+        with cut_short.open("a") as file:
+            file.write("half a li")
+        before = read_stored(cut_short.parent).run
+        later = Recorder(Journal(cut_short.parent), suite="full", poses="level")
+        assert read_stored(cut_short.parent).run.suite == "full"
+        later.release()
+        assert read_stored(cut_short.parent).run == before
+
+    def test_a_run_whose_end_is_in_the_journal_alone_has_its_verdict(
+        self, begin: Begin, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         recorder = begin()
-        recorder.finish(PASSED)
-        recorder._journal.release()
-        later = Journal(recorder.folder) if going_on else (recorder.folder / JOURNAL_FILE).touch()
-        what = "has not begun to record yet" if going_on else "was cut short before it began to record"
-        with pytest.raises(ConfigError, match=rf"{what}; .*run\.json is of the run before"):
-            read_stored(recorder.folder)
-        assert read_stored(recorder.folder / RUN_FILE).run.verdict == PASSED, "by its own name it can be read"
-        if later:
-            later.release()
+        monkeypatch.setattr("hiltest.report.recorder.write_run", _no_room)
+        with pytest.raises(OSError, match="full"):
+            recorder.finish(PASSED)
+        recorder.release()
+        assert [each.name for each in recorder.folder.iterdir()] == [JOURNAL_FILE]
+        assert read_stored(recorder.folder).run.verdict == PASSED
 
     def test_a_folder_without_any_record_is_refused(self, tmp_path: Path) -> None:
-        with pytest.raises(ConfigError, match=r"no record of a run: neither run\.json nor journal\.jsonl"):
+        with pytest.raises(ConfigError, match=r"no record of a run: neither run\.json nor a line in journal\.jsonl"):
             read_stored(tmp_path)
         with pytest.raises(ConfigError, match="No such file"):
             read_stored(tmp_path / "gone")

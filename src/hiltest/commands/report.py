@@ -62,16 +62,17 @@ def _in_place(record: Path, folder: Path) -> StoredRun:
 
 def _elsewhere(stored: StoredRun, out: Path) -> None:
     """Write the whole record into a folder of its own, in the place of what was there."""
-    from hiltest.report.journal import Journal, remove_record
+    from hiltest.report.journal import Journal
     from hiltest.report.record import RUN_FILE, content_to_json, write_atomically
     from hiltest.settings import make_folder
 
     make_folder(out)
     claim = Journal(out)
     try:
-        remove_record(out)
-        _render(stored, out)
+        claim.begin()
         write_atomically(out / RUN_FILE, content_to_json(stored.content))
+        _render(stored, out)
+        claim.finish()
     finally:
         claim.release()
 

@@ -3,13 +3,10 @@
 ``journal.jsonl`` is there as long as its run goes on, and the process holds a lock on it, which the kernel takes back
 however the process ends. What lies in a folder therefore says what became of its run:
 
-====================  ==================================================
-``run.json`` alone    finished
-a journal, locked     goes on
-a journal, not        was cut short; everything that had finished is in it
-====================  ==================================================
-
-A journal without a line beside ``run.json`` belongs to a run that came later and has not begun to record.
+- no journal: ``run.json`` is the record of a run that has finished;
+- a journal with a lock on it: the run goes on;
+- a journal without: the run was cut short, and every test that had finished is in it. ``run.json``, if there is one,
+  is of the run before, unless the journal ends with the verdict: then both say the same.
 """
 
 from __future__ import annotations
@@ -19,8 +16,9 @@ import json
 import os
 import time
 from collections.abc import Mapping
+from io import FileIO
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from hiltest.errors import ConfigError
 from hiltest.report.record import RECORD_FILES, UNFINISHED
@@ -52,17 +50,25 @@ class Journal:
         self.path = folder / JOURNAL_FILE
         try:
             self._file = _open_locked(self.path)
+            # What a killed run was writing goes; its whole lines stay until this run is sure to take place.
+            self._bytes_before = self._file.read().rfind(b"\n") + 1
+            self._file.truncate(self._bytes_before)
         except OSError as error:
             reason = error.strerror or str(error)
             raise ConfigError(f"cannot keep a record in {folder}: {reason}; name another one with --out") from error
-        self._begun = self._finished = False
+        self._announced = self._begun = self._finished = False
 
-    def begin(self, content: Mapping[str, Any]) -> None:
-        """Remove the record of the run before, so that it is never taken for this one's, and write the first line."""
-        remove_record(self.folder)
-        self._file.truncate(0)
-        self._begun = True
+    def announce(self, content: Mapping[str, Any]) -> None:
+        """Write the first line: from here on this run, and none before, is what `hiltest report` finds here."""
         self.append("start", {**content, "process": os.getpid()})
+        self._announced = True
+
+    def begin(self) -> None:
+        """Remove the record of the run before: this one takes place."""
+        remove_record(self.folder)
+        if not self._announced:
+            self._file.truncate(0)  # only files are written, and no line will say that they are newer
+        self._begun = True
 
     def append(self, kind: str, content: Mapping[str, Any]) -> None:
         """Write one entry through to the disk.
@@ -89,11 +95,12 @@ class Journal:
         self._finished = True
 
     def release(self) -> None:
-        """Give the folder back; a journal that holds nothing, or nothing more than ``run.json``, goes with it."""
+        """Give the folder back; a journal goes when ``run.json`` holds all of it, or the run never began."""
         if self._file.closed:
             return
-        nothing = not self._begun and os.fstat(self._file.fileno()).st_size == 0
-        if self._finished or nothing:
+        if not self._begun:
+            self._file.truncate(self._bytes_before)
+        if self._finished or not (self._begun or self._bytes_before):
             # While it is locked: who opened it before that will see that it is another file now.
             self.path.unlink(missing_ok=True)
         self._file.close()
@@ -109,23 +116,26 @@ def remove_record(folder: Path) -> None:
 
 def is_going_on(path: Path) -> bool:
     """Say whether the run of this journal still goes on."""
-    with path.open("rb") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return True
-        return False
+    asking = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # a pipe of this name would keep one waiting
+    try:
+        fcntl.flock(asking, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(asking)
+    return False
 
 
-def _open_locked(path: Path) -> IO[bytes]:
+def _open_locked(path: Path) -> FileIO:
     for attempt in range(_TRIES):
         if attempt:
             time.sleep(_BETWEEN_TRIES_S)
-        file = path.open("ab", buffering=0)
+        file = path.open("a+b", buffering=0)
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             # The run that had it may have removed it between the two steps: then it is nobody's.
             if os.path.samestat(os.fstat(file.fileno()), path.stat()):
+                file.seek(0)
                 return file
         except (BlockingIOError, FileNotFoundError):
             pass
@@ -137,10 +147,10 @@ def _open_locked(path: Path) -> IO[bytes]:
 
 
 def _holder(path: Path) -> str:
-    """Return who holds a journal, as far as its first line tells."""
+    """Return who holds a journal, as far as the first line of its run tells."""
     try:
-        with path.open("rb") as file:
-            start = json.loads(file.readline())
+        starts = [line for line in path.read_bytes().split(b"\n")[:-1] if line.startswith(b'{"kind": "start"')]
+        start = json.loads(starts[-1])
         return f"process {start['process']} on {start['environment']['host']}, since {start['started_utc']}"
     except (OSError, ValueError, LookupError, TypeError):
         return "another run that has just begun"

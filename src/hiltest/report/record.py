@@ -343,16 +343,17 @@ def _json(value: object) -> str:
 
 def _field(name: str, value: Any) -> str:
     if name == "tables":
-        return _lines([
-            f"{{{_json('name')}: {_json(table['name'])}, {_json('columns')}: {_json(table['columns'])},\n"
-            f"  {_json('rows')}: {_lines([_json(row) for row in table['rows']], indent='   ')}}}"
-            for table in value
-        ])
+        return _lines([_table_text(table) for table in value])
     if name == "comparison" and value is not None:
         return "{" + ",\n ".join(f"{_json(key)}: {_field(key, each)}" for key, each in value.items()) + "}"
     if name in ("tests", "measurements", "other_attempts", "differences"):
         return _lines([_json(each) for each in value])
     return json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False)
+
+
+def _table_text(table: Mapping[str, Any]) -> str:
+    others = "".join(f"{_json(key)}: {_json(each)}, " for key, each in table.items() if key != "rows")
+    return f"{{{others.rstrip()}\n  {_json('rows')}: {_lines([_json(row) for row in table['rows']], indent='   ')}}}"
 
 
 def _lines(texts: Sequence[str], indent: str = " ") -> str:

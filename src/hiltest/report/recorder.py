@@ -31,21 +31,27 @@ _PACKAGES = ("hiltest", "pytest", "unicorn", "capstone", "pyelftools", "numpy", 
 
 
 class Recorder:
-    """Collects what a session finds and writes it into the folder of its journal."""
+    """Collects what a session finds and writes it into the folder of its journal.
 
-    def __init__(
-        self, journal: Journal, *, suite: Literal["gate", "full"], poses: str,
-        calibration: CalibrationRecord | None = None,
-    ) -> None:
+    The record of the run before stays in the folder until `begin`: it is not yet sure that this one takes place.
+    """
+
+    def __init__(self, journal: Journal, *, suite: Literal["gate", "full"], poses: str) -> None:
         self.folder = journal.folder
-        self.findings = Findings(describe_host(), suite, poses, utc_now(), calibration=calibration)
+        self.findings = Findings(describe_host(), suite, poses, utc_now())
         self._unwritten_measurements: list[Measurement] = []
         self._unwritten_tables: list[Table] = []
         self._journal = journal
-        journal.begin({
+        journal.announce({
             "schema": SCHEMA, "started_utc": self.findings.started_utc, "suite": suite, "poses": poses,
-            "calibration": calibration and asdict(calibration), "environment": asdict(self.findings.environment),
+            "environment": asdict(self.findings.environment),
         })
+
+    def begin(self, calibration: CalibrationRecord | None = None) -> None:
+        """Remove the record of the run before, and note the calibration file that is judged."""
+        self._journal.begin()
+        self.findings.calibration = calibration
+        self._journal.append("calibration", {"calibration": calibration and asdict(calibration)})
 
     def rig(self, rig: RigRecord, seed: int | None) -> None:
         """Note which rig the run is on."""
@@ -81,11 +87,19 @@ class Recorder:
         self._unwritten_measurements, self._unwritten_tables = [], []
 
     def finish(self, verdict: Verdict) -> Run:
-        """Write ``run.json``; the journal, which holds nothing more, goes when its folder is given back."""
+        """Write ``run.json``; the journal, which holds nothing more, goes with `release`."""
         run = self.findings.finish(verdict, utc_now())
+        comparison = run.comparison and asdict(run.comparison)
+        self._journal.append("end", {
+            "verdict": asdict(verdict), "finished_utc": run.finished_utc, "comparison": comparison,
+        })
         write_run(run, self.folder)
         self._journal.finish()
         return run
+
+    def release(self) -> None:
+        """Give the folder back, when every file is written."""
+        self._journal.release()
 
 
 def describe_host() -> Environment:

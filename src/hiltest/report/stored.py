@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from hiltest.errors import ConfigError
+from hiltest.report.attempts import marked
 from hiltest.report.journal import JOURNAL_FILE, is_going_on
 from hiltest.report.record import RUN_FILE, Run, Verdict, volatile_places
 from hiltest.report.schema import LARGEST_BYTES, check_schema, load_content, run_from
 from hiltest.report.verdict import unfinished_verdict
 from hiltest.strict_json import parse_json, read_bounded
 
+# A run can begin or finish between two looks at its folder.
 _TRIES = 3
-_NOT_YET = Verdict("cut short", 2, "", complete=False)
+_UNKNOWN = asdict(Verdict("cut short", 2, "", complete=False))
 _OTHERWISE = "render another record, or run again: hiltest run"
 
 
@@ -31,11 +34,14 @@ class StoredRun:
         of this.
     path : Path
         ``run.json`` or the journal.
+    ended : bool
+        Whether the run has come to its end, and the verdict is its own.
     """
 
     run: Run
     content: Mapping[str, Any]
     path: Path
+    ended: bool
 
 
 def read_stored(place: Path) -> StoredRun:
@@ -53,59 +59,55 @@ def read_stored(place: Path) -> StoredRun:
     """
     if not place.is_dir():
         return _from_journal(place) if place.name.endswith(".jsonl") else _from_record(place)
+    record, journal = place / RUN_FILE, place / JOURNAL_FILE
     for _ in range(_TRIES):
-        try:
-            return _from_folder(place)
-        except _MovedOnError:
-            continue
-    raise ConfigError(f"{place}: runs come and go in this folder; read it again when they are through")
+        if journal.exists():
+            with suppress(_NothingRecordedError):
+                stored = _from_journal(journal)
+                # Of a run that has come to its end run.json holds the same, once it is written.
+                return _from_record(record) if stored.ended and record.exists() else stored
+        if record.exists():
+            return _from_record(record)
+    raise ConfigError(f"{place}: no record of a run: neither {RUN_FILE} nor a line in {JOURNAL_FILE}")
 
 
-class _MovedOnError(ConfigError):
-    """A run has finished, and removed its journal, while it was being read."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(f"{path}: its run has finished, and {RUN_FILE} holds all of it")
-
-
-def _from_folder(folder: Path) -> StoredRun:
-    record, journal = folder / RUN_FILE, folder / JOURNAL_FILE
-    has_record = record.exists()
-    try:
-        has_lines, goes_on = journal.stat().st_size > 0, is_going_on(journal)
-    except FileNotFoundError:
-        if not has_record:
-            if record.exists():
-                raise _MovedOnError(journal) from None
-            raise ConfigError(f"{folder}: no record of a run: neither {RUN_FILE} nor {JOURNAL_FILE}") from None
-        return _from_record(record)
-    except OSError as error:
-        raise ConfigError(f"{journal}: {error.strerror or error}") from error
-    if has_lines:
-        return _from_record(record) if has_record else _from_journal(journal)
-    what = "has not begun to record yet" if goes_on else "was cut short before it began to record"
-    older = f"; {record} is of the run before" if has_record else ""
-    raise ConfigError(f"{folder}: the run that has this folder {what}{older}")
+class _NothingRecordedError(ConfigError):
+    """A journal that is gone again, or in which no run has written its first line yet."""
 
 
 def _from_record(path: Path) -> StoredRun:
     content = load_content(path)
-    return StoredRun(run_from(content, path), content, path)
+    return StoredRun(run_from(content, path), content, path, ended=True)
 
 
 def _from_journal(path: Path) -> StoredRun:
+    # In this order: a run that is cut short between the two still counts as one that goes on, and none that has
+    # come to its end counts as cut short.
     try:
         going_on = is_going_on(path)
         lines = read_bounded(path, largest_bytes=LARGEST_BYTES, otherwise=_OTHERWISE).split(b"\n")
     except (OSError, ConfigError) as error:
-        if not path.exists() and (path.parent / RUN_FILE).exists():
-            raise _MovedOnError(path) from None
-        raise ConfigError(f"{path}: {error.strerror}" if isinstance(error, OSError) else str(error)) from error
+        said = f"{path}: {error.strerror}" if isinstance(error, OSError) else str(error)
+        raise (ConfigError if path.exists() else _NothingRecordedError)(said) from error
     # What follows the last line's end was being written when the process ended.
-    content = _replayed(path, [_entry(path, number, line) for number, line in enumerate(lines[:-1], 1)])
+    entries = [_entry(path, number, line) for number, line in enumerate(lines[:-1], 1)]
+    starts = [index for index, entry in enumerate(entries) if entry.get("kind") == "start"]
+    if not starts:
+        raise _NothingRecordedError(f"{path}: no run has written its first line; {_OTHERWISE}")
+    content = _replayed(path, entries[starts[-1]:], first_line=starts[-1] + 1)
     run = run_from(content, path)
-    run = replace(run, verdict=unfinished_verdict(run, going_on=going_on), volatile=volatile_places(run))
-    return StoredRun(run, {**content, "verdict": asdict(run.verdict), "volatile": run.volatile}, path)
+    ended = content["verdict"] is not _UNKNOWN
+    several = {each.name for each in run.other_attempts}
+    run = replace(
+        run, verdict=run.verdict if ended else unfinished_verdict(run, going_on=going_on),
+        measurements=tuple(marked(each) if each.name in several else each for each in run.measurements),
+    )
+    run = replace(run, volatile=volatile_places(run))
+    noted = [
+        {**read, "note": each.note} for read, each in zip(content["measurements"], run.measurements, strict=True)
+    ]
+    settled = {"verdict": asdict(run.verdict), "measurements": noted, "volatile": run.volatile}
+    return StoredRun(run, content | settled, path, ended)
 
 
 def _entry(path: Path, number: int, line: bytes) -> dict[str, Any]:
@@ -118,24 +120,22 @@ def _entry(path: Path, number: int, line: bytes) -> dict[str, Any]:
     return entry
 
 
-def _replayed(path: Path, entries: list[dict[str, Any]]) -> dict[str, Any]:
+def _replayed(path: Path, entries: list[dict[str, Any]], *, first_line: int) -> dict[str, Any]:
     """Put the entries together as ``run.json`` would have them; what they hold is checked as its fields are."""
-    if not entries or entries[0].get("kind") != "start":
-        raise ConfigError(f"{path}: no journal of a run: it does not begin with a start; {_OTHERWISE}")
     start = {key: value for key, value in entries[0].items() if key not in ("kind", "process")}
     check_schema(path, start)
     content: dict[str, Any] = {
-        "schema": None, "verdict": asdict(_NOT_YET), "board": None, "rig": None, "seed": None, **start,
-        "finished_utc": start.get("started_utc"),
+        "schema": None, "board": None, "rig": None, "seed": None, "calibration": None, **start,
+        "finished_utc": start.get("started_utc"), "verdict": _UNKNOWN,
     }
     tests: list[Any] = []
     other_attempts: list[Any] = []
     measurements: dict[str, Any] = {}
     tables: dict[str, Any] = {}
-    for number, entry in enumerate(entries[1:], 2):
+    for number, entry in enumerate(entries[1:], first_line + 1):
         try:
-            if entry["kind"] in ("rig", "board"):
-                content |= {key: entry[key] for key in (entry["kind"], "seed")}
+            if entry["kind"] in ("rig", "board", "calibration", "end"):
+                content |= {key: value for key, value in entry.items() if key != "kind"}
             elif entry["kind"] == "test":
                 tests += [entry["test"]] if entry["test"] is not None else []
                 measurements |= {each["name"]: each for each in entry["measurements"]}
