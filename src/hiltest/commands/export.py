@@ -1,0 +1,58 @@
+"""``hiltest export``: a run's numbers for other tools."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from hiltest.errors import ConfigError
+
+_EXIT_CODES = """
+\b
+Exit codes:
+  0   written, whatever the verdict of the run
+  2   interrupted
+  4   usage: there is no record, no number for this format, or the file cannot be written
+"""
+
+
+@click.command(epilog=_EXIT_CODES)
+@click.argument("run", metavar="RUN", type=click.Path(path_type=Path))
+@click.option("--format", "form", required=True, type=click.Choice(["bencher", "github-action-benchmark"]),
+              help="bencher: Bencher Metric Format. github-action-benchmark: the list for its custom tools.")
+@click.option("--better", type=click.Choice(["smaller", "larger"]),
+              help="For github-action-benchmark: smaller for customSmallerIsBetter, larger for customBiggerIsBetter."
+                   "  [default: smaller]")
+@click.option("--out", metavar="FILE", type=click.Path(dir_okay=False, path_type=Path),
+              help="File to write.  [default: standard output]")
+def export(run: Path, form: str, better: str | None, out: Path | None) -> None:
+    """Write the numbers of RUN that get better one way, as JSON for a tool that keeps their history.
+
+    RUN is a run.json, its folder, the folder of a campaign or a baseline. What should be near zero is exported as its
+    magnitude; facts, such as a worst sector, are left out. Over several seeds it is the mean, the smallest and the
+    largest.
+    """
+    from hiltest.report.cloud_fit_exports import write_text
+    from hiltest.report.evidence import read_evidence
+    from hiltest.report.exports import bencher_json, exported, github_action_benchmark_json
+
+    if form == "bencher" and better is not None:
+        raise click.UsageError("--better is for github-action-benchmark: a file for Bencher holds both")
+    evidence = read_evidence(run)
+    for fault in evidence.faults:
+        click.echo(fault, err=True)
+    numbers = exported(evidence.measurements)
+    wanted = [each for each in numbers if form == "bencher" or each.larger_is_better == (better == "larger")]
+    if not wanted:
+        way = f"better when {better or 'smaller'}" if form != "bencher" else "better one way than the other"
+        raise ConfigError(f"{run}: no number in it is {way}")
+    if len(wanted) < len(numbers):
+        other = "smaller" if better == "larger" else "larger"
+        click.echo(f"{len(numbers) - len(wanted)} others are better when {other}: --better {other}", err=True)
+    text = bencher_json(wanted) if form == "bencher" else github_action_benchmark_json(wanted)
+    if out is None:
+        click.echo(text, nl=False)
+    else:
+        write_text(out, text)
+        click.echo(f"{out}: {len(wanted)} numbers", err=True)

@@ -1,0 +1,126 @@
+"""A run for tools that keep the history of numbers: Bencher, and the GitHub Action for continuous benchmarking.
+
+Both take any number by name, and neither knows which way one gets better: Bencher is told by a threshold for each of
+its measures, the action by the kind of its file. So only measurements with a sense are exported, what should be near
+zero as its magnitude, and each kind apart from the other. Their thresholds are ratios to earlier runs; limits and
+tolerances stay here.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from statistics import fmean
+from typing import Any
+
+from hiltest.comparison.evidence import Seed
+from hiltest.comparison.model import Sense
+from hiltest.comparison.rules import rule_of
+from hiltest.measurement import Limit, Measurement, round_significant
+
+MOST_NAME, MOST_MEASURE = 1024, 64
+"""Characters that Bencher keeps of the name of a benchmark, and of a measure."""
+
+
+@dataclass(frozen=True, slots=True)
+class Exported:
+    """One measurement as a number that gets better one way, on each seed that has it.
+
+    Attributes
+    ----------
+    name : str
+        With the cycle model of cycles: both tools compare what has the same name, and other models' cycles are others.
+    larger_is_better : bool
+    values : tuple of float or int
+        Finite, at least one.
+    """
+
+    name: str
+    unit: str
+    larger_is_better: bool
+    values: tuple[float | int, ...]
+    limit: Limit | None
+
+    @property
+    def mean(self) -> float | int:
+        """Over the seeds; the value itself of one."""
+        return self.values[0] if len(self.values) == 1 else round_significant(fmean(self.values)) or 0.0
+
+
+def exported(by_seed: Mapping[Seed, Mapping[str, Measurement]]) -> list[Exported]:
+    """Return all measurements with a sense that have a number, sorted by name.
+
+    Parameters
+    ----------
+    by_seed : mapping of seed to mapping of name to Measurement
+    """
+    names = sorted({name for measurements in by_seed.values() for name in measurements})
+    found = (_exported([each[name] for each in by_seed.values() if name in each]) for name in names)
+    return [each for each in found if each is not None]
+
+
+def bencher_json(numbers: list[Exported]) -> str:
+    """Return Bencher Metric Format: by benchmark and measure a value, over several seeds with smallest and largest.
+
+    The measure is named after the unit and the sense, since a threshold belongs to a measure.
+    """
+    return _json({each.name[:MOST_NAME]: {_measure(each): _metric(each)} for each in numbers})
+
+
+def github_action_benchmark_json(numbers: list[Exported]) -> str:
+    """Return the list for the action's tool ``customSmallerIsBetter`` or ``customBiggerIsBetter``.
+
+    Parameters
+    ----------
+    numbers : list of Exported
+        All of one sense, which the file itself does not say; the action refuses an empty list.
+    """
+    return _json([_entry(each) for each in numbers])
+
+
+def _exported(measurements: list[Measurement]) -> Exported | None:
+    kept = [each for each in measurements if each.value is not None and not each.volatile]
+    if not kept:
+        return None
+    latest = kept[-1]
+    sense = rule_of(latest.name, latest.limit).sense
+    if sense is Sense.NEITHER:
+        return None
+    values = [each.value for each in kept if each.value is not None]
+    name = latest.name
+    if sense is Sense.NEARER_ZERO:
+        name, values = f"{name}, magnitude", [abs(value) for value in values]
+    if latest.cycle_model:
+        name = f"{name} ({latest.cycle_model})"
+    return Exported(name, latest.unit, sense is Sense.LARGER, tuple(values), latest.limit)
+
+
+def _measure(number: Exported) -> str:
+    sense = f", {'larger' if number.larger_is_better else 'smaller'} is better"
+    return (number.unit or "value")[: MOST_MEASURE - len(sense)] + sense
+
+
+def _metric(number: Exported) -> dict[str, float | int]:
+    if len(number.values) == 1:
+        return {"value": number.mean}
+    return {"value": number.mean, "lower_value": min(number.values), "upper_value": max(number.values)}
+
+
+def _entry(number: Exported) -> dict[str, Any]:
+    entry: dict[str, Any] = {"name": number.name, "unit": number.unit, "value": number.mean}
+    if len(number.values) > 1:
+        widest = max(abs(value - number.mean) for value in number.values)
+        entry["range"] = f"± {round_significant(widest)}"
+    entry["extra"] = "\n".join(_extra(number))
+    return entry
+
+
+def _extra(number: Exported) -> Iterator[str]:
+    yield f"limit {number.limit}" if number.limit else "no limit"
+    if len(number.values) > 1:
+        yield f"mean of {len(number.values)} seeds, {min(number.values)} to {max(number.values)}"
+
+
+def _json(content: object) -> str:
+    return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
