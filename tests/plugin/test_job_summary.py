@@ -24,7 +24,7 @@ def summary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
-@pytest.mark.parametrize("options", [[]])
+@pytest.mark.parametrize("options", [[], ["-n", "2", "--dist", "loadgroup"]])
 def test_the_report_is_in_the_summary_once(pytester: pytest.Pytester, summary: Path, options: list[str]) -> None:
     pytester.makepyfile(SUITE.format(value=48))
     result = pytester.runpytest_subprocess(*options)

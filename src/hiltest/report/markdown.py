@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from hiltest.comparison.model import Change, Comparison, Difference, Side
-from hiltest.measurement import Measurement
-from hiltest.report import differences, overview, stream_overview
+from hiltest.comparison.words import SHOWN, moved, shown
+from hiltest.measurement import Measurement, readable
+from hiltest.report import overview, stream_overview
 from hiltest.report.markdown_text import folded, plain_text, table
 from hiltest.report.record import Run, TestResult
 from hiltest.report.terminal import shown_limit, shown_outcome, shown_value
@@ -23,11 +24,11 @@ def comparison_lines(comparison: Comparison) -> Iterator[str]:
     if comparison.obstacles:
         yield ""
         yield from (f"- not evaluated: {plain_text(each)}" for each in comparison.obstacles)
-    rows = [_changed(each) for each in differences.changed(comparison)]
+    rows = [_changed(each) for _, found in shown(comparison) for each in found]
     if rows:
         yield ""
         yield from table(["change", "measurement", "base", "new", "by", "tolerance", "limit", "outcome"], rows)
-    yield from ("", f"{plain_text(differences.counts(comparison))}.")
+    yield from ("", f"{_counts(comparison)}.")
     yield from folded("What was compared", table(
         ["", "base", "new"],
         ([name, old, new] for (name, old), (_, new) in zip(_side(comparison.base), _side(comparison.new), strict=True)),
@@ -63,14 +64,28 @@ def _changed(difference: Difference) -> list[str]:
     return [
         difference.change, difference.name,
         *(_with_unit(value, difference) for value in (difference.base, difference.new)),
-        differences.shown_delta(difference),
-        "" if difference.change in (Change.NEW, Change.GONE) else differences.shown_tolerance(difference),
+        moved(difference), "" if difference.delta is None else _tolerance(difference),
         limit, outcome + note,
     ]  # fmt: skip
 
 
 def _with_unit(value: float | None, difference: Difference) -> str:
-    return f"{differences.shown(value)} {difference.unit if value is not None else ''}".rstrip()
+    return "-" if value is None else f"{readable(value)} {difference.unit}".rstrip()
+
+
+def _tolerance(difference: Difference) -> str:
+    """Return how far it may move and still count as unchanged."""
+    absolute, relative = difference.tolerance.absolute, difference.tolerance.relative
+    if not absolute and not relative:
+        return "exact"
+    parts = [f"{readable(absolute)} {difference.unit}".rstrip()] if absolute else []
+    parts += [f"{100.0 * relative:g} %"] if relative else []
+    return " and ".join(parts)
+
+
+def _counts(comparison: Comparison) -> str:
+    numbers = ((len(comparison.of(change)), change) for change in (*SHOWN, Change.UNCHANGED))
+    return ", ".join(f"{number} {change}" for number, change in numbers if number) or "nothing to compare"
 
 
 def _side(side: Side) -> Iterator[tuple[str, str]]:

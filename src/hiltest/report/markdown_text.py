@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-import unicodedata
 from collections.abc import Iterable, Iterator
+
+from hiltest.report.legible import legible
 
 # What Markdown and GitHub's mathematics give a meaning.
 _SPECIAL = re.compile(r"([\\`*_{}\[\]<>#|~&$])")
@@ -23,9 +24,8 @@ def plain_text(text: str) -> str:
     >>> plain_text("see https://x")
     'see https:<!-- -->//x'
     """
-    one_line = _SPECIAL.sub(r"\\\1", " ".join(text.split()))
-    unlinked = _LINKED.sub(lambda match: f"{match[0][0]}<!-- -->{match[0][1:]}", one_line)
-    return "".join(map(_visible, unlinked))
+    escaped = _SPECIAL.sub(r"\\\1", legible(" ".join(text.split())))
+    return _LINKED.sub(lambda match: f"{match[0][0]}<!-- -->{match[0][1:]}", escaped)
 
 
 def table(headings: list[str], rows: Iterable[list[str]]) -> Iterator[str]:
@@ -78,9 +78,3 @@ def cut(text: str, most_bytes: int, whole_is: str) -> str:
 def _bytes(text: str) -> bytes:
     # A file's name may hold half a surrogate pair, which no encoding has.
     return text.encode("utf-8", errors="backslashreplace")
-
-
-def _visible(character: str) -> str:
-    """Write out what would be seen as nothing, or turn the text behind it around."""
-    hidden = unicodedata.category(character) in ("Cc", "Cf", "Cs")
-    return f"\\\\u{ord(character):04x}" if hidden else character

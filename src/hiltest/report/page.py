@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from urllib.parse import quote
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
 from hiltest.report.legible import legible
 
@@ -13,13 +13,14 @@ from hiltest.report.legible import legible
 _THOUSANDS = re.compile(r"(?<=\d) (?=\d{3}(?!\d))")
 
 
-def render(template: str, **content: object) -> str:
-    """Return a page.
+def render(template: str, *, package: str = "hiltest.report", **content: object) -> str:
+    """Return a page whose template is in a package.
 
     Every text in it is escaped, so a firmware called ``<script>`` shows as text; what would be unseen is named.
     """
+    loaders = [PackageLoader(each, ".") for each in dict.fromkeys((package, "hiltest.report"))]
     environment = Environment(
-        loader=PackageLoader("hiltest.report", "."), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+        loader=ChoiceLoader(loaders), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True, finalize=_shown,
     )
     environment.filters["beside"] = _beside
