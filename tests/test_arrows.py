@@ -43,6 +43,7 @@ ARROWS = """
     procedures  -> errors angles calibration orientation cloud rig_tables rig link boards
     report      -> errors strict_json angles measurement comparison calibration cloud procedures c_source imu_log
 
+    trend       -> errors strict_json measurement comparison report
     imu_calibration -> errors strict_json c_source calibration rig link boards virtual procedures
 """
 APPLICATION = frozenset({"commands"})

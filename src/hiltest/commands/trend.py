@@ -1,0 +1,70 @@
+"""``hiltest trend``: each measurement over the runs of a folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from hiltest.errors import ConfigError
+
+if TYPE_CHECKING:
+    from hiltest.trend.folder import Skipped
+
+_EXIT_CODES = """
+\b
+Exit codes:
+  0   there is a run, and the trend was shown, whatever became of the numbers
+  2   interrupted
+  4   usage: no such folder, no run in it, or the page cannot be written
+"""
+_NAMED_AT_MOST = 20
+
+
+@click.command(epilog=_EXIT_CODES)
+@click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
+@click.option("--html", metavar="FILE", type=click.Path(dir_okay=False, path_type=Path),
+              help="Page with a plot of each measurement.  [default: trend.html in DIR; with --json none]")
+@click.option("--all", "every", is_flag=True, help="Also show what has neither a limit nor a step.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON (hiltest.trend/1) and nothing else.")
+def trend(folder: Path, html: Path | None, every: bool, as_json: bool) -> None:
+    """Show each measurement over the runs, campaigns and baselines in DIR and the folders under it.
+
+    A step is a change beyond the measurement's tolerance from one run to the next of the same rig, cycle model and
+    seeds; runs of others are drawn apart. Files that are no records are named, and skipped.
+    """
+    from hiltest.report.cloud_fit_exports import write_text
+    from hiltest.trend.as_json import to_json
+    from hiltest.trend.folder import read_folder
+    from hiltest.trend.page import trend_page
+    from hiltest.trend.series import trend_of
+
+    entries, skipped = read_folder(folder)
+    if not entries:
+        raise ConfigError("\n".join([f"{folder}: no run in it", *map(_in_words, skipped[:_NAMED_AT_MOST])]))
+    found = trend_of(entries)
+    if as_json:
+        click.echo(to_json(found, skipped), nl=False)
+    else:
+        from hiltest.report.console import standard_output
+        from hiltest.trend.table import print_trend
+
+        print_trend(found, standard_output(), every=every)
+        _print_skipped(skipped)
+    if html is None and as_json:
+        return
+    page = html or folder / "trend.html"
+    write_text(page, trend_page(found, skipped))
+    click.echo(f"{page}", err=as_json)
+
+
+def _print_skipped(skipped: list[Skipped]) -> None:
+    for each in skipped[:_NAMED_AT_MOST]:
+        click.echo(_in_words(each), err=True)
+    if len(skipped) > _NAMED_AT_MOST:
+        click.echo(f"and {len(skipped) - _NAMED_AT_MOST} more; all of them are on the page", err=True)
+
+
+def _in_words(skipped: Skipped) -> str:
+    return f"skipped {skipped.file}: {skipped.reason}"

@@ -1,0 +1,1 @@
+"""Each measurement over the runs of a folder."""

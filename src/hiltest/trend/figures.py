@@ -1,0 +1,128 @@
+"""One small plot of each measurement over the runs of a folder."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+
+from hiltest.comparison.model import Change
+from hiltest.measurement import Limit, readable
+from hiltest.report.marks import KeyEntry, Mark, series
+from hiltest.report.svg import Figure, Point, nice_ticks
+from hiltest.trend.series import Measured, Series
+from hiltest.trend.series import Point as At
+
+_WIDTH, _HEIGHT = 340.0, 180.0
+_FEW = 60  # points that can still be told apart
+_STEPS = {
+    Change.BETTER: ("better", Mark.PLUS), Change.WORSE: ("worse", Mark.CROSS), Change.CHANGED: ("moved", Mark.DIAMOND),
+}  # fmt: skip
+_MARGIN = 0.08  # of the range, above and below
+# The axis writes six digits: a smaller range would have the same number at every tick.
+_LEAST_RANGE = 2e-3
+# A limit this many times further from zero than the values would press them flat; the caption tells it.
+_NEAR = 2.5
+
+
+def figure(measured: Measured, entries: int) -> Figure:
+    """Draw a measurement over entries that are numbered from 1, every line for itself."""
+    scale, unit = _scale(measured)
+    drawn = Figure(
+        title=measured.name, description=_in_words(measured), x_label="run", y_label=unit,
+        x_range=(0.5, max(entries, 1) + 0.5), y_range=_y_range(measured, scale), x_ticks=_run_ticks(entries),
+        width=_WIDTH, height=_HEIGHT,
+    )  # fmt: skip
+    for each in measured.series:
+        _draw(drawn, each, scale)
+    for change, (style, mark) in _STEPS.items():
+        at = [
+            (step.after + 1.0, point.value / scale) for each in measured.series for step in each.steps
+            for point in each.points if point.entry == step.after and step.difference.change is change
+        ]  # fmt: skip
+        drawn.marks(at, f"step {style}", mark, radius=6.0)
+    return drawn
+
+
+def step_key() -> list[KeyEntry]:
+    """Return what the marks of steps stand for."""
+    return [KeyEntry(f"a step: {change}", mark=mark, mark_style=f"step {style}")
+            for change, (style, mark) in _STEPS.items()]
+
+
+def _draw(drawn: Figure, measured: Series, scale: float) -> None:
+    for side in ("min", "max"):
+        for limit_line in _limit_lines(measured.points, side, scale, drawn.y_range):
+            drawn.line(limit_line, "limit")
+    style, mark = series(measured.line)
+    for point in measured.points:
+        if point.low < point.high:
+            drawn.line([(point.entry + 1.0, side / scale) for side in (point.low, point.high)], f"{style} spread")
+    points = [(point.entry + 1.0, point.value / scale) for point in measured.points]
+    drawn.line(_without_level_stretches(points), style)
+    if len(points) <= _FEW:
+        drawn.marks(points, f"{style} filled", mark, radius=2.5)
+
+
+def _limit_lines(
+    points: Sequence[At], side: str, scale: float, y_range: tuple[float, float]
+) -> Iterator[list[Point]]:
+    """Yield a level line for each stretch of runs with the same limit, where it lies within the plot."""
+    for value, stretch in groupby(points, key=lambda point: point.limit and getattr(point.limit, side)):
+        if value is not None and y_range[0] <= value / scale <= y_range[1]:
+            entries = [point.entry for point in stretch]
+            yield [(entries[0] + 0.5, value / scale), (entries[-1] + 1.5, value / scale)]
+
+
+def _without_level_stretches(points: Sequence[Point]) -> list[Point]:
+    """Leave out what lies on a level line between its neighbours: exact numbers hardly ever move."""
+    inner = zip(points, points[1:], points[2:], strict=False)
+    kept = [here for before, here, after in inner if not before[1] == here[1] == after[1]]
+    return [points[0], *kept, points[-1]]
+
+
+def _y_range(measured: Measured, scale: float) -> tuple[float, float]:
+    points = [point for each in measured.series for point in each.points]
+    low, high = min(point.low for point in points), max(point.high for point in points)
+    furthest = max(abs(low), abs(high))
+    sides = [side for point in points for side in _sides(point.limit) if abs(side) <= _NEAR * furthest]
+    low, high = min([low, *sides]), max([high, *sides])
+    least = max(_LEAST_RANGE * furthest, 1e-12) or 1.0
+    if furthest == 0.0 and not sides:
+        least = 1.0
+    pad = max(_MARGIN * (high - low), (least - (high - low)) / 2.0)
+    return (low - pad) / scale, (high + pad) / scale
+
+
+def _sides(limit: Limit | None) -> list[float]:
+    return [] if limit is None else [side for side in (limit.min, limit.max) if side is not None]
+
+
+def _scale(measured: Measured) -> tuple[float, str]:
+    """Return what values are divided by so that their digits fit beside the axis, and the unit with it."""
+    points = [point for each in measured.series for point in each.points]
+    largest = max(abs(value) for point in points for value in (point.low, point.high))
+    power = 3 * max(0, math.floor(math.log10(largest) / 3.0)) if largest >= 1e5 else 0
+    return 10.0**power, f"1e{power} {measured.unit}".strip() if power else measured.unit
+
+
+def _run_ticks(entries: int) -> Sequence[float]:
+    """Return whole numbers of runs."""
+    if entries <= 6:
+        return [float(number) for number in range(1, entries + 1)]
+    return [tick for tick in nice_ticks(1.0, float(entries)) if tick == int(tick)]
+
+
+def _in_words(measured: Measured) -> str:
+    """Return what the plot shows, for who does not see it."""
+    first = min((each.points[0] for each in measured.series), key=lambda point: point.entry)
+    last = max((each.points[-1] for each in measured.series), key=lambda point: point.entry)
+    words = (
+        f"From {readable(first.value)} in run {first.entry + 1} to {readable(last.value)} {measured.unit}".rstrip()
+        + f" in run {last.entry + 1}"
+    )
+    words += f", limit {measured.limit}" if measured.limit else ""
+    if len(measured.series) > 1:
+        words += f"; {len(measured.series)} conditions that are not compared"
+    steps = [f"run {step.after + 1} {step.difference.change}" for step in measured.steps]
+    return f"{words}. " + (f"Steps: {', '.join(steps)}." if steps else "No step.")

@@ -1,0 +1,161 @@
+"""Which runs there are in a folder, and in those under it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from fnmatch import fnmatchcase
+from pathlib import Path, PurePosixPath
+
+from hiltest.comparison.baseline import SCHEMA as BASELINE_SCHEMA
+from hiltest.comparison.baseline_file import read_baseline_evidence
+from hiltest.comparison.evidence import Evidence
+from hiltest.errors import ConfigError
+from hiltest.report.evidence import SEED_FOLDERS, evidence_of, together
+from hiltest.report.journal import JOURNAL_FILE
+from hiltest.report.record import RUN_FILE, Run
+from hiltest.report.record import SCHEMA as RUN_SCHEMA
+from hiltest.report.schema import LARGEST_BYTES, check_schema, run_from
+from hiltest.report.stored import read_stored
+from hiltest.strict_json import read_json, shown
+from hiltest.trend.series import Entry
+
+_RECORDS = frozenset({RUN_FILE, JOURNAL_FILE})
+_OTHERWISE = "it is skipped"
+_LARGEST = 1e30
+
+
+@dataclass(frozen=True, slots=True)
+class Skipped:
+    """A file that is no run, or cannot be read, and why."""
+
+    file: str
+    reason: str
+
+
+def read_folder(folder: Path) -> tuple[list[Entry], list[Skipped]]:
+    """Read every run, campaign and baseline in a folder and in those under it; hidden ones are left alone.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Returns
+    -------
+    entries : list of Entry
+        Called by their path from the folder.
+    skipped : list of Skipped
+        What has the name of a record or ends with ``.json``, and is none that can be read.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such folder.
+    """
+    if not folder.is_dir():
+        raise ConfigError(f"{folder}: no such folder; name one with records of runs in it")
+    entries: list[Entry] = []
+    skipped: list[Skipped] = []
+
+    def skip(path: Path, reason: str) -> None:
+        named, _, rest = reason.partition(": ")  # a file, where the path is its folder
+        is_there = rest and Path(named).is_relative_to(path)
+        skipped.append(Skipped(_called(Path(named) if is_there else path, folder), rest if is_there else reason))
+
+    def unreadable(error: OSError) -> None:
+        skip(Path(error.filename), error.strerror or str(error))
+
+    for name, subfolders, files in os.walk(folder, onerror=unreadable):
+        here = Path(name)
+        subfolders[:] = sorted(each for each in subfolders if not each.startswith("."))
+        runs = [here] if _RECORDS & set(files) else []
+        for path in [*runs, *(here / each for each in sorted(files) if _may_be_record(each))]:
+            try:
+                entries += _entries(path, _called(path, folder))
+            except ConfigError as error:
+                skip(path, str(error))
+    return _campaigns(entries), skipped
+
+
+def _called(path: Path, folder: Path) -> str:
+    return path.relative_to(folder).as_posix()
+
+
+def _may_be_record(name: str) -> bool:
+    return name.endswith(".json") and name not in _RECORDS
+
+
+def _entries(path: Path, called: str) -> Iterator[Entry]:
+    """Yield the run or baseline in a file or folder; nothing for another file of hiltest's own."""
+    if path.is_dir():
+        stored = read_stored(path)
+        yield _of_run(stored.run, stored.path, f"{called}/{stored.path.name}".removeprefix("./"))
+        return
+    content = read_json(path, largest_bytes=LARGEST_BYTES, otherwise=_OTHERWISE)
+    schema = content.get("schema") if isinstance(content, dict) else None
+    kind = schema.partition("/")[0] if isinstance(schema, str) else ""
+    if kind == _kind(BASELINE_SCHEMA):
+        evidence = read_baseline_evidence(path)
+        yield _checked(Entry(called, _time(evidence.side.saved_utc, path), _called_so(evidence, called)), path)
+    elif kind == _kind(RUN_SCHEMA):
+        check_schema(path, content)
+        yield _of_run(run_from(content, path), path, called)
+    elif not kind.startswith("hiltest."):
+        raise ConfigError(f"{path}: no record of hiltest's: schema is {shown(schema)}")
+
+
+def _kind(schema: str) -> str:
+    return schema.partition("/")[0]
+
+
+def _of_run(run: Run, path: Path, called: str) -> Entry:
+    if run.board is None:
+        raise ConfigError(f"{path}: no board answered ({run.verdict.outcome})")
+    return _checked(Entry(called, _time(run.started_utc, path), evidence_of(run, file=called)), path)
+
+
+def _checked(entry: Entry, path: Path) -> Entry:
+    """Refuse numbers that no sum or axis takes."""
+    for measurements in entry.evidence.measurements.values():
+        for each in measurements.values():
+            if each.value is not None and abs(each.value) > _LARGEST:
+                raise ConfigError(f"{path}: {shown(each.name)} is {each.value:g}, which nothing measures")
+    return entry
+
+
+def _called_so(evidence: Evidence, called: str) -> Evidence:
+    return replace(evidence, side=replace(evidence.side, file=called))
+
+
+def _time(text: str, path: Path) -> str:
+    """Return a time as all others are written, so that they sort."""
+    try:
+        return datetime.fromisoformat(text).astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    except (ValueError, OverflowError) as error:
+        raise ConfigError(f"{path}: began at {shown(text)}, which is no time") from error
+
+
+def _campaigns(entries: Sequence[Entry]) -> list[Entry]:
+    """Put the seeds of a campaign together, where they are of one build under one set of conditions."""
+    alone: list[Entry] = []
+    campaigns: dict[PurePosixPath, list[Entry]] = {}
+    for each in entries:
+        seed_folder = PurePosixPath(each.file).parent
+        is_seed = fnmatchcase(seed_folder.name, SEED_FOLDERS)
+        (campaigns.setdefault(seed_folder.parent, []) if is_seed else alone).append(each)
+    for folder, seeds in campaigns.items():
+        joined = together([each.evidence for each in seeds], str(folder))
+        alike = {(each.evidence.conditions, _build(each)) for each in seeds}
+        if len(alike) > 1 or len(joined.measurements) < len(seeds):
+            alone += seeds
+        else:
+            alone.append(Entry(str(folder), min(each.when_utc for each in seeds), joined))
+    return alone
+
+
+def _build(entry: Entry) -> tuple[str, ...]:
+    """Return what firmware made the numbers of an entry."""
+    side = entry.evidence.side
+    return side.firmware, side.version, side.build_id, side.compiler, side.cycle_model

@@ -1,0 +1,202 @@
+"""Measurements over runs: what belongs together, and where it made a step."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from statistics import fmean
+
+from hiltest.comparison.difference import Pairs, difference
+from hiltest.comparison.evidence import Evidence, Seed
+from hiltest.comparison.model import Change, Difference
+from hiltest.measurement import Limit, Measurement, Outcome
+
+_MOVED = (Change.BETTER, Change.WORSE, Change.CHANGED)
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A run, a campaign of several seeds or a baseline, with the time that it stands for."""
+
+    file: str
+    when_utc: str
+    evidence: Evidence
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """What runs must share for their numbers to be joined: rig, cycle model, seeds, and how they were judged."""
+
+    rig: str
+    rig_sha256: str
+    board: str
+    cycle_model: str
+    sensors: tuple[str, ...]
+    poses: str
+    calibrated: bool
+    seeds: tuple[Seed, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """One measurement of one entry: over several seeds their mean, the smallest and the largest."""
+
+    entry: int
+    value: float
+    low: float
+    high: float
+    limit: Limit | None
+    outcome: str
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """A change beyond the tolerance, from one entry to the next of the same line that has the number."""
+
+    before: int
+    after: int
+    difference: Difference
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """One measurement of one line, in the order of time; `line` counts in `Trend.lines`."""
+
+    line: int
+    cycle_model: str
+    points: tuple[Point, ...]
+    steps: tuple[Step, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """One measurement over all entries."""
+
+    name: str
+    unit: str
+    series: tuple[Series, ...]
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """Of all its series, in the order of time."""
+        return tuple(sorted((step for each in self.series for step in each.steps), key=lambda step: step.after))
+
+    @property
+    def limit(self) -> Limit | None:
+        """The newest."""
+        newest = max((each.points[-1] for each in self.series), key=lambda point: point.entry)
+        return newest.limit
+
+
+@dataclass(frozen=True, slots=True)
+class Trend:
+    """All measurements, by name, over entries in the order of time; `line_of` says on which line each entry is."""
+
+    entries: tuple[Entry, ...]
+    lines: tuple[Line, ...]
+    line_of: tuple[int, ...]
+    measured: tuple[Measured, ...]
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """Of all measurements, the newest first."""
+        steps = (step for each in self.measured for step in each.steps)
+        return tuple(sorted(steps, key=lambda step: (-step.after, step.difference.name)))
+
+
+def trend_of(entries: Sequence[Entry]) -> Trend:
+    """Join what was measured under the same conditions, and find the steps.
+
+    Parameters
+    ----------
+    entries : sequence of Entry
+        In any order; what no board answered has no place in it.
+
+    Returns
+    -------
+    Trend
+        A step is a change that the comparison of the two runs would call better, worse or changed.
+    """
+    in_time = tuple(sorted(entries, key=lambda each: (each.when_utc, each.file)))
+    line_of = [conditions_of(entry) for entry in in_time]
+    lines: dict[Line, list[int]] = {}
+    for index, line in enumerate(line_of):
+        lines.setdefault(line, []).append(index)
+    found: dict[tuple[str, str], list[Series]] = {}
+    for number, indices in enumerate(lines.values()):
+        for key, numbers in _numbers(in_time, indices).items():
+            found.setdefault((key.name, key.unit), []).append(_series(key, number, in_time, numbers))
+    measured = tuple(Measured(name, unit, tuple(found[name, unit])) for name, unit in sorted(found))
+    numbers_of = {line: number for number, line in enumerate(lines)}
+    return Trend(in_time, tuple(lines), tuple(numbers_of[line] for line in line_of), measured)
+
+
+def conditions_of(entry: Entry) -> Line:
+    """Return what an entry shares with those that it is joined with."""
+    side, conditions = entry.evidence.side, entry.evidence.conditions
+    seeds = tuple(sorted(entry.evidence.measurements, key=lambda seed: -1 if seed is None else seed))
+    if conditions is None:
+        return Line(side.rig, "", "", side.cycle_model, (), "", calibrated=False, seeds=seeds)
+    return Line(
+        side.rig, conditions.rig_sha256, conditions.board, side.cycle_model, conditions.sensors, conditions.poses,
+        calibrated=conditions.calibrated, seeds=seeds,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class _Key:
+    """What numbers of one line must share beside: those of another unit or model are other numbers."""
+
+    name: str
+    unit: str
+    cycle_model: str
+
+
+# By entry and seed.
+_Numbers = dict[int, dict[Seed, Measurement]]
+
+
+def _numbers(entries: Sequence[Entry], indices: Sequence[int]) -> dict[_Key, _Numbers]:
+    """Return what some entries measured; what is volatile says nothing about the firmware."""
+    found: dict[_Key, _Numbers] = {}
+    for index in indices:
+        for seed, measurements in entries[index].evidence.measurements.items():
+            for each in measurements.values():
+                if each.value is not None and not each.volatile:
+                    key = _Key(each.name, each.unit, each.cycle_model)
+                    found.setdefault(key, {}).setdefault(index, {})[seed] = each
+    return found
+
+
+def _series(key: _Key, line: int, entries: Sequence[Entry], numbers: _Numbers) -> Series:
+    points = tuple(_point(index, by_seed) for index, by_seed in numbers.items())
+    return Series(line, key.cycle_model, points, tuple(_steps(key.name, entries, numbers)))
+
+
+def _point(index: int, by_seed: Mapping[Seed, Measurement]) -> Point:
+    values = [float(each.value) for each in by_seed.values() if each.value is not None]
+    shown = _judged(by_seed)
+    return Point(index, fmean(values), min(values), max(values), shown.limit, str(shown.outcome))
+
+
+def _steps(name: str, entries: Sequence[Entry], numbers: _Numbers) -> Iterator[Step]:
+    for (before, base), (after, new) in pairwise(numbers.items()):
+        paired = base.keys() & new.keys()
+        if all(base[seed].value == new[seed].value for seed in paired):
+            continue
+        evidence = entries[after].evidence
+        pairs = Pairs(name, *({seed: _unjudged(side[seed]) for seed in paired} for side in (base, new)))
+        found = difference(pairs, evidence.conditions.board if evidence.conditions else "", evidence.tolerances)
+        if found.change in _MOVED:
+            yield Step(before, after, replace(found, outcome=str(_judged(new).outcome)))
+
+
+def _unjudged(measurement: Measurement) -> Measurement:
+    """Return the number alone: a limit that was moved is no step of what it limits."""
+    return replace(measurement, outcome=Outcome.INFORMATION)
+
+
+def _judged(by_seed: Mapping[Seed, Measurement]) -> Measurement:
+    """Return one of several seeds: one that gates, if any."""
+    return next((each for each in by_seed.values() if each.gates), next(iter(by_seed.values())))

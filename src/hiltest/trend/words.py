@@ -1,0 +1,78 @@
+"""A trend in words, the same at the terminal and on the page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from hiltest.comparison.model import Side
+from hiltest.comparison.words import numbers
+from hiltest.measurement import readable
+from hiltest.trend.series import Line, Measured, Step, Trend
+
+HEADINGS = ("measurement", "runs", "first", "last", "lowest", "highest", "unit", "limit", "steps")
+NUMERIC = frozenset({"runs", "first", "last", "lowest", "highest"})
+
+
+def sentence(trend: Trend) -> str:
+    """Return what became of all measurements, in one sentence."""
+    runs, steps = len(trend.entries), trend.steps
+    span = f"{runs} run{'s' * (runs > 1)} from {trend.entries[0].when_utc} to {trend.entries[-1].when_utc}"
+    lines = f" under {len(trend.lines)} conditions that are not compared" if len(trend.lines) > 1 else ""
+    if not steps:
+        return f"{span}{lines}: no step in {len(trend.measured)} measurements."
+    stepped = sum(bool(each.steps) for each in trend.measured)
+    newest = steps[0]
+    last = f"the last in run {newest.after + 1}: {newest.difference.name} {numbers(newest.difference)}"
+    many = f"{len(steps)} step{'s' * (len(steps) > 1)} in {stepped} of {len(trend.measured)} measurements"
+    return f"{span}{lines}: {many}, {last}."
+
+
+def row(measured: Measured) -> tuple[str, ...]:
+    """Return a measurement under `HEADINGS`; the last cell counts steps, and says in which run the last was made."""
+    points = sorted((point for each in measured.series for point in each.points), key=lambda point: point.entry)
+    steps = measured.steps
+    return (
+        measured.name, str(len(points)), readable(points[0].value), readable(points[-1].value),
+        readable(min(point.low for point in points)), readable(max(point.high for point in points)), measured.unit,
+        str(measured.limit or ""), f"{len(steps)}, last in run {steps[-1].after + 1}" if steps else "",
+    )  # fmt: skip
+
+
+def between(trend: Trend, step: Step) -> str:
+    """Return what differs in what made the runs before and after a step."""
+    before, after = (trend.entries[index].evidence.side for index in (step.before, step.after))
+    return "; ".join(_changes(before, after)) or "the same build"
+
+
+def line_name(trend: Trend, line: Line) -> str:
+    """Return how a line is told from the others of a trend: by what they do not all share."""
+    shown = dict(_of_line(line))
+    others = [dict(_of_line(each)) for each in trend.lines]
+    told = [text for name, text in shown.items() if any(other[name] != text for other in others)]
+    return ", ".join(told) or line.rig
+
+
+def _of_line(line: Line) -> Iterator[tuple[str, str]]:
+    yield "rig", f"rig {line.rig}"
+    yield "conditions", f"conditions {line.rig_sha256[:8] or 'not recorded'}"
+    yield "board", f"{line.board or 'no'} board"
+    yield "seeds", seeds_in_words(line.seeds)
+    yield "cycle model", line.cycle_model
+    yield "poses", f"poses {line.poses}"
+    yield "sensors", f"sensors {' '.join(line.sensors)}"
+    yield "calibrated", f"with{'' if line.calibrated else 'out'} a calibration file"
+
+
+def seeds_in_words(seeds: tuple[int | None, ...]) -> str:
+    """Return seeds shortly: ``seed 1``, ``100 seeds, 1 to 100``."""
+    numbered = [seed for seed in seeds if seed is not None]
+    if not numbered:
+        return "no seed"
+    return f"seed {numbered[0]}" if len(numbered) == 1 else f"{len(numbered)} seeds, {numbered[0]} to {numbered[-1]}"
+
+
+def _changes(before: Side, after: Side) -> Iterator[str]:
+    for name in ("firmware", "version", "build_id", "compiler"):
+        was, now = getattr(before, name), getattr(after, name)
+        if was != now:
+            yield f"{name.removesuffix('_id')} {was} -> {now}"

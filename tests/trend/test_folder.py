@@ -1,0 +1,118 @@
+"""What a folder holds: runs, campaigns and baselines however deep; all else is named and left alone."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from hiltest.comparison.baseline import baseline_of
+from hiltest.comparison.baseline_file import to_json
+from hiltest.errors import ConfigError
+from hiltest.report.evidence import read_evidence
+from hiltest.trend.folder import read_folder
+
+from .entries import cycles
+
+WriteRun = Callable[..., Path]
+
+
+def read(folder: Path) -> tuple[list[str], dict[str, str]]:
+    entries, skipped = read_folder(folder)
+    return sorted(each.file for each in entries), {each.file: each.reason for each in skipped}
+
+
+def test_runs_are_found_however_deep_and_whatever_they_are_called(tmp_path: Path, write: WriteRun) -> None:
+    write(".", 1, cycles(1))
+    write("a/b/c", 2, cycles(1))
+    (tmp_path / "kept").mkdir()
+    write("d", 3, cycles(1)).rename(tmp_path / "kept" / "2026-01-03.json")
+    assert read(tmp_path) == (["a/b/c/run.json", "kept/2026-01-03.json", "run.json"], {})
+
+
+def test_the_time_of_a_run_is_when_it_began(tmp_path: Path, write: WriteRun) -> None:
+    write("a", 1, cycles(1), hour=7)
+    assert read_folder(tmp_path)[0][0].when_utc == "2026-01-01T07:00:00Z"
+
+
+def test_a_baseline_is_an_entry_of_the_time_it_was_saved(tmp_path: Path, write: WriteRun) -> None:
+    run = write("a", 1, cycles(11_061))
+    (tmp_path / "base.json").write_text(to_json(baseline_of(read_evidence(run), "2026-01-05T00:00:00Z")))
+    entries, skipped = read_folder(tmp_path)
+    assert skipped == []
+    assert [(each.file, each.when_utc) for each in entries] == [
+        ("base.json", "2026-01-05T00:00:00Z"), ("a/run.json", "2026-01-01T00:00:00Z"),
+    ]  # fmt: skip
+    assert entries[0].evidence.measurements[1]["cycles.direct.total"].value == 11_061
+
+
+def test_the_seeds_of_a_campaign_are_one_entry(tmp_path: Path, write: WriteRun) -> None:
+    for seed in (1, 2, 3):
+        write(f"night/seed-{seed:04d}", 4, cycles(100 + seed), seed=seed, hour=4 - seed)
+    (tmp_path / "night" / "seeds.json").write_text('{"schema": "hiltest.seeds/1"}')
+    (campaign,), skipped = read_folder(tmp_path)
+    assert skipped == []
+    assert (campaign.file, campaign.when_utc) == ("night", "2026-01-04T01:00:00Z")
+    assert set(campaign.evidence.measurements) == {1, 2, 3}
+
+
+@pytest.mark.parametrize("other", [{"build": "another"}, {"seed": 1}])
+def test_seeds_that_are_no_campaign_are_entries_each(
+    tmp_path: Path, write: WriteRun, other: dict[str, object]
+) -> None:
+    write("night/seed-0001", 4, cycles(1), seed=1)
+    write("night/seed-0002", 4, cycles(1), **({"seed": 2} | other))
+    assert read(tmp_path)[0] == ["night/seed-0001/run.json", "night/seed-0002/run.json"]
+
+
+def test_foreign_and_corrupt_files_are_named_with_the_reason_and_the_rest_is_read(
+    tmp_path: Path, write: WriteRun
+) -> None:
+    write("good", 1, cycles(1))
+    write("cut", 2, cycles(1))
+    whole = (tmp_path / "cut" / "run.json").read_text()
+    (tmp_path / "cut" / "run.json").write_text(whole[: len(whole) // 2])
+    (tmp_path / "newer.json").write_text(json.dumps({"schema": "hiltest.run/2"}))
+    (tmp_path / "package.json").write_text("{}")
+    (tmp_path / "list.json").write_text("[1]")
+    (tmp_path / "deep.json").write_text("[" * 100_000)
+    (tmp_path / "when.json").write_text(whole.replace('"2026-01-02T00:00:00Z"', '"<b>yesterday"'))
+    (tmp_path / "huge.json").write_text(whole.replace('"value": 1,', '"value": 1e308,'))
+    (tmp_path / "binary.json").write_bytes(b"\xff\x00")
+    os.mkfifo(tmp_path / "pipe.json")
+    (tmp_path / "gone.json").symlink_to("nowhere")
+    entries, skipped = read(tmp_path)
+    assert entries == ["good/run.json"]
+    begins = {
+        "cut/run.json": "not JSON: ", "newer.json": 'schema is "hiltest.run/2", this hiltest reads "hiltest.run/1"',
+        "package.json": "no record of hiltest's: schema is null", "list.json": "no record of hiltest's",
+        "deep.json": "not JSON: nested", "when.json": 'began at "<b>yesterday", which is no time',
+        "huge.json": '"cycles.direct.total" is 1e+308, which nothing measures', "binary.json": "not JSON: ",
+        "pipe.json": "not a regular file", "gone.json": "No such file",
+    }  # fmt: skip
+    assert skipped.keys() == begins.keys()
+    for file, reason in begins.items():
+        assert skipped[file].startswith(reason), (file, skipped[file])
+
+
+def test_other_files_of_hiltest_and_hidden_folders_are_no_news(tmp_path: Path, write: WriteRun) -> None:
+    write("a", 1, cycles(1))
+    write(".git", 2, cycles(1))
+    (tmp_path / "fit.json").write_text('{"schema": "hiltest.fit/1"}')
+    (tmp_path / "a" / "report.html").write_text("<p>")
+    assert read(tmp_path) == (["a/run.json"], {})
+
+
+def test_a_run_without_a_board_has_no_trend(tmp_path: Path, write: WriteRun) -> None:
+    path = write("a", 1, cycles(1))
+    content = json.loads(path.read_text()) | {"board": None}
+    path.write_text(json.dumps(content))
+    assert read(tmp_path) == ([], {"a/run.json": "no board answered (pass)"})
+
+
+def test_a_folder_that_is_none_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="no such folder"):
+        read_folder(tmp_path / "gone")

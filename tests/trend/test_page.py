@@ -1,0 +1,110 @@
+"""The page of a trend: self-contained, readable without seeing it, and safe with hostile names."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+from hiltest.measurement import Limit, judge
+from hiltest.trend.figures import figure
+from hiltest.trend.folder import Skipped
+from hiltest.trend.page import trend_page
+from hiltest.trend.series import Trend, trend_of
+
+from .entries import cycles, degrees, entry
+
+HOSTILE = "<script>alert('x')</script>|`\"&"
+
+
+def step_at_run_4() -> Trend:
+    return trend_of([
+        entry(day, cycles(11_061 if day < 4 else 11_161), degrees(1.0), build="old" if day < 4 else "new")
+        for day in range(1, 8)
+    ])  # fmt: skip
+
+
+def test_steps_come_first_with_what_changed_between_the_builds() -> None:
+    page = trend_page(step_at_run_4(), [])
+    steps = page[page.index('id="steps"'): page.index("Dashed in green")]
+    assert re.search(r"<td>4</td><td class=\"worse\">worse</td>.*cycles\.direct\.total", steps)
+    assert "11 061 -&gt; 11 161 cycles (+100, +0.9 %; limit at most 12 500)" in steps.replace("\xa0", " ")
+    assert "build old -&gt; new" in steps
+    assert page.index("Measurements with a step") < page.index("<h2>heading</h2>")
+
+
+def test_every_measurement_is_drawn_and_told_in_words() -> None:
+    page = trend_page(step_at_run_4(), [])
+    assert page.count('role="img"') == 2
+    assert (
+        "From 11 061 in run 1 to 11 161 cycle in run 7, limit at most 12 500. Steps: run 4 worse." in page
+    )
+    assert "No step." in page
+
+
+def test_a_step_is_marked_where_it_is_and_a_limit_where_it_holds() -> None:
+    (measured, _) = step_at_run_4().measured
+    drawn = figure(measured, 7)
+    svg = str(drawn.svg())
+    x, y = drawn.place(4.0, 11_161)
+    assert f'<path class="mark step worse" transform="translate({x:.1f} {y:.1f})' in svg
+    assert svg.count("mark step") == 1
+    (left, limit_y), (right, _) = drawn.place(0.5, 12_500), drawn.place(7.5, 12_500)
+    assert f'<path class="limit" d="M{left:.1f} {limit_y:.1f}L{right:.1f} {limit_y:.1f}"/>' in svg
+
+
+def test_lines_of_other_conditions_are_not_joined() -> None:
+    trend = trend_of([entry(1, cycles(100)), entry(2, cycles(200, model="b"), model="b"), entry(3, cycles(100))])
+    drawn = figure(trend.measured[0], 3)
+    (left, y), (right, _) = drawn.place(1.0, 100), drawn.place(3.0, 100)
+    svg = str(drawn.svg())
+    assert f'<path class="series-0" d="M{left:.1f} {y:.1f}L{right:.1f} {y:.1f}"/>' in svg
+    assert 'class="series-1"' in svg
+    assert "2 conditions that are not compared" in svg
+    key = re.findall(r"</svg>([^<]*)</li>", trend_page(trend, []))
+    assert key == ["cortex-m4-trm/1@sram", "b"], "what tells one line from the other, and no step"
+
+
+def test_a_limit_far_away_does_not_press_the_values_flat() -> None:
+    near, far = (trend_of([entry(day, cycles(100 + day, limit=limit)) for day in (1, 2)]) for limit in (150, 100_000))
+    assert figure(near.measured[0], 2).y_range[1] > 150
+    assert figure(far.measured[0], 2).y_range[1] < 110
+    assert "limit at most 100 000" in str(figure(far.measured[0], 2).svg())
+
+
+def test_numbers_of_any_size_have_ticks_that_differ() -> None:
+    for value in (0.0, 1e-30, 3.0, 123_456.0, 9.87e12, -5.0):
+        for more in (0.0, 1e-9 * abs(value), abs(value)):
+            trend = trend_of([entry(1, degrees(value)), entry(2, degrees(value + more))])
+            svg = str(figure(trend.measured[0], 2).svg())
+            labels = re.findall(r'text-anchor="end">([^<]*)<', svg)
+            assert len(labels) == len(set(labels)) >= 2, (value, more, labels)
+
+
+def test_a_level_line_of_many_runs_is_two_points() -> None:
+    trend = trend_of([entry(day, cycles(100, limit=None)) for day in range(1, 29)])
+    paths = re.findall(r'<path class="series-0" d="([^"]*)"', str(figure(trend.measured[0], 28).svg()))
+    assert [path.count("L") for path in paths] == [1]
+
+
+def test_a_campaign_shows_its_spread() -> None:
+    trend = trend_of([entry(1, seeds={1: (degrees(1.0),), 2: (degrees(3.0),)})])
+    drawn = figure(trend.measured[0], 1)
+    (x, low), (_, high) = drawn.place(1.0, 1.0), drawn.place(1.0, 3.0)
+    assert f'class="series-0 spread" d="M{x:.1f} {low:.1f}L{x:.1f} {high:.1f}"' in str(drawn.svg())
+
+
+def test_the_page_needs_no_network_and_hostile_names_show_as_text() -> None:
+    hostile = entry(1, judge(HOSTILE, 1.0, unit=HOSTILE, limit=Limit(max=2)), build=HOSTILE, file=HOSTILE)
+    trend = trend_of([hostile, replace(hostile, when_utc="2026-01-02T00:00:00Z")])
+    page = trend_page(trend, [Skipped(HOSTILE, HOSTILE)])
+    assert "<script" not in page
+    assert page.count("&lt;script&gt;") >= 8
+    assert not re.search(r"(src|href|url\(|@import|https?:)", page)
+    assert "prefers-color-scheme: dark" in page
+
+
+def test_every_region_of_the_page_has_a_name_and_every_id_is_there_once() -> None:
+    page = trend_page(step_at_run_4(), [])
+    ids = re.findall(r'id="([^"]*)"', page)
+    assert len(ids) == len(set(ids))
+    assert set(re.findall(r'aria-labelledby="([^"]*)"', page)) <= set(ids)
