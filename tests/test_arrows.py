@@ -34,8 +34,9 @@ ARROWS = """
     c_source    ->
     bench_files -> errors
     rig_tables  -> angles
+    rig_world   -> rig_tables
     rig_conditions -> rig
-    rig         -> errors measurement comparison rig_tables sensors world
+    rig         -> errors measurement comparison rig_tables rig_world sensors world
     rig_file    -> errors measurement comparison rig_tables rig
 
     link        -> errors angles calibration

@@ -15,8 +15,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 from hiltest.comparison.model import Tolerance
 from hiltest.measurement import Limit
 from hiltest.rig_tables import (
-    MAGNETOMETER_PARTS,
-    MAGNETOMETER_RANGE_UT,
     STRICT,
     BoardPlace,
     Faces,
@@ -25,11 +23,11 @@ from hiltest.rig_tables import (
     Mounting,
     Procedure,
     SensorChoice,
-    SimulatedWorld,
     Triple,
     TurntableSettings,
     require,
 )
+from hiltest.rig_world import MAGNETOMETER_PARTS, MAGNETOMETER_RANGE_UT, SimulatedWorld
 
 if TYPE_CHECKING:
     from hiltest.sensors.drift import Drift

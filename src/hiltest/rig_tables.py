@@ -1,4 +1,4 @@
-"""The tables of a rig file, each a dataclass that refuses values out of range.
+"""The tables of a rig file, each a dataclass that refuses values out of range; `hiltest.rig_world` has the world's.
 
 They are plain dataclasses, so that a rig can be spoken of without pydantic; `hiltest.rig_file`
 has pydantic check a file against them.
@@ -6,7 +6,6 @@ has pydantic check a file against them.
 
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
@@ -19,20 +18,8 @@ Triple: TypeAlias = tuple[float, float, float]
 # What pydantic reads off these dataclasses: no unknown keys, no conversions (an integer is a fine float).
 STRICT: dict[str, Any] = {"extra": "forbid", "strict": True, "allow_inf_nan": False}
 
-# Where an axis of a magnetometer stops [uT], data sheets: the MAG3110's words, its own zero-flux offset of up
-# to 1000 uT in them, at 20 000 counts; the FXOS8700CQ at its full scale.
-MAGNETOMETER_RANGE_UT = {"mag3110": 2000.0, "fxos8700cq": 1200.0, "onboard-fxos8700cq": 1200.0}
-# By the names that the packaged firmware gives them.
-MAGNETOMETER_PARTS = {
-    "MAG3110": "mag3110",
-    "FXOS8700CQ magnetometer": "fxos8700cq",
-    "on-board FXOS8700CQ magnetometer": "onboard-fxos8700cq",
-}
-
 # What the firmware asks for at least, or its fit of them against gravity is refused as TOO_FEW_POINTS.
 DPI_PAIRS_MINIMUM = 300
-
-FITTED_PARTS = ("mag3110", "fxos8700cq", "fxas21002c", "onboard-fxos8700cq")
 
 
 class RigValueError(ValueError):
@@ -295,140 +282,3 @@ class Procedure:
         level_only = (which or self.poses) == "level"
         tilts = [tilt for tilt in self.tilts_deg if not level_only or tilt == (0.0, 0.0)]
         return tuple(Pose(heading, pitch, roll) for pitch, roll in tilts for heading in self.headings_deg)
-
-
-_NO_DRIFT: Triple = (0.0, 0.0, 0.0)
-_NO_CROSS_AXIS: tuple[Triple, Triple, Triple] = (_NO_DRIFT, _NO_DRIFT, _NO_DRIFT)
-
-
-@dataclass(frozen=True, slots=True)
-class TemperatureDrift:
-    """How much the parts' readings change for each degree above 25 degC, body frame: nothing unless stated.
-
-    Attributes
-    ----------
-    mag3110_gain_percent_per_degc : (3,)
-        Typical 0.1, data sheet.
-    fxos8700cq_gain_percent_per_degc, fxos8700cq_zero_flux_ut_per_degc : (3,)
-        Of the magnetometer; typical 0.1 % and 0.8 uT, data sheet.
-    accelerometer_offset_mg_per_degc : (3,)
-        Typical 0.2, data sheet.
-    gyroscope_bias_dps_per_degc : (3,)
-    """
-
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
-    mag3110_gain_percent_per_degc: Triple = _NO_DRIFT
-    fxos8700cq_gain_percent_per_degc: Triple = _NO_DRIFT
-    fxos8700cq_zero_flux_ut_per_degc: Triple = _NO_DRIFT
-    accelerometer_offset_mg_per_degc: Triple = _NO_DRIFT
-    gyroscope_bias_dps_per_degc: Triple = _NO_DRIFT
-
-
-@dataclass(frozen=True, slots=True)
-class SimulatedWorld:
-    """The truth of a virtual board's world, body frame NED. Noise alone depends on the seed.
-
-    Attributes
-    ----------
-    soft_iron : 3 rows of 3
-        Takes the true field to the field at the parts.
-    hard_iron_ut : (3,)
-        Added to it at the MAG3110, the part's zero-flux offset included.
-    mounting_yaw_deg : float or None
-        True mounting yaw; None is the declared one, or 0 when none is declared.
-    accelerometer_cross_axis_percent : 3 rows of 3
-        What each axis reads of the other two; nothing on the diagonal, where the gain error is.
-    face_errors_deg : 6 rows of 3, or empty
-        How each face is askew, +x, -x, +y, -y, +z, -z down: turns of the board about its x, y and z.
-    gyroscope_response : 3 rows of 3
-        Gains and misalignment: takes the true rate to the felt one, before the bias.
-    gyroscope_noise_mdps_per_rthz : float
-        One-sided density below the part's low-pass filter.
-    fxos8700cq_zero_flux_ut : (3,)
-        What the FXOS8700CQ magnetometers read beyond that.
-    mag3110_noise_ut : (4,)
-        Rms at oversampling 16, 32, 64, 128.
-    fxos8700cq_noise_ut : (2,)
-        Rms of its magnetometer at oversampling 2 and 32; at 8, which the firmware sets, it is their
-        geometric mean.
-    temperature_degc : float
-        Of the board at power-on, and ever after unless it has an end.
-    temperature_end_degc : float or None
-        Where the temperature goes and stays: in a straight line within `temperature_ramp_s`,
-        or with `temperature_time_constant_s` as things warm up.
-    drift : TemperatureDrift
-        What temperature does to the readings.
-    fitted : tuple of str
-        Which parts are there: see `FITTED_PARTS`.
-    """
-
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
-    soft_iron: tuple[Triple, Triple, Triple]
-    hard_iron_ut: Triple
-    accelerometer_offset_mg: Triple = (0.0, 0.0, 0.0)
-    accelerometer_gain_error_percent: Triple = (0.0, 0.0, 0.0)
-    accelerometer_cross_axis_percent: tuple[Triple, Triple, Triple] = _NO_CROSS_AXIS
-    face_errors_deg: tuple[Triple, ...] = ()
-    gyroscope_bias_dps: Triple = (0.0, 0.0, 0.0)
-    gyroscope_response: tuple[Triple, Triple, Triple] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    gyroscope_noise_mdps_per_rthz: float = 25.0
-    fxos8700cq_zero_flux_ut: Triple = (0.0, 0.0, 0.0)
-    mag3110_noise_ut: tuple[float, float, float, float] = (0.4, 0.35, 0.3, 0.25)
-    fxos8700cq_noise_ut: tuple[float, float] = (1.5, 0.3)
-    mounting_yaw_deg: float | None = None
-    temperature_degc: float = 25.0
-    temperature_end_degc: float | None = None
-    temperature_ramp_s: float | None = None
-    temperature_time_constant_s: float | None = None
-    drift: TemperatureDrift = TemperatureDrift()
-    fitted: tuple[str, ...] = FITTED_PARTS
-
-    def __post_init__(self) -> None:
-        require(all(sigma >= 0.0 for sigma in self.mag3110_noise_ut), "mag3110_noise_ut", "must not be negative")
-        require(all(sigma >= 0.0 for sigma in self.fxos8700cq_noise_ut), "fxos8700cq_noise_ut", "must not be negative")
-        require(self.gyroscope_noise_mdps_per_rthz >= 0.0, "gyroscope_noise_mdps_per_rthz", "must not be negative")
-        require(all(self.accelerometer_cross_axis_percent[axis][axis] == 0.0 for axis in range(3)),
-                "accelerometer_cross_axis_percent",
-                "has a number on its diagonal: that is accelerometer_gain_error_percent")
-        require(len(self.face_errors_deg) in (0, 6), "face_errors_deg", "needs a row for each of the six faces")
-        self._check_temperature()
-        strangers = [part for part in self.fitted if part not in FITTED_PARTS]
-        require(not strangers, "fitted", f"names {strangers}; known parts: {', '.join(FITTED_PARTS)}")
-
-    def _check_temperature(self) -> None:
-        courses = {
-            "temperature_ramp_s": self.temperature_ramp_s,
-            "temperature_time_constant_s": self.temperature_time_constant_s,
-        }
-        given = {key: duration_s for key, duration_s in courses.items() if duration_s is not None}
-        require((self.temperature_end_degc is None) == (not given), "temperature_end_degc",
-                "goes with temperature_ramp_s or temperature_time_constant_s: how the temperature gets there")
-        require(len(given) < 2, "temperature_ramp_s",
-                "excludes temperature_time_constant_s: one of them says the course")
-        for key, duration_s in given.items():
-            require(duration_s > 0.0, key, "must be above 0")
-
-    @property
-    def accelerometer_response(self) -> tuple[Triple, Triple, Triple]:
-        """Gravity to what the accelerometer reads of it, before its offset: 3 rows of 3."""
-        rows = []
-        for axis, (gain, row) in enumerate(
-            zip(self.accelerometer_gain_error_percent, self.accelerometer_cross_axis_percent, strict=True)
-        ):
-            x, y, z = (float(other == axis) + (gain if other == axis else row[other]) / 100.0 for other in range(3))
-            rows.append((x, y, z))
-        return rows[0], rows[1], rows[2]
-
-    def hard_iron_at_ut(self, part: str) -> Triple:
-        """Return the constant field at a magnetometer of `FITTED_PARTS`, its zero-flux offset included [uT]."""
-        if part == "mag3110":
-            return self.hard_iron_ut
-        x, y, z = (hard + zero for hard, zero in zip(self.hard_iron_ut, self.fxos8700cq_zero_flux_ut, strict=True))
-        return (x, y, z)
-
-    def largest_reading_ut(self, part: str, strength_ut: float) -> float:
-        """Return the largest reading of any axis of a magnetometer in any attitude, without noise [uT]."""
-        hard_iron = self.hard_iron_at_ut(part)
-        return max(
-            abs(hard) + strength_ut * math.hypot(*row) for hard, row in zip(hard_iron, self.soft_iron, strict=True)
-        )
