@@ -128,6 +128,7 @@ class _Totals:
         begins = self.begins
 
         def on_code(_engine: int, address: int, size: int, _data: int) -> None:
+            """Take note of a block; what goes wrong ends the run, for the emulator takes no exception."""
             if address == outside:
                 return
             try:

@@ -140,6 +140,7 @@ class PeripheralBus:
         processor, pages, nvic = self._processor, self._pages, self._processor.nvic
 
         def on_read(_engine: int, offset: int, size: int, _data: int) -> int:
+            """Return what the registers of a page have there; after a fault anything will do, the run ends."""
             try:
                 address = base + offset
                 value = pages[address >> 12].read(address & 0xFFF, size)
@@ -151,6 +152,7 @@ class PeripheralBus:
                 return 0
 
         def on_write(_engine: int, offset: int, size: int, value: int, _data: int) -> None:
+            """Give a value to the registers of a page."""
             try:
                 address = base + offset
                 pages[address >> 12].write(address & 0xFFF, size, value & ((1 << (8 * size)) - 1))
@@ -166,6 +168,7 @@ class PeripheralBus:
         processor, base = self._processor, alias.region[0]
 
         def on_read(_engine: int, offset: int, size: int, _data: int) -> int:
+            """Return one bit of the aliased word."""
             try:
                 return alias.read(base + offset, size)
             except BaseException as error:  # as above
@@ -173,6 +176,7 @@ class PeripheralBus:
                 return 0
 
         def on_write(_engine: int, offset: int, size: int, value: int, _data: int) -> None:
+            """Set or clear one bit of the aliased word."""
             try:
                 alias.write(base + offset, size, value)
             except BaseException as error:  # as above
@@ -193,6 +197,7 @@ class PeripheralBus:
         opened = self._open[base] = (ctypes.c_uint8 * (size // _PAGE))()
 
         def on_access(_engine: int, access: int, address: int, size: int, _value: int, _data: int) -> bool:
+            """Say whether the access may go on to the page, which is opened for good by the first that may."""
             try:
                 page = (address - base) // _PAGE
                 if not opened[page] or address % _PAGE + size > _PAGE:  # an access may straddle two pages
