@@ -7,7 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hiltest.cloud.rate_log import RateUnit, read_rate_log
+from hiltest.cloud.rate_log import read_rate_log
+from hiltest.cloud.rate_units import DEGREES_PER_SECOND, RATE_WORDS, RateUnit
+from hiltest.cloud.time_column import seconds_of
+from hiltest.commands.options import RATE_UNITS
 from hiltest.errors import ConfigError
 
 
@@ -90,7 +93,7 @@ HEADER = "time_s,gyro_x_dps,gyro_y_dps,gyro_z_dps"
         ([HEADER, "0,1,2,3\0"], r":2: a zero byte"),
         (["time_s,mag_x,mag_y,mag_z", "0,1,2,3"], r"cannot tell which columns are the gyroscope"),
         (["0,1,2,3"], r"cannot tell which columns are the gyroscope \(without a header\); say which: --columns 2,3,4"),
-        (["time_s,gyro_x,gyro_y,gyro_z", "0,1,2,3"], r"name no unit; say it: --unit dps or"),
+        (["time_s,gyro_x,gyro_y,gyro_z", "0,1,2,3"], r"name no unit; say it: --unit deg/s or"),
         (["time_s,gyro_x_dps,gyro_y_mdps,gyro_z_dps", "0,1,2,3"], r"name different units"),
         (["gyro_x_dps,gyro_y_dps,gyro_z_dps", "1,2,3"], r"no column is called time.*--rate HZ"),
         ([HEADER, "-1e300,1,2,3", "1e300,1,2,4"], r":2: column time: '-1e300' is no time"),
@@ -118,3 +121,20 @@ def test_columns_that_cannot_be_are_refused(tmp_path: Path, columns: str, compla
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"nosuch\.csv"):
         read_rate_log(tmp_path / "nosuch.csv")
+
+
+def test_every_unit_of_a_rate_can_be_said_and_has_its_scale() -> None:
+    assert {RATE_WORDS[word] for word in RATE_UNITS} == set(RateUnit) == set(DEGREES_PER_SECOND)
+    assert all(RATE_WORDS[unit] is unit for unit in RateUnit), "what messages and files say is read again"
+
+
+@pytest.mark.parametrize(
+    ("header", "seconds"),
+    [
+        ("time", 1.0), ("Time_s", 1.0), ("seconds", 1.0), ("t [sec]", 1.0), ("timestamp.ms", 1e-3), ("t(us)", 1e-6),
+        ("time_\N{MICRO SIGN}s", 1e-6), ("time_\N{GREEK SMALL LETTER MU}s", 1e-6), ("Timestamp (NS)", 1e-9),
+        ("temperature", None), ("time_of_flight", None), ("gyro_t", None), ("", None),
+    ],
+)
+def test_a_column_of_time_is_known_by_its_name(header: str, seconds: float | None) -> None:
+    assert seconds_of(header) == seconds

@@ -32,6 +32,7 @@ def text(path: Path, *lines: str) -> Path:
         ("time (s),Acc X (m/s^2),Acc Y (m/s^2),Acc Z (m/s^2),Gyro X (deg/s),Gyro Y (deg/s),Gyro Z (deg/s)",
          ("m/s2", "deg/s")),
         ("t_s,ax_g,ay_g,az_g,gx_dps,gy_dps,gz_dps", ("g", "deg/s")),
+        ("seconds,ax_g,ay_g,az_g,gx_mdps,gy_mdps,gz_mdps", ("g", "mdps")),
         ("timestamp_s,accel_x_mg,accel_y_mg,accel_z_mg,gyr_x_rad/s,gyr_y_rad/s,gyr_z_rad/s", ("mg", "rad/s")),
     ],
 )
@@ -105,7 +106,7 @@ def test_two_packed_tables_without_a_header_are_one_log(tmp_path: Path) -> None:
         (tmp_path / f"{name}.mat.gz").write_bytes(gzip.compress(rows.encode()))
     log = read_imu_log(
         tmp_path / "acc.mat.gz", tmp_path / "gyro.mat.gz", acceleration_unit=AccelerationUnit.MS2,
-        rate_unit=RateUnit.RADPS,
+        rate_unit=RateUnit.RAD_S,
     )
     assert log.acceleration[3].tolist() == [1, 2, 3]
     assert log.rate is not None

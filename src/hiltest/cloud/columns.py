@@ -7,6 +7,7 @@ import re
 from collections.abc import Sequence
 from enum import StrEnum
 
+from hiltest.cloud.rate_units import RATE_WORDS
 from hiltest.errors import ConfigError
 
 
@@ -30,9 +31,7 @@ _WORDS = {
 _FOREIGN = frozenset({"nt", "mt", "t", "tesla", "nanotesla", "mgauss", "milligauss"})
 # With the capital; in lower case these are the g of accelerometers.
 _CAPITALS = {"G": "gauss", "mG": "mgauss"}
-_OTHER = frozenset(
-    {"g", "mg", "dps", "rad", "deg", "ms2", "si", "m/s2", "m/s^2", "m/s²", "deg/s", "rad/s", "rads", "°/s", "mdps"}
-)
+_OTHER = frozenset({"g", "mg", "ms2", "si", "m/s2", "m/s^2", "m/s²"}) | RATE_WORDS.keys()
 # "Magnetometer X (uT)", "mx_uT", "mag.y [gauss]": a name, and perhaps a unit in brackets or behind a low line.
 _BRACKETED = re.compile(r"^(?P<name>.*?)\s*[(\[](?P<unit>[^)\]]*)[)\]]$")
 _SUFFIXED = re.compile(r"^(?P<name>.*[^_ ])[_ ](?P<unit>[^_ ]+)$")

@@ -8,7 +8,6 @@ import re
 from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from itertools import chain
 from pathlib import Path
 
@@ -16,8 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hiltest.cloud.cells import check_width, is_number, shown
-from hiltest.cloud.columns import axis_triples, column_index
+from hiltest.cloud.columns import axis_triples, column_index, name_and_unit
+from hiltest.cloud.rate_units import DEGREES_PER_SECOND, RATE_WORDS, RateUnit
 from hiltest.cloud.table import Row, read_rows
+from hiltest.cloud.time_column import seconds_of
 from hiltest.errors import ConfigError
 
 Reals = NDArray[np.float64]
@@ -31,32 +32,7 @@ _LARGEST = 1e9  # deg/s or counts: no sensor's reading
 _LATEST = 1e20
 # Of sampling: what is slower or faster has its time in another unit.
 _RATES_HZ = (1e-3, 1e6)
-
-
-class RateUnit(StrEnum):
-    """What rates are given in; counts have a scale that nobody knows."""
-
-    DPS = "dps"
-    MDPS = "mdps"
-    RAD_S = "rad/s"
-    DEG_H = "deg/h"
-    COUNTS = "counts"
-
-
-#: What one of a unit is in deg/s; None where nobody knows.
-DEGREES_PER_SECOND: dict[RateUnit, float | None] = {
-    RateUnit.DPS: 1.0, RateUnit.MDPS: 1e-3, RateUnit.RAD_S: 180.0 / math.pi, RateUnit.DEG_H: 1.0 / 3600.0,
-    RateUnit.COUNTS: None,
-}  # fmt: skip
-_UNITS = {
-    "dps": RateUnit.DPS, "deg/s": RateUnit.DPS, "°/s": RateUnit.DPS, "degs": RateUnit.DPS, "mdps": RateUnit.MDPS,
-    "rad/s": RateUnit.RAD_S, "rads": RateUnit.RAD_S, "rad": RateUnit.RAD_S, "deg/h": RateUnit.DEG_H,
-    "counts": RateUnit.COUNTS, "count": RateUnit.COUNTS, "lsb": RateUnit.COUNTS,
-}  # fmt: skip
-_UNIT = re.compile(r"(?:\s*[(\[]\s*([^)\]]+?)\s*[)\]]|[_ ]([^_ ()\[\]]+))$")
 _GYROSCOPE = re.compile(r"gyr|rate|omega|angular|^w$")
-_TIME = re.compile(r"^(?:time|timestamp|t)(?:[\s_.]*[(\[]?\s*(s|ms|us|µs|ns)\s*[)\]]?)?$")
-_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,7 +138,7 @@ def _layout(
 
 
 def _guessed(headers: Sequence[str]) -> tuple[int, ...]:
-    triples = [places for stem, places in axis_triples([_bare(each) for each in headers]).items()
+    triples = [places for stem, places in axis_triples(headers).items()
                if _GYROSCOPE.search(stem)]
     if len(triples) != 1:
         shown = ", ".join(headers) or "without a header"
@@ -173,36 +149,22 @@ def _guessed(headers: Sequence[str]) -> tuple[int, ...]:
 def _time_column(headers: Sequence[str], width: int, time: str | None) -> tuple[int, float]:
     if time is not None:
         at = column_index(time, headers, width, option="--time")
-        found = _TIME.match(headers[at].strip().lower()) if headers else None
-        return at, _SECONDS[(found and found[1]) or "s"]
-    matches = [(index, _TIME.match(each.strip().lower())) for index, each in enumerate(headers)]
-    times = [(index, match) for index, match in matches if match]
+        return at, (seconds_of(headers[at]) if headers else None) or 1.0
+    times = [(at, seconds) for at, each in enumerate(headers) if (seconds := seconds_of(each)) is not None]
     if len(times) != 1:
         raise ConfigError(
             "no column is called time, or more than one is; name it with --time, or say how fast it was sampled with "
             "--rate HZ"
         )
-    index, match = times[0]
-    return index, _SECONDS[match[1] or "s"]
+    return times[0]
 
 
 def _unit_of(names: Sequence[str]) -> RateUnit:
-    words = [_unit_word(name) for name in names]
-    units = {_UNITS[word] for word in words if word in _UNITS}
+    units = {RATE_WORDS[word] for word in (name_and_unit(name)[1] for name in names) if word in RATE_WORDS}
     if len(units) != 1:
         what = "no unit" if not units else "different units"
         raise ConfigError(f"the columns {', '.join(names)} name {what}; say it: --unit {' or '.join(RateUnit)}")
     return units.pop()
-
-
-def _unit_word(header: str) -> str:
-    found = _UNIT.search(header.strip())
-    return (found[1] or found[2]).lower() if found else ""
-
-
-def _bare(header: str) -> str:
-    """Return a header without its unit."""
-    return _UNIT.sub("", header.strip()) if _unit_word(header) in _UNITS else header
 
 
 def _numbers(path: Path, rows: Iterator[Row], layout: _Layout) -> tuple[Reals, Reals]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from hiltest.commands.options import NumberRange
+from hiltest.commands.options import RATE_UNITS, NumberRange
 
 _EXIT_CODES = """
 \b
@@ -17,14 +17,13 @@ Exit codes:
   4   usage: an option, or a row of the file is wrong
 """
 _FILE = click.Path(dir_okay=False, path_type=Path)
-_UNITS = ("dps", "mdps", "rad/s", "deg/h", "counts")
 
 
 @click.command(epilog=_EXIT_CODES)
 @click.argument("log", metavar="FILE.csv", type=_FILE)
 @click.option("--columns", metavar="A,B,C",
               help="Columns of the rates, one to three: names or numbers from 1.  [default: the gyroscope's]")
-@click.option("--unit", type=click.Choice(_UNITS), help="Of the rates.  [default: the header's]")
+@click.option("--unit", type=click.Choice(RATE_UNITS), help="Of the rates.  [default: the header's]")
 @click.option("--time", metavar="COLUMN",
               help="Column of the time, in the unit its name ends with, else s.  [default: the one called time]")
 @click.option("--rate", "rate_hz", metavar="HZ", type=NumberRange(1e-3, 1e6),
@@ -41,10 +40,11 @@ def allan(
     is used.
     """
     from hiltest.calibration.allan import allan_curve
-    from hiltest.cloud.rate_log import RateUnit, read_rate_log
+    from hiltest.cloud.rate_log import read_rate_log
+    from hiltest.cloud.rate_units import RATE_WORDS
     from hiltest.report.allan_page import headline, table, to_json, write_page
 
-    read = read_rate_log(log, columns=columns, unit=RateUnit(unit) if unit else None, time=time, rate_hz=rate_hz)
+    read = read_rate_log(log, columns=columns, unit=RATE_WORDS[unit] if unit else None, time=time, rate_hz=rate_hz)
     curve = allan_curve(read.rates, rate_hz=read.rate_hz)
     if as_json:
         click.echo(to_json(read, curve), nl=False)

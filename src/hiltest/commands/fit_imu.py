@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from hiltest.commands.options import NumberRange
+from hiltest.commands.options import RATE_UNITS, NumberRange
 
 if TYPE_CHECKING:
     from hiltest.imu_log import ImuLog, Intervals
@@ -30,7 +30,7 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 @click.option("--gyroscope-columns", metavar="A,B,C", help="Names, or numbers from 1.  [default: gyr..., g...]")
 @click.option("--accelerometer-unit", type=click.Choice(["g", "mg", "m/s2", "counts"]),
               help="Counts: zero and scale unknown.  [default: the header's, else counts]")
-@click.option("--gyroscope-unit", type=click.Choice(["deg/s", "rad/s", "counts"]),
+@click.option("--gyroscope-unit", type=click.Choice(RATE_UNITS),
               help="Counts: scale unknown.  [default: the header's, else counts]")
 @click.option("--rate", metavar="HZ", type=NumberRange(1.0, 100_000.0),
               help="Samples a second.  [default: by the column of time]")
@@ -55,7 +55,8 @@ def fit_imu(
     LOG is a text table, also packed (.gz): comma, semicolon, tab or blanks between cells, with or without a header.
     The rests are found by themselves; so are six faces, and whole turns about the vertical.
     """
-    from hiltest.imu_log import AccelerationUnit, LogColumns, RateUnit, read_imu_log
+    from hiltest.cloud.rate_units import RATE_WORDS
+    from hiltest.imu_log import AccelerationUnit, LogColumns, read_imu_log
     from hiltest.imu_log.fit import fit_imu_log
     from hiltest.report.cloud_fit_exports import write_text
     from hiltest.report.console import standard_output
@@ -66,7 +67,7 @@ def fit_imu(
         log, gyroscope_log, rate_hz=rate,
         columns=LogColumns(accelerometer_columns, gyroscope_columns, time, None if listed else intervals),
         acceleration_unit=AccelerationUnit(accelerometer_unit) if accelerometer_unit else None,
-        rate_unit=RateUnit(gyroscope_unit) if gyroscope_unit else None,
+        rate_unit=RATE_WORDS[gyroscope_unit] if gyroscope_unit else None,
     )
     fitted = fit_imu_log(read, _intervals(read, listed), method, turn_deg=turn_deg)
     if as_json:

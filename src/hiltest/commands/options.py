@@ -23,6 +23,9 @@ Exit codes:
   23  wrong firmware, or another protocol version
 """
 
+#: Of `hiltest.cloud.rate_units.RATE_WORDS`, which commands import when they run.
+RATE_UNITS = ("deg/s", "dps", "mdps", "rad/s", "deg/h", "counts")
+
 
 class NumberRange(click.FloatRange):
     """A number in a range; click's own lets one through that is none."""

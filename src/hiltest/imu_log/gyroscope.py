@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from hiltest.calibration.accelerometer import AccelerometerFit
 from hiltest.calibration.gyroscope import MAX_TURNS, GyroscopeFit, GyroscopeTurn, TurnsStatus, fit_turns
+from hiltest.cloud.rate_units import DEGREES_PER_SECOND
 from hiltest.imu_log.intervals import Interval, Intervals
 from hiltest.imu_log.log import ImuLog
-from hiltest.imu_log.units import DEGREES_PER_SECOND
 
 Reals = NDArray[np.float64]
 

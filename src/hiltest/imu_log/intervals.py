@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from hiltest.cloud.rate_units import DEGREES_PER_SECOND
 from hiltest.errors import ConfigError
 from hiltest.imu_log.log import ImuLog
-from hiltest.imu_log.units import DEGREES_PER_SECOND, GRAVITIES
+from hiltest.imu_log.units import GRAVITIES
 
 Reals = NDArray[np.float64]
 

@@ -14,17 +14,12 @@ from numpy.typing import NDArray
 
 from hiltest.cloud.cells import LARGEST_READING, check_width, number_in, split_header
 from hiltest.cloud.columns import axis_triples, column_index, named_columns
+from hiltest.cloud.rate_units import RATE_WORDS, RateUnit
 from hiltest.cloud.table import Row, read_rows
+from hiltest.cloud.time_column import seconds_of
 from hiltest.errors import ConfigError
 from hiltest.imu_log.one_sensor_a_row import at_the_gyroscope_s, filled_of
-from hiltest.imu_log.units import (
-    ACCELERATION_WORDS,
-    RATE_WORDS,
-    AccelerationUnit,
-    RateUnit,
-    seconds_of,
-    unit_in_headers,
-)
+from hiltest.imu_log.units import ACCELERATION_WORDS, AccelerationUnit, unit_in_headers
 
 Reals = NDArray[np.float64]
 
