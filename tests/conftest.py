@@ -7,6 +7,8 @@ import shutil
 import signal
 import threading
 from collections.abc import Callable
+from importlib.util import find_spec
+from typing import NoReturn
 
 import pytest
 from hypothesis import settings
@@ -36,11 +38,25 @@ def require_tool() -> Callable[[str], str]:
 
     def find(name: str) -> str:
         path = shutil.which(name)
-        if path is not None:
-            return path
-        reason = f"{name} is not installed"
-        if os.environ.get("HILTEST_REQUIRE_TOOLS"):
-            pytest.fail(f"{reason}, and HILTEST_REQUIRE_TOOLS is set", pytrace=False)
-        pytest.skip(reason)
+        if path is None:
+            _missing(f"{name} is not installed")
+        return path
 
     return find
+
+
+@pytest.fixture(scope="session")
+def require_module() -> Callable[[str], None]:
+    """Return a function that skips the test when a package cannot be imported, or fails as `require_tool` does."""
+
+    def check(name: str) -> None:
+        if find_spec(name) is None:
+            _missing(f"the package {name} is not installed")
+
+    return check
+
+
+def _missing(reason: str) -> NoReturn:
+    if os.environ.get("HILTEST_REQUIRE_TOOLS"):
+        pytest.fail(f"{reason}, and HILTEST_REQUIRE_TOOLS is set", pytrace=False)
+    pytest.skip(reason)

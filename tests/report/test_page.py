@@ -168,3 +168,14 @@ def test_a_gate_that_was_not_evaluated_names_what_stands_in_its_way(run: Run) ->
 
 def test_a_run_that_was_compared_with_nothing_has_no_such_section(run: Run) -> None:
     assert "Against the baseline" not in html_report(run)
+
+
+def test_a_thousand_measurements_are_three_megabytes_at_most(findings: Make) -> None:
+    names = [f"family_{k % 25}.calibrator-{k // 25}.a_rather_long_quantity" for k in range(1000)]
+    test = "hil/suites/test_heading.py::test_a_rather_long_sentence_about_behaviour"
+    measurements = [judge(name, 1.2345, unit="deg", limit=Limit(max=2), test=test) for name in names]
+    differences = tuple(difference(name, Change.WORSE, 1.0, 1.2345, unit="deg", limit=Limit(max=2)) for name in names)
+    run = replace(finished(findings(*measurements)), comparison=Comparison(SIDE, SIDE, differences, (), "All worse."))
+    page = html_report(run)
+    assert all(page.count(name) >= 2 for name in names)
+    assert len(page.encode()) <= 3_000_000

@@ -1,0 +1,204 @@
+"""Pages to look at, and the browser that looks at them: Debian's Chromium, driven by Playwright."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from hiltest.calibration.allan import allan_curve
+from hiltest.cloud import Cloud, Unit
+from hiltest.cloud.rate_log import RateLog, RateUnit
+from hiltest.comparison.model import EXACT, Change, Comparison, Difference, Sense, Side
+from hiltest.measurement import Limit, Measurement, judge
+from hiltest.procedures.cloud_fit import fit_on_host
+from hiltest.procedures.clouds import golden_cloud
+from hiltest.report.allan_page import write_page
+from hiltest.report.cloud_fit_page import fit_page
+from hiltest.report.html import html_report
+from hiltest.report.record import Column, Findings, Run, Table, TestResult
+from hiltest.report.verdict import decide
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+# Of a page that is read from a file; a machine with other work may still take seconds.
+WAIT_MS = 60_000
+HOSTILE = "<script>document.title='taken'</script>\"'‮" + "long" * 40
+SIDE = Side("base.json", "ab" * 32, "hiltest-frdm-k64f", "0.1.0", "0123", "GCC 12.2.1", "m", "virtual-k64f", (1,), "")
+
+
+@dataclass
+class Visit:
+    """A page that is open, and what happened while it was."""
+
+    page: Page
+    requests: list[str] = field(default_factory=list)
+    complaints: list[str] = field(default_factory=list)
+
+
+@pytest.fixture(scope="module")
+def browser(require_tool: Callable[[str], str], require_module: Callable[[str], None]) -> Iterator[Browser]:
+    require_module("playwright")
+    from playwright.sync_api import sync_playwright
+
+    # As root, as in a container, Chromium starts only without its sandbox; the pages are our own.
+    with sync_playwright() as driver:
+        started = driver.chromium.launch(executable_path=require_tool("chromium"), args=["--no-sandbox"])
+        yield started
+        started.close()
+
+
+@pytest.fixture(scope="module")
+def canvas(browser: Browser) -> Page:
+    """An empty page, to look at pictures with."""
+    return browser.new_page()
+
+
+@pytest.fixture
+def visit(browser: Browser) -> Callable[..., AbstractContextManager[Visit]]:
+    """Return a function that opens a file at a width, with everything on it unfolded."""
+
+    @contextmanager
+    def opened(path: Path, *, width: int, scheme: str = "light") -> Iterator[Visit]:
+        page = browser.new_page(viewport={"width": width, "height": 900}, color_scheme=scheme)  # type: ignore[arg-type]
+        page.set_default_timeout(WAIT_MS)
+        found = Visit(page)
+        page.on("request", lambda request: found.requests.append(request.url))
+        page.on("console", lambda message: found.complaints.append(message.text))
+        page.on("pageerror", lambda error: found.complaints.append(str(error)))
+        page.goto(path.as_uri())
+        page.evaluate("document.querySelectorAll('details').forEach(each => each.open = true)")
+        yield found
+        page.close()
+
+    return opened
+
+
+@pytest.fixture
+def everything(findings: Callable[..., Findings], good: list[Measurement]) -> Run:
+    """A green run with all that a run can have, compared with a baseline."""
+    made = findings(*good, *stream_measurements(), *imu_measurements())
+    made.tables.update((each.name, each) for each in (poses_with_tilt(made), faces_table(), noise_table(), motion()))
+    return replace(finished(made), comparison=compared())
+
+
+@pytest.fixture
+def red(everything: Run, heading: Callable[..., list[Measurement]], findings: Callable[..., Findings]) -> Run:
+    """Everything, out of its limits, and a comparison that could not be made."""
+    bad = heading("direct", 6.3, limit=0.3, cycles=12_400)
+    made = findings(*bad, tests=(TestResult("t.py::t", "failed", 1, reason="out of limit", trace="wire/t.log"),))
+    blocked = Comparison(SIDE, SIDE, (), ("the base is of another rig; run on that one",), "Not judged.")
+    return replace(finished(made), comparison=blocked, tables=everything.tables)
+
+
+@pytest.fixture
+def nothing(findings: Callable[..., Findings]) -> Run:
+    """No board, no rig, no measurement."""
+    made = findings(tests=(TestResult("t", "bench lost", 0, reason="no port"),), tables=False)
+    made.board = made.rig = None
+    return finished(made)
+
+
+@pytest.fixture
+def cut_short(findings: Callable[..., Findings], good: list[Measurement]) -> Run:
+    """What is left of a run that was killed."""
+    run = finished(findings(*good[:3]))
+    return replace(run, verdict=replace(run.verdict, outcome="interrupted", complete=False), tests=())
+
+
+@pytest.fixture
+def hostile(findings: Callable[..., Findings]) -> Run:
+    """Names that would be markup, or would turn or hide what stands around them."""
+    made = findings(
+        judge(f"heading.{HOSTILE}.max", 1.0, unit=HOSTILE, limit=Limit(max=2)), judge(HOSTILE, 1.0, unit="uT"),
+        tests=(TestResult(HOSTILE, "failed", 1, reason=HOSTILE, trace="javascript:alert(1)"),),
+    )
+    assert made.board is not None
+    made.board = replace(made.board, firmware=HOSTILE, description=HOSTILE, calibrators=(HOSTILE,))
+    made.tables["cycles.sizes"] = Table("cycles.sizes", (Column("n"), Column(HOSTILE, "cycle")), ((20, 100), (40, 190)))
+    return finished(made)
+
+
+@pytest.fixture(params=["everything", "red", "nothing", "cut_short", "hostile", "fit", "allan"])
+def page_file(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """Each page in turn, as the file that a user opens."""
+    path = tmp_path / f"{request.param}.html"
+    if request.param == "fit":
+        cloud = Cloud(Path("cloud.csv"), golden_cloud(300) / 10.0, Unit.UT, "option", ("x", "y", "z"), 0)
+        path.write_text(fit_page(fit_on_host(cloud), cloud.points), encoding="utf-8")
+    elif request.param == "allan":
+        rates = np.random.default_rng(1).normal(size=(2000, 3))
+        log = RateLog(Path("still.csv"), ("x", "y", "z"), rates, RateUnit.DPS, 100.0, len(rates), 0)
+        write_page(log, allan_curve(rates, rate_hz=100.0), path)
+    else:
+        path.write_text(html_report(request.getfixturevalue(request.param)), encoding="utf-8")
+    return path
+
+
+def finished(made: Findings) -> Run:
+    return made.finish(decide(made, pytest_exit=0), "2026-01-02T03:05:00Z")
+
+
+def stream_measurements() -> list[Measurement]:
+    cycles = {"cycles_mean": 246.03, "cycles_max": 255.0, "fit_cycles": 3503}
+    return [judge("heading.slow-stream.max", 2.42, unit="deg"), *(
+        judge(f"stream.slow-stream.{name}", value, unit="cycle", cycle_model="m") for name, value in cycles.items()
+    )]
+
+
+def imu_measurements() -> list[Measurement]:
+    limited = {
+        "accelerometer.norm_rms": (0.44, "mg", Limit(max=1.0)),
+        "accelerometer.tilt_error": (0.12, "deg", Limit(max=0.5)),
+        "gyroscope.noise_density": (24.4, "mdps/rtHz", Limit(22.5, 27.5)),
+        "gyroscope.scale_error": (-0.01, "%", Limit.within(0.1)), "fusion.heading.rms": (1.2, "deg", Limit(max=0.9)),
+        "gyroscope.uncorrected_error": (2.1, "dps", None), "heading.uncalibrated.max": (11.5, "deg", None),
+        "tumble.coverage": (85.9, "%", None),
+    }
+    return [judge(name, value, unit=unit, limit=limit) for name, (value, unit, limit) in limited.items()]
+
+
+def poses_with_tilt(made: Findings) -> Table:
+    table = made.tables["heading.poses"]
+    answered = [(0.99 * row[1], 1.01 * row[2]) for row in table.rows]  # type: ignore[operator]
+    columns = (*table.columns, Column("answered_pitch", "deg"), Column("answered_roll", "deg"))
+    rows = tuple((*row, *tilt) for row, tilt in zip(table.rows, answered, strict=True))
+    return Table(table.name, columns, rows)
+
+
+def faces_table() -> Table:
+    rows = ((8220, -10, 29), (-8195, 3, 16), (25, 8168, 4), (-3, -8192, 11), (-5, 1, 8215), (6, -28, -8184))
+    return Table("accelerometer.six_position.poses", tuple(Column(axis, "count") for axis in "xyz"), rows)
+
+
+def noise_table() -> Table:
+    columns = (Column("axis"), Column("density", "mdps/rtHz"))
+    return Table("gyroscope.noise_density", columns, (("x", 25.2), ("y", 23.8), ("z", 24.3)))
+
+
+def motion() -> Table:
+    names = ("time", "heading", "fused", "accelerometer_magnetometer", "gyroscope")
+    rows = tuple((0.1 * k, k, 0.3 * math.sin(k), 2 * math.sin(7 * k), 0.001 * k) for k in range(100))
+    return Table("fusion.motion", tuple(Column(name) for name in names), rows)
+
+
+def compared() -> Comparison:
+    numbers = {
+        Change.BETTER: (200.0, 150.0), Change.WORSE: (11_061.0, 11_161.0), Change.NEW: (None, 3.0),
+        Change.GONE: (3.0, None), Change.UNCHANGED: (1.0, 1.0), Change.CHANGED: (30.0, 90.0),
+    }
+    differences = tuple(
+        Difference(
+            f"cycles.{change}.total", "cycle", change, Sense.SMALLER, base, new,
+            None if base is None or new is None else new - base, None, 1, EXACT, Limit(max=12_500), "pass", "m",
+        )
+        for change, (base, new) in numbers.items()
+    )
+    return Comparison(SIDE, SIDE, differences, (), "1 worse, 1 gone: not to be merged.")

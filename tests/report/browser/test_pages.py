@@ -1,0 +1,156 @@
+"""Every page as a browser shows it: on a telephone and on a desk, light and dark, by keyboard and on paper."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from hiltest.report.html import html_report
+from hiltest.report.record import Run
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+    from .conftest import Visit
+
+Open = Callable[..., "AbstractContextManager[Visit]"]
+WIDTHS = pytest.mark.parametrize("width", [390, 1400])
+
+# What reaches beyond the right edge, unless it is in a box of its own that scrolls, or is there for the ear alone.
+_TOO_WIDE = """() => [...document.querySelectorAll('body *')]
+    .filter(each => !each.closest('.scroll, .unseen, thead, .skip'))
+    .filter(each => each.getBoundingClientRect().right > innerWidth + 0.5)
+    .map(each => each.tagName + ' ' + each.textContent.trim().slice(0, 40))"""
+_COLOURS = """async data => {
+    const image = await createImageBitmap(await (await fetch('data:image/png;base64,' + data)).blob());
+    const context = new OffscreenCanvas(image.width, image.height).getContext('2d');
+    context.drawImage(image, 0, 0);
+    const pixels = new Uint32Array(context.getImageData(0, 0, image.width, image.height).data.buffer);
+    return new Set(pixels).size;
+}"""
+# Paper, grid, letters and one line, each with the shades of its edges; an empty box has one colour or two.
+PAINTED = 8
+
+
+def faults(visit: Visit, path: Path) -> list[str]:
+    """Return what a reader would meet: complaints, requests, and what has to be scrolled to sideways."""
+    asked = [address for address in visit.requests if address != path.as_uri()]
+    found = [f"complaint: {each}" for each in visit.complaints] + [f"request: {each}" for each in asked]
+    if visit.page.evaluate("document.documentElement.scrollWidth > innerWidth"):
+        found.append("the page scrolls sideways")
+    return found + [f"too wide: {each}" for each in visit.page.evaluate(_TOO_WIDE)]
+
+
+def violations(page: Page) -> list[str]:
+    """Return what axe-core finds, all of its rules switched on."""
+    from axe_playwright_python.sync_playwright import Axe
+
+    found: list[dict[str, Any]] = Axe().run(page).response["violations"]
+    return [f"{each['id']}: {each['nodes'][0]['html'][:120]}" for each in found]
+
+
+@WIDTHS
+def test_nothing_complains_nothing_is_asked_for_and_nothing_is_too_wide(
+    visit: Open, page_file: Path, width: int
+) -> None:
+    with visit(page_file, width=width) as here:
+        assert faults(here, page_file) == []
+
+
+@WIDTHS
+def test_every_plot_has_a_size_and_is_painted(canvas: Page, visit: Open, page_file: Path, width: int) -> None:
+    with visit(page_file, width=width) as here:
+        plots = here.page.locator("svg[role=img]").all()
+        assert bool(plots) is (page_file.stem != "nothing")
+        for plot in plots:
+            box = plot.bounding_box()
+            assert box is not None
+            assert box["width"] > 200
+            assert box["height"] > 30
+            assert colours_in(canvas, plot.screenshot()) >= PAINTED, plot.inner_html()[:200]
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(390, "light"), (1400, "light"), (1400, "dark")])
+def test_axe_finds_nothing(
+    visit: Open, page_file: Path, width: int, scheme: str, require_module: Callable[[str], None]
+) -> None:
+    require_module("axe_playwright_python")
+    with visit(page_file, width=width, scheme=scheme) as here:
+        assert violations(here.page) == []
+
+
+def test_the_checks_see_what_they_look_for(
+    canvas: Page, visit: Open, tmp_path: Path, require_module: Callable[[str], None]
+) -> None:
+    require_module("axe_playwright_python")
+    path = tmp_path / "bad.html"
+    path.write_text(
+        "<!doctype html><title>t</title><p style='width:2000px'>wide</p><img src='other.png'>"
+        "<script>console.error('no')</script><svg role='img' width='300' height='300'></svg>"
+    )
+    with visit(path, width=390) as here:
+        found = faults(here, path)
+        for fault in ("complaint: no", "request: file:", "the page scrolls sideways", "too wide: P wide"):
+            assert any(each.startswith(fault) for each in found), fault
+        assert colours_in(canvas, here.page.locator("svg").screenshot()) < PAINTED
+        assert {each.split(":")[0] for each in violations(here.page)} >= {"html-has-lang", "image-alt", "svg-img-alt"}
+
+
+def test_the_keyboard_reaches_the_results_and_every_box_that_scrolls(
+    everything: Run, visit: Open, tmp_path: Path
+) -> None:
+    path = written(everything, tmp_path)
+    with visit(path, width=390) as here:
+        page = here.page
+        page.keyboard.press("Tab")
+        assert page.evaluate("document.activeElement.className") == "skip"
+        assert page.locator(".skip").bounding_box()["x"] >= 0  # type: ignore[index]
+        page.keyboard.press("Enter")
+        assert page.evaluate("document.activeElement.id") == "main"
+        # The numbers behind the plots alone may be wider than a telephone.
+        wide = page.evaluate(
+            "[...document.querySelectorAll('*')].filter(each => each.scrollWidth > each.clientWidth"
+            " && getComputedStyle(each).overflowX == 'auto').map(each => [each.className, each.tabIndex])"
+        )
+        assert wide
+        assert all(each == ["scroll", 0] for each in wide)
+
+
+def test_on_paper_everything_is_unfolded_and_dark_on_light(
+    browser: Browser, everything: Run, tmp_path: Path
+) -> None:
+    page = browser.new_page(color_scheme="dark")
+    page.goto(written(everything, tmp_path).as_uri())
+    folded = "[...document.querySelectorAll('details:not([open]) tr')]"
+    background = "getComputedStyle(document.documentElement).getPropertyValue('--card')"
+    assert page.evaluate(f"{folded}.length > 60 && !{folded}.some(each => each.checkVisibility())")
+    assert page.evaluate(background) == "#1b1f25"
+    page.emulate_media(media="print")
+    assert page.evaluate(f"{folded}.every(each => each.getBoundingClientRect().height)")
+    assert page.evaluate(background) == "#ffffff"
+    assert page.pdf().startswith(b"%PDF")
+    page.close()
+
+
+def test_markup_in_names_does_nothing_and_is_read(hostile: Run, visit: Open, tmp_path: Path) -> None:
+    path = written(hostile, tmp_path)
+    with visit(path, width=1400) as here:
+        assert here.page.title() == "fail - hiltest"
+        assert here.page.locator("body").inner_text().count("<script>document.title='taken'</script>\"'⟨U+202E⟩") >= 5
+        assert here.page.locator("a", has_text="wire trace").evaluate("each => each.protocol") == "file:"
+
+
+def colours_in(canvas: Page, png: bytes) -> int:
+    count: int = canvas.evaluate(_COLOURS, base64.b64encode(png).decode())
+    return count
+
+
+def written(run: Run, folder: Path) -> Path:
+    path = folder / "report.html"
+    path.write_text(html_report(run), encoding="utf-8")
+    return path
