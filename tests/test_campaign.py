@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from fnmatch import fnmatchcase
+
 import pytest
 
 from hiltest.campaign import SeedResult, campaign_exit_code, campaign_sentence, spreads_of
+from hiltest.comparison.model import Change, Comparison, Difference, Sense, Side, Tolerance
 from hiltest.measurement import Limit, judge
 
 
@@ -43,6 +46,30 @@ def test_spreads_are_over_the_seeds_that_have_a_number() -> None:
 def test_only_a_missed_limit_may_be_allowed(codes: list[int], may_fail: int, code: int) -> None:
     results = [SeedResult(seed, each, "") for seed, each in enumerate(codes)]
     assert campaign_exit_code(results, may_fail=may_fail) == code
+
+
+@pytest.mark.parametrize(
+    ("codes", "change", "obstacles", "code", "ending"),
+    [
+        ([0, 0], Change.UNCHANGED, (), 0, ": PASS. Against base.json: 1 unchanged: may be merged."),
+        ([0, 0], Change.WORSE, (), 21, ": REGRESSION. Against base.json: 1 worse: *(+0.2*): not to be merged."),
+        ([0, 0], Change.WORSE, ("no seed in common",), 22, ": NOT JUDGED. Not compared with base.json: no seed *."),
+        ([0, 1], Change.WORSE, (), 1, ": FAIL. Against base.json: 1 worse: *: not to be merged."),
+        ([0, 20], Change.UNCHANGED, ("seed 2: lost",), 20, ": FAIL. Not compared with base.json: seed 2: lost."),
+    ],
+)
+def test_a_comparison_decides_where_the_seeds_have_not(
+    codes: list[int], change: Change, obstacles: tuple[str, ...], code: int, ending: str
+) -> None:
+    results = [SeedResult(seed, each, "") for seed, each in enumerate(codes, 1)]
+    side = Side("base.json", "", "", "", "", "", "", "", (1, 2), "")
+    difference = Difference(
+        "heading.direct.max", "deg", change, Sense.SMALLER, 1.0, 1.2, 0.2, None, 2, Tolerance(0.01, 0.01), None, "", "",
+    )
+    comparison = Comparison(side, side, (difference,), obstacles, "")
+    assert campaign_exit_code(results, may_fail=0, comparison=comparison) == code
+    sentence = campaign_sentence(results, [], may_fail=0, comparison=comparison)
+    assert fnmatchcase(sentence, f"* of 2 seeds pass*{ending}"), sentence
 
 
 def test_the_sentence_says_how_many_passed_and_the_worst() -> None:

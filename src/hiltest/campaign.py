@@ -5,26 +5,31 @@ from __future__ import annotations
 import json
 import os
 import statistics
-import subprocess
-import sys
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from hiltest.comparison.evidence import Evidence
+from hiltest.comparison.model import Comparison
+from hiltest.gate import Gate, read_gate
 from hiltest.measurement import Measurement, Outcome, round_significant
-from hiltest.report.evidence import SEEDS_FILE
+from hiltest.older import FOLDER, UNJUDGED, last_words, older_options, run_command
+from hiltest.report.evidence import SEEDS_FILE, evidence_of, together
+from hiltest.report.judged import judged_words
 from hiltest.report.record import RUN_FILE, Run, write_atomically
 from hiltest.report.schema import load_run
-from hiltest.report.verdict import ExitCode
+from hiltest.report.verdict import WORDS, ExitCode, comparison_code
 from hiltest.settings import make_folder
 
 SEEDS_SCHEMA = "hiltest.seeds/1"
 
+# Exit codes of a run that has not begun, and of one that was interrupted.
+_NOT_BEGUN = (ExitCode.USAGE_ERROR, ExitCode.INTERRUPTED)
 # The first of these that any seed ended with is the campaign's, as for the tests of one run.
 _WORST_FIRST = (2, 3, 4, 5, ExitCode.WRONG_FIRMWARE, ExitCode.BENCH_LOST, ExitCode.NOT_JUDGED)
 
@@ -49,6 +54,7 @@ class SeedResult:
     sentence: str
     measurements: tuple[Measurement, ...] = ()
     made_with: MadeWith | None = None
+    evidence: Evidence | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +70,10 @@ class Spread:
     failed_seeds: tuple[int, ...]
 
 
-def run_seeds(seeds: Sequence[int], options: Sequence[str], out: Path, *, may_fail: int) -> int:
+def run_seeds(
+    seeds: Sequence[int], options: Sequence[str], out: Path, *, may_fail: int, baseline: str | None = None,
+    against: str | None = None,
+) -> int:
     """Run the suites once a seed, as many at a time as there are cores; write ``seeds.json``.
 
     Parameters
@@ -76,6 +85,10 @@ def run_seeds(seeds: Sequence[int], options: Sequence[str], out: Path, *, may_fa
         Gets a folder a seed.
     may_fail : int
         How many seeds may end with exit code 1.
+    baseline : str, optional
+        What all seeds together are judged against, paired by seed.
+    against : str, optional
+        Older firmware to run on the same seeds first, and to be judged against.
 
     Returns
     -------
@@ -87,36 +100,74 @@ def run_seeds(seeds: Sequence[int], options: Sequence[str], out: Path, *, may_fa
     ConfigError
         If `out` cannot be written to; nothing has been run then.
     """
+    gate = None
+    if against is not None:
+        older = _run_all(seeds, older_options(options, against), out / FOLDER, "seeds, older firmware")
+        if code := next((each.exit_code for each in older if each.exit_code in _NOT_BEGUN), 0):
+            return code
+        gate = _gate_of(older, out / FOLDER)
+    elif baseline is not None:
+        gate = read_gate(Path(baseline))
+    results = _run_all(seeds, [*options, *(UNJUDGED if gate else ())], out, "seeds")
+    evidence = _together(results, str(out))
+    comparison = gate.judge(evidence) if gate and evidence else None
+    spreads = spreads_of(results)
+    write_atomically(out / SEEDS_FILE, _to_json(results, spreads, comparison))
+    click.echo(f"{out / SEEDS_FILE}")
+    click.echo(campaign_sentence(results, spreads, may_fail=may_fail, comparison=comparison))
+    return campaign_exit_code(results, may_fail=may_fail, comparison=comparison)
+
+
+def _run_all(seeds: Sequence[int], options: Sequence[str], out: Path, name: str) -> list[SeedResult]:
     make_folder(out)
     (out / SEEDS_FILE).unlink(missing_ok=True)  # it says that all seeds have run
     console = Console()
-    columns = (TextColumn("seeds"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    columns = (TextColumn(name), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool, Progress(*columns, console=console) as progress:
-        task = progress.add_task("seeds", total=len(seeds))
+        task = progress.add_task(name, total=len(seeds))
         results = []
         for result in pool.map(lambda seed: _run_seed(seed, options, out), seeds):
             results.append(result)
             progress.advance(task)
             if result.exit_code:
                 progress.console.print(f"seed {result.seed}: {result.sentence}", markup=False, soft_wrap=True)
-    spreads = spreads_of(results)
-    write_atomically(out / SEEDS_FILE, _to_json(results, spreads))
-    click.echo(f"{out / SEEDS_FILE}")
-    click.echo(campaign_sentence(results, spreads, may_fail=may_fail))
-    return campaign_exit_code(results, may_fail=may_fail)
+    return results
 
 
-def campaign_exit_code(results: Sequence[SeedResult], *, may_fail: int) -> int:
-    """Return the exit code: anything but 0 and 1 from any seed wins, then 1 if too many failed."""
+def _gate_of(results: Sequence[SeedResult], out: Path) -> Gate:
+    """Return the older firmware's seeds as what the newer ones are judged against."""
+    write_atomically(out / SEEDS_FILE, _to_json(results, spreads_of(results), None))
+    evidence = _together(results, str(out))
+    reason = "" if evidence else f"{out}: no seed of the older firmware left a record: {results[0].sentence}"
+    return Gate(str(out), evidence, reason, together=True)
+
+
+def _together(results: Sequence[SeedResult], file: str) -> Evidence | None:
+    """Put the seeds together as one side of a comparison; None when none has a record."""
+    found = [each.evidence for each in results if each.evidence is not None]
+    if not found:
+        return None
+    missing = [f"seed {each.seed}: no record: {each.sentence}" for each in results if each.evidence is None]
+    whole = together(found, file)
+    return replace(whole, faults=(*whole.faults, *missing))
+
+
+def campaign_exit_code(
+    results: Sequence[SeedResult], *, may_fail: int, comparison: Comparison | None = None
+) -> int:
+    """Return the exit code: anything but 0 and 1 from any seed wins, then 1 if too many failed, then the comparison."""
     codes = [result.exit_code for result in results]
     for code in _WORST_FIRST:
         if code in codes:
             return int(code)
-    return next((code for code in codes if code not in (0, 1)), int(codes.count(1) > may_fail))
+    code = next((code for code in codes if code not in (0, 1)), int(codes.count(1) > may_fail))
+    return code if code or comparison is None else int(comparison_code(comparison))
 
 
-def campaign_sentence(results: Sequence[SeedResult], spreads: Sequence[Spread], *, may_fail: int) -> str:
-    """Return how many seeds passed and what the worst headings were, in one sentence."""
+def campaign_sentence(
+    results: Sequence[SeedResult], spreads: Sequence[Spread], *, may_fail: int, comparison: Comparison | None = None
+) -> str:
+    """Return how many seeds passed, what the worst headings were, and what the comparison says."""
     passed = sum(result.exit_code == 0 for result in results)
     failed = [str(result.seed) for result in results if result.exit_code]
     which = f" (not: {', '.join(failed[:10])}{', ...' if len(failed) > 10 else ''})" if failed else ""
@@ -125,8 +176,11 @@ def campaign_sentence(results: Sequence[SeedResult], spreads: Sequence[Spread], 
         f"{spread.name} median {spread.median:.2f}, worst {spread.max:.2f} {spread.unit}" for spread in spreads
         if spread.name.startswith("heading.") and spread.name.endswith(".max") and "uncalibrated" not in spread.name
     ]
-    word = "PASS" if campaign_exit_code(results, may_fail=may_fail) == 0 else "FAIL"
-    return "; ".join([f"{passed} of {len(results)} seeds pass{which}{allowed}", *headings]) + f": {word}."
+    of_seeds = campaign_exit_code(results, may_fail=may_fail)
+    code = campaign_exit_code(results, may_fail=may_fail, comparison=comparison)
+    word = "FAIL" if of_seeds else WORDS[ExitCode(code)].upper()
+    sentence = "; ".join([f"{passed} of {len(results)} seeds pass{which}{allowed}", *headings]) + f": {word}."
+    return f"{sentence} {judged_words(comparison, passes=code == 0)}".rstrip()
 
 
 def spreads_of(results: Sequence[SeedResult]) -> list[Spread]:
@@ -155,14 +209,12 @@ def spreads_of(results: Sequence[SeedResult]) -> list[Spread]:
 def _run_seed(seed: int, options: Sequence[str], out: Path) -> SeedResult:
     """Run one seed in a process of its own: pytest keeps state that a second run would meet."""
     folder = out / f"seed-{seed:04d}"
-    (folder / RUN_FILE).unlink(missing_ok=True)  # what an earlier campaign left must not pass for this one's
-    command = [sys.executable, "-m", "hiltest", "run", f"--seed={seed}", f"--out={folder}", "--", *options]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = run_command(f"--seed={seed}", f"--out={folder}", "--", *options, folder=folder)
     if (folder / RUN_FILE).exists():
         run = load_run(folder / RUN_FILE)
-        return SeedResult(seed, done.returncode, run.verdict.sentence, run.measurements, _made_with(run))
-    words = (done.stderr or done.stdout).strip().splitlines()
-    return SeedResult(seed, done.returncode, words[-1] if words else "no output")
+        evidence = evidence_of(run, file=str(folder / RUN_FILE))
+        return SeedResult(seed, done.returncode, run.verdict.sentence, run.measurements, _made_with(run), evidence)
+    return SeedResult(seed, done.returncode, last_words(done.stderr or done.stdout))
 
 
 def _made_with(run: Run) -> MadeWith | None:
@@ -172,7 +224,7 @@ def _made_with(run: Run) -> MadeWith | None:
     return MadeWith(firmware, run.board.build_id, run.board.cycle_model, run.rig.name, run.rig.sha256)
 
 
-def _to_json(results: Sequence[SeedResult], spreads: Sequence[Spread]) -> str:
+def _to_json(results: Sequence[SeedResult], spreads: Sequence[Spread], comparison: Comparison | None) -> str:
     seeds = [{"seed": each.seed, "exit_code": each.exit_code, "sentence": each.sentence} for each in results]
     made_with = dict.fromkeys(each.made_with for each in results if each.made_with)
     content = {
@@ -180,6 +232,7 @@ def _to_json(results: Sequence[SeedResult], spreads: Sequence[Spread]) -> str:
         "made_with": [asdict(each) for each in made_with],
         "seeds": seeds,
         "measurements": [_rounded(asdict(each)) for each in spreads],
+        **({} if comparison is None else {"comparison": asdict(comparison)}),
     }
     return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 

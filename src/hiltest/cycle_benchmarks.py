@@ -24,7 +24,8 @@ from hiltest.cycle_tables import (
     scale_cycles,
     split_by_cycle_model,
 )
-from hiltest.session import SESSION, is_benchmark, uses_board
+from hiltest.needs import is_benchmark, uses_board
+from hiltest.session import SESSION
 
 if TYPE_CHECKING:
     from pytest_benchmark.fixture import BenchmarkFixture

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from hiltest.found import FOUND, Found
 from hiltest.operator_prompt import ask
-from hiltest.session import FOUND, SESSION, Found, HilSession
+from hiltest.session import SESSION, HilSession
 from hiltest.settings import Settings
 
 if TYPE_CHECKING:

@@ -23,22 +23,10 @@ from hiltest.fixtures import (
     rig,
     turntable,
 )
+from hiltest.found import CAUSE, FOUND, FOUND_AT_ITS_END, FOUND_HERE, GATING, REASON, TRACE, carry_over, pack
 from hiltest.gate_set import leave_out_full
-from hiltest.session import (
-    CAUSE,
-    FOUND,
-    FOUND_AT_ITS_END,
-    FOUND_HERE,
-    GATING,
-    REASON,
-    SESSION,
-    TRACE,
-    HilSession,
-    carry_over,
-    pack,
-    uses_board,
-    uses_hiltest,
-)
+from hiltest.needs import uses_board, uses_hiltest
+from hiltest.session import NOT_JUDGED, SESSION, HilSession
 from hiltest.settings import add_options, resolve
 
 __all__ = [
@@ -186,3 +174,18 @@ def pytest_report_teststatus(report: pytest.CollectReport | pytest.TestReport) -
     # One that is tried again is pytest-rerunfailures' to name.
     cause = getattr(report, CAUSE, "") if report.failed else ""
     return (cause, _LETTERS[cause], (cause.upper(), {"red": True})) if cause else None
+
+
+# Last: it only speaks up where no run was recorded, which then would have decided.
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
+    """Fail closed: a gate that was asked for, and that nothing was measured for, is no pass."""
+    if exitstatus == pytest.ExitCode.OK and session.config.stash[SESSION].unevaluated:
+        session.exitstatus = NOT_JUDGED
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, exitstatus: int, config: pytest.Config) -> None:
+    """Say why such a gate was not evaluated."""
+    # As pytest had it, before it was told that this is no pass.
+    if exitstatus == pytest.ExitCode.OK and (reason := config.stash[SESSION].unevaluated):
+        terminalreporter.write_line(reason)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from hiltest.outcomes import TestLog
+from hiltest.found import BENCH, FOUND_HERE
+from hiltest.outcomes import RERUN, TestLog
 from hiltest.report.record import (
     BoardRecord,
     CalibrationRecord,
@@ -21,7 +23,7 @@ from hiltest.report.record import (
 )
 from hiltest.report.unmet import unmet_limits
 from hiltest.rig_conditions import conditions_sha256
-from hiltest.session import BENCH, FOUND_HERE, HilSession
+from hiltest.session import HilSession
 
 if TYPE_CHECKING:
     from hiltest.boards import Board
@@ -52,6 +54,7 @@ class Recording:
         self._hil = hil
         self._recorder = recorder
         self._log = TestLog(hil.test_id)
+        self._finished = 0
         self._summary_remark = ""
         self.run: Run | None = None
 
@@ -80,8 +83,10 @@ class Recording:
 
     def pytest_runtest_logfinish(self, nodeid: str) -> None:
         """Write a finished test through to the disk, each attempt of it."""
-        for result in self._log.finish(nodeid):
+        results = self._log.finish(nodeid)
+        for result in results:
             self._recorder.finished(result)
+        self._finished += bool(results) and results[-1].outcome != RERUN
 
     # First of the plain implementations: others, such as junitxml, then see the final exit status.
     @pytest.hookimpl(tryfirst=True)
@@ -96,9 +101,14 @@ class Recording:
         self._recorder.finished(None)
         stopped = bool(session.shouldstop or session.shouldfail)
         left_out = self._hold_to_the_rig(left_out=stopped or exitstatus > 1 or self._hil.chose_tests)
-        verdict = decide(self._recorder.findings, pytest_exit=int(exitstatus), left_out=left_out)
-        self.run = self._recorder.finish(verdict)
-        session.exitstatus = verdict.exit_code
+        cut_short = stopped or self._finished < session.testscollected
+        decided = partial(
+            decide, self._recorder.findings, pytest_exit=int(exitstatus), left_out=left_out, cut_short=cut_short
+        )
+        if self._hil.gate is not None:
+            self._recorder.compare(self._hil.gate.judge, decided())
+        self.run = self._recorder.finish(decided())
+        session.exitstatus = self.run.verdict.exit_code
         write_reports(self.run, self._recorder.folder)
         self._summary_remark = append_to_job_summary(markdown_report(self.run), self._recorder.folder / MARKDOWN_FILE)
         session.config.hook.pytest_hil_finished(config=session.config, run=self.run)

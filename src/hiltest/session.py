@@ -6,92 +6,44 @@ to import is imported by the function that needs it.
 
 from __future__ import annotations
 
-import json
 import os
 import time
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from hiltest.found import FOUND, GATING, Found, properties_of
 from hiltest.gate_set import LeftOut
+from hiltest.needs import is_benchmark, uses_board, uses_hiltest, uses_rig
 from hiltest.settings import Settings, make_folder
 
 if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
     from hiltest.boards import Board
     from hiltest.errors import BenchError, ProtocolError
+    from hiltest.gate import Gate
     from hiltest.imu_calibration.file import CalibrationFile
     from hiltest.measurement import Limit, Measurement
-    from hiltest.report.record import Table
     from hiltest.report.recorder import Recorder
     from hiltest.rig import Rig
     from hiltest.wire_traces import WireTraces
 
 BENCH_LOST = "bench lost"
 WRONG_FIRMWARE = "wrong firmware"
-
-# Attributes of a report, plain data, so that they survive the way from a worker.
-CAUSE = "hil_cause"
-"""Whose fault a failure is, when it is not the test's own."""
-REASON = "hil_reason"
-"""What the bench or the firmware did, in one line."""
-TRACE = "hil_trace"
-"""The wire trace of a failed test, relative to the run's folder."""
-FOUND_HERE = "hil_found"
-"""Measurements and tables, as `pack` made them."""
-BENCH = "hil_bench"
-"""From a worker: whether there is a rig, and which board with which seed."""
+NOT_JUDGED = 22
+"""The exit code, where nothing heavy is imported for it."""
 
 GROUP = "hil"
 """What pytest-xdist calls the tests that it keeps together."""
 
-_BOARD_FIXTURES = frozenset({"board", "turntable"})
-_FIXTURES = _BOARD_FIXTURES | {"measure", "rig"}
-_FIXTURE_MODULES = frozenset({"hiltest.fixtures", "hiltest.cycle_benchmarks"})
 # pytest's options that leave tests out.
 _CHOICES = ("keyword", "markexpr", "deselect", "ignore", "ignore_glob", "lf", "stepwise")
 # Folders of suites: a bench's own, and the packaged ones.
 _SUITES = (("hil", "suites"), ("bench", "suites"))
 
-
-@dataclass(slots=True)
-class Found:
-    """What one test measured since its last report."""
-
-    measurements: list[Measurement] = field(default_factory=list)
-    tables: list[Table] = field(default_factory=list)
-
-
 SESSION: pytest.StashKey[HilSession] = pytest.StashKey()
-FOUND: pytest.StashKey[Found] = pytest.StashKey()
-FOUND_AT_ITS_END: pytest.StashKey[Found] = pytest.StashKey()
-"""What the report of a tear-down took of it."""
-GATING: pytest.StashKey[list[Measurement]] = pytest.StashKey()
-
-
-def uses_board(item: pytest.Item) -> bool:
-    """Say whether a test needs a board: by the marker ``hil`` or by a fixture."""
-    return item.get_closest_marker("hil") is not None or bool(_BOARD_FIXTURES & _fixtures_of(item))
-
-
-def uses_hiltest(item: pytest.Item) -> bool:
-    """Say whether a test has anything to do with hiltest."""
-    return uses_board(item) or bool(_FIXTURES & _fixtures_of(item))
-
-
-def uses_rig(item: pytest.Item) -> bool:
-    """Say whether a test needs a rig; one that only measures does not."""
-    return uses_board(item) or "rig" in _fixtures_of(item)
-
-
-def is_benchmark(item: pytest.Item) -> bool:
-    """Say whether a test shows device cycles in pytest-benchmark, by hiltest's fixture and not another project's."""
-    return "benchmark_cycles" in _fixtures_of(item)
 
 
 class HilSession:
@@ -113,6 +65,10 @@ class HilSession:
         Tests of the full set.
     only_benchmarks : bool
         Whether pytest was asked for benchmarks of device cycles and for no other test of ours.
+    base : Path or None
+        What the run is to be judged against; `base_ran_here` says that it is of this very session.
+    gate : Gate or None
+        The base, once it is read.
     """
 
     def __init__(self, config: pytest.Config, settings: Settings) -> None:
@@ -133,6 +89,9 @@ class HilSession:
         self._recorder: Recorder | None = None
         self._made_folder = False
         self.left_out = LeftOut()
+        self.base = settings.baseline
+        self.base_ran_here = False
+        self.gate: Gate | None = None
 
     @property
     def is_worker(self) -> bool:
@@ -187,6 +146,7 @@ class HilSession:
             _ = self.rig_if_needed
             if self.settings.calibration is not None and self.calibration is None:
                 self.calibration = load_calibration(self.settings.calibration)
+            self.read_base()
             if not self.is_worker:
                 # Before anything is written to the folder, the first words on the line among it.
                 self.claim_folder()
@@ -197,6 +157,22 @@ class HilSession:
                     self.connect()
         except ConfigError as error:
             raise pytest.UsageError(str(error)) from error
+
+    def read_base(self) -> None:
+        """Read what the run is to be judged against, before the folder is this run's: it may lie there."""
+        if self.base is not None and self.gate is None and not self.is_worker:
+            from hiltest.gate import read_gate
+
+            self.gate = read_gate(self.base, together=self.base_ran_here)
+
+    @property
+    def unevaluated(self) -> str:
+        """Why a gate that was asked for is not evaluated although no run is recorded; empty when there is none."""
+        recorded = self.config.pluginmanager.has_plugin("hiltest-recording")
+        if self.base is None or recorded or self.is_worker or self.config.option.collectonly:
+            return ""
+        source = self.settings.sources["baseline"]
+        return f"NOT JUDGED: {source} is {self.base}, and no test that ran uses hiltest: there is nothing to compare."
 
     def claim_folder(self) -> Recorder:
         """Return the recorder, whose folder belongs to this session alone until `release_folder`.
@@ -383,7 +359,7 @@ class HilSession:
         item.stash.setdefault(FOUND, Found()).measurements.append(measurement)
         if measurement.gates:
             item.stash.setdefault(GATING, []).append(measurement)
-        item.user_properties.extend(_properties(measurement))
+        item.user_properties.extend(properties_of(measurement))
         item.ihook.pytest_hil_measurement(item=item, measurement=measurement)
 
     def end(self) -> list[Measurement]:
@@ -398,16 +374,18 @@ class HilSession:
         ]
 
     def describe(self) -> list[str]:
-        """Return the two header lines: which board, and what its numbers rest on."""
+        """Return the header lines: which board, what its numbers rest on, and what they will be judged against."""
+        base = [] if self.gate is None else [self.gate.describe()]
         if self.trouble is not None:
-            return [f"hiltest: {self.trouble}", f"rig: {self._rig_line()}"]
+            return [f"hiltest: {self.trouble}", f"rig: {self._rig_line()}", *base]
         if self._board is None:
-            return []
+            return base
         board, identity = self._board, self._board.identity
         return [
             f"hiltest: {board.description}; firmware {identity.name} {identity.version} build {identity.build_id}, "
             f"protocol {identity.protocol_version}",
             f"cycle model {board.cycle_model}, {identity.core_clock_hz / 1e6:g} MHz; rig: {self._rig_line()}",
+            *base,
         ]
 
     def _rig_line(self) -> str:
@@ -422,53 +400,3 @@ def board_is_gone(error: BenchError | ProtocolError) -> bool:
     from hiltest.errors import OperatorAbsentError, SensorAbsentError, TurntableError
 
     return not isinstance(error, SensorAbsentError | OperatorAbsentError | TurntableError)
-
-
-def carry_over(item: pytest.Item) -> None:
-    """Take again, at the set-up of another attempt, what the tear-down of the one before measured.
-
-    pytest-rerunfailures before 16 shows nobody the reports that follow a failed one.
-    """
-    before = item.stash.get(FOUND_AT_ITS_END, None)
-    if before is not None:
-        item.stash.setdefault(FOUND, Found()).measurements.extend(before.measurements)
-
-
-def pack(found: Found) -> dict[str, Any]:
-    """Return plain data that a report can carry from a worker to the controller: no enum, no number of numpy's."""
-    return {
-        "measurements": [plain_data(each.rounded()) for each in found.measurements],
-        "tables": [plain_data(each.rounded()) for each in found.tables],
-    }
-
-
-def plain_data(record: DataclassInstance) -> dict[str, Any]:
-    """Return what `asdict` makes of a part of the record, of JSON's own kinds alone."""
-    plain: dict[str, Any] = json.loads(json.dumps(asdict(record)))
-    return plain
-
-
-def _fixtures_of(item: pytest.Item) -> set[str]:
-    """Return the names of hiltest's own fixtures that a test uses.
-
-    Another project's fixture may be called ``board`` too; its tests are none of our business.
-    """
-    info = getattr(item, "_fixtureinfo", None)  # pytest has no public way to ask which definition a name resolves to
-    if info is None:
-        return set()
-    used = {name: definitions[-1].func for name, definitions in info.name2fixturedefs.items() if definitions}
-    return {name for name, function in used.items() if function.__module__ in _FIXTURE_MODULES}
-
-
-def _properties(measurement: Measurement) -> list[tuple[str, object]]:
-    name = f"hil.{measurement.name}"
-    shown = measurement.rounded()
-    properties: list[tuple[str, object]] = [
-        (name, "" if shown.value is None else shown.value), (f"{name}.unit", shown.unit),
-        (f"{name}.outcome", str(shown.outcome)),
-    ]
-    if shown.limit is not None:
-        properties.append((f"{name}.limit", str(shown.limit)))
-    if shown.cycle_model:
-        properties.append((f"{name}.cycle_model", shown.cycle_model))
-    return properties

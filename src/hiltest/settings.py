@@ -111,6 +111,7 @@ OPTIONS = (
     Option("poses", "all|level", poses, None, "which known angles are judged (default: the rig's)"),
     Option("suite", "gate|full", suite, "gate", "set of tests: gate leaves out those marked full (default: gate)"),
     Option("calibration", "FILE", file_name, None, "calibration file of this board, to be judged beside the others"),
+    Option("baseline", "FILE", file_name, None, "baseline, or record of a run, that this one must not be worse than"),
 )
 
 
@@ -126,6 +127,7 @@ class Settings:
     poses: Literal["all", "level"] | None
     suite: Literal["gate", "full"]
     calibration: Path | None
+    baseline: Path | None
     sources: Mapping[str, str]
 
 
@@ -159,6 +161,7 @@ def resolve(config: pytest.Config, environment: Mapping[str, str] = os.environ) 
         poses=values["poses"],
         suite=values["suite"],
         calibration=None if values["calibration"] is None else Path(values["calibration"]),
+        baseline=None if values["baseline"] is None else Path(values["baseline"]),
         sources=sources,
     )
 

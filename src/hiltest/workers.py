@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import pytest
 
+from hiltest.found import BENCH, plain_data
 from hiltest.gate_set import LeftOut
-from hiltest.session import BENCH, GROUP, HilSession, plain_data, uses_board, uses_hiltest
+from hiltest.needs import uses_board, uses_hiltest
+from hiltest.session import GROUP, HilSession
 
 if TYPE_CHECKING:
     from hiltest.recording import Recording
@@ -188,6 +190,7 @@ class Controller:
         from hiltest.errors import ConfigError
         from hiltest.recording import start_recording
 
+        self._hil.read_base()
         try:
             self._recording = start_recording(self._hil)
         except ConfigError as error:

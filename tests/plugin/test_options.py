@@ -8,7 +8,7 @@ from hiltest.settings import OPTIONS
 
 SHOW = """
     def test_it(hil_settings):
-        for name in ("rig", "firmware", "port", "out", "seed", "poses", "suite", "calibration"):
+        for name in ("rig", "firmware", "port", "out", "seed", "poses", "suite", "calibration", "baseline"):
             print(f"{name}={getattr(hil_settings, name)} from {hil_settings.sources[name]}")
 """
 

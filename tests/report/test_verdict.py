@@ -7,6 +7,9 @@ from collections.abc import Callable
 
 import pytest
 
+from hiltest.comparison.compare import compare
+from hiltest.comparison.evidence import Conditions, Evidence
+from hiltest.comparison.model import Comparison, Side
 from hiltest.measurement import Limit, Measurement, judge
 from hiltest.report.record import Findings, TestResult
 from hiltest.report.unmet import unmet_limits
@@ -209,6 +212,43 @@ def test_an_unset_measurement_gates_only_where_nothing_is_worse(findings: Make, 
     unset = judge("x", 1.0, unit="deg", limit=Limit(max=2), not_judged="no reference")
     assert decide(findings(*good, unset), pytest_exit=0).exit_code == 22
     assert decide(findings(*good, unset, tests=(_test("failed"),)), pytest_exit=1).exit_code == 1
+
+
+def _compared(now: Measurement, *faults: str) -> Comparison:
+    """Compare a lamp of 2 mA with another, measured under the same conditions."""
+    conditions = Conditions("virtual", "ab", ("direct",), (), 4, (), "all", "gate", False)
+    sides = [
+        Evidence(Side(file, "", "lamp", "1", "", "gcc", "", "bench", (1,), ""), conditions, {1: {each.name: each}})
+        for file, each in (("base.json", judge("lamp.current", 2.0, unit="mA", limit=Limit(max=9))), ("", now))
+    ]
+    return compare(sides[0], dataclasses.replace(sides[1], faults=faults))
+
+
+@pytest.mark.parametrize(
+    ("current_ma", "faults", "more", "pytest_exit", "code"),
+    [
+        (2.0, (), (), 0, 0),
+        (1.0, (), (), 0, 0),
+        (3.0, (), (), 0, 21),
+        (3.0, ("cut short",), (), 0, 22),
+        (2.0, ("cut short",), (), 0, 22),
+        (3.0, (), (judge("x", 1.0, unit="", limit=Limit(max=2), not_judged="no reference"),), 0, 22),
+        (3.0, (), (), 1, 1),
+        (3.0, ("cut short",), (), 2, 2),
+        (2.0, ("cut short",), (), 5, 5),
+    ],
+)
+def test_a_comparison_decides_where_nothing_else_has(
+    findings: Make, current_ma: float, faults: tuple[str, ...], more: tuple[Measurement, ...], pytest_exit: int,
+    code: int,
+) -> None:
+    now = judge("lamp.current", current_ma, unit="mA", limit=Limit(max=9))
+    made = findings(now, *more)
+    made.comparison = _compared(now, *faults)
+    verdict = decide(made, pytest_exit=pytest_exit)
+    assert verdict.exit_code == code
+    assert verdict.sentence.endswith(": may be merged.") == (code == 0)
+    assert (": not to be merged." in verdict.sentence) == (current_ma == 3.0 and not faults)
 
 
 def test_the_order_of_measurements_does_not_change_the_sentence(findings: Make, good: list[Measurement]) -> None:

@@ -12,26 +12,41 @@ import pytest
 from hiltest.bench_files import suites
 from hiltest.commands.options import EXIT_CODES, checked
 from hiltest.errors import ConfigError
-from hiltest.report.record import Run
+from hiltest.older import FOLDER, base_of_environment, last_words, run_older
+from hiltest.report.record import RUN_FILE, Run
 from hiltest.session import SESSION
 from hiltest.settings import DEFAULT_OUT, file_name, seed
 
+ONE_BASE = "a run is judged against one base; leave one of them out"
+
 
 class RunCommand:
-    """A pytest plugin that opens the bench at once, and takes the finished record."""
+    """A pytest plugin that opens the bench at once, and takes the finished record.
+
+    Parameters
+    ----------
+    older : Path, optional
+        Record of an older firmware, run just before on the same bench, that the run is judged against.
+    """
 
     __name__ = "hiltest-run"
 
-    def __init__(self) -> None:
+    def __init__(self, older: Path | None = None) -> None:
         self.run: Run | None = None
+        self._older = older
 
     # Last, so that the hiltest plugin has read its options. A wrong rig or firmware then ends the
     # command before pytest has collected or written anything.
     @pytest.hookimpl(trylast=True)
     def pytest_configure(self, config: pytest.Config) -> None:
         """Open the bench, which this command always needs."""
+        hil = config.stash[SESSION]
+        if self._older is not None:
+            if hil.base is not None:
+                raise pytest.UsageError(f"--against, and {hil.settings.sources['baseline']}: {ONE_BASE}")
+            hil.base, hil.base_ran_here = self._older, True
         if not config.option.collectonly:
-            config.stash[SESSION].open(with_board=True)
+            hil.open(with_board=True)
 
     def pytest_hil_finished(self, run: Run) -> None:
         """Keep the finished record."""
@@ -71,9 +86,13 @@ def _seed_range(_context: click.Context, _parameter: click.Parameter, text: str 
               help="Set of tests: gate leaves out what takes longest.  [default: gate]")
 @click.option("--calibration", metavar="FILE", callback=checked(file_name),
               help="Calibration file of this board (hiltest calibrate), to be judged beside the others.")
+@click.option("--baseline", metavar="FILE", callback=checked(file_name),
+              help="Baseline, or record of a run, that this one must not be worse than.")
+@click.option("--against", metavar="ELF", callback=checked(file_name),
+              help="Older firmware that this one must not be worse than; it is run first, on the same bench.")
 @click.argument("pytest_args", nargs=-1, type=click.UNPROCESSED)
 def run(
-    out: str, seeds: range | None, may_fail: int, pytest_args: Sequence[str], **given: str | None
+    out: str, seeds: range | None, may_fail: int, against: str | None, pytest_args: Sequence[str], **given: str | None
 ) -> int:
     """Run the suites and end with a verdict.
 
@@ -82,17 +101,42 @@ def run(
     """
     names = {"rig": "--hil-rig", "firmware": "--hil-firmware", "hil_port": "--hil-port", "seed": "--hil-seed",
              "poses": "--hil-poses", "suite": "--hil-suite", "calibration": "--hil-calibration"}
-    options = [f"{names[name]}={value}" for name, value in given.items() if value is not None]
-    if seeds is None:
-        return run_suites([*options, *pytest_args], Path(out))
-    if given["seed"] or given["hil_port"]:
-        raise ConfigError("--seeds simulates many worlds: it goes neither with --seed nor with --hil-port")
-    from hiltest.campaign import run_seeds
+    baseline = given.pop("baseline")
+    options = [f"{names[name]}={value}" for name, value in given.items() if value is not None] + list(pytest_args)
+    if against is not None:
+        _check_against(baseline or base_of_environment(), given["hil_port"])
+    if seeds is not None:
+        if given["seed"] or given["hil_port"]:
+            raise ConfigError("--seeds simulates many worlds: it goes neither with --seed nor with --hil-port")
+        from hiltest.campaign import run_seeds
 
-    return run_seeds(seeds, [*options, *pytest_args], Path(out), may_fail=may_fail)
+        base = baseline or base_of_environment()
+        return run_seeds(seeds, options, Path(out), may_fail=may_fail, baseline=base, against=against)
+    if against is not None:
+        return _run_both(options, against, Path(out))
+    return run_suites(options + ([] if baseline is None else [f"--hil-baseline={baseline}"]), Path(out))
 
 
-def run_suites(options: Sequence[str], out: Path) -> int:
+def _check_against(baseline: str | None, port: str | None) -> None:
+    if baseline is not None:
+        raise ConfigError(f"--against, and the baseline {baseline}: {ONE_BASE}")
+    if port is not None:
+        raise ConfigError("--against runs two ELF files on the virtual board: it does not go with --hil-port")
+
+
+def _run_both(options: Sequence[str], against: str, out: Path) -> int:
+    """Run the older firmware, then the newer one, judged against it."""
+    folder = out / FOLDER
+    click.echo(f"{against}: running it first, its record is {folder / RUN_FILE}")
+    done = run_older(options, against, folder)
+    if done.returncode in (pytest.ExitCode.USAGE_ERROR, pytest.ExitCode.INTERRUPTED):
+        click.echo(done.stderr, err=True, nl=False)
+        return done.returncode
+    click.echo(f"{against}: {last_words(done.stdout or done.stderr)}")
+    return run_suites(options, out, older=folder)
+
+
+def run_suites(options: Sequence[str], out: Path, *, older: Path | None = None) -> int:
     """Run pytest on the suites and print the verdict as the last line.
 
     Parameters
@@ -101,13 +145,15 @@ def run_suites(options: Sequence[str], out: Path) -> int:
         For pytest.
     out : Path
         Folder of the record.
+    older : Path, optional
+        Folder of an older firmware's record that the run is judged against.
 
     Returns
     -------
     int
         Exit code.
     """
-    command = RunCommand()
+    command = RunCommand(older)
     here = Path.cwd()
     # pytest would warn that it came too late to rewrite the assertions of the package that started it.
     no_warning = "ignore:Module already imported:pytest.PytestAssertRewriteWarning"

@@ -106,7 +106,7 @@ def _judged(
     was_out, is_out = _out_of_limit(pairs.base), _out_of_limit(pairs.new)
     if is_out != was_out:
         return (Change.WORSE, "out of its limit") if is_out else (Change.BETTER, "within its limit again")
-    costs = [(_cost(before, sense), _cost(after, sense)) for before, after in zip(base, new, strict=True)]
+    costs = [(cost(before, sense), cost(after, sense)) for before, after in zip(base, new, strict=True)]
     if sense is not Sense.NEITHER:
         before, after = (list(side) for side in zip(*costs, strict=True))
         if _beyond(before, after, tolerance):
@@ -126,7 +126,7 @@ def _out_of_limit(side: Mapping[Seed, Measurement | None]) -> bool:
     return any(each is not None and each.outcome is Outcome.FAIL for each in side.values())
 
 
-def _cost(value: float, sense: Sense) -> float:
+def cost(value: float, sense: Sense) -> float:
     """Return a number that is smaller the better the value is."""
     return abs(value) if sense is Sense.NEARER_ZERO else -value if sense is Sense.LARGER else value
 

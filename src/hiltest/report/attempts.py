@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from hiltest.comparison.difference import cost
+from hiltest.comparison.model import Sense
+from hiltest.comparison.rules import rule_of
 from hiltest.measurement import Measurement, Outcome
 
 WORST_OF_SEVERAL = "worst of several attempts"
@@ -14,8 +17,8 @@ _WORST_FIRST = (Outcome.FAIL, Outcome.UNSET, Outcome.NOT_OFFERED)
 def worst_first(kept: Measurement, other: Measurement) -> tuple[Measurement, Measurement]:
     """Return what two attempts measured under one name, the one that counts first.
 
-    Out of its limit comes before not judged, that before no number at all, and that before a number. Of two
-    that are equal in this the earlier stays.
+    Out of its limit comes before not judged, that before no number at all, and that before a number. Of two numbers
+    the worse one comes first, and where neither is, the earlier.
     """
     worst, rest = sorted((kept, other), key=_rank)
     return worst, rest
@@ -26,6 +29,10 @@ def marked(measurement: Measurement) -> Measurement:
     return replace(measurement, note="; ".join(filter(None, (measurement.note, WORST_OF_SEVERAL))))
 
 
-def _rank(measurement: Measurement) -> int:
-    outcome = measurement.outcome
-    return _WORST_FIRST.index(outcome) if outcome in _WORST_FIRST else len(_WORST_FIRST)
+def _rank(measurement: Measurement) -> tuple[int, float]:
+    outcome, value = measurement.outcome, measurement.value
+    kind = _WORST_FIRST.index(outcome) if outcome in _WORST_FIRST else len(_WORST_FIRST)
+    sense = rule_of(measurement.name, measurement.limit).sense
+    if value is None or sense is Sense.NEITHER:
+        return kind, 0.0
+    return kind, -cost(float(value), sense)

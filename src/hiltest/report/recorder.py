@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import os
 import platform
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from typing import Literal
 
+from hiltest.comparison.evidence import Evidence
+from hiltest.comparison.model import Comparison
 from hiltest.measurement import Measurement
+from hiltest.report.evidence import evidence_of
 from hiltest.report.journal import Journal
 from hiltest.report.record import (
     SCHEMA,
@@ -85,6 +88,10 @@ class Recorder:
             "tables": [asdict(each.rounded()) for each in self._unwritten_tables],
         })
         self._unwritten_measurements, self._unwritten_tables = [], []
+
+    def compare(self, judge: Callable[[Evidence], Comparison], verdict: Verdict) -> None:
+        """Judge the run against a base; `verdict` says how it ended apart from that."""
+        self.findings.comparison = judge(evidence_of(self.findings.finish(verdict, utc_now())))
 
     def finish(self, verdict: Verdict) -> Run:
         """Write ``run.json``; the journal, which holds nothing more, goes with `release`."""

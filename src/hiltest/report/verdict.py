@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from hiltest.calibration.fit import FitStatus
+from hiltest.comparison.model import Comparison
 from hiltest.measurement import Measurement, Outcome, readable
 from hiltest.procedures.cause import Cause, name_cause
+from hiltest.report.judged import judged_words
 from hiltest.report.record import Findings, Run, TestResult, Verdict
 
 POSES_TABLE = "heading.poses"
@@ -32,6 +34,7 @@ class ExitCode(IntEnum):
     WRONG_FIRMWARE = 23
     BENCH_LOST = 20
     NOT_JUDGED = 22
+    REGRESSION = 21
     OK = 0
 
 
@@ -44,6 +47,7 @@ WORDS = {
     ExitCode.WRONG_FIRMWARE: "wrong firmware",
     ExitCode.BENCH_LOST: "bench lost",
     ExitCode.NOT_JUDGED: "not judged",
+    ExitCode.REGRESSION: "regression",
     ExitCode.OK: "pass",
 }
 """Outcome of a run per exit code."""
@@ -65,32 +69,34 @@ class CalibratorResult:
     fit: FitStatus = FitStatus.ELLIPSOID
 
 
-def decide(findings: Findings, *, pytest_exit: int, left_out: Sequence[str] = ()) -> Verdict:
+def decide(
+    findings: Findings, *, pytest_exit: int, left_out: Sequence[str] = (), cut_short: bool = False
+) -> Verdict:
     """Decide a run.
 
     Parameters
     ----------
     findings : Findings
-        Tests, measurements and tables of the run.
+        Tests, measurements and tables of the run, and its comparison with a base if it was to be judged against one.
     pytest_exit : int
         Exit status as pytest has it; its 2, 3, 4 and 5 win over every other.
     left_out : sequence of str
         Limits of the rig that nothing was measured against, because the user chose among the tests
         or because the session stopped. They are named, and make nobody red.
+    cut_short : bool, optional
+        Whether tests that were to run did not.
 
     Returns
     -------
     Verdict
-        `complete` is False when pytest stopped before its last test, or limits were left out.
+        `complete` is False when tests did not run or did not come to their end, or limits were left out.
     """
     code = exit_code(findings, pytest_exit=pytest_exit)
     known = code in list(ExitCode)
     word = WORDS[ExitCode(code)] if known else f"exit code {code}"
     return Verdict(
         outcome=word, exit_code=code, sentence=_sentence(findings, word, left_out),
-        complete=(
-            pytest_exit not in _PYTEST_WINS and not left_out and not _stopped(findings)
-        ),
+        complete=not (pytest_exit in _PYTEST_WINS or cut_short or left_out or _stopped(findings)),
     )
 
 
@@ -120,7 +126,7 @@ def unfinished_verdict(run: Run, *, going_on: bool) -> Verdict:
 
 
 def exit_code(findings: Findings, *, pytest_exit: int) -> int:
-    """Return the exit code: pytest's 2 to 5, then 1, 23, 20, 22."""
+    """Return the exit code: pytest's 2 to 5, then 1, 23, 20, 22, 21."""
     if pytest_exit in _PYTEST_WINS:
         return pytest_exit
     # A measurement out of its limit is red whatever its test went on to do: skip, xfail, tear down.
@@ -130,9 +136,18 @@ def exit_code(findings: Findings, *, pytest_exit: int) -> int:
         return ExitCode.WRONG_FIRMWARE
     if _tests(findings, "bench lost"):
         return ExitCode.BENCH_LOST
-    if pytest_exit == ExitCode.OK and any(each.outcome is Outcome.UNSET for each in findings.measurements.values()):
+    if pytest_exit != ExitCode.OK:
+        return pytest_exit
+    if any(each.outcome is Outcome.UNSET for each in findings.measurements.values()):
         return ExitCode.NOT_JUDGED
-    return pytest_exit
+    return ExitCode.OK if findings.comparison is None else comparison_code(findings.comparison)
+
+
+def comparison_code(comparison: Comparison) -> ExitCode:
+    """Return the exit code of a comparison alone: a gate that could not be evaluated is no pass."""
+    if not comparison.evaluated:
+        return ExitCode.NOT_JUDGED
+    return ExitCode.REGRESSION if comparison.regression else ExitCode.OK
 
 
 def calibrator_results(measurements: Sequence[Measurement]) -> tuple[CalibratorResult, ...]:
@@ -207,7 +222,10 @@ def _sentence(findings: Findings, word: str, left_out: Sequence[str]) -> str:
     if limits := _limit_words(results):
         parts.append(limits)
     sentence = "; ".join(parts) + f": {word.upper()}." if parts else f"{word.upper()}."
-    return " ".join(filter(None, (sentence, *_remarks(findings, results), _left_out_words(left_out))))
+    return " ".join(filter(None, (
+        sentence, *_remarks(findings, results), _left_out_words(left_out),
+        judged_words(findings.comparison, passes=word == WORDS[ExitCode.OK]),
+    )))
 
 
 def _limit_words(results: Sequence[CalibratorResult]) -> str:

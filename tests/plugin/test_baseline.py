@@ -1,0 +1,253 @@
+"""A run that is to be judged against a base passes only when it was, whatever keeps tests from running."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+LAMP = """
+import os
+import pytest
+from hiltest.measurement import Limit
+
+def test_first(board):
+    pass
+
+def test_current(measure, board):
+    measure("lamp.current", float(os.environ.get("LAMP_CURRENT", 2)), "mA", limit=Limit(max=9))
+
+def test_life(measure, board):
+    if "LAMP_BROKEN" not in os.environ:
+        measure("lamp.life", 30.0, "h")
+"""
+FAILS = "\ndef test_first(board):\n    assert 'LAMP_FAILS' not in os.environ\n"
+
+
+@pytest.fixture
+def base(pytester: pytest.Pytester) -> Path:
+    """A lamp that draws 2 mA, and the record of it."""
+    pytester.makepyfile(test_lamp=LAMP)
+    assert pytester.runpytest_inprocess("--hil-out=base").ret == 0
+    return pytester.path / "base"
+
+
+def record(pytester: pytest.Pytester) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads((pytester.path / "hil-out" / "run.json").read_text(encoding="utf-8"))
+    return content
+
+
+def judged(pytester: pytest.Pytester, *options: str) -> tuple[int, str]:
+    """Run against the base; return exit code and sentence."""
+    result = pytester.runpytest_inprocess("--hil-baseline=base", *options)
+    return int(result.ret), str(record(pytester)["verdict"]["sentence"])
+
+
+def replace_in(path: Path, old: str, new: str) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new), encoding="utf-8")
+
+
+@pytest.mark.usefixtures("base")
+@pytest.mark.parametrize(
+    ("current", "code", "sentence"),
+    [
+        ("2", 0, "PASS. Against base/run.json: 3 unchanged: may be merged."),
+        ("1", 0, "PASS. Against base/run.json: 1 better: lamp.current 2 -> 1 mA (-1, -50 %; limit at most 9); "
+                 "2 unchanged: may be merged."),
+        ("3", 21, "REGRESSION. Against base/run.json: 1 worse: lamp.current 2 -> 3 mA (+1, +50 %; limit at most 9); "
+                  "2 unchanged: not to be merged."),
+        # Out of its limit is a failed test, and that comes first.
+        ("10", 1, "FAIL. Out of limit: lamp.current 10 mA (at most 9). Against base/run.json: 1 worse: lamp.current "
+                  "2 -> 10 mA (*; limit at most 9; out of its limit); 2 unchanged: not to be merged."),
+    ],
+)  # fmt: skip
+def test_it_says_what_changed_and_whether_it_may_be_merged(
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, current: str, code: int, sentence: str
+) -> None:
+    monkeypatch.setenv("LAMP_CURRENT", current)
+    ended, said = judged(pytester)
+    assert ended == code
+    assert fnmatchcase(said, sentence), said
+    changes = {each["name"]: each["change"] for each in record(pytester)["comparison"]["differences"]}
+    assert changes.keys() == {"board.virtual_seconds", "lamp.current", "lamp.life"}
+    assert changes["lamp.life"] == "unchanged"
+
+
+def test_the_base_may_lie_where_the_record_will(base: Path, pytester: pytest.Pytester) -> None:
+    base.rename(pytester.path / "hil-out")
+    assert pytester.runpytest_inprocess("--hil-baseline=hil-out/run.json").ret == 0
+
+
+def test_the_base_may_come_from_environment_and_ini(
+    base: Path, pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("LAMP_CURRENT", "3")
+    pytester.makeini("[pytest]\nhil_baseline = base\n")
+    assert pytester.runpytest_inprocess().ret == 21
+    assert pytester.runpytest_inprocess("-o", "hil_baseline=").ret == 0
+    monkeypatch.setenv("HIL_BASELINE", "no-such-file.json")
+    assert pytester.runpytest_inprocess().ret == 22
+
+
+def unreadable(base: Path) -> None:
+    (base / "run.json").unlink()
+
+
+def of_another_schema(base: Path) -> None:
+    replace_in(base / "run.json", '"hiltest.run/1"', '"hiltest.run/2"')
+
+
+def of_another_cycle_model(base: Path) -> None:
+    replace_in(base / "run.json", '"cortex-m4-trm/1@sram"', '"silicon-dwt"')
+
+
+def of_another_compiler(base: Path) -> None:
+    replace_in(base / "run.json", '"compiler": "', '"compiler": "other ')
+
+
+def of_another_protocol(base: Path) -> None:
+    replace_in(base / "run.json", '"protocol_version": ', '"protocol_version": 1')
+
+
+def cut_short(base: Path) -> None:
+    replace_in(base / "run.json", '"complete": true', '"complete": false')
+
+
+@pytest.mark.parametrize(
+    ("spoil", "reason"),
+    [
+        (unreadable, "base: "),
+        (of_another_schema, 'schema is "hiltest.run/2", this hiltest reads "hiltest.run/1"'),
+        (of_another_cycle_model, "another cycle model: silicon-dwt before, cortex-m4-trm/1@sram now"),
+        (of_another_compiler, "another compiler: other "),
+        (of_another_protocol, "another protocol: version 1"),
+        (cut_short, "base/run.json: the run is not complete"),
+    ],
+    ids=lambda value: getattr(value, "__name__", ""),
+)
+def test_a_base_that_cannot_be_compared_with_is_no_pass(
+    base: Path, pytester: pytest.Pytester, spoil: Callable[[Path], None], reason: str
+) -> None:
+    spoil(base)
+    code, sentence = judged(pytester)
+    assert code == 22
+    assert sentence.startswith("NOT JUDGED. Not compared with base")
+    assert reason in sentence
+
+
+@pytest.mark.usefixtures("base")
+def test_another_rig_is_no_pass_and_another_limit_is_the_same_rig(
+    pytester: pytest.Pytester, default_rig: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = default_rig[: default_rig.index("[limits]")]
+    path = pytester.path / "lamp.toml"
+    monkeypatch.setenv("HIL_RIG", "lamp.toml")
+    path.write_text(rig + '[limits]\n"lamp.life" = { min = 20.0, unit = "h" }\n', encoding="utf-8")
+    assert judged(pytester)[0] == 0
+    path.write_text(rig.replace("dip_deg = 62.0 ", "dip_deg = 61.0 "), encoding="utf-8")
+    code, sentence = judged(pytester)
+    assert code == 22
+    assert "another rig: " in sentence
+
+
+@pytest.mark.usefixtures("base")
+def test_a_vanished_measurement_is_no_pass_and_is_named(
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("LAMP_BROKEN", "yes")
+    code, sentence = judged(pytester)
+    assert code == 22
+    assert "Not compared with base/run.json: measurement gone: lamp.life; " in sentence
+
+
+@pytest.mark.usefixtures("base")
+@pytest.mark.parametrize("options", [["-k", "current or first"], ["test_lamp.py::test_current"]], ids=["-k", "node id"])
+def test_a_choice_of_tests_is_no_pass(pytester: pytest.Pytester, options: list[str]) -> None:
+    code, sentence = judged(pytester, *options)
+    assert code == 22
+    assert "measurement gone: lamp.life" in sentence
+
+
+@pytest.mark.usefixtures("base")
+def test_a_choice_that_leaves_no_test_of_hiltest_is_no_pass(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(test_plain="def test_plain():\n    pass\n")
+    result = pytester.runpytest_inprocess("--hil-baseline=base", "-k", "plain")
+    assert result.ret == 22
+    result.stdout.fnmatch_lines([
+        "NOT JUDGED: --hil-baseline is base, and no test that ran uses hiltest: there is nothing to compare."
+    ])
+    assert pytester.runpytest_inprocess("--hil-baseline=base", "-k", "nothing").ret == 5
+
+
+@pytest.mark.usefixtures("base")
+@pytest.mark.parametrize("option", ["-x", "--maxfail=1"])
+def test_stopping_at_the_first_failure_is_no_pass_and_no_comparison(
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, option: str
+) -> None:
+    pytester.makepyfile(test_lamp=LAMP + FAILS)
+    monkeypatch.setenv("LAMP_FAILS", "yes")
+    code, sentence = judged(pytester, option)
+    assert code == 1
+    assert "Not compared with base/run.json: this run: the run is not complete (fail)" in sentence
+    assert not record(pytester)["verdict"]["complete"]
+
+
+@pytest.mark.usefixtures("base")
+def test_a_session_that_ends_itself_with_0_is_no_pass(pytester: pytest.Pytester) -> None:
+    quits = "\ndef test_life(board):\n    pytest.exit('enough', returncode=0)\n"
+    pytester.makepyfile(test_lamp=LAMP + quits)
+    code, sentence = judged(pytester)
+    assert code == 22
+    assert "this run: the run is not complete" in sentence
+
+
+@pytest.mark.usefixtures("base")
+def test_two_workers_are_judged_as_one_process_is(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("xdist")
+    monkeypatch.setenv("LAMP_CURRENT", "3")
+    assert pytester.runpytest_subprocess("--hil-baseline=base", "-n2", "--dist=loadgroup").ret == 21
+    assert [each["outcome"] for each in record(pytester)["tests"]] == ["passed"] * 3
+
+
+@pytest.mark.usefixtures("base")
+def test_what_was_worse_in_one_attempt_stays_worse(pytester: pytest.Pytester) -> None:
+    pytest.importorskip("pytest_rerunfailures")
+    flaky = """
+attempts = []
+
+def test_current(measure, board):
+    attempts.append(1)
+    measure("lamp.current", [2.0, 3.0, 1.0][len(attempts) - 1], "mA", limit=Limit(max=9))
+    assert len(attempts) > 2
+"""
+    pytester.makepyfile(test_lamp=LAMP + flaky)
+    code, sentence = judged(pytester, "--reruns=2")
+    assert code == 21
+    assert "1 worse: lamp.current 2 -> 3 mA" in sentence
+
+
+@pytest.mark.usefixtures("base")
+def test_ctrl_c_is_interrupted_and_not_compared(pytester: pytest.Pytester) -> None:
+    waits = "\ndef test_life(board):\n    import time\n    open('waiting', 'w').close()\n    time.sleep(60)\n"
+    pytester.makepyfile(test_lamp=LAMP + waits)
+    command = [sys.executable, "-m", "pytest", "--hil-baseline=base", "-p", "no:cacheprovider"]
+    with subprocess.Popen(command, cwd=pytester.path, stdout=subprocess.DEVNULL, env=os.environ) as running:
+        ends_s = time.monotonic() + 60.0
+        while not (pytester.path / "waiting").exists() and running.poll() is None and time.monotonic() < ends_s:
+            time.sleep(0.02)
+        running.send_signal(signal.SIGINT)
+        assert running.wait(60.0) == 2
+    sentence = record(pytester)["verdict"]["sentence"]
+    assert sentence.startswith("INTERRUPTED. ")
+    assert "Not compared with base/run.json: this run: the run is not complete (interrupted)" in sentence
