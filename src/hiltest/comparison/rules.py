@@ -1,9 +1,9 @@
 """Which way each measurement gets better, and how far it moves when nothing got worse.
 
-One table, with the reason of each row. The paired figures were measured on the default rig over seeds 1 to 8, with the
-packaged firmware against itself compiled otherwise: ``-O3`` (other times, the same rounding), ``-fassociative-math``
-and ``-ffp-contract=fast`` (sums in another order, multiply-adds rounded once). On a virtual board noise is a function
-of seed and sample, so what such a firmware moves is all that a harmless change can.
+One table, with the reason of each row. The paired figures were measured on the default rig over seeds 1 to 8 (the full
+set: 1 to 4), with the packaged firmware against itself compiled otherwise: ``-O3`` (other times, the same rounding),
+``-fassociative-math`` and ``-ffp-contract=fast`` (sums in another order, multiply-adds rounded once). On a virtual
+board noise is a function of seed and sample, so what such a firmware moves is all that a harmless change can.
 """
 
 from __future__ import annotations
@@ -86,8 +86,8 @@ _ROWS: tuple[tuple[str, Sense, float, float, float, str], ...] = (
     ("heading.*.tilt_sensitivity",      _ZERO, 0.01, 0.01, 0.10, _ROUNDING),
     ("heading.dpi.bias",                _ZERO, 0.05, 0.05, 0.14, "moved by 0.003; " + _MOTION),
     ("heading.*.bias",                  _ZERO, 0.01, 0.01, 0.041, _ROUNDING),
-    ("heading.dpi.max* heading.dpi.rms", _LESS, 0.1, 0.05, 0.33, "moved by 0.036; " + _MOTION),
-    ("heading.*.max heading.*.max_centred heading.*.rms", _LESS, 0.01, 0.01, 0.38, _ROUNDING),
+    ("heading.dpi.max* heading.dpi.rms", _LESS, 0.1, 0.05, 0.33, "moved by 0.040; " + _MOTION),
+    ("heading.*.max heading.*.max_centred heading.*.rms", _LESS, 0.25, 0.02, 0.38, "moved by 0.14, by one point more of 16"),
 
     ("fit.*.status",                    _LESS, 0, 0, 0, "0 is the fit that was asked for, all others are less"),
     ("fit.*.n_used",                    _MORE, 0, 0, 0, _COUNTED),
@@ -100,13 +100,13 @@ _ROWS: tuple[tuple[str, Sense, float, float, float, str], ...] = (
     ("fit.dpi.offset_error",            _LESS, 0.02, 0.05, 0.032, "moved by 0.005; " + _MOTION),
     ("fit.*.offset_error",              _LESS, 0.005, 0.01, 0.057, _ROUNDING),
     ("fit.dpi.rotation_left",           _LESS, 0.05, 0.05, 0.052, "moved by 0.020; " + _MOTION),
-    ("fit.*.rotation_left",             _LESS, 0.005, 0.01, 0.002, _ROUNDING),
+    ("fit.*.rotation_left",             _LESS, 0.005, 0.01, 0.054, _ROUNDING),
     ("fit.*.standard_error",            _LESS, 0.02, 0.02, 0.054, "moved by 0.005; " + _MOTION),
     ("fit.*.residual",                  _LESS, 0.005, 0.005, 0.076, "moved by 0.0007; " + _MOTION),
 
     ("accelerometer.untrimmed_norm_rms", _FACT, 0.01, 0.01, 0.046, _OF_PART),
     ("accelerometer.rest_norm_error",  _FACT, 0.01, 0.01, 0.12, _OF_PART),
-    ("accelerometer.*axis_error accelerometer.*offset_error *.tilt_error", _LESS, 0.005, 0.01, 0.035, _ROUNDING),
+    ("accelerometer.*axis_error accelerometer.*offset_error *.tilt_error", _LESS, 0.005, 0.01, 0.084, _ROUNDING),
     ("accelerometer.*norm_rms accelerometer.*.residual", _LESS, 0.01, 0.01, 0.064, _ROUNDING),
     ("magnetometer.*.norm_rms",         _LESS, 0.005, 0.01, 0.076, _ROUNDING),
 
@@ -114,17 +114,18 @@ _ROWS: tuple[tuple[str, Sense, float, float, float, str], ...] = (
     ("gyroscope.uncorrected_error",    _FACT, 0.01, 0, 0.006, _OF_PART),
     ("gyroscope.sensitivity_error*",   _FACT, 0.02, 0, 0.015, "moved by 0.008; " + _MOTION),
     ("gyroscope.scale_error*",          _ZERO, 0.02, 0.02, 0.015, "moved by 0.008; " + _MOTION),
-    ("gyroscope.noise_density",        _FACT, 0.5, 0.02, 1.1, _MOTION),
+    ("gyroscope.noise_density",        _FACT, 0.5, 0.02, 0.5, "moved by 0.15; " + _MOTION),
     ("gyroscope.*bias_error",           _LESS, 0.001, 0.01, 0.003, _ROUNDING),
-    ("gyroscope.*turn_error",           _LESS, 0.05, 0.02, 0.06, _MOTION),
-    ("gyroscope.misalignment* gyroscope.scale_uncertainty", _LESS, 0.005, 0.02, 0.007, _MOTION),
+    ("gyroscope.*turn_error",           _LESS, 0.05, 0.02, 0.033, "moved by 0.020; " + _MOTION),
+    ("gyroscope.misalignment* gyroscope.scale_uncertainty", _LESS, 0.005, 0.02, 0.007, _ROUNDING),
 
     ("fusion.left_out",                 _LESS, 0, 0, 0, _COUNTED),
     ("fusion.corrections",             _FACT, 0, 0, 0, _COUNTED),
-    ("fusion.*heading.max fusion.*heading.rms fusion.*tilt.rms", _LESS, 0.05, 0.02, 0.2, _MOTION),
+    ("fusion.accelerometer_magnetometer.heading.max", _LESS, 0.5, 0.05, 0.17, "moved by 0.27; " + _MOTION),
+    ("fusion.*heading.max fusion.*heading.rms fusion.*tilt.rms", _LESS, 0.15, 0.02, 0.38, "moved by 0.078; " + _MOTION),
 
-    ("budget.*.effort",                 _MORE, 0, 0, 0, "what the budget buys: follows from exact cycles"),
-    ("budget.*.mean_error",             _LESS, 0.01, 0.01, 0.2, _ROUNDING),
+    ("budget.*.effort",                 _MORE, 0, 0, 5.2, "what the budget buys: follows from exact cycles"),
+    ("budget.*.mean_error",             _LESS, 0.01, 0.01, 0.38, _ROUNDING),
 
     ("link.echoed",                     _MORE, 0, 0, 0, _COUNTED),
     ("link.damaged_answered link.damaged_uncounted link.retried link.uart_overruns", _LESS, 0, 0, 0, _COUNTED),

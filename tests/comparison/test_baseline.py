@@ -1,0 +1,143 @@
+"""A baseline is saved from a run, read back, and changed by name alone."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from hiltest.comparison.baseline import Accepted, Baseline, accept, baseline_of, evidence_from
+from hiltest.comparison.baseline_file import read_baseline, read_baseline_evidence, to_json
+from hiltest.comparison.compare import compare
+from hiltest.comparison.evidence import Evidence
+from hiltest.comparison.model import Change
+from hiltest.errors import ConfigError
+from hiltest.measurement import Outcome
+
+from .evidence import CONDITIONS, evidence, measurement
+
+THEN, NOW = "2026-01-02T03:04:05Z", "2026-02-03T04:05:06Z"
+
+
+def run(direct: float | None = 11_061, heading: float | None = 0.9, lag: float | None = 8.0) -> Evidence:
+    """Return a run over two seeds."""
+    made = [
+        [
+            measurement("cycles.direct.total", direct, unit="cycle"),
+            measurement("heading.direct.max", None if heading is None else heading * seed, unit="deg"),
+            measurement("compass.lag", lag, unit="ms", outcome=Outcome.FAIL if seed == 2 else Outcome.PASS),
+            measurement("board.wall_seconds", 8.1, unit="s", volatile=True),
+            measurement("fit.iterative.coverage", None),
+        ]
+        for seed in (1, 2)
+    ]
+    return evidence(*made)
+
+
+@pytest.fixture
+def baseline() -> Baseline:
+    return baseline_of(run(), THEN)
+
+
+def test_a_baseline_compared_with_its_own_run_has_only_unchanged(baseline: Baseline, tmp_path: Path) -> None:
+    file = tmp_path / "base.json"
+    file.write_text(to_json(baseline), encoding="utf-8")
+    assert read_baseline(file) == baseline
+    comparison = compare(read_baseline_evidence(file), run())
+    assert comparison.evaluated
+    assert {each.name for each in comparison.of(Change.UNCHANGED)} == {each.name for each in comparison.differences}
+    assert (comparison.base.file, comparison.base.saved_utc) == (str(file), THEN)
+    assert len(comparison.base.sha256) == 64
+
+
+def test_there_is_a_line_for_each_measurement_and_none_for_what_is_volatile_or_has_no_number(
+    baseline: Baseline
+) -> None:
+    lines = [line for line in to_json(baseline).splitlines() if line.startswith(' {"name"')]
+    rows = [json.loads(line.strip().removesuffix(",").removesuffix("]")) for line in lines]
+    assert [row["name"] for row in rows] == ["compass.lag", "cycles.direct.total", "heading.direct.max"]
+    assert [row["values"] for row in rows] == [[8.0, 8.0], [11_061, 11_061], [0.9, 1.8]]
+    assert [row["failed"] for row in rows] == [[2], [], []]
+    assert baseline.side.file == ""  # where it once lay says nothing to anybody else
+
+
+def test_one_is_accepted_by_name_and_all_others_stay(baseline: Baseline) -> None:
+    after = accept(baseline, run(11_161, 1.5), ["cycles.direct.total"], because="checks its input", when_utc=NOW)
+    (entry,) = after.history
+    assert entry == Accepted("cycles.direct.total", "checks its input", NOW, "0123456789abcdef", 11_061, 11_161)
+    kept = [row for row in after.measurements if row.name != "cycles.direct.total"]
+    assert kept == [row for row in baseline.measurements if row.name != "cycles.direct.total"]
+    comparison = compare(evidence_from(after, "", ""), run(11_161, 1.5))
+    others = [each for each in comparison.differences if each.change is not Change.UNCHANGED]
+    assert [(each.name, each.change) for each in others] == [("heading.direct.max", Change.WORSE)]
+
+
+def test_a_pattern_moves_all_that_it_matches_and_history_goes_on(baseline: Baseline) -> None:
+    once = accept(baseline, run(heading=1.0), ["heading.*"], because="first", when_utc=THEN)
+    twice = accept(once, run(11_161, 1.0, 9.0), ["*"], because="second", when_utc=NOW)
+    assert [(each.name, each.because) for each in twice.history] == [
+        ("heading.direct.max", "first"), ("compass.lag", "second"), ("cycles.direct.total", "second"),
+    ]
+    assert compare(evidence_from(twice, "", ""), run(11_161, 1.0, 9.0)).of(Change.UNCHANGED)
+
+
+def test_one_that_is_gone_is_taken_out_and_one_that_is_new_put_in(baseline: Baseline) -> None:
+    gone = accept(baseline, run(lag=None), ["compass.lag"], because="no longer offered", when_utc=NOW)
+    assert "compass.lag" not in {row.name for row in gone.measurements}
+    assert (gone.history[0].was, gone.history[0].now) == (8.0, None)
+    assert compare(evidence_from(gone, "", ""), run(lag=None)).evaluated
+    back = accept(gone, run(), ["compass.lag"], because="again", when_utc=NOW)
+    assert back.measurements == baseline.measurements
+
+
+def test_nothing_that_is_the_same_is_entered_in_the_history(baseline: Baseline) -> None:
+    assert accept(baseline, run(), ["*"], because="why not", when_utc=NOW) == baseline
+
+
+@pytest.mark.parametrize("name", ["heading.direct.maximum", "fusion.*", ""])
+def test_a_name_that_nothing_has_is_refused(baseline: Baseline, name: str) -> None:
+    with pytest.raises(ConfigError, match="no measurement is called"):
+        accept(baseline, run(), ["cycles.*", name], because="x", when_utc=NOW)
+
+
+def test_a_run_on_another_rig_or_without_a_seed_moves_nothing(baseline: Baseline) -> None:
+    other = replace(run(), conditions=replace(CONDITIONS, rig_sha256="00" * 32))
+    with pytest.raises(ConfigError, match="nothing is moved: another rig"):
+        accept(baseline, other, ["*"], because="x", when_utc=NOW)
+    one_seed = replace(run(), measurements={1: run().measurements[1]})
+    with pytest.raises(ConfigError, match="has no seed 2"):
+        accept(baseline, one_seed, ["*"], because="x", when_utc=NOW)
+
+
+def test_a_run_that_was_cut_short_is_no_baseline() -> None:
+    with pytest.raises(ConfigError, match="a baseline is a run that is whole"):
+        baseline_of(replace(run(), faults=("run.json: the run is not complete",)), THEN)
+    with pytest.raises(ConfigError, match="no board answered"):
+        baseline_of(replace(run(), conditions=None), THEN)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "reason"),
+    [
+        ('"hiltest.baseline/1"', '"hiltest.baseline/2"', "this hiltest reads"),
+        ("[0.9, 1.8]", "[0.9]", "1 values for 2 seeds"),
+        ("[0.9, 1.8]", "[0.9, NaN]", "not JSON: NaN is no number"),
+        ("[0.9, 1.8]", '[0.9, "1.8"]', "measurements.2.values.1"),
+        ('"seeds": [1, 2],\n"measurements"', '"seeds": [1, 1],\n"measurements"', "seed 1 stands twice"),
+        ('"seeds": [1, 2],\n"measurements"', '"seeds": [],\n"measurements"', "seeds is empty"),
+        ('"compass.lag"', '"heading.direct.max"', 'measurement "heading.direct.max" stands twice'),
+        ('"protocol_version"', '"protocol"', "conditions.protocol_version"),
+    ],
+)
+def test_a_damaged_baseline_is_refused_with_the_place(
+    baseline: Baseline, tmp_path: Path, old: str, new: str, reason: str
+) -> None:
+    text = to_json(baseline)
+    assert old in text
+    file = tmp_path / "base.json"
+    file.write_text(text.replace(old, new), encoding="utf-8")
+    with pytest.raises(ConfigError, match="save it again") as refused:
+        read_baseline(file)
+    assert reason in str(refused.value)

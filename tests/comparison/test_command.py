@@ -1,0 +1,173 @@
+"""``hiltest compare`` and ``hiltest baseline``: exit codes, and what a reader and a program get."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+Changed = Callable[..., Path]
+
+
+def hiltest(*arguments: object, columns: int | None = None) -> subprocess.CompletedProcess[str]:
+    """Run the command; `columns` is the width of its terminal."""
+    environment = {**os.environ, "TERM": "dumb", "COLUMNS": str(columns or 200)}
+    return subprocess.run(
+        [sys.executable, "-m", "hiltest", *map(str, arguments)], capture_output=True, text=True, check=False,
+        timeout=120, env=environment,
+    )  # fmt: skip
+
+
+def test_0_says_that_nothing_got_worse(changed: Changed) -> None:
+    done = hiltest("compare", changed("base"), changed("new", values={"cycles.direct.total": 11_000}))
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"^No regression: 1 better, \d+ unchanged\.$", done.stdout, re.M)
+    assert re.search(
+        r"^better \(1\)\n  cycles\.direct\.total [\d ]+ -> 11 000 cycles \(-[\d ]+, -\S+ %; limit at most 12 500\)$",
+        done.stdout, re.M,
+    )  # fmt: skip
+
+
+def test_21_names_what_got_worse(changed: Changed, real_record: dict[str, Any]) -> None:
+    total = next(each["value"] for each in real_record["measurements"] if each["name"] == "cycles.direct.total")
+    done = hiltest("compare", changed("base"), changed("new", values={"cycles.direct.total": total + 100}))
+    assert done.returncode == 21, done.stderr
+    assert f"REGRESSION: cycles.direct.total {total:,} -> {total + 100:,} cycles (+100".replace(",", " ") in done.stdout
+
+
+def test_22_says_why_in_one_line(changed: Changed, tmp_path: Path) -> None:
+    done = hiltest("compare", tmp_path / "none.json", changed("new"))
+    assert done.returncode == 22
+    (line,) = (each for each in done.stdout.splitlines() if "NOT EVALUATED" in each)
+    assert "none.json: No such file or directory" in line
+    done = hiltest("compare", changed("base"), changed("new", {"board.cycle_model": "silicon-dwt"}))
+    assert done.returncode == 22
+    assert "NOT EVALUATED: another cycle model: " in done.stdout
+
+
+def test_4_for_what_is_no_new_run(changed: Changed, tmp_path: Path) -> None:
+    base = changed("base")
+    assert hiltest("compare", base, tmp_path / "none.json").returncode == 4
+    assert hiltest("compare", base).returncode == 4
+    assert hiltest("compare", base, base, "--tolerance", "1").returncode == 4
+    (tmp_path / "text.json").write_text("no json", encoding="utf-8")
+    done = hiltest("compare", base, tmp_path / "text.json")
+    assert (done.returncode, done.stdout) == (4, "")
+    assert "text.json" in done.stderr
+
+
+def test_of_several_new_runs_the_worst_decides(changed: Changed) -> None:
+    base, same = changed("base"), changed("same")
+    worse = changed("worse", values={"cycles.direct.total": 99_999})
+    unlike = changed("unlike", {"poses": "level"})
+    assert hiltest("compare", base, same, worse).returncode == 21
+    done = hiltest("compare", base, same, worse, unlike)
+    assert done.returncode == 22
+    assert re.findall(r"^(No regression|REGRESSION|NOT EVALUATED): ", done.stdout, re.M) == [
+        "No regression", "REGRESSION", "NOT EVALUATED",
+    ]
+
+
+def test_json_has_every_measurement(changed: Changed) -> None:
+    done = hiltest("compare", "--json", changed("base"), changed("new", values={"heading.direct.max": 1.7}))
+    content = json.loads(done.stdout)
+    assert (done.returncode, content["schema"]) == (21, "hiltest.comparison/1")
+    (comparison,) = content["comparisons"]
+    found = {each["name"]: each for each in comparison["differences"]}
+    assert len(found) > 140
+    assert (found["heading.direct.max"]["change"], found["heading.direct.max"]["new"]) == ("worse", 1.7)
+    assert found["heading.direct.max"]["limit"] == {"min": None, "max": 1.8}
+    assert comparison["sentence"].startswith("REGRESSION: heading.direct.max ")
+
+
+def test_what_changed_is_readable_at_80_columns(changed: Changed) -> None:
+    import pty
+
+    base, new = changed("base"), changed("new", values={"heading.direct-stream.max_centred": 2.5, "fit.dpi.n_used": 2})
+    leader, follower = pty.openpty()
+    environment = {**os.environ, "TERM": "dumb", "COLUMNS": "80"}
+    command = [sys.executable, "-m", "hiltest", "compare", str(base), str(new)]
+    with subprocess.Popen(command, stdout=follower, stderr=subprocess.STDOUT, env=environment) as process:
+        os.close(follower)
+        shown = b""
+        while chunk := _read(leader):
+            shown += chunk
+    os.close(leader)
+    lines = shown.decode().replace("\r\n", "\n").splitlines()
+    entries = [line for line in lines if line.startswith("  ")]
+    assert entries
+    assert all(len(line) <= 80 for line in entries)
+    assert process.returncode == 21
+
+
+def _read(descriptor: int) -> bytes:
+    try:
+        return os.read(descriptor, 4096)
+    except OSError:  # the other end is closed
+        return b""
+
+
+def test_names_that_would_command_a_terminal_are_written_out(changed: Changed) -> None:
+    hostile = {"board.build_id": "\x1b[2J[red]", "rig.name": "<script>"}
+    done = hiltest("compare", changed("base"), changed("new", hostile, {"cycles.direct.total": 1}))
+    assert done.returncode == 0, done.stderr
+    assert "\x1b" not in done.stdout
+    assert r"\x1b[2J[red]" in done.stdout
+
+
+def test_a_baseline_is_saved_compared_with_and_updated(changed: Changed, tmp_path: Path) -> None:
+    run, file = changed("run"), tmp_path / "baseline.json"
+    done = hiltest("baseline", "save", run, file)
+    assert done.returncode == 0, done.stderr
+    assert re.fullmatch(rf"{re.escape(str(file))}: \d+ measurements of build \w+, seed 1\n", done.stdout)
+    assert hiltest("compare", file, run.parent).returncode == 0
+    before = file.read_text(encoding="utf-8").splitlines()
+
+    worse = changed("worse", values={"cycles.direct.total": 11_999, "heading.direct.max": 1.7})
+    assert hiltest("compare", file, worse).returncode == 21
+    done = hiltest("baseline", "update", file, worse, "--accept", "cycles.direct.total", "--because", "it checks more")
+    assert done.returncode == 0, done.stderr
+    assert "cycles.direct.total: " in done.stdout
+    assert "11 999" in done.stdout
+    after = file.read_text(encoding="utf-8").splitlines()
+    changed_lines = [line for line in after if line not in before]
+    assert [("cycles.direct.total" in line) for line in changed_lines if line.startswith(' {"name"')] == [True, True]
+    assert "it checks more" in "".join(changed_lines)
+    done = hiltest("compare", file, worse)
+    assert done.returncode == 21
+    assert "REGRESSION: heading.direct.max" in done.stdout
+
+
+def test_a_change_is_not_accepted_without_a_reason_nor_under_a_name_that_nothing_has(
+    changed: Changed, tmp_path: Path
+) -> None:
+    run, file = changed("run"), tmp_path / "baseline.json"
+    hiltest("baseline", "save", run, file)
+    before = file.read_bytes()
+    assert hiltest("baseline", "update", file, run, "--accept", "*").returncode == 4
+    assert hiltest("baseline", "update", file, run, "--accept", "*", "--because", " ").returncode == 4
+    assert hiltest("baseline", "update", file, run, "--because", "x").returncode == 4
+    done = hiltest("baseline", "update", file, run, "--accept", "heading.dirct.*", "--because", "x")
+    assert done.returncode == 4
+    assert "no measurement is called 'heading.dirct.*'" in done.stderr
+    assert file.read_bytes() == before
+
+
+@pytest.mark.parametrize("fields", [{"verdict.complete": False}, {"board": None}])
+def test_a_run_that_is_not_whole_is_no_baseline(changed: Changed, tmp_path: Path, fields: dict[str, Any]) -> None:
+    done = hiltest("baseline", "save", changed("run", fields), tmp_path / "baseline.json")
+    assert done.returncode == 4
+    assert not (tmp_path / "baseline.json").exists()
+
+
+def test_a_baseline_that_cannot_be_written_is_a_usage_error(changed: Changed, tmp_path: Path) -> None:
+    done = hiltest("baseline", "save", changed("run"), tmp_path / "none" / "baseline.json")
+    assert done.returncode == 4
+    assert "cannot write" in done.stderr

@@ -1,0 +1,249 @@
+"""What counts as better, worse, new, gone and unchanged."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hiltest.comparison.compare import compare, not_compared
+from hiltest.comparison.evidence import Evidence
+from hiltest.comparison.model import EXACT, Change, Difference, Sense, Tolerance
+from hiltest.measurement import Limit, Outcome
+
+from .evidence import evidence, measurement, over_seeds
+
+NAMES = (
+    "cycles.direct.total", "cycles.direct.per_point", "heading.direct.max", "heading.direct.bias",
+    "heading.direct.worst_sector", "tumble.coverage", "fit.direct.status", "compass.declination",
+)
+OPPOSITE = {
+    Change.BETTER: Change.WORSE, Change.WORSE: Change.BETTER, Change.NEW: Change.GONE, Change.GONE: Change.NEW,
+    Change.UNCHANGED: Change.UNCHANGED, Change.CHANGED: Change.CHANGED,
+}
+
+ABSENT = "absent"
+# Near to each other often enough to lie within a tolerance.
+cells = st.one_of(
+    st.sampled_from([ABSENT, None, 0, 1.0, 1.005, 1.5, -1.0]), st.integers(-(10**6), 10**6), st.floats(-2.0, 2.0)
+)
+outcomes = st.sampled_from([Outcome.PASS, Outcome.PASS, Outcome.FAIL])
+
+
+@st.composite
+def pairs_of_runs(draw: st.DrawFn) -> tuple[Evidence, Evidence]:
+    """Return two sides with a measurement of one name, or without it, on each seed."""
+    name, seeds = draw(st.sampled_from(NAMES)), draw(st.sampled_from([1, 2, 8]))
+    sides = []
+    for _ in range(2):
+        outcome = draw(outcomes)
+        made = draw(st.lists(cells, min_size=seeds, max_size=seeds))
+        sides.append(evidence(*(
+            [] if cell is ABSENT else [measurement(name, cell, outcome=outcome)] for cell in made  # type: ignore[arg-type]
+        )))
+    return sides[0], sides[1]
+
+
+def only(base: Evidence, new: Evidence) -> Difference:
+    """Return the one difference between two sides."""
+    (found,) = compare(base, new).differences
+    return found
+
+
+def missing(base: Evidence, new: Evidence, name: str) -> list[int | None]:
+    """Return the seeds on which only the base has a number of this name."""
+    seeds = [seed for seed in base.measurements if value(base, seed, name) is not None]
+    return [seed for seed in seeds if value(new, seed, name) is None]
+
+
+def value(side: Evidence, seed: int | None, name: str) -> float | None:
+    made = side.measurements[seed].get(name)
+    return None if made is None else made.value
+
+
+@given(pairs_of_runs())
+def test_a_run_compared_with_itself_has_only_unchanged(pair: tuple[Evidence, Evidence]) -> None:
+    run, _ = pair
+    comparison = compare(run, run)
+    assert {each.change for each in comparison.differences} <= {Change.UNCHANGED}
+    assert comparison.evaluated
+    assert not comparison.regression
+
+
+@given(pairs_of_runs())
+def test_swapping_the_sides_swaps_better_and_worse_and_new_and_gone(pair: tuple[Evidence, Evidence]) -> None:
+    base, new = pair
+    there = {each.name: each for each in compare(base, new).differences}
+    back = {each.name: each for each in compare(new, base).differences}
+    assert there.keys() == back.keys()
+    for name, each in there.items():
+        lost, found = missing(base, new, name), missing(new, base, name)
+        assert (each.change is Change.GONE, back[name].change is Change.GONE) == (bool(lost), bool(found)), name
+        if not (each.seeds and (lost or found)) and not (lost and found):  # else it is there on some seeds alone
+            assert back[name].change is OPPOSITE[each.change], name
+        assert each.delta is None or back[name].delta == -each.delta
+
+
+@given(pairs_of_runs())
+def test_what_the_base_has_and_the_new_run_has_not_always_keeps_the_gate_from_being_evaluated(
+    pair: tuple[Evidence, Evidence],
+) -> None:
+    base, new = pair
+    comparison = compare(base, new)
+    gone = [name for name in NAMES if missing(base, new, name)]
+    assert comparison.evaluated == (not gone)
+    assert {each.name for each in comparison.of(Change.GONE)} == set(gone)
+    assert not (gone and comparison.regression)
+
+
+def test_one_cycle_more_in_a_total_is_worse() -> None:
+    found = only(over_seeds("cycles.direct.total", 11_061), over_seeds("cycles.direct.total", 11_062))
+    assert (found.change, found.delta, found.tolerance) == (Change.WORSE, 1, EXACT)
+    assert only(over_seeds("cycles.direct.total", 11_062), over_seeds("cycles.direct.total", 11_061)).change == "better"
+
+
+@pytest.mark.parametrize(
+    ("base", "new", "change"),
+    [
+        (1.0, 1.1, Change.UNCHANGED), (1.0, 1.1000001, Change.WORSE),  # at the absolute tolerance, and beyond
+        (1.0, 0.9, Change.UNCHANGED), (1.1, 0.9999999, Change.BETTER),
+        (10.0, 10.5, Change.UNCHANGED), (10.0, 10.501, Change.WORSE),  # at the relative one, and beyond
+        (10.0, 10.2, Change.UNCHANGED),  # beyond the absolute one alone
+        (0.1, 0.15, Change.UNCHANGED),  # beyond the relative one alone
+        (0.0, 0.1, Change.UNCHANGED), (0.0, 0.11, Change.WORSE),
+    ],
+)
+def test_worse_is_what_is_beyond_both_tolerances(base: float, new: float, change: Change) -> None:
+    name = "heading.direct.max"
+    tolerances = {name: Tolerance(0.1, 0.05)}
+    before, after = over_seeds(name, base), replace(over_seeds(name, new), tolerances=tolerances)
+    (found,) = compare(before, after).differences
+    assert found.change is change
+    assert found.tolerance == tolerances[name]
+
+
+def test_the_last_written_digit_is_no_difference() -> None:
+    name = "compass.strength"
+    assert only(over_seeds(name, 48.6101624), over_seeds(name, 48.6101625)).change is Change.UNCHANGED
+    assert only(over_seeds(name, 48.6101624), over_seeds(name, 48.6101634)).change is Change.CHANGED
+
+
+@pytest.mark.parametrize(
+    ("limit", "sense", "change"),
+    [
+        (Limit(max=9), Sense.SMALLER, Change.WORSE), (Limit(min=1), Sense.LARGER, Change.BETTER),
+        (Limit.within(9), Sense.NEARER_ZERO, Change.WORSE), (Limit(1, 9), Sense.NEITHER, Change.CHANGED),
+        (None, Sense.NEITHER, Change.CHANGED),
+    ],
+)
+def test_the_limit_says_which_way_a_measurement_of_one_s_own_gets_better(
+    limit: Limit | None, sense: Sense, change: Change
+) -> None:
+    found = only(over_seeds("compass.lag", 4.0, limit=limit), over_seeds("compass.lag", 4.001, limit=limit))
+    assert (found.sense, found.change, found.limit) == (sense, change, limit)
+
+
+def test_a_bias_that_only_turns_its_sign_is_neither_better_nor_worse() -> None:
+    found = only(over_seeds("heading.direct.bias", -0.3), over_seeds("heading.direct.bias", 0.3))
+    assert (found.change, found.delta) == (Change.CHANGED, 0.6)
+    assert only(over_seeds("heading.direct.bias", 0.02), over_seeds("heading.direct.bias", -0.3)).change is Change.WORSE
+    assert only(over_seeds("heading.direct.bias", -0.3), over_seeds("heading.direct.bias", 0.02)).change == "better"
+
+
+def test_from_eight_pairs_on_a_degree_is_worse_only_if_its_interval_excludes_zero() -> None:
+    base = [0.9] * 8
+    scattered = [0.9 + change for change in (0.5, -0.4, 0.3, -0.2, 0.1, -0.1, 0.2, -0.1)]
+    certain = [0.9 + change for change in (0.05, 0.03, 0.04, 0.02, 0.05, 0.03, 0.04, 0.04)]
+    found = only(over_seeds("heading.direct.max", *base), over_seeds("heading.direct.max", *scattered))
+    assert found.change is Change.UNCHANGED
+    assert found.delta == pytest.approx(0.0375)
+    assert found.interval is not None
+    assert found.interval[0] < 0 < found.interval[1]
+    assert "seeds" in found.note
+    found = only(over_seeds("heading.direct.max", *base), over_seeds("heading.direct.max", *certain))
+    assert (found.change, found.delta, found.seeds) == (Change.WORSE, 0.0375, 8)
+    assert found.interval is not None
+    assert 0.028 < found.interval[0] < found.delta < found.interval[1] < 0.047
+    # With one seed less there is no interval, and the mean alone counts.
+    found = only(over_seeds("heading.direct.max", *base[:7]), over_seeds("heading.direct.max", *scattered[:7]))
+    assert (found.change, found.interval) == (Change.WORSE, None)
+
+
+def test_cycles_need_no_interval() -> None:
+    base, new = [84_397] * 8, [84_397] * 7 + [97_146]
+    found = only(over_seeds("cycles.iterative.total", *base), over_seeds("cycles.iterative.total", *new))
+    assert found.change is Change.WORSE
+    swapped = [97_146] + [84_397] * 7
+    found = only(over_seeds("cycles.iterative.total", *new), over_seeds("cycles.iterative.total", *swapped))
+    assert (found.change, found.delta) == (Change.CHANGED, 0)
+
+
+def test_seeds_are_paired_and_the_others_left_out() -> None:
+    base = evidence([measurement("heading.direct.max", 0.9)], [measurement("heading.direct.max", 5.0)])
+    new = evidence([measurement("heading.direct.max", 0.9)], [measurement("heading.direct.max", 50.0)], seeds=[1, 7])
+    found = only(base, new)
+    assert (found.change, found.seeds, found.base) == (Change.UNCHANGED, 1, 0.9)
+
+
+@pytest.mark.parametrize("nothing", [None, float("nan"), float("inf")])
+def test_what_is_no_number_never_makes_a_pass(nothing: float | None) -> None:
+    name = "heading.direct.max"
+    comparison = compare(over_seeds(name, 0.9), over_seeds(name, nothing))
+    assert [each.change for each in comparison.differences] == [Change.GONE]
+    assert not comparison.evaluated
+    comparison = compare(over_seeds(name, 0.9, 0.8), over_seeds(name, 0.9, nothing))
+    assert not comparison.evaluated
+    assert "on seed 2" in comparison.obstacles[0]
+    assert only(over_seeds(name, nothing), over_seeds(name, 0.9)).change is Change.NEW
+    assert only(over_seeds(name, nothing), over_seeds(name, nothing)).change is Change.UNCHANGED
+
+
+def test_volatile_measurements_are_never_compared() -> None:
+    name = "board.wall_seconds"
+    assert compare(over_seeds(name, 8.0, volatile=True), over_seeds(name, 80.0, volatile=True)).differences == ()
+    assert compare(evidence([]), over_seeds(name, 80.0, volatile=True)).differences == ()
+    # Calling it volatile is no way to get rid of it.
+    comparison = compare(over_seeds("compass.lag", 8.0), over_seeds("compass.lag", 80.0, volatile=True))
+    assert "volatile" in comparison.obstacles[0]
+
+
+def test_another_unit_or_cycle_model_is_never_compared() -> None:
+    comparison = compare(over_seeds("compass.lag", 8.0, unit="ms"), over_seeds("compass.lag", 8.0, unit="s"))
+    assert comparison.differences[0].change is Change.GONE
+    assert "the unit was 'ms', and is 's'" in comparison.obstacles[0]
+    new = over_seeds("cycles.direct.total", 11_061)
+    silicon = replace(new.measurements[1]["cycles.direct.total"], cycle_model="silicon-dwt")
+    comparison = compare(new, replace(new, measurements={1: {"cycles.direct.total": silicon}}))
+    assert comparison.differences[0].change is Change.GONE
+    assert not comparison.evaluated
+
+
+def test_passing_a_limit_is_worse_however_small_the_step() -> None:
+    limit = Limit(max=1.8)
+    within = over_seeds("heading.direct.max", 1.799, limit=limit, outcome=Outcome.PASS)
+    out = over_seeds("heading.direct.max", 1.801, limit=limit, outcome=Outcome.FAIL)
+    assert (only(within, out).change, only(within, out).note) == (Change.WORSE, "out of its limit")
+    assert only(out, within).change is Change.BETTER
+
+
+def test_noise_that_runs_do_not_share_has_a_wider_tolerance() -> None:
+    base, new = over_seeds("heading.direct.bias", 0.02), over_seeds("heading.direct.bias", 0.12)
+    assert only(base, new).change is Change.WORSE
+    assert base.conditions is not None
+    real = replace(base.conditions, board="real")
+    assert only(replace(base, conditions=real), replace(new, conditions=real)).change is Change.UNCHANGED
+
+
+def test_the_sentence_says_regression_evaluation_or_neither() -> None:
+    base, worse = over_seeds("cycles.direct.total", 11_061), over_seeds("cycles.direct.total", 11_161)
+    assert compare(base, base).sentence == "No regression: 1 unchanged."
+    assert compare(base, worse).sentence == (
+        "REGRESSION: cycles.direct.total 11 061 -> 11 161 (+100, +0.9 %); 1 worse."
+    )
+    gone = compare(base, evidence([]))
+    assert gone.sentence.startswith("NOT EVALUATED: measurement gone: cycles.direct.total; bring it back")
+    assert not_compared("old.json", "old.json: no such file", base).sentence == (
+        "NOT EVALUATED: old.json: no such file."
+    )

@@ -1,0 +1,192 @@
+"""What keeps a gate from being evaluated: each difference is made in a real record, and named in one line."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hiltest.comparison.compare import compare
+from hiltest.comparison.evidence import Evidence
+from hiltest.comparison.model import Comparison
+from hiltest.errors import ConfigError
+from hiltest.report.evidence import read_evidence, together
+
+Changed = Callable[..., Path]
+
+
+def compared(base: Path, new: Path, **more: Any) -> Comparison:
+    return compare(read_evidence(base), read_evidence(new), **more)
+
+
+def test_two_runs_alike_have_no_obstacle(changed: Changed) -> None:
+    comparison = compared(changed("base"), changed("new"))
+    assert comparison.obstacles == ()
+    assert comparison.sentence == f"No regression: {len(comparison.differences)} unchanged."
+    assert len(comparison.differences) > 140
+
+
+@pytest.mark.parametrize(
+    ("fields", "reason"),
+    [
+        ({"rig.conditions_sha256": "00" * 32}, "another rig: virtual-k64f ("),
+        ({"rig.conditions_sha256": ""}, "the record does not say what rig it is of"),
+        ({"board.kind": "real"}, "another kind of board: virtual before, real now"),
+        ({"board.calibrators": ["direct", "iterative"]}, "calibrator missing: the firmware has no corrected any more"),
+        ({"board.protocol_version": 3}, "another protocol: version "),
+        ({"board.compiler": "arm-none-eabi-gcc 13.2.1"}, "another compiler: arm-none-eabi-gcc 12"),
+        ({"board.compiler_flags": "-O3 -g"}, "other compiler flags: "),
+        ({"board.compiler_flags": ""}, "nothing tells its compiler flags"),
+        ({"board.cycle_model": "silicon-dwt"}, "another cycle model: cortex-m4-trm/1@sram before, silicon-dwt now"),
+        ({"poses": "level"}, "other poses: 'all' before, 'level' now; run with --poses all"),
+        ({"seed": 7}, "no seed in common: seed 1 before, seed 7 now"),
+        ({"verdict.complete": False, "verdict.outcome": "interrupted"}, "the run is not complete (interrupted)"),
+        ({"board": None}, "no board answered"),
+    ],
+)
+def test_a_difference_that_makes_numbers_incomparable_is_named(
+    changed: Changed, fields: dict[str, Any], reason: str
+) -> None:
+    comparison = compared(changed("base"), changed("new", fields))
+    assert any(reason in each for each in comparison.obstacles), comparison.obstacles
+    assert all("\n" not in each for each in comparison.obstacles)
+    assert comparison.sentence.startswith("NOT EVALUATED: ")
+    assert not comparison.regression
+
+
+def test_a_missing_sensor_is_one_and_so_is_another_one(changed: Changed, real_record: dict[str, Any]) -> None:
+    sensors = real_record["board"]["sensors"]
+    absent = [{**each, "present": each["name"] != "MAG3110"} for each in sensors]
+    (reason,) = compared(changed("base"), changed("new", {"board.sensors": absent})).obstacles
+    assert reason.startswith("other sensors: MAG3110 before and not now; put them back")
+    more = [*sensors, {**sensors[0], "name": "LIS3MDL"}]
+    (reason,) = compared(changed("base"), changed("new", {"board.sensors": more})).obstacles
+    assert reason.startswith("other sensors: LIS3MDL now and not before")
+
+
+def test_an_added_calibrator_is_none(changed: Changed, real_record: dict[str, Any]) -> None:
+    more = [*real_record["board"]["calibrators"], "quick"]
+    assert compared(changed("base"), changed("new", {"board.calibrators": more})).obstacles == ()
+
+
+def test_a_smaller_set_of_tests_is_one_and_a_larger_is_none(changed: Changed) -> None:
+    full, gate = changed("full", {"suite": "full"}), changed("gate")
+    (reason,) = compared(full, gate).obstacles
+    assert reason == "a smaller set of tests: 'full' before, 'gate' now; run with --suite full"
+    assert compared(gate, full).obstacles == ()
+
+
+def test_a_base_that_judged_a_calibration_file_needs_one(changed: Changed) -> None:
+    file = {"file": "imu.json", "sha256": "ef" * 32, "made_utc": "2026-01-02T03:04:05Z"}
+    judged, other = changed("judged", {"calibration": file}), changed("other")
+    (reason,) = compared(judged, other).obstacles
+    assert reason.startswith("no calibration file: the base judged one")
+    assert compared(other, judged).obstacles == ()
+
+
+def test_both_firmwares_in_one_session_may_be_of_two_compilers_and_nothing_else(changed: Changed) -> None:
+    built = {"board.compiler": "arm-none-eabi-gcc 13.2.1", "board.compiler_flags": "-O3"}
+    assert len(compared(changed("base"), changed("new", built)).obstacles) == 2
+    assert compared(changed("base"), changed("new", built), together=True).obstacles == ()
+    other = changed("other", {**built, "rig.conditions_sha256": "00" * 32})
+    (reason,) = compared(changed("base"), other, together=True).obstacles
+    assert reason.startswith("another rig")
+
+
+def test_a_measurement_that_is_gone_is_named_with_the_way_to_accept_it(changed: Changed) -> None:
+    (reason,) = compared(changed("base"), changed("new", values={"heading.direct.max": None})).obstacles
+    assert reason == (
+        "measurement gone: heading.direct.max; bring it back, or accept that with "
+        "`hiltest baseline update FILE RUN --accept heading.direct.max --because TEXT`"
+    )
+
+
+def test_a_run_without_any_measurement_names_a_few_and_counts_the_rest(changed: Changed) -> None:
+    comparison = compared(changed("base"), changed("new", {"measurements": []}))
+    assert len(comparison.obstacles) == 4
+    assert comparison.obstacles[-1].startswith("measurements gone: ")
+
+
+def test_an_edited_limit_voids_nothing(changed: Changed) -> None:
+    assert compared(changed("base"), changed("new", {"rig.sha256": "00" * 32})).obstacles == ()
+
+
+def test_a_campaign_is_one_side(changed: Changed, tmp_path: Path) -> None:
+    for side in ("base", "new"):
+        for seed in range(1, 9):
+            faster = {"cycles.direct.total": 11_000 - seed} if side == "new" else {}
+            changed(f"{side}/seed-{seed:04d}", {"seed": seed}, faster)
+    (tmp_path / "new" / "seeds.json").write_text("{}", encoding="utf-8")
+    comparison = compared(tmp_path / "base", tmp_path / "new")
+    assert comparison.obstacles == (
+        f"{tmp_path / 'base'}: the campaign was cut short: it has no seeds.json; run all of it again",
+    )
+    (found,) = (each for each in comparison.differences if each.name == "cycles.direct.total")
+    assert (found.change, found.seeds, found.new) == ("better", 8, 10_995.5)
+    assert comparison.base.seeds == tuple(range(1, 9))
+
+
+@pytest.mark.parametrize(
+    ("fields", "reason"),
+    [
+        ({"board.build_id": "ff" * 8}, "of another firmware than"),
+        ({"rig.conditions_sha256": "00" * 32}, "under other conditions than"),
+        ({"seed": 1}, "a seed stands there twice"),
+        ({"verdict.complete": False}, "the run is not complete"),
+    ],
+)
+def test_a_campaign_of_different_things_is_no_evidence(
+    changed: Changed, tmp_path: Path, fields: dict[str, Any], reason: str
+) -> None:
+    changed("base/seed-0001")
+    changed("base/seed-0002", {"seed": 2, **fields})
+    (tmp_path / "base" / "seeds.json").write_text("{}", encoding="utf-8")
+    (fault,) = read_evidence(tmp_path / "base").faults
+    assert reason in fault
+
+
+def test_a_seed_that_left_no_record_is_a_fault_of_the_campaign(changed: Changed, tmp_path: Path) -> None:
+    changed("base/seed-0001")
+    (tmp_path / "base" / "seed-0002").mkdir()
+    (tmp_path / "base" / "seeds.json").write_text("{}", encoding="utf-8")
+    (fault,) = read_evidence(tmp_path / "base").faults
+    assert "seed-0002" in fault
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "", "{", "[]", "null", "12", '{"schema": "hiltest.run/2"}', '{"schema": "hiltest.run/1"}', "\x00\xff",
+        "[" * 9999, '{"schema": "hiltest.baseline/2"}',
+        '{"schema": "hiltest.baseline/1"}', '{"schema": ["hiltest.baseline/1"]}',
+        '{"schema": "other"}', '{"schema": "hiltest.baseline/1", "seeds": NaN}',
+    ],
+)
+def test_a_file_that_is_no_evidence_is_refused_in_one_line(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "file.json"
+    file.write_text(text, encoding="latin-1")
+    with pytest.raises(ConfigError) as refused:
+        read_evidence(file)
+    assert str(file) in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_number_that_is_no_number_is_refused(changed: Changed) -> None:
+    file = changed("base")
+    text = file.read_text(encoding="utf-8")
+    for hostile in ("NaN", "1e999", '"11061"', "[1]", "true"):
+        record = json.loads(text)
+        record["measurements"][0]["value"] = "HERE"
+        file.write_text(json.dumps(record).replace('"HERE"', hostile), encoding="utf-8")
+        with pytest.raises(ConfigError):
+            read_evidence(file)
+
+
+def test_runs_put_together_keep_all_their_faults(changed: Changed) -> None:
+    run = read_evidence(changed("base"))
+    other: Evidence = replace(run, faults=("one", "two"))
+    assert together([run, other], "both").faults[:2] == ("one", "two")
