@@ -10,11 +10,16 @@ from typing import Any
 
 import pytest
 
+from hiltest.bench_files import rig_file
+from hiltest.boards import default_firmware
 from hiltest.comparison.compare import compare
 from hiltest.comparison.evidence import Evidence
 from hiltest.comparison.model import Comparison
 from hiltest.errors import ConfigError
 from hiltest.report.evidence import read_evidence, together
+from hiltest.rig_conditions import conditions_sha256
+from hiltest.rig_file import load_rig
+from hiltest.virtual.elf import load_image
 
 Changed = Callable[..., Path]
 
@@ -190,3 +195,8 @@ def test_runs_put_together_keep_all_their_faults(changed: Changed) -> None:
     run = read_evidence(changed("base"))
     other: Evidence = replace(run, faults=("one", "two"))
     assert together([run, other], "both").faults[:2] == ("one", "two")
+
+
+def test_the_record_of_a_run_says_what_its_numbers_rest_on(real_record: dict[str, Any]) -> None:
+    assert real_record["rig"]["conditions_sha256"] == conditions_sha256(load_rig(rig_file(Path("/"), None)))
+    assert real_record["board"]["compiler_flags"] == load_image(default_firmware()).compiler_flags != ""

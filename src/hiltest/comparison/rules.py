@@ -87,7 +87,7 @@ _ROWS: tuple[tuple[str, Sense, float, float, float, str], ...] = (
     ("heading.dpi.bias",                _ZERO, 0.05, 0.05, 0.14, "moved by 0.003; " + _MOTION),
     ("heading.*.bias",                  _ZERO, 0.01, 0.01, 0.041, _ROUNDING),
     ("heading.dpi.max* heading.dpi.rms", _LESS, 0.1, 0.05, 0.33, "moved by 0.040; " + _MOTION),
-    ("heading.*.max heading.*.max_centred heading.*.rms", _LESS, 0.25, 0.02, 0.38, "moved by 0.14, by one point more of 16"),
+    ("heading.*.max heading.*.max_centred heading.*.rms", _LESS, 0.01, 0.01, 0.38, _ROUNDING),
 
     ("fit.*.status",                    _LESS, 0, 0, 0, "0 is the fit that was asked for, all others are less"),
     ("fit.*.n_used",                    _MORE, 0, 0, 0, _COUNTED),
@@ -125,14 +125,14 @@ _ROWS: tuple[tuple[str, Sense, float, float, float, str], ...] = (
     ("fusion.*heading.max fusion.*heading.rms fusion.*tilt.rms", _LESS, 0.15, 0.02, 0.38, "moved by 0.078; " + _MOTION),
 
     ("budget.*.effort",                 _MORE, 0, 0, 5.2, "what the budget buys: follows from exact cycles"),
-    ("budget.*.mean_error",             _LESS, 0.01, 0.01, 0.38, _ROUNDING),
+    ("budget.*.mean_error",             _LESS, 0.25, 0.02, 0.38, "moved by 0.14, by one point more of 16"),
 
     ("link.echoed",                     _MORE, 0, 0, 0, _COUNTED),
     ("link.damaged_answered link.damaged_uncounted link.retried link.uart_overruns", _LESS, 0, 0, 0, _COUNTED),
     ("identity.calibrators identity.core_clock", _FACT, 0, 0, 0, _COUNTED),
     ("tumble.points",                   _MORE, 0, 0, 0, _COUNTED),
     ("tumble.coverage",                 _MORE, 0.5, 0.01, 0.2, "half a percent is a sixth of one of 300 directions"),
-    ("board.virtual_seconds",          _FACT, 0.5, 0.01, 0.1, "waiting, not work: moved by 0.02"),
+    ("board.virtual_seconds",          _FACT, 5, 0.02, 1, "waiting, not work; moved by 4.4 of 239 in the full set"),
 )  # fmt: skip
 
 

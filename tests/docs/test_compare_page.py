@@ -1,0 +1,67 @@
+"""The page about comparing: its commands run, its codes and its rig's lines are the program's."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from hiltest.comparison.baseline_file import read_baseline
+from hiltest.comparison.model import Tolerance
+from hiltest.rig_file import load_rig
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "compare.md").read_text(encoding="utf-8")
+COMMANDS = [line for block in re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S) for line in block.splitlines()]
+
+
+def _run(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
+    return subprocess.run(
+        [sys.executable, "-m", *shlex.split(command)], cwd=folder, env=environment, capture_output=True, text=True,
+        check=False, timeout=300,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> list[subprocess.CompletedProcess[str]]:
+    """The page's commands, run one after the other in one folder."""
+    folder = tmp_path_factory.mktemp("reader")
+    return [_run(command, folder) for command in COMMANDS]
+
+
+def test_every_command_ends_as_the_page_says(done: list[subprocess.CompletedProcess[str]]) -> None:
+    said = "\n".join(each.stdout + each.stderr for each in done)
+    assert [each.returncode for each in done] == [0] * len(COMMANDS), said
+
+
+def test_nothing_is_worse_between_two_runs_of_one_firmware(done: list[subprocess.CompletedProcess[str]]) -> None:
+    (sentence,) = re.findall(r"`(No regression: \d+ unchanged\.)`", PAGE)
+    output = next(each.stdout for command, each in zip(COMMANDS, done, strict=True) if " compare " in command)
+    assert sentence in output.splitlines()
+
+
+def test_codes_are_those_of_the_help() -> None:
+    listed = dict(re.findall(r"^ +(\d+) +(.*)$", _run("hiltest compare --help", ROOT).stdout, re.M))
+    table = dict(re.findall(r"^\| (\d+) \| (.*) \|$", PAGE, re.M))
+    assert table == {code: text for code, text in listed.items() if code != "2"}
+
+
+def test_the_rig_s_lines_are_understood(tmp_path: Path) -> None:
+    (lines,) = re.findall(r"^```toml\n(.*?)^```", PAGE, re.M | re.S)
+    rig = (ROOT / "hil" / "rigs" / "virtual-k64f.toml").read_text(encoding="utf-8")
+    (tmp_path / "rig.toml").write_text(f"{rig}\n{lines}", encoding="utf-8")
+    assert load_rig(tmp_path / "rig.toml").tolerances == {
+        "heading.direct.max": Tolerance(0.05, 0.02), "compass.lag": Tolerance(3.0, 0.0),
+    }
+
+
+def test_the_committed_baseline_is_where_the_page_says() -> None:
+    (name,) = re.findall(r"`(hil/baselines/[^`]+)`", PAGE)
+    assert read_baseline(ROOT / name).seeds == tuple(range(1, 9))
+    assert "[testenv:baseline]" in (ROOT / "tox.ini").read_text(encoding="utf-8")
