@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from typing import NoReturn
 
@@ -27,6 +28,28 @@ settings.load_profile("hiltest")
 # Runs that tests make have no part in the job that runs the tests, nor its check an annotation of them.
 for name in ("GITHUB_STEP_SUMMARY", "GITHUB_ACTIONS"):
     os.environ.pop(name, None)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _every_record_is_valid(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Check every run.json that the tests' runs have left, with the shipped schema and by reading it.
+
+    Tests that write such a file by hand, to see it refused, call it otherwise.
+    """
+    yield
+    records = sorted(tmp_path_factory.getbasetemp().rglob("run.json"))
+    if not records:
+        return
+    from jsonschema import Draft202012Validator
+
+    from hiltest.report.record import to_json
+    from hiltest.report.schema import SCHEMA_FILE, load_run
+
+    validator = Draft202012Validator(json.loads(SCHEMA_FILE.read_text(encoding="utf-8")))
+    for path in records:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        assert [f"{path}: {each.json_path}: {each.message}" for each in validator.iter_errors(content)] == []
+        assert json.loads(to_json(load_run(path))) == content, f"{path} is written otherwise than it is read"
 
 
 @pytest.fixture(scope="session")

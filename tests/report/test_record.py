@@ -12,7 +12,6 @@ import pytest
 from hiltest.errors import ConfigError
 from hiltest.measurement import Measurement
 from hiltest.report.record import (
-    RUN_FILE,
     Column,
     Findings,
     Table,
@@ -99,7 +98,7 @@ def test_the_text_has_one_measurement_a_line(findings: Make, good: list[Measurem
     ],
 )
 def test_a_file_that_is_no_run_is_refused_with_the_reason(tmp_path: Path, text: str, complaint: str) -> None:
-    path = tmp_path / RUN_FILE
+    path = tmp_path / "no-run.json"
     path.write_text(text)
     with pytest.raises(ConfigError, match=complaint):
         load_run(path)

@@ -69,10 +69,10 @@ def test_a_step_within_the_tolerance_is_none(tmp_path: Path, write: WriteRun) ->
 
 
 def test_a_folder_without_runs_is_a_usage_error_that_names_what_was_skipped(tmp_path: Path) -> None:
-    (tmp_path / "run.json").write_text("x")
+    (tmp_path / "no-run.json").write_text("x")
     done = trend(tmp_path)
     assert done.returncode == 4
-    assert "ERROR: .: no run in it\nskipped run.json: not JSON" in done.stderr
+    assert "ERROR: .: no run in it\nskipped no-run.json: not JSON" in done.stderr
 
 
 def test_the_page_goes_where_it_is_asked_for(runs: Path) -> None:

@@ -74,7 +74,7 @@ def test_foreign_and_corrupt_files_are_named_with_the_reason_and_the_rest_is_rea
     write("good", 1, cycles(1))
     write("cut", 2, cycles(1))
     whole = (tmp_path / "cut" / "run.json").read_text()
-    (tmp_path / "cut" / "run.json").write_text(whole[: len(whole) // 2])
+    (tmp_path / "cut" / "run.json").rename(tmp_path / "half.json").write_text(whole[: len(whole) // 2])
     (tmp_path / "newer.json").write_text(json.dumps({"schema": "hiltest.run/2"}))
     (tmp_path / "package.json").write_text("{}")
     (tmp_path / "list.json").write_text("[1]")
@@ -87,7 +87,7 @@ def test_foreign_and_corrupt_files_are_named_with_the_reason_and_the_rest_is_rea
     entries, skipped = read(tmp_path)
     assert entries == ["good/run.json"]
     begins = {
-        "cut/run.json": "not JSON: ", "newer.json": 'schema is "hiltest.run/2", this hiltest reads "hiltest.run/1"',
+        "half.json": "not JSON: ", "newer.json": 'schema is "hiltest.run/2", this hiltest reads "hiltest.run/1"',
         "package.json": "no record of hiltest's: schema is null", "list.json": "no record of hiltest's",
         "deep.json": "not JSON: nested", "when.json": 'began at "<b>yesterday", which is no time',
         "huge.json": '"cycles.direct.total" is 1e+308, which nothing measures', "binary.json": "not JSON: ",
