@@ -24,6 +24,11 @@ from hiltest.report.cloud_fit_page import fit_page
 from hiltest.report.html import html_report
 from hiltest.report.record import Column, Findings, Run, Table, TestResult
 from hiltest.report.verdict import decide
+from hiltest.trend.folder import Skipped
+from hiltest.trend.page import trend_page
+from hiltest.trend.series import Entry, trend_of
+
+from ...trend.entries import cycles, degrees, entry
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -126,7 +131,7 @@ def hostile(findings: Callable[..., Findings]) -> Run:
     return finished(made)
 
 
-@pytest.fixture(params=["everything", "red", "nothing", "cut_short", "hostile", "fit", "allan"])
+@pytest.fixture(params=["everything", "red", "nothing", "cut_short", "hostile", "fit", "allan", "trend"])
 def page_file(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     """Each page in turn, as the file that a user opens."""
     path = tmp_path / f"{request.param}.html"
@@ -137,9 +142,23 @@ def page_file(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
         rates = np.random.default_rng(1).normal(size=(2000, 3))
         log = RateLog(Path("still.csv"), ("x", "y", "z"), rates, RateUnit.DPS, 100.0, len(rates), 0)
         write_page(log, allan_curve(rates, rate_hz=100.0), path)
+    elif request.param == "trend":
+        path.write_text(trend_page(trend_of(runs()), [Skipped(HOSTILE, HOSTILE)]), encoding="utf-8")
     else:
         path.write_text(html_report(request.getfixturevalue(request.param)), encoding="utf-8")
     return path
+
+
+def runs() -> list[Entry]:
+    """Return runs with steps, on two rigs, one of them with names that would be markup."""
+    names = ("heading.direct.max", HOSTILE, "fit.direct.residual", "link.errors")
+    found = [
+        entry(day, cycles(11_061 + 100 * (day > 4)), *(degrees(1.0 + 0.5 * (day > 6), name) for name in names))
+        for day in range(1, 9)
+    ]
+    other = entry(9, cycles(90_000), rig="another", build=HOSTILE, file=HOSTILE)
+    campaign = entry(10, seeds={seed: (cycles(11_000 + seed),) for seed in range(1, 5)})
+    return [*found, other, campaign]
 
 
 def finished(made: Findings) -> Run:
