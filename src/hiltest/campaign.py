@@ -19,9 +19,11 @@ from hiltest.comparison.model import Comparison
 from hiltest.gate import Gate, read_gate
 from hiltest.measurement import Measurement, Outcome, round_significant
 from hiltest.older import FOLDER, UNJUDGED, last_words, older_options, run_command
+from hiltest.report.campaign_markdown import CAMPAIGN_FILE, SeedLine, SpreadLine, campaign_markdown
 from hiltest.report.evidence import SEEDS_FILE, evidence_of, together
+from hiltest.report.job_summary import annotation, append_to_job_summary
 from hiltest.report.judged import judged_words
-from hiltest.report.record import RUN_FILE, Run, write_atomically
+from hiltest.report.record import RUN_FILE, Run, Verdict, write_atomically
 from hiltest.report.schema import load_run
 from hiltest.report.verdict import WORDS, ExitCode, comparison_code
 from hiltest.settings import make_folder
@@ -113,9 +115,20 @@ def run_seeds(
     comparison = gate.judge(evidence) if gate and evidence else None
     spreads = spreads_of(results)
     write_atomically(out / SEEDS_FILE, _to_json(results, spreads, comparison))
-    click.echo(f"{out / SEEDS_FILE}")
-    click.echo(campaign_sentence(results, spreads, may_fail=may_fail, comparison=comparison))
-    return campaign_exit_code(results, may_fail=may_fail, comparison=comparison)
+    code = campaign_exit_code(results, may_fail=may_fail, comparison=comparison)
+    sentence = campaign_sentence(results, spreads, may_fail=may_fail, comparison=comparison)
+    verdict = Verdict(_word(results, may_fail=may_fail, comparison=comparison), code, sentence, complete=True)
+    page = campaign_markdown(
+        verdict, [SeedLine(each.seed, each.exit_code, each.sentence) for each in results],
+        [SpreadLine(**asdict(each)) for each in spreads], comparison,
+    )  # fmt: skip
+    write_atomically(out / CAMPAIGN_FILE, page)
+    click.echo(f"{out / SEEDS_FILE}, {CAMPAIGN_FILE}")
+    if remark := append_to_job_summary(page, out / CAMPAIGN_FILE):
+        click.echo(remark)
+    click.echo(annotation(verdict), nl=False)
+    click.echo(sentence)
+    return code
 
 
 def _run_all(seeds: Sequence[int], options: Sequence[str], out: Path, name: str) -> list[SeedResult]:
@@ -176,11 +189,17 @@ def campaign_sentence(
         f"{spread.name} median {spread.median:.2f}, worst {spread.max:.2f} {spread.unit}" for spread in spreads
         if spread.name.startswith("heading.") and spread.name.endswith(".max") and "uncalibrated" not in spread.name
     ]
-    of_seeds = campaign_exit_code(results, may_fail=may_fail)
     code = campaign_exit_code(results, may_fail=may_fail, comparison=comparison)
-    word = "FAIL" if of_seeds else WORDS[ExitCode(code)].upper()
+    word = _word(results, may_fail=may_fail, comparison=comparison).upper()
     sentence = "; ".join([f"{passed} of {len(results)} seeds pass{which}{allowed}", *headings]) + f": {word}."
     return f"{sentence} {judged_words(comparison, passes=code == 0)}".rstrip()
+
+
+def _word(results: Sequence[SeedResult], *, may_fail: int, comparison: Comparison | None) -> str:
+    """Return the verdict in a word; whatever ended a seed otherwise is a failure of the campaign."""
+    of_seeds = campaign_exit_code(results, may_fail=may_fail)
+    code = campaign_exit_code(results, may_fail=may_fail, comparison=comparison)
+    return WORDS[ExitCode.FAILED] if of_seeds else WORDS[ExitCode(code)]
 
 
 def spreads_of(results: Sequence[SeedResult]) -> list[Spread]:

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from hiltest.report.job_summary import without_job_summary
 from hiltest.report.record import RUN_FILE
 
 FOLDER = "against"
@@ -58,4 +59,5 @@ def base_of_environment(environment: Mapping[str, str] = os.environ) -> str | No
 
 
 def _environment(environment: Mapping[str, str]) -> dict[str, str]:
-    return {name: value for name, value in environment.items() if name != _VARIABLE}
+    """Return what a run that is part of another has: neither a base nor a job's summary of its own."""
+    return {name: value for name, value in without_job_summary(environment).items() if name != _VARIABLE}

@@ -1,0 +1,73 @@
+"""Render a campaign as Markdown: one page for all its seeds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from hiltest.comparison.model import Comparison
+from hiltest.measurement import readable
+from hiltest.report.markdown import comparison_lines
+from hiltest.report.markdown_text import folded, plain_text, table
+from hiltest.report.record import Verdict
+
+CAMPAIGN_FILE = "seeds.md"
+
+
+@dataclass(frozen=True, slots=True)
+class SeedLine:
+    """How one seed ended, in words."""
+
+    seed: int
+    exit_code: int
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True)
+class SpreadLine:
+    """One measurement over the seeds that have a number of it."""
+
+    name: str
+    unit: str
+    n: int
+    min: float
+    median: float
+    max: float
+    failed_seeds: Sequence[int]
+
+
+def campaign_markdown(
+    verdict: Verdict, seeds: Sequence[SeedLine], spreads: Sequence[SpreadLine], comparison: Comparison | None
+) -> str:
+    """Return the page: verdict, what changed, seeds that did not pass and limits they missed; the rest folded."""
+    return "\n".join(_lines(verdict, seeds, spreads, comparison)) + "\n"
+
+
+def _lines(
+    verdict: Verdict, seeds: Sequence[SeedLine], spreads: Sequence[SpreadLine], comparison: Comparison | None
+) -> Iterator[str]:
+    yield from (f"# {plain_text(verdict.outcome.upper())}", "", plain_text(verdict.sentence))
+    if comparison is not None:
+        yield from comparison_lines(comparison)
+    red = [each for each in seeds if each.exit_code]
+    if red:
+        yield from ("", "## Seeds that did not pass", "", *_seeds(red))
+    missed = [each for each in spreads if each.failed_seeds]
+    if missed:
+        yield from ("", "## Limits that were missed", "", *_spreads(missed))
+    yield from folded("Every measurement over the seeds", _spreads(spreads))
+    yield from folded("Every seed", _seeds(seeds))
+
+
+def _seeds(seeds: Sequence[SeedLine]) -> Iterator[str]:
+    rows = ([str(each.seed), str(each.exit_code), each.sentence] for each in seeds)
+    yield from table(["seed", "exit code", "verdict"], rows)
+
+
+def _spreads(spreads: Sequence[SpreadLine]) -> Iterator[str]:
+    rows = (
+        [each.name, str(each.n), *map(readable, (each.min, each.median, each.max)), each.unit,
+         ", ".join(map(str, each.failed_seeds))]
+        for each in spreads
+    )  # fmt: skip
+    yield from table(["measurement", "seeds", "smallest", "median", "largest", "unit", "missed on seeds"], rows)

@@ -1,0 +1,48 @@
+"""The page of a campaign: one for all seeds, with those that did not pass before the rest."""
+
+from __future__ import annotations
+
+import re
+
+from hiltest.report.campaign_markdown import SeedLine, SpreadLine, campaign_markdown
+from hiltest.report.record import Verdict
+
+from .comparisons import comparison
+
+HOSTILE = "<script>|`"
+SEEDS = [SeedLine(1, 0, "PASS."), SeedLine(2, 1, "FAIL: 2.1 deg."), SeedLine(3, 20, HOSTILE)]
+SPREADS = [
+    SpreadLine("heading.direct.max", "deg", 3, 0.5, 0.9, 2.1, (2,)),
+    SpreadLine("tumble.points", "", 3, 300, 300, 300, ()),
+]
+
+
+def verdict(outcome: str, sentence: str) -> Verdict:
+    return Verdict(outcome, 0, sentence, complete=True)
+
+
+def unfolded(page: str) -> str:
+    return re.sub(r"<details>.*?</details>", "", page, flags=re.S)
+
+
+def test_verdict_comparison_and_what_missed_come_before_the_rest() -> None:
+    page = campaign_markdown(verdict("fail", "1 of 3 seeds pass: FAIL."), SEEDS, SPREADS, comparison())
+    seen = unfolded(page)
+    assert seen.startswith("# FAIL\n\n1 of 3 seeds pass: FAIL.\n")
+    assert "| worse | cycles.direct.total | 11 061 cycle |" in seen
+    assert "| 2 | 1 | FAIL: 2.1 deg. |" in seen
+    assert "| heading.direct.max | 3 | 0.5 | 0.9 | 2.1 | deg | 2 |" in seen
+    assert "| 1 | 0 | PASS. |" not in seen
+    assert "tumble.points" not in seen
+    assert "| 1 | 0 | PASS. |" in page
+    assert "| tumble.points | 3 | 300 | 300 | 300 |  |  |" in page
+
+
+def test_a_green_campaign_names_no_seed() -> None:
+    page = campaign_markdown(verdict("pass", "3 of 3 seeds pass: PASS."), [SeedLine(1, 0, "PASS.")], [], None)
+    assert unfolded(page).split() == ["#", "PASS", "3", "of", "3", "seeds", "pass:", "PASS."]
+
+
+def test_what_a_seed_wrote_stays_text() -> None:
+    page = campaign_markdown(verdict(HOSTILE, HOSTILE), SEEDS, SPREADS, None)
+    assert "<script" not in page.replace("\\<script", "")

@@ -1,0 +1,68 @@
+"""The job's summary of runs that belong together: one for all of them, red when one of them is."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SUITE = """
+from hiltest.measurement import Limit
+
+def test_seed(measure, board):
+    measure("mine.seed", board.seed, "", limit=Limit(max={most}))
+"""
+RIG = Path(__file__).parents[1] / "hil" / "rigs" / "virtual-k64f.toml"
+FIRMWARE = Path(__file__).parents[1] / "src" / "hiltest" / "firmware"
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Path:
+    """A bench of one's own with one test, and a rig without limits that it would not meet."""
+    text = RIG.read_text(encoding="utf-8")
+    (tmp_path / "hil" / "rigs").mkdir(parents=True)
+    (tmp_path / "hil" / "suites").mkdir()
+    (tmp_path / "hil" / "rigs" / RIG.name).write_text(text[: text.index("[limits]")], encoding="utf-8")
+    (tmp_path / "hil" / "suites" / "test_mine.py").write_text(SUITE.format(most=5))
+    return tmp_path
+
+
+def run(folder: Path, *arguments: str) -> tuple[int, str, str]:
+    """Return exit code, what was printed, and the job's summary."""
+    summary = folder / "summary.md"
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
+    done = subprocess.run(
+        [sys.executable, "-m", "hiltest", "run", *arguments], cwd=folder, capture_output=True, text=True, check=False,
+        timeout=300, env={**kept, "GITHUB_STEP_SUMMARY": str(summary), "GITHUB_ACTIONS": "true"},
+    )  # fmt: skip
+    return done.returncode, done.stdout + done.stderr, summary.read_text(encoding="utf-8")
+
+
+def test_a_campaign_has_one_summary_for_all_its_seeds(bench: Path) -> None:
+    code, said, page = run(bench, "--seeds", "1..2")
+    assert code == 0, said
+    assert [line for line in page.splitlines() if line.startswith("# ")] == ["# PASS"]
+    assert "2 of 2 seeds pass: PASS." in page
+    assert "| mine.seed | 2 | 1 | 1.5 | 2 |  |  |" in page
+    assert (bench / "hil-out" / "seeds.md").read_text(encoding="utf-8") == page
+    assert "::error" not in said
+
+
+def test_a_red_seed_is_in_the_summary_and_the_campaign_is_annotated_once(bench: Path) -> None:
+    code, said, page = run(bench, "--seeds", "5..6")
+    assert code == 1, said
+    assert page.startswith("# FAIL\n")
+    assert "| 6 | 1 | FAIL" in page[: page.index("<details>")]
+    (annotation,) = [line for line in said.splitlines() if line.startswith("::")]
+    assert annotation.startswith("::error title=hiltest%3A fail::1 of 2 seeds pass (not: 6): FAIL.")
+
+
+def test_two_firmwares_have_one_summary_that_compares_them(bench: Path) -> None:
+    (elf,) = FIRMWARE.glob("*.elf")
+    code, said, page = run(bench, "--against", str(elf))
+    assert code == 0, said
+    assert [line for line in page.splitlines() if line.startswith("# ")] == ["# PASS"]
+    assert "## Against the baseline" in page
