@@ -1,0 +1,53 @@
+"""A difference in words: what it was and is, by how much it moved, and its limit."""
+
+from __future__ import annotations
+
+import pytest
+
+from hiltest.comparison.compare import compare
+from hiltest.comparison.words import SHOWN, moved, numbers, shown
+from hiltest.measurement import Limit
+
+from .evidence import evidence, measurement, over_seeds
+
+
+def test_all_of_it_stands_in_one_line() -> None:
+    limit = Limit(max=12_500)
+    base, new = (over_seeds("cycles.direct.total", value, limit=limit, unit="cycle") for value in (11_061, 11_161))
+    (found,) = compare(base, new).differences
+    assert numbers(found) == "11 061 -> 11 161 cycles (+100, +0.9 %; limit at most 12 500)"
+
+
+@pytest.mark.parametrize(
+    ("base", "new", "words"),
+    [
+        (81.35, 238.9, "+157.6, +194 %"), (2.0, 2.0, "+0, +0 %"), (0.0, 0.3, "+0.3"), (-0.1, 0.2, "+0.3"),
+        (-0.1, -0.2, "-0.1, -100 %"), (1.0, 1001.0, "+1 000, +100 000 %"), (10.0, 9.95, "-0.05, -0.5 %"),
+    ],
+)
+def test_percent_are_given_where_they_mean_something(base: float, new: float, words: str) -> None:
+    (found,) = compare(over_seeds("compass.lag", base), over_seeds("compass.lag", new)).differences
+    assert moved(found) == words
+
+
+def test_over_eight_seeds_the_interval_is_shown() -> None:
+    base = over_seeds("heading.direct.max", *[0.9] * 8, unit="deg")
+    new = over_seeds("heading.direct.max", *(1.2 + step / 100 for step in range(8)), unit="deg")
+    (found,) = compare(base, new).differences
+    assert numbers(found) == "0.9 -> 1.235 deg (+0.335, +37 %, 95 % +0.3145 to +0.3555)"
+
+
+def test_what_is_new_or_gone_shows_its_one_number() -> None:
+    base = evidence([measurement("compass.lag", 8.0, unit="ms")])
+    new = evidence([measurement("compass.drift", 0.5, unit="deg", limit=Limit(max=1.0))])
+    gone, made = sorted(compare(base, new).differences, key=lambda each: each.change)
+    assert (numbers(gone), numbers(made)) == ("8 ms", "0.5 deg (limit at most 1)")
+
+
+def test_groups_come_in_one_order_and_none_is_empty() -> None:
+    names = ("cycles.a.total", "cycles.b.total", "heading.direct.worst_sector", "tumble.points", "link.retried")
+    base = evidence([measurement(name, value) for name, value in zip(names, (5, 5, 30.0, 300, None), strict=True)])
+    new = evidence([measurement(name, value) for name, value in zip(names, (6, 4, 60.0, None, 0), strict=True)])
+    groups = [change for change, _ in shown(compare(base, new))]
+    assert groups == list(SHOWN) == ["worse", "gone", "better", "new", "changed"]
+    assert shown(compare(base, base)) == []
