@@ -124,6 +124,15 @@ def test_worse_is_what_is_beyond_both_tolerances(base: float, new: float, change
     assert found.tolerance == tolerances[name]
 
 
+def test_what_is_counted_may_move_by_all_of_its_tolerance() -> None:
+    name = "cycles.direct.total"
+    for new, change in ((105, Change.UNCHANGED), (106, Change.WORSE), (95, Change.UNCHANGED), (94, Change.BETTER)):
+        (found,) = compare(
+            over_seeds(name, 100), over_seeds(name, new), tolerances={name: Tolerance(5, 0)}
+        ).differences
+        assert found.change is change
+
+
 def test_the_last_written_digit_is_no_difference() -> None:
     name = "compass.strength"
     assert only(over_seeds(name, 48.6101624), over_seeds(name, 48.6101625)).change is Change.UNCHANGED
