@@ -36,7 +36,7 @@ def moved(difference: Difference) -> str:
         return ""
     words = _signed(difference.delta)
     if difference.base and difference.base * (difference.new or 0.0) > 0:
-        words += f", {_percent(100 * difference.delta / abs(difference.base))} %"
+        words += f", {percent(100 * difference.delta / abs(difference.base))} %"
     if difference.interval is not None:
         low, high = difference.interval
         words += f", 95 % {_signed(low)} to {_signed(high)}"
@@ -73,7 +73,7 @@ def _signed(value: float) -> str:
     return f"{'+' if value >= 0 else '-'}{readable(abs(value))}"
 
 
-def _percent(value: float) -> str:
+def percent(value: float) -> str:
     """Return two digits of it, or all before the point."""
     return f"{value:+.2g}" if abs(value) < 99.5 else f"{'+' if value > 0 else '-'}{readable(round(abs(value)))}"
 

@@ -1,22 +1,24 @@
-"""What the page shows of a comparison with a baseline: its changes in order of concern, and the two sides."""
+"""What the reports show of a comparison: its changes in order of concern, the two sides, and the counts, as text."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
-from hiltest.comparison.model import Change, Comparison, Difference, Tolerance
+from hiltest.comparison.model import Change, Comparison, Difference, Side
+from hiltest.comparison.words import SHOWN, moved, shown
 from hiltest.measurement import readable
-from hiltest.report.figures.change import change_figure, change_percent, percent_text
+from hiltest.report.figures.change import change_figure
 from hiltest.report.figures.rows import RowFigure
 
-# In order of concern, with the sign that stands for each beside its word.
-SIGNS = {Change.WORSE: "✗", Change.GONE: "−", Change.BETTER: "✓", Change.NEW: "+", Change.CHANGED: "≠"}
-TONES = {Change.WORSE: "fail", Change.GONE: "fail", Change.BETTER: "pass"}
+# Stands beside the word for who does not see its colour.
+_SIGNS = {Change.WORSE: "✗", Change.GONE: "−", Change.BETTER: "✓", Change.NEW: "+", Change.CHANGED: "≠"}
+_TONES = {Change.WORSE: "fail", Change.GONE: "fail", Change.BETTER: "pass"}
 
 
 @dataclass(frozen=True, slots=True)
 class Changed:
-    """One measurement that is not what it was, as text."""
+    """One measurement that is not what it was, as text; `outcome` has the note too."""
 
     name: str
     change: str
@@ -24,10 +26,10 @@ class Changed:
     tone: str
     base: str
     new: str
-    delta: str
+    moved: str
     tolerance: str
     limit: str
-    note: str
+    outcome: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,55 +48,57 @@ def against_baseline(comparison: Comparison | None) -> AgainstBaseline | None:
     """Return the section, None when the run was compared with nothing."""
     if comparison is None:
         return None
-    tone = "warn" if comparison.obstacles else "bad" if comparison.regression else "good"
-    counts = ", ".join(f"{len(found)} {change}" for change in (*SIGNS, Change.UNCHANGED)
-                       if (found := comparison.of(change)))
-    changed = (each for change in SIGNS for each in comparison.of(change))
     return AgainstBaseline(
-        comparison, tone, counts or "nothing compared", tuple(map(_in_text, changed)), tuple(_sides(comparison)),
-        change_figure(comparison),
+        comparison, "warn" if comparison.obstacles else "bad" if comparison.regression else "good",
+        counts(comparison), tuple(changed(comparison)), tuple(sides(comparison)), change_figure(comparison),
     )
 
 
+def changed(comparison: Comparison) -> Iterator[Changed]:
+    """Yield what is not as it was, worst first; what is unchanged is only counted."""
+    for _, found in shown(comparison):
+        yield from map(_in_text, found)
+
+
+def counts(comparison: Comparison) -> str:
+    """Return how many measurements there are of each change."""
+    numbers = ((len(comparison.of(change)), change) for change in (*SHOWN, Change.UNCHANGED))
+    return ", ".join(f"{number} {change}" for number, change in numbers if number) or "nothing to compare"
+
+
+def sides(comparison: Comparison) -> Iterator[tuple[str, str, str]]:
+    """Yield what stood on both sides: name, base, new."""
+    for (name, base), (_, new) in zip(_side(comparison.base), _side(comparison.new), strict=True):
+        yield name, base, new
+
+
 def _in_text(each: Difference) -> Changed:
+    outcome = "" if each.outcome == "information" else each.outcome
+    tolerance = "" if each.delta is None else _tolerance(each)
     return Changed(
-        each.name, str(each.change), SIGNS[each.change], TONES.get(each.change, ""), _number(each.base, each.unit),
-        _number(each.new, each.unit), _delta(each), _tolerance(each.tolerance, each.unit), str(each.limit or ""),
-        each.note,
+        each.name, str(each.change), _SIGNS[each.change], _TONES.get(each.change, ""), _number(each.base, each.unit),
+        _number(each.new, each.unit), moved(each), tolerance, str(each.limit or ""),
+        ": ".join(filter(None, (outcome, each.note))),
     )
 
 
 def _number(value: float | None, unit: str) -> str:
-    return "" if value is None else f"{readable(value)} {unit}".rstrip()
+    return "-" if value is None else f"{readable(value)} {unit}".rstrip()
 
 
-def _delta(each: Difference) -> str:
-    if each.delta is None:
-        return ""
-    percent = change_percent(each)
-    parts = [f"{'+' if each.delta > 0 else ''}{readable(each.delta)}"]
-    if percent is not None:
-        parts.append(percent_text(percent))
-    if each.interval is not None:
-        low, high = each.interval
-        parts.append(f"95 %: {readable(low)} to {readable(high)} over {each.seeds} seeds")
-    return ", ".join(parts)
+def _tolerance(difference: Difference) -> str:
+    """Return how far it may move and still count as unchanged."""
+    absolute, relative = difference.tolerance.absolute, difference.tolerance.relative
+    parts = [f"{readable(absolute)} {difference.unit}".rstrip()] if absolute else []
+    parts += [f"{100.0 * relative:g} %"] if relative else []
+    return " and ".join(parts) or "exact"
 
 
-def _tolerance(tolerance: Tolerance, unit: str) -> str:
-    if tolerance.absolute == 0.0 and tolerance.relative == 0.0:
-        return "exact"
-    return f"{readable(tolerance.absolute)} {unit}".rstrip() + f" and {100.0 * tolerance.relative:g} %"
-
-
-def _sides(comparison: Comparison) -> list[tuple[str, str, str]]:
-    base, new = comparison.base, comparison.new
-    rows = [
-        ("file", base.file, new.file or "this run"), ("SHA-256", base.sha256, new.sha256),
-        ("firmware", f"{base.firmware} {base.version}", f"{new.firmware} {new.version}"),
-        ("build", base.build_id, new.build_id), ("compiler", base.compiler, new.compiler),
-        ("cycle model", base.cycle_model, new.cycle_model), ("rig", base.rig, new.rig),
-        ("seeds", ", ".join(map(str, base.seeds)), ", ".join(map(str, new.seeds))),
-        ("saved", base.saved_utc, new.saved_utc),
-    ]
-    return [row for row in rows if row[1].strip() or row[2].strip()]
+def _side(side: Side) -> Iterator[tuple[str, str]]:
+    yield "file", f"{side.file} {side.sha256[:16]}".strip()
+    yield "firmware", f"{side.firmware} {side.version} build {side.build_id}"
+    yield "compiler", side.compiler
+    yield "cycle model", side.cycle_model
+    yield "rig", side.rig
+    yield "seeds", ", ".join(map(str, side.seeds)) or "none"
+    yield "saved", side.saved_utc

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from hiltest.comparison.model import Change, Comparison, Difference, Side
-from hiltest.comparison.words import SHOWN, moved, shown
-from hiltest.measurement import Measurement, readable
+from hiltest.comparison.model import Comparison
+from hiltest.measurement import Measurement
 from hiltest.report import overview, stream_overview
+from hiltest.report.comparison_overview import changed, counts, sides
 from hiltest.report.markdown_text import folded, plain_text, table
 from hiltest.report.record import Run, TestResult
 from hiltest.report.terminal import shown_limit, shown_outcome, shown_value
@@ -24,15 +24,16 @@ def comparison_lines(comparison: Comparison) -> Iterator[str]:
     if comparison.obstacles:
         yield ""
         yield from (f"- not evaluated: {plain_text(each)}" for each in comparison.obstacles)
-    rows = [_changed(each) for _, found in shown(comparison) for each in found]
+    rows = [
+        [each.change, each.name, each.base, each.new, each.moved, each.tolerance, each.limit, each.outcome]
+        for each in changed(comparison)
+    ]
     if rows:
         yield ""
         yield from table(["change", "measurement", "base", "new", "by", "tolerance", "limit", "outcome"], rows)
-    yield from ("", f"{_counts(comparison)}.")
-    yield from folded("What was compared", table(
-        ["", "base", "new"],
-        ([name, old, new] for (name, old), (_, new) in zip(_side(comparison.base), _side(comparison.new), strict=True)),
-    ))  # fmt: skip
+    yield from ("", f"{counts(comparison)}.")
+    both = ([*row] for row in sides(comparison))
+    yield from folded("What was compared", table(["", "base", "new"], both))
 
 
 def _lines(run: Run) -> Iterator[str]:
@@ -55,47 +56,6 @@ def _lines(run: Run) -> Iterator[str]:
         "What the numbers rest on",
         (f"- {plain_text(name)}: {plain_text(text)}" for name, text in overview.provenance(run)),
     )
-
-
-def _changed(difference: Difference) -> list[str]:
-    limit = "" if difference.limit is None else str(difference.limit)
-    note = f": {difference.note}" if difference.note else ""
-    outcome = "" if difference.outcome == "information" else difference.outcome
-    return [
-        difference.change, difference.name,
-        *(_with_unit(value, difference) for value in (difference.base, difference.new)),
-        moved(difference), "" if difference.delta is None else _tolerance(difference),
-        limit, outcome + note,
-    ]  # fmt: skip
-
-
-def _with_unit(value: float | None, difference: Difference) -> str:
-    return "-" if value is None else f"{readable(value)} {difference.unit}".rstrip()
-
-
-def _tolerance(difference: Difference) -> str:
-    """Return how far it may move and still count as unchanged."""
-    absolute, relative = difference.tolerance.absolute, difference.tolerance.relative
-    if not absolute and not relative:
-        return "exact"
-    parts = [f"{readable(absolute)} {difference.unit}".rstrip()] if absolute else []
-    parts += [f"{100.0 * relative:g} %"] if relative else []
-    return " and ".join(parts)
-
-
-def _counts(comparison: Comparison) -> str:
-    numbers = ((len(comparison.of(change)), change) for change in (*SHOWN, Change.UNCHANGED))
-    return ", ".join(f"{number} {change}" for number, change in numbers if number) or "nothing to compare"
-
-
-def _side(side: Side) -> Iterator[tuple[str, str]]:
-    yield "file", f"{side.file} {side.sha256[:16]}".strip()
-    yield "firmware", f"{side.firmware} {side.version} build {side.build_id}"
-    yield "compiler", side.compiler
-    yield "cycle model", side.cycle_model
-    yield "rig", side.rig
-    yield "seeds", ", ".join(map(str, side.seeds)) or "none"
-    yield "saved", side.saved_utc
 
 
 def _accuracy_and_cost(run: Run) -> Iterator[str]:

@@ -9,8 +9,8 @@ from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
 from hiltest.report.legible import legible
 
-# The space in 12 500, which a narrow cell must not break at.
-_THOUSANDS = re.compile(r"(?<=\d) (?=\d{3}(?!\d))")
+# The space in 12 500 and in 1 %, which a narrow cell must not break at.
+_KEPT_SPACE = re.compile(r"(?<=\d) (?=\d{3}(?!\d)|%)")
 
 
 def render(template: str, *, package: str = "hiltest.report", **content: object) -> str:
@@ -28,7 +28,7 @@ def render(template: str, *, package: str = "hiltest.report", **content: object)
 
 
 def _shown(value: object) -> object:
-    return _THOUSANDS.sub("\N{NO-BREAK SPACE}", legible(value)) if type(value) is str else value
+    return _KEPT_SPACE.sub("\N{NO-BREAK SPACE}", legible(value)) if type(value) is str else value
 
 
 def _beside(path: str) -> str:
