@@ -133,6 +133,10 @@ def test_on_paper_everything_is_unfolded_and_dark_on_light(
     page.emulate_media(media="print")
     assert page.evaluate(f"{folded}.every(each => each.getBoundingClientRect().height)")
     assert page.evaluate(background) == "#ffffff"
+    # A4 without its margins: nothing is cut off at the right.
+    page.set_viewport_size({"width": 688, "height": 1000})
+    cut = "[...document.querySelectorAll('html, .scroll, figure')].filter(each => each.scrollWidth > each.clientWidth)"
+    assert page.evaluate(f"{cut}.map(each => each.outerHTML.slice(0, 200))") == []
     assert page.pdf().startswith(b"%PDF")
     page.close()
 
@@ -141,6 +145,10 @@ def test_markup_in_names_does_nothing_and_is_read(hostile: Run, visit: Open, tmp
     path = written(hostile, tmp_path)
     with visit(path, width=1400) as here:
         assert here.page.title() == "fail - hiltest"
+        # Were something in it a script after all, or asked for a picture, the page's own policy would refuse.
+        asked = "new Promise(tell => {const i = new Image(); i.onerror = i.onload = () => tell(i.naturalWidth);"
+        assert here.page.evaluate(asked + "i.src = 'data:image/gif;base64,R0lGODlhAQABAAAAACwAAAAAAQABAAA='})") == 0
+        assert any("Content Security Policy" in each for each in here.complaints)
         assert here.page.locator("body").inner_text().count("<script>document.title='taken'</script>\"'⟨U+202E⟩") >= 5
         assert here.page.locator("a", has_text="wire trace").evaluate("each => each.protocol") == "file:"
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,6 +90,8 @@ def _after(name: str, points: Array) -> Figure:
 
 
 def _sheet(results: Table) -> Sheet:
-    names = [each.name for each in results.columns]
-    headings: Sequence[str] = [name.replace("_", " ") for name in names]
-    return Sheet("Calibrations that the board fitted", headings, [written(row) for row in results.rows])
+    """Return a column for each calibrator: three of them and sixteen numbers are higher than wide."""
+    columns = [(each.name.replace("_", " "), each.unit, results.column(each.name)) for each in results.columns]
+    (_, _, names), *others = columns
+    rows = [[f"{name} [{unit}]" if unit else name, *written(cells)] for name, unit, cells in others]
+    return Sheet("Calibrations that the board fitted", ["quantity", *map(str, names)], rows)
