@@ -60,7 +60,7 @@ def test_what_did_not_change_is_counted_and_folded(run: Run) -> None:
 def test_without_a_baseline_accuracy_and_cost_are_open(run: Run) -> None:
     page = unfolded(markdown_report(replace(run, comparison=None)))
     assert "| calibrator |" in page
-    assert "baseline" not in page
+    assert "Against the baseline" not in page
 
 
 def test_a_gate_that_was_not_evaluated_says_why(run: Run) -> None:
