@@ -104,6 +104,7 @@ class BenchmarkCycles:
 
     def __init__(self, show: Callable[[str, list[int], str], None] | None = None) -> None:
         self._show = show
+        self._called = False
 
     def __call__(
         self, kernel: str, cost: int | Counted | Iterable[int | Counted], *, cycle_model: str = ""
@@ -122,9 +123,13 @@ class BenchmarkCycles:
         Raises
         ------
         ValueError
-            If there is no round, one is not a whole number of cycles, or they were not counted by one model.
+            If there is no round, one is not a whole number of cycles, they were not counted by one model, or the test
+            has shown a kernel already.
         """
+        if self._called:
+            raise ValueError(f"{kernel}: a test shows one kernel, as pytest-benchmark has it; parametrize it for more")
         rounds, model = read_rounds(cost, cycle_model)
+        self._called = True
         if self._show is not None:
             self._show(kernel, rounds, model)
 

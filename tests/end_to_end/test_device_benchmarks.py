@@ -24,16 +24,20 @@ def board() -> Board:
     return open_board(load_rig(shipped() / "rigs" / "virtual-k64f.toml"))
 
 
+def run(folder: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    """Run pytest in a folder, on the bench that comes with hiltest."""
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
+    command = [sys.executable, "-m", "pytest", f"--rootdir={folder}", "-p", "no:cacheprovider", *map(str, arguments)]
+    return subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=240
+    )
+
+
 @pytest.fixture(scope="module")
 def rows(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]]:
     """What pytest-benchmark keeps of each benchmark, by name."""
     folder = tmp_path_factory.mktemp("bench")
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
-    command = [sys.executable, "-m", "pytest", str(shipped() / "benchmarks"), "-W", "error",
-               f"--rootdir={folder}", "-p", "no:cacheprovider", "--benchmark-json=cycles.json"]  # fmt: skip
-    done = subprocess.run(
-        command, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=240
-    )
+    done = run(folder, shipped() / "benchmarks", "-W", "error", "--benchmark-json=cycles.json")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "Name (time in s)" not in done.stdout
     content = json.loads((folder / "cycles.json").read_text(encoding="utf-8"))
@@ -68,11 +72,15 @@ def test_a_calibrator_that_is_in_no_list_is_named(tmp_path: Path) -> None:
     for file in ("conftest.py", "test_calibrator_cycles.py"):
         text = (shipped() / "benchmarks" / file).read_text(encoding="utf-8")
         (tmp_path / file).write_text(text.replace('("direct", "corrected", "iterative")', '("direct", "gone")'))
-    command = [sys.executable, "-m", "pytest", "-rs", "-k", "test_calibrator and 30", "-p", "no:cacheprovider"]
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
-    done = subprocess.run(
-        command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False, timeout=240
-    )
+    done = run(tmp_path, "-rs", "-k", "test_calibrator and 30")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "corrected is in no table: put it into CALIBRATORS of test_calibrator_cycles.py" in done.stdout
     assert "this firmware has no calibrator 'gone'" in done.stdout
+
+
+def test_a_gate_is_not_passed_by_benchmarks(tmp_path: Path) -> None:
+    baseline = shipped() / "baselines" / "virtual-k64f.json"
+    # The same tests end with 0 where no baseline is asked for: see `rows`.
+    done = run(tmp_path, shipped() / "benchmarks", "--benchmark-disable", f"--hil-baseline={baseline}")
+    assert done.returncode == 22
+    assert "the run is not complete" in done.stdout

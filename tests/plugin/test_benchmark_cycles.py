@@ -191,9 +191,18 @@ def test_fit(benchmark_cycles, cycles, measure):
 """
 WRONG = "def test_fit(benchmark_cycles):\n    benchmark_cycles('direct', 900)\n"
 
+TWICE = fit(100) + "    benchmark_cycles('direct', 200, cycle_model='m')\n"
+UNUSED = "def test_fit(benchmark_cycles):\n    pass\n"
 
-@pytest.mark.parametrize("text", [JUDGED.format(most=3), JUDGED.format(most=2), WRONG], ids=["pass", "fail", "wrong"])
-def test_exit_code_and_verdict_are_the_same_without_pytest_benchmark(pytester: pytest.Pytester, text: str) -> None:
+
+@pytest.mark.parametrize(
+    ("text", "exit_code"),
+    [(JUDGED.format(most=3), 0), (JUDGED.format(most=2), 1), (WRONG, 1), (TWICE, 1), (UNUSED, 0)],
+    ids=["pass", "fail", "wrong", "twice", "unused"],
+)
+def test_exit_code_and_verdict_are_the_same_without_pytest_benchmark(
+    pytester: pytest.Pytester, text: str, exit_code: int
+) -> None:
     pytester.makepyfile(blocks=BLOCKED, test_it=text)
     pytester.syspathinsert()
     seen = {}
@@ -203,7 +212,7 @@ def test_exit_code_and_verdict_are_the_same_without_pytest_benchmark(pytester: p
         verdict = json.loads(record.read_text(encoding="utf-8"))["verdict"] if record.exists() else None
         seen[options] = (result.ret, result.parseoutcomes(), verdict)
     assert len({json.dumps(each) for each in seen.values()}) == 1, seen
-    assert seen[()][0] == (0 if "max=3" in text else 1)
+    assert seen[()][0] == exit_code
 
 
 def test_workers_show_nothing_and_pass_all_the_same(pytester: pytest.Pytester) -> None:
