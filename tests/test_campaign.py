@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import json
+import os
 from fnmatch import fnmatchcase
+from pathlib import Path
 
 import pytest
 
 from hiltest.campaign import SeedResult, campaign_exit_code, campaign_sentence, spreads_of
+from hiltest.cli import commands
 from hiltest.comparison.model import Change, Comparison, Difference, Sense, Side, Tolerance
+from hiltest.errors import ConfigError
 from hiltest.measurement import Limit, judge
+from hiltest.report.journal import JOURNAL_FILE, Journal
+from hiltest.sole_command import LOCK_FILE, remove_run, sole_command
 
 
 def result(seed: int, heading_deg: float, exit_code: int = 0) -> SeedResult:
@@ -78,3 +85,55 @@ def test_the_sentence_says_how_many_passed_and_the_worst() -> None:
         "2 of 3 seeds pass (not: 2), 1 may fail; heading.direct.max median 1.10, worst 1.90 deg: PASS."
     )
     assert campaign_sentence(results, spreads_of(results), may_fail=0).endswith(": FAIL.")
+
+
+class TestFolder:
+    """A campaign's folder is its own, and holds nothing of another."""
+
+    def test_a_second_command_of_several_runs_is_refused_and_told_which_has_the_folder(self, tmp_path: Path) -> None:
+        with sole_command(tmp_path):
+            with pytest.raises(ConfigError, match=rf"{tmp_path} is in use by process {os.getpid()} on "):
+                hiltest_main("run", "--seeds", "1..2", "--out", str(tmp_path))
+            assert [each.name for each in tmp_path.iterdir()] == [LOCK_FILE]
+        assert list(tmp_path.iterdir()) == []
+        (tmp_path / LOCK_FILE).write_text("left by a command that was killed\n")
+        with sole_command(tmp_path):
+            pass
+        assert list(tmp_path.iterdir()) == []
+
+    def test_what_an_earlier_run_left_is_removed_and_what_is_not_ours_or_in_use_stays(self, tmp_path: Path) -> None:
+        for name in ("seed-0001", "seed-0002", "seed-0003", "mine"):
+            (tmp_path / name).mkdir()
+            (tmp_path / name / "report.md").write_text("")
+            (tmp_path / name / JOURNAL_FILE).write_text("")
+        (tmp_path / "seed-0003" / "notes.txt").write_text("mine")
+        busy = Journal(tmp_path / "seed-0002")
+        for each in ("seed-0001", "seed-0002", "seed-0003"):
+            remove_run(tmp_path / each)
+        busy.release()
+        assert sorted(str(each.relative_to(tmp_path)) for each in tmp_path.rglob("*")) == [
+            "mine", f"mine/{JOURNAL_FILE}", "mine/report.md", "seed-0002", "seed-0002/report.md", "seed-0003",
+            "seed-0003/notes.txt",
+        ]
+
+    def test_a_seed_that_is_killed_keeps_what_it_had_measured(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        suites = tmp_path / "hil" / "suites"
+        suites.mkdir(parents=True)
+        (suites / "test_dies.py").write_text(
+            "import os\n\ndef test_one(measure):\n    measure('first', 1, '')\n\n"
+            "def test_two():\n    os.kill(os.getpid(), 9)\n"
+        )
+        monkeypatch.chdir(tmp_path)
+        assert hiltest_main("run", "--seeds", "3..3", "--out", "out") == -9
+        seeds = json.loads((tmp_path / "out" / "seeds.json").read_text())
+        (seed,) = seeds["seeds"]
+        assert seed["sentence"].startswith("CUT SHORT: 1 test finished, 1 measurement kept")
+        assert [each["name"] for each in seeds["measurements"]] == ["first"]
+
+
+def hiltest_main(*arguments: str) -> int:
+    code = commands.main(args=list(arguments), prog_name="hiltest", standalone_mode=False)
+    assert isinstance(code, int)
+    return code

@@ -7,6 +7,7 @@ import os
 import statistics
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -16,17 +17,19 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from hiltest.comparison.evidence import Evidence
 from hiltest.comparison.model import Comparison
+from hiltest.errors import ConfigError
 from hiltest.gate import Gate, read_gate
 from hiltest.measurement import Measurement, Outcome, round_significant
 from hiltest.older import FOLDER, UNJUDGED, last_words, older_options, run_command
 from hiltest.report.campaign_markdown import CAMPAIGN_FILE, SeedLine, SpreadLine, campaign_markdown
-from hiltest.report.evidence import SEEDS_FILE, evidence_of, together
+from hiltest.report.evidence import SEED_FOLDERS, SEEDS_FILE, evidence_of, together
 from hiltest.report.job_summary import annotation, append_to_job_summary
 from hiltest.report.judged import judged_words
-from hiltest.report.record import RUN_FILE, Run, Verdict, write_atomically
-from hiltest.report.schema import load_run
+from hiltest.report.record import Run, Verdict, write_atomically
+from hiltest.report.stored import read_stored
 from hiltest.report.verdict import WORDS, ExitCode, comparison_code
 from hiltest.settings import make_folder
+from hiltest.sole_command import remove_run
 
 SEEDS_SCHEMA = "hiltest.seeds/1"
 
@@ -134,6 +137,8 @@ def run_seeds(
 def _run_all(seeds: Sequence[int], options: Sequence[str], out: Path, name: str) -> list[SeedResult]:
     make_folder(out)
     (out / SEEDS_FILE).unlink(missing_ok=True)  # it says that all seeds have run
+    for folder in set(out.glob(SEED_FOLDERS)) - {_seed_folder(out, seed) for seed in seeds}:
+        remove_run(folder)  # of an earlier campaign, which had other seeds
     console = Console()
     columns = (TextColumn(name), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool, Progress(*columns, console=console) as progress:
@@ -227,13 +232,18 @@ def spreads_of(results: Sequence[SeedResult]) -> list[Spread]:
 
 def _run_seed(seed: int, options: Sequence[str], out: Path) -> SeedResult:
     """Run one seed in a process of its own: pytest keeps state that a second run would meet."""
-    folder = out / f"seed-{seed:04d}"
+    folder = _seed_folder(out, seed)
     done = run_command(f"--seed={seed}", f"--out={folder}", "--", *options, folder=folder)
-    if (folder / RUN_FILE).exists():
-        run = load_run(folder / RUN_FILE)
-        evidence = evidence_of(run, file=str(folder / RUN_FILE))
-        return SeedResult(seed, done.returncode, run.verdict.sentence, run.measurements, _made_with(run), evidence)
+    if done.returncode != ExitCode.USAGE_ERROR:  # with which it is refused a folder that another run has
+        with suppress(ConfigError):  # there is none: it did not begin
+            stored = read_stored(folder)
+            run, evidence = stored.run, evidence_of(stored.run, file=str(stored.path))
+            return SeedResult(seed, done.returncode, run.verdict.sentence, run.measurements, _made_with(run), evidence)
     return SeedResult(seed, done.returncode, last_words(done.stderr or done.stdout))
+
+
+def _seed_folder(out: Path, seed: int) -> Path:
+    return out / f"seed-{seed:04d}"
 
 
 def _made_with(run: Run) -> MadeWith | None:

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from hiltest.report.job_summary import without_job_summary
-from hiltest.report.record import RUN_FILE
+from hiltest.sole_command import remove_run
 
 FOLDER = "against"
 """Of the older firmware's record, in the folder of the newer one's."""
@@ -42,7 +42,7 @@ def run_older(options: Sequence[str], firmware: str, out: Path) -> subprocess.Co
 
 def run_command(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
     """Run ``hiltest run`` without a base, so that its record is in a folder and what was there before is not."""
-    (folder / RUN_FILE).unlink(missing_ok=True)  # what an earlier command left must not pass for this one's
+    remove_run(folder)  # what an earlier command left must not pass for this one's
     command = [sys.executable, "-m", "hiltest", "run", *arguments]
     return subprocess.run(command, capture_output=True, text=True, check=False, env=_environment(os.environ))
 

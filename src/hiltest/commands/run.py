@@ -99,6 +99,8 @@ def run(
     The suites are those in hil/suites of this folder, or else the ones that come with hiltest. What follows
     -- goes to pytest: hiltest run -- -k heading
     """
+    from hiltest.sole_command import sole_command
+
     names = {"rig": "--hil-rig", "firmware": "--hil-firmware", "hil_port": "--hil-port", "seed": "--hil-seed",
              "poses": "--hil-poses", "suite": "--hil-suite", "calibration": "--hil-calibration"}
     baseline = given.pop("baseline")
@@ -111,9 +113,11 @@ def run(
         from hiltest.campaign import run_seeds
 
         base = baseline or base_of_environment()
-        return run_seeds(seeds, options, Path(out), may_fail=may_fail, baseline=base, against=against)
+        with sole_command(Path(out)):
+            return run_seeds(seeds, options, Path(out), may_fail=may_fail, baseline=base, against=against)
     if against is not None:
-        return _run_both(options, against, Path(out))
+        with sole_command(Path(out)):
+            return _run_both(options, against, Path(out))
     return run_suites(options + ([] if baseline is None else [f"--hil-baseline={baseline}"]), Path(out))
 
 

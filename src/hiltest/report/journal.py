@@ -38,6 +38,8 @@ class Journal:
     ----------
     folder : Path
         What lies in it stays as it is until `begin`.
+    name : str, optional
+        Of the file.
 
     Raises
     ------
@@ -45,9 +47,9 @@ class Journal:
         If another run has the folder; it says which. Or if the folder cannot be written to.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, name: str = JOURNAL_FILE) -> None:
         self.folder = folder
-        self.path = folder / JOURNAL_FILE
+        self.path = folder / name
         try:
             self._file = _open_locked(self.path)
             # What a killed run was writing goes; its whole lines stay until this run is sure to take place.

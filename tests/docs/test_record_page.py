@@ -1,0 +1,51 @@
+"""The page about records: its commands run, its table has every field, its bounds and words are the program's."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+from hiltest.commands.report import report
+from hiltest.report import journal, schema
+from hiltest.report.record import SCHEMA, Run
+from hiltest.report.stored import read_stored
+from hiltest.strict_json import DEEPEST
+
+PAGE = (Path(__file__).parents[2] / "docs" / "record.md").read_text(encoding="utf-8")
+(COMMANDS,) = re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S)
+
+
+def test_the_commands_do_what_the_page_says(tmp_path: Path) -> None:
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
+    for command in COMMANDS.splitlines():
+        done = subprocess.run(
+            [sys.executable, "-m", *shlex.split(command)], cwd=tmp_path, env=environment, capture_output=True,
+            text=True, check=False, timeout=300,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert done.stdout.splitlines()[-1] == read_stored(tmp_path / "hil-out").run.verdict.sentence
+    assert sorted(each.name for each in (tmp_path / "kept").iterdir()) == ["report.html", "report.md", "run.json"]
+    assert (tmp_path / "kept" / "run.json").read_bytes() == (tmp_path / "hil-out" / "run.json").read_bytes()
+    # A row for each field, and a field for each row.
+    rows = re.findall(r"^\| (`\w+`(?:, `\w+`)*) \| ", PAGE, re.M)
+    assert {name for row in rows for name in re.findall(r"\w+", row)} == {each.name for each in dataclasses.fields(Run)}
+
+
+def test_bounds_and_words_are_the_program_s() -> None:
+    assert f"{schema.LARGEST_BYTES // 2**20} MiB at most" in PAGE
+    assert f"{DEEPEST} levels at most" in PAGE
+    assert f"`{SCHEMA}`" in PAGE
+    assert f"`{journal.JOURNAL_FILE}`" in PAGE
+    assert journal._OTHERWISE in PAGE
+    options = {name for parameter in report.params for name in parameter.opts if name.startswith("--")}
+    assert [each for each in options if each not in PAGE] == []
+
+
+def test_the_schema_is_where_the_page_says() -> None:
+    (place,) = re.findall(r"`hiltest/(\S+\.schema\.json)`", PAGE)
+    assert Path(schema.__file__).parents[1] / place == schema.SCHEMA_FILE
