@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import pytest
 
 from hiltest.comparison.model import Change, Tolerance
-from hiltest.measurement import judge
+from hiltest.measurement import Limit, judge
 from hiltest.trend.series import Step, Trend, trend_of
 
 from .entries import cycles, degrees, entry
@@ -27,7 +27,7 @@ def test_one_cycle_more_is_a_step_where_it_happened_and_only_there() -> None:
 
 
 def test_entries_stand_in_the_order_of_time_whatever_order_they_were_found_in() -> None:
-    entries = [entry(day, cycles(11_000 + day)) for day in range(1, 10)]
+    entries = [entry(day, cycles(11_000 + day), file=f"{9 - day}.json") for day in range(1, 10)]
     random.Random(5).shuffle(entries)
     trend = trend_of(entries)
     assert [each.when_utc[8:10] for each in trend.entries] == [f"{day:02d}" for day in range(1, 10)]
@@ -92,6 +92,15 @@ def test_a_limit_that_was_moved_is_no_step_of_what_it_limits() -> None:
     assert [(str(point.limit), point.outcome) for point in points] == [
         ("at most 12 500", "pass"), ("at most 11 000", "fail"), ("at most 12 500", "pass"),
     ]  # fmt: skip
+
+
+def test_a_number_within_its_tolerance_is_no_step_for_a_limit_that_it_misses_now() -> None:
+    before, after = (
+        judge("heading.direct.max", value, unit="deg", limit=Limit(max=most))
+        for value, most in ((1.0, 1.8), (1.001, 1.0005))
+    )
+    assert (before.outcome, after.outcome) == ("pass", "fail")
+    assert steps_of(trend_of([entry(1, before), entry(2, after), entry(3, before)])) == []
 
 
 def test_a_step_out_of_the_limit_says_that_it_fails() -> None:
