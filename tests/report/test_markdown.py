@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -9,6 +10,7 @@ from dataclasses import replace
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from markdown_it import MarkdownIt  # rich brings it along
 
 from hiltest.comparison.model import Change
 from hiltest.measurement import Measurement
@@ -87,6 +89,23 @@ def test_hostile_texts_of_a_comparison_stay_text(run: Run) -> None:
     assert "<script" not in page.replace("\\<script", "")
     rows = [line for line in page.splitlines() if line.startswith("|") and "alert" in line]
     assert {len(re.findall(r"(?<!\\)\|", line)) for line in rows} == {9, 4}, "an unescaped | would add a column"
+
+
+def test_a_renderer_makes_text_of_hostile_texts_and_as_many_cells_in_every_row(run: Run) -> None:
+    texts = (HOSTILE, "**b** _i_ `c` ~~s~~", "[x](https://e) <https://e>", "\\| \\\\| |",
+             "# h\n> q\n- l\n1. l", "&lt;&amp;")
+    rows = [difference(text, Change.WORSE, 1, 2, unit=text, note=text) for text in texts]
+    made = replace(comparison(*rows), sentence=" ".join(texts), obstacles=texts)
+    page = MarkdownIt("commonmark", {"html": True}).enable(["table", "strikethrough"]).render(
+        markdown_report(replace(run, comparison=made))
+    )
+    tags = set(re.findall(r"<([a-z][a-z0-9]*)", page))
+    assert tags <= {"h1", "h2", "p", "ul", "li", "details", "summary", "table", "thead", "tbody", "tr", "th", "td"}
+    read = html.unescape(re.sub(r"<!-- -->", "", page))
+    for text in texts:
+        assert " ".join(text.split()) in read
+    for head, body in re.findall(r"<thead>(.*?)</thead>\s*<tbody>(.*?)</tbody>", page, re.S):
+        assert {row.count("<td") for row in re.findall(r"<tr>(.*?)</tr>", body, re.S)} == {head.count("<th>")}
 
 
 @pytest.mark.parametrize(
