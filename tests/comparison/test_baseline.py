@@ -15,6 +15,7 @@ from hiltest.comparison.evidence import Evidence
 from hiltest.comparison.model import Change
 from hiltest.errors import ConfigError
 from hiltest.measurement import Outcome
+from hiltest.report.evidence import read_evidence
 
 from .evidence import CONDITIONS, evidence, measurement
 
@@ -50,6 +51,13 @@ def test_a_baseline_compared_with_its_own_run_has_only_unchanged(baseline: Basel
     assert {each.name for each in comparison.of(Change.UNCHANGED)} == {each.name for each in comparison.differences}
     assert (comparison.base.file, comparison.base.saved_utc) == (str(file), THEN)
     assert len(comparison.base.sha256) == 64
+
+
+def test_another_program_may_have_written_it_in_its_own_order(baseline: Baseline, tmp_path: Path) -> None:
+    file = tmp_path / "base.json"
+    content = json.loads(to_json(baseline))
+    file.write_text(json.dumps(dict(sorted(content.items())), indent=4), encoding="utf-8")
+    assert read_evidence(file).measurements == evidence_from(baseline, "", "").measurements
 
 
 def test_there_is_a_line_for_each_measurement_and_none_for_what_is_volatile_or_has_no_number(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from hashlib import sha256
@@ -19,6 +20,7 @@ SEED_FOLDERS = "seed-*"
 SEEDS_FILE = "seeds.json"
 """Written when all seeds of a campaign have run."""
 
+_A_BASELINE = re.compile(rb'"schema"\s*:\s*"%s/' % re.escape(BASELINE_SCHEMA.partition("/")[0]).encode())
 _LARGEST_BYTES = 32 * 1024 * 1024
 _NO_SIDE = Side("", "", "", "", "", "", "", "", (), "")
 
@@ -68,7 +70,7 @@ def read_evidence(place: Path) -> Evidence:
         return _of_campaign(place, seeds) if seeds and not has_run else _of_run(place)
     content = read_bounded(place, largest_bytes=_LARGEST_BYTES, otherwise="name a run.json, its folder or a baseline")
     # A look is enough to tell which reader it is for; that one checks all of it.
-    if BASELINE_SCHEMA.partition("/")[0].encode() in content[:200]:
+    if _A_BASELINE.search(content):
         from hiltest.comparison.baseline_file import read_baseline_evidence
 
         return read_baseline_evidence(place)
