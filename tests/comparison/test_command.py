@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -90,7 +91,8 @@ def test_json_has_every_measurement(changed: Changed) -> None:
 def test_what_changed_is_readable_at_80_columns(changed: Changed) -> None:
     import pty
 
-    base, new = changed("base"), changed("new", values={"heading.direct-stream.max_centred": 2.5, "fit.dpi.n_used": 2})
+    values = {"heading.direct-stream.max_centred": 2.5, "cycles.corrected.total": 14_586, "cycles.dpi.total": 109_621}
+    base, new = changed("base"), changed("new", values=values)
     leader, follower = pty.openpty()
     environment = {**os.environ, "TERM": "dumb", "COLUMNS": "80"}
     command = [sys.executable, "-m", "hiltest", "compare", str(base), str(new)]
@@ -104,6 +106,7 @@ def test_what_changed_is_readable_at_80_columns(changed: Changed) -> None:
     entries = [line for line in lines if line.startswith("  ")]
     assert entries
     assert all(len(line) <= 80 for line in entries)
+    assert not any(re.search(r"\d$", line) and re.match(r" +\d{3}\b", after) for line, after in pairwise(entries))
     assert process.returncode == 21
 
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import hiltest
 from hiltest.comparison.baseline_file import read_baseline
+from hiltest.comparison.compare import compare
 from hiltest.comparison.rules import is_known
+from hiltest.report.evidence import read_evidence
 from hiltest.rig_conditions import conditions_sha256
 from hiltest.rig_file import load_rig
 
@@ -32,6 +35,12 @@ def test_it_is_of_eight_seeds_and_the_gate_set() -> None:
     assert baseline.conditions.suite == "gate"
     assert len(baseline.measurements) > 140
     assert [row.name for row in baseline.measurements if not is_known(row.name)] == []
+
+
+def test_a_run_today_has_nothing_worse(changed: Callable[..., Path]) -> None:
+    comparison = compare(read_evidence(FILE), read_evidence(changed("today")))
+    assert comparison.evaluated, f"{comparison.sentence} {RENEW}"
+    assert not comparison.regression, comparison.sentence
 
 
 def test_all_of_it_was_within_the_limits() -> None:

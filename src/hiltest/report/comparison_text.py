@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import textwrap
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
@@ -14,6 +15,9 @@ from hiltest.comparison.model import Change, Comparison, Side
 from hiltest.comparison.words import numbers, shown
 
 SCHEMA = "hiltest.comparison/1"
+# Thousands are apart, 11 061, and stay on one line.
+_WITHIN_A_NUMBER = re.compile(r"(?<=\d) (?=\d{3}\b)")
+_NO_BREAK = "\N{NO-BREAK SPACE}"
 _STYLES = {Change.WORSE: "bold red", Change.GONE: "bold red", Change.BETTER: "green"}
 
 
@@ -50,11 +54,11 @@ def printable(text: str) -> str:
 def _entries(console: Console, entries: Iterable[str]) -> None:
     for entry in entries:
         lines = textwrap.wrap(
-            printable(entry), console.width, initial_indent="  ", subsequent_indent="      ", break_on_hyphens=False,
-            break_long_words=False,
+            _WITHIN_A_NUMBER.sub(_NO_BREAK, printable(entry)), console.width, initial_indent="  ",
+            subsequent_indent="      ", break_on_hyphens=False, break_long_words=False,
         )
         for line in lines:
-            console.print(Text(line), soft_wrap=True)
+            console.print(Text(line.replace(_NO_BREAK, " ")), soft_wrap=True)
 
 
 def _described(side: Side) -> str:
