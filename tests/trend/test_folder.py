@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,9 +14,14 @@ from hiltest.comparison.baseline import baseline_of
 from hiltest.comparison.baseline_file import to_json
 from hiltest.errors import ConfigError
 from hiltest.report.evidence import read_evidence
+from hiltest.report.journal import JOURNAL_FILE, Journal
+from hiltest.report.recorder import Recorder
 from hiltest.trend.folder import read_folder
+from hiltest.trend.page import trend_page
+from hiltest.trend.series import trend_of
 
 from .entries import cycles
+from .runs import finished_run
 
 WriteRun = Callable[..., Path]
 
@@ -111,6 +117,28 @@ def test_a_run_without_a_board_has_no_trend(tmp_path: Path, write: WriteRun) -> 
     content = json.loads(path.read_text()) | {"board": None}
     path.write_text(json.dumps(content))
     assert read(tmp_path) == ([], {"a/run.json": "no board answered (pass)"})
+
+
+def test_a_run_that_was_cut_short_is_shown_as_far_as_it_came_and_said_to_be(tmp_path: Path) -> None:
+    whole = finished_run(3, cycles(11_061))
+    assert whole.board is not None
+    running = Journal(tmp_path)
+    recorder = Recorder(running, suite="gate", poses="all")
+    recorder.begin()
+    recorder.board(whole.board, 1)
+    recorder.found(whole.measurements, ())
+    recorder.finished(whole.tests[0])
+    # What the disk holds when the process is killed now; a copy has no lock on it.
+    (tmp_path / "killed").mkdir()
+    shutil.copy(tmp_path / JOURNAL_FILE, tmp_path / "killed")
+    entries, skipped = read_folder(tmp_path / "killed")
+    running.release()
+    assert skipped == []
+    (entry,) = entries
+    assert entry.file == JOURNAL_FILE
+    assert entry.evidence.measurements[1]["cycles.direct.total"].value == 11_061
+    assert "the run is not complete" in entry.evidence.faults[0]
+    assert "the run is not complete" in trend_page(trend_of(entries), [])
 
 
 def test_a_folder_that_is_none_is_refused(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from hiltest.strict_json import read_json, shown
 from hiltest.trend.series import Entry
 
 _RECORDS = frozenset({RUN_FILE, JOURNAL_FILE})
-_OTHERWISE = "it is skipped"
+_OTHERWISE = "nothing of it is shown"
 _LARGEST = 1e30
 
 
