@@ -18,9 +18,10 @@ import hiltest
 ARROWS = """
     errors      ->
     strict_json -> errors
+    unknown_fields ->
     angles      ->
     measurement ->
-    comparison  -> errors strict_json measurement
+    comparison  -> errors strict_json measurement unknown_fields
     calibration -> errors angles
     orientation -> errors angles
     cloud       -> errors calibration

@@ -148,6 +148,25 @@ def test_a_baseline_is_saved_compared_with_and_updated(changed: Changed, tmp_pat
     assert "REGRESSION: heading.direct.max" in done.stdout
 
 
+def test_an_update_keeps_what_only_a_newer_version_knows(changed: Changed, tmp_path: Path) -> None:
+    file = tmp_path / "baseline.json"
+    assert hiltest("baseline", "save", changed("run"), file).returncode == 0
+    newer = json.loads(file.read_text(encoding="utf-8"))
+    newer["moon"] = "full"
+    newer["side"]["moon"] = {"phase": 0.5}
+    for row in newer["measurements"]:
+        row["moon"] = f"of {row['name']}"
+    file.write_text(json.dumps(newer), encoding="utf-8")
+    run = changed("new", values={"cycles.direct.total": 11_000})
+    done = hiltest("baseline", "update", file, run, "--accept", "cycles.direct.total", "--because", "it checks less")
+    assert done.returncode == 0, done.stderr
+    updated = json.loads(file.read_text(encoding="utf-8"))
+    assert (updated["moon"], updated["side"]["moon"]) == ("full", {"phase": 0.5})
+    moons = {row["name"]: row.get("moon") for row in updated["measurements"]}
+    # What was said of the number before is not said of this one.
+    assert moons == {name: None if name == "cycles.direct.total" else f"of {name}" for name in moons}
+
+
 def test_a_change_is_not_accepted_without_a_reason_nor_under_a_name_that_nothing_has(
     changed: Changed, tmp_path: Path
 ) -> None:

@@ -58,7 +58,7 @@ def update(file: Path, run: Path, names: tuple[str, ...], because: str) -> int:
     One that RUN does not make any more is taken out.
     """
     from hiltest.comparison.baseline import accept
-    from hiltest.comparison.baseline_file import read_baseline
+    from hiltest.comparison.baseline_file import read_baseline, read_content
     from hiltest.report.evidence import read_evidence
     from hiltest.report.record import utc_now
 
@@ -68,19 +68,19 @@ def update(file: Path, run: Path, names: tuple[str, ...], because: str) -> int:
     after = accept(before, read_evidence(run), names, because=because, when_utc=utc_now())
     moved = after.history[len(before.history):]
     if moved:
-        _write(after, file)
+        _write(after, file, read_content(file))
     for each in moved:
         click.echo(f"{each.name}: {_value(each.was)} -> {_value(each.now)}")
     click.echo(f"{file}: {_counted(len(moved))} moved, {len(after.measurements)} in it")
     return 0
 
 
-def _write(written: Baseline, file: Path) -> None:
+def _write(written: Baseline, file: Path, before: object = None) -> None:
     from hiltest.comparison.baseline_file import to_json
     from hiltest.report.record import write_atomically
 
     try:
-        write_atomically(file, to_json(written))
+        write_atomically(file, to_json(written, before))
     except OSError as error:
         raise ConfigError(f"cannot write {file}: {error.strerror}; name another file") from error
 

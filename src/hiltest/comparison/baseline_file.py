@@ -15,6 +15,7 @@ from hiltest.comparison.baseline import SCHEMA, Baseline, evidence_from
 from hiltest.comparison.evidence import Evidence
 from hiltest.errors import ConfigError
 from hiltest.strict_json import parse_json, read_bounded, shown
+from hiltest.unknown_fields import with_unknown
 
 LARGEST_BYTES = 32 * 1024 * 1024
 """A larger file is refused: eight seeds of the gate set have a thousandth of it."""
@@ -46,9 +47,21 @@ def read_baseline_evidence(path: Path) -> Evidence:
     return evidence_from(_parsed(path, content), str(path), sha256(content).hexdigest())
 
 
-def to_json(baseline: Baseline) -> str:
-    """Return the text of a baseline file: a measurement a line, for readable diffs."""
-    content = asdict(baseline)
+def read_content(path: Path) -> Any:
+    """Return what JSON says in a file that `read_baseline` has read, with fields that only a newer hiltest knows."""
+    return parse_json(read_bounded(path, largest_bytes=LARGEST_BYTES, otherwise=_OTHERWISE))
+
+
+def to_json(baseline: Baseline, before: Any = None) -> str:
+    """Return the text of a baseline file: a measurement a line, for readable diffs.
+
+    Parameters
+    ----------
+    baseline : Baseline
+    before : JSON value, optional
+        The file as it was, of which fields that are not known here are kept.
+    """
+    content = with_unknown(asdict(baseline), before)
     fields = ",\n".join(f"{_json(name)}: {_field(name, value)}" for name, value in content.items())
     return "{\n" + fields + "\n}\n"
 
