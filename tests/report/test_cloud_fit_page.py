@@ -20,7 +20,8 @@ def _page(points: np.ndarray, name: str = "cloud.csv") -> str:
 
 
 def _titles(page: str) -> list[str]:
-    return re.findall(r"<figcaption>([^<]*)", page)
+    # The page keeps a number and its % on one line.
+    return [each.replace("\N{NO-BREAK SPACE}", " ") for each in re.findall(r"<figcaption>([^<]*)", page)]
 
 
 def test_the_page_shows_verdict_figures_and_the_cloud_before_and_after() -> None:
