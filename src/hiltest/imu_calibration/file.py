@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
 
 from hiltest.errors import ConfigError
 from hiltest.imu_calibration.contents import SCHEMA, ImuCalibration
+from hiltest.strict_json import parse_json, read_bounded, shown
 
 _FAMILY = SCHEMA.partition("/")[0]
 # A file is some 4 kB: more is not one of ours.
@@ -45,25 +44,13 @@ def load_calibration(path: Path) -> CalibrationFile:
         If it cannot be read, is no such file, or has a number, unit, frame or formula that means something else;
         says which, and what to do.
     """
-    content = _bytes_of(path)
+    content = read_bounded(path, largest_bytes=_LARGEST_BYTES, otherwise=_OTHERWISE)
     try:
-        text = content.decode("utf-8")
-        parsed = json.loads(text, object_pairs_hook=_without_duplicates, parse_constant=_refuse_constant)
-    except (ValueError, RecursionError) as error:
+        parsed = parse_json(content)
+    except ValueError as error:
         raise ConfigError(f"{path}: not a whole JSON file: {error}; {_OTHERWISE}") from error
     _check_schema(path, parsed)
-    return CalibrationFile(path, sha256(content).hexdigest(), _validated(path, text))
-
-
-def _bytes_of(path: Path) -> bytes:
-    try:
-        with path.open("rb") as file:
-            content = file.read(_LARGEST_BYTES + 1)
-    except OSError as error:
-        raise ConfigError(f"cannot read calibration {path}: {error.strerror}; `hiltest calibrate` makes one") from error
-    if len(content) > _LARGEST_BYTES:
-        raise ConfigError(f"{path}: larger than {_LARGEST_BYTES} bytes: no calibration file; {_OTHERWISE}")
-    return content
+    return CalibrationFile(path, sha256(content).hexdigest(), _validated(path, content))
 
 
 def _check_schema(path: Path, parsed: object) -> None:
@@ -73,10 +60,10 @@ def _check_schema(path: Path, parsed: object) -> None:
     if isinstance(found, str) and found.partition("/")[0] == _FAMILY:
         raise ConfigError(f"{path}: schema is {found!r}, this hiltest reads {SCHEMA!r}; use the version that wrote it, "
                           f"or {_OTHERWISE}")
-    raise ConfigError(f"{path}: no calibration of an IMU: its schema is {_shown(found)}, not {SCHEMA!r}; {_OTHERWISE}")
+    raise ConfigError(f"{path}: no calibration of an IMU: its schema is {shown(found)}, not {SCHEMA!r}; {_OTHERWISE}")
 
 
-def _validated(path: Path, text: str) -> ImuCalibration:
+def _validated(path: Path, text: bytes) -> ImuCalibration:
     from pydantic import TypeAdapter, ValidationError
 
     try:
@@ -95,25 +82,7 @@ def _complaint(place: str, kind: str, message: str, given: object) -> str:
     message = message.removeprefix("Value error, ")
     if kind == "value_error":
         return f"{place + ': ' if place else ''}{message}; {_OTHERWISE}"
-    said = f"{place}: {message[0].lower()}{message[1:]}, not {_shown(given)}"
+    said = f"{place}: {message[0].lower()}{message[1:]}, not {shown(given)}"
     if kind == "literal_error":
         return f"{said}; nothing is converted: {_OTHERWISE}"
     return f"{said}; {_OTHERWISE}"
-
-
-def _without_duplicates(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for key, value in pairs:
-        if key in found:
-            raise ValueError(f"key {_shown(key)} stands twice in one object")
-        found[key] = value
-    return found
-
-
-def _refuse_constant(name: str) -> None:
-    raise ValueError(f"{name} is no number")
-
-
-def _shown(value: object) -> str:
-    text = json.dumps(value, default=str)
-    return text if len(text) <= 60 else f"{text[:57]}..."
