@@ -180,9 +180,9 @@ def test_a_file_that_is_no_evidence_is_refused_in_one_line(tmp_path: Path, text:
     assert "\n" not in str(refused.value)
 
 
-def test_a_number_that_is_no_number_is_refused(changed: Changed) -> None:
-    file = changed("base")
-    text = file.read_text(encoding="utf-8")
+def test_a_number_that_is_no_number_is_refused(changed: Changed, tmp_path: Path) -> None:
+    text = changed("base").read_text(encoding="utf-8")
+    file = tmp_path / "hostile.json"
     for hostile in ("NaN", "1e999", '"11061"', "[1]", "true"):
         record = json.loads(text)
         record["measurements"][0]["value"] = "HERE"
