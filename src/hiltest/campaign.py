@@ -22,6 +22,8 @@ from hiltest.gate import Gate, read_gate
 from hiltest.measurement import Measurement, Outcome, round_significant
 from hiltest.older import FOLDER, UNJUDGED, last_words, older_options, run_command
 from hiltest.report.campaign_markdown import CAMPAIGN_FILE, SeedLine, SpreadLine, campaign_markdown
+from hiltest.report.comparison_text import print_changes
+from hiltest.report.console import standard_output
 from hiltest.report.evidence import SEED_FOLDERS, SEEDS_FILE, evidence_of, together
 from hiltest.report.job_summary import annotation, append_to_job_summary
 from hiltest.report.judged import judged_words
@@ -126,6 +128,8 @@ def run_seeds(
         [SpreadLine(**asdict(each)) for each in spreads], comparison,
     )  # fmt: skip
     write_atomically(out / CAMPAIGN_FILE, page)
+    if comparison is not None:
+        print_changes(standard_output(), comparison)
     click.echo(f"{out / SEEDS_FILE}, {CAMPAIGN_FILE}")
     if remark := append_to_job_summary(page, out / CAMPAIGN_FILE):
         click.echo(remark)

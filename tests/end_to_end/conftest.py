@@ -13,6 +13,8 @@ from typing import Any
 
 import pytest
 
+from .firmware_edits import FirmwareCopy
+
 RIGS = Path(__file__).parents[2] / "hil" / "rigs"
 
 
@@ -73,6 +75,14 @@ def good_run(run_in: Run, tmp_path_factory: pytest.TempPathFactory) -> Finished:
 def full_run(run_in: Run, tmp_path_factory: pytest.TempPathFactory) -> Finished:
     """The full set of tests on the default bench."""
     return run_in(tmp_path_factory.mktemp("full"), "--suite", "full")
+
+
+@pytest.fixture(scope="session")
+def copy_of_the_firmware(tmp_path_factory: pytest.TempPathFactory, require_tool: Callable[[str], str]) -> FirmwareCopy:
+    """The firmware's sources, to be built with an edit."""
+    require_tool("arm-none-eabi-gcc")
+    require_tool("cmake")
+    return FirmwareCopy(tmp_path_factory.mktemp("firmware"))
 
 
 @pytest.fixture

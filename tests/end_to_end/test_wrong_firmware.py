@@ -1,49 +1,26 @@
 """Firmware with one thing wrong: the real command must end red, by the right name, within its deadline.
 
 Each case is the project's own firmware with one edit, built with the cross compiler and run on the virtual board.
-They share one copy of the sources and its build folder: of each, only what includes the edited file is compiled.
 """
 
 from __future__ import annotations
 
 import json
 import re
-import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-REPOSITORY = Path(__file__).parents[2]
+from .firmware_edits import Edit, FirmwareCopy
+
 WALL_LIMIT_S = 120  # a run takes a few seconds; nothing may wait for ever
 # What these causes show in, and the gyroscope, which is measured before the headings are.
 SUITES = ("--", "-k", "identity or accelerometer or gyroscope or heading or dpi")
-
-
-@dataclass(frozen=True)
-class Edit:
-    """One place of one source file, and what stands there instead."""
-
-    file: str
-    old: str
-    new: str
-
-    @contextmanager
-    def made(self, sources: Path) -> Iterator[None]:
-        """Edit the file, and put it back."""
-        source = sources / self.file
-        text = source.read_text()
-        assert text.count(self.old) == 1, f"{self.file}: the line to edit is there {text.count(self.old)} times"
-        source.write_text(text.replace(self.old, self.new))
-        try:
-            yield
-        finally:
-            source.write_text(text)
 
 
 @dataclass(frozen=True)
@@ -62,28 +39,12 @@ class Ended:
 RunEdited = Callable[..., Ended]
 
 
-@pytest.fixture(scope="module")
-def copy_of_the_firmware(tmp_path_factory: pytest.TempPathFactory, require_tool: Callable[[str], str]) -> Path:
-    """The firmware's sources, built in `build` beside them."""
-    require_tool("arm-none-eabi-gcc")
-    require_tool("cmake")
-    folder = tmp_path_factory.mktemp("firmware")
-    stub = folder / "firmware_stub"
-    shutil.copytree(REPOSITORY / "firmware_stub", stub, ignore=shutil.ignore_patterns("__pycache__"))
-    command = [sys.executable, str(stub / "build.py"), "--build", str(folder / "build"), "--out", str(folder / "elf")]
-    subprocess.run(command, check=True, capture_output=True, timeout=WALL_LIMIT_S)
-    return stub
-
-
 @pytest.fixture
-def run_edited(tmp_path: Path, copy_of_the_firmware: Path) -> RunEdited:
+def run_edited(tmp_path: Path, copy_of_the_firmware: FirmwareCopy) -> RunEdited:
     """Return a function that edits the firmware, builds it, and runs ``hiltest run`` to the end it must have."""
 
     def run(edit: Edit, *, exit_code: int = 1, rig: str = "virtual-k64f") -> Ended:
-        build, elf, out = copy_of_the_firmware.parent / "build", tmp_path / "edited.elf", tmp_path / "out"
-        with edit.made(copy_of_the_firmware):
-            subprocess.run(["cmake", "--build", str(build)], check=True, capture_output=True, timeout=WALL_LIMIT_S)
-            shutil.copyfile(build / "hiltest-frdm-k64f.elf", elf)
+        elf, out = copy_of_the_firmware.build(edit, tmp_path / "edited.elf"), tmp_path / "out"
         command = [sys.executable, "-m", "hiltest", "run", "--poses", "level", "--out", str(out)]
         command += ["--rig", rig, "--firmware", str(elf), *SUITES]
         done = subprocess.run(command, capture_output=True, text=True, timeout=WALL_LIMIT_S, cwd=tmp_path)

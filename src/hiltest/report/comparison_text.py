@@ -25,6 +25,11 @@ def print_comparison(console: Console, comparison: Comparison) -> None:
     """Print the sentence, what kept the gate from being evaluated, and every measurement that changed."""
     say(console, f"{_described(comparison.base)} -> {_described(comparison.new)}")
     say(console, comparison.sentence, "" if comparison.evaluated and not comparison.regression else "bold red")
+    print_changes(console, comparison)
+
+
+def print_changes(console: Console, comparison: Comparison) -> None:
+    """Print what kept the gate from being evaluated, and every measurement that changed."""
     if len(comparison.obstacles) > 1:
         say(console, "why it is not evaluated", "bold red")
         _entries(console, comparison.obstacles)

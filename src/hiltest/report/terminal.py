@@ -12,6 +12,7 @@ from rich.markup import escape
 from rich.table import Table as Grid
 
 from hiltest.measurement import Measurement, Outcome
+from hiltest.report.comparison_text import print_changes
 from hiltest.report.record import RECORD_FILES, Run
 from hiltest.report.verdict import grouped
 
@@ -19,7 +20,7 @@ _STYLES = {Outcome.FAIL: "bold red", Outcome.UNSET: "yellow", Outcome.NOT_OFFERE
 
 
 def summary(run: Run, folder: Path, *, every: bool, sentence: bool, width: int, colour: bool) -> str:
-    """Return the table of measurements, what the bench did, the files and the verdict.
+    """Return the table of measurements, what the bench did, what changed, the files and the verdict.
 
     Parameters
     ----------
@@ -51,6 +52,8 @@ def summary(run: Run, folder: Path, *, every: bool, sentence: bool, width: int, 
         if test.trace:
             trace = escape(f"{test.id}: {shown_path(folder / test.trace)}")
             console.print(f"wire trace of {trace}", soft_wrap=True)
+    if run.comparison is not None:
+        print_changes(console, run.comparison)
     files = [name for name in RECORD_FILES if (folder / name).exists()]
     console.print(escape(f"{shown_path(folder)}: {', '.join(files)}"), soft_wrap=True)
     if sentence:

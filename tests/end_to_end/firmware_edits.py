@@ -1,0 +1,54 @@
+"""The project's own firmware with an edit, built with the cross compiler."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+FIRMWARE = Path(__file__).parents[2] / "firmware_stub"
+BUILD_LIMIT_S = 120  # a build takes a few seconds; nothing may wait for ever
+
+
+@dataclass(frozen=True)
+class Edit:
+    """One place of one source file, and what stands there instead."""
+
+    file: str
+    old: str
+    new: str
+
+    @contextmanager
+    def made(self, sources: Path) -> Iterator[None]:
+        """Edit the file, and put it back."""
+        source = sources / self.file
+        text = source.read_text()
+        assert text.count(self.old) == 1, f"{self.file}: the line to edit is there {text.count(self.old)} times"
+        source.write_text(text.replace(self.old, self.new))
+        try:
+            yield
+        finally:
+            source.write_text(text)
+
+
+class FirmwareCopy:
+    """A copy of the sources, and its build folder: for each edit only what includes the edited file is compiled."""
+
+    def __init__(self, folder: Path) -> None:
+        self._sources, self._build = folder / "firmware_stub", folder / "build"
+        shutil.copytree(FIRMWARE, self._sources, ignore=shutil.ignore_patterns("__pycache__"))
+        _run(sys.executable, self._sources / "build.py", "--build", self._build, "--out", folder / "elf")
+
+    def build(self, edit: Edit, elf: Path) -> Path:
+        """Build the firmware with an edit, into a file."""
+        with edit.made(self._sources):
+            _run("cmake", "--build", self._build)
+            return Path(shutil.copyfile(self._build / "hiltest-frdm-k64f.elf", elf))
+
+
+def _run(*command: str | Path) -> None:
+    subprocess.run([str(each) for each in command], check=True, capture_output=True, timeout=BUILD_LIMIT_S)

@@ -1,0 +1,206 @@
+"""Small changes of the firmware that a limit does not see: caught and named by what they are judged against.
+
+Each change is made to the project's own firmware, built with the cross compiler, and run by the real command on a
+bench that measures a heading and a cost, and has no limits. The older firmware is the one that the package ships.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from .firmware_edits import Edit, FirmwareCopy
+
+REPOSITORY = Path(__file__).parents[2]
+OLD = REPOSITORY / "src" / "hiltest" / "firmware" / "hiltest-frdm-k64f.elf"
+SUITE = """
+import pytest
+from hiltest.procedures import collect_tumble, measure_cycles, measure_known_angles, run_calibrators
+
+pytestmark = pytest.mark.hil
+
+
+def test_cost(board, rig, measure):
+    cost = measure_cycles(board, ["direct"], n=rig.procedure.calibration_points, clouds=1)["direct"]
+    measure("cycles.direct.total", cost.total, "cycle", cycle_model=cost.model)
+    measure("cycles.direct.fixed", cost.fixed, "cycle", cycle_model=cost.model)
+
+
+def test_heading(board, turntable, rig, measure):
+    tumble = collect_tumble(board, turntable, points=rig.procedure.tumble_points)
+    run = run_calibrators(board, tumble, calibrators=["direct"], n=rig.procedure.calibration_points)["direct"]
+    angles = measure_known_angles(
+        board, turntable, poses=rig.procedure.judged_poses("level"), slots={"direct": run.slot},
+        mounting_yaw_deg=rig.mounting.yaw_deg, readings=rig.procedure.readings_per_pose,
+    )
+    errors = angles.summary("direct")
+    measure("heading.direct.max", errors.max_deg, "deg")
+    measure("heading.direct.rms", errors.rms_deg, "deg")
+    measure("heading.direct.bias", errors.bias_deg, "deg")
+"""
+COST, HEADING = ("--", "-k", "cost"), ("--", "-k", "heading")
+
+ONE_NOP_A_POINT = Edit(
+    "calibration/moments.c",
+    "        s_zzzz += zz * zz;\n", '        s_zzzz += zz * zz;\n        __asm__ volatile("nop");\n',
+)
+ADDED_TO_EVERY_HEADING = Edit(
+    "orientation/tilt_heading.c",
+    "atan2f(side, ahead) * DEGREES_PER_RADIAN;", "atan2f(side, ahead) * DEGREES_PER_RADIAN + 0.3f;",
+)
+TURNED_ABOUT_A_HORIZONTAL_AXIS = Edit(
+    "orientation/tilt_heading.c",
+    "    const float across = sqrtf(g[1] * g[1] + g[2] * g[2]);",
+    "    const float sine = 0.01745241f, cosine = 0.99984770f, right = b[1];\n"  # of one degree, about x
+    "    b[1] = cosine * right - sine * b[2];\n"
+    "    b[2] = sine * right + cosine * b[2];\n"
+    "    const float across = sqrtf(g[1] * g[1] + g[2] * g[2]);",
+)
+ANOTHER_FLAG = Edit(
+    "CMakeLists.txt",
+    "target_link_options(",
+    'set_source_files_properties(orientation/tilt_heading.c PROPERTIES COMPILE_OPTIONS "-O1")\ntarget_link_options(',
+)
+ANOTHER_CYCLE_MODEL = Edit("boards/frdm_k64f/board.c", '.placement = "sram"', '.placement = "flash"')
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Path:
+    """A bench of one's own, with this suite and the default rig without limits."""
+    return make_bench(tmp_path)
+
+
+def make_bench(folder: Path) -> Path:
+    rig = (REPOSITORY / "hil" / "rigs" / "virtual-k64f.toml").read_text(encoding="utf-8")
+    for name in ("suites", "rigs"):
+        (folder / "hil" / name).mkdir(parents=True)
+    (folder / "hil" / "suites" / "test_compass.py").write_text(SUITE, encoding="utf-8")
+    path = folder / "hil" / "rigs" / "virtual-k64f.toml"
+    # No more points than the calibrator uses, and none for a calibration that this suite does not make.
+    short = rig[: rig.index("[limits]")].replace("tumble_points = 300", 'dpi = "none"\ntumble_points = 100')
+    path.write_text(short, encoding="utf-8")
+    return folder
+
+
+def changes(comparison: dict[str, Any]) -> dict[str, str]:
+    return {each["name"]: each["change"] for each in comparison["differences"]}
+
+
+def difference(comparison: dict[str, Any], name: str) -> dict[str, Any]:
+    (found,) = [each for each in comparison["differences"] if each["name"] == name]
+    return dict(found)
+
+
+@pytest.fixture(scope="module")
+def over_eight_seeds(run_in, copy_of_the_firmware: FirmwareCopy, tmp_path_factory: pytest.TempPathFactory):
+    """A compass turned by a degree about a horizontal axis, against the one that is not, on the same eight seeds."""
+    folder = make_bench(tmp_path_factory.mktemp("seeds"))
+    new = copy_of_the_firmware.build(TURNED_ABOUT_A_HORIZONTAL_AXIS, folder / "new.elf")
+    return run_in(folder, "--seeds", "1..8", "--firmware", str(new), "--against", str(OLD), *HEADING)
+
+
+@pytest.fixture(scope="module")
+def cost_before(run_in, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Record of what the older firmware costs."""
+    run = run_in(make_bench(tmp_path_factory.mktemp("before")), "--firmware", str(OLD), *COST)
+    assert run.code == 0, run.output
+    return Path(run.folder)
+
+
+def test_one_nop_a_point_is_a_regression_that_says_how_many_cycles(
+    run_in, copy_of_the_firmware: FirmwareCopy, bench: Path
+) -> None:
+    new = copy_of_the_firmware.build(ONE_NOP_A_POINT, bench / "new.elf")
+    run = run_in(bench, "--firmware", str(new), "--against", str(OLD), *COST)
+    assert run.code == 21, run.output + run.errors
+    found = difference(run.record["comparison"], "cycles.direct.total")
+    # Its own cycle for each of a hundred points, and what the compiler's order of instructions loses around it.
+    assert found["change"] == "worse"
+    assert 100 <= found["delta"] <= 300
+    assert "worse: cycles.direct." in run.sentence
+    assert f" {found['base']:,} -> {found['new']:,} cycles (+{found['delta']}, ".replace(",", " ", 2) in run.sentence
+    assert run.sentence.endswith(": not to be merged.")
+
+
+def test_the_same_firmware_may_be_merged(run_in, bench: Path) -> None:
+    run = run_in(bench, "--firmware", str(OLD), "--against", str(OLD), *COST)
+    assert run.code == 0, run.output
+    assert set(changes(run.record["comparison"]).values()) == {"unchanged"}
+    assert run.sentence.endswith(": may be merged.")
+
+
+def test_a_degree_about_a_horizontal_axis_is_worse_in_max_and_rms_over_eight_seeds(over_eight_seeds) -> None:
+    assert over_eight_seeds.code == 21, over_eight_seeds.output
+    summary = json.loads((over_eight_seeds.folder / "seeds.json").read_text(encoding="utf-8"))
+    comparison = summary["comparison"]
+    assert comparison["obstacles"] == []
+    for name in ("heading.direct.max", "heading.direct.rms"):
+        found = difference(comparison, name)
+        assert (found["change"], found["seeds"]) == ("worse", 8)
+        assert found["interval"][0] > 0
+    assert "worse (2)\n  heading.direct.max " in over_eight_seeds.output
+    last = over_eight_seeds.output.rstrip().splitlines()[-1]
+    assert ": REGRESSION. Against " in last
+    assert "heading.direct.max " in last
+    assert "heading.direct.rms " in last
+
+
+def test_three_tenths_of_a_degree_on_every_heading_are_worse_bias_on_one_seed(
+    run_in, copy_of_the_firmware: FirmwareCopy, over_eight_seeds, bench: Path
+) -> None:
+    new = copy_of_the_firmware.build(ADDED_TO_EVERY_HEADING, bench / "new.elf")
+    before = over_eight_seeds.folder / "against"
+    run = run_in(bench, "--firmware", str(new), "--baseline", str(before), *HEADING)
+    assert run.code == 21, run.output
+    found = difference(run.record["comparison"], "heading.direct.bias")
+    assert (found["change"], found["seeds"]) == ("worse", 1)
+    assert found["delta"] == pytest.approx(0.30, abs=0.01)
+    assert "heading.direct.bias " in run.sentence
+
+
+def test_a_vanished_measurement_is_named(run_in, cost_before: Path, bench: Path) -> None:
+    suite = bench / "hil" / "suites" / "test_compass.py"
+    kept = [line for line in SUITE.splitlines() if "cycles.direct.fixed" not in line]
+    suite.write_text("\n".join(kept), encoding="utf-8")
+    run = run_in(bench, "--firmware", str(OLD), "--baseline", str(cost_before), *COST)
+    assert run.code == 22, run.output
+    assert "measurement gone: cycles.direct.fixed" in run.sentence
+
+
+def test_another_compiler_flag_is_named(
+    run_in, copy_of_the_firmware: FirmwareCopy, cost_before: Path, bench: Path
+) -> None:
+    new = copy_of_the_firmware.build(ANOTHER_FLAG, bench / "new.elf")
+    run = run_in(bench, "--firmware", str(new), "--baseline", str(cost_before), *COST)
+    assert run.code == 22, run.output
+    assert "other compiler flags: " in run.sentence
+    assert "-O1" in run.sentence
+
+
+def test_another_cycle_model_is_named(
+    run_in, copy_of_the_firmware: FirmwareCopy, cost_before: Path, bench: Path
+) -> None:
+    new = copy_of_the_firmware.build(ANOTHER_CYCLE_MODEL, bench / "new.elf")
+    run = run_in(bench, "--firmware", str(new), "--baseline", str(cost_before), *COST)
+    assert run.code == 22, run.output
+    assert "another cycle model: cortex-m4-trm/1@sram before, cortex-m4-trm/1@flash now" in run.sentence
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        (("--against", "no-such.elf"), "no-such.elf"),
+        (("--against", str(OLD), "--baseline", "base.json"), "a run is judged against one base"),
+        (("--against", str(OLD), "--hil-port", "/dev/ttyACM0"), "it does not go with --hil-port"),
+        (("--seeds", "1..1", "--against", "no-such.elf"), "no-such.elf"),
+    ],
+    ids=["no ELF", "two bases", "a port", "no ELF on any seed"],
+)
+def test_what_cannot_be_run_is_a_usage_error(run_in, bench: Path, options: tuple[str, ...], complaint: str) -> None:
+    run = run_in(bench, *options)
+    assert run.code == 4, run.output + run.errors
+    assert complaint in run.output + run.errors
+    assert not (run.folder / "run.json").exists()
