@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -46,9 +47,9 @@ def record(pytester: pytest.Pytester) -> dict[str, Any]:
     return content
 
 
-def judged(pytester: pytest.Pytester, *options: str) -> tuple[int, str]:
+def judged(pytester: pytest.Pytester, *options: str, base: str = "base") -> tuple[int, str]:
     """Run against the base; return exit code and sentence."""
-    result = pytester.runpytest_inprocess("--hil-baseline=base", *options)
+    result = pytester.runpytest_inprocess(f"--hil-baseline={base}", *options)
     return int(result.ret), str(record(pytester)["verdict"]["sentence"])
 
 
@@ -100,49 +101,50 @@ def test_the_base_may_come_from_environment_and_ini(
     assert pytester.runpytest_inprocess().ret == 22
 
 
-def unreadable(base: Path) -> None:
-    (base / "run.json").unlink()
+def remove(base: Path) -> None:
+    base.unlink()
 
 
-def of_another_schema(base: Path) -> None:
-    replace_in(base / "run.json", '"hiltest.run/1"', '"hiltest.run/2"')
+def another_schema(base: Path) -> None:
+    replace_in(base, '"hiltest.run/1"', '"hiltest.run/2"')
 
 
-def of_another_cycle_model(base: Path) -> None:
-    replace_in(base / "run.json", '"cortex-m4-trm/1@sram"', '"silicon-dwt"')
+def another_cycle_model(base: Path) -> None:
+    replace_in(base, '"cortex-m4-trm/1@sram"', '"silicon-dwt"')
 
 
-def of_another_compiler(base: Path) -> None:
-    replace_in(base / "run.json", '"compiler": "', '"compiler": "other ')
+def another_compiler(base: Path) -> None:
+    replace_in(base, '"compiler": "', '"compiler": "other ')
 
 
-def of_another_protocol(base: Path) -> None:
-    replace_in(base / "run.json", '"protocol_version": ', '"protocol_version": 1')
+def another_protocol(base: Path) -> None:
+    replace_in(base, '"protocol_version": ', '"protocol_version": 1')
 
 
 def cut_short(base: Path) -> None:
-    replace_in(base / "run.json", '"complete": true', '"complete": false')
+    replace_in(base, '"complete": true', '"complete": false')
 
 
 @pytest.mark.parametrize(
     ("spoil", "reason"),
     [
-        (unreadable, "base: "),
-        (of_another_schema, 'schema is "hiltest.run/2", this hiltest reads "hiltest.run/1"'),
-        (of_another_cycle_model, "another cycle model: silicon-dwt before, cortex-m4-trm/1@sram now"),
-        (of_another_compiler, "another compiler: other "),
-        (of_another_protocol, "another protocol: version 1"),
-        (cut_short, "base/run.json: the run is not complete"),
+        (remove, "base.json: "),
+        (another_schema, 'schema is "hiltest.run/2", this hiltest reads "hiltest.run/1"'),
+        (another_cycle_model, "another cycle model: silicon-dwt before, cortex-m4-trm/1@sram now"),
+        (another_compiler, "another compiler: other "),
+        (another_protocol, "another protocol: version 1"),
+        (cut_short, "base.json: the run is not complete"),
     ],
     ids=lambda value: getattr(value, "__name__", ""),
 )
 def test_a_base_that_cannot_be_compared_with_is_no_pass(
     base: Path, pytester: pytest.Pytester, spoil: Callable[[Path], None], reason: str
 ) -> None:
-    spoil(base)
-    code, sentence = judged(pytester)
+    spoiled = Path(shutil.copyfile(base / "run.json", pytester.path / "base.json"))
+    spoil(spoiled)
+    code, sentence = judged(pytester, base="base.json")
     assert code == 22
-    assert sentence.startswith("NOT JUDGED. Not compared with base")
+    assert sentence.startswith("NOT JUDGED. Not compared with base.json: ")
     assert reason in sentence
 
 
