@@ -101,6 +101,25 @@ def test_the_base_may_come_from_environment_and_ini(
     assert pytester.runpytest_inprocess().ret == 22
 
 
+def test_a_base_that_missed_a_limit_is_a_base_and_one_that_lost_its_bench_is_none(
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytester.makepyfile(test_lamp=LAMP)
+    monkeypatch.setenv("LAMP_CURRENT", "10")
+    assert pytester.runpytest_inprocess("--hil-out=base").ret == 1
+    monkeypatch.delenv("LAMP_CURRENT")
+    code, sentence = judged(pytester)
+    assert code == 0
+    assert "1 better: lamp.current 10 -> 2 mA" in sentence
+    lost = "\ndef test_life(board):\n    raise LinkLostError('p', 'gone')\n"
+    pytester.makepyfile(test_lamp="from hiltest.errors import LinkLostError\n" + LAMP + lost)
+    assert pytester.runpytest_inprocess("--hil-out=base").ret == 20
+    pytester.makepyfile(test_lamp=LAMP)
+    code, sentence = judged(pytester)
+    assert code == 22
+    assert "base/run.json: the run is not complete (bench lost)" in sentence
+
+
 def remove(base: Path) -> None:
     base.unlink()
 
