@@ -25,8 +25,9 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN and threading.current_threa
 settings.register_profile("hiltest", deadline=None)
 settings.load_profile("hiltest")
 
-# Runs that tests make have no part in the job that runs the tests, nor its check an annotation of them.
-for name in ("GITHUB_STEP_SUMMARY", "GITHUB_ACTIONS"):
+# Runs that tests make have no part in the job that runs the tests, nor its check an annotation of them; nor are they in
+# a worker of pytest-xdist, where pytest-benchmark measures nothing.
+for name in ("GITHUB_STEP_SUMMARY", "GITHUB_ACTIONS", "PYTEST_XDIST_WORKER", "PYTEST_XDIST_WORKER_COUNT"):
     os.environ.pop(name, None)
 
 

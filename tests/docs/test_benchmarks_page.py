@@ -28,8 +28,7 @@ def run(command: str, folder: Path) -> str:
     if program == "cp":
         shutil.copy(*(folder / each for each in arguments))
         return ""
-    # A worker of pytest-xdist names itself in the environment, and pytest-benchmark measures nothing there.
-    environment = {name: value for name, value in os.environ.items() if not name.startswith(("HIL_", "PYTEST_"))}
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
     done = subprocess.run(
         [sys.executable, "-m", MODULES[program], *arguments], cwd=folder, env=environment, capture_output=True,
         text=True, check=False, timeout=240,

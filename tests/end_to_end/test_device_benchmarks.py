@@ -26,8 +26,7 @@ def board() -> Board:
 
 def run(folder: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
     """Run pytest in a folder, on the bench that comes with hiltest."""
-    # A worker of pytest-xdist names itself in the environment, and pytest-benchmark measures nothing there.
-    environment = {name: value for name, value in os.environ.items() if not name.startswith(("HIL_", "PYTEST_"))}
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
     command = [sys.executable, "-m", "pytest", f"--rootdir={folder}", "-p", "no:cacheprovider", *map(str, arguments)]
     return subprocess.run(
         command, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=240
