@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 import pytest
@@ -28,6 +29,17 @@ def bench(tmp_path: Path) -> Path:
     (tmp_path / "hil" / "rigs" / RIG.name).write_text(text[: text.index("[limits]")], encoding="utf-8")
     (tmp_path / "hil" / "suites" / "test_mine.py").write_text(SUITE.format(most=5))
     return tmp_path
+
+
+@pytest.mark.parametrize(("options", "ending"), [
+    ((), "0 of 1 seeds pass (not: 1): FAIL."),
+    (("--baseline", "nowhere.json"), "0 of 1 seeds pass (not: 1): FAIL. Not compared with nowhere.json: *nowhere.json*"),
+], ids=["no gate", "a gate"])  # fmt: skip
+def test_seeds_without_a_record_are_no_pass(bench: Path, options: tuple[str, ...], ending: str) -> None:
+    code, said, _ = run(bench, "--seeds", "1..1", *options, "--", "--collect-only")
+    assert code == 22, said
+    assert fnmatchcase(said.rstrip().splitlines()[-1], ending), said
+    assert "no record of a run" in said
 
 
 def run(folder: Path, *arguments: str) -> tuple[int, str, str]:

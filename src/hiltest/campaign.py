@@ -7,7 +7,6 @@ import os
 import statistics
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -24,7 +23,7 @@ from hiltest.older import FOLDER, UNJUDGED, last_words, older_options, run_comma
 from hiltest.report.campaign_markdown import CAMPAIGN_FILE, SeedLine, SpreadLine, campaign_markdown
 from hiltest.report.comparison_text import print_changes
 from hiltest.report.console import standard_output
-from hiltest.report.evidence import SEED_FOLDERS, SEEDS_FILE, evidence_of, together
+from hiltest.report.evidence import SEED_FOLDERS, SEEDS_FILE, evidence_of, no_evidence, together
 from hiltest.report.job_summary import annotation, append_to_job_summary
 from hiltest.report.judged import judged_words
 from hiltest.report.record import Run, Verdict, write_atomically
@@ -117,7 +116,7 @@ def run_seeds(
         gate = read_gate(Path(baseline))
     results = _run_all(seeds, [*options, *(UNJUDGED if gate else ())], out, "seeds")
     evidence = _together(results, str(out))
-    comparison = gate.judge(evidence) if gate and evidence else None
+    comparison = gate.judge(evidence) if gate else None
     spreads = spreads_of(results)
     write_atomically(out / SEEDS_FILE, _to_json(results, spreads, comparison))
     code = campaign_exit_code(results, may_fail=may_fail, comparison=comparison)
@@ -160,17 +159,16 @@ def _gate_of(results: Sequence[SeedResult], out: Path) -> Gate:
     """Return the older firmware's seeds as what the newer ones are judged against."""
     write_atomically(out / SEEDS_FILE, _to_json(results, spreads_of(results), None))
     evidence = _together(results, str(out))
-    reason = "" if evidence else f"{out}: no seed of the older firmware left a record: {results[0].sentence}"
-    return Gate(str(out), evidence, reason, together=True)
+    if not evidence.measurements:
+        return Gate(str(out), None, f"{out}: no seed of the older firmware left a record: {results[0].sentence}")
+    return Gate(str(out), evidence, together=True)
 
 
-def _together(results: Sequence[SeedResult], file: str) -> Evidence | None:
-    """Put the seeds together as one side of a comparison; None when none has a record."""
+def _together(results: Sequence[SeedResult], file: str) -> Evidence:
+    """Put the seeds together as one side of a comparison; one without a record is a fault of it."""
     found = [each.evidence for each in results if each.evidence is not None]
-    if not found:
-        return None
     missing = [f"seed {each.seed}: no record: {each.sentence}" for each in results if each.evidence is None]
-    whole = together(found, file)
+    whole = together(found, file) if found else no_evidence(file)
     return replace(whole, faults=(*whole.faults, *missing))
 
 
@@ -238,12 +236,16 @@ def _run_seed(seed: int, options: Sequence[str], out: Path) -> SeedResult:
     """Run one seed in a process of its own: pytest keeps state that a second run would meet."""
     folder = _seed_folder(out, seed)
     done = run_command(f"--seed={seed}", f"--out={folder}", "--", *options, folder=folder)
+    said = last_words(done.stderr or done.stdout)
     if done.returncode != ExitCode.USAGE_ERROR:  # with which it is refused a folder that another run has
-        with suppress(ConfigError):  # there is none: it did not begin
+        try:
             stored = read_stored(folder)
             run, evidence = stored.run, evidence_of(stored.run, file=str(stored.path))
             return SeedResult(seed, done.returncode, run.verdict.sentence, run.measurements, _made_with(run), evidence)
-    return SeedResult(seed, done.returncode, last_words(done.stderr or done.stdout))
+        except ConfigError as error:
+            if done.returncode == ExitCode.OK:  # as of tests that were only collected: nothing shows that it passed
+                return SeedResult(seed, ExitCode.NOT_JUDGED, f"{str(error).rstrip('.')}; it wrote: {said}")
+    return SeedResult(seed, done.returncode, said)
 
 
 def _seed_folder(out: Path, seed: int) -> Path:

@@ -105,6 +105,11 @@ def together(runs: Sequence[Evidence], file: str) -> Evidence:
     return Evidence(side, first.conditions, measurements, first.tolerances, tuple(faults))
 
 
+def no_evidence(file: str) -> Evidence:
+    """Return a side of which there is no record at all; what is compared with it cannot be judged."""
+    return Evidence(replace(_NO_SIDE, file=file), None, {})
+
+
 def _conditions(run: Run) -> Conditions | None:
     if run.board is None:
         return None
