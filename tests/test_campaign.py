@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
+import sys
 from fnmatch import fnmatchcase
 from pathlib import Path
 
@@ -14,6 +16,7 @@ from hiltest.cli import commands
 from hiltest.comparison.model import Change, Comparison, Difference, Sense, Side, Tolerance
 from hiltest.errors import ConfigError
 from hiltest.measurement import Limit, judge
+from hiltest.report.evidence import read_evidence
 from hiltest.report.journal import JOURNAL_FILE, Journal
 from hiltest.sole_command import LOCK_FILE, remove_run, sole_command
 
@@ -131,6 +134,12 @@ class TestFolder:
         (seed,) = seeds["seeds"]
         assert seed["sentence"].startswith("CUT SHORT: 1 test finished, 1 measurement kept")
         assert [each["name"] for each in seeds["measurements"]] == ["first"]
+        # A single run that is killed in the same folder is what is there now, and not the seeds beside it.
+        command = [sys.executable, "-m", "hiltest", "run", "--out", "out"]
+        assert subprocess.run(command, capture_output=True, timeout=120, check=False).returncode == -9
+        killed = read_evidence(Path("out"))
+        assert killed.side.file == "out/journal.jsonl"
+        assert "not complete (cut short)" in killed.faults[0]
 
 
 def hiltest_main(*arguments: str) -> int:

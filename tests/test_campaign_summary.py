@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from hiltest.report.evidence import read_evidence
+
 SUITE = """
 from hiltest.measurement import Limit
 
@@ -33,13 +35,25 @@ def bench(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize(("options", "ending"), [
     ((), "0 of 1 seeds pass (not: 1): FAIL."),
-    (("--baseline", "nowhere.json"), "0 of 1 seeds pass (not: 1): FAIL. Not compared with nowhere.json: *nowhere.json*"),
+    (("--baseline", "nowhere.json"), "0 of 1 seeds pass (not: 1): FAIL. Not compared with nowhere.json: *.json*"),
 ], ids=["no gate", "a gate"])  # fmt: skip
 def test_seeds_without_a_record_are_no_pass(bench: Path, options: tuple[str, ...], ending: str) -> None:
     code, said, _ = run(bench, "--seeds", "1..1", *options, "--", "--collect-only")
     assert code == 22, said
     assert fnmatchcase(said.rstrip().splitlines()[-1], ending), said
     assert "no record of a run" in said
+
+
+def test_of_a_run_and_a_campaign_in_one_folder_the_newer_counts(bench: Path) -> None:
+    folder = bench / "hil-out"
+    for arguments, there, gone in [
+        ((), "run.json", "seeds.json"), (("--seeds", "2..2"), "seeds.json", "run.json"), ((), "run.json", "seeds.json"),
+    ]:  # fmt: skip
+        code, said, _ = run(bench, *arguments)
+        assert code == 0, said
+        assert (folder / there).exists()
+        assert not (folder / gone).exists()
+        assert read_evidence(folder).side.seeds == ((2,) if arguments else (1,))
 
 
 def run(folder: Path, *arguments: str) -> tuple[int, str, str]:

@@ -20,17 +20,17 @@ from hiltest.errors import ConfigError
 from hiltest.gate import Gate, read_gate
 from hiltest.measurement import Measurement, Outcome, round_significant
 from hiltest.older import FOLDER, UNJUDGED, last_words, older_options, run_command
-from hiltest.report.campaign_markdown import CAMPAIGN_FILE, SeedLine, SpreadLine, campaign_markdown
+from hiltest.report.campaign_markdown import SeedLine, SpreadLine, campaign_markdown
 from hiltest.report.comparison_text import print_changes
 from hiltest.report.console import standard_output
-from hiltest.report.evidence import SEED_FOLDERS, SEEDS_FILE, evidence_of, no_evidence, together
+from hiltest.report.evidence import evidence_of, no_evidence, together
 from hiltest.report.job_summary import annotation, append_to_job_summary
 from hiltest.report.judged import judged_words
-from hiltest.report.record import Run, Verdict, write_atomically
+from hiltest.report.record import CAMPAIGN_FILE, SEED_FOLDERS, SEEDS_FILE, Run, Verdict, write_atomically
 from hiltest.report.stored import read_stored
 from hiltest.report.verdict import WORDS, ExitCode, comparison_code
 from hiltest.settings import make_folder
-from hiltest.sole_command import remove_run
+from hiltest.sole_command import remove_record_in, remove_run
 
 SEEDS_SCHEMA = "hiltest.seeds/1"
 
@@ -139,7 +139,7 @@ def run_seeds(
 
 def _run_all(seeds: Sequence[int], options: Sequence[str], out: Path, name: str) -> list[SeedResult]:
     make_folder(out)
-    (out / SEEDS_FILE).unlink(missing_ok=True)  # it says that all seeds have run
+    remove_record_in(out)  # of a single run, and of an earlier campaign that has come to its end
     for folder in set(out.glob(SEED_FOLDERS)) - {_seed_folder(out, seed) for seed in seeds}:
         remove_run(folder)  # of an earlier campaign, which had other seeds
     console = Console()

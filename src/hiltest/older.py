@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from hiltest.report.job_summary import without_job_summary
+from hiltest.report.record import SEED_FOLDERS
 from hiltest.sole_command import remove_run
 
 FOLDER = "against"
@@ -42,7 +43,8 @@ def run_older(options: Sequence[str], firmware: str, out: Path) -> subprocess.Co
 
 def run_command(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
     """Run ``hiltest run`` without a base, so that its record is in a folder and what was there before is not."""
-    remove_run(folder)  # what an earlier command left must not pass for this one's
+    for each in (*folder.glob(SEED_FOLDERS), folder):
+        remove_run(each)  # what an earlier command left must not pass for this one's
     command = [sys.executable, "-m", "hiltest", "run", *arguments]
     return subprocess.run(command, capture_output=True, text=True, check=False, env=_environment(os.environ))
 

@@ -40,10 +40,21 @@ def remove_run(folder: Path) -> None:
     if not folder.is_dir():
         return
     with suppress(ConfigError):
-        claim = Journal(folder)
-        claim.begin()
-        remove_traces(folder)
-        claim.finish()
-        claim.release()
+        remove_record_in(folder)
     with suppress(OSError):
         folder.rmdir()
+
+
+def remove_record_in(folder: Path) -> None:
+    """Remove what an earlier run or campaign left in a folder; the folders of its seeds stay.
+
+    Raises
+    ------
+    ConfigError
+        If a run has the folder; it says which.
+    """
+    claim = Journal(folder)
+    claim.begin()
+    remove_traces(folder)
+    claim.finish()
+    claim.release()

@@ -154,6 +154,18 @@ def test_a_campaign_of_different_things_is_no_evidence(
     assert reason in fault
 
 
+def test_a_folder_with_both_a_run_and_a_campaign_is_refused(changed: Changed, tmp_path: Path) -> None:
+    changed("base")
+    changed("base/seed-0001", {"seed": 1})
+    assert read_evidence(tmp_path / "base").side.file == str(tmp_path / "base" / "run.json")
+    (tmp_path / "base" / "seeds.json").write_text("{}", encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"holds both a single run and a campaign \(seeds.json\).*; name the run's"):
+        read_evidence(tmp_path / "base")
+    (tmp_path / "base" / "run.json").unlink()
+    (tmp_path / "base" / "journal.jsonl").write_text("")
+    assert read_evidence(tmp_path / "base").side.file == str(tmp_path / "base")
+
+
 def test_a_seed_that_left_no_record_is_a_fault_of_the_campaign(changed: Changed, tmp_path: Path) -> None:
     changed("base/seed-0001")
     (tmp_path / "base" / "seed-0002").mkdir()

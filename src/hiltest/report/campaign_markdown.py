@@ -11,8 +11,6 @@ from hiltest.report.markdown import comparison_lines
 from hiltest.report.markdown_text import folded, plain_text, table
 from hiltest.report.record import Verdict
 
-CAMPAIGN_FILE = "seeds.md"
-
 
 @dataclass(frozen=True, slots=True)
 class SeedLine:

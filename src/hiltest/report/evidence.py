@@ -12,13 +12,9 @@ from hiltest.comparison.baseline import SCHEMA as BASELINE_SCHEMA
 from hiltest.comparison.evidence import Conditions, Evidence
 from hiltest.comparison.model import Side, Tolerance
 from hiltest.errors import ConfigError
-from hiltest.report.record import RUN_FILE, Run
+from hiltest.report.journal import JOURNAL_FILE
+from hiltest.report.record import RUN_FILE, SEED_FOLDERS, SEEDS_FILE, Run
 from hiltest.strict_json import read_bounded
-
-SEED_FOLDERS = "seed-*"
-"""Of a campaign, each with the record of one seed."""
-SEEDS_FILE = "seeds.json"
-"""Written when all seeds of a campaign have run."""
 
 _A_BASELINE = re.compile(rb'"schema"\s*:\s*"%s/' % re.escape(BASELINE_SCHEMA.partition("/")[0]).encode())
 _LARGEST_BYTES = 32 * 1024 * 1024
@@ -66,8 +62,14 @@ def read_evidence(place: Path) -> Evidence:
     """
     if place.is_dir():
         seeds = sorted(each for each in place.glob(SEED_FOLDERS) if each.is_dir())
-        has_run = (place / RUN_FILE).exists()
-        return _of_campaign(place, seeds) if seeds and not has_run else _of_run(place)
+        if not _has_run(place):
+            return _of_campaign(place, seeds) if seeds else _of_run(place)
+        if (place / SEEDS_FILE).exists():
+            raise ConfigError(
+                f"{place}: holds both a single run and a campaign ({SEEDS_FILE}), one of them stale; name the run's "
+                f"{RUN_FILE}, or run again with an --out of its own"
+            )
+        return _of_run(place)  # it is newer than any seeds beside it: a campaign begins by removing a single run
     content = read_bounded(place, largest_bytes=_LARGEST_BYTES, otherwise="name a run.json, its folder or a baseline")
     # A look is enough to tell which reader it is for; that one checks all of it.
     if _A_BASELINE.search(content):
@@ -119,6 +121,12 @@ def _conditions(run: Run) -> Conditions | None:
         protocol_version=run.board.protocol_version, compiler_flags=tuple(run.board.compiler_flags.split()),
         poses=run.poses, suite=run.suite, calibrated=run.calibration is not None,
     )
+
+
+def _has_run(folder: Path) -> bool:
+    """Say whether a folder holds what a single run wrote; a journal without a line is of one that never began."""
+    journal = folder / JOURNAL_FILE
+    return (folder / RUN_FILE).exists() or (journal.is_file() and journal.stat().st_size > 0)
 
 
 def _of_run(place: Path) -> Evidence:

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from hiltest.errors import ConfigError
-from hiltest.report.record import RECORD_FILES, UNFINISHED
+from hiltest.report.record import CAMPAIGN_FILE, RECORD_FILES, SEEDS_FILE, UNFINISHED
 
 JOURNAL_FILE = "journal.jsonl"
 
@@ -109,8 +109,11 @@ class Journal:
 
 
 def remove_record(folder: Path) -> None:
-    """Remove what a run before wrote into a folder, and what a killed one left half-written."""
-    for name in RECORD_FILES:
+    """Remove what a run or a campaign before wrote into a folder, and what a killed one left half-written.
+
+    The folders of a campaign's seeds stay: without its files beside them nothing takes them for newer than a run.
+    """
+    for name in (*RECORD_FILES, SEEDS_FILE, CAMPAIGN_FILE):
         (folder / name).unlink(missing_ok=True)
         for path in folder.glob(f"{name}.*{UNFINISHED}"):
             path.unlink(missing_ok=True)

@@ -21,6 +21,11 @@ from hiltest.report.attempts import marked, worst_first
 
 RUN_FILE = "run.json"
 RECORD_FILES = (RUN_FILE, "report.html", "report.md", "junit.xml")
+SEED_FOLDERS = "seed-*"
+"""Of a campaign, each with the record of one seed."""
+SEEDS_FILE = "seeds.json"
+"""Of a campaign; written when all its seeds have run."""
+CAMPAIGN_FILE = "seeds.md"
 UNFINISHED = ".unfinished"
 """Ends the name of a file that is being written."""
 SCHEMA: Literal["hiltest.run/1"] = "hiltest.run/1"

@@ -13,9 +13,9 @@ from hiltest.comparison.baseline import SCHEMA as BASELINE_SCHEMA
 from hiltest.comparison.baseline_file import read_baseline_evidence
 from hiltest.comparison.evidence import Evidence
 from hiltest.errors import ConfigError
-from hiltest.report.evidence import SEED_FOLDERS, evidence_of, together
+from hiltest.report.evidence import evidence_of, together
 from hiltest.report.journal import JOURNAL_FILE
-from hiltest.report.record import RUN_FILE, Run
+from hiltest.report.record import RUN_FILE, SEED_FOLDERS, Run
 from hiltest.report.record import SCHEMA as RUN_SCHEMA
 from hiltest.report.schema import LARGEST_BYTES, check_schema, run_from
 from hiltest.report.stored import read_stored
