@@ -28,7 +28,7 @@ from hiltest.report.job_summary import annotation, append_to_job_summary
 from hiltest.report.judged import judged_words
 from hiltest.report.record import CAMPAIGN_FILE, SEED_FOLDERS, SEEDS_FILE, Run, Verdict, write_atomically
 from hiltest.report.stored import read_stored
-from hiltest.report.verdict import WORDS, ExitCode, comparison_code
+from hiltest.report.verdict import WORDS, ExitCode, comparison_code, missed_only_limits
 from hiltest.settings import make_folder
 from hiltest.sole_command import remove_record_in, remove_run
 
@@ -53,7 +53,10 @@ class MadeWith:
 
 @dataclass(frozen=True, slots=True)
 class SeedResult:
-    """How the run of one seed ended. `sentence` is its verdict, or what it wrote when there is none."""
+    """How the run of one seed ended. `sentence` is its verdict, or what it wrote when there is none.
+
+    `excusable` is a failure by nothing but missed limits.
+    """
 
     seed: int
     exit_code: int
@@ -61,6 +64,7 @@ class SeedResult:
     measurements: tuple[Measurement, ...] = ()
     made_with: MadeWith | None = None
     evidence: Evidence | None = None
+    excusable: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +94,7 @@ def run_seeds(
     out : Path
         Gets a folder a seed.
     may_fail : int
-        How many seeds may end with exit code 1.
+        How many seeds may miss a limit; a test that failed for another reason is never excused.
     baseline : str, optional
         What all seeds together are judged against, paired by seed.
     against : str, optional
@@ -175,12 +179,13 @@ def _together(results: Sequence[SeedResult], file: str) -> Evidence:
 def campaign_exit_code(
     results: Sequence[SeedResult], *, may_fail: int, comparison: Comparison | None = None
 ) -> int:
-    """Return the exit code: anything but 0 and 1 from any seed wins, then 1 if too many failed, then the comparison."""
+    """Return the exit code: anything but 0 and 1 from any seed, then 1 if it is not allowed, then the comparison."""
     codes = [result.exit_code for result in results]
     for code in _WORST_FIRST:
         if code in codes:
             return int(code)
-    code = next((code for code in codes if code not in (0, 1)), int(codes.count(1) > may_fail))
+    failed = codes.count(1) > may_fail or bool(_inexcusable(results))
+    code = next((code for code in codes if code not in (0, 1)), int(failed))
     return code if code or comparison is None else int(comparison_code(comparison))
 
 
@@ -189,9 +194,11 @@ def campaign_sentence(
 ) -> str:
     """Return how many seeds passed, what the worst headings were, and what the comparison says."""
     passed = sum(result.exit_code == 0 for result in results)
-    failed = [str(result.seed) for result in results if result.exit_code]
-    which = f" (not: {', '.join(failed[:10])}{', ...' if len(failed) > 10 else ''})" if failed else ""
+    failed = [result.seed for result in results if result.exit_code]
+    which = f" (not: {_listed(failed)})" if failed else ""
     allowed = f", {may_fail} may fail" if may_fail else ""
+    if may_fail and (inexcusable := _inexcusable(results)):
+        allowed += f", but only by a limit (not: {_listed(inexcusable)})"
     headings = [
         f"{spread.name} median {spread.median:.2f}, worst {spread.max:.2f} {spread.unit}" for spread in spreads
         if spread.name.startswith("heading.") and spread.name.endswith(".max") and "uncalibrated" not in spread.name
@@ -200,6 +207,15 @@ def campaign_sentence(
     word = _word(results, may_fail=may_fail, comparison=comparison).upper()
     sentence = "; ".join([f"{passed} of {len(results)} seeds pass{which}{allowed}", *headings]) + f": {word}."
     return f"{sentence} {judged_words(comparison, passes=code == 0)}".rstrip()
+
+
+def _inexcusable(results: Sequence[SeedResult]) -> list[int]:
+    """Return the seeds that failed for another reason than a missed limit."""
+    return [each.seed for each in results if each.exit_code == 1 and not each.excusable]
+
+
+def _listed(seeds: Sequence[int]) -> str:
+    return ", ".join(map(str, seeds[:10])) + (", ..." if len(seeds) > 10 else "")
 
 
 def _word(results: Sequence[SeedResult], *, may_fail: int, comparison: Comparison | None) -> str:
@@ -241,7 +257,10 @@ def _run_seed(seed: int, options: Sequence[str], out: Path) -> SeedResult:
         try:
             stored = read_stored(folder)
             run, evidence = stored.run, evidence_of(stored.run, file=str(stored.path))
-            return SeedResult(seed, done.returncode, run.verdict.sentence, run.measurements, _made_with(run), evidence)
+            return SeedResult(
+                seed, done.returncode, run.verdict.sentence, run.measurements, _made_with(run), evidence,
+                excusable=missed_only_limits(run),
+            )
         except ConfigError as error:
             if done.returncode == ExitCode.OK:  # as of tests that were only collected: nothing shows that it passed
                 return SeedResult(seed, ExitCode.NOT_JUDGED, f"{str(error).rstrip('.')}; it wrote: {said}")

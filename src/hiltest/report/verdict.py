@@ -143,6 +143,12 @@ def exit_code(findings: Findings, *, pytest_exit: int) -> int:
     return ExitCode.OK if findings.comparison is None else comparison_code(findings.comparison)
 
 
+def missed_only_limits(run: Run) -> bool:
+    """Say whether a run failed by measurements out of their limits, and by nothing else."""
+    failed = [each for each in run.measurements if each.outcome is Outcome.FAIL]
+    return run.verdict.exit_code == ExitCode.FAILED and bool(failed) and not _unexplained(run.tests, failed)
+
+
 def comparison_code(comparison: Comparison) -> ExitCode:
     """Return the exit code of a comparison alone: a gate that could not be evaluated is no pass."""
     if not comparison.evaluated:
@@ -312,12 +318,17 @@ def _measured(measurement: Measurement) -> str:
 
 def _failed_tests(run: Sequence[TestResult], failed: Sequence[Measurement]) -> str:
     """Name tests that failed for another reason than a measurement."""
-    explained = {each.test for each in failed}
-    tests = [each for each in run if each.outcome in _RED_TESTS and each.id not in explained]
+    tests = _unexplained(run, failed)
     if not tests:
         return ""
     named = [f"{without_folders(each.id)} ({each.reason})" for each in tests]
     return f"Failed: {_listed(named)}."
+
+
+def _unexplained(run: Sequence[TestResult], failed: Sequence[Measurement]) -> list[TestResult]:
+    """Return the red tests that no measurement out of its limit explains."""
+    explained = {each.test for each in failed}
+    return [each for each in run if each.outcome in _RED_TESTS and each.id not in explained]
 
 
 def _comparison(results: Sequence[CalibratorResult]) -> str:
