@@ -136,6 +136,7 @@ def test_a_run_that_was_cut_short_is_no_baseline() -> None:
         ('"seeds": [1, 2],\n"measurements"', '"seeds": [1, 1],\n"measurements"', "seed 1 stands twice"),
         ('"seeds": [1, 2],\n"measurements"', '"seeds": [],\n"measurements"', "seeds is empty"),
         ('"compass.lag"', '"heading.direct.max"', 'measurement "heading.direct.max" stands twice'),
+        ("[0.9, 1.8]", "[null, null]", '"heading.direct.max" has no number'),
         ('"protocol_version"', '"protocol"', "conditions.protocol_version"),
     ],
 )
@@ -149,3 +150,15 @@ def test_a_damaged_baseline_is_refused_with_the_place(
     with pytest.raises(ConfigError, match="save it again") as refused:
         read_baseline(file)
     assert reason in str(refused.value)
+
+
+def test_a_baseline_of_nothing_is_neither_written_nor_read(baseline: Baseline, tmp_path: Path) -> None:
+    nothing = replace(run(), measurements={1: {}, 2: {}})
+    with pytest.raises(ConfigError, match="it has no number at all"):
+        baseline_of(nothing, THEN)
+    with pytest.raises(ConfigError, match="no measurement would be left"):
+        accept(baseline, nothing, ["*"], because="all of it", when_utc=NOW)
+    file = tmp_path / "base.json"
+    file.write_text(to_json(replace(baseline, measurements=())), encoding="utf-8")
+    with pytest.raises(ConfigError, match="measurements is empty"):
+        read_baseline(file)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hiltest.comparison.compare import compare, not_compared
 from hiltest.comparison.evidence import Evidence
 from hiltest.comparison.model import EXACT, Change, Difference, Sense, Tolerance
-from hiltest.measurement import Limit, Outcome
+from hiltest.measurement import Limit, Measurement, Outcome
 
 from .evidence import evidence, measurement, over_seeds
 
@@ -29,21 +29,40 @@ ABSENT = "absent"
 cells = st.one_of(
     st.sampled_from([ABSENT, None, 0, 1.0, 1.005, 1.5, -1.0]), st.integers(-(10**6), 10**6), st.floats(-2.0, 2.0)
 )
-outcomes = st.sampled_from([Outcome.PASS, Outcome.PASS, Outcome.FAIL])
+limits = st.sampled_from([None, Limit(max=1.2), Limit(min=-0.5), Limit.within(1.2)])
 
 
 @st.composite
 def pairs_of_runs(draw: st.DrawFn) -> tuple[Evidence, Evidence]:
-    """Return two sides with a measurement of one name, or without it, on each seed."""
-    name, seeds = draw(st.sampled_from(NAMES)), draw(st.sampled_from([1, 2, 8]))
-    sides = []
-    for _ in range(2):
-        outcome = draw(outcomes)
-        made = draw(st.lists(cells, min_size=seeds, max_size=seeds))
-        sides.append(evidence(*(
-            [] if cell is ABSENT else [measurement(name, cell, outcome=outcome)] for cell in made  # type: ignore[arg-type]
-        )))
-    return sides[0], sides[1]
+    """Return two sides with a measurement of one name, or without it, on each seed, each judged by one limit."""
+    name, seeds, limit = draw(st.sampled_from(NAMES)), draw(st.sampled_from([1, 2, 8])), draw(limits)
+    made = st.lists(cells, min_size=seeds, max_size=seeds)
+    base, new = (evidence(*(cell_of(name, cell, limit) for cell in draw(made))) for _ in range(2))
+    return base, new
+
+
+def cell_of(name: str, cell: float | str | None, limit: Limit | None = None) -> list[Measurement]:
+    """Return a measurement as a run judges it, or none."""
+    if isinstance(cell, str):
+        return []
+    if limit is None:
+        return [measurement(name, cell)]
+    passes = cell is not None and limit.holds(cell)
+    return [measurement(name, cell, limit=limit, outcome=Outcome.PASS if passes else Outcome.FAIL)]
+
+
+def judged(name: str, *values: float | None, limit: Limit) -> Evidence:
+    """Return a side over seeds 1, 2, ..., each judged by a limit."""
+    return evidence(*(cell_of(name, value, limit) for value in values))
+
+
+def newly_out(base: Evidence, new: Evidence, name: str) -> bool:
+    """Say whether a seed fails now that was made and did not fail before."""
+    return any(
+        now.outcome is Outcome.FAIL and was.outcome is not Outcome.FAIL
+        for seed in base.measurements
+        if (was := base.measurements[seed].get(name)) and (now := new.measurements[seed].get(name))
+    )
 
 
 def only(base: Evidence, new: Evidence) -> Difference:
@@ -68,8 +87,8 @@ def test_a_run_compared_with_itself_has_only_unchanged(pair: tuple[Evidence, Evi
     run, _ = pair
     comparison = compare(run, run)
     assert {each.change for each in comparison.differences} <= {Change.UNCHANGED}
-    assert comparison.evaluated
     assert not comparison.regression
+    assert comparison.evaluated == any(each.seeds for each in comparison.differences)
 
 
 @given(pairs_of_runs())
@@ -81,7 +100,10 @@ def test_swapping_the_sides_swaps_better_and_worse_and_new_and_gone(pair: tuple[
     for name, each in there.items():
         lost, found = missing(base, new, name), missing(new, base, name)
         assert (each.change is Change.GONE, back[name].change is Change.GONE) == (bool(lost), bool(found)), name
-        if not (each.seeds and (lost or found)) and not (lost and found):  # else it is there on some seeds alone
+        if newly_out(base, new, name):
+            assert each.change is (Change.GONE if lost else Change.WORSE), name
+        elif not newly_out(new, base, name) and not (each.seeds and (lost or found)) and not (lost and found):
+            # Else it went out of its limit the other way, or is there on some seeds alone.
             assert back[name].change is OPPOSITE[each.change], name
         assert each.delta is None or back[name].delta == -each.delta
 
@@ -93,7 +115,7 @@ def test_what_the_base_has_and_the_new_run_has_not_always_keeps_the_gate_from_be
     base, new = pair
     comparison = compare(base, new)
     gone = [name for name in NAMES if missing(base, new, name)]
-    assert comparison.evaluated == (not gone)
+    assert comparison.evaluated == (not gone and any(each.seeds for each in comparison.differences))
     assert {each.name for each in comparison.of(Change.GONE)} == set(gone)
     assert not (gone and comparison.regression)
 
@@ -234,7 +256,44 @@ def test_passing_a_limit_is_worse_however_small_the_step() -> None:
     within = over_seeds("heading.direct.max", 1.799, limit=limit, outcome=Outcome.PASS)
     out = over_seeds("heading.direct.max", 1.801, limit=limit, outcome=Outcome.FAIL)
     assert (only(within, out).change, only(within, out).note) == (Change.WORSE, "out of its limit")
-    assert only(out, within).change is Change.BETTER
+    assert (only(out, within).change, only(out, within).note) == (Change.UNCHANGED, "within its limit again")
+
+
+def test_one_seed_that_comes_within_its_limit_hides_nothing() -> None:
+    name, limit = "heading.direct.max", Limit(max=1.8)
+    base, new = judged(name, 1.81, *[0.5] * 7, limit=limit), judged(name, *[1.79] * 8, limit=limit)
+    found = only(base, new)
+    assert (found.change, found.note) == (Change.WORSE, "within its limit again")
+
+
+def test_a_limit_that_was_raised_makes_nothing_better() -> None:
+    name = "heading.direct.max"
+    found = only(judged(name, 2.0, limit=Limit(max=1.8)), judged(name, 20.0, limit=Limit(max=30)))
+    assert (found.change, found.note) == (Change.WORSE, "within its limit again")
+
+
+def test_each_seed_that_goes_out_of_its_limit_counts_though_another_was_out_before() -> None:
+    name, limit = "heading.direct.max", Limit(max=1.8)
+    base, new = judged(name, 1.801, *[1.795] * 7, limit=limit), judged(name, *[1.804] * 8, limit=limit)
+    found = only(base, new)
+    assert (found.change, found.note) == (Change.WORSE, "out of its limit on seed 2, 3, 4 and 4 more")
+    assert only(new, new).change is Change.UNCHANGED
+
+
+@pytest.mark.parametrize("base", [evidence([]), over_seeds("compass.lag", None)])
+def test_a_limit_that_fails_without_a_number_is_worse_than_none_that_failed(base: Evidence) -> None:
+    fails = over_seeds("compass.lag", float("nan"), limit=Limit(max=9), outcome=Outcome.FAIL)
+    assert (only(base, fails).change, only(base, fails).note) == (Change.WORSE, "out of its limit")
+    assert only(fails, fails).change is Change.UNCHANGED
+
+
+def test_two_sides_without_a_number_in_common_are_not_compared() -> None:
+    time = measurement("board.virtual_seconds", 3.0)
+    new = evidence([measurement("heading.direct.max", 0.9), time])
+    for base in (evidence([]), evidence([time]), evidence([measurement("heading.direct.max", None), time])):
+        comparison = compare(base, new)
+        assert not comparison.evaluated
+        assert comparison.obstacles[0].startswith("nothing was compared: run.json and run.json have no number")
 
 
 def test_noise_that_runs_do_not_share_has_a_wider_tolerance() -> None:

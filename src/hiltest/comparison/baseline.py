@@ -85,17 +85,18 @@ def baseline_of(evidence: Evidence, saved_utc: str) -> Baseline:
     Raises
     ------
     ConfigError
-        If the run was cut short, or no board answered.
+        If the run was cut short, no board answered, or nothing has a number.
     """
     if evidence.faults or evidence.conditions is None:
         reason = evidence.faults[0] if evidence.faults else f"{evidence.name}: no board answered"
         raise ConfigError(f"{reason}; a baseline is a run that is whole")
     seeds = tuple(evidence.measurements)
     names = {name for each in evidence.measurements.values() for name in each}
-    return Baseline(
-        SCHEMA, saved_utc, replace(evidence.side, file="", sha256="", saved_utc=saved_utc), evidence.conditions, seeds,
-        tuple(row for name in sorted(names) if (row := _row(evidence, name, seeds)) is not None),
-    )
+    rows = tuple(row for name in sorted(names) if (row := _row(evidence, name, seeds)) is not None)
+    if not rows:
+        raise ConfigError(f"{evidence.name}: it has no number at all; a baseline is a run that measured something")
+    side = replace(evidence.side, file="", sha256="", saved_utc=saved_utc)
+    return Baseline(SCHEMA, saved_utc, side, evidence.conditions, seeds, rows)
 
 
 def evidence_from(baseline: Baseline, file: str, sha256: str) -> Evidence:
@@ -137,12 +138,14 @@ def accept(
         for name, row in sorted(moved.items()) if row != rows.get(name)
     ]
     kept = {name: row for name, row in (rows | moved).items() if row is not None}
+    if not kept:
+        raise ConfigError(f"nothing is moved: no measurement would be left; {run.name} has none of these")
     measurements = tuple(kept[name] for name in sorted(kept))
     return replace(baseline, measurements=measurements, history=(*baseline.history, *history))
 
 
 def _refuse_another_bench(baseline: Baseline, run: Evidence) -> None:
-    reasons = obstacles(evidence_from(baseline, "the baseline", ""), run, (), together=False)
+    reasons = obstacles(evidence_from(baseline, "the baseline", ""), run, None, together=False)
     if reasons:
         raise ConfigError(f"nothing is moved: {reasons[0]}")
     missing = [str(seed) for seed in baseline.seeds if seed not in run.measurements]

@@ -88,12 +88,16 @@ def _parsed(path: Path, text: bytes) -> Baseline:
 def _check_rows(path: Path, baseline: Baseline) -> None:
     if not baseline.seeds:
         raise ConfigError(f"{path}: it is of no run at all: seeds is empty; {_OTHERWISE}")
+    if not baseline.measurements:
+        raise ConfigError(f"{path}: there is nothing to compare with: measurements is empty; {_OTHERWISE}")
     _check_unique(path, "seed", baseline.seeds)
     _check_unique(path, "measurement", [row.name for row in baseline.measurements])
     for row in baseline.measurements:
         if len(row.values) != len(baseline.seeds):
             counts = f"{len(row.values)} values for {len(baseline.seeds)} seeds"
             raise ConfigError(f"{path}: {shown(row.name)} has {counts}; {_OTHERWISE}")
+        if all(value is None for value in row.values):
+            raise ConfigError(f"{path}: {shown(row.name)} has no number; {_OTHERWISE}")
 
 
 def _check_unique(path: Path, kind: str, each: Sequence[object]) -> None:

@@ -15,6 +15,7 @@ from hiltest.measurement import SIGNIFICANT_DIGITS, Measurement, Outcome, round_
 
 #: Values are written with so many significant digits; what two of them differ by in the last one is no difference.
 _LAST_DIGIT = 10.0 ** (1 - SIGNIFICANT_DIGITS)
+_NAMED_AT_MOST = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +35,14 @@ class Pairs:
     def lost(self) -> list[Seed]:
         """Those with a number in the base alone."""
         return [seed for seed, was in self.base.items() if _has_number(was) and not _has_number(self.new[seed])]
+
+    @property
+    def newly_out(self) -> list[Seed]:
+        """Those that fail a limit now and did not before: a NaN always, else what the base made too."""
+        return [
+            seed for seed, now in self.new.items()
+            if _is_out(now) and not _is_out(was := self.base[seed]) and (was is not None or not _has_number(now))
+        ]
 
     @property
     def latest(self) -> Measurement:
@@ -93,6 +102,8 @@ def _presence(pairs: Pairs, note: str) -> tuple[Change, str] | None:
         reasons = {each.note for seed in pairs.lost if (each := pairs.new[seed]) and each.note}
         on_seeds = f"on seed {', '.join(missing)}" if pairs.seeds and missing else ""
         return Change.GONE, "; ".join(filter(None, (note, on_seeds, *sorted(reasons))))
+    if pairs.newly_out:
+        return Change.WORSE, f"out of its limit{_on_seeds(pairs.newly_out, pairs)}"
     if pairs.seeds:
         return None
     made = any(map(_has_number, pairs.new.values()))
@@ -103,9 +114,14 @@ def _judged(
     base: Sequence[float], new: Sequence[float], sense: Sense, tolerance: Tolerance, pairs: Pairs
 ) -> tuple[Change, str]:
     """Return the change of paired numbers, with a remark where they alone do not say why."""
-    was_out, is_out = _out_of_limit(pairs.base), _out_of_limit(pairs.new)
-    if is_out != was_out:
-        return (Change.WORSE, "out of its limit") if is_out else (Change.BETTER, "within its limit again")
+    change, remark = _moved(base, new, sense, tolerance)
+    again = "within its limit again" if _any_out(pairs.base) and not _any_out(pairs.new) else ""
+    return change, "; ".join(filter(None, (again, remark)))
+
+
+def _moved(
+    base: Sequence[float], new: Sequence[float], sense: Sense, tolerance: Tolerance
+) -> tuple[Change, str]:
     costs = [(cost(before, sense), cost(after, sense)) for before, after in zip(base, new, strict=True)]
     if sense is not Sense.NEITHER:
         before, after = (list(side) for side in zip(*costs, strict=True))
@@ -122,8 +138,21 @@ def _judged(
     return Change.UNCHANGED, ""
 
 
-def _out_of_limit(side: Mapping[Seed, Measurement | None]) -> bool:
-    return any(each is not None and each.outcome is Outcome.FAIL for each in side.values())
+def _is_out(measurement: Measurement | None) -> bool:
+    return measurement is not None and measurement.outcome is Outcome.FAIL
+
+
+def _any_out(side: Mapping[Seed, Measurement | None]) -> bool:
+    return any(map(_is_out, side.values()))
+
+
+def _on_seeds(seeds: Sequence[Seed], pairs: Pairs) -> str:
+    """Return which seeds it is that a remark is of; nothing where there is but one."""
+    if len(pairs.new) == 1:
+        return ""
+    more = len(seeds) - _NAMED_AT_MOST
+    named = ", ".join(map(str, seeds[:_NAMED_AT_MOST]))
+    return f" on seed {named}{f' and {more} more' if more > 0 else ''}"
 
 
 def cost(value: float, sense: Sense) -> float:

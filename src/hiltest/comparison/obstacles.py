@@ -10,24 +10,26 @@ from hiltest.comparison.model import Change, Difference
 _NAMED_AT_MOST = 3
 _RENEW = "renew the baseline with `hiltest baseline save RUN FILE`"
 _SUITES = ("gate", "full")
+_SAYS_NOTHING = "board.virtual_seconds"
+"""Every run on a virtual board has it; it judges no firmware."""
 
 
 def obstacles(
-    base: Evidence, new: Evidence, differences: Sequence[Difference], *, together: bool
+    base: Evidence, new: Evidence, differences: Sequence[Difference] | None, *, together: bool
 ) -> tuple[str, ...]:
     """Return why the gate cannot be evaluated, one line each, with what to do; nothing when it can.
 
     Parameters
     ----------
     base, new : Evidence
-    differences : sequence of Difference
-        Between them.
+    differences : sequence of Difference or None
+        Between them; None to ask only whether numbers of one may stand beside numbers of the other.
     together : bool
         Whether both firmwares ran in one session: compiler and flags may then differ.
     """
     return (
         *base.faults, *new.faults, *_of_conditions(base, new), *_of_builds(base, new, together=together),
-        *_of_measurements(base, new, differences),
+        *_of_seeds(base, new), *(() if differences is None else _of_measurements(base, new, differences)),
     )
 
 
@@ -86,10 +88,13 @@ def _of_builds(base: Evidence, new: Evidence, *, together: bool) -> Iterator[str
         yield f"other compiler flags: {_gone_and_added(lost, added)}; {advice}"
 
 
-def _of_measurements(base: Evidence, new: Evidence, differences: Sequence[Difference]) -> Iterator[str]:
+def _of_seeds(base: Evidence, new: Evidence) -> Iterator[str]:
     if not set(base.measurements) & set(new.measurements):
         was, now = _seeds(base), _seeds(new)
         yield f"no seed in common: {was} before, {now} now; run with a seed of the base"
+
+
+def _of_measurements(base: Evidence, new: Evidence, differences: Sequence[Difference]) -> Iterator[str]:
     gone = [each for each in differences if each.change is Change.GONE]
     for each in gone[:_NAMED_AT_MOST]:
         why = f" ({each.note})" if each.note else ""
@@ -99,6 +104,9 @@ def _of_measurements(base: Evidence, new: Evidence, differences: Sequence[Differ
         )
     if len(gone) > _NAMED_AT_MOST:
         yield f"measurements gone: {len(gone) - _NAMED_AT_MOST} more, {gone[_NAMED_AT_MOST].name} among them"
+    compared = any(each.seeds and each.name != _SAYS_NOTHING for each in differences)
+    if not compared and not gone and set(base.measurements) & set(new.measurements):
+        yield f"nothing was compared: {base.name} and {new.name} have no number in common; name another base"
 
 
 def _without(these: Sequence[str], those: Sequence[str]) -> str:
