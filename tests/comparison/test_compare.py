@@ -57,12 +57,16 @@ def judged(name: str, *values: float | None, limit: Limit) -> Evidence:
 
 
 def newly_out(base: Evidence, new: Evidence, name: str) -> bool:
-    """Say whether a seed fails now that was made and did not fail before."""
+    """Say whether a seed fails now that did not before: one that was made, or has no number now."""
+    pairs = [(base.measurements[seed].get(name), new.measurements[seed].get(name)) for seed in base.measurements]
     return any(
-        now.outcome is Outcome.FAIL and was.outcome is not Outcome.FAIL
-        for seed in base.measurements
-        if (was := base.measurements[seed].get(name)) and (now := new.measurements[seed].get(name))
+        now is not None and fails(now) and (now.value is None if was is None else not fails(was))
+        for was, now in pairs
     )
+
+
+def fails(made: Measurement) -> bool:
+    return made.outcome is Outcome.FAIL
 
 
 def only(base: Evidence, new: Evidence) -> Difference:
@@ -102,6 +106,8 @@ def test_swapping_the_sides_swaps_better_and_worse_and_new_and_gone(pair: tuple[
         assert (each.change is Change.GONE, back[name].change is Change.GONE) == (bool(lost), bool(found)), name
         if newly_out(base, new, name):
             assert each.change is (Change.GONE if lost else Change.WORSE), name
+        elif "alone" in each.note + back[name].note:  # one seed that got worse counts, whichever way the mean went
+            assert Change.UNCHANGED not in (each.change, back[name].change), name
         elif not newly_out(new, base, name) and not (each.seeds and (lost or found)) and not (lost and found):
             # Else it went out of its limit the other way, or is there on some seeds alone.
             assert back[name].change is OPPOSITE[each.change], name
@@ -200,6 +206,45 @@ def test_from_eight_pairs_on_a_degree_is_worse_only_if_its_interval_excludes_zer
     # With one seed less there is no interval, and the mean alone counts.
     found = only(over_seeds("heading.direct.max", *base[:7]), over_seeds("heading.direct.max", *scattered[:7]))
     assert (found.change, found.interval) == (Change.WORSE, None)
+
+
+@pytest.mark.parametrize(
+    ("name", "way", "back"),
+    [
+        ("heading.direct.rms", Change.WORSE, Change.BETTER), ("heading.direct.bias", Change.WORSE, Change.BETTER),
+        ("tumble.coverage", Change.BETTER, Change.WORSE), ("fit.direct.strength", Change.CHANGED, Change.CHANGED),
+    ],
+)
+@pytest.mark.parametrize("seeds", [7, 8, 100])
+def test_a_seed_that_moves_alone_is_never_lost_in_the_mean(
+    name: str, way: Change, back: Change, seeds: int
+) -> None:
+    base, new = over_seeds(name, *[0.5] * seeds), over_seeds(name, 0.5, 0.5, 90.0, *[0.5] * (seeds - 3))
+    assert (only(base, new).change, only(new, base).change) == (way, back)
+    assert "alone on seed 3" in only(base, new).note
+
+
+def test_a_seed_that_got_worse_alone_is_not_made_up_for_by_another() -> None:
+    name = "heading.direct.rms"
+    base, new = over_seeds(name, 90.0, *[0.5] * 7), over_seeds(name, *[0.5] * 7, 90.0)
+    assert (only(base, new).change, only(base, new).note) == (Change.WORSE, "moved alone on seed 8")
+    assert (only(new, base).change, only(new, base).note) == (Change.WORSE, "moved alone on seed 1")
+
+
+@pytest.mark.parametrize(("moved", "change"), [(0.1, Change.UNCHANGED), (0.1001, Change.WORSE)])
+def test_alone_is_beyond_ten_tolerances(moved: float, change: Change) -> None:
+    name = "heading.direct.rms"
+    base, new = over_seeds(name, *[0.0] * 9), over_seeds(name, *[0.0] * 8, moved)
+    (found,) = compare(base, new, tolerances={name: Tolerance(0.01, 0.01)}).differences
+    assert found.change is change
+
+
+def test_noise_that_runs_do_not_share_moves_single_seeds() -> None:
+    name = "heading.direct.rms"
+    base, new = over_seeds(name, *[0.5] * 8), over_seeds(name, *[0.5] * 7, 90.0)
+    assert base.conditions is not None
+    real = replace(base.conditions, board="real")
+    assert only(replace(base, conditions=real), replace(new, conditions=real)).change is Change.UNCHANGED
 
 
 def test_cycles_need_no_interval() -> None:

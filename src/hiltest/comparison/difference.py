@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean
 
+from hiltest.comparison.alone import moved_alone
 from hiltest.comparison.evidence import Seed
 from hiltest.comparison.interval import mean_interval
 from hiltest.comparison.model import EXACT, Change, Difference, Sense, Tolerance
@@ -69,7 +70,7 @@ def difference(pairs: Pairs, board: str, tolerances: Mapping[str, Tolerance]) ->
     note = _cannot_be_paired(pairs)
     seeds = [] if note else pairs.seeds
     base, new = _values(pairs.base, seeds), _values(pairs.new, seeds)
-    change, remark = _presence(pairs, note) or _judged(base, new, rule.sense, tolerance, pairs)
+    change, remark = _presence(pairs, note) or _judged(base, new, rule.sense, tolerance, pairs, board)
     return Difference(
         name=pairs.name, unit=latest.unit, change=change, sense=rule.sense,
         base=_mean(base or _values(pairs.base)), new=_mean(new or _values(pairs.new)),
@@ -111,20 +112,22 @@ def _presence(pairs: Pairs, note: str) -> tuple[Change, str] | None:
 
 
 def _judged(
-    base: Sequence[float], new: Sequence[float], sense: Sense, tolerance: Tolerance, pairs: Pairs
+    base: Sequence[float], new: Sequence[float], sense: Sense, tolerance: Tolerance, pairs: Pairs, board: str
 ) -> tuple[Change, str]:
     """Return the change of paired numbers, with a remark where they alone do not say why."""
-    change, remark = _moved(base, new, sense, tolerance)
+    change, remark = _in_the_mean(base, new, sense, tolerance)
+    way, alone = _on_single_seeds(base, new, sense, tolerance) if board != "real" else (change, [])
+    if alone and (change in (Change.UNCHANGED, way) or way is Change.WORSE):
+        change, remark = way, f"moved alone{_on_seeds([pairs.seeds[index] for index in alone], pairs)}"
     again = "within its limit again" if _any_out(pairs.base) and not _any_out(pairs.new) else ""
     return change, "; ".join(filter(None, (again, remark)))
 
 
-def _moved(
+def _in_the_mean(
     base: Sequence[float], new: Sequence[float], sense: Sense, tolerance: Tolerance
 ) -> tuple[Change, str]:
-    costs = [(cost(before, sense), cost(after, sense)) for before, after in zip(base, new, strict=True)]
     if sense is not Sense.NEITHER:
-        before, after = (list(side) for side in zip(*costs, strict=True))
+        before, after = _costs(base, sense), _costs(new, sense)
         if _beyond(before, after, tolerance):
             if not _certain(before, after, tolerance):
                 return Change.UNCHANGED, "within what these seeds differ by"
@@ -136,6 +139,19 @@ def _moved(
     if tolerance == EXACT and any(_beyond([a], [b], EXACT) for a, b in zip(base, new, strict=True)):
         return Change.CHANGED, "the same in the mean, not on every seed"
     return Change.UNCHANGED, ""
+
+
+def _on_single_seeds(
+    base: Sequence[float], new: Sequence[float], sense: Sense, tolerance: Tolerance
+) -> tuple[Change, list[int]]:
+    """Return which pairs moved alone, and which way: those that got worse if there are any."""
+    if sense is not Sense.NEITHER:
+        before, after = _costs(base, sense), _costs(new, sense)
+        found = moved_alone(before, after, tolerance)
+        worse = [index for index in found if after[index] > before[index]]
+        if found:
+            return (Change.WORSE, worse) if worse else (Change.BETTER, found)
+    return Change.CHANGED, moved_alone(base, new, tolerance)
 
 
 def _is_out(measurement: Measurement | None) -> bool:
@@ -153,6 +169,10 @@ def _on_seeds(seeds: Sequence[Seed], pairs: Pairs) -> str:
     more = len(seeds) - _NAMED_AT_MOST
     named = ", ".join(map(str, seeds[:_NAMED_AT_MOST]))
     return f" on seed {named}{f' and {more} more' if more > 0 else ''}"
+
+
+def _costs(values: Sequence[float], sense: Sense) -> list[float]:
+    return [cost(value, sense) for value in values]
 
 
 def cost(value: float, sense: Sense) -> float:
