@@ -33,11 +33,29 @@ def read_json(path: Path, *, largest_bytes: int, otherwise: str) -> Any:
     ConfigError
         If it cannot be read or is not JSON in the sense of `parse_json`.
     """
-    content = read_bounded(path, largest_bytes=largest_bytes, otherwise=otherwise)
+    return parsed(path, read_bounded(path, largest_bytes=largest_bytes, otherwise=otherwise), otherwise=otherwise)
+
+
+def parsed(path: Path, content: bytes, *, otherwise: str) -> Any:
+    """Parse what `read_bounded` has read of a file.
+
+    Raises
+    ------
+    ConfigError
+        If it is not JSON in the sense of `parse_json`.
+    """
     try:
         return parse_json(content)
     except ValueError as error:
         raise ConfigError(f"{path}: not JSON: {error}; {otherwise}") from error
+
+
+def is_folder(path: Path) -> bool:
+    """Say whether there is a folder of this name; a name that no file can have is none, and what reads it says why."""
+    try:
+        return path.is_dir()
+    except OSError:
+        return False
 
 
 def read_bounded(path: Path, *, largest_bytes: int, otherwise: str) -> bytes:

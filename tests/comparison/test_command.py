@@ -193,3 +193,27 @@ def test_a_baseline_that_cannot_be_written_is_a_usage_error(changed: Changed, tm
     done = hiltest("baseline", "save", changed("run"), tmp_path / "none" / "baseline.json")
     assert done.returncode == 4
     assert "cannot write" in done.stderr
+
+
+def test_a_baseline_that_is_saved_again_keeps_its_history(changed: Changed, tmp_path: Path) -> None:
+    run, file = changed("run", values={"cycles.direct.total": 11_000}), tmp_path / "baseline.json"
+    assert hiltest("baseline", "save", changed("old"), file).returncode == 0
+    accepted = hiltest("baseline", "update", file, run, "--accept", "cycles.*", "--because", "it checks less")
+    assert accepted.returncode == 0, accepted.stderr
+    assert hiltest("baseline", "save", run, file).returncode == 0
+    saved = json.loads(file.read_text(encoding="utf-8"))
+    assert [(each["name"], each["because"]) for each in saved["history"]] == [
+        ("cycles.direct.total", "it checks less"), ("*", "renewed"),
+    ]
+    assert saved["history"][1]["build_id"] == saved["side"]["build_id"]
+
+
+def test_what_is_no_baseline_is_never_overwritten_by_one(changed: Changed, tmp_path: Path) -> None:
+    run = changed("run")
+    before = run.read_bytes()
+    for place in (run, run.parent, "."):
+        done = hiltest("baseline", "save", run, place)
+        assert (done.returncode, "cannot be read as a baseline" in done.stderr) == (4, True), done.stderr
+    assert run.read_bytes() == before
+    done = hiltest("baseline", "save", run, tmp_path / ("n" * 300))
+    assert (done.returncode, "cannot write" in done.stderr) == (4, True), done.stderr

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import pytest
 from hypothesis import given
@@ -274,6 +274,15 @@ def test_what_is_no_number_never_makes_a_pass(nothing: float | None) -> None:
     assert "on seed 2" in comparison.obstacles[0]
     assert only(over_seeds(name, nothing), over_seeds(name, 0.9)).change is Change.NEW
     assert only(over_seeds(name, nothing), over_seeds(name, nothing)).change is Change.UNCHANGED
+
+
+@pytest.mark.parametrize(("base", "new"), [(1.7e308, -1.7e308), (1.0, 1.7e308), (1.7e308, 1.0), (1e101, 1e101)])
+@pytest.mark.parametrize("seeds", [1, 8])
+def test_a_number_that_is_too_large_to_compare_is_an_obstacle(base: float, new: float, seeds: int) -> None:
+    name = "heading.direct.max"
+    comparison = compare(over_seeds(name, *[base] * seeds), over_seeds(name, *[new] * seeds))
+    assert comparison.obstacles[0].startswith(f"measurement gone: {name} (a number beyond 1e+100 is none")
+    assert asdict(comparison)["differences"][0]["delta"] is None
 
 
 def test_volatile_measurements_are_never_compared() -> None:

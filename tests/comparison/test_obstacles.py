@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +18,12 @@ from hiltest.comparison.evidence import Evidence
 from hiltest.comparison.model import Comparison
 from hiltest.errors import ConfigError
 from hiltest.report.evidence import read_evidence, together
+from hiltest.report.stored import read_stored
 from hiltest.rig_conditions import conditions_sha256
 from hiltest.rig_file import load_rig
 from hiltest.virtual.elf import load_image
+
+from .evidence import CONDITIONS, evidence, measurement
 
 Changed = Callable[..., Path]
 
@@ -83,6 +87,33 @@ def test_a_smaller_set_of_tests_is_one_and_a_larger_is_none(changed: Changed) ->
     (reason,) = compared(full, gate).obstacles
     assert reason == "a smaller set of tests: 'full' before, 'gate' now; run with --suite full"
     assert compared(gate, full).obstacles == ()
+
+
+def test_a_set_of_tests_that_is_not_known_is_one_unless_both_have_it() -> None:
+    gate, full = evidence([measurement("link.retried", 0)]), replace(CONDITIONS, suite="full")
+    nightly = replace(gate, conditions=replace(CONDITIONS, suite="nightly"))
+    for base, new in ((gate, nightly), (nightly, gate), (nightly, replace(gate, conditions=full))):
+        assert compare(base, new).obstacles[0].startswith("another set of tests: ")
+    assert compare(nightly, nightly).obstacles == ()
+
+
+def test_a_record_with_a_tolerance_that_is_none_is_refused(changed: Changed) -> None:
+    file = changed("run", {"rig.tolerances": {"compass.lag": [-1.0, 0.0]}})
+    with pytest.raises(ConfigError, match=r"rig\.tolerances\.compass\.lag: absolute must be a finite number"):
+        read_evidence(file)
+
+
+@pytest.mark.parametrize("ending", ["", ".json", ".jsonl"])
+def test_a_name_that_no_file_can_have_is_refused_in_one_line(tmp_path: Path, ending: str) -> None:
+    for read in (read_evidence, read_stored):
+        with pytest.raises(ConfigError, match="File name too long"):
+            read(tmp_path / ("n" * 300 + ending))
+
+
+def test_the_digest_is_of_what_was_read(changed: Changed) -> None:
+    file = changed("run")
+    read = read_stored(file)
+    assert read.sha256 == sha256(file.read_bytes()).hexdigest() == read_evidence(file).side.sha256
 
 
 def test_a_base_that_judged_a_calibration_file_needs_one(changed: Changed) -> None:

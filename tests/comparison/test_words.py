@@ -23,6 +23,7 @@ def test_all_of_it_stands_in_one_line() -> None:
     [
         (81.35, 238.9, "+157.6, +194 %"), (2.0, 2.0, "+0, +0 %"), (0.0, 0.3, "+0.3"), (-0.1, 0.2, "+0.3"),
         (-0.1, -0.2, "-0.1, -100 %"), (1.0, 1001.0, "+1 000, +100 000 %"), (10.0, 9.95, "-0.05, -0.5 %"),
+        (1e-300, 1e10, "+10 000 000 000"),
     ],
 )
 def test_percent_are_given_where_they_mean_something(base: float, new: float, words: str) -> None:

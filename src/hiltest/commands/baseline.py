@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,13 +34,17 @@ def baseline() -> None:
 def save(run: Path, file: Path) -> int:
     """Write FILE from RUN: all its measurements but the volatile ones.
 
-    RUN is a run.json, the folder of a run, or the folder of a campaign (hiltest run --seeds).
+    RUN is a run.json, the folder of a run, or the folder of a campaign (hiltest run --seeds). A baseline that is
+    there already is renewed: its history goes on.
     """
-    from hiltest.comparison.baseline import baseline_of
+    from hiltest.comparison.baseline import baseline_of, renewed
     from hiltest.report.evidence import read_evidence
     from hiltest.report.record import utc_now
 
+    before = _before(file)
     saved = baseline_of(read_evidence(run), utc_now())
+    if before is not None:
+        saved = renewed(saved, before)
     _write(saved, file)
     click.echo(f"{file}: {_counted(len(saved.measurements))} of build {saved.side.build_id}, {_seeds(saved)}")
     return 0
@@ -75,14 +80,29 @@ def update(file: Path, run: Path, names: tuple[str, ...], because: str) -> int:
     return 0
 
 
+def _before(file: Path) -> Baseline | None:
+    """Return the baseline that is there already, None when nothing is."""
+    from hiltest.comparison.baseline_file import read_baseline
+
+    try:
+        return read_baseline(file)
+    except ConfigError as error:
+        if not os.path.lexists(file):
+            return None
+        raise ConfigError(
+            f"{file}: what is there cannot be read as a baseline, and is not overwritten; remove it, or name another"
+        ) from error
+
+
 def _write(written: Baseline, file: Path, before: object = None) -> None:
     from hiltest.comparison.baseline_file import to_json
     from hiltest.report.record import write_atomically
 
     try:
         write_atomically(file, to_json(written, before))
-    except OSError as error:
-        raise ConfigError(f"cannot write {file}: {error.strerror}; name another file") from error
+    except (OSError, ValueError) as error:  # a name with a NUL is a ValueError
+        reason = getattr(error, "strerror", None) or error
+        raise ConfigError(f"cannot write {file}: {reason}; name another file") from error
 
 
 def _value(value: float | None) -> str:

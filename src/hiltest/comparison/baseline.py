@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
-from statistics import fmean
 from typing import Literal
 
 from hiltest.comparison.evidence import Conditions, Evidence, Seed
+from hiltest.comparison.interval import mean_value
 from hiltest.comparison.model import Side
 from hiltest.comparison.obstacles import obstacles
 from hiltest.errors import ConfigError
-from hiltest.measurement import Measurement, Outcome, round_significant
+from hiltest.measurement import Measurement, Outcome
 
 SCHEMA: Literal["hiltest.baseline/1"] = "hiltest.baseline/1"
 
@@ -42,6 +42,8 @@ class Accepted:
 
     Attributes
     ----------
+    name : str
+        ``*`` where all were, by saving a run over the file.
     was, now : float or None
         Means over the seeds; None where there was none, or is none any more.
     """
@@ -144,6 +146,12 @@ def accept(
     return replace(baseline, measurements=measurements, history=(*baseline.history, *history))
 
 
+def renewed(baseline: Baseline, before: Baseline) -> Baseline:
+    """Return a baseline that takes the place of another, whose history goes on."""
+    entry = Accepted("*", "renewed", baseline.saved_utc, baseline.side.build_id, None, None)
+    return replace(baseline, history=(*before.history, entry))
+
+
 def _refuse_another_bench(baseline: Baseline, run: Evidence) -> None:
     reasons = obstacles(evidence_from(baseline, "the baseline", ""), run, None, together=False)
     if reasons:
@@ -184,5 +192,4 @@ def _measurement(row: Row, index: int, seed: Seed) -> Measurement:
 
 
 def _mean(row: Row | None) -> float | None:
-    values = [] if row is None else [value for value in row.values if value is not None]
-    return round_significant(fmean(values)) if values else None
+    return mean_value([float(value) for value in row.values if value is not None]) if row else None

@@ -9,7 +9,7 @@ from statistics import fmean
 
 from hiltest.comparison.alone import moved_alone
 from hiltest.comparison.evidence import Seed
-from hiltest.comparison.interval import mean_interval
+from hiltest.comparison.interval import LARGEST, mean_interval, mean_value
 from hiltest.comparison.model import EXACT, Change, Difference, Sense, Tolerance
 from hiltest.comparison.rules import rule_of, tolerance_of
 from hiltest.measurement import SIGNIFICANT_DIGITS, Measurement, Outcome, round_significant
@@ -73,8 +73,8 @@ def difference(pairs: Pairs, board: str, tolerances: Mapping[str, Tolerance]) ->
     change, remark = _presence(pairs, note) or _judged(base, new, rule.sense, tolerance, pairs, board)
     return Difference(
         name=pairs.name, unit=latest.unit, change=change, sense=rule.sense,
-        base=_mean(base or _values(pairs.base)), new=_mean(new or _values(pairs.new)),
-        delta=_mean(_changes(base, new)), interval=_rounded(mean_interval(_changes(base, new))),
+        base=mean_value(base or _values(pairs.base)), new=mean_value(new or _values(pairs.new)),
+        delta=mean_value(_changes(base, new)), interval=_rounded(mean_interval(_changes(base, new))),
         seeds=len(seeds), tolerance=tolerance, limit=latest.limit, outcome=str(latest.outcome),
         cycle_model=latest.cycle_model, note=remark,
     )
@@ -93,6 +93,8 @@ def _cannot_be_paired(pairs: Pairs) -> str:
             return f"the {what} was {_listed(was)}, and is {_listed(now)}"
     if any(each.volatile for each in news):
         return "it is volatile now, and no longer compared"
+    if any(abs(number) > LARGEST for side in (pairs.base, pairs.new) for number in _values(side)):
+        return f"a number beyond {LARGEST:g} is none that can be compared"
     return ""
 
 
@@ -216,13 +218,6 @@ def _number(measurement: Measurement | None) -> float | int | None:
 
 def _has_number(measurement: Measurement | None) -> bool:
     return _number(measurement) is not None
-
-
-def _mean(values: Sequence[float]) -> float | int | None:
-    if not values:
-        return None
-    mean = round_significant(fmean(values))
-    return int(mean) if mean is not None and all(map(float.is_integer, values)) and mean == int(mean) else mean
 
 
 def _rounded(interval: tuple[float, float] | None) -> tuple[float, float] | None:

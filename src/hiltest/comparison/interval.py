@@ -4,10 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from statistics import NormalDist, mean, stdev
+from statistics import NormalDist, fmean, mean, stdev
+
+from hiltest.measurement import round_significant
 
 PAIRS_MINIMUM = 8
 """Below, an interval of Student's t says little: with 3 pairs it is 2.5 standard deviations wide to each side."""
+
+
+LARGEST = 1e100
+"""Nothing that is measured is so large, and sums of such squares still are numbers."""
+
+
+def mean_value(values: Sequence[float]) -> float | int | None:
+    """Return the mean as it is written; None for no values, and where one is beyond `LARGEST`."""
+    if not values or max(map(abs, values)) > LARGEST:
+        return None
+    mean = round_significant(fmean(values))
+    return int(mean) if mean is not None and all(map(float.is_integer, values)) and mean == int(mean) else mean
 
 
 def mean_interval(changes: Sequence[float]) -> tuple[float, float] | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from math import isfinite
 
 from hiltest.comparison.model import Change, Comparison, Difference
 from hiltest.measurement import readable
@@ -36,7 +37,8 @@ def moved(difference: Difference) -> str:
         return ""
     words = _signed(difference.delta)
     if difference.base and difference.base * (difference.new or 0.0) > 0:
-        words += f", {percent(100 * difference.delta / abs(difference.base))} %"
+        share = 100 * difference.delta / abs(difference.base)
+        words += f", {percent(share)} %" if isfinite(share) else ""
     if difference.interval is not None:
         low, high = difference.interval
         words += f", 95 % {_signed(low)} to {_signed(high)}"

@@ -14,7 +14,7 @@ from hiltest.comparison.model import Side, Tolerance
 from hiltest.errors import ConfigError
 from hiltest.report.journal import JOURNAL_FILE
 from hiltest.report.record import RUN_FILE, SEED_FOLDERS, SEEDS_FILE, Run
-from hiltest.strict_json import read_bounded
+from hiltest.strict_json import is_folder, read_bounded
 
 _A_BASELINE = re.compile(rb'"schema"\s*:\s*"%s/' % re.escape(BASELINE_SCHEMA.partition("/")[0]).encode())
 _LARGEST_BYTES = 32 * 1024 * 1024
@@ -38,8 +38,8 @@ def evidence_of(run: Run, *, file: str = "", sha256: str = "") -> Evidence:
             cycle_model=board.cycle_model,
         )
     side = replace(side, rig=rig.name if rig else "", seeds=() if run.seed is None else (run.seed,))
-    tolerances = {name: Tolerance(*each) for name, each in rig.tolerances.items()} if rig else {}
     name = file or "this run"
+    tolerances = _tolerances(run, name)
     fault = f"{name}: the run is not complete ({run.verdict.outcome}); run all of it again"
     return Evidence(
         side, _conditions(run), {run.seed: {each.name: each for each in run.measurements}}, tolerances,
@@ -60,7 +60,7 @@ def read_evidence(place: Path) -> Evidence:
     ConfigError
         If there is nothing of the kind, or it cannot be read; it says why and what to do.
     """
-    if place.is_dir():
+    if is_folder(place):
         seeds = sorted(each for each in place.glob(SEED_FOLDERS) if each.is_dir())
         if not _has_run(place):
             return _of_campaign(place, seeds) if seeds else _of_run(place)
@@ -129,11 +129,21 @@ def _has_run(folder: Path) -> bool:
     return (folder / RUN_FILE).exists() or (journal.is_file() and journal.stat().st_size > 0)
 
 
+def _tolerances(run: Run, file: str) -> dict[str, Tolerance]:
+    found = {}
+    for name, each in (run.rig.tolerances if run.rig else {}).items():
+        try:
+            found[name] = Tolerance(*each)
+        except ValueError as error:
+            raise ConfigError(f"{file}: rig.tolerances.{name}: {error}; run it again: hiltest run") from error
+    return found
+
+
 def _of_run(place: Path) -> Evidence:
     from hiltest.report.stored import read_stored
 
     stored = read_stored(place)
-    return evidence_of(stored.run, file=str(stored.path), sha256=sha256(stored.path.read_bytes()).hexdigest())
+    return evidence_of(stored.run, file=str(stored.path), sha256=stored.sha256)
 
 
 def _of_campaign(folder: Path, seeds: Sequence[Path]) -> Evidence:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from hiltest.errors import ConfigError
 from hiltest.report.record import SCHEMA, Run
-from hiltest.strict_json import read_json, shown
+from hiltest.strict_json import parsed, read_bounded, shown
 
 SCHEMA_FILE = Path(__file__).with_name("run.schema.json")
 LARGEST_BYTES = 32 * 1024 * 1024
@@ -55,21 +56,22 @@ def load_run(path: Path) -> Run:
     ConfigError
         If the file is missing, not JSON, of another schema, or has a field that is missing or wrong; it says which.
     """
-    return run_from(load_content(path), path)
+    return run_from(load_content(path)[0], path)
 
 
-def load_content(path: Path) -> dict[str, Any]:
-    """Read what JSON says in a ``run.json``, with every field that only a newer hiltest knows.
+def load_content(path: Path) -> tuple[dict[str, Any], str]:
+    """Read what JSON says in a ``run.json``, with every field that only a newer hiltest knows, and its SHA-256.
 
     Raises
     ------
     ConfigError
         If the file is missing, not JSON, or of another schema.
     """
-    content = read_json(path, largest_bytes=LARGEST_BYTES, otherwise=_OTHERWISE)
+    text = read_bounded(path, largest_bytes=LARGEST_BYTES, otherwise=_OTHERWISE)
+    content = parsed(path, text, otherwise=_OTHERWISE)
     check_schema(path, content)
     checked: dict[str, Any] = content
-    return checked
+    return checked, sha256(text).hexdigest()
 
 
 def check_schema(path: Path, content: object) -> None:

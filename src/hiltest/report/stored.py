@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,7 @@ from hiltest.report.journal import JOURNAL_FILE, is_going_on
 from hiltest.report.record import RUN_FILE, Run, Verdict, volatile_places
 from hiltest.report.schema import LARGEST_BYTES, check_schema, load_content, run_from
 from hiltest.report.verdict import unfinished_verdict
-from hiltest.strict_json import parse_json, read_bounded
+from hiltest.strict_json import is_folder, parse_json, read_bounded
 
 # A run can begin or finish between two looks at its folder.
 _TRIES = 3
@@ -34,6 +36,8 @@ class StoredRun:
         of this.
     path : Path
         ``run.json`` or the journal.
+    sha256 : str
+        Of that file as it was read.
     ended : bool
         Whether the run has come to its end, and the verdict is its own.
     """
@@ -41,6 +45,7 @@ class StoredRun:
     run: Run
     content: Mapping[str, Any]
     path: Path
+    sha256: str
     ended: bool
 
 
@@ -57,7 +62,7 @@ def read_stored(place: Path) -> StoredRun:
     ConfigError
         If there is none, or it cannot be read; says why and what to do.
     """
-    if not place.is_dir():
+    if not is_folder(place):
         return _from_journal(place) if place.name.endswith(".jsonl") else _from_record(place)
     record, journal = place / RUN_FILE, place / JOURNAL_FILE
     for _ in range(_TRIES):
@@ -76,8 +81,8 @@ class _NothingRecordedError(ConfigError):
 
 
 def _from_record(path: Path) -> StoredRun:
-    content = load_content(path)
-    return StoredRun(run_from(content, path), content, path, ended=True)
+    content, digest = load_content(path)
+    return StoredRun(run_from(content, path), content, path, digest, ended=True)
 
 
 def _from_journal(path: Path) -> StoredRun:
@@ -85,10 +90,11 @@ def _from_journal(path: Path) -> StoredRun:
     # come to its end counts as cut short.
     try:
         going_on = is_going_on(path)
-        lines = read_bounded(path, largest_bytes=LARGEST_BYTES, otherwise=_OTHERWISE).split(b"\n")
+        text = read_bounded(path, largest_bytes=LARGEST_BYTES, otherwise=_OTHERWISE)
     except (OSError, ConfigError) as error:
         said = f"{path}: {error.strerror}" if isinstance(error, OSError) else str(error)
-        raise (ConfigError if path.exists() else _NothingRecordedError)(said) from error
+        raise (ConfigError if os.path.lexists(path) else _NothingRecordedError)(said) from error
+    lines = text.split(b"\n")
     # What follows the last line's end was being written when the process ended.
     entries = [_entry(path, number, line) for number, line in enumerate(lines[:-1], 1)]
     starts = [index for index, entry in enumerate(entries) if entry.get("kind") == "start"]
@@ -107,7 +113,7 @@ def _from_journal(path: Path) -> StoredRun:
         {**read, "note": each.note} for read, each in zip(content["measurements"], run.measurements, strict=True)
     ]
     settled = {"verdict": asdict(run.verdict), "measurements": noted, "volatile": run.volatile}
-    return StoredRun(run, content | settled, path, ended)
+    return StoredRun(run, content | settled, path, sha256(text).hexdigest(), ended)
 
 
 def _entry(path: Path, number: int, line: bytes) -> dict[str, Any]:
