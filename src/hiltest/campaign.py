@@ -206,7 +206,8 @@ def campaign_sentence(
     code = campaign_exit_code(results, may_fail=may_fail, comparison=comparison)
     word = _word(results, may_fail=may_fail, comparison=comparison).upper()
     sentence = "; ".join([f"{passed} of {len(results)} seeds pass{which}{allowed}", *headings]) + f": {word}."
-    return f"{sentence} {judged_words(comparison, passes=code == 0)}".rstrip()
+    chosen = any(each.evidence is not None and each.evidence.chosen for each in results)
+    return f"{sentence} {judged_words(comparison, passes=code == 0, chosen=chosen)}".rstrip()
 
 
 def _inexcusable(results: Sequence[SeedResult]) -> list[int]:

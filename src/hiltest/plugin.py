@@ -7,7 +7,7 @@ here: no numpy, no pydantic, no emulator until a test asks for a board.
 from __future__ import annotations
 
 import sys
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 
 import pytest
 
@@ -24,7 +24,7 @@ from hiltest.fixtures import (
     turntable,
 )
 from hiltest.found import CAUSE, FOUND, FOUND_AT_ITS_END, FOUND_HERE, GATING, REASON, TRACE, carry_over, pack
-from hiltest.gate_set import leave_out_full
+from hiltest.gate_set import MARKER, leave_out_full
 from hiltest.needs import uses_board, uses_hiltest
 from hiltest.session import NOT_JUDGED, SESSION, HilSession
 from hiltest.settings import add_options, resolve
@@ -78,6 +78,14 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     hil = config.stash[SESSION]
     if hil.settings.suite == "gate":
         hil.left_out = leave_out_full(config, items, [each for each in items if uses_hiltest(each)])
+
+
+def pytest_deselected(items: Sequence[pytest.Item]) -> None:
+    """Note that tests of the set were left out, by ``-k``, ``-m`` or whatever else."""
+    for item in items:
+        hil = item.config.stash[SESSION]
+        in_set = hil.settings.suite == "full" or item.get_closest_marker(MARKER) is None
+        hil.deselected |= in_set and uses_hiltest(item)
 
 
 # First, so that the board is known when other plugins report what was collected.

@@ -99,6 +99,7 @@ class Recording:
 
         self._recorder.found(self._hil.end(), ())
         self._recorder.finished(None)
+        self._recorder.findings.chosen = self._hil.chose_ours
         stopped = bool(session.shouldstop or session.shouldfail)
         left_out = self._hold_to_the_rig(left_out=stopped or exitstatus > 1 or self._hil.chose_tests)
         cut_short = stopped or self._finished < session.testscollected

@@ -63,6 +63,8 @@ class HilSession:
         What ``--hil-calibration`` named.
     left_out : LeftOut
         Tests of the full set.
+    deselected : bool
+        Whether tests of hiltest that the set has were deselected.
     only_benchmarks : bool
         Whether pytest was asked for benchmarks of device cycles and for no other test of ours.
     base : Path or None
@@ -89,6 +91,7 @@ class HilSession:
         self._recorder: Recorder | None = None
         self._made_folder = False
         self.left_out = LeftOut()
+        self.deselected = False
         self.base = settings.baseline
         self.base_ran_here = False
         self.gate: Gate | None = None
@@ -301,6 +304,17 @@ class HilSession:
         given = vars(self.config.option)
         if any(given.get(name) for name in _CHOICES):
             return True
+        return self._named_tests
+
+    @property
+    def chose_ours(self) -> bool:
+        """Whether tests of hiltest may be missing by the user's choice: ``-m hil`` leaves out only others."""
+        given = vars(self.config.option)
+        not_collected = any(given.get(name) for name in ("ignore", "ignore_glob", "lf"))
+        return self.deselected or self.only_benchmarks or not_collected or self._named_tests
+
+    @property
+    def _named_tests(self) -> bool:
         named = self.config.args if self.config.args_source is pytest.Config.ArgsSource.ARGS else []
         here = self.config.invocation_params.dir
         return bool(named) and not any("::" not in each and (here / each).is_dir() for each in named)

@@ -37,7 +37,8 @@ class Worker:
         self._board: dict[str, Any] | None = None
         # Filled until the session ends, which sends it.
         self._told: dict[str, Any] = {
-            "measurements": [], "left_out": ([], ""), "only_benchmarks": False, "usage_error": "",
+            "measurements": [], "left_out": ([], ""), "only_benchmarks": False, "deselected": False,
+            "usage_error": "",
         }  # fmt: skip
         hil.config.workeroutput[_OUTPUT] = self._told  # type: ignore[attr-defined]
 
@@ -61,6 +62,7 @@ class Worker:
             raise
         self._told["left_out"] = (list(self._hil.left_out.tests), self._hil.left_out.how)
         self._told["only_benchmarks"] = self._hil.only_benchmarks
+        self._told["deselected"] = self._hil.deselected
         return result
 
     # First: the board is open, or known to be lost, before anything of the test is set up.
@@ -183,6 +185,7 @@ class Controller:
         tests, how = told["left_out"]
         self._hil.left_out = LeftOut(tuple(tests), how)
         self._hil.only_benchmarks = told["only_benchmarks"]
+        self._hil.deselected = told["deselected"]
         if self._recording is not None:
             self._recording.found(told["measurements"])
 

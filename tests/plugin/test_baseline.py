@@ -200,6 +200,38 @@ def test_a_choice_of_tests_is_no_pass(pytester: pytest.Pytester, options: list[s
     assert "measurement gone: lamp.life" in sentence
 
 
+@pytest.mark.parametrize(
+    ("options", "chosen"),
+    [
+        ((), False), (("-k", "current"), True), (("test_lamp.py::test_current",), True),
+        (("--deselect=test_lamp.py::test_life",), True), (("-m", "not plain"), False), (("-k", "current", "-n1"), True),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
+)  # fmt: skip
+def test_a_choice_of_tests_is_no_baseline_and_no_base_of_a_whole_run(
+    pytester: pytest.Pytester, options: tuple[str, ...], chosen: bool
+) -> None:
+    if "-n1" in options:
+        pytest.importorskip("xdist")
+    pytester.makepyfile(test_lamp=LAMP + "\n@pytest.mark.plain\ndef test_plain():\n    pass\n")
+    pytester.makeini("[pytest]\nmarkers =\n    plain: of no bench\n")
+    run = pytester.runpytest_subprocess if "-n1" in options else pytester.runpytest_inprocess
+    assert run("--hil-out=base", *options).ret == 0
+    saved = pytester.run(sys.executable, "-m", "hiltest", "baseline", "save", "base", "base.json")
+    assert saved.ret == (4 if chosen else 0)
+    if chosen:
+        assert "only chosen tests ran" in saved.stderr.str()
+    code, sentence = judged(pytester)
+    assert code == (22 if chosen else 0)
+    assert ("base/run.json: only chosen tests ran before" in sentence) is chosen
+    if not options:
+        assert sentence.endswith(": may be merged.")
+    if options == ("-k", "current"):
+        code, sentence = judged(pytester, *options)
+        assert code == 0
+        assert sentence.endswith(" unchanged: only the chosen tests were compared.")
+
+
 @pytest.mark.usefixtures("base")
 def test_a_choice_that_leaves_no_test_of_hiltest_is_no_pass(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(test_plain="def test_plain():\n    pass\n")

@@ -87,11 +87,16 @@ def baseline_of(evidence: Evidence, saved_utc: str) -> Baseline:
     Raises
     ------
     ConfigError
-        If the run was cut short, no board answered, or nothing has a number.
+        If the run was cut short or only chosen tests ran, no board answered, or nothing has a number.
     """
     if evidence.faults or evidence.conditions is None:
         reason = evidence.faults[0] if evidence.faults else f"{evidence.name}: no board answered"
         raise ConfigError(f"{reason}; a baseline is a run that is whole")
+    if evidence.chosen:
+        raise ConfigError(
+            f"{evidence.name}: only chosen tests ran; a baseline is a run that is whole: run all of them, without -k, "
+            "-m or names of tests"
+        )
     seeds = tuple(evidence.measurements)
     names = {name for each in evidence.measurements.values() for name in each}
     rows = tuple(row for name in sorted(names) if (row := _row(evidence, name, seeds)) is not None)

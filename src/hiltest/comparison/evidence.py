@@ -62,6 +62,8 @@ class Evidence:
         Of the rig, by exact name.
     faults : tuple of str
         Why this side is no evidence, one line each, with what to do: such as a run that was cut short.
+    chosen : bool
+        Whether only chosen tests ran: it is like a run with the same choice, and nothing to keep.
     """
 
     side: Side
@@ -69,6 +71,7 @@ class Evidence:
     measurements: Mapping[Seed, Mapping[str, Measurement]]
     tolerances: Mapping[str, Tolerance] = field(default_factory=dict)
     faults: tuple[str, ...] = ()
+    chosen: bool = False
 
     @property
     def name(self) -> str:

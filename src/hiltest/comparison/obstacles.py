@@ -29,7 +29,8 @@ def obstacles(
     """
     return (
         *base.faults, *new.faults, *_of_conditions(base, new), *_of_builds(base, new, together=together),
-        *_of_seeds(base, new), *(() if differences is None else _of_measurements(base, new, differences)),
+        *_of_choice(base, new), *_of_seeds(base, new),
+        *(() if differences is None else _of_measurements(base, new, differences)),
     )
 
 
@@ -87,6 +88,12 @@ def _of_builds(base: Evidence, new: Evidence, *, together: bool) -> Iterator[str
     elif was != now:
         lost, added = _without(was, now), _without(now, was)
         yield f"other compiler flags: {_gone_and_added(lost, added)}; {advice}"
+
+
+def _of_choice(base: Evidence, new: Evidence) -> Iterator[str]:
+    # What it did not measure would be new, and new is no regression. The other way round it would be gone.
+    if base.chosen and not new.chosen:
+        yield f"{base.name}: only chosen tests ran before, and all now; run all of them for a base"
 
 
 def _of_seeds(base: Evidence, new: Evidence) -> Iterator[str]:

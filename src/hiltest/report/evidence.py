@@ -43,7 +43,7 @@ def evidence_of(run: Run, *, file: str = "", sha256: str = "") -> Evidence:
     fault = f"{name}: the run is not complete ({run.verdict.outcome}); run all of it again"
     return Evidence(
         side, _conditions(run), {run.seed: {each.name: each for each in run.measurements}}, tolerances,
-        () if run.verdict.complete else (fault,),
+        () if run.verdict.complete else (fault,), run.chosen,
     )
 
 
@@ -104,7 +104,8 @@ def together(runs: Sequence[Evidence], file: str) -> Evidence:
         first.side, file=file, sha256=digest, seeds=tuple(seed for each in runs for seed in each.side.seeds),
         saved_utc=max(each.side.saved_utc for each in runs),
     )
-    return Evidence(side, first.conditions, measurements, first.tolerances, tuple(faults))
+    chosen = any(each.chosen for each in runs)
+    return Evidence(side, first.conditions, measurements, first.tolerances, tuple(faults), chosen)
 
 
 def no_evidence(file: str) -> Evidence:

@@ -8,7 +8,7 @@ from hiltest.comparison.words import SHOWN, numbers
 _NAMED_AT_MOST = 2
 
 
-def judged_words(comparison: Comparison | None, *, passes: bool) -> str:
+def judged_words(comparison: Comparison | None, *, passes: bool, chosen: bool = False) -> str:
     """Return what got better and what got worse since the base, in one sentence; nothing without a base.
 
     Parameters
@@ -16,6 +16,8 @@ def judged_words(comparison: Comparison | None, *, passes: bool) -> str:
     comparison : Comparison or None
     passes : bool
         Whether the run passes: only then may the change be merged.
+    chosen : bool, optional
+        Whether only chosen tests ran: what the others would have said is not known then.
     """
     if comparison is None:
         return ""
@@ -29,7 +31,7 @@ def judged_words(comparison: Comparison | None, *, passes: bool) -> str:
     if comparison.regression:
         merge = ": not to be merged"
     elif passes:
-        merge = ": may be merged"
+        merge = ": only the chosen tests were compared" if chosen else ": may be merged"
     return f"Against {base}: {'; '.join(filter(None, counts)) or 'nothing measured'}{merge}."
 
 

@@ -185,6 +185,8 @@ class Run:
         With the baseline or the older firmware that the run was judged against.
     other_attempts : tuple of Measurement
         What the other attempts of tests that were run again measured; the worst stands under `measurements`.
+    chosen : bool
+        Whether the user chose among the tests of hiltest, so that some of the set did not run.
     """
 
     schema: Literal["hiltest.run/1"]
@@ -204,6 +206,7 @@ class Run:
     volatile: tuple[str, ...] = ()
     comparison: Comparison | None = None
     other_attempts: tuple[Measurement, ...] = ()
+    chosen: bool = False
 
     def measurement(self, name: str) -> Measurement | None:
         """Return the measurement of this name, None when it was not made."""
@@ -231,6 +234,7 @@ class Findings:
     tables: dict[str, Table] = field(default_factory=dict)
     comparison: Comparison | None = None
     other_attempts: list[Measurement] = field(default_factory=list)
+    chosen: bool = False
 
     def take(self, measurement: Measurement) -> None:
         """Take a measurement; of several attempts the worst counts."""
@@ -250,7 +254,7 @@ class Findings:
             started_utc=self.started_utc, finished_utc=finished_utc, tests=tuple(self.tests),
             measurements=tuple(marked(each) if each.name in several else each for each in measurements),
             tables=tuple(self.tables[name].rounded() for name in sorted(self.tables)), comparison=self.comparison,
-            other_attempts=tuple(each.rounded() for each in self.other_attempts),
+            other_attempts=tuple(each.rounded() for each in self.other_attempts), chosen=self.chosen,
         )
         return replace(run, volatile=volatile_places(run))
 

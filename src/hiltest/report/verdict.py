@@ -230,7 +230,7 @@ def _sentence(findings: Findings, word: str, left_out: Sequence[str]) -> str:
     sentence = "; ".join(parts) + f": {word.upper()}." if parts else f"{word.upper()}."
     return " ".join(filter(None, (
         sentence, *_remarks(findings, results), _left_out_words(left_out),
-        judged_words(findings.comparison, passes=word == WORDS[ExitCode.OK]),
+        judged_words(findings.comparison, passes=word == WORDS[ExitCode.OK], chosen=findings.chosen),
     )))
 
 
