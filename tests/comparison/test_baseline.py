@@ -14,7 +14,7 @@ from hiltest.comparison.compare import compare
 from hiltest.comparison.evidence import Evidence
 from hiltest.comparison.model import Change
 from hiltest.errors import ConfigError
-from hiltest.measurement import Outcome
+from hiltest.measurement import Limit, Outcome
 from hiltest.report.evidence import read_evidence
 
 from .evidence import CONDITIONS, evidence, measurement
@@ -162,3 +162,18 @@ def test_a_baseline_of_nothing_is_neither_written_nor_read(baseline: Baseline, t
     file.write_text(to_json(replace(baseline, measurements=())), encoding="utf-8")
     with pytest.raises(ConfigError, match="measurements is empty"):
         read_baseline(file)
+
+
+def test_the_sense_of_one_s_own_measurement_goes_through_a_baseline(tmp_path: Path) -> None:
+    file = tmp_path / "base.json"
+    sides = []
+    for lag in (8.0, 9.0):
+        made = evidence([measurement("compass.lag", lag, limit=Limit(max=10)), measurement("link.retried", 0)])
+        file.write_text(to_json(baseline_of(made, THEN)), encoding="utf-8")
+        sides.append(read_baseline_evidence(file))
+    (found,) = compare(*sides).of(Change.WORSE)
+    assert (found.name, found.limit) == ("compass.lag", Limit(max=10))
+    text = file.read_text(encoding="utf-8")
+    assert text.count('"limit"') == 1  # one that has none is written as ever
+    file.write_text(text.replace(', "limit": {"min": null, "max": 10}', ""), encoding="utf-8")
+    assert {row.limit for row in read_baseline(file).measurements} == {None}

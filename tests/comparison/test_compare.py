@@ -182,6 +182,13 @@ def test_the_limit_says_which_way_a_measurement_of_one_s_own_gets_better(
     assert (found.sense, found.change, found.limit) == (sense, change, limit)
 
 
+def test_a_limit_that_the_change_under_test_drops_still_says_which_way_is_better() -> None:
+    base, new = over_seeds("compass.lag", 4.0, limit=Limit(max=9)), over_seeds("compass.lag", 5.0)
+    found = only(base, new)
+    assert (found.change, found.sense) == (Change.WORSE, Sense.SMALLER)
+    assert found.note == "it has no limit any more; it was at most 9"
+
+
 def test_a_bias_that_only_turns_its_sign_is_neither_better_nor_worse() -> None:
     found = only(over_seeds("heading.direct.bias", -0.3), over_seeds("heading.direct.bias", 0.3))
     assert (found.change, found.delta) == (Change.CHANGED, 0.6)

@@ -133,6 +133,24 @@ def test_both_firmwares_in_one_session_may_be_of_two_compilers_and_nothing_else(
     assert reason.startswith("another rig")
 
 
+def test_flags_in_another_order_or_twice_are_the_same_flags() -> None:
+    base = evidence([measurement("link.retried", 0)])
+    new = replace(base, conditions=replace(CONDITIONS, compiler_flags=("-g", "-O2", "-g")))
+    assert compare(base, new).obstacles == ()
+
+
+def test_of_two_firmwares_in_one_session_no_baseline_is_to_be_renewed() -> None:
+    base = evidence([measurement("link.retried", 0)])
+    unlike = replace(
+        CONDITIONS, rig_sha256="00" * 32, calibrators=(), sensors=(), protocol_version=5, poses="level"
+    )
+    new = replace(base, conditions=unlike, side=replace(base.side, cycle_model="dwt"), measurements={1: {}})
+    assert "baseline" in " ".join(compare(base, new).obstacles)
+    reasons = compare(base, new, together=True).obstacles
+    assert len(reasons) == 7
+    assert "baseline" not in " ".join(reasons)
+
+
 def test_a_measurement_that_is_gone_is_named_with_the_way_to_accept_it(changed: Changed) -> None:
     (reason,) = compared(changed("base"), changed("new", values={"heading.direct.max": None})).obstacles
     assert reason == (

@@ -12,7 +12,7 @@ from hiltest.comparison.interval import mean_value
 from hiltest.comparison.model import Side
 from hiltest.comparison.obstacles import obstacles
 from hiltest.errors import ConfigError
-from hiltest.measurement import Measurement, Outcome
+from hiltest.measurement import Limit, Measurement, Outcome
 
 SCHEMA: Literal["hiltest.baseline/1"] = "hiltest.baseline/1"
 
@@ -27,6 +27,8 @@ class Row:
         In the order of the baseline's seeds; None where there was no number.
     failed : tuple of int or None
         Seeds on which it was out of its limit.
+    limit : Limit or None
+        That it had; None too in a file from before it was kept.
     """
 
     name: str
@@ -34,6 +36,7 @@ class Row:
     cycle_model: str
     values: tuple[float | int | None, ...]
     failed: tuple[int | None, ...] = ()
+    limit: Limit | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,12 +191,13 @@ def _row(evidence: Evidence, name: str, seeds: Sequence[Seed]) -> Row | None:
     if first is None or first.volatile or all(value is None for value in values):
         return None
     failed = tuple(seed for seed, each in made.items() if each is not None and each.outcome is Outcome.FAIL)
-    return Row(name, first.unit, first.cycle_model, values, failed)
+    limit = next((each.limit for each in made.values() if each is not None and each.limit is not None), None)
+    return Row(name, first.unit, first.cycle_model, values, failed, limit)
 
 
 def _measurement(row: Row, index: int, seed: Seed) -> Measurement:
     outcome = Outcome.FAIL if seed in row.failed else Outcome.INFORMATION
-    return Measurement(row.name, row.values[index], row.unit, outcome=outcome, cycle_model=row.cycle_model)
+    return Measurement(row.name, row.values[index], row.unit, row.limit, outcome=outcome, cycle_model=row.cycle_model)
 
 
 def _mean(row: Row | None) -> float | None:

@@ -11,8 +11,8 @@ from hiltest.comparison.alone import moved_alone
 from hiltest.comparison.evidence import Seed
 from hiltest.comparison.interval import LARGEST, mean_interval, mean_value
 from hiltest.comparison.model import EXACT, Change, Difference, Sense, Tolerance
-from hiltest.comparison.rules import rule_of, tolerance_of
-from hiltest.measurement import SIGNIFICANT_DIGITS, Measurement, Outcome, round_significant
+from hiltest.comparison.rules import is_known, rule_of, tolerance_of
+from hiltest.measurement import SIGNIFICANT_DIGITS, Limit, Measurement, Outcome, round_significant
 
 #: Values are written with so many significant digits; what two of them differ by in the last one is no difference.
 _LAST_DIGIT = 10.0 ** (1 - SIGNIFICANT_DIGITS)
@@ -46,6 +46,12 @@ class Pairs:
         ]
 
     @property
+    def limit(self) -> Limit | None:
+        """The base's, which a change under test cannot take away; where there is none the new run's."""
+        made = (*self.base.values(), *self.new.values())
+        return next((each.limit for each in made if each and each.limit), None)
+
+    @property
     def latest(self) -> Measurement:
         """The new run's, or where there is none the base's; over several seeds one that gates, if any."""
         made = [each for each in self.new.values() if each] or [each for each in self.base.values() if each]
@@ -65,7 +71,7 @@ def difference(pairs: Pairs, board: str, tolerances: Mapping[str, Tolerance]) ->
         Of the rig, by exact name.
     """
     latest = pairs.latest
-    rule = rule_of(pairs.name, latest.limit)
+    rule = rule_of(pairs.name, pairs.limit)
     tolerance = tolerance_of(pairs.name, rule, board, tolerances)
     note = _cannot_be_paired(pairs)
     seeds = [] if note else pairs.seeds
@@ -76,8 +82,15 @@ def difference(pairs: Pairs, board: str, tolerances: Mapping[str, Tolerance]) ->
         base=mean_value(base or _values(pairs.base)), new=mean_value(new or _values(pairs.new)),
         delta=mean_value(_changes(base, new)), interval=_rounded(mean_interval(_changes(base, new))),
         seeds=len(seeds), tolerance=tolerance, limit=latest.limit, outcome=str(latest.outcome),
-        cycle_model=latest.cycle_model, note=remark,
+        cycle_model=latest.cycle_model, note="; ".join(filter(None, (remark, _lost_limit(pairs)))),
     )
+
+
+def _lost_limit(pairs: Pairs) -> str:
+    """Return a remark on a sense that the new run itself does not tell any more."""
+    if is_known(pairs.name) or pairs.limit is None or any(each is None or each.limit for each in pairs.new.values()):
+        return ""
+    return f"it has no limit any more; it was {pairs.limit}"
 
 
 def _cannot_be_paired(pairs: Pairs) -> str:

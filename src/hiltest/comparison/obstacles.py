@@ -28,27 +28,29 @@ def obstacles(
         Whether both firmwares ran in one session: compiler and flags may then differ.
     """
     return (
-        *base.faults, *new.faults, *_of_conditions(base, new), *_of_builds(base, new, together=together),
-        *_of_choice(base, new), *_of_seeds(base, new),
-        *(() if differences is None else _of_measurements(base, new, differences)),
+        *base.faults, *new.faults, *_of_conditions(base, new, together=together),
+        *_of_builds(base, new, together=together), *_of_choice(base, new), *_of_seeds(base, new),
+        *(() if differences is None else _of_measurements(base, new, differences, together=together)),
     )
 
 
-def _of_conditions(base: Evidence, new: Evidence) -> Iterator[str]:
+def _of_conditions(base: Evidence, new: Evidence, *, together: bool) -> Iterator[str]:
+    renew = _or_renew(together=together)
     was, now = base.conditions, new.conditions
     if was is None or now is None:
         yield from (f"{each.name}: no board answered; run it again" for each in (base, new) if each.conditions is None)
         return
     if was.board != now.board:
         yield f"another kind of board: {was.board} before, {now.board} now; compare runs of one kind"
-    yield from _of_rigs(base, new, was, now)
+    yield from _of_rigs(base, new, was, now, renew)
     if set(was.sensors) != set(now.sensors):
         lost, added = _without(was.sensors, now.sensors), _without(now.sensors, was.sensors)
-        yield f"other sensors: {_gone_and_added(lost, added)}; put them back, or {_RENEW}"
+        yield f"other sensors: {_gone_and_added(lost, added)}; put them back{renew}"
     if lost := _without(was.calibrators, now.calibrators):
-        yield f"calibrator missing: the firmware has no {lost} any more; put it back, or {_RENEW}"
+        yield f"calibrator missing: the firmware has no {lost} any more; put it back{renew}"
     if was.protocol_version != now.protocol_version:
-        yield f"another protocol: version {was.protocol_version} before, {now.protocol_version} now; {_RENEW}"
+        versions = f"version {was.protocol_version} before, {now.protocol_version} now"
+        yield f"another protocol: {versions}; build both of one{renew}"
     if was.poses != now.poses:
         yield f"other poses: {was.poses!r} before, {now.poses!r} now; run with --poses {was.poses}"
     if now.suite != was.suite and (was.suite, now.suite) != _A_LARGER_SUITE:
@@ -58,14 +60,14 @@ def _of_conditions(base: Evidence, new: Evidence) -> Iterator[str]:
         yield "no calibration file: the base judged one; run with --calibration FILE"
 
 
-def _of_rigs(base: Evidence, new: Evidence, was: Conditions, now: Conditions) -> Iterator[str]:
+def _of_rigs(base: Evidence, new: Evidence, was: Conditions, now: Conditions, renew: str) -> Iterator[str]:
     unknown = [each.name for each, conditions in ((base, was), (new, now)) if not conditions.rig_sha256]
     if unknown:
         yield f"{' and '.join(unknown)}: the record does not say what rig it is of; run it again with this hiltest"
     elif was.rig_sha256 != now.rig_sha256:
         yield (
             f"another rig: {base.side.rig} ({was.rig_sha256[:8]}) before, {new.side.rig} ({now.rig_sha256[:8]}) now; "
-            f"use the same --rig, or {_RENEW}"
+            f"use the same --rig{renew}"
         )
 
 
@@ -73,7 +75,7 @@ def _of_builds(base: Evidence, new: Evidence, *, together: bool) -> Iterator[str
     if base.side.cycle_model != new.side.cycle_model:
         yield (
             f"another cycle model: {base.side.cycle_model} before, {new.side.cycle_model} now; cycles of different "
-            f"models are never compared: {_RENEW}"
+            f"models are never compared; measure both with one{_or_renew(together=together)}"
         )
     if together or base.conditions is None or new.conditions is None:
         return
@@ -85,7 +87,7 @@ def _of_builds(base: Evidence, new: Evidence, *, together: bool) -> Iterator[str
         unknown = base.name if now else new.name
         if was or now:
             yield f"{unknown}: nothing tells its compiler flags; build it with debugging information (-g)"
-    elif was != now:
+    elif set(was) != set(now):
         lost, added = _without(was, now), _without(now, was)
         yield f"other compiler flags: {_gone_and_added(lost, added)}; {advice}"
 
@@ -102,19 +104,24 @@ def _of_seeds(base: Evidence, new: Evidence) -> Iterator[str]:
         yield f"no seed in common: {was} before, {now} now; run with a seed of the base"
 
 
-def _of_measurements(base: Evidence, new: Evidence, differences: Sequence[Difference]) -> Iterator[str]:
+def _of_measurements(
+    base: Evidence, new: Evidence, differences: Sequence[Difference], *, together: bool
+) -> Iterator[str]:
     gone = [each for each in differences if each.change is Change.GONE]
     for each in gone[:_NAMED_AT_MOST]:
         why = f" ({each.note})" if each.note else ""
-        yield (
-            f"measurement gone: {each.name}{why}; bring it back, or accept that with "
-            f"`hiltest baseline update FILE RUN --accept {each.name} --because TEXT`"
-        )
+        accept = f", or accept that with `hiltest baseline update FILE RUN --accept {each.name} --because TEXT`"
+        yield f"measurement gone: {each.name}{why}; bring it back{'' if together else accept}"
     if len(gone) > _NAMED_AT_MOST:
         yield f"measurements gone: {len(gone) - _NAMED_AT_MOST} more, {gone[_NAMED_AT_MOST].name} among them"
     compared = any(each.seeds and each.name != _SAYS_NOTHING for each in differences)
     if not compared and not gone and set(base.measurements) & set(new.measurements):
         yield f"nothing was compared: {base.name} and {new.name} have no number in common; name another base"
+
+
+def _or_renew(*, together: bool) -> str:
+    """Return the other way out; two firmwares in one session have no baseline that could be renewed."""
+    return "" if together else f", or {_RENEW}"
 
 
 def _without(these: Sequence[str], those: Sequence[str]) -> str:
