@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -284,7 +285,8 @@ def test_benchmarks_alone_are_held_to_no_limit_of_the_rig_and_beside_others_they
 
 
 def test_a_histogram_has_a_word_for_the_unit(pytester: pytest.Pytester) -> None:
-    pytest.importorskip("pygal")
+    if find_spec("pygal") is None:  # not imported: it replaces how this whole process finds packages
+        pytest.skip("pygal is not installed")
     pytester.makepyfile(fit([100, 110]))
     assert pytester.runpytest_subprocess("--benchmark-histogram=plot").ret == 0
     (file,) = pytester.path.glob("plot-*.svg")
