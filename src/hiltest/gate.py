@@ -8,6 +8,7 @@ from pathlib import Path
 from hiltest.comparison.compare import compare, not_compared
 from hiltest.comparison.evidence import Evidence
 from hiltest.comparison.model import Comparison
+from hiltest.comparison.words import build
 from hiltest.errors import ConfigError
 from hiltest.report.evidence import read_evidence
 
@@ -44,7 +45,7 @@ class Gate:
             return f"base: {self.reason}; the run cannot end with a pass"
         side = self.base.side
         seeds = ", ".join(map(str, side.seeds))
-        return f"base: {self.file}, firmware {side.firmware} {side.version} build {side.build_id}, seeds {seeds}"
+        return f"base: {self.file}, firmware {side.firmware} {side.version} {build(side)}, seeds {seeds}"
 
 
 def read_gate(place: Path, *, together: bool = False) -> Gate:

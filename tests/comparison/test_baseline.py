@@ -8,11 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.comparison.baseline import Accepted, Baseline, accept, baseline_of, evidence_from
+from hiltest.comparison.acceptance import accept
+from hiltest.comparison.baseline import Accepted, Baseline, baseline_of, evidence_from
 from hiltest.comparison.baseline_file import read_baseline, read_baseline_evidence, to_json
 from hiltest.comparison.compare import compare
 from hiltest.comparison.evidence import Evidence
 from hiltest.comparison.model import Change
+from hiltest.comparison.words import build
 from hiltest.errors import ConfigError
 from hiltest.measurement import Limit, Outcome
 from hiltest.report.evidence import read_evidence
@@ -22,7 +24,9 @@ from .evidence import CONDITIONS, evidence, measurement
 THEN, NOW = "2026-01-02T03:04:05Z", "2026-02-03T04:05:06Z"
 
 
-def run(direct: float | None = 11_061, heading: float | None = 0.9, lag: float | None = 8.0) -> Evidence:
+def run(
+    direct: float | None = 11_061, heading: float | None = 0.9, lag: float | None = 8.0, *, build: str = ""
+) -> Evidence:
     """Return a run over two seeds."""
     made = [
         [
@@ -34,7 +38,8 @@ def run(direct: float | None = 11_061, heading: float | None = 0.9, lag: float |
         ]
         for seed in (1, 2)
     ]
-    return evidence(*made)
+    made_with = evidence(*made)
+    return replace(made_with, side=replace(made_with.side, build_id=build)) if build else made_with
 
 
 @pytest.fixture
@@ -74,7 +79,8 @@ def test_there_is_a_line_for_each_measurement_and_none_for_what_is_volatile_or_h
 def test_one_is_accepted_by_name_and_all_others_stay(baseline: Baseline) -> None:
     after = accept(baseline, run(11_161, 1.5), ["cycles.direct.total"], because="checks its input", when_utc=NOW)
     (entry,) = after.history
-    assert entry == Accepted("cycles.direct.total", "checks its input", NOW, "0123456789abcdef", 11_061, 11_161)
+    build_id = "0123456789abcdef"
+    assert entry == Accepted("cycles.direct.total", "checks its input", NOW, build_id, 11_061, 11_161, build_id)
     kept = [row for row in after.measurements if row.name != "cycles.direct.total"]
     assert kept == [row for row in baseline.measurements if row.name != "cycles.direct.total"]
     comparison = compare(evidence_from(after, "", ""), run(11_161, 1.5))
@@ -100,14 +106,86 @@ def test_one_that_is_gone_is_taken_out_and_one_that_is_new_put_in(baseline: Base
     assert back.measurements == baseline.measurements
 
 
+def read_back(baseline: Baseline, folder: Path) -> Evidence:
+    """Return a baseline as who compares with its file gets it."""
+    file = folder / "base.json"
+    file.write_text(to_json(baseline), encoding="utf-8")
+    return read_baseline_evidence(file)
+
+
+def test_every_measurement_keeps_the_build_that_it_is_of(tmp_path: Path) -> None:
+    of_a = baseline_of(run(build="a"), THEN)
+    of_b = accept(of_a, run(11_161, 1.5, build="b"), ["cycles.*"], because="checks more", when_utc=NOW)
+    of_c = accept(of_b, run(11_161, 1.5, 9.0, build="c"), ["compass.lag"], because="waits", when_utc=NOW)
+    assert [(row.name, row.build_id) for row in of_c.measurements] == [
+        ("compass.lag", "c"), ("cycles.direct.total", "b"), ("heading.direct.max", None),
+    ]
+    assert [(each.name, each.was_build_id, each.build_id) for each in of_c.history] == [
+        ("cycles.direct.total", "a", "b"), ("compass.lag", "a", "c"),
+    ]
+    assert (of_c.side.build_id, of_c.saved_utc, of_c.side.saved_utc) == ("a", NOW, NOW)
+    said = "build a, with 1 measurement accepted from build b and 1 measurement accepted from build c"
+    assert build(of_c.side) == said, "in the file itself"
+    side = read_back(of_c, tmp_path)
+    assert build(side.side) == said
+    assert side.builds == {"compass.lag": "c", "cycles.direct.total": "b"}
+    again = accept(of_c, run(11_261, 1.5, 9.0, build="d"), ["cycles.*"], because="more yet", when_utc=NOW)
+    assert (again.history[2].was_build_id, again.history[2].build_id) == ("b", "d")
+
+
+def test_a_file_whose_head_counts_wrongly_is_taken_by_its_lines(tmp_path: Path) -> None:
+    mixed = accept(baseline_of(run(build="a"), THEN), run(1, 2, build="b"), ["cycles.*"], because="x", when_utc=NOW)
+    beautified = replace(mixed, side=replace(mixed.side, accepted=()))
+    assert build(read_back(beautified, tmp_path).side) == "build a, with 1 measurement accepted from build b"
+
+
+def test_a_baseline_whose_numbers_are_all_of_one_run_is_of_its_build(tmp_path: Path) -> None:
+    newer = run(11_161, 1.5, build="b")
+    after = accept(baseline_of(run(build="a"), THEN), newer, ["cycles.*", "heading.*"], because="x", when_utc=NOW)
+    assert build(after.side) == "build b"
+    assert after.measurements == baseline_of(newer, NOW).measurements
+    assert [each.was_build_id for each in after.history] == ["a", "a"]
+    assert read_back(after, tmp_path).side.seeds == (1, 2)
+    # A number that goes back to what the side's build has is that build's again.
+    back = accept(
+        accept(baseline_of(run(build="a"), THEN), run(1, 2, build="b"), ["cycles.*"], because="x", when_utc=NOW),
+        run(2, 2, build="a"), ["cycles.*"], because="undone", when_utc=NOW,
+    )
+    assert build(back.side) == "build a"
+
+
+def test_a_line_that_says_no_more_what_it_said_is_written_so(tmp_path: Path) -> None:
+    mixed = accept(baseline_of(run(build="a"), THEN), run(1, 2, build="b"), ["cycles.*"], because="x", when_utc=NOW)
+    before = json.loads(to_json(mixed))
+    after = accept(mixed, run(1, 2, build="b"), ["*"], because="the rest", when_utc=NOW)
+    assert build(after.side) == "build b"
+    written = json.loads(to_json(after, before))
+    assert [each for each in written["measurements"] if "build_id" in each] == []
+    before["measurements"][0]["moon"] = "full"
+    assert json.loads(to_json(mixed, before))["measurements"] == before["measurements"]
+    (tmp_path / "base.json").write_text(to_json(after, before), encoding="utf-8")
+    assert read_baseline(tmp_path / "base.json") == after
+
+
+def test_nothing_is_taken_out_because_its_test_was_not_chosen(baseline: Baseline) -> None:
+    chosen = replace(run(11_161, None, None), chosen=True)
+    with pytest.raises(ConfigError, match=r"only chosen tests ran, and run.json has no compass.lag and 1 more"):
+        accept(baseline, chosen, ["*"], because="x", when_utc=NOW)
+    after = accept(baseline, chosen, ["cycles.*"], because="x", when_utc=NOW)
+    assert [each.name for each in after.history] == ["cycles.direct.total"]
+    assert len(after.measurements) == len(baseline.measurements)
+
+
 def test_nothing_that_is_the_same_is_entered_in_the_history(baseline: Baseline) -> None:
     assert accept(baseline, run(), ["*"], because="why not", when_utc=NOW) == baseline
 
 
 @pytest.mark.parametrize("name", ["heading.direct.maximum", "fusion.*", ""])
-def test_a_name_that_nothing_has_is_refused(baseline: Baseline, name: str) -> None:
-    with pytest.raises(ConfigError, match="no measurement is called"):
+def test_a_name_that_nothing_has_is_refused_with_the_nearest(baseline: Baseline, name: str) -> None:
+    with pytest.raises(ConfigError, match="no measurement is called") as refused:
         accept(baseline, run(), ["cycles.*", name], because="x", when_utc=NOW)
+    near = "; did you mean 'heading.direct.max'?"
+    assert (near in str(refused.value)) == name.startswith("heading")
 
 
 def test_a_run_on_another_rig_or_without_a_seed_moves_nothing(baseline: Baseline) -> None:

@@ -148,6 +148,21 @@ def test_a_baseline_is_saved_compared_with_and_updated(changed: Changed, tmp_pat
     assert "REGRESSION: heading.direct.max" in done.stdout
 
 
+def test_a_baseline_of_two_builds_says_so_wherever_it_is_shown(changed: Changed, tmp_path: Path) -> None:
+    file = tmp_path / "baseline.json"
+    assert hiltest("baseline", "save", changed("a", {"board.build_id": "aaaa"}), file).returncode == 0
+    worse = {"cycles.direct.total": 11_999, "heading.direct.max": 1.7}
+    newer = changed("b", {"board.build_id": "bbbb"}, worse)
+    done = hiltest("baseline", "update", file, newer, "--accept", "cycles.direct.total", "--because", "it checks more")
+    two_builds = "build aaaa, with 1 measurement accepted from build bbbb"
+    assert done.stdout.endswith(f" in it, of {two_builds}\n"), done.stdout + done.stderr
+    assert f"{file} ({two_builds}, seed 1) -> " in hiltest("compare", file, newer).stdout
+    (compared,) = json.loads(hiltest("compare", "--json", file, newer).stdout)["comparisons"]
+    assert compared["base"]["accepted"] == [{"build_id": "bbbb", "measurements": 1}]
+    done = hiltest("baseline", "update", file, newer, "--accept", "heading.dirct.max", "--because", "x")
+    assert (done.returncode, "did you mean 'heading.direct.max'?" in done.stderr) == (4, True)
+
+
 def test_an_update_keeps_what_only_a_newer_version_knows(changed: Changed, tmp_path: Path) -> None:
     file = tmp_path / "baseline.json"
     assert hiltest("baseline", "save", changed("run"), file).returncode == 0

@@ -10,15 +10,18 @@ from pathlib import Path
 
 import pytest
 
+from hiltest.comparison.acceptance import accept
 from hiltest.comparison.baseline import baseline_of
 from hiltest.comparison.baseline_file import to_json
 from hiltest.errors import ConfigError
+from hiltest.measurement import judge
 from hiltest.report.evidence import read_evidence
 from hiltest.report.journal import JOURNAL_FILE, Journal
 from hiltest.report.recorder import Recorder
 from hiltest.trend.folder import read_folder
 from hiltest.trend.page import trend_page
 from hiltest.trend.series import trend_of
+from hiltest.trend.words import between
 
 from .entries import cycles
 from .runs import finished_run
@@ -53,6 +56,25 @@ def test_a_baseline_is_an_entry_of_the_time_it_was_saved(tmp_path: Path, write: 
         ("base.json", "2026-01-05T00:00:00Z"), ("a/run.json", "2026-01-01T00:00:00Z"),
     ]  # fmt: skip
     assert entries[0].evidence.measurements[1]["cycles.direct.total"].value == 11_061
+
+
+def test_what_a_baseline_has_accepted_is_of_the_build_that_it_is_of(tmp_path: Path, write: WriteRun) -> None:
+    heading = judge("heading.direct.max", 0.9, unit="deg")
+    saved = baseline_of(read_evidence(write("a", 1, cycles(11_061), heading, build="a")), "2026-01-01T01:00:00Z")
+    newer = read_evidence(write("b", 2, cycles(11_161), judge("heading.direct.max", 1.4, unit="deg"), build="b"))
+    mixed = accept(saved, newer, ["cycles.*"], because="x", when_utc="2026-01-02T01:00:00Z")
+    (tmp_path / "base.json").write_text(to_json(mixed))
+    write("c", 3, cycles(11_261), heading, build="c")
+    trend = trend_of(read_folder(tmp_path)[0])
+    assert [each.file for each in trend.entries] == ["a/run.json", "b/run.json", "base.json", "c/run.json"]
+    at_the_baseline, after_it = (
+        {step.difference.name: between(trend, step) for step in trend.steps if number in (step.before, step.after)}
+        for number in (2, 3)
+    )
+    assert at_the_baseline == {"heading.direct.max": "build b -> a", "cycles.direct.total": "build b -> c"}
+    assert after_it == {"cycles.direct.total": "build b -> c"}
+    page = trend_page(trend, [])
+    assert "build a, with 1 measurement accepted from build b" in page
 
 
 def test_the_seeds_of_a_campaign_are_one_entry(tmp_path: Path, write: WriteRun) -> None:

@@ -60,10 +60,11 @@ def save(run: Path, file: Path) -> int:
 def update(file: Path, run: Path, names: tuple[str, ...], because: str) -> int:
     """Move the named measurements of RUN into FILE, and keep all others.
 
-    One that RUN does not make any more is taken out.
+    One that RUN does not make any more is taken out; of a run of chosen tests (-k, node ids) none is.
     """
-    from hiltest.comparison.baseline import accept
+    from hiltest.comparison.acceptance import accept
     from hiltest.comparison.baseline_file import read_baseline, read_content
+    from hiltest.comparison.words import build
     from hiltest.report.evidence import read_evidence
     from hiltest.report.record import utc_now
 
@@ -76,7 +77,7 @@ def update(file: Path, run: Path, names: tuple[str, ...], because: str) -> int:
         _write(after, file, read_content(file))
     for each in moved:
         click.echo(f"{each.name}: {_value(each.was)} -> {_value(each.now)}")
-    click.echo(f"{file}: {_counted(len(moved))} moved, {len(after.measurements)} in it")
+    click.echo(f"{file}: {_counted(len(moved))} moved, {len(after.measurements)} in it, of {build(after.side)}")
     return 0
 
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from fnmatch import fnmatchcase
 from typing import Literal
 
 from hiltest.comparison.evidence import Conditions, Evidence, Seed
-from hiltest.comparison.interval import mean_value
-from hiltest.comparison.model import Side
-from hiltest.comparison.obstacles import obstacles
+from hiltest.comparison.model import FromBuild, Side
 from hiltest.errors import ConfigError
 from hiltest.measurement import Limit, Measurement, Outcome
 
@@ -29,6 +27,8 @@ class Row:
         Seeds on which it was out of its limit.
     limit : Limit or None
         That it had; None too in a file from before it was kept.
+    build_id : str or None
+        Of the firmware that it was accepted from; None for that of the baseline's side.
     """
 
     name: str
@@ -37,6 +37,7 @@ class Row:
     values: tuple[float | int | None, ...]
     failed: tuple[int | None, ...] = ()
     limit: Limit | None = None
+    build_id: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +48,12 @@ class Accepted:
     ----------
     name : str
         ``*`` where all were, by saving a run over the file.
+    build_id : str
+        That it is of since.
     was, now : float or None
         Means over the seeds; None where there was none, or is none any more.
+    was_build_id : str or None
+        That it was of before; None where there was none, and in a file from before it was kept.
     """
 
     name: str
@@ -57,6 +62,7 @@ class Accepted:
     build_id: str
     was: float | None
     now: float | None
+    was_build_id: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +71,10 @@ class Baseline:
 
     Attributes
     ----------
+    saved_utc : str
+        When it was saved, or last updated.
     side : Side
-        Of the run that was saved; what was accepted since may be of other builds.
+        Of the run that was saved; it counts what was accepted since and is of other builds.
     seeds : tuple of int or None
         None for a board that simulates nothing.
     measurements : tuple of Row
@@ -101,12 +109,10 @@ def baseline_of(evidence: Evidence, saved_utc: str) -> Baseline:
             "-m or names of tests"
         )
     seeds = tuple(evidence.measurements)
-    names = {name for each in evidence.measurements.values() for name in each}
-    rows = tuple(row for name in sorted(names) if (row := _row(evidence, name, seeds)) is not None)
+    rows = rows_of(evidence, seeds)
     if not rows:
         raise ConfigError(f"{evidence.name}: it has no number at all; a baseline is a run that measured something")
-    side = replace(evidence.side, file="", sha256="", saved_utc=saved_utc)
-    return Baseline(SCHEMA, saved_utc, side, evidence.conditions, seeds, rows)
+    return Baseline(SCHEMA, saved_utc, kept_side(evidence, saved_utc), evidence.conditions, seeds, rows)
 
 
 def evidence_from(baseline: Baseline, file: str, sha256: str) -> Evidence:
@@ -115,72 +121,36 @@ def evidence_from(baseline: Baseline, file: str, sha256: str) -> Evidence:
         seed: {row.name: _measurement(row, index, seed) for row in baseline.measurements}
         for index, seed in enumerate(baseline.seeds)
     }
-    side = replace(baseline.side, file=file, sha256=sha256, saved_utc=baseline.saved_utc)
-    return Evidence(side, baseline.conditions, measurements)
-
-
-def accept(
-    baseline: Baseline, run: Evidence, patterns: Sequence[str], *, because: str, when_utc: str
-) -> Baseline:
-    """Move the named measurements of a run into a baseline, and keep all others.
-
-    Parameters
-    ----------
-    baseline : Baseline
-    run : Evidence
-        On the same rig, with every seed of the baseline.
-    patterns : sequence of str
-        Names of measurements; ``*`` stands for anything. One that the run no longer makes is taken out.
-    because : str
-        Why it may be as it is now; goes into the history.
-    when_utc : str
-
-    Raises
-    ------
-    ConfigError
-        If nothing has a name, the run is no like of the baseline, or it lacks a seed.
-    """
-    _refuse_another_bench(baseline, run)
-    rows = {row.name: row for row in baseline.measurements}
-    moved = {name: _row(run, name, baseline.seeds) for name in _named(patterns, rows, run)}
-    history = [
-        Accepted(name, because, when_utc, run.side.build_id, _mean(rows.get(name)), _mean(row))
-        for name, row in sorted(moved.items()) if row != rows.get(name)
-    ]
-    kept = {name: row for name, row in (rows | moved).items() if row is not None}
-    if not kept:
-        raise ConfigError(f"nothing is moved: no measurement would be left; {run.name} has none of these")
-    measurements = tuple(kept[name] for name in sorted(kept))
-    return replace(baseline, measurements=measurements, history=(*baseline.history, *history))
+    # Counted here: the lines say what they are of, whatever was made of the file's head.
+    accepted = accepted_from(baseline.measurements)
+    side = replace(baseline.side, file=file, sha256=sha256, saved_utc=baseline.saved_utc, accepted=accepted)
+    builds = {row.name: row.build_id for row in baseline.measurements if row.build_id is not None}
+    return Evidence(side, baseline.conditions, measurements, builds=builds)
 
 
 def renewed(baseline: Baseline, before: Baseline) -> Baseline:
     """Return a baseline that takes the place of another, whose history goes on."""
-    entry = Accepted("*", "renewed", baseline.saved_utc, baseline.side.build_id, None, None)
+    entry = Accepted(
+        "*", "renewed", baseline.saved_utc, baseline.side.build_id, None, None, was_build_id=before.side.build_id
+    )
     return replace(baseline, history=(*before.history, entry))
 
 
-def _refuse_another_bench(baseline: Baseline, run: Evidence) -> None:
-    reasons = obstacles(evidence_from(baseline, "the baseline", ""), run, None, together=False)
-    if reasons:
-        raise ConfigError(f"nothing is moved: {reasons[0]}")
-    missing = [str(seed) for seed in baseline.seeds if seed not in run.measurements]
-    if missing:
-        raise ConfigError(
-            f"{run.name} has no seed {', '.join(missing)}, which the baseline has: a mean over some old and some new "
-            "seeds says nothing; run with all of them (--seeds A..B)"
-        )
+def kept_side(run: Evidence, saved_utc: str) -> Side:
+    """Return the side of a run as its baseline has it: where its record once lay says nothing to anybody else."""
+    return replace(run.side, file="", sha256="", saved_utc=saved_utc)
 
 
-def _named(patterns: Sequence[str], rows: dict[str, Row], run: Evidence) -> list[str]:
-    known = sorted({*rows, *(name for each in run.measurements.values() for name in each)})
-    named: list[str] = []
-    for pattern in patterns:
-        found = [name for name in known if name == pattern or fnmatchcase(name, pattern)]
-        if not found:
-            raise ConfigError(f"no measurement is called {pattern!r}, neither in the baseline nor in {run.name}")
-        named += found
-    return named
+def rows_of(evidence: Evidence, seeds: Sequence[Seed]) -> tuple[Row, ...]:
+    """Return every measurement of a run that has a number on one of the seeds, and is not volatile, by name."""
+    names = {name for each in evidence.measurements.values() for name in each}
+    return tuple(row for name in sorted(names) if (row := _row(evidence, name, seeds)) is not None)
+
+
+def accepted_from(rows: Sequence[Row]) -> tuple[FromBuild, ...]:
+    """Count what is of other builds than the side."""
+    counts = Counter(row.build_id for row in rows if row.build_id is not None)
+    return tuple(FromBuild(build_id, counts[build_id]) for build_id in sorted(counts))
 
 
 def _row(evidence: Evidence, name: str, seeds: Sequence[Seed]) -> Row | None:
@@ -198,7 +168,3 @@ def _row(evidence: Evidence, name: str, seeds: Sequence[Seed]) -> Row | None:
 def _measurement(row: Row, index: int, seed: Seed) -> Measurement:
     outcome = Outcome.FAIL if seed in row.failed else Outcome.INFORMATION
     return Measurement(row.name, row.values[index], row.unit, row.limit, outcome=outcome, cycle_model=row.cycle_model)
-
-
-def _mean(row: Row | None) -> float | None:
-    return mean_value([float(value) for value in row.values if value is not None]) if row else None

@@ -20,6 +20,9 @@ from hiltest.unknown_fields import with_unknown
 LARGEST_BYTES = 32 * 1024 * 1024
 """A larger file is refused: eight seeds of the gate set have a thousandth of it."""
 
+_SILENT = {"measurements": ("limit", "build_id"), "history": ("was_build_id",)}
+"""Left out of a line where they are null, as in a file from before they were kept: no line of it may change."""
+
 _ADAPTER = TypeAdapter(Baseline)
 _OTHERWISE = "save it again: hiltest baseline save RUN FILE"
 
@@ -61,13 +64,24 @@ def to_json(baseline: Baseline, before: Any = None) -> str:
     before : JSON value, optional
         The file as it was, of which fields that are not known here are kept.
     """
-    written = asdict(baseline)
-    for row in written["measurements"]:
-        if row["limit"] is None:
-            del row["limit"]  # as in a file from before limits were kept, of which no line may change
-    content = with_unknown(written, before)
+    content = with_unknown(asdict(baseline), _with_silent(before))
+    for kind, silent in _SILENT.items():
+        content[kind] = [
+            {name: value for name, value in each.items() if name not in silent or value is not None}
+            for each in content[kind]
+        ]
     fields = ",\n".join(f"{_json(name)}: {_field(name, value)}" for name, value in content.items())
     return "{\n" + fields + "\n}\n"
+
+
+def _with_silent(before: Any) -> Any:
+    """Return a file as it was with the fields that its lines lack, so that a line that is the same is seen to be."""
+    if not isinstance(before, dict):
+        return before
+    return before | {
+        kind: [{**each, **{name: each.get(name) for name in silent}} for each in before[kind]]
+        for kind, silent in _SILENT.items() if kind in before
+    }  # fmt: skip
 
 
 def _parsed(path: Path, text: bytes) -> Baseline:

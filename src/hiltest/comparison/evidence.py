@@ -64,6 +64,8 @@ class Evidence:
         Why this side is no evidence, one line each, with what to do: such as a run that was cut short.
     chosen : bool
         Whether only chosen tests ran: it is like a run with the same choice, and nothing to keep.
+    builds : mapping of str to str
+        Build of each measurement that is of another one than `side`: a baseline may have accepted some.
     """
 
     side: Side
@@ -72,6 +74,7 @@ class Evidence:
     tolerances: Mapping[str, Tolerance] = field(default_factory=dict)
     faults: tuple[str, ...] = ()
     chosen: bool = False
+    builds: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def name(self) -> str:

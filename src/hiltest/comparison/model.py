@@ -104,6 +104,14 @@ class Difference:
 
 
 @dataclass(frozen=True, slots=True)
+class FromBuild:
+    """How many measurements a baseline has accepted from another build than the one that it was saved of."""
+
+    build_id: str
+    measurements: int
+
+
+@dataclass(frozen=True, slots=True)
 class Side:
     """What stood on one side.
 
@@ -117,7 +125,9 @@ class Side:
         Name of the rig.
     seeds : tuple of int
     saved_utc : str
-        When the run ended, or the baseline was saved.
+        When the run ended, or the baseline was saved or last updated.
+    accepted : tuple of FromBuild
+        Of a baseline: what is not of `build_id`, by build.
     """
 
     file: str
@@ -130,6 +140,7 @@ class Side:
     rig: str
     seeds: tuple[int, ...]
     saved_utc: str
+    accepted: tuple[FromBuild, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,13 +6,27 @@ from collections import Counter
 from collections.abc import Sequence
 from math import isfinite
 
-from hiltest.comparison.model import Change, Comparison, Difference
+from hiltest.comparison.model import Change, Comparison, Difference, Side
 from hiltest.measurement import readable
 
 SHOWN = (Change.WORSE, Change.GONE, Change.BETTER, Change.NEW, Change.CHANGED)
 """In this order; what is unchanged is only counted."""
 
 _NAMED_AT_MOST = 2
+
+
+def build(side: Side) -> str:
+    """Return what build the numbers of a side are of; those of a baseline may be of several.
+
+    Examples
+    --------
+    ``build 8fc8, with 2 measurements accepted from build 17ab and 1 measurement accepted from build 90cd``
+    """
+    accepted = [
+        f"{each.measurements} measurement{'s' * (each.measurements != 1)} accepted from build {each.build_id}"
+        for each in side.accepted
+    ]
+    return f"build {side.build_id}" + (f", with {' and '.join(accepted)}" if accepted else "")
 
 
 def numbers(difference: Difference) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from hiltest.comparison.model import Change, Comparison, Difference, Side
-from hiltest.comparison.words import SHOWN, moved, shown
+from hiltest.comparison.words import SHOWN, build, moved, shown
 from hiltest.measurement import readable
 from hiltest.report.figures.change import change_figure
 from hiltest.report.figures.rows import RowFigure
@@ -96,7 +96,7 @@ def _tolerance(difference: Difference) -> str:
 
 def _side(side: Side) -> Iterator[tuple[str, str]]:
     yield "file", f"{side.file} {side.sha256[:16]}".strip()
-    yield "firmware", f"{side.firmware} {side.version} build {side.build_id}"
+    yield "firmware", f"{side.firmware} {side.version} {build(side)}"
     yield "compiler", side.compiler
     yield "cycle model", side.cycle_model
     yield "rig", side.rig

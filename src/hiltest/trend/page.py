@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
-from hiltest.comparison.words import numbers
+from hiltest.comparison.words import build, numbers
 from hiltest.report.marks import SERIES, KeyEntry
 from hiltest.report.page import render
 from hiltest.report.svg import Figure
@@ -31,7 +31,7 @@ def trend_page(trend: Trend, skipped: Sequence[Skipped]) -> str:
     """Return the page: what made steps first, then all by the first word of their names."""
     return render(
         "trend.html.j2", package="hiltest.trend", trend=trend, skipped=skipped, groups=_groups(trend),
-        sentence=words.sentence(trend), words=words, numbers=numbers,
+        sentence=words.sentence(trend), words=words, numbers=numbers, build=build,
         key=[*_line_key(trend), *(step_key() if trend.steps else [])],
         steps=trend.steps[:STEPS_AT_MOST], more_steps=max(0, len(trend.steps) - STEPS_AT_MOST),
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from hiltest.comparison.model import Side
+from hiltest.comparison.evidence import Evidence
 from hiltest.comparison.words import numbers
 from hiltest.measurement import readable
 from hiltest.trend.series import Line, Measured, Step, Trend
@@ -40,8 +40,8 @@ def row(measured: Measured) -> tuple[str, ...]:
 
 def between(trend: Trend, step: Step) -> str:
     """Return what differs in what made the runs before and after a step."""
-    before, after = (trend.entries[index].evidence.side for index in (step.before, step.after))
-    return "; ".join(_changes(before, after)) or "the same build"
+    before, after = (trend.entries[index].evidence for index in (step.before, step.after))
+    return "; ".join(_changes(before, after, step.difference.name)) or "the same build"
 
 
 def line_name(trend: Trend, line: Line) -> str:
@@ -71,8 +71,16 @@ def seeds_in_words(seeds: tuple[int | None, ...]) -> str:
     return f"seed {numbered[0]}" if len(numbered) == 1 else f"{len(numbered)} seeds, {numbered[0]} to {numbered[-1]}"
 
 
-def _changes(before: Side, after: Side) -> Iterator[str]:
-    for name in ("firmware", "version", "build_id", "compiler"):
-        was, now = getattr(before, name), getattr(after, name)
-        if was != now:
-            yield f"{name.removesuffix('_id')} {was} -> {now}"
+def _changes(before: Evidence, after: Evidence, measurement: str) -> Iterator[str]:
+    was, now = _made_with(before, measurement), _made_with(after, measurement)
+    for name in was:
+        if name in now and was[name] != now[name]:
+            yield f"{name} {was[name]} -> {now[name]}"
+
+
+def _made_with(evidence: Evidence, measurement: str) -> dict[str, str]:
+    """Return what made a number; of one that a baseline has accepted only the build is known."""
+    side = evidence.side
+    if measurement in evidence.builds:
+        return {"build": evidence.builds[measurement]}
+    return {"firmware": side.firmware, "version": side.version, "build": side.build_id, "compiler": side.compiler}
