@@ -29,17 +29,19 @@ def test_cycles_of_every_calibrator(costs: Mapping[str, CycleCost], measure: Mea
             ("regression_residual", cost.regression_residual), ("spread", cost.spread),
         ):
             measure(f"cycles.{name}.{what}", cycles, "cycle", cycle_model=cost.model)
-        if cost.per_iteration is not None:
-            measure(f"cycles.{name}.per_iteration", cost.per_iteration, "cycle", cycle_model=cost.model)
+        measure(
+            f"cycles.{name}.per_iteration", cost.per_iteration, "cycle", cycle_model=cost.model,
+            not_offered=cost.no_per_iteration,
+        )
 
 
 def test_instructions_of_every_calibrator(costs: Mapping[str, CycleCost], measure: Measure) -> None:
     for name, cost in costs.items():
         measure(f"cycles.{name}.instructions", cost.instructions, "instruction")
-        if cost.is_mostly_iterations:
-            per_sweep = None if cost.instructions is None else cost.instructions / cost.iterations
-            measure(f"cycles.{name}.sweeps", cost.iterations, "")
-            measure(f"cycles.{name}.instructions_per_sweep", per_sweep, "instruction")
+        sweeps = cost.iterations if cost.is_mostly_iterations else None
+        per_sweep = cost.instructions / sweeps if cost.instructions is not None and sweeps else None
+        measure(f"cycles.{name}.sweeps", sweeps, "", not_offered=cost.no_sweeps)
+        measure(f"cycles.{name}.instructions_per_sweep", per_sweep, "instruction", not_offered=cost.no_sweeps)
 
 
 def test_cycles_over_the_number_of_points(costs: Mapping[str, CycleCost], measure: Measure) -> None:

@@ -37,7 +37,7 @@ class Measure:
 
     def __call__(
         self, name: str, value: float | int | Counted | None, unit: str = "", *, limit: Limit | None = None,
-        not_judged: str = "", volatile: bool = False, cycle_model: str = "",
+        not_judged: str = "", not_offered: str = "", volatile: bool = False, cycle_model: str = "",
     ) -> Measurement:
         """Record one measurement.
 
@@ -55,6 +55,9 @@ class Measure:
             For a name that the rig file gives no limit: where it gives one, that is the one that holds.
         not_judged : str, optional
             Why a limit cannot be applied here; the run then ends with exit code 22.
+        not_offered : str, optional
+            Why there is no value, where that follows from another result of the run: what an iteration costs when
+            none was needed. A comparison then shows the reason, and does not miss the measurement.
         volatile : bool
             Whether two runs of the same seed may differ in it.
         cycle_model : str, optional
@@ -79,8 +82,8 @@ class Measure:
             unit, cycle_model = "cycle", value.cycle_model
             value = value.cycles
         measurement = self._session.judge(
-            name, value, unit=unit, limit=limit, not_judged=not_judged, volatile=volatile, cycle_model=cycle_model,
-            test=self._session.test_id(self._item.nodeid),
+            name, value, unit=unit, limit=limit, not_judged=not_judged, not_offered=not_offered, volatile=volatile,
+            cycle_model=cycle_model, test=self._session.test_id(self._item.nodeid),
         )
         self._session.keep(self._item, measurement)
         return measurement

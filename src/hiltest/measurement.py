@@ -20,6 +20,10 @@ finer than anything a bench can see.
 """
 
 
+WORST_OF_SEVERAL = "worst of several attempts"
+"""The note of a measurement that is not the only one of its name."""
+
+
 class Outcome(StrEnum):
     """What became of a measurement."""
 
@@ -32,7 +36,8 @@ class Outcome(StrEnum):
     UNSET = "unset"
     """It has a limit that could not be judged. A gate that is not evaluated fails closed."""
     NOT_OFFERED = "not offered"
-    """This kind of board cannot know it, such as the true offset on a real board."""
+    """This kind of board cannot know it, such as the true offset on a real board; or, with a note, there is nothing to
+    measure on this run, such as the cost of one iteration where none was needed."""
 
 
 @runtime_checkable
@@ -135,6 +140,11 @@ class Measurement:
         """Whether this measurement alone makes a run red."""
         return self.outcome in (Outcome.FAIL, Outcome.UNSET)
 
+    @property
+    def says_why_not(self) -> bool:
+        """Whether there is no number because there is nothing to measure, and not for want of one."""
+        return self.outcome is Outcome.NOT_OFFERED and self.note not in ("", WORST_OF_SEVERAL)
+
     def rounded(self) -> Measurement:
         """Return it as it is written: host-computed numbers to nine significant digits."""
         return replace(self, value=round_significant(self.value))
@@ -148,7 +158,8 @@ class Measurement:
 
 def judge(
     name: str, value: float | int | None, *, unit: str, limit: Limit | None = None, information: Limit | None = None,
-    not_judged: str = "", could_offer: bool = False, volatile: bool = False, cycle_model: str = "", test: str = "",
+    not_judged: str = "", not_offered: str = "", could_offer: bool = False, volatile: bool = False,
+    cycle_model: str = "", test: str = "",
 ) -> Measurement:
     """Make a measurement and decide its outcome.
 
@@ -158,6 +169,8 @@ def judge(
         As in `Measurement`. A value of None means that there is none to give.
     not_judged : str, optional
         Why the limit cannot be applied. The outcome is then ``unset`` if there is a limit.
+    not_offered : str, optional
+        Why there is no value, where that follows from another result and nothing is missing.
     could_offer : bool, optional
         Whether this kind of board can know such a value, as a virtual one always can. None under
         a limit is then ``unset``, and not ``not offered``.
@@ -179,9 +192,9 @@ def judge(
         raise ValueError(f"{name}: cycles need their cycle model, or they could be compared with another's")
     note = ""
     if value is None and limit is not None and (could_offer or not_judged):
-        outcome, note = Outcome.UNSET, not_judged or "the board can offer it, and no value was given"
+        outcome, note = Outcome.UNSET, not_judged or not_offered or "the board can offer it, and no value was given"
     elif value is None:
-        outcome = Outcome.NOT_OFFERED
+        outcome, note = Outcome.NOT_OFFERED, not_offered
     elif not math.isfinite(value := plain(value)):
         outcome, note, value = Outcome.FAIL, f"the value is {value}", None
     elif limit is not None and not_judged:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hiltest.comparison.compare import compare, not_compared
 from hiltest.comparison.evidence import Evidence
 from hiltest.comparison.model import EXACT, Change, Difference, Sense, Tolerance
-from hiltest.measurement import Limit, Measurement, Outcome
+from hiltest.measurement import WORST_OF_SEVERAL, Limit, Measurement, Outcome
 
 from .evidence import evidence, measurement, over_seeds
 
@@ -346,6 +346,32 @@ def test_a_limit_that_fails_without_a_number_is_worse_than_none_that_failed(base
     fails = over_seeds("compass.lag", float("nan"), limit=Limit(max=9), outcome=Outcome.FAIL)
     assert (only(base, fails).change, only(base, fails).note) == (Change.WORSE, "out of its limit")
     assert only(fails, fails).change is Change.UNCHANGED
+
+
+def without(name: str, why: str) -> Measurement:
+    return replace(measurement(name, None), outcome=Outcome.NOT_OFFERED, note=why)
+
+
+def test_what_a_result_leaves_nothing_to_measure_of_is_changed_and_what_just_vanishes_is_gone() -> None:
+    name, total = "cycles.corrected.per_iteration", "cycles.corrected.total"
+    base = evidence([measurement(name, 1_663.0), measurement(total, 14_000)])
+    comparison = compare(base, evidence([without(name, "it took 1 iteration"), measurement(total, 12_000)]))
+    assert {each.name: str(each.change) for each in comparison.differences} == {name: "changed", total: "better"}
+    assert comparison.of(Change.CHANGED)[0].note == "not offered: it took 1 iteration"
+    assert comparison.evaluated
+    for why in ("", WORST_OF_SEVERAL):  # no reason at all, and the remark of one that was measured twice
+        comparison = compare(base, evidence([without(name, why), measurement(total, 12_000)]))
+        assert comparison.obstacles[0].startswith(f"measurement gone: {name}")
+
+
+def test_a_reason_on_one_seed_hides_nothing_of_the_others() -> None:
+    name = "cycles.corrected.per_iteration"
+    base, reason = over_seeds(name, 1_663.0, 1_663.0), without(name, "none was needed")
+    found = only(base, evidence([measurement(name, 1_663.0)], [reason]))
+    assert (found.change, found.note, found.seeds) == (Change.CHANGED, "not offered on seed 2: none was needed", 1)
+    assert only(base, evidence([measurement(name, 9_999.0)], [reason])).change is Change.WORSE
+    assert only(base, evidence([], [reason])).change is Change.GONE
+    assert only(evidence([reason], [reason]), base).change is Change.NEW
 
 
 def test_two_sides_without_a_number_in_common_are_not_compared() -> None:

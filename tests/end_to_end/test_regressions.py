@@ -7,6 +7,7 @@ bench that measures a heading and a cost, and has no limits. The older firmware 
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -59,6 +60,7 @@ TURNED_ABOUT_A_HORIZONTAL_AXIS = Edit(
     "    b[2] = sine * right + cosine * b[2];\n"
     "    const float across = sqrtf(g[1] * g[1] + g[2] * g[2]);",
 )
+ONE_STEP_LESS = Edit("calibration/corrected.c", "#define NEWTON_STEPS 2", "#define NEWTON_STEPS 1")
 ANOTHER_FLAG = Edit(
     "CMakeLists.txt",
     "target_link_options(",
@@ -168,6 +170,22 @@ def test_a_vanished_measurement_is_named(run_in, cost_before: Path, bench: Path)
     run = run_in(bench, "--firmware", str(OLD), "--baseline", str(cost_before), *COST)
     assert run.code == 22, run.output
     assert "measurement gone: cycles.direct.fixed" in run.sentence
+
+
+def test_a_step_less_is_better_and_what_a_step_costs_is_not_missed(
+    run_in, copy_of_the_firmware: FirmwareCopy, bench: Path
+) -> None:
+    suites = bench / "hil" / "suites"
+    (suites / "test_compass.py").unlink()
+    shutil.copy(REPOSITORY / "hil" / "suites" / "test_cycles.py", suites)
+    new = copy_of_the_firmware.build(ONE_STEP_LESS, bench / "new.elf")
+    run = run_in(bench, "--firmware", str(new), "--against", str(OLD))
+    assert run.code == 0, run.output
+    found = difference(run.record["comparison"], "cycles.corrected.per_iteration")
+    assert (found["change"], found["new"], found["note"]) == (
+        "changed", None, "not offered: it took 1 iteration, and two tell what one costs"
+    )
+    assert difference(run.record["comparison"], "cycles.corrected.total")["change"] == "better"
 
 
 def test_another_compiler_flag_is_named(

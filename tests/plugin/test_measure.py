@@ -80,6 +80,19 @@ def test_it(measure):
     result.stdout.fnmatch_lines(["NOT JUDGED. Not judged: x (no reference)."])
 
 
+def test_a_reason_why_there_is_nothing_to_measure_is_kept_and_no_limit_is_met_by_it(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(HEAD + """
+def test_it(measure):
+    measure("x", None, "deg", not_offered="it converged at once")
+    measure("y", None, "deg", limit=Limit(max=2), not_offered="it converged at once")
+""")
+    assert pytester.runpytest_inprocess().ret == 22
+    measured = measurements_of(pytester)
+    assert [(measured[name]["outcome"], measured[name]["note"]) for name in "xy"] == [
+        ("not offered", "it converged at once"), ("unset", "it converged at once"),
+    ]
+
+
 def test_one_name_measured_by_two_tests_is_an_error(pytester: pytest.Pytester) -> None:
     pytester.makepyfile("""
         def test_one(measure):

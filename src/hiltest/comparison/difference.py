@@ -34,7 +34,16 @@ class Pairs:
 
     @property
     def lost(self) -> list[Seed]:
-        """Those with a number in the base alone."""
+        """Those with a number in the base alone, and no reason for that."""
+        return [seed for seed in self._in_base_alone if not _states_why(self.new[seed])]
+
+    @property
+    def not_offered(self) -> list[Seed]:
+        """Those with a number in the base alone, where the new run says what result of its own leaves none."""
+        return [seed for seed in self._in_base_alone if _states_why(self.new[seed])]
+
+    @property
+    def _in_base_alone(self) -> list[Seed]:
         return [seed for seed, was in self.base.items() if _has_number(was) and not _has_number(self.new[seed])]
 
     @property
@@ -82,8 +91,15 @@ def difference(pairs: Pairs, board: str, tolerances: Mapping[str, Tolerance]) ->
         base=mean_value(base or _values(pairs.base)), new=mean_value(new or _values(pairs.new)),
         delta=mean_value(_changes(base, new)), interval=_rounded(mean_interval(_changes(base, new))),
         seeds=len(seeds), tolerance=tolerance, limit=latest.limit, outcome=str(latest.outcome),
-        cycle_model=latest.cycle_model, note="; ".join(filter(None, (remark, _lost_limit(pairs)))),
+        cycle_model=latest.cycle_model,
+        note="; ".join(filter(None, (remark, _not_offered(pairs), _lost_limit(pairs)))),
     )
+
+
+def _not_offered(pairs: Pairs) -> str:
+    """Return why there is no number now, in the words of who measured; empty where nothing is missing."""
+    reasons = {each.note for seed in pairs.not_offered if (each := pairs.new[seed])}
+    return f"not offered{_on_seeds(pairs.not_offered, pairs)}: {'; '.join(sorted(reasons))}" if reasons else ""
 
 
 def _lost_limit(pairs: Pairs) -> str:
@@ -122,6 +138,8 @@ def _presence(pairs: Pairs, note: str) -> tuple[Change, str] | None:
         return Change.WORSE, f"out of its limit{_on_seeds(pairs.newly_out, pairs)}"
     if pairs.seeds:
         return None
+    if pairs.not_offered:
+        return Change.CHANGED, ""
     made = any(map(_has_number, pairs.new.values()))
     return (Change.NEW, "") if made else (Change.UNCHANGED, "no number on either side")
 
@@ -135,6 +153,8 @@ def _judged(
     if alone and (change in (Change.UNCHANGED, way) or way is Change.WORSE):
         change, remark = way, f"moved alone{_on_seeds([pairs.seeds[index] for index in alone], pairs)}"
     again = "within its limit again" if _any_out(pairs.base) and not _any_out(pairs.new) else ""
+    if change is Change.UNCHANGED and pairs.not_offered:
+        change = Change.CHANGED
     return change, "; ".join(filter(None, (again, remark)))
 
 
@@ -171,6 +191,10 @@ def _on_single_seeds(
 
 def _is_out(measurement: Measurement | None) -> bool:
     return measurement is not None and measurement.outcome is Outcome.FAIL
+
+
+def _states_why(measurement: Measurement | None) -> bool:
+    return measurement is not None and measurement.says_why_not
 
 
 def _any_out(side: Mapping[Seed, Measurement | None]) -> bool:

@@ -83,6 +83,18 @@ class CycleCost:
         """Whether iterations are most of what it costs, and not a few steps behind a closed form."""
         return self.per_iteration is not None and 2.0 * self.per_iteration * self.iterations > self.total
 
+    @property
+    def no_per_iteration(self) -> str:
+        """Why there is no `per_iteration`; empty when there is one."""
+        if self.per_iteration is not None:
+            return ""
+        return f"it took {self.iterations or 'no'} iteration{'s' * (self.iterations != 1)}, and two tell what one costs"
+
+    @property
+    def no_sweeps(self) -> str:
+        """Why nobody counts its iterations as sweeps; empty where they are most of what it costs."""
+        return "" if self.is_mostly_iterations else "its iterations are not most of what it costs"
+
 
 def fit_line(x: ArrayLike, y: ArrayLike) -> Line:
     """Fit a line by least squares.

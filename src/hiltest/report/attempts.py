@@ -7,9 +7,7 @@ from dataclasses import replace
 from hiltest.comparison.difference import cost
 from hiltest.comparison.model import Sense
 from hiltest.comparison.rules import rule_of
-from hiltest.measurement import Measurement, Outcome
-
-WORST_OF_SEVERAL = "worst of several attempts"
+from hiltest.measurement import WORST_OF_SEVERAL, Measurement, Outcome
 
 _WORST_FIRST = (Outcome.FAIL, Outcome.UNSET, Outcome.NOT_OFFERED)
 
