@@ -27,7 +27,8 @@ settings.load_profile("hiltest")
 
 # Runs that tests make have no part in the job that runs the tests, nor its check an annotation of them; nor are they in
 # a worker of pytest-xdist, where pytest-benchmark measures nothing.
-for name in ("GITHUB_STEP_SUMMARY", "GITHUB_ACTIONS", "PYTEST_XDIST_WORKER", "PYTEST_XDIST_WORKER_COUNT"):
+for name in ("GITHUB_STEP_SUMMARY", "GITHUB_ACTIONS", "GITHUB_SHA", "GITHUB_REF_NAME",
+             "PYTEST_XDIST_WORKER", "PYTEST_XDIST_WORKER_COUNT"):
     os.environ.pop(name, None)
 
 

@@ -22,8 +22,8 @@ _VARIABLE = "HIL_BASELINE"
 
 
 def older_options(options: Sequence[str], firmware: str) -> list[str]:
-    """Return pytest's options for the older firmware: those of the newer one, but for the ELF and the base."""
-    return [*options, f"--hil-firmware={firmware}", *UNJUDGED]
+    """Return pytest's options for the older firmware: those of the newer one, but for ELF, label and base."""
+    return [*options, f"--hil-firmware={firmware}", "--hil-label=", *UNJUDGED]
 
 
 def run_older(options: Sequence[str], firmware: str, out: Path) -> subprocess.CompletedProcess[str]:

@@ -187,13 +187,17 @@ class HilSession:
         """
         from hiltest.report.journal import Journal
         from hiltest.report.recorder import Recorder
+        from hiltest.report.revision import revision_of
 
         if self._recorder is None:
             self._made_folder = not self.settings.out.exists()
             make_folder(self.settings.out)
             rig = self.rig_if_needed
             poses = self.settings.poses or (rig.procedure.poses if rig else "all")
-            self._recorder = Recorder(Journal(self.settings.out), suite=self.settings.suite, poses=poses)
+            self._recorder = Recorder(
+                Journal(self.settings.out), suite=self.settings.suite, poses=poses,
+                revision=revision_of(self.settings.label),
+            )  # fmt: skip
         return self._recorder
 
     def release_folder(self) -> None:

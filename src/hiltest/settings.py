@@ -17,6 +17,7 @@ from typing import Any, Literal
 import pytest
 
 DEFAULT_OUT = "hil-out"
+LONGEST_LABEL = 100
 
 _POSES: Mapping[str, Literal["all", "level"]] = {"all": "all", "level": "level"}
 _SUITES: Mapping[str, Literal["gate", "full"]] = {"gate": "gate", "full": "full"}
@@ -53,6 +54,13 @@ def file_name(text: str) -> str:
     """Parse the name of a file or folder: anything but nothing."""
     if not text:
         raise argparse.ArgumentTypeError("the name is empty")
+    return text
+
+
+def label(text: str) -> str:
+    """Parse what a run is called: one short line, or nothing."""
+    if not text.isprintable() or len(text) > LONGEST_LABEL:
+        raise argparse.ArgumentTypeError(f"{text!r} is no label: one line of at most {LONGEST_LABEL} characters")
     return text
 
 
@@ -111,6 +119,7 @@ OPTIONS = (
     Option("poses", "all|level", poses, None, "which known angles are judged (default: the rig's)"),
     Option("suite", "gate|full", suite, "gate", "set of tests: gate leaves out those marked full (default: gate)"),
     Option("calibration", "FILE", file_name, None, "calibration file of this board, to be judged beside the others"),
+    Option("label", "TEXT", label, None, "what reports and trends call this run, such as a version or a commit"),
     Option("baseline", "FILE", file_name, None, "baseline, or record of a run, that this one must not be worse than"),
 )
 
@@ -127,6 +136,7 @@ class Settings:
     poses: Literal["all", "level"] | None
     suite: Literal["gate", "full"]
     calibration: Path | None
+    label: str | None
     baseline: Path | None
     sources: Mapping[str, str]
 
@@ -161,6 +171,7 @@ def resolve(config: pytest.Config, environment: Mapping[str, str] = os.environ) 
         poses=values["poses"],
         suite=values["suite"],
         calibration=None if values["calibration"] is None else Path(values["calibration"]),
+        label=values["label"],
         baseline=None if values["baseline"] is None else Path(values["baseline"]),
         sources=sources,
     )

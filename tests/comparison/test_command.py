@@ -152,13 +152,16 @@ def test_a_baseline_of_two_builds_says_so_wherever_it_is_shown(changed: Changed,
     file = tmp_path / "baseline.json"
     assert hiltest("baseline", "save", changed("a", {"board.build_id": "aaaa"}), file).returncode == 0
     worse = {"cycles.direct.total": 11_999, "heading.direct.max": 1.7}
-    newer = changed("b", {"board.build_id": "bbbb"}, worse)
+    made_for = {"commit": "", "branch": "main", "label": "v2"}
+    newer = changed("b", {"board.build_id": "bbbb", "revision": made_for}, worse)
     done = hiltest("baseline", "update", file, newer, "--accept", "cycles.direct.total", "--because", "it checks more")
+    assert json.loads(file.read_text(encoding="utf-8"))["history"][0]["revision"]["label"] == "v2"
     two_builds = "build aaaa, with 1 measurement accepted from build bbbb"
     assert done.stdout.endswith(f" in it, of {two_builds}\n"), done.stdout + done.stderr
-    assert f"{file} ({two_builds}, seed 1) -> " in hiltest("compare", file, newer).stdout
-    (compared,) = json.loads(hiltest("compare", "--json", file, newer).stdout)["comparisons"]
-    assert compared["base"]["accepted"] == [{"build_id": "bbbb", "measurements": 1}]
+    compared = hiltest("compare", file, newer).stdout
+    assert f"{file} ({two_builds}, seed 1) -> {newer} (build bbbb, v2, branch main, seed 1)" in compared
+    (as_json,) = json.loads(hiltest("compare", "--json", file, newer).stdout)["comparisons"]
+    assert as_json["base"]["accepted"] == [{"build_id": "bbbb", "measurements": 1}]
     done = hiltest("baseline", "update", file, newer, "--accept", "heading.dirct.max", "--because", "x")
     assert (done.returncode, "did you mean 'heading.direct.max'?" in done.stderr) == (4, True)
 

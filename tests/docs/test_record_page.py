@@ -11,13 +11,14 @@ import sys
 from pathlib import Path
 
 from hiltest.commands.report import report
+from hiltest.comparison.model import Revision
 from hiltest.report import journal, schema
 from hiltest.report.record import SCHEMA, Run
 from hiltest.report.stored import read_stored
 from hiltest.strict_json import DEEPEST
 
 PAGE = (Path(__file__).parents[2] / "docs" / "record.md").read_text(encoding="utf-8")
-(COMMANDS,) = re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S)
+COMMANDS, LABELLED = re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S)
 
 
 def test_the_commands_do_what_the_page_says(tmp_path: Path) -> None:
@@ -34,6 +35,17 @@ def test_the_commands_do_what_the_page_says(tmp_path: Path) -> None:
     # A row for each field, and a field for each row.
     rows = re.findall(r"^\| (`\w+`(?:, `\w+`)*) \| ", PAGE, re.M)
     assert {name for row in rows for name in re.findall(r"\w+", row)} == {each.name for each in dataclasses.fields(Run)}
+
+
+def test_the_label_is_in_the_record(tmp_path: Path) -> None:
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
+    command = f"{LABELLED.strip()} -- -k identity"  # one test is enough to have a record
+    done = subprocess.run(
+        [sys.executable, "-m", *shlex.split(command)], cwd=tmp_path, env=environment, capture_output=True,
+        text=True, check=False, timeout=300,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert read_stored(tmp_path / "hil-out").run.revision == Revision(label="compass v1.2")
 
 
 def test_bounds_and_words_are_the_program_s() -> None:

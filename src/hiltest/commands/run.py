@@ -15,7 +15,7 @@ from hiltest.errors import ConfigError
 from hiltest.older import FOLDER, base_of_environment, last_words, run_older
 from hiltest.report.record import RUN_FILE, Run
 from hiltest.session import SESSION
-from hiltest.settings import DEFAULT_OUT, file_name, seed
+from hiltest.settings import DEFAULT_OUT, file_name, label, seed
 
 ONE_BASE = "a run is judged against one base; leave one of them out"
 
@@ -86,6 +86,8 @@ def _seed_range(_context: click.Context, _parameter: click.Parameter, text: str 
               help="Set of tests: gate leaves out what takes longest.  [default: gate]")
 @click.option("--calibration", metavar="FILE", callback=checked(file_name),
               help="Calibration file of this board (hiltest calibrate), to be judged beside the others.")
+@click.option("--label", metavar="TEXT", callback=checked(label),
+              help="What reports and trends call this run, such as a version or a commit.")
 @click.option("--baseline", metavar="FILE", callback=checked(file_name),
               help="Baseline, or record of a run, that this one must not be worse than.")
 @click.option("--against", metavar="ELF", callback=checked(file_name),
@@ -102,7 +104,8 @@ def run(
     from hiltest.sole_command import sole_command
 
     names = {"rig": "--hil-rig", "firmware": "--hil-firmware", "hil_port": "--hil-port", "seed": "--hil-seed",
-             "poses": "--hil-poses", "suite": "--hil-suite", "calibration": "--hil-calibration"}
+             "poses": "--hil-poses", "suite": "--hil-suite", "calibration": "--hil-calibration",
+             "label": "--hil-label"}
     baseline = given.pop("baseline")
     options = [f"{names[name]}={value}" for name, value in given.items() if value is not None] + list(pytest_args)
     if against is not None:

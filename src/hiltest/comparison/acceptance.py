@@ -59,7 +59,7 @@ def accept(
     history = [
         Accepted(
             name, because, when_utc, run.side.build_id, _mean(rows.get(name)), _mean(row),
-            _build_id(rows.get(name), baseline),
+            _build_id(rows.get(name), baseline), run.side.revision,
         )
         for name, row in sorted(moved.items())
     ]  # fmt: skip

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from hiltest.comparison.evidence import Conditions, Evidence, Seed
-from hiltest.comparison.model import FromBuild, Side
+from hiltest.comparison.model import FromBuild, Revision, Side
 from hiltest.errors import ConfigError
 from hiltest.measurement import Limit, Measurement, Outcome
 
@@ -54,6 +54,8 @@ class Accepted:
         Means over the seeds; None where there was none, or is none any more.
     was_build_id : str or None
         That it was of before; None where there was none, and in a file from before it was kept.
+    revision : Revision or None
+        That the run was made for.
     """
 
     name: str
@@ -63,6 +65,7 @@ class Accepted:
     was: float | None
     now: float | None
     was_build_id: str | None = None
+    revision: Revision | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,8 +134,9 @@ def evidence_from(baseline: Baseline, file: str, sha256: str) -> Evidence:
 def renewed(baseline: Baseline, before: Baseline) -> Baseline:
     """Return a baseline that takes the place of another, whose history goes on."""
     entry = Accepted(
-        "*", "renewed", baseline.saved_utc, baseline.side.build_id, None, None, was_build_id=before.side.build_id
-    )
+        "*", "renewed", baseline.saved_utc, baseline.side.build_id, None, None, before.side.build_id,
+        baseline.side.revision,
+    )  # fmt: skip
     return replace(baseline, history=(*before.history, entry))
 
 

@@ -104,6 +104,15 @@ class Difference:
 
 
 @dataclass(frozen=True, slots=True)
+class Revision:
+    """Which sources a run was made for, as far as whoever started it said; empty where nobody did."""
+
+    commit: str = ""
+    branch: str = ""
+    label: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class FromBuild:
     """How many measurements a baseline has accepted from another build than the one that it was saved of."""
 
@@ -128,6 +137,8 @@ class Side:
         When the run ended, or the baseline was saved or last updated.
     accepted : tuple of FromBuild
         Of a baseline: what is not of `build_id`, by build.
+    revision : Revision or None
+        That the run was made for.
     """
 
     file: str
@@ -141,6 +152,7 @@ class Side:
     seeds: tuple[int, ...]
     saved_utc: str
     accepted: tuple[FromBuild, ...] = ()
+    revision: Revision | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,13 +6,27 @@ from collections import Counter
 from collections.abc import Sequence
 from math import isfinite
 
-from hiltest.comparison.model import Change, Comparison, Difference, Side
+from hiltest.comparison.model import Change, Comparison, Difference, Revision, Side
 from hiltest.measurement import readable
 
 SHOWN = (Change.WORSE, Change.GONE, Change.BETTER, Change.NEW, Change.CHANGED)
 """In this order; what is unchanged is only counted."""
 
 _NAMED_AT_MOST = 2
+_COMMIT_DIGITS = 12  # which tell any two commits of a repository apart
+
+
+def revision(of: Revision | None) -> str:
+    """Return what sources a run was made for: label, commit and branch, as far as they are known.
+
+    Examples
+    --------
+    ``v1.2-rc1, commit 0123456789ab, branch main``
+    """
+    if of is None:
+        return ""
+    commit = f"commit {of.commit[:_COMMIT_DIGITS]}" if of.commit else ""
+    return ", ".join(filter(None, (of.label, commit, f"branch {of.branch}" if of.branch else "")))
 
 
 def build(side: Side) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from hiltest.comparison.model import Change, Comparison, Difference, Side
-from hiltest.comparison.words import SHOWN, build, moved, shown
+from hiltest.comparison.words import SHOWN, build, moved, revision, shown
 from hiltest.measurement import readable
 from hiltest.report.figures.change import change_figure
 from hiltest.report.figures.rows import RowFigure
@@ -67,9 +67,10 @@ def counts(comparison: Comparison) -> str:
 
 
 def sides(comparison: Comparison) -> Iterator[tuple[str, str, str]]:
-    """Yield what stood on both sides: name, base, new."""
+    """Yield what stood on both sides: name, base, new; nothing of which neither side says anything."""
     for (name, base), (_, new) in zip(_side(comparison.base), _side(comparison.new), strict=True):
-        yield name, base, new
+        if base or new:
+            yield name, base, new
 
 
 def _in_text(each: Difference) -> Changed:
@@ -97,6 +98,7 @@ def _tolerance(difference: Difference) -> str:
 def _side(side: Side) -> Iterator[tuple[str, str]]:
     yield "file", f"{side.file} {side.sha256[:16]}".strip()
     yield "firmware", f"{side.firmware} {side.version} {build(side)}"
+    yield "made for", revision(side.revision)
     yield "compiler", side.compiler
     yield "cycle model", side.cycle_model
     yield "rig", side.rig

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.text import Text
 
 from hiltest.comparison.model import Change, Comparison, Side
-from hiltest.comparison.words import build, numbers, shown
+from hiltest.comparison.words import build, numbers, revision, shown
 
 SCHEMA = "hiltest.comparison/1"
 # Thousands are apart, 11 061, and stay on one line.
@@ -69,7 +69,8 @@ def _entries(console: Console, entries: Iterable[str]) -> None:
 def _described(side: Side) -> str:
     """Return what stood on a side, in a few words."""
     seeds = f", seed{'s' * (len(side.seeds) != 1)} {_listed(side.seeds)}" if side.seeds else ""
-    made_with = f" ({build(side)}{seeds})" if side.build_id else ""
+    made_for = f", {revision(side.revision)}" if side.revision else ""
+    made_with = f" ({build(side)}{made_for}{seeds})" if side.build_id else ""
     return f"{side.file or 'this run'}{made_with}"
 
 

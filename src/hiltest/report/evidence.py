@@ -31,7 +31,7 @@ def evidence_of(run: Run, *, file: str = "", sha256: str = "") -> Evidence:
         Where it was read from; empty for a run that is just ending.
     """
     board, rig = run.board, run.rig
-    side = replace(_NO_SIDE, file=file, sha256=sha256, saved_utc=run.finished_utc)
+    side = replace(_NO_SIDE, file=file, sha256=sha256, saved_utc=run.finished_utc, revision=run.revision)
     if board is not None:
         side = replace(
             side, firmware=board.firmware, version=board.version, build_id=board.build_id, compiler=board.compiler,
@@ -103,6 +103,7 @@ def together(runs: Sequence[Evidence], file: str) -> Evidence:
     side = replace(
         first.side, file=file, sha256=digest, seeds=tuple(seed for each in runs for seed in each.side.seeds),
         saved_utc=max(each.side.saved_utc for each in runs),
+        revision=first.side.revision if len({each.side.revision for each in runs}) == 1 else None,
     )
     chosen = any(each.chosen for each in runs)
     return Evidence(side, first.conditions, measurements, first.tolerances, tuple(faults), chosen)

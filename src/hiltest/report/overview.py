@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import groupby
 
+from hiltest.comparison.words import revision
 from hiltest.measurement import Measurement, Outcome
 from hiltest.report.costs import CalibratorCost, calibrator_costs
 from hiltest.report.record import Run
@@ -117,11 +118,14 @@ def board_line(run: Run) -> str:
         parts.append("no board answered")
     if run.rig:
         parts.append(f"rig {run.rig.name}")
-    return " · ".join([*parts, run.started_utc])
+    return " · ".join([*filter(None, [*parts, revision(run.revision)]), run.started_utc])
 
 
 def provenance(run: Run) -> Iterator[tuple[str, str]]:
     """Yield name and text of everything that the numbers rest on."""
+    if run.revision:
+        named = {"label": run.revision.label, "commit": run.revision.commit, "branch": run.revision.branch}
+        yield from ((name, text) for name, text in named.items() if text)
     if run.board:
         board = run.board
         yield "board", board.description

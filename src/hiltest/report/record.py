@@ -15,7 +15,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
-from hiltest.comparison.model import Comparison
+from hiltest.comparison.model import Comparison, Revision
 from hiltest.measurement import Limit, Measurement, Outcome, plain, round_significant
 from hiltest.report.attempts import marked, worst_first
 
@@ -29,6 +29,8 @@ CAMPAIGN_FILE = "seeds.md"
 UNFINISHED = ".unfinished"
 """Ends the name of a file that is being written."""
 SCHEMA: Literal["hiltest.run/1"] = "hiltest.run/1"
+
+_VOLATILE_OF_A_SIDE = ("file", "saved_utc", "revision")
 
 Cell = float | int | str | bool | None
 
@@ -187,6 +189,8 @@ class Run:
         What the other attempts of tests that were run again measured; the worst stands under `measurements`.
     chosen : bool
         Whether the user chose among the tests of hiltest, so that some of the set did not run.
+    revision : Revision or None
+        Sources that it was made for, as whoever started it said.
     """
 
     schema: Literal["hiltest.run/1"]
@@ -207,6 +211,7 @@ class Run:
     comparison: Comparison | None = None
     other_attempts: tuple[Measurement, ...] = ()
     chosen: bool = False
+    revision: Revision | None = None
 
     def measurement(self, name: str) -> Measurement | None:
         """Return the measurement of this name, None when it was not made."""
@@ -235,6 +240,7 @@ class Findings:
     comparison: Comparison | None = None
     other_attempts: list[Measurement] = field(default_factory=list)
     chosen: bool = False
+    revision: Revision | None = None
 
     def take(self, measurement: Measurement) -> None:
         """Take a measurement; of several attempts the worst counts."""
@@ -255,6 +261,7 @@ class Findings:
             measurements=tuple(marked(each) if each.name in several else each for each in measurements),
             tables=tuple(self.tables[name].rounded() for name in sorted(self.tables)), comparison=self.comparison,
             other_attempts=tuple(each.rounded() for each in self.other_attempts), chosen=self.chosen,
+            revision=self.revision,
         )
         return replace(run, volatile=volatile_places(run))
 
@@ -307,8 +314,10 @@ def volatile_places(run: Run) -> tuple[str, ...]:
         for index, measurement in enumerate(measurements):
             if measurement.volatile:
                 places += [f"/{name}/{index}/value", f"/{name}/{index}/outcome"]
+    if run.revision is not None:
+        places.append("/revision")
     if run.comparison is not None:
-        places += [f"/comparison/{side}/{name}" for side in ("base", "new") for name in ("file", "saved_utc")]
+        places += [f"/comparison/{side}/{name}" for side in ("base", "new") for name in _VOLATILE_OF_A_SIDE]
     return tuple(places)
 
 

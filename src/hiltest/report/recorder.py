@@ -10,7 +10,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Literal
 
 from hiltest.comparison.evidence import Evidence
-from hiltest.comparison.model import Comparison
+from hiltest.comparison.model import Comparison, Revision
 from hiltest.measurement import Measurement
 from hiltest.report.evidence import evidence_of
 from hiltest.report.journal import Journal
@@ -39,15 +39,17 @@ class Recorder:
     The record of the run before stays in the folder until `begin`: it is not yet sure that this one takes place.
     """
 
-    def __init__(self, journal: Journal, *, suite: Literal["gate", "full"], poses: str) -> None:
+    def __init__(
+        self, journal: Journal, *, suite: Literal["gate", "full"], poses: str, revision: Revision | None = None
+    ) -> None:
         self.folder = journal.folder
-        self.findings = Findings(describe_host(), suite, poses, utc_now())
+        self.findings = Findings(describe_host(), suite, poses, utc_now(), revision=revision)
         self._unwritten_measurements: list[Measurement] = []
         self._unwritten_tables: list[Table] = []
         self._journal = journal
         journal.announce({
             "schema": SCHEMA, "started_utc": self.findings.started_utc, "suite": suite, "poses": poses,
-            "environment": asdict(self.findings.environment),
+            "environment": asdict(self.findings.environment), "revision": revision and asdict(revision),
         })
 
     def begin(self, calibration: CalibrationRecord | None = None) -> None:
