@@ -35,9 +35,10 @@ def bench(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize(("options", "ending"), [
     ((), "0 of 1 seeds pass (not: 1): FAIL."),
-    (("--baseline", "nowhere.json"), "0 of 1 seeds pass (not: 1): FAIL. Not compared with nowhere.json: *.json*"),
+    (("--baseline", "base"), "0 of 1 seeds pass (not: 1): FAIL. Not compared with base/run.json: seed 1: no record*"),
 ], ids=["no gate", "a gate"])  # fmt: skip
 def test_seeds_without_a_record_are_no_pass(bench: Path, options: tuple[str, ...], ending: str) -> None:
+    assert run(bench, "--out", "base")[0] == 0
     code, said, _ = run(bench, "--seeds", "1..1", *options, "--", "--collect-only")
     assert code == 22, said
     assert fnmatchcase(said.rstrip().splitlines()[-1], ending), said

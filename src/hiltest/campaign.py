@@ -19,7 +19,7 @@ from hiltest.comparison.model import Comparison
 from hiltest.errors import ConfigError
 from hiltest.gate import Gate, read_gate
 from hiltest.measurement import Measurement, Outcome, round_significant
-from hiltest.older import FOLDER, UNJUDGED, last_words, older_options, run_command
+from hiltest.older import FOLDER, UNJUDGED, last_words, older_options, remove_runs, run_command
 from hiltest.report.campaign_markdown import SeedLine, SpreadLine, campaign_markdown
 from hiltest.report.comparison_text import print_changes
 from hiltest.report.console import standard_output
@@ -30,7 +30,7 @@ from hiltest.report.record import CAMPAIGN_FILE, SEED_FOLDERS, SEEDS_FILE, Run, 
 from hiltest.report.stored import read_stored
 from hiltest.report.verdict import WORDS, ExitCode, comparison_code, missed_only_limits
 from hiltest.settings import make_folder
-from hiltest.sole_command import remove_record_in, remove_run
+from hiltest.sole_command import remove_record_in
 
 SEEDS_SCHEMA = "hiltest.seeds/1"
 
@@ -110,14 +110,18 @@ def run_seeds(
     ConfigError
         If `out` cannot be written to; nothing has been run then.
     """
-    gate = None
+    gate = read_gate(Path(baseline)) if baseline is not None else None
+    # Before anything runs: whatever ends the campaign, no record of an earlier one passes for this one's.
+    remove_record_in(out)
+    for folder in (*out.glob(SEED_FOLDERS), out / FOLDER):
+        remove_runs(folder)
+    if gate is not None and gate.base is None:
+        return _not_judged(gate)
     if against is not None:
         older = _run_all(seeds, older_options(options, against), out / FOLDER, "seeds, older firmware")
         if code := next((each.exit_code for each in older if each.exit_code in _NOT_BEGUN), 0):
             return code
         gate = _gate_of(older, out / FOLDER)
-    elif baseline is not None:
-        gate = read_gate(Path(baseline))
     results = _run_all(seeds, [*options, *(UNJUDGED if gate else ())], out, "seeds")
     evidence = _together(results, str(out))
     comparison = gate.judge(evidence) if gate else None
@@ -141,11 +145,16 @@ def run_seeds(
     return code
 
 
+def _not_judged(gate: Gate) -> int:
+    """Say why no seed runs: there is no base that they could be judged against."""
+    sentence = f"NOT JUDGED: {gate.reason}. No seed was run."
+    click.echo(annotation(Verdict(WORDS[ExitCode.NOT_JUDGED], ExitCode.NOT_JUDGED, sentence, complete=False)), nl=False)
+    click.echo(sentence)
+    return ExitCode.NOT_JUDGED
+
+
 def _run_all(seeds: Sequence[int], options: Sequence[str], out: Path, name: str) -> list[SeedResult]:
     make_folder(out)
-    remove_record_in(out)  # of a single run, and of an earlier campaign that has come to its end
-    for folder in set(out.glob(SEED_FOLDERS)) - {_seed_folder(out, seed) for seed in seeds}:
-        remove_run(folder)  # of an earlier campaign, which had other seeds
     console = Console()
     columns = (TextColumn(name), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool, Progress(*columns, console=console) as progress:
@@ -165,7 +174,7 @@ def _gate_of(results: Sequence[SeedResult], out: Path) -> Gate:
     evidence = _together(results, str(out))
     if not evidence.measurements:
         return Gate(str(out), None, f"{out}: no seed of the older firmware left a record: {results[0].sentence}")
-    return Gate(str(out), evidence, together=True)
+    return Gate(str(out), evidence, in_one_session=True)
 
 
 def _together(results: Sequence[SeedResult], file: str) -> Evidence:

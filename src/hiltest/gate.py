@@ -1,16 +1,23 @@
-"""What a run is judged against: read before the run can write over it, compared with when the run has ended."""
+"""What a run is judged against: read before the run can write over it, compared with when the run has ended.
+
+Imported at the start of every pytest run on the machine: what compares is imported where something is compared.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from hiltest.comparison.compare import compare, not_compared
-from hiltest.comparison.evidence import Evidence
-from hiltest.comparison.model import Comparison
-from hiltest.comparison.words import build
-from hiltest.errors import ConfigError
-from hiltest.report.evidence import read_evidence
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from hiltest.comparison.evidence import Evidence
+    from hiltest.comparison.model import Comparison
+    from hiltest.older import OlderFirmware
+
+NOT_JUDGED = 22
+"""The exit code, where nothing heavy is imported for it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,40 +31,108 @@ class Gate:
     base : Evidence or None
     reason : str
         Why there is no base, with what to do.
-    together : bool
+    in_one_session : bool
         Whether the base ran in the same session, on the same rig, seeds, points and noise.
     """
 
     file: str
     base: Evidence | None
     reason: str = ""
-    together: bool = False
+    in_one_session: bool = False
 
     def judge(self, new: Evidence) -> Comparison:
         """Compare a run, or the runs of several seeds, with the base."""
+        from hiltest.comparison.compare import compare, not_compared
+
         if self.base is None:
             return not_compared(self.file, self.reason, new)
-        return compare(self.base, new, together=self.together)
+        return compare(self.base, new, together=self.in_one_session)
 
     def describe(self) -> str:
         """Return the header line: what the run is going to be judged against."""
+        from hiltest.comparison.words import build
+
         if self.base is None:
-            return f"base: {self.reason}; the run cannot end with a pass"
+            return f"base: {self.reason}"
         side = self.base.side
         seeds = ", ".join(map(str, side.seeds))
         return f"base: {self.file}, firmware {side.firmware} {side.version} {build(side)}, seeds {seeds}"
 
 
-def read_gate(place: Path, *, together: bool = False) -> Gate:
+def read_gate(place: Path, *, in_one_session: bool = False) -> Gate:
     """Read the base: a baseline file, the record of a run or of a campaign, or a folder with one.
 
     Parameters
     ----------
     place : Path
-    together : bool, optional
+    in_one_session : bool, optional
         Whether it has just been run, as the older of two firmwares.
     """
+    from hiltest.errors import ConfigError
+    from hiltest.report.evidence import read_evidence
+
     try:
-        return Gate(str(place), read_evidence(place), together=together)
+        return Gate(str(place), read_evidence(place), in_one_session=in_one_session)
     except ConfigError as error:
-        return Gate(str(place), None, str(error), together=together)
+        return Gate(str(place), None, str(error), in_one_session=in_one_session)
+
+
+class SessionGate:
+    """The gate of one session: which base was asked for, and what became of it before the first test.
+
+    Parameters
+    ----------
+    base : Path or None
+        What the run is to be judged against; None without a gate.
+    source : str
+        Which option named it.
+    """
+
+    def __init__(self, base: Path | None, source: str) -> None:
+        self._base = base
+        self._source = source
+        self._older: OlderFirmware | None = None
+        self._gate: Gate | None = None
+
+    @property
+    def asked_for(self) -> str:
+        """Which option names which base; empty without one."""
+        return f"{self._source} is {self._base}" if self._base is not None else ""
+
+    def judge_against(self, older: OlderFirmware) -> None:
+        """Take an older firmware as the base, which `run_older` will run."""
+        self._older = older
+        self._gate = Gate(str(older.folder), None, f"{older.elf} did not come to its end; run it again")
+
+    def read(self) -> None:
+        """Read the base, before the folder is this run's: it may lie there."""
+        if self._base is not None and self._gate is None:
+            self._gate = read_gate(self._base)
+
+    @property
+    def runs_older(self) -> bool:
+        """Whether an older firmware is the base."""
+        return self._older is not None
+
+    def run_older(self, say: Callable[[str], None]) -> None:
+        """Run the older firmware, if that is the base."""
+        if self._older is not None:
+            say(f"{self._older.elf}: running it first, its record is {self._older.record}")
+            say(f"{self._older.elf}: {self._older.run()}")
+            self._gate = read_gate(self._older.folder, in_one_session=True)
+
+    @property
+    def missing(self) -> str:
+        """Why there is no base that the run could be judged against; empty when there is, or when none was named."""
+        return self._gate.reason if self._gate is not None and self._gate.base is None else ""
+
+    def describe(self) -> list[str]:
+        """Return the header line, if there is a gate."""
+        if self._older is not None:
+            return [f"base: {self._older.elf}, which runs first"]
+        return [] if self._gate is None else [self._gate.describe()]
+
+    @property
+    def judge(self) -> Callable[[Evidence], Comparison] | None:
+        """What compares the finished run with its base; None without a gate."""
+        return None if self._gate is None else self._gate.judge

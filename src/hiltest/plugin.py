@@ -24,9 +24,10 @@ from hiltest.fixtures import (
     turntable,
 )
 from hiltest.found import CAUSE, FOUND, FOUND_AT_ITS_END, FOUND_HERE, GATING, REASON, TRACE, carry_over, pack
+from hiltest.gate import NOT_JUDGED
 from hiltest.gate_set import MARKER, leave_out_full
 from hiltest.needs import uses_board, uses_hiltest
-from hiltest.session import NOT_JUDGED, SESSION, HilSession
+from hiltest.session import SESSION, HilSession
 from hiltest.settings import add_options, resolve
 
 __all__ = [
@@ -68,7 +69,7 @@ def pytest_unconfigure(config: pytest.Config) -> None:
     """Give the folder of the record back."""
     hil = config.stash.get(SESSION, None)
     if hil is not None:
-        hil.release_folder()
+        hil.folder.release()
 
 
 # Last: what is left out here is what the user's own choice of tests would have run.
@@ -77,7 +78,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """Leave out what only the full set of tests runs."""
     hil = config.stash[SESSION]
     if hil.settings.suite == "gate":
-        hil.left_out = leave_out_full(config, items, [each for each in items if uses_hiltest(each)])
+        hil.choice.left_out = leave_out_full(config, items, [each for each in items if uses_hiltest(each)])
 
 
 def pytest_deselected(items: Sequence[pytest.Item]) -> None:
@@ -85,7 +86,7 @@ def pytest_deselected(items: Sequence[pytest.Item]) -> None:
     for item in items:
         hil = item.config.stash[SESSION]
         in_set = hil.settings.suite == "full" or item.get_closest_marker(MARKER) is None
-        hil.deselected |= in_set and uses_hiltest(item)
+        hil.choice.deselected |= in_set and uses_hiltest(item)
 
 
 # First, so that the board is known when other plugins report what was collected.
@@ -93,7 +94,7 @@ def pytest_deselected(items: Sequence[pytest.Item]) -> None:
 def pytest_collection_finish(session: pytest.Session) -> None:
     """Open the rig and the board once it is known that a test needs them."""
     hil = session.config.stash[SESSION]
-    hil.left_out.check_that_some_are_left(session.items)
+    hil.choice.left_out.check_that_some_are_left(session.items)
     if hil.begin(session.items):
         from hiltest.recording import start_recording
 
@@ -103,7 +104,7 @@ def pytest_collection_finish(session: pytest.Session) -> None:
 def pytest_report_collectionfinish(config: pytest.Config) -> list[str]:
     """Show which board the tests run on."""
     hil = config.stash[SESSION]
-    return [*hil.describe(), *hil.left_out.describe()]
+    return [*hil.describe(), *hil.choice.left_out.describe()]
 
 
 # First: no fixture of a test is set up on a board that is gone.
@@ -166,7 +167,7 @@ def pytest_runtest_makereport(
         trace = hil.keep_trace(hil.test_id(item.nodeid), report.when, call.excinfo.value)
         if trace:
             setattr(report, TRACE, trace)
-            report.sections.append(("wire trace", str(hil.settings.out / trace)))
+            report.sections.append(("wire trace", str(hil.folder.path / trace)))
         # A test that has nothing to do with hiltest fails as any other does, with its traceback.
         cause = hil.blame(call.excinfo.value, item.nodeid) if uses_hiltest(item) else ""
         if cause:

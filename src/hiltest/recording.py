@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from hiltest.found import BENCH, FOUND_HERE
+from hiltest.gate import NOT_JUDGED
+from hiltest.older import FOLDER, remove_runs
 from hiltest.outcomes import RERUN, TestLog
 from hiltest.report.record import (
     BoardRecord,
@@ -38,6 +40,7 @@ def start_recording(hil: HilSession) -> Recording:
     """Begin the record of a session, and see to it that it is kept."""
     rig, recorder = hil.rig_if_needed, hil.claim_folder()
     recorder.begin(calibration_record(hil.calibration))
+    remove_runs(recorder.folder / FOLDER)  # what an earlier command compared with must not pass for this one's
     if rig is not None:
         recorder.rig(rig_record(rig), hil.seed)
     if hil.board is not None:
@@ -57,6 +60,18 @@ class Recording:
         self._finished = 0
         self._summary_remark = ""
         self.run: Run | None = None
+
+    # First: before a test runs, or a worker is waited for.
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtestloop(self, session: pytest.Session) -> None:
+        """Run the older firmware, if there is one; no test runs for a base that is missing: none could be judged."""
+        hil = self._hil
+        if hil.trouble is not None or session.testsfailed or not (session.testscollected or hil.hands_out):
+            return  # how the session ends stands without a base
+        hil.gate.run_older(partial(_say, session.config))
+        hil.restart_wall_clock()
+        if hil.gate.missing:
+            pytest.exit(f"not judged: {hil.gate.missing}", returncode=NOT_JUDGED)
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Take what one phase of a test found."""
@@ -99,20 +114,23 @@ class Recording:
 
         self._recorder.found(self._hil.end(), ())
         self._recorder.finished(None)
-        self._recorder.findings.chosen = self._hil.chose_ours
+        self._recorder.findings.chosen = self._hil.choice.of_our_tests
         stopped = bool(session.shouldstop or session.shouldfail)
-        left_out = self._hold_to_the_rig(left_out=stopped or exitstatus > 1 or self._hil.chose_tests)
+        left_out = self._hold_to_the_rig(left_out=stopped or exitstatus > 1 or self._hil.choice.of_any_tests)
         cut_short = stopped or self._finished < session.testscollected
         decided = partial(
             decide, self._recorder.findings, pytest_exit=int(exitstatus), left_out=left_out, cut_short=cut_short
         )
-        if self._hil.gate is not None:
+        if self._hil.gate.judge is not None:
             self._recorder.compare(self._hil.gate.judge, decided())
         self.run = self._recorder.finish(decided())
         session.exitstatus = self.run.verdict.exit_code
         write_reports(self.run, self._recorder.folder)
         self._summary_remark = append_to_job_summary(markdown_report(self.run), self._recorder.folder / MARKDOWN_FILE)
         session.config.hook.pytest_hil_finished(config=session.config, run=self.run)
+        terminal = session.config.pluginmanager.get_plugin("terminalreporter")
+        if exitstatus == NOT_JUDGED and terminal is not None:
+            self.pytest_terminal_summary(terminal, session.config)  # after such a code pytest itself asks for none
 
     def _hold_to_the_rig(self, *, left_out: bool) -> list[str]:
         """Record every limit that this set of tests has not met; with `left_out` only return their names."""
@@ -122,7 +140,7 @@ class Recording:
         calibrators = findings.board.calibrators if findings.board else ()
         unmet = unmet_limits(
             rig.limits_of(findings.suite), rig.units, findings.measurements, calibrators,
-            gate_only=bool(self._hil.left_out.tests),
+            gate_only=bool(self._hil.choice.left_out.tests),
         )
         lost = any(each.outcome in ("bench lost", "wrong firmware") for each in findings.tests)
         if left_out or lost:
@@ -149,6 +167,14 @@ class Recording:
         if self._summary_remark:
             terminalreporter.write_line(self._summary_remark)
         terminalreporter.write(annotation(self.run.verdict))
+
+
+def _say(config: pytest.Config, line: str) -> None:
+    """Print a line that is not to wait for the end of the session."""
+    terminal = config.pluginmanager.get_plugin("terminalreporter")
+    if terminal is not None:
+        terminal.write_line(line)
+        terminal.flush()
 
 
 def rig_record(rig: Rig) -> RigRecord:

@@ -15,15 +15,16 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from hiltest.choice import Choice
 from hiltest.found import FOUND, GATING, Found, properties_of
-from hiltest.gate_set import LeftOut
+from hiltest.gate import SessionGate
 from hiltest.needs import is_benchmark, uses_board, uses_hiltest, uses_rig
-from hiltest.settings import Settings, make_folder
+from hiltest.record_folder import RecordFolder
+from hiltest.settings import Settings
 
 if TYPE_CHECKING:
     from hiltest.boards import Board
     from hiltest.errors import BenchError, ProtocolError
-    from hiltest.gate import Gate
     from hiltest.imu_calibration.file import CalibrationFile
     from hiltest.measurement import Limit, Measurement
     from hiltest.report.recorder import Recorder
@@ -32,14 +33,10 @@ if TYPE_CHECKING:
 
 BENCH_LOST = "bench lost"
 WRONG_FIRMWARE = "wrong firmware"
-NOT_JUDGED = 22
-"""The exit code, where nothing heavy is imported for it."""
 
 GROUP = "hil"
 """What pytest-xdist calls the tests that it keeps together."""
 
-# pytest's options that leave tests out.
-_CHOICES = ("keyword", "markexpr", "deselect", "ignore", "ignore_glob", "lf", "stepwise")
 # Folders of suites: a bench's own, and the packaged ones.
 _SUITES = (("hil", "suites"), ("bench", "suites"))
 
@@ -61,16 +58,12 @@ class HilSession:
         Whether the bench is needed even if no test uses it.
     calibration : CalibrationFile or None
         What ``--hil-calibration`` named.
-    left_out : LeftOut
-        Tests of the full set.
-    deselected : bool
-        Whether tests of hiltest that the set has were deselected.
-    only_benchmarks : bool
-        Whether pytest was asked for benchmarks of device cycles and for no other test of ours.
-    base : Path or None
-        What the run is to be judged against; `base_ran_here` says that it is of this very session.
-    gate : Gate or None
-        The base, once it is read.
+    choice : Choice
+        Which tests the user asked for.
+    gate : SessionGate
+        What the run is to be judged against.
+    folder : RecordFolder
+        Where the record is kept.
     """
 
     def __init__(self, config: pytest.Config, settings: Settings) -> None:
@@ -86,15 +79,10 @@ class HilSession:
         self._opened_s = 0.0
         self.asked_for = False
         self._needs_rig = False
-        self.only_benchmarks = False
         self._traces: WireTraces | None = None
-        self._recorder: Recorder | None = None
-        self._made_folder = False
-        self.left_out = LeftOut()
-        self.deselected = False
-        self.base = settings.baseline
-        self.base_ran_here = False
-        self.gate: Gate | None = None
+        self.choice = Choice(config)
+        self.gate = SessionGate(settings.baseline, settings.sources["baseline"])
+        self.folder = RecordFolder(settings.out)
 
     @property
     def is_worker(self) -> bool:
@@ -124,7 +112,7 @@ class HilSession:
             return False
         self._needs_rig |= any(map(uses_rig, items))
         ours = list(filter(uses_hiltest, items))
-        self.only_benchmarks = not self.asked_for and bool(ours) and all(map(is_benchmark, ours))
+        self.choice.only_benchmarks = not self.asked_for and bool(ours) and all(map(is_benchmark, ours))
         self.open(with_board=any(map(uses_board, items)))
         return not self.is_worker
 
@@ -149,64 +137,41 @@ class HilSession:
             _ = self.rig_if_needed
             if self.settings.calibration is not None and self.calibration is None:
                 self.calibration = load_calibration(self.settings.calibration)
-            self.read_base()
             if not self.is_worker:
+                self.gate.read()
                 # Before anything is written to the folder, the first words on the line among it.
                 self.claim_folder()
-                remove_traces(self.settings.out)
-            if with_board and not (self.is_worker or self.hands_out):
+                remove_traces(self.folder.path)
+            if with_board and not self.is_worker:
                 # The first test that needs a lost board is charged with it.
                 with suppress(BenchError, ProtocolError):
-                    self.connect()
+                    self._connect_here()
         except ConfigError as error:
             raise pytest.UsageError(str(error)) from error
-
-    def read_base(self) -> None:
-        """Read what the run is to be judged against, before the folder is this run's: it may lie there."""
-        if self.base is not None and self.gate is None and not self.is_worker:
-            from hiltest.gate import read_gate
-
-            self.gate = read_gate(self.base, together=self.base_ran_here)
 
     @property
     def unevaluated(self) -> str:
         """Why a gate that was asked for is not evaluated although no run is recorded; empty when there is none."""
         recorded = self.config.pluginmanager.has_plugin("hiltest-recording")
-        if self.base is None or recorded or self.is_worker or self.config.option.collectonly:
+        if not self.gate.asked_for or recorded or self.is_worker or self.config.option.collectonly:
             return ""
-        source = self.settings.sources["baseline"]
-        return f"NOT JUDGED: {source} is {self.base}, and no test that ran uses hiltest: there is nothing to compare."
+        return f"NOT JUDGED: {self.gate.asked_for}, and no test that ran uses hiltest: there is nothing to compare."
 
     def claim_folder(self) -> Recorder:
-        """Return the recorder, whose folder belongs to this session alone until `release_folder`.
+        """Return the recorder of this session, whose folder no other session has from here on.
 
         Raises
         ------
         ConfigError
             If another run has the folder, or it cannot be written to.
         """
-        from hiltest.report.journal import Journal
-        from hiltest.report.recorder import Recorder
         from hiltest.report.revision import revision_of
 
-        if self._recorder is None:
-            self._made_folder = not self.settings.out.exists()
-            make_folder(self.settings.out)
-            rig = self.rig_if_needed
-            poses = self.settings.poses or (rig.procedure.poses if rig else "all")
-            self._recorder = Recorder(
-                Journal(self.settings.out), suite=self.settings.suite, poses=poses,
-                revision=revision_of(self.settings.label),
-            )  # fmt: skip
-        return self._recorder
-
-    def release_folder(self) -> None:
-        """Give the folder back, when every file of the run is written."""
-        if self._recorder is not None:
-            self._recorder.release()
-        if self._made_folder:
-            with suppress(OSError):  # a usage error leaves nothing in it, and a run does
-                self.settings.out.rmdir()
+        rig = self.rig_if_needed
+        poses = self.settings.poses or (rig.procedure.poses if rig else "all")
+        return self.folder.claim(
+            suite=self.settings.suite, poses=poses, revision=revision_of(self.settings.label)
+        )
 
     @property
     def rig(self) -> Rig:
@@ -246,7 +211,7 @@ class HilSession:
             from hiltest.wire_traces import WireTraces
 
             self._opened_s = time.monotonic()
-            self._traces = WireTraces(self.settings.out)
+            self._traces = WireTraces(self.folder.path)
             try:
                 self._board = open_board(
                     self.rig, firmware=self.settings.firmware, port=self.settings.port, seed=self.settings.seed,
@@ -259,6 +224,18 @@ class HilSession:
                 self.keep_trace("the first words to the board", "set-up", error)
                 raise
         return self._board
+
+    def _connect_here(self) -> None:
+        """Open the board; where a worker will, only try it if an older firmware would run for minutes before that."""
+        if not self.hands_out:
+            self.connect()
+        elif self.gate.runs_older:
+            self.connect().close()
+            self._board = None
+
+    def restart_wall_clock(self) -> None:
+        """Leave out of the board's wall time what came before its first test."""
+        self._opened_s = time.monotonic()
 
     @property
     def board(self) -> Board | None:
@@ -296,32 +273,6 @@ class HilSession:
             return ""
         about = self._board.description if self._board else f"rig {self.rig.name}"
         return self._traces.keep(test, phase, error, about=about)
-
-    @property
-    def chose_tests(self) -> bool:
-        """Whether the user asked for a part of the tests: by ``-k``, ``-m``, ``--ignore``, files or node ids.
-
-        Benchmarks of device cycles, and no other tests, are a part too: they measure nothing that is judged.
-        """
-        if self.only_benchmarks:
-            return True
-        given = vars(self.config.option)
-        if any(given.get(name) for name in _CHOICES):
-            return True
-        return self._named_tests
-
-    @property
-    def chose_ours(self) -> bool:
-        """Whether tests of hiltest may be missing by the user's choice: ``-m hil`` leaves out only others."""
-        given = vars(self.config.option)
-        not_collected = any(given.get(name) for name in ("ignore", "ignore_glob", "lf"))
-        return self.deselected or self.only_benchmarks or not_collected or self._named_tests
-
-    @property
-    def _named_tests(self) -> bool:
-        named = self.config.args if self.config.args_source is pytest.Config.ArgsSource.ARGS else []
-        here = self.config.invocation_params.dir
-        return bool(named) and not any("::" not in each and (here / each).is_dir() for each in named)
 
     def test_id(self, nodeid: str) -> str:
         """Return the id of a test for the record: for a suite it does not depend on where pytest was started."""
@@ -393,7 +344,7 @@ class HilSession:
 
     def describe(self) -> list[str]:
         """Return the header lines: which board, what its numbers rest on, and what they will be judged against."""
-        base = [] if self.gate is None else [self.gate.describe()]
+        base = self.gate.describe()
         if self.trouble is not None:
             return [f"hiltest: {self.trouble}", f"rig: {self._rig_line()}", *base]
         if self._board is None:

@@ -60,9 +60,9 @@ class Worker:
         except pytest.UsageError as error:
             self._told["usage_error"] = str(error)
             raise
-        self._told["left_out"] = (list(self._hil.left_out.tests), self._hil.left_out.how)
-        self._told["only_benchmarks"] = self._hil.only_benchmarks
-        self._told["deselected"] = self._hil.deselected
+        self._told["left_out"] = (list(self._hil.choice.left_out.tests), self._hil.choice.left_out.how)
+        self._told["only_benchmarks"] = self._hil.choice.only_benchmarks
+        self._told["deselected"] = self._hil.choice.deselected
         return result
 
     # First: the board is open, or known to be lost, before anything of the test is set up.
@@ -183,9 +183,9 @@ class Controller:
         if told["usage_error"]:
             raise pytest.UsageError(told["usage_error"])
         tests, how = told["left_out"]
-        self._hil.left_out = LeftOut(tuple(tests), how)
-        self._hil.only_benchmarks = told["only_benchmarks"]
-        self._hil.deselected = told["deselected"]
+        self._hil.choice.left_out = LeftOut(tuple(tests), how)
+        self._hil.choice.only_benchmarks = told["only_benchmarks"]
+        self._hil.choice.deselected = told["deselected"]
         if self._recording is not None:
             self._recording.found(told["measurements"])
 
@@ -193,7 +193,7 @@ class Controller:
         from hiltest.errors import ConfigError
         from hiltest.recording import start_recording
 
-        self._hil.read_base()
+        self._hil.gate.read()
         try:
             self._recording = start_recording(self._hil)
         except ConfigError as error:

@@ -304,3 +304,21 @@ def test_ctrl_c_is_interrupted_and_not_compared(pytester: pytest.Pytester) -> No
     sentence = record(pytester)["verdict"]["sentence"]
     assert sentence.startswith("INTERRUPTED. ")
     assert "Not compared with base/run.json: this run: the run is not complete (interrupted)" in sentence
+
+
+@pytest.mark.usefixtures("base")
+def test_without_its_base_no_test_runs_and_the_record_says_why(pytester: pytest.Pytester) -> None:
+    result = pytester.runpytest_inprocess("--hil-baseline=no-such.json")
+    assert result.ret == 22
+    result.stdout.fnmatch_lines(["NOT JUDGED. *Not compared with no-such.json: no-such.json: No such file *"])
+    assert record(pytester)["tests"] == []
+    assert not record(pytester)["verdict"]["complete"]
+
+
+def test_what_an_earlier_command_compared_with_does_not_stay_in_the_folder(
+    base: Path, pytester: pytest.Pytester
+) -> None:
+    shutil.copytree(base, pytester.path / "hil-out" / "against")
+    shutil.copytree(base, pytester.path / "hil-out" / "against" / "seed-0001")
+    assert pytester.runpytest_inprocess("--hil-baseline=hil-out/against/run.json").ret == 0, "it was read before"
+    assert not (pytester.path / "hil-out" / "against").exists()

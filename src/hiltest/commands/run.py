@@ -12,12 +12,10 @@ import pytest
 from hiltest.bench_files import suites
 from hiltest.commands.options import EXIT_CODES, checked
 from hiltest.errors import ConfigError
-from hiltest.older import FOLDER, base_of_environment, last_words, run_older
-from hiltest.report.record import RUN_FILE, Run
+from hiltest.older import FOLDER, OlderFirmware, base_of_environment
+from hiltest.report.record import Run
 from hiltest.session import SESSION
 from hiltest.settings import DEFAULT_OUT, file_name, label, seed
-
-ONE_BASE = "a run is judged against one base; leave one of them out"
 
 
 class RunCommand:
@@ -25,13 +23,13 @@ class RunCommand:
 
     Parameters
     ----------
-    older : Path, optional
-        Record of an older firmware, run just before on the same bench, that the run is judged against.
+    older : OlderFirmware, optional
+        That runs first on the same bench, and that the run is judged against.
     """
 
     __name__ = "hiltest-run"
 
-    def __init__(self, older: Path | None = None) -> None:
+    def __init__(self, older: OlderFirmware | None = None) -> None:
         self.run: Run | None = None
         self._older = older
 
@@ -42,9 +40,12 @@ class RunCommand:
         """Open the bench, which this command always needs."""
         hil = config.stash[SESSION]
         if self._older is not None:
-            if hil.base is not None:
-                raise pytest.UsageError(f"--against, and {hil.settings.sources['baseline']}: {ONE_BASE}")
-            hil.base, hil.base_ran_here = self._older, True
+            try:
+                _check_against(hil.gate.asked_for, hil.settings.port)
+                self._older.check(hil.rig)
+            except ConfigError as error:
+                raise pytest.UsageError(str(error)) from error
+            hil.gate.judge_against(self._older)
         if not config.option.collectonly:
             hil.open(with_board=True)
 
@@ -109,41 +110,47 @@ def run(
     baseline = given.pop("baseline")
     options = [f"{names[name]}={value}" for name, value in given.items() if value is not None] + list(pytest_args)
     if against is not None:
-        _check_against(baseline or base_of_environment(), given["hil_port"])
+        base = baseline or base_of_environment()
+        _check_against(base and f"the baseline {base}", given["hil_port"])
     if seeds is not None:
         if given["seed"] or given["hil_port"]:
             raise ConfigError("--seeds simulates many worlds: it goes neither with --seed nor with --hil-port")
         from hiltest.campaign import run_seeds
 
+        if against is not None:
+            _try_out(against, given["firmware"], given["rig"])
         base = baseline or base_of_environment()
         with sole_command(Path(out)):
             return run_seeds(seeds, options, Path(out), may_fail=may_fail, baseline=base, against=against)
-    if against is not None:
-        with sole_command(Path(out)):
-            return _run_both(options, against, Path(out))
-    return run_suites(options + ([] if baseline is None else [f"--hil-baseline={baseline}"]), Path(out))
+    older = None if against is None else OlderFirmware(against, tuple(options), Path(out) / FOLDER)
+    return run_suites([*options, *([] if baseline is None else [f"--hil-baseline={baseline}"])], Path(out), older=older)
 
 
-def _check_against(baseline: str | None, port: str | None) -> None:
-    if baseline is not None:
-        raise ConfigError(f"--against, and the baseline {baseline}: {ONE_BASE}")
-    if port is not None:
+def _check_against(base: str | None, port: str | None) -> None:
+    if base:
+        raise ConfigError(f"--against, and {base}: a run is judged against one base; leave one of them out")
+    if port:
         raise ConfigError("--against runs two ELF files on the virtual board: it does not go with --hil-port")
 
 
-def _run_both(options: Sequence[str], against: str, out: Path) -> int:
-    """Run the older firmware, then the newer one, judged against it."""
-    folder = out / FOLDER
-    click.echo(f"{against}: running it first, its record is {folder / RUN_FILE}")
-    done = run_older(options, against, folder)
-    if done.returncode in (pytest.ExitCode.USAGE_ERROR, pytest.ExitCode.INTERRUPTED):
-        click.echo(done.stderr, err=True, nl=False)
-        return done.returncode
-    click.echo(f"{against}: {last_words(done.stdout or done.stderr)}")
-    return run_suites(options, out, older=folder)
+def _try_out(older: str, newer: str | None, rig: str | None) -> None:
+    """Find what is wrong with one of two firmwares before the older one runs on every seed.
+
+    Raises
+    ------
+    ConfigError, BenchError, ProtocolError
+        If an ELF cannot be loaded, or the newer one does not answer as it must.
+    """
+    from hiltest.bench_files import rig_file
+    from hiltest.boards import VirtualBench, open_board
+    from hiltest.rig_file import load_rig
+
+    bench = load_rig(rig_file(Path.cwd(), rig))
+    VirtualBench(bench, firmware=Path(older))
+    open_board(bench, firmware=None if newer is None else Path(newer)).close()
 
 
-def run_suites(options: Sequence[str], out: Path, *, older: Path | None = None) -> int:
+def run_suites(options: Sequence[str], out: Path, *, older: OlderFirmware | None = None) -> int:
     """Run pytest on the suites and print the verdict as the last line.
 
     Parameters
@@ -152,8 +159,8 @@ def run_suites(options: Sequence[str], out: Path, *, older: Path | None = None) 
         For pytest.
     out : Path
         Folder of the record.
-    older : Path, optional
-        Folder of an older firmware's record that the run is judged against.
+    older : OlderFirmware, optional
+        That the run is judged against.
 
     Returns
     -------

@@ -1,0 +1,188 @@
+"""Two firmwares in one command: what is wrong is found before minutes are spent, and what is cut short shows it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+import pytest
+
+from hiltest.report.stored import read_stored
+
+from .firmware_edits import Edit, FirmwareCopy
+
+OLD = Path(__file__).parents[2] / "src" / "hiltest" / "firmware" / "hiltest-frdm-k64f.elf"
+WAIT_S = 300.0
+
+# The older firmware's test says that it runs, and then takes its time if it is told to.
+SUITE = """
+import os
+import time
+
+
+def test_current(board, measure, hil_settings):
+    measure("lamp.current", 2.0, "mA")
+    if "against" in hil_settings.out.parts:
+        with open("older", "a") as file:
+            print(os.getpid(), file=file, flush=True)
+        time.sleep(float(os.environ.get("OLDER_TAKES_S", 0)))
+"""
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Path:
+    """A bench of one's own with a suite that takes no time, and a rig without limits."""
+    for name in ("suites", "rigs"):
+        (tmp_path / "hil" / name).mkdir(parents=True)
+    (tmp_path / "hil" / "suites" / "test_lamp.py").write_text(SUITE, encoding="utf-8")
+    rig = (Path(__file__).parents[2] / "hil" / "rigs" / "virtual-k64f.toml").read_text(encoding="utf-8")
+    (tmp_path / "hil" / "rigs" / "virtual-k64f.toml").write_text(rig[: rig.index("[limits]")], encoding="utf-8")
+    shutil.copy(OLD, tmp_path / "new.elf")
+    return tmp_path
+
+
+@pytest.fixture
+def stop_older(bench: Path) -> Iterator[None]:
+    """End the older firmware's run, which a killed command leaves behind."""
+    yield
+    for line in (bench / "older").read_text(encoding="utf-8").split():
+        with_this_id = Path("/proc") / line / "cmdline"
+        if with_this_id.exists() and b"hiltest" in with_this_id.read_bytes():
+            os.kill(int(line), signal.SIGKILL)
+
+
+def environment(**more: str) -> dict[str, str]:
+    return {name: value for name, value in os.environ.items() if not name.startswith("HIL_")} | more
+
+
+def hiltest(folder: Path, *arguments: str, **more: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "hiltest", *arguments], cwd=folder, env=environment(**more), capture_output=True,
+        text=True, check=False, timeout=WAIT_S,
+    )  # fmt: skip
+
+
+def stopped(folder: Path, by: signal.Signals, *arguments: str) -> int:
+    """Run the command, and send it a signal while the older firmware runs; return its exit code."""
+    command = [sys.executable, "-m", "hiltest", "run", *arguments]
+    given = environment(OLDER_TAKES_S="600")
+    with subprocess.Popen(command, cwd=folder, env=given, stdout=subprocess.DEVNULL) as running:
+        ends_s = time.monotonic() + WAIT_S
+        while not (folder / "older").exists() and running.poll() is None and time.monotonic() < ends_s:
+            time.sleep(0.02)
+        running.send_signal(by)
+        return running.wait(WAIT_S)
+
+
+BOTH = ("--firmware", "new.elf", "--against", str(OLD))
+
+
+@pytest.mark.usefixtures("stop_older")
+@pytest.mark.parametrize(
+    ("by", "code", "sentence"),
+    [
+        (signal.SIGKILL, -signal.SIGKILL, "CUT SHORT: 0 tests finished, 0 measurements kept."),
+        (signal.SIGINT, 2, f"INTERRUPTED. Not compared with hil-out/against: {OLD} did not come to its end"),
+    ],
+    ids=["SIGKILL", "SIGINT"],
+)
+def test_stopped_while_the_older_firmware_runs_it_leaves_no_verdict_of_an_earlier_run(
+    bench: Path, by: signal.Signals, code: int, sentence: str
+) -> None:
+    before = hiltest(bench, "run", *BOTH)
+    assert before.returncode == 0, before.stdout + before.stderr
+    assert before.stdout.rstrip().endswith(" unchanged: may be merged.")
+    (bench / "older").unlink()
+    assert stopped(bench, by, *BOTH) == code
+    assert not (bench / "hil-out" / "against" / "run.json").exists() or by == signal.SIGINT
+    told = hiltest(bench, "report", "hil-out")
+    assert told.returncode == 0
+    assert told.stdout.splitlines()[-1].startswith(sentence)
+    assert not read_stored(bench / "hil-out").run.verdict.complete
+    compared = hiltest(bench, "compare", "hil-out", "hil-out")
+    assert compared.returncode == 22
+    assert "the run is not complete" in compared.stdout
+
+
+@pytest.mark.usefixtures("stop_older")
+def test_a_campaign_that_is_killed_in_its_older_half_leaves_no_summary_of_an_earlier_one(bench: Path) -> None:
+    (bench / "hil-out" / "seed-0001").mkdir(parents=True)
+    for name in ("seeds.json", "seeds.md"):
+        (bench / "hil-out" / name).write_text("{}", encoding="utf-8")
+    assert stopped(bench, signal.SIGKILL, "--seeds", "1..1", *BOTH) == -signal.SIGKILL
+    assert {path.name for path in (bench / "hil-out").iterdir()} == {"against", "command.lock"}
+
+
+def no_file(elf: Path) -> None:
+    elf.unlink()
+
+
+def no_firmware(elf: Path) -> None:
+    elf.write_text("not a firmware")
+
+
+@pytest.mark.parametrize("seeds", [(), ("--seeds", "1..2"), ("--", "-n2", "--dist=loadgroup")], ids=" ".join)
+@pytest.mark.parametrize(("spoil", "complaint"), [(no_file, "No such file"), (no_firmware, "new.elf: ")])
+def test_a_new_firmware_that_cannot_run_is_found_before_the_older_one_runs(
+    bench: Path, spoil: Callable[[Path], None], complaint: str, seeds: tuple[str, ...]
+) -> None:
+    if "-n2" in seeds:
+        pytest.importorskip("xdist")
+    spoil(bench / "new.elf")
+    done = hiltest(bench, "run", *BOTH, *seeds)
+    assert done.returncode == 4, done.stdout + done.stderr
+    assert complaint in done.stderr
+    assert not (bench / "older").exists()
+    assert not (bench / "hil-out").exists(), "a usage error leaves nothing behind"
+
+
+def test_a_new_firmware_of_another_protocol_is_found_before_the_older_one_runs(
+    bench: Path, copy_of_the_firmware: FirmwareCopy
+) -> None:
+    edit = Edit("protocol/message.h", "#define PROTOCOL_VERSION 4u", "#define PROTOCOL_VERSION 5u")
+    copy_of_the_firmware.build(edit, bench / "new.elf")
+    done = hiltest(bench, "run", *BOTH)
+    assert done.returncode == 23, done.stdout + done.stderr
+    assert not (bench / "older").exists()
+    assert "speaks protocol version 5" in done.stdout.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    ("given", "ini", "complaint"),
+    [
+        ({}, "hil_baseline = base.json", "--against, and hil_baseline is base.json: a run is judged against one base"),
+        ({"HIL_PORT": "/dev/ttyACM0"}, "", "it does not go with --hil-port"),
+        ({}, "addopts = -p no:nothing --hil-baseline=base.json", "--against, and --hil-baseline is base.json"),
+    ],
+    ids=["ini", "port", "addopts"],
+)
+def test_what_does_not_go_with_it_is_found_before_the_older_firmware_runs(
+    bench: Path, given: Mapping[str, str], ini: str, complaint: str
+) -> None:
+    (bench / "pytest.ini").write_text(f"[pytest]\n{ini}\n", encoding="utf-8")
+    done = hiltest(bench, "run", *BOTH, **given)
+    assert done.returncode == 4, done.stdout + done.stderr
+    assert complaint in done.stderr
+    assert not (bench / "older").exists()
+
+
+@pytest.mark.parametrize("seeds", [(), ("--seeds", "1..2")], ids=" ".join)
+def test_a_baseline_that_is_not_there_is_said_at_once_and_no_test_runs(bench: Path, seeds: tuple[str, ...]) -> None:
+    assert hiltest(bench, "run").returncode == 0
+    (bench / "hil" / "suites" / "test_lamp.py").write_text(SUITE + "    open('ran', 'w')\n", encoding="utf-8")
+    done = hiltest(bench, "run", "--baseline", "no-such.json", *seeds, GITHUB_ACTIONS="true")
+    assert done.returncode == 22, done.stdout + done.stderr
+    (annotation,) = [line for line in done.stdout.splitlines() if line.startswith("::error")]
+    assert "hiltest%3A not judged" in annotation
+    last = done.stdout.splitlines()[-1]
+    assert last.startswith("NOT JUDGED")
+    assert "no-such.json: No such file or directory" in last
+    assert not (bench / "ran").exists()
+    left = hiltest(bench, "compare", "hil-out", "hil-out")
+    assert left.returncode in (4, 22), "and not the verdict of the run before"
