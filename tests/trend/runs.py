@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from hiltest.comparison.model import Revision
 from hiltest.measurement import Measurement
 from hiltest.report.record import BoardRecord, Environment, Findings, RigRecord, Run, SensorRecord, TestResult
 from hiltest.report.verdict import decide
@@ -11,7 +12,7 @@ from .entries import MODEL
 
 def finished_run(
     day: int, *measurements: Measurement, build: str = "0123456789abcdef", seed: int = 1, model: str = MODEL,
-    firmware: str = "hiltest-frdm-k64f", hour: int = 0,
+    firmware: str = "hiltest-frdm-k64f", hour: int = 0, revision: Revision | None = None,
 ) -> Run:  # fmt: skip
     """Return a run of a day in January."""
     board = BoardRecord(
@@ -22,7 +23,7 @@ def finished_run(
     )  # fmt: skip
     found = Findings(
         Environment("bench", "Linux", "3.11.2", {"hiltest": "0.1.0"}), "gate", "all",
-        f"2026-01-{day:02d}T{hour:02d}:00:00Z", seed=seed, board=board,
+        f"2026-01-{day:02d}T{hour:02d}:00:00Z", seed=seed, board=board, revision=revision,
         rig=RigRecord("virtual-k64f", "virtual-k64f.toml", "cd" * 32, "1.7 ± 0.2 deg", "ef" * 32),
     )  # fmt: skip
     found.tests.append(TestResult("t.py::t", "passed", 1.0))

@@ -14,7 +14,7 @@ from hiltest.comparison.acceptance import accept
 from hiltest.comparison.baseline import baseline_of
 from hiltest.comparison.baseline_file import to_json
 from hiltest.errors import ConfigError
-from hiltest.measurement import judge
+from hiltest.measurement import Limit, judge
 from hiltest.report.evidence import read_evidence
 from hiltest.report.journal import JOURNAL_FILE, Journal
 from hiltest.report.recorder import Recorder
@@ -124,6 +124,32 @@ def test_foreign_and_corrupt_files_are_named_with_the_reason_and_the_rest_is_rea
     assert skipped.keys() == begins.keys()
     for file, reason in begins.items():
         assert skipped[file].startswith(reason), (file, skipped[file])
+
+
+@pytest.mark.parametrize("older", ["against", "against/seed-0001"])
+def test_the_older_firmware_of_a_run_is_no_run_of_its_own(tmp_path: Path, write: WriteRun, older: str) -> None:
+    write(f"out/{older}", 1, cycles(11_061), build="older")
+    write(f"out/{older}".replace("against", "."), 2, cycles(11_161), build="newer")
+    entries, skipped = read_folder(tmp_path)
+    assert ([each.evidence.side.build_id for each in entries], skipped) == (["newer"], [])
+    # A folder that only has the name is one like others.
+    (tmp_path / "out" / "against").rename(tmp_path / "against")
+    assert [each.evidence.side.build_id for each in read_folder(tmp_path)[0]] == ["older", "newer"]
+
+
+def test_a_baseline_from_before_limits_were_kept_takes_none_away(tmp_path: Path, write: WriteRun) -> None:
+    run = write("a", 1, cycles(11_061))
+    text = to_json(baseline_of(read_evidence(run), "2026-01-05T00:00:00Z"))
+    limit = ', "limit": {"min": null, "max": 12500.0}'
+    assert limit in text
+    (tmp_path / "base.json").write_text(text.replace(limit, ""))
+    (measured,) = trend_of(read_folder(tmp_path)[0]).measured
+    assert str(measured.limit) == "at most 12 500"
+    assert [str(point.limit) for point in measured.series[0].points] == ["at most 12 500"] * 2
+    # One that keeps limits knows them: what has none there has none.
+    unlimited = write("b", 6, cycles(11_061, limit=None), judge("x", 1.0, unit="deg", limit=Limit(max=2)))
+    (tmp_path / "later.json").write_text(to_json(baseline_of(read_evidence(unlimited), "2026-01-07T00:00:00Z")))
+    assert trend_of(read_folder(tmp_path)[0]).measured[0].limit is None
 
 
 def test_other_files_of_hiltest_and_hidden_folders_are_no_news(tmp_path: Path, write: WriteRun) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
+from hiltest.comparison.model import Revision
 from hiltest.measurement import Limit, judge
 from hiltest.trend.figures import figure
 from hiltest.trend.folder import Skipped
@@ -91,6 +92,40 @@ def test_a_campaign_shows_its_spread() -> None:
     drawn = figure(trend.measured[0], 1)
     (x, low), (_, high) = drawn.place(1.0, 1.0), drawn.place(1.0, 3.0)
     assert f'class="series-0 spread" d="M{x:.1f} {low:.1f}L{x:.1f} {high:.1f}"' in str(drawn.svg())
+
+
+def made_for(*revisions: Revision | None) -> Trend:
+    entries = []
+    for day, revision in enumerate(revisions, 1):
+        found = entry(day, cycles(11_000 + 100 * day), build=f"b{day}")
+        side = replace(found.evidence.side, revision=revision)
+        entries.append(replace(found, evidence=replace(found.evidence, side=side)))
+    return trend_of(entries)
+
+
+def test_every_run_is_called_by_what_it_was_made_for() -> None:
+    trend = made_for(None, Revision(label="v1.1"), Revision("0123456789abcdef", "main"))
+    page = trend_page(trend, []).replace("\xa0", " ")
+    titles = re.findall(r"<rect [^>]*><title>([^<]*)</title>", page)
+    assert titles == [
+        "run 1: 11 100 cycle", "run 2 (v1.1): 11 200 cycle", "run 3 (commit 0123456789ab, branch main): 11 300 cycle",
+    ]
+    table = page[page.index('id="runs"'):]
+    assert '<th scope="col">made for</th>' in table
+    of_a_commit = "commit 0123456789ab, branch main"
+    assert re.findall(r"Z</td><td class=\"moved\">([^<]*)</td>", table) == ["", "v1.1", of_a_commit]
+    assert "made for v1.1 -&gt; commit 0123456789ab, branch main" in page[page.index('id="steps"'):]
+    assert "the last in run 3 (commit 0123456789ab, branch main): cycles.direct.total" in page
+    assert "made for" not in trend_page(made_for(None, None), [])
+
+
+def test_a_column_of_the_plot_says_whose_it_is() -> None:
+    (measured,) = made_for(Revision(label="v1"), Revision(label="v2")).measured
+    drawn = figure(measured, 2, ["one", "two"])
+    (left, top), (right, bottom) = drawn.place(1.5, drawn.y_range[1]), drawn.place(2.5, drawn.y_range[0])
+    assert (
+        f'x="{left:.1f}" y="{top:.1f}" width="{right - left:.1f}" height="{bottom - top:.1f}"><title>two: 11 200 cycle<'
+    ) in str(drawn.svg())
 
 
 def test_the_page_needs_no_network_and_hostile_names_show_as_text() -> None:

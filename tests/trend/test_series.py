@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Mapping
+from dataclasses import replace
 
 import pytest
 
@@ -92,6 +93,14 @@ def test_a_limit_that_was_moved_is_no_step_of_what_it_limits() -> None:
     assert [(str(point.limit), point.outcome) for point in points] == [
         ("at most 12 500", "pass"), ("at most 11 000", "fail"), ("at most 12 500", "pass"),
     ]  # fmt: skip
+
+
+def test_who_does_not_know_the_limit_does_not_say_that_there_is_none() -> None:
+    seeds = {1: (cycles(11_061, limit=None),), 2: (cycles(11_061, limit=None),)}
+    of_other_seeds = replace(entry(2, seeds=seeds), knows_limits=False)
+    trend = trend_of([entry(1, cycles(11_061)), of_other_seeds])
+    assert str(trend.measured[0].limit) == "at most 12 500"
+    assert trend_of([of_other_seeds]).measured[0].limit is None
 
 
 def test_a_number_within_its_tolerance_is_no_step_for_a_limit_that_it_misses_now() -> None:

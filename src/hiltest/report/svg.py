@@ -123,6 +123,13 @@ class Figure:
         edge, _ = self.place(centre[0] + radius, centre[1])
         self._add('<circle class="{}" cx="{}" cy="{}" r="{}"/>', style, x, y, edge - x)
 
+    def column(self, left: float, right: float, text: str) -> None:
+        """Say something about all between two values of x, to who points there."""
+        (x, bottom), (end, top) = self.place(left, self.y_range[0]), self.place(right, self.y_range[1])
+        place = 'x="{}" y="{}" width="{}" height="{}"'
+        template = f'<rect fill="none" pointer-events="all" {place}><title>{{}}</title></rect>'
+        self._add(template, x, top, end - x, bottom - top, text)
+
     def note(self, at: Point, text: str) -> None:
         """Write beside a point, on the side where there is room."""
         x, y = self.place(*at)

@@ -25,8 +25,17 @@ _LEAST_RANGE = 2e-3
 _NEAR = 2.5
 
 
-def figure(measured: Measured, entries: int) -> Figure:
-    """Draw a measurement over entries that are numbered from 1, every line for itself."""
+def figure(measured: Measured, entries: int, names: Sequence[str] = ()) -> Figure:
+    """Draw a measurement over entries that are numbered from 1, every line for itself.
+
+    Parameters
+    ----------
+    measured : Measured
+    entries : int
+        How many there are.
+    names : sequence of str, optional
+        Of all of them, for who points at one.
+    """
     scale, unit = _scale(measured)
     drawn = Figure(
         title=measured.name, description=_in_words(measured), x_label="run", y_label=unit,
@@ -41,6 +50,10 @@ def figure(measured: Measured, entries: int) -> Figure:
             for point in each.points if point.entry == step.after and step.difference.change is change
         ]  # fmt: skip
         drawn.marks(at, f"step {style}", mark, radius=6.0)
+    if entries <= _FEW:
+        for point in (point for each in measured.series for point in each.points if names):
+            value = f"{readable(point.value)} {measured.unit}".rstrip()
+            drawn.column(point.entry + 0.5, point.entry + 1.5, f"{names[point.entry]}: {value}")
     return drawn
 
 

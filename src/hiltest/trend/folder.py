@@ -15,7 +15,7 @@ from hiltest.comparison.evidence import Evidence
 from hiltest.errors import ConfigError
 from hiltest.report.evidence import evidence_of, together
 from hiltest.report.journal import JOURNAL_FILE
-from hiltest.report.record import RUN_FILE, SEED_FOLDERS, Run
+from hiltest.report.record import OLDER_FOLDER, RUN_FILE, SEED_FOLDERS, SEEDS_FILE, Run
 from hiltest.report.record import SCHEMA as RUN_SCHEMA
 from hiltest.report.schema import LARGEST_BYTES, check_schema, run_from
 from hiltest.report.stored import read_stored
@@ -36,7 +36,9 @@ class Skipped:
 
 
 def read_folder(folder: Path) -> tuple[list[Entry], list[Skipped]]:
-    """Read every run, campaign and baseline in a folder and in those under it; hidden ones are left alone.
+    """Read every run, campaign and baseline in a folder and in those under it.
+
+    Left alone are hidden folders, and the older firmware of a run with ``--against``.
 
     Parameters
     ----------
@@ -69,7 +71,7 @@ def read_folder(folder: Path) -> tuple[list[Entry], list[Skipped]]:
 
     for name, subfolders, files in os.walk(folder, onerror=unreadable):
         here = Path(name)
-        subfolders[:] = sorted(each for each in subfolders if not each.startswith("."))
+        subfolders[:] = sorted(each for each in subfolders if not (each.startswith(".") or _is_older(each, here)))
         runs = [here] if _RECORDS & set(files) else []
         for path in [*runs, *(here / each for each in sorted(files) if _may_be_record(each))]:
             try:
@@ -77,6 +79,13 @@ def read_folder(folder: Path) -> tuple[list[Entry], list[Skipped]]:
             except ConfigError as error:
                 skip(path, str(error))
     return _campaigns(entries), skipped
+
+
+def _is_older(name: str, folder: Path) -> bool:
+    """Say whether a folder holds the older firmware of ``--against``, which is the base of the run around it."""
+    if name != OLDER_FOLDER:
+        return False
+    return any((folder / each).exists() for each in (*_RECORDS, SEEDS_FILE)) or any(folder.glob(SEED_FOLDERS))
 
 
 def _called(path: Path, folder: Path) -> str:
@@ -98,7 +107,9 @@ def _entries(path: Path, called: str) -> Iterator[Entry]:
     kind = schema.partition("/")[0] if isinstance(schema, str) else ""
     if kind == _kind(BASELINE_SCHEMA):
         evidence = read_baseline_evidence(path)
-        yield _checked(Entry(called, _time(evidence.side.saved_utc, path), _called_so(evidence, called)), path)
+        knows_limits = any(each.limit for found in evidence.measurements.values() for each in found.values())
+        when_utc = _time(evidence.side.saved_utc, path)
+        yield _checked(Entry(called, when_utc, _called_so(evidence, called), knows_limits), path)
     elif kind == _kind(RUN_SCHEMA):
         check_schema(path, content)
         yield _of_run(run_from(content, path), path, called)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
-from hiltest.comparison.words import build, numbers
+from hiltest.comparison.words import build, numbers, revision
 from hiltest.report.marks import SERIES, KeyEntry
 from hiltest.report.page import render
 from hiltest.report.svg import Figure
@@ -32,6 +32,7 @@ def trend_page(trend: Trend, skipped: Sequence[Skipped]) -> str:
     return render(
         "trend.html.j2", package="hiltest.trend", trend=trend, skipped=skipped, groups=_groups(trend),
         sentence=words.sentence(trend), words=words, numbers=numbers, build=build,
+        revision=revision, revised=any(each.evidence.side.revision for each in trend.entries),
         key=[*_line_key(trend), *(step_key() if trend.steps else [])],
         steps=trend.steps[:STEPS_AT_MOST], more_steps=max(0, len(trend.steps) - STEPS_AT_MOST),
     )
@@ -46,7 +47,8 @@ def _line_key(trend: Trend) -> list[KeyEntry]:
 
 
 def _groups(trend: Trend) -> list[Group]:
-    drawn = [(each, figure(each, len(trend.entries))) for each in trend.measured]
+    names = [words.run_name(trend, index) for index in range(len(trend.entries))]
+    drawn = [(each, figure(each, len(names), names)) for each in trend.measured]
     stepped = tuple((each, plot) for each, plot in drawn if each.steps)
     groups = [Group("Measurements with a step", stepped, is_open=True)] if stepped else []
     rest = [(each, plot) for each, plot in drawn if not each.steps]

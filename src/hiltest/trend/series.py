@@ -17,11 +17,15 @@ _MOVED = (Change.BETTER, Change.WORSE, Change.CHANGED)
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A run, a campaign of several seeds or a baseline, with the time that it stands for."""
+    """A run, a campaign of several seeds or a baseline, with the time that it stands for.
+
+    `knows_limits` is false for a baseline from before limits were kept, whose numbers had some all the same.
+    """
 
     file: str
     when_utc: str
     evidence: Evidence
+    knows_limits: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +44,10 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """One measurement of one entry: over several seeds their mean, the smallest and the largest."""
+    """One measurement of one entry: over several seeds their mean, the smallest and the largest.
+
+    Where the entry does not know its limit, it is that of the point before.
+    """
 
     entry: int
     value: float
@@ -48,6 +55,7 @@ class Point:
     high: float
     limit: Limit | None
     outcome: str
+    knows_limit: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,9 +92,9 @@ class Measured:
 
     @property
     def limit(self) -> Limit | None:
-        """The newest."""
-        newest = max((each.points[-1] for each in self.series), key=lambda point: point.entry)
-        return newest.limit
+        """That of the newest entry that knows it."""
+        knowing = [point for each in self.series for point in each.points if point.knows_limit]
+        return max(knowing, key=lambda point: point.entry).limit if knowing else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,14 +178,17 @@ def _numbers(entries: Sequence[Entry], indices: Sequence[int]) -> dict[_Key, _Nu
 
 
 def _series(key: _Key, line: int, entries: Sequence[Entry], numbers: _Numbers) -> Series:
-    points = tuple(_point(index, by_seed) for index, by_seed in numbers.items())
-    return Series(line, key.cycle_model, points, tuple(_steps(key.name, entries, numbers)))
+    points = [_point(index, by_seed, knows_limit=entries[index].knows_limits) for index, by_seed in numbers.items()]
+    for number, point in enumerate(points[1:], 1):
+        if not point.knows_limit:
+            points[number] = replace(point, limit=points[number - 1].limit)
+    return Series(line, key.cycle_model, tuple(points), tuple(_steps(key.name, entries, numbers)))
 
 
-def _point(index: int, by_seed: Mapping[Seed, Measurement]) -> Point:
+def _point(index: int, by_seed: Mapping[Seed, Measurement], *, knows_limit: bool) -> Point:
     values = [float(each.value) for each in by_seed.values() if each.value is not None]
     shown = _judged(by_seed)
-    return Point(index, fmean(values), min(values), max(values), shown.limit, str(shown.outcome))
+    return Point(index, fmean(values), min(values), max(values), shown.limit, str(shown.outcome), knows_limit)
 
 
 def _steps(name: str, entries: Sequence[Entry], numbers: _Numbers) -> Iterator[Step]:

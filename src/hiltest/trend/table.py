@@ -25,7 +25,7 @@ def print_trend(trend: Trend, console: Console, *, every: bool) -> None:
         console.print(f"{len(trend.measured) - len(shown)} more without limit and step: --all")
     for step in trend.steps[:_STEPS_AT_MOST]:
         entry, found = trend.entries[step.after], step.difference
-        line = f"run {step.after + 1}, {entry.when_utc}: {found.change}: {found.name} {numbers(found)}"
+        line = f"{words.run_name(trend, step.after)}, {entry.when_utc}: {found.change}: {found.name} {numbers(found)}"
         console.print(escape(line), style=_STYLES.get(found.change), soft_wrap=True)
         console.print(escape(f"    {words.between(trend, step)} ({entry.file})"), soft_wrap=True)
     if len(trend.steps) > _STEPS_AT_MOST:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from hiltest.comparison.evidence import Evidence
-from hiltest.comparison.words import numbers
+from hiltest.comparison.words import numbers, revision
 from hiltest.measurement import readable
 from hiltest.trend.series import Line, Measured, Step, Trend
 
@@ -22,9 +22,15 @@ def sentence(trend: Trend) -> str:
         return f"{span}{lines}: no step in {len(trend.measured)} measurements."
     stepped = sum(bool(each.steps) for each in trend.measured)
     newest = steps[0]
-    last = f"the last in run {newest.after + 1}: {newest.difference.name} {numbers(newest.difference)}"
+    last = f"the last in {run_name(trend, newest.after)}: {newest.difference.name} {numbers(newest.difference)}"
     many = f"{len(steps)} step{'s' * (len(steps) > 1)} in {stepped} of {len(trend.measured)} measurements"
     return f"{span}{lines}: {many}, {last}."
+
+
+def run_name(trend: Trend, index: int) -> str:
+    """Return what to call an entry: its number, and what it was made for where that is known."""
+    made_for = revision(trend.entries[index].evidence.side.revision)
+    return f"run {index + 1}" + (f" ({made_for})" if made_for else "")
 
 
 def row(measured: Measured) -> tuple[str, ...]:
@@ -83,4 +89,7 @@ def _made_with(evidence: Evidence, measurement: str) -> dict[str, str]:
     side = evidence.side
     if measurement in evidence.builds:
         return {"build": evidence.builds[measurement]}
-    return {"firmware": side.firmware, "version": side.version, "build": side.build_id, "compiler": side.compiler}
+    return {
+        "firmware": side.firmware, "version": side.version, "build": side.build_id, "compiler": side.compiler,
+        "made for": revision(side.revision) or "?",
+    }
