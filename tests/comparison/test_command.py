@@ -208,9 +208,16 @@ def test_a_run_that_is_not_whole_is_no_baseline(changed: Changed, tmp_path: Path
 
 
 def test_a_baseline_that_cannot_be_written_is_a_usage_error(changed: Changed, tmp_path: Path) -> None:
-    done = hiltest("baseline", "save", changed("run"), tmp_path / "none" / "baseline.json")
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    done = hiltest("baseline", "save", changed("run"), tmp_path / "file" / "baseline.json")
     assert done.returncode == 4
     assert "cannot write" in done.stderr
+
+
+def test_the_folder_of_a_first_baseline_is_made(changed: Changed, tmp_path: Path) -> None:
+    done = hiltest("baseline", "save", changed("run"), tmp_path / "hil" / "baselines" / "mine.json")
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "hil" / "baselines" / "mine.json").exists()
 
 
 def test_a_baseline_that_is_saved_again_keeps_its_history(changed: Changed, tmp_path: Path) -> None:

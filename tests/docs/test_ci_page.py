@@ -9,8 +9,9 @@ import shlex
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +24,27 @@ ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "ci.md").read_text(encoding="utf-8")
 (WORKFLOW_TEXT,) = re.findall(r"^```yaml\n(.*?)^```", PAGE, re.M | re.S)
 WORKFLOW = yaml.safe_load(WORKFLOW_TEXT)
-SET_UP, WHEN_WORSE = (block.splitlines() for block in re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S))
+SET_UP, WHEN_WORSE, OVER_TIME = (block.splitlines() for block in re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S))
 (JOB,) = WORKFLOW["jobs"].values()
 BASELINE = Path("hil") / "baselines" / "virtual-k64f.json"
 
-# The one line of the workflow that is not run as it stands: hiltest is the one under test, which is installed.
+# The two lines of the workflow that are not run as they stand: hiltest is the one under test, and both are installed.
 INSTALL = f"python -m pip install hiltest=={__version__}"
+INSTALL_COMPILER = (
+    "sudo apt-get update && sudo apt-get install --yes gcc-arm-none-eabi libnewlib-arm-none-eabi cmake ninja-build"
+)
+FIRMWARE = ROOT / "firmware_stub"
+ELF = Path("build") / "mine.elf"
+SHAS = {"green": "a" * 40, "red": "b" * 40}
+
+# Of three runs on the main branch; the record of one is gone.
+GH = """#!/bin/sh
+case "$*" in
+"run list --workflow hiltest.yml --branch main --limit 50 --json databaseId --jq .[].databaseId") echo 12 11 10 ;;
+"run download $3 --name hiltest --dir history/$3") mkdir -p history && cp -r "{kept}/$3/hiltest" "$7" ;;
+*) echo "gh: $*" >&2; exit 1 ;;
+esac
+"""
 
 WALL_LIMIT_S = 300.0  # for runs that take some 15 s on a machine of their own
 
@@ -50,6 +66,11 @@ def environment(folder: Path, summary: Path | None = None) -> dict[str, str]:
     return kept | job | {"HOME": str(folder)}
 
 
+def checkout_of(sha: str) -> dict[str, str]:
+    """Return what a job has of the commit that it has checked out."""
+    return {"GITHUB_SHA": sha, "GITHUB_REF_NAME": "main"}
+
+
 def sh(command: str, folder: Path, **more: Any) -> subprocess.CompletedProcess[str]:
     """Run a line as GitHub's shell does."""
     return subprocess.run(
@@ -58,7 +79,7 @@ def sh(command: str, folder: Path, **more: Any) -> subprocess.CompletedProcess[s
     )  # fmt: skip
 
 
-def run_job(folder: Path) -> dict[str, Ran]:
+def run_job(folder: Path, sha: str) -> dict[str, Ran]:
     """Run the steps of the job that are commands in a checked-out folder; those behind a red one as `if` says."""
     ran: dict[str, Ran] = {}
     for number, step in enumerate(JOB["steps"]):
@@ -66,21 +87,11 @@ def run_job(folder: Path) -> dict[str, Ran]:
         if "run" not in step or (red and "!cancelled()" not in step.get("if", "")):
             continue
         summary = folder.parent / f"summary-{number}.md"  # one of its own a step, as GitHub has it
-        command = "true" if step["run"] == INSTALL else step["run"]
-        done = sh(command, folder, env=environment(folder, summary))
+        command = "true" if step["run"] in (INSTALL, INSTALL_COMPILER) else step["run"]
+        done = sh(command, folder, env=environment(folder, summary) | checkout_of(sha))
         text = summary.read_text(encoding="utf-8") if summary.exists() else ""
         ran[step["name"]] = Ran(done.returncode, done.stdout + done.stderr, text)
     return ran
-
-
-def checked_out(folder: Path, baseline: Path) -> Path:
-    """Return a repository as it is after the page's first command, with a committed baseline."""
-    folder.mkdir()
-    done = sh(SET_UP[0], folder)
-    assert done.returncode == 0, done.stderr
-    (folder / BASELINE).parent.mkdir(exist_ok=True)
-    shutil.copy(baseline, folder / BASELINE)
-    return folder
 
 
 def the_run(ran: dict[str, Ran]) -> Ran:
@@ -89,41 +100,62 @@ def the_run(ran: dict[str, Ran]) -> Ran:
 
 
 @pytest.fixture(scope="module")
-def green(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Ran]]:
-    """What the job does with the baseline that hiltest's own CI judges by."""
-    folder = checked_out(tmp_path_factory.mktemp("green") / "repository", ROOT / BASELINE)
-    return folder, run_job(folder)
+def set_up(tmp_path_factory: pytest.TempPathFactory, require_tool: Callable[[str], str]) -> Path:
+    """A repository with the firmware in it, after the page's commands to set it up."""
+    for tool in ("arm-none-eabi-gcc", "cmake"):
+        require_tool(tool)
+    folder = tmp_path_factory.mktemp("set-up") / "repository"
+    shutil.copytree(FIRMWARE, folder / "firmware_stub", ignore=shutil.ignore_patterns("__pycache__"))
+    for command in SET_UP:
+        done = sh(command, folder)
+        assert done.returncode == 0, f"{command}: {done.stdout}{done.stderr}"
+    return folder
+
+
+def checked_out(repository: Path, folder: Path) -> Path:
+    """Return what a runner has checked out: what the page says to ignore is not there."""
+    for name in ("firmware_stub", "hil"):
+        shutil.copytree(repository / name, folder / name)
+    return folder
 
 
 @pytest.fixture(scope="module")
-def saved(green: tuple[Path, dict[str, Ran]]) -> Path:
-    """The baseline that the page's third command saves of that run."""
-    folder, _ = green
-    done = sh(SET_UP[2].replace(str(BASELINE), "saved.json"), folder)
-    assert done.returncode == 0, done.stderr
-    return folder / "saved.json"
+def green(set_up: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Ran]]:
+    """What the job does for the firmware that the baseline was saved of."""
+    folder = checked_out(set_up, tmp_path_factory.mktemp("green") / "repository")
+    return folder, run_job(folder, SHAS["green"])
 
 
 @pytest.fixture(scope="module")
-def red(tmp_path_factory: pytest.TempPathFactory, saved: Path) -> tuple[Path, dict[str, Ran]]:
-    """What the job does for a firmware that needs one cycle more than the baseline has."""
-    folder = checked_out(tmp_path_factory.mktemp("red") / "repository", saved)
-    content = json.loads(saved.read_text(encoding="utf-8"))
-    (row,) = [each for each in content["measurements"] if each["name"] == "cycles.direct.total"]
-    row["values"] = [value - 1 for value in row["values"]]
-    (folder / BASELINE).write_text(json.dumps(content), encoding="utf-8")
-    return folder, run_job(folder)
+def red(set_up: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Ran]]:
+    """What the job does for one that has become a cycle dearer."""
+    folder = checked_out(set_up, tmp_path_factory.mktemp("red") / "repository")
+    source = folder / "firmware_stub" / "calibration" / "direct.c"
+    before = "    moments_anchor(points, anchor);\n"
+    text = source.read_text(encoding="utf-8")
+    assert text.count(before) == 1
+    source.write_text(text.replace(before, f'    __asm__ volatile("nop");\n{before}'), encoding="utf-8")
+    return folder, run_job(folder, SHAS["red"])
 
 
 def commands() -> Iterator[str]:
     yield from (step["run"] for step in JOB["steps"] if "run" in step)
 
 
-def test_only_the_installation_is_replaced() -> None:
-    assert [each for each in commands() if "pip" in each] == [INSTALL]
+def test_only_installations_are_replaced() -> None:
+    assert [each for each in commands() if "install" in each] == [INSTALL, INSTALL_COMPILER]
+    (packages,) = re.findall(r'^DEBIAN_PACKAGES = "(.*)"$', (FIRMWARE / "build.py").read_text(encoding="utf-8"), re.M)
+    assert INSTALL_COMPILER.endswith(f" {packages}")
 
 
-def test_the_job_is_green_for_the_packaged_firmware_and_shows_its_report(green: tuple[Path, dict[str, Ran]]) -> None:
+def test_the_job_builds_what_the_set_up_builds_and_judges_that() -> None:
+    (build,) = [step["run"] for step in JOB["steps"] if step.get("name") == "Build the firmware"]
+    assert build.splitlines() == SET_UP[:2]
+    runs = [shlex.split(each) for each in (*SET_UP, *WHEN_WORSE, *commands()) if each.startswith("hiltest run")]
+    assert [run[2:4] for run in runs] == [["--firmware", str(ELF)]] * 3
+
+
+def test_the_job_is_green_for_the_firmware_as_it_was_and_shows_its_report(green: tuple[Path, dict[str, Ran]]) -> None:
     folder, ran = green
     assert {name: each.code for name, each in ran.items()} == dict.fromkeys(ran, 0), the_run(ran).said
     run = the_run(ran)
@@ -132,7 +164,9 @@ def test_the_job_is_green_for_the_packaged_firmware_and_shows_its_report(green: 
     assert "::error" not in run.said
     record = json.loads((folder / "hil-out" / "run.json").read_text(encoding="utf-8"))
     assert record["comparison"]["obstacles"] == []
-    assert json.loads((folder / "hil-out" / "bmf.json").read_text(encoding="utf-8"))
+    assert record["board"]["firmware_sha256"] == sha256((folder / ELF).read_bytes()).hexdigest(), "the user's own"
+    assert record["revision"] == {"commit": SHAS["green"], "branch": "main", "label": ""}
+    assert json.loads((folder / "hil-out" / "numbers.bmf").read_text(encoding="utf-8"))
 
 
 def test_one_cycle_more_is_red_with_the_reason_in_summary_and_annotation(red: tuple[Path, dict[str, Ran]]) -> None:
@@ -140,6 +174,7 @@ def test_one_cycle_more_is_red_with_the_reason_in_summary_and_annotation(red: tu
     run = the_run(ran)
     assert run.code == 21, run.said
     assert "| worse | cycles.direct.total |" in run.summary
+    assert f"commit {SHAS['red'][:12]}, branch main" in run.summary
     (annotation,) = [line for line in run.said.splitlines() if line.startswith("::")]
     assert annotation.startswith("::error title=hiltest%3A regression::")
     assert "cycles.direct.total" in annotation
@@ -150,14 +185,15 @@ def test_a_red_job_still_keeps_its_record(red: tuple[Path, dict[str, Ran]]) -> N
     (upload,) = [step for step in JOB["steps"] if step.get("uses", "").startswith("actions/upload-artifact@")]
     assert "!cancelled()" in upload["if"]
     kept = {path.name for path in (folder / upload["with"]["path"]).iterdir()}
-    assert {"run.json", "report.html", "report.md", "junit.xml", "bmf.json"} <= kept
+    assert {"run.json", "report.html", "report.md", "junit.xml", "numbers.bmf"} <= kept
     assert len([step for step in JOB["steps"] if "run" in step]) == len(ran)
 
 
-def test_the_baseline_that_the_page_saves_is_the_committed_one_of_the_same_seed(saved: Path) -> None:
-    assert SET_UP[1] == "hiltest run", "as the job does, but for the baseline that there is none yet"
-    ours, committed = (json.loads(path.read_text(encoding="utf-8")) for path in (saved, ROOT / BASELINE))
+def test_the_baseline_that_the_page_saves_is_the_committed_one_of_the_same_seed(set_up: Path) -> None:
+    ours, committed = (json.loads((path / BASELINE).read_text(encoding="utf-8")) for path in (set_up, ROOT))
     assert ours["seeds"] == [1]
+    if ours["side"]["compiler"] != committed["side"]["compiler"]:
+        pytest.skip(f"it is of {committed['side']['compiler']}, and here is {ours['side']['compiler']}")
     of_seed_1 = {each["name"]: each["values"][0] for each in committed["measurements"]}
     assert {each["name"]: each["values"][0] for each in ours["measurements"]} == of_seed_1
 
@@ -165,13 +201,35 @@ def test_the_baseline_that_the_page_saves_is_the_committed_one_of_the_same_seed(
 def test_a_change_is_accepted_by_name_and_the_job_is_green_again(red: tuple[Path, dict[str, Ran]]) -> None:
     folder, _ = red
     run, update, diff = WHEN_WORSE
-    assert shlex.split(run) in [shlex.split(each) for each in commands()], "which the job has run"
+    assert run in commands(), "which the job has run"
     assert diff.startswith("git diff hil/")
     done = sh(update, folder)
     assert done.returncode == 0, done.stderr
     assert "for 0.2 deg less at the poles" in (folder / BASELINE).read_text(encoding="utf-8")
     compared = sh(f"hiltest compare {BASELINE} hil-out", folder)
     assert compared.returncode == 0, compared.stdout
+
+
+def test_the_records_of_many_jobs_are_fetched_and_shown_together(
+    green: tuple[Path, dict[str, Ran]], red: tuple[Path, dict[str, Ran]], tmp_path: Path
+) -> None:
+    """GitHub's command line is not here: one that answers these two lines stands in, with the records of the jobs."""
+    (upload,) = [step for step in JOB["steps"] if step.get("uses", "").startswith("actions/upload-artifact@")]
+    assert upload["with"]["retention-days"] <= 90
+    for number, (folder, _) in ((11, green), (12, red)):
+        shutil.copytree(folder / upload["with"]["path"], tmp_path / "kept" / str(number) / upload["with"]["name"])
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "bin" / "gh").write_text(GH.format(kept=tmp_path / "kept"), encoding="utf-8")
+    (tmp_path / "bin" / "gh").chmod(0o755)
+    there = environment(tmp_path)
+    there["PATH"] = f"{tmp_path / 'bin'}{os.pathsep}{there['PATH']}"
+    fetch, show = OVER_TIME
+    assert sh(fetch, tmp_path, env=there).returncode == 0
+    assert sorted(path.name for path in (tmp_path / "history").iterdir()) == ["11", "12"]
+    shown = sh(show, tmp_path, env=there)
+    assert (shown.returncode, shown.stderr) == (0, ""), "nothing that the job keeps is a stranger"
+    assert f"run 2 (commit {SHAS['red'][:12]}, branch main)" in shown.stdout
+    assert "worse: cycles.direct.total" in shown.stdout
 
 
 def test_the_workflow_needs_no_token_and_runs_nothing_that_a_stranger_names() -> None:

@@ -32,7 +32,7 @@ def baseline() -> None:
 @click.argument("run", type=_PATH)
 @click.argument("file", type=_PATH)
 def save(run: Path, file: Path) -> int:
-    """Write FILE from RUN: all its measurements but the volatile ones.
+    """Write FILE, and the folder that it is in, from RUN: all its measurements but the volatile ones.
 
     RUN is a run.json, the folder of a run, or the folder of a campaign (hiltest run --seeds). A baseline that is
     there already is renewed: its history goes on.
@@ -100,6 +100,7 @@ def _write(written: Baseline, file: Path, before: object = None) -> None:
     from hiltest.report.record import write_atomically
 
     try:
+        file.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(file, to_json(written, before))
     except (OSError, ValueError) as error:  # a name with a NUL is a ValueError
         reason = getattr(error, "strerror", None) or error
