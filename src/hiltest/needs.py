@@ -29,6 +29,11 @@ def is_benchmark(item: pytest.Item) -> bool:
     return "benchmark_cycles" in _fixtures_of(item)
 
 
+def only_shows_cycles(item: pytest.Item) -> bool:
+    """Say whether a test shows device cycles and measures nothing that could be judged."""
+    return is_benchmark(item) and "measure" not in _fixtures_of(item)
+
+
 def _fixtures_of(item: pytest.Item) -> set[str]:
     """Return the names of hiltest's own fixtures that a test uses.
 

@@ -18,7 +18,7 @@ import pytest
 from hiltest.choice import Choice
 from hiltest.found import FOUND, GATING, Found, properties_of
 from hiltest.gate import SessionGate
-from hiltest.needs import is_benchmark, uses_board, uses_hiltest, uses_rig
+from hiltest.needs import only_shows_cycles, uses_board, uses_hiltest, uses_rig
 from hiltest.record_folder import RecordFolder
 from hiltest.settings import Settings
 
@@ -36,6 +36,8 @@ WRONG_FIRMWARE = "wrong firmware"
 
 GROUP = "hil"
 """What pytest-xdist calls the tests that it keeps together."""
+
+_BENCHMARKS = "benchmarks"
 
 # Folders of suites: a bench's own, and the packaged ones.
 _SUITES = (("hil", "suites"), ("bench", "suites"))
@@ -112,9 +114,15 @@ class HilSession:
             return False
         self._needs_rig |= any(map(uses_rig, items))
         ours = list(filter(uses_hiltest, items))
-        self.choice.only_benchmarks = not self.asked_for and bool(ours) and all(map(is_benchmark, ours))
+        if not self.asked_for and ours and all(map(only_shows_cycles, ours)):
+            self.keep_apart()
         self.open(with_board=any(map(uses_board, items)))
         return not self.is_worker
+
+    def keep_apart(self) -> None:
+        """Keep the record of benchmarks in a folder of their own: they judge nothing, and the last verdict stays."""
+        self.choice.only_benchmarks = True
+        self.folder = RecordFolder(self.settings.out / _BENCHMARKS)
 
     def open(self, *, with_board: bool) -> None:
         """Load the rig, if one is needed, and, `with_board`, open the board; one that is lost is kept in `trouble`.

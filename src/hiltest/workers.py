@@ -37,8 +37,7 @@ class Worker:
         self._board: dict[str, Any] | None = None
         # Filled until the session ends, which sends it.
         self._told: dict[str, Any] = {
-            "measurements": [], "left_out": ([], ""), "only_benchmarks": False, "deselected": False,
-            "usage_error": "",
+            "measurements": [], "left_out": ([], ""), "deselected": False, "usage_error": "",
         }  # fmt: skip
         hil.config.workeroutput[_OUTPUT] = self._told  # type: ignore[attr-defined]
 
@@ -61,7 +60,6 @@ class Worker:
             self._told["usage_error"] = str(error)
             raise
         self._told["left_out"] = (list(self._hil.choice.left_out.tests), self._hil.choice.left_out.how)
-        self._told["only_benchmarks"] = self._hil.choice.only_benchmarks
         self._told["deselected"] = self._hil.choice.deselected
         return result
 
@@ -86,7 +84,8 @@ class Worker:
         """Say on the report what the test's numbers rest on."""
         report = yield
         if uses_hiltest(item):
-            setattr(report, BENCH, {"rig": self._hil.rig_if_needed is not None, **self._answering()})
+            known = {"rig": self._hil.rig_if_needed is not None, "only_benchmarks": self._hil.choice.only_benchmarks}
+            setattr(report, BENCH, {**known, **self._answering()})
         return report
 
     def pytest_sessionfinish(self) -> None:
@@ -160,6 +159,8 @@ class Controller:
         self._early.append(report)
         bench = getattr(report, BENCH, None)
         if bench is not None:
+            if bench["only_benchmarks"]:
+                self._hil.keep_apart()
             if bench["rig"]:
                 _ = self._hil.rig
             self._begin()
@@ -184,7 +185,6 @@ class Controller:
             raise pytest.UsageError(told["usage_error"])
         tests, how = told["left_out"]
         self._hil.choice.left_out = LeftOut(tuple(tests), how)
-        self._hil.choice.only_benchmarks = told["only_benchmarks"]
         self._hil.choice.deselected = told["deselected"]
         if self._recording is not None:
             self._recording.found(told["measurements"])

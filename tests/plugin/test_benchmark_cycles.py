@@ -284,6 +284,25 @@ def test_benchmarks_alone_are_held_to_no_limit_of_the_rig_and_beside_others_they
     assert pytester.runpytest_subprocess("--hil-rig=mine.toml", *workers, timeout=60).ret == 22
 
 
+@pytest.mark.parametrize("workers", [(), ("-n", "2", "--dist", "loadgroup")], ids=["alone", "in a worker"])
+def test_benchmarks_alone_leave_the_last_verdict_where_it_is(
+    pytester: pytest.Pytester, workers: tuple[str, ...]
+) -> None:
+    pytester.makepyfile(test_it="def test_size(measure):\n    measure('table.bytes', 100, 'B')\n")
+    run = pytester.runpytest_subprocess
+    assert run().ret == 0
+    out = pytester.path / "hil-out"
+    verdict = {each.name: each.read_bytes() for each in out.iterdir()}
+    pytester.makepyfile(test_it=fit(100).replace("benchmark_cycles)", "benchmark_cycles, board)"))
+    assert run(*workers).ret == 0
+    assert {each.name: each.read_bytes() for each in out.iterdir() if each.is_file()} == verdict
+    assert [each.name for each in out.iterdir() if each.is_dir()] == ["benchmarks"]
+    assert (out / "benchmarks" / "run.json").exists()
+    pytester.makepyfile(test_it=fit(100).replace("benchmark_cycles)", "benchmark_cycles, board, measure)"))
+    assert run(*workers).ret == 22, "and held to the limits of the default rig, of which it meets none"
+    assert (out / "run.json").read_bytes() != verdict["run.json"], "what measures is judged, whatever else it shows"
+
+
 def test_a_histogram_has_a_word_for_the_unit(pytester: pytest.Pytester) -> None:
     if find_spec("pygal") is None:  # not imported: it replaces how this whole process finds packages
         pytest.skip("pygal is not installed")
