@@ -56,6 +56,8 @@ class Gate:
             return f"base: {self.reason}"
         side = self.base.side
         seeds = ", ".join(map(str, side.seeds))
+        if not side.firmware:
+            return f"base: {self.file}, of no board"
         return f"base: {self.file}, firmware {side.firmware} {side.version} {build(side)}, seeds {seeds}"
 
 

@@ -200,7 +200,7 @@ def test_a_change_is_not_accepted_without_a_reason_nor_under_a_name_that_nothing
     assert file.read_bytes() == before
 
 
-@pytest.mark.parametrize("fields", [{"verdict.complete": False}, {"board": None}])
+@pytest.mark.parametrize("fields", [{"verdict.complete": False}, {"board": None, "verdict.complete": False}])
 def test_a_run_that_is_not_whole_is_no_baseline(changed: Changed, tmp_path: Path, fields: dict[str, Any]) -> None:
     done = hiltest("baseline", "save", changed("run", fields), tmp_path / "baseline.json")
     assert done.returncode == 4

@@ -54,7 +54,8 @@ def test_two_runs_alike_have_no_obstacle(changed: Changed) -> None:
         ({"poses": "level"}, "other poses: 'all' before, 'level' now; run with --poses all"),
         ({"seed": 7}, "no seed in common: seed 1 before, seed 7 now"),
         ({"verdict.complete": False, "verdict.outcome": "interrupted"}, "the run is not complete (interrupted)"),
-        ({"board": None}, "no board answered"),
+        ({"board": None, "verdict.complete": False}, "no board answered"),
+        ({"board": None}, "another kind of board: virtual before, none now"),
     ],
 )
 def test_a_difference_that_makes_numbers_incomparable_is_named(

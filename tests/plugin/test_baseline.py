@@ -322,3 +322,59 @@ def test_what_an_earlier_command_compared_with_does_not_stay_in_the_folder(
     shutil.copytree(base, pytester.path / "hil-out" / "against" / "seed-0001")
     assert pytester.runpytest_inprocess("--hil-baseline=hil-out/against/run.json").ret == 0, "it was read before"
     assert not (pytester.path / "hil-out" / "against").exists()
+
+
+WITHOUT_A_BOARD = """
+import os
+
+def test_size(measure):
+    measure("table.bytes", int(os.environ.get("TABLE_BYTES", 100)), "B")
+
+def test_cost(measure):
+    if "NO_COST" not in os.environ:
+        cycles, model = int(os.environ.get("CRC_CYCLES", 420)), os.environ.get("MODEL", "cortex-m4-trm/1@sram")
+        measure("crc.cycles", cycles, "cycle", cycle_model=model)
+"""
+
+
+@pytest.fixture
+def no_board(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tests that measure and need neither board nor rig, and the record of them."""
+    monkeypatch.delenv("HIL_RIG")
+    pytester.makepyfile(test_lamp=WITHOUT_A_BOARD)
+    assert pytester.runpytest_inprocess("--hil-out=base").ret == 0
+
+
+@pytest.mark.usefixtures("no_board")
+@pytest.mark.parametrize("saved", [False, True], ids=["a run", "a baseline"])
+@pytest.mark.parametrize(
+    ("given", "code", "words"),
+    [
+        ({}, 0, "PASS. Against {base}: 2 unchanged: may be merged."),
+        ({"TABLE_BYTES": "140"}, 0, "1 changed"),
+        ({"NO_COST": "yes"}, 22, "measurement gone: crc.cycles"),
+        ({"MODEL": "silicon-dwt"}, 22, "measurement gone: crc.cycles (the cycle model was"),
+        ({"CRC_CYCLES": "421"}, 21, "1 worse: crc.cycles 420 -> 421 cycles"),
+    ],
+    ids=["as it was", "changed", "gone", "another cycle model", "worse"],
+)
+def test_a_run_that_needs_no_board_is_judged_as_any_other(
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, given: dict[str, str], code: int, words: str,
+    saved: bool,
+) -> None:
+    if saved:
+        assert pytester.run(sys.executable, "-m", "hiltest", "baseline", "save", "base", "base.json").ret == 0
+    for name, value in given.items():
+        monkeypatch.setenv(name, value)
+    base = "base.json" if saved else "base/run.json"
+    ended, sentence = judged(pytester, base=base)
+    assert ended == code, sentence
+    assert words.format(base=base) in sentence
+
+
+@pytest.mark.usefixtures("no_board")
+def test_a_run_on_a_board_is_not_compared_with_one_that_needs_none(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(test_lamp=WITHOUT_A_BOARD + "\ndef test_board(board):\n    pass\n")
+    code, sentence = judged(pytester)
+    assert code == 22
+    assert "another kind of board: none before, virtual now" in sentence

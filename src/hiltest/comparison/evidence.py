@@ -12,6 +12,10 @@ Seed = int | None
 """None for a board that simulates nothing."""
 
 
+NO_BOARD = "none"
+"""Kind of the board where no test needs one."""
+
+
 @dataclass(frozen=True, slots=True)
 class Conditions:
     """What must be the same on both sides, beside the compiler and the cycle model, for numbers to be comparable.
@@ -19,9 +23,9 @@ class Conditions:
     Attributes
     ----------
     board : str
-        Its kind: ``virtual``, ``real`` or ``replay``.
+        Its kind: ``virtual``, ``real`` or ``replay``, or `NO_BOARD`.
     rig_sha256 : str
-        Of the rig's conditions; empty in a record from before they were kept.
+        Of the rig's conditions; empty in a record from before they were kept, and without board and rig.
     calibrators : tuple of str
         As the board names them.
     sensors : tuple of str
@@ -55,7 +59,7 @@ class Evidence:
     ----------
     side : Side
     conditions : Conditions or None
-        None when no board answered.
+        None when no board answered that was to.
     measurements : mapping of seed to mapping of str to Measurement
         By name; the volatile ones too.
     tolerances : mapping of str to Tolerance
@@ -78,5 +82,6 @@ class Evidence:
 
     @property
     def name(self) -> str:
-        """What to call it: its file, or for a run that is just ending its firmware."""
-        return self.side.file or f"this run of {self.side.firmware} {self.side.version}"
+        """What to call it: its file, or for a run that is just ending its firmware, if it has one."""
+        firmware = f" of {self.side.firmware} {self.side.version}" if self.side.firmware else ""
+        return self.side.file or f"this run{firmware}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from hiltest.comparison.evidence import Conditions, Evidence
+from hiltest.comparison.evidence import NO_BOARD, Conditions, Evidence
 from hiltest.comparison.model import Change, Difference
 
 _NAMED_AT_MOST = 3
@@ -61,6 +61,8 @@ def _of_conditions(base: Evidence, new: Evidence, *, together: bool) -> Iterator
 
 
 def _of_rigs(base: Evidence, new: Evidence, was: Conditions, now: Conditions, renew: str) -> Iterator[str]:
+    if was.board == now.board == NO_BOARD and not (was.rig_sha256 and now.rig_sha256):
+        return  # what needs no board needs no rig, which is read all the same where there is one
     unknown = [each.name for each, conditions in ((base, was), (new, now)) if not conditions.rig_sha256]
     if unknown:
         yield f"{' and '.join(unknown)}: the record does not say what rig it is of; run it again with this hiltest"

@@ -40,7 +40,8 @@ def build(side: Side) -> str:
         f"{each.measurements} measurement{'s' * (each.measurements != 1)} accepted from build {each.build_id}"
         for each in side.accepted
     ]
-    return f"build {side.build_id}" + (f", with {' and '.join(accepted)}" if accepted else "")
+    of_firmware = f"build {side.build_id}" if side.build_id else "no firmware"
+    return of_firmware + (f", with {' and '.join(accepted)}" if accepted else "")
 
 
 def numbers(difference: Difference) -> str:

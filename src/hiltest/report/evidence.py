@@ -9,7 +9,7 @@ from hashlib import sha256
 from pathlib import Path
 
 from hiltest.comparison.baseline import SCHEMA as BASELINE_SCHEMA
-from hiltest.comparison.evidence import Conditions, Evidence
+from hiltest.comparison.evidence import NO_BOARD, Conditions, Evidence
 from hiltest.comparison.model import Side, Tolerance
 from hiltest.errors import ConfigError
 from hiltest.report.journal import JOURNAL_FILE
@@ -116,7 +116,12 @@ def no_evidence(file: str) -> Evidence:
 
 def _conditions(run: Run) -> Conditions | None:
     if run.board is None:
-        return None
+        # A run without one is whole only where no test needed it: its numbers are as good as any.
+        return Conditions(
+            board=NO_BOARD, rig_sha256=run.rig.conditions_sha256 if run.rig else "", calibrators=(), sensors=(),
+            protocol_version=0, compiler_flags=(), poses=run.poses, suite=run.suite,
+            calibrated=run.calibration is not None,
+        ) if run.verdict.complete else None
     return Conditions(
         board=run.board.kind, rig_sha256=run.rig.conditions_sha256 if run.rig else "",
         calibrators=run.board.calibrators, sensors=tuple(each.name for each in run.board.sensors if each.present),
