@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.report.schema import load_run
+from hiltest.report.stored import read_stored
 from hiltest.report.verdict import WORDS, ExitCode
 
 
@@ -138,7 +138,7 @@ def test_the_suites_of_the_working_tree_are_the_ones_that_run(tmp_path: Path) ->
     # And none of them measures anything: the default rig has limits.
     assert result.returncode == 22
     assert result.stdout.splitlines()[-1].startswith("NOT JUDGED. Not judged: heading.direct.max (nothing measured")
-    (test,) = load_run(tmp_path / "hil-out" / "run.json").tests
+    (test,) = read_stored(tmp_path / "hil-out" / "run.json").run.tests
     assert test.id == "test_mine.py::test_mine"
 
 

@@ -11,6 +11,9 @@ from typing import Any
 
 from hiltest.errors import ConfigError
 
+LARGEST_BYTES = 32 * 1024 * 1024
+"""Of a record or a baseline: the record of the full set of tests has a hundredth of it."""
+
 DEEPEST = 32
 """Levels of lists and objects; a record has six."""
 
@@ -48,6 +51,28 @@ def parsed(path: Path, content: bytes, *, otherwise: str) -> Any:
         return parse_json(content)
     except ValueError as error:
         raise ConfigError(f"{path}: not JSON: {error}; {otherwise}") from error
+
+
+def refuse_twice(path: Path, kind: str, each: Sequence[object], *, otherwise: str) -> None:
+    """Refuse a file in which something that must be unique stands twice.
+
+    Parameters
+    ----------
+    path : Path
+    kind : str
+        What it is, for the message.
+    each : sequence of hashable
+    otherwise : str
+        What to do when it is refused; ends the message.
+
+    Raises
+    ------
+    ConfigError
+        It names the first one.
+    """
+    if len(set(each)) < len(each):
+        twice = next(one for one in each if each.count(one) > 1)
+        raise ConfigError(f"{path}: {kind} {shown(twice)} stands twice; {otherwise}")
 
 
 def is_folder(path: Path) -> bool:

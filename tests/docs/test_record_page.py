@@ -15,7 +15,7 @@ from hiltest.comparison.model import Revision
 from hiltest.report import journal, schema
 from hiltest.report.record import SCHEMA, Run
 from hiltest.report.stored import read_stored
-from hiltest.strict_json import DEEPEST
+from hiltest.strict_json import DEEPEST, LARGEST_BYTES
 
 PAGE = (Path(__file__).parents[2] / "docs" / "record.md").read_text(encoding="utf-8")
 COMMANDS, LABELLED = re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S)
@@ -49,7 +49,7 @@ def test_the_label_is_in_the_record(tmp_path: Path) -> None:
 
 
 def test_bounds_and_words_are_the_program_s() -> None:
-    assert f"{schema.LARGEST_BYTES // 2**20} MiB at most" in PAGE
+    assert f"{LARGEST_BYTES // 2**20} MiB at most" in PAGE
     assert f"{DEEPEST} levels at most" in PAGE
     assert f"`{SCHEMA}`" in PAGE
     assert f"`{journal.JOURNAL_FILE}`" in PAGE

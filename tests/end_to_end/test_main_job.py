@@ -16,7 +16,7 @@ import pytest
 from hiltest.bench_files import shipped
 from hiltest.report.journal import JOURNAL_FILE
 from hiltest.report.record import RECORD_FILES, without_volatile
-from hiltest.report.schema import load_run
+from hiltest.report.stored import read_stored
 
 Run = Callable[..., object]
 
@@ -63,7 +63,7 @@ def test_the_folder_holds_the_record_and_its_reports(good_run) -> None:
     assert sorted(path.name for path in good_run.folder.iterdir()) == [
         "junit.xml", "report.html", "report.md", "run.json",
     ]
-    load_run(good_run.folder / "run.json")
+    read_stored(good_run.folder / "run.json")
 
 
 def test_the_header_names_board_firmware_and_rig(good_run) -> None:

@@ -21,7 +21,8 @@ from hiltest.report.record import (
     write_atomically,
     write_run,
 )
-from hiltest.report.schema import SCHEMA_FILE, load_run, run_schema, schema_text
+from hiltest.report.schema import SCHEMA_FILE, run_schema, schema_text
+from hiltest.report.stored import read_stored
 
 Make = Callable[..., Findings]
 PASSED = Verdict("pass", 0, "PASS.", complete=True)
@@ -40,7 +41,7 @@ def test_every_object_of_the_schema_lists_what_it_requires() -> None:
 
 def test_a_run_survives_writing_and_reading(findings: Make, good: list[Measurement], tmp_path: Path) -> None:
     run = findings(*good).finish(PASSED, "2026-01-02T03:05:00Z")
-    assert load_run(write_run(run, tmp_path)) == run
+    assert read_stored(write_run(run, tmp_path)).run == run
 
 
 def test_measurements_and_tables_are_sorted_by_name(findings: Make, good: list[Measurement]) -> None:
@@ -101,12 +102,12 @@ def test_a_file_that_is_no_run_is_refused_with_the_reason(tmp_path: Path, text: 
     path = tmp_path / "no-run.json"
     path.write_text(text)
     with pytest.raises(ConfigError, match=complaint):
-        load_run(path)
+        read_stored(path)
 
 
 def test_a_missing_file_is_refused_by_name(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"gone\.json: No such file"):
-        load_run(tmp_path / "gone.json")
+        read_stored(tmp_path / "gone.json")
 
 
 def test_a_write_leaves_the_old_file_or_the_new_one(tmp_path: Path) -> None:

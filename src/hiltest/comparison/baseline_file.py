@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import asdict
 from hashlib import sha256
 from pathlib import Path
@@ -14,11 +13,8 @@ from pydantic import TypeAdapter, ValidationError
 from hiltest.comparison.baseline import SCHEMA, Baseline, evidence_from
 from hiltest.comparison.evidence import Evidence
 from hiltest.errors import ConfigError
-from hiltest.strict_json import parse_json, read_bounded, shown
+from hiltest.strict_json import LARGEST_BYTES, parsed, read_bounded, read_json, refuse_twice, shown
 from hiltest.unknown_fields import with_unknown
-
-LARGEST_BYTES = 32 * 1024 * 1024
-"""A larger file is refused: eight seeds of the gate set have a thousandth of it."""
 
 _SILENT = {"measurements": ("limit", "build_id"), "history": ("was_build_id", "revision")}
 """Left out of a line where they are null, as in a file from before they were kept: no line of it may change."""
@@ -35,7 +31,7 @@ def read_baseline(path: Path) -> Baseline:
     ConfigError
         If it is missing, not JSON, of another schema, or has a field that is missing or wrong; it says which.
     """
-    return _parsed(path, read_bounded(path, largest_bytes=LARGEST_BYTES, otherwise=_OTHERWISE))
+    return _baseline_in(path, read_bounded(path, largest_bytes=LARGEST_BYTES, otherwise=_OTHERWISE))
 
 
 def read_baseline_evidence(path: Path) -> Evidence:
@@ -47,12 +43,12 @@ def read_baseline_evidence(path: Path) -> Evidence:
         As `read_baseline`.
     """
     content = read_bounded(path, largest_bytes=LARGEST_BYTES, otherwise=_OTHERWISE)
-    return evidence_from(_parsed(path, content), str(path), sha256(content).hexdigest())
+    return evidence_from(_baseline_in(path, content), str(path), sha256(content).hexdigest())
 
 
 def read_content(path: Path) -> Any:
     """Return what JSON says in a file that `read_baseline` has read, with fields that only a newer hiltest knows."""
-    return parse_json(read_bounded(path, largest_bytes=LARGEST_BYTES, otherwise=_OTHERWISE))
+    return read_json(path, largest_bytes=LARGEST_BYTES, otherwise=_OTHERWISE)
 
 
 def to_json(baseline: Baseline, before: Any = None) -> str:
@@ -84,11 +80,8 @@ def _with_silent(before: Any) -> Any:
     }  # fmt: skip
 
 
-def _parsed(path: Path, text: bytes) -> Baseline:
-    try:
-        content = parse_json(text)
-    except ValueError as error:
-        raise ConfigError(f"{path}: not JSON: {error}; {_OTHERWISE}") from error
+def _baseline_in(path: Path, text: bytes) -> Baseline:
+    content = parsed(path, text, otherwise=_OTHERWISE)
     found = content.get("schema") if isinstance(content, dict) else None
     if found != SCHEMA:
         raise ConfigError(f"{path}: schema is {shown(found)}, this hiltest reads {shown(SCHEMA)}; {_OTHERWISE}")
@@ -108,20 +101,14 @@ def _check_rows(path: Path, baseline: Baseline) -> None:
         raise ConfigError(f"{path}: it is of no run at all: seeds is empty; {_OTHERWISE}")
     if not baseline.measurements:
         raise ConfigError(f"{path}: there is nothing to compare with: measurements is empty; {_OTHERWISE}")
-    _check_unique(path, "seed", baseline.seeds)
-    _check_unique(path, "measurement", [row.name for row in baseline.measurements])
+    refuse_twice(path, "seed", baseline.seeds, otherwise=_OTHERWISE)
+    refuse_twice(path, "measurement", [row.name for row in baseline.measurements], otherwise=_OTHERWISE)
     for row in baseline.measurements:
         if len(row.values) != len(baseline.seeds):
             counts = f"{len(row.values)} values for {len(baseline.seeds)} seeds"
             raise ConfigError(f"{path}: {shown(row.name)} has {counts}; {_OTHERWISE}")
         if all(value is None for value in row.values):
             raise ConfigError(f"{path}: {shown(row.name)} has no number; {_OTHERWISE}")
-
-
-def _check_unique(path: Path, kind: str, each: Sequence[object]) -> None:
-    if len(set(each)) < len(each):
-        twice = next(one for one in each if each.count(one) > 1)
-        raise ConfigError(f"{path}: {kind} {shown(twice)} stands twice; {_OTHERWISE}")
 
 
 def _json(value: object) -> str:

@@ -14,10 +14,9 @@ from hiltest.comparison.model import Side, Tolerance
 from hiltest.errors import ConfigError
 from hiltest.report.journal import JOURNAL_FILE
 from hiltest.report.record import RUN_FILE, SEED_FOLDERS, SEEDS_FILE, Run
-from hiltest.strict_json import is_folder, read_bounded
+from hiltest.strict_json import LARGEST_BYTES, is_folder, read_bounded
 
 _A_BASELINE = re.compile(rb'"schema"\s*:\s*"%s/' % re.escape(BASELINE_SCHEMA.partition("/")[0]).encode())
-_LARGEST_BYTES = 32 * 1024 * 1024
 _NO_SIDE = Side("", "", "", "", "", "", "", "", (), "")
 
 
@@ -70,7 +69,7 @@ def read_evidence(place: Path) -> Evidence:
                 f"{RUN_FILE}, or run again with an --out of its own"
             )
         return _of_run(place)  # it is newer than any seeds beside it: a campaign begins by removing a single run
-    content = read_bounded(place, largest_bytes=_LARGEST_BYTES, otherwise="name a run.json, its folder or a baseline")
+    content = read_bounded(place, largest_bytes=LARGEST_BYTES, otherwise="name a run.json, its folder or a baseline")
     # A look is enough to tell which reader it is for; that one checks all of it.
     if _A_BASELINE.search(content):
         from hiltest.comparison.baseline_file import read_baseline_evidence

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -15,11 +14,9 @@ from pydantic import TypeAdapter, ValidationError
 
 from hiltest.errors import ConfigError
 from hiltest.report.record import SCHEMA, Run
-from hiltest.strict_json import parsed, read_bounded, shown
+from hiltest.strict_json import LARGEST_BYTES, parsed, read_bounded, refuse_twice, shown
 
 SCHEMA_FILE = Path(__file__).with_name("run.schema.json")
-LARGEST_BYTES = 32 * 1024 * 1024
-"""A larger record is refused: that of the full set of tests has a hundredth of it."""
 
 DESCRIPTION = (
     "The record of one run of hiltest, the only source of every report. The number behind the slash is the major "
@@ -46,17 +43,6 @@ def run_schema() -> dict[str, Any]:
 def schema_text() -> str:
     """Return the text of the shipped ``run.schema.json``."""
     return json.dumps(run_schema(), indent=1, ensure_ascii=False) + "\n"
-
-
-def load_run(path: Path) -> Run:
-    """Read a ``run.json``.
-
-    Raises
-    ------
-    ConfigError
-        If the file is missing, not JSON, of another schema, or has a field that is missing or wrong; it says which.
-    """
-    return run_from(load_content(path)[0], path)
 
 
 def load_content(path: Path) -> tuple[dict[str, Any], str]:
@@ -107,24 +93,19 @@ def run_from(content: dict[str, Any], path: Path) -> Run:
         place = "".join(f"{step}." for step in first["loc"])[:-1]
         raise ConfigError(f"{path}: {place or 'as a whole'}: {first['msg']}; {_OTHERWISE}") from error
     _check_tables(run, path)
-    _check_names(path, "measurement", [each.name for each in run.measurements])
+    refuse_twice(path, "measurement", [each.name for each in run.measurements], otherwise=_OTHERWISE)
     return run
 
 
 def _check_tables(run: Run, path: Path) -> None:
-    _check_names(path, "table", [each.name for each in run.tables])
+    refuse_twice(path, "table", [each.name for each in run.tables], otherwise=_OTHERWISE)
     for table in run.tables:
-        _check_names(path, f"column of table {shown(table.name)}:", [each.name for each in table.columns])
+        kind, columns = f"column of table {shown(table.name)}:", [each.name for each in table.columns]
+        refuse_twice(path, kind, columns, otherwise=_OTHERWISE)
         for number, row in enumerate(table.rows, 1):
             if len(row) != len(table.columns):
                 cells = f"{len(row)} cells in {len(table.columns)} columns"
                 raise ConfigError(f"{path}: table {shown(table.name)}, row {number}: {cells}; {_OTHERWISE}")
-
-
-def _check_names(path: Path, kind: str, names: Sequence[str]) -> None:
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise ConfigError(f"{path}: {kind} {shown(twice)} stands twice; {_OTHERWISE}")
 
 
 def _writer(content: object) -> str:

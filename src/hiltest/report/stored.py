@@ -14,9 +14,9 @@ from hiltest.errors import ConfigError
 from hiltest.report.attempts import marked
 from hiltest.report.journal import JOURNAL_FILE, is_going_on
 from hiltest.report.record import RUN_FILE, Run, Verdict, volatile_places
-from hiltest.report.schema import LARGEST_BYTES, check_schema, load_content, run_from
+from hiltest.report.schema import check_schema, load_content, run_from
 from hiltest.report.verdict import unfinished_verdict
-from hiltest.strict_json import is_folder, parse_json, read_bounded
+from hiltest.strict_json import LARGEST_BYTES, is_folder, parse_json, read_bounded
 
 # A run can begin or finish between two looks at its folder.
 _TRIES = 3

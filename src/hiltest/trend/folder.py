@@ -17,9 +17,9 @@ from hiltest.report.evidence import evidence_of, together
 from hiltest.report.journal import JOURNAL_FILE
 from hiltest.report.record import OLDER_FOLDER, RUN_FILE, SEED_FOLDERS, SEEDS_FILE, Run
 from hiltest.report.record import SCHEMA as RUN_SCHEMA
-from hiltest.report.schema import LARGEST_BYTES, check_schema, run_from
+from hiltest.report.schema import check_schema, run_from
 from hiltest.report.stored import read_stored
-from hiltest.strict_json import read_json, shown
+from hiltest.strict_json import LARGEST_BYTES, read_json, shown
 from hiltest.trend.series import Entry
 
 _RECORDS = frozenset({RUN_FILE, JOURNAL_FILE})
