@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
@@ -14,6 +15,7 @@ import pytest
 from hiltest.campaign import SeedResult, campaign_exit_code, campaign_sentence, spreads_of
 from hiltest.cli import commands
 from hiltest.comparison.model import Change, Comparison, Difference, Sense, Side, Tolerance
+from hiltest.comparison.words import sentence as comparison_sentence
 from hiltest.errors import ConfigError
 from hiltest.measurement import Limit, judge
 from hiltest.report.evidence import read_evidence
@@ -91,11 +93,11 @@ def test_only_a_missed_limit_may_be_allowed(
 @pytest.mark.parametrize(
     ("codes", "change", "obstacles", "code", "ending"),
     [
-        ([0, 0], Change.UNCHANGED, (), 0, ": PASS. Against base.json: 1 unchanged: may be merged."),
-        ([0, 0], Change.WORSE, (), 21, ": REGRESSION. Against base.json: 1 worse: *(+0.2*): not to be merged."),
-        ([0, 0], Change.WORSE, ("no seed in common",), 22, ": NOT JUDGED. Not compared with base.json: no seed *."),
-        ([0, 1], Change.WORSE, (), 1, ": FAIL. Against base.json: 1 worse: *: not to be merged."),
-        ([0, 20], Change.UNCHANGED, ("seed 2: lost",), 20, ": FAIL. Not compared with base.json: seed 2: lost."),
+        ([0, 0], Change.UNCHANGED, (), 0, ": PASS. May be merged (against base.json): 1 unchanged."),
+        ([0, 0], Change.WORSE, (), 21, ": REGRESSION. Not to be merged (against base.json): 1 worse: *(+0.2*)."),
+        ([0, 0], Change.WORSE, ("no seed in common",), 22, ": NOT JUDGED. Cannot say * base.json): no seed *."),
+        ([0, 1], Change.WORSE, (), 1, ": FAIL. Not to be merged (against base.json): 1 worse: *."),
+        ([0, 20], Change.UNCHANGED, ("seed 2: lost",), 20, ": FAIL. Cannot say * base.json): seed 2: lost; *."),
     ],
 )
 def test_a_comparison_decides_where_the_seeds_have_not(
@@ -107,6 +109,7 @@ def test_a_comparison_decides_where_the_seeds_have_not(
         "heading.direct.max", "deg", change, Sense.SMALLER, 1.0, 1.2, 0.2, None, 2, Tolerance(0.01, 0.01), None, "", "",
     )
     comparison = Comparison(side, side, (difference,), obstacles, "")
+    comparison = replace(comparison, sentence=comparison_sentence(comparison))
     assert campaign_exit_code(results, may_fail=0, comparison=comparison) == code
     sentence = campaign_sentence(results, [], may_fail=0, comparison=comparison)
     assert fnmatchcase(sentence, f"* of 2 seeds pass*{ending}"), sentence

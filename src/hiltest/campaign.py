@@ -21,11 +21,10 @@ from hiltest.gate import Gate, read_gate
 from hiltest.measurement import Measurement, Outcome, round_significant
 from hiltest.older import FOLDER, UNJUDGED, last_words, older_options, remove_runs, run_command
 from hiltest.report.campaign_markdown import SeedLine, SpreadLine, campaign_markdown
-from hiltest.report.comparison_text import print_changes
+from hiltest.report.comparison_text import print_changes, say_how_to_keep
 from hiltest.report.console import standard_output
-from hiltest.report.evidence import evidence_of, no_evidence, together
+from hiltest.report.evidence import evidence_of, no_evidence, together, with_misses_allowed
 from hiltest.report.job_summary import annotation, append_to_job_summary
-from hiltest.report.judged import judged_words
 from hiltest.report.record import CAMPAIGN_FILE, SEED_FOLDERS, SEEDS_FILE, Run, Verdict, write_atomically
 from hiltest.report.stored import read_stored
 from hiltest.report.verdict import WORDS, ExitCode, comparison_code, missed_only_limits
@@ -124,9 +123,11 @@ def run_seeds(
         gate = _gate_of(older, out / FOLDER)
     results = _run_all(seeds, [*options, *(UNJUDGED if gate else ())], out, "seeds")
     evidence = _together(results, str(out))
+    if campaign_exit_code(results, may_fail=may_fail) == ExitCode.OK:
+        evidence = with_misses_allowed(evidence)
     comparison = gate.judge(evidence) if gate else None
     spreads = spreads_of(results)
-    write_atomically(out / SEEDS_FILE, _to_json(results, spreads, comparison))
+    write_atomically(out / SEEDS_FILE, _to_json(results, spreads, comparison, may_fail=may_fail))
     code = campaign_exit_code(results, may_fail=may_fail, comparison=comparison)
     sentence = campaign_sentence(results, spreads, may_fail=may_fail, comparison=comparison)
     verdict = Verdict(_word(results, may_fail=may_fail, comparison=comparison), code, sentence, complete=True)
@@ -137,6 +138,7 @@ def run_seeds(
     write_atomically(out / CAMPAIGN_FILE, page)
     if comparison is not None:
         print_changes(standard_output(), comparison)
+        say_how_to_keep(standard_output(), comparison, str(out))
     click.echo(f"{out / SEEDS_FILE}, {CAMPAIGN_FILE}")
     if remark := append_to_job_summary(page, out / CAMPAIGN_FILE):
         click.echo(remark)
@@ -212,11 +214,9 @@ def campaign_sentence(
         f"{spread.name} median {spread.median:.2f}, worst {spread.max:.2f} {spread.unit}" for spread in spreads
         if spread.name.startswith("heading.") and spread.name.endswith(".max") and "uncalibrated" not in spread.name
     ]
-    code = campaign_exit_code(results, may_fail=may_fail, comparison=comparison)
     word = _word(results, may_fail=may_fail, comparison=comparison).upper()
     sentence = "; ".join([f"{passed} of {len(results)} seeds pass{which}{allowed}", *headings]) + f": {word}."
-    chosen = any(each.evidence is not None and each.evidence.chosen for each in results)
-    return f"{sentence} {judged_words(comparison, passes=code == 0, chosen=chosen)}".rstrip()
+    return sentence if comparison is None else f"{sentence} {comparison.sentence}"
 
 
 def _inexcusable(results: Sequence[SeedResult]) -> list[int]:
@@ -288,11 +288,14 @@ def _made_with(run: Run) -> MadeWith | None:
     return MadeWith(firmware, run.board.build_id, run.board.cycle_model, run.rig.name, run.rig.sha256)
 
 
-def _to_json(results: Sequence[SeedResult], spreads: Sequence[Spread], comparison: Comparison | None) -> str:
+def _to_json(
+    results: Sequence[SeedResult], spreads: Sequence[Spread], comparison: Comparison | None, *, may_fail: int = 0
+) -> str:
     seeds = [{"seed": each.seed, "exit_code": each.exit_code, "sentence": each.sentence} for each in results]
     made_with = dict.fromkeys(each.made_with for each in results if each.made_with)
     content = {
         "schema": SEEDS_SCHEMA,
+        "exit_code": int(campaign_exit_code(results, may_fail=may_fail)),  # of the seeds, apart from a comparison
         "made_with": [asdict(each) for each in made_with],
         "seeds": seeds,
         "measurements": [_rounded(asdict(each)) for each in spreads],

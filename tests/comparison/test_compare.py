@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import asdict, replace
 
 import pytest
@@ -10,8 +11,9 @@ from hypothesis import strategies as st
 
 from hiltest.comparison.compare import compare, not_compared
 from hiltest.comparison.evidence import Evidence
-from hiltest.comparison.model import EXACT, Change, Difference, Sense, Tolerance
+from hiltest.comparison.model import EXACT, Answer, Change, Difference, Sense, Tolerance
 from hiltest.measurement import WORST_OF_SEVERAL, Limit, Measurement, Outcome
+from hiltest.report.verdict import comparison_code
 
 from .evidence import evidence, measurement, over_seeds
 
@@ -155,9 +157,7 @@ def test_worse_is_what_is_beyond_both_tolerances(base: float, new: float, change
 def test_what_is_counted_may_move_by_all_of_its_tolerance() -> None:
     name = "cycles.direct.total"
     for new, change in ((105, Change.UNCHANGED), (106, Change.WORSE), (95, Change.UNCHANGED), (94, Change.BETTER)):
-        (found,) = compare(
-            over_seeds(name, 100), over_seeds(name, new), tolerances={name: Tolerance(5, 0)}
-        ).differences
+        found = only(over_seeds(name, 100), replace(over_seeds(name, new), tolerances={name: Tolerance(5, 0)}))
         assert found.change is change
 
 
@@ -242,7 +242,7 @@ def test_a_seed_that_got_worse_alone_is_not_made_up_for_by_another() -> None:
 def test_alone_is_beyond_ten_tolerances(moved: float, change: Change) -> None:
     name = "heading.direct.rms"
     base, new = over_seeds(name, *[0.0] * 9), over_seeds(name, *[0.0] * 8, moved)
-    (found,) = compare(base, new, tolerances={name: Tolerance(0.01, 0.01)}).differences
+    found = only(base, replace(new, tolerances={name: Tolerance(0.01, 0.01)}))
     assert found.change is change
 
 
@@ -330,7 +330,9 @@ def test_one_seed_that_comes_within_its_limit_hides_nothing() -> None:
 def test_a_limit_that_was_raised_makes_nothing_better() -> None:
     name = "heading.direct.max"
     found = only(judged(name, 2.0, limit=Limit(max=1.8)), judged(name, 20.0, limit=Limit(max=30)))
-    assert (found.change, found.note) == (Change.WORSE, "within its limit again")
+    assert (found.change, found.note) == (
+        Change.WORSE, "within its limit again; its limit was at most 1.8 in the base"
+    )
 
 
 def test_each_seed_that_goes_out_of_its_limit_counts_though_another_was_out_before() -> None:
@@ -377,6 +379,7 @@ def test_a_reason_on_one_seed_hides_nothing_of_the_others() -> None:
 def test_two_sides_without_a_number_in_common_are_not_compared() -> None:
     time = measurement("board.virtual_seconds", 3.0)
     new = evidence([measurement("heading.direct.max", 0.9), time])
+    assert [each.name for each in compare(new, new).differences] == ["heading.direct.max"]
     for base in (evidence([]), evidence([time]), evidence([measurement("heading.direct.max", None), time])):
         comparison = compare(base, new)
         assert not comparison.evaluated
@@ -391,14 +394,122 @@ def test_noise_that_runs_do_not_share_has_a_wider_tolerance() -> None:
     assert only(replace(base, conditions=real), replace(new, conditions=real)).change is Change.UNCHANGED
 
 
-def test_the_sentence_says_regression_evaluation_or_neither() -> None:
+def test_the_sentence_begins_with_the_answer() -> None:
     base, worse = over_seeds("cycles.direct.total", 11_061), over_seeds("cycles.direct.total", 11_161)
-    assert compare(base, base).sentence == "No regression: 1 unchanged."
+    against = "(against run.json)"
+    assert compare(base, base).sentence == f"May be merged {against}: 1 unchanged."
     assert compare(base, worse).sentence == (
-        "REGRESSION: cycles.direct.total 11 061 -> 11 161 (+100, +0.9 %); 1 worse."
+        f"Not to be merged {against}: 1 worse: cycles.direct.total 11 061 -> 11 161 (+100, +0.9 %)."
     )
+    assert compare(worse, base).sentence == (
+        f"May be merged {against}: 1 better: cycles.direct.total 11 161 -> 11 061 (-100, -0.9 %)."
+    )
+    chosen = [replace(each, chosen=True) for each in (base, base)]
+    assert compare(*chosen).sentence == f"May be merged as far as the chosen tests tell {against}: 1 unchanged."
     gone = compare(base, evidence([]))
-    assert gone.sentence.startswith("NOT EVALUATED: measurement gone: cycles.direct.total; bring it back")
+    cannot = "Cannot say whether it may be merged"
+    assert gone.sentence.startswith(f"{cannot} {against}: measurement gone: cycles.direct.total; bring it back")
     assert not_compared("old.json", "old.json: no such file", base).sentence == (
-        "NOT EVALUATED: old.json: no such file."
+        f"{cannot} (against old.json): old.json: no such file."
     )
+
+
+def test_what_got_better_is_named_where_nobody_can_say_too() -> None:
+    base = evidence([measurement("cycles.direct.total", 11_161), measurement("link.echoed", 3)])
+    found = compare(base, over_seeds("cycles.direct.total", 11_061))
+    assert found.answer is Answer.UNKNOWN
+    assert found.sentence.endswith("; apart from that 1 better: cycles.direct.total 11 161 -> 11 061 (-100, -0.9 %).")
+
+
+def test_a_run_that_fails_by_itself_is_not_to_be_merged_whatever_it_is_compared_with() -> None:
+    name, limit = "heading.direct.max", Limit(max=1.8)
+    fails = judged(name, 1.9, limit=limit)
+    for base in (fails, judged(name, 2.5, limit=limit)):
+        comparison = compare(base, fails)
+        assert (comparison.answer, comparison_code(comparison)) == (Answer.NOT, 1)
+        assert "failed: heading.direct.max " in comparison.sentence
+    broken = replace(over_seeds(name, 0.9), failed=("test_lamp.py::test_life (it broke)",))
+    comparison = compare(over_seeds(name, 0.9), broken)
+    assert (comparison.answer, comparison_code(comparison)) == (Answer.NOT, 1)
+    assert "failed: test_lamp.py::test_life (it broke); 1 unchanged." in comparison.sentence
+    unlike = not_compared("old.json", "old.json: no such file", broken)
+    assert (unlike.answer, comparison_code(unlike)) == (Answer.NOT, 1)
+    assert unlike.sentence.endswith("test_life (it broke); not compared: old.json: no such file.")
+
+
+def test_a_new_measurement_that_fails_its_limit_is_no_pass() -> None:
+    new = evidence([measurement("link.echoed", 3), *cell_of("compass.lag", 12.0, Limit(max=9))])
+    comparison = compare(evidence([measurement("link.echoed", 3)]), new)
+    assert (comparison.of(Change.NEW)[0].name, comparison_code(comparison)) == ("compass.lag", 1)
+    assert "failed: compass.lag 12 (limit at most 9); 1 new; 1 unchanged." in comparison.sentence
+
+
+def test_a_limit_that_was_not_judged_leaves_the_answer_open_and_a_regression_is_one_all_the_same() -> None:
+    unset = measurement("heading.direct.max", 0.9, limit=Limit(max=2), outcome=Outcome.UNSET)
+    base = evidence([unset, measurement("cycles.direct.total", 5)])
+    comparison = compare(base, base)
+    assert (comparison.answer, comparison_code(comparison)) == (Answer.UNKNOWN, 22)
+    assert "not judged: heading.direct.max ()" in comparison.sentence
+    worse = compare(base, evidence([unset, measurement("cycles.direct.total", 6)]))
+    assert (worse.answer, comparison_code(worse)) == (Answer.NOT, 22)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "base", "new", "change"),
+    [
+        (Limit(max=2), Limit(max=1), 1.5, 1.5, Change.UNCHANGED),  # the limit did it
+        (Limit(max=2), Limit(max=1), 0.9995, 1.0005, Change.WORSE),  # it went through the new one
+        (Limit(max=2), Limit(max=1), 1.995, 2.004, Change.WORSE),  # it went through the old one
+        (None, Limit(max=1), 1.5, 1.5, Change.UNCHANGED), (None, Limit(max=1), 0.9995, 1.0005, Change.WORSE),
+    ],
+)
+def test_an_edited_limit_is_not_the_firmware_s_doing(
+    before: Limit | None, after: Limit, base: float, new: float, change: Change
+) -> None:
+    name = "heading.direct.max"
+    comparison = compare(evidence(cell_of(name, base, before)), evidence(cell_of(name, new, after)))
+    (found,) = comparison.differences
+    assert found.change is change
+    if before is not None:
+        assert "its limit was at most 2 in the base" in comparison.sentence
+    elif change is Change.UNCHANGED:
+        assert "the base has no limit for it" in comparison.sentence
+    assert comparison_code(comparison) == 1  # the run fails its limit, whoever's doing that is
+
+
+def test_the_first_concern_is_what_is_out_of_its_limit_then_what_has_one_then_the_farthest() -> None:
+    moved = {  # by how many tolerances: an exact one counts in percent
+        "cycles.direct.total": (10_000, 10_100), "cycles.corrected.total": (10_000, 10_300),
+        "fit.direct.residual": (1.0, 1.1), "heading.direct.rms": (1.0, 1.05), "heading.direct.max": (1.0, 1.02),
+        "heading.iterative.max": (1.79, 1.9), "tumble.coverage": (90.0, 80.0), "link.retried": (0, 1),
+    }
+    limits = {"heading.direct.max": Limit(max=1.8), "heading.iterative.max": Limit(max=1.8)}
+    base, new = (
+        evidence([each for name, both in moved.items() for each in cell_of(name, both[side], limits.get(name))])
+        for side in (0, 1)
+    )
+    comparison = compare(base, new)
+    worse = [each.name for each in comparison.of(Change.WORSE)]
+    assert worse == [
+        "heading.iterative.max", "heading.direct.max", "link.retried", "fit.direct.residual", "tumble.coverage",
+        "heading.direct.rms", "cycles.corrected.total", "cycles.direct.total",
+    ]
+    assert re.search(r"8 worse: heading\.iterative\.max .*, heading\.direct\.max .* and 6 more", comparison.sentence)
+    assert [each.name for each in comparison.differences] == sorted(moved)
+
+
+@pytest.mark.parametrize("chosen", [False, True])
+def test_what_a_run_did_not_come_to_is_not_taken_and_no_wall_of_what_is_gone(chosen: bool) -> None:
+    base = evidence([measurement(f"lamp.{index}", 1.0) for index in range(9)])
+    new = replace(
+        evidence([measurement("lamp.0", 1.0), measurement("lamp.1", None)]), chosen=chosen,
+        faults=() if chosen else ("this run: the run is not complete (interrupted); run all of it again",),
+    )
+    comparison = compare(base, new)
+    assert [each.name for each in comparison.of(Change.GONE)] == ["lamp.1"]  # it came to that one
+    assert len(comparison.of(Change.NOT_TAKEN)) == 7
+    assert (len(comparison.obstacles), comparison_code(comparison)) == (2, 22)
+    assert any(("only chosen tests ran, and 7 measurements of" if chosen else "interrupted") in each
+               for each in comparison.obstacles)
+    both = compare(replace(base, chosen=True), replace(new, chosen=True, faults=()))
+    assert len(both.of(Change.GONE)) == 8  # of the same choice all of it is missed

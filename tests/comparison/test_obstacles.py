@@ -35,7 +35,8 @@ def compared(base: Path, new: Path, **more: Any) -> Comparison:
 def test_two_runs_alike_have_no_obstacle(changed: Changed) -> None:
     comparison = compared(changed("base"), changed("new"))
     assert comparison.obstacles == ()
-    assert comparison.sentence == f"No regression: {len(comparison.differences)} unchanged."
+    unchanged = f"{len(comparison.differences)} unchanged"
+    assert comparison.sentence == f"May be merged (against {comparison.base.file}): {unchanged}."
     assert len(comparison.differences) > 140
 
 
@@ -64,7 +65,7 @@ def test_a_difference_that_makes_numbers_incomparable_is_named(
     comparison = compared(changed("base"), changed("new", fields))
     assert any(reason in each for each in comparison.obstacles), comparison.obstacles
     assert all("\n" not in each for each in comparison.obstacles)
-    assert comparison.sentence.startswith("NOT EVALUATED: ")
+    assert comparison.sentence.startswith("Cannot say whether it may be merged (against ")
     assert not comparison.regression
 
 
@@ -153,11 +154,17 @@ def test_of_two_firmwares_in_one_session_no_baseline_is_to_be_renewed() -> None:
 
 
 def test_a_measurement_that_is_gone_is_named_with_the_way_to_accept_it(changed: Changed) -> None:
-    (reason,) = compared(changed("base"), changed("new", values={"heading.direct.max": None})).obstacles
+    base, new = changed("base"), changed("new", values={"heading.direct.max": None})
+    (reason,) = compared(base, new).obstacles
+    begins = "measurement gone: heading.direct.max; bring it back, or "
+    let = f"let the next runs be judged against this one: `hiltest baseline save {new} FILE`"
+    assert reason == f"{begins}{let}"
+    (reason,) = compare(replace(read_evidence(base), is_baseline=True), read_evidence(new)).obstacles
     assert reason == (
-        "measurement gone: heading.direct.max; bring it back, or accept that with "
-        "`hiltest baseline update FILE RUN --accept heading.direct.max --because TEXT`"
+        f"{begins}accept that with `hiltest baseline update {base} {new} --accept heading.direct.max --because TEXT`"
     )
+    (reason,) = compared(base, new, together=True).obstacles
+    assert reason == f"{begins}leave its test out of both runs: -- -k 'not test_heading_at_known_angles'"
 
 
 def test_a_run_without_any_measurement_names_a_few_and_counts_the_rest(changed: Changed) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from hiltest.comparison.compare import compare
-from hiltest.comparison.words import SHOWN, moved, numbers, shown
+from hiltest.comparison.words import SHOWN, moved, numbers, percent, shown
 from hiltest.measurement import Limit
 
 from .evidence import evidence, measurement, over_seeds
@@ -22,13 +22,22 @@ def test_all_of_it_stands_in_one_line() -> None:
     ("base", "new", "words"),
     [
         (81.35, 238.9, "+157.6, +194 %"), (2.0, 2.0, "+0, +0 %"), (0.0, 0.3, "+0.3"), (-0.1, 0.2, "+0.3"),
-        (-0.1, -0.2, "-0.1, -100 %"), (1.0, 1001.0, "+1 000, +100 000 %"), (10.0, 9.95, "-0.05, -0.5 %"),
-        (1e-300, 1e10, "+10 000 000 000"),
+        (-0.1, -0.2, "-0.1, -100 %"), (1.0, 1001.0, "+1 000"), (10.0, 9.95, "-0.05, -0.5 %"),
+        (1e-300, 1e10, "+10 000 000 000"), (1.0, 11.0, "+10, +1 000 %"), (0.0004, 1.6496, "+1.649"),
     ],
 )
 def test_percent_are_given_where_they_mean_something(base: float, new: float, words: str) -> None:
     (found,) = compare(over_seeds("compass.lag", base), over_seeds("compass.lag", new)).differences
     assert moved(found) == words
+
+
+@pytest.mark.parametrize(
+    ("share", "words"),
+    [(412_300.0, "beyond +1 000 %"), (-1_001.0, "beyond -1 000 %"), (1_000.0, "+1 000 %"), (0.94, "+0.94 %"),
+     (-100.0, "-100 %"), (float("inf"), "beyond +1 000 %")],
+)
+def test_a_share_of_next_to_nothing_is_cut(share: float, words: str) -> None:
+    assert percent(share) == words
 
 
 def test_over_eight_seeds_the_interval_is_shown() -> None:

@@ -16,15 +16,13 @@ if TYPE_CHECKING:
 _EXIT_CODES = """
 \b
 Exit codes:
-  0   nothing got worse
+  0   may be merged: nothing got worse
+  1   not to be merged: NEW fails by itself, a limit or a test of its own
   2   interrupted
   4   usage: there is no NEW, or it cannot be read
-  21  regression: something got worse, beyond its tolerance
-  22  not evaluated: BASE is missing or cannot be compared with, or a measurement is gone
+  21  not to be merged: something got worse, beyond its tolerance
+  22  cannot say: BASE is missing or cannot be compared with, a measurement is gone, or a limit was not judged
 """
-_OK, _REGRESSION, _NOT_EVALUATED = 0, 21, 22
-# The first of these that any NEW has is the command's.
-_WORST_FIRST = (_NOT_EVALUATED, _REGRESSION, _OK)
 
 
 @click.command(epilog=_EXIT_CODES)
@@ -36,8 +34,9 @@ def compare(base: Path, new: tuple[Path, ...], as_json: bool) -> int:
 
     Each is a run.json, the folder of a run, the folder of a campaign (hiltest run --seeds), or a baseline file.
     """
-    from hiltest.report.comparison_text import json_text, print_comparison
+    from hiltest.report.comparison_text import json_text, print_comparison, say_how_to_keep
     from hiltest.report.evidence import read_evidence
+    from hiltest.report.verdict import ExitCode, comparison_code
 
     evidence = [read_evidence(each) for each in new]
     comparisons = _compared(base, evidence)
@@ -48,15 +47,9 @@ def compare(base: Path, new: tuple[Path, ...], as_json: bool) -> int:
 
         for each in comparisons:
             print_comparison(standard_output(), each)
-    codes = {exit_code(each) for each in comparisons}
-    return next(code for code in _WORST_FIRST if code in codes)
-
-
-def exit_code(comparison: Comparison) -> int:
-    """Return the exit code of one comparison."""
-    if not comparison.evaluated:
-        return _NOT_EVALUATED
-    return _REGRESSION if comparison.regression else _OK
+            say_how_to_keep(standard_output(), each, each.new.file)
+    codes = {comparison_code(each) for each in comparisons}
+    return next(code for code in ExitCode if code in codes)  # they stand in the order in which they win
 
 
 def _compared(base: Path, evidence: list[Evidence]) -> list[Comparison]:

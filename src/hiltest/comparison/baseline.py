@@ -128,7 +128,7 @@ def evidence_from(baseline: Baseline, file: str, sha256: str) -> Evidence:
     accepted = accepted_from(baseline.measurements)
     side = replace(baseline.side, file=file, sha256=sha256, saved_utc=baseline.saved_utc, accepted=accepted)
     builds = {row.name: row.build_id for row in baseline.measurements if row.build_id is not None}
-    return Evidence(side, baseline.conditions, measurements, builds=builds)
+    return Evidence(side, baseline.conditions, measurements, is_baseline=True, builds=builds)
 
 
 def renewed(baseline: Baseline, before: Baseline) -> Baseline:

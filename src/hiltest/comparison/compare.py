@@ -2,43 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 from hiltest.comparison.difference import Pairs, difference
 from hiltest.comparison.evidence import Evidence, Seed
-from hiltest.comparison.model import Comparison, Difference, Side, Tolerance
+from hiltest.comparison.model import BaseKind, Change, Comparison, Difference, Side
 from hiltest.comparison.obstacles import obstacles
-from hiltest.comparison.words import sentence
-from hiltest.measurement import Measurement
+from hiltest.comparison.rules import is_compared
+from hiltest.comparison.words import entry, measured, on_seeds, sentence
+from hiltest.measurement import Measurement, Outcome
 
 
-def compare(
-    base: Evidence, new: Evidence, *, together: bool = False, tolerances: Mapping[str, Tolerance] | None = None
-) -> Comparison:
-    """Compare two sides, paired by seed.
+def compare(base: Evidence, new: Evidence, *, together: bool = False) -> Comparison:
+    """Compare two sides, paired by seed, with the tolerances of the new one's rig.
 
     Parameters
     ----------
     base, new : Evidence
     together : bool, optional
         Whether both firmwares ran in one session: they may then be of different compilers and flags.
-    tolerances : mapping of str to Tolerance, optional
-        By exact name, instead of those of the new side's rig.
 
     Returns
     -------
     Comparison
         With obstacles where the gate cannot be evaluated; the differences are then for information alone.
     """
-    given = new.tolerances if tolerances is None else tolerances
     board = new.conditions.board if new.conditions else ""
     seeds = [seed for seed in base.measurements if seed in new.measurements]
-    found = tuple(difference(pairs, board, given) for pairs in _pairs(base, new, seeds))
-    return _comparison(base.side, new.side, found, obstacles(base, new, found, together=together))
+    pairs = _pairs(base, new, seeds)
+    found = tuple(_taken(difference(each, board, new.tolerances), each, base, new) for each in pairs)
+    kind = BaseKind.TOGETHER if together else BaseKind.BASELINE if base.is_baseline else BaseKind.RUN
+    return _comparison(base.side, new, found, obstacles(base, new, found, together=together), kind)
 
 
 def not_compared(file: str, reason: str, new: Evidence) -> Comparison:
-    """Return the comparison with a base that cannot be read: nothing but the obstacle.
+    """Return the comparison with a base that cannot be read: nothing but the obstacle, and what fails by itself.
 
     Parameters
     ----------
@@ -52,11 +51,52 @@ def not_compared(file: str, reason: str, new: Evidence) -> Comparison:
         file=file, sha256="", firmware="", version="", build_id="", compiler="", cycle_model="", rig="", seeds=(),
         saved_utc="",
     )
-    return _comparison(base, new.side, (), (reason, *new.faults))
+    return _comparison(base, new, (), (reason, *new.faults), BaseKind.RUN)
 
 
-def _comparison(base: Side, new: Side, found: tuple[Difference, ...], reasons: tuple[str, ...]) -> Comparison:
-    return Comparison(base, new, found, reasons, sentence(found, reasons))
+def _comparison(
+    base: Side, new: Evidence, found: tuple[Difference, ...], reasons: tuple[str, ...], kind: BaseKind
+) -> Comparison:
+    failed = (*(() if new.may_miss else _missed(new, found)), *new.failed)
+    made = Comparison(
+        base, new.side, found, reasons, "", failed=failed, unjudged=tuple(_unjudged(new)), chosen=new.chosen,
+        base_kind=kind,
+    )
+    return replace(made, sentence=sentence(made))
+
+
+def _missed(new: Evidence, found: tuple[Difference, ...]) -> Iterator[str]:
+    """Yield the limits that the new run misses, in order of concern; what got worse as it is named among that."""
+    missed = _with_outcome(new, Outcome.FAIL)
+    for each in sorted(found, key=lambda each: each.concern):
+        if seeds := missed.pop(each.name, None):
+            named = each.change is Change.WORSE or len(new.measurements) == 1
+            yield entry(each) + ("" if named else on_seeds(list(seeds)))
+    for seeds in missed.values():
+        yield measured(next(iter(seeds.values())))
+
+
+def _unjudged(new: Evidence) -> Iterator[str]:
+    for name, seeds in _with_outcome(new, Outcome.UNSET).items():
+        yield f"{name} ({next(iter(seeds.values())).note})"
+
+
+def _with_outcome(new: Evidence, outcome: Outcome) -> dict[str, dict[Seed, Measurement]]:
+    """Return the measurements that have an outcome, by name and seed."""
+    found: dict[str, dict[Seed, Measurement]] = {}
+    for seed, made in new.measurements.items():
+        for name, each in sorted(made.items()):
+            if each.outcome is outcome:
+                found.setdefault(name, {})[seed] = each
+    return found
+
+
+def _taken(found: Difference, pairs: Pairs, base: Evidence, new: Evidence) -> Difference:
+    """Return a difference; what is gone in a run that did not come to it is not taken."""
+    partial = bool(new.faults) or (new.chosen and not base.chosen)
+    if partial and found.change is Change.GONE and pairs.lost and all(pairs.new[seed] is None for seed in pairs.lost):
+        return replace(found, change=Change.NOT_TAKEN, note="")
+    return found
 
 
 def _pairs(base: Evidence, new: Evidence, seeds: list[Seed]) -> list[Pairs]:
@@ -67,7 +107,8 @@ def _pairs(base: Evidence, new: Evidence, seeds: list[Seed]) -> list[Pairs]:
         was = base.measurements[seed]
         names.update(name for name, each in new.measurements[seed].items() if not each.volatile and name not in was)
     return [
-        Pairs(name, _on(base.measurements, name, seeds), _on(new.measurements, name, seeds)) for name in sorted(names)
+        Pairs(name, _on(base.measurements, name, seeds), _on(new.measurements, name, seeds))
+        for name in sorted(filter(is_compared, names))
     ]
 
 

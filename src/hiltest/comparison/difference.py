@@ -11,12 +11,12 @@ from hiltest.comparison.alone import moved_alone
 from hiltest.comparison.evidence import Seed
 from hiltest.comparison.interval import LARGEST, mean_interval, mean_value
 from hiltest.comparison.model import EXACT, Change, Difference, Sense, Tolerance
-from hiltest.comparison.rules import is_known, rule_of, tolerance_of
+from hiltest.comparison.rules import rule_of, tolerance_of
+from hiltest.comparison.words import on_seeds
 from hiltest.measurement import SIGNIFICANT_DIGITS, Limit, Measurement, Outcome, round_significant
 
 #: Values are written with so many significant digits; what two of them differ by in the last one is no difference.
 _LAST_DIGIT = 10.0 ** (1 - SIGNIFICANT_DIGITS)
-_NAMED_AT_MOST = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,11 +48,25 @@ class Pairs:
 
     @property
     def newly_out(self) -> list[Seed]:
-        """Those that fail a limit now and did not before: a NaN always, else what the base made too."""
+        """Those that fail a limit now and did not before: a NaN always, else what the base made too.
+
+        Where the limit is another now, not those that have not passed through either of the two.
+        """
         return [
             seed for seed, now in self.new.items()
-            if _is_out(now) and not _is_out(was := self.base[seed]) and (was is not None or not _has_number(now))
+            if now is not None and _is_out(now) and not _is_out(was := self.base[seed])
+            and (not _has_number(now) if was is None else _went_out(was, now))
         ]
+
+    @property
+    def limit_changed(self) -> str:
+        """What the limit was before it was edited or dropped; empty where the base has none, or the same."""
+        both = ((was.limit, now) for seed, was in self.base.items() if was and (now := self.new[seed]))
+        edited = [(before, now.limit) for before, now in both if before is not None and before != now.limit]
+        if not edited:
+            return ""
+        before, after = edited[0]
+        return f"it has no limit any more; it was {before}" if after is None else f"its limit was {before} in the base"
 
     @property
     def limit(self) -> Limit | None:
@@ -92,7 +106,7 @@ def difference(pairs: Pairs, board: str, tolerances: Mapping[str, Tolerance]) ->
         delta=mean_value(_changes(base, new)), interval=_rounded(mean_interval(_changes(base, new))),
         seeds=len(seeds), tolerance=tolerance, limit=latest.limit, outcome=str(latest.outcome),
         cycle_model=latest.cycle_model,
-        note="; ".join(filter(None, (remark, _not_offered(pairs), _lost_limit(pairs)))),
+        note="; ".join(filter(None, (remark, _not_offered(pairs), _limit_changed(pairs)))),
     )
 
 
@@ -102,11 +116,12 @@ def _not_offered(pairs: Pairs) -> str:
     return f"not offered{_on_seeds(pairs.not_offered, pairs)}: {'; '.join(sorted(reasons))}" if reasons else ""
 
 
-def _lost_limit(pairs: Pairs) -> str:
-    """Return a remark on a sense that the new run itself does not tell any more."""
-    if is_known(pairs.name) or pairs.limit is None or any(each is None or each.limit for each in pairs.new.values()):
-        return ""
-    return f"it has no limit any more; it was {pairs.limit}"
+def _limit_changed(pairs: Pairs) -> str:
+    """Return a remark on another limit; a number that fails it, and has not gone out, is not the firmware's doing."""
+    if remark := pairs.limit_changed:
+        return remark
+    fails = [seed for seed, now in pairs.new.items() if _is_out(now) and not _is_out(was := pairs.base[seed]) and was]
+    return "the base has no limit for it" if fails and not pairs.newly_out else ""
 
 
 def _cannot_be_paired(pairs: Pairs) -> str:
@@ -197,17 +212,20 @@ def _states_why(measurement: Measurement | None) -> bool:
     return measurement is not None and measurement.says_why_not
 
 
+def _went_out(was: Measurement, now: Measurement) -> bool:
+    """Say whether a measurement that fails now left one of the limits; where that was edited it may always have."""
+    if was.limit == now.limit or now.value is None or was.value is None:
+        return True
+    return any(limit.holds(was.value) and not limit.holds(now.value) for limit in (was.limit, now.limit) if limit)
+
+
 def _any_out(side: Mapping[Seed, Measurement | None]) -> bool:
     return any(map(_is_out, side.values()))
 
 
 def _on_seeds(seeds: Sequence[Seed], pairs: Pairs) -> str:
     """Return which seeds it is that a remark is of; nothing where there is but one."""
-    if len(pairs.new) == 1:
-        return ""
-    more = len(seeds) - _NAMED_AT_MOST
-    named = ", ".join(map(str, seeds[:_NAMED_AT_MOST]))
-    return f" on seed {named}{f' and {more} more' if more > 0 else ''}"
+    return on_seeds(seeds) if len(pairs.new) > 1 else ""
 
 
 def _costs(values: Sequence[float], sense: Sense) -> list[float]:

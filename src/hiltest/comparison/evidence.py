@@ -68,6 +68,12 @@ class Evidence:
         Why this side is no evidence, one line each, with what to do: such as a run that was cut short.
     chosen : bool
         Whether only chosen tests ran: it is like a run with the same choice, and nothing to keep.
+    failed : tuple of str
+        What else than a limit makes it no pass by itself: tests that failed, with the reason.
+    may_miss : bool
+        Whether limits that were missed were allowed to be, as on some seeds of many.
+    is_baseline : bool
+        Whether it was read from a baseline file.
     builds : mapping of str to str
         Build of each measurement that is of another one than `side`: a baseline may have accepted some.
     """
@@ -78,6 +84,9 @@ class Evidence:
     tolerances: Mapping[str, Tolerance] = field(default_factory=dict)
     faults: tuple[str, ...] = ()
     chosen: bool = False
+    failed: tuple[str, ...] = ()
+    may_miss: bool = False
+    is_baseline: bool = False
     builds: Mapping[str, str] = field(default_factory=dict)
 
     @property

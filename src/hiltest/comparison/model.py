@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from hiltest.measurement import Limit
+from hiltest.measurement import Limit, Outcome
 
 
 class Change(StrEnum):
@@ -20,9 +20,27 @@ class Change(StrEnum):
     """The base has no number of it."""
     GONE = "gone"
     """The base has a number, the new run has none."""
+    NOT_TAKEN = "not taken"
+    """As gone, in a run that did not come to it: cut short, or of chosen tests."""
     UNCHANGED = "unchanged"
     CHANGED = "changed"
     """Beyond its tolerance, and neither better nor worse: a fact, such as the worst sector."""
+
+
+class Answer(StrEnum):
+    """What a comparison comes to."""
+
+    MAY = "may be merged"
+    NOT = "not to be merged"
+    UNKNOWN = "cannot say whether it may be merged"
+
+
+class BaseKind(StrEnum):
+    """What the base is, and so how a change is accepted into it."""
+
+    BASELINE = "baseline"
+    RUN = "run"
+    TOGETHER = "older firmware, run together with the newer one"
 
 
 class Sense(StrEnum):
@@ -61,6 +79,9 @@ class Tolerance:
 
 
 EXACT = Tolerance(0.0, 0.0)
+
+ONE_OF_EXACT = 0.01
+"""What counts as one tolerance where any change counts, of the base: most costs and errors have it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +122,19 @@ class Difference:
     outcome: str
     cycle_model: str
     note: str = ""
+
+    @property
+    def concern(self) -> tuple[bool, bool, float, str]:
+        """What to sort by: out of its limit first, then what has one, then the farthest in its tolerances."""
+        return self.outcome != Outcome.FAIL, self.limit is None, -self._tolerances_moved, self.name
+
+    @property
+    def _tolerances_moved(self) -> float:
+        if self.delta is None or self.base is None:
+            return 0.0
+        relative = self.tolerance.relative or (0.0 if self.tolerance.absolute else ONE_OF_EXACT)
+        one = max(self.tolerance.absolute, relative * abs(self.base))
+        return abs(self.delta) / one if one else float("inf")
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +200,14 @@ class Comparison:
     obstacles : tuple of str
         Why the gate cannot be evaluated, one line each, with what to do. None of them: it was.
     sentence : str
-        All of it in one sentence.
+        All of it in one sentence, which begins with the answer.
+    failed : tuple of str
+        What fails in the new run by itself, whatever the base is: its limits and its tests.
+    unjudged : tuple of str
+        Limits of the new run that could not be judged, with the reason.
+    chosen : bool
+        Whether only chosen tests ran: what the others would have said is not known.
+    base_kind : BaseKind
     """
 
     base: Side
@@ -174,10 +215,22 @@ class Comparison:
     differences: tuple[Difference, ...]
     obstacles: tuple[str, ...]
     sentence: str
+    failed: tuple[str, ...] = ()
+    unjudged: tuple[str, ...] = ()
+    chosen: bool = False
+    base_kind: BaseKind = BaseKind.RUN
 
     def of(self, change: Change) -> tuple[Difference, ...]:
-        """Return the measurements with this change, sorted by name."""
-        return tuple(each for each in self.differences if each.change is change)
+        """Return the measurements with this change, in order of concern."""
+        found = (each for each in self.differences if each.change is change)
+        return tuple(sorted(found, key=lambda each: each.concern))
+
+    @property
+    def answer(self) -> Answer:
+        """Whether the change may be merged."""
+        if self.failed or self.regression:
+            return Answer.NOT
+        return Answer.MAY if self.evaluated and not self.unjudged else Answer.UNKNOWN
 
     @property
     def evaluated(self) -> bool:

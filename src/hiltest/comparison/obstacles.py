@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from shlex import quote
 
 from hiltest.comparison.evidence import NO_BOARD, Conditions, Evidence
 from hiltest.comparison.model import Change, Difference
@@ -10,8 +11,6 @@ from hiltest.comparison.model import Change, Difference
 _NAMED_AT_MOST = 3
 _RENEW = "renew the baseline with `hiltest baseline save RUN FILE`"
 _A_LARGER_SUITE = ("gate", "full")
-_SAYS_NOTHING = "board.virtual_seconds"
-"""Every run on a virtual board has it; it judges no firmware."""
 
 
 def obstacles(
@@ -112,13 +111,29 @@ def _of_measurements(
     gone = [each for each in differences if each.change is Change.GONE]
     for each in gone[:_NAMED_AT_MOST]:
         why = f" ({each.note})" if each.note else ""
-        accept = f", or accept that with `hiltest baseline update FILE RUN --accept {each.name} --because TEXT`"
-        yield f"measurement gone: {each.name}{why}; bring it back{'' if together else accept}"
+        accept = _accept(base, new, each.name, together=together)
+        yield f"measurement gone: {each.name}{why}; bring it back, or {accept}"
     if len(gone) > _NAMED_AT_MOST:
         yield f"measurements gone: {len(gone) - _NAMED_AT_MOST} more, {gone[_NAMED_AT_MOST].name} among them"
-    compared = any(each.seeds and each.name != _SAYS_NOTHING for each in differences)
-    if not compared and not gone and set(base.measurements) & set(new.measurements):
+    not_taken = sum(each.change is Change.NOT_TAKEN for each in differences)
+    if not_taken and not new.faults:
+        measurements = f"{not_taken} measurement{'s' * (not_taken != 1)}"
+        yield f"{new.name}: only chosen tests ran, and {measurements} of {base.name} not among them; run all of them"
+    compared = any(each.seeds for each in differences)
+    if not compared and not gone and not not_taken and set(base.measurements) & set(new.measurements):
         yield f"nothing was compared: {base.name} and {new.name} have no number in common; name another base"
+
+
+def _accept(base: Evidence, new: Evidence, name: str, *, together: bool) -> str:
+    """Return how to go on without a measurement: what is kept is told so, and a test that runs twice is left out."""
+    if together:
+        made = (each[name].test for each in base.measurements.values() if name in each)
+        test = next((each.rpartition("::")[2].partition("[")[0] for each in made if each), "")
+        return f"leave its test out of both runs: -- -k 'not {test or 'its name'}'"
+    run = quote(new.side.file or "RUN")
+    if not base.is_baseline:
+        return f"let the next runs be judged against this one: `hiltest baseline save {run} FILE`"
+    return f"accept that with `hiltest baseline update {quote(base.side.file)} {run} --accept {name} --because TEXT`"
 
 
 def _or_renew(*, together: bool) -> str:

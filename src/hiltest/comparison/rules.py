@@ -16,6 +16,9 @@ from functools import cache
 from hiltest.comparison.model import EXACT, Sense, Tolerance
 from hiltest.measurement import Limit
 
+NOT_COMPARED = "board.*_seconds"
+"""How long a run took says nothing of the firmware, and depends on which tests ran."""
+
 #: Two runs that do not share their noise differ by sqrt(2) standard deviations of one; six of one, 4.2 of the
 #: difference, are passed by 3 in 100 000 of them, and a run has a hundred measurements.
 UNPAIRED_DEVIATIONS = 6.0
@@ -146,6 +149,11 @@ def rule_of(name: str, limit: Limit | None) -> Rule:
         Says which way a measurement of one's own gets better; it is compared exactly unless the rig says otherwise.
     """
     return _known_rule(name) or Rule(_sense_under(limit), EXACT, 0.0, "not one of hiltest's own: any change counts")
+
+
+def is_compared(name: str) -> bool:
+    """Say whether a measurement is one that a comparison looks at."""
+    return not fnmatchcase(name, NOT_COMPARED)
 
 
 def is_known(name: str) -> bool:

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections import Counter
+import math
 from collections.abc import Sequence
-from math import isfinite
 
-from hiltest.comparison.model import Change, Comparison, Difference, Revision, Side
-from hiltest.measurement import readable
+from hiltest.comparison.evidence import Seed
+from hiltest.comparison.model import Answer, Change, Comparison, Difference, Revision, Side
+from hiltest.measurement import Measurement, readable
 
 SHOWN = (Change.WORSE, Change.GONE, Change.BETTER, Change.NEW, Change.CHANGED)
-"""In this order; what is unchanged is only counted."""
+"""In this order; what is unchanged, or was not taken, is only counted."""
 
 _NAMED_AT_MOST = 2
 _COMMIT_DIGITS = 12  # which tell any two commits of a repository apart
+_SEEDS_AT_MOST = 3
+_MOST_PERCENT = 1000.0
+"""Of a base of next to nothing a share says nothing; what it moved by stands beside it."""
 
 
 def revision(of: Revision | None) -> str:
@@ -60,6 +63,19 @@ def numbers(difference: Difference) -> str:
     return f"{values} {_unit(difference)}".rstrip() + (f" ({details})" if details else "")
 
 
+def entry(difference: Difference) -> str:
+    """Return a measurement's name and numbers."""
+    return f"{difference.name} {numbers(difference)}"
+
+
+def measured(measurement: Measurement) -> str:
+    """Return what a measurement is, and its limit; without a number why there is none."""
+    if measurement.value is None:
+        return f"{measurement.name} ({measurement.note})"
+    value = f"{measurement.name} {readable(measurement.value)} {measurement.unit}".rstrip()
+    return f"{value} ({measurement.limit})"
+
+
 def moved(difference: Difference) -> str:
     """Return by how much a measurement moved, in its unit and in percent; empty when it has no pair."""
     if difference.delta is None:
@@ -67,27 +83,35 @@ def moved(difference: Difference) -> str:
     words = _signed(difference.delta)
     if difference.base and difference.base * (difference.new or 0.0) > 0:
         share = 100 * difference.delta / abs(difference.base)
-        words += f", {percent(share)} %" if isfinite(share) else ""
+        words += f", {percent(share)}" if abs(share) <= _MOST_PERCENT else ""
     if difference.interval is not None:
         low, high = difference.interval
         words += f", 95 % {_signed(low)} to {_signed(high)}"
     return words
 
 
-def sentence(differences: Sequence[Difference], obstacles: Sequence[str]) -> str:
-    """Return what a comparison comes to, in one sentence."""
-    if obstacles:
-        more = len(obstacles) - 1
-        others = f" (and {more} more reason{'s' * (more > 1)})" if more else ""
-        return f"NOT EVALUATED: {obstacles[0]}{others}."
-    counts = Counter(each.change for each in differences)
-    tally = ", ".join(f"{counts[each]} {each}" for each in (*SHOWN, Change.UNCHANGED) if counts[each]) or "nothing"
-    worse = [each for each in differences if each.change is Change.WORSE]
-    if not worse:
-        return f"No regression: {tally}."
-    named = [f"{each.name} {numbers(each)}" for each in worse[:_NAMED_AT_MOST]]
-    more = len(worse) - len(named)
-    return f"REGRESSION: {', '.join(named)}{f' and {more} more' if more else ''}; {tally}."
+def sentence(comparison: Comparison) -> str:
+    """Return what a comparison comes to, in one sentence: the answer, the base, and why."""
+    answer = f"{comparison.answer.capitalize()}"
+    if comparison.answer is Answer.MAY and comparison.chosen:
+        answer += " as far as the chosen tests tell"
+    worse = {entry(each) for each in comparison.of(Change.WORSE)} if comparison.evaluated else set()
+    parts = [
+        _named("failed: ", [each for each in comparison.failed if each not in worse]),
+        _of_obstacles(comparison), _named("not judged: ", comparison.unjudged), *_counts(comparison),
+    ]
+    return f"{answer} (against {comparison.base.file}): {'; '.join(filter(None, parts)) or 'nothing measured'}."
+
+
+def listed(texts: Sequence[str], at_most: int) -> str:
+    """Return some texts with commas, and how many more there are."""
+    more = len(texts) - at_most
+    return ", ".join(texts[:at_most]) + (f" and {more} more" if more > 0 else "")
+
+
+def on_seeds(seeds: Sequence[Seed]) -> str:
+    """Return which seeds something is on."""
+    return f" on seed {listed([str(each) for each in seeds], _SEEDS_AT_MOST)}"
 
 
 def shown(comparison: Comparison) -> list[tuple[Change, tuple[Difference, ...]]]:
@@ -96,17 +120,46 @@ def shown(comparison: Comparison) -> list[tuple[Change, tuple[Difference, ...]]]
     return [(change, found) for change, found in groups if found]
 
 
+def percent(value: float) -> str:
+    """Return two digits of it, or all before the point; beyond a thousand that it is."""
+    if abs(value) > _MOST_PERCENT or not math.isfinite(value):
+        return f"beyond {_signed(math.copysign(_MOST_PERCENT, value))} %"
+    return f"{value:+.2g} %" if abs(value) < 99.5 else f"{_signed(round(value))} %"
+
+
+def _of_obstacles(comparison: Comparison) -> str:
+    if not comparison.obstacles:
+        return ""
+    more = len(comparison.obstacles) - 1
+    others = f" (and {more} more reason{'s' * (more > 1)})" if more else ""
+    not_compared = "" if comparison.answer is Answer.UNKNOWN else "not compared: "
+    return f"{not_compared}{comparison.obstacles[0].rstrip('.')}{others}"
+
+
+def _counts(comparison: Comparison) -> list[str]:
+    """Return how many measurements there are of each change, and name the first that got worse and better."""
+    # What is gone is among the reasons then.
+    without = () if comparison.evaluated else (Change.GONE,)
+    found = {each: comparison.of(each) for each in (*SHOWN, Change.NOT_TAKEN, Change.UNCHANGED) if each not in without}
+    counts = [_counted(change, each) for change, each in found.items() if each]
+    return [f"apart from that {counts[0]}", *counts[1:]] if comparison.obstacles and counts else counts
+
+
+def _counted(change: Change, found: Sequence[Difference]) -> str:
+    count = f"{len(found)} {change}"
+    return _named(f"{count}: ", [entry(each) for each in found]) if change in (Change.WORSE, Change.BETTER) else count
+
+
+def _named(before: str, texts: Sequence[str]) -> str:
+    return f"{before}{listed(texts, _NAMED_AT_MOST)}" if texts else ""
+
+
 def _value(value: float | None) -> str:
     return "-" if value is None else readable(value)
 
 
 def _signed(value: float) -> str:
     return f"{'+' if value >= 0 else '-'}{readable(abs(value))}"
-
-
-def percent(value: float) -> str:
-    """Return two digits of it, or all before the point."""
-    return f"{value:+.2g}" if abs(value) < 99.5 else f"{'+' if value > 0 else '-'}{readable(round(abs(value)))}"
 
 
 def _unit(difference: Difference) -> str:

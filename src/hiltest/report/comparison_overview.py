@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from hiltest.comparison.model import Change, Comparison, Difference, Side
+from hiltest.comparison.model import Answer, Change, Comparison, Difference, Side
 from hiltest.comparison.words import SHOWN, build, moved, revision, shown
 from hiltest.measurement import readable
 from hiltest.report.figures.change import change_figure
@@ -13,6 +13,7 @@ from hiltest.report.figures.rows import RowFigure
 
 # Stands beside the word for who does not see its colour.
 _SIGNS = {Change.WORSE: "✗", Change.GONE: "−", Change.BETTER: "✓", Change.NEW: "+", Change.CHANGED: "≠"}
+_ANSWERS = {Answer.MAY: "good", Answer.NOT: "bad", Answer.UNKNOWN: "warn"}
 _TONES = {Change.WORSE: "fail", Change.GONE: "fail", Change.BETTER: "pass"}
 
 
@@ -49,7 +50,7 @@ def against_baseline(comparison: Comparison | None) -> AgainstBaseline | None:
     if comparison is None:
         return None
     return AgainstBaseline(
-        comparison, "warn" if comparison.obstacles else "bad" if comparison.regression else "good",
+        comparison, _ANSWERS[comparison.answer],
         counts(comparison), tuple(changed(comparison)), tuple(sides(comparison)), change_figure(comparison),
     )
 
@@ -62,7 +63,7 @@ def changed(comparison: Comparison) -> Iterator[Changed]:
 
 def counts(comparison: Comparison) -> str:
     """Return how many measurements there are of each change."""
-    numbers = ((len(comparison.of(change)), change) for change in (*SHOWN, Change.UNCHANGED))
+    numbers = ((len(comparison.of(change)), change) for change in (*SHOWN, Change.NOT_TAKEN, Change.UNCHANGED))
     return ", ".join(f"{number} {change}" for number, change in numbers if number) or "nothing to compare"
 
 

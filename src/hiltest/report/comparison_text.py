@@ -11,8 +11,9 @@ from dataclasses import asdict
 from rich.console import Console
 from rich.text import Text
 
-from hiltest.comparison.model import Change, Comparison, Side
-from hiltest.comparison.words import build, numbers, revision, shown
+from hiltest.comparison.keeping import how_to_keep
+from hiltest.comparison.model import Answer, Change, Comparison, Side
+from hiltest.comparison.words import build, entry, revision, shown
 
 SCHEMA = "hiltest.comparison/1"
 # Thousands are apart, 11 061, and stay on one line.
@@ -24,7 +25,7 @@ _STYLES = {Change.WORSE: "bold red", Change.GONE: "bold red", Change.BETTER: "gr
 def print_comparison(console: Console, comparison: Comparison) -> None:
     """Print the sentence, what kept the gate from being evaluated, and every measurement that changed."""
     say(console, f"{_described(comparison.base)} -> {_described(comparison.new)}")
-    say(console, comparison.sentence, "" if comparison.evaluated and not comparison.regression else "bold red")
+    say(console, comparison.sentence, "" if comparison.answer is Answer.MAY else "bold red")
     print_changes(console, comparison)
 
 
@@ -35,9 +36,17 @@ def print_changes(console: Console, comparison: Comparison) -> None:
         _entries(console, comparison.obstacles)
     for change, found in shown(comparison):
         say(console, f"{change} ({len(found)})", _STYLES.get(change, "bold"))
-        _entries(console, (f"{each.name} {numbers(each)}" for each in found))
+        _entries(console, map(entry, found))
+    if not_taken := len(comparison.of(Change.NOT_TAKEN)):
+        say(console, f"{not_taken} measurement{'s' * (not_taken != 1)} not taken")
     if unchanged := len(comparison.of(Change.UNCHANGED)):
         say(console, f"unchanged ({unchanged})")
+
+
+def say_how_to_keep(console: Console, comparison: Comparison, run: str) -> None:
+    """Print how to keep what got better, if anything did and may be."""
+    if hint := how_to_keep(comparison, run):
+        say(console, hint)
 
 
 def json_text(comparisons: Sequence[Comparison]) -> str:
@@ -57,9 +66,9 @@ def printable(text: str) -> str:
 
 
 def _entries(console: Console, entries: Iterable[str]) -> None:
-    for entry in entries:
+    for each in entries:
         lines = textwrap.wrap(
-            _WITHIN_A_NUMBER.sub(_NO_BREAK, printable(entry)), console.width, initial_indent="  ",
+            _WITHIN_A_NUMBER.sub(_NO_BREAK, printable(each)), console.width, initial_indent="  ",
             subsequent_indent="      ", break_on_hyphens=False, break_long_words=False,
         )
         for line in lines:

@@ -14,7 +14,8 @@ from hiltest.comparison.model import Side, Tolerance
 from hiltest.errors import ConfigError
 from hiltest.report.journal import JOURNAL_FILE
 from hiltest.report.record import RUN_FILE, SEED_FOLDERS, SEEDS_FILE, Run
-from hiltest.strict_json import LARGEST_BYTES, is_folder, read_bounded
+from hiltest.report.verdict import failed_by_itself
+from hiltest.strict_json import LARGEST_BYTES, is_folder, parse_json, read_bounded
 
 _A_BASELINE = re.compile(rb'"schema"\s*:\s*"%s/' % re.escape(BASELINE_SCHEMA.partition("/")[0]).encode())
 _NO_SIDE = Side("", "", "", "", "", "", "", "", (), "")
@@ -42,7 +43,7 @@ def evidence_of(run: Run, *, file: str = "", sha256: str = "") -> Evidence:
     fault = f"{name}: the run is not complete ({run.verdict.outcome}); run all of it again"
     return Evidence(
         side, _conditions(run), {run.seed: {each.name: each for each in run.measurements}}, tolerances,
-        () if run.verdict.complete else (fault,), run.chosen,
+        () if run.verdict.complete else (fault,), run.chosen, failed_by_itself(run),
     )
 
 
@@ -105,7 +106,8 @@ def together(runs: Sequence[Evidence], file: str) -> Evidence:
         revision=first.side.revision if len({each.side.revision for each in runs}) == 1 else None,
     )
     chosen = any(each.chosen for each in runs)
-    return Evidence(side, first.conditions, measurements, first.tolerances, tuple(faults), chosen)
+    failed = tuple(f"{why} on seed {', '.join(map(str, each.side.seeds))}" for each in runs for why in each.failed)
+    return Evidence(side, first.conditions, measurements, first.tolerances, tuple(faults), chosen, failed)
 
 
 def no_evidence(file: str) -> Evidence:
@@ -164,7 +166,22 @@ def _of_campaign(folder: Path, seeds: Sequence[Path]) -> Evidence:
     if not runs:
         raise ConfigError(faults[0])
     found = together(runs, str(folder))
-    return replace(found, faults=(*faults, *found.faults))
+    found = replace(found, faults=(*faults, *found.faults))
+    return with_misses_allowed(found) if _seeds_may_fail(folder / SEEDS_FILE) else found
+
+
+def with_misses_allowed(campaign: Evidence) -> Evidence:
+    """Return the runs of a campaign that may miss a limit on some seeds, and has."""
+    return replace(campaign, may_miss=True)
+
+
+def _seeds_may_fail(file: Path) -> bool:
+    """Say whether a campaign passed by itself, whatever single seeds did: some of them were allowed to miss limits."""
+    try:
+        content = parse_json(read_bounded(file, largest_bytes=LARGEST_BYTES, otherwise="run the campaign again"))
+    except (ConfigError, ValueError):
+        return False
+    return isinstance(content, dict) and content.get("exit_code") == 0
 
 
 def _build(side: Side) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table as Grid
 
 from hiltest.measurement import Measurement, Outcome
-from hiltest.report.comparison_text import print_changes
+from hiltest.report.comparison_text import print_changes, say_how_to_keep
 from hiltest.report.record import RECORD_FILES, Run
 from hiltest.report.verdict import grouped
 
@@ -54,6 +54,7 @@ def summary(run: Run, folder: Path, *, every: bool, sentence: bool, width: int, 
             console.print(f"wire trace of {trace}", soft_wrap=True)
     if run.comparison is not None:
         print_changes(console, run.comparison)
+        say_how_to_keep(console, run.comparison, shown_path(folder))
     files = [name for name in RECORD_FILES if (folder / name).exists()]
     console.print(escape(f"{shown_path(folder)}: {', '.join(files)}"), soft_wrap=True)
     if sentence:

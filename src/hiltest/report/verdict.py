@@ -8,9 +8,9 @@ from enum import IntEnum
 
 from hiltest.calibration.fit import FitStatus
 from hiltest.comparison.model import Comparison
-from hiltest.measurement import Measurement, Outcome, readable
+from hiltest.comparison.words import listed, measured
+from hiltest.measurement import Measurement, Outcome
 from hiltest.procedures.cause import Cause, name_cause
-from hiltest.report.judged import judged_words
 from hiltest.report.record import Findings, Run, TestResult, Verdict
 
 POSES_TABLE = "heading.poses"
@@ -52,6 +52,7 @@ WORDS = {
 }
 """Outcome of a run per exit code."""
 
+_OF_COMPARISONS = (ExitCode.OK, ExitCode.REGRESSION, ExitCode.NOT_JUDGED)
 _PYTEST_WINS = (ExitCode.INTERRUPTED, ExitCode.INTERNAL_ERROR, ExitCode.USAGE_ERROR, ExitCode.NO_TESTS)
 
 
@@ -149,9 +150,20 @@ def missed_only_limits(run: Run) -> bool:
     return run.verdict.exit_code == ExitCode.FAILED and bool(failed) and not _unexplained(run.tests, failed)
 
 
+def failed_by_itself(run: Run) -> tuple[str, ...]:
+    """Return what else than a limit makes a run no pass, whatever it is compared with: its tests, with the reason."""
+    failed = [each for each in run.measurements if each.outcome is Outcome.FAIL]
+    tests = tuple(_failed_test(each) for each in _unexplained(run.tests, failed))
+    if not tests and not failed and run.verdict.complete and run.verdict.exit_code not in _OF_COMPARISONS:
+        return (f"the run itself ({run.verdict.outcome})",)
+    return tests
+
+
 def comparison_code(comparison: Comparison) -> ExitCode:
     """Return the exit code of a comparison alone: a gate that could not be evaluated is no pass."""
-    if not comparison.evaluated:
+    if comparison.failed:
+        return ExitCode.FAILED
+    if not comparison.evaluated or comparison.unjudged:
         return ExitCode.NOT_JUDGED
     return ExitCode.REGRESSION if comparison.regression else ExitCode.OK
 
@@ -218,10 +230,10 @@ def _sentence(findings: Findings, word: str, left_out: Sequence[str]) -> str:
     measurements = tuple(findings.measurements.values())
     # What is neither judged nor has a cost to compare, such as one that lives with the stream, is in the report alone.
     results = [each for each in calibrator_results(measurements) if each.maximum.limit or each.cycles]
+    against_base = findings.comparison.sentence if findings.comparison else ""
     stopped = _what_stopped(findings)
     if stopped:
-        kept = f"{len(measurements)} measurement{'s' * (len(measurements) != 1)} kept"
-        return f"{word.upper()}: {stopped} {kept}."
+        return f"{word.upper()}: {stopped} {_counted(measurements, 'measurement')} kept. {against_base}".rstrip()
     poses = findings.tables.get(POSES_TABLE)
     count = len(poses.rows) if poses else 0
     parts = [_calibrator_words(each, 0 if index else count) for index, each in enumerate(results)]
@@ -230,7 +242,7 @@ def _sentence(findings: Findings, word: str, left_out: Sequence[str]) -> str:
     sentence = "; ".join(parts) + f": {word.upper()}." if parts else f"{word.upper()}."
     return " ".join(filter(None, (
         sentence, *_remarks(findings, results), _left_out_words(left_out),
-        judged_words(findings.comparison, passes=word == WORDS[ExitCode.OK], chosen=findings.chosen),
+        against_base,
     )))
 
 
@@ -306,14 +318,7 @@ def _not_judged(measurements: Sequence[Measurement]) -> str:
 def _out_of_limit(others: Sequence[Measurement]) -> str:
     if not others:
         return ""
-    return f"Out of limit: {_listed([_measured(each) for each in others])}."
-
-
-def _measured(measurement: Measurement) -> str:
-    if measurement.value is None:
-        return f"{measurement.name} ({measurement.note})"
-    value = f"{measurement.name} {readable(measurement.value)} {measurement.unit}".rstrip()
-    return f"{value} ({measurement.limit})"
+    return f"Out of limit: {_listed([measured(each) for each in others])}."
 
 
 def _failed_tests(run: Sequence[TestResult], failed: Sequence[Measurement]) -> str:
@@ -321,8 +326,11 @@ def _failed_tests(run: Sequence[TestResult], failed: Sequence[Measurement]) -> s
     tests = _unexplained(run, failed)
     if not tests:
         return ""
-    named = [f"{without_folders(each.id)} ({each.reason})" for each in tests]
-    return f"Failed: {_listed(named)}."
+    return f"Failed: {_listed([_failed_test(each) for each in tests])}."
+
+
+def _failed_test(test: TestResult) -> str:
+    return f"{without_folders(test.id)} ({test.reason})"
 
 
 def _unexplained(run: Sequence[TestResult], failed: Sequence[Measurement]) -> list[TestResult]:
@@ -376,8 +384,7 @@ def _counted(things: Sequence[object], word: str) -> str:
 
 
 def _listed(texts: Sequence[str]) -> str:
-    more = len(texts) - _NAMED_AT_MOST
-    return ", ".join(texts[:_NAMED_AT_MOST]) + (f" and {more} more" if more > 0 else "")
+    return listed(texts, _NAMED_AT_MOST)
 
 
 def _value(measurement: Measurement | None) -> float | None:

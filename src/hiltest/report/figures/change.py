@@ -24,7 +24,7 @@ def change_figure(comparison: Comparison) -> RowFigure | None:
                if (moved := moved_percent(each)) is not None]
     if not changed:
         return None
-    shown = sorted(changed, key=lambda each: (list(_MARKS).index(each[0].change), -abs(each[1])))[:_SHOWN]
+    shown = changed[:_SHOWN]
     reach = min(_FURTHEST_PERCENT, max(abs(moved) for _, moved in shown)) or 1.0
     words = "" if len(shown) == len(changed) else f", {len(shown)} of {len(changed)}"
     return RowFigure(
@@ -42,8 +42,8 @@ def moved_percent(difference: Difference) -> float | None:
 def _row(difference: Difference, moved: float, reach: float) -> Row:
     mark, style = _MARKS[difference.change]
     at = 0.5 + 0.47 * min(max(moved / reach, -1.0), 1.0)
-    return Row(difference.name, f"{percent(moved)} %", at, mark, style, ends=(0.5,), start=0.5)
+    return Row(difference.name, percent(moved), at, mark, style, ends=(0.5,), start=0.5)
 
 
 def _in_words(shown: Sequence[tuple[Difference, float]]) -> str:
-    return "; ".join(f"{each.name}: {each.change}, {percent(moved)} %" for each, moved in shown)
+    return "; ".join(f"{each.name}: {each.change}, {percent(moved)}" for each, moved in shown)
