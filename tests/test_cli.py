@@ -80,14 +80,16 @@ def test_a_wrong_command_line_ends_with_4_and_says_why(tmp_path: Path, arguments
     assert list(tmp_path.iterdir()) == [], "a usage error leaves nothing behind"
 
 
-def test_init_copies_suites_rigs_and_benchmarks_and_nothing_else(tmp_path: Path) -> None:
+def test_init_copies_what_a_bench_needs_and_nothing_else(tmp_path: Path) -> None:
     result = hiltest("init", "bench", folder=tmp_path)
     assert result.returncode == 0
-    assert f"cd {Path('bench')} && hiltest run" in result.stdout
+    assert "cd bench && hiltest run --baseline hil/baselines/virtual-k64f.json" in result.stdout
     copied = {path.relative_to(tmp_path / "bench").as_posix() for path in (tmp_path / "bench").rglob("*")}
     assert {"hil/suites/test_heading.py", "hil/suites/conftest.py", "hil/rigs/virtual-k64f.toml"} <= copied
     assert not [name for name in copied if "__pycache__" in name]
-    assert {Path(name).parts[1] for name in copied if len(Path(name).parts) > 1} == {"suites", "rigs", "benchmarks"}
+    folders = {Path(name).parts[1] for name in copied if len(Path(name).parts) > 1}
+    assert folders == {"suites", "rigs", "benchmarks", "baselines"}
+    assert {name for name in copied if "/baselines/" in name} == {"hil/baselines/virtual-k64f.json"}
 
 
 def test_init_does_not_overwrite(tmp_path: Path) -> None:

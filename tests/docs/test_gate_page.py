@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shlex
@@ -17,36 +18,58 @@ from hiltest.settings import OPTIONS
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "gate.md").read_text(encoding="utf-8")
-(COMMANDS,) = re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S)
-SUITE = "def test_current(measure):\n    measure('lamp.current', 2.0, 'mA')\n"
+FIRST, OWN = (block.splitlines() for block in re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S))
+SUITE = "def test_current(measure, board):\n    measure('lamp.current', 2.0, 'mA')\n"
+
+
+def run(command: str, folder: Path) -> str:
+    """Run a command of the page, which must end with 0; return its last line."""
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
+    done = subprocess.run(
+        [sys.executable, "-m", *shlex.split(command)], cwd=folder, env=environment, capture_output=True, text=True,
+        check=False, timeout=300,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout.rstrip().splitlines()[-1]
 
 
 @pytest.fixture
 def bench(tmp_path: Path) -> Path:
-    """A bench of one's own with the page's files and a suite that takes no time."""
-    for name in ("suites", "rigs", "baselines"):
-        (tmp_path / "hil" / name).mkdir(parents=True)
-    (tmp_path / "hil" / "suites" / "test_lamp.py").write_text(SUITE, encoding="utf-8")
-    shutil.copy(ROOT / "hil" / "baselines" / "virtual-k64f.json", tmp_path / "hil" / "baselines")
-    rig = (ROOT / "hil" / "rigs" / "virtual-k64f.toml").read_text(encoding="utf-8")
-    (tmp_path / "hil" / "rigs" / "virtual-k64f.toml").write_text(rig[: rig.index("[limits]")], encoding="utf-8")
+    """What the page's first command makes, and two ELF files."""
+    run(FIRST[0], tmp_path)
     for name in ("new.elf", "old.elf"):
         shutil.copy(ROOT / "src" / "hiltest" / "firmware" / "hiltest-frdm-k64f.elf", tmp_path / name)
     return tmp_path
 
 
-# The lamp is none of the baseline's measurements, which are all gone; the two firmwares are the same.
-@pytest.mark.parametrize(("command", "code"), list(zip(COMMANDS.splitlines()[:2], (22, 0), strict=True)))
-def test_the_commands_end_as_the_page_says(bench: Path, command: str, code: int) -> None:
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
-    done = subprocess.run(
-        [sys.executable, "-m", *shlex.split(command)], cwd=bench, env=environment, capture_output=True, text=True,
-        check=False, timeout=120,
-    )  # fmt: skip
-    assert done.returncode == code, done.stdout + done.stderr
-    last = done.stdout.rstrip().splitlines()[-1]
-    assert f"{'May' if code == 0 else 'Cannot say whether it may'} be merged (against hil" in last
-    assert (bench / "hil-out" / "against" / "run.json").exists() == ("--against" in command)
+@pytest.fixture
+def quick(bench: Path) -> Path:
+    """The same with a suite that takes no time, and a rig without limits, which it would not meet."""
+    shutil.rmtree(bench / "hil" / "suites")
+    (bench / "hil" / "suites").mkdir()
+    (bench / "hil" / "suites" / "test_lamp.py").write_text(SUITE, encoding="utf-8")
+    rig = bench / "hil" / "rigs" / "virtual-k64f.toml"
+    text = rig.read_text(encoding="utf-8")
+    rig.write_text(text[: text.index("[limits]")], encoding="utf-8")
+    return bench
+
+
+def test_a_fresh_folder_has_a_gate_from_the_first_minute(bench: Path) -> None:
+    last = run(FIRST[1], bench)
+    assert "May be merged (against hil/baselines/virtual-k64f.json): " in last
+    assert json.loads((bench / "hil-out" / "run.json").read_text(encoding="utf-8"))["comparison"]["obstacles"] == []
+
+
+def test_two_firmwares_are_compared(quick: Path) -> None:
+    assert "May be merged (against hil-out/against/run.json): " in run(FIRST[2], quick)
+    assert (quick / "hil-out" / "against" / "run.json").exists()
+    assert FIRST[3] == f"{FIRST[2]} --seeds 1..8"
+
+
+def test_a_firmware_of_ones_own_gets_a_baseline_of_its_own(quick: Path) -> None:
+    for command in OWN:
+        last = run(command, quick)
+    assert "May be merged (against hil/baselines/mine.json): " in last
 
 
 def test_the_option_has_the_names_that_the_page_gives_it() -> None:

@@ -1,4 +1,4 @@
-"""``hiltest init``: suites, rigs and benchmarks for a bench of one's own."""
+"""``hiltest init``: suites, rigs, benchmarks and a first baseline for a bench of one's own."""
 
 from __future__ import annotations
 
@@ -11,22 +11,30 @@ from hiltest.bench_files import shipped
 from hiltest.errors import ConfigError
 
 _FOLDERS = ("suites", "rigs", "benchmarks")
+_BASELINE = Path("baselines", "virtual-k64f.json")
+"""Of the default rig with the packaged firmware."""
 _NOT_COPIED = shutil.ignore_patterns("__pycache__", ".*")
 
 
 @click.command()
 @click.argument("folder", metavar="DIR", type=click.Path(path_type=Path, file_okay=False))
 def init(folder: Path) -> int:
-    """Copy the suites, rigs and benchmarks to DIR/hil, for a bench of your own."""
+    """Copy the suites, rigs and benchmarks to DIR/hil, for a bench of your own, and a first baseline.
+
+    The baseline is of the default rig with the firmware that comes with hiltest.
+    """
     source, target = shipped(), folder / "hil"
-    present = [target / name for name in _FOLDERS if (target / name).exists()]
+    present = [target / name for name in (*_FOLDERS, _BASELINE.parent) if (target / name).exists()]
     if present:
         raise ConfigError(f"{present[0]} is already there; nothing was copied. Choose another folder, or move it away")
     try:
         for name in _FOLDERS:
             shutil.copytree(source / name, target / name, ignore=_NOT_COPIED)
+        (target / _BASELINE).parent.mkdir()
+        shutil.copyfile(source / _BASELINE, target / _BASELINE)
     except (OSError, shutil.Error) as error:
         reason = getattr(error, "strerror", None) or error
         raise ConfigError(f"cannot copy to {target}: {reason}. Choose a folder that can be written to") from error
-    click.echo(f"suites, rigs and benchmarks are in {target}. Next: cd {folder} && hiltest run")
+    click.echo(f"suites, rigs, benchmarks and the baseline of the packaged firmware are in {target}. Next:")
+    click.echo(f"cd {folder} && hiltest run --baseline {'hil' / _BASELINE}")
     return 0
