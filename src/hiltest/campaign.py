@@ -14,10 +14,11 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from hiltest.boards import default_firmware
 from hiltest.comparison.evidence import Evidence
 from hiltest.comparison.model import Comparison
 from hiltest.errors import ConfigError
-from hiltest.gate import Gate, read_gate
+from hiltest.gate import PACKAGED, Gate, read_gate
 from hiltest.measurement import Measurement, Outcome, round_significant
 from hiltest.older import FOLDER, UNJUDGED, last_words, older_options, remove_runs, run_command
 from hiltest.report.campaign_markdown import SeedLine, SpreadLine, campaign_markdown
@@ -125,7 +126,8 @@ def run_seeds(
     evidence = _together(results, str(out))
     if campaign_exit_code(results, may_fail=may_fail) == ExitCode.OK:
         evidence = with_misses_allowed(evidence)
-    comparison = gate.judge(evidence) if gate else None
+    remark = PACKAGED if _is_packaged(evidence, options) else ""
+    comparison = gate.judge(evidence, remark=remark) if gate else None
     spreads = spreads_of(results)
     write_atomically(out / SEEDS_FILE, _to_json(results, spreads, comparison, may_fail=may_fail))
     code = campaign_exit_code(results, may_fail=may_fail, comparison=comparison)
@@ -168,6 +170,15 @@ def _run_all(seeds: Sequence[int], options: Sequence[str], out: Path, name: str)
             if result.exit_code:
                 progress.console.print(f"seed {result.seed}: {result.sentence}", markup=False, soft_wrap=True)
     return results
+
+
+def _is_packaged(evidence: Evidence, options: Sequence[str], environment: Mapping[str, str] = os.environ) -> bool:
+    """Say whether the packaged firmware ran, and no option or variable named it."""
+    named = environment.get("HIL_FIRMWARE") or any(each.startswith("--hil-firmware") for each in options)
+    if named or not evidence.side.build_id:
+        return False
+    manifest = json.loads(default_firmware().with_name("manifest.json").read_text(encoding="utf-8"))
+    return bool(evidence.side.build_id == manifest["build_id"])  # an ini file may have named another one
 
 
 def _gate_of(results: Sequence[SeedResult], out: Path) -> Gate:

@@ -5,7 +5,8 @@ Imported at the start of every pytest run on the machine: what compares is impor
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,10 @@ if TYPE_CHECKING:
 
 NOT_JUDGED = 22
 """The exit code, where nothing heavy is imported for it."""
+
+
+PACKAGED = "judged the packaged firmware: name yours with --firmware ELF (in pytest --hil-firmware)"
+"""What is said where no firmware was named; whoever forgets it sees no change of their own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,13 +45,15 @@ class Gate:
     reason: str = ""
     in_one_session: bool = False
 
-    def judge(self, new: Evidence) -> Comparison:
+    def judge(self, new: Evidence, *, remark: str = "") -> Comparison:
         """Compare a run, or the runs of several seeds, with the base."""
         from hiltest.comparison.compare import compare, not_compared
 
         if self.base is None:
-            return not_compared(self.file, self.reason, new)
-        return compare(self.base, new, together=self.in_one_session)
+            found = not_compared(self.file, self.reason, new)
+        else:
+            found = compare(self.base, new, together=self.in_one_session)
+        return replace(found, remark=remark)
 
     def describe(self) -> str:
         """Return the header line: what the run is going to be judged against."""
@@ -134,7 +141,12 @@ class SessionGate:
             return [f"base: {self._older.elf}, which runs first"]
         return [] if self._gate is None else [self._gate.describe()]
 
-    @property
-    def judge(self) -> Callable[[Evidence], Comparison] | None:
-        """What compares the finished run with its base; None without a gate."""
-        return None if self._gate is None else self._gate.judge
+    def judge_by(self, *, packaged: bool) -> Callable[[Evidence], Comparison] | None:
+        """Return what compares the finished run with its base; None without a gate.
+
+        Parameters
+        ----------
+        packaged : bool
+            Whether the packaged firmware ran because none was named.
+        """
+        return None if self._gate is None else partial(self._gate.judge, remark=PACKAGED if packaged else "")

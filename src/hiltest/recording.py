@@ -121,8 +121,10 @@ class Recording:
         decided = partial(
             decide, self._recorder.findings, pytest_exit=int(exitstatus), left_out=left_out, cut_short=cut_short
         )
-        if self._hil.gate.judge is not None:
-            self._recorder.compare(self._hil.gate.judge, decided())
+        board = self._recorder.findings.board
+        packaged = board is not None and board.kind == "virtual" and self._hil.settings.firmware is None
+        if (judge := self._hil.gate.judge_by(packaged=packaged)) is not None:
+            self._recorder.compare(judge, decided())
         self.run = self._recorder.finish(decided())
         session.exitstatus = self.run.verdict.exit_code
         write_reports(self.run, self._recorder.folder)

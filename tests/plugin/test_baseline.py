@@ -16,6 +16,8 @@ from typing import Any
 
 import pytest
 
+from hiltest.boards import default_firmware
+
 LAMP = """
 import os
 import pytest
@@ -354,7 +356,7 @@ def no_board(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None
 @pytest.mark.parametrize(
     ("given", "code", "words"),
     [
-        ({}, 0, "PASS. Against {base}: 2 unchanged: may be merged."),
+        ({}, 0, "PASS. May be merged (against {base}): 2 unchanged."),
         ({"TABLE_BYTES": "140"}, 0, "1 changed"),
         ({"NO_COST": "yes"}, 22, "measurement gone: crc.cycles"),
         ({"MODEL": "silicon-dwt"}, 22, "measurement gone: crc.cycles (the cycle model was"),
@@ -382,3 +384,19 @@ def test_a_run_on_a_board_is_not_compared_with_one_that_needs_none(pytester: pyt
     code, sentence = judged(pytester)
     assert code == 22
     assert "another kind of board: none before, virtual now" in sentence
+
+
+@pytest.mark.usefixtures("base")
+@pytest.mark.parametrize("by", ["", "option", "environment"])
+def test_a_gate_on_the_packaged_firmware_says_so_where_nobody_named_one(
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, by: str
+) -> None:
+    if by == "environment":
+        monkeypatch.setenv("HIL_FIRMWARE", str(default_firmware()))
+    options = [f"--hil-firmware={default_firmware()}"] if by == "option" else []
+    result = pytester.runpytest_inprocess("--hil-baseline=base", *options)
+    assert result.ret == 0
+    remark = "judged the packaged firmware: name yours with --firmware ELF (in pytest --hil-firmware)"
+    assert (remark in result.stdout.str()) is not bool(by)
+    assert record(pytester)["comparison"]["remark"] == ("" if by else remark)
+    assert (remark in (pytester.path / "hil-out" / "report.html").read_text(encoding="utf-8")) is not bool(by)

@@ -208,6 +208,8 @@ class Comparison:
     chosen : bool
         Whether only chosen tests ran: what the others would have said is not known.
     base_kind : BaseKind
+    remark : str
+        What whoever reads it may have overlooked; it decides nothing.
     """
 
     base: Side
@@ -219,6 +221,7 @@ class Comparison:
     unjudged: tuple[str, ...] = ()
     chosen: bool = False
     base_kind: BaseKind = BaseKind.RUN
+    remark: str = ""
 
     def of(self, change: Change) -> tuple[Difference, ...]:
         """Return the measurements with this change, in order of concern."""

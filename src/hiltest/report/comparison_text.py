@@ -31,6 +31,8 @@ def print_comparison(console: Console, comparison: Comparison) -> None:
 
 def print_changes(console: Console, comparison: Comparison) -> None:
     """Print what kept the gate from being evaluated, and every measurement that changed."""
+    if comparison.remark:
+        say(console, comparison.remark, "yellow")
     if len(comparison.obstacles) > 1:
         say(console, "why it is not evaluated", "bold red")
         _entries(console, comparison.obstacles)

@@ -21,6 +21,8 @@ def markdown_report(run: Run) -> str:
 def comparison_lines(comparison: Comparison) -> Iterator[str]:
     """Yield what a comparison says: its sentence, why it could not be made, and all that changed."""
     yield from ("", "## Against the baseline", "", plain_text(comparison.sentence))
+    if comparison.remark:
+        yield from ("", plain_text(comparison.remark))
     if comparison.obstacles:
         yield ""
         yield from (f"- not evaluated: {plain_text(each)}" for each in comparison.obstacles)
