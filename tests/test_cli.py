@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from hiltest.report.exit_codes import WORDS, ExitCode
 from hiltest.report.stored import read_stored
-from hiltest.report.verdict import WORDS, ExitCode
 
 
 def hiltest(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:

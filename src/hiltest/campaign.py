@@ -21,14 +21,15 @@ from hiltest.errors import ConfigError
 from hiltest.gate import PACKAGED, Gate, read_gate
 from hiltest.measurement import Measurement, Outcome, round_significant
 from hiltest.older import FOLDER, UNJUDGED, last_words, older_options, remove_runs, run_command
-from hiltest.report.campaign_markdown import SeedLine, SpreadLine, campaign_markdown
+from hiltest.report.campaign_markdown import SeedLine, Spread, campaign_markdown
 from hiltest.report.comparison_text import print_changes, say_how_to_keep
 from hiltest.report.console import standard_output
 from hiltest.report.evidence import evidence_of, no_evidence, together, with_misses_allowed
+from hiltest.report.exit_codes import WORDS, ExitCode, comparison_code
 from hiltest.report.job_summary import annotation, append_to_job_summary
 from hiltest.report.record import CAMPAIGN_FILE, SEED_FOLDERS, SEEDS_FILE, Run, Verdict, write_atomically
 from hiltest.report.stored import read_stored
-from hiltest.report.verdict import WORDS, ExitCode, comparison_code, missed_only_limits
+from hiltest.report.verdict import missed_only_limits
 from hiltest.settings import make_folder
 from hiltest.sole_command import remove_record_in
 
@@ -65,19 +66,6 @@ class SeedResult:
     made_with: MadeWith | None = None
     evidence: Evidence | None = None
     excusable: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Spread:
-    """One measurement over all seeds."""
-
-    name: str
-    unit: str
-    n: int
-    min: float
-    median: float
-    max: float
-    failed_seeds: tuple[int, ...]
 
 
 def run_seeds(
@@ -135,7 +123,7 @@ def run_seeds(
     verdict = Verdict(_word(results, may_fail=may_fail, comparison=comparison), code, sentence, complete=True)
     page = campaign_markdown(
         verdict, [SeedLine(each.seed, each.exit_code, each.sentence) for each in results],
-        [SpreadLine(**asdict(each)) for each in spreads], comparison,
+        spreads, comparison,
     )  # fmt: skip
     write_atomically(out / CAMPAIGN_FILE, page)
     if comparison is not None:

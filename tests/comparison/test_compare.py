@@ -13,7 +13,7 @@ from hiltest.comparison.compare import compare, not_compared
 from hiltest.comparison.evidence import Evidence
 from hiltest.comparison.model import EXACT, Answer, Change, Difference, Sense, Tolerance
 from hiltest.measurement import WORST_OF_SEVERAL, Limit, Measurement, Outcome
-from hiltest.report.verdict import comparison_code
+from hiltest.report.exit_codes import comparison_code
 
 from .evidence import evidence, measurement, over_seeds
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from hiltest.report.campaign_markdown import SeedLine, SpreadLine, campaign_markdown
+from hiltest.report.campaign_markdown import SeedLine, Spread, campaign_markdown
 from hiltest.report.record import Verdict
 
 from .comparisons import comparison
@@ -12,8 +12,8 @@ from .comparisons import comparison
 HOSTILE = "<script>|`"
 SEEDS = [SeedLine(1, 0, "PASS."), SeedLine(2, 1, "FAIL: 2.1 deg."), SeedLine(3, 20, HOSTILE)]
 SPREADS = [
-    SpreadLine("heading.direct.max", "deg", 3, 0.5, 0.9, 2.1, (2,)),
-    SpreadLine("tumble.points", "", 3, 300, 300, 300, ()),
+    Spread("heading.direct.max", "deg", 3, 0.5, 0.9, 2.1, (2,)),
+    Spread("tumble.points", "", 3, 300, 300, 300, ()),
 ]
 
 

@@ -36,7 +36,7 @@ def compare(base: Path, new: tuple[Path, ...], as_json: bool) -> int:
     """
     from hiltest.report.comparison_text import json_text, print_comparison, say_how_to_keep
     from hiltest.report.evidence import read_evidence
-    from hiltest.report.verdict import ExitCode, comparison_code
+    from hiltest.report.exit_codes import ExitCode, comparison_code
 
     evidence = [read_evidence(each) for each in new]
     comparisons = _compared(base, evidence)

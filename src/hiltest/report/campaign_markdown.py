@@ -22,7 +22,7 @@ class SeedLine:
 
 
 @dataclass(frozen=True, slots=True)
-class SpreadLine:
+class Spread:
     """One measurement over the seeds that have a number of it."""
 
     name: str
@@ -31,18 +31,18 @@ class SpreadLine:
     min: float
     median: float
     max: float
-    failed_seeds: Sequence[int]
+    failed_seeds: tuple[int, ...]
 
 
 def campaign_markdown(
-    verdict: Verdict, seeds: Sequence[SeedLine], spreads: Sequence[SpreadLine], comparison: Comparison | None
+    verdict: Verdict, seeds: Sequence[SeedLine], spreads: Sequence[Spread], comparison: Comparison | None
 ) -> str:
     """Return the page: verdict, what changed, seeds that did not pass and limits they missed; the rest folded."""
     return "\n".join(_lines(verdict, seeds, spreads, comparison)) + "\n"
 
 
 def _lines(
-    verdict: Verdict, seeds: Sequence[SeedLine], spreads: Sequence[SpreadLine], comparison: Comparison | None
+    verdict: Verdict, seeds: Sequence[SeedLine], spreads: Sequence[Spread], comparison: Comparison | None
 ) -> Iterator[str]:
     yield from (f"# {plain_text(verdict.outcome.upper())}", "", plain_text(verdict.sentence))
     if comparison is not None:
@@ -62,7 +62,7 @@ def _seeds(seeds: Sequence[SeedLine]) -> Iterator[str]:
     yield from table(["seed", "exit code", "verdict"], rows)
 
 
-def _spreads(spreads: Sequence[SpreadLine]) -> Iterator[str]:
+def _spreads(spreads: Sequence[Spread]) -> Iterator[str]:
     rows = (
         [each.name, str(each.n), *map(readable, (each.min, each.median, each.max)), each.unit,
          ", ".join(map(str, each.failed_seeds))]

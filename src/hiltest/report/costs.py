@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from hiltest.report.calibrator_results import calibrator_results
 from hiltest.report.record import Run
-from hiltest.report.verdict import calibrator_results
 
 STAGES_TABLE = "stream.stages"
 

@@ -3,71 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from enum import IntEnum
 
 from hiltest.calibration.fit import FitStatus
-from hiltest.comparison.model import Comparison
 from hiltest.comparison.words import listed, measured
 from hiltest.measurement import Measurement, Outcome
-from hiltest.procedures.cause import Cause, name_cause
+from hiltest.procedures.cause import Cause
+from hiltest.report.calibrator_results import CalibratorResult, calibrator_results, has_no_number, maximum_of, value_of
+from hiltest.report.exit_codes import PYTEST_WINS, WORDS, ExitCode, comparison_code
 from hiltest.report.record import Findings, Run, TestResult, Verdict
 
 POSES_TABLE = "heading.poses"
-UNCALIBRATED = "uncalibrated"
 
 TIE_DEG = 0.1
 """Worst headings this close are a tie: a tenth of what a compass limit of 1 or 2 degrees resolves."""
 
 _NAMED_AT_MOST = 3
 _RED_TESTS = ("failed", "error")
-
-
-class ExitCode(IntEnum):
-    """Exit codes that `hiltest run` and pytest with the plugin share; the first that applies wins."""
-
-    INTERRUPTED = 2
-    INTERNAL_ERROR = 3
-    USAGE_ERROR = 4
-    NO_TESTS = 5
-    FAILED = 1
-    WRONG_FIRMWARE = 23
-    BENCH_LOST = 20
-    NOT_JUDGED = 22
-    REGRESSION = 21
-    OK = 0
-
-
-WORDS = {
-    ExitCode.INTERRUPTED: "interrupted",
-    ExitCode.INTERNAL_ERROR: "internal error",
-    ExitCode.USAGE_ERROR: "usage error",
-    ExitCode.NO_TESTS: "no tests",
-    ExitCode.FAILED: "fail",
-    ExitCode.WRONG_FIRMWARE: "wrong firmware",
-    ExitCode.BENCH_LOST: "bench lost",
-    ExitCode.NOT_JUDGED: "not judged",
-    ExitCode.REGRESSION: "regression",
-    ExitCode.OK: "pass",
-}
-"""Outcome of a run per exit code."""
-
 _OF_COMPARISONS = (ExitCode.OK, ExitCode.REGRESSION, ExitCode.NOT_JUDGED)
-_PYTEST_WINS = (ExitCode.INTERRUPTED, ExitCode.INTERNAL_ERROR, ExitCode.USAGE_ERROR, ExitCode.NO_TESTS)
-
-
-@dataclass(frozen=True, slots=True)
-class CalibratorResult:
-    """What a run says of one calibrator: accuracy, cost and, when it fails, the cause."""
-
-    name: str
-    maximum: Measurement
-    centred: Measurement | None
-    cycles: Measurement | None
-    residual: Measurement | None
-    residual_predicted: Measurement | None
-    cause: Cause
-    fit: FitStatus = FitStatus.ELLIPSOID
 
 
 def decide(
@@ -97,7 +49,7 @@ def decide(
     word = WORDS[ExitCode(code)] if known else f"exit code {code}"
     return Verdict(
         outcome=word, exit_code=code, sentence=_sentence(findings, word, left_out),
-        complete=not (pytest_exit in _PYTEST_WINS or cut_short or left_out or _stopped(findings)),
+        complete=not (pytest_exit in PYTEST_WINS or cut_short or left_out or _stopped(findings)),
     )
 
 
@@ -128,7 +80,7 @@ def unfinished_verdict(run: Run, *, going_on: bool) -> Verdict:
 
 def exit_code(findings: Findings, *, pytest_exit: int) -> int:
     """Return the exit code: pytest's 2 to 5, then 1, 23, 20, 22, 21."""
-    if pytest_exit in _PYTEST_WINS:
+    if pytest_exit in PYTEST_WINS:
         return pytest_exit
     # A measurement out of its limit is red whatever its test went on to do: skip, xfail, tear down.
     if _tests(findings, *_RED_TESTS) or _failed(findings):
@@ -159,72 +111,6 @@ def failed_by_itself(run: Run) -> tuple[str, ...]:
     return tests
 
 
-def comparison_code(comparison: Comparison) -> ExitCode:
-    """Return the exit code of a comparison alone: a gate that could not be evaluated is no pass."""
-    if comparison.failed:
-        return ExitCode.FAILED
-    if not comparison.evaluated or comparison.unjudged:
-        return ExitCode.NOT_JUDGED
-    return ExitCode.REGRESSION if comparison.regression else ExitCode.OK
-
-
-def calibrator_results(measurements: Sequence[Measurement]) -> tuple[CalibratorResult, ...]:
-    """Return what is known of each calibrator whose heading was measured, cheapest first.
-
-    Parameters
-    ----------
-    measurements : sequence of Measurement
-        Of one run.
-
-    Returns
-    -------
-    tuple of CalibratorResult
-        Without ``uncalibrated``; those without a cycle count come last.
-    """
-    found = {each.name: each for each in measurements}
-    names = [
-        name.split(".")[1] for name in found
-        if name.startswith("heading.") and name.endswith(".max") and name.count(".") == 2 and not _unmet(found[name])
-    ]
-    results = [_calibrator_result(name, found) for name in names if name != UNCALIBRATED]
-    return tuple(sorted(results, key=lambda each: (_value(each.cycles) or float("inf"), each.name)))
-
-
-def _calibrator_result(name: str, found: dict[str, Measurement]) -> CalibratorResult:
-    return CalibratorResult(
-        name, found[f"heading.{name}.max"], centred=found.get(f"heading.{name}.max_centred"),
-        cycles=found.get(f"cycles.{name}.total"), residual=found.get(f"fit.{name}.residual"),
-        residual_predicted=found.get(f"fit.{name}.residual_predicted"), cause=_cause(name, found),
-        fit=_fit_status(name, found),
-    )
-
-
-def _cause(name: str, found: dict[str, Measurement]) -> Cause:
-    """Name why a calibrator's heading is out of its limit, as far as the run can tell."""
-    maximum, norm = found[f"heading.{name}.max"], found.get("accelerometer.norm_rms")
-    tilt, coverage = found.get("accelerometer.tilt_error"), _value(found.get("tumble.coverage"))
-    centred, bias = found.get(f"heading.{name}.max_centred"), found.get(f"heading.{name}.bias")
-    residual = _value(found.get(f"fit.{name}.residual"))
-    predicted = _value(found.get(f"fit.{name}.residual_predicted"))
-    # With no mounting declared only the centred error can be held against the limit.
-    judged = centred if maximum.outcome is Outcome.UNSET else maximum
-    max_deg = _value(judged)
-    if max_deg is None or residual is None or predicted is None:
-        return Cause.NONE
-    return name_cause(
-        max_deg=max_deg, max_limit_deg=_maximum_of(maximum), bias_deg=_value(bias),
-        bias_limit_deg=None if bias is None or bias.outcome is Outcome.UNSET else _maximum_of(bias),
-        max_centred_deg=_value(centred), residual_percent=residual, residual_predicted_percent=predicted,
-        accelerometer_norm_rms_mg=_value(norm) or 0.0, accelerometer_limit_mg=_maximum_of(norm),
-        tilt_error_deg=_value(tilt) or 0.0, tilt_limit_deg=_maximum_of(tilt), fit=_fit_status(name, found),
-        coverage_percent=100.0 if coverage is None else coverage,
-    )
-
-
-def _fit_status(name: str, found: dict[str, Measurement]) -> FitStatus:
-    return FitStatus(int(_value(found.get(f"fit.{name}.status")) or FitStatus.ELLIPSOID))
-
-
 def _sentence(findings: Findings, word: str, left_out: Sequence[str]) -> str:
     """Compose the verdict: calibrators, limit and word, then whatever else is out of order."""
     measurements = tuple(findings.measurements.values())
@@ -248,7 +134,7 @@ def _sentence(findings: Findings, word: str, left_out: Sequence[str]) -> str:
 
 def _limit_words(results: Sequence[CalibratorResult]) -> str:
     """Return the limits in the order in which the calibrators are named; one alone when all share it."""
-    limits = [_maximum_of(each.maximum) for each in results]
+    limits = [maximum_of(each.maximum) for each in results]
     if not any(limit is not None for limit in limits):
         return ""
     words = ["none" if limit is None else f"{limit:g}" for limit in limits]
@@ -282,7 +168,7 @@ def _calibrator_words(result: CalibratorResult, poses: int) -> str:
 def _cause_words(result: CalibratorResult) -> str:
     if result.cause is Cause.NONE:
         return ""
-    residual, predicted = _value(result.residual), _value(result.residual_predicted)
+    residual, predicted = value_of(result.residual), value_of(result.residual_predicted)
     about_the_fit = result.cause in (Cause.GOOD_FIT_BAD_HEADING, Cause.POOR_COVERAGE, Cause.BAD_FIT)
     if about_the_fit and residual is not None and predicted is not None:
         sphere = "" if result.fit is FitStatus.ELLIPSOID else "only a sphere was fitted, "
@@ -308,7 +194,7 @@ def _not_judged(measurements: Sequence[Measurement]) -> str:
     unset = [each for each in measurements if each.outcome is Outcome.UNSET]
     if not unset:
         return ""
-    if all(each.name.startswith("heading.") and not _unmet(each) for each in unset):
+    if all(each.name.startswith("heading.") and not has_no_number(each) for each in unset):
         biases = [each for each in measurements if each.name.endswith(".bias") and each.value is not None]
         mean = f"; mean error {biases[0].value:.2f} deg" if biases and biases[0].value is not None else ""
         return f"Only centred values were judged: {unset[0].note}{mean}."
@@ -344,10 +230,10 @@ def _comparison(results: Sequence[CalibratorResult]) -> str:
     rated = [each for each in results if each.maximum.value is not None and each.cycles and each.cycles.value]
     if len(rated) < 2:
         return ""
-    cheap, other = rated[0], min(rated[1:], key=lambda each: _value(each.maximum) or 0.0)
-    ratio = (_value(other.cycles) or 0.0) / (_value(cheap.cycles) or 1.0)
+    cheap, other = rated[0], min(rated[1:], key=lambda each: value_of(each.maximum) or 0.0)
+    ratio = (value_of(other.cycles) or 0.0) / (value_of(cheap.cycles) or 1.0)
     cost = f"{cheap.name} costs " + (f"1/{ratio:.0f}" if ratio >= 1.5 else f"{1 / ratio:.2f} of it")
-    gain = (_value(other.maximum) or 0.0) - (_value(cheap.maximum) or 0.0)
+    gain = (value_of(other.maximum) or 0.0) - (value_of(cheap.maximum) or 0.0)
     if abs(gain) <= TIE_DEG:
         return f"Accuracy ties; {cost}."
     better = cheap if gain > 0 else other
@@ -370,11 +256,6 @@ def _stopped(findings: Findings) -> list[TestResult]:
     return _tests(findings, "wrong firmware", "bench lost")
 
 
-def _unmet(measurement: Measurement) -> bool:
-    """Say whether a limit found no number to judge, which is less than a number that it cannot be held against."""
-    return measurement.outcome is Outcome.UNSET and measurement.value is None
-
-
 def _tests(findings: Findings, *outcomes: str) -> list[TestResult]:
     return [each for each in findings.tests if each.outcome in outcomes]
 
@@ -385,14 +266,6 @@ def _counted(things: Sequence[object], word: str) -> str:
 
 def _listed(texts: Sequence[str]) -> str:
     return listed(texts, _NAMED_AT_MOST)
-
-
-def _value(measurement: Measurement | None) -> float | None:
-    return None if measurement is None or measurement.value is None else float(measurement.value)
-
-
-def _maximum_of(measurement: Measurement | None) -> float | None:
-    return None if measurement is None or measurement.limit is None else measurement.limit.max
 
 
 def without_folders(test: str) -> str:

@@ -1,0 +1,98 @@
+"""What a run found of each calibrator: accuracy, cost and, when it fails, the cause."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from hiltest.calibration.fit import FitStatus
+from hiltest.measurement import Measurement, Outcome
+from hiltest.procedures.cause import Cause, name_cause
+
+UNCALIBRATED = "uncalibrated"
+
+
+@dataclass(frozen=True, slots=True)
+class CalibratorResult:
+    """What a run says of one calibrator: accuracy, cost and, when it fails, the cause."""
+
+    name: str
+    maximum: Measurement
+    centred: Measurement | None
+    cycles: Measurement | None
+    residual: Measurement | None
+    residual_predicted: Measurement | None
+    cause: Cause
+    fit: FitStatus = FitStatus.ELLIPSOID
+
+
+def calibrator_results(measurements: Sequence[Measurement]) -> tuple[CalibratorResult, ...]:
+    """Return what is known of each calibrator whose heading was measured, cheapest first.
+
+    Parameters
+    ----------
+    measurements : sequence of Measurement
+        Of one run.
+
+    Returns
+    -------
+    tuple of CalibratorResult
+        Without ``uncalibrated``; those without a cycle count come last.
+    """
+    found = {each.name: each for each in measurements}
+    names = [
+        name.split(".")[1] for name, each in found.items()
+        if name.startswith("heading.") and name.endswith(".max") and name.count(".") == 2 and not has_no_number(each)
+    ]
+    results = [_calibrator_result(name, found) for name in names if name != UNCALIBRATED]
+    return tuple(sorted(results, key=lambda each: (value_of(each.cycles) or float("inf"), each.name)))
+
+
+def _calibrator_result(name: str, found: dict[str, Measurement]) -> CalibratorResult:
+    return CalibratorResult(
+        name, found[f"heading.{name}.max"], centred=found.get(f"heading.{name}.max_centred"),
+        cycles=found.get(f"cycles.{name}.total"), residual=found.get(f"fit.{name}.residual"),
+        residual_predicted=found.get(f"fit.{name}.residual_predicted"), cause=_cause(name, found),
+        fit=_fit_status(name, found),
+    )
+
+
+def _cause(name: str, found: dict[str, Measurement]) -> Cause:
+    """Name why a calibrator's heading is out of its limit, as far as the run can tell."""
+    maximum, norm = found[f"heading.{name}.max"], found.get("accelerometer.norm_rms")
+    tilt, coverage = found.get("accelerometer.tilt_error"), value_of(found.get("tumble.coverage"))
+    centred, bias = found.get(f"heading.{name}.max_centred"), found.get(f"heading.{name}.bias")
+    residual = value_of(found.get(f"fit.{name}.residual"))
+    predicted = value_of(found.get(f"fit.{name}.residual_predicted"))
+    # With no mounting declared only the centred error can be held against the limit.
+    judged = centred if maximum.outcome is Outcome.UNSET else maximum
+    max_deg = value_of(judged)
+    if max_deg is None or residual is None or predicted is None:
+        return Cause.NONE
+    return name_cause(
+        max_deg=max_deg, max_limit_deg=maximum_of(maximum), bias_deg=value_of(bias),
+        bias_limit_deg=None if bias is None or bias.outcome is Outcome.UNSET else maximum_of(bias),
+        max_centred_deg=value_of(centred), residual_percent=residual, residual_predicted_percent=predicted,
+        accelerometer_norm_rms_mg=value_of(norm) or 0.0, accelerometer_limit_mg=maximum_of(norm),
+        tilt_error_deg=value_of(tilt) or 0.0, tilt_limit_deg=maximum_of(tilt), fit=_fit_status(name, found),
+        coverage_percent=100.0 if coverage is None else coverage,
+    )
+
+
+def _fit_status(name: str, found: dict[str, Measurement]) -> FitStatus:
+    return FitStatus(int(value_of(found.get(f"fit.{name}.status")) or FitStatus.ELLIPSOID))
+
+
+def has_no_number(measurement: Measurement) -> bool:
+    """Say whether a limit found no number to judge, which is less than a number that it cannot be held against."""
+    return measurement.outcome is Outcome.UNSET and measurement.value is None
+
+
+def value_of(measurement: Measurement | None) -> float | None:
+    """Return the number of a measurement, None where either is missing."""
+    return None if measurement is None or measurement.value is None else float(measurement.value)
+
+
+def maximum_of(measurement: Measurement | None) -> float | None:
+    """Return the upper side of a measurement's limit, None where there is none."""
+    return None if measurement is None or measurement.limit is None else measurement.limit.max
