@@ -6,6 +6,7 @@ import json
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -44,6 +45,9 @@ def test_every_option_of_the_plugin_is_named() -> None:
 def test_every_command_is_understood(command: str, tmp_path: Path) -> None:
     _, *arguments = shlex.split(command)
     if arguments[0] == "run":
+        for elf in (each for each in arguments if each.endswith(".elf")):
+            (tmp_path / elf).parent.mkdir(exist_ok=True)
+            shutil.copy(ROOT / "src" / "hiltest" / "firmware" / "hiltest-frdm-k64f.elf", tmp_path / elf)
         arguments += ([] if "--" in arguments else ["--"]) + ["--collect-only", "-q"]
     if arguments[0] not in ("run", "init", "fit", "profile"):
         # It would serve until somebody ends it, calibrate a board or want a log or a record, as the tests of their own
