@@ -24,7 +24,7 @@ from hiltest.older import FOLDER, UNJUDGED, last_words, older_options, remove_ru
 from hiltest.report.campaign_markdown import SeedLine, Spread, campaign_markdown
 from hiltest.report.comparison_text import print_changes, say_how_to_keep
 from hiltest.report.console import standard_output
-from hiltest.report.evidence import evidence_of, no_evidence, together, with_misses_allowed
+from hiltest.report.evidence import evidence_of, evidence_of_seeds, no_evidence, with_misses_allowed
 from hiltest.report.exit_codes import WORDS, ExitCode, comparison_code
 from hiltest.report.job_summary import annotation, append_to_job_summary
 from hiltest.report.record import CAMPAIGN_FILE, SEED_FOLDERS, SEEDS_FILE, Run, Verdict, write_atomically
@@ -111,7 +111,7 @@ def run_seeds(
             return code
         gate = _gate_of(older, out / FOLDER)
     results = _run_all(seeds, [*options, *(UNJUDGED if gate else ())], out, "seeds")
-    evidence = _together(results, str(out))
+    evidence = _evidence_of_all(results, str(out))
     if campaign_exit_code(results, may_fail=may_fail) == ExitCode.OK:
         evidence = with_misses_allowed(evidence)
     remark = PACKAGED if _is_packaged(evidence, options) else ""
@@ -172,17 +172,17 @@ def _is_packaged(evidence: Evidence, options: Sequence[str], environment: Mappin
 def _gate_of(results: Sequence[SeedResult], out: Path) -> Gate:
     """Return the older firmware's seeds as what the newer ones are judged against."""
     write_atomically(out / SEEDS_FILE, _to_json(results, spreads_of(results), None))
-    evidence = _together(results, str(out))
+    evidence = _evidence_of_all(results, str(out))
     if not evidence.measurements:
         return Gate(str(out), None, f"{out}: no seed of the older firmware left a record: {results[0].sentence}")
     return Gate(str(out), evidence, in_one_session=True)
 
 
-def _together(results: Sequence[SeedResult], file: str) -> Evidence:
+def _evidence_of_all(results: Sequence[SeedResult], file: str) -> Evidence:
     """Put the seeds together as one side of a comparison; one without a record is a fault of it."""
     found = [each.evidence for each in results if each.evidence is not None]
     missing = [f"seed {each.seed}: no record: {each.sentence}" for each in results if each.evidence is None]
-    whole = together(found, file) if found else no_evidence(file)
+    whole = evidence_of_seeds(found, file) if found else no_evidence(file)
     return replace(whole, faults=(*whole.faults, *missing))
 
 

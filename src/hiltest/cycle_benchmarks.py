@@ -141,6 +141,7 @@ def benchmark_cycles(request: pytest.FixtureRequest, benchmark: BenchmarkFixture
     board = request.config.stash[SESSION].board if uses_board(request.node) else None
 
     def show(clock: DeviceClock, kernel: str, rounds: list[int], cycle_model: str) -> None:
+        """Let pytest-benchmark time the rounds of a kernel by a clock that reads device cycles."""
         # The worst round stays when the data of every round does not: a budget holds for it.
         benchmark.extra_info |= {CYCLES: max(rounds), CYCLE_MODEL: cycle_model}
         benchmark.extra_info |= {CORE_CLOCK_HZ: _describe(board)[CORE_CLOCK_HZ]} | _firmware(board)

@@ -206,3 +206,11 @@ class UnknownKeyError(ConfigError):
         self.nearest = next(iter(get_close_matches(key, known, n=1, cutoff=0.5)), None)
         hint = f"did you mean {self.nearest!r}?" if self.nearest else f"known keys: {', '.join(sorted(known))}"
         super().__init__(f"{where}: unknown key {key!r}; {hint}")
+
+
+def board_is_gone(error: BenchError | ProtocolError) -> bool:
+    """Say whether an error leaves a board that later tests cannot use.
+
+    A missing sensor does not, nor does a missing operator or table: what needs none of them still runs.
+    """
+    return not isinstance(error, SensorAbsentError | OperatorAbsentError | TurntableError)

@@ -108,6 +108,12 @@ class SessionGate:
         """Which option names which base; empty without one."""
         return f"{self._source} is {self._base}" if self._base is not None else ""
 
+    @property
+    def unevaluated(self) -> str:
+        """What is said where no run was recorded that could be judged; empty without a base."""
+        nothing = "no test that ran uses hiltest: there is nothing to compare."
+        return f"NOT JUDGED: {self.asked_for}, and {nothing}" if self.asked_for else ""
+
     def judge_against(self, older: OlderFirmware) -> None:
         """Take an older firmware as the base, which `run_older` will run."""
         self._older = older

@@ -189,12 +189,20 @@ def pytest_report_teststatus(report: pytest.CollectReport | pytest.TestReport) -
 @pytest.hookimpl(trylast=True)
 def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
     """Fail closed: a gate that was asked for, and that nothing was measured for, is no pass."""
-    if exitstatus == pytest.ExitCode.OK and session.config.stash[SESSION].unevaluated:
+    if exitstatus == pytest.ExitCode.OK and _unevaluated(session.config):
         session.exitstatus = NOT_JUDGED
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, exitstatus: int, config: pytest.Config) -> None:
     """Say why such a gate was not evaluated."""
     # As pytest had it, before it was told that this is no pass.
-    if exitstatus == pytest.ExitCode.OK and (reason := config.stash[SESSION].unevaluated):
+    if exitstatus == pytest.ExitCode.OK and (reason := _unevaluated(config)):
         terminalreporter.write_line(reason)
+
+
+def _unevaluated(config: pytest.Config) -> str:
+    """Return why a gate that was asked for is not evaluated although no run is recorded; empty when there is none."""
+    hil = config.stash[SESSION]
+    if config.pluginmanager.has_plugin("hiltest-recording") or hil.is_worker or config.option.collectonly:
+        return ""
+    return hil.gate.unevaluated

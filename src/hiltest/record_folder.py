@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from hiltest.settings import make_folder
 
 if TYPE_CHECKING:
-    from hiltest.comparison.model import Revision
     from hiltest.report.recorder import Recorder
+    from hiltest.rig import Rig
+    from hiltest.settings import Settings
 
 
 class RecordFolder:
@@ -26,7 +27,7 @@ class RecordFolder:
         self._recorder: Recorder | None = None
         self._made = False
 
-    def claim(self, *, suite: Literal["gate", "full"], poses: str, revision: Revision | None) -> Recorder:
+    def claim(self, settings: Settings, rig: Rig | None) -> Recorder:
         """Return what keeps the record; from the first call on the record that `hiltest report` finds is this one.
 
         Raises
@@ -36,11 +37,15 @@ class RecordFolder:
         """
         from hiltest.report.journal import Journal
         from hiltest.report.recorder import Recorder
+        from hiltest.report.revision import revision_of
 
         if self._recorder is None:
             self._made = not self.path.exists()
             make_folder(self.path)
-            self._recorder = Recorder(Journal(self.path), suite=suite, poses=poses, revision=revision)
+            poses = settings.poses or (rig.procedure.poses if rig else "all")
+            self._recorder = Recorder(
+                Journal(self.path), suite=settings.suite, poses=poses, revision=revision_of(settings.label)
+            )
         return self._recorder
 
     def release(self) -> None:

@@ -108,7 +108,6 @@ class Recording:
     def pytest_sessionfinish(self, session: pytest.Session, exitstatus: int) -> None:
         """Close the board, decide the run, write ``run.json`` and the reports."""
         from hiltest.report.job_summary import append_to_job_summary
-        from hiltest.report.markdown import markdown_report
         from hiltest.report.render import MARKDOWN_FILE, write_reports
         from hiltest.report.verdict import decide
 
@@ -127,8 +126,8 @@ class Recording:
             self._recorder.compare(judge, decided())
         self.run = self._recorder.finish(decided())
         session.exitstatus = self.run.verdict.exit_code
-        write_reports(self.run, self._recorder.folder)
-        self._summary_remark = append_to_job_summary(markdown_report(self.run), self._recorder.folder / MARKDOWN_FILE)
+        page = write_reports(self.run, self._recorder.folder)
+        self._summary_remark = append_to_job_summary(page, self._recorder.folder / MARKDOWN_FILE)
         session.config.hook.pytest_hil_finished(config=session.config, run=self.run)
         terminal = session.config.pluginmanager.get_plugin("terminalreporter")
         if exitstatus == NOT_JUDGED and terminal is not None:

@@ -6,11 +6,9 @@ to import is imported by the function that needs it.
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Sequence
 from contextlib import suppress
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -18,6 +16,7 @@ import pytest
 from hiltest.choice import Choice
 from hiltest.found import FOUND, GATING, Found, properties_of
 from hiltest.gate import SessionGate
+from hiltest.ids_of_tests import id_in_record
 from hiltest.needs import only_shows_cycles, uses_board, uses_hiltest, uses_rig
 from hiltest.record_folder import RecordFolder
 from hiltest.settings import Settings
@@ -34,13 +33,7 @@ if TYPE_CHECKING:
 BENCH_LOST = "bench lost"
 WRONG_FIRMWARE = "wrong firmware"
 
-GROUP = "hil"
-"""What pytest-xdist calls the tests that it keeps together."""
-
 _BENCHMARKS = "benchmarks"
-
-# Folders of suites: a bench's own, and the packaged ones.
-_SUITES = (("hil", "suites"), ("bench", "suites"))
 
 SESSION: pytest.StashKey[HilSession] = pytest.StashKey()
 
@@ -157,14 +150,6 @@ class HilSession:
         except ConfigError as error:
             raise pytest.UsageError(str(error)) from error
 
-    @property
-    def unevaluated(self) -> str:
-        """Why a gate that was asked for is not evaluated although no run is recorded; empty when there is none."""
-        recorded = self.config.pluginmanager.has_plugin("hiltest-recording")
-        if not self.gate.asked_for or recorded or self.is_worker or self.config.option.collectonly:
-            return ""
-        return f"NOT JUDGED: {self.gate.asked_for}, and no test that ran uses hiltest: there is nothing to compare."
-
     def claim_folder(self) -> Recorder:
         """Return the recorder of this session, whose folder no other session has from here on.
 
@@ -173,13 +158,7 @@ class HilSession:
         ConfigError
             If another run has the folder, or it cannot be written to.
         """
-        from hiltest.report.revision import revision_of
-
-        rig = self.rig_if_needed
-        poses = self.settings.poses or (rig.procedure.poses if rig else "all")
-        return self.folder.claim(
-            suite=self.settings.suite, poses=poses, revision=revision_of(self.settings.label)
-        )
+        return self.folder.claim(self.settings, self.rig_if_needed)
 
     @property
     def rig(self) -> Rig:
@@ -260,7 +239,7 @@ class HilSession:
 
         A lost board is remembered, so that the tests after this one can be skipped.
         """
-        from hiltest.errors import BenchError, ProtocolError
+        from hiltest.errors import BenchError, ProtocolError, board_is_gone
 
         if not isinstance(error, BenchError | ProtocolError):
             return ""
@@ -284,13 +263,7 @@ class HilSession:
 
     def test_id(self, nodeid: str) -> str:
         """Return the id of a test for the record: for a suite it does not depend on where pytest was started."""
-        nodeid = nodeid.removesuffix(f"@{GROUP}")
-        file, colons, rest = nodeid.partition("::")
-        parts = Path(os.path.normpath(self.config.rootpath / file)).parts
-        for index in range(len(parts) - 1, 1, -1):
-            if parts[index - 2 : index] in _SUITES:
-                return "/".join(parts[index:]) + colons + rest
-        return nodeid
+        return id_in_record(nodeid, self.config.rootpath)
 
     def judge(
         self, name: str, value: float | int | None, *, unit: str, limit: Limit | None = None, **more: Any
@@ -367,13 +340,3 @@ class HilSession:
 
     def _rig_line(self) -> str:
         return f"{self.rig.name} ({self.rig.path}, {self.settings.sources['rig']})"
-
-
-def board_is_gone(error: BenchError | ProtocolError) -> bool:
-    """Say whether an error leaves a board that later tests cannot use.
-
-    A missing sensor does not, nor does a missing operator or table: what needs none of them still runs.
-    """
-    from hiltest.errors import OperatorAbsentError, SensorAbsentError, TurntableError
-
-    return not isinstance(error, SensorAbsentError | OperatorAbsentError | TurntableError)

@@ -14,8 +14,9 @@ import pytest
 
 from hiltest.found import BENCH, plain_data
 from hiltest.gate_set import LeftOut
+from hiltest.ids_of_tests import GROUP
 from hiltest.needs import uses_board, uses_hiltest
-from hiltest.session import GROUP, HilSession
+from hiltest.session import HilSession
 
 if TYPE_CHECKING:
     from hiltest.recording import Recording

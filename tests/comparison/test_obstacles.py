@@ -17,7 +17,7 @@ from hiltest.comparison.compare import compare
 from hiltest.comparison.evidence import Evidence
 from hiltest.comparison.model import Comparison
 from hiltest.errors import ConfigError
-from hiltest.report.evidence import read_evidence, together
+from hiltest.report.evidence import evidence_of_seeds, read_evidence
 from hiltest.report.stored import read_stored
 from hiltest.rig_conditions import conditions_sha256
 from hiltest.rig_file import load_rig
@@ -263,7 +263,7 @@ def test_a_number_that_is_no_number_is_refused(changed: Changed, tmp_path: Path)
 def test_runs_put_together_keep_all_their_faults(changed: Changed) -> None:
     run = read_evidence(changed("base"))
     other: Evidence = replace(run, faults=("one", "two"))
-    assert together([run, other], "both").faults[:2] == ("one", "two")
+    assert evidence_of_seeds([run, other], "both").faults[:2] == ("one", "two")
 
 
 def test_the_record_of_a_run_says_what_its_numbers_rest_on(real_record: dict[str, Any]) -> None:

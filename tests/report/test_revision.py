@@ -15,7 +15,7 @@ from hiltest.comparison.words import revision
 from hiltest.measurement import Measurement
 from hiltest.older import older_options
 from hiltest.report.comparison_overview import sides
-from hiltest.report.evidence import evidence_of, together
+from hiltest.report.evidence import evidence_of, evidence_of_seeds
 from hiltest.report.html import html_report
 from hiltest.report.journal import Journal
 from hiltest.report.markdown import markdown_report
@@ -99,8 +99,8 @@ def test_a_comparison_shows_both_and_nothing_where_nobody_said(run: Run) -> None
 def test_seeds_of_several_are_of_none(run: Run) -> None:
     other = replace(run, seed=2, revision=Revision(label="v1.1"))
     alike = replace(run, seed=3)
-    assert together([evidence_of(run), evidence_of(alike)], "out").side.revision == WHOLE
-    assert together([evidence_of(run), evidence_of(other)], "out").side.revision is None
+    assert evidence_of_seeds([evidence_of(run), evidence_of(alike)], "out").side.revision == WHOLE
+    assert evidence_of_seeds([evidence_of(run), evidence_of(other)], "out").side.revision is None
 
 
 def test_the_plugin_keeps_it_and_an_older_firmware_has_none(

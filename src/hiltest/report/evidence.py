@@ -79,7 +79,7 @@ def read_evidence(place: Path) -> Evidence:
     return _of_run(place)
 
 
-def together(runs: Sequence[Evidence], file: str) -> Evidence:
+def evidence_of_seeds(runs: Sequence[Evidence], file: str) -> Evidence:
     """Put runs that differ in their seed together as one side.
 
     Parameters
@@ -165,7 +165,7 @@ def _of_campaign(folder: Path, seeds: Sequence[Path]) -> Evidence:
             faults.append(str(error))
     if not runs:
         raise ConfigError(faults[0])
-    found = together(runs, str(folder))
+    found = evidence_of_seeds(runs, str(folder))
     found = replace(found, faults=(*faults, *found.faults))
     return with_misses_allowed(found) if _seeds_may_fail(folder / SEEDS_FILE) else found
 

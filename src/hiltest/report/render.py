@@ -11,7 +11,9 @@ from hiltest.report.record import Run, write_atomically
 HTML_FILE, MARKDOWN_FILE = "report.html", "report.md"
 
 
-def write_reports(run: Run, folder: Path) -> None:
-    """Write ``report.html`` and ``report.md`` beside ``run.json``."""
+def write_reports(run: Run, folder: Path) -> str:
+    """Write ``report.html`` and ``report.md`` beside ``run.json``; return the text of the latter."""
     write_atomically(folder / HTML_FILE, html_report(run))
-    write_atomically(folder / MARKDOWN_FILE, markdown_report(run))
+    page = markdown_report(run)
+    write_atomically(folder / MARKDOWN_FILE, page)
+    return page

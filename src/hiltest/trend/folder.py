@@ -13,7 +13,7 @@ from hiltest.comparison.baseline import SCHEMA as BASELINE_SCHEMA
 from hiltest.comparison.baseline_file import read_baseline_evidence
 from hiltest.comparison.evidence import Evidence
 from hiltest.errors import ConfigError
-from hiltest.report.evidence import evidence_of, together
+from hiltest.report.evidence import evidence_of, evidence_of_seeds
 from hiltest.report.journal import JOURNAL_FILE
 from hiltest.report.record import OLDER_FOLDER, RUN_FILE, SEED_FOLDERS, SEEDS_FILE, Run
 from hiltest.report.record import SCHEMA as RUN_SCHEMA
@@ -157,7 +157,7 @@ def _campaigns(entries: Sequence[Entry]) -> list[Entry]:
         is_seed = fnmatchcase(seed_folder.name, SEED_FOLDERS)
         (campaigns.setdefault(seed_folder.parent, []) if is_seed else alone).append(each)
     for folder, seeds in campaigns.items():
-        joined = together([each.evidence for each in seeds], str(folder))
+        joined = evidence_of_seeds([each.evidence for each in seeds], str(folder))
         alike = {(each.evidence.conditions, _build(each)) for each in seeds}
         if len(alike) > 1 or len(joined.measurements) < len(seeds):
             alone += seeds
