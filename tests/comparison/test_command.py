@@ -50,6 +50,17 @@ def test_1_says_that_the_new_run_fails_by_itself(changed: Changed, real_record: 
     assert "failed: the run itself (exit code 6); " in done.stdout
 
 
+def test_what_is_gone_is_accepted_by_the_commands_that_it_says(changed: Changed, tmp_path: Path) -> None:
+    base, new, file = changed("base"), changed("new", values={"heading.direct.max": None}), tmp_path / "kept.json"
+    done = hiltest("compare", base, new)
+    assert done.returncode == 22
+    line = next(each for each in done.stdout.splitlines() if "measurement gone" in each)
+    for command in re.findall(r"`hiltest ([^`]*)`", line):
+        words = [{"FILE": str(file), "TEXT": "no more"}.get(each, each) for each in shlex.split(command)]
+        assert hiltest(*words).returncode == 0, command
+    assert hiltest("compare", file, new).returncode == 0
+
+
 def test_what_got_better_is_kept_by_the_command_that_it_says(changed: Changed, tmp_path: Path) -> None:
     file, better = tmp_path / "base line.json", {"cycles.direct.total": 11_000, "cycles.corrected.total": 9_000}
     assert hiltest("baseline", "save", changed("base"), file).returncode == 0

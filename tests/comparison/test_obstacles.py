@@ -147,23 +147,26 @@ def test_of_two_firmwares_in_one_session_no_baseline_is_to_be_renewed() -> None:
         CONDITIONS, rig_sha256="00" * 32, calibrators=(), sensors=(), protocol_version=5, poses="level"
     )
     new = replace(base, conditions=unlike, side=replace(base.side, cycle_model="dwt"), measurements={1: {}})
-    assert "baseline" in " ".join(compare(base, new).obstacles)
+    assert "renew the baseline" in " ".join(compare(base, new).obstacles)
     reasons = compare(base, new, together=True).obstacles
     assert len(reasons) == 7
-    assert "baseline" not in " ".join(reasons)
+    assert "renew the baseline" not in " ".join(reasons)
 
 
 def test_a_measurement_that_is_gone_is_named_with_the_way_to_accept_it(changed: Changed) -> None:
     base, new = changed("base"), changed("new", values={"heading.direct.max": None})
     (reason,) = compared(base, new).obstacles
     begins = "measurement gone: heading.direct.max; bring it back, or "
-    let = f"let the next runs be judged against this one: `hiltest baseline save {new} FILE`"
-    assert reason == f"{begins}{let}"
+    save = f"accept that into a baseline, `hiltest baseline save {base} FILE`"
+    update = f"`hiltest baseline update FILE {new} --accept heading.direct.max --because TEXT`"
+    assert reason == f"{begins}{save} and {update}"
+    assert compared(base, new, together=True).obstacles == (reason,)
     (reason,) = compare(replace(read_evidence(base), is_baseline=True), read_evidence(new)).obstacles
     assert reason == (
         f"{begins}accept that with `hiltest baseline update {base} {new} --accept heading.direct.max --because TEXT`"
     )
-    (reason,) = compared(base, new, together=True).obstacles
+    chosen = [replace(read_evidence(each), chosen=True) for each in (base, new)]
+    (reason,) = compare(*chosen, together=True).obstacles
     assert reason == f"{begins}leave its test out of both runs: -- -k 'not test_heading_at_known_angles'"
 
 

@@ -29,7 +29,7 @@ def obstacles(
     return (
         *base.faults, *new.faults, *_of_conditions(base, new, together=together),
         *_of_builds(base, new, together=together), *_of_choice(base, new), *_of_seeds(base, new),
-        *(() if differences is None else _of_measurements(base, new, differences, together=together)),
+        *(() if differences is None else _of_measurements(base, new, differences)),
     )
 
 
@@ -105,13 +105,11 @@ def _of_seeds(base: Evidence, new: Evidence) -> Iterator[str]:
         yield f"no seed in common: {was} before, {now} now; run with a seed of the base"
 
 
-def _of_measurements(
-    base: Evidence, new: Evidence, differences: Sequence[Difference], *, together: bool
-) -> Iterator[str]:
+def _of_measurements(base: Evidence, new: Evidence, differences: Sequence[Difference]) -> Iterator[str]:
     gone = [each for each in differences if each.change is Change.GONE]
     for each in gone[:_NAMED_AT_MOST]:
         why = f" ({each.note})" if each.note else ""
-        accept = _accept(base, new, each.name, together=together)
+        accept = _accept(base, new, each.name)
         yield f"measurement gone: {each.name}{why}; bring it back, or {accept}"
     if len(gone) > _NAMED_AT_MOST:
         yield f"measurements gone: {len(gone) - _NAMED_AT_MOST} more, {gone[_NAMED_AT_MOST].name} among them"
@@ -124,16 +122,18 @@ def _of_measurements(
         yield f"nothing was compared: {base.name} and {new.name} have no number in common; name another base"
 
 
-def _accept(base: Evidence, new: Evidence, name: str, *, together: bool) -> str:
-    """Return how to go on without a measurement: what is kept is told so, and a test that runs twice is left out."""
-    if together:
+def _accept(base: Evidence, new: Evidence, name: str) -> str:
+    """Return how to go on without a measurement: a run is made a baseline, which one of chosen tests cannot be."""
+    if base.chosen:
         made = (each[name].test for each in base.measurements.values() if name in each)
         test = next((each.rpartition("::")[2].partition("[")[0] for each in made if each), "")
         return f"leave its test out of both runs: -- -k 'not {test or 'its name'}'"
-    run = quote(new.side.file or "RUN")
-    if not base.is_baseline:
-        return f"let the next runs be judged against this one: `hiltest baseline save {run} FILE`"
-    return f"accept that with `hiltest baseline update {quote(base.side.file)} {run} --accept {name} --because TEXT`"
+    file, run = quote(base.side.file), quote(new.side.file or "RUN")
+    update = f"{run} --accept {quote(name)} --because TEXT`"
+    if base.is_baseline:
+        return f"accept that with `hiltest baseline update {file} {update}"
+    save = f"`hiltest baseline save {file} FILE`"
+    return f"accept that into a baseline, {save} and `hiltest baseline update FILE {update}"
 
 
 def _or_renew(*, together: bool) -> str:
