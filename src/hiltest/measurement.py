@@ -86,6 +86,12 @@ class Limit:
         below = self.max is None or value <= self.max
         return above and below
 
+    def covers(self, other: Limit) -> bool:
+        """Say whether whatever holds `other` holds this one too."""
+        above = self.min is None or (other.min is not None and other.min >= self.min)
+        below = self.max is None or (other.max is not None and other.max <= self.max)
+        return above and below
+
     def __str__(self) -> str:
         if self.min is None:
             return f"at most {_number(self.max)}"

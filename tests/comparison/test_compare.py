@@ -477,6 +477,27 @@ def test_an_edited_limit_is_not_the_firmware_s_doing(
     assert comparison_code(comparison) == 1  # the run fails its limit, whoever's doing that is
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "change"),
+    [
+        (Limit(max=2), None, Change.CHANGED), (Limit(max=2), Limit(max=3), Change.CHANGED),
+        (Limit(max=2), Limit(min=-2), Change.CHANGED), (Limit.within(2), Limit(-3, 2), Change.CHANGED),
+        (Limit(max=2), Limit(max=1.5), Change.UNCHANGED), (Limit(max=2), Limit.within(2), Change.UNCHANGED),
+        (Limit(max=2), Limit(max=2), Change.UNCHANGED), (None, Limit(max=2), Change.UNCHANGED),
+    ],
+)
+def test_a_limit_that_the_change_under_test_loosens_is_shown_although_the_number_is_what_it_was(
+    before: Limit | None, after: Limit | None, change: Change
+) -> None:
+    name = "heading.direct.max"
+    comparison = compare(evidence(cell_of(name, 1.0, before)), evidence(cell_of(name, 1.0, after)))
+    (found,) = comparison.differences
+    assert (found.change, comparison_code(comparison)) == (change, 0)
+    if change is Change.CHANGED:
+        assert "1 changed" in comparison.sentence
+        assert f"was {before}" in found.note
+
+
 def test_the_first_concern_is_what_is_out_of_its_limit_then_what_has_one_then_the_farthest() -> None:
     moved = {  # by how many tolerances: an exact one counts in percent
         "cycles.direct.total": (10_000, 10_100), "cycles.corrected.total": (10_000, 10_300),

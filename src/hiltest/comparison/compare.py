@@ -31,7 +31,9 @@ def compare(base: Evidence, new: Evidence, *, together: bool = False) -> Compari
     board = new.conditions.board if new.conditions else ""
     seeds = [seed for seed in base.measurements if seed in new.measurements]
     pairs = _pairs(base, new, seeds)
-    found = tuple(_taken(difference(each, board, new.tolerances), each, base, new) for each in pairs)
+    found = tuple(
+        _taken(_shown_if_loosened(difference(each, board, new.tolerances), each), each, base, new) for each in pairs
+    )
     kind = BaseKind.TOGETHER if together else BaseKind.BASELINE if base.is_baseline else BaseKind.RUN
     return _comparison(base.side, new, found, obstacles(base, new, found, together=together), kind)
 
@@ -89,6 +91,12 @@ def _with_outcome(new: Evidence, outcome: Outcome) -> dict[str, dict[Seed, Measu
             if each.outcome is outcome:
                 found.setdefault(name, {})[seed] = each
     return found
+
+
+def _shown_if_loosened(found: Difference, pairs: Pairs) -> Difference:
+    """Return a difference; a limit that the change under test loosens is shown, though the number is what it was."""
+    loosened = found.change is Change.UNCHANGED and pairs.limit_loosened
+    return replace(found, change=Change.CHANGED) if loosened else found
 
 
 def _taken(found: Difference, pairs: Pairs, base: Evidence, new: Evidence) -> Difference:

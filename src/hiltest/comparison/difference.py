@@ -69,6 +69,12 @@ class Pairs:
         return f"it has no limit any more; it was {before}" if after is None else f"its limit was {before} in the base"
 
     @property
+    def limit_loosened(self) -> bool:
+        """Whether the new run holds to less than the base did: a limit that lets more through, or none any more."""
+        both = ((was.limit, now.limit) for seed, was in self.base.items() if was and (now := self.new[seed]))
+        return any(before is not None and (after is None or not before.covers(after)) for before, after in both)
+
+    @property
     def limit(self) -> Limit | None:
         """The base's, which a change under test cannot take away; where there is none the new run's."""
         made = (*self.base.values(), *self.new.values())

@@ -24,7 +24,7 @@ class Change(StrEnum):
     """As gone, in a run that did not come to it: cut short, or of chosen tests."""
     UNCHANGED = "unchanged"
     CHANGED = "changed"
-    """Beyond its tolerance, and neither better nor worse: a fact, such as the worst sector."""
+    """Beyond its tolerance, and neither better nor worse, such as the worst sector; or its limit was loosened."""
 
 
 class Answer(StrEnum):
