@@ -60,8 +60,19 @@ def test_tests_that_the_user_left_out_make_nobody_red_and_are_said(
     result = pytester.runpytest_inprocess(*choice)
     assert result.ret == 0
     result.stdout.fnmatch_lines(["PASS. Not judged: 1 limit of the rig: lamp.heat."])
-    assert not record_of(pytester)["verdict"]["complete"]
+    assert record_of(pytester)["chosen"]
     assert outcomes_of(pytester) == {"lamp.current": "pass"}
+    # All that was chosen ran: it is compared with a run of the same choice, though limits of the rig were left out.
+    again = pytester.runpytest_inprocess(*choice, "--hil-baseline=hil-out", "--hil-out=again")
+    assert again.ret == 0
+    again.stdout.fnmatch_lines(["PASS. Not judged: 1 limit of the rig: lamp.heat. May be merged as far as the *"])
+    # It is no base of a whole run, and no part of one.
+    whole = pytester.runpytest_inprocess("--hil-baseline=hil-out", "--hil-out=whole")
+    assert whole.ret == 22
+    whole.stdout.fnmatch_lines(["*only chosen tests ran before, and all now*"])
+    part = pytester.runpytest_inprocess(*choice, "--hil-baseline=whole", "--hil-out=part")
+    assert part.ret == 22
+    part.stdout.fnmatch_lines(["*only chosen tests ran, and 1 measurement of whole*"])
 
 
 @pytest.mark.usefixtures("limits")

@@ -83,6 +83,7 @@ def test_a_run_that_was_cut_short_says_so(run: Run) -> None:
     assert "not complete" not in text_of(html_report(run))
     cut = replace(run, verdict=replace(run.verdict, complete=False))
     assert "This run is not complete" in text_of(html_report(cut))
+    assert "This run is not complete" in text_of(html_report(replace(run, chosen=True)))
 
 
 def test_a_run_of_nothing_still_has_a_page(findings: Make) -> None:

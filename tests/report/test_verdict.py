@@ -115,6 +115,11 @@ def test_limits_that_were_left_out_are_said_and_make_nobody_red(findings: Make, 
     verdict = decide(findings(*good), pytest_exit=0, left_out=["a.b", "c.d"])
     assert verdict.sentence.endswith("costs 1/16. Not judged: 2 limits of the rig, e.g. a.b.")
     assert (verdict.exit_code, verdict.outcome, verdict.complete) == (0, "pass", False)
+    chosen = findings(*good)
+    chosen.chosen = True
+    assert decide(chosen, pytest_exit=0, left_out=["a.b"]).complete
+    assert not decide(chosen, pytest_exit=0, left_out=["a.b"], cut_short=True).complete
+    assert not decide(chosen, pytest_exit=2, left_out=["a.b"]).complete
 
 
 def test_a_limit_that_nothing_met_is_named_and_is_no_calibrator(findings: Make, good: list[Measurement]) -> None:

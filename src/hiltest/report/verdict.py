@@ -42,14 +42,16 @@ def decide(
     Returns
     -------
     Verdict
-        `complete` is False when tests did not run or did not come to their end, or limits were left out.
+        `complete` is False when tests that were to run did not come to their end, or limits were left out that nobody
+        chose to leave out. What was chosen stands in the record (`Run.chosen`), and is compared with its like.
     """
     code = exit_code(findings, pytest_exit=pytest_exit)
     known = code in list(ExitCode)
     word = WORDS[ExitCode(code)] if known else f"exit code {code}"
+    not_met = left_out and not findings.chosen
     return Verdict(
         outcome=word, exit_code=code, sentence=_sentence(findings, word, left_out),
-        complete=not (pytest_exit in PYTEST_WINS or cut_short or left_out or _stopped(findings)),
+        complete=not (pytest_exit in PYTEST_WINS or cut_short or not_met or _stopped(findings)),
     )
 
 
