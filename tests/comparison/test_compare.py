@@ -366,6 +366,13 @@ def test_what_a_result_leaves_nothing_to_measure_of_is_changed_and_what_just_van
         assert comparison.obstacles[0].startswith(f"measurement gone: {name}")
 
 
+def test_what_the_base_held_to_a_limit_is_gone_whatever_the_reason() -> None:
+    base = over_seeds("heading.direct.max", 0.9, limit=Limit(max=1.8))
+    comparison = compare(base, evidence([without("heading.direct.max", "nobody asked")]))
+    assert comparison.obstacles[0].startswith("measurement gone: heading.direct.max (nobody asked; it has no limit any")
+    assert comparison_code(comparison) == 22
+
+
 def test_a_reason_on_one_seed_hides_nothing_of_the_others() -> None:
     name = "cycles.corrected.per_iteration"
     base, reason = over_seeds(name, 1_663.0, 1_663.0), without(name, "none was needed")

@@ -34,13 +34,17 @@ class Pairs:
 
     @property
     def lost(self) -> list[Seed]:
-        """Those with a number in the base alone, and no reason for that."""
-        return [seed for seed in self._in_base_alone if not _states_why(self.new[seed])]
+        """Those with a number in the base alone, and no reason for that; what had to keep a limit is not excused."""
+        return [seed for seed in self._in_base_alone if not self._excused(seed)]
 
     @property
     def not_offered(self) -> list[Seed]:
         """Those with a number in the base alone, where the new run says what result of its own leaves none."""
-        return [seed for seed in self._in_base_alone if _states_why(self.new[seed])]
+        return [seed for seed in self._in_base_alone if self._excused(seed)]
+
+    def _excused(self, seed: Seed) -> bool:
+        was = self.base[seed]
+        return _states_why(self.new[seed]) and not (was and was.limit)
 
     @property
     def _in_base_alone(self) -> list[Seed]:
