@@ -29,7 +29,7 @@ ARROWS = """
 
     world       -> errors angles
     sensors     -> errors world
-    virtual     -> errors
+    virtual     -> errors strict_json
     profiling   -> errors virtual
 
     c_source    ->

@@ -19,8 +19,8 @@ _FAILED, _INTERRUPTED, _USAGE_ERROR = 1, 2, 4
 _CODES = {ConfigError: _USAGE_ERROR, BenchError: 20, ProtocolError: 23}
 # In the order of the help. Each is a function of this name in a module of this name in hiltest.commands.
 _COMMANDS = (
-    "run", "compare", "baseline", "trend", "report", "export", "calibrate", "serve", "fit", "fit-imu", "profile", "log",
-    "allan", "init",
+    "run", "compare", "baseline", "trend", "report", "export", "calibrate", "serve", "fit", "fit-imu", "profile",
+    "timing", "log", "allan", "init",
 )
 
 

@@ -184,7 +184,7 @@ class Cycles:
         """
         from hiltest.boards import default_firmware
         from hiltest.profiling.image import ProfiledImage
-        from hiltest.virtual.k64f import DEFAULT_PROFILE
+        from hiltest.virtual.profile_file import DEFAULT_PROFILE
 
         if elf is None:
             path = self._session.settings.firmware or default_firmware()

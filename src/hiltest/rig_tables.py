@@ -50,6 +50,9 @@ class BoardPlace:
     cycle_model : str or None
         What the cycle counter of a board on a port counts: ``silicon-dwt``, or the timing profile of a
         virtual board that is served there. Needed where the port alone does not tell.
+    timing : str or None
+        What a virtual board counts by: the name of a timing profile, or a file, relative to the rig's, that ends in
+        ``.toml``. None is the default profile.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
@@ -57,11 +60,13 @@ class BoardPlace:
     port: str | None = None
     transcript: str | None = None
     cycle_model: str | None = None
+    timing: str | None = None
 
     def __post_init__(self) -> None:
+        require(self.kind == "virtual" or self.timing is None, "timing", 'belongs to a board of kind "virtual"')
         require(self.kind == "real" or self.port is None, "port", 'belongs to a board of kind "real"')
         require(self.kind == "real" or self.cycle_model is None, "cycle_model", 'belongs to a board of kind "real"')
-        require(self.cycle_model is None or re.fullmatch(r"[a-z0-9/.-]+", self.cycle_model) is not None, "cycle_model",
+        require(self.cycle_model is None or re.fullmatch(r"[a-z0-9/.+-]+", self.cycle_model) is not None, "cycle_model",
                 'is "silicon-dwt", or the name of a timing profile such as "cortex-m4-trm/1"')
         require((self.kind == "replay") == (self.transcript is not None), "transcript",
                 'names the recorded session of a board of kind "replay", and only of that')

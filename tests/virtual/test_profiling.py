@@ -15,8 +15,8 @@ from hiltest.virtual.buffers import Address, Structure
 from hiltest.virtual.cost_classes import WORK_OF_ROW, Stall, Work
 from hiltest.virtual.elf import FirmwareImage
 from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.profile_file import load_profile
 from hiltest.virtual.profiling import CallProfile, ProfilingAccounting, profile_call
-from hiltest.virtual.timing import load_profile
 
 from .conftest import SHIPPED, Build
 from .test_cycle_counting import cloud, random_program

@@ -6,7 +6,8 @@ import pytest
 
 from hiltest.errors import ConfigError
 from hiltest.virtual.instructions import decode
-from hiltest.virtual.timing import NEUTRAL, load_profile, price
+from hiltest.virtual.profile_file import load_profile
+from hiltest.virtual.timing import NEUTRAL, price
 
 PROFILE = load_profile("cortex-m4-trm/1")
 DIGEST = "ccd542b4092b1c24f2e4cde314d66952353f82945181fb8c1cab5e3a6ba11a3a"

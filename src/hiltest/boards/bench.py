@@ -8,6 +8,7 @@ from hiltest.angles import Pose
 from hiltest.errors import ConfigError
 from hiltest.rig import Rig, build_sensors, build_world
 from hiltest.virtual.k64f import CORE_HZ, VirtualK64F
+from hiltest.virtual.profile_file import DEFAULT_PROFILE, SUFFIX
 from hiltest.world.faces import askew
 from hiltest.world.motion import MOVE_GRID_S, Segment
 from hiltest.world.sway import SWAY_S, Sway
@@ -27,6 +28,12 @@ _INTERRUPT_PINS = {
 def default_firmware() -> Path:
     """Return the prebuilt ELF that ships in the package."""
     return Path(__file__).parents[1] / "firmware" / "hiltest-frdm-k64f.elf"
+
+
+def _timing_of(rig: Rig) -> str:
+    """Return the name of the timing profile, or its file: a relative one is beside the rig's."""
+    named = rig.board.timing or DEFAULT_PROFILE
+    return str(rig.path.parent / named) if named.endswith(SUFFIX) else named
 
 
 class VirtualBench:
@@ -65,7 +72,9 @@ class VirtualBench:
         self._world = build_world(rig)
         sensors = build_sensors(rig, self._world, self.seed)
         # What the firmware that ships touches is modelled: anything else is a mistake, and found at once.
-        self.machine = VirtualK64F(self.firmware, i2c0=sensors["i2c0"], i2c1=sensors["i2c1"], strict=firmware is None)
+        self.machine = VirtualK64F(
+            self.firmware, i2c0=sensors["i2c0"], i2c1=sensors["i2c1"], profile=_timing_of(rig), strict=firmware is None
+        )
         for bus, parts in enumerate((sensors["i2c0"], sensors["i2c1"])):
             for part in parts:
                 if pins := _INTERRUPT_PINS.get((bus, part.address)):

@@ -45,7 +45,8 @@ Exit codes:
               help="Write the stacks as flame graph tools read them.")
 @click.option("--flame-graph", metavar="FILE", type=click.Path(path_type=Path, dir_okay=False),
               help="Write a flame graph (SVG).")
-@click.option("--profile", "timing", metavar="NAME", help="Timing profile.  [default: cortex-m4-trm/1]")
+@click.option("--profile", "timing", metavar="NAME|FILE",
+              help="Timing profile, or a file of your own.  [default: cortex-m4-trm/1]")
 @click.option("--timeout", "timeout_s", metavar="S", type=click.IntRange(1, 100), default=1,
               show_default=True, help="Virtual seconds after which the function is taken to hang.")
 @click.argument("elf")
@@ -63,7 +64,7 @@ def profile(
     from hiltest.profiling import document as documents
     from hiltest.profiling.arguments import parse_argument
     from hiltest.profiling.image import ProfiledImage
-    from hiltest.virtual.k64f import DEFAULT_PROFILE
+    from hiltest.virtual.profile_file import DEFAULT_PROFILE
 
     path = default_firmware() if elf == SHIPPED else Path(elf)
     given = [parse_argument(text) for text in arguments]

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from hiltest.virtual.k64f import DEFAULT_PROFILE, HANG_S, VirtualK64F
+from hiltest.virtual.k64f import HANG_S, VirtualK64F
 from hiltest.virtual.procedure_call import Argument
+from hiltest.virtual.profile_file import DEFAULT_PROFILE
 from hiltest.virtual.profiling import CallProfile, ProfilingAccounting, profile_call
 
 

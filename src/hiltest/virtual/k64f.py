@@ -31,10 +31,9 @@ from hiltest.virtual.peripherals.uart import Uart
 from hiltest.virtual.peripherals.unmodelled import UnmodelledAccess, UnmodelledLog, UnmodelledPage
 from hiltest.virtual.peripherals.watchdog import Watchdog
 from hiltest.virtual.procedure_call import Argument
-from hiltest.virtual.timing import load_profile
+from hiltest.virtual.profile_file import DEFAULT_PROFILE, load_profile
 
 CORE_HZ = 120_000_000
-DEFAULT_PROFILE = "cortex-m4-trm/1"
 #: After so much virtual time a called function is taken to hang [s]: no function that is measured comes near, and
 #: the slowest way to count, with a profile, takes the host about a minute for it.
 HANG_S = 1.0
@@ -68,7 +67,7 @@ class VirtualK64F:
     i2c0, i2c1 : sequence of I2cDevice
         Parts on the two buses.
     profile : str
-        Timing profile, see `hiltest.virtual.timing`.
+        Timing profile: a name, or a file of one's own (``.toml``), see `hiltest.virtual.profile_file`.
     accounting : AccountingFactory
         What counts; by default by block, in C where that is there. `InstructionAccounting` is slow, and the reference.
     strict : bool

@@ -18,14 +18,10 @@ the dear side. Instructions inside an IT block are priced as if executed.
 from __future__ import annotations
 
 import hashlib
-import tomllib
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cache
-from importlib import resources
 from typing import NamedTuple
 
-from hiltest.errors import ConfigError
 from hiltest.virtual.instructions import Instruction
 
 
@@ -68,20 +64,24 @@ class TimingProfile:
         Name and version, e.g. ``cortex-m4-trm/1``.
     rows : dict of str to CostRow
         The table.
+    shipped : bool
+        Whether a test holds the numbers of that name; otherwise the name gets the digest behind it, so that two
+        tables which call themselves alike are not compared: ``mine/1+0a1b2c3d``.
+
+    Attributes
+    ----------
+    digest : str
+        A hash of the given name and of every value and band.
     """
 
-    def __init__(self, name: str, rows: dict[str, CostRow]) -> None:
-        self.name = name
+    def __init__(self, name: str, rows: dict[str, CostRow], *, shipped: bool = True) -> None:
+        text = name + "".join(f";{key}={row.value}{row.band}" for key, row in sorted(rows.items()))
+        self.digest = hashlib.sha256(text.encode()).hexdigest()
+        self.name = name if shipped else f"{name}+{self.digest[:8]}"
         self.rows = rows
         self._value = {key: row.value for key, row in rows.items()}
         self.exception_entry = self._value["exception_entry"]
         self.exception_return = self._value["exception_return"]
-
-    @property
-    def digest(self) -> str:
-        """A hash of the name and of every value and band."""
-        text = self.name + "".join(f";{key}={row.value}{row.band}" for key, row in sorted(self.rows.items()))
-        return hashlib.sha256(text.encode()).hexdigest()
 
     def step(self, instruction: Instruction, state: PipelineState) -> tuple[int, PipelineState]:
         """Price one instruction as if it does not transfer control.
@@ -161,28 +161,3 @@ def price(profile: TimingProfile, instructions: Iterable[Instruction], state: Pi
         cycles, state = profile.step(instruction, state)
         total += cycles
     return total
-
-
-@cache
-def load_profile(name: str) -> TimingProfile:
-    """Read a timing profile that ships with the package.
-
-    Raises
-    ------
-    ConfigError
-        If there is none of that name; the message lists those that exist.
-    """
-    folder = resources.files("hiltest.virtual") / "profiles"
-    known: list[str] = []
-    for entry in sorted(folder.iterdir(), key=lambda entry: entry.name):
-        if not entry.name.endswith(".toml"):
-            continue
-        content = tomllib.loads(entry.read_text(encoding="utf-8"))
-        if content["name"] == name:
-            rows = {
-                key: CostRow(row["value"], (row["band"][0], row["band"][1]), row["source"])
-                for key, row in content["cost"].items()
-            }
-            return TimingProfile(name, rows)
-        known.append(content["name"])
-    raise ConfigError(f"no timing profile {name!r}; known: {', '.join(known)}")

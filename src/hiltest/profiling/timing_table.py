@@ -1,0 +1,57 @@
+"""A timing profile for people and for machines."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from hiltest.virtual.profile_file import ROWS
+from hiltest.virtual.timing import CostRow, TimingProfile
+
+SCHEMA = "hiltest.timing/1"
+
+
+def print_table(console: Console, profile: TimingProfile, file: Path) -> None:
+    """Print the rows of a profile, those whose band is open marked.
+
+    Parameters
+    ----------
+    console : Console
+    profile : TimingProfile
+    file : Path
+        Where it stands.
+    """
+    uncertain = sum(1 for row in profile.rows.values() if row.band[0] < row.band[1])
+    head = f"[bold]{escape(profile.name)}[/bold], digest {profile.digest[:16]}, {escape(str(file))}"
+    console.print(head, soft_wrap=True)
+    console.print(f"{len(profile.rows)} rows, {uncertain} of them uncertain within their band", soft_wrap=True)
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("row", no_wrap=True)
+    for name in ("cycles", "band"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for name in ("what it prices", "source"):
+        table.add_column(name, overflow="fold")
+    for name, row in profile.rows.items():
+        style = "bold" if row.band[0] < row.band[1] else None
+        table.add_row(name, str(row.value), _band(row), escape(ROWS[name]), escape(row.source), style=style)
+    console.print(table)
+
+
+def json_text(profile: TimingProfile, file: Path) -> str:
+    """Return a profile as JSON of schema ``hiltest.timing/1``."""
+    rows = [
+        {"row": name, "cycles": row.value, "band": list(row.band), "prices": ROWS[name], "source": row.source}
+        for name, row in profile.rows.items()
+    ]
+    content = {"schema": SCHEMA, "name": profile.name, "digest": profile.digest, "file": str(file), "rows": rows}
+    return json.dumps(content, indent=1, ensure_ascii=False)
+
+
+def _band(row: CostRow) -> str:
+    low, high = row.band
+    return "" if low == high else f"{low} to {high}"

@@ -1,0 +1,168 @@
+"""Timing profiles in files: those that ship in the package, and a user's own, checked before they price anything."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterator
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from hiltest.errors import ConfigError, UnknownKeyError
+from hiltest.strict_json import read_bounded, shown
+from hiltest.virtual.timing import CostRow, TimingProfile
+
+DEFAULT_PROFILE = "cortex-m4-trm/1"
+SUFFIX = ".toml"
+
+#: Every row of a profile, and what it prices.
+ROWS = {
+    "data": "moves, arithmetic, logic, shifts, saturation, SIMD, multiplies, long and accumulating ones too",
+    "divide": "SDIV, UDIV",
+    "load": "LDR and narrower",
+    "load_behind_load": "a load right behind a load that does not make its address",
+    "store": "STR and narrower, immediate offset",
+    "store_register_offset": "STR and narrower, register offset",
+    "store_behind_load": "an immediate-offset store right behind a load",
+    "load_behind_store": "added to a load right behind a store",
+    "multiple_base": "LDM, STM, PUSH, POP, LDRD, STRD, VLDM, VSTM: beside 1 a word",
+    "branch": "the branch itself, taken or not",
+    "refill_direct": "added when a branch to a fixed target is taken",
+    "refill_indirect": "added when the target comes from a register or memory",
+    "table_branch": "TBB, TBH, before the refill",
+    "it": "IT",
+    "barrier": "DMB, DSB, ISB",
+    "system": "MRS, MSR, CPS, SVC, WFI, SEV, NOP",
+    "exclusive": "LDREX, STREX and narrower",
+    "fp": "VADD, VSUB, VMUL, VNMUL, VNEG, VABS, VCMP, VCVT, VMOV, VMRS, VMSR",
+    "fp_use": "added when the next instruction uses a floating-point result",
+    "fp_accumulate": "VMLA, VMLS, VFMA, VFMS and their negations",
+    "fp_divide": "how long VDIV and VSQRT keep the FPU busy",
+    "fp_divide_use": "from VDIV or VSQRT until its result can be used",
+    "fp_load": "VLDR",
+    "fp_store": "VSTR",
+    "fp_move_pair": "VMOV between two core registers and two single ones",
+    "exception_entry": "exception entry",
+    "exception_return": "exception return",
+}
+# A branch to itself must take time, or it would never meet the event that ends it.
+_AT_LEAST_ONE = frozenset({"branch", "fp_divide"})
+_DEAREST = 1000  # cycles; far more than any instruction takes, and sums stay within 32 bits
+_LARGEST_FILE = 64 * 1024
+_NAME = re.compile(r"[a-z0-9][a-z0-9./-]{0,63}")
+_OTHERWISE = "start from a copy of a profile that ships: `hiltest timing show` says which file"
+
+
+@cache
+def shipped_profiles() -> dict[str, Path]:
+    """Return the profiles that ship with the package: name and file."""
+    folder = Path(str(resources.files("hiltest.virtual"))) / "profiles"
+    files = sorted(folder.glob(f"*{SUFFIX}"))
+    return {tomllib.loads(file.read_text(encoding="utf-8"))["name"]: file for file in files}
+
+
+def load_profile(name: str) -> TimingProfile:
+    """Return a timing profile.
+
+    Parameters
+    ----------
+    name : str
+        Of one that ships with the package, or a file of one's own, which ends in ``.toml``.
+
+    Raises
+    ------
+    ConfigError
+        If there is none of that name, or the file is no timing profile; the message says where and what to do.
+    """
+    file = place_of(name)
+    content = read_bounded(file, largest_bytes=_LARGEST_FILE, otherwise="name a timing profile (TOML)")
+    return _profile_of(str(file), content, shipped=file in shipped_profiles().values())
+
+
+def place_of(name: str) -> Path:
+    """Return the file of a profile; it is there when the profile is one that ships.
+
+    Raises
+    ------
+    ConfigError
+        If it is neither a profile that ships nor the name of a file.
+    """
+    if name.endswith(SUFFIX):
+        return Path(name)
+    file = shipped_profiles().get(name)
+    if file is None:
+        known = ", ".join(shipped_profiles())
+        raise ConfigError(f"no timing profile {name!r}; known: {known}; a file of your own ends in {SUFFIX}")
+    return file
+
+
+@cache
+def _profile_of(place: str, content: bytes, *, shipped: bool) -> TimingProfile:
+    # The same content gives the same object: priced blocks are kept by it.
+    return TimingProfile(*_parsed(place, content), shipped=shipped)
+
+
+def _parsed(place: str, content: bytes) -> tuple[str, dict[str, CostRow]]:
+    try:
+        data = tomllib.loads(content.decode("utf-8"))
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{place}: not UTF-8 text at byte {error.start}; {_OTHERWISE}") from error
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise ConfigError(f"{place}: not TOML: {error}; {_OTHERWISE}") from error
+    for key in data.keys() - {"name", "cost"}:
+        raise UnknownKeyError(key, where=place, known=("name", "cost"))
+    name, cost = data.get("name"), data.get("cost")
+    if not isinstance(name, str) or not _NAME.fullmatch(name):
+        raise ConfigError(
+            f"{place}: name: small letters, digits, '.', '-' and '/', at most 64, not {shown(name)}; "
+            'write for example name = "my-board/1"'
+        )
+    if not isinstance(cost, dict):
+        raise ConfigError(f"{place}: it has no table [cost.ROW]; {_OTHERWISE}")
+    for key in sorted(cost.keys() - ROWS.keys()):
+        raise UnknownKeyError(key, where=f"{place}: cost", known=tuple(ROWS))
+    if missing := [row for row in ROWS if row not in cost]:
+        raise ConfigError(f"{place}: cost.{missing[0]} is missing, {len(missing)} rows in all; {_OTHERWISE}")
+    rows = {row: _row(f"{place}: cost.{row}", row, cost[row]) for row in ROWS}
+    _check_division(place, rows)
+    return name, rows
+
+
+def _row(place: str, row: str, given: Any) -> CostRow:
+    if not isinstance(given, dict):
+        raise ConfigError(f"{place}: must be a table of value, band and source, not {shown(given)}")
+    for key in sorted(given.keys() - {"value", "band", "source"}):
+        raise UnknownKeyError(key, where=place, known=("value", "band", "source"))
+    least = 1 if row in _AT_LEAST_ONE else 0
+    band, source = given.get("band"), given.get("source")
+    if not isinstance(band, list) or len(band) != 2:
+        raise ConfigError(f"{place}.band: must be the lowest and the highest cycles, such as [2, 3], not {shown(band)}")
+    value = _cycles(f"{place}.value", given.get("value"), least)
+    low, high = (_cycles(f"{place}.band", bound, least) for bound in band)
+    if not low <= value <= high:
+        raise ConfigError(f"{place}.band: {low} to {high} does not hold the value {value}; correct one of them")
+    if not isinstance(source, str) or not 0 < len(source.strip()) <= 500:
+        raise ConfigError(f"{place}.source: must say in up to 500 characters where the number comes from")
+    return CostRow(value, (low, high), source)
+
+
+def _cycles(place: str, given: Any, least: int) -> int:
+    if not isinstance(given, int) or isinstance(given, bool) or not least <= given <= _DEAREST:
+        raise ConfigError(f"{place}: must be whole cycles from {least} to {_DEAREST}, not {shown(given)}")
+    return given
+
+
+def _check_division(place: str, rows: dict[str, CostRow]) -> None:
+    busy, use = rows["fp_divide"], rows["fp_divide_use"]
+    if not all(0 <= late <= 1 for late in _lateness(busy, use)):
+        raise ConfigError(
+            f"{place}: cost.fp_divide_use must be fp_divide or one cycle more, as must the ends of their bands: "
+            "the result is usable when the FPU is free, or a cycle later"
+        )
+
+
+def _lateness(busy: CostRow, use: CostRow) -> Iterator[int]:
+    for at_busy, at_use in ((busy.value, use.value), *zip(busy.band, use.band, strict=True)):
+        yield at_use - at_busy

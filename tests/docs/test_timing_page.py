@@ -1,0 +1,56 @@
+"""The page about timing: its commands run and print what it shows, and its profile and rig are read."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+from hiltest.virtual.profile_file import DEFAULT_PROFILE, ROWS, load_profile, place_of
+
+PAGE = (Path(__file__).parents[2] / "docs" / "timing.md").read_text(encoding="utf-8")
+COMMANDS = re.findall(r"^```sh\nhiltest (.*?)\n```", PAGE, re.M | re.S)
+(SHOWN,) = re.findall(r"^```text\n(.*?)^```", PAGE, re.M | re.S)
+ROW, BOARD = re.findall(r"^```toml\n(.*?)^```", PAGE, re.M | re.S)
+
+
+def run(*arguments: str, folder: Path) -> str:
+    done = subprocess.run(
+        [sys.executable, "-m", "hiltest", *arguments], cwd=folder, capture_output=True, text=True, check=False,
+        timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_the_command_prints_what_the_page_shows(tmp_path: Path) -> None:
+    printed = [" ".join(line.split()) for line in run(*shlex.split(COMMANDS[0]), folder=tmp_path).splitlines()]
+    for line in SHOWN.splitlines():
+        # "..." stands for what is left out.
+        pattern = ".*".join(re.escape(" ".join(part.split())) for part in line.split("..."))
+        assert any(re.fullmatch(pattern.replace(".*", r"\s?.*"), each) for each in printed), line
+
+
+def test_the_json_has_every_row_of_the_profile(tmp_path: Path) -> None:
+    content = json.loads(run("timing", "show", "--json", folder=tmp_path))
+    profile = load_profile(DEFAULT_PROFILE)
+    assert (content["schema"], content["name"], content["digest"]) == ("hiltest.timing/1", profile.name, profile.digest)
+    assert [each["row"] for each in content["rows"]] == list(ROWS)
+    assert {each["row"]: (each["cycles"], tuple(each["band"]), each["source"]) for each in content["rows"]} == {
+        name: (row.value, row.band, row.source) for name, row in profile.rows.items()
+    }
+
+
+def test_the_changed_row_of_the_page_makes_a_profile_that_is_shown_and_counted_by(tmp_path: Path) -> None:
+    text = place_of(DEFAULT_PROFILE).read_text(encoding="utf-8")
+    mine = re.sub(r"\[cost\.fp_accumulate\].*?\n\n", ROW + "\n", text, flags=re.S)
+    (tmp_path / "my.toml").write_text(mine, encoding="utf-8")
+    shown = run("timing", "show", "--profile", "my.toml", folder=tmp_path)
+    assert tomllib.loads(ROW)["cost"]["fp_accumulate"]["source"] in " ".join(shown.split())
+    counted = run("profile", "--profile", "my.toml", "shipped", "crc32", "text:123456789", "9", folder=tmp_path)
+    assert re.search(r"cycle model cortex-m4-trm/1\+[0-9a-f]{8}@flash", counted)
+    assert tomllib.loads(BOARD) == {"board": {"kind": "virtual", "timing": "my.toml"}}
