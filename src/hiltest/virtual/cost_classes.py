@@ -34,7 +34,8 @@ class Stall(StrEnum):
     FP_RESULT = "fp_result"
     """It uses what the floating-point instruction right before it computes."""
     DIVISION = "division"
-    """VDIV or VSQRT still occupies the FPU, or its result is not there yet."""
+    """VDIV or VSQRT still occupies the FPU, or its result is not there yet; a multiply-accumulate, in a timing
+    profile that hides some of its cycles."""
     LOAD_USE = "load_use"
     """A load takes its address from the load right before it, so the two do not overlap."""
     STORE_BUFFER = "store_buffer"

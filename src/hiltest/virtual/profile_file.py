@@ -39,6 +39,7 @@ ROWS = {
     "fp": "VADD, VSUB, VMUL, VNMUL, VNEG, VABS, VCMP, VCVT, VMOV, VMRS, VMSR",
     "fp_use": "added when the next instruction uses a floating-point result",
     "fp_accumulate": "VMLA, VMLS, VFMA, VFMS and their negations",
+    "fp_accumulate_hidden": "how many of those cycles go on under integer instructions",
     "fp_divide": "how long VDIV and VSQRT keep the FPU busy",
     "fp_divide_use": "from VDIV or VSQRT until its result can be used",
     "fp_load": "VLDR",

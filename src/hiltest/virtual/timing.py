@@ -8,7 +8,8 @@ row. The rules say what one instruction does to the next:
   before it, and a load right behind a single store waits;
 * a floating-point instruction waits one cycle for the result of the arithmetic
   right before it (a multiply-accumulate does not wait for its addend);
-* VDIV and VSQRT keep the FPU busy while integer instructions go on underneath.
+* VDIV and VSQRT keep the FPU busy while integer instructions go on underneath; so does a
+  multiply-accumulate, by as many of its cycles as the table says (none, until somebody measures it).
 
 What is remembered between instructions is a `PipelineState`. Only a control
 transfer resets it; then an unfinished division is waited for, which errs on
@@ -38,9 +39,9 @@ class PipelineState(NamedTuple):
     """What the next instruction may have to wait for.
 
     ``before`` is "load", "store" or ""; ``loaded`` the core registers that load
-    wrote; ``fp_result`` the single registers the instruction before computed;
-    ``fpu_busy`` the cycles until a division frees the FPU, and ``divided`` the
-    registers that hold its result one cycle after that.
+    wrote; ``fp_result`` the single registers that were just computed, or will be
+    when the FPU is free; ``fpu_busy`` the cycles until it is, and ``divided`` the
+    registers that hold a division's result one cycle after that.
     """
 
     before: str = ""
@@ -80,6 +81,7 @@ class TimingProfile:
         self.name = name if shipped else f"{name}+{self.digest[:8]}"
         self.rows = rows
         self._value = {key: row.value for key, row in rows.items()}
+        self._hidden = min(self._value["fp_accumulate_hidden"], self._value["fp_accumulate"] - 1)
         self.exception_entry = self._value["exception_entry"]
         self.exception_return = self._value["exception_return"]
 
@@ -107,6 +109,8 @@ class TimingProfile:
             cycles = value[row] + instruction.words
         elif row == "fp_divide":
             cycles = 1  # it is issued; the FPU is busy from here on
+        elif row == "fp_accumulate":
+            cycles = value[row] - self._hidden
         elif row == "load":
             cycles = self._load(instruction, state)
         elif row == "store" and state.before == "load":
@@ -117,7 +121,7 @@ class TimingProfile:
         if instruction.transfer:
             # The branch resets the pipeline; a division still running is waited for.
             return cycles + max(state.fpu_busy - cycles, 0), NEUTRAL
-        return cycles, self._leave(instruction, state, cycles, wait)
+        return cycles, self._leave(instruction, state, cycles)
 
     def taken(self, instruction: Instruction) -> int:
         """Cycles added when a transfer is taken: the pipeline refills."""
@@ -130,25 +134,24 @@ class TimingProfile:
         return self._value["load"] + late
 
     def _fp_wait(self, instruction: Instruction, state: PipelineState) -> int:
-        read = instruction.fp_reads | instruction.fp_addend
-        if state.fpu_busy:
-            late = self._value["fp_divide_use"] - self._value["fp_divide"]
-            return state.fpu_busy + (late if read & state.divided else 0)
-        if state.divided & read:  # free, but the result comes a cycle later
-            return self._value["fp_divide_use"] - self._value["fp_divide"]
-        return self._value["fp_use"] if state.fp_result & instruction.fp_reads else 0
+        if state.divided & (instruction.fp_reads | instruction.fp_addend):
+            return state.fpu_busy + self._value["fp_divide_use"] - self._value["fp_divide"]
+        return state.fpu_busy + (self._value["fp_use"] if state.fp_result & instruction.fp_reads else 0)
 
-    def _leave(self, instruction: Instruction, state: PipelineState, cycles: int, wait: int) -> PipelineState:
+    def _leave(self, instruction: Instruction, state: PipelineState, cycles: int) -> PipelineState:
         row = instruction.row
         if row == "fp_divide":
             return PipelineState(fpu_busy=self._value["fp_divide"] - 1, divided=instruction.fp_writes)
         before = _SINGLE_TRANSFERS.get(row, "")
         loaded = instruction.loaded_registers if row == "load" else 0
-        computed = instruction.fp_writes if row in ("fp", "fp_accumulate") else 0
-        busy = 0 if instruction.uses_fpu else max(state.fpu_busy - cycles, 0)
-        # The result is one cycle later than the FPU: remember it for the instruction that meets it then.
-        just_free = not instruction.uses_fpu and 0 < state.fpu_busy == cycles
-        divided = state.divided if busy or just_free else 0
+        if instruction.uses_fpu:
+            computed = instruction.fp_writes if row in ("fp", "fp_accumulate") else 0
+            busy, divided = (self._hidden if row == "fp_accumulate" else 0), 0
+        else:
+            busy = max(state.fpu_busy - cycles, 0)
+            # The result is a cycle later than the FPU: remember it for the instruction that meets it then.
+            pending = 0 < state.fpu_busy >= cycles
+            computed, divided = (state.fp_result, state.divided) if pending else (0, 0)
         if not (before or loaded or computed or busy or divided):
             return NEUTRAL
         return PipelineState(before, loaded, computed, busy, divided)
