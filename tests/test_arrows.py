@@ -29,8 +29,8 @@ ARROWS = """
 
     world       -> errors angles
     sensors     -> errors world
-    virtual     -> errors strict_json
-    profiling   -> errors virtual
+    virtual     -> errors strict_json measurement
+    profiling   -> errors measurement virtual
 
     c_source    ->
     bench_files -> errors
@@ -41,8 +41,8 @@ ARROWS = """
     rig_file    -> errors measurement comparison rig_tables rig
 
     link        -> errors angles calibration
-    boards      -> errors angles bench_files rig_tables rig rig_file link virtual world sensors
-    procedures  -> errors angles calibration orientation cloud rig_tables rig link boards
+    boards      -> errors angles measurement bench_files rig_tables rig rig_file link virtual world sensors
+    procedures  -> errors angles measurement calibration orientation cloud rig_tables rig link boards
     report      -> errors strict_json angles measurement comparison calibration cloud procedures c_source imu_log
 
     trend       -> errors strict_json measurement comparison report

@@ -57,7 +57,8 @@ def record_fit(name: str, run: AccelerometerRun, board: Board, measure: Measure)
     measure(f"accelerometer.{name}.residual", run.solution.residual_mg, "mg")
     measure(f"accelerometer.{name}.axis_error", run.axis_error_deg, "deg")
     measure(f"accelerometer.{name}.offset_error", run.offset_error_mg, "mg")
-    measure(f"accelerometer.{name}.cycles", run.cost and run.cost.cycles, "cycle", cycle_model=board.cycle_model)
+    cycles = run.cost and run.cost.cycles
+    measure(f"accelerometer.{name}.cycles", cycles, "cycle", cycle_model=board.cycle_model, band=run.band)
     measure.table(
         f"accelerometer.{name}.poses", dict.fromkeys("xyz", "count"), run.counts.tolist()
     )

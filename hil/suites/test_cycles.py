@@ -24,8 +24,9 @@ def costs(board: Board, rig: Rig, hil_progress: Progress) -> Mapping[str, CycleC
 
 def test_cycles_of_every_calibrator(costs: Mapping[str, CycleCost], measure: Measure) -> None:
     for name, cost in costs.items():
+        measure(f"cycles.{name}.total", cost.total, "cycle", cycle_model=cost.model, band=cost.band)
         for what, cycles in (
-            ("total", cost.total), ("per_point", cost.per_point), ("fixed", cost.fixed),
+            ("per_point", cost.per_point), ("fixed", cost.fixed),
             ("regression_residual", cost.regression_residual), ("spread", cost.spread),
         ):
             measure(f"cycles.{name}.{what}", cycles, "cycle", cycle_model=cost.model)
@@ -58,8 +59,9 @@ def test_cycles_of_the_calibration_against_gravity(
     if rig.procedure.dpi == "none":
         pytest.skip("the rig's [procedure] has no calibration against gravity")
     cost = measure_dpi_cycles(board, progress=hil_progress)
+    measure(f"cycles.{DPI}.total", cost.total, "cycle", cycle_model=cost.model, band=cost.band)
     for what, cycles in (
-        ("total", cost.total), ("per_point", cost.per_point), ("fixed", cost.fixed),
+        ("per_point", cost.per_point), ("fixed", cost.fixed),
         ("regression_residual", cost.regression_residual), ("spread", cost.spread),
     ):
         measure(f"cycles.{DPI}.{what}", cycles, "cycle", cycle_model=cost.model)

@@ -59,9 +59,10 @@ def test_every_sample_of_the_motion_is_used(motion: FusionResult, measure: Measu
 
 
 def test_cycles_of_a_step(motion: FusionResult, measure: Measure) -> None:
-    for name, costs in (("predict", motion.summary.predicted), ("update", motion.summary.updated)):
+    predicted, updated = motion.summary.predicted, motion.summary.updated
+    for name, costs, band in (("predict", predicted, motion.predict_band), ("update", updated, motion.update_band)):
         largest = costs.largest and costs.largest.cycles
-        measure(f"cycles.fusion.{name}", largest, "cycle", cycle_model=motion.cycle_model)
+        measure(f"cycles.fusion.{name}", largest, "cycle", cycle_model=motion.cycle_model, band=band)
         measure(f"cycles.fusion.{name}.mean", costs.mean_cycles, "cycle", cycle_model=motion.cycle_model)
 
 

@@ -55,8 +55,8 @@ def test_turns_about_all_axes_find_scale_and_axes(
     measure("gyroscope.misalignment", misalignment, "deg")
     measure("gyroscope.scale_uncertainty", gyroscope_calibration.scale_uncertainty_percent, "%")
     measure("gyroscope.misalignment_uncertainty", gyroscope_calibration.misalignment_uncertainty_deg, "deg")
-    cost = gyroscope_calibration.cost
-    measure("cycles.gyroscope-turns.total", cost and cost.cycles, "cycle", cycle_model=board.cycle_model)
+    cycles, band = gyroscope_calibration.cost and gyroscope_calibration.cost.cycles, gyroscope_calibration.band
+    measure("cycles.gyroscope-turns.total", cycles, "cycle", cycle_model=board.cycle_model, band=band)
 
 
 @pytest.mark.full

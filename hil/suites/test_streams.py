@@ -19,8 +19,8 @@ def test_cost_of_a_new_point(board: Board, streams: dict[str, StreamRun], measur
         for what, number in (("mean", np.mean), ("median", np.median), ("max", np.max)):
             cycles = None if each is None else float(number(each))
             measure(f"stream.{name}.cycles_{what}", cycles, "cycle", cycle_model=board.cycle_model)
-        cost = run.last.state.cost
-        measure(f"stream.{name}.fit_cycles", cost and cost.cycles, "cycle", cycle_model=board.cycle_model)
+        cycles = run.last.state.cost and run.last.state.cost.cycles
+        measure(f"stream.{name}.fit_cycles", cycles, "cycle", cycle_model=board.cycle_model, band=run.fit_band)
 
 
 def test_points_held_and_tier_at_the_end(streams: dict[str, StreamRun], measure: Measure) -> None:

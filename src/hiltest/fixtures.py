@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from hiltest.boards import Board
     from hiltest.cycle_benchmarks import BenchmarkCycles
     from hiltest.imu_calibration import ImuCalibration
-    from hiltest.measurement import Counted, Limit, Measurement
+    from hiltest.measurement import Counted, CycleBand, Limit, Measurement
     from hiltest.procedures import Turntable
     from hiltest.profiling.image import ProfiledImage
     from hiltest.progress_line import ProgressLine
@@ -38,6 +38,7 @@ class Measure:
     def __call__(
         self, name: str, value: float | int | Counted | None, unit: str = "", *, limit: Limit | None = None,
         not_judged: str = "", not_offered: str = "", volatile: bool = False, cycle_model: str = "",
+        band: CycleBand | None = None,
     ) -> Measurement:
         """Record one measurement.
 
@@ -62,6 +63,8 @@ class Measure:
             Whether two runs of the same seed may differ in it.
         cycle_model : str, optional
             Needed for unit ``cycle``: what counted.
+        band : CycleBand, optional
+            Within what a virtual board's cycles lie by its cycle model.
 
         Returns
         -------
@@ -79,11 +82,11 @@ class Measure:
         if isinstance(value, Counted):
             if unit not in ("", "cycle") or cycle_model:
                 raise ValueError(f"{name}: a counted call brings its unit and its cycle model; leave both out")
-            unit, cycle_model = "cycle", value.cycle_model
+            unit, cycle_model, band = "cycle", value.cycle_model, getattr(value, "band", None)
             value = value.cycles
         measurement = self._session.judge(
             name, value, unit=unit, limit=limit, not_judged=not_judged, not_offered=not_offered, volatile=volatile,
-            cycle_model=cycle_model, test=self._session.test_id(self._item.nodeid),
+            cycle_model=cycle_model, band=band, test=self._session.test_id(self._item.nodeid),
         )
         self._session.keep(self._item, measurement)
         return measurement

@@ -105,6 +105,42 @@ class Limit:
 
 
 @dataclass(frozen=True, slots=True)
+class RowEffect:
+    """What a cycle count would be with one row of the cycle model at the lower or upper end of its band."""
+
+    row: str
+    low: int
+    high: int
+
+
+@dataclass(frozen=True, slots=True)
+class CycleBand:
+    """Within what a cycle count lies when every uncertain row of its cycle model moves within its own band.
+
+    Attributes
+    ----------
+    low, high : int
+        With every row at the end of its band where it costs less, or more.
+    rows : tuple of RowEffect
+        Each that changes the count, alone: the one that changes it most comes first.
+    """
+
+    low: int
+    high: int
+    rows: tuple[RowEffect, ...] = ()
+
+    def __str__(self) -> str:
+        return _range(self.low, self.high)
+
+    def explained(self) -> str:
+        """Say within what the count lies, and which row alone moves it most."""
+        most = next(iter(self.rows), None)
+        if most is None:
+            return "no uncertain row of the cycle model enters"
+        return f"{self} by the cycle model's bands, most by {most.row}: {_range(most.low, most.high)}"
+
+
+@dataclass(frozen=True, slots=True)
 class Measurement:
     """One number that a run produced.
 
@@ -128,6 +164,8 @@ class Measurement:
         Why the outcome is what it is, when the numbers do not say it.
     test : str
         Node id of the test that measured it.
+    band : CycleBand or None
+        For cycles of a virtual board: what the cycle model's own uncertainty makes of them.
     """
 
     name: str
@@ -140,6 +178,7 @@ class Measurement:
     cycle_model: str = ""
     note: str = ""
     test: str = ""
+    band: CycleBand | None = None
 
     @property
     def gates(self) -> bool:
@@ -165,13 +204,13 @@ class Measurement:
 def judge(
     name: str, value: float | int | None, *, unit: str, limit: Limit | None = None, information: Limit | None = None,
     not_judged: str = "", not_offered: str = "", could_offer: bool = False, volatile: bool = False,
-    cycle_model: str = "", test: str = "",
+    cycle_model: str = "", test: str = "", band: CycleBand | None = None,
 ) -> Measurement:
     """Make a measurement and decide its outcome.
 
     Parameters
     ----------
-    name, value, unit, limit, information, volatile, cycle_model, test
+    name, value, unit, limit, information, volatile, cycle_model, test, band
         As in `Measurement`. A value of None means that there is none to give.
     not_judged : str, optional
         Why the limit cannot be applied. The outcome is then ``unset`` if there is a limit.
@@ -211,7 +250,7 @@ def judge(
         outcome = Outcome.PASS if limit.holds(value) else Outcome.FAIL
     return Measurement(
         name=name, value=value, unit=unit, limit=limit, information=information, outcome=outcome,
-        volatile=volatile, cycle_model=cycle_model, note=note, test=test,
+        volatile=volatile, cycle_model=cycle_model, note=note, test=test, band=band,
     )
 
 
@@ -248,6 +287,10 @@ def readable(value: float | int, digits: int = 4) -> str:
     if abs(value) < 1000:
         return f"{value:.{digits}g}"
     return f"{value:,.1f}".removesuffix(".0").replace(",", " ")
+
+
+def _range(low: int, high: int) -> str:
+    return f"{readable(min(low, high))} to {readable(max(low, high))}"
 
 
 def _number(value: float | None) -> str:

@@ -10,11 +10,18 @@ import sys
 import tomllib
 from pathlib import Path
 
+from hiltest.bench_files import shipped
+from hiltest.boards import open_board
+from hiltest.link.messages import Calibrate
+from hiltest.measurement import readable
+from hiltest.procedures.clouds import golden_cloud
+from hiltest.procedures.cycles import upload_cloud
+from hiltest.rig_file import load_rig
 from hiltest.virtual.profile_file import DEFAULT_PROFILE, ROWS, load_profile, place_of
 
 PAGE = (Path(__file__).parents[2] / "docs" / "timing.md").read_text(encoding="utf-8")
 COMMANDS = re.findall(r"^```sh\nhiltest (.*?)\n```", PAGE, re.M | re.S)
-(SHOWN,) = re.findall(r"^```text\n(.*?)^```", PAGE, re.M | re.S)
+SHOWN, TOTAL = re.findall(r"^```text\n(.*?)^```", PAGE, re.M | re.S)
 ROW, BOARD = re.findall(r"^```toml\n(.*?)^```", PAGE, re.M | re.S)
 
 
@@ -54,3 +61,13 @@ def test_the_changed_row_of_the_page_makes_a_profile_that_is_shown_and_counted_b
     counted = run("profile", "--profile", "my.toml", "shipped", "crc32", "text:123456789", "9", folder=tmp_path)
     assert re.search(r"cycle model cortex-m4-trm/1\+[0-9a-f]{8}@flash", counted)
     assert tomllib.loads(BOARD) == {"board": {"kind": "virtual", "timing": "my.toml"}}
+
+
+def test_the_count_of_the_page_is_what_the_shipped_firmware_costs_and_its_band() -> None:
+    with open_board(load_rig(shipped() / "rigs" / "virtual-k64f.toml")) as board:
+        upload_cloud(board, golden_cloud(100))
+        cost = board.session.request(Calibrate(100, "direct")).cost
+        assert cost is not None
+        band = board.cycle_band(cost)
+    assert band is not None
+    assert TOTAL.strip() == f"cycles.direct.total {readable(cost.cycles)}: {band.explained()}"

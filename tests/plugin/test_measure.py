@@ -65,7 +65,7 @@ def test_it(measure):
     assert measurements_of(pytester)["cycles.direct.per_point"] | {"test": ""} == {
         "name": "cycles.direct.per_point", "value": 200.0, "unit": "cycle", "limit": None,
         "information": {"min": None, "max": 168}, "outcome": "information", "volatile": False,
-        "cycle_model": "silicon-dwt", "note": "", "test": "",
+        "cycle_model": "silicon-dwt", "note": "", "test": "", "band": None,
     }
 
 

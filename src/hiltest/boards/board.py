@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from hiltest.angles import Pose
 from hiltest.errors import HiltestError, SensorAbsentError
 from hiltest.link.messages import Identity, Select, SensorInfo, SensorKind, Sensors
-from hiltest.link.replies import DPS_PER_COUNT
+from hiltest.link.replies import DPS_PER_COUNT, RunCost
 from hiltest.link.session import Session
+from hiltest.measurement import CycleBand
 from hiltest.rig import Rig
 
 _SHIELD_HINT = (
@@ -204,6 +205,10 @@ class Board(ABC):
 
     def true_attitude(self, board_us: int) -> Pose | None:
         """Return the board's attitude at a time of its own clock [us]; None where nobody knows it."""
+        return None
+
+    def cycle_band(self, cost: RunCost | None) -> CycleBand | None:
+        """Say within what the cycles of the run that was just timed lie; None where nobody knows what ran."""
         return None
 
     def instructions_counted(self, cycles: int) -> int | None:

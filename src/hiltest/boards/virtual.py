@@ -11,8 +11,10 @@ from hiltest.boards.bench import VirtualBench
 from hiltest.boards.board import Board, BoardKind, Declared, Truth
 from hiltest.boards.virtual_port import VirtualPort
 from hiltest.link.ports import READ_SLICE_S
+from hiltest.link.replies import RunCost
 from hiltest.link.session import Session
 from hiltest.link.transcript import Transcript
+from hiltest.measurement import CycleBand
 from hiltest.rig import COUNTS_PER_UT, Rig, world_truth
 from hiltest.virtual.elf import load_image
 
@@ -77,6 +79,10 @@ class VirtualBoard(Board):
     def instructions_counted(self, cycles: int) -> int | None:
         """Count the instructions between the two latest readings of CYCCNT that lie `cycles` apart."""
         return self._machine.instructions_between_readings(cycles)
+
+    def cycle_band(self, cost: RunCost | None) -> CycleBand | None:
+        """Price what ran between the latest readings of CYCCNT again, with each row of the timing profile moved."""
+        return None if cost is None else self._machine.cycle_band(cost.cycles, cost.overhead_cycles)
 
 
 def _truth(rig: Rig) -> Truth | None:

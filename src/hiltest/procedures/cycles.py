@@ -12,6 +12,7 @@ from hiltest.boards.board import Board
 from hiltest.errors import DeviceError
 from hiltest.link.messages import MAX_UPLOAD, MAX_UPLOAD_PAIRS, Calibrate, ClearPoints, CycleSource, Status, Upload
 from hiltest.link.replies import RunCost
+from hiltest.measurement import CycleBand
 from hiltest.procedures.clouds import golden_cloud
 from hiltest.procedures.progress import Progress, silent
 
@@ -56,6 +57,8 @@ class CycleCost:
         Largest minus smallest over the clouds, each at n points.
     instructions : int or None
         Of the same run as `total`; None when nobody counts them: "not offered".
+    band : CycleBand or None
+        Within what `total` lies by the cycle model's own uncertainty; None where nobody knows what ran.
     iterations : int
         Sweeps or steps of the same run as `total`, 0 for a closed form.
     per_iteration : float or None
@@ -73,6 +76,7 @@ class CycleCost:
     regression_residual: float
     spread: int
     instructions: int | None
+    band: CycleBand | None
     iterations: int
     per_iteration: float | None
     sizes: Ints
@@ -165,6 +169,7 @@ def measure_cycles(
     work = [(n, index) for index in range(clouds)] + [(size, 0) for size in sizes if size != n]
     runs: dict[tuple[int, int], dict[str, Counted]] = {}
     instructions: dict[str, int | None] = {}
+    bands: dict[str, CycleBand | None] = {}
     per_iteration: dict[str, float | None] = {}
     for done, (size, index) in enumerate(work):
         tell("cycles", done, len(work))
@@ -174,10 +179,11 @@ def measure_cycles(
             run = runs[size, index][name] = _count(board, size, name)
             if (size, index) == (n, 0):
                 instructions[name] = instructions_of(board, run.cost)
+                bands[name] = board.cycle_band(run.cost)
                 per_iteration[name] = _per_iteration(board, size, name, run)
     tell("cycles", len(work), len(work))
     return {
-        name: _cost(board, name, n, clouds, sizes, runs, instructions[name], per_iteration[name])
+        name: _cost(board, name, n, clouds, sizes, runs, instructions[name], bands[name], per_iteration[name])
         for name in calibrators
     }
 
@@ -214,7 +220,8 @@ def instructions_of(board: Board, cost: RunCost) -> int | None:
 
 def _cost(
     board: Board, name: str, n: int, clouds: int, sizes: Sequence[int],
-    runs: dict[tuple[int, int], dict[str, Counted]], instructions: int | None, per_iteration: float | None,
+    runs: dict[tuple[int, int], dict[str, Counted]], instructions: int | None, band: CycleBand | None,
+    per_iteration: float | None,
 ) -> CycleCost:
     at_n = [runs[n, index][name].cost.cycles for index in range(clouds)]
     over_sizes = [runs[size, 0][name].cost.cycles for size in sizes]
@@ -234,6 +241,7 @@ def _cost(
         regression_residual=line.residual,
         spread=max(at_n) - min(at_n),
         instructions=instructions,
+        band=band,
         iterations=runs[n, 0][name].iterations,
         per_iteration=per_iteration,
         sizes=np.array(sizes),

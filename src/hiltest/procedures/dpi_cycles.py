@@ -48,7 +48,7 @@ def measure_dpi_cycles(
     tell = progress or silent
     work = [(sizes[0], index) for index in range(clouds)] + [(size, 0) for size in sizes[1:]]
     cycles: dict[tuple[int, int], int] = {}
-    instructions = None
+    instructions = band = None
     for done, (size, index) in enumerate(work):
         tell("cycles of dpi", done, len(work))
         upload_pairs(board, *golden_pairs(size, index=index))
@@ -63,7 +63,7 @@ def measure_dpi_cycles(
             raise no_cycle_counter()
         cycles[size, index] = cost.cycles
         if not done:
-            instructions = instructions_of(board, cost)
+            instructions, band = instructions_of(board, cost), board.cycle_band(cost)
     tell("cycles of dpi", len(work), len(work))
     over_sizes = [cycles[size, 0] for size in sizes]
     at_first = [cycles[sizes[0], index] for index in range(clouds)]
@@ -71,5 +71,6 @@ def measure_dpi_cycles(
     return CycleCost(
         calibrator=DPI, model=board.cycle_model, n=sizes[0], total=at_first[0], per_point=line.slope,
         fixed=line.intercept, regression_residual=line.residual, spread=max(at_first) - min(at_first),
-        instructions=instructions, iterations=0, per_iteration=None, sizes=np.array(sizes), cycles=np.array(over_sizes),
+        instructions=instructions, band=band, iterations=0, per_iteration=None, sizes=np.array(sizes),
+        cycles=np.array(over_sizes),
     )

@@ -21,6 +21,7 @@ from hiltest.link.fusion import (
     FusionSummary,
 )
 from hiltest.link.messages import SensorKind
+from hiltest.measurement import CycleBand
 from hiltest.orientation.fusion import FusionNoise, heading_sigma_deg
 from hiltest.orientation.quaternions import Quaternion, from_pose, normalised, pose_of, rotation_ned_from_body
 from hiltest.procedures.gyroscope_rest import rest_gyroscope
@@ -93,6 +94,8 @@ class FusionResult:
         Of the filter, and of its two halves alone; all began with the same attitude.
     cycle_model : str
         What the summary's cycles mean.
+    predict_band, update_band : CycleBand or None
+        Within what the largest of them lie; None where nobody knows what ran, or it was not among the last steps.
     """
 
     noise: FusionNoise
@@ -103,6 +106,8 @@ class FusionResult:
     accelerometer_magnetometer: AttitudeErrors | None
     gyroscope: AttitudeErrors | None
     cycle_model: str
+    predict_band: CycleBand | None
+    update_band: CycleBand | None
 
 
 def filter_noise(*, magnetometer_sigma_ut: float, field_ut: float, dip_deg: float) -> FusionNoise:
@@ -178,7 +183,8 @@ def _judged(board: Board, noise: FusionNoise, summary: FusionSummary, records: F
     )
     time_s = 1e-6 * records.time_us.astype(np.float64)
     return FusionResult(
-        noise, summary, time_s, truth if known else None, fused, measured, turned, board.cycle_model
+        noise, summary, time_s, truth if known else None, fused, measured, turned, board.cycle_model,
+        board.cycle_band(summary.predicted.largest), board.cycle_band(summary.updated.largest),
     )
 
 

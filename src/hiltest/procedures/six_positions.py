@@ -26,6 +26,7 @@ from hiltest.link.accelerometer import FitAccelerometer, SetAccelerometer
 from hiltest.link.messages import Average, SensorKind
 from hiltest.link.poses import MAX_TRANSFER, AddPose, ClearPoses, Poses, UploadPoses
 from hiltest.link.replies import RunCost, Statistic
+from hiltest.measurement import CycleBand
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.turntables import FACE_WORDS, Turntable
 
@@ -54,6 +55,8 @@ class AccelerometerRun:
         As the board computed it, in float32.
     cost : RunCost or None
         None when the core counts no cycles.
+    band : CycleBand or None
+        Within what its cycles lie; None where nobody knows what ran.
     die_temperature_degc : int
         At the last pose.
     axis_error_deg, offset_error_mg : float or None
@@ -64,6 +67,7 @@ class AccelerometerRun:
     counts: Reals
     solution: AccelerometerSolution
     cost: RunCost | None
+    band: CycleBand | None
     die_temperature_degc: int
     axis_error_deg: float | None
     offset_error_mg: float | None
@@ -170,7 +174,7 @@ def fit_poses(board: Board, method: str, n: int, die_temperature_degc: int) -> A
         )
     truth = true_accelerometer(board)
     return AccelerometerRun(
-        method, np.array(counts), solution, reply.cost, die_temperature_degc,
+        method, np.array(counts), solution, reply.cost, board.cycle_band(reply.cost), die_temperature_degc,
         None if truth is None else axis_error_deg(solution.fit, truth),
         None if truth is None else offset_error_mg(solution.fit, truth),
     )

@@ -14,6 +14,7 @@ from hiltest.calibration.fit import MagnetometerFit
 from hiltest.link.messages import SetCalibration
 from hiltest.link.replies import RunCost
 from hiltest.link.streams import MAX_FEED, StreamFeed, StreamReset, StreamState, StreamStateReply, StreamStatus
+from hiltest.measurement import CycleBand
 from hiltest.procedures.progress import Progress, silent
 
 #: Numbers of points at which a stream calibrator is asked what it knows, beside the end.
@@ -70,12 +71,15 @@ class StreamRun:
         At `STAGES`, and at the end.
     refused : StreamStatus
         OK when all points were taken, else why the one after the last was not.
+    fit_band : CycleBand or None
+        Within what the cycles of the last stage's answer lie; None where nobody knows what ran.
     """
 
     name: str
     cycles: NDArray[np.int64] | None
     stages: tuple[StreamStage, ...]
     refused: StreamStatus
+    fit_band: CycleBand | None
 
     @property
     def last(self) -> StreamStage:
@@ -162,7 +166,8 @@ def _run(board: Board, name: str, points: int, stages: Sequence[int], *, sliced:
         if refused is not StreamStatus.OK:
             break
     return StreamRun(
-        f"{name}-sliced" if sliced else name, None if cycles is None else np.array(cycles), tuple(found), refused
+        f"{name}-sliced" if sliced else name, None if cycles is None else np.array(cycles), tuple(found), refused,
+        board.cycle_band(found[-1].state.cost),
     )
 
 

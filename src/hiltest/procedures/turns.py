@@ -29,6 +29,7 @@ from hiltest.link.gyroscope import (
     SetGyroscope,
 )
 from hiltest.link.replies import DPS_PER_COUNT, RunCost
+from hiltest.measurement import CycleBand
 from hiltest.procedures.gyroscope_rest import GYROSCOPE_RATE_HZ, noise_counts, rest_gyroscope
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.turntables import Turntable
@@ -102,6 +103,8 @@ class FittedTurns:
         None when the core counts no cycles.
     scale_uncertainty_percent, misalignment_uncertainty_deg : float
         Standard uncertainties, of noise and of the table's declared angle together.
+    band : CycleBand or None
+        Within what its cycles lie; None where nobody knows what ran.
     """
 
     fit: GyroscopeFit
@@ -109,6 +112,7 @@ class FittedTurns:
     cost: RunCost | None
     scale_uncertainty_percent: float
     misalignment_uncertainty_deg: float
+    band: CycleBand | None = None
 
     def scale_errors_percent(self, true_response: Reals) -> tuple[float, ...]:
         """Return the error of the scale of each axis, against a world's ``felt_dps = true_response @ rate_dps`` [%]."""
@@ -230,6 +234,7 @@ def fit_on_board(board: Board, turns: Sequence[MeasuredTurn], *, uncertainty_deg
     if reply.fit.status is not TurnsStatus.OK:
         named = "" if reply.fit.at_fault is None else f", turn {reply.fit.at_fault + 1}"
         raise CalibrationError(f"turns do not calibrate the gyroscope: {reply.fit.status.name}{named}")
+    band = board.cycle_band(reply.cost)
     fit = GyroscopeFit(reply.fit.matrix, turns[-1].after.rate.mean)
     board.session.request(SetGyroscope(fit.matrix, fit.bias))
     noise_deg = max(_noise_deg(board, each) for each in turns)
@@ -237,7 +242,7 @@ def fit_on_board(board: Board, turns: Sequence[MeasuredTurn], *, uncertainty_deg
     return FittedTurns(
         fit, reply.fit.residual_deg, reply.cost,
         100.0 * math.hypot(noise_deg, math.sqrt(2.0) * uncertainty_deg) / smallest_deg,
-        math.hypot(math.degrees(noise_deg / smallest_deg), uncertainty_deg),
+        math.hypot(math.degrees(noise_deg / smallest_deg), uncertainty_deg), band,
     )
 
 

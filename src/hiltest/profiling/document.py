@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import TypeAdapter
 
+from hiltest.measurement import CycleBand
 from hiltest.virtual.buffers import Address, Structure
 from hiltest.virtual.k64f import CORE_HZ
 from hiltest.virtual.procedure_call import Argument
@@ -72,6 +73,7 @@ class ProfileDocument:
     lines: tuple[LineCost, ...]
     addresses: tuple[AddressCost, ...]
     stacks: tuple[StackCost, ...]
+    band: CycleBand | None = None
 
 
 _ADAPTER = TypeAdapter(ProfileDocument)
@@ -94,7 +96,7 @@ def document(
         SCHEMA, str(elf), hashlib.sha256(elf.read_bytes()).hexdigest(), profile.function, tuple(texts), profile.value,
         tuple(_buffers_left(given, left)), profile.cycles, profile.instructions, CORE_HZ, profile.cycle_model,
         tuple(_notes(profile)), tuple(shares(profile)), profile.functions, profile.lines, profile.addresses,
-        profile.stacks,
+        profile.stacks, profile.band,
     )  # fmt: skip
 
 

@@ -96,4 +96,4 @@ def _measurements(measurements: Iterable[Measurement]) -> Iterator[str]:
 
 def _marked(cell: overview.Cell) -> str:
     mark = {"fail": " FAIL", "unset": " not judged"}.get(cell.tone, "")
-    return f"{cell.text}{mark}"
+    return f"{cell.text}{mark}" + (f" ({cell.note})" if cell.note else "")

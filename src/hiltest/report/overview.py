@@ -106,8 +106,9 @@ def tone(measurement: Measurement) -> str:
 
 
 def origin(measurement: Measurement) -> str:
-    """Return which test measured it and, for cycles, what counted."""
-    return f"{without_folders(measurement.test)} {measurement.cycle_model}".strip()
+    """Return which test measured it and, for cycles, what counted and how far that may be wrong."""
+    where = f"{without_folders(measurement.test)} {measurement.cycle_model}".strip()
+    return f"{where}; {measurement.band.explained()}" if measurement.band else where
 
 
 def board_line(run: Run) -> str:
@@ -184,7 +185,8 @@ def _cell(run: Run, name: str) -> Cell:
     measurement = run.measurement(name)
     if measurement is None:
         return Cell("")
-    return Cell(_comparable(measurement), limit=shown_limit(measurement), tone=tone(measurement))
+    band = str(measurement.band) if measurement.band else ""
+    return Cell(_comparable(measurement), limit=shown_limit(measurement), tone=tone(measurement), note=band)
 
 
 def _comparable(measurement: Measurement) -> str:

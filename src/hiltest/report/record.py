@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from hiltest.comparison.model import Comparison, Revision
-from hiltest.measurement import Limit, Measurement, Outcome, plain, round_significant
+from hiltest.measurement import CycleBand, Limit, Measurement, Outcome, RowEffect, plain, round_significant
 from hiltest.report.attempts import marked, worst_first
 
 RUN_FILE = "run.json"
@@ -339,7 +339,10 @@ def without_volatile(content: Mapping[str, Any]) -> dict[str, Any]:
 def measurement_from(content: Mapping[str, Any]) -> Measurement:
     """Make a measurement from what `asdict` made of one."""
     limits = {key: content[key] and Limit(**content[key]) for key in ("limit", "information")}
-    return Measurement(**{**content, **limits, "outcome": Outcome(content["outcome"])})
+    band = content.get("band") and CycleBand(
+        content["band"]["low"], content["band"]["high"], tuple(RowEffect(**each) for each in content["band"]["rows"])
+    )
+    return Measurement(**{**content, **limits, "outcome": Outcome(content["outcome"]), "band": band})
 
 
 def board_from(content: Mapping[str, Any]) -> BoardRecord:

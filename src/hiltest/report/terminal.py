@@ -44,6 +44,9 @@ def summary(run: Run, folder: Path, *, every: bool, sentence: bool, width: int, 
     shown = [each for each in run.measurements if every or each.limit or each.information or each.gates]
     if shown:
         console.print(_grid(shown))
+    for each in shown:
+        if each.band:
+            console.print(escape(f"{each.name} {shown_value(each)}: {each.band.explained()}"), soft_wrap=True)
     if len(shown) < len(run.measurements):
         console.print(f"{len(run.measurements) - len(shown)} more without a limit are in the report")
     for test in run.tests:

@@ -13,10 +13,12 @@ from __future__ import annotations
 
 import ctypes
 import math
+from array import array
 from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 from hiltest.virtual.blocks import Block, ReadCode, conditions_at, price_block, priced_block
+from hiltest.virtual.executions import NOBODY, Entered, Snapshot
 from hiltest.virtual.instructions import Instruction, decode
 from hiltest.virtual.timing import NEUTRAL, PipelineState, TimingProfile
 
@@ -76,6 +78,10 @@ class Accounting(Protocol):
         """Take note that the emulator has translated a block; not for the first time where it was written to."""
         ...
 
+    def snapshot(self, pc: int) -> Snapshot | None:
+        """How often every block has run before the instruction at `pc`, which is being executed; None: not counted."""
+        ...
+
     def flush_pipeline(self) -> None:
         """Nothing overlaps across what just happened (an exception)."""
         ...
@@ -114,7 +120,6 @@ class _Totals:
         self._read_code = read_code
         self._attend = attend
         self._stop = stop
-        self._state = NEUTRAL
         self.stopped = False
 
     def begins(self, address: int, size: int) -> None:
@@ -138,10 +143,6 @@ class _Totals:
 
         return CodeHook(CODE_CALLBACK(on_code), None)
 
-    def flush_pipeline(self) -> None:
-        """An exception was entered or left: nothing overlaps across it."""
-        self._state = NEUTRAL
-
 
 class BlockAccounting(_Totals):
     """Counts by translated block."""
@@ -153,49 +154,65 @@ class BlockAccounting(_Totals):
     ) -> None:
         super().__init__(profile, read_code, attend, stop)
         self._running: Block | None = None
-        self._cache: dict[tuple[int, int, PipelineState], Block] = {}
-        self._neutral: dict[int, Block] = {}
-        self._priced_code: dict[tuple[int, int], bytes] = {}
+        self._number = NOBODY  # of the block that runs
+        self._fell_from = NOBODY  # number of the block that left its pipeline state, while none runs
+        self._entered: list[Entered] = []
+        self.forget_code()
 
     def begins(self, address: int, size: int) -> None:
         """Take note that the emulator is about to run a block (its block hook)."""
-        block = self._running
-        state = self._state
-        if block is not None:
-            self.instructions += block.count
-            if address == block.end:
-                self.cycles += block.through
-                state = block.exit_state
-            else:
-                self.cycles += block.taken
-                state = NEUTRAL
+        if self._running is not None:
+            self._finish(address)
         if self.cycles >= self.deadline:
             self._running = None
-            self._state = state
             self._stop()
             return
-        if state is NEUTRAL:
-            block = self._neutral.get(address)
-            if block is None or block.end != address + size:
-                block = self._neutral[address] = self._price(address, size, state)
-        else:
-            self._state = NEUTRAL
-            block = self._cache.get((address, size, state))
-            if block is None:
-                block = self._cache[address, size, state] = self._price(address, size, state)
+        before = self._fell_from
+        known = self._jumped_to.get(address) if before == NOBODY else self._known.get((address, size, before))
+        if known is None or known[0].end != address + size:
+            known = self._enter(address, size, before)
+        block, self._number = known
         self._running = block
         if block.needs_attention and not self._attend(block):
             self._running = None
-            self._state = state
             self._stop()
-        elif block.loops_to_itself:
+            return
+        self._fell_from = NOBODY
+        if block.loops_to_itself:
             # Nothing but an interrupt ends it: pass whole rounds at once, up to the next event.
             rounds = max(math.ceil((self.deadline - self.cycles) / block.taken) - 1, 0)
             self.cycles += rounds * block.taken
             self.instructions += rounds
+            self._runs[2 * self._number + 1] += rounds
+
+    def _finish(self, address: int) -> None:
+        """Add the block that runs; `address` is where execution goes on."""
+        block = self._running
+        assert block is not None
+        self.instructions += block.count
+        if address == block.end:
+            self.cycles += block.through
+            self._runs[2 * self._number] += 1
+            self._fell_from = NOBODY if block.transfers else self._number
+        else:
+            self.cycles += block.taken
+            self._runs[2 * self._number + 1] += 1
+            self._fell_from = NOBODY
+
+    def _enter(self, address: int, size: int, before: int) -> tuple[Block, int]:
+        """Price a block behind the one that execution fell out of, and give it a number."""
+        self._running = None  # the block before is added already, should reading the code fail
+        known = self._known.get((address, size, before))
+        if known is None:
+            state = NEUTRAL if before == NOBODY else self._entered[before].block.exit_state
+            known = self._known[address, size, before] = self._price(address, size, state), len(self._entered)
+            self._entered.append(Entered(known[0], before))
+            self._runs.extend((0, 0))
+        if before == NOBODY:
+            self._jumped_to[address] = known  # found by the address alone, which is quicker
+        return known
 
     def _price(self, address: int, size: int, state: PipelineState) -> Block:
-        self._running = None  # the block before is added already, should reading the code fail
         code = self._priced_code[address, size] = self._read_code(address, size)
         block = priced_block(self._profile, address, code, state)
         conditions = conditions_at(address, block, self._read_code)
@@ -222,24 +239,33 @@ class BlockAccounting(_Totals):
         running = () if self._running is None else self._running.instructions
         return self.instructions + sum(1 for instruction in running if instruction.address < pc & ~1)
 
+    def snapshot(self, pc: int) -> Snapshot:
+        """Say how often every block has run before the instruction at `pc`."""
+        running = NOBODY if self._running is None else self._number
+        return Snapshot(self._entered, self._runs[:], running, pc & ~1)
+
     def settle(self, pc: int) -> None:
         """Add the block that just ended; `pc` is where execution goes on."""
-        block, self._running = self._running, None
-        if block is None:
-            return
-        self.instructions += block.count
-        if pc & ~1 == block.end:
-            self.cycles += block.through
-            self._state = block.exit_state
-        else:
-            self.cycles += block.taken
-            self._state = NEUTRAL
+        if self._running is not None:
+            self._finish(pc & ~1)
+        self._running = None
+
+    def flush_pipeline(self) -> None:
+        """An exception was entered or left: nothing overlaps across it."""
+        self._fell_from = NOBODY
 
     def forget_code(self) -> None:
-        """Drop cached blocks."""
-        self._cache.clear()
-        self._neutral.clear()
-        self._priced_code.clear()
+        """Drop cached blocks, but not the one that is not over: its end is to be counted, or what it leaves is."""
+        kept = self._running
+        if kept is not None:
+            self._number = 0
+        elif self._fell_from != NOBODY:
+            kept, self._fell_from = self._entered[self._fell_from].block, 0
+        self._entered = [] if kept is None else [Entered(kept, NOBODY)]
+        self._runs = array("q", [0, 0] * len(self._entered))
+        self._jumped_to: dict[int, tuple[Block, int]] = {}
+        self._known: dict[tuple[int, int, int], tuple[Block, int]] = {}
+        self._priced_code: dict[tuple[int, int], bytes] = {}
 
 
 class InstructionAccounting(_Totals):
@@ -252,6 +278,7 @@ class InstructionAccounting(_Totals):
     ) -> None:
         super().__init__(profile, read_code, attend, stop)
         self._last: Instruction | None = None
+        self._state = NEUTRAL
 
     def begins(self, address: int, size: int) -> None:
         """Take note that the emulator is about to run an instruction (its code hook)."""
@@ -310,6 +337,13 @@ class InstructionAccounting(_Totals):
     def settle(self, pc: int) -> None:
         """Add the instruction that just ended; `pc` is where execution goes on."""
         self._finish(pc & ~1)
+
+    def snapshot(self, _pc: int) -> None:
+        """Nobody counts blocks."""
+
+    def flush_pipeline(self) -> None:
+        """An exception was entered or left: nothing overlaps across it."""
+        self._state = NEUTRAL
 
     def forget_code(self) -> None:
         """Nothing is cached."""

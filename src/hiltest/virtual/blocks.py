@@ -26,6 +26,8 @@ class Block:
         Cycles when execution falls out of its end, and when it jumps away.
     alignment : Alignment
         What must be word-aligned when it begins, and within it.
+    transfers : bool
+        Whether it ends with a transfer of control, which leaves no pipeline state, taken or not.
     needs_attention : bool
         Whether the processor must look before (FPU, hang, alignment, SEV) or behind it (masks).
     """
@@ -38,6 +40,7 @@ class Block:
     through: int
     taken: int
     exit_state: PipelineState
+    transfers: bool
     uses_fpu: bool
     changes_masks: bool
     sends_event: bool
@@ -76,7 +79,7 @@ def price_block(profile: TimingProfile, instructions: list[Instruction], entry: 
     through = total if not last.transfer or last.conditional else total + refill
     return Block(
         address, end, entry, tuple(instructions), len(instructions), through, total + refill, state,
-        uses_fpu, changes_masks, sends_event, loops and len(instructions) == 1, alignment,
+        bool(last.transfer), uses_fpu, changes_masks, sends_event, loops and len(instructions) == 1, alignment,
         bool(uses_fpu or changes_masks or sends_event or loops or alignment.registers or alignment.inside),
     )  # fmt: skip
 

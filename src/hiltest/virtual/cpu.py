@@ -22,6 +22,7 @@ from hiltest.virtual.elf import FirmwareImage
 from hiltest.virtual.engine import TRANSLATED_CALLBACK, add_hook, cortex_m4, entrance
 from hiltest.virtual.event_register import EventRegister
 from hiltest.virtual.exceptions import ExceptionUnit
+from hiltest.virtual.executions import Snapshot
 from hiltest.virtual.faults import Fault, FaultKind, FaultLog, Lockup
 from hiltest.virtual.instructions import Instruction
 from hiltest.virtual.interrupt import deferred_interrupt
@@ -120,6 +121,10 @@ class Processor:
     def instructions_now(self) -> int:
         """Instructions executed since power-on, inside a peripheral's access too."""
         return self.accounting.instructions_now(self.registers.pc.get())
+
+    def executed(self) -> Snapshot | None:
+        """How often every block has run, inside a peripheral's access; None where nobody counts them."""
+        return self.accounting.snapshot(self.registers.pc.get())
 
     @property
     def instructions(self) -> int:

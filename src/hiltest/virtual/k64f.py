@@ -8,10 +8,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from hiltest.errors import BoardFault, ConfigError, place_of
+from hiltest.measurement import CycleBand
 from hiltest.virtual.accounting import AccountingFactory
 from hiltest.virtual.calling import CallResult, call_function
 from hiltest.virtual.chip import mk64f12
 from hiltest.virtual.cpu import Processor
+from hiltest.virtual.cycle_band import cycle_band
 from hiltest.virtual.elf import load_image
 from hiltest.virtual.faults import FaultRecord
 from hiltest.virtual.frdm_k64f import LedsAndButtons
@@ -22,11 +24,12 @@ from hiltest.virtual.memory import SRAM
 from hiltest.virtual.native import by_block
 from hiltest.virtual.peripherals.bus import Peripheral, PeripheralBus, StoredRegisters
 from hiltest.virtual.peripherals.clocks import ClockGates, ClockGenerator
+from hiltest.virtual.peripherals.cycle_counter import CycleCounter
 from hiltest.virtual.peripherals.i2c import I2c
 from hiltest.virtual.peripherals.pins import Gpio, Port
 from hiltest.virtual.peripherals.pit import PeriodicTimers
 from hiltest.virtual.peripherals.reset_control import ResetControl, ResetSource
-from hiltest.virtual.peripherals.system_control import CycleCounter, SystemControlSpace
+from hiltest.virtual.peripherals.system_control import SystemControlSpace
 from hiltest.virtual.peripherals.uart import Uart
 from hiltest.virtual.peripherals.unmodelled import UnmodelledAccess, UnmodelledLog, UnmodelledPage
 from hiltest.virtual.peripherals.watchdog import Watchdog
@@ -311,11 +314,23 @@ class VirtualK64F:
         int or None
             None when no two successive readings differ by that many cycles.
         """
-        readings = list(self.cycle_counter.readings)
-        for before, behind in zip(readings[-2::-1], readings[:0:-1], strict=True):
-            if (behind.cycles - before.cycles) & 0xFFFFFFFF == cycles:
-                return behind.instructions - before.instructions
-        return None
+        return self.cycle_counter.instructions_between(cycles)
+
+    def cycle_band(self, cycles: int, overhead_cycles: int) -> CycleBand | None:
+        """Return within what the cycles lie that the firmware has just given for something it timed.
+
+        Parameters
+        ----------
+        cycles, overhead_cycles : int
+            As it gives them: without the empty call, and of it.
+
+        Returns
+        -------
+        CycleBand or None
+            None when no readings of CYCCNT lie so far apart, or nobody keeps which blocks ran between them.
+        """
+        executed = self.cycle_counter.executed_in(cycles, overhead_cycles)
+        return cycle_band(self.processor.profile, cycles, *executed) if executed else None
 
     def run_until(self, time_s: float, *, wake: Callable[[], bool] | None = None) -> None:
         """Run the firmware until virtual time `time_s`, or until `wake` answers true.

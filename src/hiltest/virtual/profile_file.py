@@ -52,6 +52,7 @@ ROWS = {
 _AT_LEAST_ONE = frozenset({"branch", "fp_divide"})
 _DEAREST = 1000  # cycles; far more than any instruction takes, and sums stay within 32 bits
 _LARGEST_FILE = 64 * 1024
+_KEYS = ("value", "band", "source", "against")
 _NAME = re.compile(r"[a-z0-9][a-z0-9./-]{0,63}")
 _OTHERWISE = "start from a copy of a profile that ships: `hiltest timing show` says which file"
 
@@ -128,14 +129,15 @@ def _parsed(place: str, content: bytes) -> tuple[str, dict[str, CostRow]]:
         raise ConfigError(f"{place}: cost.{missing[0]} is missing, {len(missing)} rows in all; {_OTHERWISE}")
     rows = {row: _row(f"{place}: cost.{row}", row, cost[row]) for row in ROWS}
     _check_division(place, rows)
+    _check_sums(place, rows)
     return name, rows
 
 
 def _row(place: str, row: str, given: Any) -> CostRow:
     if not isinstance(given, dict):
         raise ConfigError(f"{place}: must be a table of value, band and source, not {shown(given)}")
-    for key in sorted(given.keys() - {"value", "band", "source"}):
-        raise UnknownKeyError(key, where=place, known=("value", "band", "source"))
+    for key in sorted(given.keys() - set(_KEYS)):
+        raise UnknownKeyError(key, where=place, known=_KEYS)
     least = 1 if row in _AT_LEAST_ONE else 0
     band, source = given.get("band"), given.get("source")
     if not isinstance(band, list) or len(band) != 2:
@@ -146,7 +148,10 @@ def _row(place: str, row: str, given: Any) -> CostRow:
         raise ConfigError(f"{place}.band: {low} to {high} does not hold the value {value}; correct one of them")
     if not isinstance(source, str) or not 0 < len(source.strip()) <= 500:
         raise ConfigError(f"{place}.source: must say in up to 500 characters where the number comes from")
-    return CostRow(value, (low, high), source)
+    against = given.get("against", "")
+    if against != "" and (against not in ROWS or against == row):
+        raise ConfigError(f"{place}.against: must be another row that it sums up with, not {shown(against)}")
+    return CostRow(value, (low, high), source, against)
 
 
 def _cycles(place: str, given: Any, least: int) -> int:
@@ -167,3 +172,16 @@ def _check_division(place: str, rows: dict[str, CostRow]) -> None:
 def _lateness(busy: CostRow, use: CostRow) -> Iterator[int]:
     for at_busy, at_use in ((busy.value, use.value), *zip(busy.band, use.band, strict=True)):
         yield at_use - at_busy
+
+
+def _check_sums(place: str, rows: dict[str, CostRow]) -> None:
+    for name, row in rows.items():
+        if not row.against:
+            continue
+        other = rows[row.against]
+        sums = {row.value + other.value, row.band[0] + other.band[1], row.band[1] + other.band[0]}
+        if len(sums) > 1:
+            raise ConfigError(
+                f"{place}: cost.{name}.against: with {row.against} it sums to {min(sums)} to {max(sums)} cycles; "
+                "opposite ends of the two bands must sum to what the values do"
+            )

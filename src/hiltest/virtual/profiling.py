@@ -12,12 +12,15 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from hiltest.errors import ConfigError
+from hiltest.measurement import CycleBand
 from hiltest.virtual.accounting import BlockAccounting
 from hiltest.virtual.blocks import Block
 from hiltest.virtual.call_tree import CallNode, CallTree
 from hiltest.virtual.calling import CallResult
 from hiltest.virtual.cost_classes import InstructionCost, Stall, Work, instruction_costs
+from hiltest.virtual.cycle_band import cycle_band
 from hiltest.virtual.elf import FirmwareImage
+from hiltest.virtual.executions import between
 from hiltest.virtual.k64f import HANG_S, VirtualK64F
 from hiltest.virtual.memory import FLASH
 from hiltest.virtual.procedure_call import Argument
@@ -137,6 +140,8 @@ class CallProfile(CallResult):
         Cycles in which no instruction ran: WFI.
     functions, lines, addresses, stacks : tuple
         Most expensive first; `lines` is empty without debug information.
+    band : CycleBand or None
+        Within what `cycles` lies by the timing profile's own uncertainty; None when more than instructions took time.
     """
 
     function: str
@@ -148,6 +153,7 @@ class CallProfile(CallResult):
     lines: tuple[LineCost, ...]
     addresses: tuple[AddressCost, ...]
     stacks: tuple[StackCost, ...]
+    band: CycleBand | None
 
     def share(self, cycles: int) -> float:
         """Return a part of the total [%]."""
@@ -181,11 +187,14 @@ def profile_call(board: VirtualK64F, function: str, *arguments: Argument, timeou
     stack_pointer = processor.registers.cores((13,)).get
     tree = CallTree(board.image, function, symbol.address if symbol else 0, stack_pointer)
     accounting.follow(tree)
+    before = accounting.snapshot(0)
     try:
         result = board.call(function, *arguments, timeout_s=timeout_s)
     finally:
         accounting.tree = None
-    return _Sums(processor.profile, tree).profile(board.image, function, result)
+    executed = between(before, accounting.snapshot(0))
+    band = cycle_band(processor.profile, result.cycles, executed) if executed else None
+    return _Sums(processor.profile, tree).profile(board.image, function, result, band)
 
 
 class _Tally:
@@ -238,7 +247,9 @@ class _Sums:
             self._costs[key] = tuple(instruction_costs(self._timing, block, went_on=went_on))
         return self._costs[key]
 
-    def profile(self, image: FirmwareImage, function: str, result: CallResult) -> CallProfile:
+    def profile(
+        self, image: FirmwareImage, function: str, result: CallResult, band: CycleBand | None
+    ) -> CallProfile:
         """Make the tables."""
         addresses = tuple(sorted(self._address_costs(image), key=lambda each: (-each.cycles, each.address)))
         return CallProfile(
@@ -247,6 +258,7 @@ class _Sums:
             functions=tuple(sorted(self._function_costs(), key=lambda each: (-each.self_cycles, each.name))),
             lines=tuple(sorted(_line_costs(addresses), key=lambda each: (-each.cycles, each.location))),
             addresses=addresses, stacks=tuple(sorted(self._stacks(), key=lambda each: (-each.cycles, each.functions))),
+            band=band,
         )  # fmt: skip
 
     def _placement(self) -> str:

@@ -19,8 +19,8 @@ the dear side. Instructions inside an IT block are priced as if executed.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from hiltest.virtual.instructions import Instruction
@@ -28,11 +28,16 @@ from hiltest.virtual.instructions import Instruction
 
 @dataclass(frozen=True, slots=True)
 class CostRow:
-    """One priced class of instructions [cycles]."""
+    """One priced class of instructions [cycles].
+
+    `against` names a row that a measurement ties it to: of the two only the sum is known, so one is at the top of its
+    band where the other is at the bottom.
+    """
 
     value: int
     band: tuple[int, int]
     source: str
+    against: str = ""
 
 
 class PipelineState(NamedTuple):
@@ -53,6 +58,10 @@ class PipelineState(NamedTuple):
 
 NEUTRAL = PipelineState()
 
+# Neither leaves a pipeline state nor, behind none, waits: most of all instructions, priced at once.
+_LEAVES_NOTHING = frozenset(
+    {"data", "divide", "it", "barrier", "system", "exclusive", "fp_load", "fp_store", "fp_move_pair"}
+)
 _SINGLE_TRANSFERS = {"load": "load", "store": "store", "store_register_offset": "store"}
 
 
@@ -104,6 +113,8 @@ class TimingProfile:
         """
         value = self._value
         row = instruction.row
+        if state is NEUTRAL and row in _LEAVES_NOTHING and not instruction.transfer:
+            return value[row], NEUTRAL
         wait = self._fp_wait(instruction, state) if instruction.uses_fpu else 0
         if row == "multiple_base":
             cycles = value[row] + instruction.words
@@ -155,6 +166,12 @@ class TimingProfile:
         if not (before or loaded or computed or busy or divided):
             return NEUTRAL
         return PipelineState(before, loaded, computed, busy, divided)
+
+
+def moved(profile: TimingProfile, values: Mapping[str, int]) -> TimingProfile:
+    """Return a profile with other values in some rows, within their bands or not."""
+    rows = profile.rows | {name: replace(profile.rows[name], value=value) for name, value in values.items()}
+    return TimingProfile(profile.name, rows, shipped=False)
 
 
 def price(profile: TimingProfile, instructions: Iterable[Instruction], state: PipelineState = NEUTRAL) -> int:

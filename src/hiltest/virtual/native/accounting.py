@@ -12,6 +12,7 @@ from unicorn.unicorn_py3.unicorn import uclib
 
 from hiltest.virtual.accounting import CodeHook
 from hiltest.virtual.blocks import BLOCKS_KEPT, Block, ReadCode, conditions_at, priced_block
+from hiltest.virtual.executions import NOBODY, Entered, Snapshot
 from hiltest.virtual.instructions import Instruction
 from hiltest.virtual.native import library as native
 from hiltest.virtual.registers import register_number
@@ -67,8 +68,6 @@ class NativeBlockAccounting:
         self._attend = attend
         self._abort: Callable[[BaseException], None] = lambda _error: stop()
         self._library = native.library()
-        self._states = [NEUTRAL]
-        self._state_numbers = {NEUTRAL: native.NEUTRAL_NUMBER}
         self._counter = native.Counter(
             running_number=-1, reasons=0xFFFFFFFF,
             registers=tuple(register_number(f"R{number}") for number in range(native.CORE_REGISTERS)),
@@ -79,6 +78,7 @@ class NativeBlockAccounting:
         self._address = ctypes.addressof(self._counter)
         self._words = memoryview(self._counter).cast("B").cast("q")
         self._settle = self._library.hiltest_settle
+        self._runs = (ctypes.c_int64 * 0)()
         self.forget_code()
 
     # -- totals, which the hook writes --------------------------------------------------------
@@ -119,9 +119,9 @@ class NativeBlockAccounting:
         self._counter.outside = outside
         return CodeHook(self._library.hiltest_block_begins, ctypes.c_void_p(self._address))
 
-    def _on_price(self, address: int, size: int, state: int) -> int:
+    def _on_price(self, address: int, size: int, entry: int) -> int:
         try:
-            self._add(address, self._read_code(address, size), state)
+            self._add(address, self._read_code(address, size), entry)
         except BaseException as error:  # re-raised by the processor; ctypes would print and drop it
             self._abort(error)
             return 0
@@ -129,41 +129,40 @@ class NativeBlockAccounting:
 
     def _on_attend(self, number: int) -> int:
         try:
-            return self._attend(self._blocks[number])
+            return self._attend(self._entered[number].block)
         except BaseException as error:  # as above
             self._abort(error)
             return 0
 
     # -- the table of blocks ------------------------------------------------------------------
 
-    def _add(self, address: int, code: bytes, state: int) -> None:
+    def _add(self, address: int, code: bytes, entry: int) -> None:
         self._priced_code[address, len(code)] = code
-        known = self._profile, address, code, self._states[state]
+        state = NEUTRAL if entry == native.NEUTRAL_ENTRY else self._entered[entry - 1].block.exit_state
+        known = self._profile, address, code, state
         priced_alike = _reasons_and_registers(*known)
         if conditions := conditions_at(address, priced_alike[0], self._read_code):
             priced_alike = _reasons_and_registers(*known, conditions)
         block, reasons, aligned, kept = priced_alike
-        self._blocks.append(block)
+        number = len(self._entered)
+        leaves = native.NEUTRAL_ENTRY if block.instructions[-1].transfer else number + 1
+        self._entered.append(Entered(block, NOBODY if entry == native.NEUTRAL_ENTRY else entry - 1))
         priced = native.PricedBlock(
-            address, len(code), state, self._number(block.exit_state), block.count, block.through, block.taken,
-            reasons, aligned, kept, len(self._blocks) - 1,
-        )  # fmt: skip
+            address, len(code), entry, leaves, block.count, block.through, block.taken, reasons, aligned, kept, number
+        )
         self._priced.append(priced)
-        if 2 * len(self._priced) > len(self._table):
+        if 2 * len(self._entered) > len(self._table):
             self._spread(2 * len(self._table))
         else:
             self._library.hiltest_add_block(self._address, ctypes.addressof(priced))
 
-    def _number(self, state: PipelineState) -> int:
-        number = self._state_numbers.setdefault(state, len(self._states))
-        if number == len(self._states):
-            self._states.append(state)
-        return number
-
     def _spread(self, places: int) -> None:
-        """Put every block into a table of that many places."""
-        self._table = (native.PricedBlock * places)()
+        """Put every block into a table of that many places, and count on."""
+        runs = (ctypes.c_int64 * places)()  # two for each block, of which the table has half as many as places
+        ctypes.memmove(runs, self._runs, ctypes.sizeof(self._runs))
+        self._table, self._runs = (native.PricedBlock * places)(), runs
         self._counter.table = ctypes.addressof(self._table)
+        self._counter.runs = ctypes.addressof(runs)
         self._counter.places_mask = places - 1
         for priced in self._priced:
             self._library.hiltest_add_block(self._address, ctypes.addressof(priced))
@@ -175,16 +174,22 @@ class NativeBlockAccounting:
             self.forget_code()
 
     def forget_code(self) -> None:
-        """Drop cached blocks, but not the one whose end is still to be counted."""
-        running = self._running
-        self._blocks: list[Block] = []
+        """Drop cached blocks, but not the one that is not over: its end is to be counted, or what it leaves is."""
+        running, counter = self._running, self._counter
+        fallen_out_of = None if counter.state == native.NEUTRAL_ENTRY else self._entered[counter.state - 1].block
+        self._entered: list[Entered] = []
         self._priced: list[native.PricedBlock] = []
         self._priced_code: dict[tuple[int, int], bytes] = {}
+        self._runs = (ctypes.c_int64 * 0)()
         if running is not None:
-            self._blocks.append(running)
+            self._last = native.PricedBlock.from_buffer_copy(native.PricedBlock.from_address(counter.running))
+            self._last.number, self._last.leaves = 0, min(self._last.leaves, 1)
             self._words[_RUNNING] = 0
-            self._last = native.PricedBlock.from_buffer_copy(native.PricedBlock.from_address(self._counter.running))
-            self._counter.running = ctypes.addressof(self._last)
+            counter.running = ctypes.addressof(self._last)
+        elif fallen_out_of is not None:
+            counter.state = 1
+        if kept := running or fallen_out_of:
+            self._entered.append(Entered(kept, NOBODY))
         self._spread(_PLACES)
 
     # -- where execution is -------------------------------------------------------------------
@@ -192,7 +197,7 @@ class NativeBlockAccounting:
     @property
     def _running(self) -> Block | None:
         number = self._words[_RUNNING]
-        return None if number < 0 else self._blocks[number]
+        return None if number < 0 else self._entered[number].block
 
     @property
     def jumped_from(self) -> int | None:
@@ -211,6 +216,11 @@ class NativeBlockAccounting:
         running = () if block is None else block.instructions
         return self.instructions + sum(1 for instruction in running if instruction.address < pc & ~1)
 
+    def snapshot(self, pc: int) -> Snapshot:
+        """Say how often every block has run before the instruction at `pc`."""
+        runs = ctypes.string_at(self._runs, 16 * len(self._entered))
+        return Snapshot(self._entered, memoryview(runs).cast("q"), self._words[_RUNNING], pc & ~1)
+
     def settle(self, pc: int) -> None:
         """Add the block that just ended; `pc` is where execution goes on."""
         self.stopped = bool(self._settle(self._address, pc & ~1))
@@ -221,4 +231,4 @@ class NativeBlockAccounting:
 
     def flush_pipeline(self) -> None:
         """An exception was entered or left: nothing overlaps across it."""
-        self._counter.state = native.NEUTRAL_NUMBER
+        self._counter.state = native.NEUTRAL_ENTRY

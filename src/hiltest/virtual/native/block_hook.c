@@ -10,7 +10,7 @@
 #include <stdint.h>
 
 enum {
-    NEUTRAL = 0, /* number of the pipeline state that nothing is remembered in */
+    NEUTRAL = 0, /* entry of a block that no pipeline state is left to */
     CORE_REGISTERS = 15,
     PAGE_BITS = 12,
 };
@@ -25,12 +25,15 @@ enum {
     LOOPS_TO_ITSELF = 1 << 3,
 };
 
-/* A block priced from one pipeline state; free places of the table have size 0. */
+/*
+ * A block priced from one pipeline state; free places of the table have size 0. An entry is NEUTRAL, or one more than
+ * the number of the block that execution fell out of: its pipeline state is the entry's.
+ */
 struct block {
     uint32_t address;
     uint32_t size;
-    uint32_t entry;   /* pipeline state that it was priced from */
-    uint32_t leaves;  /* pipeline state behind its end; a taken branch leaves NEUTRAL */
+    uint32_t entry;   /* that it was priced from */
+    uint32_t leaves;  /* entry of what follows its end; a taken branch leaves NEUTRAL */
     uint32_t count;   /* instructions */
     uint32_t through; /* cycles, when execution falls out of its end */
     uint32_t taken;   /* cycles, when it jumps away */
@@ -47,8 +50,9 @@ struct counter {
     int64_t running_number; /* of the block that runs, or -1 */
     struct block *running;
     struct block *table;
+    int64_t (*runs)[2];     /* how often each block ran, by number: went on behind its end, jumped away */
     uint32_t places_mask;   /* places of the table, a power of two, less one */
-    uint32_t state;         /* pipeline state, while no block runs */
+    uint32_t state;         /* entry of the next block, while no block runs */
     uint32_t reasons;       /* those for which the processor still wants to look */
     uint32_t known_aligned; /* registers known to be multiples of four */
     uint32_t outside;       /* address that is no code of the firmware */
@@ -147,9 +151,11 @@ static void finish(struct counter *counter, uint32_t next)
     if (next == block->address + block->size) {
         counter->cycles += block->through;
         counter->state = block->leaves;
+        counter->runs[block->number][0]++;
     } else {
         counter->cycles += block->taken;
         counter->state = NEUTRAL;
+        counter->runs[block->number][1]++;
     }
 }
 
@@ -213,6 +219,7 @@ static void pass_rounds(struct counter *counter, const struct block *block)
 
     counter->cycles += rounds * block->taken;
     counter->instructions += rounds;
+    counter->runs[block->number][1] += rounds;
 }
 
 /* The emulator is about to run a block: its block hook. */

@@ -10,7 +10,7 @@ from hiltest.virtual.native.build import LIBRARY, source_sha256
 
 PRICE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_uint32, ctypes.c_uint32, ctypes.c_uint32)
 ATTEND = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_uint32)
-NEUTRAL_NUMBER = 0
+NEUTRAL_ENTRY = 0
 USES_FPU, ALIGNMENT_INSIDE, CHANGES_MASKS, LOOPS_TO_ITSELF = 1, 2, 4, 8
 CORE_REGISTERS = 15
 
@@ -36,6 +36,7 @@ class Counter(ctypes.Structure):
         ("running_number", ctypes.c_int64),
         ("running", ctypes.c_void_p),
         ("table", ctypes.c_void_p),
+        ("runs", ctypes.c_void_p),
         ("places_mask", ctypes.c_uint32),
         ("state", ctypes.c_uint32),
         ("reasons", ctypes.c_uint32),

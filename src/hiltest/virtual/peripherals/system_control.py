@@ -1,13 +1,12 @@
-"""The processor's own peripherals: NVIC, SCB, SysTick and DWT."""
+"""The processor's own peripherals: NVIC, SCB and SysTick."""
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.nvic import FIRST_INTERRUPT, INTERRUPTS, NMI, PENDSV, SYSTICK
+from hiltest.virtual.peripherals.cycle_counter import CycleCounter
 from hiltest.virtual.peripherals.fault_registers import CFSR, HFSR, FaultRegisters
 from hiltest.virtual.schedule import Event
 
@@ -88,79 +87,6 @@ class SysTick:
             self._processor.nvic.pend(SYSTICK)
         self._expires_at += self._reload + 1
         self._event = self._processor.schedule.at(self._expires_at, self._expire) if self._reload else None
-
-
-@dataclass(frozen=True, slots=True)
-class CounterReading:
-    """What CYCCNT answered, and how many instructions had been executed by then."""
-
-    cycles: int
-    instructions: int
-
-
-class CycleCounter:
-    """DWT: CYCCNT counts core cycles while TRCENA and CYCCNTENA are set.
-
-    Attributes
-    ----------
-    present : bool
-        Set to False for a part without the counter (NOCYCCNT).
-    readings : deque of CounterReading
-        The last few times that the firmware read it, oldest first.
-    """
-
-    name = "DWT"
-    base = 0xE0001000
-
-    def __init__(self, processor: Processor) -> None:
-        self.clocked = True
-        self._processor = processor
-        self.present = True
-        self.readings: deque[CounterReading] = deque(maxlen=16)
-        self.reset()
-
-    def reset(self) -> None:
-        """Stopped at zero."""
-        self._control = 0
-        self._trace = False
-        self._count = 0
-        self._counted_from = 0
-
-    @property
-    def _running(self) -> bool:
-        return self._trace and bool(self._control & 1) and self.present
-
-    def _hold(self) -> None:
-        if self._running:
-            now = self._processor.now()
-            self._count += now - self._counted_from
-            self._counted_from = now
-
-    def enable_trace(self, enabled: bool) -> None:
-        """DEMCR.TRCENA."""
-        self._hold()
-        self._trace = enabled
-        self._counted_from = self._processor.now()
-
-    def read(self, offset: int, size: int) -> int:
-        """Answer CTRL or CYCCNT; the other counters read as zero."""
-        if offset == 0:
-            return 0x40000000 | self._control | (0 if self.present else 1 << 25)
-        if offset == 4:
-            self._hold()
-            count = self._count & 0xFFFFFFFF
-            self.readings.append(CounterReading(count, self._processor.instructions_now()))
-            return count
-        return 0
-
-    def write(self, offset: int, size: int, value: int) -> None:
-        """Take CTRL or CYCCNT."""
-        self._hold()
-        if offset == 0:
-            self._control = value & 1
-        elif offset == 4:
-            self._count = value
-        self._counted_from = self._processor.now()
 
 
 class SystemControlSpace:

@@ -1,0 +1,97 @@
+"""What the uncertainty of a timing profile makes of a count: the same executions, priced with its rows moved.
+
+Nothing is estimated. The blocks that ran are known, and so is what each costs under any table; a count under a moved
+table is what the board would have counted, had it been made with that table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from hiltest.measurement import CycleBand, RowEffect
+from hiltest.virtual.executions import Executions, Pricing
+from hiltest.virtual.timing import TimingProfile, moved
+
+# The result is usable when the FPU is free, or a cycle later: they are uncertain together.
+_TOGETHER = {"fp_divide": "fp_divide_use"}
+
+
+@dataclass(frozen=True, slots=True)
+class Move:
+    """One thing that is not known: the values of its rows at either end."""
+
+    row: str
+    low: dict[str, int]
+    high: dict[str, int]
+
+
+def moves(profile: TimingProfile) -> Iterator[Move]:
+    """Yield what can move in a profile: each uncertain row, or two rows that only move together."""
+    rows = profile.rows
+    second = {row.against for row in rows.values()} | set(_TOGETHER.values())
+    for name, row in rows.items():
+        if name in second:
+            continue
+        low, high = {name: row.band[0]}, {name: row.band[1]}
+        if row.against:
+            low[row.against], high[row.against] = reversed(rows[row.against].band)
+        if other := _TOGETHER.get(name):
+            low[other], high[other] = rows[other].band
+        if low != high:
+            yield Move(name, low, high)
+
+
+def cycle_band(
+    profile: TimingProfile, cycles: int, whole: Executions, empty: Executions | None = None
+) -> CycleBand | None:
+    """Return within what a count lies when every uncertain row moves within its band.
+
+    Parameters
+    ----------
+    profile : TimingProfile
+        That it was counted by.
+    cycles : int
+        The count.
+    whole : Executions
+        What was counted.
+    empty : Executions or None
+        What was counted and subtracted.
+
+    Returns
+    -------
+    CycleBand or None
+        None when these executions do not make up the count: an exception came between, or the processor slept.
+    """
+    if empty is not None and empty.entered is not whole.entered:
+        return None
+    nominal = Pricing(profile, whole.entered)
+
+    def count(pricing: Pricing) -> int:
+        """Return the count by other prices."""
+        return pricing.total(whole) - (pricing.total(empty) if empty else 0)
+
+    if count(nominal) != cycles:
+        return None
+    used = nominal.rows_used()
+    uncertain = [move for move in moves(profile) if used.intersection(move.low)]
+    effects: list[RowEffect] = []
+    least: dict[str, int] = {}
+    most: dict[str, int] = {}
+    for move in uncertain:
+        low, high = (_count_moved(count, nominal, profile, values) for values in (move.low, move.high))
+        least |= move.low if low <= high else move.high
+        most |= move.high if low <= high else move.low
+        if low != cycles or high != cycles:
+            effects.append(RowEffect(move.row, low, high))
+    effects.sort(key=lambda each: -max(abs(each.low - cycles), abs(each.high - cycles)))
+    low, high = (_count_moved(count, nominal, profile, values) for values in (least, most))
+    return CycleBand(low, high, tuple(effects))
+
+
+def _count_moved(
+    count: Callable[[Pricing], int], nominal: Pricing, profile: TimingProfile, values: dict[str, int]
+) -> int:
+    if all(profile.rows[name].value == value for name, value in values.items()):
+        return count(nominal)
+    return count(nominal.moved(moved(profile, values), frozenset(values)))

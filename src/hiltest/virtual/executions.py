@@ -1,0 +1,180 @@
+"""Which blocks ran between two moments, so that the same executions can be priced again by another table.
+
+What a block costs depends on the pipeline state that the code before it leaves, and that on the table. A transfer
+leaves nothing; only a block that execution *fell into* from the one before it has to be priced behind that one. So an
+execution is kept by the block and by the blocks it was fallen into from, and not by a state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from hiltest.virtual.blocks import Block
+from hiltest.virtual.instructions import Instruction
+from hiltest.virtual.timing import PipelineState, TimingProfile
+
+# What prices an instruction beside the row that it is of.
+_ALSO = {
+    "load": ("load_behind_load", "load_behind_store"),
+    "store": ("store_behind_load",),
+    "fp_accumulate": ("fp_accumulate_hidden",),
+    "fp_divide": ("fp_divide_use",),
+}
+_REFILLS = {"direct": "refill_direct", "indirect": "refill_indirect"}
+NOBODY = -1  # number of no block
+
+
+class Entered(NamedTuple):
+    """A block, and the number of the one that execution fell into it from; `NOBODY` where it was jumped to."""
+
+    block: Block
+    before: int
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """How often every block had run at one moment.
+
+    Attributes
+    ----------
+    entered : sequence of Entered
+        By number; shared by all snapshots until code is forgotten, and only added to.
+    runs : sequence of int
+        Twice as many: how often each went on behind its end, and jumped away.
+    running : int
+        Number of the block that is in the middle of running, which is not in `runs` yet, or `NOBODY`.
+    pc : int
+        The instruction that is being executed.
+    """
+
+    entered: Sequence[Entered]
+    runs: Sequence[int]
+    running: int
+    pc: int
+
+
+@dataclass(frozen=True, slots=True)
+class Executions:
+    """What ran between two snapshots.
+
+    Attributes
+    ----------
+    entered : sequence of Entered
+    times : tuple of (int, int, int)
+        Number of a block, how often it went on behind its end, and how often it jumped away.
+    parts : tuple of (int, int, int)
+        Number of a block, address of one of its instructions, and how often the part before that was executed: -1
+        for the part that ran before the first snapshot.
+    """
+
+    entered: Sequence[Entered]
+    times: tuple[tuple[int, int, int], ...]
+    parts: tuple[tuple[int, int, int], ...]
+
+
+def between(first: Snapshot | None, second: Snapshot | None) -> Executions | None:
+    """Return what ran from the instruction of the first snapshot to that of the second; None where nobody knows."""
+    if first is None or second is None or first.entered is not second.entered:
+        return None
+    before = [*first.runs, *[0] * (len(second.runs) - len(first.runs))]
+    times = [
+        (index // 2, second.runs[index] - before[index], second.runs[index + 1] - before[index + 1])
+        for index in range(0, len(before), 2)
+        if second.runs[index] != before[index] or second.runs[index + 1] != before[index + 1]
+    ]
+    parts = ((each.running, each.pc, sign) for each, sign in ((second, 1), (first, -1)) if each.running != NOBODY)
+    return Executions(second.entered, tuple(times), tuple(parts))
+
+
+class Pricing:
+    """Prices executions by one table, pipeline states included.
+
+    Parameters
+    ----------
+    profile : TimingProfile
+        The table.
+    entered : sequence of Entered
+        Whose numbers the executions are in.
+    """
+
+    def __init__(self, profile: TimingProfile, entered: Sequence[Entered]) -> None:
+        self._profile = profile
+        self._entered = entered
+        self._ends: dict[int, tuple[int, PipelineState]] = {}
+        self._rows: dict[int, frozenset[str]] = {}
+
+    def moved(self, profile: TimingProfile, rows: frozenset[str]) -> Pricing:
+        """Return prices by a table that differs in these rows alone; what they do not price is not priced again."""
+        other = Pricing(profile, self._entered)
+        for number, end in self._ends.items():
+            if self._entered[number].before == NOBODY and not rows & self._rows_of(number):
+                other._ends[number] = end
+        return other
+
+    def rows_used(self) -> set[str]:
+        """Return the rows that may have entered what was priced so far, refills included."""
+        return set().union(*map(self._rows_of, self._ends))
+
+    def _rows_of(self, number: int) -> frozenset[str]:
+        if number not in self._rows:
+            self._rows[number] = rows_of(self._entered[number].block.instructions)
+        return self._rows[number]
+
+    def total(self, executions: Executions) -> int:
+        """Return the cycles of all of it."""
+        cycles = sum(times * self._until(number, address) for number, address, times in executions.parts)
+        for number, went_on, jumped in executions.times:
+            through, taken = self.costs(number)
+            cycles += went_on * through + jumped * taken
+        return cycles
+
+    def costs(self, number: int) -> tuple[int, int]:
+        """Return what a block costs when execution goes on behind its end, and when it jumps away."""
+        cycles, _ = self._end(number)
+        last = self._entered[number].block.instructions[-1]
+        taken = cycles + self._profile.taken(last) if last.transfer else cycles
+        return (cycles if last.conditional or not last.transfer else taken), taken
+
+    def _end(self, number: int) -> tuple[int, PipelineState]:
+        """Return the cycles of a block without a refill, and what it leaves."""
+        # From the first that is not known yet: code without a branch may be cut into more blocks than calls may nest.
+        unknown = []
+        while number != NOBODY and number not in self._ends:
+            unknown.append(number)
+            number = self._entered[number].before
+        for each in reversed(unknown):
+            cycles, state = 0, self._entry(each)
+            for instruction in self._entered[each].block.instructions:
+                more, state = self._profile.step(instruction, state)
+                cycles += more
+            self._ends[each] = cycles, state
+        return self._ends[unknown[0] if unknown else number]
+
+    def _entry(self, number: int) -> PipelineState:
+        block, before = self._entered[number]
+        return block.entry if before == NOBODY else self._end(before)[1]
+
+    def _until(self, number: int, address: int) -> int:
+        """Return the cycles from the start of a block to one of its instructions."""
+        cycles, state = 0, self._entry(number)
+        for instruction in self._entered[number].block.instructions:
+            if instruction.address >= address:
+                break
+            more, state = self._profile.step(instruction, state)
+            cycles += more
+        return cycles
+
+
+def rows_of(instructions: tuple[Instruction, ...]) -> frozenset[str]:
+    """Return the rows that may price some of these instructions, whatever stands before them."""
+    rows: set[str] = set()
+    for instruction in instructions:
+        rows.add(instruction.row)
+        rows.update(_ALSO.get(instruction.row, ()))
+        if instruction.uses_fpu:
+            rows.add("fp_use")
+        if instruction.transfer:
+            rows.add(_REFILLS[instruction.transfer])
+    return frozenset(rows)

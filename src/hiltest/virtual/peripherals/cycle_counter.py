@@ -1,0 +1,109 @@
+"""DWT: the cycle counter that firmware times itself by, and what ran between its readings."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+from hiltest.virtual.cpu import Processor
+from hiltest.virtual.executions import Executions, Snapshot, between
+
+
+@dataclass(frozen=True, slots=True)
+class CounterReading:
+    """What CYCCNT answered, and how many instructions and blocks had been executed by then."""
+
+    cycles: int
+    instructions: int
+    executed: Snapshot | None
+
+    def cycles_since(self, earlier: CounterReading) -> int:
+        """Return the cycles from an earlier reading to this one."""
+        return (self.cycles - earlier.cycles) & 0xFFFFFFFF
+
+
+class CycleCounter:
+    """DWT: CYCCNT counts core cycles while TRCENA and CYCCNTENA are set.
+
+    Attributes
+    ----------
+    present : bool
+        Set to False for a part without the counter (NOCYCCNT).
+    readings : deque of CounterReading
+        The last few times that the firmware read it, oldest first.
+    """
+
+    name = "DWT"
+    base = 0xE0001000
+
+    def __init__(self, processor: Processor) -> None:
+        self.clocked = True
+        self._processor = processor
+        self.present = True
+        self.readings: deque[CounterReading] = deque(maxlen=16)
+        self.reset()
+
+    def reset(self) -> None:
+        """Stopped at zero."""
+        self._control = 0
+        self._trace = False
+        self._count = 0
+        self._counted_from = 0
+
+    @property
+    def _running(self) -> bool:
+        return self._trace and bool(self._control & 1) and self.present
+
+    def _hold(self) -> None:
+        if self._running:
+            now = self._processor.now()
+            self._count += now - self._counted_from
+            self._counted_from = now
+
+    def enable_trace(self, enabled: bool) -> None:
+        """DEMCR.TRCENA."""
+        self._hold()
+        self._trace = enabled
+        self._counted_from = self._processor.now()
+
+    def read(self, offset: int, size: int) -> int:
+        """Answer CTRL or CYCCNT; the other counters read as zero."""
+        if offset == 0:
+            return 0x40000000 | self._control | (0 if self.present else 1 << 25)
+        if offset == 4:
+            self._hold()
+            count = self._count & 0xFFFFFFFF
+            self.readings.append(CounterReading(count, self._processor.instructions_now(), self._processor.executed()))
+            return count
+        return 0
+
+    def write(self, offset: int, size: int, value: int) -> None:
+        """Take CTRL or CYCCNT."""
+        self._hold()
+        if offset == 0:
+            self._control = value & 1
+        elif offset == 4:
+            self._count = value
+        self._counted_from = self._processor.now()
+
+    def instructions_between(self, cycles: int) -> int | None:
+        """Count the instructions between two successive readings that lie `cycles` apart, the latest such."""
+        readings = list(self.readings)
+        for before, behind in zip(readings[-2::-1], readings[:0:-1], strict=True):
+            if behind.cycles_since(before) == cycles:
+                return behind.instructions - before.instructions
+        return None
+
+    def executed_in(self, cycles: int, overhead_cycles: int) -> tuple[Executions, Executions] | None:
+        """Return what ran while something was timed, and in the empty call before it.
+
+        Firmware reads the counter before and behind an empty call, then before and behind what it times: the latest
+        four successive readings that lie so far apart.
+        """
+        readings = list(self.readings)
+        for four in zip(readings[-4::-1], readings[-3::-1], readings[-2::-1], readings[::-1], strict=False):
+            spans = four[1].cycles_since(four[0]), four[3].cycles_since(four[2])
+            if spans == (overhead_cycles, cycles + overhead_cycles):
+                empty, whole = between(four[0].executed, four[1].executed), between(four[2].executed, four[3].executed)
+                return (whole, empty) if whole and empty else None
+        return None

@@ -1,0 +1,82 @@
+"""A cycle count's band is kept in the record and stands beside the number wherever that is shown."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from pathlib import Path
+
+from hiltest.measurement import CycleBand, Limit, Measurement, RowEffect, judge
+from hiltest.report.html import html_report
+from hiltest.report.markdown import markdown_report
+from hiltest.report.overview import accuracy_and_cost
+from hiltest.report.record import Findings, Run, measurement_from, write_run
+from hiltest.report.stored import read_stored
+from hiltest.report.terminal import summary
+from hiltest.report.verdict import decide
+
+Make = Callable[..., Findings]
+
+BAND = CycleBand(11_900, 13_050, (RowEffect("fp_accumulate", 11_950, 12_400), RowEffect("it", 12_390, 12_400)))
+IN_WORDS = "11 900 to 13 050 by the cycle model's bands, most by fp_accumulate: 11 950 to 12 400"
+
+
+def run_of(findings: Make, good: list[Measurement]) -> Run:
+    measured = [replace(each, band=BAND) if each.name == "cycles.direct.total" else each for each in good]
+    made = findings(*measured)
+    return made.finish(decide(made, pytest_exit=0, left_out=[], cut_short=False), "2026-01-02T03:04:06Z")
+
+
+def test_the_record_keeps_it_and_gives_it_back(findings: Make, good: list[Measurement], tmp_path: Path) -> None:
+    run = run_of(findings, good)
+    read = read_stored(write_run(run, tmp_path)).run
+    assert read.measurement("cycles.direct.total") == run.measurement("cycles.direct.total")
+    (written,) = (
+        each for each in json.loads((tmp_path / "run.json").read_text())["measurements"] if each["band"] is not None
+    )
+    assert written["band"] == {
+        "low": 11_900, "high": 13_050,
+        "rows": [
+            {"row": "fp_accumulate", "low": 11_950, "high": 12_400}, {"row": "it", "low": 12_390, "high": 12_400},
+        ],
+    }  # fmt: skip
+
+
+def test_a_record_from_before_there_were_bands_is_read(
+    findings: Make, good: list[Measurement], tmp_path: Path
+) -> None:
+    content = json.loads(write_run(run_of(findings, good), tmp_path).read_text())
+    for each in content["measurements"]:
+        del each["band"]
+    (tmp_path / "run.json").write_text(json.dumps(content), encoding="utf-8")
+    assert all(each.band is None for each in read_stored(tmp_path / "run.json").run.measurements)
+
+
+def test_a_measurement_comes_back_from_another_process_with_it() -> None:
+    measurement = judge("cycles.x.total", 12_400, unit="cycle", cycle_model="m", limit=Limit(max=13_000), band=BAND)
+    assert measurement_from(json.loads(json.dumps(asdict(measurement)))) == measurement
+    without = judge("cycles.x.total", 12_400, unit="cycle", cycle_model="m")
+    assert measurement_from(json.loads(json.dumps(asdict(without)))) == without
+
+
+def test_every_report_shows_it_beside_the_count(findings: Make, good: list[Measurement], tmp_path: Path) -> None:
+    run = run_of(findings, good)
+    (row,) = (each for each in accuracy_and_cost(run).rows if each.name == "direct")
+    assert [cell.note for cell in row.cells if cell.text == "12 400"] == ["11 900 to 13 050"]
+    page = html_report(run).replace("\N{NO-BREAK SPACE}", " ")
+    assert "<small>11 900 to 13 050</small>" in page
+    assert IN_WORDS.replace("'", "&#39;") in page
+    text = markdown_report(run)
+    assert "12 400 (11 900 to 13 050)" in text
+    assert IN_WORDS in text.replace("\\", "")  # Markdown would take an underscore for emphasis
+    printed = summary(run, tmp_path, every=True, sentence=False, width=100, colour=False)
+    assert f"cycles.direct.total 12 400: {IN_WORDS}" in printed.splitlines()
+
+
+def test_a_count_that_nothing_uncertain_enters_says_so() -> None:
+    assert CycleBand(5, 5).explained() == "no uncertain row of the cycle model enters"
+
+
+def test_a_row_that_makes_it_cheaper_at_its_upper_end_is_shown_in_order() -> None:
+    assert CycleBand(90, 100, (RowEffect("fp_accumulate_hidden", 100, 90),)).explained().endswith("hidden: 90 to 100")

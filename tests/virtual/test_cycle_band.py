@@ -1,0 +1,225 @@
+"""What a count would be under another table is what a board made with that table counts."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hiltest.boards import open_board
+from hiltest.link.messages import Calibrate
+from hiltest.link.replies import RunCost
+from hiltest.measurement import CycleBand
+from hiltest.procedures.clouds import golden_cloud
+from hiltest.procedures.cycles import upload_cloud
+from hiltest.rig_file import load_rig
+from hiltest.virtual.accounting import AccountingFactory, InstructionAccounting
+from hiltest.virtual.cycle_band import Move, cycle_band, moves
+from hiltest.virtual.executions import between
+from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.profile_file import DEFAULT_PROFILE, load_profile, place_of
+from hiltest.virtual.profiling import ProfilingAccounting, profile_call
+from hiltest.virtual.timing import TimingProfile
+
+from .conftest import SHIPPED, Build
+from .test_cycle_counting import KERNELS, cloud, random_program, run_kernel
+from .test_faults import HEAD, TAIL
+
+TEXT = place_of(DEFAULT_PROFILE).read_text(encoding="utf-8")
+PROFILE = load_profile(DEFAULT_PROFILE)
+MOVES = {move.row: move for move in moves(PROFILE)}
+RIG = Path(__file__).parents[2] / "hil" / "rigs" / "virtual-k64f.toml"
+
+
+def file_with(folder: Path, values: dict[str, int]) -> str:
+    """Write the default profile with other values, as a user would."""
+    text = TEXT
+    for row, value in values.items():
+        text, count = re.subn(rf"(\[cost\.{row}\][^\n]*\nvalue = )\d+", rf"\g<1>{value}", text)
+        assert count == 1
+    (folder / "moved.toml").write_text(text, encoding="utf-8")
+    return str(folder / "moved.toml")
+
+
+def band_of_call(board: VirtualK64F, function: str, *arguments: bytes | int) -> tuple[int, CycleBand | None]:
+    accounting = board.processor.accounting
+    before = accounting.snapshot(0)
+    result = board.call(function, *arguments)
+    executed = between(before, accounting.snapshot(0))
+    return result.cycles, cycle_band(board.processor.profile, result.cycles, executed) if executed else None
+
+
+def ends(band: CycleBand) -> dict[tuple[str, str], int]:
+    return {(each.row, end): getattr(each, end) for each in band.rows for end in ("low", "high")}
+
+
+def all_at(band: CycleBand, *, dear: bool) -> dict[str, int]:
+    """Put every row where its own effect makes the count greater, or less."""
+    values: dict[str, int] = {}
+    for each in band.rows:
+        values |= MOVES[each.row].high if (each.high > each.low) is dear else MOVES[each.row].low
+    return values
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_random_code_counts_under_each_moved_row_what_was_predicted(
+    build: Build, block_hook: AccountingFactory, tmp_path: Path, seed: int
+) -> None:
+    # Its functions straddle pages, where the emulator cuts blocks in the middle of what waits for what.
+    elf = build(random_program(seed, length=220))
+    cycles, band = band_of_call(VirtualK64F(elf, accounting=block_hook), "work")
+    assert band is not None
+
+    def counted(values: dict[str, int]) -> int:
+        """Count on a board that was made with these values."""
+        return VirtualK64F(elf, profile=file_with(tmp_path, values), accounting=block_hook).call("work").cycles
+
+    predicted = ends(band)
+    assert {"fp_accumulate", "fp_accumulate_hidden", "fp_store", "it", "refill_direct", "load_behind_store"} <= {
+        row for row, _ in predicted
+    }
+    for (row, end), expected in predicted.items():
+        if expected != cycles:
+            assert counted(getattr(MOVES[row], end)) == expected, (row, end)
+    assert counted(all_at(band, dear=False)) == band.low
+    assert counted(all_at(band, dear=True)) == band.high
+    # What is not in the band does not enter: all of it at once.
+    unmoved = (move.high for row, move in MOVES.items() if (row, "low") not in predicted)
+    others = {name: value for each in unmoved for name, value in each.items()}
+    assert "divide" in others
+    assert counted(others) == cycles
+
+
+def test_what_a_block_leaves_under_a_moved_row_is_met_by_the_block_behind_it(
+    build: Build, block_hook: AccountingFactory, tmp_path: Path
+) -> None:
+    # The emulator cuts at the end of a page, right behind the multiply-accumulate: under a table that hides its cycles
+    # the FPU is still busy there, and under the table that ran it is not.
+    page_end = ".balign 4096\n .space 4092\n .thumb_func\n .global work\n .type work, %function\nwork:"
+    elf = build(f"""
+        .syntax unified
+        .cpu cortex-m4
+        .fpu fpv4-sp-d16
+        .thumb
+        .text
+        .global main
+        .thumb_func
+    main:
+        bx lr
+        {page_end}
+        vfma.f32 s0, s1, s2
+        adds r0, r0, #1
+        vadd.f32 s3, s4, s5
+        bx lr
+        .size work, . - work
+    """)
+    cycles, band = band_of_call(VirtualK64F(elf, accounting=block_hook), "work")
+    assert band is not None
+    predicted = ends(band)["fp_accumulate_hidden", "high"]
+    board = VirtualK64F(elf, profile=file_with(tmp_path, {"fp_accumulate_hidden": 2}), accounting=block_hook)
+    assert board.call("work").cycles == predicted == cycles - 1
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+def test_a_kernel_counts_under_moved_rows_what_was_predicted(
+    block_hook: AccountingFactory, tmp_path: Path, kernel: str
+) -> None:
+    board = VirtualK64F(SHIPPED, accounting=block_hook)
+    before = board.processor.accounting.snapshot(0)
+    cycles, _, _ = run_kernel(board, kernel, cloud(40, seed=1))
+    executed = between(before, board.processor.accounting.snapshot(0))
+    assert executed is not None
+    band = cycle_band(PROFILE, cycles, executed)
+    assert band is not None
+    for dear, bound in ((False, band.low), (True, band.high)):
+        profile = file_with(tmp_path, all_at(band, dear=dear))
+        moved = VirtualK64F(SHIPPED, profile=profile, accounting=block_hook)
+        assert run_kernel(moved, kernel, cloud(40, seed=1))[0] == bound
+
+
+def timed(folder: Path, timing: str | None) -> tuple[RunCost, CycleBand | None]:
+    """Have the firmware time itself, on a board whose rig names a profile."""
+    rig = RIG.read_text(encoding="utf-8")
+    if timing:
+        rig = rig.replace('kind = "virtual"\n', f'kind = "virtual"\ntiming = "{Path(timing).name}"\n', 1)
+    (folder / "rig.toml").write_text(rig, encoding="utf-8")
+    with open_board(load_rig(folder / "rig.toml")) as board:
+        upload_cloud(board, golden_cloud(20))
+        cost = board.session.request(Calibrate(20, "direct")).cost
+        assert cost is not None
+        return cost, board.cycle_band(cost)
+
+
+def test_what_the_firmware_timed_is_priced_again_with_the_empty_call_subtracted(tmp_path: Path) -> None:
+    cost, band = timed(tmp_path, None)
+    assert band is not None
+    assert band.low < cost.cycles < band.high
+    predicted = ends(band)
+    # Both in the empty call and in what is timed: a branch to a register, and back.
+    for row, end in (("fp_store", "low"), ("refill_indirect", "high")):
+        moved, _ = timed(tmp_path, file_with(tmp_path, getattr(MOVES[row], end)))
+        assert moved.cycles == predicted[row, end] != cost.cycles
+    assert moved.overhead_cycles > cost.overhead_cycles
+
+
+def test_rows_whose_sum_was_measured_move_together() -> None:
+    assert MOVES["load_behind_store"] == Move(
+        "load_behind_store", {"load_behind_store": 0, "store_behind_load": 1},
+        {"load_behind_store": 1, "store_behind_load": 0},
+    )  # fmt: skip
+    assert "store_behind_load" not in MOVES
+    assert all(PROFILE.rows[row].band[0] < PROFILE.rows[row].band[1] for row in MOVES)
+
+
+def test_a_profile_without_doubt_has_a_band_without_width() -> None:
+    rows = {name: type(row)(row.value, (row.value, row.value), row.source) for name, row in PROFILE.rows.items()}
+    board = VirtualK64F(SHIPPED)
+    before = board.processor.accounting.snapshot(0)
+    cycles = board.call("crc32", b"123456789", 9).cycles
+    executed = between(before, board.processor.accounting.snapshot(0))
+    assert executed is not None
+    assert cycle_band(TimingProfile("sure/1", rows), cycles, executed) == CycleBand(cycles, cycles)
+
+
+def test_the_row_that_moves_a_count_most_comes_first() -> None:
+    board = VirtualK64F(SHIPPED)
+    points = np.asarray(cloud(30, seed=3))
+    before = board.processor.accounting.snapshot(0)
+    cycles, _, _ = run_kernel(board, "magnetometer_iterative", points)
+    executed = between(before, board.processor.accounting.snapshot(0))
+    assert executed is not None
+    band = cycle_band(PROFILE, cycles, executed)
+    assert band is not None
+    moved = [max(abs(each.low - cycles), abs(each.high - cycles)) for each in band.rows]
+    assert moved == sorted(moved, reverse=True)
+    assert moved[-1] > 0
+
+
+def test_a_count_that_is_more_than_instructions_has_no_band(build: Build, block_hook: AccountingFactory) -> None:
+    # Masked, an interrupt that is pending wakes WFI at once, but somebody slept: no table prices that.
+    elf = build(HEAD + """
+        ldr r0, =0xE000E010
+        movs r1, #1000
+        str r1, [r0, #4]
+        movs r1, #7
+        str r1, [r0]
+        wfi
+    """ + TAIL)
+    assert band_of_call(VirtualK64F(elf, accounting=block_hook), "main")[1] is None
+
+
+def test_a_board_that_counts_by_instruction_knows_no_blocks() -> None:
+    board = VirtualK64F(SHIPPED, accounting=InstructionAccounting)
+    assert band_of_call(board, "crc32", b"1234", 4)[1] is None
+    assert board.cycle_band(100, 10) is None
+
+
+def test_a_profiled_call_has_its_band(build: Build, tmp_path: Path) -> None:
+    elf = build(random_program(5, length=60))
+    band = profile_call(VirtualK64F(elf, accounting=ProfilingAccounting), "work").band
+    assert band is not None
+    row = band.rows[0]
+    moved = VirtualK64F(elf, profile=file_with(tmp_path, MOVES[row.row].high)).call("work").cycles
+    assert moved == row.high
