@@ -76,6 +76,15 @@ def test_load_and_store_pairs_cost_what_was_measured_on_an_frdm_k64f() -> None:
     assert cycles((ldm8 + stm8) * 100) == pytest.approx(1804, rel=0.01)
 
 
+@pytest.mark.parametrize(("store_behind_load", "load_behind_store"), [(0, 0), (0, 1), (1, 0), (1, 1)])
+def test_the_measured_pairs_fix_the_sum_of_two_rows_and_neither_alone(
+    store_behind_load: int, load_behind_store: int
+) -> None:
+    profile = with_values(store_behind_load=store_behind_load, load_behind_store=load_behind_store)
+    counted = cycles((LDR_R0_R1 + STR_R0_R2) * 100, profile)
+    assert (counted == pytest.approx(302, rel=0.01)) == (store_behind_load + load_behind_store == 1)
+
+
 def test_a_multiply_accumulate_does_not_wait_for_its_addend() -> None:
     assert cycles(VFMA_S0_S1_S2 * 10) == 30
 

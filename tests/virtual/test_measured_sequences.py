@@ -1,0 +1,111 @@
+"""Sequences whose clocks others have published, run on the board: each way of counting gives what they measured.
+
+The published code is not here; these are written from its description. Each stands between the same few instructions
+as nothing does, and what those cost is subtracted, as whoever measured it did with the reading of the timer.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from hiltest.virtual.accounting import AccountingFactory, BlockAccounting, InstructionAccounting
+from hiltest.virtual.k64f import VirtualK64F
+
+from .conftest import Build
+
+# Code in SRAM_L and data in SRAM_U, as it was measured on the FRDM-K64F; the STM32F429 has no banks to be in.
+FRAME = """
+    .syntax unified
+    .thumb
+    .cpu cortex-m4
+    .fpu fpv4-sp-d16
+    .text
+    .thumb_func
+    .global main
+main:
+    bx lr
+
+    .section .fast, "ax", %progbits
+    .macro kernel name
+    .balign 16
+    .thumb_func
+    .global \\name
+    .type \\name, %function
+\\name:
+    push {{r4-r11, lr}}
+    ldr r1, =data
+    add r2, r1, #256
+    nop
+    .endm
+    .macro ends name
+    nop
+    pop {{r4-r11, pc}}
+    .ltorg
+    .size \\name, . - \\name
+    .endm
+
+    kernel empty
+    ends empty
+
+    kernel work
+    {sequence}
+    ends work
+
+    .section .far, "aw", %progbits
+    .balign 16
+data:
+    .word data
+    .space 508
+"""
+LDM_STM = "ldmia r1, {r3-r10}\n stmia r2, {r3-r10}"
+# What was measured, and the clocks that its reading of the timer is known to.
+ON_STM32F429 = {
+    "100 loads": (".rept 100\n ldr r0, [r1]\n .endr", 101),
+    "200 loads, none waits for another": (".rept 100\n ldr r0, [r1]\n ldr r3, [r1, #4]\n .endr", 201),
+    "200 loads, each from the address before": (".rept 200\n ldr r1, [r1]\n .endr", 400),
+    "200 additions, none waits for another": (
+        ".rept 100\n vadd.f32 s0, s1, s2\n vadd.f32 s3, s4, s5\n .endr\n vmov r0, s8", 201,
+    ),
+    "200 additions, each of the one before": (".rept 200\n vadd.f32 s0, s0, s1\n .endr\n vmov r0, s0", 401),
+    "a division, a NOP, its result": ("vdiv.f32 s0, s1, s2\n nop\n vmov r0, s0", 16),
+}  # fmt: skip
+ON_FRDM_K64F = {
+    "100 loads and stores": (".rept 100\n ldr r0, [r1]\n str r0, [r2]\n .endr", 302),
+    "100 LDM and STM of eight words": (f".rept 100\n {LDM_STM}\n .endr", 1804),
+}
+COUNTERS: dict[str, AccountingFactory | None] = {
+    "native": None, "python": BlockAccounting, "by instruction": InstructionAccounting,
+}  # fmt: skip
+
+
+@pytest.fixture(params=COUNTERS)
+def counting(request: pytest.FixtureRequest) -> AccountingFactory:
+    found = COUNTERS[request.param]
+    hook: AccountingFactory = request.getfixturevalue("native_hook") if found is None else found
+    return hook
+
+
+def clocks(build: Build, counting: AccountingFactory, sequence: str) -> int:
+    places = "-Wl,--section-start=.fast=0x1fff4000,--section-start=.far=0x20001000"
+    elf: Path = build(FRAME.format(sequence=sequence), places)
+    board = VirtualK64F(elf, accounting=counting)
+    return board.call("work").cycles - board.call("empty").cycles
+
+
+@pytest.mark.parametrize("name", ON_STM32F429)
+def test_a_sequence_takes_the_clocks_that_were_measured_on_an_stm32f429(
+    build: Build, counting: AccountingFactory, name: str
+) -> None:
+    sequence, measured = ON_STM32F429[name]
+    assert clocks(build, counting, sequence) == measured
+
+
+@pytest.mark.parametrize("name", ON_FRDM_K64F)
+def test_pairs_take_the_clocks_that_were_measured_on_an_frdm_k64f(
+    build: Build, counting: AccountingFactory, name: str
+) -> None:
+    # Read off a timer of the bus clock, which is half the core's, with what reading it costs: to 1 %.
+    sequence, measured = ON_FRDM_K64F[name]
+    assert clocks(build, counting, sequence) == pytest.approx(measured, rel=0.01)
