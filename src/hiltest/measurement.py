@@ -40,6 +40,19 @@ class Outcome(StrEnum):
     measure on this run, such as the cost of one iteration where none was needed."""
 
 
+FLASH_TIE = 0.10
+"""Two cycle counts of code in flash that are closer than this part of the larger one are not ranked.
+
+What the flash makes of a function depends on where its lines happen to lie and on what the cache still has, and no
+model of it is better than that; silicon itself moves by as much from one link to the next.
+"""
+
+
+def in_flash(cycle_model: str) -> bool:
+    """Say whether a cycle model counts code that runs from flash: ``cortex-m4-k64f/1@flash``."""
+    return "flash" in cycle_model.partition("@")[2]
+
+
 @runtime_checkable
 class Counted(Protocol):
     """A cost in clock cycles that knows what counted it, as a called function's does."""
@@ -135,8 +148,10 @@ class CycleBand:
     def explained(self) -> str:
         """Say within what the count lies, and which row alone moves it most."""
         most = next(iter(self.rows), None)
-        if most is None:
+        if most is None and self.low == self.high:
             return "no uncertain row of the cycle model enters"
+        if most is None:
+            return f"{self}, as well as the memories it runs from are known"
         return f"{self} by the cycle model's bands, most by {most.row}: {_range(most.low, most.high)}"
 
 
@@ -199,6 +214,14 @@ class Measurement:
         limit = f", limit {self.limit}" if self.limit else ""
         note = f" ({self.note})" if self.note else ""
         return f"{self.name} = {value}{limit}: {self.outcome}{note}"
+
+
+def cannot_be_ranked(one: Measurement | None, other: Measurement | None) -> bool:
+    """Say whether two cycle counts are of code in flash and too close to say which is less."""
+    if one is None or other is None or not one.value or not other.value:
+        return False
+    flash = in_flash(one.cycle_model) and in_flash(other.cycle_model)
+    return flash and abs(one.value - other.value) < FLASH_TIE * max(one.value, other.value)
 
 
 def judge(

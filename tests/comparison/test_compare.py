@@ -301,6 +301,19 @@ def test_volatile_measurements_are_never_compared() -> None:
     assert "volatile" in comparison.obstacles[0]
 
 
+@pytest.mark.parametrize(
+    ("model", "change"), [("m@sram", "worse"), ("m@flash", "unchanged"), ("m@sram+flash", "unchanged")]
+)
+def test_counts_from_flash_that_are_closer_than_ten_percent_are_not_told_apart(model: str, change: str) -> None:
+    def counted(cycles: int) -> Evidence:
+        """Return a side with one count of code that lies somewhere."""
+        one = replace(measurement("cycles.direct.total", cycles), cycle_model=model)
+        return evidence([one])
+
+    assert only(counted(10_000), counted(10_900)).change == change
+    assert only(counted(10_000), counted(11_500)).change == "worse"
+
+
 def test_another_unit_or_cycle_model_is_never_compared() -> None:
     comparison = compare(over_seeds("compass.lag", 8.0, unit="ms"), over_seeds("compass.lag", 8.0, unit="s"))
     assert comparison.differences[0].change is Change.GONE

@@ -13,11 +13,11 @@ from pathlib import Path
 from hiltest.bench_files import shipped
 from hiltest.boards import open_board
 from hiltest.link.messages import Calibrate
-from hiltest.measurement import readable
+from hiltest.measurement import FLASH_TIE, readable
 from hiltest.procedures.clouds import golden_cloud
 from hiltest.procedures.cycles import upload_cloud
 from hiltest.rig_file import load_rig
-from hiltest.virtual.profile_file import DEFAULT_PROFILE, ROWS, load_profile, place_of
+from hiltest.virtual.profile_file import DEFAULT_PROFILE, ROWS, load_profile
 
 PAGE = (Path(__file__).parents[2] / "docs" / "timing.md").read_text(encoding="utf-8")
 COMMANDS = re.findall(r"^```sh\nhiltest (.*?)\n```", PAGE, re.M | re.S)
@@ -53,13 +53,11 @@ def test_the_json_has_every_row_of_the_profile(tmp_path: Path) -> None:
 
 
 def test_the_changed_row_of_the_page_makes_a_profile_that_is_shown_and_counted_by(tmp_path: Path) -> None:
-    text = place_of(DEFAULT_PROFILE).read_text(encoding="utf-8")
-    mine = re.sub(r"\[cost\.fp_accumulate\].*?\n\n", ROW + "\n", text, flags=re.S)
-    (tmp_path / "my.toml").write_text(mine, encoding="utf-8")
+    (tmp_path / "my.toml").write_text(ROW, encoding="utf-8")
     shown = run("timing", "show", "--profile", "my.toml", folder=tmp_path)
     assert tomllib.loads(ROW)["cost"]["fp_accumulate"]["source"] in " ".join(shown.split())
     counted = run("profile", "--profile", "my.toml", "shipped", "crc32", "text:123456789", "9", folder=tmp_path)
-    assert re.search(r"cycle model cortex-m4-trm/1\+[0-9a-f]{8}@flash", counted)
+    assert re.search(r"cycle model my-board/1\+[0-9a-f]{8}@flash", counted)
     assert tomllib.loads(BOARD) == {"board": {"kind": "virtual", "timing": "my.toml"}}
 
 
@@ -71,3 +69,13 @@ def test_the_count_of_the_page_is_what_the_shipped_firmware_costs_and_its_band()
         band = board.cycle_band(cost)
     assert band is not None
     assert TOTAL.strip() == f"cycles.direct.total {readable(cost.cycles)}: {band.explained()}"
+
+
+def test_code_in_flash_is_counted_as_the_page_says_and_carries_what_it_says(tmp_path: Path) -> None:
+    shown = run(*shlex.split(COMMANDS[1]), folder=tmp_path)
+    found = re.search(r"^(\d+) cycles, .*@flash: (\d+) to (\d+), as well as", shown, re.M | re.S)
+    assert found is not None
+    cycles, low, high = map(int, found.groups())
+    assert (low, high) == (round(0.85 * cycles), round(1.15 * cycles))
+    assert "a total `@flash` carries ±15 %" in PAGE
+    assert f"closer than {FLASH_TIE:.0%}".replace("%", " %") in PAGE

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
@@ -41,6 +42,20 @@ def test_the_better_calibrator_is_named_when_accuracy_does_not_tie(findings: Mak
     assert decide(made, pytest_exit=0).sentence.endswith(
         "limits 1.8 and 2 deg: PASS. iterative is 0.50 deg better; direct costs 1/2."
     )
+
+
+@pytest.mark.parametrize(
+    ("cycles", "said"),
+    [(12_500, "Accuracy ties; their costs are within 10% and from flash, which ranks neither."),
+     (14_000, "Accuracy ties; direct costs 0.86 of it.")],
+)  # fmt: skip
+def test_costs_of_code_in_flash_are_not_ranked_when_they_are_close(
+    findings: Make, heading: Heading, cycles: int, said: str
+) -> None:
+    made = [*heading("direct", 0.97, limit=1.8, cycles=12_000), *heading("iterative", 0.95, limit=1.8, cycles=cycles)]
+    assert "ranks neither" not in decide(findings(*made), pytest_exit=0).sentence
+    made = [replace(each, cycle_model=each.cycle_model.replace("@sram", "@flash")) for each in made]
+    assert decide(findings(*made), pytest_exit=0).sentence.endswith(said)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from hiltest.comparison.interval import LARGEST, mean_interval, mean_value
 from hiltest.comparison.model import EXACT, Change, Difference, Sense, Tolerance
 from hiltest.comparison.rules import rule_of, tolerance_of
 from hiltest.comparison.words import on_seeds
-from hiltest.measurement import SIGNIFICANT_DIGITS, Limit, Measurement, Outcome, round_significant
+from hiltest.measurement import FLASH_TIE, SIGNIFICANT_DIGITS, Limit, Measurement, Outcome, in_flash, round_significant
 
 #: Values are written with so many significant digits; what two of them differ by in the last one is no difference.
 _LAST_DIGIT = 10.0 ** (1 - SIGNIFICANT_DIGITS)
@@ -105,7 +105,7 @@ def difference(pairs: Pairs, board: str, tolerances: Mapping[str, Tolerance]) ->
     """
     latest = pairs.latest
     rule = rule_of(pairs.name, pairs.limit)
-    tolerance = tolerance_of(pairs.name, rule, board, tolerances)
+    tolerance = _of_flash(latest, tolerance_of(pairs.name, rule, board, tolerances))
     note = _cannot_be_paired(pairs)
     seeds = [] if note else pairs.seeds
     base, new = _values(pairs.base, seeds), _values(pairs.new, seeds)
@@ -118,6 +118,13 @@ def difference(pairs: Pairs, board: str, tolerances: Mapping[str, Tolerance]) ->
         cycle_model=latest.cycle_model,
         note="; ".join(filter(None, (remark, _not_offered(pairs), _limit_changed(pairs)))),
     )
+
+
+def _of_flash(latest: Measurement, tolerance: Tolerance) -> Tolerance:
+    """Return the tolerance, no tighter than two counts of code in flash can be told apart."""
+    if not in_flash(latest.cycle_model):
+        return tolerance
+    return Tolerance(tolerance.absolute, max(tolerance.relative, FLASH_TIE))
 
 
 def _not_offered(pairs: Pairs) -> str:

@@ -26,7 +26,7 @@ SCHEMA_FILE = Path(__file__).with_name("profile.schema.json")
 class Share:
     """A part of the cycles, and how much of the whole it is."""
 
-    kind: Literal["work", "stall", "asleep"]
+    kind: Literal["work", "stall", "asleep", "memory"]
     name: str
     cycles: int
     percent: float
@@ -107,6 +107,8 @@ def shares(profile: CallProfile) -> Iterator[Share]:
     for stall, cycles in profile.stalls.items():
         yield Share("stall", str(stall), cycles, profile.share(cycles))
     yield Share("asleep", "asleep", profile.asleep_cycles, profile.share(profile.asleep_cycles))
+    if profile.memory_cycles is not None:
+        yield Share("memory", "memory", profile.memory_cycles, profile.share(profile.memory_cycles))
 
 
 def json_text(content: ProfileDocument) -> str:
@@ -128,9 +130,12 @@ def folded(content: ProfileDocument) -> str:
 
 def _notes(profile: CallProfile) -> Iterator[str]:
     placement = profile.cycle_model.partition("@")[2]
-    if "flash" in placement:
+    if profile.memory_cycles is not None:
+        if profile.memory_cycles:
+            yield "what memories add is in the total, and in no function, line or instruction"
+    elif "flash" in placement:
         yield "code ran from flash, whose wait states are not modelled: silicon takes more cycles"
-    if "sram_u" in placement:
+    if "sram_u" in placement and profile.memory_cycles is None:
         yield "code ran from SRAM_U, where it competes with data for the bus: silicon takes more cycles"
     if not profile.lines:
         yield "no debug information (build with -g): no source lines, and only integers and buffers can be passed"

@@ -13,7 +13,7 @@ _NAMES = {
     "floating_point": "floating point", "load_store": "load, store", "branch": "branches", "integer": "integer",
     "system": "system", "taken_branch": "refill behind taken branches", "fp_result": "floating-point results",
     "division": "division and square root", "load_use": "addresses being loaded", "store_buffer": "store buffer",
-    "asleep": "asleep (WFI)",
+    "asleep": "asleep (WFI)", "memory": "waiting for memories",
 }  # fmt: skip
 _VALUES_SHOWN = 16
 _FUNCTIONS_SHOWN = 30

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
@@ -10,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from hiltest.virtual.profile_file import ROWS
+from hiltest.virtual.profile_file import MEMORY_ROWS, ROWS
 from hiltest.virtual.timing import CostRow, TimingProfile
 
 SCHEMA = "hiltest.timing/1"
@@ -26,29 +27,41 @@ def print_table(console: Console, profile: TimingProfile, file: Path) -> None:
     file : Path
         Where it stands.
     """
-    uncertain = sum(1 for row in profile.rows.values() if row.band[0] < row.band[1])
+    rows = profile.rows | profile.memory
+    uncertain = sum(1 for row in rows.values() if row.band[0] < row.band[1])
     head = f"[bold]{escape(profile.name)}[/bold], digest {profile.digest[:16]}, {escape(str(file))}"
     console.print(head, soft_wrap=True)
-    console.print(f"{len(profile.rows)} rows, {uncertain} of them uncertain within their band", soft_wrap=True)
+    console.print(f"{len(rows)} rows, {uncertain} of them uncertain within their band", soft_wrap=True)
+    console.print(_table("cycles", profile.rows, ROWS))
+    if profile.memory:
+        console.print(_table("value", profile.memory, MEMORY_ROWS))
+
+
+def _table(value: str, rows: Mapping[str, CostRow], meanings: Mapping[str, str]) -> Table:
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("row", no_wrap=True)
-    for name in ("cycles", "band"):
+    for name in (value, "band"):
         table.add_column(name, justify="right", no_wrap=True)
     for name in ("what it prices", "source"):
         table.add_column(name, overflow="fold")
-    for name, row in profile.rows.items():
+    for name, row in rows.items():
         style = "bold" if row.band[0] < row.band[1] else None
-        table.add_row(name, str(row.value), _band(row), escape(ROWS[name]), escape(row.source), style=style)
-    console.print(table)
+        table.add_row(name, str(row.value), _band(row), escape(meanings[name]), escape(row.source), style=style)
+    return table
 
 
 def json_text(profile: TimingProfile, file: Path) -> str:
     """Return a profile as JSON of schema ``hiltest.timing/1``."""
+    head = {"schema": SCHEMA, "name": profile.name, "digest": profile.digest, "file": str(file)}
     rows = [
         {"row": name, "cycles": row.value, "band": list(row.band), "prices": ROWS[name], "source": row.source}
         for name, row in profile.rows.items()
     ]
-    content = {"schema": SCHEMA, "name": profile.name, "digest": profile.digest, "file": str(file), "rows": rows}
+    memory = [
+        {"row": name, "value": row.value, "band": list(row.band), "says": MEMORY_ROWS[name], "source": row.source}
+        for name, row in profile.memory.items()
+    ]
+    content = {**head, "rows": rows, "memory": memory}
     return json.dumps(content, indent=1, ensure_ascii=False)
 
 

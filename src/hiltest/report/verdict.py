@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from hiltest.calibration.fit import FitStatus
 from hiltest.comparison.words import listed, measured
-from hiltest.measurement import Measurement, Outcome
+from hiltest.measurement import FLASH_TIE, Measurement, Outcome, cannot_be_ranked
 from hiltest.procedures.cause import Cause
 from hiltest.report.calibrator_results import CalibratorResult, calibrator_results, has_no_number, maximum_of, value_of
 from hiltest.report.exit_codes import PYTEST_WINS, WORDS, ExitCode, comparison_code
@@ -235,6 +235,8 @@ def _comparison(results: Sequence[CalibratorResult]) -> str:
     cheap, other = rated[0], min(rated[1:], key=lambda each: value_of(each.maximum) or 0.0)
     ratio = (value_of(other.cycles) or 0.0) / (value_of(cheap.cycles) or 1.0)
     cost = f"{cheap.name} costs " + (f"1/{ratio:.0f}" if ratio >= 1.5 else f"{1 / ratio:.2f} of it")
+    if cannot_be_ranked(cheap.cycles, other.cycles):
+        cost = f"their costs are within {FLASH_TIE:.0%} and from flash, which ranks neither"
     gain = (value_of(other.maximum) or 0.0) - (value_of(cheap.maximum) or 0.0)
     if abs(gain) <= TIE_DEG:
         return f"Accuracy ties; {cost}."

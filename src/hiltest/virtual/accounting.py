@@ -53,6 +53,10 @@ class Accounting(Protocol):
         """Return what the emulator is to call where code begins, except at the address `outside`."""
         ...
 
+    def data_hook(self, abort: Callable[[BaseException], None]) -> CodeHook | None:
+        """Return what the emulator is to call where data is accessed, None for nothing."""
+        ...
+
     @property
     def jumped_from(self) -> int | None:
         """Address of the last instruction that began, while nothing has begun behind it."""
@@ -124,6 +128,10 @@ class _Totals:
 
     def begins(self, address: int, size: int) -> None:
         raise NotImplementedError
+
+    def data_hook(self, _abort: Callable[[BaseException], None]) -> CodeHook | None:
+        """Accesses to data cost nothing by themselves."""
+        return None
 
     def translated(self, address: int, size: int) -> None:
         """Nothing is cached."""
@@ -286,12 +294,14 @@ class InstructionAccounting(_Totals):
         if self.cycles >= self.deadline:
             self._stop()
             return
-        instruction = decode(address, self._read_code(address, size))[0]
-        block = price_block(self._profile, [instruction], self._state)
+        block = self._look(address, size)
         if block.needs_attention and not self._attend(block):
             self._stop()
             return
-        self._last = instruction
+        self._last = block.instructions[0]
+
+    def _look(self, address: int, size: int) -> Block:
+        return price_block(self._profile, decode(address, self._read_code(address, size))[:1], self._state)
 
     def _finish(self, next_address: int) -> None:
         last, self._last = self._last, None

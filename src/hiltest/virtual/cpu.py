@@ -26,7 +26,7 @@ from hiltest.virtual.executions import Snapshot
 from hiltest.virtual.faults import Fault, FaultKind, FaultLog, Lockup
 from hiltest.virtual.instructions import Instruction
 from hiltest.virtual.interrupt import deferred_interrupt
-from hiltest.virtual.memory import SRAM, BoardMemory
+from hiltest.virtual.memory import FLASH, SRAM, BoardMemory
 from hiltest.virtual.native import by_block
 from hiltest.virtual.nvic import SVCALL, SYSTICK, Nvic
 from hiltest.virtual.registers import CoreRegisters
@@ -96,6 +96,10 @@ class Processor:
         kind = unicorn.UC_HOOK_CODE if self.accounting.per_instruction else unicorn.UC_HOOK_BLOCK
         self._code_hook = self.accounting.hook(RETURN_ADDRESS, self.abort)
         add_hook(self.engine, kind, *self._code_hook)
+        self._data_hook = self.accounting.data_hook(self.abort)
+        if self._data_hook is not None:
+            data = unicorn.UC_HOOK_MEM_READ | unicorn.UC_HOOK_MEM_WRITE
+            add_hook(self.engine, data, *self._data_hook, within=(FLASH[0], sum(SRAM) - 1))
         self._translation_hook = TRANSLATED_CALLBACK(self._on_translated)
         # Only RAM can be written to.
         ram = (SRAM[0], sum(SRAM) - 1)

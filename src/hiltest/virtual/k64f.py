@@ -21,6 +21,7 @@ from hiltest.virtual.i2c_bus import I2cBus, I2cDevice
 from hiltest.virtual.instructions import decode
 from hiltest.virtual.interrupt_wires import InterruptSource, InterruptWires, Wire
 from hiltest.virtual.memory import SRAM
+from hiltest.virtual.memory_waits import MemoryAccounting
 from hiltest.virtual.native import by_block
 from hiltest.virtual.peripherals.bus import Peripheral, PeripheralBus, StoredRegisters
 from hiltest.virtual.peripherals.clocks import ClockGates, ClockGenerator
@@ -35,6 +36,7 @@ from hiltest.virtual.peripherals.unmodelled import UnmodelledAccess, UnmodelledL
 from hiltest.virtual.peripherals.watchdog import Watchdog
 from hiltest.virtual.procedure_call import Argument
 from hiltest.virtual.profile_file import DEFAULT_PROFILE, load_profile
+from hiltest.virtual.timing import TimingProfile
 
 CORE_HZ = 120_000_000
 #: After so much virtual time a called function is taken to hang [s]: no function that is measured comes near, and
@@ -57,6 +59,10 @@ class _ResetRequested(Exception):
         self.source = source
 
 
+def _accounting_for(profile: TimingProfile) -> AccountingFactory:
+    return MemoryAccounting if profile.memory else by_block
+
+
 class VirtualK64F:
     """A board that runs an ELF, instruction by instruction, with a cycle count.
 
@@ -69,10 +75,11 @@ class VirtualK64F:
         Firmware laid out for the MK64FN1M0.
     i2c0, i2c1 : sequence of I2cDevice
         Parts on the two buses.
-    profile : str
-        Timing profile: a name, or a file of one's own (``.toml``), see `hiltest.virtual.profile_file`.
-    accounting : AccountingFactory
-        What counts; by default by block, in C where that is there. `InstructionAccounting` is slow, and the reference.
+    profile : str or TimingProfile
+        By its name, or by that of a file of one's own (``.toml``), see `hiltest.virtual.profile_file`.
+    accounting : AccountingFactory, optional
+        What counts; by default by block, in C where that is there, and with a profile that has memory rows by
+        instruction, with them. `InstructionAccounting` is slow, and the reference.
     strict : bool
         Whether a peripheral that the chip has and this board does not model is a bus error. Otherwise its
         registers keep what is written, and `unmodelled` lists what was touched.
@@ -94,12 +101,13 @@ class VirtualK64F:
         *,
         i2c0: Sequence[I2cDevice] = (),
         i2c1: Sequence[I2cDevice] = (),
-        profile: str = DEFAULT_PROFILE,
-        accounting: AccountingFactory = by_block,
+        profile: str | TimingProfile = DEFAULT_PROFILE,
+        accounting: AccountingFactory | None = None,
         strict: bool = False,
     ) -> None:
         self.image = load_image(elf)
-        self.processor = Processor(self.image, load_profile(profile), accounting=accounting)
+        priced = load_profile(profile) if isinstance(profile, str) else profile
+        self.processor = Processor(self.image, priced, accounting=accounting or _accounting_for(priced))
         generator = ClockGenerator()
         self.clocks = ClockGates(generator)
         self.uart0 = Uart(self.processor, self.clocks)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -48,10 +48,29 @@ ROWS = {
     "exception_entry": "exception entry",
     "exception_return": "exception return",
 }
+#: Every row of what the memories add, and what it says.
+MEMORY_ROWS = {
+    "flash_clocks": "core clocks of one clock of the flash",
+    "flash_line_bytes": "what one read of the flash brings",
+    "flash_read_ahead": "whether the next line is read at once",
+    "cache_entry_bytes": "size of an entry of the flash cache",
+    "cache_ways": "entries of a set of it",
+    "cache_sets": "sets of it",
+    "lower_single": "hundredths of a clock: LDR, STR, code and data in SRAM_L",
+    "lower_multiple": "hundredths of a clock: LDM, STM, code and data in SRAM_L",
+    "upper_single": "hundredths of a clock: LDR, STR, code and data in SRAM_U",
+    "upper_multiple": "hundredths of a clock: LDM, STM, code and data in SRAM_U",
+    "flash_lower_single": "hundredths of a clock: LDR, STR, code in flash, data in SRAM_L",
+    "flash_lower_multiple": "hundredths of a clock: LDM, STM, code in flash, data in SRAM_L",
+    "flash_uncertainty": "percent of a total of code in flash",
+}
 # A branch to itself must take time, or it would never meet the event that ends it.
-_AT_LEAST_ONE = frozenset({"branch", "fp_divide"})
+_AT_LEAST_ONE = frozenset(
+    {"branch", "fp_divide", "flash_clocks", "flash_line_bytes", "cache_entry_bytes", "cache_ways", "cache_sets"}
+)
 _DEAREST = 1000  # cycles; far more than any instruction takes, and sums stay within 32 bits
 _LARGEST_FILE = 64 * 1024
+_TABLES = ("name", "base", "cost", "memory")
 _KEYS = ("value", "band", "source", "against")
 _NAME = re.compile(r"[a-z0-9][a-z0-9./-]{0,63}")
 _OTHERWISE = "start from a copy of a profile that ships: `hiltest timing show` says which file"
@@ -106,31 +125,52 @@ def _profile_of(place: str, content: bytes, *, shipped: bool) -> TimingProfile:
     return TimingProfile(*_parsed(place, content), shipped=shipped)
 
 
-def _parsed(place: str, content: bytes) -> tuple[str, dict[str, CostRow]]:
+def _parsed(place: str, content: bytes) -> tuple[str, dict[str, CostRow], dict[str, CostRow]]:
+    """Return name, cost rows and memory rows; those that are not given are the base's, where one is named."""
     try:
         data = tomllib.loads(content.decode("utf-8"))
     except UnicodeDecodeError as error:
         raise ConfigError(f"{place}: not UTF-8 text at byte {error.start}; {_OTHERWISE}") from error
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise ConfigError(f"{place}: not TOML: {error}; {_OTHERWISE}") from error
-    for key in data.keys() - {"name", "cost"}:
-        raise UnknownKeyError(key, where=place, known=("name", "cost"))
-    name, cost = data.get("name"), data.get("cost")
+    for key in sorted(data.keys() - set(_TABLES)):
+        raise UnknownKeyError(key, where=place, known=_TABLES)
+    name = data.get("name")
     if not isinstance(name, str) or not _NAME.fullmatch(name):
         raise ConfigError(
             f"{place}: name: small letters, digits, '.', '-' and '/', at most 64, not {shown(name)}; "
             'write for example name = "my-board/1"'
         )
-    if not isinstance(cost, dict):
-        raise ConfigError(f"{place}: it has no table [cost.ROW]; {_OTHERWISE}")
-    for key in sorted(cost.keys() - ROWS.keys()):
-        raise UnknownKeyError(key, where=f"{place}: cost", known=tuple(ROWS))
-    if missing := [row for row in ROWS if row not in cost]:
-        raise ConfigError(f"{place}: cost.{missing[0]} is missing, {len(missing)} rows in all; {_OTHERWISE}")
-    rows = {row: _row(f"{place}: cost.{row}", row, cost[row]) for row in ROWS}
+    rows, memory = _base(place, name, data["base"]) if "base" in data else ({}, {})
+    if "cost" in data or not rows:
+        rows = _table(place, "cost", data.get("cost"), ROWS, rows)
+    if "memory" in data:
+        memory = _table(place, "memory", data["memory"], MEMORY_ROWS, memory)
     _check_division(place, rows)
     _check_sums(place, rows)
-    return name, rows
+    return name, rows, memory
+
+
+def _base(place: str, name: str, base: Any) -> tuple[dict[str, CostRow], dict[str, CostRow]]:
+    if not isinstance(base, str) or base not in shipped_profiles() or base == name:
+        known = ", ".join(each for each in shipped_profiles() if each != name)
+        raise ConfigError(f"{place}: base: must be a profile that ships: {known}; not {shown(base)}")
+    profile = load_profile(base)
+    return profile.rows, profile.memory
+
+
+def _table(
+    place: str, table: str, given: Any, known: Mapping[str, str], base: dict[str, CostRow]
+) -> dict[str, CostRow]:
+    if not isinstance(given, dict):
+        raise ConfigError(f"{place}: it has no table [{table}.ROW]; {_OTHERWISE}")
+    for key in sorted(given.keys() - known.keys()):
+        raise UnknownKeyError(key, where=f"{place}: {table}", known=tuple(known))
+    if missing := [row for row in known if row not in given and row not in base]:
+        raise ConfigError(f"{place}: {table}.{missing[0]} is missing, {len(missing)} rows in all; {_OTHERWISE}")
+    return {
+        row: _row(f"{place}: {table}.{row}", row, given[row]) if row in given else base[row] for row in known
+    }
 
 
 def _row(place: str, row: str, given: Any) -> CostRow:

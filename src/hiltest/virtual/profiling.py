@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from hiltest.errors import ConfigError
-from hiltest.measurement import CycleBand
+from hiltest.measurement import CycleBand, in_flash
 from hiltest.virtual.accounting import BlockAccounting
 from hiltest.virtual.blocks import Block
 from hiltest.virtual.call_tree import CallNode, CallTree
@@ -142,6 +142,8 @@ class CallProfile(CallResult):
         Most expensive first; `lines` is empty without debug information.
     band : CycleBand or None
         Within what `cycles` lies by the timing profile's own uncertainty; None when more than instructions took time.
+    memory_cycles : int or None
+        What accesses waited for, of no instruction in the tables; None when the timing profile knows no memories.
     """
 
     function: str
@@ -154,6 +156,7 @@ class CallProfile(CallResult):
     addresses: tuple[AddressCost, ...]
     stacks: tuple[StackCost, ...]
     band: CycleBand | None
+    memory_cycles: int | None = None
 
     def share(self, cycles: int) -> float:
         """Return a part of the total [%]."""
@@ -195,6 +198,26 @@ def profile_call(board: VirtualK64F, function: str, *arguments: Argument, timeou
     executed = between(before, accounting.snapshot(0))
     band = cycle_band(processor.profile, result.cycles, executed) if executed else None
     return _Sums(processor.profile, tree).profile(board.image, function, result, band)
+
+
+def with_memories(profile: CallProfile, cycles: int, timing: TimingProfile) -> CallProfile:
+    """Return a profile with what the memories add.
+
+    Parameters
+    ----------
+    profile : CallProfile
+        Of the instructions alone.
+    cycles : int
+        Of the same call, memories included.
+    timing : TimingProfile
+        Whose memory rows say how well that is known where code is in flash.
+    """
+    waited = cycles - profile.cycles
+    band = profile.band if not waited else None
+    if in_flash(profile.cycle_model):
+        percent = timing.memory["flash_uncertainty"].value
+        band = CycleBand(round(cycles * (100 - percent) / 100), round(cycles * (100 + percent) / 100))
+    return replace(profile, cycles=cycles, band=band, memory_cycles=waited)
 
 
 class _Tally:

@@ -74,6 +74,8 @@ class TimingProfile:
         Name and version, e.g. ``cortex-m4-trm/1``.
     rows : dict of str to CostRow
         The table.
+    memory : dict of str to CostRow, optional
+        What the memories add, for counting that looks at every access.
     shipped : bool
         Whether a test holds the numbers of that name; otherwise the name gets the digest behind it, so that two
         tables which call themselves alike are not compared: ``mine/1+0a1b2c3d``.
@@ -84,8 +86,12 @@ class TimingProfile:
         A hash of the given name and of every value and band.
     """
 
-    def __init__(self, name: str, rows: dict[str, CostRow], *, shipped: bool = True) -> None:
-        text = name + "".join(f";{key}={row.value}{row.band}" for key, row in sorted(rows.items()))
+    def __init__(
+        self, name: str, rows: dict[str, CostRow], memory: dict[str, CostRow] | None = None, *, shipped: bool = True
+    ) -> None:
+        self.memory = memory or {}
+        each = (*sorted(rows.items()), *sorted(self.memory.items()))
+        text = name + "".join(f";{key}={row.value}{row.band}" for key, row in each)
         self.digest = hashlib.sha256(text.encode()).hexdigest()
         self.name = name if shipped else f"{name}+{self.digest[:8]}"
         self.rows = rows
@@ -171,7 +177,7 @@ class TimingProfile:
 def moved(profile: TimingProfile, values: Mapping[str, int]) -> TimingProfile:
     """Return a profile with other values in some rows, within their bands or not."""
     rows = profile.rows | {name: replace(profile.rows[name], value=value) for name, value in values.items()}
-    return TimingProfile(profile.name, rows, shipped=False)
+    return TimingProfile(profile.name, rows, profile.memory, shipped=False)
 
 
 def price(profile: TimingProfile, instructions: Iterable[Instruction], state: PipelineState = NEUTRAL) -> int:

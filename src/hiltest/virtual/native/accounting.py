@@ -119,6 +119,9 @@ class NativeBlockAccounting:
         self._counter.outside = outside
         return CodeHook(self._library.hiltest_block_begins, ctypes.c_void_p(self._address))
 
+    def data_hook(self, _abort: Callable[[BaseException], None]) -> None:
+        """Accesses to data cost nothing by themselves."""
+
     def _on_price(self, address: int, size: int, entry: int) -> int:
         try:
             self._add(address, self._read_code(address, size), entry)

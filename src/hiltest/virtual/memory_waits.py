@@ -1,0 +1,100 @@
+"""Counting with the K64F's memories: flash behind its controller, and banks that code and data want at once.
+
+Every instruction and every access to data is looked at, in Python: some hundred times slower than counting by block.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+
+from hiltest.virtual.accounting import CodeHook, InstructionAccounting
+from hiltest.virtual.blocks import Block, ReadCode, price_block
+from hiltest.virtual.flash_controller import FlashController
+from hiltest.virtual.instructions import Instruction, decode
+from hiltest.virtual.memory import FLASH, SRAM
+from hiltest.virtual.timing import NEUTRAL, TimingProfile
+
+_SRAM_U = 0x20000000
+_FLASH_END, _SRAM_END = sum(FLASH), sum(SRAM)
+_DATA_CALLBACK = ctypes.CFUNCTYPE(
+    None, ctypes.c_void_p, ctypes.c_int, ctypes.c_uint64, ctypes.c_int, ctypes.c_int64, ctypes.c_void_p
+)
+_PARTS = 100  # conflicts are priced in hundredths of a clock an access: what was measured is a mean
+
+
+class MemoryAccounting(InstructionAccounting):
+    """Counts instruction by instruction, by a profile that has memory rows.
+
+    Attributes
+    ----------
+    memory_cycles : int
+        Of the total, what accesses waited for.
+    """
+
+    def __init__(
+        self, profile: TimingProfile, read_code: ReadCode, attend: Callable[[Block], bool], stop: Callable[[], None]
+    ) -> None:
+        super().__init__(profile, read_code, attend, stop)
+        self.memory_cycles = 0
+        self._flash = FlashController(profile.memory)
+        self._parts_owed = 0
+        self._has_accessed = False  # the instruction that runs
+        self._known: dict[tuple[int, bytes], Block] = {}
+
+    def begins(self, address: int, size: int) -> None:
+        """Take note that the emulator is about to run an instruction: it is fetched first."""
+        super().begins(address, size)
+        self._has_accessed = False
+        if self._last is not None and address < _FLASH_END:
+            self._wait(self._flash.wait(address, size, self.cycles))
+
+    def data_hook(self, abort: Callable[[BaseException], None]) -> CodeHook:
+        """Return a callback that takes note of accesses, and calls `abort` with whatever goes wrong."""
+
+        def on_access(_engine: int, _kind: int, address: int, size: int, _value: int, _data: int) -> None:
+            """Take note of an access; what goes wrong ends the run, for the emulator takes no exception."""
+            try:
+                self._accesses(address, size)
+            except BaseException as error:  # re-raised by the processor; ctypes would print and drop it
+                abort(error)
+
+        return CodeHook(_DATA_CALLBACK(on_access), None)
+
+    def _accesses(self, address: int, size: int) -> None:
+        if self._last is None or address >= _SRAM_END:
+            return
+        if address < _FLASH_END:
+            self._wait(self._flash.wait(address, size, self.cycles))
+        elif not self._has_accessed:
+            self._parts_owed += self._conflict(self._last, address)
+            whole, self._parts_owed = divmod(self._parts_owed, _PARTS)
+            self._wait(whole)
+        self._has_accessed = True
+
+    def _conflict(self, instruction: Instruction, address: int) -> int:
+        code, data = _bank(instruction.address), _bank(address)
+        if (code, data) not in (("lower", "lower"), ("upper", "upper"), ("flash", "lower")):
+            return 0
+        place = code if code == data else f"{code}_{data}"
+        return self._profile.memory[f"{place}_{'multiple' if instruction.words > 1 else 'single'}"].value
+
+    def _wait(self, cycles: int) -> None:
+        self.cycles += cycles
+        self.memory_cycles += cycles
+
+    def _look(self, address: int, size: int) -> Block:
+        # Which instruction it is, and whether it needs attention, does not depend on the state before it.
+        code = self._read_code(address, size)
+        if (address, code) not in self._known:
+            self._known[address, code] = price_block(self._profile, decode(address, code), NEUTRAL)
+        return self._known[address, code]
+
+    def forget_code(self) -> None:
+        """Other code may be there now, and the controller has nothing of it."""
+        self._known = {}
+        self._flash.reset()
+
+
+def _bank(address: int) -> str:
+    return "flash" if address < _FLASH_END else "lower" if address < _SRAM_U else "upper"

@@ -1,0 +1,159 @@
+"""The K64F's memories: what an owner of a board measured, what the flash controller does, what SRAM leaves alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from hiltest.errors import ConfigError
+from hiltest.measurement import in_flash
+from hiltest.profiling.image import ProfiledImage
+from hiltest.virtual.flash_controller import FlashController
+from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.memory_waits import MemoryAccounting
+from hiltest.virtual.profile_file import DEFAULT_PROFILE, MEMORY_ROWS, load_profile
+
+from .conftest import SHIPPED, Build
+from .test_cycle_counting import cloud, run_kernel
+from .test_measured_sequences import FRAME, LDM_STM
+
+PAGE = (Path(__file__).parents[2] / "docs" / "timing.md").read_text(encoding="utf-8")
+MEMORIES = "cortex-m4-k64f/1"
+ROWS = load_profile(MEMORIES).memory
+CODE = {"flash": 0x8000, "lower": 0x1FFF4000, "upper": 0x20004000}
+DATA = {"lower": 0x1FFF8000, "upper": 0x20010000}
+LDR_STR = "ldr r0, [r1]\n str r0, [r2]"
+# Clocks of 100 pairs, as they were measured on an FRDM-K64F at 120 MHz with prefetch on.
+MEASURED = {
+    ("flash", "lower"): (410, 1815), ("flash", "upper"): (310, 1810), ("lower", "lower"): (402, 1904),
+    ("lower", "upper"): (302, 1804), ("upper", "lower"): (304, 1806), ("upper", "upper"): (405, 2106),
+}  # fmt: skip
+# Reading the timer is in what was measured, and not in what is counted: 3 clocks at L/U, where nothing else waits. The
+# timer counts every other clock. In flash a read at either end may have to wait for up to two flash clocks, 9 of the
+# core's, by where the code happens to lie. Fetches over the system bus, in U, are a clock or two later at either end.
+TOLERANCE = {"flash": 9, "lower": 5, "upper": 7}
+
+
+def clocks(build: Build, code: str, data: str, pair: str) -> int:
+    places = f"-Wl,--section-start=.fast={CODE[code]:#x},--section-start=.far={DATA[data]:#x}"
+    board = VirtualK64F(build(FRAME.format(sequence=f".rept 100\n {pair}\n .endr"), places), profile=MEMORIES)
+    return board.call("work").cycles - board.call("empty").cycles
+
+
+@pytest.mark.parametrize(("code", "data"), MEASURED)
+def test_pairs_in_every_memory_take_the_clocks_that_were_measured(build: Build, code: str, data: str) -> None:
+    counted = [clocks(build, code, data, pair) for pair in (LDR_STR, LDM_STM)]
+    assert counted == [pytest.approx(each, abs=TOLERANCE[code]) for each in MEASURED[code, data]]
+    names = {"flash": "flash", "lower": "SRAM_L", "upper": "SRAM_U"}
+    measured = MEASURED[code, data]
+    row = f"| {names[code]}, {names[data]} | {measured[0]} | {counted[0]} | {measured[1]} | {counted[1]} |"
+    assert row in PAGE.splitlines()
+
+
+def test_a_kernel_in_lower_sram_with_data_in_upper_sram_waits_only_for_its_constants() -> None:
+    plain = run_kernel(VirtualK64F(SHIPPED), "magnetometer_direct", cloud(20, seed=1))
+    board = VirtualK64F(SHIPPED, profile=MEMORIES)
+    counted = run_kernel(board, "magnetometer_direct", cloud(20, seed=1))
+    assert isinstance(board.processor.accounting, MemoryAccounting)
+    assert counted[1:] == plain[1:]
+    # Its constants stand behind its code: a load of one meets a fetch in the same bank. Nothing else waits.
+    assert 0 <= counted[0] - plain[0] <= 0.005 * plain[0]
+
+
+def controller(**values: int) -> FlashController:
+    return FlashController({name: replace(row, value=values.get(name, row.value)) for name, row in ROWS.items()})
+
+
+def test_a_first_read_waits_for_an_edge_and_a_clock_of_the_flash() -> None:
+    assert [controller().wait(0x1000, 2, cycle) for cycle in range(10)] == [5, 9, 8, 7, 6, 5, 9, 8, 7, 6]
+
+
+def test_what_a_read_has_brought_and_what_was_used_lately_is_there_at_once() -> None:
+    flash = controller()
+    assert flash.wait(0x1000, 2, 0) == 5
+    assert [flash.wait(0x1000 + offset, 2, 10 + offset) for offset in range(2, 16, 2)] == [0] * 7
+    flash.wait(0x8000, 4, 100)  # another line is the last one read
+    assert flash.wait(0x1000, 2, 200) == flash.wait(0x1008, 2, 201) == 0
+
+
+def test_the_next_line_is_read_at_once_and_another_one_waits_for_that() -> None:
+    flash = controller()
+    assert flash.wait(0x1000, 2, 0) == 5  # there at 5; the next line is read until 10
+    assert flash.wait(0x1010, 2, 7) == 3
+    assert flash.wait(0x1020, 2, 40) == 0
+    flash = controller()
+    flash.wait(0x1000, 2, 0)
+    assert flash.wait(0x3000, 2, 6) == 15 - 6
+    without = controller(flash_read_ahead=0)
+    without.wait(0x1000, 2, 0)
+    assert without.wait(0x1010, 2, 40) == 5
+
+
+def test_an_access_that_straddles_two_lines_waits_for_both() -> None:
+    assert controller(flash_read_ahead=0).wait(0x100E, 4, 0) == 10
+    assert controller().wait(0x100E, 4, 0) == 10
+
+
+def test_the_entry_that_was_not_used_for_longest_gives_way() -> None:
+    flash, set_bytes = controller(flash_read_ahead=0), 4 * 8
+    lines = [0x1000 + 2 * set_bytes * number for number in range(5)]  # all in one set of four ways
+    for number, address in enumerate(lines[:4]):
+        flash.wait(address, 2, 100 * number)
+    assert flash.wait(lines[0], 2, 500) == 0
+    flash.wait(lines[4], 2, 600)
+    assert [flash.wait(address, 2, 700 + 100 * number) > 0 for number, address in enumerate(lines[:2])] == [False, True]
+
+
+def test_code_in_flash_waits_and_its_total_carries_its_uncertainty() -> None:
+    plain = ProfiledImage(SHIPPED).call("crc32", b"123456789", 9)
+    called = ProfiledImage(SHIPPED, timing=MEMORIES).call("crc32", b"123456789", 9)
+    assert (called.value, called.instructions) == (plain.value, plain.instructions)
+    assert called.cycle_model == f"{MEMORIES}@flash"
+    assert in_flash(called.cycle_model)
+    assert called.memory_cycles == called.cycles - plain.cycles > 0
+    assert called.band is not None
+    assert (called.band.low, called.band.high) == (round(0.85 * called.cycles), round(1.15 * called.cycles))
+    assert plain.memory_cycles is None
+
+
+def test_what_the_memories_add_is_in_the_total_and_the_parts_still_add_up() -> None:
+    called = ProfiledImage(SHIPPED, timing=MEMORIES).call("crc32", b"123456789", 9)
+    parts = sum(called.work.values()) + sum(called.stalls.values()) + called.asleep_cycles
+    assert parts + (called.memory_cycles or 0) == called.cycles
+
+
+def test_the_default_profile_knows_no_memories_and_this_one_prices_instructions_alike() -> None:
+    assert load_profile(DEFAULT_PROFILE).memory == {}
+    assert load_profile(MEMORIES).rows == load_profile(DEFAULT_PROFILE).rows
+    assert list(ROWS) == list(MEMORY_ROWS)
+
+
+def test_a_file_may_change_a_few_rows_of_a_profile_that_ships(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    row = '[memory.flash_clocks]\nvalue = 4\nband = [4, 4]\nsource = "100 MHz"\n'
+    file.write_text(f'name = "slower/1"\nbase = "{MEMORIES}"\n{row}', encoding="utf-8")
+    mine = load_profile(str(file))
+    assert mine.memory == ROWS | {"flash_clocks": mine.memory["flash_clocks"]}
+    assert mine.memory["flash_clocks"].value == 4
+    assert mine.rows == load_profile(DEFAULT_PROFILE).rows
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ('name = "a"\nbase = "gone/1"', 'base: must be a profile that ships: .*; not "gone/1"'),
+        ('name = "a"\nbase = 3', "base: must be a profile that ships"),
+        (f'name = "a"\nbase = "{DEFAULT_PROFILE}"\n[memory.flash_clocks]\nvalue = 4\nband = [4, 4]\nsource = "x"',
+         "memory.flash_line_bytes is missing, 12 rows in all"),
+        (f'name = "a"\nbase = "{MEMORIES}"\n[memory.flash_clocks]\nvalue = 0\nband = [0, 4]\nsource = "x"',
+         "flash_clocks.value: must be whole cycles from 1"),
+        (f'name = "a"\nbase = "{MEMORIES}"\n[memory.flash]\nvalue = 0', "memory: unknown key 'flash'"),
+        (f'name = "a"\nbase = "{MEMORIES}"\nmemory = 3', r"no table \[memory.ROW\]"),
+    ],
+)  # fmt: skip
+def test_what_is_no_memory_table_is_refused(tmp_path: Path, text: str, complaint: str) -> None:
+    (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigError, match=complaint):
+        load_profile(str(tmp_path / "mine.toml"))
