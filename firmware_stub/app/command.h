@@ -90,4 +90,7 @@ status_t command_start_fusion(payload_reader_t *request, payload_writer_t *reply
 status_t command_run_fusion(payload_reader_t *request, payload_writer_t *reply);
 status_t command_read_fusion(payload_reader_t *request, payload_writer_t *reply);
 
+/* sequence_commands.c */
+status_t command_time_sequence(payload_reader_t *request, payload_writer_t *reply);
+
 #endif

@@ -79,3 +79,13 @@ def test_code_in_flash_is_counted_as_the_page_says_and_carries_what_it_says(tmp_
     assert (low, high) == (round(0.85 * cycles), round(1.15 * cycles))
     assert "a total `@flash` carries ±15 %" in PAGE
     assert f"closer than {FLASH_TIE:.0%}".replace("%", " %") in PAGE
+
+
+def test_the_command_for_owners_of_a_board_is_one_that_there_is(tmp_path: Path) -> None:
+    (command,) = (each for each in COMMANDS if each.startswith("timing measure"))
+    done = subprocess.run(
+        [sys.executable, "-m", "hiltest", *shlex.split(command.replace("/dev/ttyACM0", "/dev/no-such-port"))],
+        cwd=tmp_path, capture_output=True, text=True, check=False, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 4
+    assert "no serial port '/dev/no-such-port'" in done.stderr

@@ -21,6 +21,7 @@ from hiltest.link.fusion import FusionRead, FusionRun, FusionStart
 from hiltest.link.poses import AddPose, ClearPoses, Poses, UploadPoses
 from hiltest.link.request import REPLY_BIT
 from hiltest.link.request_reading import read_request
+from hiltest.link.sequences import SequencePlace, TimeSequence
 from hiltest.link.trace_text import trace_lines
 from hiltest.link.transcript import Direction, LatestTranscript, Transcript
 
@@ -38,6 +39,7 @@ REQUESTS: list[m.Request[Any]] = [
     UploadPoses(0, [POSE, replace(POSE, magnetometer_spread=None)]),
     g.GyroscopeRest(64, store=True, noise=4.0), g.IntegrateGyroscope(40), g.LogGyroscope(128, go_on=True),
     g.FitGyroscope([TURN]), g.SetGyroscope(np.arange(9).reshape(3, 3), [0.5, 0, -1]), g.GetGyroscope(),
+    TimeSequence(22, SequencePlace.FLASH_ALONE),
     m.Upload(0, [[1, -2, 3, 4, -5, 8192]]),
     FitDpi(300, 2, dip_deg=-62.5), FitDpi(38, 15, source=DpiSource.POSES),
     FusionStart(3, 5, 16, 0.5, 0.25, 1.0, 0.125, timeout_us=9), FusionRun(24_000_000), FusionRead(36, 12),

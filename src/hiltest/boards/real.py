@@ -15,6 +15,12 @@ SILICON = "silicon-dwt"
 UNDECLARED = "undeclared"
 
 
+def is_silicon(unique_id: bytes) -> bool:
+    """Say whether a unique id is that of a chip."""
+    # An emulator that nobody taught this register answers all zeros or all ones, as no chip does.
+    return unique_id not in (VIRTUAL_UNIQUE_ID, bytes(16), b"\xff" * 16)
+
+
 class RealBoard(Board):
     """An FRDM-K64F with the hiltest firmware.
 
@@ -61,19 +67,14 @@ class RealBoard(Board):
         """
         if not self.identity.cycle_source:
             return "none"
-        model = self.declared.cycle_model or (SILICON if self._is_silicon else UNDECLARED)
+        model = self.declared.cycle_model or (SILICON if is_silicon(self.identity.unique_id) else UNDECLARED)
         return f"{model}@{self.identity.placement}"
-
-    @property
-    def _is_silicon(self) -> bool:
-        # An emulator that nobody taught this register answers all zeros or all ones, as no chip does.
-        return self.identity.unique_id not in (VIRTUAL_UNIQUE_ID, bytes(16), b"\xff" * 16)
 
     def _refuse_wrong_model(self) -> None:
         declared = self.declared.cycle_model
-        if declared is None or (declared == SILICON) is self._is_silicon:
+        if declared is None or (declared == SILICON) is is_silicon(self.identity.unique_id):
             return
-        found = "a chip" if self._is_silicon else "a virtual board"
+        found = "a chip" if is_silicon(self.identity.unique_id) else "a virtual board"
         raise ConfigError(
             f"the rig declares cycle_model = {declared!r}, but what answers on {self._url} is {found} "
             f"(unique id {self.identity.unique_id.hex()}). Correct cycle_model under [board], "

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, TextIO
 import click
 
 from hiltest.bench_files import rig_file
-from hiltest.commands.options import NumberRange, checked
+from hiltest.commands.options import ErrorOutput, NumberRange, checked
 from hiltest.errors import ConfigError
 from hiltest.settings import file_name, seed
 
@@ -82,7 +82,7 @@ def _write(
     from hiltest.progress_line import ProgressLine
 
     counts: dict[SensorKind | None, int] = dict.fromkeys([*kinds, None], 0)
-    progress = ProgressLine(_ErrorOutput(), shown=sys.stderr.isatty())
+    progress = ProgressLine(ErrorOutput(), shown=sys.stderr.isatty())
     names = [f"{kind.name.lower()}_{axis}_{UNITS[kind][0]}" for kind in kinds for axis in "xyz"]
     file.write(f"# hiltest log: {board.description}, body frame, uncalibrated; die temperature of the row's sensor\n")
     file.write(",".join(["time_s", *names, "temperature_degc"]) + "\n")
@@ -127,11 +127,3 @@ def _asked_to_end() -> Iterator[list[int]]:
         yield came
     finally:
         signal.signal(signal.SIGINT, before)
-
-
-class _ErrorOutput:
-    """Where progress goes: standard error, so that standard output is the result."""
-
-    def write(self, msg: str, *, flush: bool = False) -> None:
-        """Write a text."""
-        click.echo(msg, nl=False, err=True)

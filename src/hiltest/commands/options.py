@@ -52,3 +52,11 @@ def checked(check: Callable[[str], Any]) -> Callable[[click.Context, click.Param
         return text
 
     return callback
+
+
+class ErrorOutput:
+    """Where progress goes: standard error, so that standard output is the result."""
+
+    def write(self, msg: str, *, flush: bool = False) -> None:
+        """Write a text."""
+        click.echo(msg, nl=False, err=True)

@@ -2,7 +2,19 @@
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
 import click
+
+from hiltest.bench_files import rig_file
+from hiltest.commands.options import ErrorOutput, checked
+from hiltest.errors import ConfigError
+from hiltest.settings import file_name
+
+if TYPE_CHECKING:
+    from hiltest.boards import Board
 
 _EXIT_CODES = """
 \b
@@ -10,11 +22,21 @@ Exit codes:
   0   shown
   4   usage: no such profile, or the file is no timing profile
 """
+_MEASURE_EXIT_CODES = """
+\b
+Exit codes:
+  0   measured, and written
+  1   the firmware knows no such sequences, or its core counts no cycles
+  2   interrupted
+  4   usage: an option, a port or a rig file is wrong, or the file cannot be written
+  20  bench lost: link, cable or board
+  23  wrong firmware, or another protocol version
+"""
 
 
 @click.group()
 def timing() -> None:
-    """Show what a clock cycle of the virtual board rests on."""
+    """Show what a clock cycle of the virtual board rests on, or measure it on a board."""
 
 
 @timing.command(epilog=_EXIT_CODES)
@@ -35,3 +57,47 @@ def show(named: str | None, as_json: bool) -> int:
 
     print_table(standard_output(), profile, place_of(name))
     return 0
+
+
+@timing.command(epilog=_MEASURE_EXIT_CODES)
+@click.option("--hil-port", metavar="URL", callback=checked(file_name),
+              help="Serial port of a real board: a device or a pyserial URL.  [default: the rig's virtual board]")
+@click.option("--rig", metavar="R", callback=checked(file_name),
+              help="Rig file, or name of a rig in hil/rigs.  [default: virtual-k64f]")
+@click.option("--out", metavar="FILE", type=click.Path(dir_okay=False, path_type=Path),
+              help="Profile to write.  [default: silicon-<board id>.toml]")
+def measure(hil_port: str | None, rig: str | None, out: Path | None) -> int:
+    """Time instructions on a board and write a timing profile of it.
+
+    The firmware runs sequences of one kind of instruction each, from SRAM and from flash, with nothing but its cycle
+    counter; no sensor and no turntable is needed. It takes some seconds.
+    """
+    from hiltest.boards import open_board
+    from hiltest.procedures.sequences import measure_sequences
+    from hiltest.profiling.timing_table import print_measured
+    from hiltest.progress_line import ProgressLine
+    from hiltest.report.console import standard_output
+    from hiltest.rig_file import load_rig
+    from hiltest.virtual.measured_profile import profile_text, solve
+
+    with open_board(load_rig(rig_file(Path.cwd(), rig)), port=hil_port) as board:
+        identity, name = board.identity, _name(board)
+        found = measure_sequences(board, progress=ProgressLine(ErrorOutput(), shown=sys.stderr.isatty()))
+    raw = {place.name.lower(): clocks for place, clocks in found.items()}
+    measured = solve(raw["sram"], f"board {identity.unique_id.hex()}, firmware build {identity.build_id}")
+    file = out or Path(f"{name}.toml")
+    try:
+        file.write_text(profile_text(name, measured, raw), encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"cannot write {file}: {error.strerror}; name another file with --out") from error
+    print_measured(standard_output(), measured)
+    click.echo(f"{file}: {name}, {len(measured.rows)} rows")
+    return 0
+
+
+def _name(board: Board) -> str:
+    """Name a board's profile after its chip; what is no chip is not called silicon."""
+    from hiltest.boards.real import is_silicon
+
+    kind = "silicon" if is_silicon(board.identity.unique_id) else "virtual"
+    return f"{kind}-{board.identity.unique_id.hex()}"

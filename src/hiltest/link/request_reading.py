@@ -10,7 +10,7 @@ import numpy as np
 from hiltest.calibration.gyroscope import GyroscopeTurn
 from hiltest.calibration.still_pose import Face
 from hiltest.errors import ProtocolError
-from hiltest.link import accelerometer, dpi, fusion, gyroscope, poses, streams
+from hiltest.link import accelerometer, dpi, fusion, gyroscope, poses, sequences, streams
 from hiltest.link import messages as m
 from hiltest.link.fields import FieldReader
 from hiltest.link.framing import Frame
@@ -62,6 +62,10 @@ def _integrate_gyroscope(fields: FieldReader) -> gyroscope.IntegrateGyroscope:
 def _log_gyroscope(fields: FieldReader) -> gyroscope.LogGyroscope:
     n, go_on = fields.number("B", "n"), fields.flag("go on")
     return gyroscope.LogGyroscope(n, go_on, timeout_us=fields.number("I", "timeout"))
+
+
+def _time_sequence(fields: FieldReader) -> sequences.TimeSequence:
+    return sequences.TimeSequence(fields.number("B", "sequence"), fields.choice(sequences.SequencePlace, "place"))
 
 
 def _turn(fields: FieldReader) -> GyroscopeTurn:
@@ -162,6 +166,7 @@ _READERS: Mapping[type[m.Request[Any]], _Read] = {
     ),
     gyroscope.SetGyroscope: _set_gyroscope,
     gyroscope.GetGyroscope: lambda _: gyroscope.GetGyroscope(),
+    sequences.TimeSequence: _time_sequence,
 }
 _BY_CODE = {kind.code: kind for kind in _READERS}
 

@@ -11,7 +11,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from hiltest.virtual.profile_file import MEMORY_ROWS, ROWS
+from hiltest.virtual.measured_profile import MeasuredProfile
+from hiltest.virtual.profile_file import DEFAULT_PROFILE, MEMORY_ROWS, ROWS, load_profile
 from hiltest.virtual.timing import CostRow, TimingProfile
 
 SCHEMA = "hiltest.timing/1"
@@ -35,6 +36,26 @@ def print_table(console: Console, profile: TimingProfile, file: Path) -> None:
     console.print(_table("cycles", profile.rows, ROWS))
     if profile.memory:
         console.print(_table("value", profile.memory, MEMORY_ROWS))
+
+
+def print_measured(console: Console, measured: MeasuredProfile) -> None:
+    """Print what was measured beside what the default profile has, and what does not fit the model's rules."""
+    default = load_profile(DEFAULT_PROFILE)
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("row", no_wrap=True)
+    for name in ("measured", default.name, "band"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("")
+    for name, row in measured.rows.items():
+        before = default.rows[name]
+        inside = before.band[0] <= row.band[0] and row.band[1] <= before.band[1]
+        said = "outside its band" if not inside else "another value" if row.value != before.value else ""
+        low, high = row.band
+        shown = str(row.value) if low == high else f"{low} to {high}"
+        table.add_row(name, shown, str(before.value), _band(before), said, style="bold" if said else None)
+    console.print(table)
+    for remark in measured.remarks:
+        console.print(escape(remark), style="yellow", soft_wrap=True)
 
 
 def _table(value: str, rows: Mapping[str, CostRow], meanings: Mapping[str, str]) -> Table:

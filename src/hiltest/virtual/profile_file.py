@@ -70,7 +70,7 @@ _AT_LEAST_ONE = frozenset(
 )
 _DEAREST = 1000  # cycles; far more than any instruction takes, and sums stay within 32 bits
 _LARGEST_FILE = 64 * 1024
-_TABLES = ("name", "base", "cost", "memory")
+_TABLES = ("name", "base", "cost", "memory", "measured")  # the last is what rows were made of, and prices nothing
 _KEYS = ("value", "band", "source", "against")
 _NAME = re.compile(r"[a-z0-9][a-z0-9./-]{0,63}")
 _OTHERWISE = "start from a copy of a profile that ships: `hiltest timing show` says which file"

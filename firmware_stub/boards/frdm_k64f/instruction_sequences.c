@@ -1,0 +1,106 @@
+/**
+ * @file instruction_sequences.c
+ * @brief The sequences: r1 and r2 point into a buffer whose first word is its own address, r3 is 1, r4 is 0, r6 is 2^31 - 1, and
+ * the flags say "equal".
+ *
+ * Floating-point sequences end with an instruction that needs the FPU, so that nothing of theirs goes on behind their end. What
+ * the registers s0 to s15 hold does not matter: no instruction of this core takes longer for it.
+ */
+#include "boards/instruction_sequences.h"
+
+#include "boards/cycle_counter.h"
+#include "calibration/fast_code.h"
+#include "registers.h"
+
+typedef void (*sequence_t)(uint32_t *buffer);
+
+#define TIMES(count, instructions) "\t.rept " #count "\n\t" instructions "\n\t.endr\n"
+
+/* Name and body. The order is that of PROTOCOL.md, and the host's. */
+#define SEQUENCES(EACH)                                                                                                           \
+    EACH(empty, "")                                                                                                               \
+    EACH(data, TIMES(64, "adds r0, r0, #1"))                                                                                      \
+    EACH(divide, TIMES(16, "sdiv r0, r6, r3"))                                                                                    \
+    EACH(load_chain, TIMES(64, "ldr r1, [r1]"))                                                                                   \
+    EACH(loads, TIMES(64, "ldr r0, [r1]"))                                                                                        \
+    EACH(stores, TIMES(64, "str r0, [r2, #4]"))                                                                                   \
+    EACH(stores_by_register, TIMES(64, "str r0, [r2, r4]"))                                                                       \
+    EACH(load_behind_store, TIMES(32, "adds r0, r0, #1\n\tstr r0, [r2, #4]\n\tldr r0, [r1]"))                                     \
+    EACH(store_behind_load, TIMES(32, "adds r0, r0, #1\n\tldr r0, [r1]\n\tstr r0, [r2, #4]"))                                     \
+    EACH(load_store_pairs, TIMES(32, "ldr r0, [r1]\n\tstr r0, [r2, #4]"))                                                         \
+    EACH(load_multiple, TIMES(32, "ldm r1, {r0, r5, r7-r12}"))                                                                    \
+    EACH(store_multiple, TIMES(32, "stm r2, {r0, r5, r7-r12}"))                                                                   \
+    EACH(branch_not_taken, TIMES(64, "bne 1f\n1:"))                                                                               \
+    EACH(branch_taken, TIMES(32, "b 1f\n1:"))                                                                                     \
+    EACH(call_and_return, "\tb 9f\n8:\tbx lr\n9:\n" TIMES(16, "bl 8b"))                                                           \
+    EACH(table_branch, TIMES(16, "tbb [pc, r4]\n\t.byte 1, 0"))                                                                   \
+    EACH(if_then, TIMES(32, "it eq\n\taddeq r0, r0, #1"))                                                                         \
+    EACH(barrier, TIMES(32, "dmb"))                                                                                               \
+    EACH(system, TIMES(64, "nop"))                                                                                                \
+    EACH(exclusive, TIMES(32, "ldrex r0, [r1]"))                                                                                  \
+    EACH(fp, TIMES(64, "vadd.f32 s0, s1, s2"))                                                                                    \
+    EACH(fp_chain, TIMES(64, "vadd.f32 s0, s0, s1"))                                                                              \
+    EACH(accumulate, TIMES(16, "vfma.f32 s0, s4, s5\n\tvfma.f32 s1, s4, s5\n\tvfma.f32 s2, s4, s5\n\tvfma.f32 s3, s4, s5")        \
+                         "\tvadd.f32 s8, s9, s10\n")                                                                              \
+    EACH(accumulate_chain, TIMES(64, "vfma.f32 s0, s4, s5") "\tvadd.f32 s8, s9, s10\n")                                           \
+    EACH(accumulate_and_multiply, TIMES(32, "vfma.f32 s0, s4, s5\n\tvmul.f32 s1, s6, s7"))                                        \
+    EACH(accumulate_over_integers,                                                                                                \
+         TIMES(32, "vfma.f32 s0, s4, s5\n\tadds r0, r0, #1\n\tadds r0, r0, #1\n\tadds r0, r0, #1\n\tadds r0, r0, #1"))            \
+    EACH(fp_divide, TIMES(8, "vdiv.f32 s0, s1, s2") "\tvadd.f32 s8, s9, s10\n")                                                   \
+    EACH(fp_divide_result, TIMES(8, "vdiv.f32 s0, s1, s2\n\tvmov r0, s0"))                                                        \
+    EACH(square_root, TIMES(8, "vsqrt.f32 s0, s1") "\tvadd.f32 s8, s9, s10\n")                                                    \
+    EACH(fp_loads, TIMES(64, "vldr s0, [r1]"))                                                                                    \
+    EACH(fp_stores, TIMES(64, "vstr s0, [r2]"))                                                                                   \
+    EACH(fp_pairs, TIMES(32, "vmov r8, r9, s0, s1"))
+
+/* A NOP on either side: what stands before and behind is no load, store or branch to any body. */
+#define FRAMED(name, place, section, body)                                                                                        \
+    __asm__("\t.pushsection " section ", \"ax\", %progbits\n"                                                                     \
+            "\t.balign 8\n\t.thumb_func\n\t.type sequence_" #name "_" #place ", %function\n"                                      \
+            "sequence_" #name "_" #place ":\n"                                                                                    \
+            "\tpush {r4-r12, lr}\n\tmov r1, r0\n\tadd r2, r0, #64\n\tmov r3, #1\n\tmov r4, #0\n\tmvn r6, #0x80000000\n"           \
+            "\tcmp r4, #0\n\tnop\n" body "\tnop\n\tpop {r4-r12, pc}\n"                                                            \
+            "\t.size sequence_" #name "_" #place ", . - sequence_" #name "_" #place "\n\t.popsection\n");                         \
+    extern void sequence_##name##_##place(uint32_t *buffer);
+
+#define IN_SRAM(name, body) FRAMED(name, sram, ".fast_code.sequences", body)
+#define IN_FLASH(name, body) FRAMED(name, flash, ".text.sequences", body)
+SEQUENCES(IN_SRAM)
+SEQUENCES(IN_FLASH)
+
+#define BOTH(name, body) {sequence_##name##_sram, sequence_##name##_flash},
+static const sequence_t sequences[][2] = {SEQUENCES(BOTH)};
+
+static uint32_t buffer[32];
+
+uint8_t sequence_count(void)
+{
+    return (uint8_t)(sizeof sequences / sizeof sequences[0]);
+}
+
+/** In SRAM: the controller of the flash must not be switched by code that it is just fetching. */
+FAST_CODE __attribute__((noinline)) static uint32_t count_sequence(sequence_t sequence, bool alone)
+{
+    const uint32_t mask = interrupts_mask();
+    const uint32_t flash_bank_0 = FMC_PFB0CR;
+    const uint32_t flash_bank_1 = FMC_PFB1CR;
+    if (alone) {
+        FMC_PFB0CR = (flash_bank_0 & ~FMC_PFB_ENABLES) | FMC_PFB_INVALIDATE;
+        FMC_PFB1CR = (flash_bank_1 & ~FMC_PFB_ENABLES) | FMC_PFB_INVALIDATE;
+    }
+    const uint32_t before = cycle_counter_read();
+    sequence(buffer);
+    const uint32_t after = cycle_counter_read();
+    if (alone) {
+        FMC_PFB0CR = flash_bank_0;
+        FMC_PFB1CR = flash_bank_1;
+    }
+    interrupts_restore(mask);
+    return after - before;
+}
+
+uint32_t sequence_cycles(uint8_t sequence, sequence_place_t place)
+{
+    buffer[0] = (uint32_t)(uintptr_t)buffer;
+    return count_sequence(sequences[sequence][place == SEQUENCE_IN_SRAM ? 0 : 1], place == SEQUENCE_IN_FLASH_ALONE);
+}

@@ -1,0 +1,34 @@
+/**
+ * @file instruction_sequences.h
+ * @brief Short runs of one kind of instruction, to be timed: what a cycle model is made from.
+ *
+ * They reside in the firmware, once in SRAM_L and once in flash: nothing that comes over the line is ever executed. Each ends by
+ * itself, writes nothing but registers and a buffer of its own, and differs from the empty one by its body alone. Which body stands
+ * at which place of the list is said in PROTOCOL.md.
+ */
+#ifndef HILTEST_INSTRUCTION_SEQUENCES_H
+#define HILTEST_INSTRUCTION_SEQUENCES_H
+
+#include <stdint.h>
+
+/** Where a sequence runs from. */
+typedef enum {
+    SEQUENCE_IN_SRAM = 0,         /**< SRAM_L, with its data in SRAM_U */
+    SEQUENCE_IN_FLASH = 1,        /**< flash, with the cache and the buffers of its controller as reset leaves them */
+    SEQUENCE_IN_FLASH_ALONE = 2,  /**< flash, with cache, prefetch and buffers of its controller switched off meanwhile */
+    SEQUENCE_PLACES = 3
+} sequence_place_t;
+
+/** How many sequences there are; the first one is empty. */
+uint8_t sequence_count(void);
+
+/**
+ * Run a sequence with interrupts masked.
+ *
+ * @param sequence below sequence_count()
+ * @param place where it runs from
+ * @return core clock cycles with the frame around it, which is that of the empty sequence too
+ */
+uint32_t sequence_cycles(uint8_t sequence, sequence_place_t place);
+
+#endif

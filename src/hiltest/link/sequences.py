@@ -1,0 +1,61 @@
+"""TIME_SEQUENCE, short runs of one kind of instruction: what the host asks, and what it is answered."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import ClassVar
+
+from hiltest.link.fields import FieldReader
+from hiltest.link.replies import RunCost, Status
+from hiltest.link.request import Request, within
+
+__all__ = ["SEQUENCES", "SequencePlace", "TimeSequence"]
+
+#: In the order of the protocol.
+SEQUENCES = (
+    "empty", "data", "divide", "load_chain", "loads", "stores", "stores_by_register", "load_behind_store",
+    "store_behind_load", "load_store_pairs", "load_multiple", "store_multiple", "branch_not_taken", "branch_taken",
+    "call_and_return", "table_branch", "if_then", "barrier", "system", "exclusive", "fp", "fp_chain", "accumulate",
+    "accumulate_chain", "accumulate_and_multiply", "accumulate_over_integers", "fp_divide", "fp_divide_result",
+    "square_root", "fp_loads", "fp_stores", "fp_pairs",
+)  # fmt: skip
+
+
+class SequencePlace(IntEnum):
+    """Where a sequence runs from; the values are those of the protocol."""
+
+    SRAM = 0
+    FLASH = 1
+    FLASH_ALONE = 2
+    """Flash, with cache, prefetch and buffers of its controller switched off meanwhile."""
+
+
+@dataclass(frozen=True)
+class TimeSequence(Request[RunCost | None]):
+    """Run a sequence of instructions that resides in the firmware; None when the core counts no cycles.
+
+    Attributes
+    ----------
+    sequence : int
+        Its place in `SEQUENCES`.
+    place : SequencePlace
+        Where it runs from.
+    """
+
+    code: ClassVar[int] = 0x26
+    command: ClassVar[str] = "TIME_SEQUENCE"
+    answered_with: ClassVar[frozenset[Status]] = frozenset({Status.OK, Status.NO_CYCLE_COUNTER})
+
+    sequence: int
+    place: SequencePlace = SequencePlace.SRAM
+
+    def payload(self) -> bytes:
+        """Return sequence and place."""
+        within(self.sequence, 0, len(SEQUENCES) - 1, "sequence")
+        return struct.pack("<BB", self.sequence, self.place)
+
+    def parse(self, fields: FieldReader) -> RunCost | None:
+        """Read what it cost, the empty one subtracted."""
+        return RunCost.parse(fields)

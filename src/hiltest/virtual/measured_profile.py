@@ -1,0 +1,158 @@
+"""A timing profile made from measurements: clocks of known sequences of instructions, solved for the rows.
+
+Every sequence of the firmware costs a sum of rows, by the rules of `hiltest.virtual.timing`. Solved one after the
+other they give every row but those of exceptions, which no timed code meets. Those that are left over are held against
+what the rows make of them: where they differ, a rule does not hold on that core.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+
+from hiltest.virtual.profile_file import DEFAULT_PROFILE, load_profile
+from hiltest.virtual.timing import CostRow
+
+
+@dataclass(frozen=True, slots=True)
+class Equation:
+    """What a sequence costs: ``times`` of `row`, and other rows, and clocks that are no row's."""
+
+    sequence: str
+    row: str
+    times: int
+    others: Mapping[str, int] = field(default_factory=dict)
+    clocks: int = 0
+
+
+#: In an order in which each has only one row that is not known yet.
+EQUATIONS = (
+    Equation("data", "data", 64),
+    Equation("divide", "divide", 16),
+    Equation("load_chain", "load", 64),
+    Equation("loads", "load_behind_load", 63, {"load": 1}),
+    Equation("stores", "store", 64),
+    Equation("stores_by_register", "store_register_offset", 64),
+    Equation("load_behind_store", "load_behind_store", 32, {"data": 32, "store": 32, "load": 32}),
+    Equation("store_behind_load", "store_behind_load", 32, {"data": 32, "load": 32}),
+    Equation("load_multiple", "multiple_base", 32, clocks=32 * 8),
+    Equation("branch_not_taken", "branch", 64),
+    Equation("branch_taken", "refill_direct", 32, {"branch": 32}),
+    Equation("call_and_return", "refill_indirect", 16, {"branch": 33, "refill_direct": 17}),
+    Equation("table_branch", "table_branch", 16, {"refill_indirect": 16}),
+    Equation("if_then", "it", 32, {"data": 32}),
+    Equation("barrier", "barrier", 32),
+    Equation("system", "system", 64),
+    Equation("exclusive", "exclusive", 32),
+    Equation("fp", "fp", 64),
+    Equation("fp_chain", "fp_use", 63, {"fp": 64}),
+    Equation("accumulate", "fp_accumulate", 64, {"fp": 1}),
+    Equation("accumulate_over_integers", "fp_accumulate_hidden", -32, {"fp_accumulate": 32, "data": 128}),
+    Equation("fp_divide", "fp_divide", 8, {"fp": 1}),
+    Equation("fp_divide_result", "fp_divide_use", 8, {"fp": 8}),
+    Equation("fp_loads", "fp_load", 64),
+    Equation("fp_stores", "fp_store", 64),
+    Equation("fp_pairs", "fp_move_pair", 32),
+)
+#: What must come out as the rows have it.
+CHECKS = (
+    Equation("load_store_pairs", "load", 32, {"store_behind_load": 32, "load_behind_store": 31}),
+    Equation("store_multiple", "multiple_base", 32, clocks=32 * 8),
+    Equation("accumulate_chain", "fp_accumulate", 64, {"fp": 1}),
+    Equation("accumulate_and_multiply", "fp_accumulate", 32, {"fp": 32}),
+    Equation("square_root", "fp_divide", 8, {"fp": 1}),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredProfile:
+    """What measurements make of the rows.
+
+    Attributes
+    ----------
+    rows : dict of str to CostRow
+        Those that were measured. One that came out as no whole number has both neighbours for its band.
+    remarks : tuple of str
+        What does not fit the rules.
+    """
+
+    rows: dict[str, CostRow]
+    remarks: tuple[str, ...]
+
+
+def solve(clocks: Mapping[str, int], about: str) -> MeasuredProfile:
+    """Find the rows that give these clocks.
+
+    Parameters
+    ----------
+    clocks : mapping of str to int
+        Of each sequence, run from SRAM_L with its data in SRAM_U.
+    about : str
+        What was measured, and with what: ends the source of each row.
+    """
+    exact: dict[str, Fraction] = {}
+    rows: dict[str, CostRow] = {}
+    remarks: list[str] = []
+    for each in EQUATIONS:
+        rest = each.clocks + sum(times * exact[row] for row, times in each.others.items())
+        value = exact[each.row] = Fraction(clocks[each.sequence] - rest, 1) / each.times
+        source = f"measured: {abs(each.times)} in {clocks[each.sequence]} clocks of sequence {each.sequence}; {about}"
+        rows[each.row], remark = _row(each.row, value, source)
+        remarks += remark
+    for each in CHECKS:
+        wanted = each.clocks + each.times * exact[each.row] + sum(
+            times * exact[row] for row, times in each.others.items()
+        )
+        if wanted != clocks[each.sequence]:
+            remarks.append(
+                f"{each.sequence}: {clocks[each.sequence]} clocks, and the rows make {float(wanted):g}: "
+                "a rule of the model does not hold here"
+            )
+    late = rows["fp_divide_use"].value - rows["fp_divide"].value
+    if not 0 <= late <= 1:
+        remarks.append(f"fp_divide_use: {late} clocks behind fp_divide, where the model knows none or one")
+        rows["fp_divide_use"] = replace(rows["fp_divide"], source=rows["fp_divide_use"].source)
+    return MeasuredProfile(rows, tuple(remarks))
+
+
+def _row(row: str, value: Fraction, source: str) -> tuple[CostRow, list[str]]:
+    low, high = max(math.floor(value), 0), max(math.ceil(value), 0)
+    remarks = []
+    if value.denominator != 1 or value < 0:
+        remarks.append(f"{row}: {float(value):.3f} clocks, no whole number of them: its band is {low} to {high}")
+    return CostRow(min(max(round(value), low), high), (low, high), source), remarks
+
+
+def profile_text(name: str, measured: MeasuredProfile, raw: Mapping[str, Mapping[str, int]]) -> str:
+    """Return the file of a measured profile.
+
+    Parameters
+    ----------
+    name : str
+        Of the profile.
+    measured : MeasuredProfile
+    raw : mapping of str to mapping
+        Clocks of each sequence, by the memory that it ran from: kept, so that they can be read otherwise later.
+    """
+    return "\n".join(_lines(name, measured, raw)) + "\n"
+
+
+def _lines(name: str, measured: MeasuredProfile, raw: Mapping[str, Mapping[str, int]]) -> Iterator[str]:
+    default = load_profile(DEFAULT_PROFILE)
+    yield "# Measured by `hiltest timing measure`. Rows that are not here are the base's: no timed code meets them."
+    yield f'name = "{name}"'
+    yield f'base = "{default.name}"'
+    for remark in measured.remarks:
+        yield f"# {remark}"
+    for row, cost in measured.rows.items():
+        yield ""
+        yield f"[cost.{row}]"
+        yield f"value = {cost.value}"
+        yield f"band = [{cost.band[0]}, {cost.band[1]}]"
+        yield f'source = "{cost.source}"'
+    for place, clocks in raw.items():
+        yield ""
+        yield f"[measured.{place}]  # clocks of each sequence, the empty one subtracted"
+        yield from (f"{sequence} = {count}" for sequence, count in clocks.items())

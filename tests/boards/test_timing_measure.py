@@ -1,0 +1,139 @@
+"""``hiltest timing measure`` gives back the profile that a board was made with."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from hiltest.boards import open_board
+from hiltest.boards.board import Declared
+from hiltest.boards.real import RealBoard, is_silicon
+from hiltest.link.sequences import SEQUENCES, SequencePlace
+from hiltest.procedures.sequences import measure_sequences
+from hiltest.rig import Rig
+from hiltest.virtual.measured_profile import CHECKS, EQUATIONS, profile_text, solve
+from hiltest.virtual.profile_file import DEFAULT_PROFILE, ROWS, load_profile
+from hiltest.virtual.timing import TimingProfile
+from hiltest.virtual.unique_id import VIRTUAL_UNIQUE_ID
+
+NOT_MEASURED = {"exception_entry", "exception_return"}
+# What no public measurement settles, each at the other end of its band; and a core that is like no other.
+OPEN = {
+    "fp_accumulate": 2, "fp_accumulate_hidden": 1, "fp_store": 1, "store_behind_load": 1, "load_behind_store": 0,
+    "it": 0, "refill_direct": 2, "refill_indirect": 3, "divide": 7, "system": 2,
+}  # fmt: skip
+STRANGE = {
+    "data": 2, "divide": 5, "load": 4, "load_behind_load": 2, "store": 3, "store_register_offset": 6,
+    "store_behind_load": 2, "load_behind_store": 3, "multiple_base": 4, "branch": 2, "refill_direct": 3,
+    "refill_indirect": 5, "table_branch": 4, "it": 2, "barrier": 9, "system": 3, "exclusive": 7, "fp": 2, "fp_use": 3,
+    "fp_accumulate": 8, "fp_accumulate_hidden": 5, "fp_divide": 21, "fp_divide_use": 21, "fp_load": 3, "fp_store": 4,
+    "fp_move_pair": 5,
+}  # fmt: skip
+
+
+def written(folder: Path, values: dict[str, int]) -> str:
+    """Write a profile as a user would."""
+    rows = "".join(
+        f'\n[cost.{row}]\nvalue = {value}\nband = [{value}, {value}]\nsource = "a test"\n'
+        for row, value in values.items()
+    )
+    (folder / "made.toml").write_text(f'name = "made/1"\nbase = "{DEFAULT_PROFILE}"\n{rows}', encoding="utf-8")
+    return str(folder / "made.toml")
+
+
+def values(profile: TimingProfile) -> dict[str, int]:
+    return {name: row.value for name, row in profile.rows.items()}
+
+
+@pytest.mark.parametrize("changed", [{}, OPEN, STRANGE], ids=["default", "open", "strange"])
+def test_it_gives_back_the_profile_that_the_board_was_made_with(
+    tmp_path: Path, rig: Rig, changed: dict[str, int]
+) -> None:
+    made = written(tmp_path, changed)
+    with open_board(replace(rig, board=replace(rig.board, timing=made))) as board:
+        found = measure_sequences(board)
+    measured = solve(found[SequencePlace.SRAM], "a test")
+    assert measured.remarks == ()
+    (tmp_path / "measured.toml").write_text(profile_text("measured/1", measured, {}), encoding="utf-8")
+    back = load_profile(str(tmp_path / "measured.toml"))
+    assert values(back) == values(load_profile(made)) == values(load_profile(DEFAULT_PROFILE)) | changed
+    assert all(row.band == (row.value, row.value) for name, row in back.rows.items() if name not in NOT_MEASURED)
+    # This board's flash waits for nothing.
+    assert found[SequencePlace.FLASH] == found[SequencePlace.FLASH_ALONE] == found[SequencePlace.SRAM]
+
+
+def test_every_row_but_those_of_exceptions_is_solved_for_once_and_every_sequence_used() -> None:
+    solved = [each.row for each in EQUATIONS]
+    assert sorted(solved) == sorted(ROWS.keys() - NOT_MEASURED)
+    used = [each.sequence for each in (*EQUATIONS, *CHECKS)]
+    assert sorted(used) == sorted(SEQUENCES[1:])
+
+
+@pytest.fixture(scope="module")
+def clocks(rig: Rig) -> dict[str, int]:
+    with open_board(rig) as board:
+        return measure_sequences(board)[SequencePlace.SRAM]
+
+
+def test_clocks_that_are_no_whole_number_an_instruction_widen_the_band(clocks: dict[str, int]) -> None:
+    measured = solve(clocks | {"fp_stores": 96}, "a test")
+    assert measured.rows["fp_store"].band == (1, 2)
+    assert measured.remarks == ("fp_store: 1.500 clocks, no whole number of them: its band is 1 to 2",)
+
+
+def test_a_rule_that_does_not_hold_is_told(clocks: dict[str, int]) -> None:
+    (remark,) = solve(clocks | {"accumulate_chain": 257}, "a test").remarks
+    assert remark.startswith("accumulate_chain: 257 clocks, and the rows make 193: a rule of the model does not hold")
+    (remark,) = solve(clocks | {"load_store_pairs": 126}, "a test").remarks
+    assert remark.startswith("load_store_pairs: 126 clocks, and the rows make 95")
+
+
+def test_a_result_that_comes_later_than_the_model_knows_is_told_and_the_profile_can_be_read(
+    clocks: dict[str, int], tmp_path: Path
+) -> None:
+    measured = solve(clocks | {"fp_divide_result": clocks["fp_divide_result"] + 16}, "a test")
+    assert measured.remarks == ("fp_divide_use: 3 clocks behind fp_divide, where the model knows none or one",)
+    (tmp_path / "measured.toml").write_text(profile_text("measured/1", measured, {}), encoding="utf-8")
+    assert load_profile(str(tmp_path / "measured.toml")).rows["fp_divide_use"].value == 14
+
+
+def test_over_a_port_it_is_the_same(pty_board: Callable[[Rig], object], rig: Rig, clocks: dict[str, int]) -> None:
+    path = pty_board(rig).path  # type: ignore[attr-defined]
+    with RealBoard(str(path), baud=rig.link.baud, declared=Declared.of(rig)) as board:
+        assert measure_sequences(board)[SequencePlace.SRAM] == clocks
+
+
+def test_only_a_chip_is_called_silicon() -> None:
+    assert not is_silicon(VIRTUAL_UNIQUE_ID)
+    assert not is_silicon(bytes(16))
+    assert is_silicon(bytes.fromhex("0123456789abcdef" * 2))
+
+
+def test_the_command_writes_a_profile_named_after_the_board_and_shows_what_it_found(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "hiltest", "timing", "measure"], cwd=tmp_path, capture_output=True, text=True,
+        check=False, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    name = f"virtual-{VIRTUAL_UNIQUE_ID.hex()}"
+    assert done.stdout.splitlines()[-1] == f"{name}.toml: {name}, {len(EQUATIONS)} rows"
+    assert re.search(r"^ ?fp_accumulate +3 +3 +2 to 3", done.stdout, re.M)
+    profile = load_profile(str(tmp_path / f"{name}.toml"))
+    assert re.fullmatch(rf"{name}\+[0-9a-f]{{8}}", profile.name)
+    assert values(profile) == values(load_profile(DEFAULT_PROFILE))
+    assert "build" in profile.rows["fp"].source
+
+
+def test_a_file_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "hiltest", "timing", "measure", "--out", "gone/x.toml"], cwd=tmp_path,
+        capture_output=True, text=True, check=False, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 4
+    assert "cannot write gone/x.toml: No such file or directory; name another file with --out" in done.stderr

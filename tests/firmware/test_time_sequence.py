@@ -1,0 +1,82 @@
+"""TIME_SEQUENCE: sequences that reside in the firmware, from each memory, and the flash controller behind them."""
+
+from __future__ import annotations
+
+import re
+import struct
+
+import pytest
+
+from hiltest.link.replies import Status
+from hiltest.link.sequences import SEQUENCES, SequencePlace, TimeSequence
+from hiltest.virtual.elf import load_image
+from hiltest.virtual.peripherals.bus import StoredRegisters
+
+from .bench import ELF, ROOT, Bench
+
+TIME_SEQUENCE = TimeSequence.code
+PAGE = (ROOT / "firmware_stub" / "PROTOCOL.md").read_text(encoding="utf-8")
+PFB0CR, PFB1CR = 0x4, 0x8
+
+
+def cycles(bench: Bench, sequence: int, place: int) -> tuple[int, int]:
+    cost, overhead = struct.unpack("<2I", bench.ask(TIME_SEQUENCE, bytes([sequence, place])))
+    return cost, overhead
+
+
+def test_the_firmware_has_the_sequences_that_the_host_and_the_page_list_and_no_other() -> None:
+    bench = Bench()
+    assert bench.status(TIME_SEQUENCE, bytes([len(SEQUENCES) - 1, 0])) is Status.OK
+    assert bench.status(TIME_SEQUENCE, bytes([len(SEQUENCES), 0])) is Status.BAD_ARGUMENT
+    assert bench.status(TIME_SEQUENCE, bytes([0, len(SequencePlace)])) is Status.BAD_ARGUMENT
+    listed = re.findall(r"^\| (\d+) \| ([a-z_]+) \| ", PAGE, re.M)
+    assert listed == [(str(number), name) for number, name in enumerate(SEQUENCES)]
+
+
+def test_each_is_in_sram_and_in_flash_in_this_order() -> None:
+    symbols = load_image(ELF).symbols
+    for place, memory in (("sram", range(0x1FFF0000, 0x20000000)), ("flash", range(0x100000))):
+        at = [symbols[f"sequence_{name}_{place}"].address for name in SEQUENCES]
+        assert at == sorted(at)
+        assert all(address in memory for address in at)
+
+
+@pytest.mark.parametrize("place", SequencePlace)
+def test_an_empty_one_costs_nothing_and_additions_a_clock_each(place: SequencePlace) -> None:
+    bench = Bench()
+    assert cycles(bench, SEQUENCES.index("empty"), place)[0] == 0
+    cost, overhead = cycles(bench, SEQUENCES.index("data"), place)
+    assert cost == 64
+    assert 0 < overhead < 100
+
+
+def test_the_flash_controller_is_as_it_was_behind_a_sequence_and_switched_off_under_it() -> None:
+    bench = Bench()
+    (controller,) = (
+        each for each in bench.board._peripherals if isinstance(each, StoredRegisters) and each.name == "FMC"
+    )
+    written: list[tuple[int, int]] = []
+    write = controller.write
+
+    def note(offset: int, size: int, value: int) -> None:
+        """Keep what the firmware writes."""
+        written.append((offset, value))
+        write(offset, size, value)
+
+    controller.write = note  # type: ignore[method-assign]
+    before = controller.word(PFB0CR), controller.word(PFB1CR)
+    for place in (SequencePlace.SRAM, SequencePlace.FLASH):
+        cycles(bench, 1, place)
+    assert written == []
+    cycles(bench, 1, SequencePlace.FLASH_ALONE)
+    assert (controller.word(PFB0CR), controller.word(PFB1CR)) == before
+    # Twice, for the empty one before it: cache, prefetch and buffers off, and what they held forgotten.
+    assert [offset for offset, _ in written] == 2 * [PFB0CR, PFB1CR, PFB0CR, PFB1CR]
+    assert [value & 0x1F for _, value in written] == 2 * [0, 0, 0x1F, 0x1F]
+    assert all(value >> 19 & 0x1F == 0x1F for _, value in written[:2])
+
+
+def test_a_core_without_a_cycle_counter_says_so() -> None:
+    bench = Bench(cycle_counter=False)
+    reply = bench.request(TIME_SEQUENCE, bytes([1, 0])).payload
+    assert (Status(reply[0]), reply[1:]) == (Status.NO_CYCLE_COUNTER, bytes(8))
