@@ -216,6 +216,27 @@ class Measurement:
         return f"{self.name} = {value}{limit}: {self.outcome}{note}"
 
 
+def ratio_band(over: Measurement, under: Measurement) -> tuple[float, float] | None:
+    """Return within what the ratio of two cycle counts lies; None where one has no band, or another cycle model.
+
+    Both are counted by one model, so a row moves both: the ratio is taken with each row alone at either end of its
+    band, and with all of them where the counts are least, and most.
+    """
+    one, other = over.band, under.band
+    if one is None or other is None or over.cycle_model != under.cycle_model or not over.value or not under.value:
+        return None
+    counts = [(over.value, under.value), (one.low, other.low), (one.high, other.high)]
+    ones, others = ({each.row: each for each in band.rows} for band in (one, other))
+    for row in ones.keys() | others.keys():
+        for end in ("low", "high"):
+            moved = getattr(ones.get(row), end, over.value), getattr(others.get(row), end, under.value)
+            counts.append(moved)
+    if any(count <= 0 for _, count in counts):
+        return None
+    ratios = [count / of for count, of in counts]
+    return min(ratios), max(ratios)
+
+
 def cannot_be_ranked(one: Measurement | None, other: Measurement | None) -> bool:
     """Say whether two cycle counts are of code in flash and too close to say which is less."""
     if one is None or other is None or not one.value or not other.value:

@@ -7,7 +7,8 @@ from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
 
-from hiltest.measurement import CycleBand, Limit, Measurement, RowEffect, judge
+from hiltest.measurement import CycleBand, Limit, Measurement, RowEffect, judge, ratio_band
+from hiltest.report.cost_line import cost_line
 from hiltest.report.html import html_report
 from hiltest.report.markdown import markdown_report
 from hiltest.report.overview import accuracy_and_cost
@@ -80,3 +81,40 @@ def test_a_count_that_nothing_uncertain_enters_says_so() -> None:
 
 def test_a_row_that_makes_it_cheaper_at_its_upper_end_is_shown_in_order() -> None:
     assert CycleBand(90, 100, (RowEffect("fp_accumulate_hidden", 100, 90),)).explained().endswith("hidden: 90 to 100")
+
+
+def test_the_ratio_of_two_counts_moves_less_than_either_because_both_move_with_the_same_row() -> None:
+    def counted(value: int, band: CycleBand | None, model: str = "m") -> Measurement:
+        """Return a cycle count."""
+        return judge("cycles.x.total", value, unit="cycle", cycle_model=model, band=band)
+
+    one = counted(1000, CycleBand(800, 1000, (RowEffect("fp_store", 800, 1000),)))
+    other = counted(100, CycleBand(85, 100, (RowEffect("fp_store", 90, 100), RowEffect("it", 95, 100))))
+    # With fp_store cheap 800 / 90, with it cheap 1000 / 95, with both 800 / 85.
+    assert ratio_band(one, other) == (800 / 90, 1000 / 95)
+    assert ratio_band(one, counted(100, None)) is None
+    assert ratio_band(one, counted(100, CycleBand(90, 100), "silicon-dwt")) is None
+    assert ratio_band(one, counted(100, CycleBand(0, 100))) is None
+
+
+def test_the_cost_line_has_budget_counts_what_they_reach_and_the_ratio(findings: Make, good: list[Measurement]) -> None:
+    shown = {"cycles.direct.per_point": (98.0, 168), "cycles.direct.fixed": (2_600.0, 2_600)}
+    lines = [
+        judge(name, value, unit="cycle", cycle_model="m", information=Limit(max=most))
+        for name, (value, most) in shown.items()
+    ]
+    measured = [replace(each, band=BAND) if each.name == "cycles.direct.total" else each for each in good]
+    made = findings(*measured, *lines)
+    run = made.finish(decide(made, pytest_exit=0), "2026-01-02T03:04:06Z")
+    line = (
+        "budget for 100 points 19 400 cycles; direct 12 400 (11 900 to 13 050) for 0.97 deg; iterative 203 000 for "
+        "0.95 deg; iterative costs 16.37 times direct."
+    )
+    assert cost_line(run) == line
+    assert line in html_report(run).replace("\N{NO-BREAK SPACE}", " ")
+    assert line in markdown_report(run)
+
+
+def test_without_the_old_calibrator_there_is_no_cost_line(findings: Make, good: list[Measurement]) -> None:
+    made = findings(*(each for each in good if "iterative" not in each.name))
+    assert cost_line(made.finish(decide(made, pytest_exit=0), "2026-01-02T03:04:06Z")) == ""

@@ -213,7 +213,6 @@ def test_a_count_that_is_more_than_instructions_has_no_band(build: Build, block_
 def test_a_board_that_counts_by_instruction_knows_no_blocks() -> None:
     board = VirtualK64F(SHIPPED, accounting=InstructionAccounting)
     assert band_of_call(board, "crc32", b"1234", 4)[1] is None
-    assert board.cycle_band(100, 10) is None
 
 
 def test_a_profiled_call_has_its_band(build: Build, tmp_path: Path) -> None:

@@ -86,7 +86,7 @@ FAST_CODE __attribute__((noinline)) static uint32_t count_sequence(sequence_t se
     const uint32_t flash_bank_1 = FMC_PFB1CR;
     if (alone) {
         FMC_PFB0CR = (flash_bank_0 & ~FMC_PFB_ENABLES) | FMC_PFB_INVALIDATE;
-        FMC_PFB1CR = (flash_bank_1 & ~FMC_PFB_ENABLES) | FMC_PFB_INVALIDATE;
+        FMC_PFB1CR = flash_bank_1 & ~FMC_PFB_ENABLES; /* bank 0's invalidates both */
     }
     const uint32_t before = cycle_counter_read();
     sequence(buffer);

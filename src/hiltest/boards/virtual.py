@@ -16,6 +16,7 @@ from hiltest.link.session import Session
 from hiltest.link.transcript import Transcript
 from hiltest.measurement import CycleBand
 from hiltest.rig import COUNTS_PER_UT, Rig, world_truth
+from hiltest.virtual.cycle_band import cycle_band
 from hiltest.virtual.elf import load_image
 
 
@@ -78,11 +79,13 @@ class VirtualBoard(Board):
 
     def instructions_counted(self, cycles: int) -> int | None:
         """Count the instructions between the two latest readings of CYCCNT that lie `cycles` apart."""
-        return self._machine.instructions_between_readings(cycles)
+        return self._machine.cycle_counter.instructions_between(cycles)
 
     def cycle_band(self, cost: RunCost | None) -> CycleBand | None:
         """Price what ran between the latest readings of CYCCNT again, with each row of the timing profile moved."""
-        return None if cost is None else self._machine.cycle_band(cost.cycles, cost.overhead_cycles)
+        counter, profile = self._machine.cycle_counter, self._machine.processor.profile
+        executed = counter.executed_in(cost.cycles, cost.overhead_cycles) if cost else None
+        return cycle_band(profile, cost.cycles, *executed) if cost and executed else None
 
 
 def _truth(rig: Rig) -> Truth | None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from hiltest import __version__
 from hiltest.report import overview, stream_overview
 from hiltest.report.comparison_overview import against_baseline
+from hiltest.report.cost_line import cost_line
 from hiltest.report.figures.cost import cost_figure
 from hiltest.report.page import render
 from hiltest.report.record import Run
@@ -37,7 +38,8 @@ def html_report(run: Run) -> str:
         board_line=overview.board_line(run), baseline=against_baseline(run.comparison),
         gating=[each for each in run.measurements if each.gates],
         troubled=[test for test in run.tests if test.outcome not in _PASSED],
-        calibrators=overview.accuracy_and_cost(run), cost_figure=cost_figure(run), figure_groups=figure_groups(run),
+        calibrators=overview.accuracy_and_cost(run), cost_line=cost_line(run), cost_figure=cost_figure(run),
+        figure_groups=figure_groups(run),
         signs=_SIGNS, streams=stream_overview, stream_stages=stream_overview.stream_stages(run),
         groups=overview.groups(run), provenance=list(overview.provenance(run)),
         value=shown_value, limit=shown_limit, outcome=shown_outcome, tone=overview.tone, origin=overview.origin,

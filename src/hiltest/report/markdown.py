@@ -8,6 +8,7 @@ from hiltest.comparison.model import Comparison
 from hiltest.measurement import Measurement
 from hiltest.report import overview, stream_overview
 from hiltest.report.comparison_overview import changed, counts, sides
+from hiltest.report.cost_line import cost_line
 from hiltest.report.markdown_text import folded, plain_text, table
 from hiltest.report.record import Run, TestResult
 from hiltest.report.terminal import shown_limit, shown_outcome, shown_value
@@ -68,6 +69,8 @@ def _accuracy_and_cost(run: Run) -> Iterator[str]:
         ["calibrator", *calibrators.headings],
         ([row.name, *(_marked(cell) for cell in row.cells)] for row in calibrators.rows),
     )
+    if line := cost_line(run):
+        yield from ("", plain_text(line))
     if run.comparison is None:
         yield from ("", *lines)
     else:

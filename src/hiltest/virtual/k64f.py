@@ -8,12 +8,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from hiltest.errors import BoardFault, ConfigError, place_of
-from hiltest.measurement import CycleBand
 from hiltest.virtual.accounting import AccountingFactory
 from hiltest.virtual.calling import CallResult, call_function
 from hiltest.virtual.chip import mk64f12
 from hiltest.virtual.cpu import Processor
-from hiltest.virtual.cycle_band import cycle_band
 from hiltest.virtual.elf import load_image
 from hiltest.virtual.faults import FaultRecord
 from hiltest.virtual.frdm_k64f import LedsAndButtons
@@ -310,35 +308,6 @@ class VirtualK64F:
             with contextlib.suppress(ValueError):
                 return decode(address, self.processor.memory.read(address, size))[0].jumps_to(address)
         return False
-
-    def instructions_between_readings(self, cycles: int) -> int | None:
-        """Count the instructions between two reads of CYCCNT that lie `cycles` apart.
-
-        Firmware that times a function reads the counter before and behind it; the
-        difference that it reports finds the two readings among the latest.
-
-        Returns
-        -------
-        int or None
-            None when no two successive readings differ by that many cycles.
-        """
-        return self.cycle_counter.instructions_between(cycles)
-
-    def cycle_band(self, cycles: int, overhead_cycles: int) -> CycleBand | None:
-        """Return within what the cycles lie that the firmware has just given for something it timed.
-
-        Parameters
-        ----------
-        cycles, overhead_cycles : int
-            As it gives them: without the empty call, and of it.
-
-        Returns
-        -------
-        CycleBand or None
-            None when no readings of CYCCNT lie so far apart, or nobody keeps which blocks ran between them.
-        """
-        executed = self.cycle_counter.executed_in(cycles, overhead_cycles)
-        return cycle_band(self.processor.profile, cycles, *executed) if executed else None
 
     def run_until(self, time_s: float, *, wake: Callable[[], bool] | None = None) -> None:
         """Run the firmware until virtual time `time_s`, or until `wake` answers true.

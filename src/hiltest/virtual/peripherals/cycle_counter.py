@@ -87,7 +87,11 @@ class CycleCounter:
         self._counted_from = self._processor.now()
 
     def instructions_between(self, cycles: int) -> int | None:
-        """Count the instructions between two successive readings that lie `cycles` apart, the latest such."""
+        """Count the instructions between two successive readings that lie `cycles` apart, the latest such.
+
+        Firmware that times a function reads the counter before and behind it; the difference that it reports finds
+        the two readings among the latest. None when no two differ by that many cycles.
+        """
         readings = list(self.readings)
         for before, behind in zip(readings[-2::-1], readings[:0:-1], strict=True):
             if behind.cycles_since(before) == cycles:
