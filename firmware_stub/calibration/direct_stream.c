@@ -10,20 +10,18 @@ void direct_stream_reset(void *state, bool sliced)
     *(direct_stream_t *)state = (direct_stream_t){0};
 }
 
-static inline bool fits(int32_t coordinate)
-{
-    return (uint32_t)(coordinate + EXACT_MOMENTS_LARGEST) <= 2u * EXACT_MOMENTS_LARGEST;
-}
-
-/* Add (sign 1) or take away (-1), unless the sums have no room for a coordinate. */
+/* Add (sign 1) or take away (-1), unless the sums have no room for a coordinate. Differences of counts are below 2^16, so their
+ * squares fit 32 bits, and those of 2048 on have a bit above the 22nd: one comparison finds any. */
 static inline __attribute__((always_inline)) stream_status_t step(direct_stream_t *stream, const int16_t point[3], int32_t sign)
 {
-    const int32_t x = point[0] - stream->anchor[0], y = point[1] - stream->anchor[1], z = point[2] - stream->anchor[2];
-    if (!(fits(x) & fits(y) & fits(z))) { /* not &&: all six loads stand side by side then */
+    const int32_t x = sign * (point[0] - stream->anchor[0]), y = sign * (point[1] - stream->anchor[1]);
+    const int32_t z = sign * (point[2] - stream->anchor[2]);
+    const uint32_t xx = (uint32_t)x * (uint32_t)x, yy = (uint32_t)y * (uint32_t)y, zz = (uint32_t)z * (uint32_t)z;
+    if (((xx | yy | zz) >> (2 * EXACT_MOMENTS_BITS)) != 0u) {
         return STREAM_OUT_OF_RANGE;
     }
     stream->held = (uint16_t)(stream->held + sign);
-    exact_moments_accumulate(&stream->sums, x, y, z, sign);
+    exact_moments_accumulate(&stream->sums, x, y, z, (int32_t)xx, (int32_t)yy, (int32_t)zz, sign);
     return STREAM_OK;
 }
 

@@ -10,7 +10,8 @@
 #include "moments.h"
 
 /** Largest coordinate [counts] and largest number of points that the 32-bit sums have room for. */
-#define EXACT_MOMENTS_LARGEST 2047
+#define EXACT_MOMENTS_BITS 11
+#define EXACT_MOMENTS_LARGEST ((1 << EXACT_MOMENTS_BITS) - 1)
 #define EXACT_MOMENTS_POINTS 512
 
 _Static_assert((uint64_t)EXACT_MOMENTS_POINTS *EXACT_MOMENTS_LARGEST *EXACT_MOMENTS_LARGEST < (uint64_t)1 << 31,
@@ -36,80 +37,120 @@ typedef struct {
     wide_sum_t fourth[15];
 } exact_moments_t;
 
-/* Wide sums are taken two at a time (three would spill registers, but for the last), word by word: behind one load the next takes
- * one cycle, and so does a store, where those of two words take three. Volatile keeps the compiler from joining them again. */
+/* Each sum is loaded before the one at hand is stored. A store right behind a load takes no cycle of its own, and a load that no
+ * store precedes does not wait: so a word costs one cycle to load and one to store, as in the longest of groups, and few registers.
+ * Assembly, because a compiler that may choose takes other orders, and moves sums about for SMLAL, which adds in place. */
 
-static inline __attribute__((always_inline)) void exact_moments_sum_3(volatile uint32_t *sums, int32_t a, int32_t b, int32_t c)
+/** A sum of one word or two in registers, and where it belongs. */
+typedef struct {
+    uint32_t *home;
+    uint32_t low, high;
+    int words;
+} open_sum_t;
+
+/* Store the sum at hand and take up one of one word. */
+static inline __attribute__((always_inline)) void exact_moments_next(open_sum_t *sum, uint32_t *next)
 {
-    const uint32_t first = sums[0], second = sums[1], third = sums[2];
-    sums[0] = first + (uint32_t)a;
-    sums[1] = second + (uint32_t)b;
-    sums[2] = third + (uint32_t)c;
+    uint32_t loaded;
+#if defined(__arm__)
+    if (sum->words == 2) {
+        __asm__ volatile("ldr %0, %3\n\tstr %4, %1\n\tstr %5, %2"
+                         : "=&r"(loaded), "=m"(sum->home[0]), "=m"(sum->home[1])
+                         : "m"(*next), "r"(sum->low), "r"(sum->high));
+    } else {
+        __asm__ volatile("ldr %0, %2\n\tstr %3, %1" : "=&r"(loaded), "=m"(sum->home[0]) : "m"(*next), "r"(sum->low));
+    }
+#else
+    loaded = *next;
+    sum->home[0] = sum->low;
+    if (sum->words == 2) {
+        sum->home[1] = sum->high;
+    }
+#endif
+    *sum = (open_sum_t){.home = next, .low = loaded, .words = 1};
 }
 
-static inline __attribute__((always_inline)) uint64_t exact_moments_mac(uint32_t low, uint32_t high, int32_t a, int32_t b)
+/* Store the sum at hand, take up one of one word and add to it. */
+static inline __attribute__((always_inline)) void exact_moments_add(open_sum_t *sum, uint32_t *next, int32_t term)
 {
-    return ((uint64_t)high << 32 | low) + (uint64_t)((int64_t)a * b);
+    exact_moments_next(sum, next);
+    sum->low += (uint32_t)term;
 }
 
-/* Add a0 * b0 and a1 * b1. */
-static inline __attribute__((always_inline)) void
-exact_moments_mac_2(volatile wide_sum_t *sums, int32_t a0, int32_t b0, int32_t a1, int32_t b1)
+/* Store the sum at hand, take up one of two words and add a * b. */
+static inline __attribute__((always_inline)) void exact_moments_mac(open_sum_t *sum, wide_sum_t *next, int32_t a, int32_t b)
 {
-    const uint32_t low0 = sums[0].low, high0 = sums[0].high, low1 = sums[1].low, high1 = sums[1].high;
-    const uint64_t sum0 = exact_moments_mac(low0, high0, a0, b0), sum1 = exact_moments_mac(low1, high1, a1, b1);
-    sums[0].low = (uint32_t)sum0;
-    sums[0].high = (uint32_t)(sum0 >> 32);
-    sums[1].low = (uint32_t)sum1;
-    sums[1].high = (uint32_t)(sum1 >> 32);
-}
-
-/* Add a0 * b0, a1 * b1, a2 * b2. */
-static inline __attribute__((always_inline)) void
-exact_moments_mac_3(volatile wide_sum_t *sums, int32_t a0, int32_t b0, int32_t a1, int32_t b1, int32_t a2, int32_t b2)
-{
-    const uint32_t low0 = sums[0].low, high0 = sums[0].high, low1 = sums[1].low, high1 = sums[1].high;
-    const uint32_t low2 = sums[2].low, high2 = sums[2].high;
-    const uint64_t sum0 = exact_moments_mac(low0, high0, a0, b0), sum1 = exact_moments_mac(low1, high1, a1, b1);
-    const uint64_t sum2 = exact_moments_mac(low2, high2, a2, b2);
-    sums[0].low = (uint32_t)sum0;
-    sums[0].high = (uint32_t)(sum0 >> 32);
-    sums[1].low = (uint32_t)sum1;
-    sums[1].high = (uint32_t)(sum1 >> 32);
-    sums[2].low = (uint32_t)sum2;
-    sums[2].high = (uint32_t)(sum2 >> 32);
+#if defined(__arm__)
+    uint32_t low, high;
+    if (sum->words == 2) {
+        __asm__ volatile("ldr %0, %4\n\tldr %1, %5\n\tstr %6, %2\n\tstr %7, %3\n\tsmlal %0, %1, %8, %9"
+                         : "=&r"(low), "=&r"(high), "=m"(sum->home[0]), "=m"(sum->home[1])
+                         : "m"(next->low), "m"(next->high), "r"(sum->low), "r"(sum->high), "r"(a), "r"(b));
+    } else {
+        __asm__ volatile("ldr %0, %3\n\tldr %1, %4\n\tstr %5, %2\n\tsmlal %0, %1, %6, %7"
+                         : "=&r"(low), "=&r"(high), "=m"(sum->home[0])
+                         : "m"(next->low), "m"(next->high), "r"(sum->low), "r"(a), "r"(b));
+    }
+    *sum = (open_sum_t){.home = &next->low, .low = low, .high = high, .words = 2};
+#else
+    exact_moments_next(sum, &next->low);
+    const uint64_t wide = ((uint64_t)next->high << 32 | sum->low) + (uint64_t)((int64_t)a * b);
+    *sum = (open_sum_t){.home = &next->low, .low = (uint32_t)wide, .high = (uint32_t)(wide >> 32), .words = 2};
+#endif
 }
 
 /**
  * Add a point (sign 1) or take it away again (sign -1).
  *
- * Inline, so that a step of a stream is one function. The sign is a constant there and goes into one factor of each product.
+ * Inline, so that a step of a stream is one function, and the sign a constant. Sums of odd degree change by those of the point
+ * times the sign; in the others the sign goes into one factor.
  *
  * @param[in,out] sums see exact_moments_t
- * @param x, y, z coordinates, at most EXACT_MOMENTS_LARGEST either way
+ * @param x, y, z coordinates times the sign, at most EXACT_MOMENTS_LARGEST either way
+ * @param xx, yy, zz their squares, which the caller has
  */
-static inline __attribute__((always_inline)) void
-exact_moments_accumulate(exact_moments_t *sums, int32_t x, int32_t y, int32_t z, int32_t sign)
+static inline __attribute__((always_inline)) void exact_moments_accumulate(exact_moments_t *sums, int32_t x, int32_t y, int32_t z,
+                                                                           int32_t xx, int32_t yy, int32_t zz, int32_t sign)
 {
-    const int32_t sx = sign * x, sy = sign * y, sz = sign * z;
-    const int32_t xx = x * x, yy = y * y, zz = z * z, xy = x * y;
-    exact_moments_sum_3(sums->first, sx, sy, sz);
-    exact_moments_mac_2(&sums->third[0], xx, sx, xx, sy);
-    exact_moments_mac_2(&sums->third[2], xx, sz, yy, sx);
-    exact_moments_mac_2(&sums->third[4], xy, sz, zz, sx);
-    exact_moments_mac_2(&sums->third[6], yy, sy, yy, sz);
-    exact_moments_mac_2(&sums->third[8], zz, sy, zz, sz);
+    const int32_t xy = x * y;
+    open_sum_t sum = {.home = &sums->first[0], .low = sums->first[0] + (uint32_t)x, .words = 1};
+    exact_moments_add(&sum, &sums->first[1], y);
+    exact_moments_add(&sum, &sums->first[2], z);
+    exact_moments_mac(&sum, &sums->third[0], xx, x);
+    exact_moments_mac(&sum, &sums->third[1], xx, y);
+    exact_moments_mac(&sum, &sums->third[2], xx, z);
+    exact_moments_mac(&sum, &sums->third[3], yy, x);
+    exact_moments_mac(&sum, &sums->third[4], xy, z);
+    exact_moments_mac(&sum, &sums->third[5], zz, x);
+    exact_moments_mac(&sum, &sums->third[6], yy, y);
+    exact_moments_mac(&sum, &sums->third[7], yy, z);
+    exact_moments_mac(&sum, &sums->third[8], zz, y);
+    exact_moments_mac(&sum, &sums->third[9], zz, z);
     const int32_t xz = x * z, yz = y * z;
-    const int32_t sxx = sign * xx, sxy = sign * xy, sxz = sign * xz, syy = sign * yy, syz = sign * yz, szz = sign * zz;
-    exact_moments_sum_3(&sums->second[0], sxx, sxy, sxz);
-    exact_moments_sum_3(&sums->second[3], syy, syz, szz);
-    exact_moments_mac_2(&sums->fourth[0], sxx, xx, sxx, xy);
-    exact_moments_mac_2(&sums->fourth[2], sxx, xz, sxx, yy);
-    exact_moments_mac_2(&sums->fourth[4], sxx, yz, sxx, zz);
-    exact_moments_mac_2(&sums->fourth[6], sxy, yy, sxz, yy);
-    exact_moments_mac_2(&sums->fourth[8], sxy, zz, sxz, zz);
-    exact_moments_mac_2(&sums->fourth[10], syy, yy, syy, yz);
-    exact_moments_mac_3(&sums->fourth[12], syy, zz, syz, zz, szz, zz);
+    exact_moments_add(&sum, &sums->second[0], sign * xx);
+    exact_moments_add(&sum, &sums->second[1], sign * xy);
+    exact_moments_add(&sum, &sums->second[2], sign * xz);
+    exact_moments_add(&sum, &sums->second[3], sign * yy);
+    exact_moments_add(&sum, &sums->second[4], sign * yz);
+    exact_moments_add(&sum, &sums->second[5], sign * zz);
+    const int32_t sxx = sign * xx, syy = sign * yy, szz = sign * zz;
+    exact_moments_mac(&sum, &sums->fourth[0], sxx, xx);
+    exact_moments_mac(&sum, &sums->fourth[1], sxx, xy);
+    exact_moments_mac(&sum, &sums->fourth[2], sxx, xz);
+    exact_moments_mac(&sum, &sums->fourth[3], sxx, yy);
+    exact_moments_mac(&sum, &sums->fourth[4], sxx, yz);
+    exact_moments_mac(&sum, &sums->fourth[5], sxx, zz);
+    exact_moments_mac(&sum, &sums->fourth[6], syy, xy);
+    exact_moments_mac(&sum, &sums->fourth[7], syy, xz);
+    exact_moments_mac(&sum, &sums->fourth[8], szz, xy);
+    exact_moments_mac(&sum, &sums->fourth[9], szz, xz);
+    exact_moments_mac(&sum, &sums->fourth[10], syy, yy);
+    exact_moments_mac(&sum, &sums->fourth[11], syy, yz);
+    exact_moments_mac(&sum, &sums->fourth[12], syy, zz);
+    exact_moments_mac(&sum, &sums->fourth[13], szz, yz);
+    exact_moments_mac(&sum, &sums->fourth[14], szz, zz);
+    sum.home[0] = sum.low;
+    sum.home[1] = sum.high;
 }
 
 /**

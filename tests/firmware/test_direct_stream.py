@@ -207,6 +207,6 @@ def test_adding_and_removing_cost_what_they_cost(board_stream: Callable[[str], B
     direct.report()
     assert direct.last is not None
     print(f"direct-stream: {cycles} cycles, the fit of 100 points {direct.last.cycles}")
-    assert max(cycles["add"]) <= 250
-    assert max(cycles["remove"]) <= 260
+    assert max(cycles["add"]) <= 225
+    assert max(cycles["remove"]) <= 235
     assert direct.last.cycles <= 3_700
