@@ -30,6 +30,8 @@ INDIRECT_CALLS = {
     "wait_briefly": ["is_idle", "never", "bytes_wait", "all_handed_over"],
     "wait_until": ["is_idle", "never", "bytes_wait", "all_handed_over"],
 }
+# Frames of functions in assembly [bytes], which no compiler lists; a test measures them.
+ASSEMBLY_FRAMES = {"quadric_fit": 212}
 # Frames of what comes from the compiler's libraries are not listed: the deepest, atan2f, takes less than this.
 LIBRARY_BYTES = 128
 # The core stacks 8 words, 18 more for the FPU, and one to align; all interrupts have one priority, so only one
@@ -52,7 +54,7 @@ def _short(title: str) -> str:
 
 def read_call_graph(build: Path) -> tuple[dict[str, int], dict[str, set[str]]]:
     """Read all functions' frames [bytes] and calls below a build folder."""
-    frames: dict[str, int] = {}
+    frames: dict[str, int] = dict(ASSEMBLY_FRAMES)
     calls: dict[str, set[str]] = {}
     for path in sorted(build.rglob("*.ci")):
         text = path.read_text()

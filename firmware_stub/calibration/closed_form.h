@@ -58,8 +58,8 @@ static inline __attribute__((always_inline)) void fit_calibration(const quadric_
     for (int axis = 0; axis < 3; axis++) {
         fit->hard_iron[axis] = (float)anchor[axis] + ellipsoid->centre[axis];
     }
-    symmetric_square_root(&quadric->shape, ellipsoid->minors, ellipsoid->root_determinant,
-                          1.0f / __builtin_sqrtf(ellipsoid->level), fit->soft_iron);
+    symmetric_square_root(&quadric->shape, ellipsoid->minors, ellipsoid->determinant, 1.0f / __builtin_sqrtf(ellipsoid->level),
+                          fit->soft_iron);
 }
 
 /** Fit the quadric of unit trace, and calibrate by its ellipsoid or by the sphere: all of `fit` but the iterations. */

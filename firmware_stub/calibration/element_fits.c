@@ -93,8 +93,8 @@ FAST_CODE bool element_fit_from_matrix(const jacobi_t *matrix, uint8_t elements,
         return false;
     }
     /* The field is the radius of the sphere of equal volume: of unit trace, its sixth power is level^3 / determinant. */
-    const float root = ellipsoid.root_determinant, level = ellipsoid.level;
-    const float sixth = level * level * level / (root * root);
+    const float level = ellipsoid.level;
+    const float sixth = level * level * level / ellipsoid.determinant;
     if (!(sixth >= SIXTH_POWER(ELEMENT_FITS_WEAKEST) && sixth <= SIXTH_POWER(ELEMENT_FITS_STRONGEST))) {
         return false;
     }
@@ -103,6 +103,6 @@ FAST_CODE bool element_fit_from_matrix(const jacobi_t *matrix, uint8_t elements,
     const float square = level / (UNIT * UNIT) * __builtin_fabsf(trace);
     trial->fit_error_percent = 50.0f * __builtin_sqrtf(__builtin_fabsf(matrix->values[index]) / count) / square;
     place_hard_iron(anchor, ellipsoid.centre, trial);
-    symmetric_square_root(&quadric.shape, ellipsoid.minors, root, 1.0f / __builtin_sqrtf(level), trial->soft_iron);
+    symmetric_square_root(&quadric.shape, ellipsoid.minors, ellipsoid.determinant, 1.0f / __builtin_sqrtf(level), trial->soft_iron);
     return true;
 }

@@ -1,5 +1,8 @@
 #include "normal_equations.h"
 
+/* For a Cortex-M4 with FPU, normal_equations_m4.S does the same operations in the same order. */
+#if !(defined(__ARM_ARCH_7EM__) && defined(__ARM_PCS_VFP))
+
 #include "fast_code.h"
 
 #define UNKNOWNS 9
@@ -8,11 +11,11 @@
  * forward substitution. */
 typedef float augmented_t[UNKNOWNS + 1][UNKNOWNS];
 
-static inline __attribute__((always_inline)) void assemble_quadratic(const moments_t *s, augmented_t m)
+static FAST_CODE void assemble_quadratic(const moments_t *s, augmented_t m)
 {
-    m[0][0] = s->xxxx - 2.0f * s->xxzz + s->zzzz;
-    m[1][0] = s->xxyy - s->xxzz - s->yyzz + s->zzzz;
-    m[1][1] = s->yyyy - 2.0f * s->yyzz + s->zzzz;
+    m[0][0] = (s->xxxx - s->xxzz) - (s->xxzz - s->zzzz);
+    m[1][0] = (s->xxyy - s->yyzz) - (s->xxzz - s->zzzz);
+    m[1][1] = (s->yyyy - s->yyzz) - (s->yyzz - s->zzzz);
     m[2][0] = s->xxxy - s->xyzz;
     m[2][1] = s->xyyy - s->xyzz;
     m[2][2] = s->xxyy;
@@ -27,7 +30,7 @@ static inline __attribute__((always_inline)) void assemble_quadratic(const momen
     m[4][4] = s->yyzz;
 }
 
-static inline __attribute__((always_inline)) void assemble_linear(const moments_t *s, augmented_t m)
+static FAST_CODE void assemble_linear(const moments_t *s, augmented_t m)
 {
     m[5][0] = s->xxx - s->xzz;
     m[5][1] = s->xyy - s->xzz;
@@ -61,8 +64,8 @@ static inline __attribute__((always_inline)) void assemble_linear(const moments_
     m[8][8] = s->one;
 }
 
-/* The right-hand side is -sum(z^2 p); its negative is what the rows hold, and the solution's sign is turned at the end. */
-static inline __attribute__((always_inline)) void assemble_target(const moments_t *s, augmented_t m)
+/* The right-hand side is -sum(z^2 p); its negative is what the row holds, and its sign is turned when it is divided. */
+static FAST_CODE void assemble_target(const moments_t *s, augmented_t m)
 {
     m[9][0] = s->xxzz - s->zzzz;
     m[9][1] = s->yyzz - s->zzzz;
@@ -73,42 +76,6 @@ static inline __attribute__((always_inline)) void assemble_target(const moments_
     m[9][6] = s->yzz;
     m[9][7] = s->zzz;
     m[9][8] = s->zz;
-}
-
-/* Subtract from columns 0..first-1 of rows first..last what earlier columns explain, all these rows together so that each
- * element of L is loaded once. Row i then holds L_ij d_j in column j. */
-static inline __attribute__((always_inline)) void reduce_rows(augmented_t m, int first, int last)
-{
-#pragma GCC unroll 9
-    for (int j = 1; j < first; j++) {
-#pragma GCC unroll 9
-        for (int k = 0; k < j; k++) {
-#pragma GCC unroll 9
-            for (int i = first; i <= last; i++) {
-                m[i][j] -= m[i][k] * m[j][k];
-            }
-        }
-    }
-}
-
-/* Finish row j: replace its L_jk d_k by L_jk, form the pivot and its reciprocal, and reduce column j of the rows below it down
- * to `last`. Returns M_jj/d_j; for a pivot that vanishes that is infinite, negative, or not a number. */
-static inline __attribute__((always_inline)) float finish_row(augmented_t m, float reciprocal[UNKNOWNS], int j, int last)
-{
-    const float diagonal = m[j][j];
-    float pivot = diagonal;
-#pragma GCC unroll 9
-    for (int k = 0; k < j; k++) {
-        const float scaled = m[j][k] * reciprocal[k];
-        pivot -= m[j][k] * scaled;
-        m[j][k] = scaled;
-#pragma GCC unroll 9
-        for (int i = j + 1; i <= last; i++) {
-            m[i][j] -= m[i][k] * scaled;
-        }
-    }
-    reciprocal[j] = 1.0f / pivot;
-    return diagonal * reciprocal[j];
 }
 
 /* Bits of a float. As unsigned numbers they are in the order of positive floats, and those of negative ones, infinity and NaN
@@ -122,20 +89,26 @@ static inline uint32_t bits(float value)
     return same.bits;
 }
 
-/* Factor the first nine rows and carry the tenth along, in three blocks whose rows fit the registers. Every loop is unrolled
- * completely: a rolled triangle spends more on indices than on arithmetic. Returns the largest M_jj/d_j, at most
- * COVERAGE_SINGULAR, at which the factors mean nothing. */
-static inline __attribute__((always_inline)) float factor(augmented_t m, float reciprocal[UNKNOWNS])
+/* Factor the first nine rows and carry the tenth along: then row i holds L_ij in column j, and row 9 what L' x is. Returns the
+ * largest M_jj/d_j; of a pivot that vanishes it is infinite, negative, or not a number. */
+static FAST_CODE float factor(augmented_t m)
 {
-    float worst = 1.0f;
-#pragma GCC unroll 9
+    float diagonal[UNKNOWNS];
     for (int j = 0; j < UNKNOWNS; j++) {
-        const int last = j < 3 ? 2 : j < 6 ? 5 : UNKNOWNS;
-        if (j == 3 || j == 6) {
-            reduce_rows(m, j, last);
+        diagonal[j] = m[j][j];
+    }
+    float worst = 1.0f; /* that of the first column, which nothing is taken from */
+    for (int j = 0; j < UNKNOWNS; j++) {
+        const float reciprocal = 1.0f / m[j][j], ratio = diagonal[j] * reciprocal;
+        worst = j > 0 && bits(ratio) > bits(worst) ? ratio : worst;
+        for (int k = j + 1; k < UNKNOWNS; k++) {
+            const float scaled = m[k][j] * reciprocal;
+            for (int i = k; i <= UNKNOWNS; i++) {
+                m[i][k] -= m[i][j] * scaled;
+            }
+            m[k][j] = scaled;
         }
-        const float ratio = finish_row(m, reciprocal, j, last);
-        worst = bits(ratio) > bits(worst) ? ratio : worst;
+        m[UNKNOWNS][j] = -(m[UNKNOWNS][j] * reciprocal);
     }
     return bits(worst) < bits(COVERAGE_SINGULAR) ? worst : COVERAGE_SINGULAR;
 }
@@ -143,33 +116,27 @@ static inline __attribute__((always_inline)) float factor(augmented_t m, float r
 FAST_CODE float quadric_fit(const moments_t *sums, quadric_t *quadric)
 {
     augmented_t m;
-    float reciprocal[UNKNOWNS] = {0};
-    float t[UNKNOWNS];
+    float x[UNKNOWNS]; /* a, b, d, e, f, g, h, i, j; c = 1 - a - b */
     assemble_quadratic(sums, m);
     assemble_linear(sums, m);
     assemble_target(sums, m);
-    const float worst = factor(m, reciprocal);
+    const float worst = factor(m);
     if (worst >= COVERAGE_SINGULAR) {
         return worst;
     }
-#pragma GCC unroll 9
     for (int i = UNKNOWNS - 1; i >= 0; i--) {
-        t[i] = m[UNKNOWNS][i] * reciprocal[i];
-#pragma GCC unroll 9
+        x[i] = m[UNKNOWNS][i];
         for (int k = UNKNOWNS - 1; k > i; k--) {
-            t[i] -= m[k][i] * t[k];
+            x[i] -= m[k][i] * x[k];
         }
     }
-    /* The tenth row held -w, so t is minus the solution (a, b, d, e, f, g, h, i, j), and c = 1 - a - b. */
-    quadric->shape = (symmetric_t){.xx = -t[0],
-                                   .xy = -0.5f * t[2],
-                                   .xz = -0.5f * t[3],
-                                   .yy = -t[1],
-                                   .yz = -0.5f * t[4],
-                                   .zz = 1.0f + t[0] + t[1]};
-    quadric->linear[0] = -t[5];
-    quadric->linear[1] = -t[6];
-    quadric->linear[2] = -t[7];
-    quadric->constant = -t[8];
+    quadric->shape = (symmetric_t){
+        .xx = x[0], .xy = 0.5f * x[2], .xz = 0.5f * x[3], .yy = x[1], .yz = 0.5f * x[4], .zz = 1.0f - x[0] - x[1]};
+    quadric->linear[0] = x[5];
+    quadric->linear[1] = x[6];
+    quadric->linear[2] = x[7];
+    quadric->constant = x[8];
     return worst;
 }
+
+#endif

@@ -37,6 +37,6 @@ FAST_CODE bool quadric_ellipsoid(const quadric_t *quadric, ellipsoid_t *ellipsoi
     ellipsoid->centre[2] = cz;
     ellipsoid->level = level;
     ellipsoid->minors = xx + yy + zz;
-    ellipsoid->root_determinant = __builtin_sqrtf(determinant);
+    ellipsoid->determinant = determinant;
     return true;
 }

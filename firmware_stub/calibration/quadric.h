@@ -22,10 +22,10 @@ typedef struct {
 
 /** All p with `(p - centre)' shape (p - centre) = level`. */
 typedef struct {
-    float centre[3];       /**< relative to the anchor [counts] */
-    float level;           /**< [counts^2] */
-    float minors;          /**< sum of the three principal 2x2 minors of shape */
-    float root_determinant; /**< square root of the determinant of shape */
+    float centre[3];   /**< relative to the anchor [counts] */
+    float level;       /**< [counts^2] */
+    float minors;      /**< sum of the three principal 2x2 minors of shape */
+    float determinant; /**< of shape */
 } ellipsoid_t;
 
 /**

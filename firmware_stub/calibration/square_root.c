@@ -22,9 +22,9 @@ static inline float trace_of_root(float minors, float r)
     return p;
 }
 
-FAST_CODE void symmetric_square_root(const symmetric_t *a, float minors, float root_determinant, float factor, float root[9])
+FAST_CODE void symmetric_square_root(const symmetric_t *a, float minors, float determinant, float factor, float root[9])
 {
-    const float r = root_determinant;
+    const float r = __builtin_sqrtf(determinant);
     const float p = trace_of_root(minors, r);
     const float q = 0.5f * (p * p - 1.0f);
     const float scale = factor / (p * q - r);

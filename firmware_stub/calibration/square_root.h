@@ -16,10 +16,10 @@
  *
  * @param a matrix, trace 1
  * @param minors sum of its principal 2x2 minors
- * @param root_determinant square root of its determinant, at least 1e-3
+ * @param determinant of it, at least 1e-6
  * @param factor multiplies the result
  * @param[out] root factor times the square root, row-major 3x3
  */
-void symmetric_square_root(const symmetric_t *a, float minors, float root_determinant, float factor, float root[9]);
+void symmetric_square_root(const symmetric_t *a, float minors, float determinant, float factor, float root[9]);
 
 #endif
