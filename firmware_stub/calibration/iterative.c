@@ -1,7 +1,8 @@
 /* The 10-element fit as the public sensor-fusion libraries do it, over a fixed set of points: the quadric of unit norm with the
  * smallest algebraic error is the eigenvector of the smallest eigenvalue of the 10x10 scatter matrix. Written from the
- * description of the method. Two things are cheaper than there: the scatter matrix is built from its 34 different sums, and
- * coordinates are anchored at the middle of their range and scaled to it, which float32 likes better than the first point. */
+ * description of the method. Some things are cheaper than there: the scatter matrix is built from its 34 different sums, coordinates
+ * are anchored at the middle of their range and scaled to it, which float32 likes better than the first point, and rotations cost
+ * what they must (jacobi.c). DESIGN.md counts it. */
 #include "fast_code.h"
 #include "fit_result.h"
 #include "jacobi.h"
