@@ -56,6 +56,13 @@ def test_the_board_counts_every_calibrator_on_the_same_clouds(virtual_board: Boa
     # Two steps are all that it has beyond `direct`: the first does not call less than the second.
     assert corrected.total - direct.total == pytest.approx(2 * corrected.per_iteration, rel=0.1)
     assert [each.is_mostly_iterations for each in costs.values()] == [False, False, True]
+    # A sweep more or less on another cloud is not what a point costs: the line is drawn at one sweep, and is one then.
+    assert iterative.per_point == pytest.approx(direct.per_point, rel=0.01)
+    assert iterative.per_iteration is not None
+    parts = 100 * iterative.per_point + iterative.fixed + iterative.iterations * iterative.per_iteration
+    assert parts == pytest.approx(iterative.total, rel=0.005)
+    # The matrix' own square root, by the same rotations, takes three sweeps or four: some 300 cycles.
+    assert iterative.regression_residual < 300
     assert direct.model == iterative.model == virtual_board.cycle_model
     assert direct.instructions is not None
     # A Cortex-M4 executes at most one instruction a cycle.

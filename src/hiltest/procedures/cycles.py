@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -52,7 +52,9 @@ class CycleCost:
         Cycles at n points of golden cloud 0.
     per_point, fixed, regression_residual : float
         Least-squares line of cycles over n, and the rms of what it leaves; of a calibrator that makes its steps with
-        n points, over those sizes with which it makes them too.
+        n points, over those sizes with which it makes them too. How many iterations it takes says more about a cloud
+        than about n: one that is mostly iterations makes a single one at each size, and `fixed` is without it, so
+        ``total`` is near ``per_point * n + fixed + per_iteration * iterations``.
     spread : int
         Largest minus smallest over the clouds, each at n points.
     instructions : int or None
@@ -64,7 +66,7 @@ class CycleCost:
     per_iteration : float or None
         Cycles of one more of them on the same points, the mean of all but the first; None when there are not two.
     sizes, cycles : ndarray, shape (k,)
-        What the line was fitted to.
+        What whole calls take, each with as many iterations as it needs.
     """
 
     calibrator: str
@@ -85,7 +87,7 @@ class CycleCost:
     @property
     def is_mostly_iterations(self) -> bool:
         """Whether iterations are most of what it costs, and not a few steps behind a closed form."""
-        return self.per_iteration is not None and 2.0 * self.per_iteration * self.iterations > self.total
+        return _is_mostly_iterations(self.per_iteration, self.iterations, self.total)
 
     @property
     def no_per_iteration(self) -> str:
@@ -168,6 +170,7 @@ def measure_cycles(
     tell = progress or silent
     work = [(n, index) for index in range(clouds)] + [(size, 0) for size in sizes if size != n]
     runs: dict[tuple[int, int], dict[str, Counted]] = {}
+    once: dict[str, dict[int, int]] = {name: {} for name in calibrators}
     instructions: dict[str, int | None] = {}
     bands: dict[str, CycleBand | None] = {}
     per_iteration: dict[str, float | None] = {}
@@ -181,11 +184,20 @@ def measure_cycles(
                 instructions[name] = instructions_of(board, run.cost)
                 bands[name] = board.cycle_band(run.cost)
                 per_iteration[name] = _per_iteration(board, size, name, run)
+            whole = runs[n, 0][name]
+            if index == 0 and _is_mostly_iterations(per_iteration[name], whole.iterations, whole.cost.cycles):
+                once[name][size] = _count(board, size, name, iterations=1).cost.cycles
     tell("cycles", len(work), len(work))
     return {
-        name: _cost(board, name, n, clouds, sizes, runs, instructions[name], bands[name], per_iteration[name])
+        name: _cost(
+            board, name, n, clouds, sizes, runs, once[name], instructions[name], bands[name], per_iteration[name]
+        )
         for name in calibrators
     }
+
+
+def _is_mostly_iterations(per_iteration: float | None, iterations: int, total: int) -> bool:
+    return per_iteration is not None and 2.0 * per_iteration * iterations > total
 
 
 def _per_iteration(board: Board, n: int, calibrator: str, whole: Counted) -> float | None:
@@ -220,17 +232,16 @@ def instructions_of(board: Board, cost: RunCost) -> int | None:
 
 def _cost(
     board: Board, name: str, n: int, clouds: int, sizes: Sequence[int],
-    runs: dict[tuple[int, int], dict[str, Counted]], instructions: int | None, band: CycleBand | None,
-    per_iteration: float | None,
+    runs: dict[tuple[int, int], dict[str, Counted]], once: dict[int, int], instructions: int | None,
+    band: CycleBand | None, per_iteration: float | None,
 ) -> CycleCost:
     at_n = [runs[n, index][name].cost.cycles for index in range(clouds)]
     over_sizes = [runs[size, 0][name].cost.cycles for size in sizes]
-    # One that leaves its steps out with few points does other work there: no line goes through both.
-    steps = runs[n, 0][name].iterations > 0
-    alike = np.array([(runs[size, 0][name].iterations > 0) == steps for size in sizes])
-    if alike.sum() < 2:
-        alike[:] = True
-    line = fit_line(np.array(sizes)[alike], np.array(over_sizes)[alike])
+    if once and per_iteration is not None:
+        line = fit_line(sizes, [once[size] for size in sizes])
+        line = replace(line, intercept=line.intercept - per_iteration)
+    else:
+        line = _line_where_steps_are_made(sizes, over_sizes, [runs[size, 0][name] for size in sizes], runs[n, 0][name])
     return CycleCost(
         calibrator=name,
         model=board.cycle_model,
@@ -247,3 +258,13 @@ def _cost(
         sizes=np.array(sizes),
         cycles=np.array(over_sizes),
     )
+
+
+def _line_where_steps_are_made(
+    sizes: Sequence[int], cycles: Sequence[int], runs: Sequence[Counted], at_n: Counted
+) -> Line:
+    """Fit the line to what is alike: one that leaves its steps out with few points does other work there."""
+    alike = np.array([(run.iterations > 0) == (at_n.iterations > 0) for run in runs])
+    if alike.sum() < 2:
+        alike[:] = True
+    return fit_line(np.array(sizes)[alike], np.array(cycles)[alike])

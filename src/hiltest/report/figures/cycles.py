@@ -38,8 +38,12 @@ def _figure(run: Run, name: str, sizes: Sequence[float], cycles: Sequence[float]
     if not points:
         return None
     per_point, fixed = (_value(run, f"cycles.{name}.{what}") for what in ("per_point", "fixed"))
+    sweeps, per_sweep = (_value(run, f"cycles.{name}.{what}") for what in ("sweeps", "per_iteration"))
     right, top = 1.05 * max(n for n, _ in points), 1.1 * max(count for _, count in points)
     line = "" if per_point is None or fixed is None else f"{per_point:.1f} n + {grouped(fixed)}"
+    if line and sweeps and per_sweep:
+        line += f" + {sweeps:.0f} sweeps of {grouped(per_sweep)}"
+        fixed = (fixed or 0.0) + sweeps * per_sweep
     figure = Figure(
         title=f"{name}: {line or 'cycles'}",
         description=f"{len(points)} sizes, from {grouped(points[0][1])} cycles for {points[0][0]:g} points to "
