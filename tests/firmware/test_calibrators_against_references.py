@@ -73,7 +73,7 @@ def test_c_and_float64_agree_over_the_thesis_generator(calibrators: Runner, name
 def test_float32_adds_at_most_two_thousandths_of_a_degree_to_direct(host_calibrators: Runner, count: int) -> None:
     """The reference for accuracy: soft iron to 1 +- 0.5, hard iron to 10 times the field, half of the sphere or more.
 
-    0.002 degrees are an eightieth of what noise of 0.3 uT makes of 100 such points, and less than a digit of any report.
+    0.002 degrees are an eightieth of what noise of 0.3 uT makes of 100 such points, and below the digits of a report.
     At 300 points and more, squares summed in float32 would take it to 0.003 and 0.006: moments.c says why.
     """
     fit_reference = reference("direct")
