@@ -1,23 +1,43 @@
 #include "tilt_heading.h"
 
 #include <math.h>
+#include <stdint.h>
 
 #define DEGREES_PER_RADIAN 57.29577951f
 
-/* Sine of the angle between gravity and field below which there is no heading: 0.06 degrees, where a heading would be made of
- * noise alone at any field strength. */
-#define SMALLEST_SINE 1.0e-3f
+/* Square of the sine of the angle between gravity and field below which there is no heading: 0.06 degrees, where a heading would be
+ * made of noise alone at any field strength. */
+#define SMALLEST_SINE_SQUARE 1.0e-6f
 
-/* Divide by the largest element, so that squares neither overflow nor vanish. Returns 0 for the zero vector or one that is not
- * finite. */
-static int scaled(const float in[3], float out[3])
+/* A float, and its bits: without the sign they are in the order of magnitudes, and those of infinity and NaN the largest. */
+typedef union {
+    float value;
+    uint32_t bits;
+} float_bits_t;
+
+#define MAGNITUDE 0x7FFFFFFFu
+#define INFINITE 0x7F800000u
+#define EXPONENT_SHIFT 23
+
+static inline uint32_t magnitude(float value)
 {
-    const float largest = fmaxf(fmaxf(fabsf(in[0]), fabsf(in[1])), fabsf(in[2]));
-    if (!(largest > 0.0f) || !isfinite(in[0]) || !isfinite(in[1]) || !isfinite(in[2])) {
+    const float_bits_t same = {.value = value};
+    return same.bits & MAGNITUDE;
+}
+
+/* Multiply by the power of two that takes the largest element to 1 or 2, so that squares neither overflow nor vanish; that rounds
+ * nothing. Returns 0 for the zero vector or one that is not finite. */
+static inline int scaled(const float in[3], float out[3])
+{
+    const uint32_t x = magnitude(in[0]), y = magnitude(in[1]), z = magnitude(in[2]);
+    const uint32_t xy = x > y ? x : y, largest = xy > z ? xy : z;
+    if (largest == 0u || largest >= INFINITE) {
         return 0;
     }
+    const uint32_t exponent = largest >> EXPONENT_SHIFT; /* up to 254, and 127 is that of 1 */
+    const float_bits_t factor = {.bits = (exponent < 254u ? 254u - exponent : 1u) << EXPONENT_SHIFT};
     for (int axis = 0; axis < 3; axis++) {
-        out[axis] = in[axis] / largest;
+        out[axis] = in[axis] * factor.value;
     }
     return 1;
 }
@@ -31,16 +51,17 @@ tilt_status_t tilt_heading(const float gravity[3], const float field[3], float *
     }
     const float across = sqrtf(g[1] * g[1] + g[2] * g[2]);
     const float down = sqrtf(g[0] * g[0] + across * across);
-    const float sin_roll = across > 0.0f ? g[1] / across : 0.0f;
-    const float cos_roll = across > 0.0f ? g[2] / across : 1.0f;
-    const float sin_pitch = -g[0] / down;
-    const float cos_pitch = across / down;
+    const float per_across = 1.0f / across, per_down = 1.0f / down; /* straight up or down the first is infinite, and unused */
+    const float sin_roll = across > 0.0f ? g[1] * per_across : 0.0f;
+    const float cos_roll = across > 0.0f ? g[2] * per_across : 1.0f;
+    const float sin_pitch = -g[0] * per_down;
+    const float cos_pitch = across * per_down;
 
     /* The field turned back by roll, then by pitch, lies in a level frame whose x axis points along the heading. */
     const float side = b[2] * sin_roll - b[1] * cos_roll;
     const float ahead = b[0] * cos_pitch + (b[1] * sin_roll + b[2] * cos_roll) * sin_pitch;
-    const float total = sqrtf(b[0] * b[0] + b[1] * b[1] + b[2] * b[2]);
-    if (!(sqrtf(side * side + ahead * ahead) > SMALLEST_SINE * total)) {
+    const float square = b[0] * b[0] + b[1] * b[1] + b[2] * b[2];
+    if (!(side * side + ahead * ahead > SMALLEST_SINE_SQUARE * square)) {
         return TILT_DEGENERATE_FIELD;
     }
     const float heading = atan2f(side, ahead) * DEGREES_PER_RADIAN;
