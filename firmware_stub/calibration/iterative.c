@@ -1,10 +1,10 @@
 /* The 10-element fit as the public sensor-fusion libraries do it, over a fixed set of points: the quadric of unit norm with the
  * smallest algebraic error is the eigenvector of the smallest eigenvalue of the 10x10 scatter matrix. Written from the
  * description of the method. Some things are cheaper than there: the scatter matrix is built from its 34 different sums, coordinates
- * are anchored at the middle of their range and scaled to it, which float32 likes better than the first point, and rotations cost
- * what they must (jacobi.c). DESIGN.md counts it. */
+ * are anchored at the middle of their range and scaled to it, which float32 likes better than the first point, the matrix square root
+ * is in closed form, and rotations cost what they must (jacobi.c). DESIGN.md counts it. */
+#include "closed_form.h"
 #include "fast_code.h"
-#include "fit_result.h"
 #include "jacobi.h"
 #include "ten_elements.h"
 
@@ -17,31 +17,6 @@ static FAST_CODE float half_range(const magnetometer_points_t *points)
         widest = range > widest ? range : widest;
     }
     return 0.5f * (float)widest;
-}
-
-/* factor * sqrt(a) by the eigenvectors of a. */
-static FAST_CODE void square_root_by_rotations(const symmetric_t *a, float factor, jacobi_t *work, float root[9])
-{
-    work->values[0] = a->xx;
-    work->values[1] = a->yy;
-    work->values[2] = a->zz;
-    work->upper[0][1] = a->xy;
-    work->upper[0][2] = a->xz;
-    work->upper[1][2] = a->yz;
-    (void)jacobi_diagonalise(work, 3, JACOBI_SWEEP_LIMIT);
-    float scaled[3];
-    for (int k = 0; k < 3; k++) {
-        scaled[k] = factor * __builtin_sqrtf(work->values[k] > 0.0f ? work->values[k] : 0.0f);
-    }
-    for (int i = 0; i < 3; i++) {
-        for (int j = i; j < 3; j++) {
-            const float element = scaled[0] * work->vectors[0][i] * work->vectors[0][j] +
-                                  scaled[1] * work->vectors[1][i] * work->vectors[1][j] +
-                                  scaled[2] * work->vectors[2][i] * work->vectors[2][j];
-            root[3 * i + j] = element;
-            root[3 * j + i] = element;
-        }
-    }
 }
 
 /* Sweeps allowed: those asked for, within the solver's own limit. */
@@ -85,10 +60,5 @@ FAST_CODE void magnetometer_iterative(const magnetometer_points_t *points, magne
         fit_sphere(&sums, anchor, ended ? FIT_NOT_AN_ELLIPSOID : FIT_NOT_CONVERGED, fit);
         return;
     }
-    fit->status = ended ? FIT_ELLIPSOID : FIT_NOT_CONVERGED;
-    fit->is_sphere = 0;
-    for (int axis = 0; axis < 3; axis++) {
-        fit->hard_iron[axis] = (float)anchor[axis] + ellipsoid.centre[axis];
-    }
-    square_root_by_rotations(&quadric.shape, 1.0f / __builtin_sqrtf(ellipsoid.level), &work, fit->soft_iron);
+    fit_calibration(&quadric, &ellipsoid, anchor, ended ? FIT_ELLIPSOID : FIT_NOT_CONVERGED, fit);
 }
