@@ -33,7 +33,7 @@ def test_0_says_that_nothing_got_worse(changed: Changed) -> None:
     better = r"1 better: cycles\.direct\.total .*; \d+ unchanged\."
     assert re.search(rf"^May be merged \(against \S+\): {better}$", done.stdout, re.M)
     assert re.search(
-        r"^better \(1\)\n  cycles\.direct\.total [\d ]+ -> 11 000 cycles \(-[\d ]+, -\S+ %; limit at most 12 500\)$",
+        r"^better \(1\)\n  cycles\.direct\.total [\d ]+ -> 11 000 cycles \(-[\d ]+, -\S+ %; limit at most 12 000\)$",
         done.stdout, re.M,
     )  # fmt: skip
 
