@@ -7,6 +7,7 @@
 
 #define CALIBRATOR_TABLE(LINE)                 \
     LINE("direct", magnetometer_direct)        \
+    LINE("direct-fast", magnetometer_direct_fast) \
     LINE("corrected", magnetometer_corrected)  \
     LINE("iterative", magnetometer_iterative)
 
