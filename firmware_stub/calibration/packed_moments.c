@@ -41,32 +41,59 @@ INLINE int32_t farthest(const magnetometer_points_t *points, const int32_t ancho
     return most;
 }
 
-/* Coordinates are to use the 16 bits as far as 3/4: a sphere that fills them overflows the sums of 100 points. */
+/* Coordinates are to fill 16 bits to 3/4 at most, although all of them would fit: the fourth powers of 100 points on a sphere that
+ * fills them add up to more than 32 bits. */
 INLINE int32_t largest_shift(int32_t most)
 {
     int32_t shift = PACKED_SHIFT_MAXIMUM;
-    while (shift > 0 && most << shift > 24576) {
+    while (shift > 0 && most << shift > 3 << 13) {
         shift--;
     }
     return shift;
 }
 
+/* One block, with K or, when that overflows, with K - 1, which makes fourth powers a sixteenth; then it stays at that. What even so
+ * does not fit is summed one point at a time. */
+static FAST_CODE void sum_block(packed_block_t *block, const int32_t anchor[3], int32_t *shift, moments_t *sums)
+{
+    if (packed_moments_block(block, sums) == 0u) {
+        return;
+    }
+    if (*shift > 0) {
+        packed_block_set(anchor, --*shift, block);
+        if (packed_moments_block(block, sums) == 0u) {
+            return;
+        }
+    }
+    const magnetometer_points_t points = {.points = block->points, .count = (uint16_t)block->count};
+    moments_sum(&points, anchor, sums);
+}
+
+/* A block is never a single point. */
+INLINE uint32_t next_block(uint32_t left)
+{
+    return left == PACKED_BLOCK_POINTS + 1u ? PACKED_BLOCK_POINTS - 2u : left < PACKED_BLOCK_POINTS ? left : PACKED_BLOCK_POINTS;
+}
+
 FAST_CODE void packed_moments_sum(const magnetometer_points_t *points, const int32_t anchor[3], moments_t *sums)
 {
     packed_pair_t pairs[PACKED_BLOCK_POINTS / 2u];
-    packed_block_t block = {.points = points->points, .count = points->count, .pairs = pairs};
+    packed_block_t block = {.points = points->points, .pairs = pairs, .count = next_block(points->count)};
     const int32_t most = farthest(points, anchor);
-    packed_block_set(anchor, largest_shift(most), &block);
+    int32_t shift = largest_shift(most);
+    uint32_t left = points->count;
+    if (most > INT16_MAX || left < 2u) {
+        moments_sum(points, anchor, sums);
+        return;
+    }
+    packed_block_set(anchor, shift, &block);
+    sum_block(&block, anchor, &shift, sums);
+    while ((left -= block.count) > 0u) {
+        moments_t more;
+        block.points += block.count;
+        block.count = next_block(left);
+        sum_block(&block, anchor, &shift, &more);
+        moments_merge(sums, &more);
+    }
     sums->one = (float)points->count;
-    (void)packed_moments_block(&block, &sums->x);
 }
-
-#if !defined(__arm__)
-/* todo */
-uint32_t packed_moments_block(const packed_block_t *block, float *sums)
-{
-    (void)block;
-    sums[0] = 0;
-    return 0;
-}
-#endif

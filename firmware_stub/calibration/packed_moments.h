@@ -53,10 +53,10 @@ void packed_block_set(const int32_t anchor[3], int32_t shift, packed_block_t *bl
  * Sum the moments of a block.
  *
  * @param block what to sum
- * @param[out] sums the 34 moments, from `x` of moments_t on [counts^degree]
+ * @param[out] sums the 34 moments; the count is left alone
  * @return 1 when a sum has wrapped, so that nothing of `sums` is valid, else 0
  */
-uint32_t packed_moments_block(const packed_block_t *block, float *sums);
+uint32_t packed_moments_block(const packed_block_t *block, moments_t *sums);
 
 /**
  * Sum the moments of any number of points.
@@ -64,7 +64,7 @@ uint32_t packed_moments_block(const packed_block_t *block, float *sums);
  * Blocks that overflow are redone with K - 1, and by moments_sum if that is not enough, so the result is always valid.
  *
  * @param points at least one, and their range
- * @param anchor [counts]
+ * @param anchor [counts]; any point, but the fit is as good as it is near the centre
  * @param[out] sums the 34 moments and the count
  */
 void packed_moments_sum(const magnetometer_points_t *points, const int32_t anchor[3], moments_t *sums);

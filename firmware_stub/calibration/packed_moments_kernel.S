@@ -27,9 +27,10 @@
     .set XZ, 28
     .set YZ, 32
 
-/* Where in `sums` the degrees begin, and a member of each */
-    .set XXX, 4 * 9
-    .set XXXX, 4 * 19
+/* moments_t */
+    .set FIRST, 4
+    .set XXX, 4 * 10
+    .set XXXX, 4 * 20
 
     .set UNROLLED, 4
     .set LAST, PAIR * (UNROLLED - 1)
@@ -202,7 +203,7 @@ square  .req s15 /* of degree 4 */
     smlad lr, r1, r5, lr
 .endm
 
-/* uint32_t packed_moments_block(const packed_block_t *block, float *sums) */
+/* uint32_t packed_moments_block(const packed_block_t *block, moments_t *sums) */
     .global packed_moments_block
     .type packed_moments_block, %function
 packed_moments_block:
@@ -299,6 +300,7 @@ multiplying:
     vmul.f32 \register, \register, scale
     .endr
     ldr r0, [sp, #SUMS]
+    adds r0, #FIRST
     vstm r0, {s0-s8}
 
     vmov r0, first
