@@ -41,15 +41,13 @@ INLINE int32_t farthest(const magnetometer_points_t *points, const int32_t ancho
     return most;
 }
 
-/* Coordinates are to fill 16 bits to 3/4 at most, although all of them would fit: the fourth powers of 100 points on a sphere that
- * fills them add up to more than 32 bits. */
+/* Coordinates are to fill 16 bits to 3/4 at most (to 1/1.3125), although all of them would fit: the fourth powers of 100 points on
+ * a sphere that fills them add up to more than 32 bits. */
 INLINE int32_t largest_shift(int32_t most)
 {
-    int32_t shift = PACKED_SHIFT_MAXIMUM;
-    while (shift > 0 && most << shift > 3 << 13) {
-        shift--;
-    }
-    return shift;
+    const uint32_t room = (uint32_t)(most + (most >> 2) + (most >> 4));
+    const int32_t shift = 15 - (32 - __builtin_clz(room | 1u));
+    return shift < 0 ? 0 : shift > PACKED_SHIFT_MAXIMUM ? PACKED_SHIFT_MAXIMUM : shift;
 }
 
 /* One block, with K or, when that overflows, with K - 1, which makes fourth powers a sixteenth; then it stays at that. What even so

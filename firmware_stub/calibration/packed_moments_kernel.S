@@ -34,6 +34,8 @@
 
     .set UNROLLED, 4
     .set LAST, PAIR * (UNROLLED - 1)
+    .set RAW, 12 /* two points as they come */
+    .set RAW_LAST, RAW * (UNROLLED - 1)
 
 /* Where the frame holds the arguments */
     .set BLOCK, 0
@@ -49,7 +51,11 @@ square  .req s15 /* of degree 4 */
 
 .macro clear registers:vararg
     .irp register, \registers
-    mov \register, #0
+    .ifc \register, lr
+    mov lr, #0
+    .else
+    movs \register, #0
+    .endif
     .endr
 .endm
 
@@ -89,20 +95,28 @@ square  .req s15 /* of degree 4 */
     .set ANCHOR_LOADS, 3 * 4
     .set ANCHOR_SIZE, 15 * 4
 .macro anchor_pair pair
-    ldr.w r10, [r0, #12 * \pair]
-    ldr.w r12, [r0, #12 * \pair + 8]
-    ldr.w lr, [r0, #12 * \pair + 4]
-    str.w r11, [r1, #PAIR * \pair - PAIR + Z]
+    ldr.w r12, [r0, #RAW * \pair + 4 - RAW_LAST]
+    ldr.w lr, [r0, #RAW * \pair + 8 - RAW_LAST]
+    .if \pair == UNROLLED - 1
+    ldr.w r10, [r0], #RAW * UNROLLED
+    .else
+    ldr.w r10, [r0, #RAW * \pair - RAW_LAST]
+    .endif
+    str.w r11, [r1, #PAIR * \pair - PAIR + Z - Y - LAST]
     ssub16 r10, r10, r3
-    ssub16 lr, lr, r4
-    ssub16 r12, r12, r5
-    pkhbt r11, lr, r12
-    pkhbt lr, r10, lr
-    pkhbt r12, r12, r10
-    str.w lr, [r1, #PAIR * \pair + X]
-    str.w r12, [r1, #PAIR * \pair + Y]
-    smlad r7, lr, r6, r7
-    smlad r8, r12, r6, r8
+    ssub16 r12, r12, r4
+    ssub16 lr, lr, r5
+    pkhbt r11, r12, lr
+    pkhbt r12, r10, r12
+    pkhbt lr, lr, r10
+    str.w r12, [r1, #PAIR * \pair + X - Y - LAST]
+    .if \pair == UNROLLED - 1
+    str.w lr, [r1], #PAIR * UNROLLED
+    .else
+    str.w lr, [r1, #PAIR * \pair - LAST]
+    .endif
+    smlad r7, r12, r6, r7
+    smlad r8, lr, r6, r8
     smlad r9, r11, r6, r9
 .endm
 
@@ -119,31 +133,40 @@ square  .req s15 /* of degree 4 */
     pkhtb r12, \high, r12, asr #16
 .endm
 
-/* Products of two coordinates, and sums of degree 2. 39 */
+/* Store a product behind the last load of a body, which may have gone on to the next round. */
+.macro put register, pair, word
+    .if \pair == UNROLLED - 1
+    str.w \register, [r0, #\word - Z - PAIR * UNROLLED]
+    .else
+    str.w \register, [r0, #PAIR * \pair + \word - Z - LAST]
+    .endif
+.endm
+
+/* Products of two coordinates, and sums of degree 2. The last product is stored behind the next pair's loads. 39 */
     .set MULTIPLY_LOADS, 2 * 4
     .set MULTIPLY_SIZE, 39 * 4
 .macro multiply_pair pair
-    get r10, \pair, X, 0
-    get r11, \pair, Y, 0
-    str.w r12, [r0, #PAIR * \pair - PAIR + YZ - LAST]
+    get r10, \pair, X, Z
+    get r11, \pair, Y, Z
+    str.w r12, [r0, #PAIR * \pair - PAIR + YZ - Z - LAST]
     shift_lanes r10
     shift_lanes r11
     multiply r10, r10, bb, tt, lr
-    str.w r12, [r0, #PAIR * \pair + XX - LAST]
+    str.w r12, [r0, #PAIR * \pair + XX - Z - LAST]
     smlad r4, r12, r2, r4
     multiply r11, r11, tt, bb, lr
-    str.w r12, [r0, #PAIR * \pair + YY - LAST]
+    str.w r12, [r0, #PAIR * \pair + YY - Z - LAST]
     smlad r7, r12, r2, r7
     multiply r10, r11, bt, tb, lr
-    get lr, \pair, Z, 0
-    str.w r12, [r0, #PAIR * \pair + XY - LAST]
+    get_base lr, \pair
+    put r12, \pair, XY
     smlad r5, r12, r2, r5
     shift_lanes lr
     multiply r10, lr, bb, tt, r10
-    str.w r12, [r0, #PAIR * \pair + XZ - LAST]
+    put r12, \pair, XZ
     smlad r6, r12, r2, r6
     multiply lr, lr, bb, tt, r10
-    str.w r12, [r0, #PAIR * \pair + ZZ - LAST]
+    put r12, \pair, ZZ
     smlad r9, r12, r2, r9
     multiply r11, lr, tb, bt, r10
     smlad r8, r12, r2, r8
@@ -230,31 +253,33 @@ packed_moments_block:
     rsbs r11, r2, #0
     and r11, r11, #UNROLLED - 1
     mls r1, r11, r5, r1
+    adds r1, #Y + LAST
     ldm r6, {r3, r4, r5}
-    movs r6, #12
+    movs r6, #RAW
+    ldm r0, {r10, r12, lr}
+    adds r0, #RAW_LAST
     mla r2, r2, r6, r0
-    ldr r10, [r0]
-    ldr r12, [r0, #8]
-    ldr lr, [r0, #4]
     mls r0, r11, r6, r0
+    cmp r11, #UNROLLED - 1
+    it eq
+    addeq r0, #RAW * UNROLLED /* as the load that is done would have */
     mov r6, #0x00010001
     clear r7, r8, r9
     enter r11, ANCHOR_SIZE, ANCHOR_LOADS + 4
 anchoring:
     four_times anchor_pair, ANCHOR_SIZE
-    adds r0, #12 * UNROLLED
-    adds r1, #PAIR * UNROLLED
     cmp r0, r2
     bne anchoring
-    str r11, [r1, #Z - PAIR]
+    str r11, [r1, #Z - Y - PAIR - LAST]
     ldr r10, [sp, #BLOCK]
     ldr lr, [r10, #8]
     lsls lr, lr, #31
     beq multiplication
     /* the last point of an odd number: the other of its pair is the anchor */
-    ldrsh r10, [r0]
-    ldrsh r11, [r0, #2]
-    ldrsh r12, [r0, #4]
+    ldrsh r10, [r0, #-RAW_LAST]
+    ldrsh r11, [r0, #2 - RAW_LAST]
+    ldrsh r12, [r0, #4 - RAW_LAST]
+    subs r1, #Y + LAST
     sxth r2, r3
     sub r10, r10, r2
     sub r11, r11, r3, asr #16
@@ -272,21 +297,24 @@ multiplication:
     vmov s1, r8
     vmov s2, r9
     ldr r4, [sp, #BLOCK]
-    ldrd r1, r3, [r4, #TASK_ROUNDING]
     ldr r5, [r4, #TASK_PAIRS]
+    ldrd r1, r3, [r4, #TASK_ROUNDING]
     ldrd r10, r11, [r5]
     mov r2, #0x00010001
     vmov r0, first
+    vmov r12, behind
+    adds r0, #Z
+    add r12, r12, #Z
+    vmov ending, r12
     vmov r12, skipped
     clear r4, r5, r6, r7, r8, r9
     enter r12, MULTIPLY_SIZE, MULTIPLY_LOADS + 4
 multiplying:
     four_times multiply_pair, MULTIPLY_SIZE
-    adds r0, #PAIR * UNROLLED
-    vmov r10, behind
+    vmov r10, ending
     cmp r0, r10
     bne multiplying
-    str r12, [r0, #YZ - PAIR - LAST]
+    str r12, [r0, #YZ - Z - PAIR - LAST]
     vmov s3, r4
     vmov s4, r5
     vmov s5, r6
@@ -315,25 +343,11 @@ fourths:
     cmp r0, r1
     bne fourths
     ldr r0, [sp, #SUMS]
-    vmov s0, r6
-    vmov s1, r7
-    vmov s2, r8
-    vmov s3, r9
-    vmov s4, r10
-    vmov s5, r11
-    vmov s6, r12
-    vmov s7, lr
-    .irp register, s0, s1, s2, s3, s4, s5, s6, s7
-    vcvt.f32.s32 \register, \register
-    .endr
-    .irp register, s0, s1, s2, s3, s4, s5, s6, s7
-    vmul.f32 \register, \register, square
-    .endr
     adds r0, #XXXX
-    vstm r0, {s0-s4}
-    vstr s5, [r0, #4 * 6]
-    vstr s6, [r0, #4 * 7]
-    vstr s7, [r0, #4 * 10]
+    stm r0, {r6-r10}
+    str r11, [r0, #4 * 6]
+    str r12, [r0, #4 * 7]
+    str lr, [r0, #4 * 10]
 
     vmov r0, first
     vmov r1, behind
@@ -349,34 +363,16 @@ powers_of_z:
     cmp r0, r1
     bne powers_of_z
     ldr r0, [sp, #SUMS]
-    vmov s0, r5
-    vmov s1, r6
-    vmov s2, r7
-    vmov s3, r8
-    vmov s4, r9
-    vmov s5, r10
-    vmov s6, r11
-    vmov s7, r12
-    vmov s8, lr
-    .irp register, s0, s1, s2, s3, s4, s5, s6, s7, s8
-    vcvt.f32.s32 \register, \register
-    .endr
-    .irp register, s0, s1, s2, s3, s4, s5
-    vmul.f32 \register, \register, square
-    .endr
-    .irp register, s6, s7, s8
-    vmul.f32 \register, \register, scale
-    .endr
     adds r0, #XXX
-    vstr s6, [r0, #4 * 5]
-    vstr s7, [r0, #4 * 8]
-    vstr s8, [r0, #4 * 9]
-    vstr s0, [r0, #4 * 15]
-    vstr s1, [r0, #4 * 18]
-    vstr s2, [r0, #4 * 19]
-    vstr s3, [r0, #4 * 22]
-    vstr s4, [r0, #4 * 23]
-    vstr s5, [r0, #4 * 24]
+    str r11, [r0, #4 * 5]
+    str r12, [r0, #4 * 8]
+    str lr, [r0, #4 * 9]
+    str r5, [r0, #4 * 15]
+    str r6, [r0, #4 * 18]
+    str r7, [r0, #4 * 19]
+    str r8, [r0, #4 * 22]
+    str r9, [r0, #4 * 23]
+    str r10, [r0, #4 * 24]
 
     vmov r0, first
     vmov r1, behind
@@ -392,26 +388,29 @@ thirds:
     cmp r0, r1
     bne thirds
     ldr r0, [sp, #SUMS]
-    vmov s0, r6
-    vmov s1, r7
-    vmov s2, r8
-    vmov s3, r9
-    vmov s4, r10
-    vmov s5, r11
-    vmov s6, r12
-    vmov s7, lr
-    .irp register, s0, s1, s2, s3, s4, s5, s6, s7
+    adds r0, #XXX
+    stm r0, {r6-r10}
+    str r11, [r0, #4 * 6]
+    str r12, [r0, #4 * 7]
+    str lr, [r0, #4 * 21]
+
+    /* to floats, five at a time: of degree 3 twice, of degree 4 three times */
+    add r1, r0, #4 * 25
+    add r2, r0, #XXXX - XXX
+converting:
+    vldm r0, {s0-s4}
+    cmp r0, r2
+    it eq
+    vmoveq scale, square
+    .irp register, s0, s1, s2, s3, s4
     vcvt.f32.s32 \register, \register
     .endr
-    .irp register, s0, s1, s2, s3, s4, s5, s6
+    .irp register, s0, s1, s2, s3, s4
     vmul.f32 \register, \register, scale
     .endr
-    vmul.f32 s7, s7, square
-    adds r0, #XXX
-    vstm r0, {s0-s4}
-    vstr s5, [r0, #4 * 6]
-    vstr s6, [r0, #4 * 7]
-    vstr s7, [r0, #4 * 21]
+    vstm r0!, {s0-s4}
+    cmp r0, r1
+    bne converting
 
     mrs r0, APSR
     ubfx r0, r0, #27, #1
