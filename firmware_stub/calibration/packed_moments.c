@@ -19,7 +19,8 @@ INLINE float power_of_two(int32_t exponent)
     return same.value;
 }
 
-FAST_CODE void packed_block_set(const int32_t anchor[3], int32_t shift, packed_block_t *block)
+/* All of a block but points, count and pairs. */
+INLINE void set_shift(const int32_t anchor[3], int32_t shift, packed_block_t *block)
 {
     block->anchor[0] = word(anchor[1], anchor[0]);
     block->anchor[1] = word(anchor[0], anchor[2]);
@@ -33,6 +34,7 @@ FAST_CODE void packed_block_set(const int32_t anchor[3], int32_t shift, packed_b
 INLINE int32_t farthest(const magnetometer_points_t *points, const int32_t anchor[3])
 {
     int32_t most = 0;
+#pragma GCC unroll 3
     for (int axis = 0; axis < 3; axis++) {
         const int32_t above = points->maximum[axis] - anchor[axis], below = anchor[axis] - points->minimum[axis];
         most = above > most ? above : most;
@@ -58,7 +60,7 @@ static FAST_CODE void sum_block(packed_block_t *block, const int32_t anchor[3], 
         return;
     }
     if (*shift > 0) {
-        packed_block_set(anchor, --*shift, block);
+        set_shift(anchor, --*shift, block);
         if (packed_moments_block(block, sums) == 0u) {
             return;
         }
@@ -76,7 +78,7 @@ INLINE uint32_t next_block(uint32_t left)
 FAST_CODE void packed_moments_sum(const magnetometer_points_t *points, const int32_t anchor[3], moments_t *sums)
 {
     packed_pair_t pairs[PACKED_BLOCK_POINTS / 2u];
-    packed_block_t block = {.points = points->points, .pairs = pairs, .count = next_block(points->count)};
+    packed_block_t block; /* no initialiser: it would clear all first */
     const int32_t most = farthest(points, anchor);
     int32_t shift = largest_shift(most);
     uint32_t left = points->count;
@@ -84,7 +86,10 @@ FAST_CODE void packed_moments_sum(const magnetometer_points_t *points, const int
         moments_sum(points, anchor, sums);
         return;
     }
-    packed_block_set(anchor, shift, &block);
+    block.points = points->points;
+    block.pairs = pairs;
+    block.count = next_block(left);
+    set_shift(anchor, shift, &block);
     sum_block(&block, anchor, &shift, sums);
     while ((left -= block.count) > 0u) {
         moments_t more;

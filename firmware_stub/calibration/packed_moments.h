@@ -20,7 +20,7 @@
 /** Points that one call of the kernel takes: 18 bytes each of scratch. */
 #define PACKED_BLOCK_POINTS 100u
 
-/** Largest K: products are exact from here on. */
+/** Largest K: products are exact from here on. All coordinates times 2^K must be within -32767 and 32767. */
 #define PACKED_SHIFT_MAXIMUM 8
 
 /** Two points and their products; in each word the lower half is the first point's, in `y` the upper. */
@@ -39,15 +39,6 @@ typedef struct {
     uint32_t lanes;             /**< the upper half without its K lowest bits, and the lower half */
     float scale;                /**< 2^(16-2K) */
 } packed_block_t;
-
-/**
- * Prepare a block.
- *
- * @param anchor [counts]; the mid-range, or the centre of a calibration before
- * @param shift K, 0 to PACKED_SHIFT_MAXIMUM; all coordinates relative to the anchor times 2^K are within -32767 and 32767
- * @param[out] block all but points, count and pairs
- */
-void packed_block_set(const int32_t anchor[3], int32_t shift, packed_block_t *block);
 
 /**
  * Sum the moments of a block.
