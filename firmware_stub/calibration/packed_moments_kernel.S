@@ -226,6 +226,16 @@ square  .req s15 /* of degree 4 */
     smlad lr, r1, r5, lr
 .endm
 
+/* Sums to floats; none uses what the instruction before it computes. */
+.macro converted scaling, registers:vararg
+    .irp register, \registers
+    vcvt.f32.s32 \register, \register
+    .endr
+    .irp register, \registers
+    vmul.f32 \register, \register, \scaling
+    .endr
+.endm
+
 /* uint32_t packed_moments_block(const packed_block_t *block, moments_t *sums) */
     .global packed_moments_block
     .type packed_moments_block, %function
@@ -321,12 +331,10 @@ multiplying:
     vmov s6, r7
     vmov s7, r8
     vmov s8, r9
-    .irp register, s0, s1, s2, s3, s4, s5, s6, s7, s8
+    .irp register, s0, s1, s2
     vcvt.f32.s32 \register, \register
     .endr
-    .irp register, s3, s4, s5, s6, s7, s8
-    vmul.f32 \register, \register, scale
-    .endr
+    converted scale, s3, s4, s5, s6, s7, s8
     ldr r0, [sp, #SUMS]
     adds r0, #FIRST
     vstm r0, {s0-s8}
@@ -394,20 +402,14 @@ thirds:
     str r12, [r0, #4 * 7]
     str lr, [r0, #4 * 21]
 
-    /* to floats, five at a time: of degree 3 twice, of degree 4 three times */
-    add r1, r0, #4 * 25
-    add r2, r0, #XXXX - XXX
+    /* to floats: of degree 3 at once, of degree 4 five at a time */
+    vldm r0, {s0-s9}
+    converted scale, s0, s1, s2, s3, s4, s5, s6, s7, s8, s9
+    vstm r0!, {s0-s9}
+    add r1, r0, #4 * 15
 converting:
     vldm r0, {s0-s4}
-    cmp r0, r2
-    it eq
-    vmoveq scale, square
-    .irp register, s0, s1, s2, s3, s4
-    vcvt.f32.s32 \register, \register
-    .endr
-    .irp register, s0, s1, s2, s3, s4
-    vmul.f32 \register, \register, scale
-    .endr
+    converted square, s0, s1, s2, s3, s4
     vstm r0!, {s0-s4}
     cmp r0, r1
     bne converting
