@@ -1,10 +1,11 @@
 """The firmware's moments of two points a word, in whole numbers: the model that its kernel is held against.
 
-Every array has the points in its last axis but one, and may have any axes before: many clouds of as many points at once.
+`packed_sums` takes any axes before those of the points: many clouds of as many points at once.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +22,11 @@ FACTORS: dict[str, tuple[str, str]] = {
     "xxzz": ("xz", "xz"), "xyyy": ("yy", "xy"), "xyyz": ("yy", "xz"), "xyzz": ("xz", "yz"), "xzzz": ("zz", "xz"),
     "yyyy": ("yy", "yy"), "yyyz": ("yy", "yz"), "yyzz": ("yz", "yz"), "yzzz": ("zz", "yz"), "zzzz": ("zz", "zz"),
 }  # fmt: skip
+#: Points that the kernel sums at once, and its largest K.
+BLOCK_POINTS = 100
+LARGEST_SHIFT = 8
 _INT32 = 1 << 31
+_LARGEST_COORDINATE = 32767
 
 
 @dataclass(frozen=True)
@@ -80,5 +85,61 @@ def _accumulated(terms: NDArray[np.int64]) -> tuple[NDArray[np.int32], NDArray[n
     """Add two points at a time to an int32; say whether it wrapped on the way."""
     totals = np.cumsum(terms, axis=-1)
     after_pairs = np.concatenate([totals[..., 1::2], totals[..., -1:]], axis=-1)
-    wrapped = ((after_pairs < -_INT32) | (after_pairs >= _INT32)).any(axis=-1)
-    return totals[..., -1].astype(np.int32), wrapped
+    wrapped = np.any((after_pairs < -_INT32) | (after_pairs >= _INT32), axis=-1)
+    return totals[..., -1].astype(np.int32), np.asarray(wrapped)
+
+
+def largest_shift(farthest: int) -> int:
+    """Return the K that the firmware begins with, for the largest coordinate about the anchor [counts].
+
+    Notes
+    -----
+    Coordinates fill 16 bits to 1/1.3125 at most: with more, the fourth powers of 100 points on a sphere overflow.
+    """
+    room = farthest + (farthest >> 2) + (farthest >> 4)
+    return min(max(15 - room.bit_length(), 0), LARGEST_SHIFT)
+
+
+def packed_moments(points_counts: ArrayLike, anchor: ArrayLike) -> tuple[NDArray[np.float32], list[int]] | None:
+    """Sum the moments of one cloud as the firmware's `direct-fast` does.
+
+    Parameters
+    ----------
+    points_counts : array_like of int, shape (n, 3)
+        [counts], body frame, n >= 2.
+    anchor : array_like of int, shape (3,)
+        [counts].
+
+    Returns
+    -------
+    sums : ndarray of float32, shape (34,)
+        See `PackedSums`.
+    shifts : list of int
+        The K of each block.
+    or None
+        When the firmware sums them one at a time, without this kernel.
+    """
+    points = np.asarray(points_counts, dtype=np.int64)
+    farthest = int(np.abs(points - np.asarray(anchor)).max())
+    if farthest > _LARGEST_COORDINATE:
+        return None
+    shift = largest_shift(farthest)
+    total, shifts = np.zeros(0, dtype=np.float32), list[int]()
+    for block in _blocks(points):
+        answer = packed_sums(block, anchor, shift)
+        if answer.overflowed and shift > 0:
+            shift -= 1
+            answer = packed_sums(block, anchor, shift)
+        if answer.overflowed:
+            return None
+        total = total + answer.sums if shifts else answer.sums
+        shifts.append(shift)
+    return total, shifts
+
+
+def _blocks(points: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
+    """Cut points as the firmware does; a block is never a single point."""
+    while len(points):
+        count = BLOCK_POINTS - 2 if len(points) == BLOCK_POINTS + 1 else BLOCK_POINTS
+        yield points[:count]
+        points = points[count:]

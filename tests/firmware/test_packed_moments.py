@@ -1,0 +1,170 @@
+"""Moments of two points a word: the kernel against its model in whole numbers, bit by bit, wrapped sums included."""
+
+from __future__ import annotations
+
+import ctypes
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import hiltest
+from hiltest.calibration.packed_moments import BLOCK_POINTS, largest_shift, packed_moments, packed_sums
+from hiltest.virtual.elf import load_image
+from hiltest.world.instances import instance
+
+from .packed_kernel import BoardPacked, HostPacked, PackedKernel
+
+SHIPPED_ELF = Path(hiltest.__file__).parent / "firmware" / "hiltest-frdm-k64f.elf"
+FIRMWARE = Path(__file__).parents[2] / "firmware_stub"
+Points = NDArray[np.int64]
+
+
+@pytest.fixture(scope="module")
+def board() -> BoardPacked:
+    return BoardPacked(SHIPPED_ELF)
+
+
+@pytest.fixture(params=["host", "board"])
+def kernel(request: pytest.FixtureRequest, board: BoardPacked, host_library: ctypes.CDLL) -> PackedKernel:
+    return board if request.param == "board" else HostPacked(host_library)
+
+
+def _random_points(random: np.random.Generator, count: int, *, far: bool = False) -> tuple[Points, Points]:
+    """Points of any spread about any anchor, all within int16; all over a cube or, far away, near its corners."""
+    anchor = random.integers(-3000, 3001, 3)
+    spread = int(2.0 ** random.uniform(0.0, 14.8))
+    offsets = random.integers(-spread, spread + 1, (count, 3))
+    if far:
+        offsets = np.sign(offsets) * spread - offsets // 8
+    return np.clip(anchor + offsets, -32768, 32767), anchor
+
+
+def _mid_range(points: Points) -> Points:
+    middle: Points = np.trunc((points.min(axis=0).astype(np.int64) + points.max(axis=0)) / 2).astype(np.int64)
+    return middle
+
+
+def test_a_block_is_that_of_the_model_bit_by_bit(kernel: PackedKernel) -> None:
+    random = np.random.default_rng(6)
+    overflows = 0
+    for case in range(120):
+        count = max(case % BLOCK_POINTS + 1, 2)  # every size, so every remainder of the loops
+        points, anchor = _random_points(random, count, far=case % 2 == 1)
+        # Up to the largest K there is room for, where sums wrap: the model says what they wrap to.
+        most = int(np.abs(points - anchor).max())
+        shift = min(8, 15 - most.bit_length())
+        got, wanted = kernel.block(points, anchor, shift), packed_sums(points, anchor, shift)
+        assert got.sums.tobytes() == wanted.sums.tobytes(), f"case {case}: {count} points, K = {shift}"
+        assert got.overflowed == wanted.overflowed, f"case {case}: {count} points, K = {shift}"
+        overflows += got.overflowed
+    print(f"{overflows} of 120 overflow")
+    assert overflows >= 10  # both answers are seen
+
+
+def test_whole_clouds_are_those_of_the_model_bit_by_bit(kernel: PackedKernel) -> None:
+    """Blocks are cut, redone and added alike; odd numbers, single points left over, both anchors."""
+    random = np.random.default_rng(66)
+    counts = [*range(9, 19), 99, 100, 101, 102, 103, 199, 200, 201, 202, 300, 301, 309, *random.integers(9, 310, 40)]
+    redone = 0
+    for case, count in enumerate(map(int, counts)):
+        if case % 2:
+            points, anchor = _random_points(random, count, far=case % 4 == 1)
+        else:
+            points = instance(case, count, field_ut=float(random.uniform(20.0, 90.0))).points_counts.astype(np.int64)
+            anchor = _mid_range(points) if case % 4 else points[0]
+        wanted = packed_moments(points, anchor)
+        got = kernel.sum(points, anchor)
+        assert got[0] == count
+        if wanted is None:
+            continue
+        assert got[1:].tobytes() == wanted[0].tobytes(), f"case {case}: {count} points"
+        redone += wanted[1][-1] < largest_shift(int(np.abs(points - anchor).max()))
+    print(f"{redone} of {len(counts)} clouds redone with K - 1")
+    assert redone >= 2  # and that path
+
+
+def _near_one_corner(count: int, distance: int) -> Points:
+    """All points as far away as the first K that is tried allows, on the same side: sums of degree 3 and 4 overflow."""
+    points = np.full((count, 3), distance, dtype=np.int64)
+    points[0] = -distance
+    return points
+
+
+def test_an_overflow_is_seen_and_redone(kernel: PackedKernel) -> None:
+    points, anchor = _near_one_corner(100, 760), np.zeros(3, dtype=np.int64)
+    assert kernel.block(points, anchor, 5).overflowed
+    assert not kernel.block(points, anchor, 4).overflowed
+    wanted = packed_sums(points, anchor, 4)
+    assert kernel.sum(points, anchor)[1:].tobytes() == wanted.sums.tobytes()
+    # What the first attempt left behind would have been wrong.
+    assert kernel.block(points, anchor, 5).sums.tobytes() != wanted.sums.tobytes()
+
+
+def test_an_overflow_does_not_stay(kernel: PackedKernel) -> None:
+    """The flag is sticky, so it must be cleared."""
+    far, anchor = _near_one_corner(100, 760), np.zeros(3, dtype=np.int64)
+    assert kernel.block(far, anchor, 5).overflowed
+    assert not kernel.block(far[:2], anchor, 5).overflowed
+
+
+@pytest.mark.parametrize("distance", [30_000, 32_767])
+def test_what_no_shift_can_hold_is_summed_one_at_a_time(kernel: PackedKernel, distance: int) -> None:
+    points, anchor = _near_one_corner(100, distance), np.zeros(3, dtype=np.int64)
+    assert packed_moments(points, anchor) is None
+    sums = kernel.sum(points, anchor)
+    # float32 rounds each of the 100 additions once.
+    assert sums[20] == pytest.approx(100.0 * distance**4, rel=100 * 2.0**-24)
+    assert sums[10] == pytest.approx(98.0 * distance**3, rel=100 * 2.0**-24)
+
+
+def test_points_farther_apart_than_16_bits_are_summed_one_at_a_time(kernel: PackedKernel) -> None:
+    points = np.array([[-32768, -32768, -32768], [32767, 32767, 32767]] * 10)
+    anchor = _mid_range(points)
+    assert packed_moments(points, anchor) is None
+    assert kernel.sum(points, anchor)[4] == pytest.approx(10.0 * (32768.0**2 + 32767.0**2), rel=20 * 2.0**-24)
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("lane", range(2))
+def test_a_point_in_either_lane_and_on_any_axis_lands_in_its_own_sums(
+    kernel: PackedKernel, axis: int, lane: int
+) -> None:
+    """One point off the anchor: a wrong lane, axis or sign is another sum."""
+    points = np.zeros((2, 3), dtype=np.int64)
+    points[lane, axis] = -64
+    sums = kernel.block(points, [0, 0, 0], 8).sums
+    degree_1, degree_2, degree_3, degree_4 = np.split(sums, [3, 9, 19])
+    assert degree_1.tolist() == [-64.0 if each == axis else 0.0 for each in range(3)]
+    for sums_of_degree, index, value in (
+        (degree_2, (0, 3, 5)[axis], 64.0**2), (degree_3, (0, 6, 9)[axis], -(64.0**3)),
+        (degree_4, (0, 10, 14)[axis], 64.0**4),
+    ):  # fmt: skip
+        assert np.flatnonzero(sums_of_degree).tolist() == [index]
+        assert sums_of_degree[index] == value
+
+
+def test_small_coordinates_are_exact(kernel: PackedKernel) -> None:
+    """From K = 8 on no product is rounded, and 34 sums of whole numbers are whole numbers."""
+    points = np.random.default_rng(1).integers(-60, 61, (99, 3))
+    sums = kernel.block(points, [3, -2, 1], 8).sums
+    x, y, z = (points - [3, -2, 1]).T
+    for index, exact in ((0, x), (4, x * y), (13, x * y * z), (30, y * y * y * z), (33, z**4)):
+        assert sums[index] == np.float32(exact.sum())
+
+
+@pytest.mark.parametrize(("count", "most"), [(100, 56.0), (300, 58.0)])
+def test_a_point_costs(board: BoardPacked, count: int, most: float) -> None:
+    points = instance(1, count, stretch=0.1, covered=(1.0, 1.0)).points_counts
+    board.sum(points, _mid_range(points))
+    assert board.last is not None
+    print(f"{count} points: {board.last.cycles} cycles, {board.last.cycles / count:.2f} a point")
+    assert board.last.cycles / count <= most
+
+
+def test_the_kernel_fits_the_memory_it_was_given() -> None:
+    symbol = load_image(SHIPPED_ELF).symbols["packed_moments_block"]
+    print(f"{symbol.size} bytes of code, {BLOCK_POINTS // 2 * 36} of scratch")
+    assert symbol.size <= 2300
+    assert BLOCK_POINTS // 2 * 36 <= 1800
