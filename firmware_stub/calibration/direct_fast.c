@@ -1,4 +1,5 @@
-/* `direct` on moments that two points a word give (packed_moments.h): fewer cycles, and an error that is printed beside them. */
+/* `direct` on moments of two points a word (packed_moments.h): fewer cycles, for an error that is printed beside them. What rounded
+ * sums do not carry is left to `direct`: a plane is one only if its pivots vanish. */
 #include "closed_form.h"
 #include "fast_code.h"
 #include "packed_moments.h"
@@ -17,4 +18,7 @@ FAST_CODE void magnetometer_direct_fast(const magnetometer_points_t *points, mag
     moments_anchor(points, anchor);
     packed_moments_sum(points, anchor, &sums);
     fit_closed_form(&sums, anchor, fit);
+    if (fit->status != FIT_ELLIPSOID) {
+        magnetometer_direct(points, fit);
+    }
 }

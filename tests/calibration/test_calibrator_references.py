@@ -148,5 +148,5 @@ def test_what_is_not_a_list_of_points_is_an_error(points: list[tuple[float, ...]
 
 
 def test_an_unknown_calibrator_names_the_known_ones() -> None:
-    with pytest.raises(ConfigError, match="corrected, direct, iterative"):
+    with pytest.raises(ConfigError, match="corrected, direct, direct-fast, iterative"):
         reference("magic")

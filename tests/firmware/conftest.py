@@ -28,6 +28,10 @@ SHIPPED_ELF = Path(hiltest.__file__).parent / "firmware" / "hiltest-frdm-k64f.el
 FIT = struct.Struct("<BBH13f")
 
 
+def _function(calibrator: str) -> str:
+    return f"magnetometer_{calibrator.replace('-', '_')}"
+
+
 def _unpack_fit(packed: bytes) -> MagnetometerFit:
     status, is_sphere, iterations, *floats = FIT.unpack(packed)
     soft_iron, hard_iron = np.array(floats[:9]).reshape(3, 3), np.array(floats[9:12])
@@ -50,7 +54,7 @@ class HostCalibrators:
     def calibrate(self, name: str, points: ArrayLike, *, iterations: int = 0) -> MagnetometerFit:
         counts, rest = _prepare(points, iterations)
         fit = ctypes.create_string_buffer(FIT.size)
-        getattr(self._library, f"magnetometer_{name}")(struct.pack("P", counts.ctypes.data) + rest, fit)
+        getattr(self._library, _function(name))(struct.pack("P", counts.ctypes.data) + rest, fit)
         return _unpack_fit(fit.raw)
 
     def moments(self, points: ArrayLike, anchor: list[int]) -> list[float]:
@@ -79,7 +83,7 @@ class BoardCalibrators:
 
     def cost(self, name: str, points: ArrayLike, *, iterations: int = 0) -> CallResult:
         self._place(points, iterations)
-        return self._board.call(f"magnetometer_{name}", self.ARGUMENT, self.RESULT)
+        return self._board.call(_function(name), self.ARGUMENT, self.RESULT)
 
     def calibrate(self, name: str, points: ArrayLike) -> MagnetometerFit:
         self.cost(name, points)

@@ -19,7 +19,10 @@ from hiltest.world.instances import Instance, instance
 
 ROOT = Path(__file__).parents[2]
 CLOUDS = sorted((ROOT / "fixtures" / "clouds").glob("*.json"))
-CALIBRATORS = ("direct", "corrected", "iterative")
+CALIBRATORS = ("direct", "direct-fast", "corrected", "iterative")
+# 99th percentile of the distance to float64 [deg]: a fiftieth of what noise alone does to these fits. Rounded products
+# of 16 bits cost more (test_direct_fast.py has what that means against the truth).
+LARGEST_P99_DEG = dict.fromkeys(CALIBRATORS, 0.01) | {"direct-fast": 0.15}
 GOOD_SEEDS = range(1000, 1570)
 CAP_SEEDS = range(2000, 2030)  # 30 of 600: 5 %
 FLOAT32_EPSILON = 2.0**-23
@@ -65,7 +68,7 @@ def test_c_and_float64_agree_over_the_thesis_generator(calibrators: Runner, name
     median, p99, largest = np.percentile(differences, [50, 99, 100])
     print(f"{name}: {len(differences)} accepted, {median:.2g} / {p99:.2g} / {largest:.2g} deg; caps {caps}")
     assert len(differences) >= 500
-    assert p99 <= 0.01  # a fiftieth of what noise alone does to these fits
+    assert p99 <= LARGEST_P99_DEG[name]
     assert caps["firmware"] == caps["reference"]
 
 

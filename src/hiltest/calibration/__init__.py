@@ -15,6 +15,7 @@ from hiltest.calibration.streams import StreamCalibrator
 from hiltest.errors import ConfigError
 
 __all__ = [
+    "FASTER",
     "REFERENCES",
     "STREAM_REFERENCES",
     "UNBIASED",
@@ -28,7 +29,11 @@ __all__ = [
 ]
 
 # By the firmware's names.
-REFERENCES: dict[str, Calibrator] = {"direct": fit_direct, "corrected": fit_corrected, "iterative": fit_iterative}
+REFERENCES: dict[str, Calibrator] = {
+    "direct": fit_direct, "direct-fast": fit_direct, "corrected": fit_corrected, "iterative": fit_iterative,
+}  # fmt: skip
+# Those that only come to their sums in another way: in float64 they are another's fit.
+FASTER = frozenset({"direct-fast"})
 # Those whose steps take the bias of noise out.
 UNBIASED = frozenset({"corrected"})
 STREAM_REFERENCES: dict[str, Callable[[], StreamCalibrator]] = {

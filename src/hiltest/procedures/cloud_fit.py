@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hiltest.boards.board import Board
-from hiltest.calibration import REFERENCES, UNBIASED, reference
+from hiltest.calibration import FASTER, REFERENCES, UNBIASED, reference
 from hiltest.calibration.acceptance import Acceptance, FitFigures, Reason, judge
 from hiltest.calibration.conditioning import ellipsoid_condition
 from hiltest.calibration.direction_error import predicted_direction_error
@@ -171,7 +171,7 @@ def fit_on_host(cloud: Cloud, calibrator: str = ALL) -> CloudFit:
     ConfigError
         When a calibrator has no reference.
     """
-    names = sorted(REFERENCES) if calibrator == ALL else [calibrator]
+    names = sorted(REFERENCES.keys() - FASTER) if calibrator == ALL else [calibrator]
     scale, judged = CountScale.of(cloud), _Judge(cloud)
     counts = scale.unrounded(cloud.points)
     fits = [judged.result(name, scale.in_unit(reference(name)(counts)), cloud.points) for name in names]
