@@ -38,10 +38,13 @@ def _unpack_fit(packed: bytes) -> MagnetometerFit:
     return MagnetometerFit(FitStatus(status), bool(is_sphere), iterations, soft_iron, hard_iron, floats[12])
 
 
-def _prepare(points: ArrayLike, iterations: int = 0) -> tuple[NDArray[np.int16], bytes]:
+def _prepare(
+    points: ArrayLike, iterations: int = 0, low: ArrayLike | None = None, high: ArrayLike | None = None
+) -> tuple[NDArray[np.int16], bytes]:
     """Return the points as the firmware stores them, and what follows their address in magnetometer_points_t."""
     counts = np.ascontiguousarray(points, dtype="<i2")
-    low, high = map(int, counts.min(axis=0)), map(int, counts.max(axis=0))
+    low = map(int, counts.min(axis=0) if low is None else np.asarray(low))
+    high = map(int, counts.max(axis=0) if high is None else np.asarray(high))
     return counts, struct.pack("<H6hH", len(counts), *low, *high, iterations)
 
 
@@ -51,8 +54,11 @@ class HostCalibrators:
     def __init__(self, library: ctypes.CDLL) -> None:
         self._library = library
 
-    def calibrate(self, name: str, points: ArrayLike, *, iterations: int = 0) -> MagnetometerFit:
-        counts, rest = _prepare(points, iterations)
+    def calibrate(
+        self, name: str, points: ArrayLike, *, iterations: int = 0,
+        low: ArrayLike | None = None, high: ArrayLike | None = None,
+    ) -> MagnetometerFit:
+        counts, rest = _prepare(points, iterations, low, high)
         fit = ctypes.create_string_buffer(FIT.size)
         getattr(self._library, _function(name))(struct.pack("P", counts.ctypes.data) + rest, fit)
         return _unpack_fit(fit.raw)

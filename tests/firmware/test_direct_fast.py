@@ -1,0 +1,160 @@
+"""What `direct-fast` costs in accuracy: heading errors against the truth, paired with those of the float64 fit.
+
+HILTEST_ACCURACY_INSTANCES sets how many clouds each line is over; `tox -e accuracy` takes 10 000, for the figures in
+firmware_stub/DESIGN.md. The default is few, so each quotient may be off by three of its own standard errors.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from hiltest.calibration import FitStatus, fit_direct
+from hiltest.calibration.packed_moments import BLOCK_POINTS, largest_shift, packed_sums
+from hiltest.calibration.quality import direction_difference_rms_deg, direction_error_rms_deg, sphere_directions
+from hiltest.world.instances import Instance, instance
+
+INSTANCES = int(os.environ.get("HILTEST_ACCURACY_INSTANCES", "400"))
+WHOLE = 10_000
+DIRECTIONS = sphere_directions(200)
+FIELD_UT = 50.0
+
+Reals = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Clouds of one kind, and how far the fast fit may be from that of float64 [deg]."""
+
+    points: int
+    stretch: float
+    extra_p99_deg: float
+
+
+SETTINGS = [Setting(100, 0.2, 0.1), Setting(30, 0.5, 0.3)]
+
+
+@dataclass(frozen=True)
+class Paired:
+    """Errors of both fits of the same clouds against the truth, and between them [deg]."""
+
+    float64: Reals
+    fast: Reals
+    extra: Reals
+    refused: int
+    judged_otherwise: int
+
+    def quotient(self, percentile: float) -> tuple[float, float]:
+        """Return the fast fit's percentile over the other's, and the standard error of that quotient (bootstrap)."""
+        random = np.random.default_rng(1)
+        drawn = random.integers(0, len(self.fast), (200, len(self.fast)))
+        one, other = (np.percentile(errors[drawn], percentile, axis=1) for errors in (self.fast, self.float64))
+        whole = np.percentile(self.fast, percentile) / np.percentile(self.float64, percentile)
+        return float(whole), float(np.std(one / other))
+
+
+def _truth(drawn: Instance) -> Reals:
+    """Readings [counts] of the field along `DIRECTIONS`."""
+    return 10.0 * (FIELD_UT * DIRECTIONS @ drawn.soft_iron + drawn.hard_iron_ut)
+
+
+def _paired(calibrators: Any, setting: Setting) -> Paired:
+    rows, refused, otherwise = [], 0, 0
+    for seed in range(1, INSTANCES + 1):
+        drawn = instance(seed, setting.points, stretch=setting.stretch)
+        wanted, got = fit_direct(drawn.points_counts), calibrators.calibrate("direct-fast", drawn.points_counts)
+        otherwise += wanted.status != got.status
+        if not wanted.status == got.status == FitStatus.ELLIPSOID:
+            refused += 1
+            continue
+        counts = _truth(drawn)
+        errors = [direction_error_rms_deg(fit, counts, DIRECTIONS) for fit in (wanted, got)]
+        rows.append([*errors, direction_difference_rms_deg(got, wanted)])
+    float64, fast, extra = np.array(rows).T
+    return Paired(float64, fast, extra, refused, otherwise)
+
+
+@pytest.mark.parametrize("setting", SETTINGS, ids=lambda setting: f"s={setting.stretch}, n={setting.points}")
+def test_the_speed_costs_this_much_accuracy(host_calibrators: Any, setting: Setting) -> None:
+    paired = _paired(host_calibrators, setting)
+    median, median_error = paired.quotient(50.0)
+    p99, p99_error = paired.quotient(99.0)
+    rms = np.sqrt((paired.fast**2).mean() / (paired.float64**2).mean())
+    extra = np.percentile(paired.extra, [50, 99, 100])
+    print(
+        f"{setting}, {len(paired.fast)} of {INSTANCES}: against float64 the median is {median - 1:+.2%} "
+        f"(standard error {median_error:.2%}), p99 {p99 - 1:+.2%} ({p99_error:.2%}), rms {rms - 1:+.2%}; distance "
+        f"{extra[0]:.2g} / {extra[1]:.2g} / {extra[2]:.2g} deg; {paired.judged_otherwise} judged otherwise"
+    )
+    doubt = 0.0 if len(paired.fast) >= 0.9 * WHOLE else 3.0
+    assert median <= 1.01 + doubt * median_error
+    assert p99 <= 1.04 + doubt * p99_error
+    # If 1 % are beyond it, of 400 there are at most 8 in 98 of 100 draws.
+    assert (paired.extra > setting.extra_p99_deg).sum() <= (0.02 if doubt else 0.01) * len(paired.extra)
+    # Clouds at the limit of coverage fall on either side of it.
+    assert paired.judged_otherwise <= max(2, 0.001 * INSTANCES)
+
+
+@pytest.mark.parametrize(
+    ("setting", "most"), [(SETTINGS[0], 0.0), (SETTINGS[1], 0.0), (Setting(100, 0.5, 0.1), 0.002)]
+)
+def test_hardly_a_cloud_overflows(setting: Setting, most: float) -> None:
+    """Each that does costs a second pass, so K begins where that is rare; the model counts them."""
+    clouds = np.array(
+        [instance(seed, setting.points, stretch=setting.stretch).points_counts for seed in range(1, INSTANCES + 1)]
+    ).astype(np.int64)
+    anchors = np.trunc((clouds.min(axis=1) + clouds.max(axis=1)) / 2.0).astype(np.int64)
+    farthest = np.abs(clouds - anchors[:, None]).max(axis=(1, 2))
+    shifts = np.array([largest_shift(int(each)) for each in farthest])
+    overflowed = sum(
+        packed_sums(clouds[shifts == shift], anchors[shifts == shift], int(shift)).overflowed.sum()
+        for shift in np.unique(shifts)
+    )
+    print(f"{setting}: {overflowed} of {INSTANCES} redone; K from {shifts.min()} to {shifts.max()}")
+    assert setting.points <= BLOCK_POINTS
+    assert overflowed <= max(2, most * INSTANCES)
+
+
+def test_a_first_point_for_an_anchor_would_be_seen(host_calibrators: Any) -> None:
+    """The test above is worth something: with the anchor on the surface the error is several times as large."""
+    wrong, right = [], []
+    for seed in range(1, 101):
+        drawn = instance(seed, 100, stretch=0.2)
+        points = drawn.points_counts
+        wanted = fit_direct(points)
+        # A range that pretends to be around the first point: that is all the calibrator knows of the anchor.
+        reach = np.abs(points.astype(int) - points[0]).max(axis=0)
+        off_centre = host_calibrators.calibrate("direct-fast", points, low=points[0] - reach, high=points[0] + reach)
+        right.append(direction_difference_rms_deg(host_calibrators.calibrate("direct-fast", points), wanted))
+        if off_centre.status is FitStatus.ELLIPSOID:
+            wrong.append(direction_difference_rms_deg(off_centre, wanted))
+    print(f"medians: {np.median(right):.3g} deg about the middle, {np.median(wrong):.3g} about the first point")
+    assert np.median(wrong) > 3.0 * np.median(right)
+
+
+def test_100_points_are_fitted_in_7300_cycles(board_calibrators: Any) -> None:
+    clouds = [instance(seed, 100, stretch=0.1, covered=(1.0, 1.0)).points_counts for seed in range(1, 31)]
+    cycles = [board_calibrators.cost("direct-fast", points).cycles for points in clouds]
+    wanted = [fit_direct(points) for points in clouds]
+    extra = [
+        direction_difference_rms_deg(board_calibrators.calibrate("direct-fast", points), fit)
+        for points, fit in zip(clouds, wanted, strict=True)
+    ]
+    print(f"direct-fast, n = 100: {min(cycles)} to {max(cycles)} cycles, {max(extra):.2g} deg from float64 at most")
+    assert max(cycles) <= 7_300
+    assert max(extra) <= 0.01  # an even cloud: what rounding does to it is a tenth of what a gap lets it do
+
+
+def test_the_worst_costs_both_fits_and_no_more(board_calibrators: Any) -> None:
+    """Bounded time: two attempts at every block, the sums one at a time, and what `direct` makes of a refusal."""
+    direct = board_calibrators.cost("direct", instance(1, covered=(0.1, 0.1)).points_counts).cycles
+    cap = board_calibrators.cost("direct-fast", instance(1, covered=(0.1, 0.1)).points_counts).cycles
+    assert cap <= direct + 7_900  # a fit and a sphere
+    corners = np.full((100, 3), 30_000)
+    corners[::2] = -30_000
+    assert board_calibrators.cost("direct-fast", corners).cycles <= 2 * direct + 2 * 5_600 + 2_000
