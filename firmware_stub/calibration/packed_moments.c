@@ -1,5 +1,7 @@
 #include "packed_moments.h"
 
+#include <stddef.h>
+
 #include "fast_code.h"
 
 #define INLINE static inline __attribute__((always_inline))
@@ -19,12 +21,15 @@ INLINE float power_of_two(int32_t exponent)
     return same.value;
 }
 
-/* All of a block but points, count and pairs. */
-INLINE void set_shift(const int32_t anchor[3], int32_t shift, packed_block_t *block)
+INLINE void set_anchor(const int32_t anchor[3], packed_block_t *block)
 {
     block->anchor[0] = word(anchor[1], anchor[0]);
     block->anchor[1] = word(anchor[0], anchor[2]);
     block->anchor[2] = word(anchor[2], anchor[1]);
+}
+
+INLINE void set_shift(int32_t shift, packed_block_t *block)
+{
     block->rounding = 0x8000u + (uint32_t)shift;
     block->lanes = ~(((1u << shift) - 1u) << 16);
     block->scale = power_of_two(16 - 2 * shift);
@@ -52,21 +57,26 @@ INLINE int32_t largest_shift(int32_t most)
     return shift < 0 ? 0 : shift > PACKED_SHIFT_MAXIMUM ? PACKED_SHIFT_MAXIMUM : shift;
 }
 
-/* One block, with K or, when that overflows, with K - 1, which makes fourth powers a sixteenth; then it stays at that. What even so
- * does not fit is summed one point at a time. */
-static FAST_CODE void sum_block(packed_block_t *block, const int32_t anchor[3], int32_t *shift, moments_t *sums)
+/* One block, with K or, when that overflows, with K - 1, which makes fourth powers a sixteenth; then it stays at that. */
+static FAST_CODE bool sum_block(packed_block_t *block, int32_t *shift, moments_t *sums)
 {
     if (packed_moments_block(block, sums) == 0u) {
-        return;
+        return true;
     }
-    if (*shift > 0) {
-        set_shift(anchor, --*shift, block);
-        if (packed_moments_block(block, sums) == 0u) {
-            return;
-        }
+    if (*shift == 0) {
+        return false;
     }
-    const magnetometer_points_t points = {.points = block->points, .count = (uint16_t)block->count};
-    moments_sum(&points, anchor, sums);
+    set_shift(--*shift, block);
+    return packed_moments_block(block, sums) == 0u;
+}
+
+/* What no K holds is summed one point at a time. */
+static FAST_CODE void sum_raw_block(packed_block_t *block, const int32_t anchor[3], int32_t *shift, moments_t *sums)
+{
+    if (!sum_block(block, shift, sums)) {
+        const magnetometer_points_t points = {.points = block->points, .count = (uint16_t)block->count};
+        moments_sum(&points, anchor, sums);
+    }
 }
 
 /* A block is never a single point. */
@@ -89,14 +99,44 @@ FAST_CODE void packed_moments_sum(const magnetometer_points_t *points, const int
     block.points = points->points;
     block.pairs = pairs;
     block.count = next_block(left);
-    set_shift(anchor, shift, &block);
-    sum_block(&block, anchor, &shift, sums);
+    set_anchor(anchor, &block);
+    set_shift(shift, &block);
+    sum_raw_block(&block, anchor, &shift, sums);
     while ((left -= block.count) > 0u) {
         moments_t more;
         block.points += block.count;
         block.count = next_block(left);
-        sum_block(&block, anchor, &shift, &more);
+        sum_raw_block(&block, anchor, &shift, &more);
         moments_merge(sums, &more);
     }
     sums->one = (float)points->count;
+}
+
+FAST_CODE bool packed_points_sum(packed_points_t *packed, moments_t *sums)
+{
+    packed_block_t block;
+    int32_t shift = largest_shift(packed->farthest);
+    uint32_t left = packed->count;
+    block.points = NULL;
+    block.pairs = packed->pairs;
+    block.count = next_block(left);
+    block.first[0] = packed->sums[0];
+    block.first[1] = packed->sums[1];
+    block.first[2] = packed->sums[2];
+    set_shift(shift, &block);
+    if (packed->farthest > INT16_MAX || !sum_block(&block, &shift, sums)) {
+        return false;
+    }
+    while ((left -= block.count) > 0u) {
+        moments_t more;
+        block.pairs += block.count / 2u;
+        block.count = next_block(left);
+        block.first[0] = block.first[1] = block.first[2] = 0; /* the first block had them all */
+        if (!sum_block(&block, &shift, &more)) {
+            return false;
+        }
+        moments_merge(sums, &more);
+    }
+    sums->one = (float)packed->count;
+    return true;
 }

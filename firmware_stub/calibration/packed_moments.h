@@ -16,6 +16,7 @@
 #include <stdbool.h>
 
 #include "moments.h"
+#include "packed_points.h"
 
 /** Points that one call of the kernel takes: 18 bytes each of scratch. */
 #define PACKED_BLOCK_POINTS 100u
@@ -23,18 +24,15 @@
 /** Largest K: products are exact from here on. All coordinates times 2^K must be within -32767 and 32767. */
 #define PACKED_SHIFT_MAXIMUM 8
 
-/** Two points and their products; in each word the lower half is the first point's, in `y` the upper. */
-typedef struct {
-    uint32_t x, y, z;                /**< relative to the anchor [counts] */
-    uint32_t xx, yy, zz, xy, xz, yz; /**< [2^(16-2K) counts^2] */
-} packed_pair_t;
-
 /** What the kernel is to do. */
 typedef struct {
-    const int16_t (*points)[3]; /**< [counts], word-aligned */
-    packed_pair_t *pairs;       /**< room for (count + 1) / 2 */
+    const int16_t (*points)[3]; /**< [counts], word-aligned; NULL when `pairs` has them packed already */
+    packed_pair_t *pairs;       /**< (count + 1) / 2; products are written */
     uint32_t count;             /**< of points, 2 to PACKED_BLOCK_POINTS */
-    uint32_t anchor[3];         /**< two coordinates a word, as they lie in the points: y x, x z, z y */
+    union {
+        uint32_t anchor[3]; /**< two coordinates a word, as they lie in the points: y x, x z, z y */
+        int32_t first[3];   /**< without points: the sums of degree 1 [counts] */
+    };
     uint32_t rounding;          /**< 2^15 + K: added to products before they are cut, and its lowest byte shifts */
     uint32_t lanes;             /**< the upper half without its K lowest bits, and the lower half */
     float scale;                /**< 2^(16-2K) */
@@ -59,5 +57,14 @@ uint32_t packed_moments_block(const packed_block_t *block, moments_t *sums);
  * @param[out] sums the 34 moments and the count
  */
 void packed_moments_sum(const magnetometer_points_t *points, const int32_t anchor[3], moments_t *sums);
+
+/**
+ * Sum the moments of points that were packed as they were stored.
+ *
+ * @param packed at least two; products are written
+ * @param[out] sums the 34 moments about their anchor, and the count
+ * @return false when a block overflows with K - 1 too, or a point is too far away: then nothing of `sums` is valid
+ */
+bool packed_points_sum(packed_points_t *packed, moments_t *sums);
 
 #endif

@@ -45,7 +45,7 @@ def _prepare(
     counts = np.ascontiguousarray(points, dtype="<i2")
     low = map(int, counts.min(axis=0) if low is None else np.asarray(low))
     high = map(int, counts.max(axis=0) if high is None else np.asarray(high))
-    return counts, struct.pack("<H6hH", len(counts), *low, *high, iterations)
+    return counts, struct.pack("<H6hHQ", len(counts), *low, *high, iterations, 0)  # a pointer of either size: nothing packed
 
 
 class HostCalibrators:

@@ -48,7 +48,7 @@ def _settings(count: int, anchor: ArrayLike, shift: int) -> bytes:
 
 def _range(counts: NDArray[np.int16]) -> bytes:
     """magnetometer_points_t from its count on."""
-    return struct.pack("<H6hH", len(counts), *counts.min(axis=0).tolist(), *counts.max(axis=0).tolist(), 0)
+    return struct.pack("<H6hHQ", len(counts), *counts.min(axis=0).tolist(), *counts.max(axis=0).tolist(), 0, 0)
 
 
 class HostPacked:
