@@ -40,6 +40,7 @@ static const command_t commands[] = {
     {0x24, command_read_fusion, 3, 3},
     {0x25, command_log_gyroscope, 6, 6},
     {0x26, command_time_sequence, 2, 2},
+    {0x27, command_pack_points, 8, 8},
 };
 
 const command_t *command_find(uint8_t type)

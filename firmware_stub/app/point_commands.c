@@ -1,12 +1,14 @@
 /**
  * @file point_commands.c
- * @brief COLLECT, UPLOAD, POINTS and CLEAR_POINTS.
+ * @brief COLLECT, UPLOAD, POINTS, CLEAR_POINTS and PACK_POINTS.
  */
 #include "boards/time_base.h"
 #include "command.h"
 #include "pair_collector.h"
+#include "point_packing.h"
 #include "points_buffer.h"
 #include "sensor_set.h"
+#include "timed_run.h"
 
 #define VECTOR_BYTES 6u
 #define UPLOAD_MAXIMUM 160u
@@ -92,5 +94,25 @@ status_t command_clear_points(payload_reader_t *request, payload_writer_t *reply
     (void)request;
     (void)reply;
     points_clear();
+    point_packing_forget();
     return STATUS_OK;
+}
+
+status_t command_pack_points(payload_reader_t *request, payload_writer_t *reply)
+{
+    const uint16_t count = read_u16(request);
+    int16_t centre[3];
+    read_vector_i16(request, centre);
+    if (count == 0u) {
+        return STATUS_BAD_ARGUMENT;
+    }
+    if (count > points_count()) {
+        return STATUS_TOO_FEW_POINTS;
+    }
+    const magnetometer_points_t points = points_first(count);
+    const packing_cost_t cost = point_packing_run(&points, centre);
+    write_u32(reply, cost.range_cycles);
+    write_u32(reply, cost.packing_cycles);
+    write_u32(reply, cost.overhead_cycles);
+    return timed_run_has_counter() ? STATUS_OK : STATUS_NO_CYCLE_COUNTER;
 }

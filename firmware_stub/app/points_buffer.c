@@ -2,11 +2,12 @@
 
 #include <string.h>
 
+#include "calibration/point_range.h"
+
 static struct {
     _Alignas(4) int16_t magnetometer[POINTS_MAXIMUM][3]; /* aligned: calibrators may load two coordinates at once */
     int16_t accelerometer[POINTS_MAXIMUM][3];
-    int16_t minimum[POINTS_MAXIMUM][3]; /* of all points up to this one */
-    int16_t maximum[POINTS_MAXIMUM][3];
+    point_range_t range[POINTS_MAXIMUM]; /* of all points up to this one */
     uint16_t count;
 } buffer;
 
@@ -27,13 +28,14 @@ bool points_store(const int16_t magnetometer[3], const int16_t accelerometer[3])
         return false;
     }
     for (uint32_t axis = 0; axis < 3u; axis++) {
-        const int16_t value = magnetometer[axis];
-        const int16_t low = index == 0u ? value : buffer.minimum[index - 1u][axis];
-        const int16_t high = index == 0u ? value : buffer.maximum[index - 1u][axis];
-        buffer.magnetometer[index][axis] = value;
+        buffer.magnetometer[index][axis] = magnetometer[axis];
         buffer.accelerometer[index][axis] = accelerometer[axis];
-        buffer.minimum[index][axis] = value < low ? value : low;
-        buffer.maximum[index][axis] = value > high ? value : high;
+    }
+    if (index == 0u) {
+        point_range_start(&buffer.range[0], magnetometer);
+    } else {
+        buffer.range[index] = buffer.range[index - 1u];
+        (void)point_range_add(&buffer.range[index], magnetometer);
     }
     buffer.count++;
     return true;
@@ -42,8 +44,8 @@ bool points_store(const int16_t magnetometer[3], const int16_t accelerometer[3])
 magnetometer_points_t points_first(uint16_t count)
 {
     magnetometer_points_t points = {.points = (const int16_t(*)[3])buffer.magnetometer, .count = count};
-    memcpy(points.minimum, buffer.minimum[count - 1u], sizeof points.minimum);
-    memcpy(points.maximum, buffer.maximum[count - 1u], sizeof points.maximum);
+    memcpy(points.minimum, buffer.range[count - 1u].minimum, sizeof points.minimum);
+    memcpy(points.maximum, buffer.range[count - 1u].maximum, sizeof points.maximum);
     return points;
 }
 
@@ -54,8 +56,8 @@ dpi_pairs_t pairs_first(uint16_t count)
         .accelerometer = (const int16_t(*)[3])buffer.accelerometer,
         .count = count,
     };
-    memcpy(pairs.minimum, buffer.minimum[count - 1u], sizeof pairs.minimum);
-    memcpy(pairs.maximum, buffer.maximum[count - 1u], sizeof pairs.maximum);
+    memcpy(pairs.minimum, buffer.range[count - 1u].minimum, sizeof pairs.minimum);
+    memcpy(pairs.maximum, buffer.range[count - 1u].maximum, sizeof pairs.maximum);
     return pairs;
 }
 

@@ -19,11 +19,12 @@ static inline int32_t larger(int32_t farthest, int32_t offset)
 }
 
 /* The first point of a pair leaves the other half zero, which is the anchor: it adds nothing to any sum. */
-FAST_CODE bool packed_points_add(packed_points_t *packed, const int16_t point[3])
+FAST_CODE stream_status_t packed_points_add(void *state, const int16_t point[3])
 {
+    packed_points_t *const packed = state;
     const uint32_t count = packed->count;
     if (count >= PACKED_POINTS_MAXIMUM) {
-        return false;
+        return STREAM_FULL;
     }
     packed_pair_t *const pair = &packed->pairs[count / 2u];
     const int32_t x = point[0] - packed->anchor[0], y = point[1] - packed->anchor[1], z = point[2] - packed->anchor[2];
@@ -41,5 +42,5 @@ FAST_CODE bool packed_points_add(packed_points_t *packed, const int16_t point[3]
     packed->sums[2] += z;
     packed->farthest = larger(larger(larger(packed->farthest, x), y), z);
     packed->count = count + 1u;
-    return true;
+    return STREAM_OK;
 }

@@ -5,8 +5,7 @@
 #ifndef HILTEST_PACKED_POINTS_H
 #define HILTEST_PACKED_POINTS_H
 
-#include <stdbool.h>
-#include <stdint.h>
+#include "stream_calibrator.h"
 
 /** As many points as there is room for. */
 #define PACKED_POINTS_MAXIMUM 512u
@@ -28,7 +27,7 @@ typedef struct packed_points {
 /** Forget all points, and pack those that come about an anchor [counts]. */
 void packed_points_start(packed_points_t *packed, const int32_t anchor[3]);
 
-/** Store a point [counts]; false when there is no room. */
-bool packed_points_add(packed_points_t *packed, const int16_t point[3]);
+/** Store a point [counts] in a packed_points_t: a step, so that it is counted as those of streams are. */
+stream_status_t packed_points_add(void *state, const int16_t point[3]);
 
 #endif
