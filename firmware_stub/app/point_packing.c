@@ -27,10 +27,10 @@ packing_cost_t point_packing_run(const magnetometer_points_t *points, const int1
 
 packed_points_t *point_packing_of(uint16_t count)
 {
-    return packed.count == count ? &packed : NULL;
+    return packed.block.count == count ? &packed : NULL;
 }
 
 void point_packing_forget(void)
 {
-    packed.count = 0;
+    packed.block.count = 0;
 }

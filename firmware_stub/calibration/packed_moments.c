@@ -112,31 +112,38 @@ FAST_CODE void packed_moments_sum(const magnetometer_points_t *points, const int
     sums->one = (float)points->count;
 }
 
-FAST_CODE bool packed_points_sum(packed_points_t *packed, moments_t *sums)
+/* More than one block, or one that overflows; apart, so that the one that does not need not make room for it. */
+static FAST_CODE __attribute__((noinline)) bool sum_more_blocks(const packed_points_t *packed, int32_t *shift, moments_t *sums)
 {
-    packed_block_t block;
-    int32_t shift = largest_shift(packed->farthest);
-    uint32_t left = packed->count;
-    block.points = NULL;
-    block.pairs = packed->pairs;
+    packed_block_t block = packed->block;
+    uint32_t left = block.count;
     block.count = next_block(left);
-    block.first[0] = packed->sums[0];
-    block.first[1] = packed->sums[1];
-    block.first[2] = packed->sums[2];
-    set_shift(shift, &block);
-    if (packed->farthest > INT16_MAX || !sum_block(&block, &shift, sums)) {
+    if (!sum_block(&block, shift, sums)) {
         return false;
     }
+    block.first[0] = block.first[1] = block.first[2] = 0; /* those of all points are in the first */
     while ((left -= block.count) > 0u) {
         moments_t more;
         block.pairs += block.count / 2u;
         block.count = next_block(left);
-        block.first[0] = block.first[1] = block.first[2] = 0; /* the first block had them all */
-        if (!sum_block(&block, &shift, &more)) {
+        if (!sum_block(&block, shift, &more)) {
             return false;
         }
         moments_merge(sums, &more);
     }
-    sums->one = (float)packed->count;
     return true;
+}
+
+FAST_CODE bool packed_points_sum(packed_points_t *packed, moments_t *sums)
+{
+    int32_t shift = largest_shift(packed->farthest);
+    if (packed->farthest > INT16_MAX) {
+        return false;
+    }
+    set_shift(shift, &packed->block);
+    sums->one = (float)packed->block.count;
+    if (packed->block.count <= PACKED_BLOCK_POINTS && packed_moments_block(&packed->block, sums) == 0u) {
+        return true;
+    }
+    return sum_more_blocks(packed, &shift, sums);
 }

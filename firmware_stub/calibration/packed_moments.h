@@ -18,25 +18,8 @@
 #include "moments.h"
 #include "packed_points.h"
 
-/** Points that one call of the kernel takes: 18 bytes each of scratch. */
-#define PACKED_BLOCK_POINTS 100u
-
 /** Largest K: products are exact from here on. All coordinates times 2^K must be within -32767 and 32767. */
 #define PACKED_SHIFT_MAXIMUM 8
-
-/** What the kernel is to do. */
-typedef struct {
-    const int16_t (*points)[3]; /**< [counts], word-aligned; NULL when `pairs` has them packed already */
-    packed_pair_t *pairs;       /**< (count + 1) / 2; products are written */
-    uint32_t count;             /**< of points, 2 to PACKED_BLOCK_POINTS */
-    union {
-        uint32_t anchor[3]; /**< two coordinates a word, as they lie in the points: y x, x z, z y */
-        int32_t first[3];   /**< without points: the sums of degree 1 [counts] */
-    };
-    uint32_t rounding;          /**< 2^15 + K: added to products before they are cut, and its lowest byte shifts */
-    uint32_t lanes;             /**< the upper half without its K lowest bits, and the lower half */
-    float scale;                /**< 2^(16-2K) */
-} packed_block_t;
 
 /**
  * Sum the moments of a block.

@@ -42,9 +42,8 @@
     .set SUMS, 4
 
 /* What passes find in the FPU */
-first   .req s10 /* address of the last pair of the first round, of which the leading ones may be left out */
-behind  .req s11 /* the same of a round behind the last */
-ending  .req s12 /* of a pass without a core register for it */
+first   .req s11 /* address of Z in the last pair of the first round, of which the leading ones may be left out */
+behind  .req s12 /* the same of a round behind the last */
 skipped .req s13 /* how many bodies the first round leaves out */
 scale   .req s14 /* of degree 2 and 3 */
 square  .req s15 /* of degree 4 */
@@ -192,10 +191,10 @@ square  .req s15 /* of degree 4 */
 /* xxzz xyzz xzzz yyzz yzzz zzzz, xzz yzz zzz. 14 */
     .set POWERS_OF_Z_SIZE, 13 * 4
 .macro powers_of_z_of_pair pair
-    get r2, \pair, XZ, ZZ
-    get r3, \pair, YZ, ZZ
-    get r4, \pair, Z, ZZ
-    get_base r1, \pair
+    get r1, \pair, ZZ, Z
+    get r2, \pair, XZ, Z
+    get r3, \pair, YZ, Z
+    get_base r4, \pair
     smlad r5, r2, r2, r5
     smlad r6, r2, r3, r6
     smlad r7, r1, r2, r7
@@ -210,16 +209,16 @@ square  .req s15 /* of degree 4 */
 /* xxx xxy xxz xyy xyz yyy yyz, yyyz. 16 */
     .set THIRDS_SIZE, 14 * 4
 .macro thirds_of_pair pair
-    get r2, \pair, XX, YZ
-    get r3, \pair, X, YZ
-    get r4, \pair, Y, YZ
-    get r5, \pair, YY, YZ
+    get r2, \pair, XX, Z
+    get r3, \pair, X, Z
+    get r4, \pair, Y, Z
+    get r5, \pair, YY, Z
     smlad r6, r2, r3, r6
     smladx r7, r2, r4, r7
     smlad r9, r5, r3, r9
     smladx r11, r5, r4, r11
-    get r4, \pair, Z, YZ
-    get_base r1, \pair
+    get r1, \pair, YZ, Z
+    get_base r4, \pair
     smlad r8, r2, r4, r8
     smlad r10, r1, r3, r10
     smlad r12, r5, r4, r12
@@ -253,7 +252,7 @@ packed_moments_block:
     and r4, r4, #UNROLLED - 1
     vmov skipped, r4
     movs r5, #PAIR
-    add r7, r1, #LAST
+    add r7, r1, #Z + LAST
     mla r3, r3, r5, r7
     vmov behind, r3
     mls r4, r4, r5, r7
@@ -317,16 +316,12 @@ multiplication:
     ldrd r10, r11, [r5]
     mov r2, #0x00010001
     vmov r0, first
-    vmov r12, behind
-    adds r0, #Z
-    add r12, r12, #Z
-    vmov ending, r12
     vmov r12, skipped
     clear r4, r5, r6, r7, r8, r9
     enter r12, MULTIPLY_SIZE, MULTIPLY_LOADS + 4
 multiplying:
     four_times multiply_pair, MULTIPLY_SIZE
-    vmov r10, ending
+    vmov r10, behind
     cmp r0, r10
     bne multiplying
     str r12, [r0, #YZ - Z - PAIR - LAST]
@@ -347,8 +342,8 @@ multiplying:
     vmov r0, first
     vmov r1, behind
     vmov r2, skipped
-    adds r0, #XX
-    adds r1, #XX
+    adds r0, #XX - Z
+    adds r1, #XX - Z
     clear r6, r7, r8, r9, r10, r11, r12, lr
     enter r2, FOURTHS_SIZE
 fourths:
@@ -363,55 +358,48 @@ fourths:
     str lr, [r0, #4 * 10]
 
     vmov r0, first
-    vmov r1, behind
     vmov r2, skipped
-    adds r0, #ZZ
-    adds r1, #ZZ
-    vmov ending, r1
     clear r5, r6, r7, r8, r9, r10, r11, r12, lr
     enter r2, POWERS_OF_Z_SIZE
 powers_of_z:
     four_times powers_of_z_of_pair, POWERS_OF_Z_SIZE
-    vmov r1, ending
+    vmov r1, behind
     cmp r0, r1
     bne powers_of_z
+    vmov s5, r11
+    vmov s8, r12
+    vmov s9, lr
     ldr r0, [sp, #SUMS]
-    adds r0, #XXX
-    str r11, [r0, #4 * 5]
-    str r12, [r0, #4 * 8]
-    str lr, [r0, #4 * 9]
-    str r5, [r0, #4 * 15]
-    str r6, [r0, #4 * 18]
-    str r7, [r0, #4 * 19]
-    str r8, [r0, #4 * 22]
-    str r9, [r0, #4 * 23]
-    str r10, [r0, #4 * 24]
+    adds r0, #XXXX
+    str r5, [r0, #4 * 5]
+    str r6, [r0, #4 * 8]
+    str r7, [r0, #4 * 9]
+    str r8, [r0, #4 * 12]
+    str r9, [r0, #4 * 13]
+    str r10, [r0, #4 * 14]
 
     vmov r0, first
-    vmov r1, behind
     vmov r2, skipped
-    adds r0, #YZ
-    adds r1, #YZ
-    vmov ending, r1
     clear r6, r7, r8, r9, r10, r11, r12, lr
     enter r2, THIRDS_SIZE
 thirds:
     four_times thirds_of_pair, THIRDS_SIZE
-    vmov r1, ending
+    vmov r1, behind
     cmp r0, r1
     bne thirds
     ldr r0, [sp, #SUMS]
     adds r0, #XXX
-    stm r0, {r6-r10}
-    str r11, [r0, #4 * 6]
-    str r12, [r0, #4 * 7]
-    str lr, [r0, #4 * 21]
-
-    /* to floats: of degree 3 at once, of degree 4 five at a time */
-    vldm r0, {s0-s9}
+    str lr, [r0, #XXXX - XXX + 4 * 11]
+    vmov s0, r6
+    vmov s1, r7
+    vmov s2, r8
+    vmov s3, r9
+    vmov s4, r10
+    vmov s6, r11
+    vmov s7, r12
     converted scale, s0, s1, s2, s3, s4, s5, s6, s7, s8, s9
     vstm r0!, {s0-s9}
-    add r1, r0, #4 * 15
+    add r1, r0, #4 * 15 /* of degree 4, as whole numbers still, five at a time */
 converting:
     vldm r0, {s0-s4}
     converted square, s0, s1, s2, s3, s4

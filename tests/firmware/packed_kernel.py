@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from hiltest.virtual.calling import CallResult
 from hiltest.virtual.k64f import VirtualK64F
 
-BLOCK_POINTS = 100
+PACKED_POINTS_BYTES = 0x4000  # packed_points_t and more, on either machine
 MOMENTS = 35  # the count comes first
 
 
@@ -32,6 +32,8 @@ class PackedKernel(Protocol):
     def block(self, points: ArrayLike, anchor: ArrayLike, shift: int) -> KernelSums: ...
 
     def sum(self, points: ArrayLike, anchor: ArrayLike) -> NDArray[np.float32]: ...
+
+    def sum_packed(self, points: ArrayLike, anchor: ArrayLike) -> NDArray[np.float32] | None: ...
 
 
 def _counts(points: ArrayLike) -> NDArray[np.int16]:
@@ -71,18 +73,29 @@ class HostPacked:
         self._library.packed_moments_sum(task, (ctypes.c_int32 * 3)(*np.asarray(anchor).tolist()), sums)
         return np.array(sums, dtype=np.float32)
 
+    def sum_packed(self, points: ArrayLike, anchor: ArrayLike) -> NDArray[np.float32] | None:
+        counts = _counts(points)
+        sums, packed = (ctypes.c_float * MOMENTS)(), ctypes.create_string_buffer(PACKED_POINTS_BYTES)
+        self._library.packed_points_start(packed, (ctypes.c_int32 * 3)(*np.asarray(anchor).tolist()))
+        for row in range(len(counts)):
+            assert self._library.packed_points_add(packed, ctypes.c_void_p(counts[row].ctypes.data)) == 0
+        self._library.packed_points_sum.restype = ctypes.c_bool
+        return np.array(sums, dtype=np.float32) if self._library.packed_points_sum(packed, sums) else None
+
 
 class BoardPacked:
     """The shipped firmware's."""
 
     # In SRAM_U behind everything the image uses, below the stack.
     POINTS, BLOCK, ANCHOR, SUMS, PAIRS = 0x20020000, 0x20024000, 0x20024040, 0x20024080, 0x20024200
+    PACKED = 0x20025000
 
     def __init__(self, elf: Path) -> None:
         self._board = VirtualK64F(elf)
         end = max(segment.run_address + segment.run_size for segment in self._board.image.segments)
         assert end <= self.POINTS
         self.last: CallResult | None = None
+        self.packing_cycles: list[int] = []
 
     def block(self, points: ArrayLike, anchor: ArrayLike, shift: int) -> KernelSums:
         counts, memory = _counts(points), self._board.processor.memory
@@ -104,6 +117,22 @@ class BoardPacked:
         memory.write(self.ANCHOR, struct.pack("<3i", *np.asarray(anchor).tolist()))
         self.last = self._board.call("packed_moments_sum", self.BLOCK, self.ANCHOR, self.SUMS)
         return self._answer()
+
+    def sum_packed(self, points: ArrayLike, anchor: ArrayLike) -> NDArray[np.float32] | None:
+        counts, memory = _counts(points), self._board.processor.memory
+        memory.write(self.POINTS, counts.tobytes())
+        memory.write(self.ANCHOR, struct.pack("<3i", *np.asarray(anchor).tolist()))
+        self._board.call("packed_points_start", self.PACKED, self.ANCHOR)
+        addresses = range(self.POINTS, self.POINTS + counts.nbytes, 6)
+        steps = [self._board.call("packed_points_add", self.PACKED, address) for address in addresses]
+        assert {step.value for step in steps} == {0}
+        self.packing_cycles = [step.cycles for step in steps]
+        self.last = self._board.call("packed_points_sum", self.PACKED, self.SUMS)
+        return self._answer() if self.last.value else None
+
+    def packed_block(self) -> CallResult:
+        """Run the kernel alone once more, over what was packed last."""
+        return self._board.call("packed_moments_block", self.PACKED, self.SUMS)
 
     def _answer(self) -> NDArray[np.float32]:
         return np.frombuffer(self._board.processor.memory.read(self.SUMS, 4 * MOMENTS), dtype="<f4").copy()

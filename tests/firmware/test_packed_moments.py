@@ -85,6 +85,23 @@ def test_whole_clouds_are_those_of_the_model_bit_by_bit(kernel: PackedKernel) ->
     assert redone >= 2  # and that path
 
 
+def test_points_packed_as_they_come_give_the_same_bits(kernel: PackedKernel) -> None:
+    """About the same anchor it is the same arithmetic, only some of it done before."""
+    random = np.random.default_rng(666)
+    left_over = 0
+    for count in [9, 10, 99, 100, 101, 102, 200, 301, *map(int, random.integers(9, 310, 12))]:
+        points, anchor = _random_points(random, count, far=count % 3 == 0)
+        wanted, got = packed_moments(points, anchor), kernel.sum_packed(points, anchor)
+        if wanted is None or got is None:
+            assert wanted is None
+            assert got is None
+            left_over += 1
+            continue
+        assert got[0] == count
+        assert got[1:].tobytes() == wanted[0].tobytes(), f"{count} points"
+    assert left_over <= 4
+
+
 def _near_one_corner(count: int, distance: int) -> Points:
     """All points as far away as the first K that is tried allows, on the same side: sums of degree 3 and 4 overflow."""
     points = np.full((count, 3), distance, dtype=np.int64)
@@ -161,6 +178,18 @@ def test_a_point_costs(board: BoardPacked, count: int, most: float) -> None:
     assert board.last is not None
     print(f"{count} points: {board.last.cycles} cycles, {board.last.cycles / count:.2f} a point")
     assert board.last.cycles / count <= most
+
+
+def test_a_packed_point_costs(board: BoardPacked) -> None:
+    points = instance(1, 100, stretch=0.1, covered=(1.0, 1.0)).points_counts
+    board.sum_packed(points, _mid_range(points))
+    assert board.last is not None
+    kernel = board.packed_block()
+    storing = sum(board.packing_cycles) / len(points)
+    whole = board.last.cycles / 100
+    print(f"{kernel.cycles / 100:.2f} a point, {whole:.2f} with the choice of K; {storing:.1f} to pack it")
+    assert kernel.cycles / 100 <= 46.0
+    assert storing <= 80.0
 
 
 def test_the_kernel_fits_the_memory_it_was_given() -> None:
