@@ -28,7 +28,7 @@ from hiltest.procedures import (
 pytestmark = pytest.mark.hil
 
 # Tables are made before the board says what it has; others that it has are named in a warning.
-CALIBRATORS = ("direct", "corrected", "iterative")
+CALIBRATORS = ("direct", "direct-fast", "corrected", "iterative")
 STREAMS = ("direct-stream", "iterative-stream")
 SIZES = (30, 100, 300)
 PAIRS = (300, 500)  # from the fewest that are fitted

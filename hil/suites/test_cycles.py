@@ -8,7 +8,15 @@ import pytest
 
 from hiltest.boards import Board
 from hiltest.fixtures import Measure
-from hiltest.procedures import DPI, CycleCost, Progress, measure_cycles, measure_dpi_cycles
+from hiltest.procedures import (
+    DPI,
+    FAST,
+    CycleCost,
+    Progress,
+    measure_cycles,
+    measure_dpi_cycles,
+    measure_packed_fit,
+)
 from hiltest.rig import Rig
 
 pytestmark = pytest.mark.hil
@@ -51,6 +59,19 @@ def test_cycles_over_the_number_of_points(costs: Mapping[str, CycleCost], measur
         "cycles.sizes", {"n": ""} | dict.fromkeys(costs, "cycle"),
         zip(sizes, *(cost.cycles.tolist() for cost in costs.values()), strict=True),
     )
+
+
+def test_what_the_fast_calibrator_is_worth(board: Board, rig: Rig, measure: Measure) -> None:
+    """Its cycles are never printed without its accuracy, nor without what storing the points costs for it."""
+    if FAST not in board.identity.calibrators:
+        pytest.skip(f"this firmware has no calibrator {FAST!r}")
+    packed = measure_packed_fit(board, n=rig.procedure.calibration_points)
+    model = board.cycle_model
+    measure(f"cycles.{FAST}.float64_distance", packed.distance_deg, "deg")
+    measure(f"cycles.{FAST}.store_per_point", packed.store_per_point, "cycle", cycle_model=model)
+    measure(f"cycles.{FAST}.packed_total", packed.packed_total, "cycle", cycle_model=model)
+    measure(f"cycles.{FAST}.packed_float64_distance", packed.packed_distance_deg, "deg")
+    measure(f"cycles.{FAST}.pack_per_point", packed.pack_per_point, "cycle", cycle_model=model)
 
 
 def test_cycles_of_the_calibration_against_gravity(

@@ -20,7 +20,7 @@ from hiltest.report.stored import read_stored
 
 Run = Callable[..., object]
 
-CALIBRATORS = ("direct", "corrected", "iterative")
+CALIBRATORS = ("direct", "direct-fast", "corrected", "iterative")
 # Beside them, against gravity.
 DPI = "dpi"
 PER_CALIBRATOR = (

@@ -15,7 +15,7 @@ from hiltest.rig_file import load_rig
 
 # The known angles and what their verdict needs; cycles and link have nothing to do with these causes.
 SUITES = ("--", "-k", "identity or accelerometer or heading")
-CALIBRATORS = ("direct", "corrected", "iterative")
+CALIBRATORS = ("direct", "direct-fast", "corrected", "iterative")
 SUITES_AND_DPI = ("--", "-k", "identity or accelerometer or heading or test_dpi")
 DIP = "dip_deg = 62.0 "
 SOFT_IRON = """soft_iron = [

@@ -18,6 +18,7 @@ from hiltest.link.accelerometer import FitAccelerometer, GetAccelerometer, SetAc
 from hiltest.link.dpi import DpiSource, FitDpi
 from hiltest.link.framing import Frame, encode_frame
 from hiltest.link.fusion import FusionRead, FusionRun, FusionStart
+from hiltest.link.packing import PackPoints
 from hiltest.link.poses import AddPose, ClearPoses, Poses, UploadPoses
 from hiltest.link.request import REPLY_BIT
 from hiltest.link.request_reading import read_request
@@ -42,6 +43,7 @@ REQUESTS: list[m.Request[Any]] = [
     TimeSequence(22, SequencePlace.FLASH_ALONE),
     m.Upload(0, [[1, -2, 3, 4, -5, 8192]]),
     FitDpi(300, 2, dip_deg=-62.5), FitDpi(38, 15, source=DpiSource.POSES),
+    PackPoints(100, [600, -70, -32768]),
     FusionStart(3, 5, 16, 0.5, 0.25, 1.0, 0.125, timeout_us=9), FusionRun(24_000_000), FusionRead(36, 12),
 ]  # fmt: skip
 

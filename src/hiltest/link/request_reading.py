@@ -10,7 +10,7 @@ import numpy as np
 from hiltest.calibration.gyroscope import GyroscopeTurn
 from hiltest.calibration.still_pose import Face
 from hiltest.errors import ProtocolError
-from hiltest.link import accelerometer, dpi, fusion, gyroscope, poses, sequences, streams
+from hiltest.link import accelerometer, dpi, fusion, gyroscope, packing, poses, sequences, streams
 from hiltest.link import messages as m
 from hiltest.link.fields import FieldReader
 from hiltest.link.framing import Frame
@@ -151,6 +151,9 @@ _READERS: Mapping[type[m.Request[Any]], _Read] = {
     poses.ClearPoses: lambda _: poses.ClearPoses(),
     poses.UploadPoses: _upload_poses,
     dpi.FitDpi: _fit_dpi,
+    packing.PackPoints: lambda fields: packing.PackPoints(
+        fields.number("H", "n"), fields.counts(1, "centre")[0].tolist()
+    ),
     fusion.FusionStart: _fusion_start,
     fusion.FusionRun: lambda fields: fusion.FusionRun(fields.number("I", "duration")),
     fusion.FusionRead: lambda fields: fusion.FusionRead(fields.number("H", "first"), fields.number("B", "records")),

@@ -27,6 +27,7 @@ from hiltest.procedures.heading_statistics import HeadingSummary, summarise, til
 from hiltest.procedures.known_angles import KnownAngles, measure_known_angles
 from hiltest.procedures.link_checks import LinkCheck, check_link
 from hiltest.procedures.open_table import open_table
+from hiltest.procedures.packed_fit import FAST, PackedFit, measure_packed_fit
 from hiltest.procedures.progress import Progress
 from hiltest.procedures.rest import (
     AccelerometerRestResult,
@@ -54,6 +55,7 @@ from hiltest.procedures.turntables import (
 
 __all__ = [
     "DPI",
+    "FAST",
     "UNCALIBRATED",
     "UNCALIBRATED_SLOT",
     "UNTRIMMED",
@@ -79,6 +81,7 @@ __all__ = [
     "LogChunk",
     "MeasuredTurn",
     "OperatorTurntable",
+    "PackedFit",
     "Pose",
     "Progress",
     "SimulatedTurntable",
@@ -112,6 +115,7 @@ __all__ = [
     "measure_fusion",
     "measure_gyroscope_rest",
     "measure_known_angles",
+    "measure_packed_fit",
     "measure_six_positions",
     "measure_turn",
     "name_cause",

@@ -1,0 +1,111 @@
+"""PACK_POINTS over the line: what storing costs, and that CALIBRATE finds the points packed when they are the same."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hiltest.calibration import FitStatus
+from hiltest.link.messages import Calibrate, ClearPoints, Upload
+from hiltest.link.packing import PackingReply, PackPoints
+from hiltest.link.replies import CalibrateReply, Status
+from hiltest.link.request import Request, decode_reply
+from hiltest.world.instances import instance
+
+from .bench import Bench
+
+CLOUD = instance(7, 120, stretch=0.1, covered=(1.0, 1.0))
+CENTRE = np.rint(10.0 * CLOUD.hard_iron_ut).astype(int).tolist()
+
+
+def asked(bench: Bench, request: Request[object]) -> object:
+    return decode_reply(request, bench.request(request.code, request.payload()).payload)
+
+
+def calibrated(bench: Bench, n: int, calibrator: str = "direct-fast") -> CalibrateReply:
+    answer = asked(bench, Calibrate(n, calibrator))
+    assert isinstance(answer, CalibrateReply)
+    assert answer.fit is FitStatus.ELLIPSOID
+    return answer
+
+
+def packed(bench: Bench, n: int) -> PackingReply:
+    answer = asked(bench, PackPoints(n, CENTRE))
+    assert isinstance(answer, PackingReply)
+    return answer
+
+
+def cycles(reply: CalibrateReply) -> int:
+    assert reply.cost is not None
+    return reply.cost.cycles
+
+
+@pytest.fixture(scope="module")
+def shared() -> Bench:
+    return Bench()
+
+
+@pytest.fixture
+def bench(shared: Bench) -> Bench:
+    asked(shared, ClearPoints())
+    asked(shared, Upload(0, CLOUD.points_counts.tolist()))
+    return shared
+
+
+def test_packed_points_make_the_same_calibration_in_fewer_cycles(bench: Bench) -> None:
+    raw, direct = calibrated(bench, 100), calibrated(bench, 100, "direct")
+    stored = packed(bench, 100)
+    fast = calibrated(bench, 100)
+    assert stored.range_cost is not None
+    assert stored.packing_cost is not None
+    print(
+        f"{cycles(direct)} direct, {cycles(raw)} fast, {cycles(fast)} packed; to store a point "
+        f"{stored.range_cost.cycles / 100:.1f} and {stored.packing_cost.cycles / 100:.1f}"
+    )
+    assert cycles(fast) + 800 < cycles(raw) < cycles(direct)
+    assert 0 < stored.range_cost.cycles <= 40 * 100
+    assert 0 < stored.packing_cost.cycles <= 80 * 100
+    for reply in (raw, fast):
+        assert np.allclose(reply.calibration.hard_iron, direct.calibration.hard_iron, atol=0.1)  # 0.01 uT
+        assert np.allclose(reply.calibration.soft_iron * 500.0, direct.calibration.soft_iron * 500.0, atol=1e-3)
+
+
+def test_other_points_than_those_are_not_taken_for_them(bench: Bench) -> None:
+    raw = calibrated(bench, 90)
+    packed(bench, 100)
+    assert cycles(calibrated(bench, 90)) == cycles(raw)
+    packed(bench, 90)
+    assert cycles(calibrated(bench, 90)) < cycles(raw)
+    asked(bench, ClearPoints())
+    asked(bench, Upload(0, CLOUD.points_counts.tolist()))
+    assert cycles(calibrated(bench, 90)) == cycles(raw)
+
+
+def test_a_centre_that_is_none_is_not_used(bench: Bench) -> None:
+    """A point of the surface, or one outside: rounding about it would count many times as much."""
+    raw = calibrated(bench, 100)
+    outward = CLOUD.points_counts[0] - np.array(CENTRE)
+    for far in (1.0, 3.0):
+        corner = np.array(CENTRE) + np.rint(far * np.sign(outward) * np.abs(outward).max()).astype(int)
+        asked(bench, PackPoints(100, corner.tolist()))
+        assert 0 < cycles(calibrated(bench, 100)) - cycles(raw) < 50  # what it takes to see that
+        assert np.array_equal(calibrated(bench, 100).calibration.hard_iron, raw.calibration.hard_iron)
+
+
+def test_what_is_refused(bench: Bench) -> None:
+    for request, status in (
+        (PackPoints(121, CENTRE), Status.TOO_FEW_POINTS), (PackPoints(65535, CENTRE), Status.TOO_FEW_POINTS),
+    ):  # fmt: skip
+        assert bench.status(request.code, request.payload()) is status
+    assert bench.status(PackPoints.code, bytes(8)) is Status.BAD_ARGUMENT
+    assert bench.status(PackPoints.code, bytes(7)) is Status.BAD_LENGTH
+    with pytest.raises(ValueError, match="counts"):
+        PackPoints(10, (0, 0, 32768)).payload()
+
+
+def test_a_core_without_a_counter_packs_all_the_same() -> None:
+    bench = Bench(cycle_counter=False)
+    asked(bench, Upload(0, CLOUD.points_counts.tolist()))
+    raw = calibrated(bench, 100)
+    assert packed(bench, 100) == PackingReply(None, None)
+    assert not np.array_equal(calibrated(bench, 100).calibration.hard_iron, raw.calibration.hard_iron)
