@@ -92,7 +92,8 @@ FAST_CODE void packed_moments_sum(const magnetometer_points_t *points, const int
     const int32_t most = farthest(points, anchor);
     int32_t shift = largest_shift(most);
     uint32_t left = points->count;
-    if (most > INT16_MAX || left < 2u) {
+    const bool is_aligned = (uintptr_t)points->points % sizeof(uint32_t) == 0u; /* the kernel loads words */
+    if (most > INT16_MAX || left < 2u || !is_aligned) {
         moments_sum(points, anchor, sums);
         return;
     }

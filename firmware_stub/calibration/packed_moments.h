@@ -35,7 +35,7 @@ uint32_t packed_moments_block(const packed_block_t *block, moments_t *sums);
  *
  * Blocks that overflow are redone with K - 1, and by moments_sum if that is not enough, so the result is always valid.
  *
- * @param points at least one, and their range
+ * @param points at least one, and their range; word-aligned, or moments_sum sums them all
  * @param anchor [counts]; any point, but the fit is as good as it is near the centre
  * @param[out] sums the 34 moments and the count
  */

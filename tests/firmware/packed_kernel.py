@@ -110,10 +110,10 @@ class BoardPacked:
         assert memory.read(self.PAIRS - len(fence), len(fence)) == memory.read(behind, len(fence)) == fence
         return KernelSums(self._answer()[1:], bool(self.last.value))
 
-    def sum(self, points: ArrayLike, anchor: ArrayLike) -> NDArray[np.float32]:
+    def sum(self, points: ArrayLike, anchor: ArrayLike, *, offset: int = 0) -> NDArray[np.float32]:
         counts, memory = _counts(points), self._board.processor.memory
-        memory.write(self.POINTS, counts.tobytes())
-        memory.write(self.BLOCK, struct.pack("<I", self.POINTS) + _range(counts))
+        memory.write(self.POINTS + offset, counts.tobytes())
+        memory.write(self.BLOCK, struct.pack("<I", self.POINTS + offset) + _range(counts))
         memory.write(self.ANCHOR, struct.pack("<3i", *np.asarray(anchor).tolist()))
         self.last = self._board.call("packed_moments_sum", self.BLOCK, self.ANCHOR, self.SUMS)
         return self._answer()

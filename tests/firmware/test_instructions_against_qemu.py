@@ -23,6 +23,7 @@ TRACED = re.compile(r"^Trace \d+: \S+ \[[0-9a-f]+/([0-9a-f]+)/", re.M)
 # 180, or 301 of 50 and three solvers of at least 20 000, or 903 slices, none below 50.
 MINIMUM = {
     "magnetometer_direct": 7000,
+    "magnetometer_direct_fast": 5500,
     "magnetometer_iterative": 7000,
     "magnetometer_empty": 3,
     "kernel_direct_stream": 451 * 180,

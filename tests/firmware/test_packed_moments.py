@@ -143,6 +143,16 @@ def test_points_farther_apart_than_16_bits_are_summed_one_at_a_time(kernel: Pack
     assert kernel.sum(points, anchor)[4] == pytest.approx(10.0 * (32768.0**2 + 32767.0**2), rel=20 * 2.0**-24)
 
 
+def test_points_between_words_are_summed_one_at_a_time(board: BoardPacked) -> None:
+    """The kernel's loads would end in a fault."""
+    points = instance(1, 50).points_counts
+    aligned, between = (board.sum(points, _mid_range(points), offset=offset) for offset in (0, 2))
+    assert not np.array_equal(aligned, between)
+    # Sums of even powers: each product is rounded by 2^-15 of the largest at most.
+    even = [4, 7, 9, 20, 23, 25, 30, 32, 34]
+    assert np.allclose(aligned[even], between[even], rtol=1e-3)
+
+
 @pytest.mark.parametrize("axis", range(3))
 @pytest.mark.parametrize("lane", range(2))
 def test_a_point_in_either_lane_and_on_any_axis_lands_in_its_own_sums(
