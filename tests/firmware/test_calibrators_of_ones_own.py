@@ -60,7 +60,7 @@ def test_the_example_is_in_the_table(extended_firmware: Path) -> None:
         assert name in names
     count = board.image.symbols["calibrator_count"]
     board.call("magnetometer_empty", 0, 0)  # loads the image
-    assert board.processor.memory.read(count.address, 1) == b"\x04"
+    assert board.processor.memory.read(count.address, 1) == b"\x05"
 
 
 def test_a_run_judges_the_example_beside_the_others_and_says_what_it_is_worth(
