@@ -62,7 +62,7 @@ REQUESTS: list[m.Request[object]] = [
         (m.Average(16, 0b101, timeout_us=1), 0x0E, "1000 01000000 0500"),
         (m.LinkStatistics(), 0x10, ""),
         (m.Reset(), 0x11, ""),
-        (PackPoints(100, (258, -2, -32768)), 0x26, "6400 0201 feff 0080"),
+        (PackPoints(100, (258, -2, -32768)), 0x27, "6400 0201 feff 0080"),
         (StreamReset("ab", sliced=True), 0x12, "01 02 6162"),
         (StreamFeed("ab", 258, 80), 0x13, "0201 50 02 6162"),
         (StreamRemove("ab", 3, 1), 0x14, "0300 01 02 6162"),

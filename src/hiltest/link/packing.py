@@ -38,7 +38,7 @@ class PackingReply:
 class PackPoints(Request[PackingReply]):
     """Store the first n points again, and pack them about a centre [counts] known beforehand."""
 
-    code = 0x26
+    code = 0x27
     command = "PACK_POINTS"
     answered_with = frozenset({Status.OK, Status.NO_CYCLE_COUNTER})
     n: int
