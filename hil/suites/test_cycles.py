@@ -8,6 +8,7 @@ import pytest
 
 from hiltest.boards import Board
 from hiltest.fixtures import Measure
+from hiltest.measurement import Limit
 from hiltest.procedures import (
     DPI,
     FAST,
@@ -20,6 +21,10 @@ from hiltest.procedures import (
 from hiltest.rig import Rig
 
 pytestmark = pytest.mark.hil
+
+# What the fast calibrator may differ by from float64 on golden clouds, which are even: 0.002 deg, and 0.004 at most over
+# 30 clouds. More is another arithmetic, not another cloud.
+DISTANCE = Limit(max=0.01)
 
 
 @pytest.fixture(scope="module")
@@ -67,10 +72,10 @@ def test_what_the_fast_calibrator_is_worth(board: Board, rig: Rig, measure: Meas
         pytest.skip(f"this firmware has no calibrator {FAST!r}")
     packed = measure_packed_fit(board, n=rig.procedure.calibration_points)
     model = board.cycle_model
-    measure(f"cycles.{FAST}.float64_distance", packed.distance_deg, "deg")
+    measure(f"cycles.{FAST}.float64_distance", packed.distance_deg, "deg", limit=DISTANCE)
     measure(f"cycles.{FAST}.store_per_point", packed.store_per_point, "cycle", cycle_model=model)
     measure(f"cycles.{FAST}.packed_total", packed.packed_total, "cycle", cycle_model=model)
-    measure(f"cycles.{FAST}.packed_float64_distance", packed.packed_distance_deg, "deg")
+    measure(f"cycles.{FAST}.packed_float64_distance", packed.packed_distance_deg, "deg", limit=DISTANCE)
     measure(f"cycles.{FAST}.pack_per_point", packed.pack_per_point, "cycle", cycle_model=model)
 
 

@@ -42,7 +42,7 @@ ALWAYS = (
 
 def test_the_default_bench_passes(good_run) -> None:
     assert good_run.code == 0, good_run.output + good_run.errors
-    assert good_run.sentence.startswith("direct: worst heading ")
+    assert good_run.sentence.startswith("direct-fast: worst heading ")
     assert ": PASS. " in good_run.sentence
 
 
@@ -174,7 +174,7 @@ def test_a_limit_of_a_calibrator_that_the_board_has_not_is_not_judged(
     rig = edited(('"heading.direct.max" =', '"heading.dirct.max" ='))
     run = run_in(tmp_path, "--rig", rig, "--poses", "level")
     assert run.code == 22
-    assert "heading.dirct.max (the board has no calibrator 'dirct', only direct, corrected, iterative)" in run.sentence
+    assert "heading.dirct.max (the board has no calibrator 'dirct', only direct, direct-fast, corrected, iterative)" in run.sentence
 
 
 def test_a_suite_that_is_gone_leaves_its_limits_unset(run_in, tmp_path: Path) -> None:
