@@ -66,6 +66,8 @@ _ROWS: tuple[tuple[str, Sense, float, float, float, str], ...] = (
     ("cycles.*.total",                  _LESS, 0, 0, 0, _KERNEL),
     ("cycles.fusion.*.mean",            _LESS, 0.5, 0.005, 0, _PER_CALL),
     ("cycles.fusion.predict cycles.fusion.update", _LESS, 0, 0, 0, _KERNEL),
+    ("cycles.*.packed_total cycles.*.store_per_point cycles.*.pack_per_point", _LESS, 0, 0, 0, _KERNEL),
+    ("cycles.*float64_distance",        _LESS, 5e-4, 0, 0, "of golden clouds; as heading.*.float32_error"),
     ("cycles.*.per_point",              _LESS, 0.5, 0.005, 0, _LINE),
     ("cycles.*.per_iteration",          _LESS, 0.5, 0.005, 0, _LINE),
     ("cycles.*.fixed",                  _LESS, 5, 0.01, 0, _LINE),
