@@ -22,8 +22,8 @@ from hiltest.rig import Rig
 
 pytestmark = pytest.mark.hil
 
-# What the fast calibrator may differ by from float64 on golden clouds, which are even: 0.002 deg, and 0.004 at most over
-# 30 clouds. More is another arithmetic, not another cloud.
+# What the fast calibrator may differ by from float64 on golden clouds, which are even: 0.002 deg, 0.004 at most over 30
+# clouds. More is another arithmetic, not another cloud.
 DISTANCE = Limit(max=0.01)
 
 
