@@ -68,6 +68,20 @@ def test_it_gives_back_the_profile_that_the_board_was_made_with(
     assert found[SequencePlace.FLASH] == found[SequencePlace.FLASH_ALONE] == found[SequencePlace.SRAM]
 
 
+def test_memories_that_make_code_wait_are_told_from_what_instructions_cost(rig: Rig) -> None:
+    with open_board(replace(rig, board=replace(rig.board, timing="cortex-m4-k64f/1"))) as board:
+        found = measure_sequences(board)
+    measured = solve(found[SequencePlace.SRAM], "a test")
+    default = load_profile(DEFAULT_PROFILE)
+    # The table of a TBB stands beside its code: reading it meets a fetch in the same bank every other time.
+    (remark,) = measured.remarks
+    assert remark == "table_branch: 2.500 clocks, no whole number of them: its band is 2 to 3"
+    others = {name: row.value for name, row in measured.rows.items() if name != "table_branch"}
+    assert others == {name: default.rows[name].value for name in others}
+    # 64 instructions of four bytes are sixteen lines of the flash, which come slower than they are executed.
+    assert found[SequencePlace.FLASH]["fp"] > found[SequencePlace.SRAM]["fp"] == 64
+
+
 def test_every_row_but_those_of_exceptions_is_solved_for_once_and_every_sequence_used() -> None:
     solved = [each.row for each in EQUATIONS]
     assert sorted(solved) == sorted(ROWS.keys() - NOT_MEASURED)

@@ -107,7 +107,7 @@ def test_the_cost_line_has_budget_counts_what_they_reach_and_the_ratio(findings:
     made = findings(*measured, *lines)
     run = made.finish(decide(made, pytest_exit=0), "2026-01-02T03:04:06Z")
     line = (
-        "budget for 100 points 19 400 cycles; direct 12 400 (11 900 to 13 050) for 0.97 deg; iterative 203 000 for "
+        "Budget for 100 points 19 400 cycles; direct 12 400 (11 900 to 13 050) for 0.97 deg; iterative 203 000 for "
         "0.95 deg; iterative costs 16.37 times direct."
     )
     assert cost_line(run) == line

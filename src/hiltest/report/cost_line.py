@@ -35,7 +35,7 @@ def _budget(run: Run) -> str:
     points = (total.value - fixed.value) / per_point.value  # what the line was fitted to has no name of its own
     if not 1.0 <= points <= _MOST_POINTS:
         return ""
-    return f"budget for {round(points)} points {readable(round(points) * slope + rest)} cycles"
+    return f"Budget for {round(points)} points {readable(round(points) * slope + rest)} cycles"
 
 
 def _most(measurement: Measurement | None) -> float | None:
