@@ -9,6 +9,12 @@
  *
  * The same rounded products in the sums of all degrees is what keeps the fit: with exact sums of degree 2 beside rounded ones of
  * degree 4, rounding no longer cancels in the residuals. The anchor must be near the centre for the same reason.
+ *
+ * Preconditions of the kernel: K as below, which the range must be known for (no flag tells when a coordinate does not fit); at most
+ * PACKED_BLOCK_POINTS points, from word-aligned memory. packed_moments_sum sees to all of them.
+ *
+ * Costs, in the cycle model at zero wait states: 50.8 cycles a point and 330 a block; packed before, 42.6 a point. What that leaves of
+ * the accuracy is in DESIGN.md beside where the cycles go. The scheme is our own; the sums are those of moments.h.
  */
 #ifndef HILTEST_PACKED_MOMENTS_H
 #define HILTEST_PACKED_MOMENTS_H
