@@ -108,9 +108,10 @@ FAST_CODE void packed_moments_sum(const magnetometer_points_t *points, const int
         block.points += block.count;
         block.count = next_block(left);
         sum_raw_block(&block, anchor, &shift, &more);
+        more.one = 0.0f;
         moments_merge(sums, &more);
     }
-    sums->one = (float)points->count;
+    sums->one = (float)points->count; /* the kernel leaves the count alone */
 }
 
 /* More than one block, or one that overflows; apart, so that the one that does not need not make room for it. */
@@ -130,6 +131,7 @@ static FAST_CODE __attribute__((noinline)) bool sum_more_blocks(const packed_poi
         if (!sum_block(&block, shift, &more)) {
             return false;
         }
+        more.one = 0.0f; /* that of all points is in `sums` */
         moments_merge(sums, &more);
     }
     return true;

@@ -89,6 +89,7 @@ class BoardPacked:
     # In SRAM_U behind everything the image uses, below the stack.
     POINTS, BLOCK, ANCHOR, SUMS, PAIRS = 0x20020000, 0x20024000, 0x20024040, 0x20024080, 0x20024200
     PACKED = 0x20025000
+    STACK, STACK_BYTES = 0x2002F000, 0x1000  # ends where SRAM_U does
 
     def __init__(self, elf: Path) -> None:
         self._board = VirtualK64F(elf)
@@ -115,6 +116,7 @@ class BoardPacked:
         memory.write(self.POINTS + offset, counts.tobytes())
         memory.write(self.BLOCK, struct.pack("<I", self.POINTS + offset) + _range(counts))
         memory.write(self.ANCHOR, struct.pack("<3i", *np.asarray(anchor).tolist()))
+        self._fill_stack()
         self.last = self._board.call("packed_moments_sum", self.BLOCK, self.ANCHOR, self.SUMS)
         return self._answer()
 
@@ -127,12 +129,17 @@ class BoardPacked:
         steps = [self._board.call("packed_points_add", self.PACKED, address) for address in addresses]
         assert {step.value for step in steps} == {0}
         self.packing_cycles = [step.cycles for step in steps]
+        self._fill_stack()
         self.last = self._board.call("packed_points_sum", self.PACKED, self.SUMS)
         return self._answer() if self.last.value else None
 
     def packed_block(self) -> CallResult:
         """Run the kernel alone once more, over what was packed last."""
         return self._board.call("packed_moments_block", self.PACKED, self.SUMS)
+
+    def _fill_stack(self) -> None:
+        """NaN, so that what was never written is seen in whatever is made of it."""
+        self._board.processor.memory.write(self.STACK, bytes.fromhex("0000c07f") * (self.STACK_BYTES // 4))
 
     def _answer(self) -> NDArray[np.float32]:
         return np.frombuffer(self._board.processor.memory.read(self.SUMS, 4 * MOMENTS), dtype="<f4").copy()
