@@ -35,14 +35,19 @@ def costs(board: Board, rig: Rig, hil_progress: Progress) -> Mapping[str, CycleC
     )
 
 
+def measure_cost(name: str, cost: CycleCost, measure: Measure) -> None:
+    """Record what a calibrator costs at the number of points that it is used with, and by the line over others."""
+    measure(f"cycles.{name}.total", cost.total, "cycle", cycle_model=cost.model, band=cost.band)
+    for what, cycles in (
+        ("per_point", cost.per_point), ("fixed", cost.fixed),
+        ("regression_residual", cost.regression_residual), ("spread", cost.spread),
+    ):
+        measure(f"cycles.{name}.{what}", cycles, "cycle", cycle_model=cost.model)
+
+
 def test_cycles_of_every_calibrator(costs: Mapping[str, CycleCost], measure: Measure) -> None:
     for name, cost in costs.items():
-        measure(f"cycles.{name}.total", cost.total, "cycle", cycle_model=cost.model, band=cost.band)
-        for what, cycles in (
-            ("per_point", cost.per_point), ("fixed", cost.fixed),
-            ("regression_residual", cost.regression_residual), ("spread", cost.spread),
-        ):
-            measure(f"cycles.{name}.{what}", cycles, "cycle", cycle_model=cost.model)
+        measure_cost(name, cost, measure)
         measure(
             f"cycles.{name}.per_iteration", cost.per_iteration, "cycle", cycle_model=cost.model,
             not_offered=cost.no_per_iteration,
@@ -85,10 +90,5 @@ def test_cycles_of_the_calibration_against_gravity(
     if rig.procedure.dpi == "none":
         pytest.skip("the rig's [procedure] has no calibration against gravity")
     cost = measure_dpi_cycles(board, progress=hil_progress)
-    measure(f"cycles.{DPI}.total", cost.total, "cycle", cycle_model=cost.model, band=cost.band)
-    for what, cycles in (
-        ("per_point", cost.per_point), ("fixed", cost.fixed),
-        ("regression_residual", cost.regression_residual), ("spread", cost.spread),
-    ):
-        measure(f"cycles.{DPI}.{what}", cycles, "cycle", cycle_model=cost.model)
+    measure_cost(DPI, cost, measure)
     measure(f"cycles.{DPI}.instructions", cost.instructions, "instruction")

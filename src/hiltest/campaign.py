@@ -20,14 +20,14 @@ from hiltest.comparison.model import Comparison
 from hiltest.errors import ConfigError
 from hiltest.gate import PACKAGED, Gate, read_gate
 from hiltest.measurement import Measurement, Outcome, round_significant
-from hiltest.older import FOLDER, UNJUDGED, last_words, older_options, remove_runs, run_command
+from hiltest.older import UNJUDGED, last_words, older_options, remove_runs, run_command
 from hiltest.report.campaign_markdown import SeedLine, Spread, campaign_markdown
 from hiltest.report.comparison_text import print_changes, say_how_to_keep
 from hiltest.report.console import standard_output
 from hiltest.report.evidence import evidence_of, evidence_of_seeds, no_evidence, with_misses_allowed
 from hiltest.report.exit_codes import WORDS, ExitCode, comparison_code
 from hiltest.report.job_summary import annotation, append_to_job_summary
-from hiltest.report.record import CAMPAIGN_FILE, SEED_FOLDERS, SEEDS_FILE, Run, Verdict, write_atomically
+from hiltest.report.record import CAMPAIGN_FILE, OLDER_FOLDER, SEED_FOLDERS, SEEDS_FILE, Run, Verdict, write_atomically
 from hiltest.report.stored import read_stored
 from hiltest.report.verdict import missed_only_limits
 from hiltest.settings import make_folder
@@ -101,15 +101,15 @@ def run_seeds(
     gate = read_gate(Path(baseline)) if baseline is not None else None
     # Before anything runs: whatever ends the campaign, no record of an earlier one passes for this one's.
     remove_record_in(out)
-    for folder in (*out.glob(SEED_FOLDERS), out / FOLDER):
+    for folder in (*out.glob(SEED_FOLDERS), out / OLDER_FOLDER):
         remove_runs(folder)
     if gate is not None and gate.base is None:
         return _not_judged(gate)
     if against is not None:
-        older = _run_all(seeds, older_options(options, against), out / FOLDER, "seeds, older firmware")
+        older = _run_all(seeds, older_options(options, against), out / OLDER_FOLDER, "seeds, older firmware")
         if code := next((each.exit_code for each in older if each.exit_code in _NOT_BEGUN), 0):
             return code
-        gate = _gate_of(older, out / FOLDER)
+        gate = _gate_of(older, out / OLDER_FOLDER)
     results = _run_all(seeds, [*options, *(UNJUDGED if gate else ())], out, "seeds")
     evidence = _evidence_of_all(results, str(out))
     if campaign_exit_code(results, may_fail=may_fail) == ExitCode.OK:

@@ -14,15 +14,12 @@ import pytest
 
 from hiltest.errors import ConfigError
 from hiltest.report.job_summary import without_job_summary
-from hiltest.report.record import OLDER_FOLDER, RUN_FILE, SEED_FOLDERS
+from hiltest.report.record import RUN_FILE, SEED_FOLDERS
 from hiltest.report.terminal import shown_path
 from hiltest.sole_command import remove_run
 
 if TYPE_CHECKING:
     from hiltest.rig import Rig
-
-FOLDER = OLDER_FOLDER
-"""Of the older firmware's record, in the folder of the newer one's."""
 
 UNJUDGED = ("-o", "hil_baseline=")
 """For pytest: a run that is itself the base, or a part of what is judged, has no base."""

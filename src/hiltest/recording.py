@@ -11,9 +11,10 @@ import pytest
 
 from hiltest.found import BENCH, FOUND_HERE
 from hiltest.gate import NOT_JUDGED
-from hiltest.older import FOLDER, remove_runs
+from hiltest.older import remove_runs
 from hiltest.outcomes import RERUN, TestLog
 from hiltest.report.record import (
+    OLDER_FOLDER,
     BoardRecord,
     CalibrationRecord,
     RigRecord,
@@ -40,7 +41,7 @@ def start_recording(hil: HilSession) -> Recording:
     """Begin the record of a session, and see to it that it is kept."""
     rig, recorder = hil.rig_if_needed, hil.claim_folder()
     recorder.begin(calibration_record(hil.calibration))
-    remove_runs(recorder.folder / FOLDER)  # what an earlier command compared with must not pass for this one's
+    remove_runs(recorder.folder / OLDER_FOLDER)  # what an earlier command compared with must not pass for this one's
     if rig is not None:
         recorder.rig(rig_record(rig), hil.seed)
     if hil.board is not None:

@@ -12,8 +12,8 @@ import pytest
 from hiltest.bench_files import suites
 from hiltest.commands.options import EXIT_CODES, checked
 from hiltest.errors import ConfigError
-from hiltest.older import FOLDER, OlderFirmware, base_of_environment
-from hiltest.report.record import Run
+from hiltest.older import OlderFirmware, base_of_environment
+from hiltest.report.record import OLDER_FOLDER, Run
 from hiltest.session import SESSION
 from hiltest.settings import DEFAULT_OUT, file_name, label, seed
 
@@ -122,7 +122,7 @@ def run(
         base = baseline or base_of_environment()
         with sole_command(Path(out)):
             return run_seeds(seeds, options, Path(out), may_fail=may_fail, baseline=base, against=against)
-    older = None if against is None else OlderFirmware(against, tuple(options), Path(out) / FOLDER)
+    older = None if against is None else OlderFirmware(against, tuple(options), Path(out) / OLDER_FOLDER)
     return run_suites([*options, *([] if baseline is None else [f"--hil-baseline={baseline}"])], Path(out), older=older)
 
 

@@ -92,7 +92,7 @@ def moved(difference: Difference) -> str:
 
 def sentence(comparison: Comparison) -> str:
     """Return what a comparison comes to, in one sentence: the answer, the base, and why."""
-    answer = f"{comparison.answer.capitalize()}"
+    answer = comparison.answer.capitalize()
     if comparison.answer is Answer.MAY and comparison.chosen:
         answer += " as far as the chosen tests tell"
     worse = {entry(each) for each in comparison.of(Change.WORSE)} if comparison.evaluated else set()

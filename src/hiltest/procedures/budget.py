@@ -15,10 +15,9 @@ from itertools import accumulate
 from hiltest.boards.board import Board
 from hiltest.calibration.fit import ELLIPSOID_UNKNOWNS, MagnetometerFit
 from hiltest.errors import CalibrationError
-from hiltest.link.replies import RunCost
 from hiltest.link.streams import StreamReset, StreamStatus
 from hiltest.procedures.calibrate import calibrate_once
-from hiltest.procedures.cycles import no_cycle_counter
+from hiltest.procedures.cycles import cycles_of, no_cycle_counter
 from hiltest.procedures.streams import Fed, feed, stage
 
 # Numbers of points of a curve: dense where the error falls.
@@ -143,7 +142,7 @@ def _scale(board: Board, calibrator: str, points: int) -> _Scale:
     whole, cost = calibrate_once(board, calibrator, points)
     if whole.iterations > 1:
         _, least = calibrate_once(board, calibrator, points, iterations=1)
-        if 2 * _cycles(least) < _cycles(cost):  # most of its work is sweeps
+        if 2 * cycles_of(least) < cycles_of(cost):  # most of its work is sweeps
             return _Scale(EffortKind.SWEEPS, 1, whole.iterations)
     return _Scale(EffortKind.POINTS, ELLIPSOID_UNKNOWNS, points)
 
@@ -156,7 +155,7 @@ def _run(board: Board, calibrator: str, scale: _Scale, effort: int, points: int)
     else:
         # All the sweeps it makes by itself are no limit: it then finds that it has converged.
         fit, cost = calibrate_once(board, calibrator, points, iterations=0 if effort == scale.largest else effort)
-    return Effort(calibrator, scale.kind, effort, points, _cycles(cost), fit)
+    return Effort(calibrator, scale.kind, effort, points, cycles_of(cost), fit)
 
 
 def _stream_efforts(board: Board, calibrator: str, sizes: Sequence[int], points: int) -> list[Effort]:
@@ -172,7 +171,7 @@ def _stream_efforts(board: Board, calibrator: str, sizes: Sequence[int], points:
         at += fed.taken
         if fed.taken:
             asked = stage(board, calibrator, at)
-            cycles = spent + _cycles(asked.state.cost)
+            cycles = spent + cycles_of(asked.state.cost)
             found.append(Effort(calibrator, EffortKind.POINTS_SO_FAR, at, points, cycles, asked.fit))
         if fed.refused is not StreamStatus.OK:
             break
@@ -191,9 +190,3 @@ def _step_cycles(fed: Fed) -> list[int]:
     if fed.costs is None:
         raise no_cycle_counter()
     return [cost.cycles for cost in fed.costs]
-
-
-def _cycles(cost: RunCost | None) -> int:
-    if cost is None:
-        raise no_cycle_counter()
-    return cost.cycles

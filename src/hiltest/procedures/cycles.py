@@ -214,6 +214,13 @@ def _count(board: Board, n: int, calibrator: str, *, iterations: int = 0) -> Cou
     return Counted(reply.cost, reply.iterations)
 
 
+def cycles_of(cost: RunCost | None) -> int:
+    """Return the cycles of a timed run; raise a DeviceError where the core counts none."""
+    if cost is None:
+        raise no_cycle_counter()
+    return cost.cycles
+
+
 def no_cycle_counter() -> DeviceError:
     """Return what to raise where a number of cycles is needed and the core counts none."""
     return DeviceError(

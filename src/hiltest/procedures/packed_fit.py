@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from hiltest.boards.board import Board
 from hiltest.calibration import reference
-from hiltest.calibration.fit import MagnetometerFit
 from hiltest.calibration.quality import direction_difference_rms_deg
 from hiltest.errors import CalibrationError
 from hiltest.link.messages import Calibrate
 from hiltest.link.packing import PackPoints
-from hiltest.link.replies import CalibrateReply, RunCost
+from hiltest.link.replies import CalibrateReply
+from hiltest.procedures.answered_fit import fit_of
 from hiltest.procedures.clouds import golden_cloud
-from hiltest.procedures.cycles import no_cycle_counter, upload_cloud
+from hiltest.procedures.cycles import cycles_of, upload_cloud
 
 FAST = "direct-fast"
 
@@ -27,15 +27,14 @@ class PackedFit:
 
     Attributes
     ----------
-    total, packed_total : int
-        Cycles of a fit.
+    packed_total : int
+        Cycles of a fit of packed points.
     store_per_point, pack_per_point : float
         Cycles per point to keep their range as they are stored, which the first needs, and to pack them.
     distance_deg, packed_distance_deg : float
         Of directions under these fits from those under the float64 fit of the same points, rms over the sphere [deg].
     """
 
-    total: int
     packed_total: int
     store_per_point: float
     pack_per_point: float
@@ -63,30 +62,18 @@ def measure_packed_fit(board: Board, *, n: int = 100) -> PackedFit:
     cloud = golden_cloud(n)
     upload_cloud(board, cloud)
     raw = board.session.request(Calibrate(n, FAST))
-    centre = np.rint(_fit(raw).hard_iron).astype(int).tolist()
+    centre = np.rint(fit_of(raw).hard_iron).astype(int).tolist()
     stored = board.session.request(PackPoints(n, centre))
     packed = board.session.request(Calibrate(n, FAST))
     return PackedFit(
-        total=_counted(raw.cost), packed_total=_counted(packed.cost),
-        store_per_point=_counted(stored.range_cost) / n, pack_per_point=_counted(stored.packing_cost) / n,
+        packed_total=cycles_of(packed.cost),
+        store_per_point=cycles_of(stored.range_cost) / n, pack_per_point=cycles_of(stored.packing_cost) / n,
         distance_deg=_distance_deg(raw, cloud), packed_distance_deg=_distance_deg(packed, cloud),
     )  # fmt: skip
 
 
-def _fit(reply: CalibrateReply) -> MagnetometerFit:
-    return MagnetometerFit(
-        reply.fit, reply.is_sphere, reply.iterations, reply.calibration.soft_iron, reply.calibration.hard_iron
-    )
-
-
 def _distance_deg(reply: CalibrateReply, cloud: NDArray[np.int16]) -> float:
-    fit = _fit(reply)
+    fit = fit_of(reply)
     if not fit.has_fit:
         raise CalibrationError(f"the board refuses a golden cloud: {fit.status.name}; its {FAST} is not what it was")
     return direction_difference_rms_deg(fit, reference(FAST)(cloud))
-
-
-def _counted(cost: RunCost | None) -> int:
-    if cost is None:
-        raise no_cycle_counter()
-    return cost.cycles

@@ -15,6 +15,7 @@ from hiltest.link.messages import SetCalibration
 from hiltest.link.replies import RunCost
 from hiltest.link.streams import MAX_FEED, StreamFeed, StreamReset, StreamState, StreamStateReply, StreamStatus
 from hiltest.measurement import CycleBand
+from hiltest.procedures.answered_fit import fit_of
 from hiltest.procedures.progress import Progress, silent
 
 #: Numbers of points at which a stream calibrator is asked what it knows, beside the end.
@@ -146,11 +147,7 @@ def feed(board: Board, name: str, first: int, count: int) -> Fed:
 def stage(board: Board, name: str, points: int) -> StreamStage:
     """Ask a stream calibrator what it knows after so many points."""
     state = board.session.request(StreamState(name))
-    calibration = state.calibration
-    fit = MagnetometerFit(
-        state.fit, state.is_sphere, state.iterations, calibration.soft_iron, calibration.hard_iron, state.coverage
-    )
-    return StreamStage(points, state, fit)
+    return StreamStage(points, state, fit_of(state))
 
 
 def _run(board: Board, name: str, points: int, stages: Sequence[int], *, sliced: bool) -> StreamRun:
