@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from hiltest.boards import default_firmware
 from hiltest.report.exit_codes import WORDS, ExitCode
 from hiltest.report.stored import read_stored
 
@@ -149,6 +151,18 @@ def test_what_follows_two_dashes_goes_to_pytest(tmp_path: Path) -> None:
     assert result.returncode == 0
     assert "test_cycles.py::test_cycles_of_every_calibrator" in result.stdout
     assert "test_heading" not in result.stdout
+
+
+@pytest.mark.parametrize("look", ["--collect-only", "--fixtures"])
+@pytest.mark.parametrize("gate", [("--baseline", "base.json"), ("--against", "old.elf"), ()], ids=" ".join)
+def test_who_only_looks_at_tests_passes_no_gate(tmp_path: Path, gate: tuple[str, ...], look: str) -> None:
+    shutil.copy(default_firmware(), tmp_path / "old.elf")
+    result = hiltest("run", *gate, "--", look, "-q", folder=tmp_path)
+    assert result.returncode == (22 if gate else 0), result.stdout + result.stderr
+    last = result.stdout.rstrip().splitlines()[-1]
+    named = {"--baseline": "--hil-baseline"}.get(gate[0], gate[0]) + f" is {gate[1]}" if gate else ""
+    assert (last == f"NOT JUDGED: {named}, and no test ran: there is nothing to compare.") is bool(gate)
+    assert not (tmp_path / "hil-out" / "run.json").exists()
 
 
 def test_the_suites_run_in_their_order(tmp_path: Path) -> None:

@@ -9,6 +9,13 @@ from hiltest.gate_set import LeftOut
 # pytest's options that leave tests out.
 _CHOICES = ("keyword", "markexpr", "deselect", "ignore", "ignore_glob", "lf", "stepwise")
 _NOT_COLLECTED = ("ignore", "ignore_glob", "lf")
+# Those that make it show something instead of running tests.
+_LOOKS = ("collectonly", "showfixtures", "show_fixtures_per_test", "markers", "cacheshow", "help")
+
+
+def only_looks(config: pytest.Config) -> bool:
+    """Say whether pytest was asked to show something, such as the tests that there are, and to run none."""
+    return any(vars(config.option).get(name) for name in _LOOKS)
 
 
 class Choice:

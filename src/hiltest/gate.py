@@ -106,13 +106,13 @@ class SessionGate:
     @property
     def asked_for(self) -> str:
         """Which option names which base; empty without one."""
+        if self._older is not None:
+            return f"--against is {self._older.elf}"
         return f"{self._source} is {self._base}" if self._base is not None else ""
 
-    @property
-    def unevaluated(self) -> str:
-        """What is said where no run was recorded that could be judged; empty without a base."""
-        nothing = "no test that ran uses hiltest: there is nothing to compare."
-        return f"NOT JUDGED: {self.asked_for}, and {nothing}" if self.asked_for else ""
+    def unevaluated(self, why: str) -> str:
+        """Return what is said where no run was recorded that could be judged; empty without a base."""
+        return f"NOT JUDGED: {self.asked_for}, and {why}: there is nothing to compare." if self.asked_for else ""
 
     def judge_against(self, older: OlderFirmware) -> None:
         """Take an older firmware as the base, which `run_older` will run."""

@@ -12,6 +12,7 @@ from collections.abc import Generator, Sequence
 import pytest
 
 from hiltest import hookspecs
+from hiltest.choice import only_looks
 from hiltest.fixtures import (
     benchmark_cycles,
     board,
@@ -185,24 +186,20 @@ def pytest_report_teststatus(report: pytest.CollectReport | pytest.TestReport) -
     return (cause, _LETTERS[cause], (cause.upper(), {"red": True})) if cause else None
 
 
-# Last: it only speaks up where no run was recorded, which then would have decided.
-@pytest.hookimpl(trylast=True)
-def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
-    """Fail closed: a gate that was asked for, and that nothing was measured for, is no pass."""
-    if exitstatus == pytest.ExitCode.OK and _unevaluated(session.config):
-        session.exitstatus = NOT_JUDGED
-
-
-def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, exitstatus: int, config: pytest.Config) -> None:
-    """Say why such a gate was not evaluated."""
-    # As pytest had it, before it was told that this is no pass.
-    if exitstatus == pytest.ExitCode.OK and (reason := _unevaluated(config)):
-        terminalreporter.write_line(reason)
+# First, and so around all that pytest does: what it shows instead of running tests ends with 0 by itself.
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_cmdline_main(config: pytest.Config) -> Generator[None, object, object]:
+    """Fail closed: a gate that was asked for, and that no run was judged by, is no pass."""
+    code = yield
+    if code == pytest.ExitCode.OK and (reason := _unevaluated(config)):
+        print(reason)
+        return NOT_JUDGED
+    return code
 
 
 def _unevaluated(config: pytest.Config) -> str:
     """Return why a gate that was asked for is not evaluated although no run is recorded; empty when there is none."""
-    hil = config.stash[SESSION]
-    if config.pluginmanager.has_plugin("hiltest-recording") or hil.is_worker or config.option.collectonly:
+    hil = config.stash.get(SESSION, None)
+    if hil is None or hil.is_worker or config.pluginmanager.has_plugin("hiltest-recording"):
         return ""
-    return hil.gate.unevaluated
+    return hil.gate.unevaluated("no test ran" if only_looks(config) else "no test that ran uses hiltest")

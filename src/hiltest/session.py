@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from hiltest.choice import Choice
+from hiltest.choice import Choice, only_looks
 from hiltest.found import FOUND, GATING, Found, properties_of
 from hiltest.gate import SessionGate
 from hiltest.ids_of_tests import id_in_record
@@ -103,7 +103,7 @@ class HilSession:
         pytest.UsageError
             If the rig, the firmware or an option is wrong; no file has been touched then.
         """
-        if self.config.option.collectonly or not (self.asked_for or any(map(uses_hiltest, items))):
+        if only_looks(self.config) or not (self.asked_for or any(map(uses_hiltest, items))):
             return False
         self._needs_rig |= any(map(uses_rig, items))
         ours = list(filter(uses_hiltest, items))

@@ -9,6 +9,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -60,7 +61,10 @@ def test_every_command_is_understood(command: str, tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "hiltest", *arguments], cwd=tmp_path, capture_output=True, text=True, check=False
     )
-    assert done.returncode == 0, done.stdout + done.stderr
+    # A gate that no test runs for is no pass, and is told from an option or a file that is wrong, which is 4.
+    gate = next((f"{each[2:]} is {base}" for each, base in pairwise(arguments) if each in ("--baseline", "--against")), "")
+    assert done.returncode == (22 if gate else 0), done.stdout + done.stderr
+    assert not gate or f"{gate}, and no test ran" in done.stdout.rstrip().splitlines()[-1]
 
 
 def test_every_file_that_is_linked_is_there() -> None:

@@ -248,6 +248,27 @@ def test_a_choice_that_leaves_no_test_of_hiltest_is_no_pass(pytester: pytest.Pyt
 
 
 @pytest.mark.usefixtures("base")
+@pytest.mark.parametrize(
+    ("look", "by"),
+    [
+        *((each, "option") for each in ("--collect-only", "--fixtures", "--fixtures-per-test", "--markers", "--help")),
+        ("--collect-only", "PYTEST_ADDOPTS"),
+    ],
+)
+def test_who_only_looks_at_tests_has_judged_nothing(
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, look: str, by: str
+) -> None:
+    options = [look] if by == "option" else []
+    if not options:
+        monkeypatch.setenv("PYTEST_ADDOPTS", look)
+    result = pytester.runpytest_subprocess("--hil-baseline=base", *options)
+    assert result.ret == 22
+    assert result.outlines[-1] == "NOT JUDGED: --hil-baseline is base, and no test ran: there is nothing to compare."
+    assert not (pytester.path / "hil-out").exists()
+    assert pytester.runpytest_subprocess(*options).ret == 0
+
+
+@pytest.mark.usefixtures("base")
 @pytest.mark.parametrize("option", ["-x", "--maxfail=1"])
 def test_stopping_at_the_first_failure_is_no_pass_and_no_comparison(
     pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, option: str

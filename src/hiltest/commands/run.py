@@ -10,6 +10,7 @@ import click
 import pytest
 
 from hiltest.bench_files import suites
+from hiltest.choice import only_looks
 from hiltest.commands.options import EXIT_CODES, checked
 from hiltest.errors import ConfigError
 from hiltest.older import OlderFirmware, base_of_environment
@@ -46,7 +47,7 @@ class RunCommand:
             except ConfigError as error:
                 raise pytest.UsageError(str(error)) from error
             hil.gate.judge_against(self._older)
-        if not config.option.collectonly:
+        if not only_looks(config):
             hil.open(with_board=True)
 
     def pytest_hil_finished(self, run: Run) -> None:
