@@ -17,6 +17,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from hiltest.boards import default_firmware
 from hiltest.comparison.evidence import Evidence
 from hiltest.comparison.model import Comparison
+from hiltest.comparison.words import on_seeds
 from hiltest.errors import ConfigError
 from hiltest.gate import PACKAGED, Gate, read_gate
 from hiltest.measurement import Measurement, Outcome, round_significant
@@ -111,7 +112,7 @@ def run_seeds(
             return code
         gate = _gate_of(older, out / OLDER_FOLDER)
     results = _run_all(seeds, [*options, *(UNJUDGED if gate else ())], out, "seeds")
-    evidence = _evidence_of_all(results, str(out))
+    evidence = evidence_of_all(results, str(out))
     if campaign_exit_code(results, may_fail=may_fail) == ExitCode.OK:
         evidence = with_misses_allowed(evidence)
     remark = PACKAGED if _is_packaged(evidence, options) else ""
@@ -172,18 +173,22 @@ def _is_packaged(evidence: Evidence, options: Sequence[str], environment: Mappin
 def _gate_of(results: Sequence[SeedResult], out: Path) -> Gate:
     """Return the older firmware's seeds as what the newer ones are judged against."""
     write_atomically(out / SEEDS_FILE, _to_json(results, spreads_of(results), None))
-    evidence = _evidence_of_all(results, str(out))
+    evidence = evidence_of_all(results, str(out))
     if not evidence.measurements:
         return Gate(str(out), None, f"{out}: no seed of the older firmware left a record: {results[0].sentence}")
     return Gate(str(out), evidence, in_one_session=True)
 
 
-def _evidence_of_all(results: Sequence[SeedResult], file: str) -> Evidence:
-    """Put the seeds together as one side of a comparison; one without a record is a fault of it."""
+def evidence_of_all(results: Sequence[SeedResult], file: str) -> Evidence:
+    """Put the seeds together as one side of a comparison; why some have no record is a fault of it, once."""
     found = [each.evidence for each in results if each.evidence is not None]
-    missing = [f"seed {each.seed}: no record: {each.sentence}" for each in results if each.evidence is None]
+    missing: dict[str, list[int]] = {}
+    for each in results:
+        if each.evidence is None:
+            missing.setdefault(each.sentence, []).append(each.seed)
+    faults = (f"{file}: no record{on_seeds(seeds)}: {said}" for said, seeds in missing.items())
     whole = evidence_of_seeds(found, file) if found else no_evidence(file)
-    return replace(whole, faults=(*whole.faults, *missing))
+    return replace(whole, faults=(*whole.faults, *faults))
 
 
 def campaign_exit_code(

@@ -13,6 +13,7 @@ import pytest
 
 from hiltest.bench_files import rig_file
 from hiltest.boards import default_firmware
+from hiltest.campaign import SeedResult, evidence_of_all
 from hiltest.comparison.compare import compare
 from hiltest.comparison.evidence import Evidence
 from hiltest.comparison.model import Comparison
@@ -264,6 +265,26 @@ def test_a_number_that_is_no_number_is_refused(changed: Changed, tmp_path: Path)
         file.write_text(json.dumps(record).replace('"HERE"', hostile), encoding="utf-8")
         with pytest.raises(ConfigError):
             read_evidence(file)
+
+
+def test_where_no_board_answered_that_alone_is_the_reason(changed: Changed) -> None:
+    lost = changed("new", {"board": None, "seed": None, "verdict.complete": False, "measurements": []})
+    reasons = compared(changed("base"), lost).obstacles
+    assert [each.partition(": ")[2].partition(" (")[0] for each in reasons] == [
+        "the run is not complete", "no board answered; run it again",
+    ]
+    without = compared(changed("base"), changed("without", {"board": None, "measurements": []})).obstacles
+    assert [each.partition(": ")[0] for each in without if "gone" not in each] == ["another kind of board"]
+
+
+def test_where_no_seed_left_a_record_the_reason_of_that_is_the_only_one(changed: Changed) -> None:
+    said = "it wrote: ERROR: no such rig"
+    nothing = evidence_of_all([SeedResult(seed, 22, said) for seed in range(1, 6)], "hil-out")
+    assert compare(read_evidence(changed("base")), nothing).obstacles == (
+        f"hil-out: no record on seed 1, 2, 3 and 2 more: {said}",
+    )
+    two = evidence_of_all([SeedResult(1, 22, said), SeedResult(2, 22, "gone")], "hil-out")
+    assert two.faults == (f"hil-out: no record on seed 1: {said}", "hil-out: no record on seed 2: gone")
 
 
 def test_runs_put_together_keep_all_their_faults(changed: Changed) -> None:

@@ -27,20 +27,29 @@ def obstacles(
         Whether both firmwares ran in one session: compiler and flags may then differ.
     """
     return (
-        *base.faults, *new.faults, *_of_conditions(base, new, together=together),
-        *_of_builds(base, new, together=together), *_of_choice(base, new), *_of_seeds(base, new),
+        *base.faults, *new.faults, *_of_sides(base, new, together=together),
         *(() if differences is None else _of_measurements(base, new, differences)),
     )
 
 
-def _of_conditions(base: Evidence, new: Evidence, *, together: bool) -> Iterator[str]:
-    renew = _or_renew(together=together)
+def _of_sides(base: Evidence, new: Evidence, *, together: bool) -> Iterator[str]:
+    """Yield what tells two sides apart; where one has no board, or another kind, the rest follows from that."""
     was, now = base.conditions, new.conditions
     if was is None or now is None:
-        yield from (f"{each.name}: no board answered; run it again" for each in (base, new) if each.conditions is None)
-        return
-    if was.board != now.board:
+        # Of what has no record at all its fault is the whole reason.
+        boardless = (each for each in (base, new) if each.conditions is None and each.measurements)
+        yield from (f"{each.name}: no board answered; run it again" for each in boardless)
+    elif was.board != now.board:
         yield f"another kind of board: {was.board} before, {now.board} now; compare runs of one kind"
+    else:
+        yield from _of_conditions(base, new, was, now, _or_renew(together=together))
+        yield from _of_cycle_models(base, new, _or_renew(together=together))
+        yield from () if together else _of_builds(base, new, was, now)
+        yield from _of_choice(base, new)
+        yield from _of_seeds(base, new)
+
+
+def _of_conditions(base: Evidence, new: Evidence, was: Conditions, now: Conditions, renew: str) -> Iterator[str]:
     yield from _of_rigs(base, new, was, now, renew)
     if set(was.sensors) != set(now.sensors):
         lost, added = _without(was.sensors, now.sensors), _without(now.sensors, was.sensors)
@@ -72,24 +81,25 @@ def _of_rigs(base: Evidence, new: Evidence, was: Conditions, now: Conditions, re
         )
 
 
-def _of_builds(base: Evidence, new: Evidence, *, together: bool) -> Iterator[str]:
+def _of_cycle_models(base: Evidence, new: Evidence, renew: str) -> Iterator[str]:
     if base.side.cycle_model != new.side.cycle_model:
         yield (
             f"another cycle model: {base.side.cycle_model} before, {new.side.cycle_model} now; cycles of different "
-            f"models are never compared; measure both with one{_or_renew(together=together)}"
+            f"models are never compared; measure both with one{renew}"
         )
-    if together or base.conditions is None or new.conditions is None:
-        return
+
+
+def _of_builds(base: Evidence, new: Evidence, was: Conditions, now: Conditions) -> Iterator[str]:
     advice = f"run both firmwares together with `hiltest run --against OLD.elf`, or {_RENEW}"
     if base.side.compiler != new.side.compiler:
         yield f"another compiler: {base.side.compiler} before, {new.side.compiler} now; {advice}"
-    was, now = base.conditions.compiler_flags, new.conditions.compiler_flags
-    if not was or not now:
-        unknown = base.name if now else new.name
-        if was or now:
+    before, after = was.compiler_flags, now.compiler_flags
+    if not before or not after:
+        unknown = base.name if after else new.name
+        if before or after:
             yield f"{unknown}: nothing tells its compiler flags; build it with debugging information (-g)"
-    elif set(was) != set(now):
-        lost, added = _without(was, now), _without(now, was)
+    elif set(before) != set(after):
+        lost, added = _without(before, after), _without(after, before)
         yield f"other compiler flags: {_gone_and_added(lost, added)}; {advice}"
 
 
