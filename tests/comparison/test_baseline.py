@@ -13,7 +13,7 @@ from hiltest.comparison.baseline import Accepted, Baseline, baseline_of, evidenc
 from hiltest.comparison.baseline_file import read_baseline, read_baseline_evidence, to_json
 from hiltest.comparison.compare import compare
 from hiltest.comparison.evidence import Evidence
-from hiltest.comparison.model import Change
+from hiltest.comparison.model import EXACT, Change, Tolerance
 from hiltest.comparison.words import build
 from hiltest.errors import ConfigError
 from hiltest.measurement import Limit, Outcome
@@ -174,6 +174,19 @@ def test_nothing_is_taken_out_because_its_test_was_not_chosen(baseline: Baseline
     after = accept(baseline, chosen, ["cycles.*"], because="x", when_utc=NOW)
     assert [each.name for each in after.history] == ["cycles.direct.total"]
     assert len(after.measurements) == len(baseline.measurements)
+
+
+def test_a_tolerance_that_an_older_file_does_not_state_is_no_change(baseline: Baseline) -> None:
+    stated = {"cycles.direct.total": Tolerance(5, 0.0), "heading.direct.max": EXACT, "compass.lag": EXACT}
+    assert accept(baseline, replace(run(), in_force=stated), ["*"], because="x", when_utc=NOW) == baseline
+    newer = replace(run(11_161, build="b"), in_force=stated)
+    after = accept(baseline, newer, ["cycles.*"], because="x", when_utc=NOW)
+    assert [each.name for each in after.history] == ["cycles.direct.total"]
+    assert build(after.side) == "build b"
+    assert after.measurements == baseline_of(newer, NOW).measurements
+    assert '"tolerance"' not in to_json(baseline)
+    wider = replace(newer, in_force={**stated, "compass.lag": Tolerance(1.0, 0.0)})
+    assert [each.name for each in accept(after, wider, ["*"], because="x", when_utc=NOW).history[1:]] == ["compass.lag"]
 
 
 def test_nothing_that_is_the_same_is_entered_in_the_history(baseline: Baseline) -> None:

@@ -205,6 +205,21 @@ def test_a_baseline_is_saved_compared_with_and_updated(changed: Changed, tmp_pat
     assert "1 worse: heading.direct.max" in done.stdout
 
 
+def test_a_limit_that_is_accepted_with_the_number_is_printed(
+    changed: Changed, real_record: dict[str, Any], tmp_path: Path
+) -> None:
+    file, limit = tmp_path / "baseline.json", {"heading.direct.max": {"min": None, "max": 3.0}, "link.retried": None}
+    assert hiltest("baseline", "save", changed("run"), file).returncode == 0
+    looser = [{**each, "limit": limit.get(each["name"], each["limit"])} for each in real_record["measurements"]]
+    run = changed("looser", {"measurements": looser}, {"heading.direct.max": 1.9})
+    done = hiltest("baseline", "update", file, run, "--accept", "*", "--because", "another compass")
+    was = next(each["value"] for each in real_record["measurements"] if each["name"] == "heading.direct.max")
+    lines = done.stdout.splitlines()[:-1]
+    assert f"heading.direct.max: {was:.6g} -> 1.9; limit at most 1.8 -> at most 3" in lines
+    assert "link.retried: 0 -> 0; limit at most 0 -> none" in lines
+    assert len(lines) == 2
+
+
 def test_a_baseline_of_two_builds_says_so_wherever_it_is_shown(changed: Changed, tmp_path: Path) -> None:
     file = tmp_path / "baseline.json"
     assert hiltest("baseline", "save", changed("a", {"board.build_id": "aaaa"}), file).returncode == 0

@@ -518,6 +518,28 @@ def test_a_limit_that_the_change_under_test_loosens_is_shown_although_the_number
         assert f"was {before}" in found.note
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "moved", "change", "remark"),
+    [
+        (EXACT, Tolerance(0.5, 0.0), 0.1, Change.WORSE, "its tolerance was exact in the base"),
+        (EXACT, Tolerance(0.5, 0.0), 0.0, Change.CHANGED, "its tolerance was exact in the base"),
+        (Tolerance(0.2, 0.0), Tolerance(0.2, 0.5), 0.3, Change.WORSE, "its tolerance was 0.2 deg in the base"),
+        (Tolerance(0.2, 0.1), EXACT, 0.1, Change.UNCHANGED, "its tolerance was 0.2 deg and 10 % in the base"),
+        (EXACT, EXACT, 0.1, Change.WORSE, ""), (None, Tolerance(0.5, 0.0), 0.1, Change.UNCHANGED, ""),
+    ],
+)
+def test_a_tolerance_that_the_base_states_is_not_taken_away_by_the_change_under_test(
+    before: Tolerance | None, after: Tolerance, moved: float, change: Change, remark: str
+) -> None:
+    name = "heading.direct.max"
+    base, new = (
+        evidence([measurement(name, value, unit="deg")], tolerances={name: after}) for value in (1.0, 1.0 + moved)
+    )
+    found = only(replace(base, in_force={} if before is None else {name: before}), new)
+    assert (found.change, found.note) == (change, remark)
+    assert found.tolerance == (before or after)
+
+
 def test_the_first_concern_is_what_is_out_of_its_limit_then_what_has_one_then_the_farthest() -> None:
     moved = {  # by how many tolerances: an exact one counts in percent
         "cycles.direct.total": (10_000, 10_100), "cycles.corrected.total": (10_000, 10_300),

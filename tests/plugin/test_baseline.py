@@ -184,6 +184,34 @@ def test_another_rig_is_no_pass_and_another_limit_is_the_same_rig(
     assert "another rig: " in sentence
 
 
+@pytest.mark.parametrize("saved", [False, True], ids=["a run", "a baseline"])
+def test_a_tolerance_that_is_edited_with_the_change_hides_nothing(
+    pytester: pytest.Pytester, default_rig: str, monkeypatch: pytest.MonkeyPatch, saved: bool
+) -> None:
+    rig = default_rig[: default_rig.index("[limits]")]
+    (pytester.path / "lamp.toml").write_text(rig, encoding="utf-8")
+    monkeypatch.setenv("HIL_RIG", "lamp.toml")
+    pytester.makepyfile(test_lamp=LAMP)
+    assert pytester.runpytest_inprocess("--hil-out=base").ret == 0
+    if saved:
+        assert pytester.run(sys.executable, "-m", "hiltest", "baseline", "save", "base", "base.json").ret == 0
+    tolerance = '[tolerances]\n"lamp.current" = { absolute = 5.0, unit = "mA" }\n'
+    (pytester.path / "lamp.toml").write_text(rig + tolerance, encoding="utf-8")
+    monkeypatch.setenv("LAMP_CURRENT", "3")
+    base = "base.json" if saved else "base"
+    code, sentence = judged(pytester, base=base)
+    assert code == 21
+    assert "lamp.current 2 -> 3 mA (+1, +50 %; limit at most 9; its tolerance was exact in the base)" in sentence
+    if saved:  # the tolerance is changed as a number is: by name and with a reason
+        accepted = pytester.run(
+            sys.executable, "-m", "hiltest", "baseline", "update", "base.json", "hil-out", "--accept", "lamp.current",
+            "--because", "another lamp",
+        )  # fmt: skip
+        accepted.stdout.fnmatch_lines(["lamp.current: 2 -> 3; tolerance exact -> 5 mA"])
+        monkeypatch.setenv("LAMP_CURRENT", "4")
+        assert judged(pytester, base=base)[0] == 0
+
+
 @pytest.mark.usefixtures("base")
 def test_a_vanished_measurement_is_no_pass_and_is_named(
     pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch

@@ -11,7 +11,7 @@ import click
 from hiltest.errors import ConfigError
 
 if TYPE_CHECKING:
-    from hiltest.comparison.baseline import Baseline
+    from hiltest.comparison.baseline import Baseline, Row
 
 _EXIT_CODES = """
 \b
@@ -75,8 +75,10 @@ def update(file: Path, run: Path, names: tuple[str, ...], because: str) -> int:
     moved = after.history[len(before.history):]
     if moved:
         _write(after, file, read_content(file))
+    was, now = ({row.name: row for row in each.measurements} for each in (before, after))
     for each in moved:
-        click.echo(f"{each.name}: {_value(each.was)} -> {_value(each.now)}")
+        edited = _edited(was.get(each.name), now.get(each.name))
+        click.echo(f"{each.name}: {_value(each.was)} -> {_value(each.now)}{edited}")
     click.echo(f"{file}: {_counted(len(moved))} moved, {len(after.measurements)} in it, of {build(after.side)}")
     return 0
 
@@ -111,6 +113,18 @@ def _value(value: float | None) -> str:
     from hiltest.measurement import readable
 
     return "none" if value is None else readable(value, 6)
+
+
+def _edited(was: Row | None, now: Row | None) -> str:
+    """Return what else than its number was accepted with a measurement: what it is held to from now on."""
+    from hiltest.comparison.words import held_to
+
+    if was is None or now is None:
+        return ""
+    words = f"; limit {was.limit or 'not stated'} -> {now.limit or 'none'}" if was.limit != now.limit else ""
+    if now.tolerance is not None and was.tolerance not in (None, now.tolerance):
+        words += f"; tolerance {held_to(was.tolerance, was.unit)} -> {held_to(now.tolerance, now.unit)}"
+    return words
 
 
 def _counted(count: int) -> str:

@@ -53,7 +53,7 @@ def accept(
     of_run = {row.name: row for row in rows_of(run, baseline.seeds)}
     named = _named(patterns, rows, run)
     _refuse_what_was_not_chosen(run, [name for name in named if name in rows and name not in of_run])
-    moved = {name: of_run.get(name) for name in named if of_run.get(name) != _number(rows.get(name))}
+    moved = {name: of_run.get(name) for name in named if of_run.get(name) != _as_of_run(rows.get(name), of_run)}
     if not moved:
         return baseline
     history = [
@@ -75,7 +75,7 @@ def _with_rows(
     kept = {name: row for name, row in sorted(rows.items()) if row is not None}
     if not kept:
         raise ConfigError(f"nothing is moved: no measurement would be left; {run.name} has none of these")
-    if run.conditions is not None and of_run == {name: _number(row) for name, row in kept.items()}:
+    if run.conditions is not None and of_run == {name: _as_of_run(row, of_run) for name, row in kept.items()}:
         side = replace(kept_side(run, baseline.saved_utc), seeds=baseline.side.seeds)
         return replace(baseline, side=side, conditions=run.conditions, measurements=tuple(of_run.values()))
     build_id = baseline.side.build_id
@@ -125,9 +125,15 @@ def _build_id(row: Row | None, baseline: Baseline) -> str | None:
     return baseline.side.build_id if row.build_id is None else row.build_id
 
 
-def _number(row: Row | None) -> Row | None:
-    """Return a measurement without the build that it is of: what two builds have alike was not moved."""
-    return row and replace(row, build_id=None)
+def _as_of_run(row: Row | None, of_run: Mapping[str, Row]) -> Row | None:
+    """Return a measurement as a run has it that measured the same: what two builds have alike was not moved.
+
+    The run knows no build of a single measurement, and always a tolerance, which an older file does not state.
+    """
+    if row is None:
+        return None
+    same = of_run.get(row.name, row)
+    return replace(row, build_id=None, tolerance=row.tolerance or same.tolerance)
 
 
 def _mean(row: Row | None) -> float | None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from hiltest.comparison.evidence import Conditions, Evidence, Seed
-from hiltest.comparison.model import FromBuild, Revision, Side
+from hiltest.comparison.model import FromBuild, Revision, Side, Tolerance
 from hiltest.errors import ConfigError
 from hiltest.measurement import Limit, Measurement, Outcome
 
@@ -27,6 +27,8 @@ class Row:
         Seeds on which it was out of its limit.
     limit : Limit or None
         That it had; None too in a file from before it was kept.
+    tolerance : Tolerance or None
+        That was in force; None in a file from before it was kept.
     build_id : str or None
         Of the firmware that it was accepted from; None for that of the baseline's side.
     """
@@ -37,6 +39,7 @@ class Row:
     values: tuple[float | int | None, ...]
     failed: tuple[int | None, ...] = ()
     limit: Limit | None = None
+    tolerance: Tolerance | None = None
     build_id: str | None = None
 
 
@@ -128,7 +131,10 @@ def evidence_from(baseline: Baseline, file: str, sha256: str) -> Evidence:
     accepted = accepted_from(baseline.measurements)
     side = replace(baseline.side, file=file, sha256=sha256, saved_utc=baseline.saved_utc, accepted=accepted)
     builds = {row.name: row.build_id for row in baseline.measurements if row.build_id is not None}
-    return Evidence(side, baseline.conditions, measurements, is_baseline=True, builds=builds)
+    in_force = {row.name: row.tolerance for row in baseline.measurements if row.tolerance is not None}
+    return Evidence(
+        side, baseline.conditions, measurements, is_baseline=True, builds=builds, in_force=in_force
+    )
 
 
 def renewed(baseline: Baseline, before: Baseline) -> Baseline:
@@ -166,7 +172,7 @@ def _row(evidence: Evidence, name: str, seeds: Sequence[Seed]) -> Row | None:
         return None
     failed = tuple(seed for seed, each in made.items() if each is not None and each.outcome is Outcome.FAIL)
     limit = next((each.limit for each in made.values() if each is not None and each.limit is not None), None)
-    return Row(name, first.unit, first.cycle_model, values, failed, limit)
+    return Row(name, first.unit, first.cycle_model, values, failed, limit, evidence.in_force.get(name))
 
 
 def _measurement(row: Row, index: int, seed: Seed) -> Measurement:

@@ -16,7 +16,7 @@ from hiltest.errors import ConfigError
 from hiltest.strict_json import LARGEST_BYTES, parsed, read_bounded, read_json, refuse_twice, shown
 from hiltest.unknown_fields import with_unknown
 
-_SILENT = {"measurements": ("limit", "build_id"), "history": ("was_build_id", "revision")}
+_SILENT = {"measurements": ("limit", "tolerance", "build_id"), "history": ("was_build_id", "revision")}
 """Left out of a line where they are null, as in a file from before they were kept: no line of it may change."""
 
 _ADAPTER = TypeAdapter(Baseline)

@@ -15,7 +15,7 @@ from hiltest.measurement import Measurement, Outcome
 
 
 def compare(base: Evidence, new: Evidence, *, together: bool = False) -> Comparison:
-    """Compare two sides, paired by seed, with the tolerances of the new one's rig.
+    """Compare two sides, paired by seed, with the tolerances that the base states, or else those of the new one's rig.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def _pairs(base: Evidence, new: Evidence, seeds: list[Seed]) -> list[Pairs]:
         was = base.measurements[seed]
         names.update(name for name, each in new.measurements[seed].items() if not each.volatile and name not in was)
     return [
-        Pairs(name, _on(base.measurements, name, seeds), _on(new.measurements, name, seeds))
+        Pairs(name, _on(base.measurements, name, seeds), _on(new.measurements, name, seeds), base.in_force.get(name))
         for name in sorted(filter(is_compared, names))
     ]
 

@@ -12,7 +12,7 @@ from hiltest.comparison.evidence import Seed
 from hiltest.comparison.interval import LARGEST, mean_interval, mean_value
 from hiltest.comparison.model import EXACT, Change, Difference, Sense, Tolerance
 from hiltest.comparison.rules import rule_of, tolerance_of
-from hiltest.comparison.words import on_seeds
+from hiltest.comparison.words import held_to, on_seeds
 from hiltest.measurement import FLASH_TIE, SIGNIFICANT_DIGITS, Limit, Measurement, Outcome, in_flash, round_significant
 
 #: Values are written with so many significant digits; what two of them differ by in the last one is no difference.
@@ -21,11 +21,15 @@ _LAST_DIGIT = 10.0 ** (1 - SIGNIFICANT_DIGITS)
 
 @dataclass(frozen=True, slots=True)
 class Pairs:
-    """One measurement on every seed that both sides have; None where a side did not make it."""
+    """One measurement on every seed that both sides have; None where a side did not make it.
+
+    `tolerance` is the base's, which a change under test cannot take away either; None where it states none.
+    """
 
     name: str
     base: Mapping[Seed, Measurement | None]
     new: Mapping[Seed, Measurement | None]
+    tolerance: Tolerance | None = None
 
     @property
     def seeds(self) -> list[Seed]:
@@ -101,22 +105,26 @@ def difference(pairs: Pairs, board: str, tolerances: Mapping[str, Tolerance]) ->
     board : str
         Kind of the board: a real one has noise of its own in every run.
     tolerances : mapping of str to Tolerance
-        Of the rig, by exact name.
+        Of the new run's rig, by exact name.
     """
     latest = pairs.latest
     rule = rule_of(pairs.name, pairs.limit)
-    tolerance = _of_flash(latest, tolerance_of(pairs.name, rule, board, tolerances))
+    now = tolerance_of(pairs.name, rule, board, tolerances)
+    tolerance = _of_flash(latest, pairs.tolerance or now)
     note = _cannot_be_paired(pairs)
     seeds = [] if note else pairs.seeds
     base, new = _values(pairs.base, seeds), _values(pairs.new, seeds)
     change, remark = _presence(pairs, note) or _judged(base, new, rule.sense, tolerance, pairs, board)
+    if change is Change.UNCHANGED and seeds and not tolerance.covers(now):
+        change = Change.CHANGED  # it is loosened, which is shown though the number is what it was
+    edited = f"its tolerance was {held_to(tolerance, latest.unit)} in the base" if seeds and tolerance != now else ""
     return Difference(
         name=pairs.name, unit=latest.unit, change=change, sense=rule.sense,
         base=mean_value(base or _values(pairs.base)), new=mean_value(new or _values(pairs.new)),
         delta=mean_value(_changes(base, new)), interval=_rounded(mean_interval(_changes(base, new))),
         seeds=len(seeds), tolerance=tolerance, limit=latest.limit, outcome=str(latest.outcome),
         cycle_model=latest.cycle_model,
-        note="; ".join(filter(None, (remark, _not_offered(pairs), _limit_changed(pairs)))),
+        note="; ".join(filter(None, (remark, _not_offered(pairs), _limit_changed(pairs), edited))),
     )
 
 

@@ -64,6 +64,8 @@ class Evidence:
         By name; the volatile ones too.
     tolerances : mapping of str to Tolerance
         Of the rig, by exact name.
+    in_force : mapping of str to Tolerance
+        Of every measurement, as the record states what it was held to; empty in one from before that was kept.
     faults : tuple of str
         Why this side is no evidence, one line each, with what to do: such as a run that was cut short.
     chosen : bool
@@ -88,6 +90,7 @@ class Evidence:
     may_miss: bool = False
     is_baseline: bool = False
     builds: Mapping[str, str] = field(default_factory=dict)
+    in_force: Mapping[str, Tolerance] = field(default_factory=dict)
 
     @property
     def name(self) -> str:

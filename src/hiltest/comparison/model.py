@@ -24,7 +24,7 @@ class Change(StrEnum):
     """As gone, in a run that did not come to it: cut short, or of chosen tests."""
     UNCHANGED = "unchanged"
     CHANGED = "changed"
-    """Beyond its tolerance, and neither better nor worse, such as the worst sector; or its limit was loosened."""
+    """Beyond its tolerance, and neither better nor worse, such as the worst sector; or what it is held to is looser."""
 
 
 class Answer(StrEnum):
@@ -76,6 +76,10 @@ class Tolerance:
         for name, value in (("absolute", self.absolute), ("relative", self.relative)):
             if not 0 <= value < float("inf"):
                 raise ValueError(f"{name} must be a finite number, 0 or more, not {value}")
+
+    def covers(self, other: Tolerance) -> bool:
+        """Say whether whatever stays within `other` stays within this one too."""
+        return self.absolute >= other.absolute and self.relative >= other.relative
 
 
 EXACT = Tolerance(0.0, 0.0)

@@ -8,13 +8,13 @@ board noise is a function of seed and sample, so what such a firmware moves is a
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import cache
 
 from hiltest.comparison.model import EXACT, Sense, Tolerance
-from hiltest.measurement import Limit
+from hiltest.measurement import Limit, Measurement
 
 NOT_COMPARED = "board.*_seconds"
 """How long a run took says nothing of the firmware, and depends on which tests ran."""
@@ -166,6 +166,16 @@ def is_known(name: str) -> bool:
 def tolerance_of(name: str, rule: Rule, board: str, of_rig: Mapping[str, Tolerance]) -> Tolerance:
     """Return the tolerance of a measurement: the rig's, or else the rule's for this kind of board."""
     return of_rig.get(name) or rule.tolerance_on(board)
+
+
+def tolerances_in_force(
+    measurements: Iterable[Measurement], board: str, of_rig: Mapping[str, Tolerance]
+) -> dict[str, Tolerance]:
+    """Return what every measurement that is compared is held to, by name."""
+    return {
+        each.name: tolerance_of(each.name, rule_of(each.name, each.limit), board, of_rig)
+        for each in measurements if is_compared(each.name) and not each.volatile
+    }
 
 
 @cache

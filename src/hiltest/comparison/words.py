@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from hiltest.comparison.evidence import Seed
-from hiltest.comparison.model import Answer, Change, Comparison, Difference, Revision, Side
+from hiltest.comparison.model import Answer, Change, Comparison, Difference, Revision, Side, Tolerance
 from hiltest.measurement import Measurement, readable
 
 SHOWN = (Change.WORSE, Change.GONE, Change.BETTER, Change.NEW, Change.CHANGED)
@@ -60,7 +60,19 @@ def numbers(difference: Difference) -> str:
     else:
         values = f"{was} -> {now}"
     details = "; ".join(filter(None, (moved(difference), _limit(difference), difference.note)))
-    return f"{values} {_unit(difference)}".rstrip() + (f" ({details})" if details else "")
+    return f"{values} {_in_words(difference.unit)}".rstrip() + (f" ({details})" if details else "")
+
+
+def held_to(tolerance: Tolerance, unit: str) -> str:
+    """Return how far a measurement may move and still count as unchanged.
+
+    Examples
+    --------
+    ``0.01 deg and 1 %``, or ``exact``
+    """
+    absolute = f"{readable(tolerance.absolute)} {_in_words(unit)}".rstrip() if tolerance.absolute else ""
+    relative = f"{100.0 * tolerance.relative:g} %" if tolerance.relative else ""
+    return " and ".join(filter(None, (absolute, relative))) or "exact"
 
 
 def entry(difference: Difference) -> str:
@@ -162,8 +174,8 @@ def _signed(value: float) -> str:
     return f"{'+' if value >= 0 else '-'}{readable(abs(value))}"
 
 
-def _unit(difference: Difference) -> str:
-    return "cycles" if difference.unit == "cycle" else difference.unit
+def _in_words(unit: str) -> str:
+    return "cycles" if unit == "cycle" else unit
 
 
 def _limit(difference: Difference) -> str:

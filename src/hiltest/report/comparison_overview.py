@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from hiltest.comparison.model import Answer, Change, Comparison, Difference, Side
-from hiltest.comparison.words import SHOWN, build, moved, revision, shown
+from hiltest.comparison.words import SHOWN, build, held_to, moved, revision, shown
 from hiltest.measurement import readable
 from hiltest.report.figures.change import change_figure
 from hiltest.report.figures.rows import RowFigure
@@ -76,7 +76,7 @@ def sides(comparison: Comparison) -> Iterator[tuple[str, str, str]]:
 
 def _in_text(each: Difference) -> Changed:
     outcome = "" if each.outcome == "information" else each.outcome
-    tolerance = "" if each.delta is None else _tolerance(each)
+    tolerance = "" if each.delta is None else held_to(each.tolerance, each.unit)
     return Changed(
         each.name, str(each.change), _SIGNS[each.change], _TONES.get(each.change, ""), _number(each.base, each.unit),
         _number(each.new, each.unit), moved(each), tolerance, str(each.limit or ""),
@@ -86,14 +86,6 @@ def _in_text(each: Difference) -> Changed:
 
 def _number(value: float | None, unit: str) -> str:
     return "-" if value is None else f"{readable(value)} {unit}".rstrip()
-
-
-def _tolerance(difference: Difference) -> str:
-    """Return how far it may move and still count as unchanged."""
-    absolute, relative = difference.tolerance.absolute, difference.tolerance.relative
-    parts = [f"{readable(absolute)} {difference.unit}".rstrip()] if absolute else []
-    parts += [f"{100.0 * relative:g} %"] if relative else []
-    return " and ".join(parts) or "exact"
 
 
 def _side(side: Side) -> Iterator[tuple[str, str]]:

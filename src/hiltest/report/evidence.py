@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
@@ -39,11 +39,12 @@ def evidence_of(run: Run, *, file: str = "", sha256: str = "") -> Evidence:
         )
     side = replace(side, rig=rig.name if rig else "", seeds=() if run.seed is None else (run.seed,))
     name = file or "this run"
-    tolerances = _tolerances(run, name)
+    of_rig = _tolerances("rig.tolerances", run.rig.tolerances if run.rig else {}, name)
     fault = f"{name}: the run is not complete ({run.verdict.outcome}); run all of it again"
     return Evidence(
-        side, _conditions(run), {run.seed: {each.name: each for each in run.measurements}}, tolerances,
+        side, _conditions(run), {run.seed: {each.name: each for each in run.measurements}}, of_rig,
         () if run.verdict.complete else (fault,), run.chosen, failed_by_itself(run),
+        in_force=_tolerances("tolerances", run.tolerances, name),
     )
 
 
@@ -107,7 +108,10 @@ def evidence_of_seeds(runs: Sequence[Evidence], file: str) -> Evidence:
     )
     chosen = any(each.chosen for each in runs)
     failed = tuple(f"{why} on seed {', '.join(map(str, each.side.seeds))}" for each in runs for why in each.failed)
-    return Evidence(side, first.conditions, measurements, first.tolerances, tuple(faults), chosen, failed)
+    return Evidence(
+        side, first.conditions, measurements, first.tolerances, tuple(faults), chosen, failed,
+        in_force={name: each for run in reversed(runs) for name, each in run.in_force.items()},
+    )
 
 
 def no_evidence(file: str) -> Evidence:
@@ -137,13 +141,13 @@ def _has_run(folder: Path) -> bool:
     return (folder / RUN_FILE).exists() or (journal.is_file() and journal.stat().st_size > 0)
 
 
-def _tolerances(run: Run, file: str) -> dict[str, Tolerance]:
+def _tolerances(place: str, content: Mapping[str, tuple[float, float]], file: str) -> dict[str, Tolerance]:
     found = {}
-    for name, each in (run.rig.tolerances if run.rig else {}).items():
+    for name, each in content.items():
         try:
             found[name] = Tolerance(*each)
         except ValueError as error:
-            raise ConfigError(f"{file}: rig.tolerances.{name}: {error}; run it again: hiltest run") from error
+            raise ConfigError(f"{file}: {place}.{name}: {error}; run it again: hiltest run") from error
     return found
 
 

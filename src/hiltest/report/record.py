@@ -15,7 +15,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
-from hiltest.comparison.model import Comparison, Revision
+from hiltest.comparison.model import Comparison, Revision, Tolerance
+from hiltest.comparison.rules import tolerances_in_force
 from hiltest.measurement import CycleBand, Limit, Measurement, Outcome, RowEffect, plain, round_significant
 from hiltest.report.attempts import marked, worst_first
 
@@ -193,6 +194,9 @@ class Run:
         Whether the user chose among the tests of hiltest, so that some of the set did not run.
     revision : Revision or None
         Sources that it was made for, as whoever started it said.
+    tolerances : mapping of str to (float, float)
+        Absolute and relative, that were in force for each measurement that is compared. Empty in records from before
+        they were kept.
     """
 
     schema: Literal["hiltest.run/1"]
@@ -214,6 +218,7 @@ class Run:
     other_attempts: tuple[Measurement, ...] = ()
     chosen: bool = False
     revision: Revision | None = None
+    tolerances: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def measurement(self, name: str) -> Measurement | None:
         """Return the measurement of this name, None when it was not made."""
@@ -265,7 +270,14 @@ class Findings:
             other_attempts=tuple(each.rounded() for each in self.other_attempts), chosen=self.chosen,
             revision=self.revision,
         )
-        return replace(run, volatile=volatile_places(run))
+        return replace(run, volatile=volatile_places(run), tolerances=in_force(run))
+
+
+def in_force(run: Run) -> dict[str, tuple[float, float]]:
+    """Return the tolerances of all that is compared: the rig's, or else those of the rules for this kind of board."""
+    of_rig = {name: Tolerance(*each) for name, each in (run.rig.tolerances if run.rig else {}).items()}
+    found = tolerances_in_force(run.measurements, run.board.kind if run.board else "", of_rig)
+    return {name: (each.absolute, each.relative) for name, each in found.items()}
 
 
 def utc_now() -> str:
@@ -369,6 +381,8 @@ def _field(name: str, value: Any) -> str:
         return _lines([_table_text(table) for table in value])
     if name == "comparison" and value is not None:
         return "{" + ",\n ".join(f"{_json(key)}: {_field(key, each)}" for key, each in value.items()) + "}"
+    if name == "tolerances":
+        return "{" + ",".join(f"\n {_json(key)}: {_json(each)}" for key, each in value.items()) + "}"
     if name in ("tests", "measurements", "other_attempts", "differences"):
         return _lines([_json(each) for each in value])
     return json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False)

@@ -13,7 +13,7 @@ from typing import Any
 from hiltest.errors import ConfigError
 from hiltest.report.attempts import marked
 from hiltest.report.journal import JOURNAL_FILE, is_going_on
-from hiltest.report.record import RUN_FILE, Run, Verdict, volatile_places
+from hiltest.report.record import RUN_FILE, Run, Verdict, in_force, volatile_places
 from hiltest.report.schema import check_schema, load_content, run_from
 from hiltest.report.verdict import unfinished_verdict
 from hiltest.strict_json import LARGEST_BYTES, is_folder, parse_json, read_bounded
@@ -108,11 +108,11 @@ def _from_journal(path: Path) -> StoredRun:
         run, verdict=run.verdict if ended else unfinished_verdict(run, going_on=going_on),
         measurements=tuple(marked(each) if each.name in several else each for each in run.measurements),
     )
-    run = replace(run, volatile=volatile_places(run))
+    run = replace(run, volatile=volatile_places(run), tolerances=in_force(run))
     noted = [
         {**read, "note": each.note} for read, each in zip(content["measurements"], run.measurements, strict=True)
     ]
-    settled = {"verdict": asdict(run.verdict), "measurements": noted, "volatile": run.volatile}
+    settled = {"verdict": asdict(run.verdict), "measurements": noted, "volatile": run.volatile, "tolerances": run.tolerances}
     return StoredRun(run, content | settled, path, sha256(text).hexdigest(), ended)
 
 

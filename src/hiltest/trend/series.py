@@ -197,7 +197,8 @@ def _steps(name: str, entries: Sequence[Entry], numbers: _Numbers) -> Iterator[S
         if all(base[seed].value == new[seed].value for seed in paired):
             continue
         evidence = entries[after].evidence
-        pairs = Pairs(name, *({seed: _unjudged(side[seed]) for seed in paired} for side in (base, new)))
+        was, now = ({seed: _unjudged(side[seed]) for seed in paired} for side in (base, new))
+        pairs = Pairs(name, was, now)
         found = difference(pairs, evidence.conditions.board if evidence.conditions else "", evidence.tolerances)
         if found.change in _MOVED:
             yield Step(before, after, replace(found, outcome=str(_judged(new).outcome)))
