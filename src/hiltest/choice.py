@@ -45,8 +45,12 @@ class Choice:
 
     @property
     def of_our_tests(self) -> bool:
-        """Whether tests of hiltest may be missing by the user's choice: ``-m hil`` leaves out only others."""
-        return self.deselected or self.only_benchmarks or self._has_given(_NOT_COLLECTED) or self._named_tests
+        """Whether tests of hiltest may be missing by the user's choice: ``-m hil`` leaves out only others.
+
+        What a conftest deselects is nobody's choice: it is missed.
+        """
+        deselected = self.deselected and self._has_given(_CHOICES)
+        return deselected or self.only_benchmarks or self._has_given(_NOT_COLLECTED) or self._named_tests
 
     def _has_given(self, options: tuple[str, ...]) -> bool:
         given = vars(self._config.option)

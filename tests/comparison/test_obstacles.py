@@ -14,6 +14,7 @@ import pytest
 from hiltest.bench_files import rig_file
 from hiltest.boards import default_firmware
 from hiltest.campaign import SeedResult, evidence_of_all
+from hiltest.comparison.baseline import baseline_of
 from hiltest.comparison.compare import compare
 from hiltest.comparison.evidence import Evidence
 from hiltest.comparison.model import Comparison
@@ -285,6 +286,60 @@ def test_where_no_seed_left_a_record_the_reason_of_that_is_the_only_one(changed:
     )
     two = evidence_of_all([SeedResult(1, 22, said), SeedResult(2, 22, "gone")], "hil-out")
     assert two.faults == (f"hil-out: no record on seed 1: {said}", "hil-out: no record on seed 2: gone")
+
+
+def tests(**outcomes: str) -> dict[int | None, dict[str, str]]:
+    return {1: {f"a/test_lamp.py::{name}": outcome for name, outcome in outcomes.items()}}
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "missing"),
+    [
+        ({"test_a": "passed"}, {"test_a": "passed", "test_b": "skipped"}, ""),
+        ({"test_a": "skipped", "test_b": "failed", "test_c": "xfailed"}, {}, ""),
+        ({"test_a": "passed"}, {"test_a": "failed"}, ""), ({"test_a": "passed"}, {"test_a": "xpassed"}, ""),
+        ({"test_a": "passed"}, {"test_a": "skipped"}, "test_a passed before and is skipped now; let it run"),
+        ({"test_a[1]": "passed"}, {"test_a[2]": "passed"}, "test_a[1] passed before and did not run now; let it run"),
+        (
+            {"test_a": "passed", "test_b": "passed", "test_c": "passed"}, {"test_b": "passed", "test_c": "skipped"},
+            "test_a passed before and did not run now, and so 1 more; let them run",
+        ),
+    ],
+)
+def test_what_passed_before_and_is_no_test_any_more_is_missed(
+    before: dict[str, str], after: dict[str, str], missing: str
+) -> None:
+    made = evidence([measurement("link.retried", 0)])
+    base, new = replace(made, tests=tests(**before)), replace(made, tests=tests(**after))
+    reasons = compare(base, new).obstacles
+    assert [each.partition(", or ")[0] for each in reasons] == (
+        [f"test missing: test_lamp.py::{missing}"] if missing else []
+    )
+    assert compare(made, new).obstacles == ()  # of a base from before they were kept
+    if missing:
+        (reason,) = compare(base, new, together=True).obstacles
+        assert reason.endswith("or leave it out of both runs: -- -k 'not test_a'")
+        assert compare(base, replace(new, chosen=True)).obstacles == ()
+        (reason,) = compare(base, replace(new, faults=("cut short",))).obstacles
+        assert reason == "cut short"
+
+
+def test_a_test_that_moved_to_another_folder_is_the_same_and_each_of_two_of_a_name_counts() -> None:
+    made = evidence([measurement("link.retried", 0)])
+    two = {1: {"a/test_lamp.py::test_a": "passed", "b/test_lamp.py::test_a": "passed"}}
+    moved = replace(made, tests={1: {"a/test_lamp.py::test_a": "passed", "c/test_lamp.py::test_a": "passed"}})
+    assert compare(replace(made, tests=two), moved).obstacles == ()
+    assert len(compare(moved, replace(made, tests=tests(test_a="passed"))).obstacles) == 1
+
+
+def test_a_test_is_missed_on_each_seed_and_a_baseline_keeps_what_passed_on_all() -> None:
+    both = evidence(*[[measurement("link.retried", 0)]] * 2)
+    passed, skipped = {"test_lamp.py::test_a": "passed"}, {"test_lamp.py::test_a": "skipped"}
+    base, new = replace(both, tests={1: passed, 2: passed}), replace(both, tests={1: passed, 2: skipped})
+    assert "test_a passed before and is skipped now" in compare(base, new).obstacles[0]
+    assert compare(new, new).obstacles == ()
+    assert baseline_of(base, "").passed == ("test_lamp.py::test_a",)
+    assert baseline_of(new, "").passed == ()
 
 
 def test_runs_put_together_keep_all_their_faults(changed: Changed) -> None:

@@ -264,6 +264,39 @@ def test_a_choice_of_tests_is_no_baseline_and_no_base_of_a_whole_run(
         assert "May be merged as far as the chosen tests tell (against base" in sentence
 
 
+ASIDE = "def pytest_collection_modifyitems(config, items):\n"
+LEAVES_OUT = {
+    "skipped": ("", "\n@pytest.mark.skip\ndef test_first(board):\n    pass\n", "is skipped"),
+    "expected to fail": ("", "\n@pytest.mark.xfail\ndef test_first(board):\n    assert False\n", "is xfailed"),
+    "gone": ("", "\ndel test_first\n", "did not run"),
+    "taken away": (f"{ASIDE}    del items[0]\n", "", "did not run"),
+    "deselected": (f"{ASIDE}    config.hook.pytest_deselected(items=[items.pop(0)])\n", "", "did not run"),
+}
+
+
+@pytest.mark.parametrize("saved", [False, True], ids=["a run", "a baseline"])
+@pytest.mark.parametrize("how", LEAVES_OUT)
+def test_a_test_that_passed_and_measured_nothing_is_missed(
+    base: Path, pytester: pytest.Pytester, how: str, saved: bool
+) -> None:
+    conftest, suite, word = LEAVES_OUT[how]
+    named = "base/run.json"
+    if saved:
+        named = "base.json"
+        assert pytester.run(sys.executable, "-m", "hiltest", "baseline", "save", base, named).ret == 0
+    pytester.makeconftest(conftest)
+    pytester.makepyfile(test_lamp=LAMP + suite)
+    code, sentence = judged(pytester, base=named)
+    assert code == 22
+    advice = "or renew the baseline with `hiltest baseline save RUN base.json`" if saved else (
+        "or make this run the base with `hiltest baseline save RUN FILE`"
+    )
+    assert f"): test missing: test_lamp.py::test_first passed before and {word} now; let it run, {advice}; " in sentence
+    if saved:
+        assert pytester.run(sys.executable, "-m", "hiltest", "baseline", "save", "hil-out", named).ret == 0
+        assert judged(pytester, base=named)[0] == 0
+
+
 @pytest.mark.usefixtures("base")
 def test_a_choice_that_leaves_no_test_of_hiltest_is_no_pass(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(test_plain="def test_plain():\n    pass\n")

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from hiltest.comparison.evidence import Conditions, Evidence, Seed
+from hiltest.comparison.evidence import PASSED, Conditions, Evidence, Seed
 from hiltest.comparison.model import FromBuild, Revision, Side, Tolerance
 from hiltest.errors import ConfigError
 from hiltest.measurement import Limit, Measurement, Outcome
@@ -87,6 +87,8 @@ class Baseline:
         Sorted by name; none of them volatile.
     history : tuple of Accepted
         Oldest first.
+    passed : tuple of str
+        Ids of the tests that passed on every seed; empty in a file from before they were kept.
     """
 
     schema: Literal["hiltest.baseline/1"]
@@ -96,6 +98,7 @@ class Baseline:
     seeds: tuple[int | None, ...]
     measurements: tuple[Row, ...]
     history: tuple[Accepted, ...] = ()
+    passed: tuple[str, ...] = ()
 
 
 def baseline_of(evidence: Evidence, saved_utc: str) -> Baseline:
@@ -118,7 +121,9 @@ def baseline_of(evidence: Evidence, saved_utc: str) -> Baseline:
     rows = rows_of(evidence, seeds)
     if not rows:
         raise ConfigError(f"{evidence.name}: it has no number at all; a baseline is a run that measured something")
-    return Baseline(SCHEMA, saved_utc, kept_side(evidence, saved_utc), evidence.conditions, seeds, rows)
+    return Baseline(
+        SCHEMA, saved_utc, kept_side(evidence, saved_utc), evidence.conditions, seeds, rows, passed=_passed(evidence)
+    )
 
 
 def evidence_from(baseline: Baseline, file: str, sha256: str) -> Evidence:
@@ -133,7 +138,8 @@ def evidence_from(baseline: Baseline, file: str, sha256: str) -> Evidence:
     builds = {row.name: row.build_id for row in baseline.measurements if row.build_id is not None}
     in_force = {row.name: row.tolerance for row in baseline.measurements if row.tolerance is not None}
     return Evidence(
-        side, baseline.conditions, measurements, is_baseline=True, builds=builds, in_force=in_force
+        side, baseline.conditions, measurements, is_baseline=True, builds=builds, in_force=in_force,
+        tests={seed: dict.fromkeys(baseline.passed, PASSED) for seed in baseline.seeds},
     )
 
 
@@ -161,6 +167,12 @@ def accepted_from(rows: Sequence[Row]) -> tuple[FromBuild, ...]:
     """Count what is of other builds than the side."""
     counts = Counter(row.build_id for row in rows if row.build_id is not None)
     return tuple(FromBuild(build_id, counts[build_id]) for build_id in sorted(counts))
+
+
+def _passed(evidence: Evidence) -> tuple[str, ...]:
+    """Return the tests that passed on every seed."""
+    on_each = [{test for test, outcome in made.items() if outcome == PASSED} for made in evidence.tests.values()]
+    return tuple(sorted(set.intersection(*on_each))) if on_each else ()
 
 
 def _row(evidence: Evidence, name: str, seeds: Sequence[Seed]) -> Row | None:

@@ -66,6 +66,8 @@ def to_json(baseline: Baseline, before: Any = None) -> str:
             {name: value for name, value in each.items() if name not in silent or value is not None}
             for each in content[kind]
         ]
+    if not content["passed"]:
+        del content["passed"]
     fields = ",\n".join(f"{_json(name)}: {_field(name, value)}" for name, value in content.items())
     return "{\n" + fields + "\n}\n"
 
@@ -116,6 +118,6 @@ def _json(value: object) -> str:
 
 
 def _field(name: str, value: Any) -> str:
-    if name in ("measurements", "history"):
+    if name in ("measurements", "history", "passed"):
         return "[" + ",".join(f"\n {_json(each)}" for each in value) + "]"
     return _json(value) if name == "seeds" else json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False)

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from shlex import quote
 
-from hiltest.comparison.evidence import NO_BOARD, Conditions, Evidence
+from hiltest.comparison.evidence import NO_BOARD, PASSED, Conditions, Evidence
 from hiltest.comparison.model import Change, Difference
+from hiltest.comparison.words import without_folders
 
 _NAMED_AT_MOST = 3
 _RENEW = "renew the baseline with `hiltest baseline save RUN FILE`"
+_NO_TEST = ("skipped", "xfailed", "rerun")
+"""Outcomes that say nothing against the firmware, and nothing for it."""
 _A_LARGER_SUITE = ("gate", "full")
 
 
@@ -26,10 +30,12 @@ def obstacles(
     together : bool
         Whether both firmwares ran in one session: compiler and flags may then differ.
     """
-    return (
-        *base.faults, *new.faults, *_of_sides(base, new, together=together),
-        *(() if differences is None else _of_measurements(base, new, differences)),
-    )
+    unlike = (*base.faults, *new.faults, *_of_sides(base, new, together=together))
+    if differences is None:
+        return unlike
+    # Other conditions have other tests: that is no reason of its own.
+    missing = () if unlike or new.chosen else _of_tests(base, new, together=together)
+    return (*unlike, *missing, *_of_measurements(base, new, differences))
 
 
 def _of_sides(base: Evidence, new: Evidence, *, together: bool) -> Iterator[str]:
@@ -113,6 +119,34 @@ def _of_seeds(base: Evidence, new: Evidence) -> Iterator[str]:
     if not set(base.measurements) & set(new.measurements):
         was, now = _seeds(base), _seeds(new)
         yield f"no seed in common: {was} before, {now} now; run with a seed of the base"
+
+
+def _of_tests(base: Evidence, new: Evidence, *, together: bool) -> Iterator[str]:
+    """Yield what passed in the base and is no test any more: no number may tell that, as it may have none."""
+    missing: dict[str, str] = {}
+    for seed, before in base.tests.items():
+        now = new.tests.get(seed, {} if seed in new.measurements else before)
+        # By name alone, and as often: pytest's ids depend on the folder that it was started in.
+        passed = Counter(without_folders(test) for test, outcome in before.items() if outcome == PASSED)
+        ran = Counter(without_folders(test) for test, outcome in now.items() if outcome not in _NO_TEST)
+        outcomes = {without_folders(test): f"is {outcome}" for test, outcome in now.items() if outcome in _NO_TEST}
+        missing |= {test: outcomes.get(test, "did not run") for test in passed - ran}
+    if not missing:
+        return
+    test, what = next(iter(missing.items()))
+    more, them = (f", and so {len(missing) - 1} more", "them") if len(missing) > 1 else ("", "it")
+    otherwise = _without_test(test, base, new, together=together)
+    yield f"test missing: {test} passed before and {what} now{more}; let {them} run, or {otherwise}"
+
+
+def _without_test(test: str, base: Evidence, new: Evidence, *, together: bool) -> str:
+    """Return how to go on without a test."""
+    if together:
+        return f"leave it out of both runs: -- -k {quote('not ' + test.rpartition('::')[2].partition('[')[0])}"
+    run = quote(new.side.file or "RUN")
+    if base.is_baseline:
+        return f"renew the baseline with `hiltest baseline save {run} {quote(base.side.file)}`"
+    return f"make this run the base with `hiltest baseline save {run} FILE`"
 
 
 def _of_measurements(base: Evidence, new: Evidence, differences: Sequence[Difference]) -> Iterator[str]:

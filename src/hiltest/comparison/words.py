@@ -121,6 +121,18 @@ def listed(texts: Sequence[str], at_most: int) -> str:
     return ", ".join(texts[:at_most]) + (f" and {more} more" if more > 0 else "")
 
 
+def without_folders(test: str) -> str:
+    """Return a test's id with the name of its file only; what stands behind it may have slashes of its own.
+
+    Examples
+    --------
+    >>> without_folders("hil/suites/test_link.py::test_rate[1/2]")
+    'test_link.py::test_rate[1/2]'
+    """
+    file, colons, name = test.partition("::")
+    return file.rpartition("/")[2] + colons + name
+
+
 def on_seeds(seeds: Sequence[Seed]) -> str:
     """Return which seeds something is on."""
     return f" on seed {listed([str(each) for each in seeds], _SEEDS_AT_MOST)}"

@@ -45,6 +45,7 @@ def evidence_of(run: Run, *, file: str = "", sha256: str = "") -> Evidence:
         side, _conditions(run), {run.seed: {each.name: each for each in run.measurements}}, of_rig,
         () if run.verdict.complete else (fault,), run.chosen, failed_by_itself(run),
         in_force=_tolerances("tolerances", run.tolerances, name),
+        tests={run.seed: {each.id: each.outcome for each in run.tests}},  # the last attempt counts
     )
 
 
@@ -111,6 +112,7 @@ def evidence_of_seeds(runs: Sequence[Evidence], file: str) -> Evidence:
     return Evidence(
         side, first.conditions, measurements, first.tolerances, tuple(faults), chosen, failed,
         in_force={name: each for run in reversed(runs) for name, each in run.in_force.items()},
+        tests={seed: found for each in runs for seed, found in each.tests.items()},
     )
 
 

@@ -7,13 +7,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import groupby
 
-from hiltest.comparison.words import revision
+from hiltest.comparison.words import revision, without_folders
 from hiltest.measurement import Measurement, Outcome
 from hiltest.report.calibrator_results import UNCALIBRATED
 from hiltest.report.costs import CalibratorCost, calibrator_costs
 from hiltest.report.record import Run
 from hiltest.report.terminal import shown_limit, shown_value
-from hiltest.report.verdict import grouped, without_folders
+from hiltest.report.verdict import grouped
 
 # Heading of a column of the accuracy-and-cost table, and the measurement in it.
 _ACCURACY = (("worst heading [deg]", "heading.{}.max"),)

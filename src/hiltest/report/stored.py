@@ -108,12 +108,21 @@ def _from_journal(path: Path) -> StoredRun:
         run, verdict=run.verdict if ended else unfinished_verdict(run, going_on=going_on),
         measurements=tuple(marked(each) if each.name in several else each for each in run.measurements),
     )
-    run = replace(run, volatile=volatile_places(run), tolerances=in_force(run))
+    run = replace(run, volatile=volatile_places(run), tolerances=_tolerances(run, path))
     noted = [
         {**read, "note": each.note} for read, each in zip(content["measurements"], run.measurements, strict=True)
     ]
-    settled = {"verdict": asdict(run.verdict), "measurements": noted, "volatile": run.volatile, "tolerances": run.tolerances}
+    settled = {
+        "verdict": asdict(run.verdict), "measurements": noted, "volatile": run.volatile, "tolerances": run.tolerances,
+    }
     return StoredRun(run, content | settled, path, sha256(text).hexdigest(), ended)
+
+
+def _tolerances(run: Run, path: Path) -> dict[str, tuple[float, float]]:
+    try:
+        return in_force(run)
+    except ValueError as error:
+        raise ConfigError(f"{path}: rig.tolerances: {error}; {_OTHERWISE}") from error
 
 
 def _entry(path: Path, number: int, line: bytes) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from hiltest.calibration.fit import FitStatus
-from hiltest.comparison.words import listed, measured
+from hiltest.comparison.words import listed, measured, without_folders
 from hiltest.measurement import FLASH_TIE, Measurement, Outcome, cannot_be_ranked
 from hiltest.procedures.cause import Cause
 from hiltest.report.calibrator_results import CalibratorResult, calibrator_results, has_no_number, maximum_of, value_of
@@ -270,18 +270,6 @@ def _counted(things: Sequence[object], word: str) -> str:
 
 def _listed(texts: Sequence[str]) -> str:
     return listed(texts, _NAMED_AT_MOST)
-
-
-def without_folders(test: str) -> str:
-    """Return a test's id with the name of its file only; what stands behind it may have slashes of its own.
-
-    Examples
-    --------
-    >>> without_folders("hil/suites/test_link.py::test_rate[1/2]")
-    'test_link.py::test_rate[1/2]'
-    """
-    file, colons, name = test.partition("::")
-    return file.rpartition("/")[2] + colons + name
 
 
 def grouped(value: float) -> str:
