@@ -44,6 +44,9 @@ def test_nothing_is_worse_between_two_runs_of_one_firmware(done: list[subprocess
     (sentence,) = re.findall(r"`(May be merged \(against baseline\.json\): \d+ unchanged\.)`", PAGE)
     output = next(each.stdout for command, each in zip(COMMANDS, done, strict=True) if " compare " in command)
     assert sentence in output.splitlines()
+    (all_of_them,) = map(int, re.findall(r": (\d+) unchanged\.", PAGE))
+    ((worse, others),) = re.findall(r"(\d+) worse: .*?; (\d+) unchanged\.", PAGE, re.S)
+    assert int(worse) + int(others) == all_of_them
 
 
 def test_codes_are_those_of_the_help() -> None:

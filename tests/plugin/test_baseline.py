@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -11,6 +12,7 @@ import sys
 import time
 from collections.abc import Callable
 from fnmatch import fnmatchcase
+from html import unescape
 from pathlib import Path
 from typing import Any
 
@@ -466,6 +468,25 @@ def test_a_run_on_a_board_is_not_compared_with_one_that_needs_none(pytester: pyt
     code, sentence = judged(pytester)
     assert code == 22
     assert "another kind of board: none before, virtual now" in sentence
+
+
+@pytest.mark.usefixtures("base")
+def test_the_sentence_is_word_for_word_the_same_wherever_the_page_says(
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("LAMP_CURRENT", "3")
+    monkeypatch.setenv("GITHUB_ACTIONS", "true")
+    result = pytester.runpytest_inprocess("--hil-baseline=base")
+    sentence = record(pytester)["comparison"]["sentence"]
+    assert sentence.startswith("Not to be merged (against base/run.json): 1 worse: lamp.current 2 -> 3 mA")
+    page, markdown = ((pytester.path / "hil-out" / f"report.{kind}").read_text("utf-8") for kind in ("html", "md"))
+    (annotation,) = [line for line in result.outlines if line.startswith("::error ")]
+    assert sentence in "\n".join(line for line in result.outlines if not line.startswith("::"))
+    assert sentence in unescape(page).replace("\N{NO-BREAK SPACE}", " ")
+    assert sentence in re.sub(r"\\(.)", r"\1", markdown)
+    assert sentence in annotation.replace("%25", "%")
+    compared = pytester.run(sys.executable, "-m", "hiltest", "compare", "base", "hil-out")
+    assert sentence in compared.outlines
 
 
 @pytest.mark.usefixtures("base")
