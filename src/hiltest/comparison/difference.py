@@ -109,7 +109,7 @@ def difference(pairs: Pairs, board: str, tolerances: Mapping[str, Tolerance]) ->
     """
     latest = pairs.latest
     rule = rule_of(pairs.name, pairs.limit)
-    now = tolerance_of(pairs.name, rule, board, tolerances)
+    now = _of_flash(latest, tolerance_of(pairs.name, rule, board, tolerances))
     tolerance = _of_flash(latest, pairs.tolerance or now)
     note = _cannot_be_paired(pairs)
     seeds = [] if note else pairs.seeds
