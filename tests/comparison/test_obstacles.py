@@ -288,7 +288,7 @@ def test_where_no_seed_left_a_record_the_reason_of_that_is_the_only_one(changed:
     assert two.faults == (f"hil-out: no record on seed 1: {said}", "hil-out: no record on seed 2: gone")
 
 
-def tests(**outcomes: str) -> dict[int | None, dict[str, str]]:
+def on_seed_1(**outcomes: str) -> dict[int | None, dict[str, str]]:
     return {1: {f"a/test_lamp.py::{name}": outcome for name, outcome in outcomes.items()}}
 
 
@@ -310,7 +310,7 @@ def test_what_passed_before_and_is_no_test_any_more_is_missed(
     before: dict[str, str], after: dict[str, str], missing: str
 ) -> None:
     made = evidence([measurement("link.retried", 0)])
-    base, new = replace(made, tests=tests(**before)), replace(made, tests=tests(**after))
+    base, new = replace(made, tests=on_seed_1(**before)), replace(made, tests=on_seed_1(**after))
     reasons = compare(base, new).obstacles
     assert [each.partition(", or ")[0] for each in reasons] == (
         [f"test missing: test_lamp.py::{missing}"] if missing else []
@@ -329,7 +329,7 @@ def test_a_test_that_moved_to_another_folder_is_the_same_and_each_of_two_of_a_na
     two = {1: {"a/test_lamp.py::test_a": "passed", "b/test_lamp.py::test_a": "passed"}}
     moved = replace(made, tests={1: {"a/test_lamp.py::test_a": "passed", "c/test_lamp.py::test_a": "passed"}})
     assert compare(replace(made, tests=two), moved).obstacles == ()
-    assert len(compare(moved, replace(made, tests=tests(test_a="passed"))).obstacles) == 1
+    assert len(compare(moved, replace(made, tests=on_seed_1(test_a="passed"))).obstacles) == 1
 
 
 def test_a_test_is_missed_on_each_seed_and_a_baseline_keeps_what_passed_on_all() -> None:

@@ -277,7 +277,7 @@ def in_force(run: Run) -> dict[str, tuple[float, float]]:
     """Return the tolerances of all that is compared: the rig's, or else those of the rules for this kind of board."""
     of_rig = {name: Tolerance(*each) for name, each in (run.rig.tolerances if run.rig else {}).items()}
     found = tolerances_in_force(run.measurements, run.board.kind if run.board else "", of_rig)
-    return {name: (each.absolute, each.relative) for name, each in found.items()}
+    return {name: (float(each.absolute), float(each.relative)) for name, each in found.items()}
 
 
 def utc_now() -> str:
