@@ -10,7 +10,7 @@ import pytest
 
 from hiltest.bench_files import shipped
 from hiltest.rig import Rig
-from hiltest.rig_file import load_rig
+from hiltest.rig.file import load_rig
 from hiltest.virtual.native import counts_natively
 
 

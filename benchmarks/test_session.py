@@ -30,7 +30,7 @@ COLD = """
 import time
 from hiltest.bench_files import shipped
 from hiltest.boards import default_firmware, open_board
-from hiltest.rig_file import load_rig
+from hiltest.rig.file import load_rig
 from hiltest.virtual.k64f import VirtualK64F
 rig = load_rig(shipped() / "rigs" / "virtual-k64f.toml")
 marks = [time.perf_counter()]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hiltest.angles import Pose, rotation_body_from_ned, sin_cos_deg
 from hiltest.boards import Board
 from hiltest.calibration.still_pose import FACES, Face, StillPose
-from hiltest.cycle_benchmarks import BenchmarkCycles
+from hiltest.cycle_benchmarks.hooks import BenchmarkCycles
 from hiltest.errors import ConfigError
 from hiltest.fixtures import Cycles
 from hiltest.link.accelerometer import FitAccelerometer

@@ -10,7 +10,7 @@ import pytest
 
 from hiltest.boards import Board
 from hiltest.calibration.accelerometer import NOMINAL
-from hiltest.cycle_benchmarks import BenchmarkCycles
+from hiltest.cycle_benchmarks.hooks import BenchmarkCycles
 from hiltest.link.dpi import FitDpi
 from hiltest.link.messages import Calibrate
 from hiltest.link.replies import RunCost

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from hiltest.cycle_tables import Groups, Row, scale_cycles, split_by_cycle_model
+from hiltest.cycle_benchmarks.tables import Groups, Row, scale_cycles, split_by_cycle_model
 
 __all__ = ["pytest_benchmark_group_stats", "pytest_benchmark_scale_unit"]
 

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from hiltest.found import FOUND, Found
 from hiltest.operator_prompt import ask
 from hiltest.session import SESSION, HilSession
+from hiltest.session.found import FOUND, Found
 from hiltest.settings import Settings
 
 if TYPE_CHECKING:
     from hiltest.boards import Board
-    from hiltest.cycle_benchmarks import BenchmarkCycles
+    from hiltest.cycle_benchmarks.hooks import BenchmarkCycles
     from hiltest.imu_calibration import ImuCalibration
     from hiltest.measurement import Counted, CycleBand, Limit, Measurement
     from hiltest.procedures import Turntable
@@ -205,7 +205,7 @@ def cycles(request: pytest.FixtureRequest) -> Cycles:
 @pytest.fixture
 def benchmark_cycles() -> BenchmarkCycles:
     """Take a kernel's cycles and show them nowhere: pytest-benchmark, where it is loaded, has one that does."""
-    from hiltest.cycle_benchmarks import BenchmarkCycles
+    from hiltest.cycle_benchmarks.hooks import BenchmarkCycles
 
     return BenchmarkCycles()
 

@@ -12,7 +12,6 @@ from collections.abc import Generator, Sequence
 import pytest
 
 from hiltest import hookspecs
-from hiltest.choice import only_looks
 from hiltest.fixtures import (
     benchmark_cycles,
     board,
@@ -24,11 +23,12 @@ from hiltest.fixtures import (
     rig,
     turntable,
 )
-from hiltest.found import CAUSE, FOUND, FOUND_AT_ITS_END, FOUND_HERE, GATING, REASON, TRACE, carry_over, pack
-from hiltest.gate import NOT_JUDGED
-from hiltest.gate_set import MARKER, leave_out_full
-from hiltest.needs import uses_board, uses_hiltest
+from hiltest.runs.gate import NOT_JUDGED
 from hiltest.session import SESSION, HilSession
+from hiltest.session.choice import only_looks
+from hiltest.session.found import CAUSE, FOUND, FOUND_AT_ITS_END, FOUND_HERE, GATING, REASON, TRACE, carry_over, pack
+from hiltest.session.gate_set import MARKER, leave_out_full
+from hiltest.session.needs import uses_board, uses_hiltest
 from hiltest.settings import add_options, resolve
 
 __all__ = [
@@ -55,11 +55,11 @@ def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "full: a test that needs a board, and is left out of the gate set of tests")
     hil = config.stash[SESSION] = HilSession(config, resolve(config))
     if hil.is_worker or hil.hands_out:
-        from hiltest.workers import Controller, Worker
+        from hiltest.session.workers import Controller, Worker
 
         config.pluginmanager.register(Worker(hil) if hil.is_worker else Controller(hil), "hiltest-workers")
     if "pytest_benchmark.plugin" in sys.modules:
-        from hiltest.cycle_benchmarks import join_pytest_benchmark
+        from hiltest.cycle_benchmarks.hooks import join_pytest_benchmark
 
         join_pytest_benchmark(config.pluginmanager)
 
@@ -97,7 +97,7 @@ def pytest_collection_finish(session: pytest.Session) -> None:
     hil = session.config.stash[SESSION]
     hil.choice.left_out.check_that_some_are_left(session.items)
     if hil.begin(session.items):
-        from hiltest.recording import start_recording
+        from hiltest.session.recording import start_recording
 
         start_recording(hil)
 

@@ -20,7 +20,7 @@ from hiltest.boards import VirtualBench
 from hiltest.boards.lines import PseudoTerminal
 from hiltest.boards.paced import PacedBench
 from hiltest.rig import Rig
-from hiltest.rig_file import load_rig
+from hiltest.rig.file import load_rig
 
 # It takes some 10 s; nothing may wait for ever.
 WALL_LIMIT_S = 90.0

@@ -11,8 +11,8 @@ from hiltest.comparison.baseline_file import read_baseline
 from hiltest.comparison.compare import compare
 from hiltest.comparison.rules import is_known
 from hiltest.report.evidence import read_evidence
-from hiltest.rig_conditions import conditions_sha256
-from hiltest.rig_file import load_rig
+from hiltest.rig.conditions import conditions_sha256
+from hiltest.rig.file import load_rig
 
 HIL = Path(__file__).parents[2] / "hil"
 FILE = HIL / "baselines" / "virtual-k64f.json"

@@ -13,7 +13,6 @@ import pytest
 
 from hiltest.bench_files import rig_file
 from hiltest.boards import default_firmware
-from hiltest.campaign import SeedResult, evidence_of_all
 from hiltest.comparison.baseline import baseline_of
 from hiltest.comparison.compare import compare
 from hiltest.comparison.evidence import Evidence
@@ -21,8 +20,9 @@ from hiltest.comparison.model import Comparison
 from hiltest.errors import ConfigError
 from hiltest.report.evidence import evidence_of_seeds, read_evidence
 from hiltest.report.stored import read_stored
-from hiltest.rig_conditions import conditions_sha256
-from hiltest.rig_file import load_rig
+from hiltest.rig.conditions import conditions_sha256
+from hiltest.rig.file import load_rig
+from hiltest.runs.campaign import SeedResult, evidence_of_all
 from hiltest.virtual.elf import load_image
 
 from .evidence import CONDITIONS, evidence, measurement

@@ -11,7 +11,7 @@ from scipy.stats import t
 from hiltest.comparison.interval import mean_interval, student_t
 from hiltest.comparison.model import EXACT, Sense, Tolerance
 from hiltest.comparison.rules import UNPAIRED_DEVIATIONS, is_known, rule_of
-from hiltest.rig_file import MEASUREMENT_UNITS
+from hiltest.rig.file import MEASUREMENT_UNITS
 
 
 def test_every_measurement_of_a_real_run_has_a_row(real_record: dict[str, Any]) -> None:

@@ -13,7 +13,7 @@ import pytest
 
 from hiltest.comparison.baseline_file import read_baseline
 from hiltest.comparison.model import Tolerance
-from hiltest.rig_file import load_rig
+from hiltest.rig.file import load_rig
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "compare.md").read_text(encoding="utf-8")

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.rig_file import MEASUREMENT_UNITS
+from hiltest.rig.file import MEASUREMENT_UNITS
 
 PAGE = (Path(__file__).parents[2] / "docs" / "gyroscope.md").read_text(encoding="utf-8")
 COMMANDS = [line for block in re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S) for line in block.splitlines()]

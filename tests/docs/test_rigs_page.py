@@ -8,7 +8,7 @@ import sys
 import tomllib
 from pathlib import Path
 
-from hiltest.rig_file import load_rig
+from hiltest.rig.file import load_rig
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "rigs.md").read_text(encoding="utf-8")

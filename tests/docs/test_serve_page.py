@@ -17,7 +17,7 @@ from hiltest.boards.grbl_table import FURTHEST_DEG, HELP, LINE_LENGTH
 from hiltest.boards.lines import REFUSAL
 from hiltest.boards.table_axes import CAPACITY
 from hiltest.commands.serve import _BEHIND_S, serve
-from hiltest.rig_file import load_rig
+from hiltest.rig.file import load_rig
 from hiltest.world.motion import TURN_SPEED_DPS
 
 ROOT = Path(__file__).parents[2]

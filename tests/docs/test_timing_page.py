@@ -16,7 +16,7 @@ from hiltest.link.messages import Calibrate
 from hiltest.measurement import FLASH_TIE, readable
 from hiltest.procedures.clouds import golden_cloud
 from hiltest.procedures.cycles import upload_cloud
-from hiltest.rig_file import load_rig
+from hiltest.rig.file import load_rig
 from hiltest.virtual.profile_file import DEFAULT_PROFILE, ROWS, load_profile
 
 PAGE = (Path(__file__).parents[2] / "docs" / "timing.md").read_text(encoding="utf-8")

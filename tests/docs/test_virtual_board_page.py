@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from hiltest.errors import ConfigError
-from hiltest.rig_file import load_rig
+from hiltest.rig.file import load_rig
 from hiltest.virtual.native import counts_natively
 
 PAGE = (Path(__file__).parents[2] / "docs" / "virtual-board.md").read_text(encoding="utf-8")

@@ -16,7 +16,7 @@ from hiltest.boards import open_board
 from hiltest.boards.board import Board
 from hiltest.link.messages import Calibrate
 from hiltest.procedures import golden_cloud, measure_dpi_cycles, upload_cloud
-from hiltest.rig_file import load_rig
+from hiltest.rig.file import load_rig
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from pathlib import Path
 from hiltest.link.framing import DamagedFrame, Frame, FrameDecoder, encode_frame
 from hiltest.link.replies import Status
 from hiltest.rig import build_sensors, build_world
-from hiltest.rig_file import load_rig
+from hiltest.rig.file import load_rig
 from hiltest.virtual.i2c_bus import I2cDevice
 from hiltest.virtual.k64f import VirtualK64F
 

@@ -10,7 +10,7 @@ import pytest
 
 from hiltest.angles import Pose
 from hiltest.link.replies import Status
-from hiltest.rig_file import load_rig
+from hiltest.rig.file import load_rig
 from hiltest.sensors.fxas21002c import Fxas21002c
 from hiltest.world.earth_field import EarthField
 from hiltest.world.world import World

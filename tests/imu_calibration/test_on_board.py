@@ -14,7 +14,7 @@ from hiltest.imu_calibration import ImuCalibration
 from hiltest.imu_calibration.on_board import gyroscope_bias_error_dps
 from hiltest.link.gyroscope import GetGyroscope
 from hiltest.procedures import BoardMovedError
-from hiltest.rig_file import load_rig
+from hiltest.rig.file import load_rig
 
 
 @pytest.fixture

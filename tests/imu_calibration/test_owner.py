@@ -15,7 +15,7 @@ from hiltest.imu_calibration import ImuCalibration
 from hiltest.imu_calibration.file import CalibrationFile
 from hiltest.imu_calibration.owner import made_on, refuse_another_board
 from hiltest.rig import Rig
-from hiltest.rig_file import load_rig
+from hiltest.rig.file import load_rig
 
 
 @pytest.fixture(scope="module")

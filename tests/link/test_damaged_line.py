@@ -14,7 +14,7 @@ from hiltest.link.framing import Frame, encode_frame
 from hiltest.link.messages import ClearPoints, Identify, LinkCounters, LinkStatistics, Points, Upload
 from hiltest.link.ports import READ_SLICE_S
 from hiltest.link.session import Attempt, Outcome, Session
-from hiltest.rig_file import load_rig
+from hiltest.rig.file import load_rig
 
 Fault = Callable[[bytes], bytes]
 

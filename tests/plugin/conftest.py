@@ -11,7 +11,7 @@ import pytest
 
 import hiltest.boards
 import hiltest.report.render
-import hiltest.rig_file  # noqa: F401
+import hiltest.rig.file  # noqa: F401
 
 _RIG = Path(__file__).parents[2] / "hil" / "rigs" / "virtual-k64f.toml"
 

@@ -17,7 +17,7 @@ from hiltest.bench_files import shipped
 from hiltest.boards import VirtualBench
 from hiltest.boards.lines import PseudoTerminal
 from hiltest.boards.paced import PacedBench
-from hiltest.rig_file import load_rig
+from hiltest.rig.file import load_rig
 
 PROMPT = "Enter when it is:"
 DEADLINE_S = 60.0

@@ -13,7 +13,7 @@ import pytest
 import hiltest.boards
 import hiltest.link.trace_text  # noqa: F401
 from hiltest.link.transcript import Direction, Transcript
-from hiltest.wire_traces import file_name
+from hiltest.runs.wire_traces import file_name
 
 HEAD = """
 import pytest

@@ -25,7 +25,7 @@ from hiltest.procedures import Achieved, GrblTurntable, grbl_turntable, open_grb
 from hiltest.procedures.grbl_turntable import sway_poses, tumble_poses
 from hiltest.procedures.turntables import AFTER_TURN_S, BEFORE_TURN_S
 from hiltest.rig import Rig
-from hiltest.rig_file import load_rig
+from hiltest.rig.file import load_rig
 from hiltest.world.earth_field import EarthField
 
 MODEL = "cortex-m4-trm/1"

@@ -15,7 +15,7 @@ from hiltest.procedures import Turntable, check_link, measure_accelerometer_rest
 from hiltest.procedures.gyroscope_rest import rest_gyroscope
 from hiltest.procedures.link_checks import damaged_frames
 from hiltest.rig import Rig
-from hiltest.rig_world import TemperatureDrift
+from hiltest.rig.world import TemperatureDrift
 
 
 def test_the_bias_of_a_first_rest_is_gone_in_a_second(virtual_board: Board, simulated_turntable: Turntable) -> None:

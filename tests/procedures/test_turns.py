@@ -31,7 +31,7 @@ from hiltest.procedures import (
 from hiltest.procedures.gyroscope_log import log_chunks
 from hiltest.procedures.gyroscope_rest import SamplesLostError
 from hiltest.rig import Rig
-from hiltest.rig_world import TemperatureDrift
+from hiltest.rig.world import TemperatureDrift
 from hiltest.sensors.fifo import OVERFLOW, SampleFifo
 
 RATE_DPS, REST_S = 90.0, 2.0

@@ -13,7 +13,6 @@ from hiltest.comparison.compare import compare
 from hiltest.comparison.model import Revision
 from hiltest.comparison.words import revision
 from hiltest.measurement import Measurement
-from hiltest.older import older_options
 from hiltest.report.comparison_overview import sides
 from hiltest.report.evidence import evidence_of, evidence_of_seeds
 from hiltest.report.html import html_report
@@ -24,6 +23,7 @@ from hiltest.report.recorder import Recorder
 from hiltest.report.revision import revision_of
 from hiltest.report.schema import load_content, run_from
 from hiltest.report.stored import read_stored
+from hiltest.runs.older import older_options
 
 SHA = "0123456789abcdef0123456789abcdef01234567"
 JOB = {"GITHUB_SHA": SHA, "GITHUB_REF_NAME": "12/merge"}

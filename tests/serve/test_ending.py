@@ -18,7 +18,7 @@ from hiltest.boards import VirtualBench
 from hiltest.boards.lines import PseudoTerminal
 from hiltest.boards.paced import PacedBench
 from hiltest.commands.serve import _pace
-from hiltest.rig_file import load_rig
+from hiltest.rig.file import load_rig
 
 from .conftest import WALL_LIMIT_S, Serve, converse
 

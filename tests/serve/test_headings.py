@@ -7,7 +7,7 @@ from dataclasses import replace
 from hiltest.bench_files import shipped
 from hiltest.boards import open_board
 from hiltest.procedures import collect_tumble, measure_known_angles, open_grbl_turntable, run_calibrators
-from hiltest.rig_file import load_rig
+from hiltest.rig.file import load_rig
 
 from .conftest import Serve
 

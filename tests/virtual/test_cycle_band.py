@@ -14,7 +14,7 @@ from hiltest.link.replies import RunCost
 from hiltest.measurement import CycleBand
 from hiltest.procedures.clouds import golden_cloud
 from hiltest.procedures.cycles import upload_cloud
-from hiltest.rig_file import load_rig
+from hiltest.rig.file import load_rig
 from hiltest.virtual.accounting import AccountingFactory, InstructionAccounting
 from hiltest.virtual.cycle_band import Move, cycle_band, moves
 from hiltest.virtual.executions import between

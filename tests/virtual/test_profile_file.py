@@ -9,7 +9,7 @@ import pytest
 
 from hiltest.boards.bench import VirtualBench
 from hiltest.errors import ConfigError
-from hiltest.rig_file import load_rig
+from hiltest.rig.file import load_rig
 from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.profile_file import DEFAULT_PROFILE, ROWS, load_profile, place_of, shipped_profiles
 

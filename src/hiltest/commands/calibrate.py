@@ -58,7 +58,7 @@ def calibrate(
     """
     from hiltest.boards import open_board
     from hiltest.procedures import DPI
-    from hiltest.rig_file import load_rig
+    from hiltest.rig.file import load_rig
 
     header = out.with_suffix(".h")
     _check_before_the_work(out, header)

@@ -79,7 +79,7 @@ def _fit(cloud: Cloud, calibrator: str, on: str, firmware: str | None) -> CloudF
         return fit_on_host(cloud, calibrator)
     from hiltest.bench_files import DEFAULT_RIG, shipped
     from hiltest.boards import open_board
-    from hiltest.rig_file import load_rig
+    from hiltest.rig.file import load_rig
 
     # The packaged rig, whatever lies in this folder: nothing of its world is in a recorded cloud.
     rig = load_rig(shipped() / "rigs" / DEFAULT_RIG)

@@ -60,7 +60,7 @@ def log(
     from hiltest.boards import open_board
     from hiltest.link.messages import SensorKind
     from hiltest.procedures.sensor_log import log_sensors
-    from hiltest.rig_file import load_rig
+    from hiltest.rig.file import load_rig
 
     kinds = [SensorKind[name.upper()] for name in dict.fromkeys(sensors)]
     described = load_rig(rig_file(Path.cwd(), rig))

@@ -10,12 +10,12 @@ import click
 import pytest
 
 from hiltest.bench_files import suites
-from hiltest.choice import only_looks
 from hiltest.commands.options import EXIT_CODES, checked
 from hiltest.errors import ConfigError
-from hiltest.older import OlderFirmware, base_of_environment
 from hiltest.report.record import OLDER_FOLDER, Run
+from hiltest.runs.older import OlderFirmware, base_of_environment
 from hiltest.session import SESSION
+from hiltest.session.choice import only_looks
 from hiltest.settings import DEFAULT_OUT, file_name, label, seed
 
 
@@ -103,7 +103,7 @@ def run(
     The suites are those in hil/suites of this folder, or else the ones that come with hiltest. What follows
     -- goes to pytest: hiltest run -- -k heading
     """
-    from hiltest.sole_command import sole_command
+    from hiltest.runs.sole_command import sole_command
 
     names = {"rig": "--hil-rig", "firmware": "--hil-firmware", "hil_port": "--hil-port", "seed": "--hil-seed",
              "poses": "--hil-poses", "suite": "--hil-suite", "calibration": "--hil-calibration",
@@ -116,7 +116,7 @@ def run(
     if seeds is not None:
         if given["seed"] or given["hil_port"]:
             raise ConfigError("--seeds simulates many worlds: it goes neither with --seed nor with --hil-port")
-        from hiltest.campaign import run_seeds
+        from hiltest.runs.campaign import run_seeds
 
         if against is not None:
             _try_out(against, given["firmware"], given["rig"])
@@ -144,7 +144,7 @@ def _try_out(older: str, newer: str | None, rig: str | None) -> None:
     """
     from hiltest.bench_files import rig_file
     from hiltest.boards import VirtualBench, open_board
-    from hiltest.rig_file import load_rig
+    from hiltest.rig.file import load_rig
 
     bench = load_rig(rig_file(Path.cwd(), rig))
     VirtualBench(bench, firmware=Path(older))

@@ -19,7 +19,7 @@ from hiltest.boards.port_links import port_link
 from hiltest.boards.table_axes import TableAxes
 from hiltest.commands.options import checked
 from hiltest.errors import BenchError, ConfigError
-from hiltest.rig_file import load_rig
+from hiltest.rig.file import load_rig
 from hiltest.settings import file_name, seed
 
 _EXIT_CODES = """

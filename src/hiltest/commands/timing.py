@@ -77,7 +77,7 @@ def measure(hil_port: str | None, rig: str | None, out: Path | None) -> int:
     from hiltest.profiling.timing_table import print_measured
     from hiltest.progress_line import ProgressLine
     from hiltest.report.console import standard_output
-    from hiltest.rig_file import load_rig
+    from hiltest.rig.file import load_rig
     from hiltest.virtual.measured_profile import profile_text, solve
 
     with open_board(load_rig(rig_file(Path.cwd(), rig)), port=hil_port) as board:

@@ -18,7 +18,7 @@ from hiltest.link.replies import RunCost
 from hiltest.procedures.cause import predicted_residual_percent
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.tumble import Tumble
-from hiltest.rig_tables import number_of_points
+from hiltest.rig.tables import number_of_points
 
 UNCALIBRATED = "uncalibrated"
 UNCALIBRATED_SLOT = 0

@@ -11,7 +11,7 @@ from hiltest.bench_files import rig_file
 from hiltest.boards.bench import VirtualBench
 from hiltest.boards.virtual_port import VirtualPort
 from hiltest.errors import HiltestError
-from hiltest.rig_file import load_rig
+from hiltest.rig.file import load_rig
 
 _KEYS = ("firmware", "rig", "seed")
 

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from hiltest.choice import Choice, only_looks
-from hiltest.found import FOUND, GATING, Found, properties_of
-from hiltest.gate import SessionGate
-from hiltest.ids_of_tests import id_in_record
-from hiltest.needs import only_shows_cycles, uses_board, uses_hiltest, uses_rig
-from hiltest.record_folder import RecordFolder
+from hiltest.runs.gate import SessionGate
+from hiltest.runs.record_folder import RecordFolder
+from hiltest.session.choice import Choice, only_looks
+from hiltest.session.found import FOUND, GATING, Found, properties_of
+from hiltest.session.ids_of_tests import id_in_record
+from hiltest.session.needs import only_shows_cycles, uses_board, uses_hiltest, uses_rig
 from hiltest.settings import Settings
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from hiltest.measurement import Limit, Measurement
     from hiltest.report.recorder import Recorder
     from hiltest.rig import Rig
-    from hiltest.wire_traces import WireTraces
+    from hiltest.runs.wire_traces import WireTraces
 
 BENCH_LOST = "bench lost"
 WRONG_FIRMWARE = "wrong firmware"
@@ -129,7 +129,7 @@ class HilSession:
         """
         from hiltest.errors import BenchError, ConfigError, ProtocolError
         from hiltest.imu_calibration.file import load_calibration
-        from hiltest.wire_traces import remove_traces
+        from hiltest.runs.wire_traces import remove_traces
 
         self.asked_for = True
         try:
@@ -165,7 +165,7 @@ class HilSession:
         """The rig, read once."""
         if self._rig is None:
             from hiltest.bench_files import rig_file
-            from hiltest.rig_file import load_rig
+            from hiltest.rig.file import load_rig
 
             self._rig = load_rig(rig_file(self.config.invocation_params.dir, self.settings.rig))
         return self._rig
@@ -195,7 +195,7 @@ class HilSession:
             from hiltest.boards import open_board
             from hiltest.errors import BenchError, ProtocolError
             from hiltest.imu_calibration.owner import refuse_another_board
-            from hiltest.wire_traces import WireTraces
+            from hiltest.runs.wire_traces import WireTraces
 
             self._opened_s = time.monotonic()
             self._traces = WireTraces(self.folder.path)

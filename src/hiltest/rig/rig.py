@@ -1,6 +1,6 @@
 """The rig: which board, link, turntable, local field, mounting and limits.
 
-A rig is a TOML file; this module is what it means, `hiltest.rig_file.load_rig` reads it.
+A rig is a TOML file; this module is what it means, `hiltest.rig.file.load_rig` reads it.
 Importing it is cheap: numpy, pydantic, world and sensors are imported by the functions
 that need them.
 """
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from hiltest.comparison.model import Tolerance
 from hiltest.measurement import Limit
-from hiltest.rig_tables import (
+from hiltest.rig.tables import (
     STRICT,
     BoardPlace,
     Faces,
@@ -27,7 +27,7 @@ from hiltest.rig_tables import (
     TurntableSettings,
     require,
 )
-from hiltest.rig_world import MAGNETOMETER_PARTS, MAGNETOMETER_RANGE_UT, SimulatedWorld
+from hiltest.rig.world import MAGNETOMETER_PARTS, MAGNETOMETER_RANGE_UT, SimulatedWorld
 
 if TYPE_CHECKING:
     from hiltest.sensors.drift import Drift

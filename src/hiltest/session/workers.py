@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import pytest
 
-from hiltest.found import BENCH, plain_data
-from hiltest.gate_set import LeftOut
-from hiltest.ids_of_tests import GROUP
-from hiltest.needs import uses_board, uses_hiltest
 from hiltest.session import HilSession
+from hiltest.session.found import BENCH, plain_data
+from hiltest.session.gate_set import LeftOut
+from hiltest.session.ids_of_tests import GROUP
+from hiltest.session.needs import uses_board, uses_hiltest
 
 if TYPE_CHECKING:
-    from hiltest.recording import Recording
+    from hiltest.session.recording import Recording
 
 _OUTPUT = "hil"
 
@@ -94,7 +94,7 @@ class Worker:
         self._told["measurements"] = [plain_data(each.rounded()) for each in self._hil.end()]
 
     def _answering(self) -> dict[str, Any]:
-        from hiltest.recording import board_record
+        from hiltest.session.recording import board_record
 
         board = self._hil.board
         if board is not None and self._board is None:
@@ -192,7 +192,7 @@ class Controller:
 
     def _begin(self) -> None:
         from hiltest.errors import ConfigError
-        from hiltest.recording import start_recording
+        from hiltest.session.recording import start_recording
 
         self._hil.gate.read()
         try:

@@ -16,7 +16,7 @@ from hiltest.errors import ConfigError
 from hiltest.report.job_summary import without_job_summary
 from hiltest.report.record import RUN_FILE, SEED_FOLDERS
 from hiltest.report.terminal import shown_path
-from hiltest.sole_command import remove_run
+from hiltest.runs.sole_command import remove_run
 
 if TYPE_CHECKING:
     from hiltest.rig import Rig

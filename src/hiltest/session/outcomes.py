@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import pytest
 
-from hiltest.found import CAUSE, REASON, TRACE
 from hiltest.report.record import TestResult
+from hiltest.session.found import CAUSE, REASON, TRACE
 
 RERUN = "rerun"
 """What pytest-rerunfailures calls a report of an attempt that it follows with another."""

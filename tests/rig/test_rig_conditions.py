@@ -9,10 +9,10 @@ import pytest
 
 from hiltest.comparison.model import Tolerance
 from hiltest.errors import ConfigError
-from hiltest.rig_conditions import conditions_sha256
-from hiltest.rig_file import load_rig
+from hiltest.rig.conditions import conditions_sha256
+from hiltest.rig.file import load_rig
 
-RIG = Path(__file__).parents[1] / "hil" / "rigs" / "virtual-k64f.toml"
+RIG = Path(__file__).parents[2] / "hil" / "rigs" / "virtual-k64f.toml"
 Edit = Callable[..., Path]
 
 

@@ -10,8 +10,8 @@ from pathlib import Path
 from hiltest.errors import ConfigError
 from hiltest.report.journal import Journal
 from hiltest.report.record import utc_now
+from hiltest.runs.wire_traces import remove_traces
 from hiltest.settings import make_folder
-from hiltest.wire_traces import remove_traces
 
 LOCK_FILE = "command.lock"
 

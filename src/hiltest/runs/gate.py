@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from hiltest.comparison.evidence import Evidence
     from hiltest.comparison.model import Comparison
-    from hiltest.older import OlderFirmware
+    from hiltest.runs.older import OlderFirmware
 
 NOT_JUDGED = 22
 """The exit code, where nothing heavy is imported for it."""

@@ -14,11 +14,11 @@ from hiltest.calibration.dpi import PAIRS_MINIMUM
 from hiltest.errors import ConfigError, UnknownKeyError
 from hiltest.measurement import Limit
 from hiltest.rig import build_sensors, build_world, world_truth
-from hiltest.rig_file import MEASUREMENT_UNITS, load_rig, measurement_unit, reference_uncertainty_deg
-from hiltest.rig_tables import DPI_PAIRS_MINIMUM, CoveredPart, RigValueError, TurntableSettings
+from hiltest.rig.file import MEASUREMENT_UNITS, load_rig, measurement_unit, reference_uncertainty_deg
+from hiltest.rig.tables import DPI_PAIRS_MINIMUM, CoveredPart, RigValueError, TurntableSettings
 from hiltest.sensors.fxos8700cq import noise_at_oversampling, oversampling
 
-RIGS = Path(__file__).parents[1] / "hil" / "rigs"
+RIGS = Path(__file__).parents[2] / "hil" / "rigs"
 DEFAULT = RIGS / "virtual-k64f.toml"
 
 

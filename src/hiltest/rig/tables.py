@@ -1,6 +1,6 @@
-"""The tables of a rig file, each a dataclass that refuses values out of range; `hiltest.rig_world` has the world's.
+"""The tables of a rig file, each a dataclass that refuses values out of range; `hiltest.rig.world` has the world's.
 
-They are plain dataclasses, so that a rig can be spoken of without pydantic; `hiltest.rig_file`
+They are plain dataclasses, so that a rig can be spoken of without pydantic; `hiltest.rig.file`
 has pydantic check a file against them.
 """
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from hiltest.cycle_tables import (
+from hiltest.cycle_benchmarks.tables import (
     CORE_CLOCK_HZ,
     CYCLE_MODEL,
     CYCLES,
@@ -24,8 +24,8 @@ from hiltest.cycle_tables import (
     scale_cycles,
     split_by_cycle_model,
 )
-from hiltest.needs import is_benchmark, uses_board
 from hiltest.session import SESSION
+from hiltest.session.needs import is_benchmark, uses_board
 
 if TYPE_CHECKING:
     from pytest_benchmark.fixture import BenchmarkFixture

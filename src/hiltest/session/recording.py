@@ -9,10 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from hiltest.found import BENCH, FOUND_HERE
-from hiltest.gate import NOT_JUDGED
-from hiltest.older import remove_runs
-from hiltest.outcomes import RERUN, TestLog
 from hiltest.report.record import (
     OLDER_FOLDER,
     BoardRecord,
@@ -25,8 +21,12 @@ from hiltest.report.record import (
     table_from,
 )
 from hiltest.report.unmet import unmet_limits
-from hiltest.rig_conditions import conditions_sha256
+from hiltest.rig.conditions import conditions_sha256
+from hiltest.runs.gate import NOT_JUDGED
+from hiltest.runs.older import remove_runs
 from hiltest.session import HilSession
+from hiltest.session.found import BENCH, FOUND_HERE
+from hiltest.session.outcomes import RERUN, TestLog
 
 if TYPE_CHECKING:
     from hiltest.boards import Board

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from hiltest.gate_set import LeftOut
+from hiltest.session.gate_set import LeftOut
 
 # pytest's options that leave tests out.
 _CHOICES = ("keyword", "markexpr", "deselect", "ignore", "ignore_glob", "lf", "stepwise")

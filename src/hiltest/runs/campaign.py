@@ -19,9 +19,7 @@ from hiltest.comparison.evidence import Evidence
 from hiltest.comparison.model import Comparison
 from hiltest.comparison.words import on_seeds
 from hiltest.errors import ConfigError
-from hiltest.gate import PACKAGED, Gate, read_gate
 from hiltest.measurement import Measurement, Outcome, round_significant
-from hiltest.older import UNJUDGED, last_words, older_options, remove_runs, run_command
 from hiltest.report.campaign_markdown import SeedLine, Spread, campaign_markdown
 from hiltest.report.comparison_text import print_changes, say_how_to_keep
 from hiltest.report.console import standard_output
@@ -31,8 +29,10 @@ from hiltest.report.job_summary import annotation, append_to_job_summary
 from hiltest.report.record import CAMPAIGN_FILE, OLDER_FOLDER, SEED_FOLDERS, SEEDS_FILE, Run, Verdict, write_atomically
 from hiltest.report.stored import read_stored
 from hiltest.report.verdict import missed_only_limits
+from hiltest.runs.gate import PACKAGED, Gate, read_gate
+from hiltest.runs.older import UNJUDGED, last_words, older_options, remove_runs, run_command
+from hiltest.runs.sole_command import remove_record_in
 from hiltest.settings import make_folder
-from hiltest.sole_command import remove_record_in
 
 SEEDS_SCHEMA = "hiltest.seeds/1"
 

@@ -18,8 +18,8 @@ from hiltest.measurement import Limit
 def test_seed(measure, board):
     measure("mine.seed", board.seed, "", limit=Limit(max={most}))
 """
-RIG = Path(__file__).parents[1] / "hil" / "rigs" / "virtual-k64f.toml"
-FIRMWARE = Path(__file__).parents[1] / "src" / "hiltest" / "firmware"
+RIG = Path(__file__).parents[2] / "hil" / "rigs" / "virtual-k64f.toml"
+FIRMWARE = Path(__file__).parents[2] / "src" / "hiltest" / "firmware"
 
 
 @pytest.fixture

@@ -24,7 +24,7 @@ from hiltest.comparison.rules import is_known
 from hiltest.errors import ConfigError, UnknownKeyError
 from hiltest.measurement import Limit
 from hiltest.rig import Rig
-from hiltest.rig_tables import STRICT, RigValueError
+from hiltest.rig.tables import STRICT, RigValueError
 
 #: Units of the measurements that a limit may name; ``*`` is a calibrator's name, or one of its further calibrations.
 MEASUREMENT_UNITS = {

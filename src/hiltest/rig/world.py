@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from hiltest.rig_tables import STRICT, Triple, require
+from hiltest.rig.tables import STRICT, Triple, require
 
 # Where an axis of a magnetometer stops [uT], data sheets: the MAG3110's words, its own zero-flux offset of up
 # to 1000 uT in them, at 20 000 counts; the FXOS8700CQ at its full scale.

@@ -6,7 +6,7 @@ import pytest
 
 _BOARD_FIXTURES = frozenset({"board", "turntable"})
 _FIXTURES = _BOARD_FIXTURES | {"measure", "rig"}
-_FIXTURE_MODULES = frozenset({"hiltest.fixtures", "hiltest.cycle_benchmarks"})
+_FIXTURE_MODULES = frozenset({"hiltest.fixtures", "hiltest.cycle_benchmarks.hooks"})
 
 
 def uses_board(item: pytest.Item) -> bool:

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.campaign import SeedResult, campaign_exit_code, campaign_sentence, spreads_of
 from hiltest.cli import commands
 from hiltest.comparison.model import Change, Comparison, Difference, Sense, Side, Tolerance
 from hiltest.comparison.words import sentence as comparison_sentence
@@ -20,7 +19,8 @@ from hiltest.errors import ConfigError
 from hiltest.measurement import Limit, judge
 from hiltest.report.evidence import read_evidence
 from hiltest.report.journal import JOURNAL_FILE, Journal
-from hiltest.sole_command import LOCK_FILE, remove_run, sole_command
+from hiltest.runs.campaign import SeedResult, campaign_exit_code, campaign_sentence, spreads_of
+from hiltest.runs.sole_command import LOCK_FILE, remove_run, sole_command
 
 
 def result(seed: int, heading_deg: float, exit_code: int = 0) -> SeedResult:
@@ -78,7 +78,7 @@ def test_only_a_missed_limit_may_be_allowed(
     (suites / "test_mine.py").write_text(
         f"from hiltest.measurement import Limit\n\ndef test_mine(measure):\n    {body}\n"
     )
-    rig = Path(__file__).parents[1] / "hil" / "rigs" / "virtual-k64f.toml"
+    rig = Path(__file__).parents[2] / "hil" / "rigs" / "virtual-k64f.toml"
     text = rig.read_text(encoding="utf-8")
     (tmp_path / "mine.toml").write_text(text[: text.index("[limits]")], encoding="utf-8")
     monkeypatch.chdir(tmp_path)
