@@ -50,12 +50,13 @@ class Visit:
 
 @pytest.fixture(scope="module")
 def browser(require_tool: Callable[[str], str], require_module: Callable[[str], None]) -> Iterator[Browser]:
+    chromium = require_tool("chromium")  # before its driver, which does not start on every system without it
     require_module("playwright")
     from playwright.sync_api import sync_playwright
 
     # As root, as in a container, Chromium starts only without its sandbox; the pages are our own.
     with sync_playwright() as driver:
-        started = driver.chromium.launch(executable_path=require_tool("chromium"), args=["--no-sandbox"])
+        started = driver.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
         yield started
         started.close()
 
