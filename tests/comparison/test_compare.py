@@ -280,7 +280,8 @@ def test_what_is_no_number_never_makes_a_pass(nothing: float | None) -> None:
     assert not comparison.evaluated
     assert "on seed 2" in comparison.obstacles[0]
     assert only(over_seeds(name, nothing), over_seeds(name, 0.9)).change is Change.NEW
-    assert only(over_seeds(name, nothing), over_seeds(name, nothing)).change is Change.UNCHANGED
+    on_neither_side = compare(over_seeds(name, nothing), over_seeds(name, nothing)).differences
+    assert [each.change for each in on_neither_side] == ([] if nothing is None else [Change.UNCHANGED])
 
 
 @pytest.mark.parametrize(("base", "new"), [(1.7e308, -1.7e308), (1.0, 1.7e308), (1.7e308, 1.0), (1e101, 1e101)])
@@ -576,3 +577,10 @@ def test_what_a_run_did_not_come_to_is_not_taken_and_no_wall_of_what_is_gone(cho
                for each in comparison.obstacles)
     both = compare(replace(base, chosen=True), replace(new, chosen=True, faults=()))
     assert len(both.of(Change.GONE)) == 8  # of the same choice all of it is missed
+
+
+@pytest.mark.parametrize("limit", [None, Limit(max=1.2)])
+def test_what_neither_side_has_a_number_for_is_not_counted_unless_it_has_a_limit(limit: Limit | None) -> None:
+    lines = [measurement("cycles.direct.total", 11061), *cell_of("cycles.direct.sweeps", None, limit)]
+    names = [each.name for each in compare(evidence(lines), evidence(lines)).differences]
+    assert names == (["cycles.direct.sweeps"] if limit else []) + ["cycles.direct.total"]

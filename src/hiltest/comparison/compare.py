@@ -114,10 +114,11 @@ def _pairs(base: Evidence, new: Evidence, seeds: list[Seed]) -> list[Pairs]:
         names.update(name for name, each in base.measurements[seed].items() if not each.volatile)
         was = base.measurements[seed]
         names.update(name for name, each in new.measurements[seed].items() if not each.volatile and name not in was)
-    return [
+    pairs = (
         Pairs(name, _on(base.measurements, name, seeds), _on(new.measurements, name, seeds), base.in_force.get(name))
         for name in sorted(filter(is_compared, names))
-    ]
+    )
+    return [each for each in pairs if not each.is_nothing]
 
 
 def _on(

@@ -37,6 +37,12 @@ class Pairs:
         return [seed for seed, was in self.base.items() if _has_number(was) and _has_number(self.new[seed])]
 
     @property
+    def is_nothing(self) -> bool:
+        """Whether neither side has a number of it, or a limit for one."""
+        made = [each for side in (self.base, self.new) for each in side.values() if each is not None]
+        return not any(each.limit or each.value is not None for each in made)
+
+    @property
     def lost(self) -> list[Seed]:
         """Those with a number in the base alone, and no reason for that; what had to keep a limit is not excused."""
         return [seed for seed in self._in_base_alone if not self._excused(seed)]
