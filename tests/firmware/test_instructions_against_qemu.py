@@ -24,6 +24,7 @@ TRACED = re.compile(r"^Trace \d+: \S+ \[[0-9a-f]+/([0-9a-f]+)/", re.M)
 MINIMUM = {
     "magnetometer_direct": 7000,
     "magnetometer_direct_fast": 5500,
+    "magnetometer_corrected": 7000,
     "magnetometer_iterative": 7000,
     "magnetometer_empty": 3,
     "kernel_direct_stream": 451 * 180,
