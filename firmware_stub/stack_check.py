@@ -24,6 +24,8 @@ INDIRECT_CALLS = {
     "command_fit_accelerometer": ["accelerometer_*_residual_mg"],
     "count_predict_cycles": ["fusion_predict", "empty_fusion_predict"],
     "count_update_cycles": ["fusion_update", "empty_fusion_update"],
+    "I2C0_Handler": ["after_*"],
+    "I2C1_Handler": ["after_*"],
     "read_burst": ["axes_*"],
     "sensor_fifo_read": ["axes_*"],
     "wait_for_condition_or_tick": ["is_idle", "never", "bytes_wait", "all_handed_over"],

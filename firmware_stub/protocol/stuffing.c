@@ -46,32 +46,50 @@ static unstuff_result_t take_byte(unstuffer_t *state, uint8_t byte)
     return UNSTUFF_PENDING;
 }
 
+#define IN_EVERY_BYTE(value) ((value) * 0x01010101u)
+
+/** The highest bit of every zero byte; of other bytes only behind a zero byte, so that the lowest bit set is right. */
+static inline uint32_t zero_bytes(uint32_t word)
+{
+    return (word - IN_EVERY_BYTE(1u)) & ~word & IN_EVERY_BYTE(0x80u);
+}
+
+/** Not 0 when one of four bytes must be escaped on the wire; its lowest bit is in the first that is. */
+static inline uint32_t special_bytes(uint32_t word)
+{
+    return zero_bytes(word ^ IN_EVERY_BYTE(DELIMITER)) | zero_bytes(word ^ IN_EVERY_BYTE(ESCAPE));
+}
+
 static inline bool is_special(uint8_t byte)
 {
     return byte == DELIMITER || byte == ESCAPE;
 }
 
-/** Whether one of four bytes is; without a branch for each. */
-static inline bool has_special(const uint8_t four[4])
+/** Copy the bytes before the first delimiter or escape; returns how many. May write up to `count` bytes whatever it returns. */
+static size_t copy_ordinary(const uint8_t *from, size_t count, uint8_t *to)
 {
-    return is_special(four[0]) | is_special(four[1]) | is_special(four[2]) | is_special(four[3]);
+    uint32_t special = 0;
+    size_t copied = 0;
+    for (; (special == 0u) & (count - copied >= 4u); copied += 4u) { /* one branch a word */
+        uint32_t word;
+        memcpy(&word, &from[copied], 4u);
+        memcpy(&to[copied], &word, 4u);
+        special = special_bytes(word);
+    }
+    if (special != 0u) {
+        return copied - 4u + (size_t)__builtin_ctz(special) / 8u;
+    }
+    for (; copied < count && !is_special(from[copied]); copied++) {
+        to[copied] = from[copied];
+    }
+    return copied;
 }
 
 /** Take what stands before the next delimiter or escape, as take_byte() would inside a body; returns how many bytes that is. */
 static size_t take_ordinary(unstuffer_t *state, const uint8_t *bytes, size_t count)
 {
-    uint8_t *const body = &state->body[state->length];
     const size_t room = BODY_MAXIMUM - state->length;
-    const size_t most = count < room ? count : room;
-    size_t taken = 0;
-    while (most - taken >= 4u && !has_special(&bytes[taken])) {
-        memcpy(&body[taken], &bytes[taken], 4u);
-        taken += 4u;
-    }
-    while (taken < most && !is_special(bytes[taken])) {
-        body[taken] = bytes[taken];
-        taken++;
-    }
+    const size_t taken = copy_ordinary(bytes, count < room ? count : room, &state->body[state->length]);
     state->length += taken;
     return taken;
 }
@@ -94,14 +112,15 @@ unstuff_result_t unstuff(unstuffer_t *state, const uint8_t *bytes, size_t count,
 
 size_t stuff(const uint8_t *body, size_t length, uint8_t *wire)
 {
-    size_t count = 0;
+    size_t count = 0, done = 0;
     wire[count++] = DELIMITER;
-    for (size_t i = 0; i < length; i++) {
-        if (body[i] == DELIMITER || body[i] == ESCAPE) {
+    while (done < length) {
+        const size_t ordinary = copy_ordinary(&body[done], length - done, &wire[count]);
+        done += ordinary;
+        count += ordinary;
+        if (done < length) {
             wire[count++] = ESCAPE;
-            wire[count++] = body[i] == DELIMITER ? ESCAPED_DELIMITER : ESCAPED_ESCAPE;
-        } else {
-            wire[count++] = body[i];
+            wire[count++] = body[done++] == DELIMITER ? ESCAPED_DELIMITER : ESCAPED_ESCAPE;
         }
     }
     wire[count++] = DELIMITER;

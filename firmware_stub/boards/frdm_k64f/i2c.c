@@ -24,10 +24,12 @@
 #define C1_TRANSMIT (I2C_C1_IICEN | I2C_C1_IICIE | I2C_C1_MST | I2C_C1_TX)
 #define C1_RECEIVE (I2C_C1_IICEN | I2C_C1_IICIE | I2C_C1_MST)
 
-/** What the interrupt that comes next reports the end of. */
-typedef enum { STEP_IDLE, STEP_ADDRESS, STEP_WRITE, STEP_READ_ADDRESS, STEP_READ } step_t;
+typedef struct bus bus_t;
 
-typedef struct {
+/** What to do when the byte that is under way has ended; `status` is S with it. */
+typedef void (*step_t)(bus_t *bus, uint8_t status);
+
+struct bus {
     uint32_t base;
     const i2c_pins_t *pins;
     volatile step_t step;
@@ -37,11 +39,13 @@ typedef struct {
     uint8_t left;         /**< bytes still to move */
     const uint8_t *write; /**< next byte to send, or NULL when reading */
     uint8_t *read;        /**< where the next byte goes */
-} bus_t;
+};
+
+static void after_stop(bus_t *bus, uint8_t status);
 
 static bus_t buses[BUS_COUNT] = {
-    {.base = I2C0_BASE, .pins = &i2c0_pins},
-    {.base = I2C1_BASE, .pins = &i2c1_pins},
+    {.base = I2C0_BASE, .pins = &i2c0_pins, .step = after_stop},
+    {.base = I2C1_BASE, .pins = &i2c1_pins, .step = after_stop},
 };
 
 void I2C0_Handler(void);
@@ -66,22 +70,91 @@ void i2c_start(void)
     interrupt_enable(IRQ_I2C1);
 }
 
-/** Clearing MST sends the STOP. */
-static void finish(bus_t *bus, i2c_status_t status)
+static inline void end(bus_t *bus, i2c_status_t status)
 {
-    I2C_C1(bus->base) = C1_IDLE;
     bus->status = status;
-    bus->step = STEP_IDLE;
+    bus->step = after_stop;
     wait_is_over();
 }
 
-/** The register address or a data byte was acknowledged: send what comes next. */
-static void written(bus_t *bus)
+/** Clearing MST sends the STOP. */
+static inline void finish(bus_t *bus, i2c_status_t status)
 {
-    if (bus->write == NULL) {
-        I2C_C1(bus->base) = C1_TRANSMIT | I2C_C1_RSTA;
-        bus->step = STEP_READ_ADDRESS;
-        I2C_D(bus->base) = (uint8_t)(bus->address << 1 | 1u);
+    I2C_C1(bus->base) = C1_IDLE;
+    end(bus, status);
+}
+
+/** A byte could not be sent, or came while somebody else had the bus. */
+static void fail(bus_t *bus, uint8_t status)
+{
+    const bool is_lost = (status & I2C_S_ARBL) != 0u;
+    if (is_lost) {
+        I2C_S(bus->base) = I2C_S_ARBL;
+    }
+    finish(bus, is_lost ? I2C_ARBITRATION_LOST : I2C_NO_ACKNOWLEDGE);
+}
+
+static inline bool has_failed(uint8_t status)
+{
+    return (status & (I2C_S_ARBL | I2C_S_RXAK)) != 0u;
+}
+
+static void after_stop(bus_t *bus, uint8_t status)
+{
+    (void)bus;
+    (void)status;
+}
+
+/** A byte is in D, and reading it starts the next one: set before that how the next one is answered, or STOP. */
+static void after_byte(bus_t *bus, uint8_t status)
+{
+    uint8_t *const to = bus->read++;
+    const uint8_t left = --bus->left;
+    if (__builtin_expect((left > 1u) & ((status & I2C_S_ARBL) == 0u), 1)) { /* most come here, so this is all there is to them */
+        *to = I2C_D(bus->base);
+        return;
+    }
+    if ((status & I2C_S_ARBL) != 0u) {
+        fail(bus, I2C_S_ARBL);
+    } else if (left == 1u) {
+        I2C_C1(bus->base) = C1_RECEIVE | I2C_C1_TXAK;
+        *to = I2C_D(bus->base);
+    } else {
+        I2C_C1(bus->base) = C1_IDLE;
+        *to = I2C_D(bus->base);
+        end(bus, I2C_OK);
+    }
+}
+
+/** The receiver starts with a read of D that returns nothing; the last byte must be answered by no acknowledge. */
+static void after_read_address(bus_t *bus, uint8_t status)
+{
+    if (has_failed(status)) {
+        fail(bus, status);
+        return;
+    }
+    I2C_C1(bus->base) = bus->left == 1u ? C1_RECEIVE | I2C_C1_TXAK : C1_RECEIVE;
+    bus->step = after_byte;
+    (void)I2C_D(bus->base);
+}
+
+/** Of what is to be read: START again, for the other direction. */
+static void after_register(bus_t *bus, uint8_t status)
+{
+    if (has_failed(status)) {
+        fail(bus, status);
+        return;
+    }
+    I2C_C1(bus->base) = C1_TRANSMIT | I2C_C1_RSTA;
+    bus->step = after_read_address;
+    I2C_D(bus->base) = (uint8_t)(bus->address << 1 | 1u);
+}
+
+/** The register address or a byte for it was sent. */
+static void after_write(bus_t *bus, uint8_t status)
+{
+    if (has_failed(status)) {
+        fail(bus, status);
     } else if (bus->left > 0u) {
         bus->left--;
         I2C_D(bus->base) = *bus->write++;
@@ -90,45 +163,22 @@ static void written(bus_t *bus)
     }
 }
 
-/** The receiver starts with a read of D that returns nothing; the last byte must be answered by no acknowledge. */
-static void start_reading(bus_t *bus)
+static void after_address(bus_t *bus, uint8_t status)
 {
-    I2C_C1(bus->base) = bus->left == 1u ? C1_RECEIVE | I2C_C1_TXAK : C1_RECEIVE;
-    bus->step = STEP_READ;
-    (void)I2C_D(bus->base);
-}
-
-/** A byte is in D, and reading it starts the next one: set before that how the next one is answered, or STOP. */
-static void byte_came(bus_t *bus)
-{
-    bus->left--;
-    if (bus->left == 0u) {
-        finish(bus, I2C_OK);
-    } else if (bus->left == 1u) {
-        I2C_C1(bus->base) = C1_RECEIVE | I2C_C1_TXAK;
+    if (has_failed(status)) {
+        fail(bus, status);
+        return;
     }
-    *bus->read++ = I2C_D(bus->base);
+    bus->step = bus->write == NULL ? after_register : after_write;
+    I2C_D(bus->base) = bus->first_register;
 }
 
-static void bus_interrupt(bus_t *bus)
+/** Runs once a byte, so it is compiled into each handler. */
+static inline void bus_interrupt(bus_t *bus)
 {
     const uint8_t status = I2C_S(bus->base);
     I2C_S(bus->base) = I2C_S_IICIF;
-    if ((status & I2C_S_ARBL) != 0u) {
-        I2C_S(bus->base) = I2C_S_ARBL;
-        finish(bus, I2C_ARBITRATION_LOST);
-    } else if (bus->step == STEP_READ) {
-        byte_came(bus);
-    } else if ((status & I2C_S_RXAK) != 0u) {
-        finish(bus, I2C_NO_ACKNOWLEDGE);
-    } else if (bus->step == STEP_ADDRESS) {
-        bus->step = STEP_WRITE;
-        I2C_D(bus->base) = bus->first_register;
-    } else if (bus->step == STEP_READ_ADDRESS) {
-        start_reading(bus);
-    } else if (bus->step == STEP_WRITE) {
-        written(bus);
-    }
+    bus->step(bus, status);
 }
 
 void I2C0_Handler(void)
@@ -143,7 +193,7 @@ void I2C1_Handler(void)
 
 static bool is_idle(const void *context)
 {
-    return ((const bus_t *)context)->step == STEP_IDLE;
+    return ((const bus_t *)context)->step == after_stop;
 }
 
 static bool bus_is_free(const bus_t *bus)
@@ -162,12 +212,12 @@ static i2c_status_t run(bus_t *bus)
     if (!bus_is_free(bus)) {
         return I2C_BUS_BUSY;
     }
-    bus->step = STEP_ADDRESS;
+    bus->step = after_address;
     I2C_C1(bus->base) = C1_TRANSMIT; /* setting MST sends the START */
     I2C_D(bus->base) = (uint8_t)(bus->address << 1);
     if (!wait_briefly(is_idle, bus, TRANSACTION_TIMEOUT_US)) {
         I2C_C1(bus->base) = 0u; /* off the bus, so no interrupt can change what follows */
-        bus->step = STEP_IDLE;
+        bus->step = after_stop;
         return I2C_TIMEOUT;
     }
     return bus->status;

@@ -63,55 +63,122 @@ void uart_start(void)
     interrupt_enable(IRQ_UART0_ERROR);
 }
 
-/** Keep a byte that came, if there is room up to `end`; returns whether it ends what is handed over. */
-static inline bool keep(uint8_t byte, uint32_t end)
+/** Take a byte out of the FIFO into the buffer; returns whether it ends what is handed over. */
+static inline bool keep(uint32_t position)
 {
-    static uint8_t nowhere;
-    const bool fits = receiver.written != end;
-    *(fits ? &receiver.bytes[receiver.written % RECEIVE_BUFFER_BYTES] : &nowhere) = byte;
-    receiver.written += fits;
+    const uint8_t byte = UART0_D;
+    receiver.bytes[position % RECEIVE_BUFFER_BYTES] = byte;
     return byte == UART_LAST_BYTE;
 }
 
-/** Empty the receive FIFO. Reading S1 and then the last byte clears RDRF, IDLE, OR and FE. */
-static void receive(uint8_t status)
+/** Take `count` bytes, fewer than the FIFO has. Straight code: a loop costs as much as what it does. */
+static inline bool keep_some(uint32_t position, uint32_t count)
 {
-    const uint8_t waiting = UART0_RCFIFO;
-    if (waiting == 0u) {
-        /* Idle just after the FIFO was emptied. Only a read of D clears the flag; of an empty FIFO that is an underflow, which
-         * leaves the FIFO's pointers apart until it is flushed. No byte can be lost: the line is idle. */
+    bool complete = false;
+    switch (count) {
+    case 7:
+        complete |= keep(position++); /* fall through */
+    case 6:
+        complete |= keep(position++); /* fall through */
+    case 5:
+        complete |= keep(position++); /* fall through */
+    case 4:
+        complete |= keep(position++); /* fall through */
+    case 3:
+        complete |= keep(position++); /* fall through */
+    case 2:
+        complete |= keep(position++); /* fall through */
+    case 1:
+        complete |= keep(position++); /* fall through */
+    default:
+        return complete;
+    }
+}
+
+/** Idle just after the FIFO was emptied. Only a read of D clears the flag; of an empty FIFO that is an underflow, which leaves the
+ * FIFO's pointers apart until it is flushed. No byte can be lost: the line is idle. */
+static void clear_idle(void)
+{
+    (void)UART0_D;
+    UART0_CFIFO = UART0_CFIFO_RXFLUSH;
+    UART0_SFIFO = UART0_SFIFO_RXUF | UART0_SFIFO_RXOF;
+}
+
+/** Empty the FIFO into the buffer, which has room. Reading S1 and then the last byte clears RDRF, IDLE, OR and FE. */
+static inline bool keep_all(uint32_t position, uint32_t waiting, uint8_t *status)
+{
+    const bool complete = keep_some(position, waiting - 1u);
+    *status |= UART0_S1;
+    return keep(position + waiting - 1u) | complete;
+}
+
+/** The same when there is room for fewer: the others are lost. */
+static bool keep_what_fits(uint32_t position, uint32_t waiting, uint32_t room, uint8_t *status)
+{
+    const bool complete = keep_some(position, room);
+    for (uint32_t left = waiting - room; left > 1u; left--) {
         (void)UART0_D;
-        UART0_CFIFO = UART0_CFIFO_RXFLUSH;
-        UART0_SFIFO = UART0_SFIFO_RXUF | UART0_SFIFO_RXOF;
+    }
+    *status |= UART0_S1;
+    (void)UART0_D;
+    return complete;
+}
+
+/** Empty the receive FIFO. */
+static inline void receive(uint8_t status)
+{
+    const uint32_t waiting = UART0_RCFIFO;
+    if (waiting == 0u) {
+        clear_idle();
         return;
     }
-    const uint32_t before = receiver.written;
-    const uint32_t end = receiver.taken + RECEIVE_BUFFER_BYTES;
-    bool complete = false;
-    for (uint32_t left = waiting; left > 1u; left--) {
-        complete |= keep(UART0_D, end);
-    }
-    status |= UART0_S1;
-    complete |= keep(UART0_D, end);
-    receiver.overruns += waiting - (receiver.written - before) + ((status & (UART0_S1_OR | UART0_S1_FE)) != 0u);
-    if (complete || receiver.written - receiver.handed_over >= RECEIVE_BUFFER_BYTES / 2u) {
-        receiver.handed_over = receiver.written;
+    const uint32_t position = receiver.written;
+    const uint32_t room = receiver.taken + RECEIVE_BUFFER_BYTES - position;
+    const bool fits = waiting <= room;
+    const bool complete = fits ? keep_all(position, waiting, &status) : keep_what_fits(position, waiting, room, &status);
+    const uint32_t kept = fits ? waiting : room;
+    receiver.written = position + kept;
+    receiver.overruns += waiting - kept + ((status & (UART0_S1_OR | UART0_S1_FE)) != 0u);
+    if (complete | (position + kept - receiver.handed_over >= RECEIVE_BUFFER_BYTES / 2u)) {
+        receiver.handed_over = position + kept;
         wait_is_over();
     }
 }
 
-/** Fill the transmit FIFO, which TDRE says is empty; the read of S1 before the last byte clears TDRE. */
-static void transmit(void)
+/** Send `count` bytes, fewer than the FIFO takes. Straight code, as keep_some(). */
+static inline void send_some(const uint8_t *next, uint32_t count)
 {
-    const size_t count = transmitter.left < FIFO_BYTES ? transmitter.left : FIFO_BYTES;
-    const uint8_t *const last = transmitter.next + count - 1;
-    while (transmitter.next < last) {
-        UART0_D = *transmitter.next++;
+    switch (count) {
+    case 7:
+        UART0_D = *next++; /* fall through */
+    case 6:
+        UART0_D = *next++; /* fall through */
+    case 5:
+        UART0_D = *next++; /* fall through */
+    case 4:
+        UART0_D = *next++; /* fall through */
+    case 3:
+        UART0_D = *next++; /* fall through */
+    case 2:
+        UART0_D = *next++; /* fall through */
+    case 1:
+        UART0_D = *next++; /* fall through */
+    default:
+        return;
     }
+}
+
+/** Fill the transmit FIFO, which TDRE says is empty; the read of S1 before the last byte clears TDRE. */
+static inline void transmit(size_t left)
+{
+    const size_t count = left < FIFO_BYTES ? left : FIFO_BYTES;
+    const uint8_t *const next = transmitter.next;
+    send_some(next, count - 1u);
     (void)UART0_S1;
-    UART0_D = *transmitter.next++;
-    transmitter.left -= count;
-    if (transmitter.left == 0u) {
+    UART0_D = next[count - 1u];
+    transmitter.next = next + count;
+    transmitter.left = left - count;
+    if (left == count) {
         UART0_C2 = C2_RECEIVING;
         wait_is_over();
     }
@@ -123,8 +190,9 @@ void UART0_Handler(void)
     if ((status & (UART0_S1_RDRF | UART0_S1_IDLE | UART0_S1_OR | UART0_S1_FE)) != 0u) {
         receive(status);
     }
-    if (transmitter.left > 0u && (status & UART0_S1_TDRE) != 0u) {
-        transmit();
+    const size_t left = transmitter.left;
+    if ((left > 0u) & ((status & UART0_S1_TDRE) != 0u)) {
+        transmit(left);
     }
 }
 
