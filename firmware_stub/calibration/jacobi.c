@@ -15,35 +15,100 @@ static inline __attribute__((always_inline)) void rotate(rotation_t r, float *fi
     *second = r.sine * a + r.cosine * b;
 }
 
-/* Rotate five elements that lie side by side in each of two rows. */
-static inline __attribute__((always_inline)) void rotate_five(rotation_t r, float first[5], float second[5])
-{
 #if defined(__ARM_ARCH_7EM__) && defined(__ARM_PCS_VFP)
-    /* Loaded and stored together they take 6 cycles instead of 10, and pairs of them are in no need of waiting for each other. */
-#define PRODUCTS(a, b, p, q)                                                                                                         \
+/* The elements of two rows, loaded and stored together: that takes 11 cycles a row instead of 20, and of the two elements of a pair
+ * none waits for the other. */
+#define PAIR(a, b, p, q)                                                                                                             \
     "vmul.f32 " p ", %[sine], " b "\n\tvmul.f32 " q ", %[sine], " a "\n\t"                                                           \
-    "vmul.f32 " a ", %[cosine], " a "\n\tvmul.f32 " b ", %[cosine], " b "\n\t"
-#define SUMS(a, b, p, q) "vsub.f32 " a ", " a ", " p "\n\tvadd.f32 " b ", " b ", " q "\n\t"
-    __asm__ volatile("vldmia %[first], {s2-s6}\n\tvldmia %[second], {s7-s11}\n\t"
-                     PRODUCTS("s2", "s7", "s12", "s13") SUMS("s2", "s7", "s12", "s13")
-                     PRODUCTS("s3", "s8", "s14", "s15") SUMS("s3", "s8", "s14", "s15")
-                     PRODUCTS("s4", "s9", "s12", "s13") SUMS("s4", "s9", "s12", "s13")
-                     PRODUCTS("s5", "s10", "s14", "s15") SUMS("s5", "s10", "s14", "s15")
-                     PRODUCTS("s6", "s11", "s12", "s13") SUMS("s6", "s11", "s12", "s13")
-                     "vstmia %[first], {s2-s6}\n\tvstmia %[second], {s7-s11}"
+    "vmul.f32 " a ", %[cosine], " a "\n\tvmul.f32 " b ", %[cosine], " b "\n\t"                                                       \
+    "vsub.f32 " a ", " a ", " p "\n\tvadd.f32 " b ", " b ", " q "\n\t"
+#define ROTATE_TEN                                                                                                                   \
+    "vldmia %[first], {s2-s11}\n\tvldmia %[second], {s12-s21}\n\t"                                                                   \
+    PAIR("s2", "s12", "s22", "s23") PAIR("s3", "s13", "s24", "s25")                                                                  \
+    PAIR("s4", "s14", "s22", "s23") PAIR("s5", "s15", "s24", "s25")                                                                  \
+    PAIR("s6", "s16", "s22", "s23") PAIR("s7", "s17", "s24", "s25")                                                                  \
+    PAIR("s8", "s18", "s22", "s23") PAIR("s9", "s19", "s24", "s25")                                                                  \
+    PAIR("s10", "s20", "s22", "s23") PAIR("s11", "s21", "s24", "s25")                                                                \
+    "vstmia %[first], {s2-s11}\n\tvstmia %[second], {s12-s21}\n\t"
+_Static_assert(sizeof(float[JACOBI_LARGEST]) == 40u, "COPY_TO_COLUMNS goes down a column in steps of a row");
+#define COPY_TO_COLUMNS                                                                                                              \
+    "vstr s2, [%[left]]\n\tvstr s3, [%[left], #40]\n\t"                                                                              \
+    "vstr s4, [%[left], #80]\n\tvstr s5, [%[left], #120]\n\t"                                                                        \
+    "vstr s6, [%[left], #160]\n\tvstr s7, [%[left], #200]\n\t"                                                                       \
+    "vstr s8, [%[left], #240]\n\tvstr s9, [%[left], #280]\n\t"                                                                       \
+    "vstr s10, [%[left], #320]\n\tvstr s11, [%[left], #360]\n\t"                                                                     \
+    "vstr s12, [%[right]]\n\tvstr s13, [%[right], #40]\n\t"                                                                          \
+    "vstr s14, [%[right], #80]\n\tvstr s15, [%[right], #120]\n\t"                                                                    \
+    "vstr s16, [%[right], #160]\n\tvstr s17, [%[right], #200]\n\t"                                                                   \
+    "vstr s18, [%[right], #240]\n\tvstr s19, [%[right], #280]\n\t"                                                                   \
+    "vstr s20, [%[right], #320]\n\tvstr s21, [%[right], #360]\n\t"
+#define TEN_CLOBBERED                                                                                                                \
+    "s2", "s3", "s4", "s5", "s6", "s7", "s8", "s9", "s10", "s11", "s12", "s13", "s14", "s15", "s16", "s17", "s18", "s19", "s20",     \
+        "s21", "s22", "s23", "s24", "s25", "memory"
+
+static inline __attribute__((always_inline)) void rotate_vectors(rotation_t r, jacobi_t *m, int i, int j)
+{
+    __asm__ volatile(ROTATE_TEN
                      :
-                     : [first] "r"(first), [second] "r"(second), [sine] "t"(r.sine), [cosine] "t"(r.cosine)
-                     : "s2", "s3", "s4", "s5", "s6", "s7", "s8", "s9", "s10", "s11", "s12", "s13", "s14", "s15", "memory");
-#undef PRODUCTS
-#undef SUMS
-#else
-    for (int k = 0; k < 5; k++) {
-        rotate(r, &first[k], &second[k]);
-    }
-#endif
+                     : [first] "r"(m->vectors[i]), [second] "r"(m->vectors[j]), [sine] "t"(r.sine), [cosine] "t"(r.cosine)
+                     : TEN_CLOBBERED);
 }
 
-/* Rotate element (i, j) to zero, i < j. The matrix has three stretches: above row i, between the two, right of column j. */
+/* Both rows, and from them both columns. */
+static inline __attribute__((always_inline)) void rotate_matrix(rotation_t r, jacobi_t *m, int i, int j)
+{
+    __asm__ volatile(ROTATE_TEN COPY_TO_COLUMNS
+                     :
+                     : [first] "r"(m->upper[i]), [second] "r"(m->upper[j]), [left] "r"(&m->upper[0][i]),
+                       [right] "r"(&m->upper[0][j]), [sine] "t"(r.sine), [cosine] "t"(r.cosine)
+                     : TEN_CLOBBERED);
+}
+#else
+static inline void rotate_vectors(rotation_t r, jacobi_t *m, int i, int j)
+{
+    for (int k = 0; k < JACOBI_LARGEST; k++) {
+        rotate(r, &m->vectors[i][k], &m->vectors[j][k]);
+    }
+}
+
+static inline void rotate_matrix(rotation_t r, jacobi_t *m, int i, int j)
+{
+    for (int k = 0; k < JACOBI_LARGEST; k++) {
+        rotate(r, &m->upper[i][k], &m->upper[j][k]);
+        m->upper[k][i] = m->upper[i][k];
+        m->upper[k][j] = m->upper[j][k];
+    }
+}
+#endif
+
+/* The largest matrix is kept whole, both halves of it: then its rows are rotated at one stretch. What this makes of its diagonal
+ * is never read. */
+static inline __attribute__((always_inline)) void rotate_largest(rotation_t r, jacobi_t *m, int i, int j)
+{
+    rotate_matrix(r, m, i, j);
+    m->upper[i][j] = m->upper[j][i] = 0.0f;
+    rotate_vectors(r, m, i, j);
+}
+
+/* Of a smaller one there are three stretches: above row i, between the two, right of column j. */
+static inline __attribute__((always_inline)) void rotate_smaller(rotation_t r, jacobi_t *m, int size, int i, int j)
+{
+    m->upper[i][j] = 0.0f;
+    for (int k = 0; k < i; k++) {
+        rotate(r, &m->upper[k][i], &m->upper[k][j]);
+    }
+    for (int k = i + 1; k < j; k++) {
+        rotate(r, &m->upper[i][k], &m->upper[k][j]);
+    }
+    for (int k = j + 1; k < size; k++) {
+        rotate(r, &m->upper[i][k], &m->upper[j][k]);
+    }
+    for (int k = 0; k < size; k++) {
+        rotate(r, &m->vectors[i][k], &m->vectors[j][k]);
+    }
+}
+
+/* Rotate element (i, j) to zero, i < j. */
 static inline __attribute__((always_inline)) void annihilate(jacobi_t *m, int size, int i, int j)
 {
     /* The cotangent of twice the angle is half / element; so its tangent is signed / far, and that triangle's long side the root of
@@ -59,23 +124,10 @@ static inline __attribute__((always_inline)) void annihilate(jacobi_t *m, int si
 
     m->values[i] -= change;
     m->values[j] += change;
-    m->upper[i][j] = 0.0f;
-    for (int k = 0; k < i; k++) {
-        rotate(r, &m->upper[k][i], &m->upper[k][j]);
-    }
-    for (int k = i + 1; k < j; k++) {
-        rotate(r, &m->upper[i][k], &m->upper[k][j]);
-    }
-    for (int k = j + 1; k < size; k++) {
-        rotate(r, &m->upper[i][k], &m->upper[j][k]);
-    }
     if (size == JACOBI_LARGEST) {
-        rotate_five(r, &m->vectors[i][0], &m->vectors[j][0]);
-        rotate_five(r, &m->vectors[i][5], &m->vectors[j][5]);
-        return;
-    }
-    for (int k = 0; k < size; k++) {
-        rotate(r, &m->vectors[i][k], &m->vectors[j][k]);
+        rotate_largest(r, m, i, j);
+    } else {
+        rotate_smaller(r, m, size, i, j);
     }
 }
 
@@ -94,10 +146,26 @@ static inline __attribute__((always_inline)) bool sweep(jacobi_t *m, int size, f
     return rotated;
 }
 
+/* The other half of the largest matrix, and the diagonal of what is rotated with it. */
+static inline __attribute__((always_inline)) void fill(jacobi_t *m)
+{
+#pragma GCC unroll 10
+    for (int i = 0; i < JACOBI_LARGEST; i++) {
+        m->upper[i][i] = 0.0f;
+#pragma GCC unroll 10
+        for (int k = 0; k < i; k++) {
+            m->upper[i][k] = m->upper[k][i];
+        }
+    }
+}
+
 /* Identity for the vectors; returns what is negligible beside the diagonal. */
 static inline __attribute__((always_inline)) float start(jacobi_t *matrix, int size)
 {
     float sum = 0.0f;
+    if (size == JACOBI_LARGEST) {
+        fill(matrix);
+    }
     for (int i = 0; i < size; i++) {
         sum += __builtin_fabsf(matrix->values[i]);
         for (int k = 0; k < size; k++) {

@@ -12,7 +12,7 @@
 
 /** A symmetric matrix on the way to its diagonal form. */
 typedef struct {
-    float upper[JACOBI_LARGEST][JACOBI_LARGEST];   /**< elements above the diagonal; the rest is never read */
+    float upper[JACOBI_LARGEST][JACOBI_LARGEST];   /**< elements above the diagonal; what is given of the rest is never read */
     float values[JACOBI_LARGEST];                  /**< diagonal on entry, eigenvalues on return, in no order */
     float vectors[JACOBI_LARGEST][JACOBI_LARGEST]; /**< on return, row i is the unit eigenvector of values[i] */
 } jacobi_t;
