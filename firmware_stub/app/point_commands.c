@@ -59,12 +59,14 @@ status_t command_upload(payload_reader_t *request, payload_writer_t *reply)
     if (count > POINTS_MAXIMUM - points_count()) {
         return STATUS_BUFFER_FULL;
     }
-    for (uint8_t i = 0; i < count; i++) {
+    const size_t step = are_pairs ? 2u * VECTOR_BYTES : VECTOR_BYTES;
+    const uint8_t *next = read_bytes(request, bytes); /* as many as there are */
+    for (uint8_t i = 0; i < count; i++, next += step) {
         int16_t magnetometer[3];
         int16_t accelerometer[3] = {0, 0, 0};
-        read_vector_i16(request, magnetometer);
+        vector_i16_of(next, magnetometer);
         if (are_pairs) {
-            read_vector_i16(request, accelerometer);
+            vector_i16_of(&next[VECTOR_BYTES], accelerometer);
         }
         (void)points_store(magnetometer, accelerometer); /* room was checked */
     }

@@ -27,17 +27,17 @@ bool points_store(const int16_t magnetometer[3], const int16_t accelerometer[3])
     if (index >= POINTS_MAXIMUM) {
         return false;
     }
+    const point_range_t *const before = &buffer.range[index == 0u ? 0u : index - 1u];
+#pragma GCC unroll 3
     for (uint32_t axis = 0; axis < 3u; axis++) {
-        buffer.magnetometer[index][axis] = magnetometer[axis];
+        const int16_t value = magnetometer[axis];
+        const int16_t lowest = index == 0u ? value : before->minimum[axis], highest = index == 0u ? value : before->maximum[axis];
+        buffer.magnetometer[index][axis] = value;
         buffer.accelerometer[index][axis] = accelerometer[axis];
+        buffer.range[index].minimum[axis] = value < lowest ? value : lowest;
+        buffer.range[index].maximum[axis] = value > highest ? value : highest;
     }
-    if (index == 0u) {
-        point_range_start(&buffer.range[0], magnetometer);
-    } else {
-        buffer.range[index] = buffer.range[index - 1u];
-        (void)point_range_add(&buffer.range[index], magnetometer);
-    }
-    buffer.count++;
+    buffer.count = (uint16_t)(index + 1u);
     return true;
 }
 

@@ -48,6 +48,17 @@ float read_f32(payload_reader_t *reader)
     return value;
 }
 
+const uint8_t *read_bytes(payload_reader_t *reader, size_t count)
+{
+    if (reader->failed || reader->length - reader->position < count) {
+        reader->failed = true;
+        return NULL;
+    }
+    const uint8_t *const bytes = &reader->bytes[reader->position];
+    reader->position += count;
+    return bytes;
+}
+
 const char *read_string(payload_reader_t *reader, uint8_t *length)
 {
     *length = read_u8(reader);
@@ -66,14 +77,31 @@ bool reader_is_exhausted(const payload_reader_t *reader)
     return !reader->failed && reader->position == reader->length;
 }
 
-static void write_unsigned(payload_writer_t *writer, uint64_t value, size_t size)
+/** Room for more bytes; NULL when there is not as much. */
+static inline uint8_t *take_room(payload_writer_t *writer, size_t size)
 {
     if (writer->failed || writer->capacity - writer->length < size) {
         writer->failed = true;
-        return;
+        return NULL;
     }
+    uint8_t *const bytes = &writer->bytes[writer->length];
+    writer->length += size;
+    return bytes;
+}
+
+static inline __attribute__((always_inline)) void put_unsigned(uint8_t *bytes, uint64_t value, size_t size)
+{
+#pragma GCC unroll 8 /* callers give a constant: no loop is left */
     for (size_t i = 0; i < size; i++) {
-        writer->bytes[writer->length++] = (uint8_t)(value >> (8u * i));
+        bytes[i] = (uint8_t)(value >> (8u * i));
+    }
+}
+
+static inline __attribute__((always_inline)) void write_unsigned(payload_writer_t *writer, uint64_t value, size_t size)
+{
+    uint8_t *const bytes = take_room(writer, size);
+    if (bytes != NULL) {
+        put_unsigned(bytes, value, size);
     }
 }
 
@@ -107,24 +135,29 @@ void write_i16(payload_writer_t *writer, int16_t value)
     write_u16(writer, (uint16_t)value);
 }
 
-void write_f32(payload_writer_t *writer, float value)
+static inline uint32_t bits_of(float value)
 {
     uint32_t bits;
     memcpy(&bits, &value, sizeof bits);
-    write_u32(writer, bits);
+    return bits;
+}
+
+void write_f32(payload_writer_t *writer, float value)
+{
+    write_u32(writer, bits_of(value));
 }
 
 void write_vector_i16(payload_writer_t *writer, const int16_t vector[3])
 {
-    for (size_t axis = 0; axis < 3u; axis++) {
-        write_i16(writer, vector[axis]);
-    }
+    const uint64_t x = (uint16_t)vector[0], y = (uint16_t)vector[1], z = (uint16_t)vector[2];
+    write_unsigned(writer, x | y << 16 | z << 32, 6);
 }
 
 void write_f32_array(payload_writer_t *writer, const float *values, size_t count)
 {
-    for (size_t i = 0; i < count; i++) {
-        write_f32(writer, values[i]);
+    uint8_t *const bytes = take_room(writer, 4u * count);
+    for (size_t i = 0; i < count && bytes != NULL; i++) {
+        put_unsigned(&bytes[4u * i], bits_of(values[i]), 4);
     }
 }
 
@@ -136,7 +169,8 @@ void write_string(payload_writer_t *writer, const char *text)
         return;
     }
     write_u8(writer, (uint8_t)length);
-    for (size_t i = 0; i < length; i++) {
-        write_u8(writer, (uint8_t)text[i]);
+    uint8_t *const bytes = take_room(writer, length);
+    if (bytes != NULL) {
+        memcpy(bytes, text, length);
     }
 }

@@ -33,6 +33,18 @@ float read_f32(payload_reader_t *reader);
 /** Read three int16, as every sensor vector is. */
 void read_vector_i16(payload_reader_t *reader, int16_t vector[3]);
 
+/** The next `count` bytes as they stand in the payload; NULL when there are not as many. */
+const uint8_t *read_bytes(payload_reader_t *reader, size_t count);
+
+/** Three int16 of such bytes. */
+static inline void vector_i16_of(const uint8_t bytes[6], int16_t vector[3])
+{
+#pragma GCC unroll 3
+    for (size_t axis = 0; axis < 3u; axis++) {
+        vector[axis] = (int16_t)(uint16_t)(bytes[2u * axis] | bytes[2u * axis + 1u] << 8);
+    }
+}
+
 /** A string's bytes, not terminated; `length` gets their number. Empty when it does not fit. */
 const char *read_string(payload_reader_t *reader, uint8_t *length);
 

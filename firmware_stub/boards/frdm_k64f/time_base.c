@@ -3,8 +3,8 @@
  * @brief Time from three chained PIT channels, waking up by SysTick.
  *
  * Channel 0 divides the bus clock down to microseconds, channel 1 counts these down from 2^32 - 1 and channel 2 its wraps: 64 bits
- * that nothing divides. This chip's PIT has no lifetime registers that would read both words at once, so the high one is read before
- * and after the low one.
+ * that nothing divides. This chip's PIT has no lifetime registers that would read both words at once, so the high one is read behind the
+ * low one, and before it too where the low one may have wrapped meanwhile.
  */
 #include "boards/time_base.h"
 
@@ -17,6 +17,9 @@
 #define CORE_CLOCKS_PER_US (CORE_CLOCK_HZ / 1000000u)
 
 _Static_assert(WAIT_BRIEFLY_MAXIMUM_US * CORE_CLOCKS_PER_US <= 0x1000000u, "SysTick has 24 bits");
+
+/* No interrupt keeps two reads apart for so long. */
+#define NEAR_WRAP_US 1000000u
 
 static volatile bool tick_came;
 
@@ -44,12 +47,15 @@ void time_base_start(void)
 
 uint64_t time_us(void)
 {
-    uint32_t high = PIT_CVAL(2u);
     uint32_t low = PIT_CVAL(1u);
-    const uint32_t high_after = PIT_CVAL(2u);
-    if (high != high_after) { /* the low word wrapped between the reads; it will not again for 71 minutes */
-        high = high_after;
+    uint32_t high = PIT_CVAL(2u);
+    if (low < NEAR_WRAP_US) {
         low = PIT_CVAL(1u);
+        const uint32_t high_after = PIT_CVAL(2u);
+        if (high != high_after) { /* it wrapped, before or behind this read of the low word; it will not again for 71 minutes */
+            high = high_after;
+            low = PIT_CVAL(1u);
+        }
     }
     return ~(((uint64_t)high << 32) | low); /* both count down */
 }
@@ -84,7 +90,9 @@ bool wait_briefly(bool (*done)(const void *context), const void *context, uint32
 {
     start_tick(timeout_us);
     const bool holds = wait_for_condition_or_tick(done, context);
-    SYST_CSR = 0u;
+    if (!tick_came) { /* which stops it itself */
+        SYST_CSR = 0u;
+    }
     return holds;
 }
 
@@ -101,10 +109,13 @@ bool wait_until(bool (*done)(const void *context), const void *context, uint64_t
         return wait_for_condition_or_tick(done, context);
     }
     bool holds = done(context);
-    uint64_t now_us = time_us();
+    uint64_t now_us = holds ? 0u : time_us();
     while (!holds && now_us < deadline_us) {
         const uint64_t left_us = deadline_us - now_us;
-        holds = wait_briefly(done, context, left_us < WAIT_BRIEFLY_MAXIMUM_US ? (uint32_t)left_us : WAIT_BRIEFLY_MAXIMUM_US);
+        if (left_us <= WAIT_BRIEFLY_MAXIMUM_US) { /* SysTick counts the same clock from later on: the deadline is not before it */
+            return wait_briefly(done, context, (uint32_t)left_us);
+        }
+        holds = wait_briefly(done, context, WAIT_BRIEFLY_MAXIMUM_US);
         now_us = time_us();
     }
     return holds;
