@@ -26,6 +26,16 @@ typedef enum {
  */
 i2c_status_t i2c_read(uint8_t bus, uint8_t address, uint8_t first_register, uint8_t *bytes, uint8_t count);
 
+/**
+ * Read a register of flags, and consecutive registers from it on if one of some flags is set: both within one transaction, so nobody
+ * waits and begins anew in between.
+ *
+ * @param flags which flags of the first register
+ * @param[out] bytes all of them if one of `flags` is set in the first; otherwise the first alone
+ * The others as i2c_read().
+ */
+i2c_status_t i2c_read_if(uint8_t bus, uint8_t address, uint8_t first_register, uint8_t flags, uint8_t *bytes, uint8_t count);
+
 /** Write consecutive registers: START, address, register, `count` bytes, STOP. Parameters as i2c_read(). */
 i2c_status_t i2c_write(uint8_t bus, uint8_t address, uint8_t first_register, const uint8_t *bytes, uint8_t count);
 

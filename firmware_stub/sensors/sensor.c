@@ -34,18 +34,11 @@ static int16_t big_endian(const uint8_t bytes[2])
     return (int16_t)(uint16_t)(bytes[0] << 8 | bytes[1]);
 }
 
-/** Status, x, y and z in one burst; the axes leave in the body frame. */
-static sensor_status_t read_burst(const sensor_t *sensor, uint8_t *flags, int16_t body[3])
+/** What a burst has behind the status; the axes leave in the body frame. */
+static inline __attribute__((always_inline)) void take_vector(const sensor_t *sensor, const uint8_t bytes[BURST_BYTES], int16_t body[3])
 {
-    uint8_t bytes[BURST_BYTES];
-    const sensor_status_t status = read_registers(sensor, sensor->driver->status_register, bytes, BURST_BYTES);
-    if (status != SENSOR_OK) {
-        return status;
-    }
     const int16_t axes[3] = {big_endian(&bytes[1]), big_endian(&bytes[3]), big_endian(&bytes[5])};
-    *flags = bytes[0];
     sensor->driver->to_body(axes, body);
-    return SENSOR_OK;
 }
 
 sensor_status_t sensor_probe(const sensor_t *sensor, uint8_t *seen)
@@ -126,24 +119,28 @@ sensor_status_t sensor_fifo_read(const sensor_t *sensor, int16_t body[][3], uint
 
 sensor_status_t sensor_read_if_ready(const sensor_t *sensor, sample_t *sample)
 {
-    uint8_t ready = 0;
-    sensor_status_t status = read_registers(sensor, sensor->driver->status_register, &ready, 1);
+    uint8_t bytes[BURST_BYTES];
+    const sensor_status_t status = from_bus(i2c_read_if(sensor->bus, sensor->address, sensor->driver->status_register,
+                                                        STATUS_XYZ_READY, bytes, BURST_BYTES));
     if (status != SENSOR_OK) {
         return status;
     }
-    if ((ready & STATUS_XYZ_READY) == 0u) {
+    if ((bytes[0] & STATUS_XYZ_READY) == 0u) {
         return SENSOR_NOT_READY;
     }
-    uint8_t flags = 0;
-    status = read_burst(sensor, &flags, sample->body);
-    sample->overrun = (flags & STATUS_XYZ_OVERWRITTEN) != 0u;
-    return status;
+    take_vector(sensor, bytes, sample->body);
+    sample->overrun = (bytes[0] & STATUS_XYZ_OVERWRITTEN) != 0u;
+    return SENSOR_OK;
 }
 
 sensor_status_t sensor_read_latest(const sensor_t *sensor, int16_t body[3])
 {
-    uint8_t flags = 0;
-    return read_burst(sensor, &flags, body);
+    uint8_t bytes[BURST_BYTES];
+    const sensor_status_t status = read_registers(sensor, sensor->driver->status_register, bytes, BURST_BYTES);
+    if (status == SENSOR_OK) {
+        take_vector(sensor, bytes, body);
+    }
+    return status;
 }
 
 sensor_status_t sensor_discard(const sensor_t *sensor)

@@ -17,6 +17,11 @@ i2c_status_t i2c_read(uint8_t bus, uint8_t address, uint8_t first_register, uint
     return I2C_OK;
 }
 
+i2c_status_t i2c_read_if(uint8_t bus, uint8_t address, uint8_t first_register, uint8_t flags, uint8_t *bytes, uint8_t count)
+{
+    return i2c_read(bus, address, first_register, bytes, (host_registers[first_register] & flags) != 0u ? count : 1u);
+}
+
 i2c_status_t i2c_write(uint8_t bus, uint8_t address, uint8_t first_register, const uint8_t *bytes, uint8_t count)
 {
     (void)bus;

@@ -37,6 +37,8 @@ struct bus {
     uint8_t address;
     uint8_t first_register;
     uint8_t left;         /**< bytes still to move */
+    uint8_t flags;        /**< what of the first register decides about the others, 0 when nothing does */
+    uint8_t others;       /**< bytes to read then, the first again among them */
     const uint8_t *write; /**< next byte to send, or NULL when reading */
     uint8_t *read;        /**< where the next byte goes */
 };
@@ -126,6 +128,34 @@ static void after_byte(bus_t *bus, uint8_t status)
     }
 }
 
+static inline void start_again(bus_t *bus, step_t step, uint8_t address_byte)
+{
+    I2C_C1(bus->base) = C1_TRANSMIT | I2C_C1_RSTA;
+    bus->step = step;
+    I2C_D(bus->base) = address_byte;
+}
+
+static void after_address(bus_t *bus, uint8_t status);
+
+/** The flags are in D. As transmitter we read them without starting the next byte, and can send a repeated START as well as STOP. */
+static void after_flags(bus_t *bus, uint8_t status)
+{
+    if ((status & I2C_S_ARBL) != 0u) {
+        fail(bus, status);
+        return;
+    }
+    I2C_C1(bus->base) = C1_TRANSMIT;
+    const uint8_t flags = I2C_D(bus->base);
+    *bus->read = flags;
+    if ((flags & bus->flags) == 0u) {
+        finish(bus, I2C_OK);
+        return;
+    }
+    bus->flags = 0u;
+    bus->left = bus->others;
+    start_again(bus, after_address, (uint8_t)(bus->address << 1));
+}
+
 /** The receiver starts with a read of D that returns nothing; the last byte must be answered by no acknowledge. */
 static void after_read_address(bus_t *bus, uint8_t status)
 {
@@ -134,7 +164,7 @@ static void after_read_address(bus_t *bus, uint8_t status)
         return;
     }
     I2C_C1(bus->base) = bus->left == 1u ? C1_RECEIVE | I2C_C1_TXAK : C1_RECEIVE;
-    bus->step = after_byte;
+    bus->step = bus->flags != 0u ? after_flags : after_byte;
     (void)I2C_D(bus->base);
 }
 
@@ -145,9 +175,7 @@ static void after_register(bus_t *bus, uint8_t status)
         fail(bus, status);
         return;
     }
-    I2C_C1(bus->base) = C1_TRANSMIT | I2C_C1_RSTA;
-    bus->step = after_read_address;
-    I2C_D(bus->base) = (uint8_t)(bus->address << 1 | 1u);
+    start_again(bus, after_read_address, (uint8_t)(bus->address << 1 | 1u));
 }
 
 /** The register address or a byte for it was sent. */
@@ -235,7 +263,7 @@ static i2c_status_t transact(bus_t *bus)
     return status;
 }
 
-i2c_status_t i2c_read(uint8_t bus, uint8_t address, uint8_t first_register, uint8_t *bytes, uint8_t count)
+static i2c_status_t read(uint8_t bus, uint8_t address, uint8_t first_register, uint8_t *bytes, uint8_t count)
 {
     bus_t *const used = &buses[bus];
     used->address = address;
@@ -244,6 +272,19 @@ i2c_status_t i2c_read(uint8_t bus, uint8_t address, uint8_t first_register, uint
     used->write = NULL;
     used->read = bytes;
     return transact(used);
+}
+
+i2c_status_t i2c_read(uint8_t bus, uint8_t address, uint8_t first_register, uint8_t *bytes, uint8_t count)
+{
+    buses[bus].flags = 0u;
+    return read(bus, address, first_register, bytes, count);
+}
+
+i2c_status_t i2c_read_if(uint8_t bus, uint8_t address, uint8_t first_register, uint8_t flags, uint8_t *bytes, uint8_t count)
+{
+    buses[bus].flags = flags;
+    buses[bus].others = count;
+    return read(bus, address, first_register, bytes, 1u);
 }
 
 i2c_status_t i2c_write(uint8_t bus, uint8_t address, uint8_t first_register, const uint8_t *bytes, uint8_t count)
