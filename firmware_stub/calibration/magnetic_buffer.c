@@ -65,6 +65,7 @@ static FAST_CODE void free_oldest(magnetic_buffer_t *buffer)
 static FAST_CODE int32_t cell_to_spare(const magnetic_buffer_t *buffer, const int16_t point[3])
 {
     int32_t spare = MAGNETIC_BUFFER_NO_CELL;
+#pragma GCC unroll 8 /* of an empty cell the loop would be most */
     for (int32_t cell = 0; cell < MAGNETIC_BUFFER_CELLS; cell++) {
         if (buffer->stored[cell] == 0u) {
             spare = cell;
