@@ -6,8 +6,6 @@
 #include "command.h"
 #include "timed_run.h"
 
-enum { EMPTY_SEQUENCE = 0 };
-
 status_t command_time_sequence(payload_reader_t *request, payload_writer_t *reply)
 {
     const uint8_t sequence = read_u8(request);
@@ -15,7 +13,7 @@ status_t command_time_sequence(payload_reader_t *request, payload_writer_t *repl
     if (sequence >= sequence_count() || place >= SEQUENCE_PLACES) {
         return STATUS_BAD_ARGUMENT;
     }
-    const uint32_t overhead_cycles = sequence_cycles(EMPTY_SEQUENCE, (sequence_place_t)place);
+    const uint32_t overhead_cycles = sequence_overhead_cycles(sequence, (sequence_place_t)place);
     write_u32(reply, sequence_cycles(sequence, (sequence_place_t)place) - overhead_cycles);
     write_u32(reply, overhead_cycles);
     return timed_run_has_counter() ? STATUS_OK : STATUS_NO_CYCLE_COUNTER;

@@ -3,8 +3,8 @@
  * @brief Short runs of one kind of instruction, to be timed: what a cycle model is made from.
  *
  * They reside in the firmware, once in SRAM_L and once in flash: nothing that comes over the line is ever executed. Each ends by
- * itself, writes nothing but registers and a buffer of its own, and differs from the empty one by its body alone. Which body stands
- * at which place of the list is said in PROTOCOL.md.
+ * itself, writes nothing but registers and a buffer of its own, and differs from the empty one of its kind by its body alone. Which
+ * body stands at which place of the list is said in PROTOCOL.md.
  */
 #ifndef HILTEST_INSTRUCTION_SEQUENCES_H
 #define HILTEST_INSTRUCTION_SEQUENCES_H
@@ -19,16 +19,25 @@ typedef enum {
     SEQUENCE_PLACES = 3
 } sequence_place_t;
 
-/** How many sequences there are; the first one is empty. */
+/** How many sequences there are. */
 uint8_t sequence_count(void);
 
 /**
- * Run a sequence with interrupts masked.
+ * Run a sequence without interrupts.
  *
  * @param sequence below sequence_count()
  * @param place where it runs from
- * @return core clock cycles with the frame around it, which is that of the empty sequence too
+ * @return core clock cycles with those of what stands around it
  */
 uint32_t sequence_cycles(uint8_t sequence, sequence_place_t place);
+
+/**
+ * Run what stands around a sequence, with nothing in it.
+ *
+ * @param sequence below sequence_count()
+ * @param place where it runs from
+ * @return core clock cycles
+ */
+uint32_t sequence_overhead_cycles(uint8_t sequence, sequence_place_t place);
 
 #endif

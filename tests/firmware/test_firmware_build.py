@@ -126,12 +126,18 @@ def test_the_flash_configuration_field_leaves_the_chip_unsecured() -> None:
     assert field == bytes.fromhex("ffffffff ffffffff ffffffff feffffff")
 
 
-def test_the_vector_table_starts_the_stack_at_the_top_and_points_into_flash() -> None:
+def test_the_vector_table_starts_the_stack_at_the_top_and_points_into_flash(
+    symbols: dict[str, tuple[int, int]],
+) -> None:
     (table,) = [data for _, address, _, data in loadable(SHIPPED) if address == 0]
     stack, *entries = (int.from_bytes(table[i : i + 4], "little") for i in range(0, len(table), 4))
     assert stack == SRAM_U.stop
     assert len(entries) == 15 + 86  # exceptions of the core, interrupts of the MK64F12
-    assert all(entry in FLASH and entry & 1 for entry in entries)
+    assert all(entry & 1 for entry in entries)
+    supervisor_call = entries.pop(11 - 1)  # timed itself, so where timed code is
+    assert supervisor_call & ~1 == symbols["SVC_Handler"][0]
+    assert supervisor_call in SRAM_L
+    assert all(entry in FLASH for entry in entries)
 
 
 def test_calibrators_and_what_times_them_run_from_sram(symbols: dict[str, tuple[int, int]]) -> None:

@@ -6,17 +6,20 @@ import re
 import struct
 
 import pytest
+import unicorn
 
+from hiltest.link.framing import Frame, encode_frame
 from hiltest.link.replies import Status
 from hiltest.link.sequences import SEQUENCES, SequencePlace, TimeSequence
 from hiltest.virtual.elf import load_image
 from hiltest.virtual.peripherals.bus import StoredRegisters
 
-from .bench import ELF, ROOT, Bench
+from .bench import CLEAR_POINTS, ELF, ROOT, Bench
 
 TIME_SEQUENCE = TimeSequence.code
 PAGE = (ROOT / "firmware_stub" / "PROTOCOL.md").read_text(encoding="utf-8")
 PFB0CR, PFB1CR = 0x4, 0x8
+UART0_INTERRUPT = 16 + 31
 
 
 def cycles(bench: Bench, sequence: int, place: int) -> tuple[int, int]:
@@ -48,6 +51,51 @@ def test_an_empty_one_costs_nothing_and_additions_a_clock_each(place: SequencePl
     cost, overhead = cycles(bench, SEQUENCES.index("data"), place)
     assert cost == 64
     assert 0 < overhead < 100
+
+
+@pytest.mark.parametrize("place", SequencePlace)
+def test_exceptions_cost_what_the_profile_says_beside_what_makes_and_ends_them(place: SequencePlace) -> None:
+    bench = Bench()
+    profile = bench.board.processor.profile
+    rows = {name: row.value for name, row in profile.rows.items()}
+    assert cycles(bench, SEQUENCES.index("readings"), place) == (0, 16 * (rows["load"] + rows["system"]))
+    assert cycles(bench, SEQUENCES.index("exception_entry"), place)[0] == 16 * profile.exception_entry
+    leaving = rows["branch"] + rows["refill_indirect"] - rows["system"]
+    assert cycles(bench, SEQUENCES.index("exception_return"), place)[0] == 16 * (profile.exception_return + leaving)
+
+
+@pytest.mark.parametrize("name", ["stores", "exception_entry", "exception_return"])
+def test_an_interrupt_that_comes_during_a_sequence_waits_until_it_is_over(name: str) -> None:
+    undisturbed = cycles(Bench(), SEQUENCES.index(name), SequencePlace.SRAM)
+    bench = Bench()
+    processor = bench.board.processor
+    nvic, at = processor.nvic, bench.board.image.symbols[f"sequence_{name}_sram"].address & ~1
+    enabled = list(nvic.enabled)
+    came: list[int] = []
+
+    def interrupt(_engine: object, address: int, _size: int, _data: object) -> None:
+        """Have UART0 ask for attention within the sequence."""
+        came.append(address)
+        nvic.pend(UART0_INTERRUPT)
+        processor.look_soon()
+
+    processor.engine.hook_add(unicorn.UC_HOOK_CODE, interrupt, begin=at, end=at)
+    assert cycles(bench, SEQUENCES.index(name), SequencePlace.SRAM) == undisturbed
+    assert came
+    assert UART0_INTERRUPT not in nvic.pending  # it was served, later
+    assert list(nvic.enabled) == enabled
+    assert any(enabled)
+
+
+def test_a_supervisor_call_of_no_sequence_ends_as_every_unexpected_exception() -> None:
+    bench = Bench()
+    memory, symbols = bench.board.processor.memory, bench.board.image.symbols
+    bench.ask(TIME_SEQUENCE, bytes([SEQUENCES.index("exception_entry"), 0]))
+    memory.write(symbols["command_clear_points"].address & ~1, b"\x00\xdf")  # SVC 0
+    bench.send(encode_frame(Frame(CLEAR_POINTS, 77, b"")))
+    bench.board.run_until(bench.board.time_s + 0.1)
+    marker, cause, exception = memory.read_words(symbols["fault_record"].address, 3)
+    assert (marker, cause, exception) == (0x4C544146, 1, 11)
 
 
 def test_the_flash_controller_is_as_it_was_behind_a_sequence_and_switched_off_under_it() -> None:

@@ -5,6 +5,10 @@
  *
  * Floating-point sequences end with an instruction that needs the FPU, so that nothing of theirs goes on behind their end. What
  * the registers s0 to s15 hold does not matter: no instruction of this core takes longer for it.
+ *
+ * Entering an exception and returning from it can only be told apart from within its handler. The sequences for them read the
+ * cycle counter themselves: r7 is its address, r8 what it was before the supervisor call, r9 at the handler's first instruction, r10
+ * at its last but one, r11 behind the return. An exception leaves these registers alone. Their sum, in r0, is what is answered.
  */
 #include "boards/instruction_sequences.h"
 
@@ -12,7 +16,8 @@
 #include "calibration/fast_code.h"
 #include "registers.h"
 
-typedef void (*sequence_t)(uint32_t *buffer);
+/** Returns what it has counted itself, where it does. */
+typedef uint32_t (*sequence_t)(uint32_t *buffer);
 
 #define TIMES(count, instructions) "\t.rept " #count "\n\t" instructions "\n\t.endr\n"
 
@@ -53,6 +58,15 @@ typedef void (*sequence_t)(uint32_t *buffer);
     EACH(fp_stores, TIMES(64, "vstr s0, [r2]"))                                                                                   \
     EACH(fp_pairs, TIMES(32, "vmov r8, r9, s0, s1"))
 
+/* Those that read the counter themselves. The first one, of readings alone, is the empty one of the others. */
+#define FROM_WITHIN(between, start, end)                                                                                          \
+    "\tldr r7, [r1, #4]\n\tmov r0, #0\n" TIMES(                                                                                  \
+        16, "ldr r8, [r7]\n\t" between "\n\tldr r11, [r7]\n\tsub r11, " end ", " start "\n\tadd r0, r0, r11")
+#define TIMED_FROM_WITHIN(EACH)                                                                                                   \
+    EACH(readings, FROM_WITHIN("nop", "r8", "r11"))                                                                               \
+    EACH(exception_entry, FROM_WITHIN("svc #0", "r8", "r9"))                                                                      \
+    EACH(exception_return, FROM_WITHIN("svc #0", "r10", "r11"))
+
 /* A NOP on either side: what stands before and behind is no load, store or branch to any body. */
 #define FRAMED(name, place, section, body)                                                                                        \
     __asm__("\t.pushsection " section ", \"ax\", %progbits\n"                                                                     \
@@ -61,46 +75,97 @@ typedef void (*sequence_t)(uint32_t *buffer);
             "\tpush {r4-r12, lr}\n\tmov r1, r0\n\tadd r2, r0, #64\n\tmov r3, #1\n\tmov r4, #0\n\tmvn r6, #0x80000000\n"           \
             "\tcmp r4, #0\n\tnop\n" body "\tnop\n\tpop {r4-r12, pc}\n"                                                            \
             "\t.size sequence_" #name "_" #place ", . - sequence_" #name "_" #place "\n\t.popsection\n");                         \
-    extern void sequence_##name##_##place(uint32_t *buffer);
+    extern uint32_t sequence_##name##_##place(uint32_t *buffer);
 
 #define IN_SRAM(name, body) FRAMED(name, sram, ".fast_code.sequences", body)
 #define IN_FLASH(name, body) FRAMED(name, flash, ".text.sequences", body)
 SEQUENCES(IN_SRAM)
 SEQUENCES(IN_FLASH)
+TIMED_FROM_WITHIN(IN_SRAM)
+TIMED_FROM_WITHIN(IN_FLASH)
 
-#define BOTH(name, body) {sequence_##name##_sram, sequence_##name##_flash},
-static const sequence_t sequences[][2] = {SEQUENCES(BOTH)};
+#define BOTH(name, body) {{sequence_##name##_sram, sequence_##name##_flash}, false},
+#define BOTH_FROM_WITHIN(name, body) {{sequence_##name##_sram, sequence_##name##_flash}, true},
+typedef struct {
+    sequence_t in[2]; /* SRAM, flash */
+    bool from_within; /* it counts its clocks itself */
+} timed_sequence_t;
+static const timed_sequence_t sequences[] = {SEQUENCES(BOTH) TIMED_FROM_WITHIN(BOTH_FROM_WITHIN)};
+
+#define NUMBER(name, body) NUMBER_##name,
+enum { SEQUENCES(NUMBER) TIMED_FROM_WITHIN(NUMBER) COUNT };
 
 static uint32_t buffer[32];
 
+/* Whether a supervisor call is one of these sequences'. */
+__attribute__((used)) static volatile uint32_t exceptions_are_timed;
+
+/* Any other supervisor call is as unexpected as every other exception that nobody enabled. */
+__asm__("\t.pushsection .fast_code.sequences, \"ax\", %progbits\n"
+        "\t.balign 8\n\t.thumb_func\n\t.global SVC_Handler\n\t.type SVC_Handler, %function\n"
+        "SVC_Handler:\n"
+        "\tldr r9, [r7]\n"
+        "\tldr r5, =exceptions_are_timed\n\tldr r5, [r5]\n\tcbz r5, 1f\n"
+        "\tldr r10, [r7]\n\tbx lr\n"
+        "1:\tldr pc, =Fault_Handler\n"
+        "\t.ltorg\n"
+        "\t.size SVC_Handler, . - SVC_Handler\n\t.popsection\n");
+
 uint8_t sequence_count(void)
 {
-    return (uint8_t)(sizeof sequences / sizeof sequences[0]);
+    return (uint8_t)COUNT;
+}
+
+/* Not by PRIMASK: a supervisor call is an interrupt, too, and under it a fault. SysTick runs only while somebody waits for it. */
+FAST_CODE static void interrupts_disable(uint32_t enabled[NVIC_WORDS])
+{
+    for (uint32_t word = 0u; word < NVIC_WORDS; word++) {
+        enabled[word] = NVIC_ISER(word);
+        NVIC_ICER(word) = enabled[word];
+    }
+    __asm volatile("dsb\n\tisb" ::: "memory"); /* none comes from here on */
+}
+
+FAST_CODE static void interrupts_enable(const uint32_t enabled[NVIC_WORDS])
+{
+    for (uint32_t word = 0u; word < NVIC_WORDS; word++) {
+        NVIC_ISER(word) = enabled[word];
+    }
 }
 
 /** In SRAM: the controller of the flash must not be switched by code that it is just fetching. */
-FAST_CODE __attribute__((noinline)) static uint32_t count_sequence(sequence_t sequence, bool alone)
+FAST_CODE __attribute__((noinline)) static uint32_t count_sequence(sequence_t sequence, bool from_within, bool alone)
 {
-    const uint32_t mask = interrupts_mask();
+    uint32_t enabled[NVIC_WORDS];
+    interrupts_disable(enabled);
     const uint32_t flash_bank_0 = FMC_PFB0CR;
     const uint32_t flash_bank_1 = FMC_PFB1CR;
     if (alone) {
         FMC_PFB0CR = (flash_bank_0 & ~FMC_PFB_ENABLES) | FMC_PFB_INVALIDATE;
         FMC_PFB1CR = flash_bank_1 & ~FMC_PFB_ENABLES; /* bank 0's invalidates both */
     }
+    exceptions_are_timed = from_within;
     const uint32_t before = cycle_counter_read();
-    sequence(buffer);
+    const uint32_t itself = sequence(buffer);
     const uint32_t after = cycle_counter_read();
+    exceptions_are_timed = false;
     if (alone) {
         FMC_PFB0CR = flash_bank_0;
         FMC_PFB1CR = flash_bank_1;
     }
-    interrupts_restore(mask);
-    return after - before;
+    interrupts_enable(enabled);
+    return from_within ? itself : after - before;
 }
 
 uint32_t sequence_cycles(uint8_t sequence, sequence_place_t place)
 {
+    const timed_sequence_t *timed = &sequences[sequence];
     buffer[0] = (uint32_t)(uintptr_t)buffer;
-    return count_sequence(sequences[sequence][place == SEQUENCE_IN_SRAM ? 0 : 1], place == SEQUENCE_IN_FLASH_ALONE);
+    buffer[1] = (uint32_t)(uintptr_t)&DWT_CYCCNT;
+    return count_sequence(timed->in[place == SEQUENCE_IN_SRAM ? 0 : 1], timed->from_within, place == SEQUENCE_IN_FLASH_ALONE);
+}
+
+uint32_t sequence_overhead_cycles(uint8_t sequence, sequence_place_t place)
+{
+    return sequence_cycles(sequences[sequence].from_within ? NUMBER_readings : NUMBER_empty, place);
 }

@@ -11,6 +11,7 @@ extern uint32_t stack_top[];
 
 int main(void);
 _Noreturn void Reset_Handler(void);
+void SVC_Handler(void);
 void SysTick_Handler(void);
 void I2C0_Handler(void);
 void I2C1_Handler(void);
@@ -87,7 +88,9 @@ __attribute__((section(".vectors"), used)) static const struct {
     .system =
         {
             [0] = Reset_Handler,
-            [1 ... 13] = Fault_Handler,
+            [1 ... 9] = Fault_Handler,
+            [10] = SVC_Handler,
+            [11 ... 13] = Fault_Handler,
             [14] = SysTick_Handler,
         },
     .interrupts =

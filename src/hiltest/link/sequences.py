@@ -11,7 +11,7 @@ from hiltest.link.fields import FieldReader
 from hiltest.link.replies import RunCost, Status
 from hiltest.link.request import Request, within
 
-__all__ = ["SEQUENCES", "SequencePlace", "TimeSequence"]
+__all__ = ["EMPTY_SEQUENCES", "SEQUENCES", "SequencePlace", "TimeSequence"]
 
 #: In the order of the protocol.
 SEQUENCES = (
@@ -19,8 +19,10 @@ SEQUENCES = (
     "store_behind_load", "load_store_pairs", "load_multiple", "store_multiple", "branch_not_taken", "branch_taken",
     "call_and_return", "table_branch", "if_then", "barrier", "system", "exclusive", "fp", "fp_chain", "accumulate",
     "accumulate_chain", "accumulate_and_multiply", "accumulate_over_integers", "fp_divide", "fp_divide_result",
-    "square_root", "fp_loads", "fp_stores", "fp_pairs",
+    "square_root", "fp_loads", "fp_stores", "fp_pairs", "readings", "exception_entry", "exception_return",
 )  # fmt: skip
+#: Those whose clocks are subtracted from the others'.
+EMPTY_SEQUENCES = ("empty", "readings")
 
 
 class SequencePlace(IntEnum):
@@ -57,5 +59,5 @@ class TimeSequence(Request[RunCost | None]):
         return struct.pack("<BB", self.sequence, self.place)
 
     def parse(self, fields: FieldReader) -> RunCost | None:
-        """Read what it cost, the empty one subtracted."""
+        """Read what it cost, the empty one of its kind subtracted."""
         return RunCost.parse(fields)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from hiltest.boards.board import Board
 from hiltest.link.messages import CycleSource
-from hiltest.link.sequences import SEQUENCES, SequencePlace, TimeSequence
+from hiltest.link.sequences import EMPTY_SEQUENCES, SEQUENCES, SequencePlace, TimeSequence
 from hiltest.procedures.cycles import no_cycle_counter
 from hiltest.procedures.progress import Progress, silent
 
@@ -23,7 +23,7 @@ def measure_sequences(board: Board, *, progress: Progress | None = None) -> dict
     Returns
     -------
     dict
-        Clocks of each sequence by name, less those of the empty one: of each the least of four times.
+        Clocks of each sequence by name, less those of the empty one of its kind: of each the least of four times.
 
     Raises
     ------
@@ -34,10 +34,11 @@ def measure_sequences(board: Board, *, progress: Progress | None = None) -> dict
         raise no_cycle_counter()
     tell = progress or silent
     found: dict[SequencePlace, dict[str, int]] = {place: {} for place in SequencePlace}
-    work = [(place, number) for place in SequencePlace for number in range(1, len(SEQUENCES))]
-    for done, (place, number) in enumerate(work):
+    timed = [(number, name) for number, name in enumerate(SEQUENCES) if name not in EMPTY_SEQUENCES]
+    work = [(place, number, name) for place in SequencePlace for number, name in timed]
+    for done, (place, number, name) in enumerate(work):
         tell("sequences", done, len(work))
-        found[place][SEQUENCES[number]] = _clocks(board, number, place)
+        found[place][name] = _clocks(board, number, place)
     tell("sequences", len(work), len(work))
     return found
 
