@@ -5,17 +5,21 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+import tomllib
 from collections.abc import Callable
 from dataclasses import replace
+from io import StringIO
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from hiltest.boards import open_board
 from hiltest.boards.board import Declared
 from hiltest.boards.real import RealBoard, is_silicon
 from hiltest.link.sequences import EMPTY_SEQUENCES, SEQUENCES, SequencePlace
 from hiltest.procedures.sequences import measure_sequences
+from hiltest.profiling.timing_table import print_places
 from hiltest.rig import Rig
 from hiltest.virtual.measured_profile import CHECKS, EQUATIONS, profile_text, solve
 from hiltest.virtual.profile_file import DEFAULT_PROFILE, ROWS, load_profile
@@ -69,18 +73,54 @@ def test_it_gives_back_the_profile_that_the_board_was_made_with(
     assert found[SequencePlace.FLASH] == found[SequencePlace.FLASH_ALONE] == found[SequencePlace.SRAM]
 
 
-def test_memories_that_make_code_wait_are_told_from_what_instructions_cost(rig: Rig) -> None:
+@pytest.fixture(scope="module")
+def with_memories(rig: Rig) -> dict[SequencePlace, dict[str, int]]:
     with open_board(replace(rig, board=replace(rig.board, timing="cortex-m4-k64f/1"))) as board:
-        found = measure_sequences(board)
-    measured = solve(found[SequencePlace.SRAM], "a test")
+        return measure_sequences(board)
+
+
+def test_memories_that_make_code_wait_are_told_from_what_instructions_cost(
+    with_memories: dict[SequencePlace, dict[str, int]],
+) -> None:
+    measured = solve(with_memories[SequencePlace.SRAM], "a test")
     default = load_profile(DEFAULT_PROFILE)
     # The table of a TBB stands beside its code: reading it meets a fetch in the same bank every other time.
     (remark,) = measured.remarks
     assert remark == "table_branch: 2.500 clocks, no whole number of them: its band is 2 to 3"
     others = {name: row.value for name, row in measured.rows.items() if name != "table_branch"}
     assert others == {name: default.rows[name].value for name in others}
+
+
+def test_flash_is_slower_with_its_cache_and_prefetch_off(
+    with_memories: dict[SequencePlace, dict[str, int]],
+) -> None:
+    sram, flash, alone = (with_memories[place] for place in SequencePlace)
     # 64 instructions of four bytes are sixteen lines of the flash, which come slower than they are executed.
-    assert found[SequencePlace.FLASH]["fp"] > found[SequencePlace.SRAM]["fp"] == 64
+    assert 64 == sram["fp"] < flash["fp"] < alone["fp"]
+    # Without buffers each is a read of its own. Its one clock misses an edge of the flash's clock, so that the read
+    # begins with the next one: two flash clocks, of five each. Two instructions of two bytes come with one read.
+    # A sequence and the empty one need not begin alike against the flash's clock: up to one of that more or less.
+    assert alone["fp"] == pytest.approx(64 * 2 * 5, abs=5)
+    assert [alone["data"], alone["system"]] == pytest.approx([64 // 2 * 2 * 5] * 2, abs=5)
+    # A jump throws away what was fetched, the other branch of the word that it stands in too.
+    assert alone["branch_taken"] == pytest.approx(32 * 2 * 5, abs=5)
+    exceptions = {"exception_entry", "exception_return"}  # readings around a NOP wait longer than those in the handler
+    assert all(alone[name] > flash[name] for name in flash.keys() - exceptions)
+
+
+def test_the_clocks_from_flash_are_shown_and_written_with_cache_and_prefetch_on_and_off(
+    with_memories: dict[SequencePlace, dict[str, int]],
+) -> None:
+    raw = {place.name.lower(): clocks for place, clocks in with_memories.items()}
+    written = tomllib.loads(profile_text("measured/1", solve(raw["sram"], "a test"), raw))
+    assert written["measured"] == raw
+    console = Console(file=StringIO(), width=120)
+    print_places(console, raw)
+    shown = console.file.getvalue()  # type: ignore[attr-defined]
+    assert re.search(r"sequence +SRAM_L +flash +flash, cache and prefetch off", shown)
+    assert re.search(rf"^ ?fp +64 +{raw['flash']['fp']} +{raw['flash_alone']['fp']} *$", shown, re.M)
+    print_places(console, dict.fromkeys(raw, raw["sram"]))
+    assert "takes the same clocks, with its cache and prefetch on and off" in console.file.getvalue()  # type: ignore[attr-defined]
 
 
 def test_every_row_is_solved_for_once_and_every_sequence_used() -> None:
@@ -139,6 +179,7 @@ def test_the_command_writes_a_profile_named_after_the_board_and_shows_what_it_fo
     name = f"virtual-{VIRTUAL_UNIQUE_ID.hex()}"
     assert done.stdout.splitlines()[-1] == f"{name}.toml: {name}, {len(EQUATIONS)} rows"
     assert re.search(r"^ ?fp_accumulate +3 +3 +2 to 3", done.stdout, re.M)
+    assert "Code in flash takes the same clocks, with its cache and prefetch on and off." in done.stdout
     profile = load_profile(str(tmp_path / f"{name}.toml"))
     assert re.fullmatch(rf"{name}\+[0-9a-f]{{8}}", profile.name)
     assert values(profile) == values(load_profile(DEFAULT_PROFILE))

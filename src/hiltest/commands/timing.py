@@ -74,7 +74,7 @@ def measure(hil_port: str | None, rig: str | None, out: Path | None) -> int:
     """
     from hiltest.boards import open_board
     from hiltest.procedures.sequences import measure_sequences
-    from hiltest.profiling.timing_table import print_measured
+    from hiltest.profiling.timing_table import print_measured, print_places
     from hiltest.progress_line import ProgressLine
     from hiltest.report.console import standard_output
     from hiltest.rig.file import load_rig
@@ -91,6 +91,7 @@ def measure(hil_port: str | None, rig: str | None, out: Path | None) -> int:
     except OSError as error:
         raise ConfigError(f"cannot write {file}: {error.strerror}; name another file with --out") from error
     print_measured(standard_output(), measured)
+    print_places(standard_output(), raw)
     click.echo(f"{file}: {name}, {len(measured.rows)} rows")
     return 0
 

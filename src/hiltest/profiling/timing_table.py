@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from hiltest.virtual.measured_profile import MeasuredProfile
+from hiltest.virtual.measured_profile import PLACES, MeasuredProfile
 from hiltest.virtual.profile_file import DEFAULT_PROFILE, MEMORY_ROWS, ROWS, load_profile
 from hiltest.virtual.timing import CostRow, TimingProfile
 
@@ -56,6 +56,28 @@ def print_measured(console: Console, measured: MeasuredProfile) -> None:
     console.print(table)
     for remark in measured.remarks:
         console.print(escape(remark), style="yellow", soft_wrap=True)
+
+
+def print_places(console: Console, raw: Mapping[str, Mapping[str, int]]) -> None:
+    """Print what sequences cost from flash, where that is not what they cost from SRAM.
+
+    Parameters
+    ----------
+    console : Console
+    raw : mapping of str to mapping
+        Clocks of each sequence, by the memory that it ran from.
+    """
+    differing = [name for name in raw["sram"] if len({clocks[name] for clocks in raw.values()}) > 1]
+    if not differing:
+        console.print("Code in flash takes the same clocks, with its cache and prefetch on and off.", soft_wrap=True)
+        return
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), title="clocks of each sequence, by its place")
+    table.add_column("sequence", no_wrap=True)
+    for place in raw:
+        table.add_column(PLACES[place], justify="right", no_wrap=True)
+    for name in differing:
+        table.add_row(name, *(str(clocks[name]) for clocks in raw.values()))
+    console.print(table)
 
 
 def _table(value: str, rows: Mapping[str, CostRow], meanings: Mapping[str, str]) -> Table:

@@ -311,13 +311,16 @@ class InstructionAccounting(_Totals):
         end = last.address + last.size
         if last.transfer:
             if next_address != end or not last.conditional:
-                self.cycles += self._profile.taken(last)
+                self._jumps(last)
             return
         # The code hook is silent for instructions that an IT block skips; they are priced as executed.
         while end < next_address <= end + 16:
             skipped = decode(end, self._read_code(end, 4))[0]
             self._add(skipped)
             end += skipped.size
+
+    def _jumps(self, last: Instruction) -> None:
+        self.cycles += self._profile.taken(last)
 
     def _add(self, instruction: Instruction) -> None:
         cycles, self._state = self._profile.step(instruction, self._state)

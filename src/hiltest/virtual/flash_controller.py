@@ -3,15 +3,44 @@
 A read of the flash array brings one line, and the next line is read ahead at once. What was accessed is kept in a cache
 of smaller entries. The flash has a clock of its own, so a read begins at one of its edges: a miss costs one flash
 clock, and up to nearly another one until the edge.
+
+Line buffer, reading ahead and cache can be switched off, for each half of the flash. With all of them off every word
+that is fetched and every access to data is a read of the array.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
+from hiltest.virtual.memory import FLASH
 from hiltest.virtual.timing import CostRow
 
 _NOTHING = -1
+_WORD_BYTES = 4  # the core fetches words: the second instruction of one is no access, unless it is jumped to
+BANKS = 2
+_BANK_BYTES = FLASH[1] // BANKS
+
+
+@dataclass(frozen=True, slots=True)
+class BankSwitches:
+    """What the controller does for one half of the flash.
+
+    Attributes
+    ----------
+    keeps_line : bool
+        Whether the line that was read last is kept.
+    reads_ahead_code, reads_ahead_data : bool
+        Whether the next line is read behind a fetch, and behind an access to data.
+    caches_code, caches_data : bool
+        Whether what was fetched, and what was accessed, enters the cache. What is in it is found there all the same.
+    """
+
+    keeps_line: bool = True
+    reads_ahead_code: bool = True
+    reads_ahead_data: bool = True
+    caches_code: bool = True
+    caches_data: bool = True
 
 
 class FlashController:
@@ -30,16 +59,41 @@ class FlashController:
         self._ways = rows["cache_ways"].value
         self._sets = rows["cache_sets"].value
         self._reads_ahead = rows["flash_read_ahead"].value > 0
+        self._switches = [BankSwitches()] * BANKS
         self.reset()
 
     def reset(self) -> None:
         """Nothing was read yet."""
-        self._line = self._ahead = _NOTHING
         self._free_at = 0  # when the array can take the next read
-        # The entries of each set, the one that was not used for longest first.
-        self._cache: list[list[int]] = [[] for _ in range(self._sets)]
+        # What each way of each set holds, and its ways, the one that was not used for longest first.
+        self._held = [[_NOTHING] * self._ways for _ in range(self._sets)]
+        self._order = [list(range(self._ways)) for _ in range(self._sets)]
+        self.forget_lines()
+        self.forget_word()
 
-    def wait(self, address: int, size: int, cycle: int) -> int:
+    def switch(self, bank: int, switches: BankSwitches) -> None:
+        """Set what is done for one half of the flash: 0 or 1."""
+        if self._switches[bank].keeps_line and not switches.keeps_line:
+            self._line = _NOTHING
+        self._switches[bank] = switches
+
+    def forget_lines(self) -> None:
+        """Neither the line that was read last is there, nor the one that was read ahead."""
+        self._line = self._ahead = _NOTHING
+
+    def forget_word(self) -> None:
+        """The core has thrown away what it had fetched: it jumps."""
+        self._word = _NOTHING
+
+    def forget_way(self, way: int) -> None:
+        """Nothing is in one way of the cache; it is filled next."""
+        for held, order in zip(self._held, self._order, strict=True):
+            if way < self._ways:
+                held[way] = _NOTHING
+                order.remove(way)
+                order.insert(0, way)
+
+    def wait(self, address: int, size: int, cycle: int, *, fetched: bool = True) -> int:
         """Return for how many core clocks an access waits that is made at a cycle.
 
         Parameters
@@ -48,24 +102,31 @@ class FlashController:
             Of an instruction or of data; it may straddle two lines.
         cycle : int
             Never earlier than that of the access before.
+        fetched : bool
+            Whether it is an instruction.
         """
-        first, last = address // self._entry_bytes, (address + size - 1) // self._entry_bytes
+        switches = self._switches[address // _BANK_BYTES % BANKS]
         begin = cycle
-        for entry in range(first, last + 1):
-            cycle += self._wait_for(entry, cycle)
+        for word in range(address // _WORD_BYTES, (address + size - 1) // _WORD_BYTES + 1):
+            cycle += self._wait_for(word, cycle, switches, fetched=fetched)
+            if fetched:
+                self._word = word
         return cycle - begin
 
-    def _wait_for(self, entry: int, cycle: int) -> int:
-        line = entry * self._entry_bytes // self._line_bytes
-        waited = 0 if line == self._line or self._is_cached(entry) else self._read(line, cycle)
-        self._keep(entry)
+    def _wait_for(self, word: int, cycle: int, switches: BankSwitches, *, fetched: bool) -> int:
+        line, entry = word * _WORD_BYTES // self._line_bytes, word * _WORD_BYTES // self._entry_bytes
+        waited = 0
+        if not (line == self._line or self._is_cached(entry) or (fetched and word == self._word)):
+            ahead = switches.reads_ahead_code if fetched else switches.reads_ahead_data
+            waited = self._read(line, cycle, keeps=switches.keeps_line, ahead=ahead and self._reads_ahead)
+        self._use(entry, keeps=switches.caches_code if fetched else switches.caches_data)
         return waited
 
-    def _read(self, line: int, cycle: int) -> int:
+    def _read(self, line: int, cycle: int, *, keeps: bool, ahead: bool) -> int:
         # The line that is read ahead is there when the array is free again; another one is read from then on.
         ready = max(self._free_at, cycle) if line == self._ahead else self._next_edge(cycle) + self._clocks
-        self._line, self._free_at, self._ahead = line, ready, _NOTHING
-        if self._reads_ahead:
+        self._line, self._free_at, self._ahead = line if keeps else _NOTHING, ready, _NOTHING
+        if ahead:
             self._ahead = line + 1
             self._free_at = self._next_edge(ready) + self._clocks
         return ready - cycle
@@ -74,11 +135,15 @@ class FlashController:
         return -(-max(cycle, self._free_at) // self._clocks) * self._clocks
 
     def _is_cached(self, entry: int) -> bool:
-        return entry in self._cache[entry % self._sets]
+        return entry in self._held[entry % self._sets]
 
-    def _keep(self, entry: int) -> None:
-        ways = self._cache[entry % self._sets]
-        if entry in ways:
-            ways.remove(entry)
-        ways.append(entry)
-        del ways[: -self._ways]
+    def _use(self, entry: int, *, keeps: bool) -> None:
+        """Take note that an entry was used: it is the last one to give way, and replaces the first where it is new."""
+        held, order = self._held[entry % self._sets], self._order[entry % self._sets]
+        if entry not in held:
+            if not keeps:
+                return
+            held[order[0]] = entry
+        way = held.index(entry)
+        order.remove(way)
+        order.append(way)

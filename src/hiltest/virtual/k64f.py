@@ -14,6 +14,7 @@ from hiltest.virtual.chip import mk64f12
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.elf import load_image
 from hiltest.virtual.faults import FaultRecord
+from hiltest.virtual.flash_controller import FlashController
 from hiltest.virtual.frdm_k64f import LedsAndButtons
 from hiltest.virtual.i2c_bus import I2cBus, I2cDevice
 from hiltest.virtual.instructions import decode
@@ -24,6 +25,7 @@ from hiltest.virtual.native import by_block
 from hiltest.virtual.peripherals.bus import Peripheral, PeripheralBus, StoredRegisters
 from hiltest.virtual.peripherals.clocks import ClockGates, ClockGenerator
 from hiltest.virtual.peripherals.cycle_counter import CycleCounter
+from hiltest.virtual.peripherals.flash_control import FlashControl
 from hiltest.virtual.peripherals.i2c import I2c
 from hiltest.virtual.peripherals.pins import Gpio, Port
 from hiltest.virtual.peripherals.pit import PeriodicTimers
@@ -43,8 +45,7 @@ HANG_S = 1.0
 
 # Registers that firmware sets up and that change nothing which it could see: no need to tell.
 _STORED = {
-    "SIM (SOPT)": 0x40047000, "OSC": 0x40065000, "SMC": 0x4007E000, "FMC": 0x4001F000, "SYSMPU": 0x4000D000,
-    "PMC": 0x4007D000,
+    "SIM (SOPT)": 0x40047000, "OSC": 0x40065000, "SMC": 0x4007E000, "SYSMPU": 0x4000D000, "PMC": 0x4007D000,
 }  # fmt: skip
 _FIRST_PORT, _FIRST_PORT_INTERRUPT = 0x40049000, 59
 
@@ -125,7 +126,7 @@ class VirtualK64F:
         self._peripherals: list[Peripheral] = [
             generator, self.clocks, self.watchdog, self._reset_control, self.uart0, self.cycle_counter,
             SystemControlSpace(self.processor, self.cycle_counter, self._request_reset),
-            self.timers, *ports.values(), Gpio(list(ports.values())),
+            self.timers, *ports.values(), Gpio(list(ports.values())), FlashControl(self._flash_controller()),
             *self._i2c_masters(),
             *(StoredRegisters(name, base, chip.reset_bytes(base)) for name, base in _STORED.items()),
         ]  # fmt: skip
@@ -147,6 +148,10 @@ class VirtualK64F:
         self.events = self._leds_and_buttons.events
         self._booted = False
         self._load()
+
+    def _flash_controller(self) -> FlashController | None:
+        accounting = self.processor.accounting
+        return accounting.flash if isinstance(accounting, MemoryAccounting) else None
 
     def _i2c_masters(self) -> list[I2c]:
         modules = (("I2C0", 0x40066000, 24), ("I2C1", 0x40067000, 25))

@@ -69,6 +69,10 @@ CHECKS = (
 )
 
 
+#: Where sequences run from, as users read it.
+PLACES = {"sram": "SRAM_L", "flash": "flash", "flash_alone": "flash, cache and prefetch off"}
+
+
 @dataclass(frozen=True, slots=True)
 class MeasuredProfile:
     """What measurements make of the rows.
@@ -157,5 +161,5 @@ def _lines(name: str, measured: MeasuredProfile, raw: Mapping[str, Mapping[str, 
         yield f'source = "{cost.source}"'
     for place, clocks in raw.items():
         yield ""
-        yield f"[measured.{place}]  # clocks of each sequence, the empty one subtracted"
+        yield f"[measured.{place}]  # clocks of each sequence from {PLACES[place]}; the empty one subtracted"
         yield from (f"{sequence} = {count}" for sequence, count in clocks.items())

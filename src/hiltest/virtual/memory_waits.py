@@ -30,6 +30,8 @@ class MemoryAccounting(InstructionAccounting):
     ----------
     memory_cycles : int
         Of the total, what accesses waited for.
+    flash : FlashController
+        Makes accesses to flash wait; the FMC's registers switch it.
     """
 
     def __init__(
@@ -37,7 +39,7 @@ class MemoryAccounting(InstructionAccounting):
     ) -> None:
         super().__init__(profile, read_code, attend, stop)
         self.memory_cycles = 0
-        self._flash = FlashController(profile.memory)
+        self.flash = FlashController(profile.memory)
         self._parts_owed = 0
         self._has_accessed = False  # the instruction that runs
         self._known: dict[tuple[int, bytes], Block] = {}
@@ -47,7 +49,11 @@ class MemoryAccounting(InstructionAccounting):
         super().begins(address, size)
         self._has_accessed = False
         if self._last is not None and address < _FLASH_END:
-            self._wait(self._flash.wait(address, size, self.cycles))
+            self._wait(self.flash.wait(address, size, self.cycles))
+
+    def _jumps(self, last: Instruction) -> None:
+        super()._jumps(last)
+        self.flash.forget_word()
 
     def data_hook(self, abort: Callable[[BaseException], None]) -> CodeHook:
         """Return a callback that takes note of accesses, and calls `abort` with whatever goes wrong."""
@@ -65,7 +71,7 @@ class MemoryAccounting(InstructionAccounting):
         if self._last is None or address >= _SRAM_END:
             return
         if address < _FLASH_END:
-            self._wait(self._flash.wait(address, size, self.cycles))
+            self._wait(self.flash.wait(address, size, self.cycles, fetched=False))
         elif not self._has_accessed:
             self._parts_owed += self._conflict(self._last, address)
             whole, self._parts_owed = divmod(self._parts_owed, _PARTS)
@@ -90,10 +96,15 @@ class MemoryAccounting(InstructionAccounting):
             self._known[address, code] = price_block(self._profile, decode(address, code), NEUTRAL)
         return self._known[address, code]
 
+    def flush_pipeline(self) -> None:
+        """An exception was entered or left: the core fetches anew."""
+        super().flush_pipeline()
+        self.flash.forget_word()
+
     def forget_code(self) -> None:
         """Other code may be there now, and the controller has nothing of it."""
         self._known = {}
-        self._flash.reset()
+        self.flash.reset()
 
 
 def _bank(address: int) -> str:

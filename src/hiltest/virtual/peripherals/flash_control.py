@@ -1,0 +1,70 @@
+"""FMC: the switches of the flash controller's buffers, its reading ahead and its cache."""
+
+from __future__ import annotations
+
+from hiltest.virtual.chip import mk64f12
+from hiltest.virtual.flash_controller import BANKS, BankSwitches, FlashController
+from hiltest.virtual.peripherals.bus import StoredRegisters
+
+_PFAPR, _PFB0CR, _PFB1CR = 0x0, 0x4, 0x8
+_M0PFD = 1 << 16  # the core's bus for code and constants never has anything read ahead
+_SEBE, _IPE, _DPE, _ICE, _DCE = (1 << bit for bit in range(5))
+_S_B_INV, _CINV_WAY, _WAYS = 1 << 19, 20, 4
+# What can be written. CRC and CLCK_WAY are kept, and not heeded; memory width and wait states are the chip's.
+_WRITABLE = {_PFAPR: 0x00FFFFFF, _PFB0CR: 0x0F0000FF, _PFB1CR: 0x0000001F}
+
+
+class FlashControl(StoredRegisters):
+    """PFAPR, PFB0CR and PFB1CR; tags and data of the cache are only stored.
+
+    Parameters
+    ----------
+    controller : FlashController or None
+        What they switch; None where accesses to flash wait for nothing.
+    """
+
+    def __init__(self, controller: FlashController | None) -> None:
+        self._controller = controller
+        base = 0x4001F000
+        super().__init__("FMC", base, mk64f12().reset_bytes(base))
+
+    def reset(self) -> None:
+        """Everything is on."""
+        super().reset()
+        self._switch()
+
+    def write(self, offset: int, size: int, value: int) -> None:
+        """Keep what can be written; switch, and forget what is to be forgotten."""
+        register = offset & ~3
+        before = self.word(register)
+        super().write(offset, size, value)
+        if register not in _WRITABLE:
+            return
+        written, writable = self.word(register), _WRITABLE[register]
+        super().write(register, 4, before & ~writable | written & writable)
+        self._switch()
+        if register == _PFB0CR:
+            self._forget(written)
+
+    def _forget(self, written: int) -> None:
+        """S_B_INV and CINV_WAY are of both banks, and read as zero."""
+        if self._controller is None:
+            return
+        if written & _S_B_INV:
+            self._controller.forget_lines()
+        for way in range(_WAYS):
+            if written >> _CINV_WAY + way & 1:
+                self._controller.forget_way(way)
+
+    def _switch(self) -> None:
+        if self._controller is None:
+            return
+        ahead = not self.word(_PFAPR) & _M0PFD
+        for bank in range(BANKS):
+            control = self.word(_PFB0CR + 4 * bank)
+            switches = BankSwitches(
+                keeps_line=bool(control & _SEBE),
+                reads_ahead_code=ahead and bool(control & _IPE), reads_ahead_data=ahead and bool(control & _DPE),
+                caches_code=bool(control & _ICE), caches_data=bool(control & _DCE),
+            )  # fmt: skip
+            self._controller.switch(bank, switches)
