@@ -11,6 +11,7 @@ from hiltest.link.framing import DamagedFrame, Frame, FrameDecoder, encode_frame
 from hiltest.link.replies import Status
 from hiltest.rig import build_sensors, build_world
 from hiltest.rig.file import load_rig
+from hiltest.sensors.register_device import RegisterDevice
 from hiltest.virtual.i2c_bus import I2cDevice
 from hiltest.virtual.k64f import VirtualK64F
 
@@ -77,9 +78,14 @@ class Bench:
             self.ask(UPLOAD, struct.pack("<HB", first, len(part)) + b"".join(struct.pack("<3h", *p) for p in part))
 
 
-def bench_with(*buses: str) -> Bench:
+def sensors() -> dict[str, list[RegisterDevice]]:
+    """The parts of the default rig, by bus."""
     rig = load_rig(ROOT / "hil" / "rigs" / "virtual-k64f.toml")
-    parts = build_sensors(rig, build_world(rig), 1)
+    return build_sensors(rig, build_world(rig), 1)
+
+
+def bench_with(*buses: str) -> Bench:
+    parts = sensors()
     return Bench(**{bus: parts[bus] for bus in buses})
 
 
