@@ -10,6 +10,7 @@ import pytest
 from hiltest.errors import ConfigError
 from hiltest.measurement import in_flash
 from hiltest.profiling.image import ProfiledImage
+from hiltest.virtual.accounting import BlockAccounting, InstructionAccounting
 from hiltest.virtual.flash_controller import FlashController
 from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.memory_waits import MemoryAccounting
@@ -60,6 +61,62 @@ def test_a_kernel_in_lower_sram_with_data_in_upper_sram_waits_only_for_its_const
     assert counted[1:] == plain[1:]
     # Its constants stand behind its code: a load of one meets a fetch in the same bank. Nothing else waits.
     assert 0 <= counted[0] - plain[0] <= 0.005 * plain[0]
+
+
+CONDITIONAL = """
+    .syntax unified
+    .thumb
+    .cpu cortex-m4
+    .text
+    .thumb_func
+    .global main
+    .type main, %function
+main:
+    ldr r3, =least
+    ldr r6, =words
+    movs r7, #8
+    movs r0, #0
+1:  ldr r1, [r6], #4
+    ldr r2, [r3]
+    cmp r2, r1
+    it gt
+    strgt r1, [r3]
+    cmp r7, #100
+    b 2f
+2:  adds r0, #1
+    subs r7, #1
+    bne 1b
+    ldr r2, [r3]
+    orr r0, r0, r2, lsl #8
+    bx lr
+    .ltorg
+    .size main, . - main
+    .data
+least: .word 9
+words: .word 8, 9, 9, 5, 7, 6, 3, 4
+"""
+
+
+def test_a_conditional_access_leaves_the_condition_of_the_next_block_alone(build: Build) -> None:
+    # Behind the store nothing is greater any more: what the condition is kept for would be skipped.
+    board = VirtualK64F(build(CONDITIONAL), profile=MEMORIES)
+    assert board.call("main").value == 3 << 8 | 8
+
+
+def test_a_call_is_counted_alike_with_and_without_its_profile_and_the_memories_on_top_of_every_other_way() -> None:
+    argument = (b"123456789", 9)
+    board = VirtualK64F(SHIPPED, profile=MEMORIES)
+    counted = board.call("crc32", *argument)
+    accounting = board.processor.accounting
+    assert isinstance(accounting, MemoryAccounting)
+    profiled = ProfiledImage(SHIPPED, timing=MEMORIES).call("crc32", *argument)
+    assert (counted.value, counted.cycles, counted.instructions) == (
+        profiled.value, profiled.cycles, profiled.instructions
+    )  # fmt: skip
+    ways = (None, BlockAccounting, InstructionAccounting)
+    plain = [VirtualK64F(SHIPPED, accounting=way).call("crc32", *argument) for way in ways]
+    assert {(each.value, each.instructions) for each in plain} == {(counted.value, counted.instructions)}
+    assert {each.cycles for each in plain} == {counted.cycles - accounting.memory_cycles}
 
 
 def controller(**values: int) -> FlashController:

@@ -53,8 +53,10 @@ class Accounting(Protocol):
         """Return what the emulator is to call where code begins, except at the address `outside`."""
         ...
 
-    def data_hook(self, abort: Callable[[BaseException], None]) -> CodeHook | None:
-        """Return what the emulator is to call where data is accessed, None for nothing."""
+    def data_hook(
+        self, forget_condition: Callable[[], None], abort: Callable[[BaseException], None]
+    ) -> CodeHook | None:
+        """Return what the emulator is to call where data is accessed, which then forgets; None for nothing."""
         ...
 
     @property
@@ -129,7 +131,9 @@ class _Totals:
     def begins(self, address: int, size: int) -> None:
         raise NotImplementedError
 
-    def data_hook(self, _abort: Callable[[BaseException], None]) -> CodeHook | None:
+    def data_hook(
+        self, _forget_condition: Callable[[], None], _abort: Callable[[BaseException], None]
+    ) -> CodeHook | None:
         """Accesses to data cost nothing by themselves."""
         return None
 

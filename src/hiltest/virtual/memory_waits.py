@@ -55,13 +55,18 @@ class MemoryAccounting(InstructionAccounting):
         super()._jumps(last)
         self.flash.forget_word()
 
-    def data_hook(self, abort: Callable[[BaseException], None]) -> CodeHook:
-        """Return a callback that takes note of accesses, and calls `abort` with whatever goes wrong."""
+    def data_hook(self, forget_condition: Callable[[], None], abort: Callable[[BaseException], None]) -> CodeHook:
+        """Return a callback that takes note of accesses, and calls `abort` with whatever goes wrong.
+
+        For this hook the emulator writes down where in an IT block an access stands, as it does for one to a device,
+        and leaves it there: without `forget_condition` the next block would begin with this one's condition.
+        """
 
         def on_access(_engine: int, _kind: int, address: int, size: int, _value: int, _data: int) -> None:
             """Take note of an access; what goes wrong ends the run, for the emulator takes no exception."""
             try:
                 self._accesses(address, size)
+                forget_condition()
             except BaseException as error:  # re-raised by the processor; ctypes would print and drop it
                 abort(error)
 

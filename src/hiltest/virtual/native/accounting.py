@@ -119,7 +119,7 @@ class NativeBlockAccounting:
         self._counter.outside = outside
         return CodeHook(self._library.hiltest_block_begins, ctypes.c_void_p(self._address))
 
-    def data_hook(self, _abort: Callable[[BaseException], None]) -> None:
+    def data_hook(self, _forget_condition: Callable[[], None], _abort: Callable[[BaseException], None]) -> None:
         """Accesses to data cost nothing by themselves."""
 
     def _on_price(self, address: int, size: int, entry: int) -> int:
