@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
-from hiltest.boards import VirtualBoard, open_board
+from hiltest.boards import VirtualBoard, default_firmware, open_board
 from hiltest.link.messages import Calibrate, Points
+from hiltest.measurement import CycleBand
 from hiltest.procedures import upload_cloud
 from hiltest.procedures.clouds import golden_cloud
 from hiltest.rig import Rig
@@ -15,8 +17,8 @@ CLOUD = golden_cloud(30)
 CALIBRATORS = ("direct", "direct-fast", "corrected")  # the others take half a minute by instruction
 
 
-def opened(rig: Rig, timing: str) -> VirtualBoard:
-    board = open_board(replace(rig, board=replace(rig.board, timing=timing)))
+def opened(rig: Rig, timing: str, firmware: Path | None = None) -> VirtualBoard:
+    board = open_board(replace(rig, board=replace(rig.board, timing=timing)), firmware=firmware)
     assert isinstance(board, VirtualBoard)
     return board
 
@@ -49,3 +51,23 @@ def test_memories_add_clocks_and_leave_every_answer_alone(rig: Rig) -> None:
     # The kernels run from SRAM_L with their data in SRAM_U: only their constants, in SRAM_L beside them, meet a fetch.
     for name, plain in clocks.items():
         assert plain <= clocks_with_memories[name] <= 1.005 * plain, name
+
+
+def test_a_count_of_code_in_flash_carries_what_the_memory_rows_state_and_nothing_without_them(
+    rig: Rig, tmp_path: Path
+) -> None:
+    """The firmware that ships, had it been linked to run from flash, would say so in the same place."""
+    own, says = default_firmware().read_bytes(), b"frdm-k64f\0\0\0%s\0\0\0"
+    assert own.count(says % b"sram\0") == 1
+    (tmp_path / "flash.elf").write_bytes(own.replace(says % b"sram\0", says % b"flash"))
+    bands = {}
+    for timing in ("cortex-m4-trm/1", "cortex-m4-k64f/1"):
+        with opened(rig, timing, tmp_path / "flash.elf") as board:
+            assert board.cycle_model == f"{timing}@flash"
+            upload_cloud(board, CLOUD[:20])
+            cost = board.session.request(Calibrate(20, "direct")).cost
+            assert cost is not None
+            bands[timing] = cost.cycles, board.cycle_band(cost)
+    assert bands["cortex-m4-trm/1"][1] is None
+    cycles, band = bands["cortex-m4-k64f/1"]
+    assert band == CycleBand(round(0.85 * cycles), round(1.15 * cycles))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -215,10 +216,20 @@ def test_a_board_that_counts_by_instruction_knows_no_blocks() -> None:
     assert band_of_call(board, "crc32", b"1234", 4)[1] is None
 
 
-def test_a_profiled_call_has_its_band(build: Build, tmp_path: Path) -> None:
-    elf = build(random_program(5, length=60))
-    band = profile_call(VirtualK64F(elf, accounting=ProfilingAccounting), "work").band
-    assert band is not None
-    row = band.rows[0]
-    moved = VirtualK64F(elf, profile=file_with(tmp_path, MOVES[row.row].high)).call("work").cycles
-    assert moved == row.high
+RANGE_AND_POINT = struct.pack("<6h", 10, 10, 10, 20, 20, 20), struct.pack("<3h", 5, 15, 25)
+
+
+def test_a_profiled_call_has_its_band(tmp_path: Path) -> None:
+    arguments = [bytearray(each) for each in RANGE_AND_POINT]
+    called = profile_call(VirtualK64F(SHIPPED, accounting=ProfilingAccounting), "point_range_add", *arguments)
+    assert called.cycle_model == "cortex-m4-trm/1@sram"
+    assert called.band is not None
+    row = called.band.rows[0]
+    moved = VirtualK64F(SHIPPED, profile=file_with(tmp_path, MOVES[row.row].high))
+    assert moved.call("point_range_add", *map(bytearray, RANGE_AND_POINT)).cycles == row.high != called.cycles
+
+
+def test_a_count_of_code_in_flash_at_no_wait_states_has_no_band(build: Build) -> None:
+    called = profile_call(VirtualK64F(build(random_program(5, length=60)), accounting=ProfilingAccounting), "work")
+    assert called.cycle_model == "cortex-m4-trm/1@flash"
+    assert called.band is None

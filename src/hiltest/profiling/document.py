@@ -134,7 +134,10 @@ def _notes(profile: CallProfile) -> Iterator[str]:
         if profile.memory_cycles:
             yield "what memories add is in the total, and in no function, line or instruction"
     elif "flash" in placement:
-        yield "code ran from flash, whose wait states are not modelled: silicon takes more cycles"
+        yield (
+            "code ran from flash, whose wait states are not modelled: none are assumed, and silicon takes more cycles; "
+            "the profile cortex-m4-k64f/1 counts them"
+        )
     if "sram_u" in placement and profile.memory_cycles is None:
         yield "code ran from SRAM_U, where it competes with data for the bus: silicon takes more cycles"
     if not profile.lines:

@@ -89,6 +89,20 @@ def cycle_band(
     return CycleBand(low, high, tuple(effects))
 
 
+def flash_band(profile: TimingProfile, cycles: int) -> CycleBand | None:
+    """Return within what a count of code in flash lies, by what the profile says of its own memory rows.
+
+    Returns
+    -------
+    CycleBand or None
+        None for a profile without such rows: zero wait states were assumed, and the truth is no such band above that.
+    """
+    if not profile.memory:
+        return None
+    percent = profile.memory["flash_uncertainty"].value
+    return CycleBand(round(cycles * (100 - percent) / 100), round(cycles * (100 + percent) / 100))
+
+
 def _count_moved(
     count: Callable[[Pricing], int], nominal: Pricing, profile: TimingProfile, values: dict[str, int]
 ) -> int:

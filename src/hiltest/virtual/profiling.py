@@ -18,7 +18,7 @@ from hiltest.virtual.blocks import Block
 from hiltest.virtual.call_tree import CallNode, CallTree
 from hiltest.virtual.calling import CallResult
 from hiltest.virtual.cost_classes import InstructionCost, Stall, Work, instruction_costs
-from hiltest.virtual.cycle_band import cycle_band
+from hiltest.virtual.cycle_band import cycle_band, flash_band
 from hiltest.virtual.elf import FirmwareImage
 from hiltest.virtual.executions import between
 from hiltest.virtual.k64f import HANG_S, VirtualK64F
@@ -141,7 +141,8 @@ class CallProfile(CallResult):
     functions, lines, addresses, stacks : tuple
         Most expensive first; `lines` is empty without debug information.
     band : CycleBand or None
-        Within what `cycles` lies by the timing profile's own uncertainty; None when more than instructions took time.
+        Within what `cycles` lies by the timing profile's own uncertainty; None when more than instructions took time,
+        and for code in flash by a profile that knows no memories.
     memory_cycles : int or None
         What accesses waited for, of no instruction in the tables; None when the timing profile knows no memories.
     """
@@ -196,8 +197,10 @@ def profile_call(board: VirtualK64F, function: str, *arguments: Argument, timeou
     finally:
         accounting.tree = None
     executed = between(before, accounting.snapshot(0))
-    band = cycle_band(processor.profile, result.cycles, executed) if executed else None
-    return _Sums(processor.profile, tree).profile(board.image, function, result, band)
+    sums = _Sums(processor.profile, tree)
+    counted = executed if not in_flash(sums.cycle_model) else None  # what flash waits for is of no row, and greater
+    band = cycle_band(processor.profile, result.cycles, counted) if counted else None
+    return sums.profile(board.image, function, result, band)
 
 
 def with_memories(profile: CallProfile, cycles: int, timing: TimingProfile) -> CallProfile:
@@ -215,8 +218,7 @@ def with_memories(profile: CallProfile, cycles: int, timing: TimingProfile) -> C
     waited = cycles - profile.cycles
     band = profile.band if not waited else None
     if in_flash(profile.cycle_model):
-        percent = timing.memory["flash_uncertainty"].value
-        band = CycleBand(round(cycles * (100 - percent) / 100), round(cycles * (100 + percent) / 100))
+        band = flash_band(timing, cycles)
     return replace(profile, cycles=cycles, band=band, memory_cycles=waited)
 
 
@@ -276,7 +278,7 @@ class _Sums:
         """Make the tables."""
         addresses = tuple(sorted(self._address_costs(image), key=lambda each: (-each.cycles, each.address)))
         return CallProfile(
-            result.value, result.cycles, result.instructions, function, f"{self._timing.name}@{self._placement()}",
+            result.value, result.cycles, result.instructions, function, self.cycle_model,
             self.work, self.stalls, sum(node.asleep_cycles for node in self.nodes),
             functions=tuple(sorted(self._function_costs(), key=lambda each: (-each.self_cycles, each.name))),
             lines=tuple(sorted(_line_costs(addresses), key=lambda each: (-each.cycles, each.location))),
@@ -284,13 +286,14 @@ class _Sums:
             band=band,
         )  # fmt: skip
 
-    def _placement(self) -> str:
-        """Name the memories that the code ran from, the one with the most cycles first."""
+    @property
+    def cycle_model(self) -> str:
+        """Timing profile and the memories that the code ran from, the one with the most cycles first."""
         cycles: Counter[str] = Counter()
         for (_, address), (_, _, tally) in self.addresses.items():
             in_flash = address < FLASH[0] + FLASH[1]
             cycles["flash" if in_flash else "sram" if address < _SRAM_U else "sram_u"] += tally.cycles
-        return "+".join(name for name, _ in cycles.most_common())
+        return f"{self._timing.name}@{'+'.join(name for name, _ in cycles.most_common())}"
 
     def _address_costs(self, image: FirmwareImage) -> Iterator[AddressCost]:
         for (_, address), (node, cost, tally) in self.addresses.items():
