@@ -18,6 +18,7 @@ from hiltest.virtual.profile_file import DEFAULT_PROFILE, MEMORY_ROWS, load_prof
 
 from .conftest import SHIPPED, Build
 from .test_cycle_counting import cloud, run_kernel
+from .test_faults import HEAD, TAIL
 from .test_measured_sequences import FRAME, LDM_STM
 
 PAGE = (Path(__file__).parents[2] / "docs" / "timing.md").read_text(encoding="utf-8")
@@ -117,6 +118,29 @@ def test_a_call_is_counted_alike_with_and_without_its_profile_and_the_memories_o
     plain = [VirtualK64F(SHIPPED, accounting=way).call("crc32", *argument) for way in ways]
     assert {(each.value, each.instructions) for each in plain} == {(counted.value, counted.instructions)}
     assert {each.cycles for each in plain} == {counted.cycles - accounting.memory_cycles}
+
+
+READS_THE_CLOCK = """
+    ldr r0, =0xE000EDFC
+    ldr r1, =1 << 24
+    str r1, [r0]
+    ldr r2, =0xE0001000
+    movs r1, #1
+    str r1, [r2]
+    ldr r0, [r2, #4]
+    .rept 40
+    nop
+    .endr
+    ldr r1, [r2, #4]
+    subs r0, r1, r0
+"""
+
+
+def test_a_function_that_does_something_else_when_it_waits_is_refused(build: Build) -> None:
+    elf = build(HEAD + READS_THE_CLOCK + TAIL)
+    plain = ProfiledImage(elf).call("main")
+    with pytest.raises(ConfigError, match=rf"^main answers (\d+) .* and answers {plain.value} .*depends on the clock"):
+        ProfiledImage(elf, timing=MEMORIES).call("main")
 
 
 def controller(**values: int) -> FlashController:

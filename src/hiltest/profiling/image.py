@@ -5,6 +5,8 @@ from __future__ import annotations
 from copy import deepcopy
 from pathlib import Path
 
+from hiltest.errors import ConfigError
+from hiltest.virtual.calling import CallResult
 from hiltest.virtual.k64f import HANG_S, VirtualK64F
 from hiltest.virtual.procedure_call import Argument
 from hiltest.virtual.profile_file import DEFAULT_PROFILE, load_profile
@@ -53,7 +55,8 @@ class ProfiledImage:
         Raises
         ------
         ConfigError
-            No such function, or arguments that do not fit it.
+            No such function, or arguments that do not fit it; or it did something else when memories made it wait, as
+            one does that reads a timer, so that the two counts are not of the same work.
         BoardFault
             The function faulted or hung.
         """
@@ -62,4 +65,18 @@ class ProfiledImage:
         if self._with_memories is None:
             return profile
         counted = self._with_memories.call(function, *again, timeout_s=timeout_s)
+        _check_same(profile, counted)
         return with_memories(profile, counted.cycles, self._with_memories.processor.profile)
+
+
+def _check_same(profile: CallProfile, counted: CallResult) -> None:
+    """Refuse two counts of what was not the same work."""
+    with_and_without = [(repr(each.value), each.instructions) for each in (counted, profile)]  # a NaN is like a NaN
+    if with_and_without[0] == with_and_without[1]:
+        return
+    shown = [f"answers {value} after {count} instructions" for value, count in with_and_without]
+    raise ConfigError(
+        f"{profile.function} {shown[0]} when memories make it wait, and {shown[1]} when nothing does: what it does "
+        f"depends on the clock, so the two counts are not of the same work; count it by {DEFAULT_PROFILE}, which "
+        "knows no memories"
+    )
