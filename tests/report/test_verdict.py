@@ -12,6 +12,8 @@ from hiltest.comparison.compare import compare
 from hiltest.comparison.evidence import Conditions, Evidence
 from hiltest.comparison.model import Comparison, Side
 from hiltest.measurement import Limit, Measurement, judge
+from hiltest.report.cost_line import cost_line
+from hiltest.report.overview import accuracy_and_cost
 from hiltest.report.record import Findings, TestResult
 from hiltest.report.unmet import unmet_limits
 from hiltest.report.verdict import decide, grouped
@@ -56,6 +58,24 @@ def test_costs_of_code_in_flash_are_not_ranked_when_they_are_close(
     assert "ranks neither" not in decide(findings(*made), pytest_exit=0).sentence
     made = [replace(each, cycle_model=each.cycle_model.replace("@sram", "@flash")) for each in made]
     assert decide(findings(*made), pytest_exit=0).sentence.endswith(said)
+
+
+@pytest.mark.parametrize(
+    ("placement", "cycles", "order", "ranked"),
+    [("sram", 10_801, ["iterative", "direct"], True), ("flash", 10_801, ["direct", "iterative"], False),
+     ("flash", 10_800, ["iterative", "direct"], True)],
+)  # fmt: skip
+def test_the_table_and_the_line_of_costs_do_not_rank_code_in_flash_either(
+    findings: Make, heading: Heading, placement: str, cycles: int, order: list[str], ranked: bool
+) -> None:
+    """A tenth of the dearer one, 12 000, is what flash does not tell apart."""
+    both = [*heading("direct", 0.97, limit=1.8, cycles=12_000), *heading("iterative", 0.95, limit=1.8, cycles=cycles)]
+    made = findings(*(replace(each, cycle_model=f"m@{placement}" if each.cycle_model else "") for each in both))
+    run = made.finish(decide(made, pytest_exit=0), "2026-01-02T03:04:06Z")
+    assert [each.name for each in accuracy_and_cost(run).rows] == order
+    refused = "iterative and direct are within 10% and from flash, which ranks neither"
+    assert (refused in cost_line(run)) is not ranked
+    assert ("iterative costs 0.90 times direct" in cost_line(run)) is ranked
 
 
 @pytest.mark.parametrize(

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from hiltest.calibration.fit import FitStatus
-from hiltest.measurement import Measurement, Outcome
+from hiltest.measurement import Measurement, Outcome, cannot_be_ranked
 from hiltest.procedures.cause import Cause, name_cause
 
 UNCALIBRATED = "uncalibrated"
@@ -37,7 +37,7 @@ def calibrator_results(measurements: Sequence[Measurement]) -> tuple[CalibratorR
     Returns
     -------
     tuple of CalibratorResult
-        Without ``uncalibrated``; those without a cycle count come last.
+        Without ``uncalibrated``; those without a cycle count come last, those that cannot be ranked by name.
     """
     found = {each.name: each for each in measurements}
     names = [
@@ -45,7 +45,20 @@ def calibrator_results(measurements: Sequence[Measurement]) -> tuple[CalibratorR
         if name.startswith("heading.") and name.endswith(".max") and name.count(".") == 2 and not has_no_number(each)
     ]
     results = [_calibrator_result(name, found) for name in names if name != UNCALIBRATED]
-    return tuple(sorted(results, key=lambda each: (value_of(each.cycles) or float("inf"), each.name)))
+    order = cheapest_first({each.name: each.cycles for each in results})
+    return tuple(sorted(results, key=lambda each: order.index(each.name)))
+
+
+def cheapest_first(costs: Mapping[str, Measurement | None]) -> list[str]:
+    """Return names by their cycle counts, those without one last; neighbours that cannot be ranked stand by name."""
+    by_cost = sorted(costs, key=lambda name: (value_of(costs[name]) or float("inf"), name))
+    groups: list[list[str]] = []
+    for name in by_cost:
+        if groups and cannot_be_ranked(costs[groups[-1][-1]], costs[name]):
+            groups[-1].append(name)
+        else:
+            groups.append([name])
+    return [name for group in groups for name in sorted(group)]
 
 
 def _calibrator_result(name: str, found: dict[str, Measurement]) -> CalibratorResult:

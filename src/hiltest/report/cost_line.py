@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hiltest.measurement import Measurement, ratio_band, readable
+from hiltest.measurement import FLASH_TIE, Measurement, cannot_be_ranked, ratio_band, readable
 from hiltest.report.calibrator_results import CalibratorResult, calibrator_results
 from hiltest.report.record import Run
 
@@ -55,6 +55,8 @@ def _ratio(old: CalibratorResult, ours: CalibratorResult) -> str:
     assert ours.cycles is not None
     if not old.cycles.value or not ours.cycles.value:
         return ""
+    if cannot_be_ranked(old.cycles, ours.cycles):
+        return f"{old.name} and {ours.name} are within {FLASH_TIE:.0%} and from flash, which ranks neither"
     band = ratio_band(old.cycles, ours.cycles)
     shown = f" ({band[0]:.2f} to {band[1]:.2f})" if band else ""
     return f"{old.name} costs {old.cycles.value / ours.cycles.value:.2f} times {ours.name}{shown}"

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from hiltest.report.calibrator_results import calibrator_results
+from hiltest.measurement import Measurement
+from hiltest.report.calibrator_results import calibrator_results, cheapest_first, value_of
 from hiltest.report.record import Run
 
 STAGES_TABLE = "stream.stages"
@@ -36,14 +37,12 @@ class CalibratorCost:
 def calibrator_costs(run: Run) -> list[CalibratorCost]:
     """Return the cost of each calibrator whose heading was measured, cheapest first, streams after the others."""
     given = _points_given(run)
-    costs = []
-    for each in calibrator_results(run.measurements):
-        if each.name in given:
-            costs.append(CalibratorCost(each.name, _stream_cycles(run, each.name, given[each.name]), given[each.name]))
-        else:
-            cycles = each.cycles.value if each.cycles else None
-            costs.append(CalibratorCost(each.name, None if cycles is None else float(cycles)))
-    return sorted(costs, key=lambda each: (each.lives_with_the_stream, each.cycles or float("inf"), each.name))
+    counted = {
+        each.name: _stream_cycles(run, each.name, given[each.name]) if each.name in given else each.cycles
+        for each in calibrator_results(run.measurements)
+    }
+    costs = [CalibratorCost(name, value_of(counted[name]), given.get(name)) for name in cheapest_first(counted)]
+    return sorted(costs, key=lambda each: each.lives_with_the_stream)
 
 
 def _points_given(run: Run) -> dict[str, int]:
@@ -55,9 +54,9 @@ def _points_given(run: Run) -> dict[str, int]:
     return {str(name): int(points) for name, points in stages if isinstance(points, int | float)}
 
 
-def _stream_cycles(run: Run, name: str, points: int) -> float | None:
+def _stream_cycles(run: Run, name: str, points: int) -> Measurement | None:
     """Return the cycles of all points and of the fit at the end: the mean is over the same points."""
     mean, fit = (run.measurement(f"stream.{name}.{what}") for what in ("cycles_mean", "fit_cycles"))
     if mean is None or fit is None or mean.value is None or fit.value is None:
         return None
-    return float(mean.value) * points + float(fit.value)
+    return replace(mean, value=float(mean.value) * points + float(fit.value))

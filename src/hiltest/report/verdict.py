@@ -232,7 +232,9 @@ def _comparison(results: Sequence[CalibratorResult]) -> str:
     rated = [each for each in results if each.maximum.value is not None and each.cycles and each.cycles.value]
     if len(rated) < 2:
         return ""
-    cheap, other = rated[0], min(rated[1:], key=lambda each: value_of(each.maximum) or 0.0)
+    cheap = min(rated, key=lambda each: value_of(each.cycles) or 0.0)  # where flash ranks none, they stand by name
+    others = [each for each in rated if each is not cheap]
+    other = min(others, key=lambda each: value_of(each.maximum) or 0.0)
     ratio = (value_of(other.cycles) or 0.0) / (value_of(cheap.cycles) or 1.0)
     cost = f"{cheap.name} costs " + (f"1/{ratio:.0f}" if ratio >= 1.5 else f"{1 / ratio:.2f} of it")
     if cannot_be_ranked(cheap.cycles, other.cycles):
