@@ -62,8 +62,8 @@ def test_a_board_made_with_a_file_counts_by_it(tmp_path: Path) -> None:
     mine = VirtualK64F(SHIPPED, profile=written(tmp_path, dearer)).call("crc32", b"123456789", 9)
     usual = VirtualK64F(SHIPPED).call("crc32", b"123456789", 9)
     assert (mine.value, mine.instructions) == (usual.value, usual.instructions)
-    # 60 of its 98 instructions are integer ones; docs/profile.md shows them.
-    assert mine.cycles == usual.cycles + 60
+    # 64 of its 99 instructions are integer ones; docs/profile.md shows them.
+    assert mine.cycles == usual.cycles + 64
 
 
 def test_a_rig_names_a_file_beside_itself(tmp_path: Path) -> None:
