@@ -186,6 +186,43 @@ def test_the_command_writes_a_profile_named_after_the_board_and_shows_what_it_fo
     assert "build" in profile.rows["fp"].source
 
 
+MEASURED = f"virtual-{VIRTUAL_UNIQUE_ID.hex()}"
+OF_THIS_BOARD = f'name = "{MEASURED}"\nbase = "{DEFAULT_PROFILE}"\n[measured.sram]\nfp = 3\n'
+
+
+@pytest.mark.parametrize(
+    ("there", "code"),
+    [(OF_THIS_BOARD, 0), (OF_THIS_BOARD.replace(MEASURED, "silicon-12"), 4), ("", 4), ("my notes", 4),
+     (OF_THIS_BOARD.partition("[measured")[0], 4)],
+    ids=["this board's", "another's", "empty", "notes", "written by hand"],
+)  # fmt: skip
+def test_only_an_earlier_measurement_of_the_board_is_overwritten(tmp_path: Path, there: str, code: int) -> None:
+    file = tmp_path / "x.toml"
+    file.write_text(there, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-m", "hiltest", "timing", "measure", "--out", "x.toml"], cwd=tmp_path,
+        capture_output=True, text=True, check=False, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == code, done.stderr
+    assert (file.read_text(encoding="utf-8") == there) is bool(code)
+    refused = f"x.toml: what is there is no measured profile {MEASURED}, and is not overwritten"
+    assert (refused in done.stderr) is bool(code)
+
+
+@pytest.mark.parametrize(
+    ("changed", "row", "remark"),
+    [({"accumulate": 0}, "fp_accumulate", "where the model knows at least 1"),
+     ({"accumulate_over_integers": -64}, "fp_accumulate_hidden", "where the model knows at most 2")],
+)  # fmt: skip
+def test_what_no_profile_may_hold_is_told_and_the_profile_can_be_read(
+    clocks: dict[str, int], tmp_path: Path, changed: dict[str, int], row: str, remark: str
+) -> None:
+    measured = solve(clocks | changed, "a test")
+    assert any(each.startswith(f"{row}: ") and each.endswith(remark) for each in measured.remarks)
+    (tmp_path / "measured.toml").write_text(profile_text("measured/1", measured, {}), encoding="utf-8")
+    assert load_profile(str(tmp_path / "measured.toml")).rows[row] == measured.rows[row]
+
+
 def test_a_file_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "hiltest", "timing", "measure", "--out", "gone/x.toml"], cwd=tmp_path,

@@ -221,6 +221,12 @@ def test_a_file_may_change_a_few_rows_of_a_profile_that_ships(tmp_path: Path) ->
     assert mine.rows == load_profile(DEFAULT_PROFILE).rows
 
 
+def memory(row: str, value: int, most: int | None = None) -> str:
+    """Write the profile with one other row."""
+    band = f"[{value}, {most or value}]"
+    return f'name = "a"\nbase = "{MEMORIES}"\n[memory.{row}]\nvalue = {value}\nband = {band}\nsource = "x"'
+
+
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
@@ -229,7 +235,14 @@ def test_a_file_may_change_a_few_rows_of_a_profile_that_ships(tmp_path: Path) ->
         (f'name = "a"\nbase = "{DEFAULT_PROFILE}"\n[memory.flash_clocks]\nvalue = 4\nband = [4, 4]\nsource = "x"',
          "memory.flash_line_bytes is missing, 12 rows in all"),
         (f'name = "a"\nbase = "{MEMORIES}"\n[memory.flash_clocks]\nvalue = 0\nband = [0, 4]\nsource = "x"',
-         "flash_clocks.value: must be whole cycles from 1"),
+         "flash_clocks.value: must be a whole number from 1"),
+        (memory("cache_sets", 3), "cache_sets.value: must be a power of two, not 3"),
+        (memory("cache_sets", 4, 6), "cache_sets.band: must be a power of two, not 6"),
+        (memory("flash_line_bytes", 7), "flash_line_bytes.value: must be a power of two, not 7"),
+        (memory("flash_line_bytes", 2), "flash_line_bytes.value: must be a whole number from 4 to 1000, not 2"),
+        (memory("flash_line_bytes", 4), "cache_entry_bytes must be at most flash_line_bytes"),
+        (memory("flash_read_ahead", 2), "flash_read_ahead.value: must be a whole number from 0 to 1, not 2"),
+        (memory("flash_uncertainty", 200), "flash_uncertainty.value: must be a whole number from 0 to 100, not 200"),
         (f'name = "a"\nbase = "{MEMORIES}"\n[memory.flash]\nvalue = 0', "memory: unknown key 'flash'"),
         (f'name = "a"\nbase = "{MEMORIES}"\nmemory = 3', r"no table \[memory.ROW\]"),
     ],

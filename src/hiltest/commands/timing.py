@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -65,7 +66,7 @@ def show(named: str | None, as_json: bool) -> int:
 @click.option("--rig", metavar="R", callback=checked(file_name),
               help="Rig file, or name of a rig in hil/rigs.  [default: virtual-k64f]")
 @click.option("--out", metavar="FILE", type=click.Path(dir_okay=False, path_type=Path),
-              help="Profile to write.  [default: silicon-<board id>.toml]")
+              help="Profile to write; one of this board is replaced.  [default: silicon-<board id>.toml]")
 def measure(hil_port: str | None, rig: str | None, out: Path | None) -> int:
     """Time instructions on a board and write a timing profile of it.
 
@@ -82,10 +83,11 @@ def measure(hil_port: str | None, rig: str | None, out: Path | None) -> int:
 
     with open_board(load_rig(rig_file(Path.cwd(), rig)), port=hil_port) as board:
         identity, name = board.identity, _name(board)
+        file = out or Path(f"{name}.toml")
+        _check_replaceable(file, name)
         found = measure_sequences(board, progress=ProgressLine(ErrorOutput(), shown=sys.stderr.isatty()))
     raw = {place.name.lower(): clocks for place, clocks in found.items()}
     measured = solve(raw["sram"], f"board {identity.unique_id.hex()}, firmware build {identity.build_id}")
-    file = out or Path(f"{name}.toml")
     try:
         file.write_text(profile_text(name, measured, raw), encoding="utf-8")
     except OSError as error:
@@ -94,6 +96,17 @@ def measure(hil_port: str | None, rig: str | None, out: Path | None) -> int:
     print_places(standard_output(), raw)
     click.echo(f"{file}: {name}, {len(measured.rows)} rows")
     return 0
+
+
+def _check_replaceable(file: Path, name: str) -> None:
+    """Refuse to overwrite what is not an earlier measurement of this board."""
+    from hiltest.virtual.profile_file import measured_as
+
+    if os.path.lexists(file) and measured_as(file) != name:
+        raise ConfigError(
+            f"{file}: what is there is no measured profile {name}, and is not overwritten; remove it, or name another "
+            "file with --out"
+        )
 
 
 def _name(board: Board) -> str:

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
-from hiltest.virtual.profile_file import DEFAULT_PROFILE, load_profile
+from hiltest.virtual.profile_file import AT_LEAST, DEFAULT_PROFILE, load_profile
 from hiltest.virtual.timing import CostRow
 
 
@@ -121,13 +121,21 @@ def solve(clocks: Mapping[str, int], about: str) -> MeasuredProfile:
     if not 0 <= late <= 1:
         remarks.append(f"fp_divide_use: {late} clocks behind fp_divide, where the model knows none or one")
         rows["fp_divide_use"] = replace(rows["fp_divide"], source=rows["fp_divide_use"].source)
+    hidden, most = rows["fp_accumulate_hidden"], rows["fp_accumulate"].value - 1
+    if hidden.band[1] > most:
+        remarks.append(f"fp_accumulate_hidden: {hidden.value} clocks, where the model knows at most {most}")
+        band = min(hidden.band[0], most), most
+        rows["fp_accumulate_hidden"] = replace(hidden, value=min(hidden.value, most), band=band)
     return MeasuredProfile(rows, tuple(remarks))
 
 
 def _row(row: str, value: Fraction, source: str) -> tuple[CostRow, list[str]]:
-    low, high = max(math.floor(value), 0), max(math.ceil(value), 0)
+    least = AT_LEAST.get(row, 0)
+    low, high = max(math.floor(value), least), max(math.ceil(value), least)
     remarks = []
-    if value.denominator != 1 or value < 0:
+    if value < least:
+        remarks.append(f"{row}: {float(value):.3f} clocks, where the model knows at least {least}")
+    elif value.denominator != 1:
         remarks.append(f"{row}: {float(value):.3f} clocks, no whole number of them: its band is {low} to {high}")
     return CostRow(min(max(round(value), low), high), (low, high), source), remarks
 

@@ -64,11 +64,15 @@ MEMORY_ROWS = {
     "flash_lower_multiple": "hundredths of a clock: LDM, STM, code in flash, data in SRAM_L",
     "flash_uncertainty": "percent of a total of code in flash",
 }
-# A branch to itself must take time, or it would never meet the event that ends it.
-_AT_LEAST_ONE = frozenset(
-    {"branch", "fp_divide", "flash_clocks", "flash_line_bytes", "cache_entry_bytes", "cache_ways", "cache_sets"}
-)
+#: The least that a row can be, where that is more than 0. A branch to itself must take time, or it would never meet the
+#: event that ends it; what a read of the flash brings has whole words in it.
+AT_LEAST = {
+    "branch": 1, "fp_accumulate": 1, "fp_divide": 1, "flash_clocks": 1, "flash_line_bytes": 4, "cache_entry_bytes": 4,
+    "cache_ways": 1, "cache_sets": 1,
+}  # fmt: skip
 _DEAREST = 1000  # cycles; far more than any instruction takes, and sums stay within 32 bits
+_AT_MOST = {"flash_read_ahead": 1, "flash_uncertainty": 100}
+_POWERS_OF_TWO = frozenset({"flash_line_bytes", "cache_entry_bytes", "cache_sets"})  # they divide addresses
 _LARGEST_FILE = 64 * 1024
 _TABLES = ("name", "base", "cost", "memory", "measured")  # the last is what rows were made of, and prices nothing
 _KEYS = ("value", "band", "source", "against")
@@ -100,6 +104,16 @@ def load_profile(name: str) -> TimingProfile:
     file = place_of(name)
     content = read_bounded(file, largest_bytes=_LARGEST_FILE, otherwise="name a timing profile (TOML)")
     return _profile_of(str(file), content, shipped=file in shipped_profiles().values())
+
+
+def measured_as(file: Path) -> str:
+    """Return the name of a profile that was measured, empty where the file is none."""
+    try:
+        content = read_bounded(file, largest_bytes=_LARGEST_FILE, otherwise="name a timing profile (TOML)")
+        name, _, _ = _parsed(str(file), content)
+    except ConfigError:
+        return ""
+    return name if "measured" in tomllib.loads(content.decode("utf-8")) else ""
 
 
 def place_of(name: str) -> Path:
@@ -147,6 +161,8 @@ def _parsed(place: str, content: bytes) -> tuple[str, dict[str, CostRow], dict[s
     if "memory" in data:
         memory = _table(place, "memory", data["memory"], MEMORY_ROWS, memory)
     _check_division(place, rows)
+    _check_accumulation(place, rows, own="fp_accumulate_hidden" in data.get("cost", {}))
+    _check_cache(place, memory)
     _check_sums(place, rows)
     return name, rows, memory
 
@@ -178,25 +194,30 @@ def _row(place: str, row: str, given: Any) -> CostRow:
         raise ConfigError(f"{place}: must be a table of value, band and source, not {shown(given)}")
     for key in sorted(given.keys() - set(_KEYS)):
         raise UnknownKeyError(key, where=place, known=_KEYS)
-    least = 1 if row in _AT_LEAST_ONE else 0
     band, source = given.get("band"), given.get("source")
     if not isinstance(band, list) or len(band) != 2:
         raise ConfigError(f"{place}.band: must be the lowest and the highest cycles, such as [2, 3], not {shown(band)}")
-    value = _cycles(f"{place}.value", given.get("value"), least)
-    low, high = (_cycles(f"{place}.band", bound, least) for bound in band)
+    value = _cycles(f"{place}.value", row, given.get("value"))
+    low, high = (_cycles(f"{place}.band", row, bound) for bound in band)
     if not low <= value <= high:
         raise ConfigError(f"{place}.band: {low} to {high} does not hold the value {value}; correct one of them")
     if not isinstance(source, str) or not 0 < len(source.strip()) <= 500:
         raise ConfigError(f"{place}.source: must say in up to 500 characters where the number comes from")
+    if not source.isprintable():  # it is shown at a terminal, which would obey some of the others
+        raise ConfigError(f"{place}.source: must be one line of printable characters, not {shown(source)}")
     against = given.get("against", "")
     if against != "" and (against not in ROWS or against == row):
         raise ConfigError(f"{place}.against: must be another row that it sums up with, not {shown(against)}")
     return CostRow(value, (low, high), source, against)
 
 
-def _cycles(place: str, given: Any, least: int) -> int:
-    if not isinstance(given, int) or isinstance(given, bool) or not least <= given <= _DEAREST:
-        raise ConfigError(f"{place}: must be whole cycles from {least} to {_DEAREST}, not {shown(given)}")
+def _cycles(place: str, row: str, given: Any) -> int:
+    least, most = AT_LEAST.get(row, 0), _AT_MOST.get(row, _DEAREST)
+    if not isinstance(given, int) or isinstance(given, bool) or not least <= given <= most:
+        what = "whole cycles" if row in ROWS else "a whole number"
+        raise ConfigError(f"{place}: must be {what} from {least} to {most}, not {shown(given)}")
+    if row in _POWERS_OF_TWO and given & (given - 1):
+        raise ConfigError(f"{place}: must be a power of two, not {given}")
     return given
 
 
@@ -206,6 +227,23 @@ def _check_division(place: str, rows: dict[str, CostRow]) -> None:
         raise ConfigError(
             f"{place}: cost.fp_divide_use must be fp_divide or one cycle more, as must the ends of their bands: "
             "the result is usable when the FPU is free, or a cycle later"
+        )
+
+
+def _check_accumulation(place: str, rows: dict[str, CostRow], *, own: bool) -> None:
+    """Refuse more hidden cycles than there can be; a base's band may reach further, and is not used as far."""
+    dearest, hidden = rows["fp_accumulate"].band[1], rows["fp_accumulate_hidden"]
+    if hidden.value >= dearest or (own and hidden.band[1] >= dearest):
+        raise ConfigError(
+            f"{place}: cost.fp_accumulate_hidden and its band must be less than {dearest}, the end of fp_accumulate's "
+            "band: the cycle in which it is issued is never hidden"
+        )
+
+
+def _check_cache(place: str, memory: dict[str, CostRow]) -> None:
+    if memory and memory["cache_entry_bytes"].value > memory["flash_line_bytes"].value:
+        raise ConfigError(
+            f"{place}: memory.cache_entry_bytes must be at most flash_line_bytes: an entry is of one read of the flash"
         )
 
 
