@@ -41,7 +41,7 @@ FAST_CODE void magnetometer_direct_fast(const magnetometer_points_t *points, mag
         anchor[0] = points->packed->anchor[0];
         anchor[1] = points->packed->anchor[1];
         anchor[2] = points->packed->anchor[2];
-        if (!packed_points_sum(points->packed, &sums)) {
+        if (packed_points_sum(points->packed, &sums) != 0u && packed_points_sum_again(points->packed, &sums) != 0u) {
             moments_sum(points, anchor, &sums);
         }
     }

@@ -24,14 +24,11 @@
 #include "moments.h"
 #include "packed_points.h"
 
-/** Largest K: products are exact from here on. All coordinates times 2^K must be within -32767 and 32767. */
-#define PACKED_SHIFT_MAXIMUM 8
-
 /**
  * Sum the moments of a block.
  *
  * @param block what to sum
- * @param[out] sums the 34 moments; the count is left alone
+ * @param[out] sums the 34 moments and the count
  * @return 1 when a sum has wrapped, so that nothing of `sums` is valid, else 0
  */
 uint32_t packed_moments_block(const packed_block_t *block, moments_t *sums);
@@ -52,8 +49,16 @@ void packed_moments_sum(const magnetometer_points_t *points, const int32_t ancho
  *
  * @param packed at least two; products are written
  * @param[out] sums the 34 moments about their anchor, and the count
- * @return false when a block overflows with K - 1 too, or a point is too far away: then nothing of `sums` is valid
+ * @return 1 when a sum has wrapped, in one block; of more blocks, with K - 1 too: then nothing of `sums` is valid; else 0
  */
-bool packed_points_sum(packed_points_t *packed, moments_t *sums);
+uint32_t packed_points_sum(const packed_points_t *packed, moments_t *sums);
+
+/**
+ * Sum them once more, after a sum has wrapped, with K - 1.
+ *
+ * @param packed, sums as before
+ * @return 1 when that does not do either, or was done already; else 0
+ */
+uint32_t packed_points_sum_again(const packed_points_t *packed, moments_t *sums);
 
 #endif

@@ -28,7 +28,6 @@
     .set YZ, 32
 
 /* moments_t */
-    .set FIRST, 4
     .set XXX, 4 * 10
     .set XXXX, 4 * 20
 
@@ -37,11 +36,9 @@
     .set RAW, 12 /* two points as they come */
     .set RAW_LAST, RAW * (UNROLLED - 1)
 
-/* Where the frame holds the arguments */
-    .set BLOCK, 0
-    .set SUMS, 4
-
-/* What passes find in the FPU */
+/* What passes find in the FPU; the registers below hold sums */
+block   .req s9  /* the argument, until sums of degree 2 are converted */
+sums    .req s10 /* the argument */
 first   .req s11 /* address of Z in the last pair of the first round, of which the leading ones may be left out */
 behind  .req s12 /* the same of a round behind the last */
 skipped .req s13 /* how many bodies the first round leaves out */
@@ -239,13 +236,16 @@ square  .req s15 /* of degree 4 */
     .global packed_moments_block
     .type packed_moments_block, %function
 packed_moments_block:
-    push {r0, r1, r4-r11, lr}
+    push {r4-r11, lr}
+    vmov block, r0
+    vmov sums, r1
     movs r2, #0
     msr APSR_nzcvq, r2
     vldr scale, [r0, #TASK_SCALE]
     vmul.f32 square, scale, scale
     add r6, r0, #TASK_ANCHOR
     ldm r0, {r0, r1, r2} /* points, pairs, count */
+    vmov s0, r2
     adds r3, r2, #1
     lsrs r3, r3, #1 /* pairs, one for an odd point too */
     rsbs r4, r3, #0
@@ -282,8 +282,7 @@ anchoring:
     cmp r0, r2
     bne anchoring
     str r11, [r1, #Z - Y - PAIR - LAST]
-    ldr r10, [sp, #BLOCK]
-    ldr lr, [r10, #8]
+    vmov lr, s0
     lsls lr, lr, #31
     beq multiplication
     /* the last point of an odd number: the other of its pair is the anchor */
@@ -307,10 +306,10 @@ anchoring:
 packed_already:
     ldm r6, {r7, r8, r9} /* where the anchor would be are the sums of degree 1 */
 multiplication:
-    vmov s0, r7
-    vmov s1, r8
-    vmov s2, r9
-    ldr r4, [sp, #BLOCK]
+    vmov s1, r7
+    vmov s2, r8
+    vmov s3, r9
+    vmov r4, block
     ldr r5, [r4, #TASK_PAIRS]
     ldrd r1, r3, [r4, #TASK_ROUNDING]
     ldrd r10, r11, [r5]
@@ -325,19 +324,18 @@ multiplying:
     cmp r0, r10
     bne multiplying
     str r12, [r0, #YZ - Z - PAIR - LAST]
-    vmov s3, r4
-    vmov s4, r5
-    vmov s5, r6
-    vmov s6, r7
-    vmov s7, r8
-    vmov s8, r9
-    .irp register, s0, s1, s2
+    vmov s4, r4
+    vmov s5, r5
+    vmov s6, r6
+    vmov s7, r7
+    vmov s8, r8
+    vmov s9, r9
+    .irp register, s0, s1, s2, s3
     vcvt.f32.s32 \register, \register
     .endr
-    converted scale, s3, s4, s5, s6, s7, s8
-    ldr r0, [sp, #SUMS]
-    adds r0, #FIRST
-    vstm r0, {s0-s8}
+    converted scale, s4, s5, s6, s7, s8, s9
+    vmov r0, sums
+    vstm r0, {s0-s9}
 
     vmov r0, first
     vmov r1, behind
@@ -350,7 +348,7 @@ fourths:
     four_times fourths_of_pair, FOURTHS_SIZE
     cmp r0, r1
     bne fourths
-    ldr r0, [sp, #SUMS]
+    vmov r0, sums
     adds r0, #XXXX
     stm r0, {r6-r10}
     str r11, [r0, #4 * 6]
@@ -369,7 +367,7 @@ powers_of_z:
     vmov s5, r11
     vmov s8, r12
     vmov s9, lr
-    ldr r0, [sp, #SUMS]
+    vmov r0, sums
     adds r0, #XXXX
     str r5, [r0, #4 * 5]
     str r6, [r0, #4 * 8]
@@ -387,7 +385,7 @@ thirds:
     vmov r1, behind
     cmp r0, r1
     bne thirds
-    ldr r0, [sp, #SUMS]
+    vmov r0, sums
     adds r0, #XXX
     str lr, [r0, #XXXX - XXX + 4 * 11]
     vmov s0, r6
@@ -409,6 +407,5 @@ converting:
 
     mrs r0, APSR
     ubfx r0, r0, #27, #1
-    add sp, #8
     pop {r4-r11, pc}
     .size packed_moments_block, . - packed_moments_block

@@ -80,6 +80,7 @@ uint32_t packed_moments_block(const packed_block_t *block, moments_t *sums)
     for (size_t i = 0; i < SUMS; i++) {
         (&sums->x)[i] = (float)(int32_t)totals[i] * power_of_scale(i, block->scale);
     }
+    sums->one = (float)block->count;
     return overflowed;
 }
 

@@ -14,6 +14,7 @@ FAST_CODE void packed_points_start(packed_points_t *packed, const int32_t anchor
     packed->block.pairs = packed->last = packed->pairs;
     packed->block.count = 0;
     packed->farthest = 0;
+    packed_block_set_shift(PACKED_SHIFT_MAXIMUM, &packed->block);
 }
 
 static inline __attribute__((always_inline)) int32_t size(int32_t offset)
@@ -33,23 +34,30 @@ FAST_CODE stream_status_t packed_points_add(void *state, const int16_t point[3])
     packed_pair_t *const pair = packed->last;
     const uint32_t count = packed->block.count;
     const int32_t x = point[0] - packed->anchor[0], y = point[1] - packed->anchor[1], z = point[2] - packed->anchor[2];
+    const int32_t most = larger(size(x), larger(size(y), size(z)));
     if (count >= PACKED_POINTS_MAXIMUM) {
         return STREAM_FULL;
+    }
+    if (__builtin_expect(most > packed->farthest, 0)) {
+        if (most > INT16_MAX) {
+            return STREAM_OUT_OF_RANGE;
+        }
+        packed->farthest = most;
+        packed_block_set_shift(packed_block_largest_shift(most), &packed->block);
     }
     if (count % 2u == 0u) {
         pair->x = (uint16_t)x;
         pair->y = (uint32_t)y << 16;
         pair->z = (uint16_t)z;
     } else {
-        pair->x |= (uint32_t)x << 16;
-        pair->y |= (uint16_t)y;
-        pair->z |= (uint32_t)z << 16;
+        pair->halves[1] = (int16_t)x;
+        pair->halves[2] = (int16_t)y;
+        pair->halves[5] = (int16_t)z;
         packed->last = pair + 1;
     }
     packed->block.first[0] += x;
     packed->block.first[1] += y;
     packed->block.first[2] += z;
-    packed->farthest = larger(packed->farthest, larger(size(x), larger(size(y), size(z))));
     packed->block.count = count + 1u;
     return STREAM_OK;
 }

@@ -20,7 +20,7 @@ MOMENTS = 35  # the count comes first
 
 @dataclass(frozen=True)
 class KernelSums:
-    """What the kernel answered; the count that moments_t begins with is left out."""
+    """What the kernel answered, without the count that moments_t begins with."""
 
     sums: NDArray[np.float32]
     overflowed: bool
@@ -79,8 +79,8 @@ class HostPacked:
         self._library.packed_points_start(packed, (ctypes.c_int32 * 3)(*np.asarray(anchor).tolist()))
         for row in range(len(counts)):
             assert self._library.packed_points_add(packed, ctypes.c_void_p(counts[row].ctypes.data)) == 0
-        self._library.packed_points_sum.restype = ctypes.c_bool
-        return np.array(sums, dtype=np.float32) if self._library.packed_points_sum(packed, sums) else None
+        wrapped = self._library.packed_points_sum(packed, sums) and self._library.packed_points_sum_again(packed, sums)
+        return None if wrapped else np.array(sums, dtype=np.float32)
 
 
 class BoardPacked:
@@ -96,6 +96,7 @@ class BoardPacked:
         end = max(segment.run_address + segment.run_size for segment in self._board.image.segments)
         assert end <= self.POINTS
         self.last: CallResult | None = None
+        self.again: CallResult | None = None
         self.packing_cycles: list[int] = []
 
     def block(self, points: ArrayLike, anchor: ArrayLike, shift: int) -> KernelSums:
@@ -130,12 +131,10 @@ class BoardPacked:
         assert {step.value for step in steps} == {0}
         self.packing_cycles = [step.cycles for step in steps]
         self._fill_stack()
-        self.last = self._board.call("packed_points_sum", self.PACKED, self.SUMS)
-        return self._answer() if self.last.value else None
-
-    def packed_block(self) -> CallResult:
-        """Run the kernel alone once more, over what was packed last."""
-        return self._board.call("packed_moments_block", self.PACKED, self.SUMS)
+        self.last, self.again = self._board.call("packed_points_sum", self.PACKED, self.SUMS), None
+        if self.last.value:
+            self.again = self._board.call("packed_points_sum_again", self.PACKED, self.SUMS)
+        return None if self.again is not None and self.again.value else self._answer()
 
     def _fill_stack(self) -> None:
         """NaN, so that what was never written is seen in whatever is made of it."""

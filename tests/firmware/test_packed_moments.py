@@ -14,7 +14,7 @@ from hiltest.calibration.packed_moments import BLOCK_POINTS, largest_shift, pack
 from hiltest.virtual.elf import load_image
 from hiltest.world.instances import instance
 
-from .packed_kernel import BoardPacked, HostPacked, PackedKernel
+from .packed_kernel import PACKED_POINTS_BYTES, BoardPacked, HostPacked, PackedKernel
 
 SHIPPED_ELF = Path(hiltest.__file__).parent / "firmware" / "hiltest-frdm-k64f.elf"
 FIRMWARE = Path(__file__).parents[2] / "firmware_stub"
@@ -191,15 +191,59 @@ def test_a_point_costs(board: BoardPacked, count: int, most: float) -> None:
 
 
 def test_a_packed_point_costs(board: BoardPacked) -> None:
+    """All of it: K was chosen when points were stored."""
     points = instance(1, 100, stretch=0.1, covered=(1.0, 1.0)).points_counts
     board.sum_packed(points, _mid_range(points))
     assert board.last is not None
-    kernel = board.packed_block()
     storing = sum(board.packing_cycles) / len(points)
-    whole = board.last.cycles / 100
-    print(f"{kernel.cycles / 100:.2f} a point, {whole:.2f} with the choice of K; {storing:.1f} to pack it")
-    assert kernel.cycles / 100 <= 46.0
-    assert storing <= 80.0
+    whole = board.last.cycles
+    print(f"100 points, packed: {whole} cycles, {whole / 100:.2f} a point; {storing:.1f} to pack it")
+    assert whole / 100 <= 46.0
+    assert storing <= 73.0  # what it was while K was chosen afterwards
+
+
+def test_an_overflow_costs_one_attempt_more(board: BoardPacked) -> None:
+    """And no third: with a K that has just overflowed there is nothing to be tried again."""
+    near, anchor = _near_one_corner(100, 760), np.zeros(3, dtype=np.int64)
+    even = instance(1, 100, stretch=0.1, covered=(1.0, 1.0)).points_counts
+    board.sum(even, _mid_range(even))
+    raw = board.last
+    board.sum_packed(even, _mid_range(even))
+    packed = board.last
+    assert raw is not None
+    assert packed is not None
+
+    board.sum(near, anchor)
+    assert board.last is not None
+    print(f"raw {raw.cycles}, redone {board.last.cycles}")
+    assert raw.cycles + 5_000 < board.last.cycles <= 2 * raw.cycles
+    board.sum_packed(near, anchor)
+    assert board.last is not None
+    assert board.again is not None
+    print(f"packed {packed.cycles}, redone {board.last.cycles + board.again.cycles}")
+    assert board.last.cycles == packed.cycles
+    assert board.again.cycles <= packed.cycles + 60  # K - 1 is set in a copy: the points stay as they were packed
+
+
+def test_a_packed_overflow_is_redone_with_the_next_shift(kernel: PackedKernel) -> None:
+    points, anchor = _near_one_corner(100, 760), np.zeros(3, dtype=np.int64)
+    sums = kernel.sum_packed(points, anchor)
+    assert sums is not None
+    assert sums[1:].tobytes() == packed_sums(points, anchor, 4).sums.tobytes()
+
+
+@pytest.mark.parametrize("count", [100, 300])
+def test_packed_points_that_no_shift_can_hold_are_left_to_another(kernel: PackedKernel, count: int) -> None:
+    assert kernel.sum_packed(_near_one_corner(count, 30_000), [0, 0, 0]) is None
+
+
+def test_a_point_farther_away_than_16_bits_is_not_packed(host_library: ctypes.CDLL) -> None:
+    """So the points are fewer than those stored, and nobody takes them for the same."""
+    packed = ctypes.create_string_buffer(PACKED_POINTS_BYTES)
+    host_library.packed_points_start(packed, (ctypes.c_int32 * 3)(-10, 0, 0))
+    taken, refused = (ctypes.c_int16 * 3)(32757, 0, 0), (ctypes.c_int16 * 3)(32758, 0, 0)
+    assert host_library.packed_points_add(packed, taken) == 0
+    assert host_library.packed_points_add(packed, refused) == 1  # STREAM_OUT_OF_RANGE
 
 
 def test_the_kernel_fits_the_memory_it_was_given() -> None:
