@@ -1,7 +1,10 @@
 """What `direct-fast` costs in accuracy: heading errors against the truth, paired with those of the float64 fit.
 
-HILTEST_ACCURACY_INSTANCES sets how many clouds each line is over; `tox -e accuracy` takes 10 000, for the figures in
-firmware_stub/DESIGN.md. The default is few, so each quotient may be off by three of its own standard errors.
+HILTEST_ACCURACY_INSTANCES sets how many clouds each line is over. The strict form is `tox -e accuracy`: 10 000 clouds,
+the bounds as they stand (median +1 %, 99th percentile +4 %, at most 1 % of the clouds beyond the extra error), and the
+figures of firmware_stub/DESIGN.md. It takes minutes, and CI does not run it. What runs by default takes 400 clouds and
+is weaker: each quotient may exceed its bound by three of its own standard errors, which are about 1 % for a median and
+some per cent for a 99th percentile, and 2 % of the clouds may be beyond the extra error.
 """
 
 from __future__ import annotations
@@ -96,6 +99,7 @@ def _paired(calibrators: Any, setting: Setting) -> Paired:
 
 @pytest.mark.parametrize("setting", SETTINGS, ids=lambda setting: setting.name)
 def test_the_speed_costs_this_much_accuracy(host_calibrators: Any, setting: Setting) -> None:
+    """Strictly only with 9 000 accepted clouds or more; see above for what fewer are allowed."""
     paired = _paired(host_calibrators, setting)
     median, median_error = paired.quotient(50.0)
     p99, p99_error = paired.quotient(99.0)
@@ -165,11 +169,24 @@ def test_100_points_are_fitted_in_7300_cycles(board_calibrators: Any) -> None:
     assert max(extra) <= 0.01  # an even cloud: what rounding does to it is a tenth of what a gap lets it do
 
 
-def test_the_worst_costs_both_fits_and_no_more(board_calibrators: Any) -> None:
+def _two_corners(count: int, distance: int, ones: slice) -> NDArray[np.int64]:
+    points = np.full((count, 3), distance)
+    points[ones] = -distance
+    return points
+
+
+@pytest.mark.parametrize(
+    "points",
+    [_two_corners(100, 30_000, slice(0, None, 2)), _two_corners(100, 760, slice(0, 1))],
+    ids=["no K holds them", "redone with K - 1"],
+)
+def test_the_worst_costs_both_fits_and_no_more(board_calibrators: Any, points: NDArray[np.int64]) -> None:
     """Bounded time: two attempts at every block, the sums one at a time, and what `direct` makes of a refusal."""
     direct = board_calibrators.cost("direct", instance(1, covered=(0.1, 0.1)).points_counts).cycles
     cap = board_calibrators.cost("direct-fast", instance(1, covered=(0.1, 0.1)).points_counts).cycles
+    raw = board_calibrators.cost("direct-fast", points).cycles
+    packed = board_calibrators.cost("direct-fast", points, centre=[0, 0, 0]).cycles
+    print(f"direct {direct}; direct-fast: a cap {cap}, these {raw}, packed {packed} cycles")
     assert cap <= direct + 7_900  # a fit and a sphere
-    corners = np.full((100, 3), 30_000)
-    corners[::2] = -30_000
-    assert board_calibrators.cost("direct-fast", corners).cycles <= 2 * direct + 2 * 5_600 + 2_000
+    assert raw <= 2 * direct + 2 * 5_600 + 2_000
+    assert packed < raw  # as many attempts at least, and each is cheaper
