@@ -91,12 +91,21 @@ status_t command_points(payload_reader_t *request, payload_writer_t *reply)
     return STATUS_OK;
 }
 
+/** With a centre, the points that come are packed about it as they are stored. */
 status_t command_clear_points(payload_reader_t *request, payload_writer_t *reply)
 {
-    (void)request;
     (void)reply;
+    const bool has_centre = request->length == VECTOR_BYTES;
+    if (!has_centre && request->length != 0u) {
+        return STATUS_BAD_LENGTH;
+    }
     points_clear();
     point_packing_forget();
+    if (has_centre) {
+        int16_t centre[3];
+        read_vector_i16(request, centre);
+        point_packing_start(centre);
+    }
     return STATUS_OK;
 }
 

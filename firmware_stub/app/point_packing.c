@@ -6,14 +6,30 @@
 #include "timed_run.h"
 
 static packed_points_t packed;
+static bool is_packing; /* points that are stored */
+
+void point_packing_start(const int16_t centre[3])
+{
+    const int32_t anchor[3] = {centre[0], centre[1], centre[2]};
+    packed_points_start(&packed, anchor);
+    is_packing = true;
+}
+
+/* One that is too far away to be packed is missing, and so are all after it. */
+void point_packing_store(uint16_t index, const int16_t point[3])
+{
+    if (is_packing && packed.block.count == index) {
+        (void)packed_points_add(&packed, point);
+    }
+}
 
 packing_cost_t point_packing_run(const magnetometer_points_t *points, const int16_t centre[3])
 {
-    const int32_t anchor[3] = {centre[0], centre[1], centre[2]};
     packing_cost_t total = {0};
     point_range_t range;
     stream_status_t status;
-    packed_points_start(&packed, anchor);
+    point_packing_start(centre);
+    is_packing = false;
     point_range_start(&range, points->points[0]);
     for (uint16_t i = 0; i < points->count; i++) {
         const run_cost_t keeping = timed_step(point_range_add, &range, points->points[i], &status);
@@ -33,4 +49,5 @@ packed_points_t *point_packing_of(uint16_t count)
 void point_packing_forget(void)
 {
     packed.block.count = 0;
+    is_packing = false;
 }

@@ -55,6 +55,7 @@ REQUESTS: list[m.Request[object]] = [
         (m.Upload(1, [(1, -1, 256, 2, -2, 512)]), 0x07, "0100 01 0100 ffff 0001 0200 feff 0002"),
         (m.Points(258, 80), 0x08, "0201 50"),
         (m.ClearPoints(), 0x09, ""),
+        (m.ClearPoints((1, -1, 256)), 0x09, "0100 ffff 0001"),
         (m.Calibrate(100, "direct"), 0x0A, "6400 0000 06 646972656374"),
         (m.Calibrate(100, "direct", iterations=0x102), 0x0A, "6400 0201 06 646972656374"),
         (m.GetCalibration(7), 0x0C, "07"),

@@ -30,7 +30,7 @@ POSE = StillPose(np.array([1.5, -2.0, 3.0]), np.ones(3), np.array([0.0, 8192.0, 
 TURN = GyroscopeTurn(np.array([0.0, 0, 360]), np.array([-5, 7, 2_000_000]), 1200, 5.995, np.ones(3), np.zeros(3), 0.25)
 REQUESTS: list[m.Request[Any]] = [
     m.Sync(0x12345678), m.Identify(), m.Sensors(), m.Select(3), m.Read(2, 64, timeout_us=7), m.Collect(512),
-    m.Upload(7, [[1, -2, 3], [-32768, 32767, 0]]), m.Points(300, 80), m.ClearPoints(),
+    m.Upload(7, [[1, -2, 3], [-32768, 32767, 0]]), m.Points(300, 80), m.ClearPoints(), m.ClearPoints([1, -2, 3]),
     m.Calibrate(100, "iterative", iterations=5), m.SetCalibration(1, np.arange(9).reshape(3, 3), [0.5, 0, -1]),
     m.GetCalibration(2), m.ClearCalibration(7), m.Average(16, 0b101, timeout_us=9),
     m.LinkStatistics(), m.Reset(), streams.StreamReset("direct-stream", sliced=True),

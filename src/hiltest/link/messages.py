@@ -186,10 +186,17 @@ class Points(Request[PointsReply]):
 
 @dataclass(frozen=True)
 class ClearPoints(Plain):
-    """Empty the point buffer."""
+    """Empty the point buffer; with a centre [counts], points are then packed about it as they are stored."""
 
     code = 0x09
     command = "CLEAR_POINTS"
+    centre: Sequence[int] | None = None
+
+    def payload(self) -> bytes:
+        if self.centre is None:
+            return b""
+        x, y, z = (within(each, -32768, 32767, "counts") for each in self.centre)
+        return struct.pack("<3h", x, y, z)
 
 
 @dataclass(frozen=True)

@@ -135,7 +135,7 @@ _READERS: Mapping[type[m.Request[Any]], _Read] = {
     m.Collect: _collect,
     m.Upload: _upload,
     m.Points: lambda fields: m.Points(fields.number("H", "first"), fields.number("B", "count")),
-    m.ClearPoints: lambda _: m.ClearPoints(),
+    m.ClearPoints: lambda fields: m.ClearPoints(fields.counts(1, "centre")[0].tolist() if fields.left else None),
     m.Calibrate: _calibrate,
     m.SetCalibration: _set_calibration,
     m.GetCalibration: lambda fields: m.GetCalibration(fields.number("B", "slot")),

@@ -45,6 +45,8 @@ class PackedFit:
 def measure_packed_fit(board: Board, *, n: int = 100) -> PackedFit:
     """Calibrate by `direct-fast` twice, the second time with points packed about the centre that the first found.
 
+    They are packed as they are stored, as on a board that was calibrated before; what that costs is counted apart.
+
     Parameters
     ----------
     board : Board
@@ -64,6 +66,7 @@ def measure_packed_fit(board: Board, *, n: int = 100) -> PackedFit:
     raw = board.session.request(Calibrate(n, FAST))
     centre = np.rint(fit_of(raw).hard_iron).astype(int).tolist()
     stored = board.session.request(PackPoints(n, centre))
+    upload_cloud(board, cloud, centre)
     packed = board.session.request(Calibrate(n, FAST))
     return PackedFit(
         packed_total=cycles_of(packed.cost),
