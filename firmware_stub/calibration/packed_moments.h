@@ -13,7 +13,7 @@
  * Preconditions of the kernel: K as below, which the range must be known for (no flag tells when a coordinate does not fit); at most
  * PACKED_BLOCK_POINTS points, from word-aligned memory. packed_moments_sum sees to all of them.
  *
- * Costs, in the cycle model at zero wait states: 50.8 cycles a point and 330 a block; packed before, 42.9 a point. What that leaves of
+ * Costs, in the cycle model at zero wait states: 50.8 cycles a point and 320 a block; packed before, 42.9 a point. What that leaves of
  * the accuracy is in DESIGN.md beside where the cycles go. The scheme is our own; the sums are those of moments.h.
  */
 #ifndef HILTEST_PACKED_MOMENTS_H
