@@ -13,8 +13,8 @@ status_t command_time_sequence(payload_reader_t *request, payload_writer_t *repl
     if (sequence >= sequence_count() || place >= SEQUENCE_PLACES) {
         return STATUS_BAD_ARGUMENT;
     }
-    const uint32_t overhead_cycles = sequence_overhead_cycles(sequence, (sequence_place_t)place);
-    write_u32(reply, sequence_cycles(sequence, (sequence_place_t)place) - overhead_cycles);
-    write_u32(reply, overhead_cycles);
+    const uint32_t second_half_cycles = sequence_cycles_from_middle(sequence, (sequence_place_t)place);
+    write_u32(reply, sequence_cycles(sequence, (sequence_place_t)place) - second_half_cycles);
+    write_u32(reply, second_half_cycles);
     return timed_run_has_counter() ? STATUS_OK : STATUS_NO_CYCLE_COUNTER;
 }

@@ -3,8 +3,8 @@
  * @brief Short runs of one kind of instruction, to be timed: what a cycle model is made from.
  *
  * They reside in the firmware, once in SRAM_L and once in flash: nothing that comes over the line is ever executed. Each ends by
- * itself, writes nothing but registers and a buffer of its own, and differs from the empty one of its kind by its body alone. Which
- * body stands at which place of the list is said in PROTOCOL.md.
+ * itself, and writes nothing but registers and a buffer of its own. A run that enters it in its middle has the same edges: what the
+ * whole one takes longer is its first half's alone. Which body stands at which place of the list is said in PROTOCOL.md.
  */
 #ifndef HILTEST_INSTRUCTION_SEQUENCES_H
 #define HILTEST_INSTRUCTION_SEQUENCES_H
@@ -27,17 +27,17 @@ uint8_t sequence_count(void);
  *
  * @param sequence below sequence_count()
  * @param place where it runs from
- * @return core clock cycles with those of what stands around it
+ * @return core clock cycles with those of its edges
  */
 uint32_t sequence_cycles(uint8_t sequence, sequence_place_t place);
 
 /**
- * Run what stands around a sequence, with nothing in it.
+ * Run the second half of a sequence without interrupts.
  *
  * @param sequence below sequence_count()
  * @param place where it runs from
- * @return core clock cycles
+ * @return core clock cycles with those of the same edges
  */
-uint32_t sequence_overhead_cycles(uint8_t sequence, sequence_place_t place);
+uint32_t sequence_cycles_from_middle(uint8_t sequence, sequence_place_t place);
 
 #endif

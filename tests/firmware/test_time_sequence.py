@@ -20,6 +20,7 @@ TIME_SEQUENCE = TimeSequence.code
 PAGE = (ROOT / "firmware_stub" / "PROTOCOL.md").read_text(encoding="utf-8")
 PFB0CR, PFB1CR = 0x4, 0x8
 UART0_INTERRUPT = 16 + 31
+FLASH_LINE = 16  # bytes
 
 
 def cycles(bench: Bench, sequence: int, place: int) -> tuple[int, int]:
@@ -45,12 +46,43 @@ def test_each_is_in_sram_and_in_flash_in_this_order() -> None:
 
 
 @pytest.mark.parametrize("place", SequencePlace)
-def test_an_empty_one_costs_nothing_and_additions_a_clock_each(place: SequencePlace) -> None:
+def test_additions_cost_a_clock_each_and_a_run_more_than_those_of_its_half(place: SequencePlace) -> None:
+    cost, second_half = cycles(Bench(), SEQUENCES.index("data"), place)
+    assert cost == 32
+    assert 32 < second_half < 100
+
+
+def two_runs(bench: Bench, number: int, memory: str, executed: list[int]) -> tuple[list[int], list[int]]:
+    """Where instructions stand that a run of the second half executes, and one of the whole."""
+    executed.clear()
+    cycles(bench, number, SequencePlace[memory.upper()])
+    begin = bench.board.image.symbols[f"sequence_{SEQUENCES[number]}_{memory}"].address & ~1
+    assert [executed[0], executed.count(begin)] == [begin, 2]
+    whole = executed.index(begin, 1)
+    return executed[:whole], executed[whole:]
+
+
+@pytest.mark.parametrize("memory", ["sram", "flash"])
+def test_a_run_of_the_second_half_begins_and_ends_as_one_of_the_whole(memory: str) -> None:
     bench = Bench()
-    assert cycles(bench, SEQUENCES.index("empty"), place)[0] == 0
-    cost, overhead = cycles(bench, SEQUENCES.index("data"), place)
-    assert cost == 64
-    assert 0 < overhead < 100
+    executed: list[int] = []
+    first, last = (bench.board.image.symbols[f"sequence_{SEQUENCES[each]}_{memory}"] for each in (0, -1))
+    bench.board.processor.engine.hook_add(
+        unicorn.UC_HOOK_CODE, lambda _engine, address, _size, _data: executed.append(address),
+        begin=first.address & ~1, end=(last.address & ~1) + last.size - 1,
+    )  # fmt: skip
+    for number in range(len(SEQUENCES)):
+        half, whole = two_runs(bench, number, memory, executed)
+        way_in = next(n for n, (one, other) in enumerate(zip(half, whole, strict=False)) if one != other)
+        added = len(whole) - len(half)
+        assert whole[way_in + added :] == half[way_in:]
+        start, middle = whole[way_in], half[way_in]
+        assert [start % FLASH_LINE, middle % FLASH_LINE] == [0, 0]
+        # Neither is in the line behind the jump, which flash reads ahead.
+        assert start // FLASH_LINE > whole[way_in - 1] // FLASH_LINE + 1
+        # Both halves are alike; what stands before them is called.
+        first_half = [address + middle - start if address >= start else address for address in whole[way_in:][:added]]
+        assert first_half == half[way_in:][:added]
 
 
 @pytest.mark.parametrize("place", SequencePlace)
@@ -58,10 +90,13 @@ def test_exceptions_cost_what_the_profile_says_beside_what_makes_and_ends_them(p
     bench = Bench()
     profile = bench.board.processor.profile
     rows = {name: row.value for name, row in profile.rows.items()}
-    assert cycles(bench, SEQUENCES.index("readings"), place) == (0, 16 * (rows["load"] + rows["system"]))
-    assert cycles(bench, SEQUENCES.index("exception_entry"), place)[0] == 16 * profile.exception_entry
+    readings = 8 * (rows["load"] + rows["system"])
+    assert cycles(bench, SEQUENCES.index("readings"), place) == (readings, readings)
+    entry = readings + 8 * profile.exception_entry
+    assert cycles(bench, SEQUENCES.index("exception_entry"), place) == (entry, entry)
     leaving = rows["branch"] + rows["refill_indirect"] - rows["system"]
-    assert cycles(bench, SEQUENCES.index("exception_return"), place)[0] == 16 * (profile.exception_return + leaving)
+    left = readings + 8 * (profile.exception_return + leaving)
+    assert cycles(bench, SEQUENCES.index("exception_return"), place) == (left, left)
 
 
 @pytest.mark.parametrize("name", ["stores", "exception_entry", "exception_return"])
@@ -98,7 +133,7 @@ def test_a_supervisor_call_of_no_sequence_ends_as_every_unexpected_exception() -
     assert (marker, cause, exception) == (0x4C544146, 1, 11)
 
 
-def test_the_flash_controller_is_as_it_was_behind_a_sequence_and_switched_off_under_it() -> None:
+def test_the_flash_controller_forgets_what_it_held_before_a_run_and_is_switched_off_under_it_where_asked() -> None:
     bench = Bench()
     (controller,) = (
         each for each in bench.board._peripherals if isinstance(each, StoredRegisters) and each.name == "FMC"
@@ -113,15 +148,16 @@ def test_the_flash_controller_is_as_it_was_behind_a_sequence_and_switched_off_un
 
     controller.write = note  # type: ignore[method-assign]
     before = controller.word(PFB0CR), controller.word(PFB1CR)
-    for place in (SequencePlace.SRAM, SequencePlace.FLASH):
-        cycles(bench, 1, place)
+    cycles(bench, 1, SequencePlace.SRAM)
     assert written == []
-    cycles(bench, 1, SequencePlace.FLASH_ALONE)
-    assert (controller.word(PFB0CR), controller.word(PFB1CR)) == before
-    # Twice, for the empty one before it: cache, prefetch and buffers off, and what they held forgotten.
-    assert [offset for offset, _ in written] == 2 * [PFB0CR, PFB1CR, PFB0CR, PFB1CR]
-    assert [value & 0x1F for _, value in written] == 2 * [0, 0, 0x1F, 0x1F]
-    assert [value >> 19 & 0x1F for _, value in written] == 2 * [0x1F, 0, 0, 0]  # bank 1 has no such bits
+    for place, under_it in ((SequencePlace.FLASH, 0x1F), (SequencePlace.FLASH_ALONE, 0)):
+        written.clear()
+        cycles(bench, 1, place)
+        assert (controller.word(PFB0CR), controller.word(PFB1CR)) == before
+        # Twice, for its second half before the whole: all on or off, and what buffers and cache held forgotten.
+        assert [offset for offset, _ in written] == 2 * [PFB0CR, PFB1CR, PFB0CR, PFB1CR]
+        assert [value & 0x1F for _, value in written] == 2 * [under_it, under_it, 0x1F, 0x1F]
+        assert [value >> 19 & 0x1F for _, value in written] == 2 * [0x1F, 0, 0, 0]  # bank 1 has no such bits
 
 
 def test_a_core_without_a_cycle_counter_says_so() -> None:

@@ -1,14 +1,17 @@
 /**
  * @file instruction_sequences.c
- * @brief The sequences: r1 and r2 point into a buffer whose first word is its own address, r3 is 1, r4 is 0, r6 is 2^31 - 1, and
- * the flags say "equal".
+ * @brief The sequences: r1 and r2 point into a buffer whose first word is its own address, r3 is 1, r4 is 0, r6 is 2^31 - 1, r7 the
+ * address of the cycle counter, and the flags say "equal".
  *
- * Floating-point sequences end with an instruction that needs the FPU, so that nothing of theirs goes on behind their end. What
- * the registers s0 to s15 hold does not matter: no instruction of this core takes longer for it.
+ * Each is run whole, and entered in its middle. Both runs have the same way in, a branch to a place that stands alike in the lines
+ * of the memory, and the same end, so that their difference is what the first half adds: nothing of what a run costs at its edges.
+ *
+ * Behind each stands an instruction that needs the FPU, so that nothing goes on behind its end. What the registers s0 to s15 hold
+ * does not matter: no instruction of this core takes longer for it.
  *
  * Entering an exception and returning from it can only be told apart from within its handler. The sequences for them read the
- * cycle counter themselves: r7 is its address, r8 what it was before the supervisor call, r9 at the handler's first instruction, r10
- * at its last but one, r11 behind the return. An exception leaves these registers alone. Their sum, in r0, is what is answered.
+ * cycle counter themselves: r8 is what it was before the supervisor call, r9 at the handler's first instruction, r10 at its last but
+ * one, r11 behind the return. An exception leaves these registers alone. Their sum, in r0, is what is answered.
  */
 #include "boards/instruction_sequences.h"
 
@@ -16,66 +19,68 @@
 #include "calibration/fast_code.h"
 #include "registers.h"
 
-/** Returns what it has counted itself, where it does. */
-typedef uint32_t (*sequence_t)(uint32_t *buffer);
+/** Returns what it has counted itself, where it does. From the middle: 0 or 1. */
+typedef uint32_t (*sequence_t)(uint32_t *buffer, uint32_t from_middle);
 
 #define TIMES(count, instructions) "\t.rept " #count "\n\t" instructions "\n\t.endr\n"
 
-/* Name and body. The order is that of PROTOCOL.md, and the host's. */
+/* Name and half of the body: a multiple of 16 bytes, a line of the flash. The order is that of PROTOCOL.md, and the host's. */
 #define SEQUENCES(EACH)                                                                                                           \
-    EACH(empty, "")                                                                                                               \
-    EACH(data, TIMES(64, "adds r0, r0, #1"))                                                                                      \
-    EACH(divide, TIMES(16, "sdiv r0, r6, r3"))                                                                                    \
-    EACH(load_chain, TIMES(64, "ldr r1, [r1]"))                                                                                   \
-    EACH(loads, TIMES(64, "ldr r0, [r1]"))                                                                                        \
-    EACH(stores, TIMES(64, "str r0, [r2, #4]"))                                                                                   \
-    EACH(stores_by_register, TIMES(64, "str r0, [r2, r4]"))                                                                       \
-    EACH(load_behind_store, TIMES(32, "adds r0, r0, #1\n\tstr r0, [r2, #4]\n\tldr r0, [r1]"))                                     \
-    EACH(store_behind_load, TIMES(32, "adds r0, r0, #1\n\tldr r0, [r1]\n\tstr r0, [r2, #4]"))                                     \
-    EACH(load_store_pairs, TIMES(32, "ldr r0, [r1]\n\tstr r0, [r2, #4]"))                                                         \
-    EACH(load_multiple, TIMES(32, "ldm r1, {r0, r5, r7-r12}"))                                                                    \
-    EACH(store_multiple, TIMES(32, "stm r2, {r0, r5, r7-r12}"))                                                                   \
-    EACH(branch_not_taken, TIMES(64, "bne 1f\n1:"))                                                                               \
-    EACH(branch_taken, TIMES(32, "b 1f\n1:"))                                                                                     \
-    EACH(call_and_return, "\tb 9f\n8:\tbx lr\n9:\n" TIMES(16, "bl 8b"))                                                           \
-    EACH(table_branch, TIMES(16, "tbb [pc, r4]\n\t.byte 1, 0"))                                                                   \
-    EACH(if_then, TIMES(32, "it eq\n\taddeq r0, r0, #1"))                                                                         \
-    EACH(barrier, TIMES(32, "dmb"))                                                                                               \
-    EACH(system, TIMES(64, "nop"))                                                                                                \
-    EACH(exclusive, TIMES(32, "ldrex r0, [r1]"))                                                                                  \
-    EACH(fp, TIMES(64, "vadd.f32 s0, s1, s2"))                                                                                    \
-    EACH(fp_chain, TIMES(64, "vadd.f32 s0, s0, s1"))                                                                              \
-    EACH(accumulate, TIMES(16, "vfma.f32 s0, s4, s5\n\tvfma.f32 s1, s4, s5\n\tvfma.f32 s2, s4, s5\n\tvfma.f32 s3, s4, s5")        \
-                         "\tvadd.f32 s8, s9, s10\n")                                                                              \
-    EACH(accumulate_chain, TIMES(64, "vfma.f32 s0, s4, s5") "\tvadd.f32 s8, s9, s10\n")                                           \
-    EACH(accumulate_and_multiply, TIMES(32, "vfma.f32 s0, s4, s5\n\tvmul.f32 s1, s6, s7"))                                        \
+    EACH(data, TIMES(32, "adds r0, r0, #1"))                                                                                      \
+    EACH(divide, TIMES(8, "sdiv r0, r6, r3"))                                                                                     \
+    EACH(load_chain, TIMES(32, "ldr r1, [r1]"))                                                                                   \
+    EACH(loads, TIMES(32, "ldr r0, [r1]"))                                                                                        \
+    EACH(stores, TIMES(32, "str r0, [r2, #4]"))                                                                                   \
+    EACH(stores_by_register, TIMES(32, "str r0, [r2, r4]"))                                                                       \
+    EACH(load_behind_store, TIMES(16, "adds r0, r0, #1\n\tstr r0, [r2, #4]\n\tldr r0, [r1]"))                                     \
+    EACH(store_behind_load, TIMES(16, "adds r0, r0, #1\n\tldr r0, [r1]\n\tstr r0, [r2, #4]"))                                     \
+    EACH(load_store_pairs, TIMES(16, "ldr r0, [r1]\n\tstr r0, [r2, #4]"))                                                         \
+    EACH(load_multiple, TIMES(16, "ldm r1, {r0, r5, r7-r12}"))                                                                    \
+    EACH(store_multiple, TIMES(16, "stm r2, {r0, r5, r7-r12}"))                                                                   \
+    EACH(branch_not_taken, TIMES(32, "bne 1f\n1:"))                                                                               \
+    EACH(branch_taken, TIMES(16, "b 1f\n1:"))                                                                                     \
+    EACH(call_and_return, TIMES(8, "bl 8b"))                                                                                      \
+    EACH(table_branch, TIMES(8, "tbb [pc, r4]\n\t.byte 1, 0"))                                                                    \
+    EACH(if_then, TIMES(16, "it eq\n\taddeq r0, r0, #1"))                                                                         \
+    EACH(barrier, TIMES(16, "dmb"))                                                                                               \
+    EACH(system, TIMES(32, "nop"))                                                                                                \
+    EACH(exclusive, TIMES(16, "ldrex r0, [r1]"))                                                                                  \
+    EACH(fp, TIMES(32, "vadd.f32 s0, s1, s2"))                                                                                    \
+    EACH(fp_chain, TIMES(32, "vadd.f32 s0, s0, s1"))                                                                              \
+    EACH(accumulate, TIMES(8, "vfma.f32 s0, s4, s5\n\tvfma.f32 s1, s4, s5\n\tvfma.f32 s2, s4, s5\n\tvfma.f32 s3, s4, s5"))        \
+    EACH(accumulate_chain, TIMES(32, "vfma.f32 s0, s4, s5"))                                                                      \
+    EACH(accumulate_and_multiply, TIMES(16, "vfma.f32 s0, s4, s5\n\tvmul.f32 s1, s6, s7"))                                        \
     EACH(accumulate_over_integers,                                                                                                \
-         TIMES(32, "vfma.f32 s0, s4, s5\n\tadds r0, r0, #1\n\tadds r0, r0, #1\n\tadds r0, r0, #1\n\tadds r0, r0, #1"))            \
-    EACH(fp_divide, TIMES(8, "vdiv.f32 s0, s1, s2") "\tvadd.f32 s8, s9, s10\n")                                                   \
-    EACH(fp_divide_result, TIMES(8, "vdiv.f32 s0, s1, s2\n\tvmov r0, s0"))                                                        \
-    EACH(square_root, TIMES(8, "vsqrt.f32 s0, s1") "\tvadd.f32 s8, s9, s10\n")                                                    \
-    EACH(fp_loads, TIMES(64, "vldr s0, [r1]"))                                                                                    \
-    EACH(fp_stores, TIMES(64, "vstr s0, [r2]"))                                                                                   \
-    EACH(fp_pairs, TIMES(32, "vmov r8, r9, s0, s1"))
+         TIMES(16, "vfma.f32 s0, s4, s5\n\tadds r0, r0, #1\n\tadds r0, r0, #1\n\tadds r0, r0, #1\n\tadds r0, r0, #1"))            \
+    EACH(fp_divide, TIMES(4, "vdiv.f32 s0, s1, s2"))                                                                              \
+    EACH(fp_divide_result, TIMES(4, "vdiv.f32 s0, s1, s2\n\tvmov r0, s0"))                                                        \
+    EACH(square_root, TIMES(4, "vsqrt.f32 s0, s1"))                                                                               \
+    EACH(fp_loads, TIMES(32, "vldr s0, [r1]"))                                                                                    \
+    EACH(fp_stores, TIMES(32, "vstr s0, [r2]"))                                                                                   \
+    EACH(fp_pairs, TIMES(16, "vmov r8, r9, s0, s1"))
 
-/* Those that read the counter themselves. The first one, of readings alone, is the empty one of the others. */
+/* Those that read the counter themselves. The first one, of readings alone, is held against the others. */
 #define FROM_WITHIN(between, start, end)                                                                                          \
-    "\tldr r7, [r1, #4]\n\tmov r0, #0\n" TIMES(                                                                                  \
-        16, "ldr r8, [r7]\n\t" between "\n\tldr r11, [r7]\n\tsub r11, " end ", " start "\n\tadd r0, r0, r11")
+    TIMES(8, "ldr r8, [r7]\n\t" between "\n\tldr r11, [r7]\n\tsub r11, " end ", " start "\n\tadd r0, r0, r11")
 #define TIMED_FROM_WITHIN(EACH)                                                                                                   \
     EACH(readings, FROM_WITHIN("nop", "r8", "r11"))                                                                               \
     EACH(exception_entry, FROM_WITHIN("svc #0", "r8", "r9"))                                                                      \
     EACH(exception_return, FROM_WITHIN("svc #0", "r10", "r11"))
 
-/* A NOP on either side: what stands before and behind is no load, store or branch to any body. */
-#define FRAMED(name, place, section, body)                                                                                        \
+/* 7 is where the body begins, 9 its middle: the line behind the way in, which flash reads ahead, is neither's. What a BL goes to, 8,
+ * is not right before either. The NOP is no load, store or branch behind any body. */
+#define FRAMED(name, place, section, half)                                                                                        \
     __asm__("\t.pushsection " section ", \"ax\", %progbits\n"                                                                     \
-            "\t.balign 8\n\t.thumb_func\n\t.type sequence_" #name "_" #place ", %function\n"                                      \
+            "\t.balign 16\n8:\tbx lr\n"                                                                                           \
+            "\t.balign 16\n\t.thumb_func\n\t.type sequence_" #name "_" #place ", %function\n"                                     \
             "sequence_" #name "_" #place ":\n"                                                                                    \
-            "\tpush {r4-r12, lr}\n\tmov r1, r0\n\tadd r2, r0, #64\n\tmov r3, #1\n\tmov r4, #0\n\tmvn r6, #0x80000000\n"           \
-            "\tcmp r4, #0\n\tnop\n" body "\tnop\n\tpop {r4-r12, pc}\n"                                                            \
+            "\tpush {r4-r12, lr}\n"                                                                                               \
+            "\tadr r12, 7f + 1\n\tadr r2, 9f + 1\n\tsub r2, r2, r12\n\tmla r12, r2, r1, r12\n"                                    \
+            "\tmov r1, r0\n\tadd r2, r0, #64\n\tmov r3, #1\n\tmov r4, #0\n\tmvn r6, #0x80000000\n\tldr r7, [r1, #4]\n"            \
+            "\tmov r0, #0\n\tcmp r4, #0\n\tbx r12\n"                                                                              \
+            "\t.balign 16\n\t.skip 16\n7:\n" half "9:\n" half "\tvadd.f32 s8, s9, s10\n\tnop\n\tpop {r4-r12, pc}\n"               \
             "\t.size sequence_" #name "_" #place ", . - sequence_" #name "_" #place "\n\t.popsection\n");                         \
-    extern uint32_t sequence_##name##_##place(uint32_t *buffer);
+    extern uint32_t sequence_##name##_##place(uint32_t *buffer, uint32_t from_middle);
 
 #define IN_SRAM(name, body) FRAMED(name, sram, ".fast_code.sequences", body)
 #define IN_FLASH(name, body) FRAMED(name, flash, ".text.sequences", body)
@@ -134,38 +139,45 @@ FAST_CODE static void interrupts_enable(const uint32_t enabled[NVIC_WORDS])
 }
 
 /** In SRAM: the controller of the flash must not be switched by code that it is just fetching. */
-FAST_CODE __attribute__((noinline)) static uint32_t count_sequence(sequence_t sequence, bool from_within, bool alone)
+FAST_CODE __attribute__((noinline)) static uint32_t count_sequence(const timed_sequence_t *timed, sequence_place_t place,
+                                                                   uint32_t from_middle)
 {
     uint32_t enabled[NVIC_WORDS];
     interrupts_disable(enabled);
+    const sequence_t sequence = timed->in[place == SEQUENCE_IN_SRAM ? 0 : 1];
     const uint32_t flash_bank_0 = FMC_PFB0CR;
     const uint32_t flash_bank_1 = FMC_PFB1CR;
-    if (alone) {
-        FMC_PFB0CR = (flash_bank_0 & ~FMC_PFB_ENABLES) | FMC_PFB_INVALIDATE;
-        FMC_PFB1CR = flash_bank_1 & ~FMC_PFB_ENABLES; /* bank 0's invalidates both */
+    const uint32_t off = place == SEQUENCE_IN_FLASH_ALONE ? FMC_PFB_ENABLES : 0u;
+    if (place != SEQUENCE_IN_SRAM) { /* what one run leaves in the cache must not make the next one faster */
+        FMC_PFB0CR = (flash_bank_0 & ~off) | FMC_PFB_INVALIDATE;
+        FMC_PFB1CR = flash_bank_1 & ~off; /* bank 0's invalidates both */
     }
-    exceptions_are_timed = from_within;
+    exceptions_are_timed = timed->from_within;
     const uint32_t before = cycle_counter_read();
-    const uint32_t itself = sequence(buffer);
+    const uint32_t itself = sequence(buffer, from_middle);
     const uint32_t after = cycle_counter_read();
     exceptions_are_timed = false;
-    if (alone) {
+    if (place != SEQUENCE_IN_SRAM) {
         FMC_PFB0CR = flash_bank_0;
         FMC_PFB1CR = flash_bank_1;
     }
     interrupts_enable(enabled);
-    return from_within ? itself : after - before;
+    return timed->from_within ? itself : after - before;
+}
+
+static uint32_t prepare_and_count(uint8_t sequence, sequence_place_t place, uint32_t from_middle)
+{
+    buffer[0] = (uint32_t)(uintptr_t)buffer;
+    buffer[1] = (uint32_t)(uintptr_t)&DWT_CYCCNT;
+    return count_sequence(&sequences[sequence], place, from_middle);
 }
 
 uint32_t sequence_cycles(uint8_t sequence, sequence_place_t place)
 {
-    const timed_sequence_t *timed = &sequences[sequence];
-    buffer[0] = (uint32_t)(uintptr_t)buffer;
-    buffer[1] = (uint32_t)(uintptr_t)&DWT_CYCCNT;
-    return count_sequence(timed->in[place == SEQUENCE_IN_SRAM ? 0 : 1], timed->from_within, place == SEQUENCE_IN_FLASH_ALONE);
+    return prepare_and_count(sequence, place, 0u);
 }
 
-uint32_t sequence_overhead_cycles(uint8_t sequence, sequence_place_t place)
+uint32_t sequence_cycles_from_middle(uint8_t sequence, sequence_place_t place)
 {
-    return sequence_cycles(sequences[sequence].from_within ? NUMBER_readings : NUMBER_empty, place);
+    return prepare_and_count(sequence, place, 1u);
 }

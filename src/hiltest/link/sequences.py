@@ -11,18 +11,16 @@ from hiltest.link.fields import FieldReader
 from hiltest.link.replies import RunCost, Status
 from hiltest.link.request import Request, within
 
-__all__ = ["EMPTY_SEQUENCES", "SEQUENCES", "SequencePlace", "TimeSequence"]
+__all__ = ["SEQUENCES", "SequencePlace", "TimeSequence"]
 
 #: In the order of the protocol.
 SEQUENCES = (
-    "empty", "data", "divide", "load_chain", "loads", "stores", "stores_by_register", "load_behind_store",
+    "data", "divide", "load_chain", "loads", "stores", "stores_by_register", "load_behind_store",
     "store_behind_load", "load_store_pairs", "load_multiple", "store_multiple", "branch_not_taken", "branch_taken",
     "call_and_return", "table_branch", "if_then", "barrier", "system", "exclusive", "fp", "fp_chain", "accumulate",
     "accumulate_chain", "accumulate_and_multiply", "accumulate_over_integers", "fp_divide", "fp_divide_result",
     "square_root", "fp_loads", "fp_stores", "fp_pairs", "readings", "exception_entry", "exception_return",
 )  # fmt: skip
-#: Those whose clocks are subtracted from the others'.
-EMPTY_SEQUENCES = ("empty", "readings")
 
 
 class SequencePlace(IntEnum):
@@ -37,6 +35,8 @@ class SequencePlace(IntEnum):
 @dataclass(frozen=True)
 class TimeSequence(Request[RunCost | None]):
     """Run a sequence of instructions that resides in the firmware; None when the core counts no cycles.
+
+    Its cost is that of its first half. The overhead is a run of its second half, which begins and ends as the whole.
 
     Attributes
     ----------
@@ -59,5 +59,5 @@ class TimeSequence(Request[RunCost | None]):
         return struct.pack("<BB", self.sequence, self.place)
 
     def parse(self, fields: FieldReader) -> RunCost | None:
-        """Read what it cost, the empty one of its kind subtracted."""
+        """Read what its first half cost, and a run of the second."""
         return RunCost.parse(fields)

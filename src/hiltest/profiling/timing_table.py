@@ -65,13 +65,13 @@ def print_places(console: Console, raw: Mapping[str, Mapping[str, int]]) -> None
     ----------
     console : Console
     raw : mapping of str to mapping
-        Clocks of each sequence, by the memory that it ran from.
+        Clocks of half of each sequence, by the memory that it ran from.
     """
     differing = [name for name in raw["sram"] if len({clocks[name] for clocks in raw.values()}) > 1]
     if not differing:
         console.print("Code in flash takes the same clocks, with its cache and prefetch on and off.", soft_wrap=True)
         return
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), title="clocks of each sequence, by its place")
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), title="clocks of half a sequence, by place")
     table.add_column("sequence", no_wrap=True)
     for place in raw:
         table.add_column(PLACES[place], justify="right", no_wrap=True)
