@@ -5,7 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import asdict, replace
+from itertools import product
 from pathlib import Path
+
+from hypothesis import given
+from hypothesis import strategies as st
 
 from hiltest.measurement import CycleBand, Limit, Measurement, RowEffect, judge, ratio_band
 from hiltest.report.cost_line import cost_line
@@ -83,11 +87,12 @@ def test_a_row_that_makes_it_cheaper_at_its_upper_end_is_shown_in_order() -> Non
     assert CycleBand(90, 100, (RowEffect("fp_accumulate_hidden", 100, 90),)).explained().endswith("hidden: 90 to 100")
 
 
-def test_the_ratio_of_two_counts_moves_less_than_either_because_both_move_with_the_same_row() -> None:
-    def counted(value: int, band: CycleBand | None, model: str = "m") -> Measurement:
-        """Return a cycle count."""
-        return judge("cycles.x.total", value, unit="cycle", cycle_model=model, band=band)
+def counted(value: int, band: CycleBand | None, model: str = "m") -> Measurement:
+    """Return a cycle count."""
+    return judge("cycles.x.total", value, unit="cycle", cycle_model=model, band=band)
 
+
+def test_the_ratio_of_two_counts_moves_less_than_either_because_both_move_with_the_same_row() -> None:
     one = counted(1000, CycleBand(800, 1000, (RowEffect("fp_store", 800, 1000),)))
     other = counted(100, CycleBand(85, 100, (RowEffect("fp_store", 90, 100), RowEffect("it", 95, 100))))
     # With fp_store cheap 800 / 90, with it cheap 1000 / 95, with both 800 / 85.
@@ -95,6 +100,39 @@ def test_the_ratio_of_two_counts_moves_less_than_either_because_both_move_with_t
     assert ratio_band(one, counted(100, None)) is None
     assert ratio_band(one, counted(100, CycleBand(90, 100), "silicon-dwt")) is None
     assert ratio_band(one, counted(100, CycleBand(0, 100))) is None
+
+
+def test_the_ratio_is_at_its_least_and_greatest_with_some_rows_low_and_others_high() -> None:
+    one = counted(1000, CycleBand(900, 1050, (RowEffect("fp_store", 900, 1000), RowEffect("store", 1000, 1050))))
+    other = counted(100, CycleBand(99, 130, (RowEffect("fp_store", 99, 100), RowEffect("store", 100, 130))))
+    assert ratio_band(one, other) == ((1000 - 100 + 50) / (100 - 1 + 30), 1000 / 100)
+
+
+def test_what_rows_change_only_together_widens_the_ratio() -> None:
+    assert ratio_band(counted(1000, CycleBand(900, 1200)), counted(100, CycleBand(90, 110))) == (900 / 110, 1200 / 90)
+    row = RowEffect("it", 990, 1000)
+    assert ratio_band(counted(1000, CycleBand(980, 1000, (row,))), counted(100, CycleBand(100, 100))) == (9.8, 10.0)
+
+
+EFFECT = st.tuples(st.integers(-40, 40), st.integers(-40, 40))
+
+
+@given(st.integers(900, 9000), st.integers(300, 900), st.lists(st.tuples(EFFECT, EFFECT), max_size=6))
+def test_no_choice_of_ends_of_the_rows_makes_a_ratio_outside_and_two_make_its_ends(
+    value: int, other: int, effects: list[tuple[tuple[int, int], tuple[int, int]]]
+) -> None:
+    found = ratio_band(*(
+        counted(count, CycleBand(
+            count + sum(min(0, *each[side]) for each in effects), count + sum(max(0, *each[side]) for each in effects),
+            tuple(RowEffect(f"row{index}", *(count + by for by in each[side])) for index, each in enumerate(effects)),
+        ))
+        for side, count in enumerate((value, other))
+    ))  # fmt: skip
+    ratios = []
+    for chosen in product((None, 0, 1), repeat=len(effects)):  # where it is, and at either end
+        ends = [(over[at], under[at]) for (over, under), at in zip(effects, chosen, strict=True) if at is not None]
+        ratios.append((value + sum(over for over, _ in ends)) / (other + sum(under for _, under in ends)))
+    assert found == (min(ratios), max(ratios))
 
 
 def test_the_cost_line_has_budget_counts_what_they_reach_and_the_ratio(findings: Make, good: list[Measurement]) -> None:

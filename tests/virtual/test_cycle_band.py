@@ -12,7 +12,7 @@ import pytest
 from hiltest.boards import open_board
 from hiltest.link.messages import Calibrate
 from hiltest.link.replies import RunCost
-from hiltest.measurement import CycleBand
+from hiltest.measurement import CycleBand, Measurement, judge, ratio_band
 from hiltest.procedures.clouds import golden_cloud
 from hiltest.procedures.cycles import upload_cloud
 from hiltest.rig.file import load_rig
@@ -138,6 +138,39 @@ def test_a_kernel_counts_under_moved_rows_what_was_predicted(
         profile = file_with(tmp_path, all_at(band, dear=dear))
         moved = VirtualK64F(SHIPPED, profile=profile, accounting=block_hook)
         assert run_kernel(moved, kernel, cloud(40, seed=1))[0] == bound
+
+
+def test_a_board_with_some_rows_low_and_others_high_counts_a_ratio_within_its_band(tmp_path: Path) -> None:
+    kernels = ("magnetometer_iterative", "magnetometer_direct_fast")
+
+    def counts(board: VirtualK64F) -> list[Measurement]:
+        """Count both kernels on the same points."""
+        made = []
+        for kernel in kernels:
+            before = board.processor.accounting.snapshot(0)
+            cycles, _, _ = run_kernel(board, kernel, cloud(100, seed=1))
+            executed = between(before, board.processor.accounting.snapshot(0))
+            band = cycle_band(board.processor.profile, cycles, executed) if executed else None
+            made.append(judge(kernel, cycles, unit="cycle", cycle_model="m", band=band))
+        return made
+
+    over, under = counts(VirtualK64F(SHIPPED))
+    assert over.band
+    assert under.band
+    band = ratio_band(over, under)
+    assert band
+    # Each row where it alone makes the ratio less: some are low then, and others high.
+    alone = [dict.fromkeys(MOVES, (each.value, each.value)) for each in (over, under)]
+    for counted, each in zip(alone, (over.band, under.band), strict=True):
+        counted |= {effect.row: (effect.low, effect.high) for effect in each.rows}
+    values: dict[str, int] = {}
+    for row, move in MOVES.items():
+        low, high = (of / to for of, to in zip(alone[0][row], alone[1][row], strict=True))
+        values |= move.low if low < high else move.high
+    moved_over, moved_under = counts(VirtualK64F(SHIPPED, profile=file_with(tmp_path, values)))
+    assert moved_over.value
+    assert moved_under.value
+    assert band[0] == pytest.approx(moved_over.value / moved_under.value, rel=1e-9)
 
 
 def timed(folder: Path, timing: str | None) -> tuple[RunCost, CycleBand | None]:
