@@ -150,14 +150,14 @@ class CycleBand:
     def __str__(self) -> str:
         return _range(self.low, self.high)
 
-    def explained(self) -> str:
-        """Say within what the count lies, and which row alone moves it most."""
+    def explained(self, model: str = "the cycle model") -> str:
+        """Say within what the count lies, and which row of the model alone moves it most."""
         most = next(iter(self.rows), None)
         if most is None and self.low == self.high:
-            return "no uncertain row of the cycle model enters"
+            return f"no uncertain row of {model} enters"
         if most is None:
             return f"{self}, as well as the memories it runs from are known"
-        return f"{self} by the cycle model's bands, most by {most.row}: {_range(most.low, most.high)}"
+        return f"{self} by {model}'s bands, most by {most.row}: {_range(most.low, most.high)}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,6 +209,13 @@ class Measurement:
     def says_why_not(self) -> bool:
         """Whether there is no number because there is nothing to measure, and not for want of one."""
         return self.outcome is Outcome.NOT_OFFERED and self.note not in ("", WORST_OF_SEVERAL)
+
+    @property
+    def band_reaches_beyond(self) -> bool:
+        """Whether it keeps its limit as it was counted, and would not at one end of its band."""
+        if self.band is None or self.limit is None or self.outcome is not Outcome.PASS:
+            return False
+        return not (self.limit.holds(self.band.low) and self.limit.holds(self.band.high))
 
     def rounded(self) -> Measurement:
         """Return it as it is written: host-computed numbers to nine significant digits."""

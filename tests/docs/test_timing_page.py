@@ -66,9 +66,9 @@ def test_the_count_of_the_page_is_what_the_shipped_firmware_costs_and_its_band()
         upload_cloud(board, golden_cloud(100))
         cost = board.session.request(Calibrate(100, "direct")).cost
         assert cost is not None
-        band = board.cycle_band(cost)
+        band, model = board.cycle_band(cost), board.cycle_model
     assert band is not None
-    assert TOTAL.strip() == f"cycles.direct.total {readable(cost.cycles)}: {band.explained()}"
+    assert TOTAL.strip() == f"cycles.direct.total {readable(cost.cycles)}: {band.explained(model)}"
 
 
 def test_code_in_flash_is_counted_as_the_page_says_and_carries_what_it_says(tmp_path: Path) -> None:

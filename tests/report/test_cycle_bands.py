@@ -11,7 +11,7 @@ from pathlib import Path
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hiltest.measurement import CycleBand, Limit, Measurement, RowEffect, judge, ratio_band
+from hiltest.measurement import CycleBand, Limit, Measurement, Outcome, RowEffect, judge, ratio_band
 from hiltest.report.cost_line import cost_line
 from hiltest.report.html import html_report
 from hiltest.report.markdown import markdown_report
@@ -21,10 +21,13 @@ from hiltest.report.stored import read_stored
 from hiltest.report.terminal import summary
 from hiltest.report.verdict import decide
 
+from .conftest import MODEL
+
 Make = Callable[..., Findings]
 
 BAND = CycleBand(11_900, 13_050, (RowEffect("fp_accumulate", 11_950, 12_400), RowEffect("it", 12_390, 12_400)))
-IN_WORDS = "11 900 to 13 050 by the cycle model's bands, most by fp_accumulate: 11 950 to 12 400"
+MOST = "most by fp_accumulate: 11 950 to 12 400"
+IN_WORDS = f"11 900 to 13 050 by the cycle model's bands, {MOST}"
 
 
 def run_of(findings: Make, good: list[Measurement]) -> Run:
@@ -76,7 +79,30 @@ def test_every_report_shows_it_beside_the_count(findings: Make, good: list[Measu
     assert "12 400 (11 900 to 13 050)" in text
     assert IN_WORDS in text.replace("\\", "")  # Markdown would take an underscore for emphasis
     printed = summary(run, tmp_path, every=True, sentence=False, width=100, colour=False)
-    assert f"cycles.direct.total 12 400: {IN_WORDS}" in printed.splitlines()
+    shown = f"cycles.direct.total 12 400: 11 900 to 13 050 by {MODEL}'s bands, {MOST}"
+    assert shown in printed.splitlines()
+    # It has no limit, so the table leaves it out; the band is there all the same.
+    assert shown in summary(run, tmp_path, every=False, sentence=False, width=100, colour=False).splitlines()
+
+
+def test_a_count_that_keeps_its_limit_only_as_it_was_counted_says_so_and_passes(
+    findings: Make, good: list[Measurement], tmp_path: Path
+) -> None:
+    def judged(most: float) -> Run:
+        """Judge the count against a limit."""
+        total = judge("cycles.direct.total", 12_400, unit="cycle", cycle_model=MODEL, limit=Limit(max=most), band=BAND)
+        made = findings(*(total if each.name == total.name else each for each in good))
+        return made.finish(decide(made, pytest_exit=0), "2026-01-02T03:04:06Z")
+
+    remark = "its band reaches beyond the limit"
+    for run, told in ((judged(13_000), True), (judged(13_050), False), (judged(12_399), False)):
+        assert (run.verdict.exit_code == 0) is (run.measurement("cycles.direct.total").outcome is Outcome.PASS)
+        printed = summary(run, tmp_path, every=False, sentence=False, width=160, colour=False)
+        assert (f"{MOST}; {remark}" in printed) is told
+        assert (f"pass; {remark}" in printed) is told
+        page = html_report(run).replace("\N{NO-BREAK SPACE}", " ")
+        assert (f"<small>11 900 to 13 050: {remark}</small>" in page) is told
+        assert (f"12 400 (11 900 to 13 050: {remark})" in markdown_report(run)) is told
 
 
 def test_a_count_that_nothing_uncertain_enters_says_so() -> None:
@@ -135,7 +161,9 @@ def test_no_choice_of_ends_of_the_rows_makes_a_ratio_outside_and_two_make_its_en
     assert found == (min(ratios), max(ratios))
 
 
-def test_the_cost_line_has_budget_counts_what_they_reach_and_the_ratio(findings: Make, good: list[Measurement]) -> None:
+def test_the_cost_line_has_budget_counts_what_they_reach_and_the_ratio(
+    findings: Make, good: list[Measurement], tmp_path: Path
+) -> None:
     shown = {"cycles.direct.per_point": (98.0, 168), "cycles.direct.fixed": (2_600.0, 2_600)}
     lines = [
         judge(name, value, unit="cycle", cycle_model="m", information=Limit(max=most))
@@ -145,12 +173,27 @@ def test_the_cost_line_has_budget_counts_what_they_reach_and_the_ratio(findings:
     made = findings(*measured, *lines)
     run = made.finish(decide(made, pytest_exit=0), "2026-01-02T03:04:06Z")
     line = (
-        "Budget for 100 points 19 400 cycles; direct 12 400 (11 900 to 13 050) for 0.97 deg; iterative 203 000 for "
-        "0.95 deg; iterative costs 16.37 times direct."
+        "Thesis budget for 100 points 19 400 cycles; direct 12 400 (11 900 to 13 050) for 0.97 deg; iterative 203 000 "
+        f"for 0.95 deg; iterative costs 16.37 times direct; counted by {MODEL}."
     )
     assert cost_line(run) == line
     assert line in html_report(run).replace("\N{NO-BREAK SPACE}", " ")
     assert line in markdown_report(run)
+    # Beside the verdict wherever that is shown.
+    printed = summary(run, tmp_path, every=False, sentence=True, width=100, colour=False).splitlines()
+    assert printed[-2:] == [line, run.verdict.sentence]
+    told = markdown_report(run)
+    assert told.index(run.verdict.sentence[:40]) < told.index(line) < told.index("| calibrator |")
+
+
+def test_a_budget_of_ones_own_is_not_called_the_thesis(findings: Make, good: list[Measurement]) -> None:
+    lines = [
+        judge(f"cycles.direct.{what}", value, unit="cycle", cycle_model="m", information=Limit(max=most))
+        for what, value, most in (("per_point", 98.0, 150), ("fixed", 2_600.0, 2_600))
+    ]
+    made = findings(*good, *lines)
+    line = cost_line(made.finish(decide(made, pytest_exit=0), "2026-01-02T03:04:06Z"))
+    assert line.startswith("Budget for 100 points 17 600 cycles; direct 12 400 ")
 
 
 def test_without_the_old_calibrator_there_is_no_cost_line(findings: Make, good: list[Measurement]) -> None:

@@ -41,7 +41,8 @@ def comparison_lines(comparison: Comparison) -> Iterator[str]:
 
 def _lines(run: Run) -> Iterator[str]:
     yield f"# {plain_text(run.verdict.outcome.upper())}"
-    yield from ("", plain_text(run.verdict.sentence), "", plain_text(overview.board_line(run)))
+    for line in filter(None, (run.verdict.sentence, cost_line(run), overview.board_line(run))):
+        yield from ("", plain_text(line))
     if run.comparison is not None:
         yield from comparison_lines(run.comparison)
     gating = [each for each in run.measurements if each.gates]
@@ -69,8 +70,6 @@ def _accuracy_and_cost(run: Run) -> Iterator[str]:
         ["calibrator", *calibrators.headings],
         ([row.name, *(_marked(cell) for cell in row.cells)] for row in calibrators.rows),
     )
-    if line := cost_line(run):
-        yield from ("", plain_text(line))
     if run.comparison is None:
         yield from ("", *lines)
     else:

@@ -12,7 +12,7 @@ from hiltest.measurement import Measurement, Outcome
 from hiltest.report.calibrator_results import UNCALIBRATED
 from hiltest.report.costs import CalibratorCost, calibrator_costs
 from hiltest.report.record import Run
-from hiltest.report.terminal import shown_limit, shown_value
+from hiltest.report.terminal import BAND_BEYOND, shown_limit, shown_value
 from hiltest.report.verdict import grouped
 
 # Heading of a column of the accuracy-and-cost table, and the measurement in it.
@@ -186,6 +186,7 @@ def _cell(run: Run, name: str) -> Cell:
     if measurement is None:
         return Cell("")
     band = str(measurement.band) if measurement.band else ""
+    band += f": {BAND_BEYOND}" if measurement.band_reaches_beyond else ""
     return Cell(_comparable(measurement), limit=shown_limit(measurement), tone=tone(measurement), note=band)
 
 

@@ -11,16 +11,20 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as Grid
 
-from hiltest.measurement import Measurement, Outcome
+from hiltest.measurement import CycleBand, Measurement, Outcome
 from hiltest.report.comparison_text import print_changes, say_how_to_keep
+from hiltest.report.cost_line import cost_line
 from hiltest.report.record import RECORD_FILES, Run
 from hiltest.report.verdict import grouped
+
+BAND_BEYOND = "its band reaches beyond the limit"
+"""What stands beside a count that keeps its limit; a remark, which changes no outcome."""
 
 _STYLES = {Outcome.FAIL: "bold red", Outcome.UNSET: "yellow", Outcome.NOT_OFFERED: "dim"}
 
 
 def summary(run: Run, folder: Path, *, every: bool, sentence: bool, width: int, colour: bool) -> str:
-    """Return the table of measurements, what the bench did, what changed, the files and the verdict.
+    """Return the table of measurements, their bands, what the bench did, what changed, the files, costs and verdict.
 
     Parameters
     ----------
@@ -44,9 +48,9 @@ def summary(run: Run, folder: Path, *, every: bool, sentence: bool, width: int, 
     shown = [each for each in run.measurements if every or each.limit or each.information or each.gates]
     if shown:
         console.print(_grid(shown))
-    for each in shown:
+    for each in run.measurements:
         if each.band:
-            console.print(escape(f"{each.name} {shown_value(each)}: {each.band.explained()}"), soft_wrap=True)
+            console.print(escape(f"{each.name} {shown_value(each)}: {band_words(each.band, each)}"), soft_wrap=True)
     if len(shown) < len(run.measurements):
         console.print(f"{len(run.measurements) - len(shown)} more without a limit are in the report")
     for test in run.tests:
@@ -60,6 +64,8 @@ def summary(run: Run, folder: Path, *, every: bool, sentence: bool, width: int, 
         say_how_to_keep(console, run.comparison, shown_path(folder))
     files = [name for name in RECORD_FILES if (folder / name).exists()]
     console.print(escape(f"{shown_path(folder)}: {', '.join(files)}"), soft_wrap=True)
+    if line := cost_line(run):
+        console.print(escape(line), soft_wrap=True)
     if sentence:
         console.print(escape(run.verdict.sentence), soft_wrap=True)
     return text.getvalue()
@@ -88,7 +94,15 @@ def shown_limit(measurement: Measurement) -> str:
 
 def shown_outcome(measurement: Measurement) -> str:
     """Return the outcome as people read it; without a limit nothing was judged."""
-    return "" if measurement.outcome is Outcome.INFORMATION else str(measurement.outcome)
+    if measurement.outcome is Outcome.INFORMATION:
+        return ""
+    return f"{measurement.outcome}; {BAND_BEYOND}" if measurement.band_reaches_beyond else str(measurement.outcome)
+
+
+def band_words(band: CycleBand, measurement: Measurement) -> str:
+    """Say what a measurement's band is, whose doubt it is, and whether it decides about the limit."""
+    words = band.explained(measurement.cycle_model)
+    return f"{words}; {BAND_BEYOND}" if measurement.band_reaches_beyond else words
 
 
 def _grid(measurements: Sequence[Measurement]) -> Grid:
