@@ -14,6 +14,7 @@ from hiltest.errors import CalibrationError
 from hiltest.link.messages import Calibrate
 from hiltest.link.packing import PackPoints
 from hiltest.link.replies import CalibrateReply
+from hiltest.measurement import CycleBand
 from hiltest.procedures.answered_fit import fit_of
 from hiltest.procedures.clouds import golden_cloud
 from hiltest.procedures.cycles import cycles_of, upload_cloud
@@ -29,6 +30,8 @@ class PackedFit:
     ----------
     packed_total : int
         Cycles of a fit of packed points.
+    packed_band : CycleBand or None
+        Within what they lie by the cycle model's own uncertainty; None where nobody knows what ran.
     store_per_point, pack_per_point : float
         Cycles per point to keep their range as they are stored, which the first needs, and to pack them.
     distance_deg, packed_distance_deg : float
@@ -36,6 +39,7 @@ class PackedFit:
     """
 
     packed_total: int
+    packed_band: CycleBand | None
     store_per_point: float
     pack_per_point: float
     distance_deg: float
@@ -69,7 +73,7 @@ def measure_packed_fit(board: Board, *, n: int = 100) -> PackedFit:
     upload_cloud(board, cloud, centre)
     packed = board.session.request(Calibrate(n, FAST))
     return PackedFit(
-        packed_total=cycles_of(packed.cost),
+        packed_total=cycles_of(packed.cost), packed_band=board.cycle_band(packed.cost),
         store_per_point=cycles_of(stored.range_cost) / n, pack_per_point=cycles_of(stored.packing_cost) / n,
         distance_deg=_distance_deg(raw, cloud), packed_distance_deg=_distance_deg(packed, cloud),
     )  # fmt: skip
