@@ -33,7 +33,8 @@ def test_0_says_that_nothing_got_worse(changed: Changed) -> None:
     better = r"1 better: cycles\.direct\.total .*; \d+ unchanged\."
     assert re.search(rf"^May be merged \(against \S+\): {better}$", done.stdout, re.M)
     assert re.search(
-        r"^better \(1\)\n  cycles\.direct\.total [\d ]+ -> 10 000 cycles \(-[\d ]+, -\S+ %; limit at most 12 000\)$",
+        r"^better \(1\)\n  cycles\.direct\.total [\d ]+ -> 10 000 cycles \(-[\d ]+, -\S+ %; limit at most 12 000;"
+        r"\s+worst\s+heading (\S+) -> \1 deg\)$",
         done.stdout, re.M,
     )  # fmt: skip
 

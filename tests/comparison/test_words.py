@@ -5,8 +5,11 @@ from __future__ import annotations
 import pytest
 
 from hiltest.comparison.compare import compare
+from hiltest.comparison.evidence import Evidence
+from hiltest.comparison.model import Change
 from hiltest.comparison.words import SHOWN, moved, numbers, percent, shown
 from hiltest.measurement import Limit
+from hiltest.report.comparison_overview import changed
 
 from .evidence import evidence, measurement, over_seeds
 
@@ -16,6 +19,47 @@ def test_all_of_it_stands_in_one_line() -> None:
     base, new = (over_seeds("cycles.direct.total", value, limit=limit, unit="cycle") for value in (11_061, 11_161))
     (found,) = compare(base, new).differences
     assert numbers(found) == "11 061 -> 11 161 cycles (+100, +0.9 %; limit at most 12 500)"
+
+
+def of_a_calibrator(cost: str, value: float, *more: tuple[str, float | None]) -> Evidence:
+    """Return a side with a cost and what else of the calibrator was measured."""
+    others = [measurement(name, number, unit="deg") for name, number in more]
+    return evidence([measurement(cost, value, unit="cycle"), *others])
+
+
+def test_what_a_calibrator_costs_is_never_told_without_what_its_worst_heading_did() -> None:
+    base = of_a_calibrator("cycles.direct-fast.total", 6919, ("heading.direct-fast.max", 0.8905))
+    new = of_a_calibrator("cycles.direct-fast.total", 6800, ("heading.direct-fast.max", 1.204))
+    found = compare(base, new)
+    words = "6 919 -> 6 800 cycles (-119, -1.7 %; worst heading 0.89 -> 1.20 deg)"
+    assert numbers(found.of(Change.BETTER)[0]) == words
+    assert words in found.sentence
+    (cheaper,) = (each for each in changed(found) if each.name == "cycles.direct-fast.total")
+    assert "worst heading 0.89 -> 1.20 deg" in cheaper.outcome
+    back = compare(new, base)
+    assert "6 800 -> 6 919 cycles (+119, +1.8 %; worst heading 1.20 -> 0.89 deg)" in back.sentence
+
+
+def test_what_packed_points_cost_is_told_with_how_far_they_lead_from_float64() -> None:
+    base, new = (
+        of_a_calibrator("cycles.direct-fast.packed_total", cost, ("cycles.direct-fast.packed_float64_distance", off))
+        for cost, off in ((6030, 0.00164), (5900, 0.25))
+    )
+    (cheaper, *_) = compare(base, new).of(Change.BETTER)
+    assert cheaper.note == "from float64 on an even cloud 0.0016 -> 0.25 deg"
+
+
+@pytest.mark.parametrize(
+    ("cost", "was", "now"),
+    [("cycles.direct.total", 0.9, None), ("cycles.direct.total", None, 0.9), ("cycles.fusion.predict", 0.9, 0.9)],
+)
+def test_without_a_worst_heading_on_both_sides_the_cost_stands_alone(
+    cost: str, was: float | None, now: float | None
+) -> None:
+    base, new = (
+        of_a_calibrator(cost, value, ("heading.direct.max", number)) for value, number in ((10, was), (9, now))
+    )
+    assert [each.note for each in compare(base, new).of(Change.BETTER)] == [""]
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,9 @@ def test_steps_come_first_with_what_changed_between_the_builds() -> None:
     page = trend_page(step_at_run_4(), [])
     steps = page[page.index('id="steps"'): page.index("Dashed in green")]
     assert re.search(r"<td>4</td><td class=\"worse\">worse</td>.*cycles\.direct\.total", steps)
-    assert "11 061 -&gt; 11 161 cycles (+100, +0.9 %; limit at most 12 500)" in steps.replace("\xa0", " ")
+    assert "11 061 -&gt; 11 161 cycles (+100, +0.9 %; limit at most 12 500; worst heading 1.00 -&gt; 1.00 deg)" in (
+        steps.replace("\xa0", " ")
+    )
     assert "build old -&gt; new" in steps
     assert page.index("Measurements with a step") < page.index("<h2>heading</h2>")
 

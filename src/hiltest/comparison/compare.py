@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
+from hiltest.comparison.accuracy_beside import with_accuracy
 from hiltest.comparison.difference import Pairs, difference
 from hiltest.comparison.evidence import Evidence, Seed
 from hiltest.comparison.model import BaseKind, Change, Comparison, Difference, Side
@@ -31,9 +32,10 @@ def compare(base: Evidence, new: Evidence, *, together: bool = False) -> Compari
     board = new.conditions.board if new.conditions else ""
     seeds = [seed for seed in base.measurements if seed in new.measurements]
     pairs = _pairs(base, new, seeds)
-    found = tuple(
+    changes = (
         _taken(_shown_if_loosened(difference(each, board, new.tolerances), each), each, base, new) for each in pairs
     )
+    found = tuple(with_accuracy(each, base.measurements, new.measurements) for each in changes)
     kind = BaseKind.TOGETHER if together else BaseKind.BASELINE if base.is_baseline else BaseKind.RUN
     return _comparison(base.side, new, found, obstacles(base, new, found, together=together), kind)
 

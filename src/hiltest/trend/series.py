@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from statistics import fmean
 
+from hiltest.comparison.accuracy_beside import with_accuracy
 from hiltest.comparison.difference import Pairs, difference
 from hiltest.comparison.evidence import Evidence, Seed
 from hiltest.comparison.model import Change, Difference
@@ -201,7 +202,8 @@ def _steps(name: str, entries: Sequence[Entry], numbers: _Numbers) -> Iterator[S
         pairs = Pairs(name, was, now)
         found = difference(pairs, evidence.conditions.board if evidence.conditions else "", evidence.tolerances)
         if found.change in _MOVED:
-            yield Step(before, after, replace(found, outcome=str(_judged(new).outcome)))
+            told = with_accuracy(found, entries[before].evidence.measurements, evidence.measurements)
+            yield Step(before, after, replace(told, outcome=str(_judged(new).outcome)))
 
 
 def _unjudged(measurement: Measurement) -> Measurement:
