@@ -53,6 +53,13 @@ def test_a_value_without_limit_is_recorded() -> None:
     assert (measurement.outcome, measurement.limit) == (Outcome.INFORMATION, None)
 
 
+def test_what_a_number_is_of_stands_beside_it_unless_its_outcome_needs_the_place() -> None:
+    assert judge("x", 1.0, unit="deg", limit=Limit(max=2), note="of one cloud").note == "of one cloud"
+    assert "nan" in judge("x", math.nan, unit="deg", note="of one cloud").note
+    assert judge("x", None, unit="deg", not_offered="none needed", note="of one cloud").note == "none needed"
+    assert not judge("x", None, unit="deg", note="of one cloud").says_why_not
+
+
 def test_a_nan_fails_and_leaves_no_value() -> None:
     measurement = judge("heading.direct.max", math.nan, unit="deg")
     assert (measurement.outcome, measurement.value) == (Outcome.FAIL, None)

@@ -25,6 +25,8 @@ pytestmark = pytest.mark.hil
 # What the fast calibrator may differ by from float64 on golden clouds, which are even: 0.002 deg, 0.004 at most over 30
 # clouds. More is another arithmetic, not another cloud.
 DISTANCE = Limit(max=0.01)
+# So that nobody takes it for the accuracy of any calibration: firmware_stub/DESIGN.md has those of 10 000 clouds.
+EVEN = "of one even cloud; of ordinary clouds the 99th percentile is 0.06 to 0.18 deg"
 
 
 @pytest.fixture(scope="module")
@@ -77,10 +79,12 @@ def test_what_the_fast_calibrator_is_worth(board: Board, rig: Rig, measure: Meas
         pytest.skip(f"this firmware has no calibrator {FAST!r}")
     packed = measure_packed_fit(board, n=rig.procedure.calibration_points)
     model = board.cycle_model
-    measure(f"cycles.{FAST}.float64_distance", packed.distance_deg, "deg", limit=DISTANCE)
+    measure(f"cycles.{FAST}.float64_distance", packed.distance_deg, "deg", limit=DISTANCE, note=EVEN)
     measure(f"cycles.{FAST}.store_per_point", packed.store_per_point, "cycle", cycle_model=model)
     measure(f"cycles.{FAST}.packed_total", packed.packed_total, "cycle", cycle_model=model, band=packed.packed_band)
-    measure(f"cycles.{FAST}.packed_float64_distance", packed.packed_distance_deg, "deg", limit=DISTANCE)
+    measure(
+        f"cycles.{FAST}.packed_float64_distance", packed.packed_distance_deg, "deg", limit=DISTANCE, note=EVEN
+    )
     measure(f"cycles.{FAST}.pack_per_point", packed.pack_per_point, "cycle", cycle_model=model)
 
 

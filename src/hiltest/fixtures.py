@@ -38,7 +38,7 @@ class Measure:
     def __call__(
         self, name: str, value: float | int | Counted | None, unit: str = "", *, limit: Limit | None = None,
         not_judged: str = "", not_offered: str = "", volatile: bool = False, cycle_model: str = "",
-        band: CycleBand | None = None,
+        band: CycleBand | None = None, note: str = "",
     ) -> Measurement:
         """Record one measurement.
 
@@ -65,6 +65,8 @@ class Measure:
             Needed for unit ``cycle``: what counted.
         band : CycleBand, optional
             Within what a virtual board's cycles lie by its cycle model.
+        note : str, optional
+            What the number is of, where its name does not say it.
 
         Returns
         -------
@@ -86,7 +88,7 @@ class Measure:
             value = value.cycles
         measurement = self._session.judge(
             name, value, unit=unit, limit=limit, not_judged=not_judged, not_offered=not_offered, volatile=volatile,
-            cycle_model=cycle_model, band=band, test=self._session.test_id(self._item.nodeid),
+            cycle_model=cycle_model, band=band, note=note, test=self._session.test_id(self._item.nodeid),
         )
         self._session.keep(self._item, measurement)
         return measurement

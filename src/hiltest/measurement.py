@@ -294,7 +294,7 @@ def cannot_be_ranked(one: Measurement | None, other: Measurement | None) -> bool
 def judge(
     name: str, value: float | int | None, *, unit: str, limit: Limit | None = None, information: Limit | None = None,
     not_judged: str = "", not_offered: str = "", could_offer: bool = False, volatile: bool = False,
-    cycle_model: str = "", test: str = "", band: CycleBand | None = None,
+    cycle_model: str = "", test: str = "", band: CycleBand | None = None, note: str = "",
 ) -> Measurement:
     """Make a measurement and decide its outcome.
 
@@ -309,6 +309,8 @@ def judge(
     could_offer : bool, optional
         Whether this kind of board can know such a value, as a virtual one always can. None under
         a limit is then ``unset``, and not ``not offered``.
+    note : str, optional
+        What a number is of, where its name does not say it; an outcome that needs a reason has that instead.
 
     Returns
     -------
@@ -325,7 +327,6 @@ def judge(
         raise ValueError("a measurement needs a name")
     if unit.startswith("cycle") and not cycle_model:
         raise ValueError(f"{name}: cycles need their cycle model, or they could be compared with another's")
-    note = ""
     if value is None and limit is not None and (could_offer or not_judged):
         outcome, note = Outcome.UNSET, not_judged or not_offered or "the board can offer it, and no value was given"
     elif value is None:

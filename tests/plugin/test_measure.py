@@ -93,6 +93,16 @@ def test_it(measure):
     ]
 
 
+def test_what_a_number_is_of_is_kept_and_shown_beside_it(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(HEAD + """
+def test_it(measure):
+    measure("x", 1.0, "deg", limit=Limit(max=2), note="of one cloud")
+""")
+    result = pytester.runpytest_inprocess()
+    result.stdout.fnmatch_lines(["*x *1 *deg *at most 2 *pass (of one cloud)*"])
+    assert measurements_of(pytester)["x"]["note"] == "of one cloud"
+
+
 def test_one_name_measured_by_two_tests_is_an_error(pytester: pytest.Pytester) -> None:
     pytester.makepyfile("""
         def test_one(measure):
