@@ -4,18 +4,28 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Collection
+from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from hiltest.boards import Board
+from hiltest.calibration import reference
 from hiltest.calibration.accelerometer import NOMINAL
+from hiltest.calibration.quality import direction_difference_rms_deg
 from hiltest.cycle_benchmarks.hooks import BenchmarkCycles
+from hiltest.errors import ConfigError
+from hiltest.fixtures import Cycles
 from hiltest.link.dpi import FitDpi
 from hiltest.link.messages import Calibrate
-from hiltest.link.replies import RunCost
+from hiltest.link.packing import PackPoints
+from hiltest.link.replies import CalibrateReply, RunCost
+from hiltest.link.streams import MAX_FEED, StreamFeed, StreamRemove, StreamReset
 from hiltest.procedures import (
     DPI,
+    FAST,
     UNCALIBRATED_SLOT,
     golden_cloud,
     golden_pairs,
@@ -24,6 +34,11 @@ from hiltest.procedures import (
     upload_cloud,
     upload_pairs,
 )
+from hiltest.procedures.answered_fit import fit_of
+from hiltest.profiling.image import ProfiledImage
+from hiltest.virtual.buffers import Address, Structure
+from hiltest.virtual.procedure_call import Argument
+from hiltest.virtual.profiling import CallProfile
 
 pytestmark = pytest.mark.hil
 
@@ -33,29 +48,112 @@ STREAMS = ("direct-stream", "iterative-stream")
 SIZES = (30, 100, 300)
 PAIRS = (300, 500)  # from the fewest that are fitted
 ROUNDS = 5  # as many clouds
+PACKED_BYTES = 0x4000  # packed_points_t and more
+
+
+@dataclass
+class Runs:
+    """What a calibrator took for so many points of each cloud, and how far from float64 it ended [deg]."""
+
+    costs: list[RunCost | None] = field(default_factory=list)
+    distances_deg: list[float] = field(default_factory=list)
+
+    def add(self, reply: CalibrateReply, name: str, cloud: NDArray[np.int16]) -> None:
+        """Add a run; golden clouds are even, and others lead farther from float64: firmware_stub/DESIGN.md."""
+        fit = fit_of(reply)
+        self.costs.append(reply.cost)
+        if name in CALIBRATORS and fit.has_fit:
+            self.distances_deg.append(direction_difference_rms_deg(fit, reference(name)(cloud)))
+
+    def show(self, kernel: str, benchmark_cycles: BenchmarkCycles, board: Board) -> None:
+        """Show the cycles with the accuracy."""
+        worst = max(self.distances_deg, default=None)
+        benchmark_cycles(kernel, counted(self.costs), cycle_model=board.cycle_model, from_float64_deg=worst)
 
 
 @pytest.fixture(scope="module")
-def costs(board: Board, request: pytest.FixtureRequest) -> dict[str, list[RunCost | None]]:
-    """What every calibrator took for so many points of each cloud."""
+def runs(board: Board, request: pytest.FixtureRequest) -> dict[str, Runs]:
+    """What became of every calibrator."""
     size: int = request.param
-    found: dict[str, list[RunCost | None]] = {name: [] for name in board.identity.calibrators}
+    found = {name: Runs() for name in board.identity.calibrators}
     for index in range(ROUNDS):
-        upload_cloud(board, golden_cloud(size, index=index))
+        cloud = golden_cloud(size, index=index)
+        upload_cloud(board, cloud)
         for name, each in found.items():
-            each.append(board.session.request(Calibrate(size, name)).cost)
+            each.add(board.session.request(Calibrate(size, name)), name, cloud)
     warn_of_others(board.identity.calibrators, CALIBRATORS, "CALIBRATORS")
     return found
 
 
-@pytest.mark.parametrize("costs", SIZES, indirect=True)
+@pytest.mark.parametrize("runs", SIZES, indirect=True)
 @pytest.mark.parametrize("calibrator", CALIBRATORS)
 def test_calibrator(
-    board: Board, costs: dict[str, list[RunCost | None]], calibrator: str, benchmark_cycles: BenchmarkCycles
+    board: Board, runs: dict[str, Runs], calibrator: str, benchmark_cycles: BenchmarkCycles
 ) -> None:
-    if calibrator not in costs:
+    if calibrator not in runs:
         pytest.skip(f"this firmware has no calibrator {calibrator!r}")
-    benchmark_cycles(calibrator, counted(costs[calibrator]), cycle_model=board.cycle_model)
+    runs[calibrator].show(calibrator, benchmark_cycles, board)
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_packed_when_stored(board: Board, size: int, benchmark_cycles: BenchmarkCycles) -> None:
+    """About the centre of a calibration before."""
+    if FAST not in board.identity.calibrators:
+        pytest.skip(f"this firmware has no calibrator {FAST!r}")
+    fast_runs(board, size, packed=True).show(f"{FAST} packed", benchmark_cycles, board)
+
+
+def fast_runs(board: Board, size: int, *, packed: bool) -> Runs:
+    """Calibrate by `direct-fast`, with points as they come or packed about the centre of a calibration before."""
+    runs = Runs()
+    for index in range(ROUNDS):
+        cloud = golden_cloud(size, index=index)
+        upload_cloud(board, cloud)
+        reply = board.session.request(Calibrate(size, FAST))
+        if packed:
+            board.session.request(PackPoints(size, np.rint(fit_of(reply).hard_iron).astype(int).tolist()))
+            reply = board.session.request(Calibrate(size, FAST))
+        runs.add(reply, FAST, cloud)
+    return runs
+
+
+def test_newton_step(board: Board, benchmark_cycles: BenchmarkCycles) -> None:
+    """What the second one adds on the same points."""
+    if "corrected" not in board.identity.calibrators:
+        pytest.skip("this firmware has no calibrator 'corrected'")
+    steps = []
+    for index in range(ROUNDS):
+        upload_cloud(board, golden_cloud(100, index=index))
+        one, two = (board.session.request(Calibrate(100, "corrected", iterations=each)).cost for each in (1, 2))
+        first, both = counted([one, two])
+        steps.append(both - first)
+    benchmark_cycles("step of corrected", steps, cycle_model=board.cycle_model)
+
+
+@pytest.mark.parametrize("size", [100, 300])
+@pytest.mark.parametrize("packed", [False, True], ids=["as they come", "packed"])
+def test_accumulation(
+    board: Board, cycles: Cycles, size: int, packed: bool, benchmark_cycles: BenchmarkCycles
+) -> None:
+    """The sums of `direct-fast` alone, called on a virtual board of their own, with the accuracy of the whole fit."""
+    if FAST not in board.identity.calibrators:
+        pytest.skip(f"this firmware has no calibrator {FAST!r}")
+    cloud, sums = np.ascontiguousarray(golden_cloud(size), "<i2"), bytearray(140)
+    low, high = cloud.min(axis=0), cloud.max(axis=0)
+    anchor = np.array((low.astype(int) + high) // 2, "<i4")
+    firmware = cycles()
+    if packed:
+        stored = bytearray(PACKED_BYTES)
+        call(firmware, "packed_points_start", stored, anchor)
+        for point in cloud:
+            call(firmware, "packed_points_add", stored, point)
+        called = call(firmware, "packed_points_sum", stored, sums)
+    else:
+        points = Structure(Address(cloud), np.array([size], "<u2"), low, high, np.zeros(5, "<u2"))
+        called = call(firmware, "packed_moments_sum", points, anchor, sums)
+    assert np.frombuffer(sums, "<f4")[0] == size
+    worst = max(fast_runs(board, size, packed=packed).distances_deg)
+    benchmark_cycles(f"sums of {FAST}", called, from_float64_deg=worst)
 
 
 @pytest.mark.parametrize("pairs", PAIRS)
@@ -87,6 +185,28 @@ def test_new_point(
     if stream not in streams:
         pytest.skip(f"this firmware has no stream calibrator {stream!r}, or it does the same unsliced")
     benchmark_cycles("new point of a stream", streams[stream], cycle_model=board.cycle_model)
+
+
+def test_exact_remove(board: Board, benchmark_cycles: BenchmarkCycles) -> None:
+    """What `direct-stream` takes to take a point back, of which nothing stays."""
+    if "direct-stream" not in board.identity.stream_calibrators:
+        pytest.skip("this firmware has no stream calibrator 'direct-stream'")
+    upload_cloud(board, golden_cloud(MAX_FEED))
+    board.session.request(StreamReset("direct-stream"))
+    board.session.request(StreamFeed("direct-stream", 0, MAX_FEED))
+    removed = board.session.request(StreamRemove("direct-stream", 0, MAX_FEED // 2))
+    assert removed.taken == MAX_FEED // 2
+    benchmark_cycles("exact remove", counted(list(removed.costs or [None])), cycle_model=board.cycle_model)
+
+
+def call(firmware: ProfiledImage, function: str, *arguments: Argument) -> CallProfile:
+    """Call a function, and skip the test where the firmware has none of this name."""
+    try:
+        return firmware.call(function, *arguments)
+    except ConfigError as error:
+        if "no function" not in str(error):
+            raise
+        pytest.skip(str(error))
 
 
 def warn_of_others(there: Collection[str], listed: Collection[str], where: str) -> None:

@@ -107,6 +107,23 @@ def test_the_json_holds_cycles_their_model_the_firmware_and_the_board(pytester: 
     assert "build_id" not in called["extra_info"], "cycles(elf) may call into any ELF"
 
 
+def test_a_calibrator_s_cycles_are_shown_with_its_accuracy_there_and_when_they_are_compared(
+    pytester: pytest.Pytester,
+) -> None:
+    text = "\n".join(
+        f"def test_{name}(benchmark_cycles):\n"
+        f"    benchmark_cycles('fast', {cycles}, cycle_model={MODEL!r}, from_float64_deg={distance_deg})\n"
+        for name, cycles, distance_deg in (("small", 700, 0.004), ("large", 900, 0.0155))
+    )
+    title = f"benchmark 'fast, cycles of {MODEL}; at most 0.015 deg from float64 of the same points': 2 tests"
+    content = saved(pytester, text, "saved")
+    assert [each["extra_info"]["from_float64_deg"] for each in content["benchmarks"]] == [0.004, 0.0155]
+    assert {each["group"] for each in content["benchmarks"]} == {f"fast, cycles of {MODEL}"}
+    assert list(tables(compare(pytester, "saved.json"))) == [title]
+    # With hooks from a conftest.py and from the plugin both, it is said once.
+    assert title in tables(pytester.runpytest_inprocess().stdout.str())
+
+
 def test_nine_times_the_cycles_are_shown_as_nine_times(pytester: pytest.Pytester) -> None:
     for name, cycles in (("old", 12_345), ("new", 9 * 12_345)):
         saved(pytester, fit(cycles), name)

@@ -17,6 +17,7 @@ from hiltest.cycle_benchmarks.tables import (
     CORE_CLOCK_HZ,
     CYCLE_MODEL,
     CYCLES,
+    FROM_FLOAT64_DEG,
     Groups,
     Row,
     cycle_model_of,
@@ -99,15 +100,17 @@ class BenchmarkCycles:
     Parameters
     ----------
     show : callable, optional
-        Takes kernel, rounds and cycle model; without it nothing is shown, and wrong arguments fail all the same.
+        Takes kernel, rounds, cycle model and what else is known; without it nothing is shown, and wrong arguments
+        fail all the same.
     """
 
-    def __init__(self, show: Callable[[str, list[int], str], None] | None = None) -> None:
+    def __init__(self, show: Callable[[str, list[int], str, dict[str, float]], None] | None = None) -> None:
         self._show = show
         self._called = False
 
     def __call__(
-        self, kernel: str, cost: int | Counted | Iterable[int | Counted], *, cycle_model: str = ""
+        self, kernel: str, cost: int | Counted | Iterable[int | Counted], *, cycle_model: str = "",
+        from_float64_deg: float | None = None,
     ) -> None:
         """Show what a kernel cost, once in a test.
 
@@ -119,6 +122,9 @@ class BenchmarkCycles:
             One for each round. What ``cycles(elf).call(...)`` returns brings its cycle model.
         cycle_model : str
             Needed for numbers: what counted them, ``board.cycle_model``.
+        from_float64_deg : float, optional
+            Of a calibrator: how far its directions are from those of float64 on the same points, rms over the sphere,
+            the worst of the rounds. The title of its table then says so.
 
         Raises
         ------
@@ -131,7 +137,8 @@ class BenchmarkCycles:
         rounds, model = read_rounds(cost, cycle_model)
         self._called = True
         if self._show is not None:
-            self._show(kernel, rounds, model)
+            known = {} if from_float64_deg is None else {FROM_FLOAT64_DEG: float(from_float64_deg)}
+            self._show(kernel, rounds, model, known)
 
 
 @pytest.fixture
@@ -140,10 +147,12 @@ def benchmark_cycles(request: pytest.FixtureRequest, benchmark: BenchmarkFixture
     clock = request.node.stash.get(CLOCK, None)
     board = request.config.stash[SESSION].board if uses_board(request.node) else None
 
-    def show(clock: DeviceClock, kernel: str, rounds: list[int], cycle_model: str) -> None:
+    def show(
+        clock: DeviceClock, kernel: str, rounds: list[int], cycle_model: str, known: dict[str, float]
+    ) -> None:
         """Let pytest-benchmark time the rounds of a kernel by a clock that reads device cycles."""
         # The worst round stays when the data of every round does not: a budget holds for it.
-        benchmark.extra_info |= {CYCLES: max(rounds), CYCLE_MODEL: cycle_model}
+        benchmark.extra_info |= {CYCLES: max(rounds), CYCLE_MODEL: cycle_model} | known
         benchmark.extra_info |= {CORE_CLOCK_HZ: _describe(board)[CORE_CLOCK_HZ]} | _firmware(board)
         benchmark.group = group_name(kernel, cycle_model)
         request.config.stash[SHOWN] = True

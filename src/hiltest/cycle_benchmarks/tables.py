@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 CYCLES, CYCLE_MODEL, CORE_CLOCK_HZ = "cycles", "cycle_model", "core_clock_hz"
+FROM_FLOAT64_DEG = "from_float64_deg"
 """What the extra_info of a benchmark of device cycles holds."""
 
 #: One row: a dictionary, or what behaves like one.
@@ -65,16 +66,26 @@ def scale_cycles(
 
 
 def split_by_cycle_model(groups: Groups) -> list[tuple[str | None, list[Row]]]:
-    """Give the device cycles of each model a table of their own, however the rows were grouped."""
+    """Give the device cycles of each model a table of their own, however the rows were grouped.
+
+    Its title says how far the rows are from float64, where they know: speed is never shown without accuracy.
+    """
     tables: list[tuple[str | None, list[Row]]] = []
     for name, rows in groups:
         of_model: dict[str, list[Row]] = defaultdict(list)
         for row in rows:
             of_model[cycle_model_of(row)].append(row)
         for model, those in sorted(of_model.items()):
-            named_already = not model or (name or "").endswith(group_name(None, model))
-            tables.append((name if named_already else group_name(name, model), those))
+            # A conftest.py and the plugin may both have a turn.
+            named_already = not model or group_name(None, model) in (name or "")
+            title, accuracy = name if named_already else group_name(name, model), _accuracy(those)
+            tables.append((title if accuracy in (title or "") else f"{title}; {accuracy}", those))
     return tables
+
+
+def _accuracy(rows: Sequence[Row]) -> str:
+    known = [float(_extra_info(row)[FROM_FLOAT64_DEG]) for row in rows if FROM_FLOAT64_DEG in _extra_info(row)]
+    return f"at most {max(known):.2g} deg from float64 of the same points" if known else ""
 
 
 def _extra_info(row: Row) -> Mapping[str, Any]:
