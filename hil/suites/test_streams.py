@@ -23,6 +23,14 @@ def test_cost_of_a_new_point(board: Board, streams: dict[str, StreamRun], measur
         measure(f"stream.{name}.fit_cycles", cycles, "cycle", cycle_model=board.cycle_model, band=run.fit_band)
 
 
+def test_cost_of_a_point_taken_back(board: Board, streams: dict[str, StreamRun], measure: Measure) -> None:
+    for name, run in streams.items():
+        if run.remove_cycles is not None:
+            for what, number in (("mean", np.mean), ("max", np.max)):
+                cycles = float(number(run.remove_cycles))
+                measure(f"stream.{name}.remove_{what}", cycles, "cycle", cycle_model=board.cycle_model)
+
+
 def test_points_held_and_tier_at_the_end(streams: dict[str, StreamRun], measure: Measure) -> None:
     for name, run in streams.items():
         measure(f"stream.{name}.held", run.last.state.held, "")

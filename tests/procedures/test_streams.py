@@ -50,6 +50,19 @@ def test_slices_are_another_run_of_a_calibrator_that_has_them(runs: dict[str, St
     assert sliced.cycles.max() < whole.cycles.max()
 
 
+def test_points_are_taken_back_exactly_where_that_can_be(
+    virtual_board: Board, runs: dict[str, StreamRun]
+) -> None:
+    direct = runs["direct-stream"]
+    assert direct.cycles is not None
+    assert direct.remove_cycles is not None
+    assert len(direct.remove_cycles) == 20
+    assert 150 < direct.remove_cycles.max() <= 235
+    assert [runs[name].remove_cycles for name in ("iterative-stream", "iterative-stream-sliced")] == [None, None]
+    # What was told of the end is of all points, and was told before.
+    assert direct.last.state.held == POINTS
+
+
 def test_the_last_calibrations_go_into_slots_as_far_as_there_are(
     virtual_board: Board, runs: dict[str, StreamRun]
 ) -> None:

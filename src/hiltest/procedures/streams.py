@@ -11,13 +11,23 @@ from numpy.typing import NDArray
 
 from hiltest.boards.board import Board
 from hiltest.calibration.fit import MagnetometerFit
+from hiltest.errors import DeviceError
 from hiltest.link.messages import SetCalibration
-from hiltest.link.replies import RunCost
-from hiltest.link.streams import MAX_FEED, StreamFeed, StreamReset, StreamState, StreamStateReply, StreamStatus
+from hiltest.link.replies import RunCost, Status
+from hiltest.link.streams import (
+    MAX_FEED,
+    StreamFeed,
+    StreamRemove,
+    StreamReset,
+    StreamState,
+    StreamStateReply,
+    StreamStatus,
+)
 from hiltest.measurement import CycleBand
 from hiltest.procedures.answered_fit import fit_of
 from hiltest.procedures.progress import Progress, silent
 
+_TAKEN_BACK = 20  # of as many the cost shows whether it depends on the data
 #: Numbers of points at which a stream calibrator is asked what it knows, beside the end.
 STAGES = (100, 150, 250)
 
@@ -74,6 +84,9 @@ class StreamRun:
         OK when all points were taken, else why the one after the last was not.
     fit_band : CycleBand or None
         Within what the cycles of the last stage's answer lie; None where nobody knows what ran.
+    remove_cycles : ndarray or None
+        Of each of the first points that were taken back in the end; None where it takes none back, or the core counts
+        none. A sliced run takes none back: it would be the same work.
     """
 
     name: str
@@ -81,6 +94,7 @@ class StreamRun:
     stages: tuple[StreamStage, ...]
     refused: StreamStatus
     fit_band: CycleBand | None
+    remove_cycles: NDArray[np.int64] | None = None
 
     @property
     def last(self) -> StreamStage:
@@ -162,10 +176,24 @@ def _run(board: Board, name: str, points: int, stages: Sequence[int], *, sliced:
         found.append(stage(board, name, at))
         if refused is not StreamStatus.OK:
             break
+    fit_band = board.cycle_band(found[-1].state.cost)
     return StreamRun(
         f"{name}-sliced" if sliced else name, None if cycles is None else np.array(cycles), tuple(found), refused,
-        board.cycle_band(found[-1].state.cost),
+        fit_band, None if sliced else _take_back(board, name, min(at, _TAKEN_BACK)),
     )
+
+
+def _take_back(board: Board, name: str, count: int) -> NDArray[np.int64] | None:
+    """Take the first points back, as a window does that moves with the stream; return the cycles of each."""
+    if not count:
+        return None
+    try:
+        reply = board.session.request(StreamRemove(name, 0, count))
+    except DeviceError as error:
+        if error.status != Status.NOT_SUPPORTED.name:
+            raise
+        return None
+    return np.array([each.cycles for each in reply.costs]) if reply.costs else None
 
 
 def _worked_otherwise(whole: StreamRun, sliced: StreamRun) -> bool:
