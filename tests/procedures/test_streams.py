@@ -8,7 +8,7 @@ import pytest
 from hiltest.boards import Board
 from hiltest.calibration import fit_direct
 from hiltest.link.messages import GetCalibration
-from hiltest.link.streams import StreamStatus
+from hiltest.link.streams import StreamFeed, StreamReset, StreamStatus
 from hiltest.procedures import StreamRun, golden_cloud, run_streams, store_streams, upload_cloud
 
 POINTS = 130
@@ -48,6 +48,45 @@ def test_slices_are_another_run_of_a_calibrator_that_has_them(runs: dict[str, St
     assert whole.cycles is not None
     assert sliced.cycles is not None
     assert sliced.cycles.max() < whole.cycles.max()
+
+
+def test_the_total_of_a_stream_has_the_band_of_all_its_steps_together(
+    virtual_board: Board, runs: dict[str, StreamRun]
+) -> None:
+    for run in runs.values():
+        band, fit_band = run.total_band, run.fit_band
+        assert run.total is not None
+        assert band is not None
+        assert fit_band is not None
+        assert fit_band.high < band.low < run.total < band.high
+    # A step of `direct-stream` is the same for every point but the first and those behind it that carry.
+    direct = runs["direct-stream"]
+    assert direct.total_band is not None
+    assert direct.fit_band is not None
+    virtual_board.session.request(StreamReset("direct-stream"))
+    bands = []
+    for index in range(POINTS):
+        reply = virtual_board.session.request(StreamFeed("direct-stream", index, 1))
+        assert reply.costs is not None
+        bands.append(virtual_board.cycle_band(reply.costs[0]))
+    lows, highs = zip(*((each.low, each.high) for each in bands if each), strict=True)
+    assert len(lows) == POINTS
+    assert (sum(lows) + direct.fit_band.low, sum(highs) + direct.fit_band.high) == (
+        direct.total_band.low, direct.total_band.high
+    )
+
+
+def test_steps_that_were_not_the_last_that_were_timed_have_no_band(virtual_board: Board) -> None:
+    upload_cloud(virtual_board, CLOUD)
+    virtual_board.session.request(StreamReset("direct-stream"))
+    reply = virtual_board.session.request(StreamFeed("direct-stream", 0, 5))
+    assert reply.costs is not None
+    cycles, overhead = [each.cycles for each in reply.costs], reply.costs[0].overhead_cycles
+    for wrong, known in ((cycles, True), ([*cycles[:-1], 1], False), ([7] * 200, False)):
+        steps = virtual_board.timed_steps()
+        assert steps is not None
+        steps.add(wrong, overhead)
+        assert (steps.band() is not None) is known
 
 
 def test_points_are_taken_back_exactly_where_that_can_be(

@@ -10,7 +10,7 @@ from dataclasses import replace
 import pytest
 
 from hiltest.comparison.model import EXACT, Change, Comparison, Difference, Sense, Side, Tolerance
-from hiltest.measurement import Limit, Measurement, judge
+from hiltest.measurement import CycleBand, Limit, Measurement, judge
 from hiltest.report.html import html_report
 from hiltest.report.legible import legible
 from hiltest.report.overview import accuracy_and_cost, tally
@@ -59,6 +59,11 @@ def test_streams_have_their_cycles_in_the_table_of_all_calibrators(
     assert (row["per point"].text, row["per point"].note) == ("246.0", "most 255")
     assert row["fixed"].text == "3 503"
     assert "direct-stream: 0.90 degrees for 77 312 cycles" in html_report(run)
+    total = judge(
+        "stream.direct-stream.total", 77_312, unit="cycle", cycle_model="m", band=CycleBand(76_000, 80_500)
+    )
+    banded = accuracy_and_cost(replace(run, measurements=(*run.measurements, total))).rows[-1]
+    assert "300 points, 76 000 to 80 500" in [cell.note for cell in banded.cells]
 
 
 def test_a_verdict_is_told_by_a_sign_and_a_word_and_not_by_its_colour(findings: Make, good: list[Measurement]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from types import TracebackType
@@ -131,6 +131,16 @@ class Stage(Protocol):
         """Begin to turn about the vertical in `after_s`, come back at once, and say in how long it will stand [s]."""
 
 
+class StepRecorder(Protocol):
+    """Records what runs in steps that the firmware times one by one."""
+
+    def add(self, cycles: Sequence[int], overhead_cycles: int) -> None:
+        """Record the steps that were timed last, in order."""
+
+    def band(self) -> CycleBand | None:
+        """Return within what all steps together lie; None where nobody knows what ran."""
+
+
 class Board(ABC):
     """A board that is synchronised, identified and has its sensors selected.
 
@@ -209,6 +219,10 @@ class Board(ABC):
 
     def cycle_band(self, cost: RunCost | None) -> CycleBand | None:
         """Say within what the cycles of the run that was just timed lie; None where nobody knows what ran."""
+        return None
+
+    def timed_steps(self) -> StepRecorder | None:
+        """Begin to record what runs in steps that are timed one by one; None where nobody knows what ran."""
         return None
 
     def instructions_counted(self, cycles: int) -> int | None:

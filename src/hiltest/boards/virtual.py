@@ -18,6 +18,7 @@ from hiltest.measurement import CycleBand, in_flash
 from hiltest.rig import COUNTS_PER_UT, Rig, world_truth
 from hiltest.virtual.cycle_band import cycle_band, flash_band
 from hiltest.virtual.elf import load_image
+from hiltest.virtual.timed_steps import TimedSteps
 
 
 class VirtualBoard(Board):
@@ -91,6 +92,10 @@ class VirtualBoard(Board):
             return flash_band(profile, cost.cycles)
         executed = counter.executed_in(cost.cycles, cost.overhead_cycles) if cost else None
         return cycle_band(profile, cost.cycles, *executed) if cost and executed else None
+
+    def timed_steps(self) -> TimedSteps:
+        """Begin to record what runs in steps that are timed one by one."""
+        return TimedSteps(self._machine.cycle_counter, self._machine.processor.profile)
 
 
 def _truth(rig: Rig) -> Truth | None:

@@ -79,6 +79,7 @@ _ROWS: tuple[tuple[str, Sense, float, float, float, str], ...] = (
     ("stream.*.fit_cycles",             _LESS, 0, 0, 0, _KERNEL),
     ("stream.*.cycles_max",             _LESS, 5, 0.005, 3700, _PER_CALL),
     ("stream.*.cycles_me*",              _LESS, 1, 0.005, 210, _PER_CALL),
+    ("stream.*.total",                  _LESS, 300, 0.005, 63_000, _PER_CALL),
     ("stream.*.remove_max stream.*.remove_mean", _LESS, 0, 0, 0, _KERNEL),
     ("stream.*.elements",               _MORE, 0, 0, 0, _COUNTED),
     ("stream.*.refused",                _LESS, 0, 0, 0, _COUNTED),

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.boards.board import Board
+from hiltest.boards.board import Board, StepRecorder
 from hiltest.calibration.fit import MagnetometerFit
 from hiltest.errors import DeviceError
 from hiltest.link.messages import SetCalibration
@@ -82,6 +82,8 @@ class StreamRun:
         At `STAGES`, and at the end.
     refused : StreamStatus
         OK when all points were taken, else why the one after the last was not.
+    total_band : CycleBand or None
+        Within what all of `cycles` and the last stage's answer lie together.
     fit_band : CycleBand or None
         Within what the cycles of the last stage's answer lie; None where nobody knows what ran.
     remove_cycles : ndarray or None
@@ -94,12 +96,20 @@ class StreamRun:
     stages: tuple[StreamStage, ...]
     refused: StreamStatus
     fit_band: CycleBand | None
+    total_band: CycleBand | None = None
     remove_cycles: NDArray[np.int64] | None = None
 
     @property
     def last(self) -> StreamStage:
         """What it knew in the end."""
         return self.stages[-1]
+
+    @property
+    def total(self) -> int | None:
+        """Cycles of all points and of the answer in the end; None when the core counts none."""
+        if self.cycles is None or self.last.state.cost is None:
+            return None
+        return int(self.cycles.sum()) + self.last.state.cost.cycles
 
 
 def run_streams(
@@ -145,14 +155,16 @@ def store_streams(board: Board, runs: dict[str, StreamRun], *, first_slot: int) 
     return slots
 
 
-def feed(board: Board, name: str, first: int, count: int) -> Fed:
-    """Give points of the board's buffer to a stream calibrator until one is refused."""
+def feed(board: Board, name: str, first: int, count: int, steps: StepRecorder | None = None) -> Fed:
+    """Give points of the board's buffer to a stream calibrator until one is refused; `steps` records what runs."""
     taken = 0
     costs: list[RunCost] | None = []
     for at in range(first, first + count, MAX_FEED):
         reply = board.session.request(StreamFeed(name, at, min(MAX_FEED, first + count - at)))
         taken += reply.taken
         costs = None if costs is None or reply.costs is None else costs + list(reply.costs)
+        if steps and reply.costs:
+            steps.add([each.cycles for each in reply.costs], reply.costs[0].overhead_cycles)
         if reply.status is not StreamStatus.OK:
             return Fed(taken, costs, reply.status)
     return Fed(taken, costs, StreamStatus.OK)
@@ -169,17 +181,21 @@ def _run(board: Board, name: str, points: int, stages: Sequence[int], *, sliced:
     cycles: list[int] | None = []
     found: list[StreamStage] = []
     at, refused = 0, StreamStatus.OK
+    steps = board.timed_steps()
     for end in sorted({each for each in stages if each < points} | {points}):
-        taken, costs, refused = feed(board, name, at, end - at)
+        taken, costs, refused = feed(board, name, at, end - at, steps)
         cycles = None if cycles is None or costs is None else cycles + [cost.cycles for cost in costs]
         at += taken
         found.append(stage(board, name, at))
         if refused is not StreamStatus.OK:
             break
-    fit_band = board.cycle_band(found[-1].state.cost)
+    cost = found[-1].state.cost
+    fit_band = board.cycle_band(cost)
+    if steps and cost:
+        steps.add([cost.cycles], cost.overhead_cycles)
     return StreamRun(
         f"{name}-sliced" if sliced else name, None if cycles is None else np.array(cycles), tuple(found), refused,
-        fit_band, None if sliced else _take_back(board, name, min(at, _TAKEN_BACK)),
+        fit_band, steps.band() if steps else None, None if sliced else _take_back(board, name, min(at, _TAKEN_BACK)),
     )
 
 

@@ -174,7 +174,9 @@ def _batch_cells(run: Run, name: str) -> list[Cell]:
 
 def _stream_cells(run: Run, cost: CalibratorCost) -> list[Cell]:
     """Of a stream the fixed part is the fit at the end, and a point has a mean and a worst case."""
-    total = Cell("" if cost.cycles is None else grouped(cost.cycles), note=f"{cost.points} points")
+    whole = run.measurement(f"stream.{cost.name}.total")
+    band = f", {whole.band}" if whole and whole.band else ""
+    total = Cell("" if cost.cycles is None else grouped(cost.cycles), note=f"{cost.points} points{band}")
     most = run.measurement(f"stream.{cost.name}.cycles_max")
     note = "" if most is None or most.value is None else f"most {grouped(most.value)}"
     per_point = replace(_cell(run, f"stream.{cost.name}.cycles_mean"), note=note)

@@ -7,9 +7,12 @@ execution is kept by the block and by the blocks it was fallen into from, and no
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
+
+import numpy as np
 
 from hiltest.virtual.blocks import Block
 from hiltest.virtual.instructions import Instruction
@@ -76,16 +79,47 @@ class Executions:
 
 def between(first: Snapshot | None, second: Snapshot | None) -> Executions | None:
     """Return what ran from the instruction of the first snapshot to that of the second; None where nobody knows."""
-    if first is None or second is None or first.entered is not second.entered:
+    return in_all([(first, second)])
+
+
+def in_all(spans: Sequence[tuple[Snapshot | None, Snapshot | None]]) -> Executions | None:
+    """Return what ran in some spans together, each between two snapshots; None where nobody knows, or without any."""
+    known = [(first, second) for first, second in spans if first is not None and second is not None]
+    if not known or len(known) < len(spans) or len({id(each.entered) for span in known for each in span}) > 1:
         return None
-    before = [*first.runs, *[0] * (len(second.runs) - len(first.runs))]
-    times = [
-        (index // 2, second.runs[index] - before[index], second.runs[index + 1] - before[index + 1])
-        for index in range(0, len(before), 2)
-        if second.runs[index] != before[index] or second.runs[index + 1] != before[index + 1]
-    ]
-    parts = ((each.running, each.pc, sign) for each, sign in ((second, 1), (first, -1)) if each.running != NOBODY)
-    return Executions(second.entered, tuple(times), tuple(parts))
+    runs = np.zeros(max(len(second.runs) for _, second in known), dtype=np.int64)
+    parts: Counter[tuple[int, int]] = Counter()
+    for span in known:
+        for each, sign in zip(span, (-1, 1), strict=True):
+            runs[: len(each.runs)] += sign * np.asarray(each.runs, dtype=np.int64)
+            if each.running != NOBODY:
+                parts[each.running, each.pc] += sign
+    by_block = runs.reshape(-1, 2)
+    numbers = np.flatnonzero(by_block.any(axis=1)).tolist()
+    times = tuple((number, *by_block[number].tolist()) for number in numbers)
+    return Executions(known[0][1].entered, times, _not_zero(parts))
+
+
+def together(executions: Sequence[Executions]) -> Executions | None:
+    """Return all of some executions; None where code was forgotten between two of them, or there are none."""
+    if not executions or any(each.entered is not executions[0].entered for each in executions):
+        return None
+    times: dict[int, list[int]] = {}
+    for each in executions:
+        for number, went_on, jumped in each.times:
+            sums = times.setdefault(number, [0, 0])
+            sums[0] += went_on
+            sums[1] += jumped
+    parts: Counter[tuple[int, int]] = Counter()
+    for each in executions:
+        for number, address, count in each.parts:
+            parts[number, address] += count
+    counted = tuple((number, sums[0], sums[1]) for number, sums in times.items())
+    return Executions(executions[0].entered, counted, _not_zero(parts))
+
+
+def _not_zero(parts: Counter[tuple[int, int]]) -> tuple[tuple[int, int, int], ...]:
+    return tuple((number, address, count) for (number, address), count in parts.items() if count)
 
 
 class Pricing:

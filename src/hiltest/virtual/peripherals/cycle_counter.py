@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hiltest.virtual.cpu import Processor
-from hiltest.virtual.executions import Executions, Snapshot, between
+from hiltest.virtual.executions import Executions, Snapshot, between, in_all
+
+_READINGS = 400
+"""How many are kept: four for each of the steps that one command times, 80 at most, and some."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +44,7 @@ class CycleCounter:
         self.clocked = True
         self._processor = processor
         self.present = True
-        self.readings: deque[CounterReading] = deque(maxlen=16)
+        self.readings: deque[CounterReading] = deque(maxlen=_READINGS)
         self.reset()
 
     def reset(self) -> None:
@@ -111,3 +115,25 @@ class CycleCounter:
                 empty, whole = between(four[0].executed, four[1].executed), between(four[2].executed, four[3].executed)
                 return (whole, empty) if whole and empty else None
         return None
+
+    def executed_in_steps(self, cycles: Sequence[int], overhead_cycles: int) -> tuple[Executions, Executions] | None:
+        """Return what ran in all the steps that were timed last, and in the empty calls before them.
+
+        None when the latest readings are not theirs: four to a step, as `executed_in` has them. A step that was
+        refused is timed too, behind all that were taken, and not told.
+        """
+        readings = list(self.readings)
+        for end in (len(readings), len(readings) - 4):
+            begin = end - 4 * len(cycles)
+            steps = [readings[at : at + 4] for at in range(begin, end, 4)] if begin >= 0 else []
+            if steps and all(_are_of(four, each, overhead_cycles) for four, each in zip(steps, cycles, strict=True)):
+                whole = in_all([(four[2].executed, four[3].executed) for four in steps])
+                empty = in_all([(four[0].executed, four[1].executed) for four in steps])
+                return (whole, empty) if whole and empty else None
+        return None
+
+
+def _are_of(four: Sequence[CounterReading], cycles: int, overhead_cycles: int) -> bool:
+    """Say whether readings are those of a step and of the empty call before it."""
+    spans = four[1].cycles_since(four[0]), four[3].cycles_since(four[2])
+    return spans == (overhead_cycles, cycles + overhead_cycles)
