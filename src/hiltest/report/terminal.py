@@ -48,6 +48,9 @@ def summary(run: Run, folder: Path, *, every: bool, sentence: bool, width: int, 
     shown = [each for each in run.measurements if every or each.limit or each.information or each.gates]
     if shown:
         console.print(_grid(shown))
+    for each in shown:
+        if each.note and not _is_why(each):
+            console.print(escape(f"{each.name} {shown_value(each)}: {each.note}"), soft_wrap=True)
     for each in run.measurements:
         if each.band:
             console.print(escape(f"{each.name} {shown_value(each)}: {band_words(each.band, each)}"), soft_wrap=True)
@@ -105,6 +108,11 @@ def band_words(band: CycleBand, measurement: Measurement) -> str:
     return f"{words}; {BAND_BEYOND}" if measurement.band_reaches_beyond else words
 
 
+def _is_why(measurement: Measurement) -> bool:
+    """Say whether the note is the reason of the outcome, and not what the number is of."""
+    return measurement.outcome not in (Outcome.PASS, Outcome.INFORMATION)
+
+
 def _grid(measurements: Sequence[Measurement]) -> Grid:
     grid = Grid(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     grid.add_column("measurement", overflow="fold")
@@ -113,7 +121,9 @@ def _grid(measurements: Sequence[Measurement]) -> Grid:
     grid.add_column("limit")
     grid.add_column("outcome", min_width=4)
     for each in measurements:
-        outcome = shown_outcome(each) + (f" ({each.note})" if each.note else "")
+        # Remarks stand below: here they would leave the names no room.
+        outcome = "" if each.outcome is Outcome.INFORMATION else str(each.outcome)
+        outcome += f" ({each.note})" if each.note and _is_why(each) else ""
         grid.add_row(
             escape(each.name), shown_value(each), escape(each.unit), shown_limit(each), escape(outcome),
             style=_STYLES.get(each.outcome),
