@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hiltest.boards import Board
-from hiltest.procedures import measure_cycles
+from hiltest.procedures import FAST, measure_cycles, measure_packed_fit
 from hiltest.procedures.cycles import fit_line
 
 
@@ -76,3 +76,12 @@ def test_counting_again_gives_the_same_number(virtual_board: Board) -> None:
         measure_cycles(virtual_board, ["direct"], clouds=1, sizes=(20, 100))["direct"].cycles.tolist() for _ in range(2)
     )
     assert first == second
+
+
+def test_packed_points_are_fitted_in_fewer_cycles_within_a_band_of_their_own(virtual_board: Board) -> None:
+    whole = measure_cycles(virtual_board, [FAST], clouds=1, sizes=(20, 100))[FAST]
+    packed = measure_packed_fit(virtual_board)
+    assert whole.band is not None
+    assert packed.packed_band is not None
+    assert packed.packed_band.low < packed.packed_total < packed.packed_band.high < whole.band.high
+    assert packed.packed_total < whole.total
