@@ -324,6 +324,22 @@ def test_what_passed_before_and_is_no_test_any_more_is_missed(
         assert reason == "cut short"
 
 
+@pytest.mark.parametrize("outcome", ["failed", "bench lost", "passed", "skipped"])
+def test_what_is_new_because_its_test_failed_in_the_base_was_not_compared(outcome: str) -> None:
+    retried = measurement("link.retried", 0)
+    rest = [replace(measurement(f"lamp.{name}", 1), test="b/test_lamp.py::test_a") for name in ("colour", "life")]
+    base = replace(evidence([retried]), tests=on_seed_1(test_a=outcome))
+    new = replace(evidence([retried, *rest]), tests=on_seed_1(test_a="passed"))
+    for together, side in ((False, new), (True, new), (True, replace(new, chosen=True))):
+        reasons = compare(base, side, together=together).obstacles
+        assert list(reasons) == (
+            [
+                "nothing to compare with: lamp.colour is new, for test_lamp.py::test_a failed in run.json, and so 1 "
+                "more; name a base in which it passes"
+            ] if outcome in ("failed", "bench lost") else []
+        )
+
+
 def test_a_test_that_moved_to_another_folder_is_the_same_and_each_of_two_of_a_name_counts() -> None:
     made = evidence([measurement("link.retried", 0)])
     two = {1: {"a/test_lamp.py::test_a": "passed", "b/test_lamp.py::test_a": "passed"}}

@@ -14,6 +14,8 @@ _NAMED_AT_MOST = 3
 _RENEW = "renew the baseline with `hiltest baseline save RUN FILE`"
 _NO_TEST = ("skipped", "xfailed", "rerun")
 """Outcomes that say nothing against the firmware, and nothing for it."""
+_TO_ITS_END = (PASSED, "xpassed", *_NO_TEST)
+"""Outcomes but those of a test that may not have come to all that it measures, as it failed or lost its bench."""
 _A_LARGER_SUITE = ("gate", "full")
 
 
@@ -35,7 +37,7 @@ def obstacles(
         return unlike
     # Other conditions have other tests: that is no reason of its own.
     missing = () if unlike or new.chosen else _of_tests(base, new, together=together)
-    return (*unlike, *missing, *_of_measurements(base, new, differences))
+    return (*unlike, *missing, *_of_broken_tests(base, new, differences), *_of_measurements(base, new, differences))
 
 
 def _of_sides(base: Evidence, new: Evidence, *, together: bool) -> Iterator[str]:
@@ -147,6 +149,30 @@ def _without_test(test: str, base: Evidence, new: Evidence, *, together: bool) -
     if base.is_baseline:
         return f"renew the baseline with `hiltest baseline save {run} {quote(base.side.file)}`"
     return f"make this run the base with `hiltest baseline save {run} FILE`"
+
+
+def _of_broken_tests(base: Evidence, new: Evidence, differences: Sequence[Difference]) -> Iterator[str]:
+    """Yield what is new only because its test broke off in the base: nobody has compared that."""
+    lost = {}
+    for each in differences:
+        if each.change is Change.NEW and (test := _broken_in_base(each.name, base, new)):
+            lost[each.name] = test
+    if not lost:
+        return
+    name, test = next(iter(lost.items()))
+    more = f", and so {len(lost) - 1} more" if len(lost) > 1 else ""
+    why = f"{name} is new, for {test} failed in {base.name}{more}"
+    yield f"nothing to compare with: {why}; name a base in which it passes"
+
+
+def _broken_in_base(name: str, base: Evidence, new: Evidence) -> str:
+    """Return the test that measured this now and broke off in the base, empty if none did."""
+    for seed, made in new.measurements.items():
+        outcomes = base.tests.get(seed, {})
+        broken = {without_folders(test) for test, outcome in outcomes.items() if outcome not in _TO_ITS_END}
+        if name in made and (test := without_folders(made[name].test)) in broken:
+            return test
+    return ""
 
 
 def _of_measurements(base: Evidence, new: Evidence, differences: Sequence[Difference]) -> Iterator[str]:
