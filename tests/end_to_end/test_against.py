@@ -146,12 +146,12 @@ def test_a_new_firmware_that_cannot_run_is_found_before_the_older_one_runs(
 def test_a_new_firmware_of_another_protocol_is_found_before_the_older_one_runs(
     bench: Path, copy_of_the_firmware: FirmwareCopy
 ) -> None:
-    edit = Edit("protocol/message.h", "#define PROTOCOL_VERSION 4u", "#define PROTOCOL_VERSION 5u")
+    edit = Edit("protocol/message.h", "#define PROTOCOL_VERSION 5u", "#define PROTOCOL_VERSION 6u")
     copy_of_the_firmware.build(edit, bench / "new.elf")
     done = hiltest(bench, "run", *BOTH)
     assert done.returncode == 23, done.stdout + done.stderr
     assert not (bench / "older").exists()
-    assert "speaks protocol version 5" in done.stdout.splitlines()[-1]
+    assert "speaks protocol version 6" in done.stdout.splitlines()[-1]
 
 
 @pytest.mark.parametrize(

@@ -190,8 +190,8 @@ def test_firmware_that_stops_is_a_lost_bench_that_says_where_and_keeps_what_was_
          20, ("synchronisation",)),
         (Edit("boards/frdm_k64f/board.c", '.name = "hiltest-frdm-k64f"', '.name = "blinky"'),
          23, ("blinky", "hiltest-frdm-k64f")),
-        (Edit("protocol/message.h", "#define PROTOCOL_VERSION 4u", "#define PROTOCOL_VERSION 5u"),
-         23, ("speaks protocol version 5",)),
+        (Edit("protocol/message.h", "#define PROTOCOL_VERSION 5u", "#define PROTOCOL_VERSION 6u"),
+         23, ("speaks protocol version 6",)),
     ],
     ids=["another baud rate", "wrong check sums", "another name", "another protocol version"],
 )  # fmt: skip
