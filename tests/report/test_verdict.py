@@ -12,6 +12,7 @@ from hiltest.comparison.compare import compare
 from hiltest.comparison.evidence import Conditions, Evidence
 from hiltest.comparison.model import Comparison, Side
 from hiltest.measurement import Limit, Measurement, judge
+from hiltest.report.calibrator_results import cheapest_first
 from hiltest.report.cost_line import cost_line
 from hiltest.report.overview import accuracy_and_cost
 from hiltest.report.record import Findings, TestResult
@@ -76,6 +77,13 @@ def test_the_table_and_the_line_of_costs_do_not_rank_code_in_flash_either(
     refused = "iterative and direct are within 10% and from flash, which ranks neither"
     assert (refused in cost_line(run)) is not ranked
     assert ("iterative costs 0.90 times direct" in cost_line(run)) is ranked
+
+
+def test_costs_of_code_in_flash_stand_by_name_only_where_the_cheapest_of_them_cannot_be_told_apart() -> None:
+    """Each is close to the next, which does not make the first close to the last."""
+    costs = {"c": 10_000, "b": 10_900, "a": 11_900}
+    made = {name: judge(name, cost, unit="cycle", cycle_model="m@flash") for name, cost in costs.items()}
+    assert cheapest_first(made) == ["b", "c", "a"]
 
 
 @pytest.mark.parametrize(

@@ -50,11 +50,15 @@ def calibrator_results(measurements: Sequence[Measurement]) -> tuple[CalibratorR
 
 
 def cheapest_first(costs: Mapping[str, Measurement | None]) -> list[str]:
-    """Return names by their cycle counts, those without one last; neighbours that cannot be ranked stand by name."""
+    """Return names by their cycle counts, those without one last.
+
+    Those that cannot be ranked against the cheapest of a group stand with it, by name; the next begins another group.
+    A chain of close costs is no tie: its ends can be ranked.
+    """
     by_cost = sorted(costs, key=lambda name: (value_of(costs[name]) or float("inf"), name))
     groups: list[list[str]] = []
     for name in by_cost:
-        if groups and cannot_be_ranked(costs[groups[-1][-1]], costs[name]):
+        if groups and cannot_be_ranked(costs[groups[-1][0]], costs[name]):
             groups[-1].append(name)
         else:
             groups.append([name])
