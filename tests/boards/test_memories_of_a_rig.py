@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
 from hiltest.boards import VirtualBoard, default_firmware, open_board
 from hiltest.link.messages import Calibrate, Points
 from hiltest.measurement import CycleBand
-from hiltest.procedures import upload_cloud
+from hiltest.procedures import run_streams, upload_cloud
 from hiltest.procedures.clouds import golden_cloud
 from hiltest.rig import Rig
 from hiltest.virtual.memory_waits import MemoryAccounting
@@ -53,16 +55,21 @@ def test_memories_add_clocks_and_leave_every_answer_alone(rig: Rig) -> None:
         assert plain <= clocks_with_memories[name] <= 1.005 * plain, name
 
 
-def test_a_count_of_code_in_flash_carries_what_the_memory_rows_state_and_nothing_without_them(
-    rig: Rig, tmp_path: Path
-) -> None:
-    """The firmware that ships, had it been linked to run from flash, would say so in the same place."""
+@pytest.fixture
+def flash_elf(tmp_path: Path) -> Path:
+    """The firmware that ships, which would say so in the same place had it been linked to run from flash."""
     own, says = default_firmware().read_bytes(), b"frdm-k64f\0\0\0%s\0\0\0"
     assert own.count(says % b"sram\0") == 1
     (tmp_path / "flash.elf").write_bytes(own.replace(says % b"sram\0", says % b"flash"))
+    return tmp_path / "flash.elf"
+
+
+def test_a_count_of_code_in_flash_carries_what_the_memory_rows_state_and_nothing_without_them(
+    rig: Rig, flash_elf: Path
+) -> None:
     bands = {}
     for timing in ("cortex-m4-trm/1", "cortex-m4-k64f/1"):
-        with opened(rig, timing, tmp_path / "flash.elf") as board:
+        with opened(rig, timing, flash_elf) as board:
             assert board.cycle_model == f"{timing}@flash"
             upload_cloud(board, CLOUD[:20])
             cost = board.session.request(Calibrate(20, "direct")).cost
@@ -71,3 +78,16 @@ def test_a_count_of_code_in_flash_carries_what_the_memory_rows_state_and_nothing
     assert bands["cortex-m4-trm/1"][1] is None
     cycles, band = bands["cortex-m4-k64f/1"]
     assert band == CycleBand(round(0.85 * cycles), round(1.15 * cycles))
+
+
+def test_so_does_the_total_of_a_stream(rig: Rig, flash_elf: Path) -> None:
+    bands = {}
+    for timing in ("cortex-m4-trm/1", "cortex-m4-k64f/1"):
+        with opened(rig, timing, flash_elf) as board:
+            upload_cloud(board, CLOUD[:20])
+            run = run_streams(board, 20)["direct-stream"]
+            assert run.total is not None
+            bands[timing] = run.total, run.total_band
+    assert bands["cortex-m4-trm/1"][1] is None
+    total, band = bands["cortex-m4-k64f/1"]
+    assert band == CycleBand(round(0.85 * total), round(1.15 * total))

@@ -14,9 +14,9 @@ from hiltest.link.ports import READ_SLICE_S
 from hiltest.link.replies import RunCost
 from hiltest.link.session import Session
 from hiltest.link.transcript import Transcript
-from hiltest.measurement import CycleBand, in_flash
+from hiltest.measurement import CycleBand
 from hiltest.rig import COUNTS_PER_UT, Rig, world_truth
-from hiltest.virtual.cycle_band import cycle_band, flash_band
+from hiltest.virtual.cycle_band import band_where_it_ran
 from hiltest.virtual.elf import load_image
 from hiltest.virtual.timed_steps import TimedSteps
 
@@ -83,19 +83,16 @@ class VirtualBoard(Board):
         return self._machine.cycle_counter.instructions_between(cycles)
 
     def cycle_band(self, cost: RunCost | None) -> CycleBand | None:
-        """Price what ran between the latest readings of CYCCNT again, with each row of the timing profile moved.
-
-        What code in flash waits for is of no row: its count carries the uncertainty that the profile states.
-        """
+        """Price what ran between the latest readings of CYCCNT again, with each row of the timing profile moved."""
+        if cost is None:
+            return None
         counter, profile = self._machine.cycle_counter, self._machine.processor.profile
-        if cost and in_flash(self.cycle_model):
-            return flash_band(profile, cost.cycles)
-        executed = counter.executed_in(cost.cycles, cost.overhead_cycles) if cost else None
-        return cycle_band(profile, cost.cycles, *executed) if cost and executed else None
+        executed = counter.executed_in(cost.cycles, cost.overhead_cycles)
+        return band_where_it_ran(profile, self.cycle_model, cost.cycles, executed)
 
     def timed_steps(self) -> TimedSteps:
         """Begin to record what runs in steps that are timed one by one."""
-        return TimedSteps(self._machine.cycle_counter, self._machine.processor.profile)
+        return TimedSteps(self._machine.cycle_counter, self._machine.processor.profile, self.cycle_model)
 
 
 def _truth(rig: Rig) -> Truth | None:

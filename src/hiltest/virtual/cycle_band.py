@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from hiltest.measurement import CycleBand, RowEffect
+from hiltest.measurement import CycleBand, RowEffect, in_flash
 from hiltest.virtual.executions import Executions, Pricing
 from hiltest.virtual.timing import TimingProfile, moved
 
@@ -101,6 +101,29 @@ def flash_band(profile: TimingProfile, cycles: int) -> CycleBand | None:
         return None
     percent = profile.memory["flash_uncertainty"].value
     return CycleBand(round(cycles * (100 - percent) / 100), round(cycles * (100 + percent) / 100))
+
+
+def band_where_it_ran(
+    profile: TimingProfile, cycle_model: str, cycles: int, executed: tuple[Executions, Executions] | None
+) -> CycleBand | None:
+    """Return within what a timed count lies, by what is known of code that runs where it ran.
+
+    What code in flash waits for is of no row: its count carries the uncertainty that the profile states, whatever ran.
+
+    Parameters
+    ----------
+    profile : TimingProfile
+        That it was counted by.
+    cycle_model : str
+        Whose placement says where it ran.
+    cycles : int
+        The count.
+    executed : tuple of Executions, or None
+        What was counted, and what was subtracted; None where nobody knows.
+    """
+    if in_flash(cycle_model):
+        return flash_band(profile, cycles)
+    return cycle_band(profile, cycles, *executed) if executed else None
 
 
 def _count_moved(

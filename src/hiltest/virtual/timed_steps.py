@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from hiltest.measurement import CycleBand
-from hiltest.virtual.cycle_band import cycle_band
+from hiltest.virtual.cycle_band import band_where_it_ran
 from hiltest.virtual.executions import Executions, together
 from hiltest.virtual.peripherals.cycle_counter import CycleCounter
 from hiltest.virtual.timing import TimingProfile
@@ -20,10 +20,12 @@ class TimedSteps:
         That it read before and behind each, and before and behind the empty call in front of each.
     profile : TimingProfile
         That it was counted by.
+    cycle_model : str
+        Whose placement says where they ran.
     """
 
-    def __init__(self, counter: CycleCounter, profile: TimingProfile) -> None:
-        self._counter, self._profile = counter, profile
+    def __init__(self, counter: CycleCounter, profile: TimingProfile, cycle_model: str) -> None:
+        self._counter, self._profile, self._cycle_model = counter, profile, cycle_model
         self._cycles = 0
         self._whole: list[Executions] = []
         self._empty: list[Executions] = []
@@ -39,8 +41,9 @@ class TimedSteps:
             self._empty.append(executed[1])
 
     def band(self) -> CycleBand | None:
-        """Return within what all steps together lie; None where nobody knows what ran."""
-        if not self._known or not self._whole:
+        """Return within what all steps together lie; None where nobody knows what ran, or how long it waited."""
+        if not self._cycles:
             return None
         whole, empty = together(self._whole), together(self._empty)
-        return cycle_band(self._profile, self._cycles, whole, empty) if whole and empty else None
+        executed = (whole, empty) if self._known and whole and empty else None
+        return band_where_it_ran(self._profile, self._cycle_model, self._cycles, executed)
