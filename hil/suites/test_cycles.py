@@ -81,9 +81,13 @@ def test_what_the_fast_calibrator_is_worth(board: Board, rig: Rig, measure: Meas
     model = board.cycle_model
     measure(f"cycles.{FAST}.float64_distance", packed.distance_deg, "deg", limit=DISTANCE, note=EVEN)
     measure(f"cycles.{FAST}.store_per_point", packed.store_per_point, "cycle", cycle_model=model)
-    measure(f"cycles.{FAST}.packed_total", packed.packed_total, "cycle", cycle_model=model, band=packed.packed_band)
     measure(
-        f"cycles.{FAST}.packed_float64_distance", packed.packed_distance_deg, "deg", limit=DISTANCE, note=EVEN
+        f"cycles.{FAST}.packed_total", packed.packed_total, "cycle", cycle_model=model, band=packed.packed_band,
+        not_offered=packed.not_packed,
+    )
+    measure(
+        f"cycles.{FAST}.packed_float64_distance", packed.packed_distance_deg, "deg", limit=DISTANCE, note=EVEN,
+        not_offered=packed.not_packed,
     )
     measure(f"cycles.{FAST}.pack_per_point", packed.pack_per_point, "cycle", cycle_model=model)
 
