@@ -107,7 +107,7 @@ def test_any_program_with_pyserial_can_open_the_board_by_its_url(monkeypatch: py
         assert port.in_waiting == 0  # the clock has not moved
         (frame,) = FrameDecoder().feed(port.read(64))
         assert isinstance(frame, Frame)
-        assert frame.payload == b"\x00\x01\x02\x03\x04\x04\x00"
+        assert frame.payload == b"\x00\x01\x02\x03\x04\x05\x00"
         # Nothing more is coming: a read ends after its timeout, in virtual time.
         before = port.now()
         assert port.read(1) == b""

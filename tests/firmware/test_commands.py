@@ -56,7 +56,7 @@ def bare_bench() -> Bench:
 
 
 def test_sync_answers_the_nonce_and_the_protocol_version(bench: Bench) -> None:
-    assert struct.unpack("<IH", bench.ask(SYNC, struct.pack("<I", 0x7D7E5D5E))) == (0x7D7E5D5E, 4)
+    assert struct.unpack("<IH", bench.ask(SYNC, struct.pack("<I", 0x7D7E5D5E))) == (0x7D7E5D5E, 5)
 
 
 def test_unknown_types_are_refused(bare_bench: Bench) -> None:
