@@ -1,4 +1,4 @@
-"""What a calibrator's accuracy did, beside what its cost did: speed is never told without it."""
+"""What a calibrator's accuracy did, beside a cost of it that got better or worse."""
 
 from __future__ import annotations
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from shlex import quote
 
-from hiltest.comparison.evidence import NO_BOARD, PASSED, Conditions, Evidence
+from hiltest.comparison.evidence import NO_BOARD, PASSED, Conditions, Evidence, Seed
 from hiltest.comparison.model import Change, Difference
 from hiltest.comparison.words import without_folders
 
@@ -153,9 +153,13 @@ def _without_test(test: str, base: Evidence, new: Evidence, *, together: bool) -
 
 def _of_broken_tests(base: Evidence, new: Evidence, differences: Sequence[Difference]) -> Iterator[str]:
     """Yield what is new only because its test broke off in the base: nobody has compared that."""
+    broken = {
+        seed: {without_folders(test) for test, outcome in tests.items() if outcome not in _TO_ITS_END}
+        for seed, tests in base.tests.items()
+    }
     lost = {}
     for each in differences:
-        if each.change is Change.NEW and (test := _broken_in_base(each.name, base, new)):
+        if each.change is Change.NEW and (test := _broken_test_of(each.name, new, broken)):
             lost[each.name] = test
     if not lost:
         return
@@ -165,12 +169,10 @@ def _of_broken_tests(base: Evidence, new: Evidence, differences: Sequence[Differ
     yield f"nothing to compare with: {why}; name a base in which it passes"
 
 
-def _broken_in_base(name: str, base: Evidence, new: Evidence) -> str:
-    """Return the test that measured this now and broke off in the base, empty if none did."""
+def _broken_test_of(name: str, new: Evidence, broken: Mapping[Seed, Set[str]]) -> str:
+    """Return the test that measured this now and is among those that broke off on its seed, empty if none did."""
     for seed, made in new.measurements.items():
-        outcomes = base.tests.get(seed, {})
-        broken = {without_folders(test) for test, outcome in outcomes.items() if outcome not in _TO_ITS_END}
-        if name in made and (test := without_folders(made[name].test)) in broken:
+        if name in made and (test := without_folders(made[name].test)) in broken.get(seed, ()):
             return test
     return ""
 
