@@ -26,7 +26,7 @@ pytestmark = pytest.mark.hil
 # clouds. More is another arithmetic, not another cloud.
 DISTANCE = Limit(max=0.01)
 # So that nobody takes it for the accuracy of any calibration: firmware_stub/DESIGN.md has those of 10 000 clouds.
-EVEN = "of one even cloud; of ordinary clouds the 99th percentile is 0.06 to 0.18 deg"
+EVEN = "points spread evenly; of random ones 1 cloud in 100 exceeds 0.06 to 0.18 deg"
 
 
 @pytest.fixture(scope="module")

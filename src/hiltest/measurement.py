@@ -150,9 +150,14 @@ class CycleBand:
     def __str__(self) -> str:
         return _range(self.low, self.high)
 
+    @property
+    def moved_most_by(self) -> RowEffect | None:
+        """The row that alone changes the count most; None when no row does."""
+        return next(iter(self.rows), None)
+
     def explained(self, model: str = "the cycle model") -> str:
         """Say within what the count lies, and which row of the model alone moves it most."""
-        most = next(iter(self.rows), None)
+        most = self.moved_most_by
         if most is None and self.low == self.high:
             return f"no uncertain row of {model} enters"
         if most is None:

@@ -66,9 +66,15 @@ def test_the_count_of_the_page_is_what_the_shipped_firmware_costs_and_its_band()
         upload_cloud(board, golden_cloud(100))
         cost = board.session.request(Calibrate(100, "direct")).cost
         assert cost is not None
-        band, model = board.cycle_band(cost), board.cycle_model
+        band = board.cycle_band(cost)
     assert band is not None
-    assert TOTAL.strip() == f"cycles.direct.total {readable(cost.cycles)}: {band.explained(model)}"
+    head, shown = ([word.strip() for word in re.split(r"  +", line)] for line in TOTAL.splitlines())
+    assert head == ["measurement", "cycles", "lowest", "highest", "moved most by"]
+    assert band.moved_most_by is not None
+    assert shown == [
+        "cycles.direct.total", *map(readable, (cost.cycles, band.low, band.high)), band.moved_most_by.row
+    ]
+    assert f"from {readable(band.moved_most_by.low)} to {readable(band.moved_most_by.high)}; reports" in PAGE
 
 
 def test_code_in_flash_is_counted_as_the_page_says_and_carries_what_it_says(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as Grid
 
-from hiltest.measurement import CycleBand, Measurement, Outcome
+from hiltest.measurement import Measurement, Outcome
 from hiltest.report.comparison_text import print_changes, say_how_to_keep
 from hiltest.report.cost_line import cost_line
 from hiltest.report.record import RECORD_FILES, Run
@@ -51,9 +51,7 @@ def summary(run: Run, folder: Path, *, every: bool, sentence: bool, width: int, 
     for each in shown:
         if each.note and not _is_why(each):
             console.print(escape(f"{each.name} {shown_value(each)}: {each.note}"), soft_wrap=True)
-    for each in run.measurements:
-        if each.band:
-            console.print(escape(f"{each.name} {shown_value(each)}: {band_words(each.band, each)}"), soft_wrap=True)
+    _print_bands(console, run.measurements)
     if len(shown) < len(run.measurements):
         console.print(f"{len(run.measurements) - len(shown)} more without a limit are in the report")
     for test in run.tests:
@@ -102,19 +100,39 @@ def shown_outcome(measurement: Measurement) -> str:
     return f"{measurement.outcome}; {BAND_BEYOND}" if measurement.band_reaches_beyond else str(measurement.outcome)
 
 
-def band_words(band: CycleBand, measurement: Measurement) -> str:
-    """Say what a measurement's band is, whose doubt it is, and whether it decides about the limit."""
-    words = band.explained(measurement.cycle_model)
-    return f"{words}; {BAND_BEYOND}" if measurement.band_reaches_beyond else words
-
-
 def _is_why(measurement: Measurement) -> bool:
     """Say whether the note is the reason of the outcome, and not what the number is of."""
     return measurement.outcome not in (Outcome.PASS, Outcome.INFORMATION)
 
 
+def _empty_grid() -> Grid:
+    return Grid(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+
+
+def _print_bands(console: Console, measurements: Sequence[Measurement]) -> None:
+    """Print counts beside their bands, limit or not, and say of which the band decides about the limit."""
+    banded = [(each, each.band) for each in measurements if each.band]
+    for model in dict.fromkeys(each.cycle_model for each, _ in banded):
+        console.print(escape(f"What the doubt about {model} makes of cycle counts; hiltest timing show has the rows:"),
+                      soft_wrap=True)  # fmt: skip
+        grid = _empty_grid()
+        grid.add_column("measurement", overflow="fold")
+        for name in ("cycles", "lowest", "highest"):
+            grid.add_column(name, justify="right", no_wrap=True)
+        grid.add_column("moved most by", no_wrap=True)
+        for each, band in banded:
+            if each.cycle_model == model:
+                most = "memories" if band.low < band.high else "no row"
+                most = band.moved_most_by.row if band.moved_most_by else most
+                grid.add_row(escape(each.name), shown_value(each), grouped(band.low), grouped(band.high), escape(most))
+        console.print(grid)
+    for each, _ in banded:
+        if each.band_reaches_beyond:
+            console.print(escape(f"{each.name}: {BAND_BEYOND}, {shown_limit(each)}"), style="yellow", soft_wrap=True)
+
+
 def _grid(measurements: Sequence[Measurement]) -> Grid:
-    grid = Grid(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    grid = _empty_grid()
     grid.add_column("measurement", overflow="fold")
     grid.add_column("value", justify="right", no_wrap=True)
     grid.add_column("unit", no_wrap=True)
