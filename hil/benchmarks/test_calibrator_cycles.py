@@ -20,7 +20,6 @@ from hiltest.errors import ConfigError
 from hiltest.fixtures import Cycles
 from hiltest.link.dpi import FitDpi
 from hiltest.link.messages import Calibrate
-from hiltest.link.packing import PackPoints
 from hiltest.link.replies import CalibrateReply, RunCost
 from hiltest.link.streams import MAX_FEED, StreamFeed, StreamRemove, StreamReset
 from hiltest.procedures import (
@@ -117,7 +116,7 @@ def fast_runs(board: Board, size: int, *, packed: bool) -> Runs:
         upload_cloud(board, cloud)
         reply = board.session.request(Calibrate(size, FAST))
         if packed:
-            board.session.request(PackPoints(size, np.rint(fit_of(reply).hard_iron).astype(int).tolist()))
+            upload_cloud(board, cloud, np.rint(fit_of(reply).hard_iron).astype(int).tolist())
             reply = board.session.request(Calibrate(size, FAST))
         runs.add(reply, FAST, cloud)
     return runs
