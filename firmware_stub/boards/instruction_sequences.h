@@ -16,7 +16,9 @@ typedef enum {
     SEQUENCE_IN_SRAM = 0,         /**< SRAM_L, with its data in SRAM_U */
     SEQUENCE_IN_FLASH = 1,        /**< flash, with the cache and the buffers of its controller as reset leaves them */
     SEQUENCE_IN_FLASH_ALONE = 2,  /**< flash, with cache, prefetch and buffers of its controller switched off meanwhile */
-    SEQUENCE_PLACES = 3
+    SEQUENCE_IN_FLASH_WITHOUT_CACHE = 3,
+    SEQUENCE_IN_FLASH_WITHOUT_PREFETCH = 4,
+    SEQUENCE_PLACES = 5
 } sequence_place_t;
 
 /** How many sequences there are. */

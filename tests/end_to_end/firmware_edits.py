@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from hiltest.link.messages import PROTOCOL_VERSION
+
 FIRMWARE = Path(__file__).parents[2] / "firmware_stub"
 BUILD_LIMIT_S = 120  # a build takes a few seconds; nothing may wait for ever
 
@@ -33,6 +35,11 @@ class Edit:
             yield
         finally:
             source.write_text(text)
+
+
+NEXT_PROTOCOL = Edit(
+    "protocol/message.h", f"PROTOCOL_VERSION {PROTOCOL_VERSION}u", f"PROTOCOL_VERSION {PROTOCOL_VERSION + 1}u"
+)
 
 
 class FirmwareCopy:

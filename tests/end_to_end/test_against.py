@@ -13,9 +13,10 @@ from pathlib import Path
 
 import pytest
 
+from hiltest.link.messages import PROTOCOL_VERSION
 from hiltest.report.stored import read_stored
 
-from .firmware_edits import Edit, FirmwareCopy
+from .firmware_edits import NEXT_PROTOCOL, FirmwareCopy
 
 OLD = Path(__file__).parents[2] / "src" / "hiltest" / "firmware" / "hiltest-frdm-k64f.elf"
 WAIT_S = 300.0
@@ -146,12 +147,11 @@ def test_a_new_firmware_that_cannot_run_is_found_before_the_older_one_runs(
 def test_a_new_firmware_of_another_protocol_is_found_before_the_older_one_runs(
     bench: Path, copy_of_the_firmware: FirmwareCopy
 ) -> None:
-    edit = Edit("protocol/message.h", "#define PROTOCOL_VERSION 5u", "#define PROTOCOL_VERSION 6u")
-    copy_of_the_firmware.build(edit, bench / "new.elf")
+    copy_of_the_firmware.build(NEXT_PROTOCOL, bench / "new.elf")
     done = hiltest(bench, "run", *BOTH)
     assert done.returncode == 23, done.stdout + done.stderr
     assert not (bench / "older").exists()
-    assert "speaks protocol version 6" in done.stdout.splitlines()[-1]
+    assert f"speaks protocol version {PROTOCOL_VERSION + 1}" in done.stdout.splitlines()[-1]
 
 
 @pytest.mark.parametrize(

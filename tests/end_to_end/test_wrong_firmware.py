@@ -16,7 +16,9 @@ from typing import Any
 
 import pytest
 
-from .firmware_edits import Edit, FirmwareCopy
+from hiltest.link.messages import PROTOCOL_VERSION
+
+from .firmware_edits import NEXT_PROTOCOL, Edit, FirmwareCopy
 
 WALL_LIMIT_S = 120  # a run takes a few seconds; nothing may wait for ever
 # What these causes show in, and the gyroscope, which is measured before the headings are.
@@ -190,8 +192,7 @@ def test_firmware_that_stops_is_a_lost_bench_that_says_where_and_keeps_what_was_
          20, ("synchronisation",)),
         (Edit("boards/frdm_k64f/board.c", '.name = "hiltest-frdm-k64f"', '.name = "blinky"'),
          23, ("blinky", "hiltest-frdm-k64f")),
-        (Edit("protocol/message.h", "#define PROTOCOL_VERSION 5u", "#define PROTOCOL_VERSION 6u"),
-         23, ("speaks protocol version 6",)),
+        (NEXT_PROTOCOL, 23, (f"speaks protocol version {PROTOCOL_VERSION + 1}",)),
     ],
     ids=["another baud rate", "wrong check sums", "another name", "another protocol version"],
 )  # fmt: skip

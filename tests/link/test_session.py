@@ -18,7 +18,7 @@ from hiltest.errors import (
     VersionMismatchError,
 )
 from hiltest.link.framing import Frame, encode_frame
-from hiltest.link.messages import ClearPoints, LinkCounters, LinkStatistics, Status
+from hiltest.link.messages import PROTOCOL_VERSION, ClearPoints, LinkCounters, LinkStatistics, Status
 from hiltest.link.session import Outcome, Session
 from hiltest.link.transcript import Direction
 
@@ -33,7 +33,7 @@ def reply(frame: Frame, payload: bytes) -> bytes:
     return encode_frame(Frame(frame.type | 0x80, frame.sequence, payload))
 
 
-def echo(frame: Frame, *, version: int = 5) -> bytes:
+def echo(frame: Frame, *, version: int = PROTOCOL_VERSION) -> bytes:
     return reply(frame, b"\x00" + frame.payload + struct.pack("<H", version))
 
 
@@ -64,7 +64,7 @@ def test_synchronising_skips_noise_and_old_answers(session_with: OpenSession) ->
     old = encode_frame(Frame(0x81, 0, b"\x00\x11\x22\x33\x44\x01\x00"))
     session = session_with(lambda frame, _: b"boot banner\r\n" + old + echo(frame), greeting=b"\x7e\x01\x02")
     session.synchronise()
-    assert session.protocol_version == 5
+    assert session.protocol_version == PROTOCOL_VERSION
 
 
 def test_silence_is_a_sync_error(session_with: OpenSession) -> None:
@@ -79,8 +79,8 @@ def test_a_sync_error_shows_what_was_heard_instead(session_with: OpenSession) ->
 
 
 def test_another_protocol_version_is_named(session_with: OpenSession) -> None:
-    with pytest.raises(VersionMismatchError, match="version 9, hiltest 5"):
-        session_with(lambda frame, _: echo(frame, version=9)).synchronise()
+    with pytest.raises(VersionMismatchError, match=f"version 250, hiltest {PROTOCOL_VERSION}"):
+        session_with(lambda frame, _: echo(frame, version=250)).synchronise()
 
 
 def test_another_firmware_is_named(synchronised: OpenSession) -> None:

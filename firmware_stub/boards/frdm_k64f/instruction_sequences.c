@@ -139,15 +139,13 @@ FAST_CODE static void interrupts_enable(const uint32_t enabled[NVIC_WORDS])
 }
 
 /** In SRAM: the controller of the flash must not be switched by code that it is just fetching. */
-FAST_CODE __attribute__((noinline)) static uint32_t count_sequence(const timed_sequence_t *timed, sequence_place_t place,
+FAST_CODE __attribute__((noinline)) static uint32_t count_sequence(const timed_sequence_t *timed, sequence_t sequence, uint32_t off,
                                                                    uint32_t from_middle)
 {
     uint32_t enabled[NVIC_WORDS];
     interrupts_disable(enabled);
-    const sequence_t sequence = timed->in[place == SEQUENCE_IN_SRAM ? 0 : 1];
     const uint32_t flash_bank_0 = FMC_PFB0CR;
     const uint32_t flash_bank_1 = FMC_PFB1CR;
-    const uint32_t off = place == SEQUENCE_IN_FLASH_ALONE ? FMC_PFB_ENABLES : 0u;
     /* What one run leaves in the cache must not make the next one faster: from SRAM too, for the vector of exceptions is in flash. */
     FMC_PFB0CR = (flash_bank_0 & ~off) | FMC_PFB_INVALIDATE;
     FMC_PFB1CR = flash_bank_1 & ~off; /* bank 0's invalidates both */
@@ -164,9 +162,15 @@ FAST_CODE __attribute__((noinline)) static uint32_t count_sequence(const timed_s
 
 static uint32_t prepare_and_count(uint8_t sequence, sequence_place_t place, uint32_t from_middle)
 {
+    static const uint32_t switched_off[SEQUENCE_PLACES] = {
+        [SEQUENCE_IN_FLASH_ALONE] = FMC_PFB_BUFFER | FMC_PFB_PREFETCH | FMC_PFB_CACHE,
+        [SEQUENCE_IN_FLASH_WITHOUT_CACHE] = FMC_PFB_CACHE,
+        [SEQUENCE_IN_FLASH_WITHOUT_PREFETCH] = FMC_PFB_PREFETCH,
+    };
+    const timed_sequence_t *timed = &sequences[sequence];
     buffer[0] = (uint32_t)(uintptr_t)buffer;
     buffer[1] = (uint32_t)(uintptr_t)&DWT_CYCCNT;
-    return count_sequence(&sequences[sequence], place, from_middle);
+    return count_sequence(timed, timed->in[place == SEQUENCE_IN_SRAM ? 0 : 1], switched_off[place], from_middle);
 }
 
 uint32_t sequence_cycles(uint8_t sequence, sequence_place_t place)

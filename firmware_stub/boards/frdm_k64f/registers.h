@@ -150,7 +150,9 @@
 /* Flash memory controller */
 #define FMC_PFB0CR REGISTER32(0x4001F004u)
 #define FMC_PFB1CR REGISTER32(0x4001F008u)
-#define FMC_PFB_ENABLES 0x1Fu         /* single-entry buffer, prefetch and cache, of instructions and of data */
+#define FMC_PFB_BUFFER 0x01u
+#define FMC_PFB_PREFETCH 0x06u           /* of instructions and of data, and so the cache: */
+#define FMC_PFB_CACHE 0x18u
 #define FMC_PFB_INVALIDATE (0x1Fu << 19) /* that buffer, and the four ways of the cache; in PFB0CR alone */
 
 /* Interrupt numbers */

@@ -99,10 +99,10 @@ def measure(hil_port: str | None, rig: str | None, out: Path | None) -> int:
 
 
 def _check_replaceable(file: Path, name: str) -> None:
-    """Refuse to overwrite what is not an earlier measurement of this board."""
+    """Refuse to overwrite what is not an earlier measurement of this board; a device keeps nothing."""
     from hiltest.virtual.profile_file import measured_as
 
-    if os.path.lexists(file) and measured_as(file) != name:
+    if os.path.lexists(file) and not file.is_char_device() and measured_as(file) != name:
         raise ConfigError(
             f"{file}: what is there is no measured profile {name}, and is not overwritten; remove it, or name another "
             "file with --out"

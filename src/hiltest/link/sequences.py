@@ -30,6 +30,8 @@ class SequencePlace(IntEnum):
     FLASH = 1
     FLASH_ALONE = 2
     """Flash, with cache, prefetch and buffers of its controller switched off meanwhile."""
+    FLASH_WITHOUT_CACHE = 3
+    FLASH_WITHOUT_PREFETCH = 4
 
 
 @dataclass(frozen=True)

@@ -71,12 +71,13 @@ def print_places(console: Console, raw: Mapping[str, Mapping[str, int]]) -> None
     if not differing:
         console.print("Code in flash takes the same clocks, with its cache and prefetch on and off.", soft_wrap=True)
         return
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), title="clocks of half a sequence, by place")
+    title = "clocks of half a sequence, from flash with its controller's parts on and off, too"
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), title=title)
     table.add_column("sequence", no_wrap=True)
-    for place in raw:
-        table.add_column(PLACES[place], justify="right", no_wrap=True)
+    for shown in PLACES.values():
+        table.add_column(shown, justify="right", no_wrap=True)
     for name in differing:
-        table.add_row(name, *(str(clocks[name]) for clocks in raw.values()))
+        table.add_row(name, *(str(raw[place][name]) for place in PLACES))
     console.print(table)
 
 

@@ -77,8 +77,11 @@ CHECKS = (
 )
 
 
-#: Where sequences run from, as users read it.
-PLACES = {"sram": "SRAM_L", "flash": "flash", "flash_alone": "flash, cache and prefetch off"}
+#: Where sequences run from, as users read it: the last three are flash, too, with parts of its controller off.
+PLACES = {
+    "sram": "SRAM_L", "flash": "flash", "flash_without_cache": "cache off", "flash_without_prefetch": "prefetch off",
+    "flash_alone": "all off",
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
