@@ -15,7 +15,8 @@ import pytest
 
 from hiltest.bench_files import shipped
 from hiltest.report.journal import JOURNAL_FILE
-from hiltest.report.record import RECORD_FILES, without_volatile
+from hiltest.report.record_json import without_volatile
+from hiltest.report.run_files import RECORD_FILES
 from hiltest.report.stored import read_stored
 
 Run = Callable[..., object]

@@ -8,16 +8,7 @@ from collections.abc import Callable
 import pytest
 
 from hiltest.measurement import Limit, Measurement, judge
-from hiltest.report.record import (
-    BoardRecord,
-    Column,
-    Environment,
-    Findings,
-    RigRecord,
-    SensorRecord,
-    Table,
-    TestResult,
-)
+from hiltest.report.record import BoardRecord, Column, Environment, Findings, RigRecord, SensorRecord, Table, TestResult
 
 MODEL = "cortex-m4-trm/1@sram"
 HEADING_TEST = "hil/suites/test_heading.py::test_heading"

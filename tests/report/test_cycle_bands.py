@@ -17,7 +17,8 @@ from hiltest.report.cost_line import cost_line
 from hiltest.report.html import html_report
 from hiltest.report.markdown import markdown_report
 from hiltest.report.overview import accuracy_and_cost
-from hiltest.report.record import Findings, Run, measurement_from, write_run
+from hiltest.report.record import Findings, Run
+from hiltest.report.record_json import measurement_from, write_run
 from hiltest.report.stored import read_stored
 from hiltest.report.terminal import summary
 from hiltest.report.verdict import decide

@@ -17,19 +17,9 @@ import pytest
 from hiltest.errors import ConfigError
 from hiltest.measurement import Limit, judge
 from hiltest.report.journal import JOURNAL_FILE, Journal
-from hiltest.report.record import (
-    RECORD_FILES,
-    RUN_FILE,
-    BoardRecord,
-    CalibrationRecord,
-    Column,
-    RigRecord,
-    Run,
-    Table,
-    TestResult,
-    Verdict,
-)
+from hiltest.report.record import BoardRecord, CalibrationRecord, Column, RigRecord, Run, Table, TestResult, Verdict
 from hiltest.report.recorder import Recorder
+from hiltest.report.run_files import RECORD_FILES, RUN_FILE
 from hiltest.report.stored import read_stored
 
 PASSED = Verdict("pass", 0, "PASS.", complete=True)

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from hiltest.errors import ConfigError
-from hiltest.report.record import RECORD_FILES, Run
+from hiltest.report.record import Run
+from hiltest.report.run_files import RECORD_FILES
 from hiltest.report.stored import read_stored
 
 PROGRAM = Path(__file__).parent / "programs" / "dying_recorder.py"

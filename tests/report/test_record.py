@@ -11,16 +11,9 @@ import pytest
 
 from hiltest.errors import ConfigError
 from hiltest.measurement import Measurement
-from hiltest.report.record import (
-    Column,
-    Findings,
-    Table,
-    Verdict,
-    to_json,
-    without_volatile,
-    write_atomically,
-    write_run,
-)
+from hiltest.report.record import Column, Findings, Table, Verdict
+from hiltest.report.record_json import to_json, without_volatile, write_run
+from hiltest.report.run_files import write_atomically
 from hiltest.report.schema import SCHEMA_FILE, run_schema, schema_text
 from hiltest.report.stored import read_stored
 

@@ -16,8 +16,10 @@ from hypothesis import strategies as st
 from hiltest.cli import main
 from hiltest.measurement import Measurement
 from hiltest.report.journal import JOURNAL_FILE, Journal
-from hiltest.report.record import RUN_FILE, Findings, TestResult, Verdict, content_to_json, to_json, write_run
+from hiltest.report.record import Findings, TestResult, Verdict
+from hiltest.report.record_json import content_to_json, to_json, write_run
 from hiltest.report.recorder import Recorder
+from hiltest.report.run_files import RUN_FILE
 from hiltest.report.stored import read_stored
 
 PASSED = Verdict("pass", 0, "PASS.", complete=True)

@@ -18,7 +18,8 @@ from hiltest.report.evidence import evidence_of, evidence_of_seeds
 from hiltest.report.html import html_report
 from hiltest.report.journal import Journal
 from hiltest.report.markdown import markdown_report
-from hiltest.report.record import Findings, Run, Verdict, to_json, without_volatile
+from hiltest.report.record import Findings, Run, Verdict
+from hiltest.report.record_json import to_json, without_volatile
 from hiltest.report.recorder import Recorder
 from hiltest.report.revision import revision_of
 from hiltest.report.schema import load_content, run_from

@@ -99,7 +99,7 @@ def _before(file: Path) -> Baseline | None:
 
 def _write(written: Baseline, file: Path, before: object = None) -> None:
     from hiltest.comparison.baseline_file import to_json
-    from hiltest.report.record import write_atomically
+    from hiltest.report.run_files import write_atomically
 
     try:
         file.parent.mkdir(parents=True, exist_ok=True)

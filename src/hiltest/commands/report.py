@@ -63,7 +63,8 @@ def _in_place(record: Path, folder: Path) -> StoredRun:
 def _elsewhere(stored: StoredRun, out: Path) -> None:
     """Write the whole record into a folder of its own, in the place of what was there."""
     from hiltest.report.journal import Journal
-    from hiltest.report.record import RUN_FILE, content_to_json, write_atomically
+    from hiltest.report.record_json import content_to_json
+    from hiltest.report.run_files import RUN_FILE, write_atomically
     from hiltest.settings import make_folder
 
     make_folder(out)
@@ -95,7 +96,7 @@ def _render(stored: StoredRun, folder: Path) -> None:
 def _state(folder: Path) -> tuple[int | None, bool | None]:
     """Return which finished record is in a folder, and whether a run goes on there; None for what is not there."""
     from hiltest.report.journal import JOURNAL_FILE, is_going_on
-    from hiltest.report.record import RUN_FILE
+    from hiltest.report.run_files import RUN_FILE
 
     record: int | None = None
     going_on: bool | None = None

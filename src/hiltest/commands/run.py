@@ -12,7 +12,8 @@ import pytest
 from hiltest.bench_files import suites
 from hiltest.commands.options import EXIT_CODES, checked
 from hiltest.errors import ConfigError
-from hiltest.report.record import OLDER_FOLDER, Run
+from hiltest.report.record import Run
+from hiltest.report.run_files import OLDER_FOLDER
 from hiltest.runs.older import OlderFirmware, base_of_environment
 from hiltest.session import SESSION
 from hiltest.session.choice import only_looks

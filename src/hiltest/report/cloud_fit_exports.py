@@ -9,7 +9,7 @@ from hiltest import __version__
 from hiltest.c_source import c_float, in_comment
 from hiltest.errors import ConfigError
 from hiltest.procedures.cloud_fit import CalibratorFit, CloudFit, Matrix, Triple
-from hiltest.report.record import write_atomically
+from hiltest.report.run_files import write_atomically
 
 SCHEMA = "hiltest.calibration/1"
 FORMULA = "corrected = soft_iron * (reading - hard_iron)"

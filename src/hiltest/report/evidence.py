@@ -13,7 +13,8 @@ from hiltest.comparison.evidence import NO_BOARD, Conditions, Evidence
 from hiltest.comparison.model import Side, Tolerance
 from hiltest.errors import ConfigError
 from hiltest.report.journal import JOURNAL_FILE
-from hiltest.report.record import RUN_FILE, SEED_FOLDERS, SEEDS_FILE, Run
+from hiltest.report.record import Run
+from hiltest.report.run_files import RUN_FILE, SEED_FOLDERS, SEEDS_FILE
 from hiltest.report.verdict import failed_by_itself
 from hiltest.strict_json import LARGEST_BYTES, is_folder, parse_json, read_bounded
 

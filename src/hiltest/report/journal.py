@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from hiltest.errors import ConfigError
-from hiltest.report.record import CAMPAIGN_FILE, RECORD_FILES, SEEDS_FILE, UNFINISHED
+from hiltest.report.run_files import CAMPAIGN_FILE, RECORD_FILES, SEEDS_FILE, UNFINISHED
 
 JOURNAL_FILE = "journal.jsonl"
 

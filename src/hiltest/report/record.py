@@ -1,36 +1,21 @@
-"""The record of a run: its parts, and ``run.json``.
+"""The record of a run: its parts.
 
 Every report is rendered from a `Run` and from nothing else.
 """
 
 from __future__ import annotations
 
-import contextlib
-import json
 import math
-import os
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from hiltest.comparison.model import Comparison, Revision, Tolerance
 from hiltest.comparison.rules import tolerances_in_force
-from hiltest.measurement import CycleBand, Limit, Measurement, Outcome, RowEffect, plain, round_significant
+from hiltest.measurement import Measurement, plain, round_significant
 from hiltest.report.attempts import marked, worst_first
 
-RUN_FILE = "run.json"
-RECORD_FILES = (RUN_FILE, "report.html", "report.md", "junit.xml")
-SEED_FOLDERS = "seed-*"
-"""Of a campaign, each with the record of one seed."""
-SEEDS_FILE = "seeds.json"
-"""Of a campaign; written when all its seeds have run."""
-CAMPAIGN_FILE = "seeds.md"
-OLDER_FOLDER = "against"
-"""Of the older firmware's record, in the folder of the newer one's."""
-UNFINISHED = ".unfinished"
-"""Ends the name of a file that is being written."""
 SCHEMA: Literal["hiltest.run/1"] = "hiltest.run/1"
 
 _VOLATILE_OF_A_SIDE = ("file", "saved_utc", "revision")
@@ -285,41 +270,6 @@ def utc_now() -> str:
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
-def to_json(run: Run) -> str:
-    """Return the text of ``run.json``."""
-    return content_to_json(asdict(run))
-
-
-def content_to_json(content: Mapping[str, Any]) -> str:
-    """Return the text of a record's fields: one test, measurement or table row a line, for readable diffs."""
-    fields = ",\n".join(f"{_json(name)}: {_field(name, value)}" for name, value in content.items())
-    return "{\n" + fields + "\n}\n"
-
-
-def write_run(run: Run, folder: Path) -> Path:
-    """Write ``run.json`` so that a reader sees the whole file or none."""
-    return write_atomically(folder / RUN_FILE, to_json(run))
-
-
-def write_atomically(path: Path, text: str) -> Path:
-    """Write `text` beside `path`, then move it there: whoever opens it sees the old text or the new, and all of it.
-
-    A lone surrogate, as of a file's name that is no UTF-8, becomes a question mark.
-    """
-    # Of this process alone: two that write one file take nothing from each other.
-    unfinished = path.with_name(f"{path.name}.{os.getpid()}{UNFINISHED}")
-    try:
-        with unfinished.open("w", encoding="utf-8", errors="replace") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        unfinished.replace(path)
-    except OSError:
-        unfinished.unlink(missing_ok=True)
-        raise
-    return path
-
-
 def volatile_places(run: Run) -> tuple[str, ...]:
     """Return JSON pointers of all that may differ between two runs of the same seed."""
     places = ["/started_utc", "/finished_utc"]
@@ -333,68 +283,6 @@ def volatile_places(run: Run) -> tuple[str, ...]:
     if run.comparison is not None:
         places += [f"/comparison/{side}/{name}" for side in ("base", "new") for name in _VOLATILE_OF_A_SIDE]
     return tuple(places)
-
-
-def without_volatile(content: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a copy of a parsed ``run.json`` without the places that its ``volatile`` names."""
-    copy: dict[str, Any] = json.loads(json.dumps(content))
-    for pointer in content["volatile"]:
-        *parents, last = pointer.lstrip("/").split("/")
-        place: Any = copy
-        for step in parents:
-            place = place[int(step)] if isinstance(place, list) else place[step]
-        with contextlib.suppress(KeyError):
-            del place[last]
-    return copy
-
-
-def measurement_from(content: Mapping[str, Any]) -> Measurement:
-    """Make a measurement from what `asdict` made of one."""
-    limits = {key: content[key] and Limit(**content[key]) for key in ("limit", "information")}
-    band = content.get("band") and CycleBand(
-        content["band"]["low"], content["band"]["high"], tuple(RowEffect(**each) for each in content["band"]["rows"])
-    )
-    return Measurement(**{**content, **limits, "outcome": Outcome(content["outcome"]), "band": band})
-
-
-def board_from(content: Mapping[str, Any]) -> BoardRecord:
-    """Make a board's record from what `asdict` made of one."""
-    sensors = tuple(SensorRecord(**sensor) for sensor in content["sensors"])
-    return BoardRecord(**{**content, "sensors": sensors, "calibrators": tuple(content["calibrators"])})
-
-
-def table_from(content: Mapping[str, Any]) -> Table:
-    """Make a table from what `asdict` made of one."""
-    return Table(
-        content["name"],
-        tuple(Column(**column) for column in content["columns"]),
-        tuple(tuple(row) for row in content["rows"]),
-    )
-
-
-def _json(value: object) -> str:
-    return json.dumps(value, allow_nan=False, ensure_ascii=False)
-
-
-def _field(name: str, value: Any) -> str:
-    if name == "tables":
-        return _lines([_table_text(table) for table in value])
-    if name == "comparison" and value is not None:
-        return "{" + ",\n ".join(f"{_json(key)}: {_field(key, each)}" for key, each in value.items()) + "}"
-    if name == "tolerances":
-        return "{" + ",".join(f"\n {_json(key)}: {_json(each)}" for key, each in value.items()) + "}"
-    if name in ("tests", "measurements", "other_attempts", "differences"):
-        return _lines([_json(each) for each in value])
-    return json.dumps(value, indent=1, allow_nan=False, ensure_ascii=False)
-
-
-def _table_text(table: Mapping[str, Any]) -> str:
-    others = "".join(f"{_json(key)}: {_json(each)}, " for key, each in table.items() if key != "rows")
-    return f"{{{others.rstrip()}\n  {_json('rows')}: {_lines([_json(row) for row in table['rows']], indent='   ')}}}"
-
-
-def _lines(texts: Sequence[str], indent: str = " ") -> str:
-    return "[" + ",".join(f"\n{indent}{text}" for text in texts) + "]"
 
 
 def _cell(cell: Cell) -> Cell:

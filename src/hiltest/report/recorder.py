@@ -26,8 +26,8 @@ from hiltest.report.record import (
     TestResult,
     Verdict,
     utc_now,
-    write_run,
 )
+from hiltest.report.record_json import write_run
 
 # What a number in the record can depend on, besides the firmware.
 _PACKAGES = ("hiltest", "pytest", "unicorn", "capstone", "pyelftools", "numpy", "scipy", "pyserial")

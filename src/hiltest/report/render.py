@@ -6,7 +6,8 @@ from pathlib import Path
 
 from hiltest.report.html import html_report
 from hiltest.report.markdown import markdown_report
-from hiltest.report.record import Run, write_atomically
+from hiltest.report.record import Run
+from hiltest.report.run_files import write_atomically
 
 HTML_FILE, MARKDOWN_FILE = "report.html", "report.md"
 

@@ -13,7 +13,8 @@ from typing import Any
 from hiltest.errors import ConfigError
 from hiltest.report.attempts import marked
 from hiltest.report.journal import JOURNAL_FILE, is_going_on
-from hiltest.report.record import RUN_FILE, Run, Verdict, in_force, volatile_places
+from hiltest.report.record import Run, Verdict, in_force, volatile_places
+from hiltest.report.run_files import RUN_FILE
 from hiltest.report.schema import check_schema, load_content, run_from
 from hiltest.report.verdict import unfinished_verdict
 from hiltest.strict_json import LARGEST_BYTES, is_folder, parse_json, read_bounded

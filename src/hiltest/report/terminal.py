@@ -14,7 +14,8 @@ from rich.table import Table as Grid
 from hiltest.measurement import Measurement, Outcome
 from hiltest.report.comparison_text import print_changes, say_how_to_keep
 from hiltest.report.cost_line import cost_line
-from hiltest.report.record import RECORD_FILES, Run
+from hiltest.report.record import Run
+from hiltest.report.run_files import RECORD_FILES
 from hiltest.report.verdict import grouped
 
 BAND_BEYOND = "its band reaches beyond the limit"

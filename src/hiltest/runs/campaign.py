@@ -26,7 +26,8 @@ from hiltest.report.console import standard_output
 from hiltest.report.evidence import evidence_of, evidence_of_seeds, no_evidence, with_misses_allowed
 from hiltest.report.exit_codes import WORDS, ExitCode, comparison_code
 from hiltest.report.job_summary import annotation, append_to_job_summary
-from hiltest.report.record import CAMPAIGN_FILE, OLDER_FOLDER, SEED_FOLDERS, SEEDS_FILE, Run, Verdict, write_atomically
+from hiltest.report.record import Run, Verdict
+from hiltest.report.run_files import CAMPAIGN_FILE, OLDER_FOLDER, SEED_FOLDERS, SEEDS_FILE, write_atomically
 from hiltest.report.stored import read_stored
 from hiltest.report.verdict import missed_only_limits
 from hiltest.runs.gate import PACKAGED, Gate, read_gate
@@ -116,7 +117,11 @@ def run_seeds(
     if campaign_exit_code(results, may_fail=may_fail) == ExitCode.OK:
         evidence = with_misses_allowed(evidence)
     remark = PACKAGED if _is_packaged(evidence, options) else ""
-    comparison = gate.judge(evidence, remark=remark) if gate else None
+    return _conclude(results, gate.judge(evidence, remark=remark) if gate else None, out, may_fail=may_fail)
+
+
+def _conclude(results: Sequence[SeedResult], comparison: Comparison | None, out: Path, *, may_fail: int) -> int:
+    """Write down what the seeds say together, print it, and return the exit code."""
     spreads = spreads_of(results)
     write_atomically(out / SEEDS_FILE, _to_json(results, spreads, comparison, may_fail=may_fail))
     code = campaign_exit_code(results, may_fail=may_fail, comparison=comparison)

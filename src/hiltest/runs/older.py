@@ -14,7 +14,7 @@ import pytest
 
 from hiltest.errors import ConfigError
 from hiltest.report.job_summary import without_job_summary
-from hiltest.report.record import RUN_FILE, SEED_FOLDERS
+from hiltest.report.run_files import RUN_FILE, SEED_FOLDERS
 from hiltest.report.terminal import shown_path
 from hiltest.runs.sole_command import remove_run
 

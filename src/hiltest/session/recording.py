@@ -9,17 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from hiltest.report.record import (
-    OLDER_FOLDER,
-    BoardRecord,
-    CalibrationRecord,
-    RigRecord,
-    Run,
-    SensorRecord,
-    board_from,
-    measurement_from,
-    table_from,
-)
+from hiltest.report.record import BoardRecord, CalibrationRecord, RigRecord, Run, SensorRecord
+from hiltest.report.record_json import board_from, measurement_from, table_from
+from hiltest.report.run_files import OLDER_FOLDER
 from hiltest.report.unmet import unmet_limits
 from hiltest.rig.conditions import conditions_sha256
 from hiltest.runs.gate import NOT_JUDGED

@@ -15,8 +15,9 @@ from hiltest.comparison.evidence import Evidence
 from hiltest.errors import ConfigError
 from hiltest.report.evidence import evidence_of, evidence_of_seeds
 from hiltest.report.journal import JOURNAL_FILE
-from hiltest.report.record import OLDER_FOLDER, RUN_FILE, SEED_FOLDERS, SEEDS_FILE, Run
 from hiltest.report.record import SCHEMA as RUN_SCHEMA
+from hiltest.report.record import Run
+from hiltest.report.run_files import OLDER_FOLDER, RUN_FILE, SEED_FOLDERS, SEEDS_FILE
 from hiltest.report.schema import check_schema, run_from
 from hiltest.report.stored import read_stored
 from hiltest.strict_json import LARGEST_BYTES, read_json, shown
