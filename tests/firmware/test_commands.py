@@ -8,6 +8,7 @@ import struct
 import pytest
 
 from hiltest.link.framing import Frame, encode_frame
+from hiltest.link.messages import PROTOCOL_VERSION
 from hiltest.link.replies import Status
 
 from .bench import (
@@ -56,7 +57,7 @@ def bare_bench() -> Bench:
 
 
 def test_sync_answers_the_nonce_and_the_protocol_version(bench: Bench) -> None:
-    assert struct.unpack("<IH", bench.ask(SYNC, struct.pack("<I", 0x7D7E5D5E))) == (0x7D7E5D5E, 5)
+    assert struct.unpack("<IH", bench.ask(SYNC, struct.pack("<I", 0x7D7E5D5E))) == (0x7D7E5D5E, PROTOCOL_VERSION)
 
 
 def test_unknown_types_are_refused(bare_bench: Bench) -> None:

@@ -45,11 +45,15 @@ class Setting:
 
     @property
     def name(self) -> str:
-        packed = "" if self.centre_known_to_ut is None else ", packed"
+        packed = "" if self.centre_known_to_ut is None else f", packed to {self.centre_known_to_ut:g} uT"
         return f"s={self.stretch}, n={self.points}{packed}"
 
 
-SETTINGS = [Setting(100, 0.2, 0.1), Setting(30, 0.5, 0.3), Setting(30, 0.5, 0.4, centre_known_to_ut=2.0)]
+# The last two are about the farthest that is taken for a centre, a quarter of the field, and beyond.
+SETTINGS = [
+    Setting(100, 0.2, 0.1), Setting(30, 0.5, 0.3), Setting(30, 0.5, 0.4, centre_known_to_ut=2.0),
+    Setting(100, 0.2, 0.1, centre_known_to_ut=12.0), Setting(30, 0.5, 0.4, centre_known_to_ut=12.0),
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -85,7 +89,7 @@ def _known_centre(drawn: Instance, setting: Setting) -> NDArray[np.int64] | None
 
 def test_what_stands_beside_the_distance_on_even_clouds_is_what_was_found_on_ordinary_ones() -> None:
     suite = (ROOT / "hil" / "suites" / "test_cycles.py").read_text(encoding="utf-8")
-    (least, most) = re.findall(r"of ordinary clouds the 99th percentile is (\S+) to (\S+) deg", suite)[0]
+    (least, most) = re.findall(r"of random ones 1 cloud in 100 exceeds (\S+) to (\S+) deg", suite)[0]
     page = (ROOT / "firmware_stub" / "DESIGN.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| stretch .*\| \S+ / (\S+) / \S+ deg \|$", page, re.M)
     assert [least, most] == rows
@@ -191,7 +195,7 @@ def _two_corners(count: int, distance: int, ones: slice) -> NDArray[np.int64]:
     [_two_corners(100, 30_000, slice(0, None, 2)), _two_corners(100, 760, slice(0, 1))],
     ids=["no K holds them", "redone with K - 1"],
 )
-def test_the_worst_costs_both_fits_and_no_more(board_calibrators: Any, points: NDArray[np.int64]) -> None:
+def test_the_worst_costs_every_attempt_once_and_no_more(board_calibrators: Any, points: NDArray[np.int64]) -> None:
     """Bounded time: two attempts at every block, the sums one at a time, and what `direct` makes of a refusal."""
     direct = board_calibrators.cost("direct", instance(1, covered=(0.1, 0.1)).points_counts).cycles
     cap = board_calibrators.cost("direct-fast", instance(1, covered=(0.1, 0.1)).points_counts).cycles
@@ -200,4 +204,5 @@ def test_the_worst_costs_both_fits_and_no_more(board_calibrators: Any, points: N
     print(f"direct {direct}; direct-fast: a cap {cap}, these {raw}, packed {packed} cycles")
     assert cap <= direct + 7_900  # a fit and a sphere
     assert raw <= 2 * direct + 2 * 5_600 + 2_000
-    assert packed < raw  # as many attempts at least, and each is cheaper
+    # And the same for the packed points before, each of it cheaper.
+    assert packed <= raw + direct + 2 * 4_600

@@ -19,7 +19,11 @@ SEQUENCES = (
     "store_behind_load", "load_store_pairs", "load_multiple", "store_multiple", "branch_not_taken", "branch_taken",
     "call_and_return", "table_branch", "if_then", "barrier", "system", "exclusive", "fp", "fp_chain", "accumulate",
     "accumulate_chain", "accumulate_and_multiply", "accumulate_over_integers", "fp_divide", "fp_divide_result",
-    "square_root", "fp_loads", "fp_stores", "fp_pairs", "readings", "exception_entry", "exception_return",
+    "square_root", "fp_loads", "fp_stores", "fp_pairs",
+    "data_independent", "multiply", "multiply_chain", "multiply_long", "multiply_long_chain", "multiply_pairs",
+    "multiply_pairs_chain", "pack_halves", "loads_of_halves", "stores_of_halves", "fp_multiply",
+    "fp_multiply_chain", "fp_convert", "fp_moves", "fp_compare", "fp_load_multiple", "fp_store_multiple",
+    "readings", "exception_entry", "exception_return",
 )  # fmt: skip
 
 

@@ -71,8 +71,8 @@ def print_places(console: Console, raw: Mapping[str, Mapping[str, int]]) -> None
     if not differing:
         console.print("Code in flash takes the same clocks, with its cache and prefetch on and off.", soft_wrap=True)
         return
-    title = "clocks of half a sequence, from flash with its controller's parts on and off, too"
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), title=title)
+    console.print("Clocks of half a sequence, from flash also with parts of its controller off:", soft_wrap=True)
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("sequence", no_wrap=True)
     for shown in PLACES.values():
         table.add_column(shown, justify="right", no_wrap=True)

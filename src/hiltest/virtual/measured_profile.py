@@ -74,6 +74,24 @@ CHECKS = (
     Equation("accumulate_chain", "fp_accumulate", 32),
     Equation("accumulate_and_multiply", "fp_accumulate", 16, {"fp": 16}),
     Equation("square_root", "fp_divide", 4),
+    # Classes that share a row with another one, as the kernels use them.
+    Equation("data_independent", "data", 32),
+    Equation("multiply", "data", 32),
+    Equation("multiply_chain", "data", 32),
+    Equation("multiply_long", "data", 32),
+    Equation("multiply_long_chain", "data", 32),
+    Equation("multiply_pairs", "data", 32),
+    Equation("multiply_pairs_chain", "data", 32),
+    Equation("pack_halves", "data", 32),
+    Equation("loads_of_halves", "load_behind_load", 32),
+    Equation("stores_of_halves", "store", 32),
+    Equation("fp_multiply", "fp", 32),
+    Equation("fp_multiply_chain", "fp", 32, {"fp_use": 32}),
+    Equation("fp_convert", "fp", 32),
+    Equation("fp_moves", "fp", 32),
+    Equation("fp_compare", "fp", 32),
+    Equation("fp_load_multiple", "multiple_base", 16, clocks=16 * 8),
+    Equation("fp_store_multiple", "multiple_base", 16, clocks=16 * 8),
 )
 
 
