@@ -112,6 +112,20 @@ class BoardPacked:
         assert memory.read(self.PAIRS - len(fence), len(fence)) == memory.read(behind, len(fence)) == fence
         return KernelSums(self._answer()[1:], bool(self.last.value))
 
+    def bytes_written(self, points: ArrayLike, anchor: ArrayLike, shift: int) -> int:
+        """How many bytes of its scratch the kernel writes; one that it does not keeps what filled it, twice."""
+        memory, room = self._board.processor.memory, 0xC00
+        untouched = np.ones(room, dtype=bool)
+        for fill in (b"\x55", b"\xaa"):
+            memory.write(self.PAIRS, fill * room)
+            counts = _counts(points)
+            memory.write(self.POINTS, counts.tobytes())
+            task = struct.pack("<II", self.POINTS, self.PAIRS) + _settings(len(counts), anchor, shift)
+            memory.write(self.BLOCK, task)
+            self._board.call("packed_moments_block", self.BLOCK, self.SUMS)
+            untouched &= np.frombuffer(memory.read(self.PAIRS, room), np.uint8) == fill[0]
+        return room - int(untouched.sum())
+
     def sum(self, points: ArrayLike, anchor: ArrayLike, *, offset: int = 0) -> NDArray[np.float32]:
         counts, memory = _counts(points), self._board.processor.memory
         memory.write(self.POINTS + offset, counts.tobytes())

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +19,11 @@ from hiltest.link.packing import PackingReply, PackPoints
 from hiltest.link.replies import CalibrateReply
 from hiltest.link.request import Request, decode_reply
 from hiltest.procedures.clouds import golden_cloud
+from hiltest.profiling.image import ProfiledImage
+from hiltest.virtual.buffers import Address, Structure
 from hiltest.virtual.elf import load_image
 from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.profiling import CallProfile
 
 from .bench import Bench
 from .packed_kernel import BoardPacked
@@ -94,6 +98,68 @@ def test_direct_and_a_step_of_corrected(calibrated: Calibrated) -> None:
     assert re.search(rf"\| measured \| [\d ]+ \| {spaced(step)} \|", PAGE)
 
 
+@pytest.fixture(scope="module")
+def firmware() -> ProfiledImage:
+    return ProfiledImage(SHIPPED_ELF)
+
+
+def profiled(firmware: ProfiledImage, calibrator: str, n: int, *, iterations: int = 0) -> CallProfile:
+    cloud = np.ascontiguousarray(golden_cloud(n), "<i2")
+    spread = cloud.min(axis=0), cloud.max(axis=0)
+    points = Structure(Address(cloud), np.array([n], "<u2"), *spread, np.array([iterations, 0, 0, 0, 0], "<u2"))
+    return firmware.call(f"magnetometer_{calibrator}", points, bytearray(64))
+
+
+def own_cycles(profile: CallProfile) -> dict[str, int]:
+    return {each.name: each.self_cycles for each in profile.functions}
+
+
+def test_what_direct_takes_whatever_the_number_of_points_is_the_sum_of_its_parts(
+    calibrated: Calibrated, firmware: ProfiledImage
+) -> None:
+    calibrated.store()
+    total = calibrated.cycles("direct")
+    own = own_cycles(profiled(firmware, "direct", 100))
+    call = sum(own.values()) - total
+    of_points = 5 * (own["moments_sum"] - own_cycles(profiled(firmware, "direct", 80))["moments_sum"])
+    passes = own["moments_sum"] - of_points
+    middle, function = own["moments_anchor"], own["magnetometer_direct"] - call
+    centre, root, fit = own["quadric_ellipsoid"], own["symmetric_square_root"], own["quadric_fit"]
+    rest = passes + middle + function
+    assert fit + centre + root + rest == total - of_points
+    assert f"takes {spaced(total - of_points)}: `quadric_fit`, {centre} for centre" in PAGE
+    assert f"{root} for the square root, and {rest} for the rest: {passes} to enter" in PAGE
+    assert f"{middle} for the middle of the range, and {function} for the function itself" in PAGE
+    assert f"itself without the {call} of an empty one" in PAGE
+    assert f"| measured | {fit} |" in PAGE
+
+
+def executed(profile: CallProfile) -> Counter[str]:
+    """How often each kind of instruction ran; however many bytes it has."""
+    counted: Counter[str] = Counter()
+    for each in profile.addresses:
+        counted[each.text.split()[0].removesuffix(".w")] += each.executions
+    return counted
+
+
+def test_the_lower_bounds_of_the_fit_and_of_a_step_are_the_sums_of_their_rows(firmware: ProfiledImage) -> None:
+    (table,) = re.findall(r"a Newton step of `corrected` \|(.*?)\| measured", PAGE)
+    rows = [tuple(map(int, each)) for each in re.findall(r"\| (\d+) \| (\d+) \|", table)]
+    assert [sum(column) for column in zip(*rows[:-1], strict=True)] == list(rows[-1])
+    one, two = (executed(profiled(firmware, "corrected", 100, iterations=each)) for each in (1, 2))
+    floats = two["vcmpe.f32"] - one["vcmpe.f32"]
+    compares = f"a compare with its branch: 3 of floats, {floats} in a step; 1 in the fit, where a division hides"
+    assert f"| {compares} the compare | 1 | {3 * floats + 1} |" in PAGE
+
+
+def test_what_of_iterative_sums_the_points(firmware: ProfiledImage) -> None:
+    called = profiled(firmware, "iterative", 100)
+    parts = (called.instructions, called.cycles, own_cycles(called)["moments_sum"])
+    instructions, cycles, sums = (spaced(round(each, -2)) for each in parts)
+    assert f"{instructions} instructions and {cycles} cycles for 100 points" in PAGE
+    assert f"of which {sums} sum the points" in PAGE
+
+
 def test_direct_fast(calibrated: Calibrated) -> None:
     calibrated.store()
     assert row("`direct-fast`") == spaced(calibrated.cycles("direct-fast"))
@@ -119,7 +185,60 @@ def test_moments_of_two_points_a_word() -> None:
     assert f"{raw / 100:.1f} a point, {cycles('sum', more) / 300:.1f} at n = 300 in three blocks" in PAGE
     assert row("moments, points packed") == spaced(packed)
     assert f"{packed / 100:.1f} a point, all of it" in PAGE
-    assert f"The code is {spaced(load_image(SHIPPED_ELF).symbols['packed_moments_block'].size)} bytes" in PAGE
+    fifth = cycles("sum_packed", points[:20])
+    slope = (packed - fifth) / 80
+    assert f"{slope:.1f} a point and {round(packed - 100 * slope, -1):.0f} besides, together the" in PAGE
+    assert f"together the {packed / 100:.1f} of the table" in PAGE
+
+
+def of_a_pair(firmware: ProfiledImage, *, packed: bool) -> tuple[Counter[str], float]:
+    """What the kernel executes for a pair of points, by instruction, and its cycles; entries cancel."""
+    counts: list[Counter[str]] = []
+    cycles = []
+    for pairs in (10, 50):  # both leave out two bodies of the first round of four
+        room, raw = np.zeros(9 * pairs, "<u4"), np.zeros(6 * pairs, "<i2")
+        points = np.zeros(1, "<u4") if packed else Address(raw)
+        settings = np.array([2 * pairs, 0, 0, 0, 0x8005, 0xFFE0FFFF, 0x43000000], "<u4")
+        called = firmware.call("packed_moments_block", Structure(points, Address(room), settings), bytearray(140))
+        counts.append(executed(called))
+        cycles.append(called.cycles)
+    fewer, more = counts
+    return Counter({name: (more[name] - fewer[name]) // 40 for name in more}), (cycles[1] - cycles[0]) / 40
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_a_lower_bound_of_the_kernel_is_what_its_bodies_execute(firmware: ProfiledImage, packed: bool) -> None:
+    pair, cycles = of_a_pair(firmware, packed=packed)
+    sums, roundings = pair["smlad"] + pair["smladx"], pair["pkhtb"]
+    products = sum(pair[f"smla{first}{second}"] for first in "bt" for second in "bt")
+    # Each word once, in one group: the first load takes a cycle more.
+    others = pair["lsl"] + pair["and"] + pair["ssub16"] + pair["pkhbt"] + 3 + 1
+    bound = sums + products + roundings + others
+    assert f"{sums} multiply-accumulates, {products} products, {roundings} roundings, 3 words loaded (4)" in PAGE
+    assert f": {bound}, which is {bound / 2:g} a point" in PAGE
+    if packed:
+        assert (pair["ldr"], pair["str"]) == (3 + 14, 6)
+        measured = bound + 4 + 18 + 1
+    else:
+        assert (pair["ldr"], pair["str"]) == (3 + 14 + 3, 9)
+        measured = bound + 6 + 23
+    assert f"Measured {measured}, and {cycles - measured:g} for loops" in PAGE
+
+
+def test_the_sizes_of_what_sums_packed_moments() -> None:
+    symbols = load_image(SHIPPED_ELF).symbols
+
+    def size(*names: str) -> str:
+        return spaced(sum(symbols[name].size for name in names))
+
+    assert f"The kernel is {size('packed_moments_block')} bytes of code." in PAGE
+    assert f"`packed_moments_sum`, which cuts blocks and adds them, {size('packed_moments_sum')};" in PAGE
+    of_packed = ("packed_points_sum", "packed_points_sum_again", "sum_packed_blocks")
+    assert f"the same for packed points {size(*of_packed)} (`{'`, `'.join(of_packed)}`)" in PAGE
+    assert f"`sum_smaller`, of both, {size('sum_smaller')};" in PAGE
+    assert f"to pack points {size('packed_points_start', 'packed_points_add')};" in PAGE
+    assert f"`magnetometer_direct_fast` {size('magnetometer_direct_fast')}." in PAGE
+    assert f"their pairs stay in a buffer of {size('packed')}." in PAGE
 
 
 def test_an_overflow() -> None:
@@ -142,4 +261,6 @@ def test_a_point_of_a_stream() -> None:
     for _ in range(2):  # the first is the anchor
         adding = board.call("direct_stream_add", state, point).cycles
     removing = board.call("direct_stream_remove", state, point).cycles
-    assert f"Measured: adding {adding}, taking away {removing}." in PAGE
+    empty = board.call("empty_stream_add", state, point).cycles
+    reported = f"reports have {adding - empty} and {removing - empty}, for the firmware subtracts the {empty} of an"
+    assert f"Measured: adding {adding}, taking away {removing}, with the call; {reported} empty" in PAGE

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,13 +12,15 @@ from numpy.typing import NDArray
 
 import hiltest
 from hiltest.calibration.packed_moments import BLOCK_POINTS, largest_shift, packed_moments, packed_sums
-from hiltest.virtual.elf import load_image
+from hiltest.virtual.elf import FirmwareImage, load_image
+from hiltest.virtual.instructions import decode
 from hiltest.world.instances import instance
 
-from .packed_kernel import PACKED_POINTS_BYTES, BoardPacked, HostPacked, PackedKernel
+from .packed_kernel import MOMENTS, PACKED_POINTS_BYTES, BoardPacked, HostPacked, PackedKernel
 
 SHIPPED_ELF = Path(hiltest.__file__).parent / "firmware" / "hiltest-frdm-k64f.elf"
 FIRMWARE = Path(__file__).parents[2] / "firmware_stub"
+DESIGN = " ".join((FIRMWARE / "DESIGN.md").read_text(encoding="utf-8").split())
 Points = NDArray[np.int64]
 
 
@@ -248,6 +251,34 @@ def test_a_point_farther_away_than_16_bits_is_not_packed(host_library: ctypes.CD
 
 def test_the_kernel_fits_the_memory_it_was_given() -> None:
     symbol = load_image(SHIPPED_ELF).symbols["packed_moments_block"]
-    print(f"{symbol.size} bytes of code, {BLOCK_POINTS // 2 * 36} of scratch")
+    print(f"{symbol.size} bytes of code")
     assert symbol.size <= 2300
-    assert BLOCK_POINTS // 2 * 36 <= 1800
+
+
+def test_the_scratch_of_a_block_is_what_the_kernel_writes_and_the_rest_of_the_frame_are_locals(
+    board: BoardPacked,
+) -> None:
+    points = instance(1, BLOCK_POINTS, stretch=0.1, covered=(1.0, 1.0)).points_counts
+    written = board.bytes_written(points, _mid_range(points), 5)
+    assert written == 1800
+    frame = _frame(load_image(SHIPPED_ELF), "packed_moments_sum")
+    print(f"{written} bytes of scratch in a frame of {frame}")
+    assert frame == 2004
+    # Locals: the sums of a further block, the kernel's task, points for `moments_sum`, and 4 to align the frame.
+    assert frame - written == 4 * MOMENTS + 36 + 24 + 4
+    both = f"is {frame:,} bytes on the stack: {written:,} are the pairs of a block".replace(",", " ")
+    assert f"The frame of `packed_moments_sum` {both}" in DESIGN
+    assert f"{frame - written} are locals, {4 * MOMENTS} of them the sums of a further block" in DESIGN
+
+
+def _frame(image: FirmwareImage, function: str) -> int:
+    """Bytes that a function takes from the stack at once, besides the registers that it pushes."""
+    symbol = image.symbols[function]
+    start = symbol.address & ~1
+    (code,) = (
+        each.data[start - each.run_address :][: symbol.size]
+        for each in image.segments if each.run_address <= start < each.run_address + len(each.data)
+    )  # fmt: skip
+    texts = [each.text for each in decode(start, code)]
+    (taken,) = (match[1] for match in map(re.compile(r"subw? sp, (?:sp, )?#(\w+)$").match, texts) if match)
+    return int(taken, 0)
