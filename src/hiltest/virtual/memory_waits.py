@@ -102,8 +102,9 @@ class MemoryAccounting(InstructionAccounting):
         return self._known[address, code]
 
     def flush_pipeline(self) -> None:
-        """An exception was entered or left: the core fetches anew."""
+        """An exception was entered or left, or a call begins: the core fetches anew."""
         super().flush_pipeline()
+        self._parts_owed = 0  # else a call would take a clock more because of what was called before it
         self.flash.forget_word()
 
     def forget_code(self) -> None:
