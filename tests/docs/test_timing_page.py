@@ -77,6 +77,25 @@ def test_the_count_of_the_page_is_what_the_shipped_firmware_costs_and_its_band()
     assert f"from {readable(band.moved_most_by.low)} to {readable(band.moved_most_by.high)}; reports" in PAGE
 
 
+def test_what_iterative_and_a_closed_form_take_over_all_golden_clouds_is_what_the_page_says() -> None:
+    spent: dict[str, list[int]] = {"direct": [], "iterative": []}
+    with open_board(load_rig(shipped() / "rigs" / "virtual-k64f.toml")) as board:
+        for index in range(100):
+            upload_cloud(board, golden_cloud(100, index=index))
+            for calibrator, cycles in spent.items():
+                cost = board.session.request(Calibrate(100, calibrator)).cost
+                assert cost is not None
+                cycles.append(cost.cycles)
+    first, *others = spent["iterative"]
+    dearer = sum(each > first for each in others)
+    low, high = min(spent["iterative"]), max(spent["iterative"])
+    closed = max(spent["direct"]) - min(spent["direct"])
+    text = " ".join(PAGE.split())
+    assert f"cheaper for it than {dearer} of the other {len(others)}. They take {readable(low)} to" in text
+    assert f"to {readable(high)} cycles, {readable(high - low)} apart (`cycles.iterative.spread`; a" in text
+    assert f"a closed form's is {closed})" in text
+
+
 def test_code_in_flash_is_counted_as_the_page_says_and_carries_what_it_says(tmp_path: Path) -> None:
     shown = run(*shlex.split(COMMANDS[1]), folder=tmp_path)
     found = re.search(r"^(\d+) cycles, .*@flash: (\d+) to (\d+), as well as", shown, re.M | re.S)
