@@ -39,7 +39,7 @@ static inline __attribute__((always_inline)) bool is_centre(const int32_t anchor
 
 /* By the points that were packed as they were stored; false where these give no ellipsoid about what they are packed about. Apart, so
  * that its registers cost a fit without them nothing. */
-FAST_CODE __attribute__((noinline)) static bool fit_packed(const magnetometer_points_t *points, magnetometer_fit_t *fit)
+FAST_CODE __attribute__((noinline, noclone)) static bool fit_packed(const magnetometer_points_t *points, magnetometer_fit_t *fit)
 {
     const packed_points_t *const packed = points->packed;
     moments_t sums;

@@ -237,7 +237,8 @@ def test_the_sizes_of_what_sums_packed_moments() -> None:
     assert f"the same for packed points {size(*of_packed)} (`{'`, `'.join(of_packed)}`)" in PAGE
     assert f"`sum_smaller`, of both, {size('sum_smaller')};" in PAGE
     assert f"to pack points {size('packed_points_start', 'packed_points_add')};" in PAGE
-    assert f"`magnetometer_direct_fast` {size('magnetometer_direct_fast')}." in PAGE
+    fits = ("fit_packed", "magnetometer_direct_fast")
+    assert ", ".join(f"`{name}` {size(name)}" for name in fits) + "." in PAGE
     assert f"their pairs stay in a buffer of {size('packed')}." in PAGE
 
 

@@ -181,7 +181,7 @@ def test_a_centre_that_is_none_is_not_used(bench: Bench) -> None:
         dearer.append(cycles(fit) - cycles(raw))
         assert np.array_equal(fit.calibration.soft_iron, raw.calibration.soft_iron)
         assert np.array_equal(fit.calibration.hard_iron, raw.calibration.hard_iron)
-    # Most are seen by the points' range. Others, near a diagonal of the axes, are only known by the centre that they lead to.
+    # Most are seen by the points' range; others, near a diagonal of the axes, by the centre that their fit finds.
     assert 0 < sorted(dearer)[len(dearer) // 2] < 100
     assert abs(max(dearer) - by_packed_points) < 100
 
