@@ -41,6 +41,14 @@ ALWAYS = (
 )
 
 
+@pytest.mark.parametrize("kind", ["", "packed_"])
+def test_the_fast_total_is_measured_by_the_test_that_measures_its_accuracy(good_run, kind: str) -> None:
+    """So that no choice of tests prints the one without the other."""
+    total, distance = (good_run.measured[f"cycles.direct-fast.{kind}{what}"] for what in ("total", "float64_distance"))
+    assert total["test"] == distance["test"] != ""
+    assert distance["outcome"] == "pass"
+
+
 def test_the_default_bench_passes(good_run) -> None:
     assert good_run.code == 0, good_run.output + good_run.errors
     assert good_run.sentence.startswith("direct-fast: worst heading ")

@@ -101,6 +101,22 @@ def test_a_run_of_nothing_still_has_a_page(findings: Make) -> None:
     assert "Accuracy and cost" not in page
 
 
+@pytest.mark.parametrize(
+    ("measured", "said"),
+    [(["heading.direct.max", "cycles.direct.float64_distance"], "; worst heading 0.89 deg"),
+     (["cycles.direct.float64_distance"], "; 0.89 deg from float64 on an even cloud"), ([], "")],
+)  # fmt: skip
+def test_cycles_against_points_stand_with_the_accuracy_that_they_buy(
+    findings: Make, measured: list[str], said: str
+) -> None:
+    line = [judge(f"cycles.direct.{what}", value, unit="cycle", cycle_model="m@sram")
+            for what, value in (("per_point", 105.0), ("fixed", 1900.0))]
+    accuracy = [judge(name, 0.894, unit="deg") for name in measured]
+    page = html_report(finished(findings(*line, *accuracy)))
+    captions = [text_of(f"<body>{each}") for each in re.findall("<figcaption>(.*?)</figcaption>", page)]
+    assert {f"direct: 105.0 n + 1 900{said}", "iterative: cycles"} <= set(captions)
+
+
 def test_what_has_no_data_is_left_out_and_the_contents_agree(run: Run) -> None:
     for each in (run, replace(run, tables=()), replace(run, tables=(), measurements=())):
         page = html_report(each)

@@ -109,7 +109,8 @@ def test_every_plot_says_in_words_what_it_shows(run: Run) -> None:
     assert len(told) == page.count('role="img"') >= 8
     words = dict(told)
     assert words["direct: heading error"].startswith("60 poses, worst +0.97 degrees at heading")
-    assert words["iterative: cycles"] == "4 sizes, from 43 000 cycles for 20 points to 603 000 for 300"
+    sizes = words["iterative: cycles; worst heading 0.95 deg"]
+    assert sizes == "4 sizes, from 43 000 cycles for 20 points to 603 000 for 300"
     assert words["after direct"] == "200 points seen from above, with the unit circle"
     # What is drawn for the eye alone says nothing to a screen reader.
     assert page.count("<svg") == len(told) + page.count('class="swatch"')

@@ -45,7 +45,7 @@ def _figure(run: Run, name: str, sizes: Sequence[float], cycles: Sequence[float]
         line += f" + {sweeps:.0f} sweeps of {grouped(per_sweep)}"
         fixed = (fixed or 0.0) + sweeps * per_sweep
     figure = Figure(
-        title=f"{name}: {line or 'cycles'}",
+        title="; ".join(filter(None, (f"{name}: {line or 'cycles'}", _accuracy(run, name)))),
         description=f"{len(points)} sizes, from {grouped(points[0][1])} cycles for {points[0][0]:g} points to "
         f"{grouped(points[-1][1])} for {points[-1][0]:g}",
         x_label="points n", y_label="thousand cycles", x_range=(0, max(right, 1.0)), y_range=(0, max(top, 1.0) / 1000),
@@ -55,6 +55,14 @@ def _figure(run: Run, name: str, sizes: Sequence[float], cycles: Sequence[float]
         figure.line([(0, fixed / 1000), (right, (fixed + per_point * right) / 1000)], "level")
     figure.marks([(n, count / 1000) for n, count in points], "level filled")
     return figure
+
+
+def _accuracy(run: Run, name: str) -> str:
+    """Return what a calibrator's cycles buy: its worst heading, else how far its fit is from float64's."""
+    worst, distance = _value(run, f"heading.{name}.max"), _value(run, f"cycles.{name}.float64_distance")
+    if worst is not None:
+        return f"worst heading {worst:.2f} deg"
+    return "" if distance is None else f"{distance:.2g} deg from float64 on an even cloud"
 
 
 def _value(run: Run, name: str) -> float | None:
