@@ -37,6 +37,9 @@ def test_0_says_that_nothing_got_worse(changed: Changed) -> None:
         r"\s+worst\s+heading (\S+) -> \1 deg\)$",
         done.stdout, re.M,
     )  # fmt: skip
+    assert "cycles counted by cortex-m4-trm/1@sram" in done.stdout.splitlines()
+    done = hiltest("compare", changed("base"), changed("new", values={"heading.direct.max": 1.0}))
+    assert "counted by" not in done.stdout, "no cycles are shown"
 
 
 def test_1_says_that_the_new_run_fails_by_itself(changed: Changed, real_record: dict[str, Any]) -> None:

@@ -7,8 +7,8 @@ import pytest
 from hiltest.comparison.compare import compare
 from hiltest.comparison.evidence import Evidence
 from hiltest.comparison.model import Change
-from hiltest.comparison.words import SHOWN, moved, numbers, percent, shown
-from hiltest.measurement import Limit
+from hiltest.comparison.words import SHOWN, counted_by, models_shown, moved, numbers, percent, shown
+from hiltest.measurement import Limit, Measurement, judge
 from hiltest.report.comparison_overview import changed
 
 from .evidence import evidence, measurement, over_seeds
@@ -47,6 +47,27 @@ def test_what_packed_points_cost_is_told_with_how_far_they_lead_from_float64() -
     )
     (cheaper, *_) = compare(base, new).of(Change.BETTER)
     assert cheaper.note == "from float64 on an even cloud 0.0016 -> 0.25 deg"
+
+
+def counted(model: str, name: str, cycles: float, limit: Limit | None = None) -> Measurement:
+    return judge(name, cycles, unit="cycle", cycle_model=model, limit=limit)
+
+
+def test_every_model_that_counted_cycles_that_are_shown_is_named_and_no_other() -> None:
+    same = counted("dwt", "cycles.direct.fixed", 5)
+    old, new = (
+        evidence([counted("m@sram", "cycles.direct.total", 10), counted("m@flash", "crc32.cycles", cycles), same])
+        for cycles in (10, 20)
+    )
+    assert counted_by(models_shown(compare(old, new))) == "cycles counted by m@flash"
+    assert models_shown(compare(old, old)) == set(), "what is unchanged is only counted"
+    missed = evidence([counted("m@sram", "cycles.direct.total", 10, Limit(max=9)), same])
+    assert models_shown(compare(missed, missed)) == {"m@sram"}, "a limit that is missed is named, unchanged as it is"
+
+
+def test_a_comparison_without_cycles_names_no_model() -> None:
+    base, new = (over_seeds("heading.direct.max", value, unit="deg") for value in (1.0, 2.0))
+    assert counted_by(models_shown(compare(base, new))) == ""
 
 
 @pytest.mark.parametrize(

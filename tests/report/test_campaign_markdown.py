@@ -43,6 +43,13 @@ def test_a_green_campaign_names_no_seed() -> None:
     assert unfolded(page).split() == ["#", "PASS", "3", "of", "3", "seeds", "pass:", "PASS."]
 
 
+def test_the_models_that_counted_cycles_stand_under_the_verdict() -> None:
+    spreads = [Spread("cycles.direct.total", "cycle", 3, 10, 10, 11, ())]
+    page = campaign_markdown(verdict("pass", "PASS."), SEEDS[:1], spreads, None, ["", "m@sram", "m@flash", "m@sram"])
+    assert "\n\ncycles counted by m@flash and m@sram\n" in unfolded(page)
+    assert "counted by" not in campaign_markdown(verdict("pass", "PASS."), SEEDS[:1], SPREADS, None, [""])
+
+
 def test_what_a_seed_wrote_stays_text() -> None:
     page = campaign_markdown(verdict(HOSTILE, HOSTILE), SEEDS, SPREADS, None)
     assert "<script" not in page.replace("\\<script", "")

@@ -179,6 +179,7 @@ def test_a_comparison_shows_what_changed_in_order_of_concern(run: Run) -> None:
     assert "✗ worse 11 061 cycle 11 161 cycle +100, +0.9 % exact at most 12 500" in text
     assert "+0.3, +300 %, 95 % +0.28 to +0.32 0.05 deg and 2 %" in text
     assert "b.same" not in text
+    assert "1 new, 1 unchanged; cycles counted by m. Worse only beyond" in text
     assert "cycles.direct.total: worse, +0.9 %" in page, "the drawing says in words what it shows"
 
 

@@ -17,6 +17,7 @@ from hiltest.measurement import Limit
 
 def test_seed(measure, board):
     measure("mine.seed", board.seed, "", limit=Limit(max={most}))
+    measure("mine.cycles", 7, "cycle", cycle_model="mine/1@flash")
 """
 RIG = Path(__file__).parents[2] / "hil" / "rigs" / "virtual-k64f.toml"
 FIRMWARE = Path(__file__).parents[2] / "src" / "hiltest" / "firmware"
@@ -74,6 +75,7 @@ def test_a_campaign_has_one_summary_for_all_its_seeds(bench: Path) -> None:
     assert [line for line in page.splitlines() if line.startswith("# ")] == ["# PASS"]
     assert "2 of 2 seeds pass: PASS." in page
     assert "| mine.seed | 2 | 1 | 1.5 | 2 |  |  |" in page
+    assert "\ncycles counted by mine/1@flash\n" in page
     assert (bench / "hil-out" / "seeds.md").read_text(encoding="utf-8") == page
     assert "::error" not in said
 

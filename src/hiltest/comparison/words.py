@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from hiltest.comparison.evidence import Seed
 from hiltest.comparison.model import Answer, Change, Comparison, Difference, Revision, Side, Tolerance
-from hiltest.measurement import Measurement, readable
+from hiltest.measurement import Measurement, Outcome, readable
 
 SHOWN = (Change.WORSE, Change.GONE, Change.BETTER, Change.NEW, Change.CHANGED)
 """In this order; what is unchanged, or was not taken, is only counted."""
@@ -113,6 +113,25 @@ def sentence(comparison: Comparison) -> str:
         _of_obstacles(comparison), _named("not judged: ", comparison.unjudged), *_counts(comparison),
     ]
     return f"{answer} (against {comparison.base.file}): {'; '.join(filter(None, parts)) or 'nothing measured'}."
+
+
+def counted_by(models: Iterable[str]) -> str:
+    """Return what counted the cycles that are shown; empty where there are none.
+
+    Examples
+    --------
+    >>> counted_by(["silicon-dwt", "", "cortex-m4-trm/1@sram", "silicon-dwt"])
+    'cycles counted by cortex-m4-trm/1@sram and silicon-dwt'
+    """
+    named = sorted(set(filter(None, models)))
+    return f"cycles counted by {' and '.join(named)}" if named else ""
+
+
+def models_shown(comparison: Comparison) -> set[str]:
+    """Return the cycle models of all cycles that a comparison shows: what changed, and what is out of its limit."""
+    return {
+        each.cycle_model for each in comparison.differences if each.change in SHOWN or each.outcome == Outcome.FAIL
+    }
 
 
 def listed(texts: Sequence[str], at_most: int) -> str:

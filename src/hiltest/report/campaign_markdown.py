@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from hiltest.comparison.model import Comparison
+from hiltest.comparison.words import counted_by
 from hiltest.measurement import readable
 from hiltest.report.markdown import comparison_lines
 from hiltest.report.markdown_text import folded, plain_text, table
@@ -35,16 +36,29 @@ class Spread:
 
 
 def campaign_markdown(
-    verdict: Verdict, seeds: Sequence[SeedLine], spreads: Sequence[Spread], comparison: Comparison | None
+    verdict: Verdict, seeds: Sequence[SeedLine], spreads: Sequence[Spread], comparison: Comparison | None,
+    cycle_models: Iterable[str] = (),
 ) -> str:
-    """Return the page: verdict, what changed, seeds that did not pass and limits they missed; the rest folded."""
-    return "\n".join(_lines(verdict, seeds, spreads, comparison)) + "\n"
+    """Return the page: verdict, what changed, seeds that did not pass and limits they missed; the rest folded.
+
+    Parameters
+    ----------
+    verdict : Verdict
+    seeds : sequence of SeedLine
+    spreads : sequence of Spread
+    comparison : Comparison or None
+    cycle_models : iterable of str, optional
+        What counted the cycles among the spreads.
+    """
+    return "\n".join(_lines(verdict, seeds, spreads, comparison, counted_by(cycle_models))) + "\n"
 
 
 def _lines(
-    verdict: Verdict, seeds: Sequence[SeedLine], spreads: Sequence[Spread], comparison: Comparison | None
+    verdict: Verdict, seeds: Sequence[SeedLine], spreads: Sequence[Spread], comparison: Comparison | None, remark: str
 ) -> Iterator[str]:
     yield from (f"# {plain_text(verdict.outcome.upper())}", "", plain_text(verdict.sentence))
+    if remark:
+        yield from ("", plain_text(remark))
     if comparison is not None:
         yield from comparison_lines(comparison)
     red = [each for each in seeds if each.exit_code]

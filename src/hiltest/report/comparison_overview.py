@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from hiltest.comparison.model import Answer, Change, Comparison, Difference, Side
-from hiltest.comparison.words import SHOWN, build, held_to, moved, revision, shown
+from hiltest.comparison.words import SHOWN, build, counted_by, held_to, models_shown, moved, revision, shown
 from hiltest.measurement import readable
 from hiltest.report.figures.change import change_figure
 from hiltest.report.figures.rows import RowFigure
@@ -62,9 +62,10 @@ def changed(comparison: Comparison) -> Iterator[Changed]:
 
 
 def counts(comparison: Comparison) -> str:
-    """Return how many measurements there are of each change."""
+    """Return how many measurements there are of each change, and what counted the cycles among those shown."""
     numbers = ((len(comparison.of(change)), change) for change in (*SHOWN, Change.NOT_TAKEN, Change.UNCHANGED))
-    return ", ".join(f"{number} {change}" for number, change in numbers if number) or "nothing to compare"
+    counted = ", ".join(f"{number} {change}" for number, change in numbers if number) or "nothing to compare"
+    return "; ".join(filter(None, (counted, counted_by(models_shown(comparison)))))
 
 
 def sides(comparison: Comparison) -> Iterator[tuple[str, str, str]]:

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from hiltest.comparison.keeping import how_to_keep
 from hiltest.comparison.model import Answer, Change, Comparison, Side
-from hiltest.comparison.words import build, entry, revision, shown
+from hiltest.comparison.words import build, counted_by, entry, models_shown, revision, shown
 
 SCHEMA = "hiltest.comparison/1"
 # Thousands are apart, 11 061, and stay on one line.
@@ -39,6 +39,8 @@ def print_changes(console: Console, comparison: Comparison) -> None:
     for change, found in shown(comparison):
         say(console, f"{change} ({len(found)})", _STYLES.get(change, "bold"))
         _entries(console, map(entry, found))
+    if remark := counted_by(models_shown(comparison)):
+        say(console, remark)
     if not_taken := len(comparison.of(Change.NOT_TAKEN)):
         say(console, f"{not_taken} measurement{'s' * (not_taken != 1)} not taken")
     if unchanged := len(comparison.of(Change.UNCHANGED)):

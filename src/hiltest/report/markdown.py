@@ -34,7 +34,7 @@ def comparison_lines(comparison: Comparison) -> Iterator[str]:
     if rows:
         yield ""
         yield from table(["change", "measurement", "base", "new", "by", "tolerance", "limit", "outcome"], rows)
-    yield from ("", f"{counts(comparison)}.")
+    yield from ("", f"{plain_text(counts(comparison))}.")
     both = ([*row] for row in sides(comparison))
     yield from folded("What was compared", table(["", "base", "new"], both))
 

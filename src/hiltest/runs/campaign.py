@@ -129,7 +129,7 @@ def _conclude(results: Sequence[SeedResult], comparison: Comparison | None, out:
     verdict = Verdict(_word(results, may_fail=may_fail, comparison=comparison), code, sentence, complete=True)
     page = campaign_markdown(
         verdict, [SeedLine(each.seed, each.exit_code, each.sentence) for each in results],
-        spreads, comparison,
+        spreads, comparison, {made.cycle_model for each in results for made in each.measurements},
     )  # fmt: skip
     write_atomically(out / CAMPAIGN_FILE, page)
     if comparison is not None:
