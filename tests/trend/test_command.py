@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from hiltest.measurement import Limit, judge
+
 from .entries import cycles, degrees
 
 WriteRun = Callable[..., Path]
@@ -33,6 +35,7 @@ def test_the_table_the_steps_and_the_sentence_are_printed_and_the_page_is_writte
     assert done.returncode == 0, done.stderr
     lines = [" ".join(line.split()) for line in done.stdout.splitlines()]
     assert "cycles.direct.total 3 11 061 11 161 11 061 11 161 cycle at most 12 500 1, last in run 3" in lines
+    assert "cycles counted by cortex-m4-trm/1@sram" in lines
     assert "1 more without limit and step: --all" in lines
     assert (
         "run 3, 2026-01-03T00:00:00Z: worse: cycles.direct.total "
@@ -44,6 +47,16 @@ def test_the_table_the_steps_and_the_sentence_are_printed_and_the_page_is_writte
     assert done.stderr == "skipped other.json: no record of hiltest's: schema is null\n"
     assert "cycles.direct.total" in (runs / "trend.html").read_text()
     assert "heading.direct.rms" in trend(runs, "--all").stdout
+
+
+def test_cycles_of_several_models_are_told_apart_in_the_table(tmp_path: Path, write: WriteRun) -> None:
+    crc = judge("crc32.cycles", 100, unit="cycle", cycle_model="m@flash", limit=Limit(max=200))
+    write("1", 1, cycles(11_061), crc, degrees(1.0))
+    done = trend(tmp_path)
+    words = " ".join(done.stdout.split())
+    assert "cycle counted by m@flash at most 200" in words
+    assert "cycle counted by cortex-m4-trm/1@sram at most 12 500" in words
+    assert "cycles counted by cortex-m4-trm/1@sram and m@flash" in done.stdout.splitlines()
 
 
 def test_json_is_all_that_is_printed_and_holds_the_steps(runs: Path) -> None:

@@ -42,6 +42,13 @@ def test_every_measurement_is_drawn_and_told_in_words() -> None:
         "From 11 061 in run 1 to 11 161 cycle in run 7, limit at most 12 500. Steps: run 4 worse." in page
     )
     assert "No step." in page
+    page = page.replace("\xa0", " ")
+    assert "<p class=\"soft\">Cycles counted by cortex-m4-trm/1@sram.</p>" in page
+    captions = re.findall(r"<figcaption>(.*?)</figcaption>", page)
+    assert captions == [
+        "cycles.direct.total<br><small>limit at most 12 500 cycle; counted by cortex-m4-trm/1@sram</small>",
+        "heading.direct.max<br><small>no limit</small>",
+    ]
 
 
 def test_a_step_is_marked_where_it_is_and_a_limit_where_it_holds() -> None:

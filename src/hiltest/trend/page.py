@@ -29,10 +29,11 @@ class Group:
 
 def trend_page(trend: Trend, skipped: Sequence[Skipped]) -> str:
     """Return the page: what made steps first, then all by the first word of their names."""
+    counted = words.models(trend.measured)
     return render(
         "trend.html.j2", package="hiltest.trend", trend=trend, skipped=skipped, groups=_groups(trend),
-        sentence=words.sentence(trend), words=words, numbers=numbers, build=build,
-        revision=revision, revised=any(each.evidence.side.revision for each in trend.entries),
+        sentence=words.sentence(trend), counted=counted[:1].upper() + counted[1:], words=words, numbers=numbers,
+        build=build, revision=revision, revised=any(each.evidence.side.revision for each in trend.entries),
         key=[*_line_key(trend), *(step_key() if trend.steps else [])],
         steps=trend.steps[:STEPS_AT_MOST], more_steps=max(0, len(trend.steps) - STEPS_AT_MOST),
     )

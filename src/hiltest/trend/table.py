@@ -20,7 +20,9 @@ def print_trend(trend: Trend, console: Console, *, every: bool) -> None:
     """Print what has a limit or made a step, or with `every` all; then the newest steps and the sentence."""
     shown = [each for each in trend.measured if every or each.limit or each.steps]
     if shown:
-        console.print(_grid(shown))
+        console.print(_grid(trend, shown))
+    if remark := words.models(shown):
+        console.print(escape(remark), soft_wrap=True)
     if len(shown) < len(trend.measured):
         console.print(f"{len(trend.measured) - len(shown)} more without limit and step: --all")
     for step in trend.steps[:_STEPS_AT_MOST]:
@@ -33,10 +35,10 @@ def print_trend(trend: Trend, console: Console, *, every: bool) -> None:
     console.print(escape(words.sentence(trend)), soft_wrap=True)
 
 
-def _grid(measured: list[Measured]) -> Table:
+def _grid(trend: Trend, measured: list[Measured]) -> Table:
     grid = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     for heading in words.HEADINGS:
         grid.add_column(heading, justify="right" if heading in words.NUMERIC else "left", overflow="fold")
     for each in measured:
-        grid.add_row(*map(escape, words.row(each)), style="bold" if each.steps else None)
+        grid.add_row(*map(escape, words.row(trend, each)), style="bold" if each.steps else None)
     return grid

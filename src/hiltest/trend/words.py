@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from hiltest.comparison.evidence import Evidence
-from hiltest.comparison.words import numbers, revision
+from hiltest.comparison.words import counted_by, numbers, revision
 from hiltest.measurement import readable
 from hiltest.trend.series import Line, Measured, Step, Trend
 
@@ -33,13 +33,29 @@ def run_name(trend: Trend, index: int) -> str:
     return f"run {index + 1}" + (f" ({made_for})" if made_for else "")
 
 
-def row(measured: Measured) -> tuple[str, ...]:
-    """Return a measurement under `HEADINGS`; the last cell counts steps, and says in which run the last was made."""
+def models(measured: Iterable[Measured]) -> str:
+    """Return what counted the cycles of some measurements; empty where they are none."""
+    return counted_by(series.cycle_model for each in measured for series in each.series)
+
+
+def under(measured: Measured) -> str:
+    """Return what stands under the name of a measurement that is drawn: its limit, and what counted its cycles."""
+    limit = f"limit {measured.limit} {measured.unit}".rstrip() if measured.limit else "no limit"
+    return "; ".join(filter(None, (limit, models([measured]).removeprefix("cycles "))))
+
+
+def row(trend: Trend, measured: Measured) -> tuple[str, ...]:
+    """Return a measurement under `HEADINGS`; the last cell counts steps, and says in which run the last was made.
+
+    Where several models counted cycles of the trend, a unit of cycles is told with its own.
+    """
     points = sorted((point for each in measured.series for point in each.points), key=lambda point: point.entry)
     steps = measured.steps
+    several = len({series.cycle_model for each in trend.measured for series in each.series if series.cycle_model}) > 1
+    unit = measured.unit + (models([measured]).removeprefix("cycles") if several else "")
     return (
         measured.name, str(len(points)), readable(points[0].value), readable(points[-1].value),
-        readable(min(point.low for point in points)), readable(max(point.high for point in points)), measured.unit,
+        readable(min(point.low for point in points)), readable(max(point.high for point in points)), unit,
         str(measured.limit or ""), f"{len(steps)}, last in run {steps[-1].after + 1}" if steps else "",
     )  # fmt: skip
 
