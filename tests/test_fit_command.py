@@ -58,6 +58,8 @@ def test_the_firmware_s_calibrators_are_run_and_their_cycles_counted(clouds: Pat
     assert (content["on"], content["firmware"]["cycle_model"]) == ("virtual", "cortex-m4-trm/1@sram")
     assert {"direct", "iterative"} <= {each["name"] for each in content["calibrators"]}
     assert all(each["cycles"] > 0 and each["n_used"] == 360 for each in content["calibrators"])
+    assert all(each["cycle_band"]["low"] < each["cycles"] for each in content["calibrators"])
+    assert all(each["cycle_band"]["high"] > each["cycles"] for each in content["calibrators"])
     assert content["n_in"] == 400
     # Two runs, to the last bit: virtual time and the model of the core depend on nothing else.
     assert fit("good.csv", "--json", folder=clouds).stdout == done.stdout
@@ -71,7 +73,8 @@ def test_one_calibrator_can_be_chosen(clouds: Path) -> None:
 def test_people_get_a_table_with_reasons_and_notes(clouds: Path) -> None:
     done = fit("cap.csv", folder=clouds)
     for text in (
-        "cap.csv: 400 points, columns mx_uT, my_uT, mz_uT [uT]", "verdict", "refused", "cycles", "hard iron [uT]",
+        "cap.csv: 400 points, columns mx_uT, my_uT, mz_uT [uT]", "verdict", "refused", "hard iron [uT]",
+        "cycles, cortex-m4-trm/1@sram", "cycles, lowest to highest",
         "is above 300 (refused): the points cover too little of the sphere", "The board got 360 points",
     ):  # fmt: skip
         assert text in " ".join(done.stdout.split()), done.stdout

@@ -19,6 +19,7 @@ from hiltest.calibration.quality import residual_percent
 from hiltest.calibration.solid_angle import solid_angle_covered
 from hiltest.cloud import Cloud, CountScale, thinned
 from hiltest.errors import ConfigError
+from hiltest.measurement import CycleBand
 from hiltest.procedures.calibrate import calibrate_once
 from hiltest.procedures.cycles import upload_cloud
 
@@ -66,6 +67,8 @@ class CalibratorFit:
         Sweeps of the firmware's solver, 0 for a closed form.
     cycles : int or None
         Core cycles of the run; None where nobody counts them.
+    cycle_band : CycleBand or None
+        Within what they lie by the cycle model's own uncertainty; None where nobody knows what ran.
     """
 
     name: str
@@ -84,6 +87,7 @@ class CalibratorFit:
     direction_bias_deg: float | None = None
     iterations: int = 0
     cycles: int | None = None
+    cycle_band: CycleBand | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,7 +214,8 @@ def fit_on_board(board: Board, cloud: Cloud, calibrator: str = ALL) -> CloudFit:
     for name in known if calibrator == ALL else [calibrator]:
         fit, cost = calibrate_once(board, name, len(used))
         result = judged.result(name, scale.in_unit(fit), used)
-        fits.append(replace(result, cycles=cost.cycles if cost else None))
+        band = board.cycle_band(cost)
+        fits.append(replace(result, cycles=cost.cycles if cost else None, cycle_band=band))
     rounding = scale.counts(used) / scale.per_unit + scale.origin - used
     firmware = FirmwareUsed(
         name=board.identity.name, version=board.identity.version, build_id=board.identity.build_id,

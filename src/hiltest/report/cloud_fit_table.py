@@ -64,6 +64,8 @@ def figure_rows(fit: CloudFit) -> list[tuple[str, list[str]]]:
     if fit.firmware is not None:
         cycles = ["not counted" if each.cycles is None else grouped(each.cycles) for each in fits]
         rows.append((f"cycles, {fit.firmware.cycle_model}", cycles))
+        if any(each.cycle_band for each in fits):
+            rows.append(("cycles, lowest to highest", [str(each.cycle_band or "-") for each in fits]))
     return rows
 
 
