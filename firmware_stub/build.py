@@ -4,6 +4,7 @@
     python firmware_stub/build.py              build, check, and replace the shipped ELF
     python firmware_stub/build.py --out DIR    the same into another folder
 
+A copy of this folder outside hiltest's repository always needs --out, and is built in a temporary folder.
 Needs arm-none-eabi-gcc, newlib for it, CMake, and ninja or make. The same sources give the
 same loadable bytes from any folder.
 """
@@ -17,6 +18,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 from stack_check import StackError, stack_bytes
@@ -29,6 +31,8 @@ SOURCE_SUFFIXES = {".c", ".h", ".S", ".ld", ".cmake", ".txt"}
 COMPILER = "arm-none-eabi-gcc"
 DEBIAN_PACKAGES = "gcc-arm-none-eabi libnewlib-arm-none-eabi cmake ninja-build"
 BUILD = REPOSITORY / "build" / "firmware"
+# A copy has neighbours that are somebody else's.
+IN_REPOSITORY = FIRMWARE.name == "firmware_stub" and (SHIPPED.parent / "__init__.py").is_file()
 STACK_LIMIT_BYTES = 8 * 1024  # what the linker script keeps free at least
 
 
@@ -63,9 +67,22 @@ def run(*command: str | Path) -> str:
     return done.stdout
 
 
+def remove_build(build: Path, source: Path) -> None:
+    """Remove what an earlier build of these sources left; stop before a folder that holds anything else."""
+    if not build.exists():
+        return
+    cache = build / "CMakeCache.txt"
+    lines = cache.read_text(errors="replace").splitlines() if cache.is_file() else []
+    homes = [Path(line.partition("=")[2]).resolve() for line in lines if line.startswith("CMAKE_HOME_DIRECTORY:")]
+    if homes == [source.resolve()]:
+        shutil.rmtree(build)
+    elif not build.is_dir() or any(build.iterdir()):
+        sys.exit(f"{build} is no build of {source}, and is not emptied: remove it, or name another folder with --build")
+
+
 def compile_firmware(build: Path, digest: str, *, source: Path = FIRMWARE) -> Path:
     """Configure and build in an empty folder; return the ELF."""
-    shutil.rmtree(build, ignore_errors=True)
+    remove_build(build, source)
     generator = "Ninja" if shutil.which("ninja") else "Unix Makefiles"
     toolchain = source / "cmake" / "arm-none-eabi.cmake"
     run("cmake", "-G", generator, "-S", source, "-B", build, f"-DCMAKE_TOOLCHAIN_FILE={toolchain}",
@@ -120,16 +137,29 @@ def deepest_stack(build: Path) -> int:
 def main() -> None:
     """Build and install."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=SHIPPED, help="folder for the ELF and manifest.json")
-    parser.add_argument("--build", type=Path, default=BUILD, help="folder to build in; emptied")
+    parser.add_argument("--out", type=Path, default=SHIPPED if IN_REPOSITORY else None,
+                        help="folder for the ELF and manifest.json")  # fmt: skip
+    parser.add_argument("--build", type=Path, default=BUILD if IN_REPOSITORY else None,
+                        help="folder to build in; an earlier build there is removed")  # fmt: skip
     arguments = parser.parse_args()
+    if arguments.out is None:
+        parser.error(f"{FIRMWARE} is outside hiltest's repository: say where the ELF goes, --out DIR")
     require(COMPILER, "cmake")
+    if arguments.build is not None:
+        install(arguments.build.resolve(), arguments.out)
+    else:
+        with tempfile.TemporaryDirectory() as folder:
+            install(Path(folder).resolve(), arguments.out)
+
+
+def install(build: Path, out: Path) -> None:
+    """Build in one folder, and put ELF and manifest into another."""
     digest = source_hash()
-    built = compile_firmware(arguments.build.resolve(), digest)
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    elf = Path(shutil.copyfile(built, arguments.out / built.name))
-    facts = manifest(elf, arguments.build.resolve(), digest)
-    (arguments.out / "manifest.json").write_text(json.dumps(facts, indent=2) + "\n")
+    built = compile_firmware(build, digest)
+    out.mkdir(parents=True, exist_ok=True)
+    elf = Path(shutil.copyfile(built, out / built.name))
+    facts = manifest(elf, build, digest)
+    (out / "manifest.json").write_text(json.dumps(facts, indent=2) + "\n")
     print(f"{elf}: build {facts['build_id']}, {facts['section_bytes']}, stack {facts['deepest_stack_bytes']}")
 
 

@@ -6,6 +6,7 @@ import hashlib
 import importlib.util
 import json
 import shutil
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -89,6 +90,53 @@ def test_a_changed_or_renamed_source_changes_the_hash(tmp_path: Path) -> None:
 
 def test_a_rebuild_elsewhere_gives_the_same_bytes(rebuilt: Path) -> None:
     assert loadable(rebuilt / SHIPPED.name) == loadable(SHIPPED)
+
+
+@pytest.fixture
+def copied(tmp_path: Path) -> Path:
+    """A copy of the sources in a folder of the user's, who has a folder ``build/firmware`` there."""
+    shutil.copytree(FIRMWARE, tmp_path / "firmware_stub", ignore=shutil.ignore_patterns("__pycache__"))
+    (tmp_path / "build" / "firmware").mkdir(parents=True)
+    (tmp_path / "build" / "firmware" / "thesis.txt").write_text("the only copy")
+    return tmp_path / "firmware_stub"
+
+
+def run_build(sources: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, sources / "build.py", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)  # it takes seconds
+
+
+def test_a_copy_is_built_without_touching_its_neighbours(copied: Path, require_tool: Callable[[str], str]) -> None:
+    for tool in ("arm-none-eabi-gcc", "cmake"):
+        require_tool(tool)
+    files = {path for path in copied.parent.rglob("*") if path.is_file() and path.suffix != ".pyc"}
+    out = copied.parent / "elf"
+    done = run_build(copied, "--out", out)
+    assert done.returncode == 0, done.stderr
+    assert loadable(out / SHIPPED.name) == loadable(SHIPPED)
+    after = {path for path in copied.parent.rglob("*") if path.is_file() and path.suffix != ".pyc"}
+    assert after - files == {out / SHIPPED.name, out / "manifest.json"}
+    assert files <= after
+
+
+def test_a_copy_asks_where_its_elf_goes(copied: Path) -> None:
+    done = run_build(copied)
+    assert done.returncode == 2
+    assert "outside hiltest's repository: say where the ELF goes, --out DIR" in done.stderr
+    assert sorted(path.name for path in copied.parent.iterdir()) == ["build", "firmware_stub"]
+
+
+@pytest.mark.parametrize("cache", [None, "CMAKE_HOME_DIRECTORY:INTERNAL=/another/project\n"])
+def test_only_an_earlier_build_of_the_same_sources_is_removed(copied: Path, cache: str | None) -> None:
+    build, script = copied.parent / "build" / "firmware", load_script("build")
+    if cache is not None:
+        (build / "CMakeCache.txt").write_text(cache)
+    with pytest.raises(SystemExit, match=r"is no build of .* name another folder with --build"):
+        script.remove_build(build, copied)
+    assert (build / "thesis.txt").exists()
+    (build / "CMakeCache.txt").write_text(f"# made by CMake\nCMAKE_HOME_DIRECTORY:INTERNAL={copied}\n")
+    script.remove_build(build, copied)
+    assert not build.exists()
 
 
 def test_no_folder_of_a_machine_is_in_the_elf(rebuilt: Path) -> None:
