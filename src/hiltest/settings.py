@@ -9,9 +9,10 @@ from __future__ import annotations
 import argparse
 import errno
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from shlex import quote
 from typing import Any, Literal
 
 import pytest
@@ -122,6 +123,7 @@ OPTIONS = (
     Option("label", "TEXT", label, None, "what reports and trends call this run, such as a version or a commit"),
     Option("baseline", "FILE", file_name, None, "baseline, or record of a run, that this one must not be worse than"),
 )
+_SAME_ON_ALL_SEEDS = ("rig", "firmware", "poses", "suite", "calibration", "label")
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,6 +141,25 @@ class Settings:
     label: str | None
     baseline: Path | None
     sources: Mapping[str, str]
+
+    def as_run_options(self) -> str:
+        """Return what makes ``hiltest run`` run the same on other seeds, as one would type it."""
+        named = (name for name in _SAME_ON_ALL_SEEDS if self.sources[name] != "default")
+        return _typed({name: getattr(self, name) for name in named})
+
+
+def run_options(options: Sequence[str]) -> str:
+    """Return the same of options for pytest."""
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    for option in OPTIONS:
+        if option.name in _SAME_ON_ALL_SEEDS:
+            parser.add_argument(option.flag, dest=option.name)
+    given, _ = parser.parse_known_args(options)
+    return _typed(vars(given))
+
+
+def _typed(given: Mapping[str, object]) -> str:
+    return " ".join(f"--{name} {quote(str(value))}" for name, value in given.items() if value is not None)
 
 
 def add_options(parser: pytest.Parser) -> None:

@@ -18,7 +18,8 @@ _EXIT_CODES = """
 Exit codes:
   0   written
   2   interrupted
-  4   usage: a file cannot be read or written, the run is not whole, or no measurement has that name
+  4   usage: a file cannot be read or written, the run is not whole, no measurement has that name,
+      or --accept moves nothing
 """
 _PATH = click.Path(path_type=Path)
 
@@ -73,8 +74,12 @@ def update(file: Path, run: Path, names: tuple[str, ...], because: str) -> int:
     before = read_baseline(file)
     after = accept(before, read_evidence(run), names, because=because, when_utc=utc_now())
     moved = after.history[len(before.history):]
-    if moved:
-        _write(after, file, read_content(file))
+    if not moved:
+        named = " ".join(f"--accept {each}" for each in names)
+        raise ConfigError(
+            f"nothing is moved: for {named} {file} already has what {run} has; name the run that measured otherwise"
+        )
+    _write(after, file, read_content(file))
     was, now = ({row.name: row for row in each.measurements} for each in (before, after))
     for each in moved:
         edited = _edited(was.get(each.name), now.get(each.name))

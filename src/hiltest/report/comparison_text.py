@@ -47,9 +47,9 @@ def print_changes(console: Console, comparison: Comparison) -> None:
         say(console, f"unchanged ({unchanged})")
 
 
-def say_how_to_keep(console: Console, comparison: Comparison, run: str) -> None:
-    """Print how to keep what got better, if anything did and may be."""
-    if hint := how_to_keep(comparison, run):
+def say_how_to_keep(console: Console, comparison: Comparison, run: str, options: str | None = None) -> None:
+    """Print how to keep what got better, if anything did and may be; `options` as for `how_to_keep`."""
+    if hint := how_to_keep(comparison, run, options):
         say(console, hint)
 
 

@@ -24,7 +24,9 @@ BAND_BEYOND = "its band reaches beyond the limit"
 _STYLES = {Outcome.FAIL: "bold red", Outcome.UNSET: "yellow", Outcome.NOT_OFFERED: "dim"}
 
 
-def summary(run: Run, folder: Path, *, every: bool, sentence: bool, width: int, colour: bool) -> str:
+def summary(
+    run: Run, folder: Path, *, every: bool, sentence: bool, width: int, colour: bool, options: str | None = None
+) -> str:
     """Return the table of measurements, their bands, what the bench did, what changed, the files, costs and verdict.
 
     Parameters
@@ -40,6 +42,8 @@ def summary(run: Run, folder: Path, *, every: bool, sentence: bool, width: int, 
         Columns of the terminal.
     colour : bool
         Whether it shows colours.
+    options : str, optional
+        For ``hiltest run``, to run the same on other seeds.
     """
     text = StringIO()
     console = Console(
@@ -63,7 +67,7 @@ def summary(run: Run, folder: Path, *, every: bool, sentence: bool, width: int, 
             console.print(f"wire trace of {trace}", soft_wrap=True)
     if run.comparison is not None:
         print_changes(console, run.comparison)
-        say_how_to_keep(console, run.comparison, shown_path(folder))
+        say_how_to_keep(console, run.comparison, shown_path(folder), options)
     files = [name for name in RECORD_FILES if (folder / name).exists()]
     console.print(escape(f"{shown_path(folder)}: {', '.join(files)}"), soft_wrap=True)
     if line := cost_line(run):

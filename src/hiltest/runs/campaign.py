@@ -33,7 +33,7 @@ from hiltest.report.verdict import missed_only_limits
 from hiltest.runs.gate import PACKAGED, Gate, read_gate
 from hiltest.runs.older import UNJUDGED, last_words, older_options, remove_runs, run_command
 from hiltest.runs.sole_command import remove_record_in
-from hiltest.settings import make_folder
+from hiltest.settings import make_folder, run_options
 
 SEEDS_SCHEMA = "hiltest.seeds/1"
 
@@ -117,10 +117,13 @@ def run_seeds(
     if campaign_exit_code(results, may_fail=may_fail) == ExitCode.OK:
         evidence = with_misses_allowed(evidence)
     remark = PACKAGED if _is_packaged(evidence, options) else ""
-    return _conclude(results, gate.judge(evidence, remark=remark) if gate else None, out, may_fail=may_fail)
+    comparison = gate.judge(evidence, remark=remark) if gate else None
+    return _conclude(results, comparison, out, may_fail=may_fail, options=run_options(options))
 
 
-def _conclude(results: Sequence[SeedResult], comparison: Comparison | None, out: Path, *, may_fail: int) -> int:
+def _conclude(
+    results: Sequence[SeedResult], comparison: Comparison | None, out: Path, *, may_fail: int, options: str
+) -> int:
     """Write down what the seeds say together, print it, and return the exit code."""
     spreads = spreads_of(results)
     write_atomically(out / SEEDS_FILE, _to_json(results, spreads, comparison, may_fail=may_fail))
@@ -134,7 +137,7 @@ def _conclude(results: Sequence[SeedResult], comparison: Comparison | None, out:
     write_atomically(out / CAMPAIGN_FILE, page)
     if comparison is not None:
         print_changes(standard_output(), comparison)
-        say_how_to_keep(standard_output(), comparison, str(out))
+        say_how_to_keep(standard_output(), comparison, str(out), options)
     click.echo(f"{out / SEEDS_FILE}, {CAMPAIGN_FILE}")
     if remark := append_to_job_summary(page, out / CAMPAIGN_FILE):
         click.echo(remark)

@@ -155,6 +155,7 @@ class Recording:
         text = summary(
             self.run, self._recorder.folder, every=config.get_verbosity() > 0, sentence=sentence,
             width=terminalreporter._tw.fullwidth, colour=terminalreporter.hasmarkup,
+            options=self._hil.settings.as_run_options(),
         )
         terminalreporter.section("hiltest")
         terminalreporter.write(text)
