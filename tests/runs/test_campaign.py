@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -173,6 +175,41 @@ class TestFolder:
         killed = read_evidence(Path("out"))
         assert killed.side.file == "out/journal.jsonl"
         assert "not complete (cut short)" in killed.faults[0]
+
+    def test_ctrl_c_says_what_is_kept_and_a_report_names_the_records(self, tmp_path: Path) -> None:
+        suites = tmp_path / "hil" / "suites"
+        suites.mkdir(parents=True)
+        (suites / "test_slow.py").write_text(
+            "import pathlib, time\n\ndef test_one(measure, hil_settings):\n    measure('first', 1, '')\n"
+            "    if hil_settings.seed > 1:\n        pathlib.Path('slow').touch()\n        time.sleep(100)\n"
+        )
+        command = [sys.executable, "-m", "hiltest"]
+        running = subprocess.Popen(
+            [*command, "run", "--seeds", "1..4", "--out", "out"], cwd=tmp_path, stdout=subprocess.PIPE, text=True,
+            start_new_session=True,
+        )  # fmt: skip
+        try:
+            waited_until = time.monotonic() + 60
+            while not ((tmp_path / "slow").exists() and (tmp_path / "out" / "seed-0001" / "report.md").exists()):
+                assert time.monotonic() < waited_until
+                time.sleep(0.05)
+            time.sleep(1.0)  # until the first seed's process has ended too: it is the terminal that asks all of them
+            os.killpg(running.pid, signal.SIGINT)
+            out, _ = running.communicate(timeout=60)
+        finally:
+            if running.poll() is None:
+                os.killpg(running.pid, signal.SIGKILL)
+        assert running.returncode == 2
+        assert out.splitlines()[-1].startswith(
+            "1 of 4 seeds finished; records in out/seed-0001; cut short: out/seed-000"
+        ), out
+        done = subprocess.run([*command, "report", "out"], cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert done.returncode == 4
+        said = "out: a campaign, not one run: cut short or going on, without seeds.md; name one of out/seed-0001, "
+        assert said in done.stderr
+        (tmp_path / "out" / "seeds.md").write_text("")
+        done = subprocess.run([*command, "report", "out"], cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert "out: a campaign, not one run: all its seeds are in out/seeds.md; name one of out/seed" in done.stderr
 
 
 def hiltest_main(*arguments: str) -> int:

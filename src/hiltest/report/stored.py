@@ -10,17 +10,19 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+from hiltest.comparison.words import listed
 from hiltest.errors import ConfigError
 from hiltest.report.attempts import marked
 from hiltest.report.journal import JOURNAL_FILE, is_going_on
 from hiltest.report.record import Run, Verdict, in_force, volatile_places
-from hiltest.report.run_files import RUN_FILE
+from hiltest.report.run_files import CAMPAIGN_FILE, RUN_FILE, SEED_FOLDERS
 from hiltest.report.schema import check_schema, load_content, run_from
 from hiltest.report.verdict import unfinished_verdict
 from hiltest.strict_json import LARGEST_BYTES, is_folder, parse_json, read_bounded
 
 # A run can begin or finish between two looks at its folder.
 _TRIES = 3
+_SEEDS_AT_MOST = 3
 _UNKNOWN = asdict(Verdict("cut short", 2, "", complete=False))
 _OTHERWISE = "render another record, or run again: hiltest run"
 
@@ -74,7 +76,16 @@ def read_stored(place: Path) -> StoredRun:
                 return _from_record(record) if stored.ended and record.exists() else stored
         if record.exists():
             return _from_record(record)
+    if seeds := sorted(str(each) for each in place.glob(SEED_FOLDERS) if each.is_dir()):
+        named = listed(seeds, _SEEDS_AT_MOST)
+        raise ConfigError(f"{place}: a campaign, not one run: {_of_all_seeds(place)}; name one of {named}")
     raise ConfigError(f"{place}: no record of a run: neither {RUN_FILE} nor a line in {JOURNAL_FILE}")
+
+
+def _of_all_seeds(place: Path) -> str:
+    """Return where a campaign is summed up."""
+    page = place / CAMPAIGN_FILE
+    return f"all its seeds are in {page}" if page.exists() else f"cut short or going on, without {CAMPAIGN_FILE}"
 
 
 class _NothingRecordedError(ConfigError):

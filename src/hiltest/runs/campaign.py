@@ -7,6 +7,7 @@ import os
 import statistics
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from hiltest.boards import default_firmware
 from hiltest.comparison.evidence import Evidence
 from hiltest.comparison.model import Comparison
-from hiltest.comparison.words import on_seeds
+from hiltest.comparison.words import listed, on_seeds
 from hiltest.errors import ConfigError
 from hiltest.measurement import Measurement, Outcome, round_significant
 from hiltest.report.campaign_markdown import SeedLine, Spread, campaign_markdown
@@ -37,6 +38,7 @@ from hiltest.settings import make_folder, run_options
 
 SEEDS_SCHEMA = "hiltest.seeds/1"
 
+_NAMED_AT_MOST = 4
 # Exit codes of a run that has not begun, and of one that was interrupted.
 _NOT_BEGUN = (ExitCode.USAGE_ERROR, ExitCode.INTERRUPTED)
 # The first of these that any seed ended with is the campaign's, as for the tests of one run.
@@ -108,7 +110,7 @@ def run_seeds(
     if gate is not None and gate.base is None:
         return _not_judged(gate)
     if against is not None:
-        older = _run_all(seeds, older_options(options, against), out / OLDER_FOLDER, "seeds, older firmware")
+        older = _run_all(seeds, older_options(options, against), out / OLDER_FOLDER, "seeds of the older firmware")
         if code := next((each.exit_code for each in older if each.exit_code in _NOT_BEGUN), 0):
             return code
         gate = _gate_of(older, out / OLDER_FOLDER)
@@ -156,6 +158,28 @@ def _not_judged(gate: Gate) -> int:
 
 def _run_all(seeds: Sequence[int], options: Sequence[str], out: Path, name: str) -> list[SeedResult]:
     make_folder(out)
+    try:
+        return _run_each(seeds, options, out, name)
+    except KeyboardInterrupt:  # it has gone to the seeds that were running too, and they have ended
+        click.echo(_what_is_kept(seeds, out, name))
+        raise
+
+
+def _what_is_kept(seeds: Sequence[int], out: Path, name: str) -> str:
+    """Return what there is of seeds that were interrupted: how many finished, and where their records are."""
+    found = {}
+    for folder in (_seed_folder(out, seed) for seed in seeds):
+        with suppress(ConfigError):
+            found[folder] = read_stored(folder).run.verdict.complete
+    finished = [str(folder) for folder, complete in found.items() if complete]
+    begun = [str(folder) for folder, complete in found.items() if not complete]
+    parts = [f"{len(finished)} of {len(seeds)} {name} finished"]
+    parts += [f"records in {listed(finished, _NAMED_AT_MOST)}"] if finished else []
+    parts += [f"cut short: {listed(begun, _NAMED_AT_MOST)}"] if begun else []
+    return "; ".join(parts)
+
+
+def _run_each(seeds: Sequence[int], options: Sequence[str], out: Path, name: str) -> list[SeedResult]:
     console = Console()
     columns = (TextColumn(name), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool, Progress(*columns, console=console) as progress:
