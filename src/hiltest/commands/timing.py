@@ -66,7 +66,8 @@ def show(named: str | None, as_json: bool) -> int:
 @click.option("--rig", metavar="R", callback=checked(file_name),
               help="Rig file, or name of a rig in hil/rigs.  [default: virtual-k64f]")
 @click.option("--out", metavar="FILE", type=click.Path(dir_okay=False, path_type=Path),
-              help="Profile to write; one of this board is replaced.  [default: silicon-<board id>.toml]")
+              help="Profile to write; one of this board is replaced.  "
+                   "[default: silicon-<board id>.toml, of a virtual board virtual-<board id>.toml]")
 def measure(hil_port: str | None, rig: str | None, out: Path | None) -> int:
     """Time instructions on a board and write a timing profile of it.
 
