@@ -40,6 +40,11 @@ def test_help_lists_the_exit_codes_of_a_command_and_no_other(tmp_path: Path, com
     assert "every test passed" not in "".join(told)
 
 
+def test_help_names_both_files_that_a_measured_profile_may_be_written_to(tmp_path: Path) -> None:
+    told = " ".join(hiltest("timing", "measure", "--help", folder=tmp_path).stdout.split())
+    assert "[default: silicon-<board id>.toml, of a virtual board virtual-<board id>.toml]" in told
+
+
 def test_a_file_name_that_is_no_text_is_told_all_the_same(tmp_path: Path) -> None:
     (tmp_path / os.fsdecode(b"caf\xe9.csv")).write_text("x,y,z\n1,2,3\n")
     result = hiltest("fit", os.fsdecode(b"caf\xe9.csv"), "--on", "host", folder=tmp_path)
@@ -72,6 +77,8 @@ def test_a_full_disk_is_told_without_a_traceback(tmp_path: Path) -> None:
         (["run", "--out", ""], "'--out': the name is empty"),
         (["run", "--rig", ""], "'--rig': the name is empty"),
         (["run", "--rig", "gone"], "no rig file 'gone'; rigs here: frdm-k64f, "),
+        (["run", "--may-fail", "2"], "ERROR: --may-fail says how many of several seeds may miss a limit: give --seeds"),
+        (["run", "-k", "heading"], "'-k'. pytest's own options stand behind --: hiltest run -- -k heading"),
         (["dance"], "No such command 'dance'"),
     ],
 )

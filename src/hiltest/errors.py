@@ -34,13 +34,13 @@ class ConfigError(HiltestError):
 class PortNotFoundError(ConfigError):
     """The named serial port does not exist: what was asked for is wrong, the bench may be fine."""
 
-    def __init__(self, wanted: str, seen: Sequence[str]) -> None:
+    def __init__(self, wanted: str, seen: Sequence[str], *, of_virtual_rig: bool = False) -> None:
         self.wanted = wanted
         self.seen = tuple(seen)
         listed = ", ".join(self.seen) if self.seen else "none"
+        without = ", or leave the option out for the virtual board" if of_virtual_rig else ""
         super().__init__(
-            f"no serial port {wanted!r}; ports on this machine: {listed}. "
-            "Name one of them with --hil-port, or leave the option out for the virtual board."
+            f"no serial port {wanted!r}; ports on this machine: {listed}. Name one of them with --hil-port{without}."
         )
 
 

@@ -155,8 +155,11 @@ def test_what_does_not_go_together_is_refused(real_rig: Rig, rig: Rig, tmp_path:
         open_board(real_rig, port="hil://")
     with pytest.raises(ConfigError, match=r"from its own options; give --hil-port hil://"):
         open_board(rig, port="hil://?seed=4")
-    with pytest.raises(PortNotFoundError):
+    # Without the option there is a virtual board only where the rig is of one.
+    with pytest.raises(PortNotFoundError, match=r"Name one of them with --hil-port\.$"):
         open_board(real_rig, port="/dev/ttyNOSUCH7")
+    with pytest.raises(PortNotFoundError, match=r"with --hil-port, or leave the option out for the virtual board\.$"):
+        open_board(rig, port="/dev/ttyNOSUCH7")
 
 
 def test_a_rig_declares_what_the_cycles_of_a_board_behind_a_port_are(

@@ -117,6 +117,13 @@ def test_22_says_why_in_one_line(changed: Changed, tmp_path: Path) -> None:
     assert "): another cycle model: " in done.stdout
 
 
+def test_a_base_that_is_no_record_says_what_one_is(changed: Changed, tmp_path: Path) -> None:
+    (tmp_path / "README.md").write_text("# mine", encoding="utf-8")
+    done = hiltest("compare", tmp_path / "README.md", changed("new"))
+    assert done.returncode == 22
+    assert re.search(r"README\.md: not JSON: .*; name a run\.json, its folder or a baseline", done.stdout)
+
+
 def test_4_for_what_is_no_new_run(changed: Changed, tmp_path: Path) -> None:
     base = changed("base")
     assert hiltest("compare", base, tmp_path / "none.json").returncode == 4

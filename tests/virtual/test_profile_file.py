@@ -73,6 +73,12 @@ def test_a_rig_names_a_file_beside_itself(tmp_path: Path) -> None:
     assert bench.machine.processor.profile.rows["fp_accumulate"].value == 2
 
 
+def test_a_rig_that_names_no_profile_is_named(tmp_path: Path) -> None:
+    rig = RIG.read_text(encoding="utf-8").replace('kind = "virtual"\n', 'kind = "virtual"\ntiming = "no-such"\n', 1)
+    with pytest.raises(ConfigError, match=r"rig\.toml: board\.timing: no timing profile 'no-such'; known: cortex-m4-"):
+        VirtualBench(load_rig(written(tmp_path, rig, "rig.toml")))
+
+
 def test_only_a_virtual_board_has_a_timing_profile_to_choose(tmp_path: Path) -> None:
     rig = (RIG.parent / "frdm-k64f.toml").read_text(encoding="utf-8")
     rig = rig.replace('kind = "real"\n', 'kind = "real"\ntiming = "mine.toml"\n', 1)
@@ -86,7 +92,8 @@ def test_only_a_virtual_board_has_a_timing_profile_to_choose(tmp_path: Path) -> 
         (TEXT.replace('name = "cortex-m4-trm/1"', ""), "mine.toml: name: small letters"),
         (TEXT.replace("cortex-m4-trm/1", "Mine @sram"), 'not "Mine @sram"; write for example'),
         (TEXT.replace('name = "cortex-m4-trm/1"', 'nam = "x"'), "unknown key 'nam'; did you mean 'name'"),
-        ('name = "mine/1"\ncost = 3\n', r"no table \[cost.ROW\]; start from a copy"),
+        ('name = "mine/1"\ncost = 3\n', r'no table \[cost.ROW\]; write base = "cortex-m4-trm/1" below its name, '),
+        ('name = "mine/1"\nbase = "cortex-m4-trm/1"\n[memory]\n', '13 rows in all; write base = "cortex-m4-k64f/1" '),
         (TEXT.replace(MAC, ""), "cost.fp_accumulate is missing, 1 rows in all"),
         (TEXT.replace("[cost.it]", "[cost.itt]"), "cost: unknown key 'itt'; did you mean 'it'"),
         (TEXT.replace(MAC, MAC.replace("value", "valeu")), "unknown key 'valeu'; did you mean 'value'"),
@@ -109,7 +116,7 @@ def test_only_a_virtual_board_has_a_timing_profile_to_choose(tmp_path: Path) -> 
         (TEXT.replace("band = [0, 2]", "band = [-1, 2]", 1), "band: must be whole cycles from 0 to 1000, not -1"),
         (TEXT.replace(MAC, MAC.replace('"TRM', r'"\u001b[2JTRM')), "source: must be one line of printable characters"),
         (TEXT.replace(MAC, MAC.replace('"TRM', r'"TRM\n')), r'printable characters, not "TRM\\n'),
-        ("x = " + "[" * 5000, "not TOML"),
+        ("x = " + "[" * 5000, r'not TOML: .*; write base = "cortex-m4-trm/1" below'),
         ("#" * 70_000, "larger than 65536 bytes; name a timing profile"),
     ],
 )  # fmt: skip

@@ -10,7 +10,7 @@ from hiltest.boards.bench import VirtualBench, default_firmware
 from hiltest.boards.board import Board, BoardKind, Declared, Stage, Truth
 from hiltest.boards.real import RealBoard
 from hiltest.boards.virtual import VirtualBoard
-from hiltest.errors import ConfigError
+from hiltest.errors import ConfigError, PortNotFoundError
 from hiltest.link.transcript import Transcript
 from hiltest.rig import Rig
 
@@ -58,7 +58,10 @@ def open_board(
     if url is not None and not url.startswith("hil:"):
         if firmware is not None:
             raise ConfigError(f"--hil-firmware is for the virtual board; flash {firmware} onto the board on {url}")
-        return RealBoard(url, baud=rig.link.baud, declared=declared, transcript=transcript)
+        try:
+            return RealBoard(url, baud=rig.link.baud, declared=declared, transcript=transcript)
+        except PortNotFoundError as error:
+            raise PortNotFoundError(error.wanted, error.seen, of_virtual_rig=rig.board.kind == "virtual") from error
     if url is not None and url.rstrip("/") != "hil:":
         raise ConfigError(f"{url}: a run takes rig, seed and firmware from its own options; give --hil-port hil://")
     if rig.board.kind == "replay":

@@ -8,7 +8,7 @@ from hiltest.angles import Pose
 from hiltest.errors import ConfigError
 from hiltest.rig import Rig, build_sensors, build_world
 from hiltest.virtual.k64f import CORE_HZ, VirtualK64F
-from hiltest.virtual.profile_file import DEFAULT_PROFILE, SUFFIX
+from hiltest.virtual.profile_file import DEFAULT_PROFILE, SUFFIX, place_of
 from hiltest.world.faces import askew
 from hiltest.world.motion import MOVE_GRID_S, Segment
 from hiltest.world.sway import SWAY_S, Sway
@@ -33,7 +33,13 @@ def default_firmware() -> Path:
 def _timing_of(rig: Rig) -> str:
     """Return the name of the timing profile, or its file: a relative one is beside the rig's."""
     named = rig.board.timing or DEFAULT_PROFILE
-    return str(rig.path.parent / named) if named.endswith(SUFFIX) else named
+    if named.endswith(SUFFIX):
+        return str(rig.path.parent / named)
+    try:
+        place_of(named)
+    except ConfigError as error:
+        raise ConfigError(f"{rig.path}: board.timing: {error}") from error
+    return named
 
 
 class VirtualBench:

@@ -71,7 +71,19 @@ def _seed_range(_context: click.Context, _parameter: click.Parameter, text: str 
     return seeds
 
 
-@click.command(epilog=EXIT_CODES)
+class _Run(click.Command):
+    """Says where an option of pytest stands, which is what one that is not known may be."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse the command line."""
+        try:
+            return super().parse_args(ctx, args)
+        except click.NoSuchOption as error:
+            hint = "pytest's own options stand behind --: hiltest run -- -k heading"
+            raise click.UsageError(f"{error.format_message()} {hint}", ctx) from error
+
+
+@click.command(cls=_Run, epilog=EXIT_CODES)
 @click.option("--rig", metavar="R", callback=checked(file_name),
               help="Rig file, or name of a rig in hil/rigs.  [default: virtual-k64f]")
 @click.option("--firmware", metavar="ELF", callback=checked(file_name),
@@ -111,6 +123,8 @@ def run(
              "label": "--hil-label"}
     baseline = given.pop("baseline")
     options = [f"{names[name]}={value}" for name, value in given.items() if value is not None] + list(pytest_args)
+    if may_fail and seeds is None:
+        raise ConfigError("--may-fail says how many of several seeds may miss a limit: give --seeds A..B too")
     if against is not None:
         base = baseline or base_of_environment()
         _check_against(base and f"the baseline {base}", given["hil_port"])

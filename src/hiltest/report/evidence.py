@@ -19,6 +19,7 @@ from hiltest.report.verdict import failed_by_itself
 from hiltest.strict_json import LARGEST_BYTES, is_folder, parse_json, read_bounded
 
 _A_BASELINE = re.compile(rb'"schema"\s*:\s*"%s/' % re.escape(BASELINE_SCHEMA.partition("/")[0]).encode())
+_A_SIDE = "name a run.json, its folder or a baseline"
 _NO_SIDE = Side("", "", "", "", "", "", "", "", (), "")
 
 
@@ -73,7 +74,7 @@ def read_evidence(place: Path) -> Evidence:
                 f"{RUN_FILE}, or run again with an --out of its own"
             )
         return _of_run(place)  # it is newer than any seeds beside it: a campaign begins by removing a single run
-    content = read_bounded(place, largest_bytes=LARGEST_BYTES, otherwise="name a run.json, its folder or a baseline")
+    content = read_bounded(place, largest_bytes=LARGEST_BYTES, otherwise=_A_SIDE)
     # A look is enough to tell which reader it is for; that one checks all of it.
     if _A_BASELINE.search(content):
         from hiltest.comparison.baseline_file import read_baseline_evidence
@@ -157,7 +158,7 @@ def _tolerances(place: str, content: Mapping[str, tuple[float, float]], file: st
 def _of_run(place: Path) -> Evidence:
     from hiltest.report.stored import read_stored
 
-    stored = read_stored(place)
+    stored = read_stored(place, otherwise=_A_SIDE)
     return evidence_of(stored.run, file=str(stored.path), sha256=stored.sha256)
 
 

@@ -45,16 +45,22 @@ def schema_text() -> str:
     return json.dumps(run_schema(), indent=1, ensure_ascii=False) + "\n"
 
 
-def load_content(path: Path) -> tuple[dict[str, Any], str]:
+def load_content(path: Path, *, otherwise: str = _OTHERWISE) -> tuple[dict[str, Any], str]:
     """Read what JSON says in a ``run.json``, with every field that only a newer hiltest knows, and its SHA-256.
+
+    Parameters
+    ----------
+    path : Path
+    otherwise : str, optional
+        What to do where it is no JSON.
 
     Raises
     ------
     ConfigError
         If the file is missing, not JSON, or of another schema.
     """
-    text = read_bounded(path, largest_bytes=LARGEST_BYTES, otherwise=_OTHERWISE)
-    content = parsed(path, text, otherwise=_OTHERWISE)
+    text = read_bounded(path, largest_bytes=LARGEST_BYTES, otherwise=otherwise)
+    content = parsed(path, text, otherwise=otherwise)
     check_schema(path, content)
     checked: dict[str, Any] = content
     return checked, sha256(text).hexdigest()

@@ -52,13 +52,15 @@ class StoredRun:
     ended: bool
 
 
-def read_stored(place: Path) -> StoredRun:
+def read_stored(place: Path, *, otherwise: str = _OTHERWISE) -> StoredRun:
     """Read the record of a run.
 
     Parameters
     ----------
     place : Path
         A run's folder, a ``run.json`` or a ``journal.jsonl``.
+    otherwise : str, optional
+        What to do where a file is no JSON.
 
     Raises
     ------
@@ -66,7 +68,7 @@ def read_stored(place: Path) -> StoredRun:
         If there is none, or it cannot be read; says why and what to do.
     """
     if not is_folder(place):
-        return _from_journal(place) if place.name.endswith(".jsonl") else _from_record(place)
+        return _from_journal(place) if place.name.endswith(".jsonl") else _from_record(place, otherwise)
     record, journal = place / RUN_FILE, place / JOURNAL_FILE
     for _ in range(_TRIES):
         if journal.exists():
@@ -92,8 +94,8 @@ class _NothingRecordedError(ConfigError):
     """A journal that is gone again, or in which no run has written its first line yet."""
 
 
-def _from_record(path: Path) -> StoredRun:
-    content, digest = load_content(path)
+def _from_record(path: Path, otherwise: str = _OTHERWISE) -> StoredRun:
+    content, digest = load_content(path, otherwise=otherwise)
     return StoredRun(run_from(content, path), content, path, digest, ended=True)
 
 

@@ -77,7 +77,15 @@ _LARGEST_FILE = 64 * 1024
 _TABLES = ("name", "base", "cost", "memory", "measured")  # the last is what rows were made of, and prices nothing
 _KEYS = ("value", "band", "source", "against")
 _NAME = re.compile(r"[a-z0-9][a-z0-9./-]{0,63}")
-_OTHERWISE = "start from a copy of a profile that ships: `hiltest timing show` says which file"
+#: A profile that has each table's rows.
+_WITH_ROWS = {"cost": DEFAULT_PROFILE, "memory": "cortex-m4-k64f/1"}
+
+
+def _otherwise(table: str = "cost") -> str:
+    return (
+        f'write base = "{_WITH_ROWS[table]}" below its name, and only the rows that you know better; or start from '
+        "a copy of a profile that ships: `hiltest timing show` says which file"
+    )
 
 
 @cache
@@ -144,9 +152,9 @@ def _parsed(place: str, content: bytes) -> tuple[str, dict[str, CostRow], dict[s
     try:
         data = tomllib.loads(content.decode("utf-8"))
     except UnicodeDecodeError as error:
-        raise ConfigError(f"{place}: not UTF-8 text at byte {error.start}; {_OTHERWISE}") from error
+        raise ConfigError(f"{place}: not UTF-8 text at byte {error.start}; {_otherwise()}") from error
     except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise ConfigError(f"{place}: not TOML: {error}; {_OTHERWISE}") from error
+        raise ConfigError(f"{place}: not TOML: {error}; {_otherwise()}") from error
     for key in sorted(data.keys() - set(_TABLES)):
         raise UnknownKeyError(key, where=place, known=_TABLES)
     name = data.get("name")
@@ -179,11 +187,11 @@ def _table(
     place: str, table: str, given: Any, known: Mapping[str, str], base: dict[str, CostRow]
 ) -> dict[str, CostRow]:
     if not isinstance(given, dict):
-        raise ConfigError(f"{place}: it has no table [{table}.ROW]; {_OTHERWISE}")
+        raise ConfigError(f"{place}: it has no table [{table}.ROW]; {_otherwise(table)}")
     for key in sorted(given.keys() - known.keys()):
         raise UnknownKeyError(key, where=f"{place}: {table}", known=tuple(known))
     if missing := [row for row in known if row not in given and row not in base]:
-        raise ConfigError(f"{place}: {table}.{missing[0]} is missing, {len(missing)} rows in all; {_OTHERWISE}")
+        raise ConfigError(f"{place}: {table}.{missing[0]} is missing, {len(missing)} rows in all; {_otherwise(table)}")
     return {
         row: _row(f"{place}: {table}.{row}", row, given[row]) if row in given else base[row] for row in known
     }
