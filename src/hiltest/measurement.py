@@ -42,7 +42,7 @@ class Outcome(StrEnum):
 
 
 FLASH_TIE = 0.10
-"""Two cycle counts of code in flash that are closer than this part of the larger one are not ranked.
+"""Two cycle counts of code in flash are ranked only where they differ by more than this part of the smaller one.
 
 What the flash makes of a function depends on where its lines happen to lie and on what the cache still has, and no
 model of it is better than that; silicon itself moves by as much from one link to the next.
@@ -293,7 +293,15 @@ def cannot_be_ranked(one: Measurement | None, other: Measurement | None) -> bool
     if one is None or other is None or not one.value or not other.value:
         return False
     flash = in_flash(one.cycle_model) and in_flash(other.cycle_model)
-    return flash and abs(one.value - other.value) < FLASH_TIE * max(one.value, other.value)
+    return flash and not is_beyond(FLASH_TIE, abs(one.value - other.value), one.value, other.value)
+
+
+def is_beyond(part: float, moved: float, one: float, other: float) -> bool:
+    """Say whether two numbers that are `moved` apart differ by more than a part of the one of smaller magnitude.
+
+    Of the smaller: for a cost that rises that is what it was, and both ways round the answer is the same.
+    """
+    return moved > part * min(abs(one), abs(other))
 
 
 def judge(

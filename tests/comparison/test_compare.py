@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hiltest.comparison.compare import compare, not_compared
 from hiltest.comparison.evidence import Evidence
 from hiltest.comparison.model import EXACT, Answer, Change, Difference, Sense, Tolerance
-from hiltest.measurement import WORST_OF_SEVERAL, Limit, Measurement, Outcome
+from hiltest.measurement import WORST_OF_SEVERAL, Limit, Measurement, Outcome, cannot_be_ranked
 from hiltest.report.exit_codes import comparison_code
 
 from .evidence import evidence, measurement, over_seeds
@@ -313,6 +313,16 @@ def test_counts_from_flash_that_are_closer_than_ten_percent_are_not_told_apart(m
 
     assert only(counted(10_000), counted(10_900)).change == change
     assert only(counted(10_000), counted(11_500)).change == "worse"
+
+
+@pytest.mark.parametrize(("dearer", "tie"), [(10_990, True), (11_000, True), (11_010, False), (11_050, False)])
+def test_a_comparison_ranks_counts_from_flash_where_a_report_does_and_both_ways_round(dearer: int, tie: bool) -> None:
+    cheap, dear = (
+        replace(measurement("cycles.direct.total", cycles), cycle_model="m@flash") for cycles in (10_000, dearer)
+    )
+    assert cannot_be_ranked(cheap, dear) is cannot_be_ranked(dear, cheap) is tie
+    assert only(evidence([cheap]), evidence([dear])).change == ("unchanged" if tie else "worse")
+    assert only(evidence([dear]), evidence([cheap])).change == ("unchanged" if tie else "better")
 
 
 def test_another_unit_or_cycle_model_is_never_compared() -> None:

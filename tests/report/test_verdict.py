@@ -63,20 +63,20 @@ def test_costs_of_code_in_flash_are_not_ranked_when_they_are_close(
 
 @pytest.mark.parametrize(
     ("placement", "cycles", "order", "ranked"),
-    [("sram", 10_801, ["iterative", "direct"], True), ("flash", 10_801, ["direct", "iterative"], False),
-     ("flash", 10_800, ["iterative", "direct"], True)],
+    [("sram", 10_910, ["iterative", "direct"], True), ("flash", 10_910, ["direct", "iterative"], False),
+     ("flash", 10_909, ["iterative", "direct"], True)],
 )  # fmt: skip
 def test_the_table_and_the_line_of_costs_do_not_rank_code_in_flash_either(
     findings: Make, heading: Heading, placement: str, cycles: int, order: list[str], ranked: bool
 ) -> None:
-    """A tenth of the dearer one, 12 000, is what flash does not tell apart."""
+    """A tenth of the cheaper one is what flash does not tell apart: 1091 of 10 910."""
     both = [*heading("direct", 0.97, limit=1.8, cycles=12_000), *heading("iterative", 0.95, limit=1.8, cycles=cycles)]
     made = findings(*(replace(each, cycle_model=f"m@{placement}" if each.cycle_model else "") for each in both))
     run = made.finish(decide(made, pytest_exit=0), "2026-01-02T03:04:06Z")
     assert [each.name for each in accuracy_and_cost(run).rows] == order
     refused = "iterative and direct are within 10% and from flash, which ranks neither"
     assert (refused in cost_line(run)) is not ranked
-    assert ("iterative costs 0.90 times direct" in cost_line(run)) is ranked
+    assert ("iterative costs 0.91 times direct" in cost_line(run)) is ranked
 
 
 def test_costs_of_code_in_flash_stand_by_name_only_where_the_cheapest_of_them_cannot_be_told_apart() -> None:

@@ -13,7 +13,16 @@ from hiltest.comparison.interval import LARGEST, mean_interval, mean_value
 from hiltest.comparison.model import EXACT, Change, Difference, Sense, Tolerance
 from hiltest.comparison.rules import rule_of, tolerance_of
 from hiltest.comparison.words import held_to, on_seeds
-from hiltest.measurement import FLASH_TIE, SIGNIFICANT_DIGITS, Limit, Measurement, Outcome, in_flash, round_significant
+from hiltest.measurement import (
+    FLASH_TIE,
+    SIGNIFICANT_DIGITS,
+    Limit,
+    Measurement,
+    Outcome,
+    in_flash,
+    is_beyond,
+    round_significant,
+)
 
 #: Values are written with so many significant digits; what two of them differ by in the last one is no difference.
 _LAST_DIGIT = 10.0 ** (1 - SIGNIFICANT_DIGITS)
@@ -269,15 +278,12 @@ def cost(value: float, sense: Sense) -> float:
 
 
 def _beyond(base: Sequence[float], new: Sequence[float], tolerance: Tolerance) -> bool:
-    """Say whether the mean moved by more than both tolerances; the relative one is of the smaller magnitude.
-
-    Of the smaller: for a cost that rises that is the base's, and both ways round the answer is the same.
-    """
+    """Say whether the mean moved by more than both tolerances."""
     was, now = fmean(base), fmean(new)
-    sizes = [fmean(map(abs, base)), fmean(map(abs, new))]
+    sizes = fmean(map(abs, base)), fmean(map(abs, new))
     written = 0.0 if all(map(float.is_integer, (*base, *new))) else _LAST_DIGIT * max(sizes)
     moved = abs(now - was) - written
-    return moved > tolerance.absolute and moved > tolerance.relative * min(sizes)
+    return moved > tolerance.absolute and is_beyond(tolerance.relative, moved, *sizes)
 
 
 def _certain(base: Sequence[float], new: Sequence[float], tolerance: Tolerance) -> bool:
