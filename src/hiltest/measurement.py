@@ -161,7 +161,7 @@ class CycleBand:
         if most is None and self.low == self.high:
             return f"no uncertain row of {model} enters"
         if most is None:
-            return f"{self}, as well as the memories it runs from are known"
+            return f"{self}, no closer than the memories it runs from are known"
         return f"{self} by {model}'s bands, most by {most.row}: {_range(most.low, most.high)}"
 
 

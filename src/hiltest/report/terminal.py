@@ -118,8 +118,8 @@ def _print_bands(console: Console, measurements: Sequence[Measurement]) -> None:
     """Print counts beside their bands, limit or not, and say of which the band decides about the limit."""
     banded = [(each, each.band) for each in measurements if each.band]
     for model in dict.fromkeys(each.cycle_model for each, _ in banded):
-        console.print(escape(f"What the doubt about {model} makes of cycle counts; hiltest timing show has the rows:"),
-                      soft_wrap=True)  # fmt: skip
+        rows = "hiltest timing show [--profile P] has the rows"
+        console.print(escape(f"What the doubt about {model} makes of cycle counts; {rows}:"), soft_wrap=True)
         grid = _empty_grid()
         grid.add_column("measurement", overflow="fold")
         for name in ("cycles", "lowest", "highest"):
