@@ -27,7 +27,7 @@ def test_a_good_run_says_accuracy_cost_and_pass_in_one_sentence(findings: Make, 
     verdict = decide(findings(*good), pytest_exit=0)
     assert verdict.sentence == (
         "direct: worst heading 0.97 deg over 60 poses for 12 400 cycles; iterative: 0.95 deg for 203 000; "
-        "limit 1.8 deg: PASS. Accuracy ties; direct costs 1/16."
+        "limit 1.8 deg: PASS. Accuracy ties; direct costs 1/16 of iterative."
     )
     assert (verdict.outcome, verdict.exit_code, verdict.complete) == ("pass", 0, True)
 
@@ -43,14 +43,14 @@ def test_the_better_calibrator_is_named_when_accuracy_does_not_tie(findings: Mak
     iterative = heading("iterative", 1.0, limit=2, cycles=24_000)
     made = findings(*heading("direct", 1.5, limit=1.8, cycles=12_000), *iterative)
     assert decide(made, pytest_exit=0).sentence.endswith(
-        "limits 1.8 and 2 deg: PASS. iterative is 0.50 deg better; direct costs 1/2."
+        "limits 1.8 and 2 deg: PASS. iterative is 0.50 deg better; direct costs 1/2 of iterative."
     )
 
 
 @pytest.mark.parametrize(
     ("cycles", "said"),
     [(12_500, "Accuracy ties; their costs are within 10% and from flash, which ranks neither."),
-     (14_000, "Accuracy ties; direct costs 0.86 of it.")],
+     (14_000, "Accuracy ties; direct costs 0.86 of iterative.")],
 )  # fmt: skip
 def test_costs_of_code_in_flash_are_not_ranked_when_they_are_close(
     findings: Make, heading: Heading, cycles: int, said: str
@@ -156,7 +156,7 @@ def test_out_of_limit_is_red_whatever_became_of_the_test(
 
 def test_limits_that_were_left_out_are_said_and_make_nobody_red(findings: Make, good: list[Measurement]) -> None:
     verdict = decide(findings(*good), pytest_exit=0, left_out=["a.b", "c.d"])
-    assert verdict.sentence.endswith("costs 1/16. Not judged: 2 limits of the rig, e.g. a.b.")
+    assert verdict.sentence.endswith("costs 1/16 of iterative. Not judged: 2 limits of the rig, e.g. a.b.")
     assert (verdict.exit_code, verdict.outcome, verdict.complete) == (0, "pass", False)
     chosen = findings(*good)
     chosen.chosen = True

@@ -236,7 +236,8 @@ def _comparison(results: Sequence[CalibratorResult]) -> str:
     others = [each for each in rated if each is not cheap]
     other = min(others, key=lambda each: value_of(each.maximum) or 0.0)
     ratio = (value_of(other.cycles) or 0.0) / (value_of(cheap.cycles) or 1.0)
-    cost = f"{cheap.name} costs " + (f"1/{ratio:.0f}" if ratio >= 1.5 else f"{1 / ratio:.2f} of it")
+    part = f"1/{ratio:.0f}" if ratio >= 1.5 else f"{1 / ratio:.2f}"
+    cost = f"{cheap.name} costs {part} of {other.name}"
     if cannot_be_ranked(cheap.cycles, other.cycles):
         cost = f"their costs are within {FLASH_TIE:.0%} and from flash, which ranks neither"
     gain = (value_of(other.maximum) or 0.0) - (value_of(cheap.maximum) or 0.0)
