@@ -10,6 +10,7 @@ from hiltest.comparison.model import Change
 from hiltest.comparison.words import SHOWN, counted_by, models_shown, moved, numbers, percent, shown
 from hiltest.measurement import Limit, Measurement, judge
 from hiltest.report.comparison_overview import changed
+from hiltest.report.figures.change import change_figure
 
 from .evidence import evidence, measurement, over_seeds
 
@@ -19,6 +20,20 @@ def test_all_of_it_stands_in_one_line() -> None:
     base, new = (over_seeds("cycles.direct.total", value, limit=limit, unit="cycle") for value in (11_061, 11_161))
     (found,) = compare(base, new).differences
     assert numbers(found) == "11 061 -> 11 161 cycles (+100, +0.9 %; limit at most 12 500)"
+
+
+@pytest.mark.parametrize(
+    ("was", "now", "words"),
+    [
+        (300, 60, "300 -> 60 deg (+120)"), (30, 330, "30 -> 330 deg (-60)"), (0, 180, "0 -> 180 deg (+180)"),
+        (200, 230, "200 -> 230 deg (+30)"),
+    ],
+)  # fmt: skip
+def test_a_direction_moves_the_short_way_round_and_by_no_percentage(was: float, now: float, words: str) -> None:
+    base, new = (over_seeds("heading.direct.worst_sector", each, unit="deg") for each in (was, now))
+    found = compare(base, new)
+    assert [numbers(each) for each in found.of(Change.CHANGED)] == [words]
+    assert change_figure(found) is None
 
 
 def of_a_calibrator(cost: str, value: float, *more: tuple[str, float | None]) -> Evidence:

@@ -11,7 +11,7 @@ from hiltest.comparison.alone import moved_alone
 from hiltest.comparison.evidence import Seed
 from hiltest.comparison.interval import LARGEST, mean_interval, mean_value
 from hiltest.comparison.model import EXACT, Change, Difference, Sense, Tolerance
-from hiltest.comparison.rules import rule_of, tolerance_of
+from hiltest.comparison.rules import is_direction, rule_of, tolerance_of
 from hiltest.comparison.words import held_to, on_seeds
 from hiltest.measurement import (
     FLASH_TIE,
@@ -133,10 +133,13 @@ def difference(pairs: Pairs, board: str, tolerances: Mapping[str, Tolerance]) ->
     if change is Change.UNCHANGED and seeds and not tolerance.covers(now):
         change = Change.CHANGED  # it is loosened, which is shown though the number is what it was
     edited = f"its tolerance was {held_to(tolerance, latest.unit)} in the base" if seeds and tolerance != now else ""
+    changes = _changes(base, new)
+    if is_direction(pairs.name):  # the short way round, and as far back: of half a turn both signs are right
+        changes = [math.remainder(each, 360.0) for each in changes]
     return Difference(
         name=pairs.name, unit=latest.unit, change=change, sense=rule.sense,
         base=mean_value(base or _values(pairs.base)), new=mean_value(new or _values(pairs.new)),
-        delta=mean_value(_changes(base, new)), interval=_rounded(mean_interval(_changes(base, new))),
+        delta=mean_value(changes), interval=_rounded(mean_interval(changes)),
         seeds=len(seeds), tolerance=tolerance, limit=latest.limit, outcome=str(latest.outcome),
         cycle_model=latest.cycle_model,
         note="; ".join(filter(None, (remark, _not_offered(pairs), _limit_changed(pairs), edited))),

@@ -60,6 +60,8 @@ _ROUNDING = "float32 in another order moved it by less than a hundredth of this"
 _MOTION = "sampled in motion, at times that any other firmware shifts by microseconds"
 _OF_PART = "of the simulated parts or of the rig: no firmware should move it"
 
+_WORST_SECTOR = "heading.*.worst_sector"
+
 # The first row with a pattern that fits wins; `*` stands for anything.
 _ROWS: tuple[tuple[str, Sense, float, float, float, str], ...] = (
     # patterns                         better  absolute relative deviation  reason
@@ -87,7 +89,7 @@ _ROWS: tuple[tuple[str, Sense, float, float, float, str], ...] = (
 
     ("heading.dpi.float32_error",       _LESS, 5e-4, 0, 4.2e-5, "moved by 1.2e-4; " + _MOTION),
     ("heading.*.float32_error",         _LESS, 5e-4, 0, 1.8e-5, "moved by 3.3e-5; a wrong kernel differs by far more"),
-    ("heading.*.worst_sector",         _FACT, 0, 0, 145, "which of the sectors: no quantity"),
+    (_WORST_SECTOR,                    _FACT, 0, 0, 145, "which of the sectors: no quantity"),
     ("heading.uncalibrated.max heading.uncalibrated.max_level", _FACT, 0.01, 0, 0.25, _OF_PART),
     ("heading.dpi.tilt_sensitivity",    _ZERO, 0.05, 0.05, 0.10, "moved by 0.015; " + _MOTION),
     ("heading.*.tilt_sensitivity",      _ZERO, 0.01, 0.01, 0.10, _ROUNDING),
@@ -158,6 +160,11 @@ def rule_of(name: str, limit: Limit | None) -> Rule:
 def is_compared(name: str) -> bool:
     """Say whether a measurement is one that a comparison looks at."""
     return not fnmatchcase(name, NOT_COMPARED)
+
+
+def is_direction(name: str) -> bool:
+    """Say whether a measurement is a direction [deg]: 330 and 30 are 60 apart, and none is a share of another."""
+    return fnmatchcase(name, _WORST_SECTOR)
 
 
 def is_known(name: str) -> bool:

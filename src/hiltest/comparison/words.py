@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 
 from hiltest.comparison.evidence import Seed
 from hiltest.comparison.model import Answer, Change, Comparison, Difference, Revision, Side, Tolerance
+from hiltest.comparison.rules import is_direction
 from hiltest.measurement import Measurement, Outcome, readable
 
 SHOWN = (Change.WORSE, Change.GONE, Change.BETTER, Change.NEW, Change.CHANGED)
@@ -93,7 +94,7 @@ def moved(difference: Difference) -> str:
     if difference.delta is None:
         return ""
     words = _signed(difference.delta)
-    if difference.base and difference.base * (difference.new or 0.0) > 0:
+    if difference.base and difference.base * (difference.new or 0.0) > 0 and not is_direction(difference.name):
         share = 100 * difference.delta / abs(difference.base)
         words += f", {percent(share)}" if abs(share) <= _MOST_PERCENT else ""
     if difference.interval is not None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from hiltest.comparison.model import Change, Comparison, Difference
+from hiltest.comparison.rules import is_direction
 from hiltest.comparison.words import percent
 from hiltest.report.figures.rows import Row, RowFigure
 from hiltest.report.marks import KeyEntry, Mark
@@ -33,8 +34,8 @@ def change_figure(comparison: Comparison) -> RowFigure | None:
 
 
 def moved_percent(difference: Difference) -> float | None:
-    """Return the change in percent of the base, None without a number or with a base of 0."""
-    if difference.delta is None or not difference.base:
+    """Return the change in percent of the base, None without a number, with a base of 0, and of a direction."""
+    if difference.delta is None or not difference.base or is_direction(difference.name):
         return None
     return 100.0 * difference.delta / abs(difference.base)
 
