@@ -11,6 +11,7 @@ import pytest
 from hiltest.comparison.model import Change, Tolerance
 from hiltest.measurement import Limit, judge
 from hiltest.trend.series import Step, Trend, trend_of
+from hiltest.trend.words import sentence
 
 from .entries import cycles, degrees, entry
 
@@ -146,3 +147,14 @@ def test_steps_of_all_measurements_are_listed_newest_first() -> None:
     trend = trend_of([both(1, 100, 1.0), both(2, 200, 1.0), both(3, 200, 2.0)])  # type: ignore[list-item]
     assert [step.difference.name for step in trend.steps] == ["heading.direct.max", "cycles.direct.total"]
     assert all(isinstance(step, Step) for step in trend.steps)
+
+
+def test_of_one_run_what_got_worse_stands_first_and_the_farthest_before_all() -> None:
+    names = {"fit.a.residual": 0.5, "heading.a.max": 1.0, "heading.b.max": 1.5, "heading.a.worst_sector": 30.0}
+    before = [cycles(11_000), *(degrees(0.9, name) for name in names)]
+    after = [cycles(10_000), *(degrees(value, name) for name, value in names.items())]
+    trend = trend_of([entry(1, *before), entry(2, *after)])
+    assert [step.difference.name for step in trend.steps] == [
+        "heading.b.max", "heading.a.max", "cycles.direct.total", "fit.a.residual", "heading.a.worst_sector",
+    ]  # the cycles have a limit
+    assert "the last in run 2: heading.b.max 0.9 -> 1.5 deg" in sentence(trend)

@@ -13,7 +13,7 @@ from hiltest.comparison.evidence import Evidence, Seed
 from hiltest.comparison.model import Change, Difference
 from hiltest.measurement import Limit, Measurement, Outcome
 
-_MOVED = (Change.BETTER, Change.WORSE, Change.CHANGED)
+_MOVED = (Change.WORSE, Change.BETTER, Change.CHANGED)  # in this order, of one run
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,9 +109,11 @@ class Trend:
 
     @property
     def steps(self) -> tuple[Step, ...]:
-        """Of all measurements, the newest first."""
+        """Of all measurements, the newest first; of one run what got worse first, in the order of a comparison."""
         steps = (step for each in self.measured for step in each.steps)
-        return tuple(sorted(steps, key=lambda step: (-step.after, step.difference.name)))
+        return tuple(
+            sorted(steps, key=lambda step: (-step.after, _MOVED.index(step.difference.change), step.difference.concern))
+        )
 
 
 def trend_of(entries: Sequence[Entry]) -> Trend:
