@@ -28,7 +28,8 @@ def hiltest(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
 def test_help_lists_every_exit_code(tmp_path: Path, command: list[str]) -> None:
     result = hiltest(*command, folder=tmp_path)
     assert result.returncode == 0
-    codes = [int(line.split()[0]) for line in result.stdout.split("Exit codes:")[1].strip().splitlines()]
+    told = result.stdout.split("Exit codes:")[1].strip().splitlines()
+    codes = [int(line.split()[0]) for line in told if line.split()[0].isdigit()]
     assert codes == sorted(ExitCode)
     assert set(WORDS) == set(ExitCode)
 
@@ -38,6 +39,14 @@ def test_help_lists_the_exit_codes_of_a_command_and_no_other(tmp_path: Path, com
     told = hiltest(command, "--help", folder=tmp_path).stdout.split("Exit codes:")[1].strip().splitlines()
     assert [int(line.split()[0]) for line in told if line.split()[0].isdigit()] == codes
     assert "every test passed" not in "".join(told)
+
+
+@pytest.mark.parametrize(
+    "command", ["", "run", "compare", "baseline save", "baseline update", "trend", "report", "export", "timing measure"]
+)
+def test_help_fits_a_terminal_of_80_columns(tmp_path: Path, command: str) -> None:
+    told = hiltest(*command.split(), "--help", folder=tmp_path).stdout
+    assert [line for line in told.splitlines() if len(line) > 80] == []
 
 
 def test_help_names_both_files_that_a_measured_profile_may_be_written_to(tmp_path: Path) -> None:

@@ -34,7 +34,7 @@ def test_the_first_two_blocks_are_one_line_each() -> None:
 
 def test_exit_codes_are_those_of_the_help() -> None:
     table = {int(code): text for code, text in re.findall(r"^\| (\d+) \| (.*) \|$", README, re.M)}
-    listed = re.findall(r"^ +(\d+) +(.*)$", EXIT_CODES, re.M)
+    listed = re.findall(r"^ +(\d+) +(.*)$", re.sub(r"\n {6}(?=\w)", " ", EXIT_CODES), re.M)
     assert table == {int(code): text for code, text in listed}
 
 

@@ -18,8 +18,8 @@ _EXIT_CODES = """
 Exit codes:
   0   written
   2   interrupted
-  4   usage: a file cannot be read or written, the run is not whole, no measurement has that name,
-      or --accept moves nothing
+  4   usage: a file cannot be read or written, the run is not whole, no
+      measurement has that name, or --accept moves nothing
 """
 _PATH = click.Path(path_type=Path)
 

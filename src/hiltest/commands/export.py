@@ -13,7 +13,8 @@ _EXIT_CODES = """
 Exit codes:
   0   written, whatever the verdict of the run
   2   interrupted
-  4   usage: there is no record, no number for this format, or the file cannot be written
+  4   usage: there is no record, no number for this format, or the file
+      cannot be written
 """
 
 

@@ -19,7 +19,8 @@ Exit codes:
   4   usage: an option, a port, a rig file or a firmware file is wrong
   5   no tests were collected
   20  bench lost: link, cable, board or sensor, or firmware that hangs
-  21  regression: worse than the base it was judged against, beyond a tolerance
+  21  regression: worse than the base it was judged against, beyond a
+      tolerance
   22  a limit could not be judged, or no base be compared with
   23  wrong firmware, or another protocol version
 """

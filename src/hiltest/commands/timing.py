@@ -29,7 +29,8 @@ Exit codes:
   0   measured, and written
   1   the firmware knows no such sequences, or its core counts no cycles
   2   interrupted
-  4   usage: an option, a port or a rig file is wrong, or the file cannot be written
+  4   usage: an option, a port or a rig file is wrong, or the file cannot be
+      written
   20  bench lost: link, cable or board
   23  wrong firmware, or another protocol version
 """
