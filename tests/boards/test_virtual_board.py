@@ -14,7 +14,16 @@ from hiltest.boards import BoardKind, Declared, VirtualBench, VirtualBoard, defa
 from hiltest.errors import ConfigError, DeviceError, SensorAbsentError, VersionMismatchError
 from hiltest.link.framing import Frame, FrameDecoder, encode_frame
 from hiltest.link.gyroscope import GyroscopeRest
-from hiltest.link.messages import Average, CycleSource, LinkStatistics, Read, Reset, SensorKind, Sync
+from hiltest.link.messages import (
+    PROTOCOL_VERSION,
+    Average,
+    CycleSource,
+    LinkStatistics,
+    Read,
+    Reset,
+    SensorKind,
+    Sync,
+)
 from hiltest.link.replies import DPS_PER_COUNT, G_PER_COUNT, MICROTESLA_PER_COUNT
 from hiltest.link.transcript import Transcript
 from hiltest.procedures import collect_tumble, measure_cycles, open_turntable, run_calibrators
@@ -107,7 +116,7 @@ def test_any_program_with_pyserial_can_open_the_board_by_its_url(monkeypatch: py
         assert port.in_waiting == 0  # the clock has not moved
         (frame,) = FrameDecoder().feed(port.read(64))
         assert isinstance(frame, Frame)
-        assert frame.payload == b"\x00\x01\x02\x03\x04\x05\x00"
+        assert frame.payload == b"\x00\x01\x02\x03\x04" + PROTOCOL_VERSION.to_bytes(2, "little")
         # Nothing more is coming: a read ends after its timeout, in virtual time.
         before = port.now()
         assert port.read(1) == b""
