@@ -25,7 +25,7 @@ from hiltest.rig.file import load_rig
 from hiltest.runs.campaign import SeedResult, evidence_of_all
 from hiltest.virtual.elf import load_image
 
-from .evidence import CONDITIONS, evidence, measurement
+from .evidence import CONDITIONS, MODEL, evidence, measurement
 
 Changed = Callable[..., Path]
 
@@ -144,6 +144,19 @@ def test_flags_in_another_order_or_twice_are_the_same_flags() -> None:
     base = evidence([measurement("link.retried", 0)])
     new = replace(base, conditions=replace(CONDITIONS, compiler_flags=("-g", "-O2", "-g")))
     assert compare(base, new).obstacles == ()
+
+
+def test_cycles_that_another_model_counted_are_no_further_reason_and_others_that_are_gone_are() -> None:
+    values = {"cycles.direct.total": 10_838, "cycles.x.total": 5, "link.retried": 0}
+    base = evidence([measurement(name, value) for name, value in values.items()])
+    made = base.measurements[1]
+    otherwise = {name: replace(each, cycle_model=each.cycle_model and "dwt") for name, each in made.items()}
+    new = replace(base, side=replace(base.side, cycle_model="dwt"), measurements={1: otherwise})
+    (reason,) = compare(base, new).obstacles
+    assert reason.startswith(f"another cycle model: {MODEL} before, dwt now")
+    del otherwise["cycles.x.total"]
+    _, gone = compare(base, replace(new, measurements={1: otherwise})).obstacles
+    assert gone.startswith("measurement gone: cycles.x.total; bring it back")
 
 
 def test_of_two_firmwares_in_one_session_no_baseline_is_to_be_renewed() -> None:

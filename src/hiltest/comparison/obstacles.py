@@ -178,7 +178,12 @@ def _broken_test_of(name: str, new: Evidence, broken: Mapping[Seed, Set[str]]) -
 
 
 def _of_measurements(base: Evidence, new: Evidence, differences: Sequence[Difference]) -> Iterator[str]:
-    gone = [each for each in differences if each.change is Change.GONE]
+    # Cycles that another model counted are there, and that it is another one was said.
+    counted_otherwise = base.side.cycle_model != new.side.cycle_model
+    gone = [
+        each for each in differences
+        if each.change is Change.GONE and not (counted_otherwise and each.cycle_model and each.new is not None)
+    ]
     for each in gone[:_NAMED_AT_MOST]:
         why = f" ({each.note})" if each.note else ""
         accept = _accept(base, new, each.name)
