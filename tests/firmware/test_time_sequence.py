@@ -35,6 +35,7 @@ def test_the_firmware_has_the_sequences_that_the_host_and_the_page_list_and_no_o
     assert bench.status(TIME_SEQUENCE, bytes([0, len(SequencePlace)])) is Status.BAD_ARGUMENT
     listed = re.findall(r"^\| (\d+) \| ([a-z_]+) \| ", PAGE, re.M)
     assert listed == [(str(number), name) for number, name in enumerate(SEQUENCES)]
+    assert f"| TIME_SEQUENCE | u8 sequence, u8 place (0..{max(SequencePlace)}) |" in PAGE
 
 
 def test_each_is_in_sram_and_in_flash_in_this_order() -> None:
