@@ -94,13 +94,20 @@ def moved(difference: Difference) -> str:
     if difference.delta is None:
         return ""
     words = _signed(difference.delta)
-    if difference.base and difference.base * (difference.new or 0.0) > 0 and not is_direction(difference.name):
-        share = 100 * difference.delta / abs(difference.base)
-        words += f", {percent(share)}" if abs(share) <= _MOST_PERCENT else ""
+    share = moved_percent(difference)
+    if share is not None and abs(share) <= _MOST_PERCENT and (difference.base or 0.0) * (difference.new or 0.0) > 0:
+        words += f", {percent(share)}"
     if difference.interval is not None:
         low, high = difference.interval
         words += f", 95 % {_signed(low)} to {_signed(high)}"
     return words
+
+
+def moved_percent(difference: Difference) -> float | None:
+    """Return the change in percent of the base, None without a number, with a base of 0, and of a direction."""
+    if difference.delta is None or not difference.base or is_direction(difference.name):
+        return None
+    return 100.0 * difference.delta / abs(difference.base)
 
 
 def sentence(comparison: Comparison) -> str:
@@ -124,8 +131,13 @@ def counted_by(models: Iterable[str]) -> str:
     >>> counted_by(["silicon-dwt", "", "cortex-m4-trm/1@sram", "silicon-dwt"])
     'cycles counted by cortex-m4-trm/1@sram and silicon-dwt'
     """
-    named = sorted(set(filter(None, models)))
-    return f"cycles counted by {' and '.join(named)}" if named else ""
+    names = model_names(models)
+    return f"cycles counted by {names}" if names else ""
+
+
+def model_names(models: Iterable[str]) -> str:
+    """Return each cycle model once, empty where there are none."""
+    return " and ".join(sorted(set(filter(None, models))))
 
 
 def models_shown(comparison: Comparison) -> set[str]:

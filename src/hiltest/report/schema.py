@@ -26,7 +26,8 @@ DESCRIPTION = (
 )
 
 _ADAPTER = TypeAdapter(Run)
-_OTHERWISE = "render another record, or run again: hiltest run"
+OTHERWISE = "render another record, or run again: hiltest run"
+"""What to do about a record that cannot be read."""
 
 
 def run_schema() -> dict[str, Any]:
@@ -45,7 +46,7 @@ def schema_text() -> str:
     return json.dumps(run_schema(), indent=1, ensure_ascii=False) + "\n"
 
 
-def load_content(path: Path, *, otherwise: str = _OTHERWISE) -> tuple[dict[str, Any], str]:
+def load_content(path: Path, *, otherwise: str = OTHERWISE) -> tuple[dict[str, Any], str]:
     """Read what JSON says in a ``run.json``, with every field that only a newer hiltest knows, and its SHA-256.
 
     Parameters
@@ -97,21 +98,21 @@ def run_from(content: dict[str, Any], path: Path) -> Run:
     except ValidationError as error:
         first = error.errors()[0]
         place = "".join(f"{step}." for step in first["loc"])[:-1]
-        raise ConfigError(f"{path}: {place or 'as a whole'}: {first['msg']}; {_OTHERWISE}") from error
+        raise ConfigError(f"{path}: {place or 'as a whole'}: {first['msg']}; {OTHERWISE}") from error
     _check_tables(run, path)
-    refuse_twice(path, "measurement", [each.name for each in run.measurements], otherwise=_OTHERWISE)
+    refuse_twice(path, "measurement", [each.name for each in run.measurements], otherwise=OTHERWISE)
     return run
 
 
 def _check_tables(run: Run, path: Path) -> None:
-    refuse_twice(path, "table", [each.name for each in run.tables], otherwise=_OTHERWISE)
+    refuse_twice(path, "table", [each.name for each in run.tables], otherwise=OTHERWISE)
     for table in run.tables:
         kind, columns = f"column of table {shown(table.name)}:", [each.name for each in table.columns]
-        refuse_twice(path, kind, columns, otherwise=_OTHERWISE)
+        refuse_twice(path, kind, columns, otherwise=OTHERWISE)
         for number, row in enumerate(table.rows, 1):
             if len(row) != len(table.columns):
                 cells = f"{len(row)} cells in {len(table.columns)} columns"
-                raise ConfigError(f"{path}: table {shown(table.name)}, row {number}: {cells}; {_OTHERWISE}")
+                raise ConfigError(f"{path}: table {shown(table.name)}, row {number}: {cells}; {OTHERWISE}")
 
 
 def _writer(content: object) -> str:

@@ -16,7 +16,7 @@ from hiltest.report.attempts import marked
 from hiltest.report.journal import JOURNAL_FILE, is_going_on
 from hiltest.report.record import Run, Verdict, in_force, volatile_places
 from hiltest.report.run_files import CAMPAIGN_FILE, RUN_FILE, SEED_FOLDERS
-from hiltest.report.schema import check_schema, load_content, run_from
+from hiltest.report.schema import OTHERWISE, check_schema, load_content, run_from
 from hiltest.report.verdict import unfinished_verdict
 from hiltest.strict_json import LARGEST_BYTES, is_folder, parse_json, read_bounded
 
@@ -24,7 +24,6 @@ from hiltest.strict_json import LARGEST_BYTES, is_folder, parse_json, read_bound
 _TRIES = 3
 _SEEDS_AT_MOST = 3
 _UNKNOWN = asdict(Verdict("cut short", 2, "", complete=False))
-_OTHERWISE = "render another record, or run again: hiltest run"
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +51,7 @@ class StoredRun:
     ended: bool
 
 
-def read_stored(place: Path, *, otherwise: str = _OTHERWISE) -> StoredRun:
+def read_stored(place: Path, *, otherwise: str = OTHERWISE) -> StoredRun:
     """Read the record of a run.
 
     Parameters
@@ -94,7 +93,7 @@ class _NothingRecordedError(ConfigError):
     """A journal that is gone again, or in which no run has written its first line yet."""
 
 
-def _from_record(path: Path, otherwise: str = _OTHERWISE) -> StoredRun:
+def _from_record(path: Path, otherwise: str = OTHERWISE) -> StoredRun:
     content, digest = load_content(path, otherwise=otherwise)
     return StoredRun(run_from(content, path), content, path, digest, ended=True)
 
@@ -104,7 +103,7 @@ def _from_journal(path: Path) -> StoredRun:
     # come to its end counts as cut short.
     try:
         going_on = is_going_on(path)
-        text = read_bounded(path, largest_bytes=LARGEST_BYTES, otherwise=_OTHERWISE)
+        text = read_bounded(path, largest_bytes=LARGEST_BYTES, otherwise=OTHERWISE)
     except (OSError, ConfigError) as error:
         said = f"{path}: {error.strerror}" if isinstance(error, OSError) else str(error)
         raise (ConfigError if os.path.lexists(path) else _NothingRecordedError)(said) from error
@@ -113,7 +112,7 @@ def _from_journal(path: Path) -> StoredRun:
     entries = [_entry(path, number, line) for number, line in enumerate(lines[:-1], 1)]
     starts = [index for index, entry in enumerate(entries) if entry.get("kind") == "start"]
     if not starts:
-        raise _NothingRecordedError(f"{path}: no run has written its first line; {_OTHERWISE}")
+        raise _NothingRecordedError(f"{path}: no run has written its first line; {OTHERWISE}")
     content = _replayed(path, entries[starts[-1]:], first_line=starts[-1] + 1)
     run = run_from(content, path)
     ended = content["verdict"] is not _UNKNOWN
@@ -136,7 +135,7 @@ def _tolerances(run: Run, path: Path) -> dict[str, tuple[float, float]]:
     try:
         return in_force(run)
     except ValueError as error:
-        raise ConfigError(f"{path}: rig.tolerances: {error}; {_OTHERWISE}") from error
+        raise ConfigError(f"{path}: rig.tolerances: {error}; {OTHERWISE}") from error
 
 
 def _entry(path: Path, number: int, line: bytes) -> dict[str, Any]:
@@ -145,7 +144,7 @@ def _entry(path: Path, number: int, line: bytes) -> dict[str, Any]:
     except ValueError as error:
         raise ConfigError(f"{path}: line {number} is damaged: {error}; the lines before it are whole") from error
     if not isinstance(entry, dict):
-        raise ConfigError(f"{path}: line {number} is no entry of a journal; {_OTHERWISE}")
+        raise ConfigError(f"{path}: line {number} is no entry of a journal; {OTHERWISE}")
     return entry
 
 
@@ -172,7 +171,7 @@ def _replayed(path: Path, entries: list[dict[str, Any]], *, first_line: int) -> 
                 other_attempts += entry.get("other_attempts", [])
                 content["finished_utc"] = entry["utc"]
         except (LookupError, TypeError) as error:
-            raise ConfigError(f"{path}: line {number} is no entry of a journal: {error}; {_OTHERWISE}") from error
+            raise ConfigError(f"{path}: line {number} is no entry of a journal: {error}; {OTHERWISE}") from error
     listed = {"measurements": measurements, "tables": tables}
     return content | {"tests": tests, "other_attempts": other_attempts} | {
         kind: [by_name[name] for name in sorted(by_name, key=str)] for kind, by_name in listed.items()

@@ -127,9 +127,9 @@ def _print_bands(console: Console, measurements: Sequence[Measurement]) -> None:
         grid.add_column("moved most by", no_wrap=True)
         for each, band in banded:
             if each.cycle_model == model:
-                most = "memories" if band.low < band.high else "no row"
-                most = band.moved_most_by.row if band.moved_most_by else most
-                grid.add_row(escape(each.name), shown_value(each), grouped(band.low), grouped(band.high), escape(most))
+                most = band.moved_most_by
+                by = most.row if most else "memories" if band.low < band.high else "no row"
+                grid.add_row(escape(each.name), shown_value(each), grouped(band.low), grouped(band.high), escape(by))
         console.print(grid)
     for each, _ in banded:
         if each.band_reaches_beyond:

@@ -39,6 +39,6 @@ def _grid(trend: Trend, measured: list[Measured]) -> Table:
     grid = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     for heading in words.HEADINGS:
         grid.add_column(heading, justify="right" if heading in words.NUMERIC else "left", overflow="fold")
-    for each in measured:
-        grid.add_row(*map(escape, words.row(trend, each)), style="bold" if each.steps else None)
+    for each, cells in zip(measured, words.rows(trend, measured), strict=True):
+        grid.add_row(*map(escape, cells), style="bold" if each.steps else None)
     return grid

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from hiltest.comparison.evidence import Evidence
-from hiltest.comparison.words import counted_by, numbers, revision
+from hiltest.comparison.words import counted_by, model_names, numbers, revision
 from hiltest.measurement import readable
 from hiltest.trend.series import Line, Measured, Step, Trend
 
@@ -35,24 +35,38 @@ def run_name(trend: Trend, index: int) -> str:
 
 def models(measured: Iterable[Measured]) -> str:
     """Return what counted the cycles of some measurements; empty where they are none."""
-    return counted_by(series.cycle_model for each in measured for series in each.series)
+    return counted_by(_models(measured))
 
 
 def under(measured: Measured) -> str:
     """Return what stands under the name of a measurement that is drawn: its limit, and what counted its cycles."""
     limit = f"limit {measured.limit} {measured.unit}".rstrip() if measured.limit else "no limit"
-    return "; ".join(filter(None, (limit, models([measured]).removeprefix("cycles "))))
+    return "; ".join(filter(None, (limit, _counted_by(measured))))
 
 
-def row(trend: Trend, measured: Measured) -> tuple[str, ...]:
-    """Return a measurement under `HEADINGS`; the last cell counts steps, and says in which run the last was made.
+def rows(trend: Trend, measured: Iterable[Measured]) -> Iterator[tuple[str, ...]]:
+    """Yield measurements under `HEADINGS`; the last cell counts steps, and says in which run the last was made.
 
     Where several models counted cycles of the trend, a unit of cycles is told with its own.
     """
+    several = len(set(filter(None, _models(trend.measured)))) > 1
+    for each in measured:
+        counted = _counted_by(each) if several else ""
+        yield _row(each, f"{each.unit} {counted}" if counted else each.unit)
+
+
+def _models(measured: Iterable[Measured]) -> Iterator[str]:
+    return (series.cycle_model for each in measured for series in each.series)
+
+
+def _counted_by(measured: Measured) -> str:
+    names = model_names(_models([measured]))
+    return f"counted by {names}" if names else ""
+
+
+def _row(measured: Measured, unit: str) -> tuple[str, ...]:
     points = sorted((point for each in measured.series for point in each.points), key=lambda point: point.entry)
     steps = measured.steps
-    several = len({series.cycle_model for each in trend.measured for series in each.series if series.cycle_model}) > 1
-    unit = measured.unit + (models([measured]).removeprefix("cycles") if several else "")
     return (
         measured.name, str(len(points)), readable(points[0].value), readable(points[-1].value),
         readable(min(point.low for point in points)), readable(max(point.high for point in points)), unit,

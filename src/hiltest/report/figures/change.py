@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from hiltest.comparison.model import Change, Comparison, Difference
-from hiltest.comparison.rules import is_direction
-from hiltest.comparison.words import percent
+from hiltest.comparison.words import moved_percent, percent
 from hiltest.report.figures.rows import Row, RowFigure
 from hiltest.report.marks import KeyEntry, Mark
 
@@ -31,13 +30,6 @@ def change_figure(comparison: Comparison) -> RowFigure | None:
     return RowFigure(
         f"Change of the baseline's value{words}", _in_words(shown), [_row(*each, reach) for each in shown], key=_KEY
     )
-
-
-def moved_percent(difference: Difference) -> float | None:
-    """Return the change in percent of the base, None without a number, with a base of 0, and of a direction."""
-    if difference.delta is None or not difference.base or is_direction(difference.name):
-        return None
-    return 100.0 * difference.delta / abs(difference.base)
 
 
 def _row(difference: Difference, moved: float, reach: float) -> Row:
