@@ -7,10 +7,11 @@ import time
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from hiltest.comparison.model import EXACT, Change, Comparison, Difference, Sense, Side
+from hiltest.record.comparison import Change, Comparison, Difference, Side
+from hiltest.measurement import EXACT, Better
 from hiltest.measurement import Limit, judge
 from hiltest.report.html import html_report
-from hiltest.report.record import Column, Environment, Findings, Run, Table, Verdict
+from hiltest.record.run import Column, Environment, Findings, Run, Table, Verdict
 
 from .conftest import Report
 
@@ -32,7 +33,7 @@ def large_run() -> Run:
     side = Side("base.json", "", "firmware", "1", "0", "gcc", "m", "rig", (1,), "")
     found.comparison = Comparison(side, side, tuple(
         Difference(
-            each.name, "deg", Change.WORSE, Sense.SMALLER, 1.0, 1.2345, 0.2345, None, 1, EXACT, each.limit, "pass", "",
+            each.name, "deg", Change.WORSE, Better.LOWER, 1.0, 1.2345, 0.2345, None, 1, EXACT, each.limit, "pass", "",
         ) for each in measurements
     ), (), "All of them got worse.")
     return found.finish(Verdict("regression", 21, "All of them got worse.", True), "2026-01-02T03:05:00Z")

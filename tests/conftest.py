@@ -44,14 +44,14 @@ def _every_record_is_valid(tmp_path_factory: pytest.TempPathFactory) -> Iterator
         return
     from jsonschema import Draft202012Validator
 
-    from hiltest.report.schema import SCHEMA_FILE
-    from hiltest.report.stored import read_stored
+    from hiltest.record.reader import read_record
+    from hiltest.record.schema import SCHEMA_FILE
 
     validator = Draft202012Validator(json.loads(SCHEMA_FILE.read_text(encoding="utf-8")))
     for path in records:
         content = json.loads(path.read_text(encoding="utf-8"))
         assert [f"{path}: {each.json_path}: {each.message}" for each in validator.iter_errors(content)] == []
-        read_stored(path)
+        read_record(path)
 
 
 @pytest.fixture(scope="session")

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from hiltest.boards import default_firmware
-from hiltest.report.exit_codes import WORDS, ExitCode
-from hiltest.report.stored import read_stored
+from hiltest.record.exit_codes import WORDS, ExitCode
+from hiltest.record.reader import read_record
 
 
 def hiltest(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
@@ -158,7 +158,7 @@ def test_the_suites_of_the_working_tree_are_the_ones_that_run(tmp_path: Path) ->
     # And none of them measures anything: the default rig has limits.
     assert result.returncode == 22
     assert result.stdout.splitlines()[-1].startswith("NOT JUDGED. Not judged: heading.direct.max (nothing measured")
-    (test,) = read_stored(tmp_path / "hil-out" / "run.json").run.tests
+    (test,) = read_record(tmp_path / "hil-out" / "run.json").run.tests
     assert test.id == "test_mine.py::test_mine"
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from tests.calibration.synthetic_rates import flicker, white
 
-from hiltest.cloud.rate_log import read_rate_log
+from hiltest.logs.rate_log import read_rate_log
 
 LIMIT_S = 120
 

@@ -10,7 +10,7 @@ import pytest
 
 from hiltest.operator_prompt import ask
 from hiltest.session import SESSION, HilSession
-from hiltest.session.found import FOUND, Found
+from hiltest.session.results import FOUND, Found
 from hiltest.settings import Settings
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from hiltest.procedures import Turntable
     from hiltest.profiling.image import ProfiledImage
     from hiltest.progress_line import ProgressLine
-    from hiltest.report.record import Cell
+    from hiltest.record.run import Cell
     from hiltest.rig import Rig
 
 
@@ -115,7 +115,7 @@ class Measure:
         ValueError
             If a row has another length than there are columns.
         """
-        from hiltest.report.record import Column, Table
+        from hiltest.record.run import Column, Table
 
         kept = tuple(tuple(row) for row in rows)
         if any(len(row) != len(columns) for row in kept):

@@ -8,7 +8,7 @@ import pytest
 
 if TYPE_CHECKING:
     from hiltest.measurement import Measurement
-    from hiltest.report.record import Run
+    from hiltest.record.run import Run
 
 
 @pytest.hookspec

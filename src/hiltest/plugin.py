@@ -25,10 +25,8 @@ from hiltest.fixtures import (
 )
 from hiltest.runs.gate import NOT_JUDGED
 from hiltest.session import SESSION, HilSession
-from hiltest.session.choice import only_looks
-from hiltest.session.found import CAUSE, FOUND, FOUND_AT_ITS_END, FOUND_HERE, GATING, REASON, TRACE, carry_over, pack
-from hiltest.session.gate_set import MARKER, leave_out_full
-from hiltest.session.needs import uses_board, uses_hiltest
+from hiltest.session.results import CAUSE, FOUND, FOUND_AT_ITS_END, FOUND_HERE, GATING, REASON, TRACE, carry_over, pack
+from hiltest.session.selection import MARKER, leave_out_full, only_looks, uses_board, uses_hiltest
 from hiltest.settings import add_options, resolve
 
 __all__ = [

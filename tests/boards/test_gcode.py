@@ -8,25 +8,25 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hiltest.boards.gcode import Block, GcodeError, Modals, Refusal, read_block
+from hiltest.boards.gcode import GcodeBlock, GcodeError, Modals, Refusal, read_block
 
 FED = Modals(motion=1, feed_dpm=600.0)
 
 
 def test_a_move_names_its_axes_and_the_modes_hold_on() -> None:
     first = read_block("G91G1X10Y-.5F600", Modals())
-    assert first == Block(Modals(motion=1, relative=True, feed_dpm=600.0), {"X": 10.0, "Y": -0.5}, None)
-    assert read_block("Z+5.", first.modals) == Block(first.modals, {"Z": 5.0}, None)
+    assert first == GcodeBlock(Modals(motion=1, relative=True, feed_dpm=600.0), {"X": 10.0, "Y": -0.5}, None)
+    assert read_block("Z+5.", first.modals) == GcodeBlock(first.modals, {"Z": 5.0}, None)
     assert read_block("G90G0X1", first.modals).modals == Modals(motion=0, relative=False, feed_dpm=600.0)
 
 
 def test_a_dwell_has_its_seconds_and_may_stand_before_a_move() -> None:
-    assert read_block("G4P0.25", Modals()) == Block(Modals(), {}, 0.25)
-    assert read_block("G4P1X5", Modals()) == Block(Modals(), {"X": 5.0}, 1.0)
+    assert read_block("G4P0.25", Modals()) == GcodeBlock(Modals(), {}, 0.25)
+    assert read_block("G4P1X5", Modals()) == GcodeBlock(Modals(), {"X": 5.0}, 1.0)
 
 
 def test_the_preamble_of_senders_is_understood() -> None:
-    assert read_block("N10G17G21G40G49G54G61G80G90G94", Modals()) == Block(Modals(motion=80), {}, None)
+    assert read_block("N10G17G21G40G49G54G61G80G90G94", Modals()) == GcodeBlock(Modals(motion=80), {}, None)
 
 
 @pytest.mark.parametrize(

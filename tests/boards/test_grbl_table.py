@@ -14,7 +14,7 @@ from hiltest.angles import Pose
 from hiltest.boards.grbl_table import BANNER, GrblTable
 from hiltest.boards.table_axes import CAPACITY, TableAxes
 from hiltest.world.earth_field import EarthField
-from hiltest.world.motion import BRAKE_S, MOVE_GRID_S, TURN_SPEED_DPS, Segment
+from hiltest.world.motion import BRAKE_S, MOVE_GRID_S, TURN_SPEED_DPS, MotionSegment
 from hiltest.world.world import World
 
 LOOK_S = 0.002  # how often the paced board looks after its lines
@@ -26,12 +26,12 @@ class Bench:
     def __init__(self) -> None:
         self.time_s = 1.0
         self.world = World(EarthField(50.0, 60.0))
-        self.moves: list[Segment] = []
+        self.moves: list[MotionSegment] = []
 
     def next_move_s(self) -> float:
         return self.world.hold(time_s=self.time_s)
 
-    def begin_move(self, move: Segment) -> None:
+    def begin_move(self, move: MotionSegment) -> None:
         self.world.follow(move)
         self.moves.append(move)
 

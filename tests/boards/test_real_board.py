@@ -28,7 +28,7 @@ from hiltest.errors import (
 from hiltest.link.gyroscope import GyroscopeRest
 from hiltest.link.messages import Identify, LinkStatistics, SensorKind
 from hiltest.link.ports import READ_SLICE_S
-from hiltest.link.session import ATTEMPTS, REPLY_DEADLINE_S, Outcome
+from hiltest.link.session import ATTEMPTS, REPLY_DEADLINE_S, RequestOutcome
 from hiltest.link.transcript import Direction, Transcript
 from hiltest.procedures import (
     check_link,
@@ -58,7 +58,7 @@ def test_a_board_on_a_port_identifies_itself_and_offers_no_truth(
         assert (board.clock, board.truth, board.virtual_seconds, board.instructions, board.seed) == (
             "wall", None, None, None, None,
         )  # fmt: skip
-        assert {attempt.outcome for attempt in board.session.attempts} == {Outcome.ANSWERED}
+        assert {attempt.outcome for attempt in board.session.attempts} == {RequestOutcome.ANSWERED}
     assert {entry.direction for entry in transcript.entries} == {Direction.TO_BOARD, Direction.TO_HOST}
 
 
@@ -214,7 +214,7 @@ def test_a_cable_pulled_while_the_board_works_is_a_lost_link_not_a_late_answer(
         assert 0.3 <= time.monotonic() - began_s < 3.0
         assert not isinstance(caught.value, TimeoutError)
         assert caught.value.port == paced.path
-        assert board.session.attempts[-1].outcome is Outcome.ERROR
+        assert board.session.attempts[-1].outcome is RequestOutcome.ERROR
         with pytest.raises(LinkLostError):
             board.session.request(LinkStatistics())
         hand.join()

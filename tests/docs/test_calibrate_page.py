@@ -14,7 +14,7 @@ import pytest
 from hiltest.imu_calibration import AccelerometerPart, GyroscopePart, MagnetometerPart
 from hiltest.imu_calibration.contents import ACCELEROMETER_UNITS, GYROSCOPE_UNITS, MAGNETOMETER_UNITS, SCHEMA
 from hiltest.imu_calibration.file import load_calibration
-from hiltest.report.stored import read_stored
+from hiltest.record.reader import read_record
 
 PAGE = (Path(__file__).parents[2] / "docs" / "calibrate.md").read_text(encoding="utf-8")
 (COMMANDS,) = re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S)
@@ -41,7 +41,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_commands_leave_what_the_page_says(folder: Path) -> None:
     assert (folder / "imu_calibration.h").is_file()
     file = load_calibration(folder / "imu_calibration.json")
-    run = read_stored(folder / "hil-out" / "run.json").run
+    run = read_record(folder / "hil-out" / "run.json").run
     assert run.calibration is not None
     assert (run.calibration.sha256, run.calibration.made_utc) == (file.sha256, file.calibration.made_utc)
 
@@ -49,7 +49,7 @@ def test_the_commands_leave_what_the_page_says(folder: Path) -> None:
 def test_every_measurement_of_the_table_is_made_and_judged(folder: Path) -> None:
     rows = re.findall(r"^\| (`\S+\.calibration\..*?) \| ", PAGE, re.M)
     assert len(rows) > 2
-    run = read_stored(folder / "hil-out" / "run.json").run
+    run = read_record(folder / "hil-out" / "run.json").run
     for row in rows:
         first, *others = re.findall(r"`(\S+?)`", row)
         for name in (first, *(first.rpartition(".")[0] + each for each in others)):

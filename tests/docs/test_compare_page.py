@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.comparison.baseline_file import read_baseline
-from hiltest.comparison.model import Tolerance
+from hiltest.measurement import Tolerance
 from hiltest.rig.file import load_rig
+from hiltest.verdict.baseline_file import read_baseline
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "compare.md").read_text(encoding="utf-8")

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.session.ids_of_tests import GROUP
+from hiltest.session.selection import GROUP
 from hiltest.settings import OPTIONS
 
 ROOT = Path(__file__).parents[2]

@@ -11,10 +11,10 @@ import sys
 from pathlib import Path
 
 from hiltest.commands.report import report
-from hiltest.comparison.model import Revision
+from hiltest.record.comparison import Revision
+from hiltest.record.reader import read_record
+from hiltest.record.run import SCHEMA, Run
 from hiltest.report import journal, schema
-from hiltest.report.record import SCHEMA, Run
-from hiltest.report.stored import read_stored
 from hiltest.strict_json import DEEPEST, LARGEST_BYTES
 
 PAGE = (Path(__file__).parents[2] / "docs" / "record.md").read_text(encoding="utf-8")
@@ -29,7 +29,7 @@ def test_the_commands_do_what_the_page_says(tmp_path: Path) -> None:
             text=True, check=False, timeout=300,
         )  # fmt: skip
         assert done.returncode == 0, done.stdout + done.stderr
-        assert done.stdout.splitlines()[-1] == read_stored(tmp_path / "hil-out").run.verdict.sentence
+        assert done.stdout.splitlines()[-1] == read_record(tmp_path / "hil-out").run.verdict.sentence
     assert sorted(each.name for each in (tmp_path / "kept").iterdir()) == ["report.html", "report.md", "run.json"]
     assert (tmp_path / "kept" / "run.json").read_bytes() == (tmp_path / "hil-out" / "run.json").read_bytes()
     # A row for each field, and a field for each row.
@@ -45,7 +45,7 @@ def test_the_label_is_in_the_record(tmp_path: Path) -> None:
         text=True, check=False, timeout=300,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
-    assert read_stored(tmp_path / "hil-out").run.revision == Revision(label="compass v1.2")
+    assert read_record(tmp_path / "hil-out").run.revision == Revision(label="compass v1.2")
 
 
 def test_bounds_and_words_are_the_program_s() -> None:

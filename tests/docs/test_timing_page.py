@@ -13,10 +13,11 @@ from pathlib import Path
 from hiltest.bench_files import shipped
 from hiltest.boards import open_board
 from hiltest.link.messages import Calibrate
-from hiltest.measurement import FLASH_TIE, readable
+from hiltest.measurement import FLASH_TIE
 from hiltest.procedures.clouds import golden_cloud
 from hiltest.procedures.cycles import upload_cloud
 from hiltest.rig.file import load_rig
+from hiltest.text import readable
 from hiltest.virtual.profile_file import DEFAULT_PROFILE, ROWS, load_profile
 
 PAGE = (Path(__file__).parents[2] / "docs" / "timing.md").read_text(encoding="utf-8")

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from hiltest.measurement import Limit, judge
-from hiltest.report.record_json import write_run
+from hiltest.record.run_json import write_run
 from hiltest.trend.as_json import SCHEMA
 
 from ..trend.runs import finished_run

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from hiltest.link.messages import PROTOCOL_VERSION
-from hiltest.report.stored import read_stored
+from hiltest.record.reader import read_record
 
 from .firmware_edits import NEXT_PROTOCOL, FirmwareCopy
 
@@ -106,7 +106,7 @@ def test_stopped_while_the_older_firmware_runs_it_leaves_no_verdict_of_an_earlie
     told = hiltest(bench, "report", "hil-out")
     assert told.returncode == 0
     assert told.stdout.splitlines()[-1].startswith(sentence)
-    assert not read_stored(bench / "hil-out").run.verdict.complete
+    assert not read_record(bench / "hil-out").run.verdict.complete
     compared = hiltest(bench, "compare", "hil-out", "hil-out")
     assert compared.returncode == 22
     assert "the run is not complete" in compared.stdout

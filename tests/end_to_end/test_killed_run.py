@@ -17,8 +17,8 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.report.record import Run
-from hiltest.report.stored import read_stored
+from hiltest.record.reader import read_record
+from hiltest.record.run import Run
 
 KILLS = int(os.environ.get("HILTEST_KILLS", "10"))
 TESTS = 150
@@ -101,7 +101,7 @@ class Killed:
             assert finishing == []
             return None
         assert done.returncode == 0, done.stderr
-        run = read_stored(self.folder / "out").run
+        run = read_record(self.folder / "out").run
         if run.verdict.sentence == "PASS of the run before.":
             assert finishing == []
             return None
@@ -121,9 +121,9 @@ class Killed:
 def _before(folder: Path) -> None:
     """Leave the record of an earlier run in a folder, whose tests no other run has."""
     from hiltest.measurement import judge
-    from hiltest.report.journal import Journal
-    from hiltest.report.record import TestResult, Verdict
-    from hiltest.report.recorder import Recorder
+    from hiltest.record.journal import Journal
+    from hiltest.record.recorder import Recorder
+    from hiltest.record.run import TestResult, Verdict
     from hiltest.report.render import write_reports
 
     (folder / "out").mkdir()
@@ -211,7 +211,7 @@ def test_a_run_that_goes_on_keeps_its_folder_and_can_be_looked_at(tmp_path: Path
     assert second.returncode == 4
     assert f"ERROR: the folder {tmp_path / 'out'} is in use by process {running.pid} on " in second.stderr
     assert "name another folder with --out" in second.stderr
-    run = read_stored(tmp_path / "out").run
+    run = read_record(tmp_path / "out").run
     assert [each.name for each in run.measurements] == ["first", "second"]
     assert run.verdict.outcome == "pass"
     for page in ("report.html", "report.md"):
@@ -230,7 +230,7 @@ def test_two_runs_that_begin_in_one_folder_at_once_do_not_mix(tmp_path: Path) ->
     codes = [each.returncode for each in both]
     # One was first, unless it was through before the other had begun.
     assert sorted(codes) in ([0, 4], [0, 0])
-    run = read_stored(tmp_path / "out").run
+    run = read_record(tmp_path / "out").run
     assert len({each.id.partition("::")[0] for each in run.tests}) == 1
     assert (len(run.tests), len(run.measurements)) == (TESTS, TESTS)
     for name, code, text in zip(names, codes, errors, strict=True):

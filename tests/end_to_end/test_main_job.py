@@ -14,10 +14,10 @@ from pathlib import Path
 import pytest
 
 from hiltest.bench_files import shipped
-from hiltest.report.journal import JOURNAL_FILE
-from hiltest.report.record_json import without_volatile
-from hiltest.report.run_files import RECORD_FILES
-from hiltest.report.stored import read_stored
+from hiltest.record.files import RECORD_FILES
+from hiltest.record.journal import JOURNAL_FILE
+from hiltest.record.reader import read_record
+from hiltest.record.run_json import without_volatile
 
 Run = Callable[..., object]
 
@@ -72,7 +72,7 @@ def test_the_folder_holds_the_record_and_its_reports(good_run) -> None:
     assert sorted(path.name for path in good_run.folder.iterdir()) == [
         "junit.xml", "report.html", "report.md", "run.json",
     ]
-    read_stored(good_run.folder / "run.json")
+    read_record(good_run.folder / "run.json")
 
 
 def test_the_header_names_board_firmware_and_rig(good_run) -> None:

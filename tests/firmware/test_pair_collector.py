@@ -15,7 +15,7 @@ from hiltest.sensors.fxos8700cq import Fxos8700cq
 from hiltest.sensors.mag3110 import Mag3110
 from hiltest.world.distortion import MagneticDistortion
 from hiltest.world.earth_field import EarthField
-from hiltest.world.motion import Tumble
+from hiltest.world.motion import TumbleMotion
 from hiltest.world.world import World
 
 from .bench import COLLECT, Bench
@@ -51,7 +51,7 @@ def collected(count: int) -> tuple[Reals, Reals, float]:
 
 def lags_s(fields_ut: Reals, gravities_g: Reals, began_s: float) -> Reals:
     """Return how much older gravity is than the field beside it, pair by pair."""
-    tumble = Tumble(began_s, began_s + 4.0)
+    tumble = TumbleMotion(began_s, began_s + 4.0)
 
     def body_from_ned(time_s: float) -> Reals:
         return np.array(rotation_rows(tumble.angles(time_s)[0]))

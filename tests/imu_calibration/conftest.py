@@ -11,7 +11,7 @@ from hiltest.imu_calibration.contents import (
     MAGNETOMETER_UNITS,
     SCHEMA,
     AccelerometerPart,
-    Figure,
+    FigureOfMerit,
     GyroscopePart,
     ImuCalibration,
     MadeOn,
@@ -28,7 +28,7 @@ def made() -> ImuCalibration:
             sensor="FXOS8700CQ accelerometer", method="six-position", n=6,
             formula="gravity_g = gain * (counts - offset)",
             gain=((1.22e-4, 1e-7, -2e-7), (3e-7, 1.23e-4, 4e-7), (-5e-7, 6e-7, 1.21e-4)), offset=(12.5, -7.25, 3.125),
-            units=ACCELEROMETER_UNITS, figures=(Figure("residual", 1.5, "mg"),),
+            units=ACCELEROMETER_UNITS, figures=(FigureOfMerit("residual", 1.5, "mg"),),
         ),
         gyroscope=GyroscopePart(
             sensor="FXAS21002C", method="rest", n=400, formula="rate_dps = matrix * (counts - bias)",
@@ -39,6 +39,6 @@ def made() -> ImuCalibration:
             sensor="MAG3110", method="direct", n=300, formula="unit_field = soft_iron * (counts - hard_iron)",
             soft_iron=((2.01e-3, -2e-5, 1e-5), (-2e-5, 2.1e-3, -2.1e-5), (1e-5, -2.1e-5, 2.05e-3)),
             hard_iron=(24.0, -21.6, 39.9), hard_iron_ut=(2.4, -2.16, 3.99), units=MAGNETOMETER_UNITS,
-            figures=(Figure("residual", 0.84, "%"), Figure("coverage of the sphere", 91.0, "%")),
+            figures=(FigureOfMerit("residual", 0.84, "%"), FigureOfMerit("coverage of the sphere", 91.0, "%")),
         ),
     )

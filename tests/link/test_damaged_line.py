@@ -13,7 +13,7 @@ from hiltest.errors import BoardFault, DeviceTimeoutError, SequenceError
 from hiltest.link.framing import Frame, encode_frame
 from hiltest.link.messages import ClearPoints, Identify, LinkCounters, LinkStatistics, Points, Upload
 from hiltest.link.ports import READ_SLICE_S
-from hiltest.link.session import Attempt, Outcome, Session
+from hiltest.link.session import Attempt, RequestOutcome, Session
 from hiltest.rig.file import load_rig
 
 Fault = Callable[[bytes], bytes]
@@ -94,7 +94,7 @@ def test_a_damaged_request_is_dropped_counted_and_sent_again(session: Session, p
     port.to_board = [_one_bit]
     assert session.request(Upload(0, THREE_POINTS)) == 3
     first, second = last(session, 2)
-    assert (first.outcome, second.outcome) == (Outcome.TIMEOUT, Outcome.ANSWERED)
+    assert (first.outcome, second.outcome) == (RequestOutcome.TIMEOUT, RequestOutcome.ANSWERED)
     assert first.sequence == second.sequence
     # The deadline of the first attempt was kept, on the board's clock; a read slice is the grain. The session forms
     # the same sum: a difference could be rounded to less than 0.2.
@@ -172,4 +172,4 @@ def test_firmware_that_faults_is_named_at_once_and_not_asked_again(session: Sess
     _replace_code(bench, "command_identity", b"\x00\xde")  # udf #0
     with pytest.raises(BoardFault, match="command_identity"):
         session.request(Identify())
-    assert (last(session, 1)[0].number, last(session, 1)[0].outcome) == (1, Outcome.ERROR)
+    assert (last(session, 1)[0].number, last(session, 1)[0].outcome) == (1, RequestOutcome.ERROR)

@@ -19,7 +19,7 @@ from hiltest.errors import (
 )
 from hiltest.link.framing import Frame, encode_frame
 from hiltest.link.messages import PROTOCOL_VERSION, ClearPoints, LinkCounters, LinkStatistics, Status
-from hiltest.link.session import Outcome, Session
+from hiltest.link.session import RequestOutcome, Session
 from hiltest.link.transcript import Direction
 
 SYNC = 0x01
@@ -55,7 +55,7 @@ def test_a_reply_comes_back_parsed_and_the_attempt_is_recorded(synchronised: Ope
     session = synchronised(lambda frame, _: reply(frame, COUNTERS))
     assert session.request(LinkStatistics()) == LinkCounters(1, 2, 3, 4)
     last = session.attempts[-1]
-    assert (last.command, last.number, last.outcome) == ("LINK_STATISTICS", 1, Outcome.ANSWERED)
+    assert (last.command, last.number, last.outcome) == ("LINK_STATISTICS", 1, RequestOutcome.ANSWERED)
     assert last.ended_s >= last.sent_s
     assert session.retried == 0
 
@@ -102,7 +102,7 @@ def test_a_retry_carries_the_same_sequence_number(synchronised: OpenSession) -> 
     session = synchronised(second_time, deadline_s=0.15)
     session.request(LinkStatistics())
     assert seen[0] == seen[1]
-    assert [attempt.outcome for attempt in session.attempts[1:]] == [Outcome.TIMEOUT, Outcome.ANSWERED]
+    assert [attempt.outcome for attempt in session.attempts[1:]] == [RequestOutcome.TIMEOUT, RequestOutcome.ANSWERED]
     assert session.retried == 1
 
 
@@ -121,7 +121,7 @@ def test_a_broken_line_is_lost_not_late(synchronised: OpenSession) -> None:
     with pytest.raises(LinkLostError) as caught:
         session.request(LinkStatistics())
     assert not isinstance(caught.value, TimeoutError)
-    assert session.attempts[-1].outcome is Outcome.ERROR
+    assert session.attempts[-1].outcome is RequestOutcome.ERROR
 
 
 def test_damaged_frames_are_counted_and_a_good_one_behind_is_taken(synchronised: OpenSession) -> None:

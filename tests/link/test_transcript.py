@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from hiltest.errors import ConfigError
-from hiltest.link.transcript import Direction, Entry, Transcript
+from hiltest.link.transcript import Direction, Transcript, TranscriptEntry
 
 
 def test_a_transcript_comes_back_from_its_file(tmp_path: Path) -> None:
@@ -19,7 +19,7 @@ def test_a_transcript_comes_back_from_its_file(tmp_path: Path) -> None:
     again = Transcript.read(tmp_path / "wire.jsonl")
     assert again.clock == "virtual"
     assert again.entries == transcript.entries
-    assert again.entries[0] == Entry(0.0, Direction.MARK, b"test_identity")
+    assert again.entries[0] == TranscriptEntry(0.0, Direction.MARK, b"test_identity")
 
 
 @pytest.mark.parametrize(

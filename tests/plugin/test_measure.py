@@ -8,15 +8,15 @@ from typing import Any
 
 import pytest
 
-from hiltest.report.journal import JOURNAL_FILE
-from hiltest.report.stored import read_stored
+from hiltest.record.journal import JOURNAL_FILE
+from hiltest.record.reader import read_record
 
 HEAD = "from hiltest.measurement import Limit\n\n"
 
 
 def run_of(pytester: pytest.Pytester) -> dict[str, Any]:
     content: dict[str, Any] = json.loads((pytester.path / "hil-out" / "run.json").read_text(encoding="utf-8"))
-    read_stored(pytester.path / "hil-out" / "run.json")  # every run that a test makes is valid
+    read_record(pytester.path / "hil-out" / "run.json")  # every run that a test makes is valid
     return content
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from hiltest.comparison.model import EXACT, Change, Comparison, Difference, Sense, Side, Tolerance
-from hiltest.measurement import Limit
+from hiltest.measurement import EXACT, Better, Limit, Tolerance
+from hiltest.record.comparison import Change, Comparison, Difference, Side
 
 MODEL = "cortex-m4-trm/1@sram"
 BASE = Side(
@@ -20,7 +20,7 @@ def difference(name: str, change: Change, base: float | None, new: float | None,
     """Return a difference with its delta worked out."""
     delta = None if base is None or new is None else new - base
     made = Difference(
-        name=name, unit="deg", change=change, sense=Sense.SMALLER, base=base, new=new, delta=delta, interval=None,
+        name=name, unit="deg", change=change, sense=Better.LOWER, base=base, new=new, delta=delta, interval=None,
         seeds=1, tolerance=Tolerance(0.05, 0.02), limit=Limit(max=1.8), outcome="pass", cycle_model="",
     )  # fmt: skip
     return replace(made, **more)  # type: ignore[arg-type]
@@ -34,7 +34,7 @@ def comparison(*differences: Difference, obstacles: tuple[str, ...] = ()) -> Com
         difference("fit.direct.residual", Change.UNCHANGED, 0.80, 0.81),
         difference("fusion.kalman.max", Change.GONE, 1.2, None, limit=None, outcome=""),
         difference("heading.direct.max", Change.BETTER, 0.97, 0.75),
-        difference("heading.direct.worst_sector", Change.CHANGED, 200, 230, sense=Sense.NEITHER),
+        difference("heading.direct.worst_sector", Change.CHANGED, 200, 230, sense=Better.NEITHER),
         difference("link.errors", Change.NEW, None, 0, unit=""),
     )
     return Comparison(BASE, NEW, tuple(sorted(made, key=lambda each: each.name)), obstacles,

@@ -13,17 +13,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hiltest.measurement import CycleBand, Limit, Measurement, Outcome, RowEffect, judge, ratio_band
+from hiltest.record.reader import read_record
+from hiltest.record.run import Findings, Run
+from hiltest.record.run_json import measurement_from, write_run
 from hiltest.report.cost_line import cost_line
 from hiltest.report.html import html_report
 from hiltest.report.markdown import markdown_report
 from hiltest.report.overview import accuracy_and_cost
-from hiltest.report.record import Findings, Run
-from hiltest.report.record_json import measurement_from, write_run
-from hiltest.report.stored import read_stored
 from hiltest.report.terminal import summary
-from hiltest.report.verdict import decide
+from hiltest.verdict.verdict import decide
 
-from .conftest import MODEL
+from ..written_run import MODEL
 
 Make = Callable[..., Findings]
 
@@ -40,7 +40,7 @@ def run_of(findings: Make, good: list[Measurement]) -> Run:
 
 def test_the_record_keeps_it_and_gives_it_back(findings: Make, good: list[Measurement], tmp_path: Path) -> None:
     run = run_of(findings, good)
-    read = read_stored(write_run(run, tmp_path)).run
+    read = read_record(write_run(run, tmp_path)).run
     assert read.measurement("cycles.direct.total") == run.measurement("cycles.direct.total")
     (written,) = (
         each for each in json.loads((tmp_path / "run.json").read_text())["measurements"] if each["band"] is not None
@@ -60,7 +60,7 @@ def test_a_record_from_before_there_were_bands_is_read(
     for each in content["measurements"]:
         del each["band"]
     (tmp_path / "run.json").write_text(json.dumps(content), encoding="utf-8")
-    assert all(each.band is None for each in read_stored(tmp_path / "run.json").run.measurements)
+    assert all(each.band is None for each in read_record(tmp_path / "run.json").run.measurements)
 
 
 def test_a_measurement_comes_back_from_another_process_with_it() -> None:

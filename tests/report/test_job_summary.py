@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from hiltest.record.run import Verdict
 from hiltest.report.job_summary import (
     MOST_BYTES,
     VARIABLE,
@@ -14,7 +15,6 @@ from hiltest.report.job_summary import (
     append_to_job_summary,
     without_job_summary,
 )
-from hiltest.report.record import Verdict
 
 WHOLE = Path("hil-out/report.md")
 

@@ -9,13 +9,13 @@ from dataclasses import replace
 
 import pytest
 
-from hiltest.comparison.model import EXACT, Change, Comparison, Difference, Sense, Side, Tolerance
-from hiltest.measurement import CycleBand, Limit, Measurement, judge
+from hiltest.measurement import EXACT, Better, CycleBand, Limit, Measurement, Tolerance, judge
+from hiltest.record.comparison import Change, Comparison, Difference, Side
+from hiltest.record.run import Column, Findings, Run, Table, TestResult
 from hiltest.report.html import html_report
 from hiltest.report.legible import legible
 from hiltest.report.overview import accuracy_and_cost, tally
-from hiltest.report.record import Column, Findings, Run, Table, TestResult
-from hiltest.report.verdict import decide
+from hiltest.verdict.verdict import decide
 
 Make = Callable[..., Findings]
 SIDE = Side("base.json", "ab" * 32, "hiltest-frdm-k64f", "0.1.0", "0123", "GCC 12.2.1", "m", "virtual-k64f", (1,), "")
@@ -38,7 +38,7 @@ def text_of(page: str) -> str:
 
 def difference(name: str, change: Change, base: float | None, new: float | None, **more: object) -> Difference:
     delta = None if base is None or new is None else new - base
-    given = {"unit": "cycle", "sense": Sense.SMALLER, "interval": None, "seeds": 1, "tolerance": EXACT, "limit": None,
+    given = {"unit": "cycle", "sense": Better.LOWER, "interval": None, "seeds": 1, "tolerance": EXACT, "limit": None,
              "outcome": "information", "cycle_model": "m", "note": ""} | more
     return Difference(name=name, change=change, base=base, new=new, delta=delta, **given)  # type: ignore[arg-type]
 

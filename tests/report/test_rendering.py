@@ -11,15 +11,15 @@ from pathlib import Path
 import pytest
 
 from hiltest.measurement import Limit, Measurement, judge
+from hiltest.record.run import Findings, Run, Table, TestResult
 from hiltest.report.figures.budget import budget_figures
 from hiltest.report.html import html_report
 from hiltest.report.markdown import markdown_report
 from hiltest.report.markdown_text import plain_text
-from hiltest.report.record import Findings, Run, Table, TestResult
 from hiltest.report.render import write_reports
 from hiltest.report.svg import Figure, log_ticks, nice_ticks
 from hiltest.report.terminal import summary
-from hiltest.report.verdict import decide
+from hiltest.verdict.verdict import decide
 
 Make = Callable[..., Findings]
 HOSTILE = "<script>alert('x')</script>|`\"&"

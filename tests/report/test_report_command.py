@@ -15,12 +15,12 @@ from hypothesis import strategies as st
 
 from hiltest.cli import main
 from hiltest.measurement import Measurement
-from hiltest.report.journal import JOURNAL_FILE, Journal
-from hiltest.report.record import Findings, TestResult, Verdict
-from hiltest.report.record_json import content_to_json, to_json, write_run
-from hiltest.report.recorder import Recorder
-from hiltest.report.run_files import RUN_FILE
-from hiltest.report.stored import read_stored
+from hiltest.record.files import RUN_FILE
+from hiltest.record.journal import JOURNAL_FILE, Journal
+from hiltest.record.reader import read_record
+from hiltest.record.recorder import Recorder
+from hiltest.record.run import Findings, TestResult, Verdict
+from hiltest.record.run_json import content_to_json, to_json, write_run
 
 PASSED = Verdict("pass", 0, "PASS.", complete=True)
 OUTPUT = ["report.html", "report.md"]
@@ -54,7 +54,7 @@ def test_the_reports_of_a_folder_are_those_that_the_run_wrote(
     from hiltest.report.markdown import markdown_report
 
     assert report(folder) == 0
-    run = read_stored(folder).run
+    run = read_record(folder).run
     assert names(folder) == sorted([*OUTPUT, RUN_FILE])
     assert (folder / "report.html").read_text(encoding="utf-8") == html_report(run)
     assert (folder / "report.md").read_text(encoding="utf-8") == markdown_report(run)
@@ -124,9 +124,9 @@ class TestUnfinished:
     def test_in_another_folder_it_is_a_record_like_others(self, recorder: Recorder, tmp_path: Path) -> None:
         recorder.release()
         assert report(recorder.folder, "--out", tmp_path / "copy") == 0
-        stored = read_stored(tmp_path / "copy")
+        stored = read_record(tmp_path / "copy")
         assert stored.path.name == RUN_FILE
-        assert stored.run == read_stored(recorder.folder).run
+        assert stored.run == read_record(recorder.folder).run
         assert (stored.run.verdict.outcome, stored.run.verdict.complete) == ("cut short", False)
 
     def test_a_run_that_finishes_while_it_is_rendered_has_the_last_word(
@@ -166,9 +166,9 @@ class TestNewerMinor:
     def test_it_is_rendered_and_all_of_it_is_written_again(
         self, folder: Path, newer: dict[str, Any], tmp_path: Path
     ) -> None:
-        run = read_stored(folder).run
+        run = read_record(folder).run
         (folder / RUN_FILE).write_text(content_to_json(newer), encoding="utf-8")
-        assert read_stored(folder).run == run
+        assert read_record(folder).run == run
         assert report(folder, "--out", tmp_path / "copy") == 0
         assert json.loads((tmp_path / "copy" / RUN_FILE).read_text(encoding="utf-8")) == newer
 
@@ -295,4 +295,4 @@ def test_a_folder_without_a_record_is_a_usage_error(tmp_path: Path, capsys: pyte
 
 
 def test_what_a_run_wrote_is_what_is_written_again(folder: Path, tmp_path: Path) -> None:
-    assert to_json(read_stored(folder).run) == (folder / RUN_FILE).read_text(encoding="utf-8")
+    assert to_json(read_record(folder).run) == (folder / RUN_FILE).read_text(encoding="utf-8")

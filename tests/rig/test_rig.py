@@ -14,7 +14,7 @@ from hiltest.calibration.dpi import PAIRS_MINIMUM
 from hiltest.errors import ConfigError, UnknownKeyError
 from hiltest.measurement import Limit
 from hiltest.rig import build_sensors, build_world, world_truth
-from hiltest.rig.file import MEASUREMENT_UNITS, load_rig, measurement_unit, reference_uncertainty_deg
+from hiltest.rig.file import load_rig, reference_uncertainty_deg
 from hiltest.rig.tables import DPI_PAIRS_MINIMUM, CoveredPart, RigValueError, TurntableSettings
 from hiltest.sensors.fxos8700cq import noise_at_oversampling, oversampling
 
@@ -289,11 +289,19 @@ def test_the_mountings_uncertainty_does_not_bound_a_centred_limit(edited):
         edited('"heading.direct.max_centred" = { max = 1.8', '"heading.direct.max_centred" = { max = 0.05')
 
 
-def test_units_are_known_by_name_for_any_calibrator():
-    assert measurement_unit("heading.iterative-stream.max_centred") == "deg"
-    assert measurement_unit("heading.uncalibrated.max_level") == "deg"
-    assert measurement_unit("cycles.direct.totals") is None
-    assert len(MEASUREMENT_UNITS) == len(set(MEASUREMENT_UNITS))
+@pytest.mark.parametrize(
+    "name", ["cycles.fn", "compass.lag", "heading.direct.maximum", "cycles.mine.total", "heading.mine.tilt_sensitivity"]
+)
+def test_a_limit_on_any_name_is_taken_with_its_unit(edited, name):
+    unit = "deg" if name.startswith("heading") else "cycle"
+    rig = edited('"heading.direct.rms" = ', f'"{name}" = {{ max = 7, unit = "{unit}" }}\n"heading.direct.rms" = ')
+    assert rig.limits[name] == Limit(max=7)
+    assert rig.units[name] == unit
+
+
+def test_the_unit_of_a_known_kind_is_its_own(edited):
+    with pytest.raises(ConfigError, match="its unit is 'deg', not 'mrad'"):
+        edited('max = 0.75, unit = "deg"', 'max = 0.75, unit = "mrad"')
 
 
 @pytest.mark.parametrize("text", [b"name = ", b"\xff\xfe", b"[field\n"])

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.comparison.model import Tolerance
 from hiltest.errors import ConfigError
+from hiltest.measurement import Tolerance
 from hiltest.rig.conditions import conditions_sha256
 from hiltest.rig.file import load_rig
 
@@ -83,7 +83,7 @@ def test_tolerances_are_read_and_change_no_digest(edited: Edit) -> None:
 @pytest.mark.parametrize(
     ("line", "reason"),
     [
-        ('"heading.direct.maximum" = { absolute = 0.05, unit = "deg" }', "heading.direct.max"),
+        ('"heading.direct.maks" = { absolute = 0.05, unit = "deg" }', "heading.direct.max"),
         ('"heading.direct.max" = { absolute = 0.05, unit = "mdeg" }', "its unit is 'deg'"),
         ('"heading.direct.max" = { absolute = -0.05, unit = "deg" }', "tolerances.heading.direct.max: absolute"),
         ('"heading.direct.max" = { absolute = inf, unit = "deg" }', "absolute"),

@@ -15,14 +15,14 @@ from pathlib import Path
 import pytest
 
 from hiltest.cli import commands
-from hiltest.comparison.model import Change, Comparison, Difference, Sense, Side, Tolerance
-from hiltest.comparison.words import sentence as comparison_sentence
 from hiltest.errors import ConfigError
-from hiltest.measurement import Limit, judge
-from hiltest.report.evidence import read_evidence
-from hiltest.report.journal import JOURNAL_FILE, Journal
+from hiltest.measurement import Better, Limit, Tolerance, judge
+from hiltest.record.comparison import Change, Comparison, Difference, Side
+from hiltest.record.journal import JOURNAL_FILE, Journal
 from hiltest.runs.campaign import SeedResult, campaign_exit_code, campaign_sentence, spreads_of
-from hiltest.runs.sole_command import LOCK_FILE, remove_run, sole_command
+from hiltest.runs.folders import LOCK_FILE, remove_run, sole_command
+from hiltest.verdict.evidence_reader import read_evidence
+from hiltest.verdict.wording import sentence as comparison_sentence
 
 
 def result(seed: int, heading_deg: float, exit_code: int = 0) -> SeedResult:
@@ -108,7 +108,7 @@ def test_a_comparison_decides_where_the_seeds_have_not(
     results = [SeedResult(seed, each, "", excusable=each == 1) for seed, each in enumerate(codes, 1)]
     side = Side("base.json", "", "", "", "", "", "", "", (1, 2), "")
     difference = Difference(
-        "heading.direct.max", "deg", change, Sense.SMALLER, 1.0, 1.2, 0.2, None, 2, Tolerance(0.01, 0.01), None, "", "",
+        "heading.direct.max", "deg", change, Better.LOWER, 1.0, 1.2, 0.2, None, 2, Tolerance(0.01, 0.01), None, "", "",
     )
     comparison = Comparison(side, side, (difference,), obstacles, "")
     comparison = replace(comparison, sentence=comparison_sentence(comparison))

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.report.evidence import read_evidence
+from hiltest.verdict.evidence_reader import read_evidence
 
 SUITE = """
 from hiltest.measurement import Limit

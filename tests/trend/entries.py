@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from hiltest.comparison.evidence import Conditions, Evidence
-from hiltest.comparison.model import Side, Tolerance
-from hiltest.measurement import Limit, Measurement, judge
-from hiltest.trend.series import Entry
+from hiltest.measurement import Limit, Measurement, Tolerance, judge
+from hiltest.record.comparison import Side
+from hiltest.trend.series import RunEntry
+from hiltest.verdict.evidence import Conditions, Evidence
 
 MODEL = "cortex-m4-trm/1@sram"
 
@@ -16,7 +16,7 @@ def entry(
     day: int, *measurements: Measurement, build: str = "", model: str = MODEL, rig: str = "aa", poses: str = "all",
     compiler: str = "GCC 12.2.1", seeds: Mapping[int, tuple[Measurement, ...]] | None = None,
     tolerances: Mapping[str, Tolerance] | None = None, file: str = "",
-) -> Entry:  # fmt: skip
+) -> RunEntry:  # fmt: skip
     """Return a run of a day in January on the default rig, or with `seeds` a campaign."""
     by_seed = seeds or {1: measurements}
     side = Side(
@@ -32,7 +32,7 @@ def entry(
         side, conditions, {seed: {each.name: each for each in found} for seed, found in by_seed.items()},
         tolerances=tolerances or {},
     )  # fmt: skip
-    return Entry(side.file, f"2026-01-{day:02d}T00:00:00Z", evidence)
+    return RunEntry(side.file, f"2026-01-{day:02d}T00:00:00Z", evidence)
 
 
 def cycles(value: float, *, limit: float | None = 12_500, model: str = MODEL) -> Measurement:

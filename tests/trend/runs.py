@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from hiltest.comparison.model import Revision
 from hiltest.measurement import Measurement
-from hiltest.report.record import BoardRecord, Environment, Findings, RigRecord, Run, SensorRecord, TestResult
-from hiltest.report.verdict import decide
+from hiltest.record.comparison import Revision
+from hiltest.record.run import BoardRecord, Environment, Findings, RigRecord, Run, SensorRecord, TestResult
+from hiltest.verdict.verdict import decide
 
 from .entries import MODEL
 

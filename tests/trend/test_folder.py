@@ -10,18 +10,17 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.comparison.acceptance import accept
-from hiltest.comparison.baseline import baseline_of
-from hiltest.comparison.baseline_file import to_json
 from hiltest.errors import ConfigError
 from hiltest.measurement import Limit, judge
-from hiltest.report.evidence import read_evidence
-from hiltest.report.journal import JOURNAL_FILE, Journal
-from hiltest.report.recorder import Recorder
+from hiltest.record.journal import JOURNAL_FILE, Journal
+from hiltest.record.recorder import Recorder
 from hiltest.trend.folder import read_folder
 from hiltest.trend.page import trend_page
 from hiltest.trend.series import trend_of
 from hiltest.trend.words import between
+from hiltest.verdict.baseline import accept, baseline_of
+from hiltest.verdict.baseline_file import to_json
+from hiltest.verdict.evidence_reader import read_evidence
 
 from .entries import cycles
 from .runs import finished_run

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
-from hiltest.comparison.model import Revision
 from hiltest.measurement import Limit, judge
+from hiltest.record.comparison import Revision
 from hiltest.trend.figures import figure
 from hiltest.trend.folder import Skipped
 from hiltest.trend.page import trend_page

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import pytest
 
-from hiltest.comparison.model import Change, Tolerance
-from hiltest.measurement import Limit, judge
+from hiltest.measurement import Limit, Tolerance, judge
+from hiltest.record.comparison import Change
 from hiltest.trend.series import Step, Trend, trend_of
 from hiltest.trend.words import sentence
 

@@ -10,7 +10,7 @@ from hiltest.rig import Rig, build_sensors, build_world
 from hiltest.virtual.k64f import CORE_HZ, VirtualK64F
 from hiltest.virtual.profile_file import DEFAULT_PROFILE, SUFFIX, place_of
 from hiltest.world.faces import askew
-from hiltest.world.motion import MOVE_GRID_S, Segment
+from hiltest.world.motion import MOVE_GRID_S, MotionSegment
 from hiltest.world.sway import SWAY_S, Sway
 
 #: From power-on until the firmware listens and its sensors are set up [s]: the gyroscope alone boots for 60 ms.
@@ -136,7 +136,7 @@ class VirtualBench:
         """Return when a move that is planned now can begin [virtual s]."""
         return self._world.hold(time_s=self.machine.time_s)
 
-    def begin_move(self, move: Segment) -> None:
+    def begin_move(self, move: MotionSegment) -> None:
         """Set the table going on a move that somebody else has planned; the clock does not move."""
         self._world.follow(move)
 

@@ -76,7 +76,7 @@ class Modals:
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
+class GcodeBlock:
     """What one line asks for.
 
     Attributes
@@ -94,7 +94,7 @@ class Block:
     dwell_s: float | None
 
 
-def read_block(line: str, modals: Modals) -> Block:
+def read_block(line: str, modals: Modals) -> GcodeBlock:
     """Return what a line asks for.
 
     Parameters
@@ -123,7 +123,7 @@ def read_block(line: str, modals: Modals) -> Block:
         raise GcodeError(Refusal.AXES_WITHOUT_MOTION)
     if axes and modals.motion == 1 and not modals.feed_dpm:
         raise GcodeError(Refusal.NO_FEED_RATE)
-    return Block(modals, axes, dwell_s)
+    return GcodeBlock(modals, axes, dwell_s)
 
 
 def _words(line: str) -> Iterable[tuple[str, float]]:

@@ -21,7 +21,7 @@ REFUSAL = b"in use: this port serves one client at a time\r\n"
 _DEAD_AFTER_S = 30
 
 
-class Line(Protocol):
+class PortLine(Protocol):
     """One end of a serial line.
 
     Attributes

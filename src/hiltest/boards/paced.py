@@ -14,7 +14,7 @@ from typing import Protocol, Self
 
 from hiltest.angles import Pose
 from hiltest.boards.bench import START_UP_S, VirtualBench
-from hiltest.boards.lines import Line
+from hiltest.boards.lines import PortLine
 from hiltest.errors import BenchError, BoardFault
 from hiltest.virtual.k64f import VirtualK64F
 
@@ -75,9 +75,9 @@ class PacedBench:
     ----------
     bench : VirtualBench
         Not yet powered on; nobody else may run it.
-    line : Line
+    line : PortLine
         To the board's serial port. Whoever opened it closes it, after `stop`.
-    others : (Line, Device), optional
+    others : (PortLine, Device), optional
         What else is served in the same time, such as a turntable.
 
     Attributes
@@ -88,11 +88,11 @@ class PacedBench:
         How far the board is behind wall time [s].
     """
 
-    def __init__(self, bench: VirtualBench, line: Line, *others: tuple[Line, Device]) -> None:
+    def __init__(self, bench: VirtualBench, line: PortLine, *others: tuple[PortLine, Device]) -> None:
         self.fault: BoardFault | None = None
         self.behind_s = 0.0
         self._bench = bench
-        self._served: list[tuple[Line, Device]] = [(line, SerialPortOfBoard(bench.machine)), *others]
+        self._served: list[tuple[PortLine, Device]] = [(line, SerialPortOfBoard(bench.machine)), *others]
         self._clock = threading.Condition()  # guards bench; told after every step
         self._running = False
         self._longest_step_s = _LONGEST_STEP_S

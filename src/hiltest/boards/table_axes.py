@@ -9,7 +9,7 @@ from typing import Protocol
 
 from hiltest.angles import Pose
 from hiltest.world.earth_field import Vector
-from hiltest.world.motion import Brake, Segment, Turn, brake_on, next_on_grid, travel_from
+from hiltest.world.motion import Brake, MotionSegment, Turn, brake_on, next_on_grid, travel_from
 
 #: Moves that can wait, as many as Grbl's planner holds.
 CAPACITY = 15
@@ -26,7 +26,7 @@ class Bench(Protocol):
     def next_move_s(self) -> float:
         """Return when a move that is planned now can begin [virtual s]."""
 
-    def begin_move(self, move: Segment) -> None:
+    def begin_move(self, move: MotionSegment) -> None:
         """Set the table going on a move."""
 
 

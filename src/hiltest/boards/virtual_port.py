@@ -16,7 +16,7 @@ from serial.serialutil import SerialBase
 _ENDLESS_SLICE_S = 1.0
 
 
-class Uart(Protocol):
+class UartPort(Protocol):
     """The host's end of a virtual UART."""
 
     @property
@@ -38,7 +38,7 @@ class Machine(Protocol):
         """Virtual seconds since power-on."""
 
     @property
-    def uart0(self) -> Uart:
+    def uart0(self) -> UartPort:
         """The debug serial port."""
 
     def position(self) -> str:

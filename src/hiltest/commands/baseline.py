@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import click
 
 from hiltest.errors import ConfigError
+from hiltest.text import readable
 
 if TYPE_CHECKING:
-    from hiltest.comparison.baseline import Baseline, Row
+    from hiltest.verdict.baseline import Baseline, BaselineRow
 
 _EXIT_CODES = """
 \b
@@ -38,9 +39,9 @@ def save(run: Path, file: Path) -> int:
     RUN is a run.json, the folder of a run, or the folder of a campaign (hiltest run --seeds). A baseline that is
     there already is renewed: its history goes on.
     """
-    from hiltest.comparison.baseline import baseline_of, renewed
-    from hiltest.report.evidence import read_evidence
-    from hiltest.report.record import utc_now
+    from hiltest.record.run import utc_now
+    from hiltest.verdict.baseline import baseline_of, renewed
+    from hiltest.verdict.evidence_reader import read_evidence
 
     before = _before(file)
     saved = baseline_of(read_evidence(run), utc_now())
@@ -63,11 +64,11 @@ def update(file: Path, run: Path, names: tuple[str, ...], because: str) -> int:
 
     One that RUN does not make any more is taken out; of a run of chosen tests (-k, node ids) none is.
     """
-    from hiltest.comparison.acceptance import accept
-    from hiltest.comparison.baseline_file import read_baseline, read_content
-    from hiltest.comparison.words import build
-    from hiltest.report.evidence import read_evidence
-    from hiltest.report.record import utc_now
+    from hiltest.record.run import utc_now
+    from hiltest.verdict.baseline import accept
+    from hiltest.verdict.baseline_file import read_baseline, read_content
+    from hiltest.verdict.evidence_reader import read_evidence
+    from hiltest.verdict.wording import build
 
     if not because.strip():
         raise click.BadParameter("say why, in words that the next reader understands", param_hint="--because")
@@ -90,7 +91,7 @@ def update(file: Path, run: Path, names: tuple[str, ...], because: str) -> int:
 
 def _before(file: Path) -> Baseline | None:
     """Return the baseline that is there already, None when nothing is."""
-    from hiltest.comparison.baseline_file import read_baseline
+    from hiltest.verdict.baseline_file import read_baseline
 
     try:
         return read_baseline(file)
@@ -103,8 +104,8 @@ def _before(file: Path) -> Baseline | None:
 
 
 def _write(written: Baseline, file: Path, before: object = None) -> None:
-    from hiltest.comparison.baseline_file import to_json
-    from hiltest.report.run_files import write_atomically
+    from hiltest.record.files import write_atomically
+    from hiltest.verdict.baseline_file import to_json
 
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
@@ -115,14 +116,13 @@ def _write(written: Baseline, file: Path, before: object = None) -> None:
 
 
 def _value(value: float | None) -> str:
-    from hiltest.measurement import readable
 
     return "none" if value is None else readable(value, 6)
 
 
-def _edited(was: Row | None, now: Row | None) -> str:
+def _edited(was: BaselineRow | None, now: BaselineRow | None) -> str:
     """Return what else than its number was accepted with a measurement: what it is held to from now on."""
-    from hiltest.comparison.words import held_to
+    from hiltest.verdict.wording import held_to
 
     if was is None or now is None:
         return ""

@@ -12,13 +12,13 @@ import click
 from hiltest.bench_files import rig_file
 from hiltest.commands.options import checked
 from hiltest.errors import ConfigError
-from hiltest.measurement import readable
 from hiltest.operator_prompt import ask
 from hiltest.settings import file_name, seed
+from hiltest.text import readable
 
 if TYPE_CHECKING:
     from hiltest.boards import Board
-    from hiltest.imu_calibration import Figure, ImuCalibration
+    from hiltest.imu_calibration import FigureOfMerit, ImuCalibration
     from hiltest.procedures import Turntable
     from hiltest.rig import Rig
 
@@ -92,7 +92,7 @@ def _led_through(board: Board, rig: Rig, calibrator: str) -> ImuCalibration:
     from hiltest.imu_calibration.guided import calibrate_imu
     from hiltest.procedures import open_table
     from hiltest.progress_line import ProgressLine
-    from hiltest.report.record import utc_now
+    from hiltest.record.run import utc_now
 
     progress = ProgressLine(_StandardOutput(), shown=sys.stdout.isatty())
     table = open_table(board, rig, prompt=ask)
@@ -110,7 +110,7 @@ def _write(made: ImuCalibration, out: Path, header: Path) -> None:
     """Write both files; the calibration file last, so that it is never there without its header."""
     from hiltest.imu_calibration.c_header import to_header
     from hiltest.imu_calibration.file import to_json
-    from hiltest.report.cloud_fit_exports import write_text
+    from hiltest.logs.sample_fit_exports import write_text
 
     write_text(header, to_header(made))
     write_text(out, to_json(made))
@@ -125,7 +125,7 @@ class _TerminalGuide:
     def begin(self, step: int, of: int, what: str) -> None:
         click.echo(f"{step} of {of}: {what}")
 
-    def found(self, part: str, method: str, figures: tuple[Figure, ...]) -> None:
+    def found(self, part: str, method: str, figures: tuple[FigureOfMerit, ...]) -> None:
         listed = ", ".join(f"{each.name} {readable(each.value)} {each.unit}".rstrip() for each in figures)
         click.echo(f"   {part} by {method}: {listed}")
 

@@ -10,8 +10,8 @@ import click
 from hiltest.errors import ConfigError
 
 if TYPE_CHECKING:
-    from hiltest.comparison.evidence import Evidence
-    from hiltest.comparison.model import Comparison
+    from hiltest.record.comparison import Comparison
+    from hiltest.verdict.evidence import Evidence
 
 _EXIT_CODES = """
 \b
@@ -35,9 +35,9 @@ def compare(base: Path, new: tuple[Path, ...], as_json: bool) -> int:
 
     Each is a run.json, the folder of a run, the folder of a campaign (hiltest run --seeds), or a baseline file.
     """
+    from hiltest.record.exit_codes import ExitCode, comparison_code
     from hiltest.report.comparison_text import json_text, print_comparison, say_how_to_keep
-    from hiltest.report.evidence import read_evidence
-    from hiltest.report.exit_codes import ExitCode, comparison_code
+    from hiltest.verdict.evidence_reader import read_evidence
 
     evidence = [read_evidence(each) for each in new]
     comparisons = _compared(base, evidence)
@@ -55,9 +55,9 @@ def compare(base: Path, new: tuple[Path, ...], as_json: bool) -> int:
 
 def _compared(base: Path, evidence: list[Evidence]) -> list[Comparison]:
     """Compare with the base; one that cannot be read is no usage error, but a gate that is not evaluated."""
-    from hiltest.comparison.compare import compare as compare_sides
-    from hiltest.comparison.compare import not_compared
-    from hiltest.report.evidence import read_evidence
+    from hiltest.verdict.compare import compare as compare_sides
+    from hiltest.verdict.compare import not_compared
+    from hiltest.verdict.evidence_reader import read_evidence
 
     try:
         before = read_evidence(base)

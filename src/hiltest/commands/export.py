@@ -34,9 +34,9 @@ def export(run: Path, form: str, better: str | None, out: Path | None) -> None:
     magnitude; facts, such as a worst sector, are left out. Over several seeds it is the mean, the smallest and the
     largest.
     """
-    from hiltest.report.cloud_fit_exports import write_text
-    from hiltest.report.evidence import read_evidence
+    from hiltest.logs.sample_fit_exports import write_text
     from hiltest.report.exports import bencher_json, exported, github_action_benchmark_json
+    from hiltest.verdict.evidence_reader import read_evidence
 
     if form == "bencher" and better is not None:
         raise click.UsageError("--better is for github-action-benchmark: a file for Bencher holds both")

@@ -12,8 +12,8 @@ from hiltest.commands.options import checked
 from hiltest.settings import file_name
 
 if TYPE_CHECKING:
-    from hiltest.cloud import Cloud
-    from hiltest.procedures.cloud_fit import CloudFit
+    from hiltest.logs import Cloud
+    from hiltest.logs.sample_fit import CloudFit
 
 _EXIT_CODES = """
 \b
@@ -55,7 +55,7 @@ def fit(
     CLOUD is a text table: comma, semicolon, tab or blanks between cells, decimal points, with or without a header;
     - is standard input. A refused calibration is not exported.
     """
-    from hiltest.cloud import Unit, read_cloud
+    from hiltest.logs import Unit, read_cloud
 
     path = _STANDARD_INPUT if str(cloud) == "-" else cloud
     read = read_cloud(path, columns=columns, unit=Unit(unit) if unit else None)
@@ -63,7 +63,7 @@ def fit(
     _show(fitted, as_json=as_json)
     _export(fitted, export_json, export_header)
     if html is not None:
-        from hiltest.report.cloud_fit_page import write_page
+        from hiltest.logs.sample_fit_page import write_page
 
         write_page(fitted, read.points, html)
     order = list(Acceptance)
@@ -71,7 +71,7 @@ def fit(
 
 
 def _fit(cloud: Cloud, calibrator: str, on: str, firmware: str | None) -> CloudFit:
-    from hiltest.procedures.cloud_fit import fit_on_board, fit_on_host
+    from hiltest.logs.sample_fit import fit_on_board, fit_on_host
 
     if on == "host":
         if firmware is not None:
@@ -89,11 +89,11 @@ def _fit(cloud: Cloud, calibrator: str, on: str, firmware: str | None) -> CloudF
 
 def _show(fitted: CloudFit, *, as_json: bool) -> None:
     if as_json:
-        from hiltest.report.cloud_fit_json import to_json
+        from hiltest.logs.sample_fit_exports import to_json
 
         click.echo(to_json(fitted), nl=False)
         return
-    from hiltest.report.cloud_fit_table import print_fit
+    from hiltest.logs.sample_fit_table import print_fit
     from hiltest.report.console import standard_output
 
     print_fit(fitted, standard_output())
@@ -102,7 +102,7 @@ def _show(fitted: CloudFit, *, as_json: bool) -> None:
 def _export(fitted: CloudFit, as_json: Path | None, as_header: Path | None) -> None:
     if as_json is None and as_header is None:
         return
-    from hiltest.report.cloud_fit_exports import export_header, export_json
+    from hiltest.logs.sample_fit_exports import export_header, export_json
 
     if fitted.best.verdict is Acceptance.REFUSED:
         click.echo("refused: no calibration was exported", err=True)

@@ -10,7 +10,7 @@ import click
 from hiltest.commands.options import RATE_UNITS, NumberRange
 
 if TYPE_CHECKING:
-    from hiltest.imu_log import ImuLog, Intervals
+    from hiltest.logs import ImuLog, Intervals
 
 _EXIT_CODES = """
 \b
@@ -55,12 +55,12 @@ def fit_imu(
     LOG is a text table, also packed (.gz): comma, semicolon, tab or blanks between cells, with or without a header.
     The rests are found by themselves; so are six faces, and whole turns about the vertical.
     """
-    from hiltest.cloud.rate_units import RATE_WORDS
-    from hiltest.imu_log import AccelerationUnit, LogColumns, read_imu_log
-    from hiltest.imu_log.fit import fit_imu_log
-    from hiltest.report.cloud_fit_exports import write_text
+    from hiltest.logs import AccelerationUnit, LogColumns, read_imu_log
+    from hiltest.logs.imu_fit import fit_imu_log
+    from hiltest.logs.imu_fit_exports import print_fit, to_header, to_json
+    from hiltest.logs.sample_fit_exports import write_text
+    from hiltest.logs.units import RATE_WORDS
     from hiltest.report.console import standard_output
-    from hiltest.report.imu_log_fit import print_fit, to_header, to_json
 
     listed = intervals if intervals is not None and Path(intervals).suffix == ".json" else None
     read = read_imu_log(
@@ -86,7 +86,7 @@ def fit_imu(
 
 
 def _intervals(log: ImuLog, listed: str | None) -> Intervals:
-    from hiltest.imu_log import found_intervals, labelled_intervals, listed_intervals
+    from hiltest.logs import found_intervals, labelled_intervals, listed_intervals
 
     if listed is not None:
         return listed_intervals(log, Path(listed))

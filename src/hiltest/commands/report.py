@@ -11,7 +11,7 @@ import click
 from hiltest.errors import ConfigError
 
 if TYPE_CHECKING:
-    from hiltest.report.stored import StoredRun
+    from hiltest.record.reader import RecordFile
 
 _EXIT_CODES = """
 \b
@@ -34,37 +34,37 @@ def report(record: Path, out: Path | None) -> int:
     DIR is the folder of a run, FILE a run.json. Of a run that was cut short, or still goes on, the reports hold every
     test that had finished, and say so.
     """
-    from hiltest.report.stored import read_stored
+    from hiltest.record.reader import read_record
 
     folder = record if record.is_dir() else record.parent
     if out is None or out.resolve() == folder.resolve():
         stored = _in_place(record, folder)
     else:
-        stored = read_stored(record)
+        stored = read_record(record)
         _elsewhere(stored, out)
     click.echo(f"{out or folder}: report.html, report.md")
     click.echo(stored.run.verdict.sentence)
     return 0
 
 
-def _in_place(record: Path, folder: Path) -> StoredRun:
+def _in_place(record: Path, folder: Path) -> RecordFile:
     """Write the reports beside the record, and again if a run has begun or finished there meanwhile."""
-    from hiltest.report.stored import read_stored
+    from hiltest.record.reader import read_record
 
     for _ in range(_TRIES):
         before = _state(folder)
-        stored = read_stored(record)
+        stored = read_record(record)
         _render(stored, folder)
         if _state(folder) == before:
             break
     return stored
 
 
-def _elsewhere(stored: StoredRun, out: Path) -> None:
+def _elsewhere(stored: RecordFile, out: Path) -> None:
     """Write the whole record into a folder of its own, in the place of what was there."""
-    from hiltest.report.journal import Journal
-    from hiltest.report.record_json import content_to_json
-    from hiltest.report.run_files import RUN_FILE, write_atomically
+    from hiltest.record.files import RUN_FILE, write_atomically
+    from hiltest.record.journal import Journal
+    from hiltest.record.run_json import content_to_json
     from hiltest.settings import make_folder
 
     make_folder(out)
@@ -78,7 +78,7 @@ def _elsewhere(stored: StoredRun, out: Path) -> None:
         claim.release()
 
 
-def _render(stored: StoredRun, folder: Path) -> None:
+def _render(stored: RecordFile, folder: Path) -> None:
     import numpy as np
 
     from hiltest.report.render import write_reports
@@ -95,8 +95,8 @@ def _render(stored: StoredRun, folder: Path) -> None:
 
 def _state(folder: Path) -> tuple[int | None, bool | None]:
     """Return which finished record is in a folder, and whether a run goes on there; None for what is not there."""
-    from hiltest.report.journal import JOURNAL_FILE, is_going_on
-    from hiltest.report.run_files import RUN_FILE
+    from hiltest.record.files import RUN_FILE
+    from hiltest.record.journal import JOURNAL_FILE, is_going_on
 
     record: int | None = None
     going_on: bool | None = None

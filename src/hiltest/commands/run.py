@@ -12,11 +12,11 @@ import pytest
 from hiltest.bench_files import suites
 from hiltest.commands.options import EXIT_CODES, checked
 from hiltest.errors import ConfigError
-from hiltest.report.record import Run
-from hiltest.report.run_files import OLDER_FOLDER
-from hiltest.runs.older import OlderFirmware, base_of_environment
+from hiltest.record.files import OLDER_FOLDER
+from hiltest.record.run import Run
+from hiltest.runs.older_firmware import OlderFirmware, base_of_environment
 from hiltest.session import SESSION
-from hiltest.session.choice import only_looks
+from hiltest.session.selection import only_looks
 from hiltest.settings import DEFAULT_OUT, file_name, label, seed
 
 
@@ -116,7 +116,7 @@ def run(
     The suites are those in hil/suites of this folder, or else the ones that come with hiltest. What follows
     -- goes to pytest: hiltest run -- -k heading
     """
-    from hiltest.runs.sole_command import sole_command
+    from hiltest.runs.folders import sole_command
 
     names = {"rig": "--hil-rig", "firmware": "--hil-firmware", "hil_port": "--hil-port", "seed": "--hil-seed",
              "poses": "--hil-poses", "suite": "--hil-suite", "calibration": "--hil-calibration",

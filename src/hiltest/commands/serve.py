@@ -13,7 +13,7 @@ import click
 from hiltest.bench_files import rig_file
 from hiltest.boards.bench import START_UP_S, VirtualBench
 from hiltest.boards.grbl_table import GrblTable
-from hiltest.boards.lines import Line, PseudoTerminal, TcpLine
+from hiltest.boards.lines import PortLine, PseudoTerminal, TcpLine
 from hiltest.boards.paced import PacedBench
 from hiltest.boards.port_links import port_link
 from hiltest.boards.table_axes import TableAxes
@@ -100,15 +100,17 @@ def serve(
     return 0
 
 
-def _open_lines(stack: contextlib.ExitStack, tcp: int | None, turntable_tcp: int | None, host: str) -> Sequence[Line]:
-    opened: list[Line] = []
+def _open_lines(
+    stack: contextlib.ExitStack, tcp: int | None, turntable_tcp: int | None, host: str
+) -> Sequence[PortLine]:
+    opened: list[PortLine] = []
     for port in (tcp, turntable_tcp if turntable_tcp is not None else tcp and tcp + 1):
         opened.append(PseudoTerminal() if tcp is None else TcpLine(host, port or 0))
         stack.callback(opened[-1].close)
     return opened
 
 
-def _linked(stack: contextlib.ExitStack, lines: Sequence[Line], link: str | None) -> list[str]:
+def _linked(stack: contextlib.ExitStack, lines: Sequence[PortLine], link: str | None) -> list[str]:
     if link is None:
         return [line.url for line in lines]
     paths = [Path(link), Path(f"{link}-turntable")]
@@ -139,7 +141,7 @@ def _listening(paced: PacedBench, ending: list[int]) -> bool:
     return paced.running and not ending
 
 
-def _watch(paced: PacedBench, lines: dict[str, Line], ending: list[int]) -> None:
+def _watch(paced: PacedBench, lines: dict[str, PortLine], ending: list[int]) -> None:
     """Say what changes, until a signal comes or the board ends."""
     told: dict[str, bool] = dict.fromkeys(lines, False)
     pace = _pace()

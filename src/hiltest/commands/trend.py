@@ -34,7 +34,7 @@ def trend(folder: Path, html: Path | None, every: bool, as_json: bool) -> None:
     A step is a change beyond the measurement's tolerance from one run to the next of the same rig, cycle model and
     seeds; runs of others are drawn apart. Files that are no records are named, and skipped.
     """
-    from hiltest.report.cloud_fit_exports import write_text
+    from hiltest.logs.sample_fit_exports import write_text
     from hiltest.trend.as_json import to_json
     from hiltest.trend.folder import read_folder
     from hiltest.trend.page import trend_page

@@ -26,7 +26,7 @@ from hiltest.cycle_benchmarks.tables import (
     split_by_cycle_model,
 )
 from hiltest.session import SESSION
-from hiltest.session.needs import is_benchmark, uses_board
+from hiltest.session.selection import is_benchmark, uses_board
 
 if TYPE_CHECKING:
     from pytest_benchmark.fixture import BenchmarkFixture

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from hiltest.imu_calibration.contents import (
     AccelerometerPart,
-    Figure,
+    FigureOfMerit,
     GyroscopePart,
     ImuCalibration,
     MadeOn,
     MagnetometerPart,
 )
 
-__all__ = ["AccelerometerPart", "Figure", "GyroscopePart", "ImuCalibration", "MadeOn", "MagnetometerPart"]
+__all__ = ["AccelerometerPart", "FigureOfMerit", "GyroscopePart", "ImuCalibration", "MadeOn", "MagnetometerPart"]

@@ -31,7 +31,7 @@ _HEX = re.compile(r"[0-9a-f]+")
 
 
 @dataclass(frozen=True, slots=True)
-class Figure:
+class FigureOfMerit:
     """One number that says how good a part is."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
@@ -97,7 +97,7 @@ class MagnetometerPart:
         [counts].
     hard_iron_ut : (3,)
         The same [uT].
-    figures : tuple of Figure
+    figures : tuple of FigureOfMerit
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
@@ -109,7 +109,7 @@ class MagnetometerPart:
     hard_iron: Triple
     hard_iron_ut: Triple
     units: MagnetometerUnits
-    figures: tuple[Figure, ...]
+    figures: tuple[FigureOfMerit, ...]
 
     def __post_init__(self) -> None:
         _check("soft_iron", self.soft_iron, self.hard_iron)
@@ -142,7 +142,7 @@ class AccelerometerPart:
     gain: Matrix
     offset: Triple
     units: AccelerometerUnits
-    figures: tuple[Figure, ...]
+    figures: tuple[FigureOfMerit, ...]
 
     def __post_init__(self) -> None:
         _check("gain", self.gain, self.offset)
@@ -169,7 +169,7 @@ class GyroscopePart:
     matrix: Matrix
     bias: Triple
     units: GyroscopeUnits
-    figures: tuple[Figure, ...]
+    figures: tuple[FigureOfMerit, ...]
 
     def __post_init__(self) -> None:
         _check("matrix", self.matrix, self.bias)

@@ -24,7 +24,7 @@ from hiltest.imu_calibration.contents import (
     MICROTESLA_PER_COUNT,
     SCHEMA,
     AccelerometerPart,
-    Figure,
+    FigureOfMerit,
     GyroscopePart,
     ImuCalibration,
     MagnetometerPart,
@@ -63,7 +63,7 @@ class Guide(Protocol):
     def begin(self, step: int, of: int, what: str) -> None:
         """Say what comes next."""
 
-    def found(self, part: str, method: str, figures: tuple[Figure, ...]) -> None:
+    def found(self, part: str, method: str, figures: tuple[FigureOfMerit, ...]) -> None:
         """Say what came of a step."""
 
     def again(self, why: str) -> bool:
@@ -154,8 +154,8 @@ class _Led:
             sensor=self._board.sensor(SensorKind.ACCELEROMETER).name, method=run.method, n=len(run.counts),
             formula="gravity_g = gain * (counts - offset)", gain=matrix(run.fit.gain), offset=triple(run.fit.offset),
             units=ACCELEROMETER_UNITS, figures=(
-                Figure("residual", run.solution.residual_mg, "mg"),
-                Figure("faces declared within", faces.uncertainty_deg, "deg"),
+                FigureOfMerit("residual", run.solution.residual_mg, "mg"),
+                FigureOfMerit("faces declared within", faces.uncertainty_deg, "deg"),
             ),
         )
         self._guide.found("accelerometer", part.method, part.figures)
@@ -174,7 +174,7 @@ class _Led:
         bias = rest_gyroscope(self._board, seconds=seconds, store=True, progress=self._progress)
         after = rest_gyroscope(self._board, seconds=seconds, progress=self._progress)
         error_dps = DPS_PER_COUNT * float(np.abs(after.corrected_mean).max())
-        figures = (Figure("error of the second rest", error_dps, "dps"),)
+        figures = (FigureOfMerit("error of the second rest", error_dps, "dps"),)
         fit = GyroscopeFit(DPS_PER_COUNT * np.eye(3), bias.rate.mean)
         return self._gyroscope_part("rest", fit, bias.n, figures), float(after.die_temperature_degc)
 
@@ -182,9 +182,9 @@ class _Led:
         turns = [self._until_good(partial(self._turn, axis)) for axis in (Axis.Z, Axis.X, Axis.Y)]
         found = fit_on_board(self._board, turns, uncertainty_deg=self._rig.turntable.uncertainty_deg)
         figures = (
-            Figure("error of the rests after", max(each.bias_error_dps for each in turns), "dps"),
-            Figure("uncertainty of scale", found.scale_uncertainty_percent, "%"),
-            Figure("uncertainty of axes", found.misalignment_uncertainty_deg, "deg"),
+            FigureOfMerit("error of the rests after", max(each.bias_error_dps for each in turns), "dps"),
+            FigureOfMerit("uncertainty of scale", found.scale_uncertainty_percent, "%"),
+            FigureOfMerit("uncertainty of axes", found.misalignment_uncertainty_deg, "deg"),
         )
         last = turns[-1].after
         part = self._gyroscope_part("rests and turns", found.fit, last.n, figures)
@@ -198,7 +198,7 @@ class _Led:
         )
 
     def _gyroscope_part(
-        self, method: str, fit: GyroscopeFit, n: int, figures: tuple[Figure, ...]
+        self, method: str, fit: GyroscopeFit, n: int, figures: tuple[FigureOfMerit, ...]
     ) -> GyroscopePart:
         return GyroscopePart(
             sensor=self._board.sensor(SensorKind.GYROSCOPE).name, method=method, n=n,
@@ -227,11 +227,11 @@ class _Led:
             formula="unit_field = soft_iron * (counts - hard_iron)", soft_iron=matrix(run.soft_iron),
             hard_iron=triple(run.hard_iron), hard_iron_ut=triple(MICROTESLA_PER_COUNT * run.hard_iron),
             units=MAGNETOMETER_UNITS, figures=(
-                Figure("residual", run.residual_percent, "%"),
-                Figure("residual that noise predicts", run.residual_predicted_percent, "%"),
-                Figure("predicted direction error", figures.direction_error_deg or 0.0, "deg"),
-                Figure("field strength", figures.radius_ut or 0.0, "uT"),
-                Figure("coverage of the sphere", 100.0 * tumble.coverage, "%"),
+                FigureOfMerit("residual", run.residual_percent, "%"),
+                FigureOfMerit("residual that noise predicts", run.residual_predicted_percent, "%"),
+                FigureOfMerit("predicted direction error", figures.direction_error_deg or 0.0, "deg"),
+                FigureOfMerit("field strength", figures.radius_ut or 0.0, "uT"),
+                FigureOfMerit("coverage of the sphere", 100.0 * tumble.coverage, "%"),
             ),
         )
         self._guide.found("magnetometer", part.method, part.figures)

@@ -45,7 +45,7 @@ _STALE_SEQUENCES = 16
 _HEARD_KEPT = 256
 
 
-class Outcome(StrEnum):
+class RequestOutcome(StrEnum):
     """How an attempt ended."""
 
     ANSWERED = "answered"
@@ -65,7 +65,7 @@ class Attempt:
         1 for the first attempt of a request.
     sent_s, ended_s : float
         Board clock.
-    outcome : Outcome
+    outcome : RequestOutcome
     damaged, stale : int
         Frames that arrived while waiting and were damaged, or answered an earlier request.
     """
@@ -75,7 +75,7 @@ class Attempt:
     number: int
     sent_s: float
     ended_s: float
-    outcome: Outcome
+    outcome: RequestOutcome
     damaged: int
     stale: int
 
@@ -229,11 +229,11 @@ class Session:
         """Send once and wait; the reply's payload, or None when the deadline passed."""
         sent_s = self.now()
         self._damaged = self._stale = 0
-        outcome = Outcome.ERROR
+        outcome = RequestOutcome.ERROR
         try:
             self._write(encode_frame(frame))
             payload = self._await(message, frame.sequence, sent_s + allowed_s, resync)
-            outcome = Outcome.TIMEOUT if payload is None else Outcome.ANSWERED
+            outcome = RequestOutcome.TIMEOUT if payload is None else RequestOutcome.ANSWERED
             return payload
         finally:
             ended_s = self.now()

@@ -29,7 +29,7 @@ class Direction(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class TranscriptEntry:
     """Bytes that were written or read in one piece, or the text of a mark."""
 
     time_s: float
@@ -43,17 +43,17 @@ class Transcript:
     Parameters
     ----------
     clock : str
-        ``virtual`` or ``wall``: what `Entry.time_s` counts. The session that fills an
+        ``virtual`` or ``wall``: what `TranscriptEntry.time_s` counts. The session that fills an
         empty one says it.
     """
 
-    def __init__(self, clock: str = "", entries: Iterable[Entry] = ()) -> None:
+    def __init__(self, clock: str = "", entries: Iterable[TranscriptEntry] = ()) -> None:
         self.clock = clock
-        self.entries: MutableSequence[Entry] = list(entries)
+        self.entries: MutableSequence[TranscriptEntry] = list(entries)
 
     def add(self, time_s: float, direction: Direction, data: bytes) -> None:
         """Append an entry."""
-        self.entries.append(Entry(time_s, direction, data))
+        self.entries.append(TranscriptEntry(time_s, direction, data))
 
     def mark(self, time_s: float, text: str) -> None:
         """Note something beside the bytes, such as the name of a test."""
@@ -107,7 +107,7 @@ class LatestTranscript(Transcript):
     def __init__(self, *, most_bytes: int) -> None:
         super().__init__()
         self._most_bytes = most_bytes
-        self._latest: deque[Entry] = deque()
+        self._latest: deque[TranscriptEntry] = deque()
         self.entries = self._latest
         self.restart()
 
@@ -119,7 +119,7 @@ class LatestTranscript(Transcript):
 
     def add(self, time_s: float, direction: Direction, data: bytes) -> None:
         """Append an entry, and forget the oldest that no longer fit."""
-        self._latest.append(Entry(time_s, direction, data))
+        self._latest.append(TranscriptEntry(time_s, direction, data))
         self._weight += len(data) + _ENTRY_BYTES
         while self._weight > self._most_bytes and len(self._latest) > 1:
             oldest = self._latest.popleft()
@@ -127,14 +127,14 @@ class LatestTranscript(Transcript):
             self.dropped_bytes += len(oldest.data)
 
 
-def _line(entry: Entry) -> str:
+def _line(entry: TranscriptEntry) -> str:
     if entry.direction is Direction.MARK:
         return json.dumps({"t": entry.time_s, "mark": entry.data.decode()})
     return json.dumps({"t": entry.time_s, "dir": str(entry.direction), "hex": entry.data.hex()})
 
 
-def _entry(item: dict[str, object]) -> Entry:
+def _entry(item: dict[str, object]) -> TranscriptEntry:
     time_s = float(str(item["t"]))
     if "mark" in item:
-        return Entry(time_s, Direction.MARK, str(item["mark"]).encode())
-    return Entry(time_s, Direction(str(item["dir"])), bytes.fromhex(str(item["hex"])))
+        return TranscriptEntry(time_s, Direction.MARK, str(item["mark"]).encode())
+    return TranscriptEntry(time_s, Direction(str(item["dir"])), bytes.fromhex(str(item["hex"])))

@@ -9,10 +9,10 @@ from hiltest.procedures.calibrate import (
     UNCALIBRATED_SLOT,
     UNTRIMMED,
     CalibratorRun,
+    predicted_residual_percent,
     run_calibrators,
     store_untrimmed,
 )
-from hiltest.procedures.cause import Cause, name_cause, predicted_residual_percent
 from hiltest.procedures.clouds import golden_cloud, golden_pairs
 from hiltest.procedures.coverage import largest_hole_deg, sphere_coverage
 from hiltest.procedures.cycles import CycleCost, measure_cycles, upload_cloud, upload_pairs
@@ -65,7 +65,6 @@ __all__ = [
     "AttitudeErrors",
     "BoardMovedError",
     "CalibratorRun",
-    "Cause",
     "CycleCost",
     "DpiRun",
     "Effort",
@@ -118,7 +117,6 @@ __all__ = [
     "measure_packed_fit",
     "measure_six_positions",
     "measure_turn",
-    "name_cause",
     "open_grbl_turntable",
     "open_table",
     "open_turntable",

@@ -22,7 +22,7 @@ REGRESSION_SIZES = (20, 60, 100, 140, 180, 220, 260, 300)
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class CostLine:
     """A straight line through points, and the rms of what it leaves."""
 
     slope: float
@@ -31,7 +31,7 @@ class Line:
 
 
 @dataclass(frozen=True, slots=True)
-class Counted:
+class CountedRun:
     """One run of a calibrator: its cost, and its sweeps or iterations."""
 
     cost: RunCost
@@ -102,7 +102,7 @@ class CycleCost:
         return "" if self.is_mostly_iterations else "its iterations are not most of what it costs"
 
 
-def fit_line(x: ArrayLike, y: ArrayLike) -> Line:
+def fit_line(x: ArrayLike, y: ArrayLike) -> CostLine:
     """Fit a line by least squares.
 
     Raises
@@ -117,7 +117,7 @@ def fit_line(x: ArrayLike, y: ArrayLike) -> Line:
     slope = float((dx * ys).sum() / (dx * dx).sum())
     intercept = float(ys.mean() - slope * xs.mean())
     left = ys - (slope * xs + intercept)
-    return Line(slope, intercept, float(np.sqrt((left * left).mean())))
+    return CostLine(slope, intercept, float(np.sqrt((left * left).mean())))
 
 
 def upload_cloud(board: Board, points: NDArray[np.int16], centre: Sequence[int] | None = None) -> None:
@@ -169,7 +169,7 @@ def measure_cycles(
         raise no_cycle_counter()
     tell = progress or silent
     work = [(n, index) for index in range(clouds)] + [(size, 0) for size in sizes if size != n]
-    runs: dict[tuple[int, int], dict[str, Counted]] = {}
+    runs: dict[tuple[int, int], dict[str, CountedRun]] = {}
     once: dict[str, dict[int, int]] = {name: {} for name in calibrators}
     instructions: dict[str, int | None] = {}
     bands: dict[str, CycleBand | None] = {}
@@ -200,18 +200,18 @@ def _is_mostly_iterations(per_iteration: float | None, iterations: int, total: i
     return per_iteration is not None and 2.0 * per_iteration * iterations > total
 
 
-def _per_iteration(board: Board, n: int, calibrator: str, whole: Counted) -> float | None:
+def _per_iteration(board: Board, n: int, calibrator: str, whole: CountedRun) -> float | None:
     if whole.iterations < 2:
         return None
     first = _count(board, n, calibrator, iterations=1)
     return (whole.cost.cycles - first.cost.cycles) / (whole.iterations - 1)
 
 
-def _count(board: Board, n: int, calibrator: str, *, iterations: int = 0) -> Counted:
+def _count(board: Board, n: int, calibrator: str, *, iterations: int = 0) -> CountedRun:
     reply = board.session.request(Calibrate(n, calibrator, iterations=iterations))
     if reply.cost is None:
         raise no_cycle_counter()
-    return Counted(reply.cost, reply.iterations)
+    return CountedRun(reply.cost, reply.iterations)
 
 
 def cycles_of(cost: RunCost | None) -> int:
@@ -239,7 +239,7 @@ def instructions_of(board: Board, cost: RunCost) -> int | None:
 
 def _cost(
     board: Board, name: str, n: int, clouds: int, sizes: Sequence[int],
-    runs: dict[tuple[int, int], dict[str, Counted]], once: dict[int, int], instructions: int | None,
+    runs: dict[tuple[int, int], dict[str, CountedRun]], once: dict[int, int], instructions: int | None,
     band: CycleBand | None, per_iteration: float | None,
 ) -> CycleCost:
     at_n = [runs[n, index][name].cost.cycles for index in range(clouds)]
@@ -268,8 +268,8 @@ def _cost(
 
 
 def _line_where_steps_are_made(
-    sizes: Sequence[int], cycles: Sequence[int], runs: Sequence[Counted], at_n: Counted
-) -> Line:
+    sizes: Sequence[int], cycles: Sequence[int], runs: Sequence[CountedRun], at_n: CountedRun
+) -> CostLine:
     """Fit the line to what is alike: one that leaves its steps out with few points does other work there."""
     alike = np.array([(run.iterations > 0) == (at_n.iterations > 0) for run in runs])
     if alike.sum() < 2:

@@ -1,0 +1,1 @@
+"""Renderers: a run as HTML, Markdown, terminal text and figures. Nothing is decided here."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-from hiltest.comparison.model import Comparison
-from hiltest.comparison.words import counted_by
-from hiltest.measurement import readable
+from hiltest.record.comparison import Comparison
+from hiltest.record.run import Verdict
 from hiltest.report.markdown import comparison_lines
 from hiltest.report.markdown_text import folded, plain_text, table
-from hiltest.report.record import Verdict
+from hiltest.text import readable
+from hiltest.verdict.wording import counted_by
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from hiltest.comparison.model import Answer, Change, Comparison, Difference, Side
-from hiltest.comparison.words import SHOWN, build, counted_by, held_to, models_shown, moved, revision, shown
-from hiltest.measurement import readable
+from hiltest.record.comparison import Answer, Change, Comparison, Difference, Side
 from hiltest.report.figures.change import change_figure
 from hiltest.report.figures.rows import RowFigure
+from hiltest.text import readable
+from hiltest.verdict.wording import SHOWN, build, counted_by, held_to, models_shown, moved, revision, shown
 
 # Stands beside the word for who does not see its colour.
 _SIGNS = {Change.WORSE: "✗", Change.GONE: "−", Change.BETTER: "✓", Change.NEW: "+", Change.CHANGED: "≠"}

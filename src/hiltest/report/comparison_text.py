@@ -11,9 +11,8 @@ from dataclasses import asdict
 from rich.console import Console
 from rich.text import Text
 
-from hiltest.comparison.keeping import how_to_keep
-from hiltest.comparison.model import Answer, Change, Comparison, Side
-from hiltest.comparison.words import build, counted_by, entry, models_shown, revision, shown
+from hiltest.record.comparison import Answer, Change, Comparison, Side
+from hiltest.verdict.wording import build, counted_by, entry, how_to_keep, models_shown, revision, shown
 
 SCHEMA = "hiltest.comparison/1"
 # Thousands are apart, 11 061, and stay on one line.

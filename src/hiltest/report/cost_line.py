@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from hiltest.measurement import FLASH_TIE, Measurement, cannot_be_ranked, ratio_band, readable
-from hiltest.report.calibrator_results import CalibratorResult, calibrator_results
-from hiltest.report.record import Run
+from hiltest.measurement import FLASH_TIE, Measurement, cannot_be_ranked, ratio_band
+from hiltest.record.run import Run
+from hiltest.text import readable
+from hiltest.verdict.calibrators import CalibratorResult, calibrator_results
 
 _OLD = "iterative"
 """What the others are compared with: the calibrator that was there before."""

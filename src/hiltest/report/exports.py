@@ -14,10 +14,8 @@ from dataclasses import dataclass
 from statistics import fmean
 from typing import Any
 
-from hiltest.comparison.evidence import Seed
-from hiltest.comparison.model import Sense
-from hiltest.comparison.rules import rule_of
-from hiltest.measurement import Limit, Measurement, round_significant
+from hiltest.measurement import Better, Limit, Measurement, round_significant
+from hiltest.verdict.evidence import Seed
 
 MOST_NAME, MOST_MEASURE = 1024, 64
 """Characters that Bencher keeps of the name of a benchmark, and of a measure."""
@@ -84,16 +82,16 @@ def _exported(measurements: list[Measurement]) -> Exported | None:
     if not kept:
         return None
     latest = kept[-1]
-    sense = rule_of(latest.name, latest.limit).sense
-    if sense is Sense.NEITHER:
+    sense = latest.better
+    if sense is Better.NEITHER:
         return None
     values = [each.value for each in kept if each.value is not None]
     name = latest.name
-    if sense is Sense.NEARER_ZERO:
+    if sense is Better.NEARER_ZERO:
         name, values = f"{name}, magnitude", [abs(value) for value in values]
     if latest.cycle_model:
         name = f"{name} ({latest.cycle_model})"
-    return Exported(name, latest.unit, sense is Sense.LARGER, tuple(values), latest.limit)
+    return Exported(name, latest.unit, sense is Better.HIGHER, tuple(values), latest.limit)
 
 
 def _measure(number: Exported) -> str:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hiltest import __version__
+from hiltest.record.run import Run
 from hiltest.report import overview, stream_overview
 from hiltest.report.comparison_overview import against_baseline
 from hiltest.report.cost_line import cost_line
 from hiltest.report.figures.cost import cost_figure
 from hiltest.report.page import render
-from hiltest.report.record import Run
 from hiltest.report.sections import figure_groups
 from hiltest.report.terminal import shown_limit, shown_outcome, shown_value
 

@@ -10,8 +10,8 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
+from hiltest.record.run import Verdict
 from hiltest.report.markdown_text import cut
-from hiltest.report.record import Verdict
 from hiltest.report.terminal import shown_path
 
 VARIABLE = "GITHUB_STEP_SUMMARY"

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from hiltest.comparison.model import Comparison
 from hiltest.measurement import Measurement
+from hiltest.record.comparison import Comparison
+from hiltest.record.run import Run, TestResult
 from hiltest.report import overview, stream_overview
 from hiltest.report.comparison_overview import changed, counts, sides
 from hiltest.report.cost_line import cost_line
 from hiltest.report.markdown_text import folded, plain_text, table
-from hiltest.report.record import Run, TestResult
 from hiltest.report.terminal import shown_limit, shown_outcome, shown_value
 
 

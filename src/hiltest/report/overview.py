@@ -7,13 +7,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import groupby
 
-from hiltest.comparison.words import revision, without_folders
 from hiltest.measurement import Measurement, Outcome
-from hiltest.report.calibrator_results import UNCALIBRATED
-from hiltest.report.costs import CalibratorCost, calibrator_costs
-from hiltest.report.record import Run
+from hiltest.record.run import Run
 from hiltest.report.terminal import BAND_BEYOND, shown_limit, shown_value
-from hiltest.report.verdict import grouped
+from hiltest.text import readable, without_folders
+from hiltest.verdict.calibrators import UNCALIBRATED, CalibratorCost, calibrator_costs
+from hiltest.verdict.wording import revision
 
 # Heading of a column of the accuracy-and-cost table, and the measurement in it.
 _ACCURACY = (("worst heading [deg]", "heading.{}.max"),)
@@ -176,9 +175,9 @@ def _stream_cells(run: Run, cost: CalibratorCost) -> list[Cell]:
     """Of a stream the fixed part is the fit at the end, and a point has a mean and a worst case."""
     whole = run.measurement(f"stream.{cost.name}.total")
     band = f", {whole.band}" if whole and whole.band else ""
-    total = Cell("" if cost.cycles is None else grouped(cost.cycles), note=f"{cost.points} points{band}")
+    total = Cell("" if cost.cycles is None else readable(cost.cycles), note=f"{cost.points} points{band}")
     most = run.measurement(f"stream.{cost.name}.cycles_max")
-    note = "" if most is None or most.value is None else f"most {grouped(most.value)}"
+    note = "" if most is None or most.value is None else f"most {readable(most.value)}"
     per_point = replace(_cell(run, f"stream.{cost.name}.cycles_mean"), note=note)
     return [total, per_point, _cell(run, f"stream.{cost.name}.fit_cycles")]
 
@@ -199,4 +198,4 @@ def _comparable(measurement: Measurement) -> str:
     if measurement.unit in ("deg", "%"):
         return f"{measurement.value:.2f}"
     whole = isinstance(measurement.value, int) or abs(measurement.value) >= 1000
-    return grouped(measurement.value) if whole else f"{measurement.value:.1f}"
+    return readable(measurement.value) if whole else f"{measurement.value:.1f}"

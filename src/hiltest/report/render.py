@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from hiltest.record.files import write_atomically
+from hiltest.record.run import Run
 from hiltest.report.html import html_report
 from hiltest.report.markdown import markdown_report
-from hiltest.report.record import Run
-from hiltest.report.run_files import write_atomically
 
 HTML_FILE, MARKDOWN_FILE = "report.html", "report.md"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from hiltest.record.run import Run
 from hiltest.report.figures.accelerometer import accelerometer_group
 from hiltest.report.figures.budget import budget_group
 from hiltest.report.figures.cloud import cloud_group
@@ -10,7 +11,6 @@ from hiltest.report.figures.fusion import fusion_group
 from hiltest.report.figures.group import FigureGroup
 from hiltest.report.figures.gyroscope import gyroscope_group
 from hiltest.report.figures.heading import heading_group
-from hiltest.report.record import Run
 
 _SECTIONS = (
     heading_group, budget_group, cloud_group, cycle_group, accelerometer_group, gyroscope_group, fusion_group,

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from hiltest.report.costs import STAGES_TABLE
-from hiltest.report.record import Cell, Run
-from hiltest.report.verdict import grouped
+from hiltest.record.run import Cell, Run
+from hiltest.text import readable
+from hiltest.verdict.calibrators import STAGES_TABLE
 
 HEADING = "Calibrators that live with the stream"
 LEGEND = (
@@ -55,4 +55,4 @@ def _number(value: Cell, unit: str) -> str:
 
 def _cycles(run: Run, name: str) -> str:
     measurement = run.measurement(name)
-    return "" if measurement is None or measurement.value is None else grouped(measurement.value)
+    return "" if measurement is None or measurement.value is None else readable(measurement.value)

@@ -12,11 +12,11 @@ from rich.markup import escape
 from rich.table import Table as Grid
 
 from hiltest.measurement import Measurement, Outcome
+from hiltest.record.files import RECORD_FILES
+from hiltest.record.run import Run
 from hiltest.report.comparison_text import print_changes, say_how_to_keep
 from hiltest.report.cost_line import cost_line
-from hiltest.report.record import Run
-from hiltest.report.run_files import RECORD_FILES
-from hiltest.report.verdict import grouped
+from hiltest.text import readable
 
 BAND_BEYOND = "its band reaches beyond the limit"
 """What stands beside a count that keeps its limit; a remark, which changes no outcome."""
@@ -88,7 +88,7 @@ def shown_value(measurement: Measurement) -> str:
     value = measurement.value
     if value is None:
         return "-"
-    return grouped(value) if isinstance(value, int) or abs(value) >= 1000 else f"{value:.4g}"
+    return readable(value) if isinstance(value, int) or abs(value) >= 1000 else f"{value:.4g}"
 
 
 def shown_limit(measurement: Measurement) -> str:
@@ -129,7 +129,7 @@ def _print_bands(console: Console, measurements: Sequence[Measurement]) -> None:
             if each.cycle_model == model:
                 most = band.moved_most_by
                 by = most.row if most else "memories" if band.low < band.high else "no row"
-                grid.add_row(escape(each.name), shown_value(each), grouped(band.low), grouped(band.high), escape(by))
+                grid.add_row(escape(each.name), shown_value(each), readable(band.low), readable(band.high), escape(by))
         console.print(grid)
     for each, _ in banded:
         if each.band_reaches_beyond:

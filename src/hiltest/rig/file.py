@@ -19,95 +19,13 @@ from typing import Any, ClassVar, Literal, get_args, get_type_hints
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
-from hiltest.comparison.model import Tolerance
-from hiltest.comparison.rules import is_known
 from hiltest.errors import ConfigError, UnknownKeyError
-from hiltest.measurement import Limit
+from hiltest.measurement import Limit, Reference, Tolerance, identify, nearest_name
 from hiltest.rig import Rig
 from hiltest.rig.tables import STRICT, RigValueError
 
-#: Units of the measurements that a limit may name; ``*`` is a calibrator's name, or one of its further calibrations.
-MEASUREMENT_UNITS = {
-    "heading.*.max": "deg",
-    "heading.*.rms": "deg",
-    "heading.*.bias": "deg",
-    "heading.*.max_centred": "deg",
-    "heading.*.worst_sector": "deg",
-    "heading.*.float32_error": "deg",
-    "heading.uncalibrated.max_level": "deg",
-    "fit.*.status": "",
-    "fit.*.residual": "%",
-    "fit.*.offset_error": "uT",
-    "fit.*.rotation_left": "deg",
-    "cycles.*.total": "cycle",
-    "cycles.*.per_point": "cycle",
-    "cycles.*.fixed": "cycle",
-    "cycles.*.spread": "cycle",
-    "cycles.*.instructions": "instruction",
-    "stream.*.cycles_mean": "cycle",
-    "stream.*.cycles_median": "cycle",
-    "stream.*.cycles_max": "cycle",
-    "stream.*.fit_cycles": "cycle",
-    "stream.*.total": "cycle",
-    "stream.*.remove_mean": "cycle",
-    "stream.*.remove_max": "cycle",
-    "stream.*.held": "",
-    "stream.*.elements": "",
-    "stream.*.refused": "",
-    "budget.*.mean_error": "deg",
-    "accelerometer.norm_rms": "mg",
-    "accelerometer.tilt_error": "deg",
-    "accelerometer.untrimmed_norm_rms": "mg",
-    "accelerometer.six_position.norm_rms": "mg",
-    "accelerometer.six_position.axis_error": "deg",
-    "accelerometer.six_position.offset_error": "mg",
-    "accelerometer.six_position.residual": "mg",
-    "accelerometer.six_position.cycles": "cycle",
-    "accelerometer.ellipsoid.norm_rms": "mg",
-    "accelerometer.ellipsoid.axis_error": "deg",
-    "accelerometer.ellipsoid.offset_error": "mg",
-    "accelerometer.ellipsoid.residual": "mg",
-    "accelerometer.ellipsoid.cycles": "cycle",
-    "gyroscope.bias_error": "dps",
-    "accelerometer.calibration.norm_rms": "mg",
-    "accelerometer.calibration.tilt_error": "deg",
-    "gyroscope.calibration.bias_error": "dps",
-    "gyroscope.calibration.turn_error": "deg",
-    "gyroscope.calibration.largest_turn_error": "deg",
-    "magnetometer.calibration.norm_rms": "%",
-    "fusion.heading.rms": "deg",
-    "fusion.heading.max": "deg",
-    "fusion.tilt.rms": "deg",
-    "fusion.*.heading.rms": "deg",
-    "fusion.*.heading.max": "deg",
-    "fusion.*.tilt.rms": "deg",
-    "fusion.corrections": "",
-    "fusion.left_out": "",
-    "cycles.fusion.predict": "cycle",
-    "cycles.fusion.update": "cycle",
-    "gyroscope.uncorrected_error": "dps",
-    "gyroscope.temperature": "degC",
-    "gyroscope.scale_error.z": "%",
-    "gyroscope.misalignment.z": "deg",
-    "gyroscope.sensitivity_error.z": "%",
-    "gyroscope.scale_error": "%",
-    "gyroscope.misalignment": "deg",
-    "gyroscope.scale_uncertainty": "%",
-    "gyroscope.misalignment_uncertainty": "deg",
-    "gyroscope.turn_error": "deg",
-    "gyroscope.noise_density": "mdps/rtHz",
-    "board.virtual_seconds": "s",
-    "board.wall_seconds": "s",
-}
-_CALIBRATOR = r"[a-z0-9_-]+(?:@[0-9]+)?"
 # Fields of a rig that no file may set.
 _MADE_HERE = frozenset({"path", "units", "full_only"})
-_FAMILIES = frozenset(name.split(".")[0] for name in MEASUREMENT_UNITS)
-# Heading measurements that no known angle enters: where the worst is, and the board against the host.
-_WITHOUT_REFERENCE = ("worst_sector", "float32_error")
-# Heading measurements that the mounting's uncertainty enters as well as the turntable's: all that are not centred.
-_MOUNTING_ENTERS = ("max", "rms", "bias", "max_level")
-
 #: Faces must be at least so true where a heading limit is at most so wide.
 TRUE_FACES_DEG = 0.2
 FINE_HEADING_DEG = 2.0
@@ -258,7 +176,7 @@ def _checked_tolerances(source: _Source, entries: object) -> dict[str, Tolerance
     key = ("tolerances",)
     read: dict[str, ToleranceEntry] = source.validate(adapter, entries, dict[str, ToleranceEntry], key)
     for name, entry in read.items():
-        _check_name(source, (*key, name), entry.unit, known=is_known(name))
+        _check_name(source, (*key, name), entry.unit)
         try:
             Tolerance(entry.absolute, entry.relative)
         except ValueError as error:
@@ -266,14 +184,17 @@ def _checked_tolerances(source: _Source, entries: object) -> dict[str, Tolerance
     return read
 
 
-def _check_name(source: _Source, key: tuple[str, str], given: str, *, known: bool = False) -> None:
-    """Refuse a name that is no measurement of hiltest's though its family is, and a unit that is not its own."""
-    name = key[1]
-    unit = measurement_unit(name)
-    if unit is None and not known and name.split(".")[0] in _FAMILIES:
-        raise UnknownKeyError(name, where=source.where(key), known=_names_like(name))
-    if unit is not None and given != unit:
-        raise ConfigError(f"{source.where(key)}: {'.'.join(key)}: its unit is {unit!r}, not {given!r}")
+def _check_name(source: _Source, key: tuple[str, str], given: str) -> None:
+    """Refuse what can only be a slip of a known name, and a unit that is not the kind's own.
+
+    Any other name is the user's own, and one that nothing measures is found when the run ends.
+    """
+    kind = identify(key[1]).kind
+    if kind is None:
+        if (nearest := nearest_name(key[1])) is not None:
+            raise UnknownKeyError(key[1], where=source.where(key), known=[nearest])
+    elif kind.unit is not None and given != kind.unit:
+        raise ConfigError(f"{source.where(key)}: {'.'.join(key)}: its unit is {kind.unit!r}, not {given!r}")
 
 
 def _check_limit(source: _Source, key: tuple[str, str], entry: LimitEntry) -> None:
@@ -286,32 +207,17 @@ def _check_limit(source: _Source, key: tuple[str, str], entry: LimitEntry) -> No
         raise ConfigError(f"{source.where(key)}: {'.'.join(key)}: {error}") from error
 
 
-def _names_like(name: str) -> list[str]:
-    """Return the known names as one would write them: of the calibrator that `name` is about."""
-    parts = name.split(".")
-    about = parts[1] if len(parts) > 2 and re.fullmatch(_CALIBRATOR, parts[1]) else "direct"
-    return sorted(template.replace("*", about) for template in MEASUREMENT_UNITS)
-
-
-def measurement_unit(name: str) -> str | None:
-    """Return the unit of a measurement that hiltest makes, None of one that it does not know."""
-    for template, unit in MEASUREMENT_UNITS.items():
-        if re.fullmatch(re.escape(template).replace(r"\*", _CALIBRATOR), name):
-            return unit
-    return None
-
-
 def reference_uncertainty_deg(rig: Rig, measurement: str) -> float | None:
     """Return how well the reference of a heading measurement is known [deg], None for any other.
 
     The turntable's and the mounting's uncertainty are independent and add as squares; a
     centred error does not contain the mounting, which is the same at every pose.
     """
-    family, _, rest = measurement.partition(".")
-    what = rest.rpartition(".")[2]
-    if family != "heading" or what in _WITHOUT_REFERENCE:
+    kind = identify(measurement).kind
+    if kind is None or kind.reference is Reference.NONE:
         return None
-    mounting_deg = rig.mounting.uncertainty_deg if rig.mounting and what in _MOUNTING_ENTERS else 0.0
+    mounted = rig.mounting is not None and kind.reference is Reference.MOUNTED
+    mounting_deg = rig.mounting.uncertainty_deg if rig.mounting and mounted else 0.0
     return math.hypot(rig.turntable.uncertainty_deg, mounting_deg)
 
 
@@ -339,8 +245,10 @@ def _refuse_coarse_faces(rig: Rig, source: _Source) -> None:
     if rig.faces is None or rig.procedure.accelerometer_calibration == "none":
         return
     for name, limit in rig.limits.items():
-        fine = name.startswith("heading.") and limit.max is not None and limit.max <= FINE_HEADING_DEG
-        if fine and not name.endswith(_WITHOUT_REFERENCE) and rig.faces.uncertainty_deg > TRUE_FACES_DEG:
+        kind = identify(name).kind
+        against_table = kind is not None and kind.reference is not Reference.NONE
+        fine = against_table and limit.max is not None and limit.max <= FINE_HEADING_DEG
+        if fine and limit.max is not None and rig.faces.uncertainty_deg > TRUE_FACES_DEG:
             raise ConfigError(
                 f"{source.where(('faces', 'uncertainty_deg'))}: faces.uncertainty_deg of {rig.faces.uncertainty_deg:g} "
                 f"deg is too coarse a reference for limits.{name} of {limit.max:g} deg "

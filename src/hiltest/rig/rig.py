@@ -12,8 +12,7 @@ from dataclasses import field as dataclass_field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from hiltest.comparison.model import Tolerance
-from hiltest.measurement import Limit
+from hiltest.measurement import Limit, Tolerance
 from hiltest.rig.tables import (
     STRICT,
     BoardPlace,

@@ -16,25 +16,26 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from hiltest.boards import default_firmware
-from hiltest.comparison.evidence import Evidence
-from hiltest.comparison.model import Comparison
-from hiltest.comparison.words import listed, on_seeds
 from hiltest.errors import ConfigError
-from hiltest.measurement import Measurement, Outcome, round_significant
+from hiltest.measurement import Measurement, Outcome, identify, round_significant
+from hiltest.record.comparison import Comparison
+from hiltest.record.exit_codes import WORDS, ExitCode, comparison_code
+from hiltest.record.failures import missed_only_limits
+from hiltest.record.files import CAMPAIGN_FILE, OLDER_FOLDER, SEED_FOLDERS, SEEDS_FILE, write_atomically
+from hiltest.record.reader import read_record
+from hiltest.record.run import Run, Verdict
 from hiltest.report.campaign_markdown import SeedLine, Spread, campaign_markdown
 from hiltest.report.comparison_text import print_changes, say_how_to_keep
 from hiltest.report.console import standard_output
-from hiltest.report.evidence import evidence_of, evidence_of_seeds, no_evidence, with_misses_allowed
-from hiltest.report.exit_codes import WORDS, ExitCode, comparison_code
 from hiltest.report.job_summary import annotation, append_to_job_summary
-from hiltest.report.record import Run, Verdict
-from hiltest.report.run_files import CAMPAIGN_FILE, OLDER_FOLDER, SEED_FOLDERS, SEEDS_FILE, write_atomically
-from hiltest.report.stored import read_stored
-from hiltest.report.verdict import missed_only_limits
+from hiltest.runs.folders import remove_record_in
 from hiltest.runs.gate import PACKAGED, Gate, read_gate
-from hiltest.runs.older import UNJUDGED, last_words, older_options, remove_runs, run_command
-from hiltest.runs.sole_command import remove_record_in
+from hiltest.runs.older_firmware import UNJUDGED, last_words, older_options, remove_runs, run_command
 from hiltest.settings import make_folder, run_options
+from hiltest.text import listed
+from hiltest.verdict.calibrators import UNCALIBRATED, WORST_HEADING
+from hiltest.verdict.evidence import Evidence, evidence_of, evidence_of_seeds, no_evidence, with_misses_allowed
+from hiltest.verdict.wording import on_seeds
 
 SEEDS_SCHEMA = "hiltest.seeds/1"
 
@@ -170,7 +171,7 @@ def _what_is_kept(seeds: Sequence[int], out: Path, name: str) -> str:
     found = {}
     for folder in (_seed_folder(out, seed) for seed in seeds):
         with suppress(ConfigError):
-            found[folder] = read_stored(folder).run.verdict.complete
+            found[folder] = read_record(folder).run.verdict.complete
     finished = [str(folder) for folder, complete in found.items() if complete]
     begun = [str(folder) for folder, complete in found.items() if not complete]
     parts = [f"{len(finished)} of {len(seeds)} {name} finished"]
@@ -248,7 +249,7 @@ def campaign_sentence(
         allowed += f", but only by a limit (not: {_listed(inexcusable)})"
     headings = [
         f"{spread.name} median {spread.median:.2f}, worst {spread.max:.2f} {spread.unit}" for spread in spreads
-        if spread.name.startswith("heading.") and spread.name.endswith(".max") and "uncalibrated" not in spread.name
+        if (named := identify(spread.name)).kind is WORST_HEADING and named.subject != UNCALIBRATED
     ]
     word = _word(results, may_fail=may_fail, comparison=comparison).upper()
     sentence = "; ".join([f"{passed} of {len(results)} seeds pass{which}{allowed}", *headings]) + f": {word}."
@@ -301,7 +302,7 @@ def _run_seed(seed: int, options: Sequence[str], out: Path) -> SeedResult:
     said = last_words(done.stderr or done.stdout)
     if done.returncode != ExitCode.USAGE_ERROR:  # with which it is refused a folder that another run has
         try:
-            stored = read_stored(folder)
+            stored = read_record(folder)
             run, evidence = stored.run, evidence_of(stored.run, file=str(stored.path))
             return SeedResult(
                 seed, done.returncode, run.verdict.sentence, run.measurements, _made_with(run), evidence,

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from hiltest.comparison.evidence import Evidence
-    from hiltest.comparison.model import Comparison
-    from hiltest.runs.older import OlderFirmware
+    from hiltest.record.comparison import Comparison
+    from hiltest.runs.older_firmware import OlderFirmware
+    from hiltest.verdict.evidence import Evidence
 
 NOT_JUDGED = 22
 """The exit code, where nothing heavy is imported for it."""
@@ -47,7 +47,7 @@ class Gate:
 
     def judge(self, new: Evidence, *, remark: str = "") -> Comparison:
         """Compare a run, or the runs of several seeds, with the base."""
-        from hiltest.comparison.compare import compare, not_compared
+        from hiltest.verdict.compare import compare, not_compared
 
         if self.base is None:
             found = not_compared(self.file, self.reason, new)
@@ -57,7 +57,7 @@ class Gate:
 
     def describe(self) -> str:
         """Return the header line: what the run is going to be judged against."""
-        from hiltest.comparison.words import build
+        from hiltest.verdict.wording import build
 
         if self.base is None:
             return f"base: {self.reason}"
@@ -78,7 +78,7 @@ def read_gate(place: Path, *, in_one_session: bool = False) -> Gate:
         Whether it has just been run, as the older of two firmwares.
     """
     from hiltest.errors import ConfigError
-    from hiltest.report.evidence import read_evidence
+    from hiltest.verdict.evidence_reader import read_evidence
 
     try:
         return Gate(str(place), read_evidence(place), in_one_session=in_one_session)

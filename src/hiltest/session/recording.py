@@ -9,21 +9,20 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from hiltest.report.record import BoardRecord, CalibrationRecord, RigRecord, Run, SensorRecord
-from hiltest.report.record_json import board_from, measurement_from, table_from
-from hiltest.report.run_files import OLDER_FOLDER
-from hiltest.report.unmet import unmet_limits
+from hiltest.record.files import OLDER_FOLDER
+from hiltest.record.run import BoardRecord, CalibrationRecord, RigRecord, Run, SensorRecord
+from hiltest.record.run_json import board_from, measurement_from, table_from
 from hiltest.rig.conditions import conditions_sha256
 from hiltest.runs.gate import NOT_JUDGED
-from hiltest.runs.older import remove_runs
+from hiltest.runs.older_firmware import remove_runs
 from hiltest.session import HilSession
-from hiltest.session.found import BENCH, FOUND_HERE
-from hiltest.session.outcomes import RERUN, TestLog
+from hiltest.session.results import BENCH, FOUND_HERE, RERUN, TestLog
+from hiltest.verdict.not_measured import unmet_limits
 
 if TYPE_CHECKING:
     from hiltest.boards import Board
     from hiltest.imu_calibration.file import CalibrationFile
-    from hiltest.report.recorder import Recorder
+    from hiltest.record.recorder import Recorder
     from hiltest.rig import Rig
 
 _PHASES = ("setup", "call", "teardown")
@@ -102,7 +101,8 @@ class Recording:
         """Close the board, decide the run, write ``run.json`` and the reports."""
         from hiltest.report.job_summary import append_to_job_summary
         from hiltest.report.render import MARKDOWN_FILE, write_reports
-        from hiltest.report.verdict import decide
+        from hiltest.verdict.evidence import evidence_of
+        from hiltest.verdict.verdict import decide
 
         self._recorder.found(self._hil.end(), ())
         self._recorder.finished(None)
@@ -116,7 +116,7 @@ class Recording:
         board = self._recorder.findings.board
         packaged = board is not None and board.kind == "virtual" and self._hil.settings.firmware is None
         if (judge := self._hil.gate.judge_by(packaged=packaged)) is not None:
-            self._recorder.compare(judge, decided())
+            self._recorder.compare(lambda run: judge(evidence_of(run)), decided())
         self.run = self._recorder.finish(decided())
         session.exitstatus = self.run.verdict.exit_code
         page = write_reports(self.run, self._recorder.folder)

@@ -13,12 +13,18 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from hiltest.runs.folders import RecordFolder
 from hiltest.runs.gate import SessionGate
-from hiltest.runs.record_folder import RecordFolder
-from hiltest.session.choice import Choice, only_looks
-from hiltest.session.found import FOUND, GATING, Found, properties_of
-from hiltest.session.ids_of_tests import id_in_record
-from hiltest.session.needs import only_shows_cycles, uses_board, uses_hiltest, uses_rig
+from hiltest.session.results import FOUND, GATING, Found, properties_of
+from hiltest.session.selection import (
+    Choice,
+    id_in_record,
+    only_looks,
+    only_shows_cycles,
+    uses_board,
+    uses_hiltest,
+    uses_rig,
+)
 from hiltest.settings import Settings
 
 if TYPE_CHECKING:
@@ -26,7 +32,7 @@ if TYPE_CHECKING:
     from hiltest.errors import BenchError, ProtocolError
     from hiltest.imu_calibration.file import CalibrationFile
     from hiltest.measurement import Limit, Measurement
-    from hiltest.report.recorder import Recorder
+    from hiltest.record.recorder import Recorder
     from hiltest.rig import Rig
     from hiltest.runs.wire_traces import WireTraces
 

@@ -13,10 +13,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 import pytest
 
 from hiltest.session import HilSession
-from hiltest.session.found import BENCH, plain_data
-from hiltest.session.gate_set import LeftOut
-from hiltest.session.ids_of_tests import GROUP
-from hiltest.session.needs import uses_board, uses_hiltest
+from hiltest.session.results import BENCH, plain_data
+from hiltest.session.selection import GROUP, LeftOut, uses_board, uses_hiltest
 
 if TYPE_CHECKING:
     from hiltest.session.recording import Recording

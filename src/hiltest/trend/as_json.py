@@ -10,7 +10,7 @@ from typing import Any
 
 from hiltest.measurement import Outcome
 from hiltest.trend.folder import Skipped
-from hiltest.trend.series import Entry, Measured, Point, Series, Step, Trend
+from hiltest.trend.series import Measured, Point, RunEntry, Series, Step, Trend
 
 SCHEMA = "hiltest.trend/1"
 
@@ -27,7 +27,7 @@ def to_json(trend: Trend, skipped: Sequence[Skipped]) -> str:
     return json.dumps(content, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def _entry(entry: Entry) -> dict[str, Any]:
+def _entry(entry: RunEntry) -> dict[str, Any]:
     side = asdict(entry.evidence.side)
     return {**side, "file": entry.file, "when_utc": entry.when_utc, "faults": list(entry.evidence.faults)}
 

@@ -6,10 +6,11 @@ import math
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 
-from hiltest.comparison.model import Change
-from hiltest.measurement import Limit, readable
+from hiltest.measurement import Limit
+from hiltest.record.comparison import Change
 from hiltest.report.marks import KeyEntry, Mark, series
 from hiltest.report.svg import Figure, Point, nice_ticks
+from hiltest.text import readable
 from hiltest.trend.series import Measured, Series
 from hiltest.trend.series import Point as At
 

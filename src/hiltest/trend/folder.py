@@ -9,19 +9,18 @@ from datetime import UTC, datetime
 from fnmatch import fnmatchcase
 from pathlib import Path, PurePosixPath
 
-from hiltest.comparison.baseline import SCHEMA as BASELINE_SCHEMA
-from hiltest.comparison.baseline_file import read_baseline_evidence
-from hiltest.comparison.evidence import Evidence
 from hiltest.errors import ConfigError
-from hiltest.report.evidence import evidence_of, evidence_of_seeds
-from hiltest.report.journal import JOURNAL_FILE
-from hiltest.report.record import SCHEMA as RUN_SCHEMA
-from hiltest.report.record import Run
-from hiltest.report.run_files import OLDER_FOLDER, RUN_FILE, SEED_FOLDERS, SEEDS_FILE
-from hiltest.report.schema import check_schema, run_from
-from hiltest.report.stored import read_stored
+from hiltest.record.files import OLDER_FOLDER, RUN_FILE, SEED_FOLDERS, SEEDS_FILE
+from hiltest.record.journal import JOURNAL_FILE
+from hiltest.record.reader import read_record
+from hiltest.record.run import SCHEMA as RUN_SCHEMA
+from hiltest.record.run import Run
+from hiltest.record.schema import check_schema, run_from
 from hiltest.strict_json import LARGEST_BYTES, read_json, shown
-from hiltest.trend.series import Entry
+from hiltest.trend.series import RunEntry
+from hiltest.verdict.baseline import SCHEMA as BASELINE_SCHEMA
+from hiltest.verdict.baseline_file import read_baseline_evidence
+from hiltest.verdict.evidence import Evidence, evidence_of, evidence_of_seeds
 
 _RECORDS = frozenset({RUN_FILE, JOURNAL_FILE})
 _OTHERWISE = "nothing of it is shown"
@@ -36,7 +35,7 @@ class Skipped:
     reason: str
 
 
-def read_folder(folder: Path) -> tuple[list[Entry], list[Skipped]]:
+def read_folder(folder: Path) -> tuple[list[RunEntry], list[Skipped]]:
     """Read every run, campaign and baseline in a folder and in those under it.
 
     Left alone are hidden folders, and the older firmware of a run with ``--against``.
@@ -47,7 +46,7 @@ def read_folder(folder: Path) -> tuple[list[Entry], list[Skipped]]:
 
     Returns
     -------
-    entries : list of Entry
+    entries : list of RunEntry
         Called by their path from the folder.
     skipped : list of Skipped
         What has the name of a record or ends with ``.json``, and is none that can be read.
@@ -59,7 +58,7 @@ def read_folder(folder: Path) -> tuple[list[Entry], list[Skipped]]:
     """
     if not folder.is_dir():
         raise ConfigError(f"{folder}: no such folder; name one with records of runs in it")
-    entries: list[Entry] = []
+    entries: list[RunEntry] = []
     skipped: list[Skipped] = []
 
     def skip(path: Path, reason: str) -> None:
@@ -97,10 +96,10 @@ def _may_be_record(name: str) -> bool:
     return name.endswith(".json") and name not in _RECORDS
 
 
-def _entries(path: Path, called: str) -> Iterator[Entry]:
+def _entries(path: Path, called: str) -> Iterator[RunEntry]:
     """Yield the run or baseline in a file or folder; nothing for another file of hiltest's own."""
     if path.is_dir():
-        stored = read_stored(path)
+        stored = read_record(path)
         yield _of_run(stored.run, stored.path, f"{called}/{stored.path.name}".removeprefix("./"))
         return
     content = read_json(path, largest_bytes=LARGEST_BYTES, otherwise=_OTHERWISE)
@@ -110,7 +109,7 @@ def _entries(path: Path, called: str) -> Iterator[Entry]:
         evidence = read_baseline_evidence(path)
         knows_limits = any(each.limit for found in evidence.measurements.values() for each in found.values())
         when_utc = _time(evidence.side.saved_utc, path)
-        yield _checked(Entry(called, when_utc, _called_so(evidence, called), knows_limits), path)
+        yield _checked(RunEntry(called, when_utc, _called_so(evidence, called), knows_limits), path)
     elif kind == _kind(RUN_SCHEMA):
         check_schema(path, content)
         yield _of_run(run_from(content, path), path, called)
@@ -122,13 +121,13 @@ def _kind(schema: str) -> str:
     return schema.partition("/")[0]
 
 
-def _of_run(run: Run, path: Path, called: str) -> Entry:
+def _of_run(run: Run, path: Path, called: str) -> RunEntry:
     if run.board is None:
         raise ConfigError(f"{path}: no board answered ({run.verdict.outcome})")
-    return _checked(Entry(called, _time(run.started_utc, path), evidence_of(run, file=called)), path)
+    return _checked(RunEntry(called, _time(run.started_utc, path), evidence_of(run, file=called)), path)
 
 
-def _checked(entry: Entry, path: Path) -> Entry:
+def _checked(entry: RunEntry, path: Path) -> RunEntry:
     """Refuse numbers that no sum or axis takes."""
     for measurements in entry.evidence.measurements.values():
         for each in measurements.values():
@@ -149,10 +148,10 @@ def _time(text: str, path: Path) -> str:
         raise ConfigError(f"{path}: began at {shown(text)}, which is no time") from error
 
 
-def _campaigns(entries: Sequence[Entry]) -> list[Entry]:
+def _campaigns(entries: Sequence[RunEntry]) -> list[RunEntry]:
     """Put the seeds of a campaign together, where they are of one build under one set of conditions."""
-    alone: list[Entry] = []
-    campaigns: dict[PurePosixPath, list[Entry]] = {}
+    alone: list[RunEntry] = []
+    campaigns: dict[PurePosixPath, list[RunEntry]] = {}
     for each in entries:
         seed_folder = PurePosixPath(each.file).parent
         is_seed = fnmatchcase(seed_folder.name, SEED_FOLDERS)
@@ -163,11 +162,11 @@ def _campaigns(entries: Sequence[Entry]) -> list[Entry]:
         if len(alike) > 1 or len(joined.measurements) < len(seeds):
             alone += seeds
         else:
-            alone.append(Entry(str(folder), min(each.when_utc for each in seeds), joined))
+            alone.append(RunEntry(str(folder), min(each.when_utc for each in seeds), joined))
     return alone
 
 
-def _build(entry: Entry) -> tuple[str, ...]:
+def _build(entry: RunEntry) -> tuple[str, ...]:
     """Return what firmware made the numbers of an entry."""
     side = entry.evidence.side
     return side.firmware, side.version, side.build_id, side.compiler, side.cycle_model

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
-from hiltest.comparison.words import build, numbers, revision
 from hiltest.report.marks import SERIES, KeyEntry
 from hiltest.report.page import render
 from hiltest.report.svg import Figure
@@ -14,6 +13,7 @@ from hiltest.trend import words
 from hiltest.trend.figures import figure, step_key
 from hiltest.trend.folder import Skipped
 from hiltest.trend.series import Measured, Trend
+from hiltest.verdict.wording import build, numbers, revision
 
 STEPS_AT_MOST = 200
 

@@ -7,17 +7,17 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from statistics import fmean
 
-from hiltest.comparison.accuracy_beside import with_accuracy
-from hiltest.comparison.difference import Pairs, difference
-from hiltest.comparison.evidence import Evidence, Seed
-from hiltest.comparison.model import Change, Difference
 from hiltest.measurement import Limit, Measurement, Outcome
+from hiltest.record.comparison import Change, Difference
+from hiltest.verdict.compare import with_accuracy
+from hiltest.verdict.difference import Pairs, difference
+from hiltest.verdict.evidence import Evidence, Seed
 
 _MOVED = (Change.WORSE, Change.BETTER, Change.CHANGED)  # in this order, of one run
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class RunEntry:
     """A run, a campaign of several seeds or a baseline, with the time that it stands for.
 
     `knows_limits` is false for a baseline from before limits were kept, whose numbers had some all the same.
@@ -30,7 +30,7 @@ class Entry:
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class TrendLine:
     """What runs must share for their numbers to be joined: rig, cycle model, seeds, and how they were judged."""
 
     rig: str
@@ -102,8 +102,8 @@ class Measured:
 class Trend:
     """All measurements, by name, over entries in the order of time; `line_of` says on which line each entry is."""
 
-    entries: tuple[Entry, ...]
-    lines: tuple[Line, ...]
+    entries: tuple[RunEntry, ...]
+    lines: tuple[TrendLine, ...]
     line_of: tuple[int, ...]
     measured: tuple[Measured, ...]
 
@@ -116,12 +116,12 @@ class Trend:
         )
 
 
-def trend_of(entries: Sequence[Entry]) -> Trend:
+def trend_of(entries: Sequence[RunEntry]) -> Trend:
     """Join what was measured under the same conditions, and find the steps.
 
     Parameters
     ----------
-    entries : sequence of Entry
+    entries : sequence of RunEntry
         In any order; what no board answered has no place in it.
 
     Returns
@@ -131,7 +131,7 @@ def trend_of(entries: Sequence[Entry]) -> Trend:
     """
     in_time = tuple(sorted(entries, key=lambda each: (each.when_utc, each.file)))
     line_of = [conditions_of(entry) for entry in in_time]
-    lines: dict[Line, list[int]] = {}
+    lines: dict[TrendLine, list[int]] = {}
     for index, line in enumerate(line_of):
         lines.setdefault(line, []).append(index)
     found: dict[tuple[str, str], list[Series]] = {}
@@ -143,13 +143,13 @@ def trend_of(entries: Sequence[Entry]) -> Trend:
     return Trend(in_time, tuple(lines), tuple(numbers_of[line] for line in line_of), measured)
 
 
-def conditions_of(entry: Entry) -> Line:
+def conditions_of(entry: RunEntry) -> TrendLine:
     """Return what an entry shares with those that it is joined with."""
     side, conditions = entry.evidence.side, entry.evidence.conditions
     seeds = tuple(sorted(entry.evidence.measurements, key=lambda seed: -1 if seed is None else seed))
     if conditions is None:
-        return Line(side.rig, "", "", side.cycle_model, (), "", calibrated=False, seeds=seeds)
-    return Line(
+        return TrendLine(side.rig, "", "", side.cycle_model, (), "", calibrated=False, seeds=seeds)
+    return TrendLine(
         side.rig, conditions.rig_sha256, conditions.board, side.cycle_model, conditions.sensors, conditions.poses,
         calibrated=conditions.calibrated, seeds=seeds,
     )  # fmt: skip
@@ -168,7 +168,7 @@ class _Key:
 _Numbers = dict[int, dict[Seed, Measurement]]
 
 
-def _numbers(entries: Sequence[Entry], indices: Sequence[int]) -> dict[_Key, _Numbers]:
+def _numbers(entries: Sequence[RunEntry], indices: Sequence[int]) -> dict[_Key, _Numbers]:
     """Return what some entries measured; what is volatile says nothing about the firmware."""
     found: dict[_Key, _Numbers] = {}
     for index in indices:
@@ -180,7 +180,7 @@ def _numbers(entries: Sequence[Entry], indices: Sequence[int]) -> dict[_Key, _Nu
     return found
 
 
-def _series(key: _Key, line: int, entries: Sequence[Entry], numbers: _Numbers) -> Series:
+def _series(key: _Key, line: int, entries: Sequence[RunEntry], numbers: _Numbers) -> Series:
     points = [_point(index, by_seed, knows_limit=entries[index].knows_limits) for index, by_seed in numbers.items()]
     for number, point in enumerate(points[1:], 1):
         if not point.knows_limit:
@@ -194,7 +194,7 @@ def _point(index: int, by_seed: Mapping[Seed, Measurement], *, knows_limit: bool
     return Point(index, fmean(values), min(values), max(values), shown.limit, str(shown.outcome), knows_limit)
 
 
-def _steps(name: str, entries: Sequence[Entry], numbers: _Numbers) -> Iterator[Step]:
+def _steps(name: str, entries: Sequence[RunEntry], numbers: _Numbers) -> Iterator[Step]:
     for (before, base), (after, new) in pairwise(numbers.items()):
         paired = base.keys() & new.keys()
         if all(base[seed].value == new[seed].value for seed in paired):

@@ -7,10 +7,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from hiltest.comparison.model import Change
-from hiltest.comparison.words import numbers
+from hiltest.record.comparison import Change
 from hiltest.trend import words
 from hiltest.trend.series import Measured, Trend
+from hiltest.verdict.wording import numbers
 
 _STEPS_AT_MOST = 20
 _STYLES = {Change.WORSE: "red", Change.BETTER: "green"}

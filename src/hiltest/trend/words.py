@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from hiltest.comparison.evidence import Evidence
-from hiltest.comparison.words import counted_by, model_names, numbers, revision
-from hiltest.measurement import readable
-from hiltest.trend.series import Line, Measured, Step, Trend
+from hiltest.text import readable
+from hiltest.trend.series import Measured, Step, Trend, TrendLine
+from hiltest.verdict.evidence import Evidence
+from hiltest.verdict.wording import counted_by, model_names, numbers, revision
 
 HEADINGS = ("measurement", "runs", "first", "last", "lowest", "highest", "unit", "limit", "steps")
 NUMERIC = frozenset({"runs", "first", "last", "lowest", "highest"})
@@ -80,7 +80,7 @@ def between(trend: Trend, step: Step) -> str:
     return "; ".join(_changes(before, after, step.difference.name)) or "the same build"
 
 
-def line_name(trend: Trend, line: Line) -> str:
+def line_name(trend: Trend, line: TrendLine) -> str:
     """Return how a line is told from the others of a trend: by what they do not all share."""
     shown = dict(_of_line(line))
     others = [dict(_of_line(each)) for each in trend.lines]
@@ -88,7 +88,7 @@ def line_name(trend: Trend, line: Line) -> str:
     return ", ".join(told) or line.rig
 
 
-def _of_line(line: Line) -> Iterator[tuple[str, str]]:
+def _of_line(line: TrendLine) -> Iterator[tuple[str, str]]:
     yield "rig", f"rig {line.rig}"
     yield "conditions", f"conditions {line.rig_sha256[:8] or 'not recorded'}"
     yield "board", f"{line.board or 'no'} board"

@@ -17,7 +17,7 @@ from array import array
 from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple, Protocol
 
-from hiltest.virtual.blocks import Block, ReadCode, conditions_at, price_block, priced_block
+from hiltest.virtual.blocks import CodeBlock, ReadCode, conditions_at, price_block, priced_block
 from hiltest.virtual.executions import NOBODY, Entered, Snapshot
 from hiltest.virtual.instructions import Instruction, decode
 from hiltest.virtual.timing import NEUTRAL, PipelineState, TimingProfile
@@ -98,7 +98,7 @@ class Accounting(Protocol):
 
 
 # Begins to count at zero; the parameters are those of `_Totals`.
-AccountingFactory = Callable[[TimingProfile, ReadCode, Callable[[Block], bool], Callable[[], None]], Accounting]
+AccountingFactory = Callable[[TimingProfile, ReadCode, Callable[[CodeBlock], bool], Callable[[], None]], Accounting]
 
 
 class _Totals:
@@ -117,7 +117,7 @@ class _Totals:
     """
 
     def __init__(
-        self, profile: TimingProfile, read_code: ReadCode, attend: Callable[[Block], bool], stop: Callable[[], None]
+        self, profile: TimingProfile, read_code: ReadCode, attend: Callable[[CodeBlock], bool], stop: Callable[[], None]
     ) -> None:
         self.cycles = 0
         self.instructions = 0
@@ -162,10 +162,10 @@ class BlockAccounting(_Totals):
     per_instruction: ClassVar[bool] = False
 
     def __init__(
-        self, profile: TimingProfile, read_code: ReadCode, attend: Callable[[Block], bool], stop: Callable[[], None]
+        self, profile: TimingProfile, read_code: ReadCode, attend: Callable[[CodeBlock], bool], stop: Callable[[], None]
     ) -> None:
         super().__init__(profile, read_code, attend, stop)
-        self._running: Block | None = None
+        self._running: CodeBlock | None = None
         self._number = NOBODY  # of the block that runs
         self._fell_from = NOBODY  # number of the block that left its pipeline state, while none runs
         self._entered: list[Entered] = []
@@ -211,7 +211,7 @@ class BlockAccounting(_Totals):
             self._runs[2 * self._number + 1] += 1
             self._fell_from = NOBODY
 
-    def _enter(self, address: int, size: int, before: int) -> tuple[Block, int]:
+    def _enter(self, address: int, size: int, before: int) -> tuple[CodeBlock, int]:
         """Price a block behind the one that execution fell out of, and give it a number."""
         self._running = None  # the block before is added already, should reading the code fail
         known = self._known.get((address, size, before))
@@ -224,7 +224,7 @@ class BlockAccounting(_Totals):
             self._jumped_to[address] = known  # found by the address alone, which is quicker
         return known
 
-    def _price(self, address: int, size: int, state: PipelineState) -> Block:
+    def _price(self, address: int, size: int, state: PipelineState) -> CodeBlock:
         code = self._priced_code[address, size] = self._read_code(address, size)
         block = priced_block(self._profile, address, code, state)
         conditions = conditions_at(address, block, self._read_code)
@@ -275,8 +275,8 @@ class BlockAccounting(_Totals):
             kept, self._fell_from = self._entered[self._fell_from].block, 0
         self._entered = [] if kept is None else [Entered(kept, NOBODY)]
         self._runs = array("q", [0, 0] * len(self._entered))
-        self._jumped_to: dict[int, tuple[Block, int]] = {}
-        self._known: dict[tuple[int, int, int], tuple[Block, int]] = {}
+        self._jumped_to: dict[int, tuple[CodeBlock, int]] = {}
+        self._known: dict[tuple[int, int, int], tuple[CodeBlock, int]] = {}
         self._priced_code: dict[tuple[int, int], bytes] = {}
 
 
@@ -286,7 +286,7 @@ class InstructionAccounting(_Totals):
     per_instruction: ClassVar[bool] = True
 
     def __init__(
-        self, profile: TimingProfile, read_code: ReadCode, attend: Callable[[Block], bool], stop: Callable[[], None]
+        self, profile: TimingProfile, read_code: ReadCode, attend: Callable[[CodeBlock], bool], stop: Callable[[], None]
     ) -> None:
         super().__init__(profile, read_code, attend, stop)
         self._last: Instruction | None = None
@@ -304,7 +304,7 @@ class InstructionAccounting(_Totals):
             return
         self._last = block.instructions[0]
 
-    def _look(self, address: int, size: int) -> Block:
+    def _look(self, address: int, size: int) -> CodeBlock:
         return price_block(self._profile, decode(address, self._read_code(address, size))[:1], self._state)
 
     def _finish(self, next_address: int) -> None:

@@ -17,7 +17,7 @@ BLOCKS_KEPT = 32_768
 
 
 @dataclass(slots=True)
-class Block:
+class CodeBlock:
     """Straight-line code as the emulator cuts it, priced from one pipeline state.
 
     Attributes
@@ -62,7 +62,7 @@ class Block:
         return self._starts.get(address & ~1, 0)
 
 
-def price_block(profile: TimingProfile, instructions: list[Instruction], entry: PipelineState) -> Block:
+def price_block(profile: TimingProfile, instructions: list[Instruction], entry: PipelineState) -> CodeBlock:
     """Price straight-line code from a pipeline state on."""
     total, state = 0, entry
     for instruction in instructions:
@@ -77,7 +77,7 @@ def price_block(profile: TimingProfile, instructions: list[Instruction], entry: 
     loops = last.jumps_to(address)
     alignment = required_alignment(instructions)
     through = total if not last.transfer or last.conditional else total + refill
-    return Block(
+    return CodeBlock(
         address, end, entry, tuple(instructions), len(instructions), through, total + refill, state,
         bool(last.transfer), uses_fpu, changes_masks, sends_event, loops and len(instructions) == 1, alignment,
         bool(uses_fpu or changes_masks or sends_event or loops or alignment.registers or alignment.inside),
@@ -85,12 +85,14 @@ def price_block(profile: TimingProfile, instructions: list[Instruction], entry: 
 
 
 @lru_cache(maxsize=BLOCKS_KEPT)
-def priced_block(profile: TimingProfile, address: int, code: bytes, entry: PipelineState, conditions: int = 0) -> Block:
+def priced_block(
+    profile: TimingProfile, address: int, code: bytes, entry: PipelineState, conditions: int = 0
+) -> CodeBlock:
     """Decode and price a block of code; one that was priced before costs nothing."""
     return price_block(profile, decode(address, code, conditions), entry)
 
 
-def conditions_at(address: int, block: Block, read_code: ReadCode) -> int:
+def conditions_at(address: int, block: CodeBlock, read_code: ReadCode) -> int:
     """Say how many of a block's instructions belong to an IT block that began before it, if that matters.
 
     The emulator cuts at the ends of pages. What matters is whether a jump at the end is always taken.

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from hiltest.virtual.blocks import Block
+from hiltest.virtual.blocks import CodeBlock
 from hiltest.virtual.elf import FirmwareImage
 from hiltest.virtual.instructions import Instruction
 
@@ -43,10 +43,10 @@ class CallNode:
         self.depth: int = parent.depth + 1 if parent else 0
         self.children: dict[int, CallNode] = {}
         self.entries = 0
-        self.runs: dict[tuple[int, bool], tuple[Block, bool, int]] = {}
+        self.runs: dict[tuple[int, bool], tuple[CodeBlock, bool, int]] = {}
         self.asleep_cycles = 0
 
-    def ran(self, block: Block, *, went_on: bool) -> None:
+    def ran(self, block: CodeBlock, *, went_on: bool) -> None:
         """Count one more run of a block."""
         key = id(block), went_on
         _, _, count = self.runs.get(key, (block, went_on, 0))

@@ -10,7 +10,7 @@ from typing import Any
 from hiltest.errors import ConfigError
 from hiltest.virtual.buffers import place
 from hiltest.virtual.cpu import RETURN_ADDRESS, Processor
-from hiltest.virtual.elf import Segment, Signature
+from hiltest.virtual.elf import LoadSegment, Signature
 from hiltest.virtual.memory import SRAM
 from hiltest.virtual.procedure_call import Argument, assign, result
 
@@ -35,7 +35,7 @@ class CallResult:
     instructions: int
 
 
-def _largest_gap(segments: Sequence[Segment], limit: int) -> tuple[int, int]:
+def _largest_gap(segments: Sequence[LoadSegment], limit: int) -> tuple[int, int]:
     """Return where the most RAM in one piece is that no segment uses, below `limit`.
 
     Behind the last one there may be none: linker scripts give the heap all that is left.

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
-from hiltest.virtual.blocks import Block
+from hiltest.virtual.blocks import CodeBlock
 from hiltest.virtual.instructions import Instruction
 from hiltest.virtual.timing import NEUTRAL, PipelineState, TimingProfile
 
@@ -65,14 +65,14 @@ class InstructionCost:
     stalls: tuple[tuple[Stall, int], ...]
 
 
-def instruction_costs(profile: TimingProfile, block: Block, *, went_on: bool) -> Iterator[InstructionCost]:
+def instruction_costs(profile: TimingProfile, block: CodeBlock, *, went_on: bool) -> Iterator[InstructionCost]:
     """Split the cost of a block among its instructions.
 
     Parameters
     ----------
     profile : TimingProfile
         That priced the block.
-    block : Block
+    block : CodeBlock
     went_on : bool
         Whether execution went on at the end of the block, rather than jumped.
 

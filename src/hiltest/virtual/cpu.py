@@ -17,7 +17,7 @@ from unicorn import unicorn_py3
 
 from hiltest.errors import BoardFault, place_of
 from hiltest.virtual.accounting import Accounting, AccountingFactory
-from hiltest.virtual.blocks import Block
+from hiltest.virtual.blocks import CodeBlock
 from hiltest.virtual.elf import FirmwareImage
 from hiltest.virtual.engine import TRANSLATED_CALLBACK, add_hook, cortex_m4, entrance
 from hiltest.virtual.event_register import EventRegister
@@ -83,7 +83,7 @@ class Processor:
         self.traps = Traps(self.engine, self.registers, self.memory, stop=self._stop, abort=self.abort)
         self._error: BaseException | None = None
         self._stopped = False
-        self._to_watch: Block | None = None
+        self._to_watch: CodeBlock | None = None
         self._chores: list[Callable[[], None]] = []
         self.accounting: Accounting = accounting(profile, self._read_code, self._attend, self._stop)
         self.traps.supervisor_call = self._call_supervisor
@@ -180,7 +180,7 @@ class Processor:
             self.between_blocks(lambda: self.traps.watch_divisions(self.image))
         self.traps.traps_division_by_zero = enabled
 
-    def _attend(self, block: Block) -> bool:
+    def _attend(self, block: CodeBlock) -> bool:
         if block.uses_fpu and self.fpu_enabled:
             self.exceptions.floating_point_runs()
         suspects = self._suspects(block)
@@ -199,7 +199,7 @@ class Processor:
             self.look_soon()
         return True
 
-    def _suspects(self, block: Block) -> list[Instruction]:
+    def _suspects(self, block: CodeBlock) -> list[Instruction]:
         """Find the instructions of a block that will fault if they run."""
         suspects: list[Instruction] = []
         if block.uses_fpu and not self.fpu_enabled:
@@ -208,7 +208,7 @@ class Processor:
             suspects += [instruction for instruction in block.instructions if instruction.aligned_base >= 0]
         return suspects
 
-    def _misaligned(self, block: Block) -> bool:
+    def _misaligned(self, block: CodeBlock) -> bool:
         return any(value & 3 for value in self.registers.cores(block.alignment.registers).read())
 
     def _can_leave_loop(self) -> bool:

@@ -44,7 +44,7 @@ _BASE_TYPES = {
 
 
 @dataclass(frozen=True, slots=True)
-class Segment:
+class LoadSegment:
     """A loadable part of the image.
 
     Attributes
@@ -116,7 +116,7 @@ class FirmwareImage:
 
     Attributes
     ----------
-    segments : tuple of Segment
+    segments : tuple of LoadSegment
         What to load.
     symbols : dict of str to Symbol
         Functions and objects by name; empty for a stripped file.
@@ -172,10 +172,10 @@ class FirmwareImage:
                 found |= {attribute.tag: attribute.value for attribute in part.iter_attributes()}
         return found
 
-    def _read_segments(self) -> tuple[Segment, ...]:
+    def _read_segments(self) -> tuple[LoadSegment, ...]:
         """Read the loadable segments in file order; one of zeroed data has no content."""
         segments = tuple(
-            Segment(segment.header.p_paddr, segment.header.p_vaddr, segment.data(), segment.header.p_memsz)
+            LoadSegment(segment.header.p_paddr, segment.header.p_vaddr, segment.data(), segment.header.p_memsz)
             for segment in self._elf.iter_segments("PT_LOAD")
         )
         for segment, read in zip(self._elf.iter_segments("PT_LOAD"), segments, strict=True):

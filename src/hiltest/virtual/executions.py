@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hiltest.virtual.blocks import Block
+from hiltest.virtual.blocks import CodeBlock
 from hiltest.virtual.instructions import Instruction
 from hiltest.virtual.timing import PipelineState, TimingProfile
 
@@ -32,7 +32,7 @@ NOBODY = -1  # number of no block
 class Entered(NamedTuple):
     """A block, and the number of the one that execution fell into it from; `NOBODY` where it was jumped to."""
 
-    block: Block
+    block: CodeBlock
     before: int
 
 

@@ -9,7 +9,7 @@ import ctypes
 from collections.abc import Callable
 
 from hiltest.virtual.accounting import CodeHook, InstructionAccounting
-from hiltest.virtual.blocks import Block, ReadCode, price_block
+from hiltest.virtual.blocks import CodeBlock, ReadCode, price_block
 from hiltest.virtual.flash_controller import FlashController
 from hiltest.virtual.instructions import Instruction, decode
 from hiltest.virtual.memory import FLASH, SRAM
@@ -35,14 +35,14 @@ class MemoryAccounting(InstructionAccounting):
     """
 
     def __init__(
-        self, profile: TimingProfile, read_code: ReadCode, attend: Callable[[Block], bool], stop: Callable[[], None]
+        self, profile: TimingProfile, read_code: ReadCode, attend: Callable[[CodeBlock], bool], stop: Callable[[], None]
     ) -> None:
         super().__init__(profile, read_code, attend, stop)
         self.memory_cycles = 0
         self.flash = FlashController(profile.memory)
         self._parts_owed = 0
         self._has_accessed = False  # the instruction that runs
-        self._known: dict[tuple[int, bytes], Block] = {}
+        self._known: dict[tuple[int, bytes], CodeBlock] = {}
 
     def begins(self, address: int, size: int) -> None:
         """Take note that the emulator is about to run an instruction: it is fetched first."""
@@ -94,7 +94,7 @@ class MemoryAccounting(InstructionAccounting):
         self.cycles += cycles
         self.memory_cycles += cycles
 
-    def _look(self, address: int, size: int) -> Block:
+    def _look(self, address: int, size: int) -> CodeBlock:
         # Which instruction it is, and whether it needs attention, does not depend on the state before it.
         code = self._read_code(address, size)
         if (address, code) not in self._known:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from hiltest.errors import ConfigError
 from hiltest.measurement import CycleBand, in_flash
 from hiltest.virtual.accounting import BlockAccounting
-from hiltest.virtual.blocks import Block
+from hiltest.virtual.blocks import CodeBlock
 from hiltest.virtual.call_tree import CallNode, CallTree
 from hiltest.virtual.calling import CallResult
 from hiltest.virtual.cost_classes import InstructionCost, Stall, Work, instruction_costs
@@ -266,7 +266,7 @@ class _Sums:
                 for tally in (own, at_address):
                     tally.add(count, count * (cost.work_cycles + waited), count * waited)
 
-    def _of(self, block: Block, *, went_on: bool) -> tuple[InstructionCost, ...]:
+    def _of(self, block: CodeBlock, *, went_on: bool) -> tuple[InstructionCost, ...]:
         key = id(block), went_on
         if key not in self._costs:
             self._costs[key] = tuple(instruction_costs(self._timing, block, went_on=went_on))

@@ -28,7 +28,7 @@ SHORTEST_TURN_S = 0.1
 BRAKE_S = 0.25
 
 
-class Segment(Protocol):
+class MotionSegment(Protocol):
     """One piece of motion."""
 
     @property
@@ -97,7 +97,7 @@ class Brake:
 
 
 @dataclass(frozen=True, slots=True)
-class Tumble:
+class TumbleMotion:
     """A rotation that shows the field to the board from all sides.
 
     The body rolls about 1.5 times a second while its nose sweeps slowly over both

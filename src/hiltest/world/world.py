@@ -10,8 +10,8 @@ from hiltest.angles import Pose, rotation_rows, wrap_180
 from hiltest.world.earth_field import GRAVITY_NED_G, EarthField, Vector, apply_rows
 from hiltest.world.motion import (
     MOVE_GRID_S,
-    Segment,
-    Tumble,
+    MotionSegment,
+    TumbleMotion,
     Turn,
     body_rate_dps,
     next_on_grid,
@@ -93,7 +93,7 @@ class World:
         self._field_ned_ut = field.ned_ut
         self._table = pose  # where the last move ends
         first = Turn(-MOVE_GRID_S, 0.0, self._table, _STILL)
-        self._segments: list[Segment] = [first]
+        self._segments: list[MotionSegment] = [first]
         self._starts: list[float] = [first.start_s]
         self._resting: list[WorldState | None] = [None]
         self._epochs: list[tuple[int, float]] = [(0, 0.0)]
@@ -149,12 +149,12 @@ class World:
         self._begin_epoch(0, turn.start_s, origin_s=0.0)
         return turn.end_s
 
-    def follow(self, segment: Segment) -> None:
+    def follow(self, segment: MotionSegment) -> None:
         """Take a move as somebody else has planned it, instead of what the last one had still to do.
 
         Parameters
         ----------
-        segment : Segment
+        segment : MotionSegment
             From where the table will be at its `start_s`, which lies ahead and not before the start of
             the last move; angles may differ by whole turns.
 
@@ -209,15 +209,15 @@ class World:
         # The tolerance is that of the sampling instants: an instant on the grid belongs to what begins there.
         return self._epochs[bisect_right(self._epoch_starts, time_s + 1e-9) - 1]
 
-    def _tumble(self, start_s: float, end_s: float) -> Segment:
+    def _tumble(self, start_s: float, end_s: float) -> MotionSegment:
         if self._covered is None:
-            return Tumble(start_s, end_s)
+            return TumbleMotion(start_s, end_s)
         return Spiral(start_s, end_s, self._covered, self.field, self.mounting_yaw_deg)
 
     def _earliest(self, time_s: float) -> float:
         return max(next_on_grid(time_s), self._segments[-1].end_s)
 
-    def _append(self, segment: Segment, table: Pose) -> None:
+    def _append(self, segment: MotionSegment, table: Pose) -> None:
         self._segments.append(segment)
         self._starts.append(segment.start_s)
         self._resting.append(None)

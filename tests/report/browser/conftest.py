@@ -13,20 +13,20 @@ import numpy as np
 import pytest
 
 from hiltest.calibration.allan import allan_curve
-from hiltest.cloud import Cloud, Unit
-from hiltest.cloud.rate_log import RateLog, RateUnit
-from hiltest.comparison.model import EXACT, Change, Comparison, Difference, Sense, Side
-from hiltest.measurement import Limit, Measurement, judge
-from hiltest.procedures.cloud_fit import fit_on_host
+from hiltest.logs import Cloud, Unit
+from hiltest.logs.allan_page import write_page
+from hiltest.logs.rate_log import RateLog, RateUnit
+from hiltest.logs.sample_fit import fit_on_host
+from hiltest.logs.sample_fit_page import fit_page
+from hiltest.measurement import EXACT, Better, Limit, Measurement, judge
 from hiltest.procedures.clouds import golden_cloud
-from hiltest.report.allan_page import write_page
-from hiltest.report.cloud_fit_page import fit_page
+from hiltest.record.comparison import Change, Comparison, Difference, Side
+from hiltest.record.run import Column, Findings, Run, Table, TestResult
 from hiltest.report.html import html_report
-from hiltest.report.record import Column, Findings, Run, Table, TestResult
-from hiltest.report.verdict import decide
 from hiltest.trend.folder import Skipped
 from hiltest.trend.page import trend_page
-from hiltest.trend.series import Entry, trend_of
+from hiltest.trend.series import RunEntry, trend_of
+from hiltest.verdict.verdict import decide
 
 from ...trend.entries import cycles, degrees, entry
 
@@ -150,7 +150,7 @@ def page_file(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     return path
 
 
-def runs() -> list[Entry]:
+def runs() -> list[RunEntry]:
     """Return runs with steps, on two rigs, one of them with names that would be markup."""
     names = ("heading.direct.max", HOSTILE, "fit.direct.residual", "link.errors")
     found = [
@@ -216,7 +216,7 @@ def compared() -> Comparison:
     }
     differences = tuple(
         Difference(
-            f"cycles.{change}.total", "cycle", change, Sense.SMALLER, base, new,
+            f"cycles.{change}.total", "cycle", change, Better.LOWER, base, new,
             None if base is None or new is None else new - base, None, 1, EXACT, Limit(max=12_500), "pass", "m",
         )
         for change, (base, new) in numbers.items()

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from hiltest.record.run import Run
 from hiltest.report.html import html_report
-from hiltest.report.record import Run
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 
+from hiltest.record.run import Run
 from hiltest.report.figures.columns import numbers, upper_limit
 from hiltest.report.figures.group import Drawing, FigureGroup
 from hiltest.report.figures.limits import limit_figure
 from hiltest.report.figures.rows import Row, RowFigure
 from hiltest.report.marks import KeyEntry, Mark
-from hiltest.report.record import Run
 from hiltest.report.svg import Figure, Point
-from hiltest.report.verdict import POSES_TABLE
+from hiltest.verdict.verdict import POSES_TABLE
 
 FACES_TABLE = "accelerometer.six_position.poses"
 _AXES = "xyz"

@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeGuard
 
+from hiltest.record.run import Run, Table
 from hiltest.report.figures.columns import written
 from hiltest.report.figures.group import FigureGroup, Sheet
 from hiltest.report.marks import KeyEntry, series
-from hiltest.report.record import Run, Table
 from hiltest.report.svg import Figure, Point
-from hiltest.report.verdict import grouped
+from hiltest.text import readable
 
 CURVE_TABLE = "budget.curve"
 # As the thesis has them: what its own calibrator takes for N points, and the library's, one iteration a point.
@@ -68,9 +68,9 @@ class _Curve:
     def in_words(self, name: str) -> str:
         """Return where it ends, or what was spent on no calibration."""
         if not self.points:
-            return f"{name} has no calibration after {grouped(self.cycles)} cycles"
+            return f"{name} has no calibration after {readable(self.cycles)} cycles"
         thousands, error = self.points[-1]
-        return f"{name} ends at {error:.2f} degrees for {grouped(1000.0 * thousands)} cycles"
+        return f"{name} ends at {error:.2f} degrees for {readable(1000.0 * thousands)} cycles"
 
 
 def _any_point(curves: Mapping[str, _Curve]) -> bool:
@@ -87,7 +87,7 @@ def _figure(points: float, curves: Mapping[str, _Curve]) -> Figure:
         log_x=True, log_y=True,
     )
     for words, cycles in thesis:
-        figure.upright(cycles / 1000.0, f"{words} = {grouped(cycles)}", "thesis")
+        figure.upright(cycles / 1000.0, f"{words} = {readable(cycles)}", "thesis")
     for index, (name, curve) in enumerate(curves.items()):
         style, mark = series(index)
         if curve.points:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from hiltest.comparison.model import Change, Comparison, Difference
-from hiltest.comparison.words import moved_percent, percent
+from hiltest.record.comparison import Change, Comparison, Difference
 from hiltest.report.figures.rows import Row, RowFigure
 from hiltest.report.marks import KeyEntry, Mark
+from hiltest.verdict.wording import moved_percent, percent
 
 _SHOWN = 20
 _FURTHEST_PERCENT = 100.0

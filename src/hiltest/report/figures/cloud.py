@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hiltest.record.run import Run, Table
 from hiltest.report.figures.columns import numbers, written
 from hiltest.report.figures.coverage import READING, hole_map
 from hiltest.report.figures.group import FigureGroup, Sheet
 from hiltest.report.marks import KeyEntry
-from hiltest.report.record import Run, Table
 from hiltest.report.svg import Figure
 
 POINTS_TABLE = "tumble.points"

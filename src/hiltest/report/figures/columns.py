@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from hiltest.measurement import Measurement, readable
-from hiltest.report.record import Cell, Table
+from hiltest.measurement import Measurement
+from hiltest.record.run import Cell, Table
+from hiltest.text import readable
 
 
 def numbers(table: Table, column: str) -> list[float]:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 
 from hiltest.measurement import Measurement
-from hiltest.report.costs import CalibratorCost, calibrator_costs
+from hiltest.record.run import Run
 from hiltest.report.figures.columns import upper_limit
 from hiltest.report.marks import KeyEntry, series
-from hiltest.report.record import Run
 from hiltest.report.svg import Figure
-from hiltest.report.verdict import grouped
+from hiltest.text import readable
+from hiltest.verdict.calibrators import CalibratorCost, calibrator_costs
 
 _FEWEST = 2  # one dot is no comparison
 
@@ -26,7 +26,7 @@ def cost_figure(run: Run) -> Figure | None:
     figure = Figure(
         title="Worst heading error over cycles",
         description="; ".join(
-            f"{each.name}: {error:.2f} degrees for {grouped(each.cycles or 0)} cycles" for each, error in rated
+            f"{each.name}: {error:.2f} degrees for {readable(each.cycles or 0)} cycles" for each, error in rated
         ),
         x_label="thousand cycles", y_label="worst heading error [deg]", x_range=(min(cycles) / 1.5, max(cycles) * 1.5),
         y_range=(0.0, top), log_x=True,

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from hiltest.record.run import Run
 from hiltest.report.figures.columns import numbers, written
 from hiltest.report.figures.group import FigureGroup, Sheet
 from hiltest.report.marks import KeyEntry, Mark
-from hiltest.report.record import Run
 from hiltest.report.svg import Figure
-from hiltest.report.verdict import grouped
+from hiltest.text import readable
 
 SIZES_TABLE = "cycles.sizes"
 _KEY = (KeyEntry("counted on the board", "", Mark.DOT, "level filled"), KeyEntry("least squares", "level"))
@@ -40,14 +40,14 @@ def _figure(run: Run, name: str, sizes: Sequence[float], cycles: Sequence[float]
     per_point, fixed = (_value(run, f"cycles.{name}.{what}") for what in ("per_point", "fixed"))
     sweeps, per_sweep = (_value(run, f"cycles.{name}.{what}") for what in ("sweeps", "per_iteration"))
     right, top = 1.05 * max(n for n, _ in points), 1.1 * max(count for _, count in points)
-    line = "" if per_point is None or fixed is None else f"{per_point:.1f} n + {grouped(fixed)}"
+    line = "" if per_point is None or fixed is None else f"{per_point:.1f} n + {readable(fixed)}"
     if line and sweeps and per_sweep:
-        line += f" + {sweeps:.0f} sweeps of {grouped(per_sweep)}"
+        line += f" + {sweeps:.0f} sweeps of {readable(per_sweep)}"
         fixed = (fixed or 0.0) + sweeps * per_sweep
     figure = Figure(
         title="; ".join(filter(None, (f"{name}: {line or 'cycles'}", _accuracy(run, name)))),
-        description=f"{len(points)} sizes, from {grouped(points[0][1])} cycles for {points[0][0]:g} points to "
-        f"{grouped(points[-1][1])} for {points[-1][0]:g}",
+        description=f"{len(points)} sizes, from {readable(points[0][1])} cycles for {points[0][0]:g} points to "
+        f"{readable(points[-1][1])} for {points[-1][0]:g}",
         x_label="points n", y_label="thousand cycles", x_range=(0, max(right, 1.0)), y_range=(0, max(top, 1.0) / 1000),
         width=312.0, height=240.0,
     )

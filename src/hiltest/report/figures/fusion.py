@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
+from hiltest.record.run import Run, Table
 from hiltest.report.figures.columns import numbers
 from hiltest.report.figures.group import FigureGroup
 from hiltest.report.figures.limits import limit_figure
 from hiltest.report.marks import KeyEntry
-from hiltest.report.record import Run, Table
 from hiltest.report.svg import Figure, Point
 
 MOTION_TABLE = "fusion.motion"

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 
+from hiltest.record.run import Run
 from hiltest.report.figures.columns import numbers
 from hiltest.report.figures.group import Drawing, FigureGroup
 from hiltest.report.figures.limits import limit_figure
 from hiltest.report.figures.rows import Row, RowFigure
 from hiltest.report.marks import Mark
-from hiltest.report.record import Run
 
 NOISE_TABLE = "gyroscope.noise_density"
 

@@ -6,13 +6,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from hiltest.report.calibrator_results import UNCALIBRATED
+from hiltest.record.run import Run, Table
 from hiltest.report.figures.columns import names_after, numbers, upper_limit, written
 from hiltest.report.figures.group import FigureGroup, Sheet
 from hiltest.report.marks import KeyEntry, Mark
-from hiltest.report.record import Run, Table
 from hiltest.report.svg import Figure
-from hiltest.report.verdict import POSES_TABLE
+from hiltest.verdict.calibrators import UNCALIBRATED
+from hiltest.verdict.verdict import POSES_TABLE
 
 _COMPASS = (0, 45, 90, 135, 180, 225, 270, 315, 360)
 _KEY = (

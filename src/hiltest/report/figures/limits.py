@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from hiltest.measurement import Limit, Measurement, Outcome, readable
+from hiltest.measurement import Limit, Measurement, Outcome
 from hiltest.report.figures.rows import Row, RowFigure
 from hiltest.report.marks import KeyEntry, Mark
+from hiltest.text import readable
 
 _ROOM = 0.75  # of the width is what a limit allows; the rest shows how far beyond it a value is
 _KEY = (

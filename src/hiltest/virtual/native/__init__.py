@@ -15,7 +15,7 @@ from unicorn.unicorn_py3.unicorn import uclib
 
 from hiltest.errors import ConfigError
 from hiltest.virtual.accounting import Accounting, BlockAccounting
-from hiltest.virtual.blocks import Block, ReadCode
+from hiltest.virtual.blocks import CodeBlock, ReadCode
 from hiltest.virtual.native.accounting import NativeBlockAccounting
 from hiltest.virtual.native.library import Window, library, missing_because
 from hiltest.virtual.registers import register_number
@@ -42,7 +42,7 @@ def counts_natively() -> bool:
 
 
 def by_block(
-    profile: TimingProfile, read_code: ReadCode, attend: Callable[[Block], bool], stop: Callable[[], None]
+    profile: TimingProfile, read_code: ReadCode, attend: Callable[[CodeBlock], bool], stop: Callable[[], None]
 ) -> Accounting:
     """Make what counts by block: in C where that is there, in Python otherwise."""
     kind = NativeBlockAccounting if counts_natively() else BlockAccounting

@@ -11,7 +11,7 @@ from typing import ClassVar
 from unicorn.unicorn_py3.unicorn import uclib
 
 from hiltest.virtual.accounting import CodeHook
-from hiltest.virtual.blocks import BLOCKS_KEPT, Block, ReadCode, conditions_at, priced_block
+from hiltest.virtual.blocks import BLOCKS_KEPT, CodeBlock, ReadCode, conditions_at, priced_block
 from hiltest.virtual.executions import NOBODY, Entered, Snapshot
 from hiltest.virtual.instructions import Instruction
 from hiltest.virtual.native import library as native
@@ -35,7 +35,7 @@ def _kept(instructions: Sequence[Instruction]) -> int:
 @lru_cache(maxsize=BLOCKS_KEPT)
 def _reasons_and_registers(
     profile: TimingProfile, address: int, code: bytes, entry: PipelineState, conditions: int = 0
-) -> tuple[Block, int, int, int]:
+) -> tuple[CodeBlock, int, int, int]:
     """Price a block, and say what of it the hook must know beside the numbers: reasons, aligned, kept."""
     block = priced_block(profile, address, code, entry, conditions)
     reasons = (
@@ -60,7 +60,7 @@ class NativeBlockAccounting:
     per_instruction: ClassVar[bool] = False
 
     def __init__(
-        self, profile: TimingProfile, read_code: ReadCode, attend: Callable[[Block], bool], stop: Callable[[], None]
+        self, profile: TimingProfile, read_code: ReadCode, attend: Callable[[CodeBlock], bool], stop: Callable[[], None]
     ) -> None:
         self.stopped = False
         self._profile = profile
@@ -198,7 +198,7 @@ class NativeBlockAccounting:
     # -- where execution is -------------------------------------------------------------------
 
     @property
-    def _running(self) -> Block | None:
+    def _running(self) -> CodeBlock | None:
         number = self._words[_RUNNING]
         return None if number < 0 else self._entered[number].block
 

@@ -1,0 +1,200 @@
+"""Which three columns of a table are the magnetometer, and in which unit."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Mapping, Sequence
+from enum import StrEnum
+from typing import TypeVar
+
+from hiltest.errors import ConfigError
+from hiltest.logs.units import RATE_WORDS, AccelerationUnit, RateUnit
+
+_U = TypeVar("_U", AccelerationUnit, RateUnit)
+
+
+class Unit(StrEnum):
+    """What readings are given in; counts have a scale that nobody knows."""
+
+    UT = "uT"
+    GAUSS = "gauss"
+    COUNTS = "counts"
+
+
+#: What one of a unit is in microtesla; None where nobody knows.
+MICROTESLA: dict[Unit, float | None] = {Unit.UT: 1.0, Unit.GAUSS: 100.0, Unit.COUNTS: None}
+
+_WORDS = {
+    "ut": Unit.UT, "µt": Unit.UT, "μt": Unit.UT, "microtesla": Unit.UT,
+    "gauss": Unit.GAUSS, "gs": Unit.GAUSS,
+    "counts": Unit.COUNTS, "count": Unit.COUNTS, "lsb": Unit.COUNTS,
+}  # fmt: skip
+# Units of fields that no option names: better refused than read as something else.
+_FOREIGN = frozenset({"nt", "mt", "t", "tesla", "nanotesla", "mgauss", "milligauss"})
+# With the capital; in lower case these are the g of accelerometers.
+_CAPITALS = {"G": "gauss", "mG": "mgauss"}
+_OTHER = frozenset({"g", "mg", "ms2", "si", "m/s2", "m/s^2", "m/s²"}) | RATE_WORDS.keys()
+# "Magnetometer X (uT)", "mx_uT", "mag.y [gauss]": a name, and perhaps a unit in brackets or behind a low line.
+_BRACKETED = re.compile(r"^(?P<name>.*?)\s*[(\[](?P<unit>[^)\]]*)[)\]]$")
+_SUFFIXED = re.compile(r"^(?P<name>.*[^_ ])[_ ](?P<unit>[^_ ]+)$")
+_BETWEEN = r"[\s_.:/-]*"
+_AXIS_LAST = re.compile(rf"^(?P<stem>.*?){_BETWEEN}(?P<axis>[xyz])$")
+_AXIS_FIRST = re.compile(r"^(?P<axis>[xyz])[\s_.:/-]+(?P<stem>.+)$")
+_MAGNETIC = re.compile(r"mag|compass|^[mb]$")
+
+
+def unit_of(headers: Sequence[str]) -> Unit | None:
+    """Return the unit that headers name, None when they name none.
+
+    Raises
+    ------
+    ConfigError
+        When they name different ones, or one that is not supported.
+    """
+    words = {name_and_unit(header)[1] for header in headers}
+    foreign = sorted(words & _FOREIGN)
+    if foreign:
+        raise ConfigError(
+            f"the header says {', '.join(headers)}: {foreign[0]} is not supported; convert to uT, "
+            "or give --unit counts, which judges no field strength"
+        )
+    units = {_WORDS[word] for word in words if word in _WORDS}
+    if len(units) > 1:
+        raise ConfigError(f"the header says {', '.join(headers)}: different units; say which one with --unit")
+    return next(iter(units), None)
+
+
+def unit_in_headers(headers: Sequence[str], words: Mapping[str, _U], option: str) -> _U | None:
+    """Return the unit that three headers name, None when they name none.
+
+    Raises
+    ------
+    ConfigError
+        When they name different ones, or one that is not supported.
+    """
+    found = {name_and_unit(header)[1] for header in headers} - {""}
+    units = {words.get(word) for word in found}
+    if len(units) > 1 or None in units:
+        raise ConfigError(f"the header says {', '.join(headers)}: {' and '.join(sorted(found))} is no unit that can be "
+                          f"read here; say one with {option}")
+    return next(iter(units), None)
+
+
+def named_columns(
+    wanted: str, headers: Sequence[str], width: int, *, option: str = "--columns"
+) -> tuple[int, int, int]:
+    """Return the indexes of columns given as ``a,b,c``: names of the header, or numbers from 1.
+
+    Raises
+    ------
+    ConfigError
+        When they are not three different columns of the table.
+    """
+    names = [name.strip() for name in next(csv.reader([wanted], skipinitialspace=True), [])]
+    if len(names) != 3:
+        raise ConfigError(f"{option} {wanted}: {len(names)} columns; give three, for example mx,my,mz or 5,6,7")
+    first, second, third = (column_index(name, headers, width, option=option) for name in names)
+    if len({first, second, third}) != 3:
+        raise ConfigError(f"{option} {wanted}: a column is named twice")
+    return first, second, third
+
+
+def guessed_columns(headers: Sequence[str], width: int) -> tuple[int, int, int]:
+    """Return the indexes of the columns that must be the magnetometer's.
+
+    Raises
+    ------
+    ConfigError
+        When nothing or more than one triple could be; names the choices.
+    """
+    triples = axis_triples(headers)
+    magnetic = {stem: triple for stem, triple in triples.items() if _MAGNETIC.search(stem)}
+    if len(magnetic) == 1:
+        return next(iter(magnetic.values()))
+    if len(magnetic) > 1:
+        choices = [",".join(headers[index] for index in triple) for triple in magnetic.values()]
+        raise ConfigError(f"more than one magnetometer: {_options(choices)}")
+    if not magnetic and "" in triples:
+        return triples[""]
+    if width == 3 and not triples:
+        return 0, 1, 2
+    found = f"the columns are {', '.join(headers)}" if headers else f"no header and {width} columns"
+    choices = [",".join(headers[index] for index in triple) for triple in triples.values()]
+    hint = _options(choices) if choices else "say which with --columns, by name or by number from 1: --columns 1,2,3"
+    raise ConfigError(f"cannot tell which columns are the magnetometer: {found}; {hint}")
+
+
+def _options(choices: Sequence[str]) -> str:
+    quoted = [f"--columns '{choice}'" if " " in choice else f"--columns {choice}" for choice in choices]
+    return f"choose {' or '.join(quoted)}"
+
+
+def axis_triples(headers: Sequence[str]) -> dict[str, tuple[int, int, int]]:
+    """Return the columns of x, y and z by what their names have in common, where all three are there once."""
+    found: dict[str, dict[str, list[int]]] = {}
+    for index, header in enumerate(headers):
+        name = name_and_unit(header)[0]
+        parts = _AXIS_LAST.match(name) or _AXIS_FIRST.match(name)
+        if parts is not None:
+            found.setdefault(parts["stem"], {}).setdefault(parts["axis"], []).append(index)
+    whole = {stem: axes for stem, axes in found.items() if sorted(axes) == ["x", "y", "z"]}
+    return {
+        stem: (axes["x"][0], axes["y"][0], axes["z"][0])
+        for stem, axes in whole.items() if all(len(places) == 1 for places in axes.values())
+    }  # fmt: skip
+
+
+def name_and_unit(header: str) -> tuple[str, str]:
+    """Return name and unit of a header in lower case, the unit empty when there is none."""
+    written = header.strip()
+    bracketed = _BRACKETED.match(written)
+    if bracketed:
+        return bracketed["name"].strip().lower(), _unit_word(bracketed["unit"])
+    suffixed = _SUFFIXED.match(written)
+    if suffixed and (unit := _unit_word(suffixed["unit"])) in {*_WORDS, *_FOREIGN, *_OTHER}:
+        return suffixed["name"].lower(), unit
+    return written.lower(), ""
+
+
+def _unit_word(written: str) -> str:
+    return _CAPITALS.get(written.strip(), written.strip().lower())
+
+
+def column_index(name: str, headers: Sequence[str], width: int, *, option: str) -> int:
+    """Return the index of a column given by its name, or its number from 1.
+
+    Raises
+    ------
+    ConfigError
+        When there is none, or more than one of the name.
+    """
+    places = [index for index, header in enumerate(headers) if header == name]
+    places = places or [index for index, header in enumerate(headers) if header.lower() == name.lower()]
+    if len(places) > 1:
+        raise ConfigError(f"{option}: {len(places)} columns are called {name!r}; give numbers from 1")
+    if places:
+        return places[0]
+    if name.isascii() and name.isdigit() and 1 <= int(name) <= width:
+        return int(name) - 1
+    known = f"; the columns are {', '.join(headers)}" if headers else ""
+    raise ConfigError(f"{option}: no column {name!r} among {width}{known}")
+
+
+_TIME = re.compile(
+    r"^(?:time|timestamp|seconds|t)[\s_.]*[(\[]?\s*(?P<unit>s|sec|seconds|ms|us|µs|μs|ns)?\s*[)\]]?$", re.IGNORECASE
+)
+# Of the micro sign there are two.
+_SECONDS = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9}
+
+
+def seconds_of(header: str) -> float | None:
+    """Return what one of a column of time is in seconds; None when its name is not that of a time.
+
+    Examples
+    --------
+    >>> seconds_of("time_s"), seconds_of("Timestamp [ms]"), seconds_of("t"), seconds_of("temperature")
+    (1.0, 0.001, 1.0, None)
+    """
+    matched = _TIME.match(header.strip())
+    return _SECONDS.get((matched["unit"] or "s").lower(), 1.0) if matched else None

@@ -1,0 +1,81 @@
+"""A cloud as the firmware takes it: few enough int16 counts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hiltest.calibration.fit import MagnetometerFit
+from hiltest.logs.samples import Cloud
+
+Array = NDArray[np.float64]
+
+_COUNTS_PER_UT = 10.0
+_INT16 = 32_767.0
+# Half of the widest range [count]. Below, rounding is more than 0.3 % of it; above, noise may leave int16.
+_COARSEST, _WIDEST = 100.0, 32_000.0
+# What a range outside of those is scaled to: rounding is then 0.01 % of it.
+_CHOSEN = 3_200.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CountScale:
+    """How a cloud's unit becomes counts, ``counts = (reading - origin) * per_unit``.
+
+    Attributes
+    ----------
+    per_unit : float
+        Counts per unit of the cloud.
+    origin : ndarray, shape (3,)
+        In the unit of the cloud; zero unless the readings lie too far out for int16.
+    """
+
+    per_unit: float
+    origin: Array
+
+    @classmethod
+    def of(cls, cloud: Cloud) -> Self:
+        """Choose the scale of a cloud: the firmware's own 0.1 uT, or raw counts as they are, where that fits."""
+        low, high = cloud.points.min(axis=0), cloud.points.max(axis=0)
+        half = float((high - low).max()) / 2.0
+        microtesla = cloud.microtesla
+        per_unit = 1.0 if microtesla is None else microtesla * _COUNTS_PER_UT
+        if half > 0.0 and not _COARSEST <= half * per_unit <= _WIDEST:
+            per_unit = _CHOSEN / half
+        fits = float(np.abs(cloud.points).max()) * per_unit <= _INT16
+        return cls(per_unit, np.zeros(3) if fits else (low + high) / 2.0)
+
+    @property
+    def step(self) -> float:
+        """What one count is in the unit of the cloud."""
+        return 1.0 / self.per_unit
+
+    def unrounded(self, points: ArrayLike) -> Array:
+        """Return readings as counts with their fractions, shape (n, 3)."""
+        counts: Array = (np.asarray(points, dtype=np.float64) - self.origin) * self.per_unit
+        return counts
+
+    def counts(self, points: ArrayLike) -> NDArray[np.int16]:
+        """Return readings as the firmware takes them, shape (n, 3)."""
+        return np.rint(self.unrounded(points)).astype(np.int16)
+
+    def in_unit(self, fit: MagnetometerFit) -> MagnetometerFit:
+        """Return a calibration of counts as one of readings in the unit of the cloud."""
+        if not fit.has_fit:
+            return fit
+        return MagnetometerFit(
+            fit.status, fit.is_sphere, fit.iterations,
+            fit.soft_iron * self.per_unit, fit.hard_iron / self.per_unit + self.origin, fit.coverage,
+        )
+
+
+def thinned(points: Array, most: int) -> Array:
+    """Return at most so many points, taken at a uniform stride over all of them."""
+    count = len(points)
+    if count <= most:
+        return points
+    chosen: Array = points[np.arange(most) * count // most]
+    return chosen

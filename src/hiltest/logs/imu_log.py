@@ -1,0 +1,292 @@
+"""Readings of an accelerometer and a gyroscope from one table, or from one each."""
+
+from __future__ import annotations
+
+import math
+import re
+from array import array
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hiltest.errors import ConfigError
+from hiltest.logs.columns import axis_triples, column_index, named_columns, seconds_of, unit_in_headers
+from hiltest.logs.table import LARGEST_READING, TableRow, check_width, number_in, read_rows, split_header
+from hiltest.logs.units import ACCELERATION_WORDS, RATE_WORDS, AccelerationUnit, RateUnit
+
+Reals = NDArray[np.float64]
+
+# Five hours at 100 Hz.
+MAX_ROWS = 2_000_000
+_ACCELEROMETER = re.compile(r"acc|^a$|^f$")
+_GYROSCOPE = re.compile(r"gyr|^g$|^w$|omega")
+# A log that is slower does not see a turn, and its column of time is more likely in another unit.
+_SLOWEST_HZ = 5.0
+_FASTEST_HZ = 1e5
+# Nanoseconds of 3000 years: the largest time that a clock gives.
+_LATEST = 1e20
+
+
+@dataclass(frozen=True, slots=True)
+class LogColumns:
+    """Which columns are what, where the header does not say it: names, or numbers from 1.
+
+    Attributes
+    ----------
+    accelerometer, gyroscope : str or None
+        ``a,b,c``.
+    time : str or None
+    labels : str or None
+        A column that says what each row is of.
+    """
+
+    accelerometer: str | None = None
+    gyroscope: str | None = None
+    time: str | None = None
+    labels: str | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImuLog:
+    """Readings, in the order of the file.
+
+    Attributes
+    ----------
+    files : tuple of str
+    time_s : ndarray, shape (n,)
+        Increasing [s].
+    acceleration : ndarray, shape (n, 3)
+        In `acceleration_unit`, axes of the sensor.
+    rate : ndarray, shape (n, 3), or None
+        In `rate_unit`. None when nothing was logged of a gyroscope.
+    acceleration_unit : AccelerationUnit
+    rate_unit : RateUnit
+    labels : tuple of str, or None
+        What each row says that it is of.
+    """
+
+    files: tuple[str, ...]
+    time_s: Reals
+    acceleration: Reals
+    rate: Reals | None
+    acceleration_unit: AccelerationUnit
+    rate_unit: RateUnit
+    labels: tuple[str, ...] | None = None
+
+    @property
+    def period_s(self) -> float:
+        """Of a sample, in the median."""
+        return float(np.median(np.diff(self.time_s)))
+
+
+def read_imu_log(
+    path: Path, gyroscope_path: Path | None = None, *, columns: LogColumns = LogColumns(),
+    rate_hz: float | None = None, acceleration_unit: AccelerationUnit | None = None, rate_unit: RateUnit | None = None,
+) -> ImuLog:  # fmt: skip
+    """Read a log.
+
+    Parameters
+    ----------
+    path : Path
+        Of both sensors, or of the accelerometer alone.
+    gyroscope_path : Path, optional
+        Of the gyroscope, with a row for each of the other's.
+    columns : LogColumns
+        By default what the headers say; a table of three or four columns without a header is x, y, z with time before.
+    rate_hz : float, optional
+        Of samples; by default from the column of time.
+    acceleration_unit, rate_unit : optional
+        By default what the headers say, else counts.
+
+    Raises
+    ------
+    ConfigError
+        When there is no such table, or a cell in it is no number; names file, line and column.
+    """
+    first = _Table(path, columns.labels)
+    places = first.axes(columns.accelerometer, _ACCELEROMETER, "--accelerometer-columns", "accelerometer")
+    if places is None:
+        raise first.no_axes("accelerometer", "--accelerometer-columns")
+    second = first if gyroscope_path is None else _Table(gyroscope_path, None)
+    others = second.axes(columns.gyroscope, _GYROSCOPE, "--gyroscope-columns", "gyroscope", alone=second is not first)
+    if gyroscope_path is not None and others is None:
+        raise second.no_axes("gyroscope", "--gyroscope-columns")
+    names, other_names = first.names(places), second.names(others) if others else ()
+    unit = acceleration_unit or unit_in_headers(
+        names if first.headers else (), ACCELERATION_WORDS, "--accelerometer-unit"
+    )
+    other_unit = rate_unit or unit_in_headers(other_names if second.headers else (), RATE_WORDS, "--gyroscope-unit")
+    time_s, readings = first.read(columns.time, rate_hz, [*places, *(others or () if second is first else ())])
+    rate = readings[:, 3:] if readings.shape[1] > 3 else None
+    if second is not first and others is not None:
+        other_time_s, rate = second.read(columns.time, rate_hz, list(others))
+        _check_pairs(path, second.path, time_s, other_time_s)
+    return ImuLog(
+        tuple(str(each) for each in (path, gyroscope_path) if each), time_s, readings[:, :3], rate,
+        unit or AccelerationUnit.COUNTS, other_unit or RateUnit.COUNTS, first.labels,
+    )  # fmt: skip
+
+
+class _Table:
+    """A table whose header is read; its numbers can be read once."""
+
+    def __init__(self, path: Path, labels: str | None) -> None:
+        self.path = path
+        rows = read_rows(path)
+        head = next(rows, None)
+        if head is None:
+            raise ConfigError(f"{path}: the file is empty")
+        self.headers, self._rows = split_header(head, rows)
+        self.width = len(self.headers or head.cells)
+        self._label = None if labels is None else column_index(labels, self.headers, self.width, option="--intervals")
+        self.labels: tuple[str, ...] | None = None
+
+    def axes(
+        self, wanted: str | None, pattern: re.Pattern[str], option: str, sensor: str, *, alone: bool = True
+    ) -> tuple[int, int, int] | None:
+        """Return the places of x, y and z; of a table without a header only when it is of this sensor alone."""
+        if wanted is not None:
+            return named_columns(wanted, self.headers, self.width, option=option)
+        found = {stem: places for stem, places in axis_triples(self.headers).items() if pattern.search(stem)}
+        if len(found) > 1:
+            choices = " or ".join(",".join(self.names(places)) for places in found.values())
+            raise ConfigError(f"{self.path}: more than one {sensor}: choose with {option} {choices}")
+        if found:
+            return next(iter(found.values()))
+        if alone and not self.headers and self.width in (3, 4):
+            return (0, 1, 2) if self.width == 3 else (1, 2, 3)
+        return None
+
+    def no_axes(self, sensor: str, option: str) -> ConfigError:
+        columns = f"the columns are {', '.join(self.headers)}" if self.headers else f"no header, {self.width} columns"
+        return ConfigError(f"{self.path}: cannot tell which columns are the {sensor}: {columns}; say it with {option}, "
+                           "by name or by number from 1")
+
+    def names(self, places: Sequence[int]) -> tuple[str, ...]:
+        return tuple(self.headers[place] if self.headers else str(place + 1) for place in places)
+
+    def read(self, time: str | None, rate_hz: float | None, places: list[int]) -> tuple[Reals, Reals]:
+        """Return the times [s] and the readings, one row a sample."""
+        place, scale_s = (None, 1.0) if rate_hz is not None else self._time(time)
+        wanted = places if place is None else [place, *places]
+        names = self.names(wanted)
+        values, labels = array("d"), []
+        sensors = [places[first : first + 3] for first in range(0, len(places), 3)]
+        one_a_row = False
+        for row in self._rows:
+            check_width(self.path, row, self.width)
+            filled = filled_of(row.cells, sensors)
+            one_a_row = one_a_row or (not len(values) and place is not None and filled.count(True) < len(sensors) > 1)
+            if one_a_row and not any(filled):
+                continue  # a row of another sensor
+            if one_a_row and all(filled):
+                raise ConfigError(f"{self.path}:{row.line}: both sensors in a row, and before rows of one each")
+            absent = {at for at in places if one_a_row and not filled[places.index(at) // 3]}
+            numbers = self._numbers(row, wanted, names, place, absent)
+            if place is not None and len(values):
+                before = values[-len(wanted)]
+                if numbers[0] < before or (numbers[0] == before and not one_a_row):
+                    raise ConfigError(f"{self.path}:{row.line}: column {names[0]}: time {numbers[0]:g} is not behind "
+                                      f"{before:g}; cut the log there, or give --rate")
+            values.extend(numbers)
+            if self._label is not None:
+                labels.append(row.cells[self._label])
+            if len(values) > MAX_ROWS * len(wanted):
+                raise ConfigError(f"{self.path}: more than {MAX_ROWS} rows; cut the file")
+        read = np.frombuffer(values, dtype=np.float64).reshape(-1, len(wanted))
+        if len(read) < 2:
+            raise ConfigError(f"{self.path}: {len(read)} rows of numbers: no log")
+        if self._label is not None:
+            self.labels = tuple(labels)
+        if rate_hz is not None:
+            return np.arange(len(read)) / rate_hz, read
+        if one_a_row:
+            read = self._joined(read)
+        time_s = scale_s * read[:, 0]
+        step_s = float(np.median(np.diff(time_s)))
+        if not 1.0 / _FASTEST_HZ <= step_s <= 1.0 / _SLOWEST_HZ:
+            raise ConfigError(f"{self.path}: samples are {step_s:g} s apart by column {names[0]}; give --rate, or name "
+                              "the column with its unit, such as time_ms")
+        return time_s, read[:, 1:]
+
+    def _numbers(
+        self, row: TableRow, wanted: Sequence[int], names: Sequence[str], time: int | None, absent: Collection[int]
+    ) -> list[float]:
+        """Return a row's time and readings; only what is absent may be no number."""
+        numbers = []
+        for at, name in zip(wanted, names, strict=True):
+            what, largest = ("time", _LATEST) if at == time else ("reading of an IMU", LARGEST_READING)
+            value = number_in(self.path, row, at, name, what=what, largest=largest)
+            if not math.isfinite(value) and at not in absent:
+                raise ConfigError(f"{self.path}:{row.line}: column {name}: no number; a turn cannot be summed over "
+                                  "a gap: cut the log there")
+            numbers.append(value)
+        return numbers
+
+    def _joined(self, read: Reals) -> Reals:
+        rows, joined = at_the_gyroscope_s(read[:, 0], read[:, 1:])
+        time = read[rows, 0]
+        if len(time) < 2 or not bool((np.diff(time) > 0.0).all()):
+            raise ConfigError(f"{self.path}: rows of one sensor each, and of the gyroscope no two at different times "
+                              "among those of the accelerometer: no log of both")
+        if self.labels is not None:
+            self.labels = tuple(label for label, taken in zip(self.labels, rows.tolist(), strict=True) if taken)
+        return np.column_stack([time, joined])
+
+    def _time(self, wanted: str | None) -> tuple[int, float]:
+        if wanted is not None:
+            place = column_index(wanted, self.headers, self.width, option="--time")
+            return place, (seconds_of(self.headers[place]) or 1.0 if self.headers else 1.0)
+        if not self.headers and self.width == 4:
+            return 0, 1.0
+        found = [(place, scale) for place, name in enumerate(self.headers) if (scale := seconds_of(name)) is not None]
+        if len(found) != 1:
+            raise ConfigError(f"{self.path}: {len(found) or 'no'} columns of time; give --rate in Hz, or --time")
+        return found[0]
+
+
+def _check_pairs(path: Path, other: Path, time_s: Reals, other_time_s: Reals) -> None:
+    if len(time_s) != len(other_time_s):
+        raise ConfigError(f"{path} has {len(time_s)} rows and {other} {len(other_time_s)}; "
+                          "both need one for each sample")
+    apart_s = np.abs(time_s - other_time_s)
+    worst = int(apart_s.argmax())
+    if apart_s[worst] > float(np.median(np.diff(time_s))):
+        raise ConfigError(f"{path} and {other}: sample {worst + 1} was taken at {time_s[worst]:g} s and "
+                          f"{other_time_s[worst]:g} s; both need a row for each sample")
+
+
+def filled_of(cells: Sequence[str], sensors: Sequence[Sequence[int]]) -> list[bool]:
+    """Say of each sensor, given as the places of its columns, whether a row has something of it."""
+    return [any(cells[place] for place in places) for places in sensors]
+
+
+def at_the_gyroscope_s(time_s: Reals, readings: Reals) -> tuple[NDArray[np.bool_], Reals]:
+    """Join both sensors at the times of the gyroscope, whose every sample counts in a turn.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (n,)
+        Not decreasing.
+    readings : ndarray, shape (n, 6)
+        Of accelerometer and gyroscope; NaN for the one that the row is not of.
+
+    Returns
+    -------
+    rows : ndarray of bool, shape (n,)
+        Those of the gyroscope that are between two of the accelerometer.
+    joined : ndarray, shape (sum(rows), 6)
+        These, with the acceleration from the line between its neighbours.
+    """
+    of_gyroscope = np.isfinite(readings[:, 3])
+    others_s, others = time_s[~of_gyroscope], readings[~of_gyroscope, :3]
+    if not len(others_s):
+        return np.zeros(len(time_s), dtype=np.bool_), np.empty((0, 6))
+    rows = of_gyroscope & (time_s >= others_s[0]) & (time_s <= others_s[-1])
+    joined = readings[rows]
+    for axis in range(3):
+        joined[:, axis] = np.interp(time_s[rows], others_s, others[:, axis])
+    return rows, joined

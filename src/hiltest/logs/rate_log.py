@@ -1,0 +1,220 @@
+"""A log of angular rates from a file: which columns, in which unit, how fast, and without a gap."""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from array import array
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hiltest.errors import ConfigError
+from hiltest.logs.columns import axis_triples, column_index, name_and_unit, seconds_of
+from hiltest.logs.table import TableRow, check_width, is_number, read_rows, shown
+from hiltest.logs.units import DEGREES_PER_SECOND, RATE_WORDS, RateUnit
+
+Reals = NDArray[np.float64]
+
+# 160 MB a column, and 28 hours at 200 Hz.
+MAX_ROWS = 20_000_000
+#: A step longer than so many others is a gap.
+GAP = 1.5
+_LARGEST = 1e9  # deg/s or counts: no sensor's reading
+# Nanoseconds of 3000 years: the largest time that a clock gives.
+_LATEST = 1e20
+# Of sampling: what is slower or faster has its time in another unit.
+_RATES_HZ = (1e-3, 1e6)
+_GYROSCOPE = re.compile(r"gyr|rate|omega|angular|^w$")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RateLog:
+    """The longest part of a log that has no gap.
+
+    Attributes
+    ----------
+    path : Path
+    columns : tuple of str
+        Names, or numbers from 1.
+    rates : ndarray, shape (n, columns)
+        In deg/s, or in counts when that is the unit.
+    unit : RateUnit
+        Of the file.
+    rate_hz : float
+    rows : int
+        Of the whole file; `len(rates)` of them are the part.
+    gaps : int
+    """
+
+    path: Path
+    columns: tuple[str, ...]
+    rates: Reals
+    unit: RateUnit
+    rate_hz: float
+    rows: int
+    gaps: int
+
+    @property
+    def in_degrees(self) -> bool:
+        """Whether the rates are in deg/s."""
+        return DEGREES_PER_SECOND[self.unit] is not None
+
+
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    width: int
+    places: tuple[int, ...]
+    names: tuple[str, ...]
+    time: int | None
+    seconds: float
+
+
+def read_rate_log(
+    path: Path, *, columns: str | None = None, unit: RateUnit | None = None, time: str | None = None,
+    rate_hz: float | None = None,
+) -> RateLog:  # fmt: skip
+    """Read a log of rates at rest from a text table.
+
+    Parameters
+    ----------
+    path : Path
+        As `hiltest.logs.table.read_rows` takes it.
+    columns : str, optional
+        Up to three, ``a,b,c``: names or numbers from 1; by default those that the header calls a gyroscope's.
+    unit : RateUnit, optional
+        By default what the header says.
+    time : str, optional
+        Column with the time; by default one called time, timestamp or t, in the unit its name ends with, else s.
+    rate_hz : float, optional
+        Of sampling, for a file without time; the rows are then believed to be without a gap.
+
+    Raises
+    ------
+    ConfigError
+        When there is no such table in the file; names file, row and column.
+    """
+    rows = read_rows(path)
+    first = next(rows, None)
+    if first is None:
+        raise ConfigError(f"{path}: the file is empty")
+    headers = first.cells if not any(map(is_number, first.cells)) else ()
+    try:
+        layout = _layout(headers, len(first.cells), columns, None if rate_hz else time, want_time=rate_hz is None)
+        found = unit or _unit_of(layout.names if headers else ())
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from error
+    times, values = _numbers(path, rows if headers else chain([first], rows), layout)
+    factor = DEGREES_PER_SECOND[found]
+    if rate_hz is None:
+        _check_steps(path, times, layout.seconds)
+    part, gaps, rate_hz = _longest_part(times, layout.seconds, rate_hz, len(values))
+    rates = values[part] * (1.0 if factor is None else factor)
+    return RateLog(path, layout.names, rates, found, rate_hz, len(values), gaps)
+
+
+def _layout(
+    headers: Sequence[str], width: int, columns: str | None, time: str | None, *, want_time: bool
+) -> _Layout:
+    if columns is not None:
+        wanted = [name.strip() for name in next(csv.reader([columns], skipinitialspace=True), [])]
+        places = tuple(column_index(name, headers, width, option="--columns") for name in wanted)
+        if not 1 <= len(places) <= 3 or len(set(places)) != len(places):
+            raise ConfigError(f"--columns {columns}: give one to three different columns")
+    else:
+        places = _guessed(headers)
+    names = tuple(headers[place] if headers else str(place + 1) for place in places)
+    at, seconds = _time_column(headers, width, time) if want_time else (None, 1.0)
+    if at in places:
+        raise ConfigError(f"column {headers[at] if headers and at is not None else at} is given as time and as a rate")
+    return _Layout(width, places, names, at, seconds)
+
+
+def _guessed(headers: Sequence[str]) -> tuple[int, ...]:
+    triples = [places for stem, places in axis_triples(headers).items()
+               if _GYROSCOPE.search(stem)]
+    if len(triples) != 1:
+        shown = ", ".join(headers) or "without a header"
+        raise ConfigError(f"cannot tell which columns are the gyroscope ({shown}); say which: --columns 2,3,4")
+    return triples[0]
+
+
+def _time_column(headers: Sequence[str], width: int, time: str | None) -> tuple[int, float]:
+    if time is not None:
+        at = column_index(time, headers, width, option="--time")
+        return at, (seconds_of(headers[at]) if headers else None) or 1.0
+    times = [(at, seconds) for at, each in enumerate(headers) if (seconds := seconds_of(each)) is not None]
+    if len(times) != 1:
+        raise ConfigError(
+            "no column is called time, or more than one is; name it with --time, or say how fast it was sampled with "
+            "--rate HZ"
+        )
+    return times[0]
+
+
+def _unit_of(names: Sequence[str]) -> RateUnit:
+    units = {RATE_WORDS[word] for word in (name_and_unit(name)[1] for name in names) if word in RATE_WORDS}
+    if len(units) != 1:
+        what = "no unit" if not units else "different units"
+        raise ConfigError(f"the columns {', '.join(names)} name {what}; say it: --unit {' or '.join(RateUnit)}")
+    return units.pop()
+
+
+def _numbers(path: Path, rows: Iterator[TableRow], layout: _Layout) -> tuple[Reals, Reals]:
+    times, values = array("d"), array("d")
+    last_s = -math.inf
+    for row in rows:
+        check_width(path, row, layout.width)
+        cells = [row.cells[place] for place in layout.places]
+        if not any(cells):
+            continue  # a row of another sensor
+        for cell, name in zip(cells, layout.names, strict=True):
+            values.append(_value(path, row.line, cell, name, "reading of a gyroscope"))
+        if layout.time is not None:
+            time = _value(path, row.line, row.cells[layout.time], "time", "time", largest=_LATEST)
+            if time <= last_s:
+                raise ConfigError(f"{path}:{row.line}: the time {time:.9g} is not after the one before, {last_s:.9g}")
+            times.append(time)
+            last_s = time
+        if len(values) > MAX_ROWS * len(cells):
+            raise ConfigError(f"{path}: more than {MAX_ROWS} rows; cut the file")
+    if not values:
+        raise ConfigError(f"{path}: no row has numbers in the columns {', '.join(layout.names)}")
+    count = len(layout.places)
+    return np.frombuffer(times, dtype=np.float64), np.frombuffer(values, dtype=np.float64).reshape(-1, count)
+
+
+def _value(path: Path, line: int, cell: str, name: str, what: str, *, largest: float = _LARGEST) -> float:
+    if not is_number(cell) or not math.isfinite(float(cell)):
+        comma = "; decimals need a point, not a comma" if is_number(cell.replace(",", ".")) and "," in cell else ""
+        raise ConfigError(f"{path}:{line}: column {name}: {shown(cell)} is not a number{comma}")
+    if abs(float(cell)) > largest:
+        raise ConfigError(f"{path}:{line}: column {name}: {shown(cell)} is no {what}")
+    return float(cell)
+
+
+def _check_steps(path: Path, times: Reals, seconds: float) -> None:
+    step_s = float(np.median(np.diff(times))) * seconds if len(times) > 1 else 1.0
+    if not 1.0 / _RATES_HZ[1] <= step_s <= 1.0 / _RATES_HZ[0]:
+        raise ConfigError(f"{path}: samples are {step_s:g} s apart by the column of time; give --rate, or name the "
+                          "column with its unit, such as time_ms")
+
+
+def _longest_part(times: Reals, seconds: float, rate_hz: float | None, rows: int) -> tuple[slice, int, float]:
+    """Return the rows of the longest part without a gap, the number of gaps, and the rate of sampling [Hz]."""
+    if rate_hz is not None:
+        return slice(0, rows), 0, rate_hz
+    if rows < 2:
+        return slice(0, rows), 0, math.nan
+    steps = np.diff(times)
+    breaks = np.flatnonzero(steps > GAP * np.median(steps))
+    starts, ends = np.concatenate([[0], breaks + 1]), np.concatenate([breaks + 1, [rows]])
+    longest = int(np.argmax(ends - starts))
+    begin, end = int(starts[longest]), int(ends[longest])
+    span_s = float(times[end - 1] - times[begin]) * seconds
+    return slice(begin, end), len(breaks), (end - begin - 1) / span_s if span_s > 0.0 else math.nan

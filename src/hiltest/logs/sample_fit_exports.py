@@ -1,0 +1,125 @@
+"""A calibration for other programs: as JSON, and as a C header."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from hiltest import __version__
+from hiltest.c_source import c_float, in_comment
+from hiltest.errors import ConfigError
+from hiltest.logs.sample_fit import CalibratorFit, CloudFit, Matrix, Triple
+from hiltest.record.files import write_atomically
+
+SCHEMA = "hiltest.calibration/1"
+FORMULA = "corrected = soft_iron * (reading - hard_iron)"
+
+_HEADER = """\
+/*
+ * Magnetometer calibration by hiltest {version}: {calibrator}, verdict {verdict}.
+ *
+ *     {formula}
+ *
+ * reading, hard_iron, radius and corrected are in {unit}, in the axes of the sensor; soft_iron is symmetric, has the
+ * determinant 1 and maps readings to corrected ones. Corrected readings have the length radius within {residual:.2f} %.
+ * That says nothing of a rotation: fit error is not heading error.
+ *
+ * From {n_in} readings in {file}, of which the calibrator used {n_used}.
+ */
+#ifndef HILTEST_MAGNETOMETER_CALIBRATION_H
+#define HILTEST_MAGNETOMETER_CALIBRATION_H
+
+/* [{unit}] */
+static const float magnetometer_hard_iron[3] = {hard_iron};
+
+/* [1], row by row */
+static const float magnetometer_soft_iron[3][3] = {{
+    {soft_iron},
+}};
+
+/* [{unit}] */
+static const float magnetometer_radius = {radius};
+
+#endif
+"""
+
+
+def export_json(fit: CloudFit, path: Path) -> None:
+    """Write the best calibration of a cloud as JSON, so that a reader sees the whole file or none."""
+    best = fit.best
+    content = {
+        "schema": SCHEMA, "hiltest": __version__, "calibrator": best.name, "verdict": best.verdict,
+        "formula": FORMULA, "direction": "soft_iron maps readings, less hard_iron, to corrected ones",
+        "unit": fit.unit, "hard_iron": best.hard_iron, "soft_iron": best.soft_iron, "radius": best.radius,
+        "source": fit.file, "n_in": fit.n_in, "n_used": best.n_used,
+        "quality": {
+            "residual_percent": best.residual_percent, "coverage": best.coverage, "axis_ratio": best.axis_ratio,
+            "condition": fit.condition, "direction_error_deg": best.direction_error_deg,
+        },
+    }  # fmt: skip
+    write_text(path, json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def export_header(fit: CloudFit, path: Path) -> None:
+    """Write the best calibration of a cloud as a C header, so that a reader sees the whole file or none."""
+    best = fit.best
+    hard_iron, soft_iron, radius, residual = _numbers(best)
+    text = _HEADER.format(
+        version=__version__, calibrator=in_comment(best.name), verdict=best.verdict, formula=FORMULA, unit=fit.unit,
+        residual=residual, n_in=fit.n_in, file=in_comment(Path(fit.file).name), n_used=best.n_used,
+        hard_iron=_row(hard_iron), soft_iron=",\n    ".join(map(_row, soft_iron)), radius=c_float(radius),
+    )  # fmt: skip
+    write_text(path, text)
+
+
+def _numbers(best: CalibratorFit) -> tuple[Triple, Matrix, float, float]:
+    if best.hard_iron is None or best.soft_iron is None or best.radius is None or best.residual_percent is None:
+        raise ValueError(f"{best.name} has no calibration to export")
+    return best.hard_iron, best.soft_iron, best.radius, best.residual_percent
+
+
+def _row(values: Triple) -> str:
+    return f"{{{', '.join(map(c_float, values))}}}"
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file that was asked for, so that a reader sees the whole of it or none.
+
+    Raises
+    ------
+    ConfigError
+        When it cannot be written.
+    """
+    try:
+        write_atomically(path, text)
+    except OSError as error:
+        raise ConfigError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+SCHEMA = "hiltest.fit/1"
+SCHEMA_FILE = Path(__file__).with_name("fit.schema.json")
+
+
+def to_json(fit: CloudFit) -> str:
+    """Return the text of a fitted cloud, checked by ``fit.schema.json``."""
+    best = fit.best
+    content = {
+        "schema": SCHEMA, "hiltest": __version__, "verdict": best.verdict, "best": best.name, **asdict(fit),
+    }  # fmt: skip
+    return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def schema_text() -> str:
+    """Return the text of the shipped ``fit.schema.json``, generated from the classes."""
+    from pydantic import TypeAdapter
+
+    schema: dict[str, Any] = TypeAdapter(CloudFit).json_schema(mode="serialization")
+    schema["properties"] = {
+        "schema": {"const": SCHEMA}, "hiltest": {"type": "string"},
+        "verdict": {"$ref": "#/$defs/Acceptance"}, "best": {"type": "string"}, **schema["properties"],
+    }  # fmt: skip
+    schema["required"] = list(schema["properties"])
+    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": SCHEMA}
+    return json.dumps(schema, indent=1, ensure_ascii=False) + "\n"

@@ -1,0 +1,60 @@
+"""A measurement, its limit and outcome, and the catalogue of all kinds. Pure: no pytest, board or file."""
+
+from __future__ import annotations
+
+from hiltest.measurement.catalogue import (
+    KINDS,
+    better_of,
+    identify,
+    is_compared,
+    is_direction,
+    nearest_name,
+    tolerance_of,
+)
+from hiltest.measurement.cycle_band import CycleBand, RowEffect
+from hiltest.measurement.kind import EXACT, Better, Kind, NamedKind, Reference, Section, Tolerance
+from hiltest.measurement.limit import Limit
+from hiltest.measurement.measurement import (
+    SIGNIFICANT_DIGITS,
+    WORST_OF_SEVERAL,
+    Counted,
+    Measurement,
+    Outcome,
+    judge,
+    plain,
+    round_significant,
+)
+from hiltest.measurement.ranking import FLASH_TIE, cannot_be_ranked, in_flash, is_beyond, ratio_band
+
+__all__ = [
+    "EXACT",
+    "FLASH_TIE",
+    "KINDS",
+    "SIGNIFICANT_DIGITS",
+    "WORST_OF_SEVERAL",
+    "Better",
+    "Counted",
+    "CycleBand",
+    "Kind",
+    "Limit",
+    "Measurement",
+    "NamedKind",
+    "Outcome",
+    "Reference",
+    "RowEffect",
+    "Section",
+    "Tolerance",
+    "better_of",
+    "cannot_be_ranked",
+    "identify",
+    "in_flash",
+    "is_beyond",
+    "is_compared",
+    "is_direction",
+    "judge",
+    "nearest_name",
+    "plain",
+    "ratio_band",
+    "round_significant",
+    "tolerance_of",
+]

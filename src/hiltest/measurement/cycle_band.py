@@ -1,0 +1,54 @@
+"""Within what a cycle count lies, by the uncertainty of the cycle model that counted it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hiltest.text import readable
+
+
+@dataclass(frozen=True, slots=True)
+class RowEffect:
+    """What a cycle count would be with one row of the cycle model at the lower or upper end of its band."""
+
+    row: str
+    low: int
+    high: int
+
+
+@dataclass(frozen=True, slots=True)
+class CycleBand:
+    """Within what a cycle count lies when every uncertain row of its cycle model moves within its own band.
+
+    Attributes
+    ----------
+    low, high : int
+        With every row at the end of its band where it costs less, or more.
+    rows : tuple of RowEffect
+        Each that changes the count, alone: the one that changes it most comes first.
+    """
+
+    low: int
+    high: int
+    rows: tuple[RowEffect, ...] = ()
+
+    def __str__(self) -> str:
+        return _range(self.low, self.high)
+
+    @property
+    def moved_most_by(self) -> RowEffect | None:
+        """The row that alone changes the count most; None when no row does."""
+        return next(iter(self.rows), None)
+
+    def explained(self, model: str = "the cycle model") -> str:
+        """Say within what the count lies, and which row of the model alone moves it most."""
+        most = self.moved_most_by
+        if most is None and self.low == self.high:
+            return f"no uncertain row of {model} enters"
+        if most is None:
+            return f"{self}, no closer than the memories it runs from are known"
+        return f"{self} by {model}'s bands, most by {most.row}: {_range(most.low, most.high)}"
+
+
+def _range(low: int, high: int) -> str:
+    return f"{readable(min(low, high))} to {readable(max(low, high))}"

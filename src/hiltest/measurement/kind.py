@@ -1,0 +1,190 @@
+"""What the catalogue says of a kind of measurement: its unit, which way it is better, and what may move it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum, StrEnum
+
+#: Two runs that do not share their noise differ by sqrt(2) standard deviations of one; six of one, 4.2 of the
+#: difference, are passed by 3 in 100 000 of them, and a run has a hundred measurements.
+UNPAIRED_DEVIATIONS = 6.0
+
+
+class Better(StrEnum):
+    """Which way a measurement gets better."""
+
+    LOWER = "smaller"
+    HIGHER = "larger"
+    NEARER_ZERO = "nearer zero"
+    NEITHER = "neither"
+
+    def cost(self, value: float) -> float:
+        """Return a number that is lower the better the value is."""
+        return abs(value) if self is Better.NEARER_ZERO else -value if self is Better.HIGHER else value
+
+
+class Section(StrEnum):
+    """Section of a report, in the order of the pages."""
+
+    HEADING = "Heading"
+    CYCLES = "Cycles"
+    STREAMS = "Streaming calibrators"
+    FIT = "Magnetometer fit"
+    BUDGET = "Heading error for a cycle budget"
+    ACCELEROMETER = "Accelerometer"
+    GYROSCOPE = "Gyroscope"
+    FUSION = "Sensor fusion"
+    BOARD = "Board and link"
+    OWN = "Other measurements"
+
+
+class Reference(Enum):
+    """What a measured angle is held against, whose uncertainty a limit cannot be tighter than."""
+
+    NONE = "the board's own numbers"
+    TURNTABLE = "the turntable's angle, less the mean error"
+    MOUNTED = "the turntable's angle and the declared mounting"
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerance:
+    """How far a measurement may move and still count as unchanged: a change must be beyond both.
+
+    Attributes
+    ----------
+    absolute : float
+        In the measurement's unit.
+    relative : float
+        Of the base's value, 0.02 for 2 %. With 0 and 0 any change counts.
+
+    Raises
+    ------
+    ValueError
+        If one is negative, infinite or no number: nothing would ever be worse.
+    """
+
+    absolute: float
+    relative: float
+
+    def __post_init__(self) -> None:
+        for name, value in (("absolute", self.absolute), ("relative", self.relative)):
+            if not 0 <= value < float("inf"):
+                raise ValueError(f"{name} must be a finite number, 0 or more, not {value}")
+
+    def covers(self, other: Tolerance) -> bool:
+        """Say whether whatever stays within `other` stays within this one too."""
+        return self.absolute >= other.absolute and self.relative >= other.relative
+
+
+EXACT = Tolerance(0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Allowance:
+    """What noise and a harmless change may move.
+
+    Attributes
+    ----------
+    tolerance : Tolerance
+        On a board that repeats itself.
+    deviation : float
+        Standard deviation over seeds 1 to 8 of the default rig: how far noise alone moves it.
+    reason : str
+        Of the tolerance.
+    better : Better or None
+        Where it is another than the kind's.
+    """
+
+    tolerance: Tolerance
+    deviation: float
+    reason: str
+    better: Better | None = None
+
+    def on(self, board: str) -> Tolerance:
+        """Return the tolerance for a kind of board: each run of a real one has noise of its own."""
+        if board != "real":
+            return self.tolerance
+        absolute = max(self.tolerance.absolute, UNPAIRED_DEVIATIONS * self.deviation)
+        return Tolerance(absolute, self.tolerance.relative)
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """One kind of measurement.
+
+    Attributes
+    ----------
+    name : str
+        With the subject in braces: ``heading.{calibrator}.max``.
+    unit : str or None
+        None where the suite decides, as between points and sweeps.
+    better : Better
+    allowance : Allowance
+    section : Section
+    meaning : str
+        One sentence.
+    subjects : mapping of str to Allowance
+        Of subjects that noise moves otherwise.
+    accuracy : str
+        For a cost: name of the accuracy that it is shown beside, with the same subject.
+    reference : Reference
+    compared : bool
+        False for what says nothing of the firmware.
+    direction : bool
+        Whether it is a direction [deg]: 330 and 30 are 60 apart, and none is a share of another.
+    """
+
+    name: str
+    unit: str | None
+    better: Better
+    allowance: Allowance
+    section: Section
+    meaning: str
+    subjects: Mapping[str, Allowance] = field(default_factory=dict)
+    accuracy: str = ""
+    reference: Reference = Reference.NONE
+    compared: bool = True
+    direction: bool = False
+
+    def of(self, subject: str) -> str:
+        """Return the name of the measurement of a subject."""
+        return _name(self.name, subject)
+
+
+@dataclass(frozen=True, slots=True)
+class NamedKind:
+    """What a name is of: its kind, and the subject that it stands for; no kind where it is a user's own."""
+
+    kind: Kind | None
+    subject: str = ""
+
+    @property
+    def unit(self) -> str | None:
+        """The unit; None where the user decides."""
+        return self.kind.unit if self.kind else None
+
+    @property
+    def allowance(self) -> Allowance | None:
+        """What may be moved; None of a user's own."""
+        return self.kind.subjects.get(self.subject, self.kind.allowance) if self.kind else None
+
+    @property
+    def better(self) -> Better | None:
+        """Which way it gets better; None where only a limit says so."""
+        return (self.allowance.better if self.allowance else None) or (self.kind.better if self.kind else None)
+
+    @property
+    def section(self) -> Section:
+        """Section of the report."""
+        return self.kind.section if self.kind else Section.OWN
+
+    @property
+    def accuracy(self) -> str:
+        """Name of the accuracy that a cost is shown beside; empty for what is no cost of a calibrator."""
+        return _name(self.kind.accuracy, self.subject) if self.kind else ""
+
+
+def _name(template: str, subject: str) -> str:
+    head, brace, rest = template.partition("{")
+    return head + subject + rest.partition("}")[2] if brace else template

@@ -1,0 +1,73 @@
+"""The interval that a value must lie in."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from hiltest.measurement.kind import Better
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """Closed interval that a value must lie in; None leaves a side open.
+
+    Raises
+    ------
+    ValueError
+        If both sides are open, one is not a finite number, or they are in the wrong order.
+    """
+
+    min: float | None = None
+    max: float | None = None
+
+    def __post_init__(self) -> None:
+        given = [side for side in (self.min, self.max) if side is not None]
+        if not given:
+            raise ValueError("a limit needs min, max or both")
+        if not all(math.isfinite(side) for side in given):
+            raise ValueError(f"a limit must be finite, got {self.min} to {self.max}")
+        if self.min is not None and self.max is not None and self.min > self.max:
+            raise ValueError(f"limit min {self.min} is above its max {self.max}")
+
+    @classmethod
+    def within(cls, magnitude: float) -> Limit:
+        """Return the limit ``-magnitude`` to ``+magnitude``."""
+        return cls(min=-magnitude, max=magnitude)
+
+    def holds(self, value: float) -> bool:
+        """Say whether `value` lies inside; a NaN never does."""
+        above = self.min is None or value >= self.min
+        below = self.max is None or value <= self.max
+        return above and below
+
+    def covers(self, other: Limit) -> bool:
+        """Say whether whatever holds `other` holds this one too."""
+        above = self.min is None or (other.min is not None and other.min >= self.min)
+        below = self.max is None or (other.max is not None and other.max <= self.max)
+        return above and below
+
+    @property
+    def better(self) -> Better:
+        """Which way a value gets better of which nothing else is known: away from the side that binds it."""
+        if self.min is None:
+            return Better.LOWER
+        if self.max is None:
+            return Better.HIGHER
+        return Better.NEARER_ZERO if self.min == -self.max else Better.NEITHER
+
+    def __str__(self) -> str:
+        if self.min is None:
+            return f"at most {_number(self.max)}"
+        if self.max is None:
+            return f"at least {_number(self.min)}"
+        if self.min == self.max:
+            return f"exactly {_number(self.max)}"
+        if self.min == -self.max:
+            return f"within ±{_number(self.max)}"
+        return f"{_number(self.min)} to {_number(self.max)}"
+
+
+def _number(value: float | None) -> str:
+    """Return a side of a limit as it was written, thousands apart."""
+    return f"{value:,.9g}".replace(",", " ")

@@ -1,0 +1,221 @@
+"""A measurement: name, value, unit, limit and outcome.
+
+Pure: nothing here knows pytest, a board or a file.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from numbers import Integral
+from typing import Protocol, runtime_checkable
+
+from hiltest.measurement.catalogue import better_of, identify
+from hiltest.measurement.cycle_band import CycleBand
+from hiltest.measurement.kind import Better, Kind, Section
+from hiltest.measurement.limit import Limit
+from hiltest.text import readable
+
+SIGNIFICANT_DIGITS = 9
+"""What the host computes is written with this many significant digits.
+
+A float64 sum in another order differs in the 15th or 16th digit; after a chain of
+solves and arc tangents a few more are lost. Nine leaves that noise out and is far
+finer than anything a bench can see.
+"""
+
+
+WORST_OF_SEVERAL = "worst of several attempts"
+"""The note of a measurement that is not the only one of its name."""
+
+
+class Outcome(StrEnum):
+    """What became of a measurement."""
+
+    PASS = "pass"
+    """Within its limit."""
+    INFORMATION = "information"
+    """Recorded without a limit: nothing was judged."""
+    FAIL = "fail"
+    """Outside its limit, or not a number."""
+    UNSET = "unset"
+    """It has a limit that could not be judged. A gate that is not evaluated fails closed."""
+    NOT_OFFERED = "not offered"
+    """This kind of board cannot know it, such as the true offset on a real board; or, with a note, there is nothing to
+    measure on this run, such as the cost of one iteration where none was needed."""
+
+
+@runtime_checkable
+class Counted(Protocol):
+    """A cost in clock cycles that knows what counted it, as a called function's does."""
+
+    @property
+    def cycles(self) -> int:
+        """How many."""
+
+    @property
+    def cycle_model(self) -> str:
+        """What counted them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """One number that a run produced.
+
+    Attributes
+    ----------
+    name : str
+        Dotted, lower case: ``heading.direct.max``.
+    value : float, int or None
+        None when there is no number to give.
+    unit : str
+        As written behind the number: ``deg``, ``cycle``, ``uT``, ``%``.
+    limit : Limit or None
+    information : Limit or None
+        Shown beside the value, without a verdict.
+    outcome : Outcome
+    volatile : bool
+        True when two runs of the same seed may differ in it, such as wall time.
+    cycle_model : str
+        For cycles: what counted them. Numbers of different models are never compared.
+    note : str
+        Why the outcome is what it is, when the numbers do not say it.
+    test : str
+        Node id of the test that measured it.
+    band : CycleBand or None
+        For cycles of a virtual board: what the cycle model's own uncertainty makes of them.
+    """
+
+    name: str
+    value: float | int | None
+    unit: str
+    limit: Limit | None = None
+    information: Limit | None = None
+    outcome: Outcome = Outcome.INFORMATION
+    volatile: bool = False
+    cycle_model: str = ""
+    note: str = ""
+    test: str = ""
+    band: CycleBand | None = None
+
+    @property
+    def kind(self) -> Kind | None:
+        """What the catalogue says of it; None of a user's own."""
+        return identify(self.name).kind
+
+    @property
+    def subject(self) -> str:
+        """What it is of, such as the calibrator of ``heading.direct.max``; empty where its kind has no subject."""
+        return identify(self.name).subject
+
+    @property
+    def section(self) -> Section:
+        """Section of the report that it belongs in."""
+        return identify(self.name).section
+
+    @property
+    def better(self) -> Better:
+        """Which way it gets better."""
+        return better_of(self.name, self.limit)
+
+    @property
+    def gates(self) -> bool:
+        """Whether this measurement alone makes a run red."""
+        return self.outcome in (Outcome.FAIL, Outcome.UNSET)
+
+    @property
+    def says_why_not(self) -> bool:
+        """Whether there is no number because there is nothing to measure, and not for want of one."""
+        return self.outcome is Outcome.NOT_OFFERED and self.note not in ("", WORST_OF_SEVERAL)
+
+    @property
+    def band_reaches_beyond(self) -> bool:
+        """Whether it keeps its limit as it was counted, and would not at one end of its band."""
+        if self.band is None or self.limit is None or self.outcome is not Outcome.PASS:
+            return False
+        return not (self.limit.holds(self.band.low) and self.limit.holds(self.band.high))
+
+    def rounded(self) -> Measurement:
+        """Return it as it is written: host-computed numbers to nine significant digits."""
+        return replace(self, value=round_significant(self.value))
+
+    def __str__(self) -> str:
+        value = "no value" if self.value is None else f"{readable(self.value, 6)} {self.unit}".rstrip()
+        limit = f", limit {self.limit}" if self.limit else ""
+        note = f" ({self.note})" if self.note else ""
+        return f"{self.name} = {value}{limit}: {self.outcome}{note}"
+
+
+def judge(
+    name: str, value: float | int | None, *, unit: str, limit: Limit | None = None, information: Limit | None = None,
+    not_judged: str = "", not_offered: str = "", could_offer: bool = False, volatile: bool = False,
+    cycle_model: str = "", test: str = "", band: CycleBand | None = None, note: str = "",
+) -> Measurement:
+    """Make a measurement and decide its outcome.
+
+    Parameters
+    ----------
+    name, value, unit, limit, information, volatile, cycle_model, test, band
+        As in `Measurement`. A value of None means that there is none to give.
+    not_judged : str, optional
+        Why the limit cannot be applied. The outcome is then ``unset`` if there is a limit.
+    not_offered : str, optional
+        Why there is no value, where that follows from another result and nothing is missing.
+    could_offer : bool, optional
+        Whether this kind of board can know such a value, as a virtual one always can. None under
+        a limit is then ``unset``, and not ``not offered``.
+    note : str, optional
+        What a number is of, where its name does not say it; an outcome that needs a reason has that instead.
+
+    Returns
+    -------
+    Measurement
+        With outcome ``fail`` and no value when `value` is not a finite number: a heading
+        that is NaN is a wrong answer, not a missing one.
+
+    Raises
+    ------
+    ValueError
+        If the name is empty or the unit of a cycle count comes without its cycle model.
+    """
+    if not name:
+        raise ValueError("a measurement needs a name")
+    if unit.startswith("cycle") and not cycle_model:
+        raise ValueError(f"{name}: cycles need their cycle model, or they could be compared with another's")
+    if value is None and limit is not None and (could_offer or not_judged):
+        outcome, note = Outcome.UNSET, not_judged or not_offered or "the board can offer it, and no value was given"
+    elif value is None:
+        outcome, note = Outcome.NOT_OFFERED, not_offered
+    elif not math.isfinite(value := plain(value)):
+        outcome, note, value = Outcome.FAIL, f"the value is {value}", None
+    elif limit is not None and not_judged:
+        outcome, note = Outcome.UNSET, not_judged
+    elif limit is None:
+        outcome = Outcome.INFORMATION
+    else:
+        outcome = Outcome.PASS if limit.holds(value) else Outcome.FAIL
+    return Measurement(
+        name=name, value=value, unit=unit, limit=limit, information=information, outcome=outcome,
+        volatile=volatile, cycle_model=cycle_model, note=note, test=test, band=band,
+    )
+
+
+def plain(value: float | int) -> float | int:
+    """Return a Python number for any number: numpy's scalars do not serialise."""
+    return int(value) if isinstance(value, Integral) else float(value)
+
+
+def round_significant(value: float | int | None, digits: int = SIGNIFICANT_DIGITS) -> float | int | None:
+    """Round a float to `digits` significant digits; integers and None stay as they are.
+
+    Examples
+    --------
+    >>> round_significant(0.97123456789)
+    0.971234568
+    >>> round_significant(12400)
+    12400
+    """
+    if value is None or isinstance(value, int):
+        return value
+    return float(f"{value:.{digits - 1}e}") + 0.0  # adding zero makes a negative zero positive

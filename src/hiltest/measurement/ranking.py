@@ -1,0 +1,94 @@
+"""Two cycle counts against each other: their ratio, and whether one may be called the lesser."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from hiltest.measurement.cycle_band import CycleBand, RowEffect
+from hiltest.measurement.measurement import Measurement
+
+FLASH_TIE = 0.10
+"""Two cycle counts of code in flash are ranked only where they differ by more than this part of the smaller one.
+
+What the flash makes of a function depends on where its lines happen to lie and on what the cache still has, and no
+model of it is better than that; silicon itself moves by as much from one link to the next.
+"""
+
+
+def in_flash(cycle_model: str) -> bool:
+    """Say whether a cycle model counts code that runs from flash: ``cortex-m4-k64f/1@flash``."""
+    return "flash" in cycle_model.partition("@")[2]
+
+_Ends = tuple[tuple[float, float], ...]
+"""What a move can add to two counts, to both at once: where it is, and at its ends."""
+
+
+def ratio_band(over: Measurement, under: Measurement) -> tuple[float, float] | None:
+    """Return within what the ratio of two cycle counts lies; None where one has no band, or another cycle model.
+
+    Both are counted by one model, so a row moves both, and every row moves by itself: the ratio is least, and greatest,
+    with each row at one of its ends. What rows change only together, in either count, widens it.
+    """
+    one, other = over.band, under.band
+    if one is None or other is None or over.cycle_model != under.cycle_model or not over.value or not under.value:
+        return None
+    ones, others = ({each.row: each for each in band.rows} for band in (one, other))
+    moves: list[_Ends] = [((over.value, under.value),)]
+    for row in sorted(ones.keys() | others.keys()):
+        in_one, in_other = (_ends(ones.get(row), over.value), _ends(others.get(row), under.value))
+        moves.append(tuple(zip(in_one, in_other, strict=True)))
+    moves.append(tuple((by, 0) for by in _together(over.value, one)))
+    moves.append(tuple((0, by) for by in _together(under.value, other)))
+    swapped: list[_Ends] = [tuple((second, first) for first, second in ends) for ends in moves]
+    if any(sum(min(first for first, _ in ends) for ends in each) <= 0 for each in (moves, swapped)):
+        return None
+    (most, of), (least_of, least) = _greatest_ratio(moves), _greatest_ratio(swapped)
+    return least / least_of, most / of
+
+
+def _ends(effect: RowEffect | None, value: float) -> tuple[float, float, float]:
+    """Return what a row adds to a count where it is, and at either end of its band."""
+    return (0, effect.low - value, effect.high - value) if effect else (0, 0, 0)
+
+
+def _together(value: float, band: CycleBand) -> tuple[float, float, float]:
+    """Return what all rows add to a count beyond what each adds alone: nothing, at the lower and at the upper end."""
+    alone = [_ends(each, value) for each in band.rows]
+    return 0, min(0, band.low - value - sum(map(min, alone))), max(0, band.high - value - sum(map(max, alone)))
+
+
+def _greatest_ratio(moves: Sequence[_Ends]) -> tuple[float, float]:
+    """Return the two sums with the greatest ratio that one end of each move can make; every second sum is positive.
+
+    Dinkelbach's iteration: W. Dinkelbach, "On nonlinear fractional programming", Management Science 13 (1967) 492-498.
+    The ends that make ``first - ratio * second`` greatest are chosen move by move; where they have no greater ratio,
+    none have. The ratio grows in every step and there are so many ends, so it comes to an end, mostly in three steps.
+    """
+    first, second = _sums(ends[0] for ends in moves)
+    while True:
+        chosen = [max(ends, key=lambda end: end[0] * second - end[1] * first) for ends in moves]
+        better, of = _sums(chosen)
+        if better * second <= first * of:
+            return first, second
+        first, second = better, of
+
+
+def _sums(ends: Iterable[tuple[float, float]]) -> tuple[float, float]:
+    firsts, seconds = zip(*ends, strict=True)
+    return sum(firsts), sum(seconds)
+
+
+def cannot_be_ranked(one: Measurement | None, other: Measurement | None) -> bool:
+    """Say whether two cycle counts are of code in flash and too close to say which is less."""
+    if one is None or other is None or not one.value or not other.value:
+        return False
+    flash = in_flash(one.cycle_model) and in_flash(other.cycle_model)
+    return flash and not is_beyond(FLASH_TIE, abs(one.value - other.value), one.value, other.value)
+
+
+def is_beyond(part: float, moved: float, one: float, other: float) -> bool:
+    """Say whether two numbers that are `moved` apart differ by more than a part of the one of smaller magnitude.
+
+    Of the smaller: for a cost that rises that is what it was, and both ways round the answer is the same.
+    """
+    return moved > part * min(abs(one), abs(other))

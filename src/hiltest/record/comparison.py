@@ -1,0 +1,209 @@
+"""What a comparison of two runs says: every measurement's change, and what kept it from being judged.
+
+Pure: nothing here knows pytest, a board or a file.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from hiltest.measurement import Better, Limit, Outcome, Tolerance
+
+
+class Change(StrEnum):
+    """What became of a measurement since the base."""
+
+    BETTER = "better"
+    WORSE = "worse"
+    NEW = "new"
+    """The base has no number of it."""
+    GONE = "gone"
+    """The base has a number, the new run has none."""
+    NOT_TAKEN = "not taken"
+    """As gone, in a run that did not come to it: cut short, or of chosen tests."""
+    UNCHANGED = "unchanged"
+    CHANGED = "changed"
+    """Beyond its tolerance, and neither better nor worse, such as the worst sector; or what it is held to is looser."""
+
+
+class Answer(StrEnum):
+    """What a comparison comes to."""
+
+    MAY = "may be merged"
+    NOT = "not to be merged"
+    UNKNOWN = "cannot say whether it may be merged"
+
+
+class BaseKind(StrEnum):
+    """What the base is, and so how a change is accepted into it."""
+
+    BASELINE = "baseline"
+    RUN = "run"
+    TOGETHER = "older firmware, run together with the newer one"
+
+
+ONE_OF_EXACT = 0.01
+"""What counts as one tolerance where any change counts, of the base: most costs and errors have it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """One measurement, base against new, paired by seed.
+
+    Attributes
+    ----------
+    base, new : float or None
+        Over several seeds: means over the paired ones. None where there is no number.
+    delta : float or None
+        New less base; over several seeds the mean of the paired changes.
+    interval : (float, float) or None
+        95 % interval of the mean paired change, from eight paired seeds up.
+    seeds : int
+        How many pairs, each with a number on both sides.
+    tolerance : Tolerance
+    limit : Limit or None
+        The new run's.
+    outcome : str
+        The new run's; over several seeds the one that gates, if any.
+    cycle_model : str
+    note : str
+        What the numbers alone do not say.
+    """
+
+    name: str
+    unit: str
+    change: Change
+    sense: Better
+    base: float | None
+    new: float | None
+    delta: float | None
+    interval: tuple[float, float] | None
+    seeds: int
+    tolerance: Tolerance
+    limit: Limit | None
+    outcome: str
+    cycle_model: str
+    note: str = ""
+
+    @property
+    def concern(self) -> tuple[bool, bool, float, str]:
+        """What to sort by: out of its limit first, then what has one, then the farthest in its tolerances."""
+        return self.outcome != Outcome.FAIL, self.limit is None, -self._tolerances_moved, self.name
+
+    @property
+    def _tolerances_moved(self) -> float:
+        if self.delta is None or self.base is None:
+            return 0.0
+        relative = self.tolerance.relative or (0.0 if self.tolerance.absolute else ONE_OF_EXACT)
+        one = max(self.tolerance.absolute, relative * abs(self.base))
+        return abs(self.delta) / one if one else float("inf")
+
+
+@dataclass(frozen=True, slots=True)
+class Revision:
+    """Which sources a run was made for, as far as whoever started it said; empty where nobody did."""
+
+    commit: str = ""
+    branch: str = ""
+    label: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class FromBuild:
+    """How many measurements a baseline has accepted from another build than the one that it was saved of."""
+
+    build_id: str
+    measurements: int
+
+
+@dataclass(frozen=True, slots=True)
+class Side:
+    """What stood on one side.
+
+    Attributes
+    ----------
+    file : str
+        Where it was read from; empty for a run that is being judged as it ends.
+    sha256 : str
+        Of that file, empty where there is none.
+    rig : str
+        Name of the rig.
+    seeds : tuple of int
+    saved_utc : str
+        When the run ended, or the baseline was saved or last updated.
+    accepted : tuple of FromBuild
+        Of a baseline: what is not of `build_id`, by build.
+    revision : Revision or None
+        That the run was made for.
+    """
+
+    file: str = ""
+    sha256: str = ""
+    firmware: str = ""
+    version: str = ""
+    build_id: str = ""
+    compiler: str = ""
+    cycle_model: str = ""
+    rig: str = ""
+    seeds: tuple[int, ...] = ()
+    saved_utc: str = ""
+    accepted: tuple[FromBuild, ...] = ()
+    revision: Revision | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Base against new.
+
+    Attributes
+    ----------
+    differences : tuple of Difference
+        Sorted by name.
+    obstacles : tuple of str
+        Why the gate cannot be evaluated, one line each, with what to do. None of them: it was.
+    sentence : str
+        All of it in one sentence, which begins with the answer.
+    failed : tuple of str
+        What fails in the new run by itself, whatever the base is: its limits and its tests.
+    unjudged : tuple of str
+        Limits of the new run that could not be judged, with the reason.
+    chosen : bool
+        Whether only chosen tests ran: what the others would have said is not known.
+    base_kind : BaseKind
+    remark : str
+        What whoever reads it may have overlooked; it decides nothing.
+    """
+
+    base: Side
+    new: Side
+    differences: tuple[Difference, ...]
+    obstacles: tuple[str, ...]
+    sentence: str
+    failed: tuple[str, ...] = ()
+    unjudged: tuple[str, ...] = ()
+    chosen: bool = False
+    base_kind: BaseKind = BaseKind.RUN
+    remark: str = ""
+
+    def of(self, change: Change) -> tuple[Difference, ...]:
+        """Return the measurements with this change, in order of concern."""
+        found = (each for each in self.differences if each.change is change)
+        return tuple(sorted(found, key=lambda each: each.concern))
+
+    @property
+    def answer(self) -> Answer:
+        """Whether the change may be merged."""
+        if self.failed or self.regression:
+            return Answer.NOT
+        return Answer.MAY if self.evaluated and not self.unjudged else Answer.UNKNOWN
+
+    @property
+    def evaluated(self) -> bool:
+        """Whether the gate could be evaluated at all."""
+        return not self.obstacles
+
+    @property
+    def regression(self) -> bool:
+        """Whether the gate was evaluated, and something got worse."""
+        return self.evaluated and any(each.change is Change.WORSE for each in self.differences)

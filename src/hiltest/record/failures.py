@@ -1,0 +1,88 @@
+"""What failed in a run: measurements out of their limits, and tests that are red for another reason."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from hiltest.measurement import Measurement, Outcome
+from hiltest.record.exit_codes import ExitCode
+from hiltest.record.run import Run, TestResult, Verdict
+from hiltest.text import counted, listed, readable, without_folders
+
+RED_TESTS = ("failed", "error")
+_NAMED_AT_MOST = 3
+_OF_COMPARISONS = (ExitCode.OK, ExitCode.REGRESSION, ExitCode.NOT_JUDGED)
+
+
+def out_of_limit(measurements: Iterable[Measurement]) -> list[Measurement]:
+    """Return the measurements that fail their limit."""
+    return [each for each in measurements if each.outcome is Outcome.FAIL]
+
+
+def failed_otherwise(tests: Iterable[TestResult], failed: Iterable[Measurement]) -> list[TestResult]:
+    """Return the red tests that no measurement out of its limit explains."""
+    explained = {each.test for each in failed}
+    return [each for each in tests if each.outcome in RED_TESTS and each.id not in explained]
+
+
+def measured(measurement: Measurement) -> str:
+    """Return what a measurement is, and its limit; without a number why there is none."""
+    if measurement.value is None:
+        return f"{measurement.name} ({measurement.note})"
+    value = f"{measurement.name} {readable(measurement.value)} {measurement.unit}".rstrip()
+    return f"{value} ({measurement.limit})"
+
+
+def failed_test(test: TestResult) -> str:
+    """Return which test failed, and why."""
+    return f"{without_folders(test.id)} ({test.reason})"
+
+
+def limits_in_words(failed: Sequence[Measurement]) -> str:
+    """Name measurements out of their limits; empty where there are none."""
+    return f"Out of limit: {listed([measured(each) for each in failed], _NAMED_AT_MOST)}." if failed else ""
+
+
+def tests_in_words(tests: Sequence[TestResult]) -> str:
+    """Name tests that failed, with their reasons; empty where there are none."""
+    return f"Failed: {listed([failed_test(each) for each in tests], _NAMED_AT_MOST)}." if tests else ""
+
+
+def unfinished_verdict(run: Run, *, going_on: bool) -> Verdict:
+    """Say what is known of a run that has not ended: it was cut short, as by SIGKILL, or still goes on.
+
+    Parameters
+    ----------
+    run : Run
+        What its journal holds; its own verdict does not count.
+    going_on : bool
+
+    Returns
+    -------
+    Verdict
+        Never complete. The exit code is the one of an interrupted run: its own it did not come to.
+    """
+    word = "still running" if going_on else "cut short"
+    said = f"{counted(len(run.tests), 'test')} finished, {counted(len(run.measurements), 'measurement')} kept"
+    last = f"; the last test was {without_folders(run.tests[-1].id)}" if run.tests else ""
+    failed = out_of_limit(run.measurements)
+    remarks = (limits_in_words(failed), tests_in_words(failed_otherwise(run.tests, failed)))
+    return Verdict(
+        outcome=word, exit_code=ExitCode.INTERRUPTED, complete=False,
+        sentence=" ".join(filter(None, (f"{word.upper()}: {said}{last}.", *remarks))),
+    )
+
+
+def missed_only_limits(run: Run) -> bool:
+    """Say whether a run failed by measurements out of their limits, and by nothing else."""
+    failed = out_of_limit(run.measurements)
+    return run.verdict.exit_code == ExitCode.FAILED and bool(failed) and not failed_otherwise(run.tests, failed)
+
+
+def failed_by_itself(run: Run) -> tuple[str, ...]:
+    """Return what else than a limit makes a run no pass, whatever it is compared with: its tests, with the reason."""
+    failed = out_of_limit(run.measurements)
+    tests = tuple(failed_test(each) for each in failed_otherwise(run.tests, failed))
+    if not tests and not failed and run.verdict.complete and run.verdict.exit_code not in _OF_COMPARISONS:
+        return (f"the run itself ({run.verdict.outcome})",)
+    return tests

@@ -1,0 +1,161 @@
+"""The journal of a run: one line of JSON for each finished test, on the disk before the next test starts.
+
+``journal.jsonl`` is there as long as its run goes on, and the process holds a lock on it, which the kernel takes back
+however the process ends. What lies in a folder therefore says what became of its run:
+
+- no journal: ``run.json`` is the record of a run that has finished;
+- a journal with a lock on it: the run goes on;
+- a journal without: the run was cut short, and every test that had finished is in it. ``run.json``, if there is one,
+  is of the run before, unless the journal ends with the verdict: then both say the same.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import time
+from collections.abc import Mapping
+from io import FileIO
+from pathlib import Path
+from typing import Any
+
+from hiltest.errors import ConfigError
+from hiltest.record.files import CAMPAIGN_FILE, RECORD_FILES, SEEDS_FILE, UNFINISHED
+
+JOURNAL_FILE = "journal.jsonl"
+
+# Whoever only asks whether a run goes on holds the lock for a moment; another run holds it for longer than this.
+_TRIES = 5
+_BETWEEN_TRIES_S = 0.05
+_OTHERWISE = "wait for it, or name another folder with --out"
+
+
+class Journal:
+    """A folder that belongs to one run, from here to `release`.
+
+    Parameters
+    ----------
+    folder : Path
+        What lies in it stays as it is until `begin`.
+    name : str, optional
+        Of the file.
+
+    Raises
+    ------
+    ConfigError
+        If another run has the folder; it says which. Or if the folder cannot be written to.
+    """
+
+    def __init__(self, folder: Path, name: str = JOURNAL_FILE) -> None:
+        self.folder = folder
+        self.path = folder / name
+        try:
+            self._file = _open_locked(self.path)
+            # What a killed run was writing goes; its whole lines stay until this run is sure to take place.
+            self._bytes_before = self._file.read().rfind(b"\n") + 1
+            self._file.truncate(self._bytes_before)
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise ConfigError(f"cannot keep a record in {folder}: {reason}; name another one with --out") from error
+        self._announced = self._begun = self._finished = False
+
+    def announce(self, content: Mapping[str, Any]) -> None:
+        """Write the first line: from here on this run, and none before, is what `hiltest report` finds here."""
+        self.append("start", {**content, "process": os.getpid()})
+        self._announced = True
+
+    def begin(self) -> None:
+        """Remove the record of the run before: this one takes place."""
+        remove_record(self.folder)
+        if not self._announced:
+            self._file.truncate(0)  # only files are written, and no line will say that they are newer
+        self._begun = True
+
+    def append(self, kind: str, content: Mapping[str, Any]) -> None:
+        """Write one entry through to the disk.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written, as on a full disk; no part of the line is left then.
+        """
+        line = json.dumps({"kind": kind, **content}, allow_nan=False, ensure_ascii=False) + "\n"
+        # A lone surrogate, as of a file's name that is no UTF-8, becomes a question mark.
+        left = memoryview(line.encode("utf-8", "replace"))
+        whole_bytes = os.fstat(self._file.fileno()).st_size
+        try:
+            while left:
+                left = left[self._file.write(left):]
+            os.fsync(self._file.fileno())
+        except OSError:
+            self._file.truncate(whole_bytes)
+            raise
+
+    def finish(self) -> None:
+        """Note that ``run.json`` holds all of it: `release` will remove the file."""
+        self._finished = True
+
+    def release(self) -> None:
+        """Give the folder back; a journal goes when ``run.json`` holds all of it, or the run never began."""
+        if self._file.closed:
+            return
+        if not self._begun:
+            self._file.truncate(self._bytes_before)
+        if self._finished or not (self._begun or self._bytes_before):
+            # While it is locked: who opened it before that will see that it is another file now.
+            self.path.unlink(missing_ok=True)
+        self._file.close()
+
+
+def remove_record(folder: Path) -> None:
+    """Remove what a run or a campaign before wrote into a folder, and what a killed one left half-written.
+
+    The folders of a campaign's seeds stay: without its files beside them nothing takes them for newer than a run.
+    """
+    for name in (*RECORD_FILES, SEEDS_FILE, CAMPAIGN_FILE):
+        (folder / name).unlink(missing_ok=True)
+        for path in folder.glob(f"{name}.*{UNFINISHED}"):
+            path.unlink(missing_ok=True)
+
+
+def is_going_on(path: Path) -> bool:
+    """Say whether the run of this journal still goes on."""
+    asking = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # a pipe of this name would keep one waiting
+    try:
+        fcntl.flock(asking, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(asking)
+    return False
+
+
+def _open_locked(path: Path) -> FileIO:
+    for attempt in range(_TRIES):
+        if attempt:
+            time.sleep(_BETWEEN_TRIES_S)
+        file = path.open("a+b", buffering=0)
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            # The run that had it may have removed it between the two steps: then it is nobody's.
+            if os.path.samestat(os.fstat(file.fileno()), path.stat()):
+                file.seek(0)
+                return file
+        except (BlockingIOError, FileNotFoundError):
+            pass
+        except OSError:
+            file.close()
+            raise
+        file.close()
+    raise ConfigError(f"the folder {path.parent} is in use by {_holder(path)}: {_OTHERWISE}")
+
+
+def _holder(path: Path) -> str:
+    """Return who holds a journal, as far as the first line of its run tells."""
+    try:
+        starts = [line for line in path.read_bytes().split(b"\n")[:-1] if line.startswith(b'{"kind": "start"')]
+        start = json.loads(starts[-1])
+        return f"process {start['process']} on {start['environment']['host']}, since {start['started_utc']}"
+    except (OSError, ValueError, LookupError, TypeError):
+        return "another run that has just begun"

@@ -1,0 +1,124 @@
+"""Keep the record while tests finish: journal first, then the files."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Callable, Iterable
+from dataclasses import asdict
+from importlib.metadata import PackageNotFoundError, version
+from typing import Literal
+
+from hiltest.measurement import Measurement
+from hiltest.record.comparison import Comparison, Revision
+from hiltest.record.journal import Journal
+from hiltest.record.run import (
+    SCHEMA,
+    BoardRecord,
+    CalibrationRecord,
+    Environment,
+    Findings,
+    RigRecord,
+    Run,
+    Table,
+    TestResult,
+    Verdict,
+    utc_now,
+)
+from hiltest.record.run_json import write_run
+
+# What a number in the record can depend on, besides the firmware.
+_PACKAGES = ("hiltest", "pytest", "unicorn", "capstone", "pyelftools", "numpy", "scipy", "pyserial")
+
+
+class Recorder:
+    """Collects what a session finds and writes it into the folder of its journal.
+
+    The record of the run before stays in the folder until `begin`: it is not yet sure that this one takes place.
+    """
+
+    def __init__(
+        self, journal: Journal, *, suite: Literal["gate", "full"], poses: str, revision: Revision | None = None
+    ) -> None:
+        self.folder = journal.folder
+        self.findings = Findings(describe_host(), suite, poses, utc_now(), revision=revision)
+        self._unwritten_measurements: list[Measurement] = []
+        self._unwritten_tables: list[Table] = []
+        self._journal = journal
+        journal.announce({
+            "schema": SCHEMA, "started_utc": self.findings.started_utc, "suite": suite, "poses": poses,
+            "environment": asdict(self.findings.environment), "revision": revision and asdict(revision),
+        })
+
+    def begin(self, calibration: CalibrationRecord | None = None) -> None:
+        """Remove the record of the run before, and note the calibration file that is judged."""
+        self._journal.begin()
+        self.findings.calibration = calibration
+        self._journal.append("calibration", {"calibration": calibration and asdict(calibration)})
+
+    def rig(self, rig: RigRecord, seed: int | None) -> None:
+        """Note which rig the run is on."""
+        self.findings.rig, self.findings.seed = rig, seed
+        self._journal.append("rig", {"rig": asdict(rig), "seed": seed})
+
+    def board(self, board: BoardRecord, seed: int | None) -> None:
+        """Note which board answered."""
+        self.findings.board, self.findings.seed = board, seed
+        self._journal.append("board", {"board": asdict(board), "seed": seed})
+
+    def found(self, measurements: Iterable[Measurement], tables: Iterable[Table]) -> None:
+        """Take measurements and tables; they reach the disk with the next `finished`."""
+        self._unwritten_measurements += measurements
+        self._unwritten_tables += tables
+
+    def finished(self, test: TestResult | None) -> None:
+        """Write a finished test, or with None what the session itself found, through to the disk."""
+        if test is not None:
+            self.findings.tests.append(test)
+        names = dict.fromkeys(each.name for each in self._unwritten_measurements)
+        others = len(self.findings.other_attempts)
+        for each in self._unwritten_measurements:
+            self.findings.take(each)
+        self.findings.tables.update((each.name, each) for each in self._unwritten_tables)
+        self._journal.append("test", {
+            "utc": utc_now(),
+            "test": test and asdict(test),
+            "measurements": [asdict(self.findings.measurements[name].rounded()) for name in names],
+            "other_attempts": [asdict(each.rounded()) for each in self.findings.other_attempts[others:]],
+            "tables": [asdict(each.rounded()) for each in self._unwritten_tables],
+        })
+        self._unwritten_measurements, self._unwritten_tables = [], []
+
+    def compare(self, judge: Callable[[Run], Comparison], verdict: Verdict) -> None:
+        """Judge the run against a base; `verdict` says how it ended apart from that."""
+        self.findings.comparison = judge(self.findings.finish(verdict, utc_now()))
+
+    def finish(self, verdict: Verdict) -> Run:
+        """Write ``run.json``; the journal, which holds nothing more, goes with `release`."""
+        run = self.findings.finish(verdict, utc_now())
+        comparison = run.comparison and asdict(run.comparison)
+        self._journal.append("end", {
+            "verdict": asdict(verdict), "finished_utc": run.finished_utc, "comparison": comparison,
+            "chosen": run.chosen,
+        })
+        write_run(run, self.folder)
+        self._journal.finish()
+        return run
+
+    def release(self) -> None:
+        """Give the folder back, when every file is written."""
+        self._journal.release()
+
+
+def describe_host() -> Environment:
+    """Return the host and the versions of what the numbers rest on."""
+    versions = {}
+    for package in _PACKAGES:
+        try:
+            versions[package] = version(package)
+        except PackageNotFoundError:
+            versions[package] = "not installed"
+    return Environment(
+        host=f"{platform.node()}, {os.cpu_count()} cores", platform=platform.platform(),
+        python=platform.python_version(), versions=versions,
+    )

@@ -1,0 +1,295 @@
+"""The record of a run: its parts.
+
+Every report is rendered from a `Run` and from nothing else.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from typing import Literal
+
+from hiltest.measurement import Measurement, Tolerance, is_compared, plain, round_significant, tolerance_of
+from hiltest.record.attempts import marked, worst_first
+from hiltest.record.comparison import Comparison, Revision
+
+SCHEMA: Literal["hiltest.run/1"] = "hiltest.run/1"
+
+_VOLATILE_OF_A_SIDE = ("file", "saved_utc", "revision")
+
+Cell = float | int | str | bool | None
+
+
+@dataclass(frozen=True, slots=True)
+class SensorRecord:
+    """One sensor as the firmware reported it."""
+
+    name: str
+    kind: str
+    bus: int
+    address: int
+    present: bool
+    selected: bool
+
+
+@dataclass(frozen=True, slots=True)
+class BoardRecord:
+    """What answered on the link. `clock` is ``virtual`` or ``wall``.
+
+    `compiler_flags` are those of all units of the firmware; empty where there is no ELF that tells them.
+    """
+
+    kind: str
+    description: str
+    firmware: str
+    version: str
+    protocol_version: int
+    build_id: str
+    unique_id: str
+    firmware_sha256: str | None
+    compiler: str
+    placement: str
+    core_clock_hz: int
+    cycle_model: str
+    clock: str
+    calibrators: tuple[str, ...]
+    sensors: tuple[SensorRecord, ...]
+    compiler_flags: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class RigRecord:
+    """Which rig, by name, file and SHA-256 of that file; `mounting` as it declares it.
+
+    `conditions_sha256` is of what its numbers rest on: no limits, no texts. Empty in records from before it was kept.
+    `tolerances` has absolute and relative by measurement name.
+    """
+
+    name: str
+    file: str
+    sha256: str
+    mounting: str
+    conditions_sha256: str = ""
+    tolerances: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationRecord:
+    """The calibration file that was judged: its name, its SHA-256, and when it was made."""
+
+    file: str
+    sha256: str
+    made_utc: str
+
+
+@dataclass(frozen=True, slots=True)
+class Environment:
+    """The host and the versions of what the numbers rest on."""
+
+    host: str
+    platform: str
+    python: str
+    versions: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class TestResult:
+    """One finished test; `outcome` is passed, failed, skipped, bench lost, wrong firmware, ...
+
+    `trace` names the file, relative to the run's folder, that shows what went over the line before it failed.
+    """
+
+    __test__ = False  # not a test class, whatever pytest makes of the name
+
+    id: str
+    outcome: str
+    duration_s: float
+    reason: str = ""
+    trace: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """Heading of a table column; the unit is empty for words and plain counts."""
+
+    name: str
+    unit: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Numbers behind a plot: what was seen at each pose, point or size."""
+
+    name: str
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+
+    def column(self, name: str) -> tuple[Cell, ...]:
+        """Return one column.
+
+        Raises
+        ------
+        KeyError
+            If there is none of this name.
+        """
+        names = [column.name for column in self.columns]
+        if name not in names:
+            raise KeyError(f"table {self.name!r} has no column {name!r}, only {', '.join(names)}")
+        index = names.index(name)
+        return tuple(row[index] for row in self.rows)
+
+    def column_if_any(self, name: str) -> tuple[Cell, ...]:
+        """Return one column, of None when there is none of this name: suites before had none."""
+        has_column = any(column.name == name for column in self.columns)
+        return self.column(name) if has_column else (None,) * len(self.rows)
+
+    def rounded(self) -> Table:
+        """Return it as it is written: floats to nine significant digits, none of them NaN."""
+        return replace(self, rows=tuple(tuple(_cell(cell) for cell in row) for row in self.rows))
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """How the run ended, in one word, one number and one sentence."""
+
+    outcome: str
+    exit_code: int
+    sentence: str
+    complete: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """Everything that is known of a run, as it stands in ``run.json``.
+
+    Attributes
+    ----------
+    suite : str
+        Which set of tests it was: ``gate`` or ``full``.
+    volatile : tuple of str
+        JSON pointers (RFC 6901) of all that may differ between two runs of the same seed.
+    comparison : Comparison or None
+        With the baseline or the older firmware that the run was judged against.
+    other_attempts : tuple of Measurement
+        What the other attempts of tests that were run again measured; the worst stands under `measurements`.
+    chosen : bool
+        Whether the user chose among the tests of hiltest, so that some of the set did not run.
+    revision : Revision or None
+        Sources that it was made for, as whoever started it said.
+    tolerances : mapping of str to (float, float)
+        Absolute and relative, that were in force for each measurement that is compared. Empty in records from before
+        they were kept.
+    """
+
+    schema: Literal["hiltest.run/1"]
+    verdict: Verdict
+    board: BoardRecord | None
+    rig: RigRecord | None
+    seed: int | None
+    suite: Literal["gate", "full"]
+    poses: str
+    calibration: CalibrationRecord | None
+    environment: Environment
+    started_utc: str
+    finished_utc: str
+    tests: tuple[TestResult, ...]
+    measurements: tuple[Measurement, ...]
+    tables: tuple[Table, ...]
+    volatile: tuple[str, ...] = ()
+    comparison: Comparison | None = None
+    other_attempts: tuple[Measurement, ...] = ()
+    chosen: bool = False
+    revision: Revision | None = None
+    tolerances: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    def measurement(self, name: str) -> Measurement | None:
+        """Return the measurement of this name, None when it was not made."""
+        return next((each for each in self.measurements if each.name == name), None)
+
+    def table(self, name: str) -> Table | None:
+        """Return the table of this name, None when there is none."""
+        return next((each for each in self.tables if each.name == name), None)
+
+
+@dataclass(slots=True)
+class Findings:
+    """What a run has come to so far; `finish` makes the `Run` of it."""
+
+    environment: Environment
+    suite: Literal["gate", "full"]
+    poses: str
+    started_utc: str
+    seed: int | None = None
+    rig: RigRecord | None = None
+    board: BoardRecord | None = None
+    calibration: CalibrationRecord | None = None
+    tests: list[TestResult] = field(default_factory=list)
+    measurements: dict[str, Measurement] = field(default_factory=dict)
+    tables: dict[str, Table] = field(default_factory=dict)
+    comparison: Comparison | None = None
+    other_attempts: list[Measurement] = field(default_factory=list)
+    chosen: bool = False
+    revision: Revision | None = None
+
+    def take(self, measurement: Measurement) -> None:
+        """Take a measurement; of several attempts the worst counts."""
+        kept = self.measurements.setdefault(measurement.name, measurement)
+        # The same may come twice: see `carry_over` of the session.
+        if measurement != kept and measurement not in self.other_attempts:
+            self.measurements[measurement.name], other = worst_first(kept, measurement)
+            self.other_attempts.append(other)
+
+    def finish(self, verdict: Verdict, finished_utc: str) -> Run:
+        """Return the record: measurements and tables sorted by name, volatile places listed."""
+        several = {each.name for each in self.other_attempts}
+        measurements = [self.measurements[name].rounded() for name in sorted(self.measurements)]
+        run = Run(
+            schema=SCHEMA, verdict=verdict, board=self.board, rig=self.rig, seed=self.seed, suite=self.suite,
+            poses=self.poses, calibration=self.calibration, environment=self.environment,
+            started_utc=self.started_utc, finished_utc=finished_utc, tests=tuple(self.tests),
+            measurements=tuple(marked(each) if each.name in several else each for each in measurements),
+            tables=tuple(self.tables[name].rounded() for name in sorted(self.tables)), comparison=self.comparison,
+            other_attempts=tuple(each.rounded() for each in self.other_attempts), chosen=self.chosen,
+            revision=self.revision,
+        )
+        return replace(run, volatile=volatile_places(run), tolerances=in_force(run))
+
+
+def in_force(run: Run) -> dict[str, tuple[float, float]]:
+    """Return the tolerances of all that is compared: the rig's, or else those of the kind on this board."""
+    of_rig = {name: Tolerance(*each) for name, each in (run.rig.tolerances if run.rig else {}).items()}
+    board = run.board.kind if run.board else ""
+    found = {
+        each.name: tolerance_of(each.name, board, of_rig)
+        for each in run.measurements if is_compared(each.name) and not each.volatile
+    }
+    return {name: (float(each.absolute), float(each.relative)) for name, each in found.items()}
+
+
+def utc_now() -> str:
+    """Return the time as ISO 8601 in UTC, to the second."""
+    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def volatile_places(run: Run) -> tuple[str, ...]:
+    """Return JSON pointers of all that may differ between two runs of the same seed."""
+    places = ["/started_utc", "/finished_utc"]
+    places += [f"/tests/{index}/duration_s" for index in range(len(run.tests))]
+    for name, measurements in (("measurements", run.measurements), ("other_attempts", run.other_attempts)):
+        for index, measurement in enumerate(measurements):
+            if measurement.volatile:
+                places += [f"/{name}/{index}/value", f"/{name}/{index}/outcome"]
+    if run.revision is not None:
+        places.append("/revision")
+    if run.comparison is not None:
+        places += [f"/comparison/{side}/{name}" for side in ("base", "new") for name in _VOLATILE_OF_A_SIDE]
+    return tuple(places)
+
+
+def _cell(cell: Cell) -> Cell:
+    if isinstance(cell, str | bool):
+        return cell
+    # JSON has no NaN; a hole in a table is null.
+    return None if cell is None or not math.isfinite(cell) else round_significant(plain(cell))

@@ -1,0 +1,121 @@
+"""``--against``: the older of two firmwares, run first on the rig, seeds, points and noise of the newer."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from hiltest.errors import ConfigError
+from hiltest.record.files import RUN_FILE, SEED_FOLDERS
+from hiltest.report.job_summary import without_job_summary
+from hiltest.report.terminal import shown_path
+from hiltest.runs.folders import remove_run
+
+if TYPE_CHECKING:
+    from hiltest.rig import Rig
+
+UNJUDGED = ("-o", "hil_baseline=")
+"""For pytest: a run that is itself the base, or a part of what is judged, has no base."""
+
+_VARIABLE = "HIL_BASELINE"
+
+
+@dataclass(frozen=True, slots=True)
+class OlderFirmware:
+    """The older of two firmwares.
+
+    Attributes
+    ----------
+    elf : str
+        File as it was named.
+    options : tuple of str
+        For pytest, as the newer firmware has them.
+    folder : Path
+        Of its record.
+    """
+
+    elf: str
+    options: tuple[str, ...]
+    folder: Path
+
+    @property
+    def record(self) -> str:
+        """Its record, as one would type it here."""
+        return shown_path(self.folder / RUN_FILE)
+
+    def check(self, rig: Rig) -> None:
+        """Find what is wrong with the file before anything runs.
+
+        Raises
+        ------
+        ConfigError
+            If it cannot be loaded into the rig's virtual board, or the rig has none.
+        """
+        from hiltest.boards import VirtualBench
+
+        VirtualBench(rig, firmware=Path(self.elf))
+
+    def run(self) -> str:
+        """Run the suites with it, in a process of its own: pytest keeps state that a second run would meet.
+
+        Returns
+        -------
+        str
+            The last line that it wrote: its verdict.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            If it was interrupted.
+        ConfigError
+            If it was refused.
+        """
+        options = older_options(self.options, self.elf)
+        done = run_command(f"--out={self.folder}", "--", *options, folder=self.folder)
+        said = last_words(done.stdout or done.stderr)
+        if done.returncode == pytest.ExitCode.INTERRUPTED:
+            raise KeyboardInterrupt(f"{self.elf}: {said}")
+        if done.returncode == pytest.ExitCode.USAGE_ERROR:
+            raise ConfigError(f"{self.elf}: {last_words(done.stderr or done.stdout).removeprefix('ERROR: ')}")
+        return said
+
+
+def older_options(options: Sequence[str], firmware: str) -> list[str]:
+    """Return pytest's options for the older firmware: those of the newer one, but for ELF, label and base."""
+    return [*options, f"--hil-firmware={firmware}", "--hil-label=", *UNJUDGED]
+
+
+def run_command(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """Run ``hiltest run`` without a base, so that its record is in a folder and what was there before is not."""
+    remove_runs(folder)  # what an earlier command left must not pass for this one's
+    command = [sys.executable, "-m", "hiltest", "run", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False, env=_environment(os.environ))
+
+
+def remove_runs(folder: Path) -> None:
+    """Remove the run or the campaign that an earlier command left in a folder."""
+    for each in (*folder.glob(SEED_FOLDERS), folder):
+        remove_run(each)
+
+
+def last_words(output: str) -> str:
+    """Return the last line that a command wrote."""
+    words = output.strip().splitlines()
+    return words[-1] if words else "no output"
+
+
+def base_of_environment(environment: Mapping[str, str] = os.environ) -> str | None:
+    """Return the base that the environment names, None without one."""
+    return environment.get(_VARIABLE) or None
+
+
+def _environment(environment: Mapping[str, str]) -> dict[str, str]:
+    """Return what a run that is part of another has: neither a base nor a job's summary of its own."""
+    return {name: value for name, value in without_job_summary(environment).items() if name != _VARIABLE}

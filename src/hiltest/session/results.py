@@ -1,0 +1,155 @@
+"""What a test found, and how it travels: on the item while the test runs, then as plain data on its reports."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from hiltest.record.run import TestResult
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+    from hiltest.measurement import Measurement
+    from hiltest.record.run import Table
+
+# Attributes of a report, plain data, so that they survive the way from a worker.
+CAUSE = "hil_cause"
+"""Whose fault a failure is, when it is not the test's own."""
+REASON = "hil_reason"
+"""What the bench or the firmware did, in one line."""
+TRACE = "hil_trace"
+"""The wire trace of a failed test, relative to the run's folder."""
+FOUND_HERE = "hil_found"
+"""Measurements and tables, as `pack` made them."""
+BENCH = "hil_bench"
+"""From a worker: whether there is a rig, and which board with which seed."""
+
+
+@dataclass(slots=True)
+class Found:
+    """What one test measured since its last report."""
+
+    measurements: list[Measurement] = field(default_factory=list)
+    tables: list[Table] = field(default_factory=list)
+
+
+FOUND: pytest.StashKey[Found] = pytest.StashKey()
+FOUND_AT_ITS_END: pytest.StashKey[Found] = pytest.StashKey()
+"""What the report of a tear-down took of it."""
+GATING: pytest.StashKey[list[Measurement]] = pytest.StashKey()
+
+
+def carry_over(item: pytest.Item) -> None:
+    """Take again, at the set-up of another attempt, what the tear-down of the one before measured.
+
+    pytest-rerunfailures before 16 shows nobody the reports that follow a failed one.
+    """
+    before = item.stash.get(FOUND_AT_ITS_END, None)
+    if before is not None:
+        item.stash.setdefault(FOUND, Found()).measurements.extend(before.measurements)
+
+
+def pack(found: Found) -> dict[str, Any]:
+    """Return plain data that a report can carry from a worker to the controller: no enum, no number of numpy's."""
+    return {
+        "measurements": [plain_data(each.rounded()) for each in found.measurements],
+        "tables": [plain_data(each.rounded()) for each in found.tables],
+    }
+
+
+def plain_data(record: DataclassInstance) -> dict[str, Any]:
+    """Return what `asdict` makes of a part of the record, of JSON's own kinds alone."""
+    plain: dict[str, Any] = json.loads(json.dumps(asdict(record)))
+    return plain
+
+
+def properties_of(measurement: Measurement) -> list[tuple[str, object]]:
+    """Return what junit.xml says of a measurement."""
+    name = f"hil.{measurement.name}"
+    shown = measurement.rounded()
+    properties: list[tuple[str, object]] = [
+        (name, "" if shown.value is None else shown.value), (f"{name}.unit", shown.unit),
+        (f"{name}.outcome", str(shown.outcome)),
+    ]
+    if shown.limit is not None:
+        properties.append((f"{name}.limit", str(shown.limit)))
+    if shown.cycle_model:
+        properties.append((f"{name}.cycle_model", shown.cycle_model))
+    return properties
+
+
+RERUN = "rerun"
+"""What pytest-rerunfailures calls a report of an attempt that it follows with another."""
+
+
+class TestLog:
+    """Reports of the tests that are running now.
+
+    Parameters
+    ----------
+    test_id : callable
+        Makes of pytest's node id the id that the record keeps.
+    """
+
+    __test__ = False  # not a test class, whatever pytest makes of the name
+
+    def __init__(self, test_id: Callable[[str], str] = str) -> None:
+        self._test_id = test_id
+        self._attempts: dict[str, list[list[pytest.TestReport]]] = {}
+
+    def add(self, report: pytest.TestReport) -> None:
+        """Take the report of one phase; another set-up of the same test begins another attempt."""
+        attempts = self._attempts.setdefault(report.nodeid, [])
+        if report.when == "setup" or not attempts:
+            attempts.append([])
+        attempts[-1].append(report)
+
+    def finish(self, nodeid: str) -> list[TestResult]:
+        """Return a result for each attempt of a test, the last being the test's own; none if it never ran."""
+        results = [self._result(nodeid, reports) for reports in self._attempts.pop(nodeid, [])]
+        return [*(replace(each, outcome=RERUN) for each in results[:-1]), *results[-1:]]
+
+    def _result(self, nodeid: str, reports: Sequence[pytest.TestReport]) -> TestResult:
+        worst = max(reports, key=_badness)
+        return TestResult(
+            id=self._test_id(nodeid), outcome=_outcome(worst),
+            duration_s=round(sum(report.duration for report in reports), 6), reason=_reason(worst),
+            trace=next((getattr(each, TRACE) for each in reports if hasattr(each, TRACE)), ""),
+        )
+
+
+def _outcome(report: pytest.TestReport) -> str:
+    if report.outcome == RERUN:
+        return RERUN
+    cause = getattr(report, CAUSE, "")
+    if cause:
+        return str(cause)
+    if hasattr(report, "wasxfail"):
+        return "xfailed" if report.skipped else "xpassed"
+    if report.failed:
+        return "failed" if report.when == "call" else "error"
+    return report.outcome
+
+
+def _badness(report: pytest.TestReport) -> tuple[bool, bool, bool]:
+    # Of several failures the first phase counts: max() keeps the first of equals.
+    return (report.failed or report.outcome == RERUN, report.skipped, report.when == "call")
+
+
+def _reason(report: pytest.TestReport) -> str:
+    """Return one line saying why a test did not pass."""
+    if report.passed:
+        return ""
+    if hasattr(report, REASON):
+        return str(getattr(report, REASON))
+    if report.skipped and isinstance(report.longrepr, tuple):
+        return str(report.longrepr[2]).removeprefix("Skipped: ")
+    crash = getattr(report.longrepr, "reprcrash", None)
+    text = str(crash.message if crash else report.longrepr)
+    lines = text.strip().splitlines()
+    return lines[0] if lines else ""

@@ -1,0 +1,200 @@
+"""Which of the tests pytest was asked for: all that there are, or some that the user has chosen."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+# pytest's options that leave tests out.
+_CHOICES = ("keyword", "markexpr", "deselect", "ignore", "ignore_glob", "lf", "stepwise")
+_NOT_COLLECTED = ("ignore", "ignore_glob", "lf")
+# Those that make it show something instead of running tests.
+_LOOKS = ("collectonly", "showfixtures", "show_fixtures_per_test", "markers", "cacheshow", "help")
+
+
+def only_looks(config: pytest.Config) -> bool:
+    """Say whether pytest was asked to show something, such as the tests that there are, and to run none."""
+    return any(vars(config.option).get(name) for name in _LOOKS)
+
+
+class Choice:
+    """Which tests a session runs, as far as it decides what may be missing from its record.
+
+    Attributes
+    ----------
+    left_out : LeftOut
+        Tests of the full set.
+    deselected : bool
+        Whether tests of hiltest that the set has were deselected.
+    only_benchmarks : bool
+        Whether pytest was asked for benchmarks of device cycles and for no other test of ours: they measure nothing
+        that is judged.
+    """
+
+    def __init__(self, config: pytest.Config) -> None:
+        self._config = config
+        self.left_out = LeftOut()
+        self.deselected = False
+        self.only_benchmarks = False
+
+    @property
+    def of_any_tests(self) -> bool:
+        """Whether the user asked for a part of the tests: by ``-k``, ``-m``, ``--ignore``, files or node ids."""
+        return self.only_benchmarks or self._has_given(_CHOICES) or self._named_tests
+
+    @property
+    def of_our_tests(self) -> bool:
+        """Whether tests of hiltest may be missing by the user's choice: ``-m hil`` leaves out only others.
+
+        What a conftest deselects is nobody's choice: it is missed.
+        """
+        deselected = self.deselected and self._has_given(_CHOICES)
+        return deselected or self.only_benchmarks or self._has_given(_NOT_COLLECTED) or self._named_tests
+
+    def _has_given(self, options: tuple[str, ...]) -> bool:
+        given = vars(self._config.option)
+        return any(given.get(name) for name in options)
+
+    @property
+    def _named_tests(self) -> bool:
+        named = self._config.args if self._config.args_source is pytest.Config.ArgsSource.ARGS else []
+        here = self._config.invocation_params.dir
+        return bool(named) and not any("::" not in each and (here / each).is_dir() for each in named)
+
+
+MARKER = "full"
+_NAMED_AT_MOST = 3
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOut:
+    """Tests that this session would have run, were it of the full set.
+
+    Attributes
+    ----------
+    tests : tuple of str
+        Node ids.
+    how : str
+        The option that brings them back.
+    """
+
+    tests: tuple[str, ...] = ()
+    how: str = ""
+
+    def describe(self) -> list[str]:
+        """Return what to say of them once tests are collected."""
+        if not self.tests:
+            return []
+        names = [each.rpartition("/")[2] for each in self.tests]
+        more = len(names) - _NAMED_AT_MOST
+        listed = ", ".join(names[:_NAMED_AT_MOST]) + (f" and {more} more" if more > 0 else "")
+        count = f"{len(names)} test{'s' * (len(names) != 1)}"
+        return [f"gate set: {count} of the full set left out, {self.how} runs them: {listed}"]
+
+    def check_that_some_are_left(self, items: Sequence[pytest.Item]) -> None:
+        """Refuse to run nothing: whoever asked for just these must know why they do not run.
+
+        Raises
+        ------
+        pytest.UsageError
+            If `items` is empty.
+        """
+        if self.tests and not items:
+            raise pytest.UsageError(f"nothing to run in the {self.describe()[0]}")
+
+
+def leave_out_full(config: pytest.Config, items: list[pytest.Item], candidates: Sequence[pytest.Item]) -> LeftOut:
+    """Deselect the tests of the full set.
+
+    Parameters
+    ----------
+    config : pytest.Config
+    items : list of pytest.Item
+        All that are to run; changed in place.
+    candidates : sequence of pytest.Item
+        Those that have to do with hiltest. Another project's mark of the same name is its own affair.
+
+    Returns
+    -------
+    LeftOut
+        Those that were.
+    """
+    full = [item for item in candidates if item.get_closest_marker(MARKER) is not None]
+    how = "--suite full" if config.pluginmanager.has_plugin("hiltest-run") else "--hil-suite=full"
+    left_out = LeftOut(tuple(item.nodeid for item in full), how)
+    if full:
+        config.hook.pytest_deselected(items=full)
+        items[:] = [item for item in items if item not in full]
+    return left_out
+
+
+_BOARD_FIXTURES = frozenset({"board", "turntable"})
+_FIXTURES = _BOARD_FIXTURES | {"measure", "rig"}
+_FIXTURE_MODULES = frozenset({"hiltest.fixtures", "hiltest.cycle_benchmarks.hooks"})
+
+
+def uses_board(item: pytest.Item) -> bool:
+    """Say whether a test needs a board: by the marker ``hil`` or by a fixture."""
+    return item.get_closest_marker("hil") is not None or bool(_BOARD_FIXTURES & _fixtures_of(item))
+
+
+def uses_hiltest(item: pytest.Item) -> bool:
+    """Say whether a test has anything to do with hiltest."""
+    return uses_board(item) or bool(_FIXTURES & _fixtures_of(item))
+
+
+def uses_rig(item: pytest.Item) -> bool:
+    """Say whether a test needs a rig; one that only measures does not."""
+    return uses_board(item) or "rig" in _fixtures_of(item)
+
+
+def is_benchmark(item: pytest.Item) -> bool:
+    """Say whether a test shows device cycles in pytest-benchmark, by hiltest's fixture and not another project's."""
+    return "benchmark_cycles" in _fixtures_of(item)
+
+
+def only_shows_cycles(item: pytest.Item) -> bool:
+    """Say whether a test shows device cycles and measures nothing that could be judged."""
+    return is_benchmark(item) and "measure" not in _fixtures_of(item)
+
+
+def _fixtures_of(item: pytest.Item) -> set[str]:
+    """Return the names of hiltest's own fixtures that a test uses.
+
+    Another project's fixture may be called ``board`` too; its tests are none of our business.
+    """
+    info = getattr(item, "_fixtureinfo", None)  # pytest has no public way to ask which definition a name resolves to
+    if info is None:
+        return set()
+    used = {name: definitions[-1].func for name, definitions in info.name2fixturedefs.items() if definitions}
+    return {name for name, function in used.items() if function.__module__ in _FIXTURE_MODULES}
+
+
+GROUP = "hil"
+"""What pytest-xdist calls the tests that it keeps together."""
+
+# Folders of suites: a bench's own, and the packaged ones.
+_SUITES = (("hil", "suites"), ("bench", "suites"))
+
+
+def id_in_record(nodeid: str, root: Path) -> str:
+    """Return the id of a test for the record: for a suite it does not depend on where pytest was started.
+
+    Parameters
+    ----------
+    nodeid : str
+        As pytest has it, with the group that pytest-xdist puts behind it.
+    root : Path
+        That its file is relative to.
+    """
+    nodeid = nodeid.removesuffix(f"@{GROUP}")
+    file, colons, rest = nodeid.partition("::")
+    parts = Path(os.path.normpath(root / file)).parts
+    for index in range(len(parts) - 1, 1, -1):
+        if parts[index - 2 : index] in _SUITES:
+            return "/".join(parts[index:]) + colons + rest
+    return nodeid

@@ -1,0 +1,72 @@
+"""Numbers, lists and names as people read them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+
+def readable(value: float | int | None, digits: int = 4) -> str:
+    """Return a value as people read it: thousands apart, and `digits` significant ones below a thousand.
+
+    Examples
+    --------
+    >>> readable(11061.25)
+    '11 061.2'
+    >>> readable(1.96875)
+    '1.969'
+    >>> readable(None)
+    '-'
+    """
+    if value is None:
+        return "-"
+    if abs(value) < 1000:
+        return f"{value:.{digits}g}"
+    return f"{value:,.1f}".removesuffix(".0").replace(",", " ")
+
+
+def hundredths(value: float) -> str:
+    """Return two decimals, or two significant digits of what is less than a tenth: degrees and percents in a sentence.
+
+    Examples
+    --------
+    >>> hundredths(0.8911)
+    '0.89'
+    >>> hundredths(0.00195)
+    '0.002'
+    """
+    return f"{value:.2f}" if abs(value) >= 0.1 or not value else f"{value:.2g}"
+
+
+def counted(count: int, word: str) -> str:
+    """Return a number of things.
+
+    Examples
+    --------
+    >>> counted(1, "test"), counted(28, "test")
+    ('1 test', '28 tests')
+    """
+    return f"{readable(count)} {word}{'s' * (count != 1)}"
+
+
+def listed(texts: Sequence[str], at_most: int) -> str:
+    """Return some texts with commas, and how many more there are.
+
+    Examples
+    --------
+    >>> listed(["a", "b", "c"], 2)
+    'a, b and 1 more'
+    """
+    more = len(texts) - at_most
+    return ", ".join(texts[:at_most]) + (f" and {more} more" if more > 0 else "")
+
+
+def without_folders(test: str) -> str:
+    """Return a test's id with the name of its file only; what stands behind it may have slashes of its own.
+
+    Examples
+    --------
+    >>> without_folders("hil/suites/test_link.py::test_rate[1/2]")
+    'test_link.py::test_rate[1/2]'
+    """
+    file, colons, name = test.partition("::")
+    return file.rpartition("/")[2] + colons + name

@@ -1,0 +1,314 @@
+"""A baseline: the numbers of a run that was kept, and what was accepted into it since."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from fnmatch import fnmatchcase
+from typing import Literal
+
+from hiltest.errors import ConfigError
+from hiltest.measurement import Limit, Measurement, Outcome, Tolerance
+from hiltest.record.comparison import FromBuild, Revision, Side
+from hiltest.verdict.evidence import PASSED, Conditions, Evidence, Seed
+from hiltest.verdict.obstacles import obstacles
+from hiltest.verdict.statistics import mean_value
+
+SCHEMA: Literal["hiltest.baseline/1"] = "hiltest.baseline/1"
+
+
+@dataclass(frozen=True, slots=True)
+class BaselineRow:
+    """One measurement on every seed of the baseline.
+
+    Attributes
+    ----------
+    values : tuple of float, int or None
+        In the order of the baseline's seeds; None where there was no number.
+    failed : tuple of int or None
+        Seeds on which it was out of its limit.
+    limit : Limit or None
+        That it had; None too in a file from before it was kept.
+    tolerance : Tolerance or None
+        That was in force; None in a file from before it was kept.
+    build_id : str or None
+        Of the firmware that it was accepted from; None for that of the baseline's side.
+    """
+
+    name: str
+    unit: str
+    cycle_model: str
+    values: tuple[float | int | None, ...]
+    failed: tuple[int | None, ...] = ()
+    limit: Limit | None = None
+    tolerance: Tolerance | None = None
+    build_id: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Accepted:
+    """One measurement that was moved into a baseline, from which build, and why.
+
+    Attributes
+    ----------
+    name : str
+        ``*`` where all were, by saving a run over the file.
+    build_id : str
+        That it is of since.
+    was, now : float or None
+        Means over the seeds; None where there was none, or is none any more.
+    was_build_id : str or None
+        That it was of before; None where there was none, and in a file from before it was kept.
+    revision : Revision or None
+        That the run was made for.
+    """
+
+    name: str
+    because: str
+    when_utc: str
+    build_id: str
+    was: float | None
+    now: float | None
+    was_build_id: str | None = None
+    revision: Revision | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Baseline:
+    """What stands in a baseline file.
+
+    Attributes
+    ----------
+    saved_utc : str
+        When it was saved, or last updated.
+    side : Side
+        Of the run that was saved; it counts what was accepted since and is of other builds.
+    seeds : tuple of int or None
+        None for a board that simulates nothing.
+    measurements : tuple of BaselineRow
+        Sorted by name; none of them volatile.
+    history : tuple of Accepted
+        Oldest first.
+    passed : tuple of str
+        Ids of the tests that passed on every seed; empty in a file from before they were kept.
+    """
+
+    schema: Literal["hiltest.baseline/1"]
+    saved_utc: str
+    side: Side
+    conditions: Conditions
+    seeds: tuple[int | None, ...]
+    measurements: tuple[BaselineRow, ...]
+    history: tuple[Accepted, ...] = ()
+    passed: tuple[str, ...] = ()
+
+
+def baseline_of(evidence: Evidence, saved_utc: str) -> Baseline:
+    """Make a baseline of a run, or of several that differ in their seed.
+
+    Raises
+    ------
+    ConfigError
+        If the run was cut short or only chosen tests ran, no board answered, or nothing has a number.
+    """
+    if evidence.faults or evidence.conditions is None:
+        reason = evidence.faults[0] if evidence.faults else f"{evidence.name}: no board answered"
+        raise ConfigError(f"{reason}; a baseline is a run that is whole")
+    if evidence.chosen:
+        raise ConfigError(
+            f"{evidence.name}: only chosen tests ran; a baseline is a run that is whole: run all of them, without -k, "
+            "-m or names of tests"
+        )
+    seeds = tuple(evidence.measurements)
+    rows = rows_of(evidence, seeds)
+    if not rows:
+        raise ConfigError(f"{evidence.name}: it has no number at all; a baseline is a run that measured something")
+    return Baseline(
+        SCHEMA, saved_utc, kept_side(evidence, saved_utc), evidence.conditions, seeds, rows, passed=_passed(evidence)
+    )
+
+
+def evidence_from(baseline: Baseline, file: str, sha256: str) -> Evidence:
+    """Return a baseline as one side of a comparison."""
+    measurements = {
+        seed: {row.name: _measurement(row, index, seed) for row in baseline.measurements}
+        for index, seed in enumerate(baseline.seeds)
+    }
+    # Counted here: the lines say what they are of, whatever was made of the file's head.
+    accepted = accepted_from(baseline.measurements)
+    side = replace(baseline.side, file=file, sha256=sha256, saved_utc=baseline.saved_utc, accepted=accepted)
+    builds = {row.name: row.build_id for row in baseline.measurements if row.build_id is not None}
+    in_force = {row.name: row.tolerance for row in baseline.measurements if row.tolerance is not None}
+    return Evidence(
+        side, baseline.conditions, measurements, is_baseline=True, builds=builds, in_force=in_force,
+        tests={seed: dict.fromkeys(baseline.passed, PASSED) for seed in baseline.seeds},
+    )
+
+
+def renewed(baseline: Baseline, before: Baseline) -> Baseline:
+    """Return a baseline that takes the place of another, whose history goes on."""
+    entry = Accepted(
+        "*", "renewed", baseline.saved_utc, baseline.side.build_id, None, None, before.side.build_id,
+        baseline.side.revision,
+    )  # fmt: skip
+    return replace(baseline, history=(*before.history, entry))
+
+
+def kept_side(run: Evidence, saved_utc: str) -> Side:
+    """Return the side of a run as its baseline has it: where its record once lay says nothing to anybody else."""
+    return replace(run.side, file="", sha256="", saved_utc=saved_utc)
+
+
+def rows_of(evidence: Evidence, seeds: Sequence[Seed]) -> tuple[BaselineRow, ...]:
+    """Return every measurement of a run that has a number on one of the seeds, and is not volatile, by name."""
+    names = {name for each in evidence.measurements.values() for name in each}
+    return tuple(row for name in sorted(names) if (row := _row(evidence, name, seeds)) is not None)
+
+
+def accepted_from(rows: Sequence[BaselineRow]) -> tuple[FromBuild, ...]:
+    """Count what is of other builds than the side."""
+    counts = Counter(row.build_id for row in rows if row.build_id is not None)
+    return tuple(FromBuild(build_id, counts[build_id]) for build_id in sorted(counts))
+
+
+def _passed(evidence: Evidence) -> tuple[str, ...]:
+    """Return the tests that passed on every seed."""
+    on_each = [{test for test, outcome in made.items() if outcome == PASSED} for made in evidence.tests.values()]
+    return tuple(sorted(set.intersection(*on_each))) if on_each else ()
+
+
+def _row(evidence: Evidence, name: str, seeds: Sequence[Seed]) -> BaselineRow | None:
+    """Return a measurement over the seeds; None when it was not made, has no number at all or is volatile."""
+    made = {seed: evidence.measurements[seed].get(name) for seed in seeds}
+    first = next((each for each in made.values() if each is not None), None)
+    values = tuple(None if each is None else each.value for each in made.values())
+    if first is None or first.volatile or all(value is None for value in values):
+        return None
+    failed = tuple(seed for seed, each in made.items() if each is not None and each.outcome is Outcome.FAIL)
+    limit = next((each.limit for each in made.values() if each is not None and each.limit is not None), None)
+    return BaselineRow(name, first.unit, first.cycle_model, values, failed, limit, evidence.in_force.get(name))
+
+
+def _measurement(row: BaselineRow, index: int, seed: Seed) -> Measurement:
+    outcome = Outcome.FAIL if seed in row.failed else Outcome.INFORMATION
+    return Measurement(row.name, row.values[index], row.unit, row.limit, outcome=outcome, cycle_model=row.cycle_model)
+
+
+def accept(
+    baseline: Baseline, run: Evidence, patterns: Sequence[str], *, because: str, when_utc: str
+) -> Baseline:
+    """Move the named measurements of a run into a baseline, and keep all others.
+
+    Parameters
+    ----------
+    baseline : Baseline
+    run : Evidence
+        On the same rig, with every seed of the baseline. One of chosen tests takes nothing out.
+    patterns : sequence of str
+        Names of measurements; ``*`` stands for anything. One that the run no longer makes is taken out.
+    because : str
+        Why it may be as it is now; goes into the history.
+    when_utc : str
+
+    Raises
+    ------
+    ConfigError
+        If nothing has a name, the run is no like of the baseline, it lacks a seed, or a measurement that its tests
+        were not chosen for would be taken out.
+
+    Notes
+    -----
+    Every measurement keeps the build that it is of. Once all are those of the run, the baseline is of that run.
+    """
+    _refuse_another_bench(baseline, run)
+    rows = {row.name: row for row in baseline.measurements}
+    of_run = {row.name: row for row in rows_of(run, baseline.seeds)}
+    named = _named(patterns, rows, run)
+    _refuse_what_was_not_chosen(run, [name for name in named if name in rows and name not in of_run])
+    moved = {name: of_run.get(name) for name in named if of_run.get(name) != _as_of_run(rows.get(name), of_run)}
+    if not moved:
+        return baseline
+    history = [
+        Accepted(
+            name, because, when_utc, run.side.build_id, _mean(rows.get(name)), _mean(row),
+            _build_id(rows.get(name), baseline), run.side.revision,
+        )
+        for name, row in sorted(moved.items())
+    ]  # fmt: skip
+    from_run = {name: row and replace(row, build_id=run.side.build_id) for name, row in moved.items()}
+    after = replace(baseline, saved_utc=when_utc, history=(*baseline.history, *history))
+    return _with_rows(after, rows | from_run, of_run, run)
+
+
+def _with_rows(
+    baseline: Baseline, rows: Mapping[str, BaselineRow | None], of_run: Mapping[str, BaselineRow], run: Evidence
+) -> Baseline:
+    """Return a baseline with these measurements, of the run that they all are of or of several builds."""
+    kept = {name: row for name, row in sorted(rows.items()) if row is not None}
+    if not kept:
+        raise ConfigError(f"nothing is moved: no measurement would be left; {run.name} has none of these")
+    if run.conditions is not None and of_run == {name: _as_of_run(row, of_run) for name, row in kept.items()}:
+        side = replace(kept_side(run, baseline.saved_utc), seeds=baseline.side.seeds)
+        return replace(baseline, side=side, conditions=run.conditions, measurements=tuple(of_run.values()))
+    build_id = baseline.side.build_id
+    measurements = tuple(replace(row, build_id=None) if row.build_id == build_id else row for row in kept.values())
+    side = replace(baseline.side, saved_utc=baseline.saved_utc, accepted=accepted_from(measurements))
+    return replace(baseline, side=side, measurements=measurements)
+
+
+def _refuse_another_bench(baseline: Baseline, run: Evidence) -> None:
+    reasons = obstacles(evidence_from(baseline, "the baseline", ""), run, None, together=False)
+    if reasons:
+        raise ConfigError(f"nothing is moved: {reasons[0]}")
+    missing = [str(seed) for seed in baseline.seeds if seed not in run.measurements]
+    if missing:
+        raise ConfigError(
+            f"{run.name} has no seed {', '.join(missing)}, which the baseline has: a mean over some old and some new "
+            "seeds says nothing; run with all of them (--seeds A..B)"
+        )
+
+
+def _refuse_what_was_not_chosen(run: Evidence, missing: Sequence[str]) -> None:
+    """Take nothing out because its test did not run."""
+    if run.chosen and missing:
+        others = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
+        raise ConfigError(
+            f"nothing is moved: only chosen tests ran, and {run.name} has no {missing[0]}{others}; accept what it "
+            "measured, by names that nothing else has, or run all tests, without -k, -m or names of tests"
+        )
+
+
+def _named(patterns: Sequence[str], rows: dict[str, BaselineRow], run: Evidence) -> list[str]:
+    known = sorted({*rows, *(name for each in run.measurements.values() for name in each)})
+    named: list[str] = []
+    for pattern in patterns:
+        found = [name for name in known if name == pattern or fnmatchcase(name, pattern)]
+        if not found:
+            nearest = get_close_matches(pattern, known, n=1)
+            hint = f"; did you mean {nearest[0]!r}?" if nearest else ""
+            raise ConfigError(f"no measurement is called {pattern!r}, neither in the baseline nor in {run.name}{hint}")
+        named += found
+    return named
+
+
+def _build_id(row: BaselineRow | None, baseline: Baseline) -> str | None:
+    if row is None:
+        return None
+    return baseline.side.build_id if row.build_id is None else row.build_id
+
+
+def _as_of_run(row: BaselineRow | None, of_run: Mapping[str, BaselineRow]) -> BaselineRow | None:
+    """Return a measurement as a run has it that measured the same: what two builds have alike was not moved.
+
+    The run knows no build of a single measurement, and always a tolerance, which an older file does not state.
+    """
+    if row is None:
+        return None
+    same = of_run.get(row.name, row)
+    return replace(row, build_id=None, tolerance=row.tolerance or same.tolerance)
+
+
+def _mean(row: BaselineRow | None) -> float | None:
+    return mean_value([float(value) for value in row.values if value is not None]) if row else None

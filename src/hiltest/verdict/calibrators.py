@@ -1,0 +1,169 @@
+"""What a run found of each calibrator: accuracy, cost and, when it fails, the cause."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from hiltest.calibration.fit import FitStatus
+from hiltest.measurement import KINDS, Measurement, Outcome, cannot_be_ranked
+from hiltest.record.run import Run
+from hiltest.verdict.causes import Cause, name_cause
+
+WORST_HEADING = KINDS["heading.{calibrator}.max"]
+MEAN_ERROR = KINDS["heading.{calibrator}.bias"]
+UNCALIBRATED = "uncalibrated"
+
+
+@dataclass(frozen=True, slots=True)
+class CalibratorResult:
+    """What a run says of one calibrator: accuracy, cost and, when it fails, the cause."""
+
+    name: str
+    maximum: Measurement
+    centred: Measurement | None
+    cycles: Measurement | None
+    residual: Measurement | None
+    residual_predicted: Measurement | None
+    cause: Cause
+    fit: FitStatus = FitStatus.ELLIPSOID
+
+
+def calibrator_results(measurements: Sequence[Measurement]) -> tuple[CalibratorResult, ...]:
+    """Return what is known of each calibrator whose heading was measured, cheapest first.
+
+    Parameters
+    ----------
+    measurements : sequence of Measurement
+        Of one run.
+
+    Returns
+    -------
+    tuple of CalibratorResult
+        Without ``uncalibrated``; those without a cycle count come last, those that cannot be ranked by name.
+    """
+    found = {each.name: each for each in measurements}
+    names = [each.subject for each in measurements if each.kind is WORST_HEADING and not has_no_number(each)]
+    results = [_calibrator_result(name, found) for name in names if name != UNCALIBRATED]
+    order = cheapest_first({each.name: each.cycles for each in results})
+    return tuple(sorted(results, key=lambda each: order.index(each.name)))
+
+
+def cheapest_first(costs: Mapping[str, Measurement | None]) -> list[str]:
+    """Return names by their cycle counts, those without one last.
+
+    Those that cannot be ranked against the cheapest of a group stand with it, by name; the next begins another group.
+    A chain of close costs is no tie: its ends can be ranked.
+    """
+    by_cost = sorted(costs, key=lambda name: (value_of(costs[name]) or float("inf"), name))
+    groups: list[list[str]] = []
+    for name in by_cost:
+        if groups and cannot_be_ranked(costs[groups[-1][0]], costs[name]):
+            groups[-1].append(name)
+        else:
+            groups.append([name])
+    return [name for group in groups for name in sorted(group)]
+
+
+def _calibrator_result(name: str, found: dict[str, Measurement]) -> CalibratorResult:
+    return CalibratorResult(
+        name, found[f"heading.{name}.max"], centred=found.get(f"heading.{name}.max_centred"),
+        cycles=found.get(f"cycles.{name}.total"), residual=found.get(f"fit.{name}.residual"),
+        residual_predicted=found.get(f"fit.{name}.residual_predicted"), cause=_cause(name, found),
+        fit=_fit_status(name, found),
+    )
+
+
+def _cause(name: str, found: dict[str, Measurement]) -> Cause:
+    """Name why a calibrator's heading is out of its limit, as far as the run can tell."""
+    maximum, norm = found[f"heading.{name}.max"], found.get("accelerometer.norm_rms")
+    tilt, coverage = found.get("accelerometer.tilt_error"), value_of(found.get("tumble.coverage"))
+    centred, bias = found.get(f"heading.{name}.max_centred"), found.get(f"heading.{name}.bias")
+    residual = value_of(found.get(f"fit.{name}.residual"))
+    predicted = value_of(found.get(f"fit.{name}.residual_predicted"))
+    # With no mounting declared only the centred error can be held against the limit.
+    judged = centred if maximum.outcome is Outcome.UNSET else maximum
+    max_deg = value_of(judged)
+    if max_deg is None or residual is None or predicted is None:
+        return Cause.NONE
+    return name_cause(
+        max_deg=max_deg, max_limit_deg=maximum_of(maximum), bias_deg=value_of(bias),
+        bias_limit_deg=None if bias is None or bias.outcome is Outcome.UNSET else maximum_of(bias),
+        max_centred_deg=value_of(centred), residual_percent=residual, residual_predicted_percent=predicted,
+        accelerometer_norm_rms_mg=value_of(norm) or 0.0, accelerometer_limit_mg=maximum_of(norm),
+        tilt_error_deg=value_of(tilt) or 0.0, tilt_limit_deg=maximum_of(tilt), fit=_fit_status(name, found),
+        coverage_percent=100.0 if coverage is None else coverage,
+    )
+
+
+def _fit_status(name: str, found: dict[str, Measurement]) -> FitStatus:
+    return FitStatus(int(value_of(found.get(f"fit.{name}.status")) or FitStatus.ELLIPSOID))
+
+
+def has_no_number(measurement: Measurement) -> bool:
+    """Say whether a limit found no number to judge, which is less than a number that it cannot be held against."""
+    return measurement.outcome is Outcome.UNSET and measurement.value is None
+
+
+def value_of(measurement: Measurement | None) -> float | None:
+    """Return the number of a measurement, None where either is missing."""
+    return None if measurement is None or measurement.value is None else float(measurement.value)
+
+
+def maximum_of(measurement: Measurement | None) -> float | None:
+    """Return the upper side of a measurement's limit, None where there is none."""
+    return None if measurement is None or measurement.limit is None else measurement.limit.max
+
+
+STAGES_TABLE = "stream.stages"
+
+
+@dataclass(frozen=True, slots=True)
+class CalibratorCost:
+    """Cycles of one calibrator.
+
+    Attributes
+    ----------
+    name : str
+    cycles : float or None
+        Of a calibration from all its points: of one that lives with the stream, all its points and the fit.
+    points : int or None
+        That a stream calibrator was given; None for one that takes all at once.
+    """
+
+    name: str
+    cycles: float | None
+    points: int | None = None
+
+    @property
+    def lives_with_the_stream(self) -> bool:
+        """Whether it was given its points one by one."""
+        return self.points is not None
+
+
+def calibrator_costs(run: Run) -> list[CalibratorCost]:
+    """Return the cost of each calibrator whose heading was measured, cheapest first, streams after the others."""
+    given = _points_given(run)
+    counted = {
+        each.name: _stream_cycles(run, each.name, given[each.name]) if each.name in given else each.cycles
+        for each in calibrator_results(run.measurements)
+    }
+    costs = [CalibratorCost(name, value_of(counted[name]), given.get(name)) for name in cheapest_first(counted)]
+    return sorted(costs, key=lambda each: each.lives_with_the_stream)
+
+
+def _points_given(run: Run) -> dict[str, int]:
+    """Return how many points each stream calibrator had seen at its last stage."""
+    table = run.table(STAGES_TABLE)
+    if table is None:
+        return {}
+    stages = zip(table.column_if_any("calibrator"), table.column_if_any("points"), strict=True)
+    return {str(name): int(points) for name, points in stages if isinstance(points, int | float)}
+
+
+def _stream_cycles(run: Run, name: str, points: int) -> Measurement | None:
+    """Return the cycles of all points and of the fit at the end: the mean is over the same points."""
+    mean, fit = (run.measurement(f"stream.{name}.{what}") for what in ("cycles_mean", "fit_cycles"))
+    if mean is None or fit is None or mean.value is None or fit.value is None:
+        return None
+    return replace(mean, value=float(mean.value) * points + float(fit.value))

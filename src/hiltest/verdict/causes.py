@@ -1,0 +1,98 @@
+"""Name why a heading failed."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+from hiltest.calibration.fit import FitStatus
+
+# A residual up to this many times the one that noise alone leaves counts as a good fit: for n = 100 the
+# rms of a residual scatters by 1/sqrt(2 * 91) = 7 %, so 1.5 is far outside of chance.
+GOOD_FIT_FACTOR = 1.5
+
+# Below this nothing holds the ellipsoid: about where the pivots of `direct` reach their own bound. A
+# calibrator that has no such bound fits the few points it has as well as any, and is wrong elsewhere.
+POOR_COVERAGE_PERCENT = 50.0
+
+
+class Cause(StrEnum):
+    """Why a heading failed."""
+
+    NONE = "none"
+    ACCELEROMETER = "accelerometer"
+    CONSTANT_OFFSET = "constant offset"
+    POOR_COVERAGE = "poor coverage"
+    GOOD_FIT_BAD_HEADING = "good fit, bad heading"
+    BAD_FIT = "bad fit"
+
+
+def name_cause(
+    *, max_deg: float, max_limit_deg: float | None, bias_deg: float | None, bias_limit_deg: float | None,
+    max_centred_deg: float | None, residual_percent: float, residual_predicted_percent: float,
+    accelerometer_norm_rms_mg: float, accelerometer_limit_mg: float | None,
+    tilt_error_deg: float = 0.0, tilt_limit_deg: float | None = None,
+    fit: FitStatus = FitStatus.ELLIPSOID, coverage_percent: float = 100.0,
+) -> Cause:
+    """Say why the heading of a calibrator failed.
+
+    Parameters
+    ----------
+    max_deg, max_limit_deg : float
+        Largest heading error and its limit.
+    bias_deg, bias_limit_deg : float
+        Circular mean of the errors and the limit of its magnitude.
+    max_centred_deg : float
+        Largest error with the bias taken off; it is held against `max_limit_deg`.
+    residual_percent, residual_predicted_percent : float
+        Of the fit, and what the sensor's noise alone would leave.
+    accelerometer_norm_rms_mg, accelerometer_limit_mg : float
+        How far the measured gravity is from 1 g over the judged poses.
+    tilt_error_deg, tilt_limit_deg : float
+        Largest difference between pitch or roll as answered and as the turntable knows them.
+    fit : FitStatus
+        With any other than `ELLIPSOID` what was judged is the sphere fit.
+    coverage_percent : float
+        Of the points that were fitted, as `sphere_coverage` has it.
+
+    Returns
+    -------
+    Cause
+        `Cause.NONE` when neither the error nor the bias exceeds its limit. A limit that is
+        None is not exceeded; a bias that is None (errors that cancel all round) neither, and
+        the errors then count as they are.
+
+    Notes
+    -----
+    The order matters. A wrong accelerometer spoils every heading, whatever the fit. Its norm
+    alone does not tell: an offset of e g at a right angle to gravity changes the norm by
+    e^2 / 2 and tilts the horizon by e radians, so pitch and roll are held against the known ones.
+
+    An offset that is the same at every pose is the mounting, or the firmware. A rotation of the
+    soft iron about the body's z axis is one too *while the board is level*: z is then the vertical.
+    On a tilted board the same rotation mixes the vertical field into the horizontal and the error
+    changes with the heading: over poses of both kinds it is what it is, a rotation that no fit
+    of norms can see. That is also what is left with a perfect fit, once the points covered the
+    sphere and the calibrator did not fall back to a sphere: neither is a good fit, however small
+    the residual.
+    """
+    centred_deg = max_deg if max_centred_deg is None else max_centred_deg
+    bias_over = bias_deg is not None and _over(abs(bias_deg), bias_limit_deg)
+    if not _over(max_deg, max_limit_deg) and not bias_over:
+        return Cause.NONE
+    if _over(accelerometer_norm_rms_mg, accelerometer_limit_mg) or _over(tilt_error_deg, tilt_limit_deg):
+        return Cause.ACCELEROMETER
+    centred_over = _over(centred_deg, max_limit_deg)
+    if bias_over and not centred_over:
+        return Cause.CONSTANT_OFFSET
+    if fit is FitStatus.POOR_COVERAGE or coverage_percent < POOR_COVERAGE_PERCENT:
+        return Cause.POOR_COVERAGE
+    if fit is not FitStatus.ELLIPSOID:
+        return Cause.BAD_FIT
+    if centred_over and residual_percent <= GOOD_FIT_FACTOR * residual_predicted_percent:
+        return Cause.GOOD_FIT_BAD_HEADING
+    return Cause.BAD_FIT
+
+
+
+def _over(value: float, limit: float | None) -> bool:
+    return limit is not None and value > limit

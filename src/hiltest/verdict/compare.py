@@ -1,0 +1,155 @@
+"""Compare two sides: every measurement's change, and what keeps the gate from being evaluated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from statistics import fmean
+
+from hiltest.measurement import Measurement, Outcome, identify, is_compared
+from hiltest.record.comparison import BaseKind, Change, Comparison, Difference, Side
+from hiltest.record.failures import measured
+from hiltest.text import hundredths
+from hiltest.verdict.difference import Pairs, difference
+from hiltest.verdict.evidence import Evidence, Seed
+from hiltest.verdict.obstacles import obstacles
+from hiltest.verdict.wording import entry, on_seeds, sentence
+
+_Measured = Mapping[Seed, Mapping[str, Measurement]]
+_MOVED = (Change.BETTER, Change.WORSE)
+
+
+def compare(base: Evidence, new: Evidence, *, together: bool = False) -> Comparison:
+    """Compare two sides, paired by seed, with the tolerances that the base states, or else those of the new one's rig.
+
+    Parameters
+    ----------
+    base, new : Evidence
+    together : bool, optional
+        Whether both firmwares ran in one session: they may then be of different compilers and flags.
+
+    Returns
+    -------
+    Comparison
+        With obstacles where the gate cannot be evaluated; the differences are then for information alone.
+    """
+    board = new.conditions.board if new.conditions else ""
+    seeds = [seed for seed in base.measurements if seed in new.measurements]
+    pairs = _pairs(base, new, seeds)
+    changes = (
+        _taken(_shown_if_loosened(difference(each, board, new.tolerances), each), each, base, new) for each in pairs
+    )
+    found = tuple(with_accuracy(each, base.measurements, new.measurements) for each in changes)
+    kind = BaseKind.TOGETHER if together else BaseKind.BASELINE if base.is_baseline else BaseKind.RUN
+    return _comparison(base.side, new, found, obstacles(base, new, found, together=together), kind)
+
+
+def not_compared(file: str, reason: str, new: Evidence) -> Comparison:
+    """Return the comparison with a base that cannot be read: nothing but the obstacle, and what fails by itself.
+
+    Parameters
+    ----------
+    file : str
+        That was to be the base.
+    reason : str
+        Why it is none, with what to do.
+    new : Evidence
+    """
+    return _comparison(Side(file), new, (), (reason, *new.faults), BaseKind.RUN)
+
+
+def _comparison(
+    base: Side, new: Evidence, found: tuple[Difference, ...], reasons: tuple[str, ...], kind: BaseKind
+) -> Comparison:
+    failed = (*(() if new.may_miss else _missed(new, found)), *new.failed)
+    made = Comparison(
+        base, new.side, found, reasons, "", failed=failed, unjudged=tuple(_unjudged(new)), chosen=new.chosen,
+        base_kind=kind,
+    )
+    return replace(made, sentence=sentence(made))
+
+
+def _missed(new: Evidence, found: tuple[Difference, ...]) -> Iterator[str]:
+    """Yield the limits that the new run misses, in order of concern; what got worse as it is named among that."""
+    missed = _with_outcome(new, Outcome.FAIL)
+    for each in sorted(found, key=lambda each: each.concern):
+        if seeds := missed.pop(each.name, None):
+            named = each.change is Change.WORSE or len(new.measurements) == 1
+            yield entry(each) + ("" if named else on_seeds(list(seeds)))
+    for seeds in missed.values():
+        yield measured(next(iter(seeds.values())))
+
+
+def _unjudged(new: Evidence) -> Iterator[str]:
+    for name, seeds in _with_outcome(new, Outcome.UNSET).items():
+        yield f"{name} ({next(iter(seeds.values())).note})"
+
+
+def _with_outcome(new: Evidence, outcome: Outcome) -> dict[str, dict[Seed, Measurement]]:
+    """Return the measurements that have an outcome, by name and seed."""
+    found: dict[str, dict[Seed, Measurement]] = {}
+    for seed, made in new.measurements.items():
+        for name, each in sorted(made.items()):
+            if each.outcome is outcome:
+                found.setdefault(name, {})[seed] = each
+    return found
+
+
+def _shown_if_loosened(found: Difference, pairs: Pairs) -> Difference:
+    """Return a difference; a limit that the change under test loosens is shown, though the number is what it was."""
+    loosened = found.change is Change.UNCHANGED and pairs.limit_loosened
+    return replace(found, change=Change.CHANGED) if loosened else found
+
+
+def _taken(found: Difference, pairs: Pairs, base: Evidence, new: Evidence) -> Difference:
+    """Return a difference; what is gone in a run that did not come to it is not taken."""
+    partial = bool(new.faults) or (new.chosen and not base.chosen)
+    if partial and found.change is Change.GONE and pairs.lost and all(pairs.new[seed] is None for seed in pairs.lost):
+        return replace(found, change=Change.NOT_TAKEN, note="")
+    return found
+
+
+def _pairs(base: Evidence, new: Evidence, seeds: list[Seed]) -> list[Pairs]:
+    """Return what is compared, by name: all but what is volatile in the base, or new and volatile."""
+    names: set[str] = set()
+    for seed in seeds:
+        names.update(name for name, each in base.measurements[seed].items() if not each.volatile)
+        was = base.measurements[seed]
+        names.update(name for name, each in new.measurements[seed].items() if not each.volatile and name not in was)
+    pairs = (
+        Pairs(name, _on(base.measurements, name, seeds), _on(new.measurements, name, seeds), base.in_force.get(name))
+        for name in sorted(filter(is_compared, names))
+    )
+    return [each for each in pairs if not each.is_nothing]
+
+
+def _on(
+    measurements: Mapping[Seed, Mapping[str, Measurement]], name: str, seeds: list[Seed]
+) -> dict[Seed, Measurement | None]:
+    return {seed: measurements[seed].get(name) for seed in seeds}
+
+
+def with_accuracy(found: Difference, base: _Measured, new: _Measured) -> Difference:
+    """Return a difference; that of a calibrator's cost says what its accuracy was and is, if both sides know.
+
+    Parameters
+    ----------
+    found : Difference
+    base, new : mapping of seed to mapping of str to Measurement
+        All that both sides measured. Over several seeds the means are told, as those of the cost are.
+    """
+    name = identify(found.name).accuracy
+    if found.change not in _MOVED or not name:
+        return found
+    pairs = [
+        (was.value, now.value)
+        for seed in base.keys() & new.keys()
+        if (was := base[seed].get(name)) and (now := new[seed].get(name))
+        and was.value is not None and now.value is not None
+    ]
+    if not pairs:
+        return found
+    unit = next(each[name].unit for each in new.values() if name in each)
+    before, after = (fmean(side) for side in zip(*pairs, strict=True))
+    accuracy = f"{name} {hundredths(before)} -> {hundredths(after)} {unit}"
+    return replace(found, note="; ".join(filter(None, (found.note, accuracy))))

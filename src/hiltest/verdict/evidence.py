@@ -1,0 +1,212 @@
+"""One side of a comparison: what was measured, and what the numbers rest on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from hashlib import sha256 as sha256_of
+
+from hiltest.errors import ConfigError
+from hiltest.measurement import Measurement, Tolerance
+from hiltest.record.comparison import Side
+from hiltest.record.failures import failed_by_itself
+from hiltest.record.run import Run
+
+Seed = int | None
+"""None for a board that simulates nothing."""
+
+
+NO_BOARD = "none"
+"""Kind of the board where no test needs one."""
+
+PASSED = "passed"
+"""Outcome of a test."""
+
+
+@dataclass(frozen=True, slots=True)
+class Conditions:
+    """What must be the same on both sides, beside the compiler and the cycle model, for numbers to be comparable.
+
+    Attributes
+    ----------
+    board : str
+        Its kind: ``virtual``, ``real`` or ``replay``, or `NO_BOARD`.
+    rig_sha256 : str
+        Of the rig's conditions; empty in a record from before they were kept, and without board and rig.
+    calibrators : tuple of str
+        As the board names them.
+    sensors : tuple of str
+        Those that were there, by name.
+    compiler_flags : tuple of str
+        Of all units of the firmware; empty where there is no ELF, or none with debugging information.
+    poses : str
+        Known angles that were judged: ``all`` or ``level``.
+    suite : str
+        Set of tests: ``gate`` or ``full``.
+    calibrated : bool
+        Whether a calibration file was judged too.
+    """
+
+    board: str
+    rig_sha256: str
+    calibrators: tuple[str, ...]
+    sensors: tuple[str, ...]
+    protocol_version: int
+    compiler_flags: tuple[str, ...]
+    poses: str
+    suite: str
+    calibrated: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """One run, or several runs of the same firmware on the same rig that differ in their seed.
+
+    Attributes
+    ----------
+    side : Side
+    conditions : Conditions or None
+        None when no board answered that was to.
+    measurements : mapping of seed to mapping of str to Measurement
+        By name; the volatile ones too.
+    tolerances : mapping of str to Tolerance
+        Of the rig, by exact name.
+    in_force : mapping of str to Tolerance
+        Of every measurement, as the record states what it was held to; empty in one from before that was kept.
+    tests : mapping of seed to mapping of str to str
+        Outcome of every test by its id, of a baseline those that passed; empty where that was not kept.
+    faults : tuple of str
+        Why this side is no evidence, one line each, with what to do: such as a run that was cut short.
+    chosen : bool
+        Whether only chosen tests ran: it is like a run with the same choice, and nothing to keep.
+    failed : tuple of str
+        What else than a limit makes it no pass by itself: tests that failed, with the reason.
+    may_miss : bool
+        Whether limits that were missed were allowed to be, as on some seeds of many.
+    is_baseline : bool
+        Whether it was read from a baseline file.
+    builds : mapping of str to str
+        Build of each measurement that is of another one than `side`: a baseline may have accepted some.
+    """
+
+    side: Side
+    conditions: Conditions | None
+    measurements: Mapping[Seed, Mapping[str, Measurement]]
+    tolerances: Mapping[str, Tolerance] = field(default_factory=dict)
+    faults: tuple[str, ...] = ()
+    chosen: bool = False
+    failed: tuple[str, ...] = ()
+    may_miss: bool = False
+    is_baseline: bool = False
+    builds: Mapping[str, str] = field(default_factory=dict)
+    in_force: Mapping[str, Tolerance] = field(default_factory=dict)
+    tests: Mapping[Seed, Mapping[str, str]] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """What to call it: its file, or for a run that is just ending its firmware, if it has one."""
+        firmware = f" of {self.side.firmware} {self.side.version}" if self.side.firmware else ""
+        return self.side.file or f"this run{firmware}"
+
+
+def evidence_of(run: Run, *, file: str = "", sha256: str = "") -> Evidence:
+    """Return one run as one side of a comparison.
+
+    Parameters
+    ----------
+    run : Run
+    file, sha256 : str, optional
+        Where it was read from; empty for a run that is just ending.
+    """
+    board, rig = run.board, run.rig
+    side = Side(file=file, sha256=sha256, saved_utc=run.finished_utc, revision=run.revision)
+    if board is not None:
+        side = replace(
+            side, firmware=board.firmware, version=board.version, build_id=board.build_id, compiler=board.compiler,
+            cycle_model=board.cycle_model,
+        )
+    side = replace(side, rig=rig.name if rig else "", seeds=() if run.seed is None else (run.seed,))
+    name = file or "this run"
+    of_rig = _tolerances("rig.tolerances", run.rig.tolerances if run.rig else {}, name)
+    fault = f"{name}: the run is not complete ({run.verdict.outcome}); run all of it again"
+    return Evidence(
+        side, _conditions(run), {run.seed: {each.name: each for each in run.measurements}}, of_rig,
+        () if run.verdict.complete else (fault,), run.chosen, failed_by_itself(run),
+        in_force=_tolerances("tolerances", run.tolerances, name),
+        tests={run.seed: {each.id: each.outcome for each in run.tests}},  # the last attempt counts
+    )
+
+
+def evidence_of_seeds(runs: Sequence[Evidence], file: str) -> Evidence:
+    """Put runs that differ in their seed together as one side.
+
+    Parameters
+    ----------
+    runs : sequence of Evidence
+        At least one.
+    file : str
+        What to call them.
+    """
+    first = runs[0]
+    faults = [fault for each in runs for fault in each.faults]
+    for each in runs[1:]:
+        if each.conditions != first.conditions:
+            faults.append(f"{each.name}: under other conditions than {first.name}; run all seeds on one rig")
+        elif _build(each.side) != _build(first.side):
+            faults.append(f"{each.name}: of another firmware than {first.name}; run all seeds with one")
+    measurements = {seed: found for each in runs for seed, found in each.measurements.items()}
+    if len(measurements) < len(runs):
+        faults.append(f"{file}: a seed stands there twice; run the campaign into an empty folder")
+    digest = sha256_of("".join(each.side.sha256 for each in runs).encode()).hexdigest()
+    side = replace(
+        first.side, file=file, sha256=digest, seeds=tuple(seed for each in runs for seed in each.side.seeds),
+        saved_utc=max(each.side.saved_utc for each in runs),
+        revision=first.side.revision if len({each.side.revision for each in runs}) == 1 else None,
+    )
+    chosen = any(each.chosen for each in runs)
+    failed = tuple(f"{why} on seed {', '.join(map(str, each.side.seeds))}" for each in runs for why in each.failed)
+    return Evidence(
+        side, first.conditions, measurements, first.tolerances, tuple(faults), chosen, failed,
+        in_force={name: each for run in reversed(runs) for name, each in run.in_force.items()},
+        tests={seed: found for each in runs for seed, found in each.tests.items()},
+    )
+
+
+def no_evidence(file: str) -> Evidence:
+    """Return a side of which there is no record at all; what is compared with it cannot be judged."""
+    return Evidence(Side(file=file), None, {})
+
+
+def with_misses_allowed(campaign: Evidence) -> Evidence:
+    """Return the runs of a campaign that may miss a limit on some seeds, and has."""
+    return replace(campaign, may_miss=True)
+
+
+def _conditions(run: Run) -> Conditions | None:
+    if run.board is None:
+        # A run without one is whole only where no test needed it: its numbers are as good as any.
+        return Conditions(
+            board=NO_BOARD, rig_sha256=run.rig.conditions_sha256 if run.rig else "", calibrators=(), sensors=(),
+            protocol_version=0, compiler_flags=(), poses=run.poses, suite=run.suite,
+            calibrated=run.calibration is not None,
+        ) if run.verdict.complete else None
+    return Conditions(
+        board=run.board.kind, rig_sha256=run.rig.conditions_sha256 if run.rig else "",
+        calibrators=run.board.calibrators, sensors=tuple(each.name for each in run.board.sensors if each.present),
+        protocol_version=run.board.protocol_version, compiler_flags=tuple(run.board.compiler_flags.split()),
+        poses=run.poses, suite=run.suite, calibrated=run.calibration is not None,
+    )
+
+
+def _tolerances(place: str, content: Mapping[str, tuple[float, float]], file: str) -> dict[str, Tolerance]:
+    found = {}
+    for name, each in content.items():
+        try:
+            found[name] = Tolerance(*each)
+        except ValueError as error:
+            raise ConfigError(f"{file}: {place}.{name}: {error}; run it again: hiltest run") from error
+    return found
+
+
+def _build(side: Side) -> tuple[str, ...]:
+    return (side.firmware, side.version, side.build_id, side.compiler, side.cycle_model)

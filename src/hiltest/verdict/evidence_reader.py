@@ -1,0 +1,90 @@
+"""Records of runs as one side of a comparison."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from hiltest.errors import ConfigError
+from hiltest.record.files import RUN_FILE, SEED_FOLDERS, SEEDS_FILE
+from hiltest.record.journal import JOURNAL_FILE
+from hiltest.strict_json import LARGEST_BYTES, is_folder, parse_json, read_bounded
+from hiltest.verdict.baseline import SCHEMA as BASELINE_SCHEMA
+from hiltest.verdict.evidence import Evidence, evidence_of, evidence_of_seeds, with_misses_allowed
+
+_A_BASELINE = re.compile(rb'"schema"\s*:\s*"%s/' % re.escape(BASELINE_SCHEMA.partition("/")[0]).encode())
+_A_SIDE = "name a run.json, its folder or a baseline"
+
+
+def read_evidence(place: Path) -> Evidence:
+    """Read one side of a comparison.
+
+    Parameters
+    ----------
+    place : Path
+        A run's folder or its ``run.json``, the folder of a campaign, or a baseline file.
+
+    Raises
+    ------
+    ConfigError
+        If there is nothing of the kind, or it cannot be read; it says why and what to do.
+    """
+    if is_folder(place):
+        seeds = sorted(each for each in place.glob(SEED_FOLDERS) if each.is_dir())
+        if not _has_run(place):
+            return _of_campaign(place, seeds) if seeds else _of_run(place)
+        if (place / SEEDS_FILE).exists():
+            raise ConfigError(
+                f"{place}: holds both a single run and a campaign ({SEEDS_FILE}), one of them stale; name the run's "
+                f"{RUN_FILE}, or run again with an --out of its own"
+            )
+        return _of_run(place)  # it is newer than any seeds beside it: a campaign begins by removing a single run
+    content = read_bounded(place, largest_bytes=LARGEST_BYTES, otherwise=_A_SIDE)
+    # A look is enough to tell which reader it is for; that one checks all of it.
+    if _A_BASELINE.search(content):
+        from hiltest.verdict.baseline_file import read_baseline_evidence
+
+        return read_baseline_evidence(place)
+    return _of_run(place)
+
+
+def _has_run(folder: Path) -> bool:
+    """Say whether a folder holds what a single run wrote; a journal without a line is of one that never began."""
+    journal = folder / JOURNAL_FILE
+    return (folder / RUN_FILE).exists() or (journal.is_file() and journal.stat().st_size > 0)
+
+
+def _of_run(place: Path) -> Evidence:
+    from hiltest.record.reader import read_record
+
+    stored = read_record(place, otherwise=_A_SIDE)
+    return evidence_of(stored.run, file=str(stored.path), sha256=stored.sha256)
+
+
+def _of_campaign(folder: Path, seeds: Sequence[Path]) -> Evidence:
+    runs, faults = [], []
+    if not (folder / SEEDS_FILE).exists():
+        faults.append(f"{folder}: the campaign was cut short: it has no {SEEDS_FILE}; run all of it again")
+    for each in seeds:
+        try:
+            runs.append(_of_run(each))
+        except ConfigError as error:
+            faults.append(str(error))
+    if not runs:
+        raise ConfigError(faults[0])
+    found = evidence_of_seeds(runs, str(folder))
+    found = replace(found, faults=(*faults, *found.faults))
+    return with_misses_allowed(found) if _seeds_may_fail(folder / SEEDS_FILE) else found
+
+
+def _seeds_may_fail(file: Path) -> bool:
+    """Say whether a campaign passed by itself, whatever single seeds did: some of them were allowed to miss limits."""
+    try:
+        content = parse_json(read_bounded(file, largest_bytes=LARGEST_BYTES, otherwise="run the campaign again"))
+    except (ConfigError, ValueError):
+        return False
+    return isinstance(content, dict) and content.get("exit_code") == 0
+
+

@@ -1,0 +1,243 @@
+"""A comparison in words: the numbers of one measurement, and all of it in one sentence."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import PurePath
+from shlex import quote
+
+from hiltest.measurement import Outcome, Tolerance, is_direction
+from hiltest.record.comparison import Answer, BaseKind, Change, Comparison, Difference, Revision, Side
+from hiltest.text import listed, readable
+from hiltest.verdict.evidence import Seed
+
+SHOWN = (Change.WORSE, Change.GONE, Change.BETTER, Change.NEW, Change.CHANGED)
+"""In this order; what is unchanged, or was not taken, is only counted."""
+
+_NAMED_AT_MOST = 2
+_COMMIT_DIGITS = 12  # which tell any two commits of a repository apart
+_SEEDS_AT_MOST = 3
+_MOST_PERCENT = 1000.0
+"""Of a base of next to nothing a share says nothing; what it moved by stands beside it."""
+
+
+def revision(of: Revision | None) -> str:
+    """Return what sources a run was made for: label, commit and branch, as far as they are known.
+
+    Examples
+    --------
+    ``v1.2-rc1, commit 0123456789ab, branch main``
+    """
+    if of is None:
+        return ""
+    commit = f"commit {of.commit[:_COMMIT_DIGITS]}" if of.commit else ""
+    return ", ".join(filter(None, (of.label, commit, f"branch {of.branch}" if of.branch else "")))
+
+
+def build(side: Side) -> str:
+    """Return what build the numbers of a side are of; those of a baseline may be of several.
+
+    Examples
+    --------
+    ``build 8fc8, with 2 measurements accepted from build 17ab and 1 measurement accepted from build 90cd``
+    """
+    accepted = [
+        f"{each.measurements} measurement{'s' * (each.measurements != 1)} accepted from build {each.build_id}"
+        for each in side.accepted
+    ]
+    of_firmware = f"build {side.build_id}" if side.build_id else "no firmware"
+    return of_firmware + (f", with {' and '.join(accepted)}" if accepted else "")
+
+
+def numbers(difference: Difference) -> str:
+    """Return what a measurement was and is, how far it moved, and its limit.
+
+    Examples
+    --------
+    ``11 061 -> 11 161 cycles (+100, +0.9 %; limit at most 12 500)``
+    """
+    was, now = (readable(value) for value in (difference.base, difference.new))
+    if difference.base is None or difference.new is None:
+        values = was if difference.new is None else now
+    else:
+        values = f"{was} -> {now}"
+    details = "; ".join(filter(None, (moved(difference), _limit(difference), difference.note)))
+    return f"{values} {_in_words(difference.unit)}".rstrip() + (f" ({details})" if details else "")
+
+
+def held_to(tolerance: Tolerance, unit: str) -> str:
+    """Return how far a measurement may move and still count as unchanged.
+
+    Examples
+    --------
+    ``0.01 deg and 1 %``, or ``exact``
+    """
+    absolute = f"{readable(tolerance.absolute)} {_in_words(unit)}".rstrip() if tolerance.absolute else ""
+    relative = f"{100.0 * tolerance.relative:g} %" if tolerance.relative else ""
+    return " and ".join(filter(None, (absolute, relative))) or "exact"
+
+
+def entry(difference: Difference) -> str:
+    """Return a measurement's name and numbers."""
+    return f"{difference.name} {numbers(difference)}"
+
+
+def moved(difference: Difference) -> str:
+    """Return by how much a measurement moved, in its unit and in percent; empty when it has no pair."""
+    if difference.delta is None:
+        return ""
+    words = _signed(difference.delta)
+    share = moved_percent(difference)
+    if share is not None and abs(share) <= _MOST_PERCENT and (difference.base or 0.0) * (difference.new or 0.0) > 0:
+        words += f", {percent(share)}"
+    if difference.interval is not None:
+        low, high = difference.interval
+        words += f", 95 % {_signed(low)} to {_signed(high)}"
+    return words
+
+
+def moved_percent(difference: Difference) -> float | None:
+    """Return the change in percent of the base, None without a number, with a base of 0, and of a direction."""
+    if difference.delta is None or not difference.base or is_direction(difference.name):
+        return None
+    return 100.0 * difference.delta / abs(difference.base)
+
+
+def sentence(comparison: Comparison) -> str:
+    """Return what a comparison comes to, in one sentence: the answer, the base, and why."""
+    answer = comparison.answer.capitalize()
+    if comparison.answer is Answer.MAY and comparison.chosen:
+        answer += " as far as the chosen tests tell"
+    worse = {entry(each) for each in comparison.of(Change.WORSE)} if comparison.evaluated else set()
+    parts = [
+        _named("failed: ", [each for each in comparison.failed if each not in worse]),
+        _of_obstacles(comparison), _named("not judged: ", comparison.unjudged), *_counts(comparison),
+    ]
+    return f"{answer} (against {comparison.base.file}): {'; '.join(filter(None, parts)) or 'nothing measured'}."
+
+
+def counted_by(models: Iterable[str]) -> str:
+    """Return what counted the cycles that are shown; empty where there are none.
+
+    Examples
+    --------
+    >>> counted_by(["silicon-dwt", "", "cortex-m4-trm/1@sram", "silicon-dwt"])
+    'cycles counted by cortex-m4-trm/1@sram and silicon-dwt'
+    """
+    names = model_names(models)
+    return f"cycles counted by {names}" if names else ""
+
+
+def model_names(models: Iterable[str]) -> str:
+    """Return each cycle model once, empty where there are none."""
+    return " and ".join(sorted(set(filter(None, models))))
+
+
+def models_shown(comparison: Comparison) -> set[str]:
+    """Return the cycle models of all cycles that a comparison shows: what changed, and what is out of its limit."""
+    return {
+        each.cycle_model for each in comparison.differences if each.change in SHOWN or each.outcome == Outcome.FAIL
+    }
+
+
+def on_seeds(seeds: Sequence[Seed]) -> str:
+    """Return which seeds something is on."""
+    return f" on seed {listed([str(each) for each in seeds], _SEEDS_AT_MOST)}"
+
+
+def shown(comparison: Comparison) -> list[tuple[Change, tuple[Difference, ...]]]:
+    """Return the groups that are shown, in the order to show them, without empty ones."""
+    groups = [(change, comparison.of(change)) for change in SHOWN]
+    return [(change, found) for change, found in groups if found]
+
+
+def percent(value: float) -> str:
+    """Return two digits of it, or all before the point; beyond a thousand that it is."""
+    if abs(value) > _MOST_PERCENT or not math.isfinite(value):
+        return f"beyond {_signed(math.copysign(_MOST_PERCENT, value))} %"
+    return f"{value:+.2g} %" if abs(value) < 99.5 else f"{_signed(round(value))} %"
+
+
+def _of_obstacles(comparison: Comparison) -> str:
+    if not comparison.obstacles:
+        return ""
+    more = len(comparison.obstacles) - 1
+    others = f" (and {more} more reason{'s' * (more > 1)})" if more else ""
+    not_compared = "" if comparison.answer is Answer.UNKNOWN else "not compared: "
+    return f"{not_compared}{comparison.obstacles[0].rstrip('.')}{others}"
+
+
+def _counts(comparison: Comparison) -> list[str]:
+    """Return how many measurements there are of each change, and name the first that got worse and better."""
+    # What is gone is among the reasons then.
+    without = () if comparison.evaluated else (Change.GONE,)
+    found = {each: comparison.of(each) for each in (*SHOWN, Change.NOT_TAKEN, Change.UNCHANGED) if each not in without}
+    counts = [_counted(change, each) for change, each in found.items() if each]
+    return [f"apart from that {counts[0]}", *counts[1:]] if comparison.obstacles and counts else counts
+
+
+def _counted(change: Change, found: Sequence[Difference]) -> str:
+    count = f"{len(found)} {change}"
+    return _named(f"{count}: ", [entry(each) for each in found]) if change in (Change.WORSE, Change.BETTER) else count
+
+
+def _named(before: str, texts: Sequence[str]) -> str:
+    return f"{before}{listed(texts, _NAMED_AT_MOST)}" if texts else ""
+
+
+def _signed(value: float) -> str:
+    return f"{'+' if value >= 0 else '-'}{readable(abs(value))}"
+
+
+def _in_words(unit: str) -> str:
+    return "cycles" if unit == "cycle" else unit
+
+
+def _limit(difference: Difference) -> str:
+    return "" if difference.limit is None else f"limit {difference.limit}"
+
+
+def how_to_keep(comparison: Comparison, run: str, options: str | None = None) -> str:
+    """Return the command that moves what got better into the base, in one line.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    run : str
+        Where the new run is, as one would type it.
+    options : str, optional
+        What makes ``hiltest run`` run the same on other seeds, as one would type it; None where that is not known: a
+        record does not say which files were named.
+
+    Returns
+    -------
+    str
+        Empty where nothing got better, the change is not to be merged, or the base is an older firmware's ELF: the
+        next one is then judged against this one's.
+    """
+    better = comparison.of(Change.BETTER)
+    if not better or comparison.answer is not Answer.MAY or comparison.base_kind is BaseKind.TOGETHER:
+        return ""
+    count = f"{len(better)} better; keep {'them' if len(better) > 1 else 'it'}: "
+    if comparison.base_kind is BaseKind.RUN:
+        save = f"{count}hiltest baseline save {quote(run)} FILE, and --baseline FILE from then on"
+        return "" if comparison.chosen else save
+    first, of = _all_seeds(comparison, run, options)
+    names = " ".join(f"--accept {quote(each.name)}" for each in better)
+    return f"{count}{first}hiltest baseline update {quote(comparison.base.file)} {of} {names} --because TEXT"
+
+
+def _all_seeds(comparison: Comparison, run: str, options: str | None) -> tuple[str, str]:
+    """Return what to run first where a seed of the baseline is missing, and where what is accepted lies then.
+
+    A mean over some of the seeds says nothing. The campaign gets a folder of its own: in the run's it would take the
+    place of what was just judged.
+    """
+    seeds = comparison.base.seeds
+    if not set(seeds) - set(comparison.new.seeds):
+        return "", quote(run)
+    as_before, out = ("OPTIONS", "DIR") if options is None else (options, quote(str(PurePath(run) / "seeds")))
+    command = " ".join(filter(None, ("hiltest run", as_before, f"--seeds {min(seeds)}..{max(seeds)} --out {out}")))
+    what = "run its seeds" if options is not None else f"run its seeds with the OPTIONS that {quote(run)} was run with"
+    return f"{what}, {command}, then ", out

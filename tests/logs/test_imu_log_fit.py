@@ -1,0 +1,221 @@
+"""What is found in a log of an IMU, what it is worth, and what is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hiltest.calibration.still_pose import Face
+from hiltest.logs import AccelerationUnit, ImuLog, RateUnit, found_intervals, read_imu_log
+from hiltest.logs.imu_fit import ImuLogFit, fit_imu_log
+
+from .recording import (
+    ACCELEROMETER,
+    FACES,
+    GYROSCOPE,
+    RATE_HZ,
+    Reals,
+    Recording,
+    Sensor,
+    many_poses,
+    six_faces_and_turns,
+)
+
+G, DPS = (AccelerationUnit.G, RateUnit.DPS)
+COUNTS = (AccelerationUnit.COUNTS, RateUnit.COUNTS)
+
+
+def log_of(acceleration: Reals, rate: Reals | None, units: tuple[AccelerationUnit, RateUnit] = (G, DPS)) -> ImuLog:
+    return ImuLog(("made up",), np.arange(len(acceleration)) / RATE_HZ, acceleration, rate, *units)
+
+
+def fitted(recording: Recording, accelerometer: Sensor = ACCELEROMETER, gyroscope: Sensor = GYROSCOPE,
+           units: tuple[AccelerationUnit, RateUnit] = (G, DPS), **options: float) -> ImuLogFit:
+    log = log_of(*recording.readings(accelerometer, gyroscope), units)
+    return fit_imu_log(log, found_intervals(log), **options)
+
+
+def errors(fit: ImuLogFit, accelerometer: Sensor = ACCELEROMETER, gyroscope: Sensor = GYROSCOPE) -> tuple[float, float]:
+    """Return the largest element by which each calibration, behind its sensor, differs from the identity."""
+    assert fit.accelerometer.fit is not None, fit.accelerometer.refused
+    assert fit.gyroscope is not None
+    assert fit.gyroscope.fit is not None, fit.gyroscope.refused
+    left = (fit.accelerometer.fit.gain @ accelerometer.response, fit.gyroscope.fit.matrix @ gyroscope.response)
+    return tuple(float(np.abs(each - np.eye(3)).max()) for each in left)  # type: ignore[return-value]
+
+
+def test_rests_are_found_where_they_are() -> None:
+    recording = Recording().rest(3.0).lay([0, 1, 0], 1.5).rest(4.0).turn(360.0, 6.0).rest(2.0)
+    log = log_of(*recording.readings())
+    rests = found_intervals(log).rests
+    wanted = [(0, 300), (450, 850), (1450, 1650)]
+    # A move begins and ends slowly: up to a third of a second of it is not told from noise.
+    assert [(rest.start, rest.end) for rest in rests] == [
+        (pytest.approx(start, abs=35), pytest.approx(end, abs=35)) for start, end in wanted
+    ]
+
+
+def test_six_faces_and_three_turns_calibrate_both_sensors() -> None:
+    fit = fitted(six_faces_and_turns())
+    assert fit.accelerometer.method == "six-position"
+    assert len(fit.accelerometer.faces) == 6
+    accelerometer_error, gyroscope_error = errors(fit)
+    # Noise of 1.5 mg over 300 samples and six faces is 0.06 mg; a rest that holds 0.3 s of a slow start, 1 mg.
+    assert accelerometer_error < 0.001
+    assert np.abs(fit.accelerometer.fit.offset - ACCELEROMETER.bias).max() < 0.001  # type: ignore[union-attr]
+    # 0.05 deg/s over 5 s of samples: 0.01 degrees of 360, and 0.003 deg/s of the bias beside it: 0.015 degrees.
+    assert gyroscope_error < 0.001
+    assert fit.gyroscope is not None
+    assert np.abs(fit.gyroscope.bias - GYROSCOPE.bias).max() < 0.02
+    assert [turn.turned_deg for turn in fit.gyroscope.turns] == [360.0, 360.0, 360.0, -360.0]
+    assert max(turn.left_deg for turn in fit.gyroscope.turns) < 0.2
+    assert fit.complete
+
+
+def test_rows_of_one_sensor_each_calibrate_as_well(tmp_path: Path) -> None:
+    """As `hiltest log` writes both: every sample of the gyroscope, the accelerometer's in bursts with pauses."""
+    acceleration, rate = six_faces_and_turns().readings()
+    lines = ["time_s,gyr_x_dps,gyr_y_dps,gyr_z_dps,acc_x_g,acc_y_g,acc_z_g"]
+    for k, (felt, turned) in enumerate(zip(acceleration.tolist(), rate.tolist(), strict=True)):
+        if k % 8 < 5:
+            lines.append(f"{k / RATE_HZ:.6f},,,,{felt[0]:.9g},{felt[1]:.9g},{felt[2]:.9g}")
+        lines.append(f"{k / RATE_HZ + 0.002:.6f},{turned[0]:.9g},{turned[1]:.9g},{turned[2]:.9g},,,")
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    log = read_imu_log(path)
+    fit = fit_imu_log(log, found_intervals(log))
+    assert max(errors(fit)) < 0.001  # as with both in a row
+    assert fit.complete
+
+
+def test_without_noise_it_is_exact() -> None:
+    """What is left is the beginning of a move that looks like rest: none is within a bit of it."""
+    recording = six_faces_and_turns()
+    accelerometer, gyroscope = replace(ACCELEROMETER, noise=0.0), replace(GYROSCOPE, noise=0.0)
+    fit = fitted(recording, accelerometer, gyroscope)
+    assert max(errors(fit, accelerometer, gyroscope)) < 1e-9
+    assert fit.accelerometer.spread_after_percent < 1e-9
+    assert fit.accelerometer.spread_before_percent > 1.0
+
+
+def test_counts_about_any_zero_calibrate_as_well() -> None:
+    """As a converter gives them: the zero in the middle of 16 bits, scales that nobody says."""
+    accelerometer = Sensor(4100.0 * ACCELEROMETER.response, 32768.0 + 300.0 * ACCELEROMETER.bias, 6.0)
+    gyroscope = Sensor(16.0 * GYROSCOPE.response, 32768.0 + GYROSCOPE.bias, 0.8)
+    fit = fitted(six_faces_and_turns(), accelerometer, gyroscope, COUNTS)
+    assert max(errors(fit, accelerometer, gyroscope)) < 0.001
+
+
+def test_what_counts_were_turned_by_is_said() -> None:
+    recording = Recording()
+    for face in FACES:
+        recording.lay(face).rest().turn(720.0, 8.0).rest()
+    gyroscope = Sensor(16.0 * GYROSCOPE.response, GYROSCOPE.bias, 0.8)
+    units = (G, RateUnit.COUNTS)
+    right, wrong = (fitted(recording, ACCELEROMETER, gyroscope, units, turn_deg=each) for each in (720.0, 360.0))
+    assert errors(right, ACCELEROMETER, gyroscope)[1] < 0.001
+    assert errors(wrong, ACCELEROMETER, gyroscope)[1] == pytest.approx(0.5, abs=0.01)
+    # In degrees a second it tells by itself how many turns it were.
+    assert errors(fitted(recording))[1] < 0.001
+
+
+def test_many_poses_leave_the_norm_of_gravity_and_not_its_axes() -> None:
+    symmetric = (ACCELEROMETER.response + ACCELEROMETER.response.T) / 2.0
+    accelerometer = replace(ACCELEROMETER, response=symmetric)
+    fit = fitted(many_poses(), accelerometer)
+    assert fit.accelerometer.method == "ellipsoid"
+    assert fit.accelerometer.rests == 24
+    assert fit.accelerometer.spread_after_percent < 0.05 < 1.0 < fit.accelerometer.spread_before_percent
+    assert fit.accelerometer.fit is not None
+    assert np.abs(fit.accelerometer.fit.gain @ symmetric - np.eye(3)).max() < 0.002
+    # Nothing was turned about the vertical.
+    assert fit.gyroscope is not None
+    assert fit.gyroscope.fit is None
+    assert "fewer than three" in fit.gyroscope.refused
+    assert np.abs(fit.gyroscope.bias - GYROSCOPE.bias).max() < 0.02
+    assert not fit.complete
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_wrong_scale_of_one_axis_is_seen_in_that_axis(axis: int) -> None:
+    """Both sensors read 4 % more on one axis than the truth that they are judged by: each must show it there alone."""
+    off = np.eye(3)
+    off[axis, axis] = 1.04
+    wrong = [replace(each, response=off @ each.response) for each in (ACCELEROMETER, GYROSCOPE)]
+    fit = fitted(six_faces_and_turns(), *wrong)
+    assert fit.accelerometer.fit is not None
+    assert fit.gyroscope is not None
+    assert fit.gyroscope.fit is not None
+    for found, sensor in ((fit.accelerometer.fit.gain, ACCELEROMETER), (fit.gyroscope.fit.matrix, GYROSCOPE)):
+        left = found @ off @ sensor.response
+        assert np.abs(left - np.eye(3)).max() < 0.001
+        assert np.abs(found @ sensor.response - np.eye(3)).max() == pytest.approx(1.0 - 1.0 / 1.04, abs=0.002)
+
+
+def test_missing_faces_are_named() -> None:
+    recording = Recording()
+    for face in (*FACES[:3], *FACES[4:]):
+        recording.lay(face).rest()
+    log = log_of(*recording.readings())
+    fit = fit_imu_log(log, found_intervals(log), "six-position")
+    assert fit.accelerometer.refused == "no rest on -y: lay it down on all six faces, or use --method ellipsoid"
+    assert Face.MINUS_Y not in fit.accelerometer.faces
+    assert fit.gyroscope is not None
+    assert fit.gyroscope.fit is None
+    assert "without an accelerometer" in fit.gyroscope.refused
+    assert "fewer than 9 rests" in fit_imu_log(log, found_intervals(log)).accelerometer.refused
+
+
+def test_turns_that_are_none_are_refused_with_the_reason() -> None:
+    recording = six_faces_and_turns().turn(270.0).rest().turn(360.0, about=np.array([1.0, 0.0, 0.0])).rest()
+    turns = fitted(recording).gyroscope.turns  # type: ignore[union-attr]
+    assert [turn.refused for turn in turns] == [
+        "", "", "", "", "0.76 of a turn of 360 degrees", "not about the vertical"  # its scale is 1.5 % too large
+    ]
+
+
+def test_turns_in_one_plane_do_not_determine_a_matrix() -> None:
+    recording = Recording()
+    for face in FACES:
+        recording.lay(face).rest()
+    for face in ([1, 0, 0], [0, 1, 0], [-1, 0, 0]):
+        recording.lay(face).rest().turn(360.0).rest()
+    fit = fitted(recording)
+    assert fit.gyroscope is not None
+    assert fit.gyroscope.fit is None
+    assert "one plane" in fit.gyroscope.refused
+
+
+def test_a_slow_even_turn_is_no_rest() -> None:
+    """Its readings hardly scatter; its rate is not that of the rests."""
+    recording = Recording().rest(5.0).turn(72.0, 8.0).rest(5.0)
+    recording.rate[1] = np.tile([9.0, 0.0, 0.0], (800, 1))
+    rests = found_intervals(log_of(*recording.readings())).rests
+    assert [(rest.start, rest.end) for rest in rests] == [(0, 500), (1300, 1800)]
+
+
+def test_a_log_that_never_rests_has_no_rest() -> None:
+    recording = Recording()
+    for up in np.random.default_rng(3).normal(size=(20, 3)):
+        recording.lay(up, 1.0)
+    fit = fitted(recording)
+    assert fit.intervals.rests == ()
+    assert fit.accelerometer.refused == "no rest of a second was found"
+    assert fit.gyroscope is None
+    in_counts = log_of(*(1000.0 * each for each in recording.readings()), COUNTS)
+    assert found_intervals(in_counts).rests == ()
+
+
+def test_samples_that_are_missing_in_a_turn_refuse_it() -> None:
+    recording = six_faces_and_turns()
+    log = log_of(*recording.readings())
+    whole = fit_imu_log(log, found_intervals(log)).gyroscope
+    assert whole is not None
+    middle = round(RATE_HZ * (whole.turns[0].start_s + whole.turns[0].end_s) / 2.0)
+    kept = np.r_[0:middle, middle + 50 : len(log.time_s)]
+    cut = replace(log, time_s=log.time_s[kept], acceleration=log.acceleration[kept], rate=log.rate[kept])  # type: ignore[index]
+    turns = fit_imu_log(cut, found_intervals(cut)).gyroscope.turns  # type: ignore[union-attr]
+    assert [turn.refused for turn in turns] == ["samples are missing in it", "", "", ""]

@@ -1,0 +1,140 @@
+"""Logs of rates from all sorts of files: what they mean is found, and what is wrong is refused by row."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hiltest.commands.options import RATE_UNITS
+from hiltest.errors import ConfigError
+from hiltest.logs.columns import seconds_of
+from hiltest.logs.rate_log import read_rate_log
+from hiltest.logs.units import DEGREES_PER_SECOND, RATE_WORDS, RateUnit
+
+
+def written(folder: Path, *lines: str) -> Path:
+    path = folder / "log.csv"
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def test_a_log_of_hiltest_s_own(tmp_path: Path) -> None:
+    log = read_rate_log(written(
+        tmp_path, "# hiltest log", "time_s,gyroscope_x_dps,gyroscope_y_dps,gyroscope_z_dps,temperature_degc",
+        "0.5,1.5,-2,1,25", "0.505,1.25,-2,1,25", "0.51,1,-2.5,1,26",
+    ))  # fmt: skip
+    assert (log.unit, log.columns) == (RateUnit.DPS, ("gyroscope_x_dps", "gyroscope_y_dps", "gyroscope_z_dps"))
+    assert log.rates.tolist() == [[1.5, -2.0, 1.0], [1.25, -2.0, 1.0], [1.0, -2.5, 1.0]]
+    assert (log.rate_hz, log.rows, log.gaps) == (pytest.approx(200.0), 3, 0)
+
+
+def test_rows_of_other_sensors_are_passed_over(tmp_path: Path) -> None:
+    log = read_rate_log(written(
+        tmp_path, "time_s,gyroscope_x_dps,gyroscope_y_dps,gyroscope_z_dps,magnetometer_x_uT",
+        "0.0,1,2,3,", "0.003,,,,25.5", "0.005,4,5,6,",
+    ))  # fmt: skip
+    assert log.rates.tolist() == [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
+    assert log.rate_hz == pytest.approx(200.0)
+
+
+@pytest.mark.parametrize(
+    ("header", "row", "factor"),
+    [
+        ("time,gx [deg/s],gy [deg/s],gz [deg/s]", "{t},1,2,3", 1.0),
+        ("timestamp_ms;gyro.x (rad/s);gyro.y (rad/s);gyro.z (rad/s)", "{ms};1;2;3", 180.0 / np.pi),
+        ("t\trate_x_mdps\trate_y_mdps\trate_z_mdps", "{t}\t1\t2\t3", 1e-3),
+        ("Time [us],Gyroscope X (deg/h),Gyroscope Y (deg/h),Gyroscope Z (deg/h)", "{us},1,2,3", 1.0 / 3600.0),
+    ],
+)
+def test_foreign_headers_are_understood(tmp_path: Path, header: str, row: str, factor: float) -> None:
+    rows = [row.format(t=0.01 * k, ms=10.0 * k, us=10_000 * k) for k in range(5)]
+    columns = "2,3,4" if "gx" in header else None
+    log = read_rate_log(written(tmp_path, header, *rows), columns=columns)
+    assert log.rates[0] == pytest.approx(factor * np.array([1.0, 2.0, 3.0]))
+    assert log.rate_hz == pytest.approx(100.0)
+
+
+def test_columns_units_and_rate_can_be_said(tmp_path: Path) -> None:
+    path = written(tmp_path, "7 1 100", "8 2 200", "9 3 300")
+    log = read_rate_log(path, columns="3,2", unit=RateUnit.COUNTS, rate_hz=50.0)
+    assert (log.rates.tolist(), log.in_degrees) == ([[100.0, 1.0], [200.0, 2.0], [300.0, 3.0]], False)
+    assert log.rate_hz == 50.0
+    assert read_rate_log(path, columns="2", unit=RateUnit.DPS, time="1").rate_hz == 1.0
+
+
+def test_of_a_log_with_gaps_the_longest_part_is_taken(tmp_path: Path) -> None:
+    times = [0.0, 0.01, 0.02, 1.0, 1.01, 1.02, 1.03, 1.04, 3.0, 3.01]
+    lines = [f"{time},{index}" for index, time in enumerate(times)]
+    log = read_rate_log(written(tmp_path, "time_s,gyro_z_dps", *lines), columns="gyro_z_dps")
+    assert (log.rates[:, 0].tolist(), log.rows, log.gaps) == ([3.0, 4.0, 5.0, 6.0, 7.0], 10, 2)
+    assert log.rate_hz == pytest.approx(100.0)
+
+
+HEADER = "time_s,gyro_x_dps,gyro_y_dps,gyro_z_dps"
+
+
+@pytest.mark.parametrize(
+    ("lines", "complaint"),
+    [
+        ([], "the file is empty"),
+        ([HEADER], "no row has numbers in the columns gyro_x_dps, gyro_y_dps, gyro_z_dps"),
+        ([HEADER, "0,1,2,3", "0.1,1,2"], r":3: 3 cells where the table has 4 columns"),
+        ([HEADER, "0,1,2,3", "0.1,1,x,3"], r":3: column gyro_y_dps: 'x' is not a number"),
+        ([HEADER, "0,1,2,3", "0.1,1,nan,3"], r":3: column gyro_y_dps: 'nan' is not a number"),
+        ([HEADER, "0,1,2,3", "0.1,1,,3"], r":3: column gyro_y_dps: '' is not a number"),
+        ([HEADER, "0,1,2,3", "0.1,1,1e12,3"], r":3: column gyro_y_dps: '1e12' is no reading of a gyroscope"),
+        ([HEADER, "0,1,2,1_000"], r":2: column gyro_z_dps: '1_000' is not a number"),
+        ([HEADER, "0,1,2,3", "0.0,1,2,3"], r":3: the time 0 is not after the one before, 0"),
+        ([HEADER, "0.2,1,2,3", "0.1,1,2,3"], r":3: the time 0.1 is not after the one before, 0.2"),
+        ([HEADER, "0,1,2,3", "soon,1,2,3"], r":3: column time: 'soon' is not a number"),
+        ([HEADER.replace(",", ";"), "0;1;2;3", "0,1;1;2;3"], r":3: column time: '0,1' .* need a point, not a comma"),
+        ([HEADER, "0,1,2,3\0"], r":2: a zero byte"),
+        (["time_s,mag_x,mag_y,mag_z", "0,1,2,3"], r"cannot tell which columns are the gyroscope"),
+        (["0,1,2,3"], r"cannot tell which columns are the gyroscope \(without a header\); say which: --columns 2,3,4"),
+        (["time_s,gyro_x,gyro_y,gyro_z", "0,1,2,3"], r"name no unit; say it: --unit deg/s or"),
+        (["time_s,gyro_x_dps,gyro_y_mdps,gyro_z_dps", "0,1,2,3"], r"name different units"),
+        (["gyro_x_dps,gyro_y_dps,gyro_z_dps", "1,2,3"], r"no column is called time.*--rate HZ"),
+        ([HEADER, "-1e300,1,2,3", "1e300,1,2,4"], r":2: column time: '-1e300' is no time"),
+        ([HEADER, "0,1,2,3", "1e15,1,2,4"], r"samples are 1e\+15 s apart by the column of time; give --rate, or name"),
+        ([HEADER, "0,1,2,3", "5e-324,1,2,4"], r"samples are 4.94066e-324 s apart by the column of time"),
+    ],
+)
+def test_what_is_wrong_is_refused_by_row(tmp_path: Path, lines: list[str], complaint: str) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    with pytest.raises(ConfigError, match=f"log.csv.*{complaint}" if lines else complaint):
+        read_rate_log(path)
+
+
+@pytest.mark.parametrize(
+    ("columns", "complaint"),
+    [("1,2,3,4", "one to three different columns"), ("2,2", "different columns"), ("2,9", "no column '9'"),
+     ("1,2", "is given as time and as a rate")],
+)  # fmt: skip
+def test_columns_that_cannot_be_are_refused(tmp_path: Path, columns: str, complaint: str) -> None:
+    with pytest.raises(ConfigError, match=complaint):
+        read_rate_log(written(tmp_path, HEADER, "0,1,2,3"), columns=columns)
+
+
+def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"nosuch\.csv"):
+        read_rate_log(tmp_path / "nosuch.csv")
+
+
+def test_every_unit_of_a_rate_can_be_said_and_has_its_scale() -> None:
+    assert {RATE_WORDS[word] for word in RATE_UNITS} == set(RateUnit) == set(DEGREES_PER_SECOND)
+    assert all(RATE_WORDS[unit] is unit for unit in RateUnit), "what messages and files say is read again"
+
+
+@pytest.mark.parametrize(
+    ("header", "seconds"),
+    [
+        ("time", 1.0), ("Time_s", 1.0), ("seconds", 1.0), ("t [sec]", 1.0), ("timestamp.ms", 1e-3), ("t(us)", 1e-6),
+        ("time_\N{MICRO SIGN}s", 1e-6), ("time_\N{GREEK SMALL LETTER MU}s", 1e-6), ("Timestamp (NS)", 1e-9),
+        ("temperature", None), ("time_of_flight", None), ("gyro_t", None), ("", None),
+    ],
+)
+def test_a_column_of_time_is_known_by_its_name(header: str, seconds: float | None) -> None:
+    assert seconds_of(header) == seconds

@@ -1,0 +1,179 @@
+"""Reading a cloud: every common way of writing a table, and files that are none."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hiltest.errors import ConfigError
+from hiltest.logs import Cloud, Unit, read_cloud, samples
+
+_NUMBERS = [[1.5, -2.0, 3.0], [4.0, 5.0, -6.25]]
+
+
+def _read(folder: Path, content: str | bytes, **how: object) -> Cloud:
+    path = folder / "cloud.csv"
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return read_cloud(path, **how)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "1.5,-2,3\n4,5,-6.25\n",
+        "1.5, -2, 3\n4, 5, -6.25",
+        "1.5;-2;3\r\n4;5;-6.25\r\n",
+        "1.5\t-2\t3\n4\t5\t-6.25\n",
+        "  1.5  -2 3\n4 5   -6.25  \n",
+        "\ufeffx,y,z\n1.5,-2,3\n4,5,-6.25\n",
+        "# made by hand\n\n% and more\nx y z\n1.5 -2 3\n// a remark\n4 5 -6.25\n",
+        '"x","y","z"\n"1.5","-2","3"\n"4","5","-6.25"\n',
+        "mx,my,mz\n1.5,-2.0e0,+3\n4,5,-.625e1\n",
+        "z,t,y,x\n3,0,-2,1.5\n-6.25,1,5,4\n",
+        "t,ax,ay,az,mx,my,mz,gx,gy,gz\n0,9,9,9,1.5,-2,3,9,9,9\n1,9,9,9,4,5,-6.25,9,9,9\n",
+        "Time (s);Magnetometer X (µT);Magnetometer Y (µT);Magnetometer Z (µT)\n0;1.5;-2;3\n1;4;5;-6.25\n",
+        "acc_x,acc_y,acc_z,MAG_X,MAG_Y,MAG_Z\n0,0,1,1.5,-2,3\n0,0,1,4,5,-6.25\n",
+        "x_mag,y_mag,z_mag,x_acc,y_acc,z_acc\n1.5,-2,3,0,0,1\n4,5,-6.25,0,0,1\n",
+        "imu.magnetic_field.x imu.magnetic_field.y imu.magnetic_field.z w\n1.5 -2 3 0\n4 5 -6.25 0\n",
+        "# t,mx,my,mz\n0,1.5,-2,3\n1,4,5,-6.25\n",
+    ],
+)
+def test_a_table_is_read_however_it_is_written(tmp_path: Path, text: str) -> None:
+    cloud = _read(tmp_path, text)
+    np.testing.assert_array_equal(cloud.points, _NUMBERS)
+    assert cloud.skipped == 0
+
+
+@pytest.mark.parametrize(
+    ("columns", "names"),
+    [("b,c,a", ("b", "c", "a")), ("2, 3, 1", ("b", "c", "a")), ("B,c,1", ("b", "c", "a")),
+     ('"b","c",a', ("b", "c", "a"))],
+)  # fmt: skip
+def test_columns_are_chosen_by_name_or_number(tmp_path: Path, columns: str, names: tuple[str, ...]) -> None:
+    cloud = _read(tmp_path, "a,b,c,d\n3,1.5,-2,0\n-6.25,4,5,0\n", columns=columns)
+    np.testing.assert_array_equal(cloud.points, _NUMBERS)
+    assert cloud.columns == names
+
+
+@pytest.mark.parametrize(
+    ("header", "unit", "said"),
+    [
+        ("mx_uT,my_uT,mz_uT", Unit.UT, "header"),
+        ("mag x [gauss],mag y [gauss],mag z [gauss]", Unit.GAUSS, "header"),
+        ("Magnetometer X (µT),Magnetometer Y (µT),Magnetometer Z (µT)", Unit.UT, "header"),
+        ("mx (G),my (G),mz (G)", Unit.GAUSS, "header"),
+        ("Mag X_G,Mag Y_G,Mag Z_G", Unit.GAUSS, "header"),
+        ("mx_lsb,my_lsb,mz_lsb", Unit.COUNTS, "header"),
+        ("mx,my,mz", Unit.COUNTS, "assumed"),
+    ],
+)
+def test_the_unit_is_what_the_header_says(tmp_path: Path, header: str, unit: Unit, said: str) -> None:
+    cloud = _read(tmp_path, f"{header}\n1,2,3\n")
+    assert (cloud.unit, cloud.unit_from) == (unit, said)
+    cloud = _read(tmp_path, f"{header}\n1,2,3\n", unit=Unit.GAUSS)
+    assert (cloud.unit, cloud.unit_from) == (Unit.GAUSS, "option")
+
+
+def test_rows_without_three_numbers_are_skipped_and_counted(tmp_path: Path) -> None:
+    cloud = _read(tmp_path, "t,mx,my,mz\n0,1.5,-2,3\n1,,,\n2,nan,1,1\n3,inf,1,1\n\n4,4,5,-6.25\n")
+    np.testing.assert_array_equal(cloud.points, _NUMBERS)
+    assert cloud.skipped == 3
+
+
+def test_repeated_readings_are_counted(tmp_path: Path) -> None:
+    assert _read(tmp_path, "1,2,3\n1,2,3\n1,2,4\n1,2,4\n1,2,3\n").repeated == 2
+
+
+@pytest.mark.parametrize(
+    ("content", "how", "complaint"),
+    [
+        ("", {}, "cloud.csv: the file is empty"),
+        ("# nothing\n", {}, "cloud.csv: the file is empty"),
+        ("mx,my,mz\n", {}, "cloud.csv: no row has three numbers in the columns mx, my, mz"),
+        ("mx,my,mz\n,,\n", {}, "no row has three numbers"),
+        ("mx,my,mz\n1,2,3\n1,x,3\n", {}, "cloud.csv:3: column my: 'x' is not a number"),
+        ("mx;my;mz\n1,5;2;3\n", {}, "cloud.csv:2: column mx: '1,5' is not a number; decimals need a point"),
+        ("1,2,3\n1,2,1_000\n", {}, "cloud.csv:2: column 3: '1_000' is not a number"),
+        ("1,2,3\n1,2,1e300\n", {}, "cloud.csv:2: column 3: '1e300' is no magnetometer reading"),
+        ("1,2,3\n1,2\n", {}, "cloud.csv:2: 2 cells where the table has 3 columns; correct or delete the line"),
+        ("1,2,3\n1,\"2,3\n", {}, "cloud.csv:2: a quote is opened and not closed on the line"),
+        ("mx,my,mz\r1,2,3\r4,5,6\r", {}, "cloud.csv:1: carriage returns within the line; save with line ends LF"),
+        ("1,2,3,4\n", {}, "cannot tell which columns are the magnetometer: no header and 4 columns; say which"),
+        ("a,b,c,d\n1,2,3,4\n", {}, "the columns are a, b, c, d; say which with --columns"),
+        ("mag_x,mag_y,mag_z,compass_x,compass_y,compass_z\n1,2,3,4,5,6\n", {},
+         "choose --columns mag_x,mag_y,mag_z or --columns compass_x,compass_y,compass_z"),
+        ("ax,ay,az,gx,gy,gz\n1,2,3,4,5,6\n", {}, "choose --columns ax,ay,az or --columns gx,gy,gz"),
+        ("mx_nT,my_nT,mz_nT\n1,2,3\n", {}, "nt is not supported; convert to uT, or give --unit counts"),
+        ("mx_mG,my_mG,mz_mG\n1,2,3\n", {}, "mgauss is not supported; convert to uT"),
+        ("mx_uT,my_uT,mz_gauss\n1,2,3\n", {}, "different units"),
+        ("a,b,c\n1,2,3\n", {"columns": ""}, "0 columns; give three"),
+        ("a,b,c\n1,2,3\n", {"columns": "a,b"}, "--columns a,b: 2 columns; give three"),
+        ("a,b,c\n1,2,3\n", {"columns": "a,b,a"}, "a column is named twice"),
+        ("a,b,c\n1,2,3\n", {"columns": "a,b,e"}, "no column 'e' among 3; the columns are a, b, c"),
+        ("1,2,3\n", {"columns": "1,2,4"}, "no column '4' among 3"),
+        ("1,2,3\n", {"columns": "0,1,2"}, "no column '0' among 3"),
+        ("a,a,b,c\n1,2,3,4\n", {"columns": "a,b,c"}, "2 columns are called 'a'; give numbers from 1"),
+        (b"\x7fELF\x02\x01\x01\0\0\0", {}, "cloud.csv:1: a zero byte: this is a binary file"),
+        (b"mx,my,mz (\xb5T)\n1,2,3\n", {}, "cloud.csv:1: byte 0xb5 is not UTF-8; save the file as UTF-8"),
+        ("x,y,z\n1,2,3\n".encode("utf-16"), {}, "the file is UTF-16; save it as UTF-8"),
+        ("1" * 100_000, {}, "cloud.csv:1: the line is longer than 65536 bytes"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_said_with_file_line_and_column(
+    tmp_path: Path, content: str | bytes, how: dict[str, str], complaint: str
+) -> None:
+    with pytest.raises(ConfigError) as raised:
+        _read(tmp_path, content, **how)
+    assert complaint in str(raised.value)
+    assert "cloud.csv" in str(raised.value)
+
+
+def test_a_unit_that_is_not_supported_can_be_read_as_counts(tmp_path: Path) -> None:
+    assert _read(tmp_path, "mx_nT,my_nT,mz_nT\n1,2,3\n", unit=Unit.COUNTS).unit is Unit.COUNTS
+
+
+@pytest.mark.parametrize(("path", "complaint"), [("gone.csv", "No such file"), (".", "Is a directory")])
+def test_a_file_that_cannot_be_read_is_named(tmp_path: Path, path: str, complaint: str) -> None:
+    with pytest.raises(ConfigError, match=f"{path}: {complaint}"):
+        read_cloud(tmp_path / path)
+
+
+def test_a_device_without_end_is_refused_at_once() -> None:
+    with pytest.raises(ConfigError, match="/dev/zero:1: a zero byte"):
+        read_cloud(Path("/dev/zero"))
+
+
+def test_too_many_readings_are_refused_before_they_fill_the_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(samples, "MAX_ROWS", 10)
+    assert len(_read(tmp_path, "1,2,3\n" * 10).points) == 10
+    with pytest.raises(ConfigError, match="more than 10 readings; keep every tenth line"):
+        _read(tmp_path, "1,2,3\n" * 11)
+
+
+@given(st.binary(max_size=300))
+def test_no_bytes_do_more_than_be_refused(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> None:
+    path = tmp_path_factory.getbasetemp() / "any.csv"
+    path.write_bytes(content)
+    with suppress(ConfigError):
+        assert np.isfinite(read_cloud(path).points).all()
+
+
+@given(
+    st.lists(
+        st.text(st.sampled_from('0123456789.-+eE,;\t" #%/naifx'), max_size=20), min_size=1, max_size=8
+    )
+)  # fmt: skip
+def test_no_text_of_numbers_and_separators_does_either(
+    tmp_path_factory: pytest.TempPathFactory, lines: list[str]
+) -> None:
+    path = tmp_path_factory.getbasetemp() / "text.csv"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    with suppress(ConfigError):
+        assert np.isfinite(read_cloud(path, columns="1,2,3").points).all()

@@ -1,0 +1,155 @@
+"""Calibrators over recorded clouds, on the virtual board and on the host."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hiltest.boards import Board
+from hiltest.calibration import FitStatus
+from hiltest.calibration.acceptance import Acceptance
+from hiltest.calibration.quality import sphere_directions
+from hiltest.errors import ConfigError
+from hiltest.logs import Cloud, Unit
+from hiltest.logs.sample_fit import MOST_POINTS, CloudFit, fit_on_board, fit_on_host
+from hiltest.procedures.clouds import golden_cloud
+from hiltest.world.instances import instance
+
+_GOLDEN = sorted((Path(__file__).parents[2] / "fixtures" / "clouds").glob("*.json"))
+
+
+def _cloud(points_ut: np.ndarray, unit: Unit = Unit.UT) -> Cloud:
+    return Cloud(Path("cloud.csv"), np.asarray(points_ut, dtype=float), unit, "option", ("x", "y", "z"), 0)
+
+
+def _drawn(seed: int, count: int, covered: float, noise_ut: float) -> Cloud:
+    drawn = instance(
+        seed, count, noise_ut=noise_ut, stretch=0.03, largest_hard_iron_ut=100.0, covered=(covered, covered)
+    )
+    return _cloud(drawn.points_counts / 10.0)
+
+
+def _verdicts(fit: CloudFit) -> dict[str, Acceptance]:
+    """Return the verdicts of the two calibrators that firmware and host both have."""
+    return {each.name: each.verdict for each in fit.calibrators if each.name in ("direct", "iterative")}
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("count", [361, 1000, 7000])
+@pytest.mark.parametrize(
+    ("covered", "noise_ut", "verdict"),
+    [
+        (1.0, 0.4, Acceptance.GOOD), (0.75, 0.4, Acceptance.GOOD),
+        (0.55, 0.4, Acceptance.POOR), (1.0, 2.0, Acceptance.POOR),
+        (0.2, 0.4, Acceptance.REFUSED), (0.1, 0.1, Acceptance.REFUSED),
+    ],
+)  # fmt: skip
+def test_the_board_s_verdict_is_that_of_the_whole_file_on_the_host(
+    virtual_board: Board, seed: int, count: int, covered: float, noise_ut: float, verdict: Acceptance
+) -> None:
+    """Clouds whose figures are not at a threshold; one that is can fall on either side of it."""
+    cloud = _drawn(seed, count, covered, noise_ut)
+    thinned, whole = fit_on_board(virtual_board, cloud), fit_on_host(cloud)
+    assert {each.n_used for each in thinned.calibrators} == {MOST_POINTS}
+    assert {each.n_used for each in whole.calibrators} == {count}
+    assert _verdicts(thinned) == _verdicts(whole) == dict.fromkeys(["direct", "iterative"], verdict)
+
+
+@pytest.mark.parametrize("path", _GOLDEN, ids=lambda path: path.stem)
+def test_golden_clouds_get_the_same_verdict_and_reasons_on_both(virtual_board: Board, path: Path) -> None:
+    points = np.array(json.loads(path.read_text(encoding="utf-8"))["points"], dtype=float)
+    cloud = _cloud(points, Unit.COUNTS)
+    on_board, on_host = fit_on_board(virtual_board, cloud), fit_on_host(cloud)
+    for reference in on_host.calibrators:
+        (fitted,) = (each for each in on_board.calibrators if each.name == reference.name)
+        assert [each.figure for each in fitted.reasons] == [each.figure for each in reference.reasons]
+        assert fitted.verdict is reference.verdict
+
+
+def test_board_and_host_find_the_same_calibration(virtual_board: Board) -> None:
+    cloud = _cloud(golden_cloud(300) / 10.0)
+    on_host = {each.name: each for each in fit_on_host(cloud).calibrators}
+    for fitted in fit_on_board(virtual_board, cloud).calibrators:
+        if fitted.name in on_host:
+            reference = on_host[fitted.name]
+            # float32 sums of 300 points: some 1e-5 of the radius.
+            np.testing.assert_allclose(fitted.hard_iron, reference.hard_iron, atol=1e-3)
+            np.testing.assert_allclose(fitted.soft_iron, reference.soft_iron, atol=2e-5)
+            assert fitted.cycles
+
+
+def test_a_symmetric_distortion_is_found_in_the_unit_of_the_file() -> None:
+    soft_iron = np.array([[1.05, 0.02, -0.01], [0.02, 0.97, 0.03], [-0.01, 0.03, 1.0]])
+    hard_iron = np.array([0.3, -0.2, 0.45])
+    readings = 0.5 * sphere_directions(200) @ soft_iron + hard_iron
+    (direct,) = fit_on_host(_cloud(readings, Unit.GAUSS), "direct").calibrators
+    np.testing.assert_allclose(direct.hard_iron, hard_iron, atol=1e-9)
+    scale = np.linalg.det(soft_iron) ** (1.0 / 3.0)
+    np.testing.assert_allclose(direct.soft_iron, np.linalg.inv(soft_iron) * scale, atol=1e-9)
+    assert direct.radius == pytest.approx(0.5 * scale, rel=1e-9)
+    assert direct.axis_ratio == pytest.approx(np.linalg.cond(soft_iron), rel=1e-9)
+    assert (direct.verdict, direct.coverage) == (Acceptance.GOOD, 1.0)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_tenth_of_the_sphere_is_refused_though_it_gives_an_ellipsoid(seed: int) -> None:
+    fit = fit_on_host(_drawn(seed, 200, 0.1, 0.1), "iterative")
+    (iterative,) = fit.calibrators
+    assert iterative.verdict is Acceptance.REFUSED
+    assert ("condition", Acceptance.REFUSED) in [(each.figure, each.verdict) for each in iterative.reasons]
+
+
+def test_a_sensor_at_rest_is_refused_whatever_the_unit() -> None:
+    ball = np.random.default_rng(1).normal(size=(300, 3)) * 4.0 + (100.0, -200.0, 300.0)
+    assert set(_verdicts(fit_on_host(_cloud(ball, Unit.COUNTS))).values()) == {Acceptance.REFUSED}
+
+
+def test_the_wrong_unit_is_refused_by_the_field_strength() -> None:
+    fit = fit_on_host(_cloud(golden_cloud(100).astype(float), Unit.UT), "direct")
+    (reason,) = fit.best.reasons
+    assert (reason.figure, reason.threshold, reason.verdict) == ("radius_ut", 70.0, Acceptance.REFUSED)
+    assert fit_on_host(_cloud(golden_cloud(100).astype(float), Unit.COUNTS), "direct").best.verdict is Acceptance.GOOD
+
+
+@pytest.mark.parametrize("count", [1, 3, 8])
+def test_too_few_points_are_refused_with_that_reason(virtual_board: Board, count: int) -> None:
+    cloud = _cloud(golden_cloud(100)[:count] / 10.0)
+    for fit in (fit_on_board(virtual_board, cloud), fit_on_host(cloud)):
+        assert set(_verdicts(fit).values()) == {Acceptance.REFUSED}
+        for each in fit.calibrators:
+            if each.name in _verdicts(fit):
+                assert (each.status, each.hard_iron) == ("too few points", None)
+
+
+def test_the_best_has_the_best_verdict_and_then_the_smallest_residual() -> None:
+    fit = fit_on_host(_cloud(golden_cloud(100) / 10.0))
+    assert fit.best.residual_percent == min(each.residual_percent or 100.0 for each in fit.calibrators)
+
+
+def test_an_unknown_calibrator_is_named_with_those_that_are_there(virtual_board: Board) -> None:
+    cloud = _cloud(golden_cloud(20) / 10.0)
+    with pytest.raises(ConfigError, match=r"the firmware has no calibrator 'kalman'; it has .*direct"):
+        fit_on_board(virtual_board, cloud, "kalman")
+    with pytest.raises(ConfigError, match="calibrator 'kalman' has no float64 reference"):
+        fit_on_host(cloud, "kalman")
+
+
+def test_what_was_done_to_the_cloud_is_told(virtual_board: Board) -> None:
+    points = np.repeat(golden_cloud(500)[::5] + 33_000.25, 5, axis=0)
+    cloud = Cloud(Path("cloud.csv"), points, Unit.COUNTS, "assumed", ("1", "2", "3"), 7)
+    notes = " ".join(fit_on_board(virtual_board, cloud).notes)
+    assert "taken as counts of unknown scale" in notes
+    assert "7 rows without three finite numbers were skipped" in notes
+    assert "400 of 500 readings repeat the one before" in notes
+    assert "360 points, taken at a uniform stride over all 500" in notes
+    assert "1 for 1 counts from the middle of their range; rounding moved a reading by" in notes
+
+
+def test_statuses_are_those_of_the_protocol(virtual_board: Board) -> None:
+    fit = fit_on_board(virtual_board, _drawn(1, 100, 0.1, 0.1), "direct")
+    assert fit.best.status in [status.name.lower().replace("_", " ") for status in FitStatus]
+    assert fit.firmware is not None
+    assert fit.firmware.cycle_model == virtual_board.cycle_model

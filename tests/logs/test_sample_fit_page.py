@@ -1,0 +1,66 @@
+"""The page of a fitted cloud: what it says, what it draws, and that nothing in it can be more than text."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hiltest.logs import Cloud, Unit
+from hiltest.logs.sample_fit import fit_on_host
+from hiltest.logs.sample_fit_page import fit_page
+from hiltest.procedures.clouds import golden_cloud
+
+
+def _page(points: np.ndarray, name: str = "cloud.csv") -> str:
+    cloud = Cloud(Path(name), points, Unit.UT, "option", ("x", "y", "z"), 0)
+    return fit_page(fit_on_host(cloud), cloud.points)
+
+
+def _titles(page: str) -> list[str]:
+    # The page keeps a number and its % on one line.
+    return [each.replace("\N{NO-BREAK SPACE}", " ") for each in re.findall(r"<figcaption>([^<]*)", page)]
+
+
+def test_the_page_shows_verdict_figures_and_the_cloud_before_and_after() -> None:
+    page = _page(golden_cloud(300) / 10.0)
+    assert "<h1>good</h1>" in page
+    assert _titles(page)[0] == "before"
+    assert re.fullmatch("after (direct|iterative)", _titles(page)[1])
+    assert _titles(page)[3:] == ["coverage: 100 % of the sphere", "length of the corrected readings"]
+    # The cloud in three drawings and on two maps, a dot a point.
+    assert page.count("h0") == 5 * 300
+
+
+def test_half_a_cloud_shows_its_hole() -> None:
+    points = golden_cloud(600) / 10.0
+    half = points[points[:, 2] > np.median(points[:, 2])]
+    page = _page(half)
+    (covered,) = re.findall(r"coverage: (\d+) % of the sphere", "".join(_titles(page)))
+    # 300 points inside the edge of a half: 47 % by the tests of the coverage; 5 are the fit's own error.
+    assert int(covered) == pytest.approx(47, abs=5)
+    assert 'class="hole"' in page
+    assert "<h1>poor</h1>" in page
+
+
+def test_a_cloud_without_a_calibration_is_still_drawn() -> None:
+    page = _page(golden_cloud(100)[:5] / 10.0)
+    assert _titles(page) == ["before"]
+    assert "<h1>refused</h1>" in page
+
+
+def test_many_points_are_drawn_as_fewer() -> None:
+    assert len(_page(np.repeat(golden_cloud(500), 40, axis=0) / 10.0)) < 400_000
+
+
+@pytest.mark.parametrize("points", [np.zeros((3, 3)), np.full((20, 3), 1e9), golden_cloud(50) / 10.0 + 1e6])
+def test_clouds_of_no_size_and_far_away_are_drawn_too(points: np.ndarray) -> None:
+    assert "nan" not in _page(points)
+
+
+def test_names_in_the_page_are_text() -> None:
+    page = _page(golden_cloud(50) / 10.0, "<script>alert(1)</script>.csv")
+    assert "<script" not in page
+    assert "&lt;script&gt;" in page

@@ -1,0 +1,135 @@
+"""Every measurement has its kind: unit, which way it is better, and a tolerance of a size that was measured."""
+
+from __future__ import annotations
+
+from statistics import stdev
+from typing import Any
+
+import pytest
+from scipy.stats import t
+
+from hiltest.measurement import EXACT, KINDS, Better, Limit, Tolerance, better_of, identify, nearest_name, tolerance_of
+from hiltest.measurement.kind import UNPAIRED_DEVIATIONS
+from hiltest.verdict.statistics import mean_interval, student_t
+
+
+def test_every_measurement_of_a_real_run_has_a_row(real_record: dict[str, Any]) -> None:
+    compared = [each["name"] for each in real_record["measurements"] if not each["volatile"]]
+    assert [name for name in compared if identify(name).kind is None] == []
+
+
+@pytest.mark.parametrize("name", ["heading.direct.maximum", "heading.direct", "link.lost", "compass.lag", ""])
+def test_a_name_that_hiltest_does_not_measure_has_none(name: str) -> None:
+    assert identify(name).kind is None
+
+
+@pytest.mark.parametrize(
+    ("name", "sense"),
+    [
+        ("cycles.direct.total", Better.LOWER), ("cycles.fusion.update", Better.LOWER),
+        ("accelerometer.six_position.cycles", Better.LOWER), ("heading.direct.max", Better.LOWER),
+        ("heading.direct.bias", Better.NEARER_ZERO), ("gyroscope.scale_error.z", Better.NEARER_ZERO),
+        ("heading.direct.worst_sector", Better.NEITHER), ("heading.uncalibrated.max", Better.NEITHER),
+        ("tumble.coverage", Better.HIGHER), ("fit.direct.status", Better.LOWER),
+    ],
+)
+def test_each_gets_better_the_way_it_should(name: str, sense: Better) -> None:
+    assert better_of(name, None) is sense
+
+
+@pytest.mark.parametrize(
+    "name", ["cycles.direct.total", "cycles.dpi.total", "cycles.fusion.predict", "accelerometer.six_position.cycles",
+             "stream.direct-stream.fit_cycles"],
+)
+def test_cycles_of_one_kernel_are_exact_on_a_virtual_board(name: str) -> None:
+    assert tolerance_of(name, "virtual", {}) == EXACT
+
+
+def test_a_nop_a_point_is_beyond_the_tolerance_of_the_slope_too() -> None:
+    tolerance = tolerance_of("cycles.direct.per_point", "virtual", {})
+    assert tolerance.absolute < 1.0
+    assert tolerance.relative * 92.25 < 1.0
+
+
+def test_a_third_of_a_degree_is_beyond_the_tolerance_of_every_heading() -> None:
+    for calibrator in ("direct", "corrected", "iterative", "dpi"):
+        for what in ("max", "rms", "bias"):
+            tolerance = tolerance_of(f"heading.{calibrator}.{what}", "virtual", {})
+            assert max(tolerance.absolute, tolerance.relative * 2.0) < 0.3
+
+
+def test_a_board_with_noise_of_its_own_has_six_deviations() -> None:
+    allowance = identify("heading.direct.bias").allowance
+    assert allowance is not None
+    expected = pytest.approx(UNPAIRED_DEVIATIONS * allowance.deviation)
+    assert tolerance_of("heading.direct.bias", "real", {}).absolute == expected
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "subject"),
+    [
+        ("heading.direct.max", "heading.{calibrator}.max", "direct"),
+        ("heading.direct@100.max", "heading.{calibrator}.max", "direct@100"),
+        ("heading.uncalibrated.max_level", "heading.uncalibrated.max_level", ""),
+        ("cycles.fusion.update", "cycles.fusion.{step}", "update"),
+        ("cycles.fusion.update.mean", "cycles.fusion.{step}.mean", "update"),
+        ("accelerometer.norm_rms", "accelerometer.norm_rms", ""),
+        ("accelerometer.ellipsoid.norm_rms", "accelerometer.{fit}.norm_rms", "ellipsoid"),
+        ("gyroscope.scale_error.z", "gyroscope.scale_error.{axis}", "z"),
+        ("fusion.gyroscope.heading.max", "fusion.{source}.heading.max", "gyroscope"),
+    ],
+)
+def test_a_name_is_of_a_kind_and_a_subject(name: str, kind: str, subject: str) -> None:
+    found = identify(name)
+    assert found.kind is KINDS[kind]
+    assert found.subject == subject
+    assert found.kind.of(subject) == name
+
+
+def test_each_cost_of_a_calibrator_stands_beside_its_worst_heading() -> None:
+    assert identify("cycles.mine.total").accuracy == "heading.mine.max"
+    assert identify("stream.mine.cycles_mean").accuracy == "heading.mine.max"
+    assert identify("cycles.fusion.update").accuracy == "fusion.heading.max"
+    assert identify("heading.mine.max").accuracy == ""
+    assert identify("cycles.fn").accuracy == ""
+
+
+@pytest.mark.parametrize(
+    ("limit", "better"),
+    [(Limit(max=3), Better.LOWER), (Limit(min=3), Better.HIGHER), (Limit.within(3), Better.NEARER_ZERO),
+     (Limit(min=1, max=3), Better.NEITHER), (None, Better.NEITHER)],
+)
+def test_the_limit_says_which_way_a_measurement_of_one_s_own_gets_better(limit: Limit | None, better: Better) -> None:
+    assert better_of("compass.lag", limit) is better
+    assert tolerance_of("compass.lag", "virtual", {}) == EXACT
+
+
+@pytest.mark.parametrize(
+    ("slip", "meant"),
+    [("heading.direct.maks", "heading.direct.max"), ("headin.direct.max", "heading.direct.max"),
+     ("heading.*.max", "heading.direct.max"), ("heading.direct.maximum", None), ("cycles.fn", None),
+     ("compass.lag", None)],
+)
+def test_only_a_slip_of_two_letters_is_taken_for_a_known_name(slip: str, meant: str | None) -> None:
+    assert nearest_name(slip) == meant
+
+
+@pytest.mark.parametrize(("absolute", "relative"), [(-1, 0), (0, -1), (float("inf"), 0), (0, float("nan"))])
+def test_a_tolerance_that_lets_everything_pass_is_none(absolute: float, relative: float) -> None:
+    with pytest.raises(ValueError, match="finite number"):
+        Tolerance(absolute, relative)
+
+
+@pytest.mark.parametrize("freedom", [7, 8, 12, 31, 99, 999])
+def test_student_s_t_is_the_one_of_the_tables(freedom: int) -> None:
+    assert student_t(freedom) == pytest.approx(t.ppf(0.975, freedom), abs=1e-4)
+
+
+def test_the_interval_is_there_from_eight_pairs_on() -> None:
+    changes = [0.1, 0.2, 0.3, 0.1, 0.2, 0.3, 0.2]
+    assert mean_interval(changes) is None
+    changes.append(0.4)
+    interval = mean_interval(changes)
+    assert interval is not None
+    assert sum(interval) / 2 == pytest.approx(0.225)
+    assert interval[1] - interval[0] == pytest.approx(2 * 2.3646 * stdev(changes) / 8**0.5, rel=1e-4)

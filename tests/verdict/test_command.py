@@ -1,0 +1,330 @@
+"""``hiltest compare`` and ``hiltest baseline``: exit codes, and what a reader and a program get."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+Changed = Callable[..., Path]
+
+
+def hiltest(*arguments: object, columns: int | None = None) -> subprocess.CompletedProcess[str]:
+    """Run the command; `columns` is the width of its terminal."""
+    environment = {**os.environ, "TERM": "dumb", "COLUMNS": str(columns or 200)}
+    return subprocess.run(
+        [sys.executable, "-m", "hiltest", *map(str, arguments)], capture_output=True, text=True, check=False,
+        timeout=120, env=environment,
+    )  # fmt: skip
+
+
+def test_0_says_that_nothing_got_worse(changed: Changed) -> None:
+    done = hiltest("compare", changed("base"), changed("new", values={"cycles.direct.total": 10_000}))
+    assert done.returncode == 0, done.stderr
+    better = r"1 better: cycles\.direct\.total .*; \d+ unchanged\."
+    assert re.search(rf"^May be merged \(against \S+\): {better}$", done.stdout, re.M)
+    assert re.search(
+        r"^better \(1\)\n  cycles\.direct\.total [\d ]+ -> 10 000 cycles \(-[\d ]+, -\S+ %; limit at most 12 000;"
+        r"\s+heading\.direct\.max\s+(\S+) -> \1 deg\)$",
+        done.stdout, re.M,
+    )  # fmt: skip
+    assert "cycles counted by cortex-m4-trm/1@sram" in done.stdout.splitlines()
+    done = hiltest("compare", changed("base"), changed("new", values={"heading.direct.max": 1.0}))
+    assert "counted by" not in done.stdout, "no cycles are shown"
+
+
+def test_1_says_that_the_new_run_fails_by_itself(changed: Changed, real_record: dict[str, Any]) -> None:
+    tests = [{**each, "outcome": "failed", "reason": "it broke"} for each in real_record["tests"][:1]]
+    name = tests[0]["id"].rpartition("/")[2]
+    done = hiltest("compare", changed("base"), changed("new", {"tests": [*tests, *real_record["tests"][1:]]}))
+    assert done.returncode == 1, done.stderr
+    assert f"failed: {name} (it broke)" in done.stdout
+    ended = {"verdict.exit_code": 6, "verdict.outcome": "exit code 6"}
+    done = hiltest("compare", changed("base"), changed("new", ended))
+    assert done.returncode == 1, done.stderr
+    assert "failed: the run itself (exit code 6); " in done.stdout
+
+
+def test_what_is_gone_is_accepted_by_the_commands_that_it_says(changed: Changed, tmp_path: Path) -> None:
+    base, new, file = changed("base"), changed("new", values={"heading.direct.max": None}), tmp_path / "kept.json"
+    done = hiltest("compare", base, new)
+    assert done.returncode == 22
+    line = next(each for each in done.stdout.splitlines() if "measurement gone" in each)
+    for command in re.findall(r"`hiltest ([^`]*)`", line):
+        words = [{"FILE": str(file), "TEXT": "no more"}.get(each, each) for each in shlex.split(command)]
+        assert hiltest(*words).returncode == 0, command
+    assert hiltest("compare", file, new).returncode == 0
+
+
+def test_what_got_better_is_kept_by_the_command_that_it_says(changed: Changed, tmp_path: Path) -> None:
+    file, better = tmp_path / "base line.json", {"cycles.direct.total": 10_000, "cycles.corrected.total": 9_000}
+    assert hiltest("baseline", "save", changed("base"), file).returncode == 0
+    done = hiltest("compare", file, changed("new", values=better))
+    (hint,) = re.findall(r"^2 better; keep them: (hiltest .*) --because TEXT$", done.stdout, re.M)
+    done = hiltest(*shlex.split(hint)[1:], "--because", "it is faster")
+    assert done.returncode == 0, done.stderr
+    done = hiltest(*shlex.split(hint)[1:], "--because", "once more")
+    assert (done.returncode, done.stdout) == (4, "")
+    assert "nothing is moved: for --accept cycles.corrected.total" in done.stderr
+    done = hiltest("compare", file, changed("new", values=better))
+    assert " better" not in done.stdout
+    assert done.returncode == 0
+    # A run is no baseline that could be updated, and of an older firmware there is nothing to keep.
+    done = hiltest("compare", changed("base"), changed("new", values=better))
+    assert f"keep them: hiltest baseline save {tmp_path / 'new' / 'run.json'} FILE, and --baseline FILE" in done.stdout
+    worse = {**better, "heading.direct.max": 1.7}
+    assert "keep them" not in hiltest("compare", file, changed("new", values=worse)).stdout
+
+
+def test_a_campaign_may_miss_limits_on_as_many_seeds_as_it_was_allowed(changed: Changed, tmp_path: Path) -> None:
+    record = json.loads(changed("base/seed-0001").read_text(encoding="utf-8"))
+    (missed,) = (each for each in record["measurements"] if each["name"] == "heading.direct.max")
+    missed |= {"value": 1.9, "outcome": "fail"}
+    out = {"measurements": record["measurements"], "verdict.exit_code": 1, "verdict.outcome": "fail"}
+    changed("base/seed-0001", out)
+    changed("base/seed-0002", {"seed": 2})
+    seeds = tmp_path / "base" / "seeds.json"
+    for code in (1, 0):
+        seeds.write_text(json.dumps({"exit_code": code}), encoding="utf-8")
+        done = hiltest("compare", tmp_path / "base", tmp_path / "base")
+        assert done.returncode == code, done.stdout
+        assert ("failed: heading.direct.max " in done.stdout) == bool(code)
+
+
+def test_21_names_what_got_worse(changed: Changed, real_record: dict[str, Any]) -> None:
+    total = next(each["value"] for each in real_record["measurements"] if each["name"] == "cycles.direct.total")
+    done = hiltest("compare", changed("base"), changed("new", values={"cycles.direct.total": total + 100}))
+    assert done.returncode == 21, done.stderr
+    assert f"): 1 worse: cycles.direct.total {total:,} -> {total + 100:,} cycles (+100".replace(",", " ") in done.stdout
+
+
+def test_22_says_why_in_one_line(changed: Changed, tmp_path: Path) -> None:
+    done = hiltest("compare", tmp_path / "none.json", changed("new"))
+    assert done.returncode == 22
+    (line,) = (each for each in done.stdout.splitlines() if each.startswith("Cannot say whether it may be merged "))
+    assert "none.json: No such file or directory" in line
+    done = hiltest("compare", changed("base"), changed("new", {"board.cycle_model": "silicon-dwt"}))
+    assert done.returncode == 22
+    assert "): another cycle model: " in done.stdout
+
+
+def test_a_base_that_is_no_record_says_what_one_is(changed: Changed, tmp_path: Path) -> None:
+    (tmp_path / "README.md").write_text("# mine", encoding="utf-8")
+    done = hiltest("compare", tmp_path / "README.md", changed("new"))
+    assert done.returncode == 22
+    assert re.search(r"README\.md: not JSON: .*; name a run\.json, its folder or a baseline", done.stdout)
+
+
+def test_4_for_what_is_no_new_run(changed: Changed, tmp_path: Path) -> None:
+    base = changed("base")
+    assert hiltest("compare", base, tmp_path / "none.json").returncode == 4
+    assert hiltest("compare", base).returncode == 4
+    assert hiltest("compare", base, base, "--tolerance", "1").returncode == 4
+    (tmp_path / "text.json").write_text("no json", encoding="utf-8")
+    done = hiltest("compare", base, tmp_path / "text.json")
+    assert (done.returncode, done.stdout) == (4, "")
+    assert "text.json" in done.stderr
+
+
+def test_of_several_new_runs_the_worst_decides(changed: Changed) -> None:
+    base, same = changed("base"), changed("same")
+    worse = changed("worse", values={"cycles.direct.total": 99_999})
+    unlike = changed("unlike", {"poses": "level"})
+    assert hiltest("compare", base, same, worse).returncode == 21
+    done = hiltest("compare", base, same, worse, unlike)
+    assert done.returncode == 22
+    assert re.findall(r"^(May be merged|Not to be merged|Cannot say whether it may be merged) ", done.stdout, re.M) == [
+        "May be merged", "Not to be merged", "Cannot say whether it may be merged",
+    ]
+
+
+def test_json_has_every_measurement(changed: Changed) -> None:
+    done = hiltest("compare", "--json", changed("base"), changed("new", values={"heading.direct.max": 1.7}))
+    content = json.loads(done.stdout)
+    assert (done.returncode, content["schema"]) == (21, "hiltest.comparison/1")
+    (comparison,) = content["comparisons"]
+    found = {each["name"]: each for each in comparison["differences"]}
+    assert len(found) > 140
+    assert (found["heading.direct.max"]["change"], found["heading.direct.max"]["new"]) == ("worse", 1.7)
+    assert found["heading.direct.max"]["limit"] == {"min": None, "max": 1.8}
+    assert comparison["sentence"].startswith("Not to be merged (against ")
+
+
+def test_what_changed_is_readable_at_80_columns(changed: Changed) -> None:
+    import pty
+
+    values = {"heading.direct-stream.max_centred": 2.5, "cycles.corrected.total": 14_586, "cycles.dpi.total": 109_621}
+    base, new = changed("base"), changed("new", values=values)
+    leader, follower = pty.openpty()
+    environment = {**os.environ, "TERM": "dumb", "COLUMNS": "80"}
+    command = [sys.executable, "-m", "hiltest", "compare", str(base), str(new)]
+    with subprocess.Popen(command, stdout=follower, stderr=subprocess.STDOUT, env=environment) as process:
+        os.close(follower)
+        shown = b""
+        while chunk := _read(leader):
+            shown += chunk
+    os.close(leader)
+    lines = shown.decode().replace("\r\n", "\n").splitlines()
+    entries = [line for line in lines if line.startswith("  ")]
+    assert entries
+    assert all(len(line) <= 80 for line in entries)
+    assert not any(re.search(r"\d$", line) and re.match(r" +\d{3}\b", after) for line, after in pairwise(entries))
+    assert process.returncode == 21
+
+
+def _read(descriptor: int) -> bytes:
+    try:
+        return os.read(descriptor, 4096)
+    except OSError:  # the other end is closed
+        return b""
+
+
+def test_names_that_would_command_a_terminal_are_written_out(changed: Changed) -> None:
+    hostile = {"board.build_id": "\x1b[2J[red]", "rig.name": "<script>"}
+    done = hiltest("compare", changed("base"), changed("new", hostile, {"cycles.direct.total": 1}))
+    assert done.returncode == 0, done.stderr
+    assert "\x1b" not in done.stdout
+    assert r"\x1b[2J[red]" in done.stdout
+
+
+def test_a_baseline_is_saved_compared_with_and_updated(changed: Changed, tmp_path: Path) -> None:
+    run, file = changed("run"), tmp_path / "baseline.json"
+    done = hiltest("baseline", "save", run, file)
+    assert done.returncode == 0, done.stderr
+    assert re.fullmatch(rf"{re.escape(str(file))}: \d+ measurements of build \w+, seed 1\n", done.stdout)
+    assert hiltest("compare", file, run.parent).returncode == 0
+    before = file.read_text(encoding="utf-8").splitlines()
+
+    worse = changed("worse", values={"cycles.direct.total": 11_999, "heading.direct.max": 1.7})
+    assert hiltest("compare", file, worse).returncode == 21
+    done = hiltest("baseline", "update", file, worse, "--accept", "cycles.direct.total", "--because", "it checks more")
+    assert done.returncode == 0, done.stderr
+    assert "cycles.direct.total: " in done.stdout
+    assert "11 999" in done.stdout
+    after = file.read_text(encoding="utf-8").splitlines()
+    changed_lines = [line for line in after if line not in before]
+    assert [("cycles.direct.total" in line) for line in changed_lines if line.startswith(' {"name"')] == [True, True]
+    assert "it checks more" in "".join(changed_lines)
+    done = hiltest("compare", file, worse)
+    assert done.returncode == 21
+    assert "1 worse: heading.direct.max" in done.stdout
+
+
+def test_a_limit_that_is_accepted_with_the_number_is_printed(
+    changed: Changed, real_record: dict[str, Any], tmp_path: Path
+) -> None:
+    file, limit = tmp_path / "baseline.json", {"heading.direct.max": {"min": None, "max": 3.0}, "link.retried": None}
+    assert hiltest("baseline", "save", changed("run"), file).returncode == 0
+    looser = [{**each, "limit": limit.get(each["name"], each["limit"])} for each in real_record["measurements"]]
+    run = changed("looser", {"measurements": looser}, {"heading.direct.max": 1.9})
+    done = hiltest("baseline", "update", file, run, "--accept", "*", "--because", "another compass")
+    was = next(each["value"] for each in real_record["measurements"] if each["name"] == "heading.direct.max")
+    lines = done.stdout.splitlines()[:-1]
+    assert f"heading.direct.max: {was:.6g} -> 1.9; limit at most 1.8 -> at most 3" in lines
+    assert "link.retried: 0 -> 0; limit at most 0 -> none" in lines
+    assert len(lines) == 2
+
+
+def test_a_baseline_of_two_builds_says_so_wherever_it_is_shown(changed: Changed, tmp_path: Path) -> None:
+    file = tmp_path / "baseline.json"
+    assert hiltest("baseline", "save", changed("a", {"board.build_id": "aaaa"}), file).returncode == 0
+    worse = {"cycles.direct.total": 11_999, "heading.direct.max": 1.7}
+    made_for = {"commit": "", "branch": "main", "label": "v2"}
+    newer = changed("b", {"board.build_id": "bbbb", "revision": made_for}, worse)
+    done = hiltest("baseline", "update", file, newer, "--accept", "cycles.direct.total", "--because", "it checks more")
+    assert json.loads(file.read_text(encoding="utf-8"))["history"][0]["revision"]["label"] == "v2"
+    two_builds = "build aaaa, with 1 measurement accepted from build bbbb"
+    assert done.stdout.endswith(f" in it, of {two_builds}\n"), done.stdout + done.stderr
+    compared = hiltest("compare", file, newer).stdout
+    assert f"{file} ({two_builds}, seed 1) -> {newer} (build bbbb, v2, branch main, seed 1)" in compared
+    (as_json,) = json.loads(hiltest("compare", "--json", file, newer).stdout)["comparisons"]
+    assert as_json["base"]["accepted"] == [{"build_id": "bbbb", "measurements": 1}]
+    done = hiltest("baseline", "update", file, newer, "--accept", "heading.dirct.max", "--because", "x")
+    assert (done.returncode, "did you mean 'heading.direct.max'?" in done.stderr) == (4, True)
+
+
+def test_an_update_keeps_what_only_a_newer_version_knows(changed: Changed, tmp_path: Path) -> None:
+    file = tmp_path / "baseline.json"
+    assert hiltest("baseline", "save", changed("run"), file).returncode == 0
+    newer = json.loads(file.read_text(encoding="utf-8"))
+    newer["moon"] = "full"
+    newer["side"]["moon"] = {"phase": 0.5}
+    for row in newer["measurements"]:
+        row["moon"] = f"of {row['name']}"
+    file.write_text(json.dumps(newer), encoding="utf-8")
+    run = changed("new", values={"cycles.direct.total": 11_000})
+    done = hiltest("baseline", "update", file, run, "--accept", "cycles.direct.total", "--because", "it checks less")
+    assert done.returncode == 0, done.stderr
+    updated = json.loads(file.read_text(encoding="utf-8"))
+    assert (updated["moon"], updated["side"]["moon"]) == ("full", {"phase": 0.5})
+    moons = {row["name"]: row.get("moon") for row in updated["measurements"]}
+    # What was said of the number before is not said of this one.
+    assert moons == {name: None if name == "cycles.direct.total" else f"of {name}" for name in moons}
+
+
+def test_a_change_is_not_accepted_without_a_reason_nor_under_a_name_that_nothing_has(
+    changed: Changed, tmp_path: Path
+) -> None:
+    run, file = changed("run"), tmp_path / "baseline.json"
+    hiltest("baseline", "save", run, file)
+    before = file.read_bytes()
+    assert hiltest("baseline", "update", file, run, "--accept", "*").returncode == 4
+    assert hiltest("baseline", "update", file, run, "--accept", "*", "--because", " ").returncode == 4
+    assert hiltest("baseline", "update", file, run, "--because", "x").returncode == 4
+    done = hiltest("baseline", "update", file, run, "--accept", "heading.dirct.*", "--because", "x")
+    assert done.returncode == 4
+    assert "no measurement is called 'heading.dirct.*'" in done.stderr
+    assert file.read_bytes() == before
+
+
+@pytest.mark.parametrize("fields", [{"verdict.complete": False}, {"board": None, "verdict.complete": False}])
+def test_a_run_that_is_not_whole_is_no_baseline(changed: Changed, tmp_path: Path, fields: dict[str, Any]) -> None:
+    done = hiltest("baseline", "save", changed("run", fields), tmp_path / "baseline.json")
+    assert done.returncode == 4
+    assert not (tmp_path / "baseline.json").exists()
+
+
+def test_a_baseline_that_cannot_be_written_is_a_usage_error(changed: Changed, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    done = hiltest("baseline", "save", changed("run"), tmp_path / "file" / "baseline.json")
+    assert done.returncode == 4
+    assert "cannot write" in done.stderr
+
+
+def test_the_folder_of_a_first_baseline_is_made(changed: Changed, tmp_path: Path) -> None:
+    done = hiltest("baseline", "save", changed("run"), tmp_path / "hil" / "baselines" / "mine.json")
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "hil" / "baselines" / "mine.json").exists()
+
+
+def test_a_baseline_that_is_saved_again_keeps_its_history(changed: Changed, tmp_path: Path) -> None:
+    run, file = changed("run", values={"cycles.direct.total": 11_000}), tmp_path / "baseline.json"
+    assert hiltest("baseline", "save", changed("old"), file).returncode == 0
+    accepted = hiltest("baseline", "update", file, run, "--accept", "cycles.*", "--because", "it checks less")
+    assert accepted.returncode == 0, accepted.stderr
+    assert hiltest("baseline", "save", run, file).returncode == 0
+    saved = json.loads(file.read_text(encoding="utf-8"))
+    assert [(each["name"], each["because"]) for each in saved["history"]] == [
+        ("cycles.direct.total", "it checks less"), ("*", "renewed"),
+    ]
+    assert saved["history"][1]["build_id"] == saved["side"]["build_id"]
+
+
+def test_what_is_no_baseline_is_never_overwritten_by_one(changed: Changed, tmp_path: Path) -> None:
+    run = changed("run")
+    before = run.read_bytes()
+    for place in (run, run.parent, "."):
+        done = hiltest("baseline", "save", run, place)
+        assert (done.returncode, "cannot be read as a baseline" in done.stderr) == (4, True), done.stderr
+    assert run.read_bytes() == before
+    done = hiltest("baseline", "save", run, tmp_path / ("n" * 300))
+    assert (done.returncode, "cannot write" in done.stderr) == (4, True), done.stderr
