@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -86,9 +87,11 @@ class Measure:
                 raise ValueError(f"{name}: a counted call brings its unit and its cycle model; leave both out")
             unit, cycle_model, band = "cycle", value.cycle_model, getattr(value, "band", None)
             value = value.cycles
+        caller = sys._getframe(1)
+        place = self._session.place_of(caller.f_code.co_filename, caller.f_lineno)
         measurement = self._session.judge(
             name, value, unit=unit, limit=limit, not_judged=not_judged, not_offered=not_offered, volatile=volatile,
-            cycle_model=cycle_model, band=band, note=note, test=self._session.test_id(self._item.nodeid),
+            cycle_model=cycle_model, band=band, note=note, place=place, test=self._session.test_id(self._item.nodeid),
         )
         self._session.keep(self._item, measurement)
         return measurement

@@ -37,6 +37,28 @@ def hundredths(value: float) -> str:
     return f"{value:.2f}" if abs(value) >= 0.1 or not value else f"{value:.2g}"
 
 
+def number(value: float | int | None, unit: str = "") -> str:
+    """Return a measured value as every report shows it: degrees and percents to hundredths, others as `readable`.
+
+    Examples
+    --------
+    >>> number(0.8911, "deg"), number(10838, "cycle"), number(None, "deg")
+    ('0.89', '10 838', '-')
+    """
+    return hundredths(value) if value is not None and unit in ("deg", "%") else readable(value)
+
+
+def with_unit(value: float | int | None, unit: str) -> str:
+    """Return a value with its unit behind it, cycles in the plural.
+
+    Examples
+    --------
+    >>> with_unit(10838, "cycle"), with_unit(26, "")
+    ('10 838 cycles', '26')
+    """
+    return f"{number(value, unit)} {'cycles' if unit == 'cycle' else unit}".rstrip()
+
+
 def counted(count: int, word: str) -> str:
     """Return a number of things.
 

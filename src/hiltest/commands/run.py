@@ -107,9 +107,11 @@ class _Run(click.Command):
               help="Baseline, or record of a run, that this one must not be worse than.")
 @click.option("--against", metavar="ELF", callback=checked(file_name),
               help="Older firmware that this one must not be worse than; it is run first, on the same bench.")
+@click.option("-v", "--verbose", is_flag=True, help="Print every test and every measurement.")
 @click.argument("pytest_args", nargs=-1, type=click.UNPROCESSED)
 def run(
-    out: str, seeds: range | None, may_fail: int, against: str | None, pytest_args: Sequence[str], **given: str | None
+    out: str, seeds: range | None, may_fail: int, against: str | None, verbose: bool, pytest_args: Sequence[str],
+    **given: str | None,
 ) -> int:
     """Run the suites and end with a verdict.
 
@@ -122,7 +124,8 @@ def run(
              "poses": "--hil-poses", "suite": "--hil-suite", "calibration": "--hil-calibration",
              "label": "--hil-label"}
     baseline = given.pop("baseline")
-    options = [f"{names[name]}={value}" for name, value in given.items() if value is not None] + list(pytest_args)
+    options = [f"{names[name]}={value}" for name, value in given.items() if value is not None]
+    options += ["-v" if verbose else "-q", *pytest_args]
     if may_fail and seeds is None:
         raise ConfigError("--may-fail says how many of several seeds may miss a limit: give --seeds A..B too")
     if against is not None:
@@ -167,7 +170,7 @@ def _try_out(older: str, newer: str | None, rig: str | None) -> None:
 
 
 def run_suites(options: Sequence[str], out: Path, *, older: OlderFirmware | None = None) -> int:
-    """Run pytest on the suites and print the verdict as the last line.
+    """Run pytest on the suites.
 
     Parameters
     ----------
@@ -191,11 +194,9 @@ def run_suites(options: Sequence[str], out: Path, *, older: OlderFirmware | None
     code = pytest.main(
         [
             str(suites(here)), "-p", "hiltest", "-p", "no:cacheprovider", "--import-mode=importlib",
-            f"--rootdir={here}", "--tb=short", "--no-header", "-W", no_warning, f"--junit-xml={out / 'junit.xml'}",
-            f"--hil-out={out}", *options,
+            f"--rootdir={here}", "--tb=short", "--no-header", "-rN", "-W", no_warning,
+            f"--junit-xml={out / 'junit.xml'}", f"--hil-out={out}", *options,
         ],
         plugins=[command],
     )
-    if command.run is not None:
-        click.echo(command.run.verdict.sentence)
     return int(code)

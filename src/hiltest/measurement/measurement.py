@@ -83,6 +83,8 @@ class Measurement:
         Why the outcome is what it is, when the numbers do not say it.
     test : str
         Node id of the test that measured it.
+    place : str
+        File and line of the call that measured it: ``test_heading.py:81``.
     band : CycleBand or None
         For cycles of a virtual board: what the cycle model's own uncertainty makes of them.
     """
@@ -98,6 +100,7 @@ class Measurement:
     note: str = ""
     test: str = ""
     band: CycleBand | None = None
+    place: str = ""
 
     @property
     def kind(self) -> Kind | None:
@@ -150,13 +153,13 @@ class Measurement:
 def judge(
     name: str, value: float | int | None, *, unit: str, limit: Limit | None = None, information: Limit | None = None,
     not_judged: str = "", not_offered: str = "", could_offer: bool = False, volatile: bool = False,
-    cycle_model: str = "", test: str = "", band: CycleBand | None = None, note: str = "",
+    cycle_model: str = "", test: str = "", band: CycleBand | None = None, note: str = "", place: str = "",
 ) -> Measurement:
     """Make a measurement and decide its outcome.
 
     Parameters
     ----------
-    name, value, unit, limit, information, volatile, cycle_model, test, band
+    name, value, unit, limit, information, volatile, cycle_model, test, band, place
         As in `Measurement`. A value of None means that there is none to give.
     not_judged : str, optional
         Why the limit cannot be applied. The outcome is then ``unset`` if there is a limit.
@@ -197,7 +200,7 @@ def judge(
         outcome = Outcome.PASS if limit.holds(value) else Outcome.FAIL
     return Measurement(
         name=name, value=value, unit=unit, limit=limit, information=information, outcome=outcome,
-        volatile=volatile, cycle_model=cycle_model, note=note, test=test, band=band,
+        volatile=volatile, cycle_model=cycle_model, note=note, test=test, band=band, place=place,
     )
 
 

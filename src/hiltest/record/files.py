@@ -6,7 +6,8 @@ import os
 from pathlib import Path
 
 RUN_FILE = "run.json"
-RECORD_FILES = (RUN_FILE, "report.html", "report.md", "junit.xml")
+REPORT_FILE = "report.html"
+RECORD_FILES = (RUN_FILE, REPORT_FILE, "report.md", "junit.xml")
 SEED_FOLDERS = "seed-*"
 """Of a campaign, each with the record of one seed."""
 SEEDS_FILE = "seeds.json"

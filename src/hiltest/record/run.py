@@ -64,7 +64,8 @@ class RigRecord:
     """Which rig, by name, file and SHA-256 of that file; `mounting` as it declares it.
 
     `conditions_sha256` is of what its numbers rest on: no limits, no texts. Empty in records from before it was kept.
-    `tolerances` has absolute and relative by measurement name.
+    `tolerances` has absolute and relative by measurement name. `cost_reference` is the calibrator whose cycles the
+    others' are given as a multiple of; empty where the rig names none.
     """
 
     name: str
@@ -73,6 +74,7 @@ class RigRecord:
     mounting: str
     conditions_sha256: str = ""
     tolerances: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    cost_reference: str = ""
 
 
 @dataclass(frozen=True, slots=True)

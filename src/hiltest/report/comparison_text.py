@@ -28,8 +28,8 @@ def print_comparison(console: Console, comparison: Comparison) -> None:
     print_changes(console, comparison)
 
 
-def print_changes(console: Console, comparison: Comparison) -> None:
-    """Print what kept the gate from being evaluated, and every measurement that changed."""
+def print_changes(console: Console, comparison: Comparison, *, at_most: int | None = None) -> None:
+    """Print what kept the gate from being evaluated, and what changed: all of it, or so many measurements of a kind."""
     if comparison.remark:
         say(console, comparison.remark, "yellow")
     if len(comparison.obstacles) > 1:
@@ -37,7 +37,9 @@ def print_changes(console: Console, comparison: Comparison) -> None:
         _entries(console, comparison.obstacles)
     for change, found in shown(comparison):
         say(console, f"{change} ({len(found)})", _STYLES.get(change, "bold"))
-        _entries(console, map(entry, found))
+        _entries(console, map(entry, found[:at_most]))
+        if more := len(found) - len(found[:at_most]):
+            say(console, f"  and {more} more")
     if remark := counted_by(models_shown(comparison)):
         say(console, remark)
     if not_taken := len(comparison.of(Change.NOT_TAKEN)):

@@ -1,38 +1,37 @@
-"""The cost of the calibrators in one line: thesis budget, counts with bands and what they reach, and the ratio."""
+"""What each calibrator costs, in one line: the rig's budget, and each count with its accuracy, range and ratio."""
 
 from __future__ import annotations
 
-from hiltest.measurement import FLASH_TIE, Measurement, cannot_be_ranked, ratio_band
+from hiltest.measurement import Measurement
 from hiltest.record.run import Run
-from hiltest.text import readable
+from hiltest.text import number, readable
 from hiltest.verdict.calibrators import CalibratorResult, calibrator_results
+from hiltest.verdict.summary import cost_reference, ratio_in_words
 
-_OLD = "iterative"
-"""What the others are compared with: the calibrator that was there before."""
-_OURS = "direct"
 _MOST_POINTS = 10_000
 _OF_THE_THESIS = (168.0, 2600.0)
 """What the thesis says that its own calibrator takes: cycles per point, and fixed."""
 
 
 def cost_line(run: Run) -> str:
-    """Return what ours and the old calibrator cost at the same points, empty where one of them was not measured.
+    """Return what the board's calibrators cost at the same points; empty where none was counted.
 
     A cost never stands without the worst heading that was reached for it. The budget is the one that the rig shows
-    beside the per-point and the fixed cost, at as many points.
+    beside the per-point and the fixed cost of its reference, at as many points.
     """
-    found = [each for each in calibrator_results(run.measurements) if each.cycles and each.cycles.value]
-    old = next((each for each in found if each.name == _OLD), None)
-    ours = [each for each in found if each.name == _OURS or each.name.startswith(f"{_OURS}-")]
-    if old is None or not ours:
+    offered = run.board.calibrators if run.board else ()
+    results = [each for each in calibrator_results(run.measurements) if each.name in offered]
+    counted = [each for each in results if each.cycles is not None and each.cycles.value]
+    if not counted:
         return ""
-    parts = [_budget(run), *map(_cost, (*ours, old)), *(_ratio(old, each) for each in ours)]
-    models = sorted({each.cycles.cycle_model for each in (*ours, old) if each.cycles})
+    reference = cost_reference(run, counted)
+    parts = [_budget(run, reference.name) if reference else "", *(_cost(each, reference) for each in counted)]
+    models = sorted({each.cycles.cycle_model for each in counted if each.cycles})
     return "; ".join(filter(None, (*parts, f"counted by {' and '.join(models)}"))) + "."
 
 
-def _budget(run: Run) -> str:
-    total, per_point, fixed = (run.measurement(f"cycles.{_OURS}.{each}") for each in ("total", "per_point", "fixed"))
+def _budget(run: Run, name: str) -> str:
+    total, per_point, fixed = (run.measurement(f"cycles.{name}.{each}") for each in ("total", "per_point", "fixed"))
     slope, rest = (_most(each) for each in (per_point, fixed))
     if not (total and per_point and fixed and total.value and per_point.value and fixed.value and slope and rest):
         return ""
@@ -47,21 +46,10 @@ def _most(measurement: Measurement | None) -> float | None:
     return measurement.information.max if measurement and measurement.information else None
 
 
-def _cost(result: CalibratorResult) -> str:
-    cycles, worst = result.cycles, result.maximum.value
-    assert cycles is not None
-    assert cycles.value is not None
-    band = f" ({cycles.band})" if cycles.band else ""
-    return f"{result.name} {readable(cycles.value)}{band} for {'no heading' if worst is None else f'{worst:.2f} deg'}"
-
-
-def _ratio(old: CalibratorResult, ours: CalibratorResult) -> str:
-    assert old.cycles is not None
-    assert ours.cycles is not None
-    if not old.cycles.value or not ours.cycles.value:
-        return ""
-    if cannot_be_ranked(old.cycles, ours.cycles):
-        return f"{old.name} and {ours.name} are within {FLASH_TIE:.0%} and from flash, which ranks neither"
-    band = ratio_band(old.cycles, ours.cycles)
-    shown = f" ({band[0]:.2f} to {band[1]:.2f})" if band else ""
-    return f"{old.name} costs {old.cycles.value / ours.cycles.value:.2f} times {ours.name}{shown}"
+def _cost(result: CalibratorResult, reference: CalibratorResult | None) -> str:
+    cycles, maximum = result.cycles, result.maximum
+    band = f" ({cycles.band})" if cycles and cycles.band else ""
+    worst = "no heading" if maximum.value is None else f"{number(maximum.value, maximum.unit)} {maximum.unit}"
+    ratio = ratio_in_words(result, reference) if reference else ""
+    cost = f"{result.name} {readable(cycles.value if cycles else None)}{band} for {worst}"
+    return ", ".join(filter(None, (cost, ratio)))

@@ -9,9 +9,10 @@ from itertools import groupby
 
 from hiltest.measurement import Measurement, Outcome
 from hiltest.record.run import Run
-from hiltest.report.terminal import BAND_BEYOND, shown_limit, shown_value
+from hiltest.report.terminal import shown_limit, shown_value
 from hiltest.text import readable, without_folders
 from hiltest.verdict.calibrators import UNCALIBRATED, CalibratorCost, calibrator_costs
+from hiltest.verdict.summary import MAY_EXCEED
 from hiltest.verdict.wording import revision
 
 # Heading of a column of the accuracy-and-cost table, and the measurement in it.
@@ -187,7 +188,7 @@ def _cell(run: Run, name: str) -> Cell:
     if measurement is None:
         return Cell("")
     band = str(measurement.band) if measurement.band else ""
-    band += f": {BAND_BEYOND}" if measurement.band_reaches_beyond else ""
+    band += f": {MAY_EXCEED}" if measurement.band_reaches_beyond else ""
     return Cell(_comparable(measurement), limit=shown_limit(measurement), tone=tone(measurement), note=band)
 
 

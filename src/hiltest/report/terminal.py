@@ -1,43 +1,41 @@
-"""What is printed at the end of a session."""
+"""What is printed at the end of a session: the verdict, what failed, the calibrators, what is close, and the files."""
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from io import StringIO
 from pathlib import Path
 
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as Grid
 
 from hiltest.measurement import Measurement, Outcome
-from hiltest.record.files import RECORD_FILES
+from hiltest.record.files import REPORT_FILE
 from hiltest.record.run import Run
-from hiltest.report.comparison_text import print_changes, say_how_to_keep
+from hiltest.report.comparison_text import print_changes, printable, say_how_to_keep
 from hiltest.report.cost_line import cost_line
-from hiltest.text import readable
-
-BAND_BEYOND = "its band reaches beyond the limit"
-"""What stands beside a count that keeps its limit; a remark, which changes no outcome."""
+from hiltest.text import counted, number, readable, with_unit, without_folders
+from hiltest.verdict.summary import CLOSE, MAY_EXCEED, Failure, Summary, summarise
 
 _STYLES = {Outcome.FAIL: "bold red", Outcome.UNSET: "yellow", Outcome.NOT_OFFERED: "dim"}
+_INDENT = "  "
+_CHANGES_AT_MOST = 5
 
 
 def summary(
-    run: Run, folder: Path, *, every: bool, sentence: bool, width: int, colour: bool, options: str | None = None
+    run: Run, folder: Path, *, verbose: bool, width: int, colour: bool, options: str | None = None
 ) -> str:
-    """Return the table of measurements, their bands, what the bench did, what changed, the files, costs and verdict.
+    """Return what a reader wants first, at most a screen of it where everything passed.
 
     Parameters
     ----------
     run : Run
     folder : Path
         Where its files are.
-    every : bool
-        Whether to show measurements without a limit too.
-    sentence : bool
-        Whether to end with the verdict.
+    verbose : bool
+        Whether to print every measurement, the uncertainty of every count, and the cost of the calibrators too.
     width : int
         Columns of the terminal.
     colour : bool
@@ -50,30 +48,19 @@ def summary(
         file=text, width=width, force_terminal=colour, no_color=not colour, color_system="standard" if colour else None,
         highlight=False,
     )
-    shown = [each for each in run.measurements if every or each.limit or each.information or each.gates]
-    if shown:
-        console.print(_grid(shown))
-    for each in shown:
-        if each.note and not _is_why(each):
-            console.print(escape(f"{each.name} {shown_value(each)}: {each.note}"), soft_wrap=True)
-    _print_bands(console, run.measurements)
-    if len(shown) < len(run.measurements):
-        console.print(f"{len(run.measurements) - len(shown)} more without a limit are in the report")
-    for test in run.tests:
-        if test.outcome in ("bench lost", "wrong firmware"):
-            console.print(f"[red]{test.outcome}[/red]: {escape(test.id)}: {escape(test.reason)}", soft_wrap=True)
-        if test.trace:
-            trace = escape(f"{test.id}: {shown_path(folder / test.trace)}")
-            console.print(f"wire trace of {trace}", soft_wrap=True)
+    found = summarise(run)
+    _wrapped(console, run.verdict.sentence, "bold green" if run.verdict.exit_code == 0 else "bold red")
+    _print_failures(console, found, run, folder)
+    _print_calibrators(console, found)
+    _print_close(console, found)
+    if verbose:
+        _print_everything(console, run)
     if run.comparison is not None:
-        print_changes(console, run.comparison)
+        print_changes(console, run.comparison, at_most=None if verbose else _CHANGES_AT_MOST)
         say_how_to_keep(console, run.comparison, shown_path(folder), options)
-    files = [name for name in RECORD_FILES if (folder / name).exists()]
-    console.print(escape(f"{shown_path(folder)}: {', '.join(files)}"), soft_wrap=True)
-    if line := cost_line(run):
-        console.print(escape(line), soft_wrap=True)
-    if sentence:
-        console.print(escape(run.verdict.sentence), soft_wrap=True)
+    count = counted(len(run.measurements), "measurement")
+    more = "" if verbose else f"; -v prints {'it' if len(run.measurements) == 1 else 'them'}"
+    console.print(escape(f"Report: {shown_path(folder / REPORT_FILE)} ({count}{more})"), soft_wrap=True)
     return text.getvalue()
 
 
@@ -84,25 +71,118 @@ def shown_path(path: Path) -> str:
 
 
 def shown_value(measurement: Measurement) -> str:
-    """Return the value as people read it: four digits, whole numbers in groups of three."""
-    value = measurement.value
-    if value is None:
-        return "-"
-    return readable(value) if isinstance(value, int) or abs(value) >= 1000 else f"{value:.4g}"
+    """Return the value as every report shows it."""
+    return number(measurement.value, measurement.unit)
 
 
 def shown_limit(measurement: Measurement) -> str:
-    """Return the limit as people read it; one in brackets is information, without a verdict."""
+    """Return the limit as people read it; one in brackets is a reference value that is not enforced."""
     if measurement.limit is None and measurement.information is not None:
         return f"({measurement.information})"
     return str(measurement.limit or "")
 
 
 def shown_outcome(measurement: Measurement) -> str:
-    """Return the outcome as people read it; without a limit nothing was judged."""
+    """Return the outcome as people read it; without a limit there is none."""
     if measurement.outcome is Outcome.INFORMATION:
         return ""
-    return f"{measurement.outcome}; {BAND_BEYOND}" if measurement.band_reaches_beyond else str(measurement.outcome)
+    return f"{measurement.outcome}; {MAY_EXCEED}" if measurement.band_reaches_beyond else str(measurement.outcome)
+
+
+def limit_in_words(measurement: Measurement) -> str:
+    """Return the limit in a sentence: ``limit 1.8``, ``limit at least 300``; empty without one."""
+    return f"limit {measurement.limit}".replace("at most ", "") if measurement.limit else ""
+
+
+def failure_line(failure: Failure) -> str:
+    """Return a failure in one line: value, limit, value in the baseline, and where it was measured."""
+    each = failure.measurement
+    value = each.note or "no value" if each.value is None else with_unit(each.value, each.unit)
+    was = "" if failure.was is None else f"was {number(failure.was, each.unit)}"
+    held_to = ", ".join(filter(None, (limit_in_words(each), was)))
+    place = each.place or without_folders(each.test)
+    return f"{each.name} {value}" + (f" ({held_to})" if held_to else "") + (f", {place}" if place else "")
+
+
+def _wrapped(console: Console, text: str, style: str = "", indent: str = "") -> None:
+    """Print a text folded at the terminal's width, numbers and names whole."""
+    for line in textwrap.wrap(
+        printable(text), console.width, initial_indent=indent, subsequent_indent=indent and f"{indent}  ",
+        break_long_words=False, break_on_hyphens=False,
+    ):
+        console.print(escape(line), style=style, soft_wrap=True)
+
+
+def _print_failures(console: Console, found: Summary, run: Run, folder: Path) -> None:
+    cause = ""
+    for each in found.failures:
+        _wrapped(console, failure_line(each), "red", _INDENT)
+        if each.cause and each.cause != cause:
+            _wrapped(console, f"likely cause: {each.cause}", indent=2 * _INDENT)
+        cause = each.cause
+    for test in found.broken:
+        _wrapped(console, f"{test.outcome}: {without_folders(test.id)}: {test.reason}", "red", _INDENT)
+    for measurement in found.unset:
+        _wrapped(console, f"not evaluated: {measurement.name}: {measurement.note}", "yellow", _INDENT)
+    for test in run.tests:
+        if test.outcome in ("bench lost", "wrong firmware"):
+            _wrapped(console, f"{test.outcome}: {test.id}: {test.reason}", "red", _INDENT)
+        if test.trace:
+            trace = shown_path(folder / test.trace)
+            _wrapped(console, f"wire trace of {without_folders(test.id)}: {trace}", indent=_INDENT)
+    for advice in found.advice:
+        _wrapped(console, f"Next: {advice}")
+
+
+def _grid() -> Grid:
+    return Grid(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
+
+
+def _print_calibrators(console: Console, found: Summary) -> None:
+    if not found.calibrators:
+        return
+    grid = _grid()
+    grid.add_column("calibrator", no_wrap=True)
+    headings = ["worst \\[deg]", "limit", "cycles", "uncertainty range", "limit"]
+    for heading in [*headings, *([f"of {found.reference}"] if found.reference else [])]:
+        grid.add_column(heading, justify="right", no_wrap=True)
+    for each in found.calibrators:
+        maximum, cycles = each.result.maximum, each.result.cycles
+        grid.add_row(
+            escape(each.name), shown_value(maximum), _most(maximum), number(cycles.value) if cycles else "",
+            str(cycles.band or "") if cycles else "", _most(cycles), *([each.ratio] if found.reference else []),
+            style="red" if maximum.gates or (cycles and cycles.gates) else "",
+        )
+    console.print()
+    console.print(grid)
+
+
+def _most(measurement: Measurement | None) -> str:
+    most = measurement.limit.max if measurement and measurement.limit else None
+    return "" if most is None else readable(most)
+
+
+def _print_close(console: Console, found: Summary) -> None:
+    if not found.close:
+        return
+    console.print()
+    console.print(f"Close to the limit (within {100 * CLOSE:g} %, or within the model's uncertainty):", soft_wrap=True)
+    for each in found.close:
+        band = f" ({each.band})" if each.band else ""
+        line = f"{each.name} {with_unit(each.value, each.unit)}{band}, {limit_in_words(each)}"
+        _wrapped(console, line, "yellow", _INDENT)
+
+
+def _print_everything(console: Console, run: Run) -> None:
+    """Print every measurement, the uncertainty of every count, and what the calibrators cost."""
+    console.print()
+    console.print(_measurements(run.measurements))
+    for each in run.measurements:
+        if each.note and not _is_why(each):
+            _wrapped(console, f"{each.name} {shown_value(each)}: {each.note}")
+    _print_ranges(console, run.measurements)
+    if line := cost_line(run):
+        _wrapped(console, line)
 
 
 def _is_why(measurement: Measurement) -> bool:
@@ -110,34 +190,8 @@ def _is_why(measurement: Measurement) -> bool:
     return measurement.outcome not in (Outcome.PASS, Outcome.INFORMATION)
 
 
-def _empty_grid() -> Grid:
-    return Grid(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
-
-
-def _print_bands(console: Console, measurements: Sequence[Measurement]) -> None:
-    """Print counts beside their bands, limit or not, and say of which the band decides about the limit."""
-    banded = [(each, each.band) for each in measurements if each.band]
-    for model in dict.fromkeys(each.cycle_model for each, _ in banded):
-        rows = "hiltest timing show [--profile P] has the rows"
-        console.print(escape(f"What the doubt about {model} makes of cycle counts; {rows}:"), soft_wrap=True)
-        grid = _empty_grid()
-        grid.add_column("measurement", overflow="fold")
-        for name in ("cycles", "lowest", "highest"):
-            grid.add_column(name, justify="right", no_wrap=True)
-        grid.add_column("moved most by", no_wrap=True)
-        for each, band in banded:
-            if each.cycle_model == model:
-                most = band.moved_most_by
-                by = most.row if most else "memories" if band.low < band.high else "no row"
-                grid.add_row(escape(each.name), shown_value(each), readable(band.low), readable(band.high), escape(by))
-        console.print(grid)
-    for each, _ in banded:
-        if each.band_reaches_beyond:
-            console.print(escape(f"{each.name}: {BAND_BEYOND}, {shown_limit(each)}"), style="yellow", soft_wrap=True)
-
-
-def _grid(measurements: Sequence[Measurement]) -> Grid:
-    grid = _empty_grid()
+def _measurements(measurements: Sequence[Measurement]) -> Grid:
+    grid = _grid()
     grid.add_column("measurement", overflow="fold")
     grid.add_column("value", justify="right", no_wrap=True)
     grid.add_column("unit", no_wrap=True)
@@ -152,3 +206,22 @@ def _grid(measurements: Sequence[Measurement]) -> Grid:
             style=_STYLES.get(each.outcome),
         )
     return grid
+
+
+def _print_ranges(console: Console, measurements: Sequence[Measurement]) -> None:
+    """Print counts beside their uncertainty ranges, and the row of the cycle model that contributes most."""
+    ranged = [(each, each.band) for each in measurements if each.band]
+    for model in dict.fromkeys(each.cycle_model for each, _ in ranged):
+        console.print()
+        _wrapped(console, f"Cycle-count uncertainty (model {model}; hiltest timing show has its rows):")
+        grid = _grid()
+        grid.add_column("measurement", overflow="fold")
+        for name in ("cycles", "lowest", "highest"):
+            grid.add_column(name, justify="right", no_wrap=True)
+        grid.add_column("largest contributor", no_wrap=True)
+        for each, band in ranged:
+            if each.cycle_model == model:
+                most = band.moved_most_by
+                by = most.row if most else "memories" if band.low < band.high else "no row"
+                grid.add_row(escape(each.name), shown_value(each), readable(band.low), readable(band.high), escape(by))
+        console.print(grid)

@@ -242,6 +242,8 @@ class Procedure:
         What `hiltest calibrate` does: find the bias alone, or turn about all three axes for scale and axes, too.
     further_calibrations : tuple of str
         Runs beside these, judged alike, each a calibrator and the points it gets: ``direct@100``.
+    cost_reference : str
+        Calibrator whose cycles the others' are given as a multiple of; empty for none.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
@@ -258,6 +260,7 @@ class Procedure:
     dpi: Literal["pairs", "none"] = "pairs"
     gyroscope_calibration: Literal["rest", "turns"] = "turns"
     further_calibrations: tuple[str, ...] = ()
+    cost_reference: str = ""
 
     def __post_init__(self) -> None:
         require(len(self.headings_deg) >= 4, "headings_deg", "needs at least 4 headings, or no worst sector is found")

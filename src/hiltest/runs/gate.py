@@ -57,15 +57,15 @@ class Gate:
 
     def describe(self) -> str:
         """Return the header line: what the run is going to be judged against."""
+        from hiltest.text import counted
         from hiltest.verdict.wording import build
 
         if self.base is None:
             return f"base: {self.reason}"
         side = self.base.side
-        seeds = ", ".join(map(str, side.seeds))
         if not side.firmware:
             return f"base: {self.file}, of no board"
-        return f"base: {self.file}, firmware {side.firmware} {side.version} {build(side)}, seeds {seeds}"
+        return f"base: {self.file}, {build(side)}, {counted(len(side.seeds), 'seed')}"
 
 
 def read_gate(place: Path, *, in_one_session: bool = False) -> Gate:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from functools import partial
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any
@@ -124,7 +124,7 @@ class Recording:
         session.config.hook.pytest_hil_finished(config=session.config, run=self.run)
         terminal = session.config.pluginmanager.get_plugin("terminalreporter")
         if exitstatus == NOT_JUDGED and terminal is not None:
-            self.pytest_terminal_summary(terminal, session.config)  # after such a code pytest itself asks for none
+            self.print_summary(terminal, session.config)  # after such a code pytest itself asks for none
 
     def _hold_to_the_rig(self, *, left_out: bool) -> list[str]:
         """Record every limit that this set of tests has not met; with `left_out` only return their names."""
@@ -143,25 +143,31 @@ class Recording:
         self._recorder.finished(None)
         return []
 
-    def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
-        """Print the table of measurements, the files and the verdict."""
+    # Around pytest's own, whose first part shows tracebacks: the verdict and what failed come before them.
+    @pytest.hookimpl(wrapper=True, tryfirst=True)
+    def pytest_terminal_summary(
+        self, terminalreporter: pytest.TerminalReporter, config: pytest.Config
+    ) -> Generator[None, None, None]:
+        """Print the verdict, what failed, the calibrators and where the report is."""
+        self.print_summary(terminalreporter, config)
+        return (yield)
+
+    def print_summary(self, terminal: pytest.TerminalReporter, config: pytest.Config) -> None:
+        """Print what a reader wants first, if there is a run to speak of."""
         if self.run is None:
             return
         from hiltest.report.job_summary import annotation
         from hiltest.report.terminal import summary
 
-        # `hiltest run` ends with the sentence itself, behind pytest's own last line.
-        sentence = not config.pluginmanager.has_plugin("hiltest-run")
-        text = summary(
-            self.run, self._recorder.folder, every=config.get_verbosity() > 0, sentence=sentence,
-            width=terminalreporter._tw.fullwidth, colour=terminalreporter.hasmarkup,
-            options=self._hil.settings.as_run_options(),
-        )
-        terminalreporter.section("hiltest")
-        terminalreporter.write(text)
+        terminal.ensure_newline()
+        terminal.write_line("")
+        terminal.write(summary(
+            self.run, self._recorder.folder, verbose=config.get_verbosity() > 0, width=terminal._tw.fullwidth,
+            colour=terminal.hasmarkup, options=self._hil.settings.as_run_options(),
+        ))
         if self._summary_remark:
-            terminalreporter.write_line(self._summary_remark)
-        terminalreporter.write(annotation(self.run.verdict))
+            terminal.write_line(self._summary_remark)
+        terminal.write(annotation(self.run.verdict))
 
 
 def _say(config: pytest.Config, line: str) -> None:
@@ -179,6 +185,7 @@ def rig_record(rig: Rig) -> RigRecord:
     return RigRecord(
         rig.name, str(rig.path), sha256(rig.path.read_bytes()).hexdigest(), mounting, conditions_sha256(rig),
         {name: (each.absolute, each.relative) for name, each in rig.tolerances.items()},
+        rig.procedure.cost_reference,
     )
 
 

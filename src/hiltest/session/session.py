@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -271,6 +272,12 @@ class HilSession:
         """Return the id of a test for the record: for a suite it does not depend on where pytest was started."""
         return id_in_record(nodeid, self.config.rootpath)
 
+    def place_of(self, file: str, line: int) -> str:
+        """Return where a call stands, by the file's name in the record: ``test_heading.py:81``."""
+        written = Path(id_in_record(file, self.config.rootpath))
+        root = self.config.rootpath
+        return f"{written.relative_to(root) if written.is_relative_to(root) else written}:{line}"
+
     def judge(
         self, name: str, value: float | int | None, *, unit: str, limit: Limit | None = None, **more: Any
     ) -> Measurement:
@@ -333,16 +340,15 @@ class HilSession:
         """Return the header lines: which board, what its numbers rest on, and what they will be judged against."""
         base = self.gate.describe()
         if self.trouble is not None:
-            return [f"hiltest: {self.trouble}", f"rig: {self._rig_line()}", *base]
+            return [f"hiltest: {self.trouble}", f"rig {self._rig_line()}", *base]
         if self._board is None:
             return base
         board, identity = self._board, self._board.identity
         return [
-            f"hiltest: {board.description}; firmware {identity.name} {identity.version} build {identity.build_id}, "
-            f"protocol {identity.protocol_version}",
-            f"cycle model {board.cycle_model}, {identity.core_clock_hz / 1e6:g} MHz; rig: {self._rig_line()}",
+            f"{board.description}; {identity.name} {identity.version} build {identity.build_id}",
+            f"rig {self._rig_line()}; cycles by {board.cycle_model} at {identity.core_clock_hz / 1e6:g} MHz",
             *base,
         ]
 
     def _rig_line(self) -> str:
-        return f"{self.rig.name} ({self.rig.path}, {self.settings.sources['rig']})"
+        return f"{self.rig.name} ({self.settings.sources['rig']})"

@@ -100,6 +100,18 @@ def _fit_status(name: str, found: dict[str, Measurement]) -> FitStatus:
     return FitStatus(int(value_of(found.get(f"fit.{name}.status")) or FitStatus.ELLIPSOID))
 
 
+def cause_in_words(result: CalibratorResult) -> str:
+    """Return why a calibrator's heading failed, with what the fit says of it; empty where it did not."""
+    if result.cause is Cause.NONE:
+        return ""
+    residual, predicted = value_of(result.residual), value_of(result.residual_predicted)
+    about_the_fit = result.cause in (Cause.GOOD_FIT_BAD_HEADING, Cause.POOR_COVERAGE, Cause.BAD_FIT)
+    if about_the_fit and residual is not None and predicted is not None:
+        sphere = "" if result.fit is FitStatus.ELLIPSOID else "only a sphere was fitted, "
+        return f"{result.cause} ({sphere}residual {residual:.2f} %, noise predicts {predicted:.2f} %)"
+    return str(result.cause)
+
+
 def has_no_number(measurement: Measurement) -> bool:
     """Say whether a limit found no number to judge, which is less than a number that it cannot be held against."""
     return measurement.outcome is Outcome.UNSET and measurement.value is None

@@ -26,6 +26,16 @@ class Cause(StrEnum):
     BAD_FIT = "bad fit"
 
 
+ADVICE = {
+    Cause.ACCELEROMETER: "Calibrate the accelerometer first: a wrong one tilts every heading.",
+    Cause.CONSTANT_OFFSET: "Check the mounting yaw that the rig declares, and the firmware's axes.",
+    Cause.POOR_COVERAGE: "Collect points all round: what was seen of the sphere does not hold an ellipsoid.",
+    Cause.GOOD_FIT_BAD_HEADING: "A fit of norms cannot see a rotated soft iron: calibrate against gravity (dpi).",
+    Cause.BAD_FIT: "Look at the calibrated samples in the report: the model does not fit them.",
+}
+"""What to do next."""
+
+
 def name_cause(
     *, max_deg: float, max_limit_deg: float | None, bias_deg: float | None, bias_limit_deg: float | None,
     max_centred_deg: float | None, residual_percent: float, residual_predicted_percent: float,

@@ -4,27 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from hiltest.calibration.fit import FitStatus
-from hiltest.measurement import FLASH_TIE, Measurement, Outcome, Section, cannot_be_ranked
+from hiltest.measurement import Measurement, Outcome, Section
 from hiltest.record.exit_codes import PYTEST_WINS, WORDS, ExitCode, comparison_code
 from hiltest.record.failures import (
     RED_TESTS,
-    failed_otherwise,
-    limits_in_words,
     out_of_limit,
     tests_in_words,
 )
 from hiltest.record.run import Findings, TestResult, Verdict
-from hiltest.text import counted, listed, readable
+from hiltest.text import counted, listed, number, with_unit
 from hiltest.verdict.calibrators import (
     MEAN_ERROR,
     CalibratorResult,
-    calibrator_results,
     has_no_number,
-    maximum_of,
     value_of,
 )
-from hiltest.verdict.causes import Cause
+from hiltest.verdict.summary import Failure, Summary, ratio_in_words, summarise
+from hiltest.verdict.wording import sentence
 
 POSES_TABLE = "heading.poses"
 
@@ -86,114 +82,101 @@ def exit_code(findings: Findings, *, pytest_exit: int) -> int:
 
 
 def _sentence(findings: Findings, word: str, left_out: Sequence[str]) -> str:
-    """Compose the verdict: calibrators, limit and word, then whatever else is out of order."""
-    measurements = tuple(findings.measurements.values())
-    # What is neither judged nor has a cost to compare, such as one that lives with the stream, is in the report alone.
-    results = [each for each in calibrator_results(measurements) if each.maximum.limit or each.cycles]
-    against_base = findings.comparison.sentence if findings.comparison else ""
-    stopped = _what_stopped(findings)
-    if stopped:
-        return f"{word.upper()}: {stopped} {counted(len(measurements), 'measurement')} kept. {against_base}".rstrip()
+    """Compose the verdict: the word, what failed or what was reached, and whatever was not evaluated."""
+    word, against_base = word.upper(), _against_base(findings)
+    if stopped := _what_stopped(findings):
+        kept = f"{counted(len(findings.measurements), 'measurement')} kept."
+        return " ".join(filter(None, (f"{word}: {stopped} {kept}", against_base)))
+    summary = summarise(findings)
     poses = findings.tables.get(POSES_TABLE)
-    count = len(poses.rows) if poses else 0
-    parts = [_calibrator_words(each, 0 if index else count) for index, each in enumerate(results)]
-    if limits := _limit_words(results):
-        parts.append(limits)
-    sentence = "; ".join(parts) + f": {word.upper()}." if parts else f"{word.upper()}."
+    reached = "" if summary.failures or summary.broken else _reached(summary, len(poses.rows) if poses else 0)
     return " ".join(filter(None, (
-        sentence, *_remarks(findings, results), _left_out_words(left_out),
-        against_base,
+        f"{word}.", failures_in_words(summary.failures), tests_in_words(summary.broken), reached,
+        _not_evaluated(summary, findings),
+        *(f"{each.outcome.capitalize()}: {each.reason.rstrip('.')}." for each in _stopped(findings)[:1]),
+        _left_out_words(left_out), against_base,
     )))
 
 
-def _limit_words(results: Sequence[CalibratorResult]) -> str:
-    """Return the limits in the order in which the calibrators are named; one alone when all share it."""
-    limits = [maximum_of(each.maximum) for each in results]
-    if not any(limit is not None for limit in limits):
+def _against_base(findings: Findings) -> str:
+    """Return what the comparison says; beside failures of the run itself changes are only counted."""
+    if findings.comparison is None:
         return ""
-    words = ["none" if limit is None else f"{limit:g}" for limit in limits]
-    if len(set(words)) == 1:
-        return f"limit {words[0]} deg"
-    return f"limits {', '.join(words[:-1])} and {words[-1]} deg"
+    failed = _failed(findings) or _tests(findings, *RED_TESTS)
+    return sentence(findings.comparison, beside_failures=True) if failed else findings.comparison.sentence
+
+
+def _reached(summary: Summary, poses: int) -> str:
+    """Say what the reference of cost reaches, and what the cheapest other one does beside it."""
+    results = [each.result for each in summary.calibrators]
+    if not results:
+        return ""
+    lead = next((each for each in results if each.name == summary.reference), results[0])
+    ratios = {each.name: each.ratio for each in summary.calibrators}
+    others = [each for each in results if each is not lead and ratios[each.name] and each.maximum.value is not None]
+    return " ".join(filter(None, (_accuracy_and_cost(lead, poses), _against(others[0], lead) if others else "")))
+
+
+def _accuracy_and_cost(result: CalibratorResult, poses: int) -> str:
+    centred = result.maximum.outcome is Outcome.UNSET and result.centred is not None
+    heading = result.centred if centred and result.centred else result.maximum
+    worst = "no heading" if heading.value is None else f"worst heading {with_unit(heading.value, heading.unit)}"
+    worst += (" about its mean" if centred else "") + (f" over {poses} poses" if poses else "") + _limit(heading)
+    cycles = result.cycles
+    cost = "" if cycles is None or cycles.value is None else f", {with_unit(cycles.value, 'cycle')}{_limit(cycles)}"
+    return f"{result.name}: {worst}{cost}."
+
+
+def _limit(measurement: Measurement, was: str = "") -> str:
+    within = "" if measurement.limit is None else f"limit {measurement.limit}".replace("limit at most ", "limit ")
+    words = ", ".join(filter(None, (within, was)))
+    return f" ({words})" if words else ""
+
+
+def _against(other: CalibratorResult, lead: CalibratorResult) -> str:
+    """Compare accuracy and cost of two calibrators that had the same points."""
+    worse_deg = (value_of(other.maximum) or 0.0) - (value_of(lead.maximum) or 0.0)
+    if abs(worse_deg) <= TIE_DEG:
+        accuracy = f"equal accuracy (within {TIE_DEG:g} deg)"
+    else:
+        accuracy = f"{abs(worse_deg):.2f} deg {'worse' if worse_deg > 0 else 'better'}"
+    return f"{other.name}: {accuracy}, {ratio_in_words(other, lead)}."
+
+
+def failures_in_words(failures: Sequence[Failure]) -> str:
+    """Name the first measurements that failed, each with its limit and what it was in the baseline, and the cause."""
+    if not failures:
+        return ""
+    named = [
+        f"{each.measurement.name} {_value(each.measurement)}"
+        + _limit(each.measurement, "" if each.was is None else f"was {number(each.was, each.measurement.unit)}")
+        for each in failures
+    ]
+    causes = list(dict.fromkeys(each.cause for each in failures if each.cause))
+    likely = f" Likely cause: {listed(causes, 1)}." if causes else ""
+    return f"{listed(named, _NAMED_AT_MOST)}.{likely}"
+
+
+def _value(measurement: Measurement) -> str:
+    return measurement.note if measurement.value is None else with_unit(measurement.value, measurement.unit)
 
 
 def _left_out_words(left_out: Sequence[str]) -> str:
     if not left_out:
         return ""
     example = f", e.g. {left_out[0]}" if len(left_out) > 1 else f": {left_out[0]}"
-    return f"Not judged: {len(left_out)} limit{'s' * (len(left_out) > 1)} of the rig{example}."
+    return f"Not evaluated: {len(left_out)} limit{'s' * (len(left_out) > 1)} of the rig{example}."
 
 
-def _calibrator_words(result: CalibratorResult, poses: int) -> str:
-    unset = result.maximum.outcome is Outcome.UNSET and result.centred is not None
-    judged = result.centred if unset and result.centred else result.maximum
-    words = f"{result.name}: "
-    if judged.value is None:
-        words += "no heading"
-    else:
-        words += ("worst heading " if poses else "") + f"{judged.value:.2f} deg"
-    words += " about its mean" if unset else ""
-    words += f" over {poses} poses" if poses else ""
-    if result.cycles is not None and result.cycles.value is not None:
-        words += f" for {readable(result.cycles.value)}" + (" cycles" if poses else "")
-    return words + _cause_words(result)
-
-
-def _cause_words(result: CalibratorResult) -> str:
-    if result.cause is Cause.NONE:
+def _not_evaluated(summary: Summary, findings: Findings) -> str:
+    """Name the limits that could not be applied, and what was judged instead."""
+    if not summary.unset:
         return ""
-    residual, predicted = value_of(result.residual), value_of(result.residual_predicted)
-    about_the_fit = result.cause in (Cause.GOOD_FIT_BAD_HEADING, Cause.POOR_COVERAGE, Cause.BAD_FIT)
-    if about_the_fit and residual is not None and predicted is not None:
-        sphere = "" if result.fit is FitStatus.ELLIPSOID else "only a sphere was fitted, "
-        return f" ({result.cause}: {sphere}residual {residual:.2f} %, noise predicts {predicted:.2f} %)"
-    return f" ({result.cause})"
-
-
-def _remarks(findings: Findings, results: Sequence[CalibratorResult]) -> list[str]:
-    """Return what follows the first sentence."""
-    measurements = findings.measurements.values()
-    named = [each.name for each in results if each.cause is not Cause.NONE]
-    explained = {f"{kind}.{name}." for name in named for kind in ("heading", "fit")}
-    failed = _failed(findings)
-    others = [each for each in failed if not each.name.startswith(tuple(explained))]
-    red_otherwise = failed_otherwise(findings.tests, failed)
-    remarks = [_not_judged(list(measurements)), limits_in_words(others), tests_in_words(red_otherwise)]
-    remarks += [f"{each.outcome.capitalize()}: {each.reason.rstrip('.')}." for each in _stopped(findings)[:1]]
-    if not failed and not _tests(findings, *RED_TESTS):
-        remarks.append(_comparison(results))
-    return remarks
-
-
-def _not_judged(measurements: Sequence[Measurement]) -> str:
-    unset = [each for each in measurements if each.outcome is Outcome.UNSET]
-    if not unset:
-        return ""
-    if all(each.section is Section.HEADING and not has_no_number(each) for each in unset):
-        biases = [each for each in measurements if each.kind is MEAN_ERROR and each.value is not None]
-        mean = f"; mean error {biases[0].value:.2f} deg" if biases and biases[0].value is not None else ""
-        return f"Only centred values were judged: {unset[0].note}{mean}."
-    return f"Not judged: {_listed([f'{each.name} ({each.note})' for each in unset])}."
-
-
-def _comparison(results: Sequence[CalibratorResult]) -> str:
-    """Compare the cheapest calibrator with the most accurate other one."""
-    rated = [each for each in results if each.maximum.value is not None and each.cycles and each.cycles.value]
-    if len(rated) < 2:
-        return ""
-    cheap = min(rated, key=lambda each: value_of(each.cycles) or 0.0)  # where flash ranks none, they stand by name
-    others = [each for each in rated if each is not cheap]
-    other = min(others, key=lambda each: value_of(each.maximum) or 0.0)
-    ratio = (value_of(other.cycles) or 0.0) / (value_of(cheap.cycles) or 1.0)
-    part = f"1/{ratio:.0f}" if ratio >= 1.5 else f"{1 / ratio:.2f}"
-    cost = f"{cheap.name} costs {part} of {other.name}"
-    if cannot_be_ranked(cheap.cycles, other.cycles):
-        cost = f"their costs are within {FLASH_TIE:.0%} and from flash, which ranks neither"
-    gain = (value_of(other.maximum) or 0.0) - (value_of(cheap.maximum) or 0.0)
-    if abs(gain) <= TIE_DEG:
-        return f"Accuracy ties; {cost}."
-    better = cheap if gain > 0 else other
-    return f"{better.name} is {abs(gain):.2f} deg better; {cost}."
+    if all(each.section is Section.HEADING and not has_no_number(each) for each in summary.unset):
+        means = [each for each in findings.measurements.values() if each.kind is MEAN_ERROR and each.value is not None]
+        mean = f"; mean error {number(means[0].value, 'deg')} deg" if means else ""
+        return f"Only centred values were judged: {summary.unset[0].note}{mean}."
+    return f"Not evaluated: {listed([f'{each.name} ({each.note})' for each in summary.unset], _NAMED_AT_MOST)}."
 
 
 def _what_stopped(findings: Findings) -> str:
@@ -216,6 +199,3 @@ def _tests(findings: Findings, *outcomes: str) -> list[TestResult]:
     return [each for each in findings.tests if each.outcome in outcomes]
 
 
-
-def _listed(texts: Sequence[str]) -> str:
-    return listed(texts, _NAMED_AT_MOST)

@@ -104,11 +104,21 @@ def moved_percent(difference: Difference) -> float | None:
     return 100.0 * difference.delta / abs(difference.base)
 
 
-def sentence(comparison: Comparison) -> str:
-    """Return what a comparison comes to, in one sentence: the answer, the base, and why."""
+def sentence(comparison: Comparison, *, beside_failures: bool = False) -> str:
+    """Return what a comparison comes to, in one sentence: the answer, the base, and why.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    beside_failures : bool, optional
+        Whether it stands behind the run's own failures: they are not named again, and changes are only counted.
+    """
     answer = comparison.answer.capitalize()
     if comparison.answer is Answer.MAY and comparison.chosen:
         answer += " as far as the chosen tests tell"
+    if beside_failures:
+        parts = [_of_obstacles(comparison), *_counts(comparison, named=False)]
+        return f"{answer} (against {comparison.base.file}): {'; '.join(filter(None, parts)) or 'nothing measured'}."
     worse = {entry(each) for each in comparison.of(Change.WORSE)} if comparison.evaluated else set()
     parts = [
         _named("failed: ", [each for each in comparison.failed if each not in worse]),
@@ -168,12 +178,12 @@ def _of_obstacles(comparison: Comparison) -> str:
     return f"{not_compared}{comparison.obstacles[0].rstrip('.')}{others}"
 
 
-def _counts(comparison: Comparison) -> list[str]:
+def _counts(comparison: Comparison, *, named: bool = True) -> list[str]:
     """Return how many measurements there are of each change, and name the first that got worse and better."""
     # What is gone is among the reasons then.
     without = () if comparison.evaluated else (Change.GONE,)
     found = {each: comparison.of(each) for each in (*SHOWN, Change.NOT_TAKEN, Change.UNCHANGED) if each not in without}
-    counts = [_counted(change, each) for change, each in found.items() if each]
+    counts = [_counted(change, each) if named else f"{len(each)} {change}" for change, each in found.items() if each]
     return [f"apart from that {counts[0]}", *counts[1:]] if comparison.obstacles and counts else counts
 
 

@@ -1,0 +1,178 @@
+"""What a reader of a run wants first: what failed and why, what each calibrator reaches and costs, what is close."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from hiltest.measurement import (
+    FLASH_TIE,
+    Limit,
+    Measurement,
+    Outcome,
+    Section,
+    cannot_be_ranked,
+    ratio_band,
+)
+from hiltest.record.failures import failed_otherwise, out_of_limit
+from hiltest.record.run import Findings, Run, TestResult
+from hiltest.verdict.calibrators import CalibratorResult, calibrator_results, cause_in_words, value_of
+from hiltest.verdict.causes import ADVICE, Cause
+
+CLOSE = 0.05
+"""A measurement is close to its limit from this part of it on."""
+CLOSE_AT_MOST = 5
+
+MAY_EXCEED = "may exceed the limit within the model's uncertainty"
+"""What stands beside a count that keeps its limit, and would not at one end of its uncertainty range."""
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """A measurement out of its limit.
+
+    Attributes
+    ----------
+    measurement : Measurement
+    was : float or None
+        In the baseline; None without one.
+    cause : str
+        What is likely to have caused it; empty where the run cannot tell.
+    """
+
+    measurement: Measurement
+    was: float | None
+    cause: str
+
+
+@dataclass(frozen=True, slots=True)
+class CalibratorLine:
+    """Worst heading and cycles of one calibrator; `ratio` is its cost as a multiple of the reference's."""
+
+    result: CalibratorResult
+    ratio: str
+
+    @property
+    def name(self) -> str:
+        """Name of the calibrator."""
+        return self.result.name
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """What stands at the top of every report, in this order.
+
+    Attributes
+    ----------
+    failures : tuple of Failure
+        Calibrators' headings first.
+    broken : tuple of TestResult
+        Tests that are red for another reason than a limit.
+    unset : tuple of Measurement
+        Limits that could not be evaluated.
+    advice : tuple of str
+        What to do next.
+    reference : str
+        Calibrator that the ratios are of; empty without one.
+    calibrators : tuple of CalibratorLine
+        Cheapest first.
+    close : tuple of Measurement
+        Within `CLOSE` of their limit, or with an uncertainty range that reaches beyond it; `CLOSE_AT_MOST` of them.
+    """
+
+    failures: tuple[Failure, ...]
+    broken: tuple[TestResult, ...]
+    unset: tuple[Measurement, ...]
+    advice: tuple[str, ...]
+    reference: str
+    calibrators: tuple[CalibratorLine, ...]
+    close: tuple[Measurement, ...]
+
+
+def summarise(run: Run | Findings) -> Summary:
+    """Return what a reader of a run wants first."""
+    measurements = tuple(run.measurements.values()) if isinstance(run, Findings) else run.measurements
+    results = calibrator_results(measurements)
+    failed = out_of_limit(measurements)
+    causes = {each.name: cause_in_words(each) for each in results}
+    reference = cost_reference(run, results)
+    return Summary(
+        failures=tuple(_failure(each, run, causes) for each in sorted(failed, key=_headings_first)),
+        broken=tuple(failed_otherwise(run.tests, failed)),
+        unset=tuple(each for each in measurements if each.outcome is Outcome.UNSET),
+        advice=tuple(dict.fromkeys(ADVICE[each.cause] for each in results if each.cause is not Cause.NONE)),
+        reference=reference.name if reference else "",
+        calibrators=tuple(
+            CalibratorLine(each, _ratio(run, each, reference)) for each in results if each.maximum.limit or each.cycles
+        ),
+        close=close_to_limit(measurements),
+    )
+
+
+def cost_reference(run: Run | Findings, results: Sequence[CalibratorResult]) -> CalibratorResult | None:
+    """Return the calibrator that the rig gives costs as multiples of; None where it names none that was counted."""
+    name = run.rig.cost_reference if run.rig else ""
+    return next((each for each in results if each.name == name and value_of(each.cycles)), None)
+
+
+def ratio_in_words(result: CalibratorResult, reference: CalibratorResult) -> str:
+    """Return how many times the reference's cycles a calibrator takes, with the range that their model leaves."""
+    if result.cycles is None or reference.cycles is None or not result.cycles.value or not reference.cycles.value:
+        return ""
+    if result is reference:
+        return ""
+    if cannot_be_ranked(result.cycles, reference.cycles):
+        return f"within {100 * FLASH_TIE:g} % of the cycles of {reference.name}: code in flash ranks neither"
+    band = ratio_band(result.cycles, reference.cycles)
+    within = f" ({band[0]:.2f} to {band[1]:.2f})" if band else ""
+    return f"{result.cycles.value / reference.cycles.value:.2f} x the cycles of {reference.name}{within}"
+
+
+def close_to_limit(measurements: Sequence[Measurement]) -> tuple[Measurement, ...]:
+    """Return what keeps its limit and hardly so: cycles that may exceed it first, then the nearest."""
+    near = [(each, _room(each)) for each in measurements if each.outcome is Outcome.PASS]
+    close = [(each, room) for each, room in near if each.band_reaches_beyond or (room is not None and room <= CLOSE)]
+    close.sort(key=lambda pair: (not pair[0].band_reaches_beyond, 0.0 if pair[1] is None else pair[1]))
+    return tuple(each for each, _ in close[:CLOSE_AT_MOST])
+
+
+def _room(measurement: Measurement) -> float | None:
+    """Return how far a value is from its limit, as a part of it; None where that says nothing.
+
+    A count is at its limit because nothing was lost, and a limit of 0 has no parts. Of two sides the part is of half
+    the distance between them.
+    """
+    limit, value = measurement.limit, measurement.value
+    if limit is None or value is None or limit.min == limit.max or measurement.section is Section.BOARD:
+        return None
+    if not measurement.unit:
+        return None
+    sides = [abs(value - side) / whole for side, whole in _sides(limit) if whole]
+    return min(sides, default=None)
+
+
+def _sides(limit: Limit) -> list[tuple[float, float]]:
+    if limit.min is not None and limit.max is not None:
+        half = (limit.max - limit.min) / 2.0
+        return [(limit.min, half), (limit.max, half)]
+    return [(side, abs(side)) for side in (limit.min, limit.max) if side is not None]
+
+
+def _headings_first(measurement: Measurement) -> tuple[int, str]:
+    return list(Section).index(measurement.section), measurement.name
+
+
+def _failure(measurement: Measurement, run: Run | Findings, causes: Mapping[str, str]) -> Failure:
+    differences = run.comparison.differences if run.comparison else ()
+    was = next((each.base for each in differences if each.name == measurement.name), None)
+    about_the_calibrator = measurement.section in (Section.HEADING, Section.FIT)
+    return Failure(measurement, was, causes.get(measurement.subject, "") if about_the_calibrator else "")
+
+
+def _ratio(run: Run | Findings, result: CalibratorResult, reference: CalibratorResult | None) -> str:
+    """Return the ratio as a number alone, for a column; only calibrators of the board are given the same points."""
+    cycles, of = value_of(result.cycles), value_of(reference.cycles) if reference else None
+    if reference is None or not cycles or not of or not run.board or result.name not in run.board.calibrators:
+        return ""
+    tied = result is not reference and cannot_be_ranked(result.cycles, reference.cycles)
+    return f"within {100 * FLASH_TIE:g} %" if tied else f"{cycles / of:.2f}"
