@@ -122,7 +122,9 @@ def findings(board: BoardRecord) -> Callable[..., Findings]:
         made = Findings(
             Environment("bench, 2 cores", "Linux", "3.11.2", {"hiltest": "0.1.0"}), "gate", "all",
             "2026-01-02T03:04:05Z", seed=1, board=board,
-            rig=RigRecord("virtual-k64f", "virtual-k64f.toml", "cd" * 32, "1.7 ± 0.2 deg"),
+            rig=RigRecord(
+                "virtual-k64f", "virtual-k64f.toml", "cd" * 32, "1.7 ± 0.2 deg", cost_reference="direct"
+            ),
         )
         made.tests.extend(tests or [TestResult(HEADING_TEST, "passed", 1.25)])
         made.measurements.update((each.name, each) for each in measurements)

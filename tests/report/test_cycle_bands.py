@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Callable
 from dataclasses import asdict, replace
+from html import unescape
 from itertools import product
 from pathlib import Path
 
@@ -80,11 +81,10 @@ def test_every_report_shows_it_beside_the_count(findings: Make, good: list[Measu
     text = markdown_report(run)
     assert "12 400 (11 900 to 13 050)" in text
     assert IN_WORDS in text.replace("\\", "")  # Markdown would take an underscore for emphasis
-    # It has no limit, so the table leaves it out unless asked for every one; the band is there all the same.
-    for every in (True, False):
-        printed = summary(run, tmp_path, every=every, sentence=False, width=100, colour=False)
-        _, bands = printed.split(f"What the doubt about {MODEL} makes of cycle counts")
-        assert re.search(r"^ ?cycles\.direct\.total +12 400 +11 900 +13 050 +fp_accumulate *$", bands, re.M)
+    printed = summary(run, tmp_path, verbose=False, width=100, colour=False)
+    assert re.search(r"^direct +0\.97 +1\.8 +12 400 +11 900 to 13 050 +1\.00 *$", printed, re.M)
+    _, ranges = summary(run, tmp_path, verbose=True, width=100, colour=False).split("Cycle-count uncertainty (model ")
+    assert re.search(r"^ ?cycles\.direct\.total +12 400 +11 900 +13 050 +fp_accumulate *$", ranges, re.M)
 
 
 def test_a_count_that_keeps_its_limit_only_as_it_was_counted_says_so_and_passes(
@@ -96,12 +96,12 @@ def test_a_count_that_keeps_its_limit_only_as_it_was_counted_says_so_and_passes(
         made = findings(*(total if each.name == total.name else each for each in good))
         return made.finish(decide(made, pytest_exit=0), "2026-01-02T03:04:06Z")
 
-    remark = "its band reaches beyond the limit"
+    remark = "may exceed the limit within the model's uncertainty"
     for run, told in ((judged(13_000), True), (judged(13_050), False), (judged(12_399), False)):
         assert (run.verdict.exit_code == 0) is (run.measurement("cycles.direct.total").outcome is Outcome.PASS)
-        printed = summary(run, tmp_path, every=False, sentence=False, width=100, colour=False).splitlines()
-        assert (f"cycles.direct.total: {remark}, at most 13 000" in printed) is told
-        page = html_report(run).replace("\N{NO-BREAK SPACE}", " ")
+        printed = summary(run, tmp_path, verbose=False, width=100, colour=False)
+        assert ("cycles.direct.total 12 400 cycles (11 900 to 13 050), limit 13 000" in printed) is told
+        page = unescape(html_report(run)).replace("\N{NO-BREAK SPACE}", " ")
         assert (f"<small>11 900 to 13 050: {remark}</small>" in page) is told
         assert (f"12 400 (11 900 to 13 050: {remark})" in markdown_report(run)) is told
 
@@ -175,16 +175,13 @@ def test_the_cost_line_has_budget_counts_what_they_reach_and_the_ratio(
     run = made.finish(decide(made, pytest_exit=0), "2026-01-02T03:04:06Z")
     line = (
         "Thesis budget for 100 points 19 400 cycles; direct 12 400 (11 900 to 13 050) for 0.97 deg; iterative 203 000 "
-        f"for 0.95 deg; iterative costs 16.37 times direct; counted by {MODEL}."
+        f"for 0.95 deg, 16.37 x the cycles of direct; counted by {MODEL}."
     )
     assert cost_line(run) == line
     assert line in html_report(run).replace("\N{NO-BREAK SPACE}", " ")
     assert line in markdown_report(run)
-    # Beside the verdict wherever that is shown.
-    printed = summary(run, tmp_path, every=False, sentence=True, width=100, colour=False).splitlines()
-    assert printed[-2:] == [line, run.verdict.sentence]
-    told = markdown_report(run)
-    assert told.index(run.verdict.sentence[:40]) < told.index(line) < told.index("| calibrator |")
+    assert "Thesis" not in summary(run, tmp_path, verbose=False, width=100, colour=False)
+    assert line in " ".join(summary(run, tmp_path, verbose=True, width=100, colour=False).split())
 
 
 def test_a_budget_of_ones_own_is_not_called_the_thesis(findings: Make, good: list[Measurement]) -> None:
@@ -197,6 +194,8 @@ def test_a_budget_of_ones_own_is_not_called_the_thesis(findings: Make, good: lis
     assert line.startswith("Budget for 100 points 17 600 cycles; direct 12 400 ")
 
 
-def test_without_the_old_calibrator_there_is_no_cost_line(findings: Make, good: list[Measurement]) -> None:
-    made = findings(*(each for each in good if "iterative" not in each.name))
+def test_without_a_counted_calibrator_of_the_board_there_is_no_cost_line(
+    findings: Make, good: list[Measurement]
+) -> None:
+    made = findings(*(each for each in good if each.unit != "cycle"))
     assert cost_line(made.finish(decide(made, pytest_exit=0), "2026-01-02T03:04:06Z")) == ""

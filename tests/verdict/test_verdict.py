@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from hiltest.measurement import Limit, Measurement, judge
+from hiltest.measurement import CycleBand, Limit, Measurement, identify, judge
 from hiltest.record.comparison import Comparison, Side
 from hiltest.record.run import Findings, TestResult
 from hiltest.report.cost_line import cost_line
@@ -18,6 +18,7 @@ from hiltest.verdict.calibrators import cheapest_first
 from hiltest.verdict.compare import compare
 from hiltest.verdict.evidence import Conditions, Evidence
 from hiltest.verdict.not_measured import unmet_limits
+from hiltest.verdict.summary import close_to_limit, summarise
 from hiltest.verdict.verdict import decide
 
 Make = Callable[..., Findings]
@@ -27,31 +28,55 @@ Heading = Callable[..., list[Measurement]]
 def test_a_good_run_says_accuracy_cost_and_pass_in_one_sentence(findings: Make, good: list[Measurement]) -> None:
     verdict = decide(findings(*good), pytest_exit=0)
     assert verdict.sentence == (
-        "direct: worst heading 0.97 deg over 60 poses for 12 400 cycles; iterative: 0.95 deg for 203 000; "
-        "limit 1.8 deg: PASS. Accuracy ties; direct costs 1/16 of iterative."
+        "PASS. direct: worst heading 0.97 deg over 60 poses (limit 1.8), 12 400 cycles. "
+        "iterative: equal accuracy (within 0.1 deg), 16.37 x the cycles of direct."
     )
     assert (verdict.outcome, verdict.exit_code, verdict.complete) == ("pass", 0, True)
 
 
 def test_what_is_neither_judged_nor_costed_is_left_to_the_report(findings: Make, good: list[Measurement]) -> None:
     stream = judge("heading.direct-stream.max", 0.5, unit="deg")
-    assert decide(findings(*good, stream), pytest_exit=0).sentence == decide(findings(*good), pytest_exit=0).sentence
+    assert [each.name for each in summarise(findings(*good, stream)).calibrators] == ["direct", "iterative"]
     judged = judge("heading.direct-stream.max", 0.5, unit="deg", limit=Limit(max=1.8))
-    assert "direct-stream: 0.50 deg" in decide(findings(*good, judged), pytest_exit=0).sentence
+    names = [each.name for each in summarise(findings(*good, judged)).calibrators]
+    assert names == ["direct", "iterative", "direct-stream"]
 
 
-def test_the_better_calibrator_is_named_when_accuracy_does_not_tie(findings: Make, heading: Heading) -> None:
-    iterative = heading("iterative", 1.0, limit=2, cycles=24_000)
+@pytest.mark.parametrize(
+    ("max_deg", "said"), [(1.0, "iterative: 0.50 deg better, 2.00 x"), (1.75, "iterative: 0.25 deg worse, 2.00 x")]
+)
+def test_how_much_better_or_worse_is_said_where_accuracy_is_not_equal(
+    findings: Make, heading: Heading, max_deg: float, said: str
+) -> None:
+    iterative = heading("iterative", max_deg, limit=2, cycles=24_000)
     made = findings(*heading("direct", 1.5, limit=1.8, cycles=12_000), *iterative)
-    assert decide(made, pytest_exit=0).sentence.endswith(
-        "limits 1.8 and 2 deg: PASS. iterative is 0.50 deg better; direct costs 1/2 of iterative."
-    )
+    assert decide(made, pytest_exit=0).sentence.endswith(f"{said} the cycles of direct.")
+
+
+def test_the_rig_says_which_calibrator_costs_are_multiples_of(findings: Make, good: list[Measurement]) -> None:
+    made = findings(*good)
+    assert made.rig is not None
+    made.rig = replace(made.rig, cost_reference="iterative")
+    summary = summarise(made)
+    assert [(each.name, each.ratio) for each in summary.calibrators] == [("direct", "0.06"), ("iterative", "1.00")]
+    assert decide(made, pytest_exit=0).sentence.startswith("PASS. iterative: worst heading 0.95 deg")
+    made.rig = replace(made.rig, cost_reference="")
+    assert {each.ratio for each in summarise(made).calibrators} == {""}
+    assert "x the cycles" not in decide(made, pytest_exit=0).sentence
+
+
+def test_a_calibrator_that_is_given_other_points_has_no_ratio(
+    findings: Make, good: list[Measurement], heading: Heading
+) -> None:
+    (dpi,) = (each for each in summarise(findings(*good, *heading("dpi", 1.0, limit=2, cycles=100_000))).calibrators
+              if each.name == "dpi")
+    assert dpi.ratio == ""
 
 
 @pytest.mark.parametrize(
     ("cycles", "said"),
-    [(12_500, "Accuracy ties; their costs are within 10% and from flash, which ranks neither."),
-     (14_000, "Accuracy ties; direct costs 0.86 of iterative.")],
+    [(12_500, "within 10 % of the cycles of direct: code in flash ranks neither."),
+     (14_000, "equal accuracy (within 0.1 deg), 1.17 x the cycles of direct.")],
 )  # fmt: skip
 def test_costs_of_code_in_flash_are_not_ranked_when_they_are_close(
     findings: Make, heading: Heading, cycles: int, said: str
@@ -75,9 +100,9 @@ def test_the_table_and_the_line_of_costs_do_not_rank_code_in_flash_either(
     made = findings(*(replace(each, cycle_model=f"m@{placement}" if each.cycle_model else "") for each in both))
     run = made.finish(decide(made, pytest_exit=0), "2026-01-02T03:04:06Z")
     assert [each.name for each in accuracy_and_cost(run).rows] == order
-    refused = "iterative and direct are within 10% and from flash, which ranks neither"
+    refused = "within 10 % of the cycles of direct: code in flash ranks neither"
     assert (refused in cost_line(run)) is not ranked
-    assert ("iterative costs 0.91 times direct" in cost_line(run)) is ranked
+    assert ("0.91 x the cycles of direct" in cost_line(run)) is ranked
 
 
 def test_costs_of_code_in_flash_stand_by_name_only_where_the_cheapest_of_them_cannot_be_told_apart() -> None:
@@ -90,9 +115,9 @@ def test_costs_of_code_in_flash_stand_by_name_only_where_the_cheapest_of_them_ca
 @pytest.mark.parametrize(
     ("numbers", "cause"),
     [
-        ({"maximum": 6.1, "residual": 0.81}, "(good fit, bad heading: residual 0.81 %, noise predicts 0.79 %)"),
-        ({"maximum": 6.1, "residual": 2.4}, "(bad fit: residual 2.40 %, noise predicts 0.79 %)"),
-        ({"maximum": 3.9, "bias": 3.0, "centred": 0.9}, "(constant offset)"),
+        ({"maximum": 6.1, "residual": 0.81}, "good fit, bad heading (residual 0.81 %, noise predicts 0.79 %)"),
+        ({"maximum": 6.1, "residual": 2.4}, "bad fit (residual 2.40 %, noise predicts 0.79 %)"),
+        ({"maximum": 3.9, "bias": 3.0, "centred": 0.9}, "constant offset"),
     ],
 )
 def test_a_failed_heading_names_its_cause(
@@ -103,8 +128,10 @@ def test_a_failed_heading_names_its_cause(
         *heading("direct", maximum, limit=1.8, cycles=12_400, **numbers), tests=(_test("failed"),), tables=False
     )
     verdict = decide(made, pytest_exit=1)
-    assert f"{maximum:.2f} deg for 12 400 {cause}; limit 1.8 deg: FAIL." in verdict.sentence
-    assert "Out of limit" not in verdict.sentence, "the cause already covers this calibrator's measurements"
+    assert f"heading.direct.max {maximum:.2f} deg (limit 1.8)" in verdict.sentence
+    assert verdict.sentence.startswith("FAIL. ")
+    assert verdict.sentence.endswith(f"Likely cause: {cause}.")
+    assert len(summarise(made).advice) == 1
     assert verdict.exit_code == 1
 
 
@@ -112,8 +139,7 @@ def test_a_bad_accelerometer_is_named_before_the_fit(findings: Make, heading: He
     norm = judge("accelerometer.norm_rms", 40.0, unit="mg", limit=Limit(max=8))
     made = findings(*heading("direct", 6.1, limit=1.8, cycles=12_400), norm, tests=(_test("failed"),))
     sentence = decide(made, pytest_exit=1).sentence
-    assert "12 400 cycles (accelerometer); limit 1.8 deg: FAIL." in sentence
-    assert "Out of limit: accelerometer.norm_rms 40 mg (at most 8)." in sentence
+    assert sentence.endswith("accelerometer.norm_rms 40 mg (limit 8). Likely cause: accelerometer.")
 
 
 def test_without_a_declared_mounting_only_centred_values_count(findings: Make, heading: Heading) -> None:
@@ -122,7 +148,7 @@ def test_without_a_declared_mounting_only_centred_values_count(findings: Make, h
     ))
     verdict = decide(made, pytest_exit=0)
     assert verdict.sentence == (
-        "direct: worst heading 0.95 deg about its mean over 60 poses for 12 400 cycles; limit 1.8 deg: NOT JUDGED. "
+        "NOT JUDGED. direct: worst heading 0.95 deg about its mean over 60 poses (limit 1.8), 12 400 cycles. "
         "Only centred values were judged: the rig declares no mounting yaw; mean error 1.71 deg."
     )
     assert verdict.exit_code == 22
@@ -134,15 +160,9 @@ def test_a_centred_error_out_of_limit_fails_even_without_a_mounting(findings: Ma
         tests=(_test("failed"),),
     )
     verdict = decide(made, pytest_exit=1)
-    assert "worst heading 6.00 deg about its mean" in verdict.sentence
-    assert "good fit, bad heading" in verdict.sentence
+    assert "heading.direct.max_centred 6.00 deg (limit 1.8)" in verdict.sentence
+    assert "Likely cause: good fit, bad heading" in verdict.sentence
     assert verdict.exit_code == 1
-
-
-def test_limits_stand_in_the_order_of_the_calibrators(findings: Make, heading: Heading) -> None:
-    iterative = heading("iterative", 1.0, limit=1.5, cycles=24_000)
-    sentence = decide(findings(*heading("direct", 1.5, limit=1.8, cycles=12_000), *iterative), pytest_exit=0).sentence
-    assert "; limits 1.8 and 1.5 deg: PASS." in sentence
 
 
 @pytest.mark.parametrize("outcome", ["passed", "skipped", "xfailed"])
@@ -152,12 +172,12 @@ def test_out_of_limit_is_red_whatever_became_of_the_test(
     bad = judge("cycles.direct.fixed", 11_061.0, unit="cycle", limit=Limit(max=2_600), cycle_model="m", test="t::t")
     verdict = decide(findings(*good, bad, tests=(TestResult("t::t", outcome, 1),)), pytest_exit=0)
     assert (verdict.exit_code, verdict.outcome) == (1, "fail")
-    assert verdict.sentence.endswith("FAIL. Out of limit: cycles.direct.fixed 11 061 cycle (at most 2 600).")
+    assert verdict.sentence == "FAIL. cycles.direct.fixed 11 061 cycles (limit 2 600)."
 
 
 def test_limits_that_were_left_out_are_said_and_make_nobody_red(findings: Make, good: list[Measurement]) -> None:
     verdict = decide(findings(*good), pytest_exit=0, left_out=["a.b", "c.d"])
-    assert verdict.sentence.endswith("costs 1/16 of iterative. Not judged: 2 limits of the rig, e.g. a.b.")
+    assert verdict.sentence.endswith("x the cycles of direct. Not evaluated: 2 limits of the rig, e.g. a.b.")
     assert (verdict.exit_code, verdict.outcome, verdict.complete) == (0, "pass", False)
     chosen = findings(*good)
     chosen.chosen = True
@@ -171,9 +191,9 @@ def test_a_limit_that_nothing_met_is_named_and_is_no_calibrator(findings: Make, 
     unmet = unmet_limits(limits, {"lamp": "cd"}, {each.name for each in good}, ("direct", "iterative"))
     verdict = decide(findings(*good, *unmet), pytest_exit=0)
     assert verdict.exit_code == 22
-    assert verdict.sentence.startswith("direct: worst heading 0.97 deg over 60 poses for 12 400 cycles; iterative: ")
+    assert verdict.sentence.startswith("NOT JUDGED. direct: worst heading 0.97 deg over 60 poses")
     assert (
-        "NOT JUDGED. Not judged: heading.dirct.max (the board has no calibrator 'dirct', only direct, iterative), "
+        "Not evaluated: heading.dirct.max (the board has no calibrator 'dirct', only direct, iterative), "
         "lamp (nothing measured it)."
     ) in verdict.sentence
 
@@ -197,21 +217,20 @@ def test_what_is_no_calibrator_of_the_firmware_is_unmet_for_another_reason(
 def test_other_measurements_out_of_limit_are_named(findings: Make, good: list[Measurement]) -> None:
     bad = judge("gyroscope.bias_error", 0.4, unit="dps", limit=Limit(max=0.1), test="t.py::test_rest")
     verdict = decide(findings(*good, bad, tests=(TestResult("t.py::test_rest", "failed", 1),)), pytest_exit=1)
-    assert verdict.sentence.endswith("FAIL. Out of limit: gyroscope.bias_error 0.4 dps (at most 0.1).")
+    assert verdict.sentence == "FAIL. gyroscope.bias_error 0.4 dps (limit 0.1)."
 
 
 def test_a_heading_that_is_not_a_number_fails_by_name(findings: Make, heading: Heading) -> None:
     made = findings(*heading("direct", float("nan"), limit=1.8, cycles=12_400), tests=(_test("failed"),))
     sentence = decide(made, pytest_exit=1).sentence
-    assert "direct: no heading over 60 poses" in sentence
-    assert "heading.direct.max (the value is nan)" in sentence
+    assert "heading.direct.max the value is nan (limit 1.8)" in sentence
 
 
 def test_a_test_that_failed_without_a_measurement_is_named(findings: Make, good: list[Measurement]) -> None:
     for name in ("test_echo", "test_echo[a/b]"):
         failed = TestResult(f"hil/suites/test_link.py::{name}", "failed", 1, reason="assert 3 == 4")
         sentence = decide(findings(*good, tests=(failed,)), pytest_exit=1).sentence
-        assert sentence.endswith(f"FAIL. Failed: test_link.py::{name} (assert 3 == 4).")
+        assert sentence == (f"FAIL. Failed: test_link.py::{name} (assert 3 == 4).")
 
 
 def test_a_lost_bench_says_what_happened_and_what_is_kept(findings: Make) -> None:
@@ -228,7 +247,7 @@ def test_a_bench_lost_after_a_failure_is_said_behind_it(findings: Make, good: li
     verdict = decide(findings(*good, bad, tests=(lost,)), pytest_exit=1)
     assert verdict.exit_code == 1
     assert verdict.sentence.endswith(
-        "FAIL. Out of limit: gyroscope.bias_error 0.4 dps (at most 0.1). Bench lost: lost /dev/ttyACM0: unplugged."
+        "FAIL. gyroscope.bias_error 0.4 dps (limit 0.1). Bench lost: lost /dev/ttyACM0: unplugged."
     )
 
 
@@ -313,3 +332,30 @@ def test_thousands_are_apart() -> None:
 
 def _test(outcome: str) -> TestResult:
     return TestResult("hil/suites/test_heading.py::test_heading", outcome, 1.0)
+
+
+def test_what_was_in_the_baseline_stands_beside_a_failure(findings: Make) -> None:
+    now = judge("lamp.current", 12.0, unit="mA", limit=Limit(max=9), test="t::t")
+    made = findings(now, tests=(TestResult("t::t", "failed", 1),))
+    made.comparison = _compared(now)
+    (failure,) = summarise(made).failures
+    assert failure.was == 2.0
+    assert decide(made, pytest_exit=1).sentence.startswith("FAIL. lamp.current 12 mA (limit 9, was 2).")
+
+
+def test_close_is_what_has_5_percent_left_or_a_range_beyond_the_limit_and_no_count() -> None:
+    def passed(name: str, value: float, limit: Limit, band: CycleBand | None = None) -> Measurement:
+        kind = identify(name).kind
+        unit = (kind.unit if kind else "mA") or ""
+        return judge(name, value, unit=unit, limit=limit, cycle_model="m" if unit == "cycle" else "", band=band)
+
+    near = passed("heading.direct.max", 1.72, Limit(max=1.8))
+    beyond = passed("cycles.direct.total", 9_000, Limit(max=10_000), CycleBand(8_900, 10_001))
+    within = passed("cycles.dpi.total", 9_000, Limit(max=10_000), CycleBand(8_900, 9_999))
+    others = [
+        passed("heading.direct.rms", 0.70, Limit(max=0.75)),
+        passed("tumble.points", 300, Limit(min=300)), passed("link.echoed", 26, Limit(min=26)),
+        passed("lamp.current", 0.0, Limit(max=0.0)), passed("fit.dpi.dip", 61.93, Limit(min=60, max=64)),
+    ]
+    assert close_to_limit([*others, within, near, beyond]) == (beyond, near)
+    assert len(close_to_limit([near] * 9)) == 5

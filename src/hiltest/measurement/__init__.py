@@ -12,7 +12,7 @@ from hiltest.measurement.catalogue import (
     tolerance_of,
 )
 from hiltest.measurement.cycle_band import CycleBand, RowEffect
-from hiltest.measurement.kind import EXACT, Better, Kind, NamedKind, Reference, Section, Tolerance
+from hiltest.measurement.kind import EXACT, Allowance, Better, Kind, NamedKind, Reference, Section, Tolerance
 from hiltest.measurement.limit import Limit
 from hiltest.measurement.measurement import (
     SIGNIFICANT_DIGITS,
@@ -32,6 +32,7 @@ __all__ = [
     "KINDS",
     "SIGNIFICANT_DIGITS",
     "WORST_OF_SEVERAL",
+    "Allowance",
     "Better",
     "Counted",
     "CycleBand",

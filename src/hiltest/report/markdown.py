@@ -12,10 +12,12 @@ from hiltest.report.comparison_overview import changed, counts, sides
 from hiltest.report.cost_line import cost_line
 from hiltest.report.markdown_text import folded, plain_text, table
 from hiltest.report.terminal import shown_limit, shown_outcome, shown_value
+from hiltest.text import number
+from hiltest.verdict.summary import Failure, Summary, summarise
 
 
 def markdown_report(run: Run) -> str:
-    """Return the page of a run: verdict, what changed, what was out of order, accuracy and cost; the rest folded."""
+    """Return the page of a run: verdict, what failed, the calibrators, what is close, what changed; the rest folded."""
     return "\n".join(_lines(run)) + "\n"
 
 
@@ -41,16 +43,17 @@ def comparison_lines(comparison: Comparison) -> Iterator[str]:
 
 def _lines(run: Run) -> Iterator[str]:
     yield f"# {plain_text(run.verdict.outcome.upper())}"
-    for line in filter(None, (run.verdict.sentence, cost_line(run), overview.board_line(run))):
-        yield from ("", plain_text(line))
+    found = summarise(run)
+    yield from ("", plain_text(run.verdict.sentence))
+    yield from _failures(found)
+    yield from _tests(run)
+    for advice in found.advice:
+        yield from ("", plain_text(f"Next: {advice}"))
+    yield from _accuracy_and_cost(run)
+    yield from _close(found)
+    yield from ("", plain_text(overview.board_line(run)))
     if run.comparison is not None:
         yield from comparison_lines(run.comparison)
-    gating = [each for each in run.measurements if each.gates]
-    if gating:
-        yield from ("", "## Out of order", "")
-        yield from _measurements(gating)
-    yield from _tests(run)
-    yield from _accuracy_and_cost(run)
     stages = stream_overview.stream_stages(run)
     if stages:
         rows = ([*row] for row in stages)
@@ -62,6 +65,28 @@ def _lines(run: Run) -> Iterator[str]:
     )
 
 
+def _failures(found: Summary) -> Iterator[str]:
+    rows = [
+        [each.measurement.name, shown_value(each.measurement), each.measurement.unit, shown_limit(each.measurement),
+         "" if each.was is None else number(each.was, each.measurement.unit), each.cause or each.measurement.note,
+         each.measurement.place or each.measurement.test]
+        for each in (*found.failures, *(Failure(unset, None, "") for unset in found.unset))
+    ]
+    if rows:
+        yield from ("", "## Failures", "")
+        heads = ["measurement", "value", "unit", "limit", "baseline", "likely cause, or why", "measured at"]
+        yield from table(heads, rows)
+
+
+def _close(found: Summary) -> Iterator[str]:
+    if found.close:
+        yield from ("", "## Close to the limit", "")
+        rows = (
+            [each.name, shown_value(each), each.unit, shown_limit(each), str(each.band or "")] for each in found.close
+        )
+        yield from table(["measurement", "value", "unit", "limit", "uncertainty range"], rows)
+
+
 def _accuracy_and_cost(run: Run) -> Iterator[str]:
     calibrators = overview.accuracy_and_cost(run)
     if not calibrators.rows:
@@ -71,9 +96,11 @@ def _accuracy_and_cost(run: Run) -> Iterator[str]:
         ([row.name, *(_marked(cell) for cell in row.cells)] for row in calibrators.rows),
     )
     if run.comparison is None:
-        yield from ("", *lines)
+        yield from ("", "## Accuracy and cost", "", *lines)
+        if cost := cost_line(run):
+            yield from ("", plain_text(cost))
     else:
-        yield from folded("Accuracy and cost", lines)
+        yield from folded("Accuracy and cost", [*lines, "", plain_text(cost_line(run))])
 
 
 def _tests(run: Run) -> Iterator[str]:

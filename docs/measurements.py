@@ -1,0 +1,77 @@
+"""Write docs/measurements.md anew from the catalogue and the default rig: ``python docs/measurements.py``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import groupby
+from pathlib import Path
+
+from hiltest.bench_files import shipped
+from hiltest.measurement import KINDS, Allowance, Better, Kind, Limit, Section, identify
+from hiltest.rig.file import load_rig
+from hiltest.text import readable
+
+PAGE = Path(__file__).with_suffix(".md")
+
+HEAD = """\
+# Measurements
+
+Every kind of measurement that hiltest makes. In braces stands what a measurement is of: `heading.{calibrator}.max` is
+`heading.direct.max` for the calibrator `direct`. The page is written by `python docs/measurements.py` from
+[the catalogue](../src/hiltest/measurement/catalogue.py), which is the only place that states these facts, and from the
+limits of [the default rig](../hil/rigs/virtual-k64f.toml).
+
+- **Better** says which way a change is an improvement: lower, higher, or nearer zero. Where it says nothing, a change
+  is neither.
+- **Limit** is the default rig's. A rig of your own states its own, for these names and for any other that your tests
+  measure: [rigs.md](rigs.md).
+- **Tolerance** is how far a measurement may move and still count as unchanged in a comparison: the larger of the two
+  where there are two. *Exact* means that any change counts. On a real board, whose runs do not share their noise, it
+  is at least six standard deviations of the noise.
+"""
+
+_BETTER = {Better.LOWER: "lower", Better.HIGHER: "higher", Better.NEARER_ZERO: "nearer zero", Better.NEITHER: ""}
+
+
+def page() -> str:
+    """Return the text of the page."""
+    limits = load_rig(shipped() / "rigs" / "virtual-k64f.toml").limits
+    order = list(Section)
+    kinds = sorted(KINDS.values(), key=lambda kind: order.index(kind.section))
+    return "\n".join([HEAD, *(
+        line for section, members in groupby(kinds, key=lambda kind: kind.section)
+        for line in _section(section, list(members), limits)
+    )]) + "\n"  # fmt: skip
+
+
+def _section(section: Section, kinds: list[Kind], limits: dict[str, Limit]) -> Iterator[str]:
+    yield from (f"## {section}", "")
+    yield "| measurement | unit | better | meaning | limit | tolerance | reason |"
+    yield "| --- | --- | --- | --- | --- | --- | --- |"
+    for kind in kinds:
+        cells = [f"`{kind.name}`", kind.unit or "", _BETTER[kind.better], kind.meaning, _limits(kind, limits),
+                 _tolerances(kind), kind.allowance.reason]
+        yield f"| {' | '.join(cells)} |"
+    yield ""
+
+
+def _limits(kind: Kind, limits: dict[str, Limit]) -> str:
+    """Return the rig's limits, by subject where there is one."""
+    found = [(identify(name).subject, limit) for name, limit in limits.items() if identify(name).kind is kind]
+    return "; ".join(f"{subject}: {limit}" if subject else str(limit) for subject, limit in found)
+
+
+def _tolerances(kind: Kind) -> str:
+    others = [f"{subject}: {_tolerance(each, kind)}" for subject, each in kind.subjects.items()]
+    return "; ".join([_tolerance(kind.allowance, kind), *others]) if kind.compared else "not compared"
+
+
+def _tolerance(allowance: Allowance, kind: Kind) -> str:
+    absolute, relative = allowance.tolerance.absolute, allowance.tolerance.relative
+    size = f"{readable(absolute)} {kind.unit or ''}".rstrip() if absolute else ""
+    share = f"{100 * relative:g} %" if relative else ""
+    return " and ".join(filter(None, (size, share))) or "exact"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")
