@@ -55,15 +55,6 @@ def test_what_a_calibrator_costs_is_never_told_without_what_its_worst_heading_di
     assert "6 800 -> 6 919 cycles (+119, +1.8 %; worst heading 1.20 -> 0.89 deg)" in back.sentence
 
 
-def test_what_packed_points_cost_is_told_with_how_far_they_lead_from_float64() -> None:
-    base, new = (
-        of_a_calibrator("cycles.direct-fast.packed_total", cost, ("cycles.direct-fast.packed_float64_distance", off))
-        for cost, off in ((6030, 0.00164), (5900, 0.25))
-    )
-    (cheaper, *_) = compare(base, new).of(Change.BETTER)
-    assert cheaper.note == "from float64 on an even cloud 0.0016 -> 0.25 deg"
-
-
 def counted(model: str, name: str, cycles: float, limit: Limit | None = None) -> Measurement:
     return judge(name, cycles, unit="cycle", cycle_model=model, limit=limit)
 

@@ -29,9 +29,7 @@ def with_accuracy(found: Difference, base: Measured, new: Measured) -> Differenc
     calibrator, _, what = rest.partition(".")
     if found.change not in _MOVED or found.unit != "cycle" or first not in _COSTS or not what:
         return found
-    words, name = "worst heading", f"heading.{calibrator}.max"
-    if what.startswith("pack"):  # of packed points, which no heading is measured with
-        words, name = "from float64 on an even cloud", f"cycles.{calibrator}.packed_float64_distance"
+    name = f"heading.{calibrator}.max"
     pairs = [
         (was.value, now.value)
         for seed in base.keys() & new.keys()
@@ -41,7 +39,7 @@ def with_accuracy(found: Difference, base: Measured, new: Measured) -> Differenc
     if not pairs:
         return found
     before, after = (fmean(side) for side in zip(*pairs, strict=True))
-    accuracy = f"{words} {_deg(before)} -> {_deg(after)} deg"
+    accuracy = f"worst heading {_deg(before)} -> {_deg(after)} deg"
     return replace(found, note="; ".join(filter(None, (found.note, accuracy))))
 
 
