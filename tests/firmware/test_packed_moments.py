@@ -11,12 +11,12 @@ import pytest
 from numpy.typing import NDArray
 
 import hiltest
-from hiltest.calibration.packed_moments import BLOCK_POINTS, largest_shift, packed_moments, packed_sums
 from hiltest.virtual.elf import FirmwareImage, load_image
 from hiltest.virtual.instructions import decode
 from hiltest.world.instances import instance
 
 from .packed_kernel import MOMENTS, BoardPacked, HostPacked, PackedKernel
+from .references.packed_moments import BLOCK_POINTS, largest_shift, packed_moments, packed_sums
 
 SHIPPED_ELF = Path(hiltest.__file__).parent / "firmware" / "hiltest-frdm-k64f.elf"
 FIRMWARE = Path(__file__).parents[2] / "firmware_stub"
