@@ -24,17 +24,12 @@ from hiltest.procedures.fusion import AttitudeErrors, FusionResult, filter_noise
 from hiltest.procedures.grbl_turntable import GrblTurntable, open_grbl_turntable
 from hiltest.procedures.gyroscope_log import GyroscopeLog, LogChunk, log_chunks, log_gyroscope
 from hiltest.procedures.gyroscope_rest import BoardMovedError, rest_gyroscope
-from hiltest.procedures.heading_statistics import HeadingSummary, summarise, tilt_to_heading
+from hiltest.procedures.heading_statistics import HeadingSummary, summarise
 from hiltest.procedures.known_angles import KnownAngles, measure_known_angles
 from hiltest.procedures.link_checks import LinkCheck, check_link
 from hiltest.procedures.open_table import open_table
 from hiltest.procedures.progress import Progress
-from hiltest.procedures.rest import (
-    AccelerometerRestResult,
-    GyroscopeRestResult,
-    measure_accelerometer_rest,
-    measure_gyroscope_rest,
-)
+from hiltest.procedures.rest import AccelerometerRestResult, measure_accelerometer_rest
 from hiltest.procedures.six_positions import (
     AccelerometerRun,
     fit_poses,
@@ -75,7 +70,6 @@ __all__ = [
     "FusionResult",
     "GrblTurntable",
     "GyroscopeLog",
-    "GyroscopeRestResult",
     "HeadingSummary",
     "KnownAngles",
     "LinkCheck",
@@ -114,7 +108,6 @@ __all__ = [
     "measure_dpi_cycles",
     "measure_fast_fit",
     "measure_fusion",
-    "measure_gyroscope_rest",
     "measure_known_angles",
     "measure_six_positions",
     "measure_turn",
@@ -132,7 +125,6 @@ __all__ = [
     "store_streams",
     "store_untrimmed",
     "summarise",
-    "tilt_to_heading",
     "upload_cloud",
     "upload_pairs",
 ]
