@@ -15,7 +15,7 @@ from pathlib import Path
 INDIRECT_CALLS = {
     "server_run": ["command_*"],
     "count_cycles": ["magnetometer_*"],
-    "count_step_cycles": ["*_stream_add", "*_stream_remove", "point_range_add", "packed_points_add"],
+    "count_step_cycles": ["*_stream_add", "*_stream_remove", "point_range_add"],
     "count_report_cycles": ["*_stream_report"],
     "count_sequence": ["sequence"],  # in assembly, with 40 bytes each: as what comes from the libraries
     "command_reset_stream": ["*_stream_reset"],

@@ -8,7 +8,6 @@
 #include "command.h"
 #include "fit_fields.h"
 #include "linear_fields.h"
-#include "point_packing.h"
 #include "points_buffer.h"
 #include "timed_run.h"
 
@@ -43,7 +42,6 @@ status_t command_calibrate(payload_reader_t *request, payload_writer_t *reply)
     }
     magnetometer_points_t points = points_first(count);
     points.iterations = iterations;
-    points.packed = point_packing_of(count);
     magnetometer_fit_t fit = {.status = FIT_SINGULAR};
     const run_cost_t cost = timed_run(calibrator->run, &points, &fit);
     write_fit(reply, &fit, 0);

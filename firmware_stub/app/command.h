@@ -45,7 +45,7 @@ status_t command_collect(payload_reader_t *request, payload_writer_t *reply);
 status_t command_upload(payload_reader_t *request, payload_writer_t *reply);
 status_t command_points(payload_reader_t *request, payload_writer_t *reply);
 status_t command_clear_points(payload_reader_t *request, payload_writer_t *reply);
-status_t command_pack_points(payload_reader_t *request, payload_writer_t *reply);
+status_t command_time_range(payload_reader_t *request, payload_writer_t *reply);
 
 /* calibration_commands.c */
 status_t command_calibrate(payload_reader_t *request, payload_writer_t *reply);

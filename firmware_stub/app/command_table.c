@@ -10,7 +10,7 @@ static const command_t commands[] = {
     {0x06, command_collect, 6, 6},
     {0x07, command_upload, 3, 3 + 160 * 6},
     {0x08, command_points, 3, 3},
-    {0x09, command_clear_points, 0, 6},
+    {0x09, command_clear_points, 0, 0},
     {0x0A, command_calibrate, 5, 5 + 255},
     {0x0B, command_set_calibration, 49, 49},
     {0x0C, command_get_calibration, 1, 1},
@@ -40,7 +40,7 @@ static const command_t commands[] = {
     {0x24, command_read_fusion, 3, 3},
     {0x25, command_log_gyroscope, 6, 6},
     {0x26, command_time_sequence, 2, 2},
-    {0x27, command_pack_points, 8, 8},
+    {0x27, command_time_range, 2, 2},
 };
 
 const command_t *command_find(uint8_t type)

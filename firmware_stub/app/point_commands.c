@@ -1,11 +1,11 @@
 /**
  * @file point_commands.c
- * @brief COLLECT, UPLOAD, POINTS, CLEAR_POINTS and PACK_POINTS.
+ * @brief COLLECT, UPLOAD, POINTS, CLEAR_POINTS and TIME_RANGE.
  */
 #include "boards/time_base.h"
+#include "calibration/point_range.h"
 #include "command.h"
 #include "pair_collector.h"
-#include "point_packing.h"
 #include "points_buffer.h"
 #include "sensor_set.h"
 #include "timed_run.h"
@@ -91,39 +91,33 @@ status_t command_points(payload_reader_t *request, payload_writer_t *reply)
     return STATUS_OK;
 }
 
-/** With a centre, the points that come are packed about it as they are stored. */
 status_t command_clear_points(payload_reader_t *request, payload_writer_t *reply)
 {
+    (void)request;
     (void)reply;
-    const bool has_centre = request->length == VECTOR_BYTES;
-    if (!has_centre && request->length != 0u) {
-        return STATUS_BAD_LENGTH;
-    }
     points_clear();
-    point_packing_forget();
-    if (has_centre) {
-        int16_t centre[3];
-        read_vector_i16(request, centre);
-        point_packing_start(centre);
-    }
     return STATUS_OK;
 }
 
-status_t command_pack_points(payload_reader_t *request, payload_writer_t *reply)
+status_t command_time_range(payload_reader_t *request, payload_writer_t *reply)
 {
     const uint16_t count = read_u16(request);
-    int16_t centre[3];
-    read_vector_i16(request, centre);
     if (count == 0u) {
         return STATUS_BAD_ARGUMENT;
     }
     if (count > points_count()) {
         return STATUS_TOO_FEW_POINTS;
     }
-    const magnetometer_points_t points = points_first(count);
-    const packing_cost_t cost = point_packing_run(&points, centre);
-    write_u32(reply, cost.range_cycles);
-    write_u32(reply, cost.packing_cycles);
-    write_u32(reply, cost.overhead_cycles);
+    run_cost_t total = {0};
+    point_range_t range;
+    stream_status_t status;
+    point_range_start(&range, points_magnetometer(0));
+    for (uint16_t i = 0; i < count; i++) {
+        const run_cost_t cost = timed_step(point_range_add, &range, points_magnetometer(i), &status);
+        total.cycles += cost.cycles;
+        total.overhead_cycles += cost.overhead_cycles;
+    }
+    write_u32(reply, total.cycles);
+    write_u32(reply, total.overhead_cycles);
     return timed_run_has_counter() ? STATUS_OK : STATUS_NO_CYCLE_COUNTER;
 }

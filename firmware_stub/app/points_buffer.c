@@ -3,7 +3,6 @@
 #include <string.h>
 
 #include "calibration/point_range.h"
-#include "point_packing.h"
 
 static struct {
     _Alignas(4) int16_t magnetometer[POINTS_MAXIMUM][3]; /* aligned: calibrators may load two coordinates at once */
@@ -38,7 +37,6 @@ bool points_store(const int16_t magnetometer[3], const int16_t accelerometer[3])
         buffer.range[index].minimum[axis] = value < lowest ? value : lowest;
         buffer.range[index].maximum[axis] = value > highest ? value : highest;
     }
-    point_packing_store(index, magnetometer);
     buffer.count = (uint16_t)(index + 1u);
     return true;
 }

@@ -20,11 +20,7 @@ void points_clear(void);
 
 uint16_t points_count(void);
 
-/**
- * Store a magnetometer point and the accelerometer sample taken with it [counts, body frame]. False when the buffer is full.
- *
- * The point is packed as well where a centre is known (point_packing.h).
- */
+/** Store a magnetometer point and the accelerometer sample taken with it [counts, body frame]. False when the buffer is full. */
 bool points_store(const int16_t magnetometer[3], const int16_t accelerometer[3]);
 
 /** The first `count` points and their range; `count` from 1 to points_count(). */

@@ -2,6 +2,9 @@
  * @file closed_form.h
  * @brief From moments to a calibration without an iteration over points: what `direct`, `corrected` and `direct-stream` share.
  *
+ * The equations are those of direct.c: normal_equations.h solves eq. 44 of the thesis, quadric.h finds centre and level, square_root.h
+ * the symmetric root.
+ *
  * In a header so that each calibrator is compiled whole: a call would cost each some cycles, and they are compared by cycles.
  */
 #ifndef HILTEST_CLOSED_FORM_H

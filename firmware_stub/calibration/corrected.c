@@ -1,5 +1,12 @@
-/* The fit of `direct`, then Newton steps on the variance of the noise, each a fit to moments that this noise is taken out of. Where
- * that cannot be better than the fit of `direct`, it is the fit of `direct`. */
+/**
+ * @file corrected.c
+ * @brief `corrected`: the fit of `direct` without the bias that noise makes, by Newton steps on the variance of the noise.
+ *
+ * Adjusted least squares: Kukush, Markovsky and Van Huffel, Consistent estimation in an implicit quadratic measurement error model,
+ * Computational Statistics & Data Analysis 47, 2004. Each step is the fit of direct.c (Mucciaccia 2020, eq. 36 to 65, corrected) to
+ * moments that noise of this variance is taken out of; adjusted_moments.h has the equations. The quadric has unit trace here, not the
+ * paper's unit norm, and the root is found by Newton's method. Where that cannot be better than the fit of `direct`, it is that fit.
+ */
 #include "adjusted_moments.h"
 #include "closed_form.h"
 #include "fast_code.h"

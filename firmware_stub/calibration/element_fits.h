@@ -2,6 +2,8 @@
  * @file element_fits.h
  * @brief The fits of 4, 7 and 10 elements that the public sensor-fusion libraries go through as their buffer fills.
  *
+ * NXP (Freescale) Sensor Fusion library, release 5.00, magnetic.c, which numbers no equations.
+ *
  * 4: a sphere, by linear least squares. 7: an ellipsoid along the axes, 10: any ellipsoid, both by the eigenvector of the smallest
  * eigenvalue of the scatter matrix. The fit error is theirs: about the relative rms deviation from the surface, in percent.
  */

@@ -1,8 +1,15 @@
-/* The 10-element fit as the public sensor-fusion libraries do it, over a fixed set of points: the quadric of unit norm with the
- * smallest algebraic error is the eigenvector of the smallest eigenvalue of the 10x10 scatter matrix. Written from the
- * description of the method. Some things are cheaper than there: the scatter matrix is built from its 34 different sums, coordinates
- * are anchored at the middle of their range and scaled to it, which float32 likes better than the first point, the matrix square root
- * is in closed form, and rotations cost what they must (jacobi.c). DESIGN.md counts it. */
+/**
+ * @file iterative.c
+ * @brief `iterative`: the 10-element fit of the public sensor-fusion libraries, over a fixed set of points.
+ *
+ * NXP (Freescale) Sensor Fusion library, release 5.00, the 10-element solver of its magnetic.c, which numbers no equations; written
+ * from a description of the method, without its code. The quadric of unit norm with the smallest algebraic error is the eigenvector of the
+ * smallest eigenvalue of the 10x10 scatter matrix; from its A, g and j to a calibration the equations are those of direct.c.
+ *
+ * Some things are cheaper than there: the scatter matrix is built from its 34 different sums, coordinates are anchored at the middle
+ * of their range and scaled to it, which float32 likes better than the first point, the matrix square root is in closed form, and
+ * rotations cost what they must (jacobi.c). DESIGN.md counts it.
+ */
 #include "closed_form.h"
 #include "fast_code.h"
 #include "jacobi.h"

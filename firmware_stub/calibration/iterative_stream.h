@@ -2,6 +2,9 @@
  * @file iterative_stream.h
  * @brief `iterative-stream`: the public sensor-fusion libraries' magnetic calibration as it runs in life, with the constants of 5.00.
  *
+ * NXP (Freescale) Sensor Fusion library, release 5.00, magnetic.c, which numbers no equations; the slices are those of release 7.
+ * element_fits.h and magnetic_buffer.h are the solvers and the buffer of the same source.
+ *
  * Time. Each point is one fusion loop, 25 a second, as the libraries run: intervals and ageing are counted in points. They sort a
  * sample of every loop, of 40 ms; points that a bench collects faster are still one loop each, since what is compared is work a point.
  *

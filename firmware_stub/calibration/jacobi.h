@@ -1,6 +1,8 @@
 /**
  * @file jacobi.h
  * @brief Eigenvalues and eigenvectors of a small symmetric matrix by cyclic Jacobi rotations.
+ *
+ * Jacobi 1846, cyclic by rows as in the sensor-fusion libraries; an element below float32's rounding of the matrix is skipped.
  */
 #ifndef HILTEST_JACOBI_H
 #define HILTEST_JACOBI_H

@@ -2,6 +2,8 @@
  * @file magnetic_buffer.h
  * @brief Points spread over directions: the buffer of the public sensor-fusion libraries, with the constants of release 5.00.
  *
+ * NXP (Freescale) Sensor Fusion library, release 5.00, magnetic.c.
+ *
  * Each direction of the calibrated field has a cell, which holds the raw counts that fell into it last. While there is room, cells
  * without a point of their own direction also take points whose direction is taken, if no point held is near.
  */

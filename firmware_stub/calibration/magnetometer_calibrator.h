@@ -21,7 +21,6 @@ typedef struct {
     int16_t minimum[3]; /**< smallest x, y, z among the points [counts] */
     int16_t maximum[3]; /**< largest x, y, z among the points [counts] */
     uint16_t iterations; /**< largest number of iterations, 0 for the calibrator's own; a closed form has none to limit */
-    struct packed_points *packed; /**< the same points, packed as they were stored (packed_points.h); NULL when they were not */
 } magnetometer_points_t;
 
 /** How a fit ended. The values are part of the link protocol. */

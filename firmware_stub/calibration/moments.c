@@ -137,7 +137,7 @@ FAST_CODE void moments_merge(moments_t *into, const moments_t *from)
 {
     float *const sums = (float *)into;
     const float *const more = (const float *)from;
-    for (size_t i = 0; i < sizeof(moments_t) / sizeof(float); i++) {
+    for (size_t i = 0; i < MOMENTS_FLOATS; i++) {
         sums[i] += more[i];
     }
 }

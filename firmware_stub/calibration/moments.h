@@ -2,7 +2,8 @@
  * @file moments.h
  * @brief The 34 sums of all monomials of degree 1 to 4 in three coordinates.
  *
- * Every algebraic fit of a quadric needs these sums and nothing else of the points.
+ * Every algebraic fit of a quadric needs these sums and nothing else of the points. The 81 sums of Mucciaccia's thesis (2020), eq. 45
+ * and 46, are differences of these 34.
  */
 #ifndef HILTEST_MOMENTS_H
 #define HILTEST_MOMENTS_H
@@ -17,6 +18,10 @@ typedef struct {
     float xxx, xxy, xxz, xyy, xyz, xzz, yyy, yyz, yzz, zzz;
     float xxxx, xxxy, xxxz, xxyy, xxyz, xxzz, xyyy, xyyz, xyzz, xzzz, yyyy, yyyz, yyzz, yzzz, zzzz;
 } moments_t;
+
+/** The count and the sums, which several functions go through as one array of floats. */
+#define MOMENTS_FLOATS 35u
+_Static_assert(sizeof(moments_t) == MOMENTS_FLOATS * sizeof(float), "moments_t must be an array of floats without gaps");
 
 /**
  * Choose the middle of the points' range as the origin of the sums.

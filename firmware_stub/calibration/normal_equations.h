@@ -14,6 +14,8 @@
 /**
  * Fit the quadric of unit trace by least squares.
  *
+ * Mucciaccia 2020, eq. 44 to 48, with M99 of eq. 45 and the sum of eq. 46 corrected (direct.c).
+ *
  * The 9x9 normal equations are factored as L D L^T without pivoting, in the order (x^2-z^2, y^2-z^2, xy, xz, yz, x, y, z, 1).
  *
  * @param sums moments about the mid-range

@@ -4,7 +4,44 @@
 
 #include "fast_code.h"
 
+_Static_assert(sizeof(packed_pair_t) == 36u, "the kernel steps over pairs of so many bytes");
+#if defined(__arm__)
+_Static_assert(offsetof(packed_block_t, anchor) == 12u && offsetof(packed_block_t, scale) == 32u, "the kernel reads its task there");
+#endif
+
 #define INLINE static inline __attribute__((always_inline))
+
+/* Largest K: products are exact from here on. */
+#define SHIFT_MAXIMUM 8
+
+/*
+ * The largest K with room for coordinates up to `farthest` from the anchor [counts].
+ *
+ * They are to fill 16 bits to 3/4 at most (to 1/1.3125), although all of them would fit: the fourth powers of 100 points on a sphere
+ * that fills them add up to more than 32 bits.
+ */
+INLINE int32_t largest_shift(int32_t farthest)
+{
+    const uint32_t room = (uint32_t)(farthest + (farthest >> 2) + (farthest >> 4));
+    const int32_t shift = 15 - (32 - __builtin_clz(room | 1u));
+    return shift < 0 ? 0 : shift > SHIFT_MAXIMUM ? SHIFT_MAXIMUM : shift;
+}
+
+INLINE void set_shift(int32_t shift, packed_block_t *block)
+{
+    const union {
+        uint32_t bits;
+        float value;
+    } scale = {(uint32_t)(16 - 2 * shift + 127) << 23}; /* 2^(16-2K) */
+    block->rounding = 0x8000u + (uint32_t)shift;
+    block->lanes = ~(((1u << shift) - 1u) << 16);
+    block->scale = scale.value;
+}
+
+INLINE int32_t shift_of(const packed_block_t *block)
+{
+    return (int32_t)(block->rounding & 0xffu);
+}
 
 INLINE uint32_t word(int32_t upper, int32_t lower)
 {
@@ -31,28 +68,25 @@ INLINE int32_t farthest(const magnetometer_points_t *points, const int32_t ancho
     return most;
 }
 
-/* One block again, with a K smaller by one, which makes fourth powers a sixteenth; then it stays at that. */
-static FAST_CODE bool sum_smaller(packed_block_t *block, moments_t *sums)
+/* One block again, with a K smaller by one, which makes fourth powers a sixteenth; then it stays at that. What that does not hold
+ * either is summed one point at a time. */
+static FAST_CODE __attribute__((noinline)) void sum_again(packed_block_t *block, const int32_t anchor[3], moments_t *sums)
 {
-    const int32_t shift = packed_block_shift(block);
-    if (shift == 0) {
-        return false;
+    const int32_t shift = shift_of(block);
+    if (shift > 0) {
+        set_shift(shift - 1, block);
+        if (packed_moments_block(block, sums) == 0u) {
+            return;
+        }
     }
-    packed_block_set_shift(shift - 1, block);
-    return packed_moments_block(block, sums) == 0u;
+    const magnetometer_points_t points = {.points = block->points, .count = (uint16_t)block->count};
+    moments_sum(&points, anchor, sums);
 }
 
-static FAST_CODE bool sum_block(packed_block_t *block, moments_t *sums)
+INLINE void sum_block(packed_block_t *block, const int32_t anchor[3], moments_t *sums)
 {
-    return packed_moments_block(block, sums) == 0u || sum_smaller(block, sums);
-}
-
-/* What no K holds is summed one point at a time. */
-static FAST_CODE void sum_raw_block(packed_block_t *block, const int32_t anchor[3], moments_t *sums)
-{
-    if (!sum_block(block, sums)) {
-        const magnetometer_points_t points = {.points = block->points, .count = (uint16_t)block->count};
-        moments_sum(&points, anchor, sums);
+    if (packed_moments_block(block, sums) != 0u) {
+        sum_again(block, anchor, sums);
     }
 }
 
@@ -77,49 +111,13 @@ FAST_CODE void packed_moments_sum(const magnetometer_points_t *points, const int
     block.pairs = pairs;
     block.count = next_block(left);
     set_anchor(anchor, &block);
-    packed_block_set_shift(packed_block_largest_shift(most), &block);
-    sum_raw_block(&block, anchor, sums);
+    set_shift(largest_shift(most), &block);
+    sum_block(&block, anchor, sums);
     while ((left -= block.count) > 0u) {
         moments_t more;
         block.points += block.count;
         block.count = next_block(left);
-        sum_raw_block(&block, anchor, &more);
+        sum_block(&block, anchor, &more);
         moments_merge(sums, &more);
     }
-}
-
-static FAST_CODE __attribute__((noinline)) uint32_t sum_packed_blocks(const packed_points_t *packed, moments_t *sums)
-{
-    packed_block_t block = packed->block;
-    uint32_t left = block.count;
-    block.count = next_block(left);
-    if (!sum_block(&block, sums)) {
-        return 1u;
-    }
-    block.first[0] = block.first[1] = block.first[2] = 0; /* those of all points are in the first */
-    while ((left -= block.count) > 0u) {
-        moments_t more;
-        block.pairs += block.count / 2u;
-        block.count = next_block(left);
-        if (!sum_block(&block, &more)) {
-            return 1u;
-        }
-        moments_merge(sums, &more);
-    }
-    return 0u;
-}
-
-/* Nothing is kept for afterwards, so that one block, the usual case, is a jump into the kernel. */
-FAST_CODE uint32_t packed_points_sum(const packed_points_t *packed, moments_t *sums)
-{
-    if (packed->block.count > PACKED_BLOCK_POINTS) {
-        return sum_packed_blocks(packed, sums);
-    }
-    return packed_moments_block(&packed->block, sums);
-}
-
-FAST_CODE uint32_t packed_points_sum_again(const packed_points_t *packed, moments_t *sums)
-{
-    packed_block_t block = packed->block;
-    return block.count > PACKED_BLOCK_POINTS || !sum_smaller(&block, sums);
 }

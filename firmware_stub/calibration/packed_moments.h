@@ -13,8 +13,8 @@
  * Preconditions of the kernel: K as below, which the range must be known for (no flag tells when a coordinate does not fit); at most
  * PACKED_BLOCK_POINTS points, from word-aligned memory. packed_moments_sum sees to all of them.
  *
- * Costs, in the cycle model at zero wait states: 50.8 cycles a point and 320 a block; packed before, 42.9 a point. What that leaves of
- * the accuracy is in DESIGN.md beside where the cycles go. The scheme is our own; the sums are those of moments.h.
+ * Costs, in the cycle model at zero wait states: 50.8 cycles a point and 320 a block. What that leaves of the accuracy is in
+ * DESIGN.md beside where the cycles go. The scheme is our own; the sums are those of moments.h.
  */
 #ifndef HILTEST_PACKED_MOMENTS_H
 #define HILTEST_PACKED_MOMENTS_H
@@ -22,7 +22,26 @@
 #include <stdbool.h>
 
 #include "moments.h"
-#include "packed_points.h"
+
+/** Points that one call of the kernel takes: 18 bytes each of scratch. */
+#define PACKED_BLOCK_POINTS 100u
+
+/** Two points and their products; in each word the lower half is the first point's, in `y` the upper. */
+typedef struct {
+    uint32_t x, y, z;                /**< relative to the anchor [counts] */
+    uint32_t xx, yy, zz, xy, xz, yz; /**< [2^(16-2K) counts^2] */
+} packed_pair_t;
+
+/** What the kernel is to do. All coordinates times 2^K must be within -32767 and 32767. */
+typedef struct {
+    const int16_t (*points)[3]; /**< [counts], word-aligned */
+    packed_pair_t *pairs;       /**< scratch, (count + 1) / 2 of them */
+    uint32_t count;             /**< of points, 2 to PACKED_BLOCK_POINTS */
+    uint32_t anchor[3];         /**< two coordinates a word, as they lie in the points: y x, x z, z y */
+    uint32_t rounding;          /**< 2^15 + K: added to products before they are cut, and its lowest byte shifts */
+    uint32_t lanes;             /**< the upper half without its K lowest bits, and the lower half */
+    float scale;                /**< 2^(16-2K) */
+} packed_block_t;
 
 /**
  * Sum the moments of a block.
@@ -43,22 +62,5 @@ uint32_t packed_moments_block(const packed_block_t *block, moments_t *sums);
  * @param[out] sums the 34 moments and the count
  */
 void packed_moments_sum(const magnetometer_points_t *points, const int32_t anchor[3], moments_t *sums);
-
-/**
- * Sum the moments of points that were packed as they were stored.
- *
- * @param packed at least two; products are written
- * @param[out] sums the 34 moments about their anchor, and the count
- * @return 1 when a sum has wrapped, in one block; of more blocks, with K - 1 too: then nothing of `sums` is valid; else 0
- */
-uint32_t packed_points_sum(const packed_points_t *packed, moments_t *sums);
-
-/**
- * Sum them once more, after a sum has wrapped, with K - 1.
- *
- * @param packed, sums as before
- * @return 1 when that does not do either, or was done already; else 0
- */
-uint32_t packed_points_sum_again(const packed_points_t *packed, moments_t *sums);
 
 #endif

@@ -257,9 +257,6 @@ packed_moments_block:
     vmov behind, r3
     mls r4, r4, r5, r7
     vmov first, r4
-    cmp r0, #0
-    beq.w packed_already
-
     lsrs r2, r2, #1 /* whole pairs */
     rsbs r11, r2, #0
     and r11, r11, #UNROLLED - 1
@@ -302,9 +299,6 @@ anchoring:
     lsl r11, r11, #16
     uxth r12, r12
     stm r1, {r10, r11, r12}
-    b multiplication
-packed_already:
-    ldm r6, {r7, r8, r9} /* where the anchor would be are the sums of degree 1 */
 multiplication:
     vmov s1, r7
     vmov s2, r8

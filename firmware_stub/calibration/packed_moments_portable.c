@@ -22,14 +22,6 @@ static int32_t product(int32_t a, int32_t b, uint32_t rounding)
     return ((int16_t)(a * unit) * (int16_t)(b * unit) + (int32_t)rounding) >> 16;
 }
 
-static int32_t unpacked(const packed_block_t *block, uint32_t index, int axis)
-{
-    const packed_pair_t *const pair = &block->pairs[index / 2u];
-    const uint32_t word = axis == X ? pair->x : axis == Y ? pair->y : pair->z;
-    const bool is_upper = (index % 2u == 0u) == (axis == Y);
-    return (int16_t)(is_upper ? word >> 16 : word);
-}
-
 static int32_t anchored(const packed_block_t *block, uint32_t index, int axis)
 {
     const int16_t anchor[3] = {(int16_t)block->anchor[0], (int16_t)block->anchor[2], (int16_t)block->anchor[1]};
@@ -40,7 +32,7 @@ static int32_t anchored(const packed_block_t *block, uint32_t index, int axis)
 static void words_of(const packed_block_t *block, uint32_t index, int32_t words[ONE + 1])
 {
     for (int axis = X; axis <= Z; axis++) {
-        words[axis] = block->points == NULL ? unpacked(block, index, axis) : anchored(block, index, axis);
+        words[axis] = anchored(block, index, axis);
         words[XX + axis] = product(words[axis], words[axis], block->rounding);
     }
     words[XY] = product(words[X], words[Y], block->rounding);
@@ -73,9 +65,6 @@ uint32_t packed_moments_block(const packed_block_t *block, moments_t *sums)
             const uint8_t *const factor = factors[i];
             overflowed |= add(&totals[i], (int64_t)first[factor[0]] * first[factor[1]] + (int64_t)second[factor[0]] * second[factor[1]]);
         }
-    }
-    for (size_t i = 0; i < 3 && block->points == NULL; i++) {
-        totals[i] = (uint32_t)block->first[i];
     }
     for (size_t i = 0; i < SUMS; i++) {
         (&sums->x)[i] = (float)(int32_t)totals[i] * power_of_scale(i, block->scale);

@@ -1,6 +1,8 @@
 /**
  * @file quadric.h
  * @brief A quadric surface, and the ellipsoid it may be.
+ *
+ * Mucciaccia 2020, eq. 49 and 50; centre and level stand for its eq. 57 to 62, which are wrong as printed (direct.c).
  */
 #ifndef HILTEST_QUADRIC_H
 #define HILTEST_QUADRIC_H

@@ -1,6 +1,9 @@
 /**
  * @file square_root.h
  * @brief The symmetric square root of a 3x3 matrix in closed form.
+ *
+ * Hoger and Carlson, Determination of the stretch and rotation in the polar decomposition of the deformation gradient, Quarterly of
+ * Applied Mathematics 42, 1984. It replaces the eigenvectors of Mucciaccia 2020, eq. 51 to 53.
  */
 #ifndef HILTEST_SQUARE_ROOT_H
 #define HILTEST_SQUARE_ROOT_H

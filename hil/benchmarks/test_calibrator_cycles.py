@@ -47,7 +47,6 @@ STREAMS = ("direct-stream", "iterative-stream")
 SIZES = (30, 100, 300)
 PAIRS = (300, 500)  # from the fewest that are fitted
 ROUNDS = 5  # as many clouds
-PACKED_BYTES = 0x4000  # packed_points_t and more
 
 
 @dataclass
@@ -100,28 +99,6 @@ def test_calibrator(
     runs[calibrator].show(calibrator, benchmark_cycles, board)
 
 
-@pytest.mark.parametrize("size", SIZES)
-def test_packed_when_stored(board: Board, size: int, benchmark_cycles: BenchmarkCycles) -> None:
-    """About the centre of a calibration before."""
-    if FAST not in board.identity.calibrators:
-        pytest.skip(f"this firmware has no calibrator {FAST!r}")
-    fast_runs(board, size, packed=True).show(f"{FAST} packed", benchmark_cycles, board)
-
-
-def fast_runs(board: Board, size: int, *, packed: bool) -> Runs:
-    """Calibrate by `direct-fast`, with points as they come or packed about the centre of a calibration before."""
-    runs = Runs()
-    for index in range(ROUNDS):
-        cloud = golden_cloud(size, index=index)
-        upload_cloud(board, cloud)
-        reply = board.session.request(Calibrate(size, FAST))
-        if packed:
-            upload_cloud(board, cloud, np.rint(fit_of(reply).hard_iron).astype(int).tolist())
-            reply = board.session.request(Calibrate(size, FAST))
-        runs.add(reply, FAST, cloud)
-    return runs
-
-
 def test_newton_step(board: Board, benchmark_cycles: BenchmarkCycles) -> None:
     """What the second one adds on the same points."""
     if "corrected" not in board.identity.calibrators:
@@ -135,30 +112,18 @@ def test_newton_step(board: Board, benchmark_cycles: BenchmarkCycles) -> None:
     benchmark_cycles("step of corrected", steps, cycle_model=board.cycle_model)
 
 
-@pytest.mark.parametrize("size", [100, 300])
-@pytest.mark.parametrize("packed", [False, True], ids=["as they come", "packed"])
-def test_accumulation(
-    board: Board, cycles: Cycles, size: int, packed: bool, benchmark_cycles: BenchmarkCycles
-) -> None:
+@pytest.mark.parametrize(("runs", "size"), [(100, 100), (300, 300)], indirect=["runs"])
+def test_accumulation(runs: dict[str, Runs], size: int, cycles: Cycles, benchmark_cycles: BenchmarkCycles) -> None:
     """The sums of `direct-fast` alone, called on a virtual board of their own, with the accuracy of the whole fit."""
-    if FAST not in board.identity.calibrators:
+    if FAST not in runs:
         pytest.skip(f"this firmware has no calibrator {FAST!r}")
     cloud, sums = np.ascontiguousarray(golden_cloud(size), "<i2"), bytearray(140)
     low, high = cloud.min(axis=0), cloud.max(axis=0)
     anchor = np.array((low.astype(int) + high) // 2, "<i4")
-    firmware = cycles()
-    if packed:
-        stored = bytearray(PACKED_BYTES)
-        call(firmware, "packed_points_start", stored, anchor)
-        for point in cloud:
-            call(firmware, "packed_points_add", stored, point)
-        called = call(firmware, "packed_points_sum", stored, sums)
-    else:
-        points = Structure(Address(cloud), np.array([size], "<u2"), low, high, np.zeros(5, "<u2"))
-        called = call(firmware, "packed_moments_sum", points, anchor, sums)
+    points = Structure(Address(cloud), np.array([size], "<u2"), low, high, np.zeros(1, "<u2"))
+    called = call(cycles(), "packed_moments_sum", points, anchor, sums)
     assert np.frombuffer(sums, "<f4")[0] == size
-    whole = fast_runs(board, size, packed=packed)
-    benchmark_cycles(f"sums of {FAST}", called, from_float64_deg=whole.worst_deg)
+    benchmark_cycles(f"sums of {FAST}", called, from_float64_deg=runs[FAST].worst_deg)
 
 
 @pytest.mark.parametrize("pairs", PAIRS)

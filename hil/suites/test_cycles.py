@@ -13,11 +13,11 @@ from hiltest.procedures import (
     DPI,
     FAST,
     CycleCost,
-    PackedFit,
+    FastFit,
     Progress,
     measure_cycles,
     measure_dpi_cycles,
-    measure_packed_fit,
+    measure_fast_fit,
 )
 from hiltest.rig import Rig
 
@@ -39,9 +39,9 @@ def costs(board: Board, rig: Rig, hil_progress: Progress) -> Mapping[str, CycleC
 
 
 @pytest.fixture(scope="module")
-def packed(board: Board, rig: Rig) -> PackedFit:
-    """What the fast calibrator takes and gives on a golden cloud; for firmware that has it."""
-    return measure_packed_fit(board, n=rig.procedure.calibration_points)
+def fast(board: Board, rig: Rig) -> FastFit:
+    """What the fast calibrator's speed costs on a golden cloud; for firmware that has it."""
+    return measure_fast_fit(board, n=rig.procedure.calibration_points)
 
 
 def measure_cost(name: str, cost: CycleCost, measure: Measure) -> None:
@@ -57,7 +57,7 @@ def measure_cost(name: str, cost: CycleCost, measure: Measure) -> None:
 def test_cycles_of_every_calibrator(
     costs: Mapping[str, CycleCost], measure: Measure, request: pytest.FixtureRequest
 ) -> None:
-    """The fast calibrator's cycles are never printed without its accuracy, so one test measures both."""
+    """The fast calibrator's cycles are never printed without its accuracy and what storing costs: one test for all."""
     for name, cost in costs.items():
         measure_cost(name, cost, measure)
         measure(
@@ -66,8 +66,9 @@ def test_cycles_of_every_calibrator(
         )
     if FAST in costs:
         # Behind all costs: where it cannot be had, those of the others are still measured.
-        distance_deg = request.getfixturevalue("packed").distance_deg
-        measure(f"cycles.{FAST}.float64_distance", distance_deg, "deg", limit=DISTANCE, note=EVEN)
+        fast: FastFit = request.getfixturevalue("fast")
+        measure(f"cycles.{FAST}.float64_distance", fast.distance_deg, "deg", limit=DISTANCE, note=EVEN)
+        measure(f"cycles.{FAST}.store_per_point", fast.store_per_point, "cycle", cycle_model=costs[FAST].model)
 
 
 def test_instructions_of_every_calibrator(costs: Mapping[str, CycleCost], measure: Measure) -> None:
@@ -85,24 +86,6 @@ def test_cycles_over_the_number_of_points(costs: Mapping[str, CycleCost], measur
         "cycles.sizes", {"n": ""} | dict.fromkeys(costs, "cycle"),
         zip(sizes, *(cost.cycles.tolist() for cost in costs.values()), strict=True),
     )
-
-
-def test_what_the_fast_calibrator_is_worth(board: Board, measure: Measure, request: pytest.FixtureRequest) -> None:
-    """What storing its points costs, and what a fit of packed points takes and how accurate that is."""
-    if FAST not in board.identity.calibrators:
-        pytest.skip(f"this firmware has no calibrator {FAST!r}")
-    packed: PackedFit = request.getfixturevalue("packed")
-    model = board.cycle_model
-    measure(f"cycles.{FAST}.store_per_point", packed.store_per_point, "cycle", cycle_model=model)
-    measure(
-        f"cycles.{FAST}.packed_total", packed.packed_total, "cycle", cycle_model=model, band=packed.packed_band,
-        not_offered=packed.not_packed,
-    )
-    measure(
-        f"cycles.{FAST}.packed_float64_distance", packed.packed_distance_deg, "deg", limit=DISTANCE, note=EVEN,
-        not_offered=packed.not_packed,
-    )
-    measure(f"cycles.{FAST}.pack_per_point", packed.pack_per_point, "cycle", cycle_model=model)
 
 
 def test_cycles_of_the_calibration_against_gravity(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hiltest.calibration import FitStatus, corrected, fit_corrected, fit_direct
-from hiltest.calibration.corrected import estimated_noise
+from hiltest.calibration.fit import half_range, points_array
 from hiltest.calibration.quality import COUNTS_PER_UT, direction_error_rms_deg, sphere_directions
 from hiltest.world.instances import Instance, instance
 
@@ -82,8 +82,13 @@ def test_the_newton_step_follows_the_slope_of_the_smallest_sum_of_squares() -> N
 def test_the_noise_comes_out_of_the_steps() -> None:
     """The spread of an estimate from n points is sigma / sqrt(2 n): 2 % of it here, 0.3 % of the median of 50."""
     drawn = [instance(seed, 1000, noise_ut=NOISE_UT, covered=(0.7, 1.0)) for seed in range(50)]
-    found = [estimated_noise(each.points_counts) for each in drawn]
-    assert np.median([each for each in found if each is not None]) == pytest.approx(COUNTS_PER_UT * NOISE_UT, rel=0.01)
+    found = []
+    for each in drawn:
+        points = points_array(each.points_counts)
+        adjusted = corrected._newton(points)
+        assert adjusted is not None
+        found.append(half_range(points) * np.sqrt(adjusted.variance))
+    assert np.median(found) == pytest.approx(COUNTS_PER_UT * NOISE_UT, rel=0.01)
 
 
 def test_a_third_step_would_change_nothing_that_matters(monkeypatch: pytest.MonkeyPatch) -> None:

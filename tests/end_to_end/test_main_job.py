@@ -41,11 +41,11 @@ ALWAYS = (
 )
 
 
-@pytest.mark.parametrize("kind", ["", "packed_"])
-def test_the_fast_total_is_measured_by_the_test_that_measures_its_accuracy(good_run, kind: str) -> None:
-    """So that no choice of tests prints the one without the other."""
-    total, distance = (good_run.measured[f"cycles.direct-fast.{kind}{what}"] for what in ("total", "float64_distance"))
-    assert total["test"] == distance["test"] != ""
+def test_the_fast_total_is_measured_by_the_test_that_measures_its_accuracy_and_what_storing_costs(good_run) -> None:
+    """So that no choice of tests prints the one without the others."""
+    names = ("total", "float64_distance", "store_per_point")
+    total, distance, storing = (good_run.measured[f"cycles.direct-fast.{name}"] for name in names)
+    assert total["test"] == distance["test"] == storing["test"] != ""
     assert distance["outcome"] == "pass"
 
 

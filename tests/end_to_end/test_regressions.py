@@ -60,7 +60,6 @@ TURNED_ABOUT_A_HORIZONTAL_AXIS = Edit(
     "    b[2] = sine * right + cosine * b[2];\n"
     "    const float across = sqrtf(g[1] * g[1] + g[2] * g[2]);",
 )
-NEVER_PACKED = Edit("calibration/direct_fast.c", "bool is_central = true;", "bool is_central = false;")
 ONE_STEP_LESS = Edit("calibration/corrected.c", "#define NEWTON_STEPS 2", "#define NEWTON_STEPS 1")
 ANOTHER_FLAG = Edit(
     "CMakeLists.txt",
@@ -187,18 +186,6 @@ def test_a_step_less_is_better_and_what_a_step_costs_is_not_missed(
         "changed", None, "not offered: it took 1 iteration, and two tell what one costs"
     )
     assert difference(run.record["comparison"], "cycles.corrected.total")["change"] == "better"
-
-
-def test_packed_points_that_are_not_used_have_no_numbers_but_a_reason(
-    run_in, copy_of_the_firmware: FirmwareCopy, tmp_path: Path
-) -> None:
-    new = copy_of_the_firmware.build(NEVER_PACKED, tmp_path / "new.elf")
-    run = run_in(tmp_path, "--firmware", str(new), "--", "-k", "fast_calibrator")
-    assert run.code == 22, run.output
-    assert "Not judged: cycles.direct-fast.packed_float64_distance (its fit did not use the packed" in run.sentence
-    total = run.measured["cycles.direct-fast.packed_total"]
-    assert (total["value"], total["outcome"]) == (None, "not offered")
-    assert total["note"].startswith("its fit did not use the packed points: ")
 
 
 @pytest.mark.parametrize(

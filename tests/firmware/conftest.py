@@ -45,11 +45,7 @@ def _prepare(
     counts = np.ascontiguousarray(points, dtype="<i2")
     low = map(int, counts.min(axis=0) if low is None else np.asarray(low))
     high = map(int, counts.max(axis=0) if high is None else np.asarray(high))
-    # The last is a pointer of either size: nothing is packed.
-    return counts, struct.pack("<H6hHQ", len(counts), *low, *high, iterations, 0)
-
-
-PACKED_POINTS_BYTES = 0x4000  # packed_points_t and more, on either machine
+    return counts, struct.pack("<H6hH", len(counts), *low, *high, iterations)
 
 
 class HostCalibrators:
@@ -60,16 +56,10 @@ class HostCalibrators:
 
     def calibrate(
         self, name: str, points: ArrayLike, *, iterations: int = 0,
-        low: ArrayLike | None = None, high: ArrayLike | None = None, centre: ArrayLike | None = None,
+        low: ArrayLike | None = None, high: ArrayLike | None = None,
     ) -> MagnetometerFit:
-        """Calibrate; `low` and `high` stand for the points' range, about `centre` they are packed."""
+        """Calibrate; `low` and `high` stand for the points' range."""
         counts, rest = _prepare(points, iterations, low, high)
-        packed = ctypes.create_string_buffer(PACKED_POINTS_BYTES)
-        if centre is not None:
-            self._library.packed_points_start(packed, (ctypes.c_int32 * 3)(*np.asarray(centre).tolist()))
-            for row in range(len(counts)):
-                assert self._library.packed_points_add(packed, ctypes.c_void_p(counts[row].ctypes.data)) == 0
-            rest = rest[:-8] + struct.pack("P", ctypes.addressof(packed))
         fit = ctypes.create_string_buffer(FIT.size)
         getattr(self._library, _function(name))(struct.pack("P", counts.ctypes.data) + rest, fit)
         return _unpack_fit(fit.raw)
@@ -86,7 +76,6 @@ class BoardCalibrators:
 
     # In SRAM_U behind everything the image uses, below the stack.
     POINTS, ARGUMENT, ANCHOR, RESULT = 0x20020000, 0x20028000, 0x20028020, 0x20028040
-    PACKED = 0x20024000
 
     def __init__(self, board: VirtualK64F) -> None:
         self._board = board
@@ -99,24 +88,12 @@ class BoardCalibrators:
         memory.write(self.POINTS, counts.tobytes())
         memory.write(self.ARGUMENT, struct.pack("<I", self.POINTS) + rest)
 
-    def cost(
-        self, name: str, points: ArrayLike, *, iterations: int = 0, centre: ArrayLike | None = None
-    ) -> CallResult:
+    def cost(self, name: str, points: ArrayLike, *, iterations: int = 0) -> CallResult:
         self._place(points, iterations)
-        if centre is not None:
-            self._pack(len(np.asarray(points)), centre)
         return self._board.call(_function(name), self.ARGUMENT, self.RESULT)
 
-    def _pack(self, count: int, centre: ArrayLike) -> None:
-        memory = self._board.processor.memory
-        memory.write(self.ANCHOR, struct.pack("<3i", *np.asarray(centre).tolist()))
-        self._board.call("packed_points_start", self.PACKED, self.ANCHOR)
-        for row in range(count):
-            assert self._board.call("packed_points_add", self.PACKED, self.POINTS + 6 * row).value == 0
-        memory.write(self.ARGUMENT + 20, struct.pack("<I", self.PACKED))
-
-    def calibrate(self, name: str, points: ArrayLike, *, centre: ArrayLike | None = None) -> MagnetometerFit:
-        self.cost(name, points, centre=centre)
+    def calibrate(self, name: str, points: ArrayLike) -> MagnetometerFit:
+        self.cost(name, points)
         return _unpack_fit(self._board.processor.memory.read(self.RESULT, FIT.size))
 
     def moments(self, points: ArrayLike, anchor: list[int]) -> list[float]:

@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 from hiltest.virtual.calling import CallResult
 from hiltest.virtual.k64f import VirtualK64F
 
-PACKED_POINTS_BYTES = 0x4000  # packed_points_t and more, on either machine
 MOMENTS = 35  # the count comes first
 
 
@@ -33,8 +32,6 @@ class PackedKernel(Protocol):
 
     def sum(self, points: ArrayLike, anchor: ArrayLike) -> NDArray[np.float32]: ...
 
-    def sum_packed(self, points: ArrayLike, anchor: ArrayLike) -> NDArray[np.float32] | None: ...
-
 
 def _counts(points: ArrayLike) -> NDArray[np.int16]:
     return np.ascontiguousarray(points, dtype="<i2")
@@ -50,7 +47,7 @@ def _settings(count: int, anchor: ArrayLike, shift: int) -> bytes:
 
 def _range(counts: NDArray[np.int16]) -> bytes:
     """magnetometer_points_t from its count on."""
-    return struct.pack("<H6hHQ", len(counts), *counts.min(axis=0).tolist(), *counts.max(axis=0).tolist(), 0, 0)
+    return struct.pack("<H6hH", len(counts), *counts.min(axis=0).tolist(), *counts.max(axis=0).tolist(), 0)
 
 
 class HostPacked:
@@ -73,22 +70,12 @@ class HostPacked:
         self._library.packed_moments_sum(task, (ctypes.c_int32 * 3)(*np.asarray(anchor).tolist()), sums)
         return np.array(sums, dtype=np.float32)
 
-    def sum_packed(self, points: ArrayLike, anchor: ArrayLike) -> NDArray[np.float32] | None:
-        counts = _counts(points)
-        sums, packed = (ctypes.c_float * MOMENTS)(), ctypes.create_string_buffer(PACKED_POINTS_BYTES)
-        self._library.packed_points_start(packed, (ctypes.c_int32 * 3)(*np.asarray(anchor).tolist()))
-        for row in range(len(counts)):
-            assert self._library.packed_points_add(packed, ctypes.c_void_p(counts[row].ctypes.data)) == 0
-        wrapped = self._library.packed_points_sum(packed, sums) and self._library.packed_points_sum_again(packed, sums)
-        return None if wrapped else np.array(sums, dtype=np.float32)
-
 
 class BoardPacked:
     """The shipped firmware's."""
 
     # In SRAM_U behind everything the image uses, below the stack.
     POINTS, BLOCK, ANCHOR, SUMS, PAIRS = 0x20020000, 0x20024000, 0x20024040, 0x20024080, 0x20024200
-    PACKED = 0x20025000
     STACK, STACK_BYTES = 0x2002F000, 0x1000  # ends where SRAM_U does
 
     def __init__(self, elf: Path) -> None:
@@ -96,8 +83,6 @@ class BoardPacked:
         end = max(segment.run_address + segment.run_size for segment in self._board.image.segments)
         assert end <= self.POINTS
         self.last: CallResult | None = None
-        self.again: CallResult | None = None
-        self.packing_cycles: list[int] = []
 
     def block(self, points: ArrayLike, anchor: ArrayLike, shift: int) -> KernelSums:
         counts, memory = _counts(points), self._board.processor.memory
@@ -134,21 +119,6 @@ class BoardPacked:
         self._fill_stack()
         self.last = self._board.call("packed_moments_sum", self.BLOCK, self.ANCHOR, self.SUMS)
         return self._answer()
-
-    def sum_packed(self, points: ArrayLike, anchor: ArrayLike) -> NDArray[np.float32] | None:
-        counts, memory = _counts(points), self._board.processor.memory
-        memory.write(self.POINTS, counts.tobytes())
-        memory.write(self.ANCHOR, struct.pack("<3i", *np.asarray(anchor).tolist()))
-        self._board.call("packed_points_start", self.PACKED, self.ANCHOR)
-        addresses = range(self.POINTS, self.POINTS + counts.nbytes, 6)
-        steps = [self._board.call("packed_points_add", self.PACKED, address) for address in addresses]
-        assert {step.value for step in steps} == {0}
-        self.packing_cycles = [step.cycles for step in steps]
-        self._fill_stack()
-        self.last, self.again = self._board.call("packed_points_sum", self.PACKED, self.SUMS), None
-        if self.last.value:
-            self.again = self._board.call("packed_points_sum_again", self.PACKED, self.SUMS)
-        return None if self.again is not None and self.again.value else self._answer()
 
     def _fill_stack(self) -> None:
         """NaN, so that what was never written is seen in whatever is made of it."""

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from hiltest.calibration import FitStatus, MagnetometerFit
-from hiltest.calibration.direct_stream import MONOMIALS
 from hiltest.virtual.calling import CallResult
 from hiltest.virtual.k64f import VirtualK64F
+
+from .references.direct_stream import MONOMIALS
 
 STATE_BYTES = 0x4000
 CELLS = 392

@@ -14,9 +14,8 @@ import numpy as np
 import pytest
 
 import hiltest
-from hiltest.link.messages import Calibrate, ClearPoints, Upload
-from hiltest.link.packing import PackingReply, PackPoints
-from hiltest.link.replies import CalibrateReply
+from hiltest.link.messages import Calibrate, ClearPoints, TimeRange, Upload
+from hiltest.link.replies import CalibrateReply, RunCost
 from hiltest.link.request import Request, decode_reply
 from hiltest.procedures.clouds import golden_cloud
 from hiltest.profiling.image import ProfiledImage
@@ -50,7 +49,7 @@ def middle(points: np.ndarray) -> list[int]:
 
 
 class Calibrated:
-    """What CALIBRATE and PACK_POINTS count on golden clouds."""
+    """What CALIBRATE and TIME_RANGE count on golden clouds."""
 
     def __init__(self) -> None:
         self._bench = Bench()
@@ -59,9 +58,9 @@ class Calibrated:
     def _asked(self, request: Request[object]) -> object:
         return decode_reply(request, self._bench.request(request.code, request.payload()).payload)
 
-    def store(self, n: int = 100, *, packed: bool = False) -> None:
+    def store(self, n: int = 100) -> None:
         self._cloud = golden_cloud(n)
-        self._asked(ClearPoints(middle(self._cloud) if packed else None))
+        self._asked(ClearPoints())
         self._asked(Upload(0, self._cloud.tolist()))
 
     def cycles(self, calibrator: str, *, iterations: int = 0) -> int:
@@ -70,12 +69,10 @@ class Calibrated:
         assert reply.cost is not None
         return reply.cost.cycles
 
-    def storing(self) -> tuple[float, float]:
-        reply = self._asked(PackPoints(100, middle(self._cloud)))
-        assert isinstance(reply, PackingReply)
-        assert reply.range_cost is not None
-        assert reply.packing_cost is not None
-        return reply.range_cost.cycles / 100, reply.packing_cost.cycles / 100
+    def storing(self) -> float:
+        cost = self._asked(TimeRange(len(self._cloud)))
+        assert isinstance(cost, RunCost)
+        return cost.cycles / len(self._cloud)
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +103,7 @@ def firmware() -> ProfiledImage:
 def profiled(firmware: ProfiledImage, calibrator: str, n: int, *, iterations: int = 0) -> CallProfile:
     cloud = np.ascontiguousarray(golden_cloud(n), "<i2")
     spread = cloud.min(axis=0), cloud.max(axis=0)
-    points = Structure(Address(cloud), np.array([n], "<u2"), *spread, np.array([iterations, 0, 0, 0, 0], "<u2"))
+    points = Structure(Address(cloud), np.array([n], "<u2"), *spread, np.array([iterations], "<u2"))
     return firmware.call(f"magnetometer_{calibrator}", points, bytearray(64))
 
 
@@ -163,10 +160,7 @@ def test_what_of_iterative_sums_the_points(firmware: ProfiledImage) -> None:
 def test_direct_fast(calibrated: Calibrated) -> None:
     calibrated.store()
     assert row("`direct-fast`") == spaced(calibrated.cycles("direct-fast"))
-    storing, packing = calibrated.storing()
-    calibrated.store(packed=True)
-    assert row("`direct-fast`, points packed") == spaced(calibrated.cycles("direct-fast"))
-    assert (row("to store a point"), row("to pack a point as well")) == (f"{storing:.0f}", f"{packing:.0f}")
+    assert row("to store a point") == f"{calibrated.storing():.0f}"
 
 
 def test_moments_of_two_points_a_word() -> None:
@@ -177,38 +171,30 @@ def test_moments_of_two_points_a_word() -> None:
         assert board.last is not None
         return board.last.cycles
 
-    kernel, raw, packed = cycles("block", points, 5), cycles("sum", points), cycles("sum_packed", points)
+    kernel, whole = cycles("block", points, 5), cycles("sum", points)
     slope = (kernel - cycles("block", points[:20], 5)) / 80
     assert row("kernel") == spaced(kernel)
     assert f"{slope:.1f} a point and {round(kernel - 100 * slope, -1):.0f}: entries" in PAGE
-    assert row("moments") == spaced(raw)
-    assert f"{raw / 100:.1f} a point, {cycles('sum', more) / 300:.1f} at n = 300 in three blocks" in PAGE
-    assert row("moments, points packed") == spaced(packed)
-    assert f"{packed / 100:.1f} a point, all of it" in PAGE
-    fifth = cycles("sum_packed", points[:20])
-    slope = (packed - fifth) / 80
-    assert f"{slope:.1f} a point and {round(packed - 100 * slope, -1):.0f} besides, together the" in PAGE
-    assert f"together the {packed / 100:.1f} of the table" in PAGE
+    assert row("moments") == spaced(whole)
+    assert f"{whole / 100:.1f} a point, {cycles('sum', more) / 300:.1f} at n = 300 in three blocks" in PAGE
 
 
-def of_a_pair(firmware: ProfiledImage, *, packed: bool) -> tuple[Counter[str], float]:
+def of_a_pair(firmware: ProfiledImage) -> tuple[Counter[str], float]:
     """What the kernel executes for a pair of points, by instruction, and its cycles; entries cancel."""
     counts: list[Counter[str]] = []
     cycles = []
     for pairs in (10, 50):  # both leave out two bodies of the first round of four
         room, raw = np.zeros(9 * pairs, "<u4"), np.zeros(6 * pairs, "<i2")
-        points = np.zeros(1, "<u4") if packed else Address(raw)
         settings = np.array([2 * pairs, 0, 0, 0, 0x8005, 0xFFE0FFFF, 0x43000000], "<u4")
-        called = firmware.call("packed_moments_block", Structure(points, Address(room), settings), bytearray(140))
+        called = firmware.call("packed_moments_block", Structure(Address(raw), Address(room), settings), bytearray(140))
         counts.append(executed(called))
         cycles.append(called.cycles)
     fewer, more = counts
     return Counter({name: (more[name] - fewer[name]) // 40 for name in more}), (cycles[1] - cycles[0]) / 40
 
 
-@pytest.mark.parametrize("packed", [False, True])
-def test_a_lower_bound_of_the_kernel_is_what_its_bodies_execute(firmware: ProfiledImage, packed: bool) -> None:
-    pair, cycles = of_a_pair(firmware, packed=packed)
+def test_a_lower_bound_of_the_kernel_is_what_its_bodies_execute(firmware: ProfiledImage) -> None:
+    pair, cycles = of_a_pair(firmware)
     sums, roundings = pair["smlad"] + pair["smladx"], pair["pkhtb"]
     products = sum(pair[f"smla{first}{second}"] for first in "bt" for second in "bt")
     # Each word once, in one group: the first load takes a cycle more.
@@ -216,12 +202,8 @@ def test_a_lower_bound_of_the_kernel_is_what_its_bodies_execute(firmware: Profil
     bound = sums + products + roundings + others
     assert f"{sums} multiply-accumulates, {products} products, {roundings} roundings, 3 words loaded (4)" in PAGE
     assert f": {bound}, which is {bound / 2:g} a point" in PAGE
-    if packed:
-        assert (pair["ldr"], pair["str"]) == (3 + 14, 6)
-        measured = bound + 4 + 18 + 1
-    else:
-        assert (pair["ldr"], pair["str"]) == (3 + 14 + 3, 9)
-        measured = bound + 6 + 23
+    assert (pair["ldr"], pair["str"]) == (3 + 14 + 3, 9)
+    measured = bound + 6 + 23
     assert f"Measured {measured}, and {cycles - measured:g} for loops" in PAGE
 
 
@@ -233,26 +215,20 @@ def test_the_sizes_of_what_sums_packed_moments() -> None:
 
     assert f"The kernel is {size('packed_moments_block')} bytes of code." in PAGE
     assert f"`packed_moments_sum`, which cuts blocks and adds them, {size('packed_moments_sum')};" in PAGE
-    of_packed = ("packed_points_sum", "packed_points_sum_again", "sum_packed_blocks")
-    assert f"the same for packed points {size(*of_packed)} (`{'`, `'.join(of_packed)}`)" in PAGE
-    assert f"`sum_smaller`, of both, {size('sum_smaller')};" in PAGE
-    assert f"to pack points {size('packed_points_start', 'packed_points_add')};" in PAGE
-    fits = ("fit_packed", "magnetometer_direct_fast")
-    assert ", ".join(f"`{name}` {size(name)}" for name in fits) + "." in PAGE
-    assert f"their pairs stay in a buffer of {size('packed')}." in PAGE
+    others = ("sum_again", "magnetometer_direct_fast")
+    assert ", ".join(f"`{name}` {size(name)}" for name in others) + "." in PAGE
 
 
 def test_an_overflow() -> None:
     board, corners = BoardPacked(SHIPPED_ELF), np.full((100, 3), 760)
     corners[0] = -760
     board.sum(corners, [0, 0, 0])
-    raw = board.last
-    board.sum_packed(corners, [0, 0, 0])
-    assert raw is not None
     assert board.last is not None
-    assert board.again is not None
-    packed = spaced(board.last.cycles + board.again.cycles)
-    assert f"{packed} cycles where {spaced(board.last.cycles)} would do, {spaced(raw.cycles)} with points" in PAGE
+    redone = board.last.cycles
+    points = golden_cloud(100)
+    board.sum(points, middle(points))
+    assert board.last is not None
+    assert f"{spaced(redone)} cycles where {spaced(board.last.cycles)} would do" in PAGE
 
 
 def test_a_point_of_a_stream() -> None:

@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hiltest.calibration import FitStatus
-from hiltest.calibration.direct_stream import LARGEST_COUNTS, MOST_POINTS, DirectStream
 from hiltest.calibration.quality import direction_difference_rms_deg
-from hiltest.calibration.streams import StreamStatus
+from hiltest.link.streams import StreamStatus
 from hiltest.world.instances import instance
 
+from .references.direct_stream import LARGEST_COUNTS, MOST_POINTS, DirectStream
 from .streams import BoardStream, Stream
 
 STATE = 244  # the whole of direct_stream_t: 34 sums, the anchor, the number held

@@ -1,6 +1,6 @@
 """An independent emulator executes the kernels in the same number of instructions.
 
-All calibrators and stream calibrators of the firmware's tables, `direct-fast` over points packed before, `dpi`, the
+All calibrators and stream calibrators of the firmware's tables, `dpi`, the
 tilt-compensated heading and steps of the fusion filter. The fits of accelerometer and gyroscope are not among them.
 """
 
@@ -35,7 +35,6 @@ PAIRS = "pairs"
 KERNELS = {
     "magnetometer_direct": (7000, "full_sphere"),
     "magnetometer_direct_fast": (5500, "full_sphere"),
-    "kernel_direct_fast_packed": (100 * 50, "full_sphere"),
     "magnetometer_corrected": (7000, "full_sphere"),
     "magnetometer_iterative": (7000, "full_sphere"),
     "magnetometer_empty": (3, "full_sphere"),

@@ -11,12 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hiltest.calibration import FitStatus, MagnetometerFit
-from hiltest.calibration.element_fits import fit_elements
-from hiltest.calibration.iterative_stream import IterativeStream
-from hiltest.calibration.magnetic_buffer import FULL, LIMITS, MESH_COUNTS, cell_of
 from hiltest.calibration.quality import direction_difference_rms_deg
 from hiltest.world.instances import instance
 
+from .references.element_fits import fit_elements
+from .references.iterative_stream import IterativeStream
+from .references.magnetic_buffer import FULL, LIMITS, MESH_COUNTS, cell_of
 from .streams import BoardStream, Stream
 
 MakeStream = Callable[[str], Stream]

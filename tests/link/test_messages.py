@@ -20,7 +20,6 @@ from hiltest.link.accelerometer import FitAccelerometer, GetAccelerometer, SetAc
 from hiltest.link.dpi import FitDpi
 from hiltest.link.fusion import FusionRead, FusionRun, FusionStart
 from hiltest.link.messages import CycleSource, FitStatus, SensorKind, Status
-from hiltest.link.packing import PackPoints
 from hiltest.link.poses import AddPose, ClearPoses, Poses, UploadPoses
 from hiltest.link.replies import RunCost, SlotHeading
 from hiltest.link.request import decode_reply
@@ -37,7 +36,7 @@ REQUESTS: list[m.Request[object]] = [
     StreamReset("s"), StreamFeed("s", 0, 1), StreamRemove("s", 0, 1), StreamState("s"),
     SetAccelerometer(1, np.eye(3), np.zeros(3)), GetAccelerometer(1), AddPose(1), Poses(0, 1), ClearPoses(),
     UploadPoses(0, [POSE]), FitAccelerometer(6, "six-position"), FitDpi(300, 1),
-    PackPoints(100, (600, -70, 3)),
+    m.TimeRange(100),
     FusionStart(1, 1, 1, 0.5, 0.5, 1.0, 0.1), FusionRun(1), FusionRead(0, 1),
 ]  # fmt: skip
 
@@ -55,7 +54,6 @@ REQUESTS: list[m.Request[object]] = [
         (m.Upload(1, [(1, -1, 256, 2, -2, 512)]), 0x07, "0100 01 0100 ffff 0001 0200 feff 0002"),
         (m.Points(258, 80), 0x08, "0201 50"),
         (m.ClearPoints(), 0x09, ""),
-        (m.ClearPoints((1, -1, 256)), 0x09, "0100 ffff 0001"),
         (m.Calibrate(100, "direct"), 0x0A, "6400 0000 06 646972656374"),
         (m.Calibrate(100, "direct", iterations=0x102), 0x0A, "6400 0201 06 646972656374"),
         (m.GetCalibration(7), 0x0C, "07"),
@@ -63,7 +61,7 @@ REQUESTS: list[m.Request[object]] = [
         (m.Average(16, 0b101, timeout_us=1), 0x0E, "1000 01000000 0500"),
         (m.LinkStatistics(), 0x10, ""),
         (m.Reset(), 0x11, ""),
-        (PackPoints(100, (258, -2, -32768)), 0x27, "6400 0201 feff 0080"),
+        (m.TimeRange(258), 0x27, "0201"),
         (StreamReset("ab", sliced=True), 0x12, "01 02 6162"),
         (StreamFeed("ab", 258, 80), 0x13, "0201 50 02 6162"),
         (StreamRemove("ab", 3, 1), 0x14, "0300 01 02 6162"),

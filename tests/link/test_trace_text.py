@@ -18,7 +18,6 @@ from hiltest.link.accelerometer import FitAccelerometer, GetAccelerometer, SetAc
 from hiltest.link.dpi import DpiSource, FitDpi
 from hiltest.link.framing import Frame, encode_frame
 from hiltest.link.fusion import FusionRead, FusionRun, FusionStart
-from hiltest.link.packing import PackPoints
 from hiltest.link.poses import AddPose, ClearPoses, Poses, UploadPoses
 from hiltest.link.request import REPLY_BIT
 from hiltest.link.request_reading import read_request
@@ -30,7 +29,7 @@ POSE = StillPose(np.array([1.5, -2.0, 3.0]), np.ones(3), np.array([0.0, 8192.0, 
 TURN = GyroscopeTurn(np.array([0.0, 0, 360]), np.array([-5, 7, 2_000_000]), 1200, 5.995, np.ones(3), np.zeros(3), 0.25)
 REQUESTS: list[m.Request[Any]] = [
     m.Sync(0x12345678), m.Identify(), m.Sensors(), m.Select(3), m.Read(2, 64, timeout_us=7), m.Collect(512),
-    m.Upload(7, [[1, -2, 3], [-32768, 32767, 0]]), m.Points(300, 80), m.ClearPoints(), m.ClearPoints([1, -2, 3]),
+    m.Upload(7, [[1, -2, 3], [-32768, 32767, 0]]), m.Points(300, 80), m.ClearPoints(), m.TimeRange(258),
     m.Calibrate(100, "iterative", iterations=5), m.SetCalibration(1, np.arange(9).reshape(3, 3), [0.5, 0, -1]),
     m.GetCalibration(2), m.ClearCalibration(7), m.Average(16, 0b101, timeout_us=9),
     m.LinkStatistics(), m.Reset(), streams.StreamReset("direct-stream", sliced=True),
@@ -43,7 +42,6 @@ REQUESTS: list[m.Request[Any]] = [
     TimeSequence(22, SequencePlace.FLASH_ALONE),
     m.Upload(0, [[1, -2, 3, 4, -5, 8192]]),
     FitDpi(300, 2, dip_deg=-62.5), FitDpi(38, 15, source=DpiSource.POSES),
-    PackPoints(100, [600, -70, -32768]),
     FusionStart(3, 5, 16, 0.5, 0.25, 1.0, 0.125, timeout_us=9), FusionRun(24_000_000), FusionRead(36, 12),
 ]  # fmt: skip
 

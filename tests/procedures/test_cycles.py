@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import re
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from hiltest.boards import Board
-from hiltest.procedures import FAST, measure_cycles, measure_packed_fit, packed_fit, upload_cloud
+from hiltest.procedures import FAST, measure_cycles, measure_fast_fit
 from hiltest.procedures.cycles import fit_line
 
 
@@ -80,28 +78,8 @@ def test_counting_again_gives_the_same_number(virtual_board: Board) -> None:
     assert first == second
 
 
-def test_packed_points_are_fitted_in_fewer_cycles_within_a_band_of_their_own(virtual_board: Board) -> None:
-    whole = measure_cycles(virtual_board, [FAST], clouds=1, sizes=(20, 100))[FAST]
-    packed = measure_packed_fit(virtual_board)
-    assert whole.band is not None
-    assert packed.packed_total is not None
-    assert packed.packed_band is not None
-    assert packed.packed_band.low < packed.packed_total < packed.packed_band.high < whole.band.high
-    assert packed.packed_total < whole.total
-    assert packed.packed_distance_deg is not None
-    assert packed.not_packed == ""
-
-
-def test_a_fit_that_did_not_use_the_packed_points_is_none_of_packed_points(
-    virtual_board: Board, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """About a centre outside of the points the firmware does not fit them packed, and does not say so."""
-    outside = [20_000, 0, 0]
-    monkeypatch.setattr(
-        packed_fit, "upload_cloud", lambda board, cloud, centre=None: upload_cloud(board, cloud, centre and outside)
-    )
-    packed = measure_packed_fit(virtual_board)
-    assert (packed.packed_total, packed.packed_band, packed.packed_distance_deg) == (None, None, None)
-    assert re.fullmatch(
-        r"its fit did not use the packed points: \d+ cycles with them, \d+ without", packed.not_packed
-    )
+def test_the_fast_fit_is_near_float64_and_storing_its_points_costs_less_than_it_saves(virtual_board: Board) -> None:
+    costs = measure_cycles(virtual_board, [FAST, "direct"], clouds=1, sizes=(20, 100))
+    fast = measure_fast_fit(virtual_board)
+    assert 0.0 < fast.distance_deg < 0.01  # its sums are rounded; the suite's own limit
+    assert 0.0 < fast.store_per_point < (costs["direct"].total - costs[FAST].total) / 100

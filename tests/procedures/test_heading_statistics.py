@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hiltest.procedures.heading_statistics import rms, summarise, tilt_to_heading
+from hiltest.procedures.heading_statistics import rms, summarise
 
 HEADINGS = [30.0 * k for k in range(12)]
 # Sums of a dozen doubles below 360: a few ulp of 360, well below 1e-12.
@@ -92,10 +92,3 @@ def test_rms_by_hand() -> None:
 def test_lengths_must_fit(errors: list[float], references: list[float]) -> None:
     with pytest.raises(ValueError, match="give equally many"):
         summarise(errors, references)
-
-
-def test_a_degree_of_tilt_costs_the_tangent_of_the_dip() -> None:
-    assert tilt_to_heading(45.0) == pytest.approx(1.0)
-    assert tilt_to_heading(62.0) == pytest.approx(1.880726465, abs=1e-9)  # tan 62 degrees from a table
-    with pytest.raises(ValueError, match="no horizontal field"):
-        tilt_to_heading(90.0)

@@ -10,25 +10,29 @@ import pytest
 from hiltest.boards import Board, open_board
 from hiltest.errors import CalibrationError
 from hiltest.link.framing import DamagedFrame, FrameDecoder
-from hiltest.link.gyroscope import GetGyroscope, StillnessKind
-from hiltest.procedures import Turntable, check_link, measure_accelerometer_rest, measure_gyroscope_rest
-from hiltest.procedures.gyroscope_rest import rest_gyroscope
+from hiltest.link.gyroscope import GetGyroscope, GyroscopeRestReply, StillnessKind
+from hiltest.link.replies import DPS_PER_COUNT
+from hiltest.procedures import Turntable, check_link, measure_accelerometer_rest, rest_gyroscope
 from hiltest.procedures.link_checks import damaged_frames
 from hiltest.rig import Rig
 from hiltest.rig.world import TemperatureDrift
 
 
+def two_rests(board: Board) -> tuple[GyroscopeRestReply, GyroscopeRestReply]:
+    """The first stores the bias, the second judges it."""
+    return rest_gyroscope(board, seconds=2.0, store=True), rest_gyroscope(board, seconds=2.0)
+
+
 def test_the_bias_of_a_first_rest_is_gone_in_a_second(virtual_board: Board, simulated_turntable: Turntable) -> None:
     simulated_turntable.rest()
     before = virtual_board.now_s()
-    rest = measure_gyroscope_rest(virtual_board, seconds=2.0)
+    first, second = two_rests(virtual_board)
     assert virtual_board.now_s() - before >= 4.0  # two rests of 2 s, by the board's clock
-    assert (rest.n, rest.seconds) == (400, 2.0)
+    assert first.n == second.n == 400
     truth = virtual_board.truth
     assert truth is not None
-    assert np.allclose(rest.bias_dps, truth.gyroscope_bias_dps, atol=0.1)
-    assert rest.bias_error_dps <= 0.1 < rest.uncorrected_error_dps
-    assert rest.bias_error_dps == np.abs(rest.corrected_dps).max()
+    assert np.allclose(DPS_PER_COUNT * first.rate.mean, truth.gyroscope_bias_dps, atol=0.1)
+    assert DPS_PER_COUNT * np.abs(second.corrected_mean).max() <= 0.1 < DPS_PER_COUNT * np.abs(second.rate.mean).max()
 
 
 def test_a_bias_that_drifts_between_the_rests_is_not_gone(bench_rig: Rig) -> None:
@@ -36,11 +40,12 @@ def test_a_bias_that_drifts_between_the_rests_is_not_gone(bench_rig: Rig) -> Non
     drift = TemperatureDrift(gyroscope_bias_dps_per_degc=(0.0, 0.3, 0.1))
     warming = replace(bench_rig.world, temperature_end_degc=45.0, temperature_ramp_s=40.0, drift=drift)
     with open_board(replace(bench_rig, world=warming)) as board:
-        rest = measure_gyroscope_rest(board, seconds=2.0)
+        _, rest = two_rests(board)
+    corrected_dps = DPS_PER_COUNT * rest.corrected_mean
     # Half a degree a second, and the second rest begins when the first has been reported, some ms after its end.
     # Tolerance: 4.5 sigma of the difference of two means of 400 readings with 0.2 dps rms.
-    assert np.allclose(rest.corrected_dps, [0.0, 0.3, 0.1], atol=4.5 * 0.2 * np.sqrt(2 / 400) + 0.3 * 0.5 * 0.05)
-    assert rest.bias_error_dps > 0.1
+    assert np.allclose(corrected_dps, [0.0, 0.3, 0.1], atol=4.5 * 0.2 * np.sqrt(2 / 400) + 0.3 * 0.5 * 0.05)
+    assert np.abs(corrected_dps).max() > 0.1
     assert rest.die_temperature_degc == 27  # 4.2 s after power-on
 
 

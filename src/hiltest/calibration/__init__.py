@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from hiltest.calibration.corrected import fit_corrected
 from hiltest.calibration.direct import fit_direct
-from hiltest.calibration.direct_stream import DirectStream
 from hiltest.calibration.fit import Calibrator, FitStatus, MagnetometerFit
 from hiltest.calibration.iterative import fit_iterative
-from hiltest.calibration.iterative_stream import IterativeStream
 from hiltest.calibration.sphere import fit_sphere
-from hiltest.calibration.streams import StreamCalibrator
 from hiltest.errors import ConfigError
 
 __all__ = [
     "FASTER",
     "REFERENCES",
-    "STREAM_REFERENCES",
     "UNBIASED",
     "FitStatus",
     "MagnetometerFit",
@@ -36,10 +30,6 @@ REFERENCES: dict[str, Calibrator] = {
 FASTER = frozenset({"direct-fast"})
 # Those whose steps take the bias of noise out.
 UNBIASED = frozenset({"corrected"})
-STREAM_REFERENCES: dict[str, Callable[[], StreamCalibrator]] = {
-    "direct-stream": DirectStream,
-    "iterative-stream": IterativeStream,
-}
 
 
 def reference(name: str) -> Calibrator:

@@ -93,27 +93,6 @@ def fit_corrected(points_counts: ArrayLike) -> MagnetometerFit:
     )
 
 
-def estimated_noise(points_counts: ArrayLike) -> float | None:
-    """Return the standard deviation of the points' noise on each axis, as the Newton steps find it [counts].
-
-    Parameters
-    ----------
-    points_counts : array_like, shape (n, 3)
-        Raw points [counts], body frame.
-
-    Returns
-    -------
-    float or None
-        None where no ellipsoid can be fitted. At 2.5 uT and half of the sphere or more in the median
-        0.94 of the true one for 100 points, 0.994 for 1000.
-    """
-    points = points_array(points_counts)
-    if fit_direct(points).status is not FitStatus.ELLIPSOID:
-        return None
-    adjusted = _newton(points)
-    return None if adjusted is None else half_range(points) * math.sqrt(adjusted.variance)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _Adjusted:
     """The calibration that a variance of the noise leads to, and Newton's step from there; in half ranges."""

@@ -21,6 +21,7 @@ from hiltest.link.replies import (
     LinkCounters,
     PointsReply,
     ReadReply,
+    RunCost,
     SensorInfo,
     SensorKind,
     Status,
@@ -53,10 +54,11 @@ __all__ = [
     "SetCalibration",
     "Status",
     "Sync",
+    "TimeRange",
     "Upload",
 ]
 
-PROTOCOL_VERSION = 6
+PROTOCOL_VERSION = 7
 MAX_UPLOAD = 160
 MAX_UPLOAD_PAIRS = 80
 MAX_POINTS_READ = 80
@@ -186,17 +188,26 @@ class Points(Request[PointsReply]):
 
 @dataclass(frozen=True)
 class ClearPoints(Plain):
-    """Empty the point buffer; with a centre [counts], points are then packed about it as they are stored."""
+    """Empty the point buffer."""
 
     code = 0x09
     command = "CLEAR_POINTS"
-    centre: Sequence[int] | None = None
+
+
+@dataclass(frozen=True)
+class TimeRange(Request[RunCost | None]):
+    """Keep the range of the first n points once more, counting cycles; None when the core counts none."""
+
+    code = 0x27
+    command = "TIME_RANGE"
+    answered_with = frozenset({Status.OK, Status.NO_CYCLE_COUNTER})
+    n: int
 
     def payload(self) -> bytes:
-        if self.centre is None:
-            return b""
-        x, y, z = (within(each, -32768, 32767, "counts") for each in self.centre)
-        return struct.pack("<3h", x, y, z)
+        return struct.pack("<H", within(self.n, 1, 0xFFFF, "points"))
+
+    def parse(self, fields: FieldReader) -> RunCost | None:
+        return RunCost.parse(fields)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 from hiltest.calibration.gyroscope import GyroscopeTurn
 from hiltest.calibration.still_pose import Face
 from hiltest.errors import ProtocolError
-from hiltest.link import accelerometer, dpi, fusion, gyroscope, packing, poses, sequences, streams
+from hiltest.link import accelerometer, dpi, fusion, gyroscope, poses, sequences, streams
 from hiltest.link import messages as m
 from hiltest.link.fields import FieldReader
 from hiltest.link.framing import Frame
@@ -135,7 +135,8 @@ _READERS: Mapping[type[m.Request[Any]], _Read] = {
     m.Collect: _collect,
     m.Upload: _upload,
     m.Points: lambda fields: m.Points(fields.number("H", "first"), fields.number("B", "count")),
-    m.ClearPoints: lambda fields: m.ClearPoints(fields.counts(1, "centre")[0].tolist() if fields.left else None),
+    m.ClearPoints: lambda _: m.ClearPoints(),
+    m.TimeRange: lambda fields: m.TimeRange(fields.number("H", "n")),
     m.Calibrate: _calibrate,
     m.SetCalibration: _set_calibration,
     m.GetCalibration: lambda fields: m.GetCalibration(fields.number("B", "slot")),
@@ -151,9 +152,6 @@ _READERS: Mapping[type[m.Request[Any]], _Read] = {
     poses.ClearPoses: lambda _: poses.ClearPoses(),
     poses.UploadPoses: _upload_poses,
     dpi.FitDpi: _fit_dpi,
-    packing.PackPoints: lambda fields: packing.PackPoints(
-        fields.number("H", "n"), fields.counts(1, "centre")[0].tolist()
-    ),
     fusion.FusionStart: _fusion_start,
     fusion.FusionRun: lambda fields: fusion.FusionRun(fields.number("I", "duration")),
     fusion.FusionRead: lambda fields: fusion.FusionRead(fields.number("H", "first"), fields.number("B", "records")),

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import ClassVar
 
 from hiltest.calibration.fit import FitStatus
-from hiltest.calibration.streams import StreamStatus
 from hiltest.errors import ProtocolError
 from hiltest.link.fields import FieldReader
 from hiltest.link.replies import CalibrationReply, RunCost, Status
@@ -25,6 +25,15 @@ __all__ = [
 ]
 
 MAX_FEED = 80
+
+
+class StreamStatus(IntEnum):
+    """Whether a stream calibrator took a point, or why not; the values are those of the protocol."""
+
+    OK = 0
+    OUT_OF_RANGE = 1
+    FULL = 2
+    EMPTY = 3
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,23 +18,18 @@ from hiltest.procedures.coverage import largest_hole_deg, sphere_coverage
 from hiltest.procedures.cycles import CycleCost, measure_cycles, upload_cloud, upload_pairs
 from hiltest.procedures.dpi import DPI, DpiRun, fit_still_poses, fit_tumble
 from hiltest.procedures.dpi_cycles import measure_dpi_cycles
+from hiltest.procedures.fast_fit import FAST, FastFit, measure_fast_fit
 from hiltest.procedures.float64_headings import float32_error_deg, heading_errors_deg
 from hiltest.procedures.fusion import AttitudeErrors, FusionResult, filter_noise, measure_fusion
 from hiltest.procedures.grbl_turntable import GrblTurntable, open_grbl_turntable
 from hiltest.procedures.gyroscope_log import GyroscopeLog, LogChunk, log_chunks, log_gyroscope
 from hiltest.procedures.gyroscope_rest import BoardMovedError, rest_gyroscope
-from hiltest.procedures.heading_statistics import HeadingSummary, summarise, tilt_to_heading
+from hiltest.procedures.heading_statistics import HeadingSummary, summarise
 from hiltest.procedures.known_angles import KnownAngles, measure_known_angles
 from hiltest.procedures.link_checks import LinkCheck, check_link
 from hiltest.procedures.open_table import open_table
-from hiltest.procedures.packed_fit import FAST, PackedFit, measure_packed_fit
 from hiltest.procedures.progress import Progress
-from hiltest.procedures.rest import (
-    AccelerometerRestResult,
-    GyroscopeRestResult,
-    measure_accelerometer_rest,
-    measure_gyroscope_rest,
-)
+from hiltest.procedures.rest import AccelerometerRestResult, measure_accelerometer_rest
 from hiltest.procedures.six_positions import (
     AccelerometerRun,
     fit_poses,
@@ -69,18 +64,17 @@ __all__ = [
     "DpiRun",
     "Effort",
     "EffortKind",
+    "FastFit",
     "FittedTurns",
     "FusionResult",
     "GrblTurntable",
     "GyroscopeLog",
-    "GyroscopeRestResult",
     "HeadingSummary",
     "KnownAngles",
     "LinkCheck",
     "LogChunk",
     "MeasuredTurn",
     "OperatorTurntable",
-    "PackedFit",
     "Pose",
     "Progress",
     "SimulatedTurntable",
@@ -111,10 +105,9 @@ __all__ = [
     "measure_accelerometer_rest",
     "measure_cycles",
     "measure_dpi_cycles",
+    "measure_fast_fit",
     "measure_fusion",
-    "measure_gyroscope_rest",
     "measure_known_angles",
-    "measure_packed_fit",
     "measure_six_positions",
     "measure_turn",
     "open_grbl_turntable",
@@ -130,7 +123,6 @@ __all__ = [
     "store_streams",
     "store_untrimmed",
     "summarise",
-    "tilt_to_heading",
     "upload_cloud",
     "upload_pairs",
 ]

@@ -120,9 +120,9 @@ def fit_line(x: ArrayLike, y: ArrayLike) -> CostLine:
     return CostLine(slope, intercept, float(np.sqrt((left * left).mean())))
 
 
-def upload_cloud(board: Board, points: NDArray[np.int16], centre: Sequence[int] | None = None) -> None:
-    """Replace the board's point buffer by a cloud, shape (n, 3), packed about a centre if one is given [counts]."""
-    board.session.request(ClearPoints(centre))
+def upload_cloud(board: Board, points: NDArray[np.int16]) -> None:
+    """Replace the board's point buffer by a cloud, shape (n, 3) [counts]."""
+    board.session.request(ClearPoints())
     for first in range(0, len(points), MAX_UPLOAD):
         board.session.request(Upload(first, points[first : first + MAX_UPLOAD].tolist()))
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hiltest.angles import circular_mean_deg, sin_cos_deg, wrap_180, wrap_360
+from hiltest.angles import circular_mean_deg, wrap_180, wrap_360
 
 SECTOR_DEG = 30.0
 
@@ -95,20 +95,6 @@ def summarise(
 def rms(values: Sequence[float]) -> float:
     """Return the root mean square, summed exactly so that the order of values does not matter."""
     return math.sqrt(math.fsum(value * value for value in values) / len(values))
-
-
-def tilt_to_heading(dip_deg: float) -> float:
-    """Return how many degrees of heading one degree of tilt error costs at worst: tan(dip).
-
-    Notes
-    -----
-    A tilt error e turns the vertical field Z into the horizontal plane: Z sin(e) against
-    H, so the heading moves by e Z / H = e tan(dip) to first order.
-    """
-    sine, cosine = sin_cos_deg(dip_deg)
-    if cosine <= 0.0:
-        raise ValueError(f"dip of {dip_deg} degrees: no horizontal field, no heading")
-    return sine / cosine
 
 
 def _bias_deg(errors: Sequence[float]) -> float | None:

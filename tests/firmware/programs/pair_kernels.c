@@ -1,31 +1,13 @@
-/* What is no calibrator of points alone, in the shape of one: points packed before, `dpi`, headings, and steps of the filter. */
+/* What is no calibrator of points alone, in the shape of one: `dpi`, headings, and steps of the filter. */
 #include "calibration/dpi.h"
-#include "calibration/packed_points.h"
 #include "orientation/fusion.h"
 #include "orientation/tilt_heading.h"
 
 extern const int16_t cloud_accelerometer[][3];
 
-void kernel_direct_fast_packed(const magnetometer_points_t *points, magnetometer_fit_t *fit);
 void kernel_dpi(const magnetometer_points_t *points, magnetometer_fit_t *fit);
 void kernel_tilt_heading(const magnetometer_points_t *points, magnetometer_fit_t *fit);
 void kernel_fusion(const magnetometer_points_t *points, magnetometer_fit_t *fit);
-
-void kernel_direct_fast_packed(const magnetometer_points_t *points, magnetometer_fit_t *fit)
-{
-    static packed_points_t packed;
-    magnetometer_points_t stored = *points;
-    int32_t middle[3];
-    for (int axis = 0; axis < 3; axis++) {
-        middle[axis] = (points->minimum[axis] + points->maximum[axis]) / 2;
-    }
-    packed_points_start(&packed, middle);
-    for (uint16_t i = 0; i < points->count; i++) {
-        (void)packed_points_add(&packed, points->points[i]);
-    }
-    stored.packed = &packed;
-    magnetometer_direct_fast(&stored, fit);
-}
 
 void kernel_dpi(const magnetometer_points_t *points, magnetometer_fit_t *fit)
 {

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hiltest.calibration.direct_stream import MONOMIALS
+from .direct_stream import MONOMIALS
 
 #: The six products, and the two factors that each sum of a higher degree is formed of.
 PRODUCTS = ("xx", "yy", "zz", "xy", "xz", "yz")

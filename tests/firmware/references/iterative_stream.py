@@ -6,10 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hiltest.calibration.element_fits import Trial, fit_elements
 from hiltest.calibration.fit import FitStatus, MagnetometerFit, no_fit
-from hiltest.calibration.magnetic_buffer import MagneticBuffer, cell_of
-from hiltest.calibration.streams import StreamStatus
+from hiltest.link.streams import StreamStatus
+
+from .element_fits import Trial, fit_elements
+from .magnetic_buffer import MagneticBuffer, cell_of
 
 LOOPS_PER_SECOND = 25
 AGEING_S = 86400.0

@@ -10,7 +10,7 @@ import numpy as np
 
 from hiltest.calibration.direct import fit_about
 from hiltest.calibration.fit import ELLIPSOID_UNKNOWNS, FitStatus, MagnetometerFit, no_fit
-from hiltest.calibration.streams import StreamStatus
+from hiltest.link.streams import StreamStatus
 
 # Sums of degree 2 of so many points with coordinates up to this fit the firmware's 32 bits.
 LARGEST_COUNTS = 2047
