@@ -70,7 +70,7 @@ def test_the_count_of_the_page_is_what_the_shipped_firmware_costs_and_its_band()
         band = board.cycle_band(cost)
     assert band is not None
     head, shown = ([word.strip() for word in re.split(r"  +", line)] for line in TOTAL.splitlines())
-    assert head == ["measurement", "cycles", "lowest", "highest", "moved most by"]
+    assert head == ["measurement", "cycles", "lowest", "highest", "largest contributor"]
     assert band.moved_most_by is not None
     assert shown == [
         "cycles.direct.total", *map(readable, (cost.cycles, band.low, band.high)), band.moved_most_by.row

@@ -18,6 +18,7 @@ from hiltest.record.files import RECORD_FILES
 from hiltest.record.journal import JOURNAL_FILE
 from hiltest.record.reader import read_record
 from hiltest.record.run_json import without_volatile
+from hiltest.verdict.summary import summarise
 
 Run = Callable[..., object]
 
@@ -51,8 +52,15 @@ def test_the_fast_total_is_measured_by_the_test_that_measures_its_accuracy_and_w
 
 def test_the_default_bench_passes(good_run) -> None:
     assert good_run.code == 0, good_run.output + good_run.errors
-    assert good_run.sentence.startswith("direct-fast: worst heading ")
-    assert ": PASS. " in good_run.sentence
+    assert good_run.sentence.startswith("PASS. direct: worst heading ")
+
+
+def test_a_passing_run_is_read_on_one_screen(good_run) -> None:
+    """Piped, and at 80 columns: what a terminal without a size has."""
+    lines = good_run.output.rstrip().splitlines()
+    assert len(lines) <= 25
+    assert max(map(len, lines)) <= 80
+    assert len(summarise(read_record(good_run.folder).run).close) == 2
 
 
 def test_everything_that_was_promised_is_measured(good_run) -> None:
@@ -171,7 +179,7 @@ def test_another_seed_is_another_run(good_run, run_in, tmp_path: Path) -> None:
 def test_a_part_of_the_suites_is_no_bare_pass(run_in, tmp_path: Path) -> None:
     run = run_in(tmp_path, "--", "-k", "identity")
     assert run.code == 0
-    assert run.sentence.startswith("PASS. Not judged: ")
+    assert run.sentence.startswith("PASS. Not evaluated: ")
     assert " limits of the rig, e.g. heading.direct.max." in run.sentence
     assert run.record["chosen"]
     assert "This run is not complete" in (run.folder / "report.html").read_text(encoding="utf-8")
@@ -193,7 +201,7 @@ def test_a_suite_that_is_gone_leaves_its_limits_unset(run_in, tmp_path: Path) ->
     (tmp_path / "hil" / "suites" / "test_cycles.py").unlink()
     run = run_in(tmp_path, "--poses", "level")
     assert run.code == 22
-    assert run.sentence.startswith("NOT JUDGED. Not judged: heading.direct.max (nothing in the gate set measured it), ")
+    assert run.sentence.startswith("NOT JUDGED. Not evaluated: heading.direct.max (nothing in the gate set measured it), ")
 
 
 def test_a_test_has_the_same_id_wherever_its_suites_are(good_run, run_in, tmp_path: Path) -> None:
