@@ -1,4 +1,4 @@
-"""Of several attempts a measurement keeps its worst: no rerun makes a pass of what was out of its limit."""
+"""The worst of several attempts counts: no rerun makes a pass of a measurement that was out of its limit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a comparison of two runs says: every measurement's change, and what kept it from being judged.
+"""A comparison of two runs as data: the change of every measurement, and why it could not be evaluated.
 
 Pure: nothing here knows pytest, a board or a file.
 """
@@ -12,7 +12,7 @@ from hiltest.measurement import Better, Limit, Outcome, Tolerance
 
 
 class Change(StrEnum):
-    """What became of a measurement since the base."""
+    """How a measurement changed since the base."""
 
     BETTER = "better"
     WORSE = "worse"
@@ -21,14 +21,14 @@ class Change(StrEnum):
     GONE = "gone"
     """The base has a number, the new run has none."""
     NOT_TAKEN = "not taken"
-    """As gone, in a run that did not come to it: cut short, or of chosen tests."""
+    """Gone, in a run that was cut short or ran chosen tests only."""
     UNCHANGED = "unchanged"
     CHANGED = "changed"
     """Beyond its tolerance, and neither better nor worse, such as the worst sector; or what it is held to is looser."""
 
 
 class Answer(StrEnum):
-    """What a comparison comes to."""
+    """The answer of a comparison."""
 
     MAY = "may be merged"
     NOT = "not to be merged"
@@ -36,7 +36,7 @@ class Answer(StrEnum):
 
 
 class BaseKind(StrEnum):
-    """What the base is, and so how a change is accepted into it."""
+    """Kind of the base, which decides how a change is accepted into it."""
 
     BASELINE = "baseline"
     RUN = "run"
@@ -44,7 +44,7 @@ class BaseKind(StrEnum):
 
 
 ONE_OF_EXACT = 0.01
-"""What counts as one tolerance where any change counts, of the base: most costs and errors have it."""
+"""Part of the base that counts as one tolerance where the tolerance is exact, to sort changes by size."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +88,7 @@ class Difference:
 
     @property
     def concern(self) -> tuple[bool, bool, float, str]:
-        """What to sort by: out of its limit first, then what has one, then the farthest in its tolerances."""
+        """Sort key: out of its limit first, then with a limit, then by the number of tolerances moved."""
         return self.outcome != Outcome.FAIL, self.limit is None, -self._tolerances_moved, self.name
 
     @property
@@ -102,7 +102,7 @@ class Difference:
 
 @dataclass(frozen=True, slots=True)
 class Revision:
-    """Which sources a run was made for, as far as whoever started it said; empty where nobody did."""
+    """Sources that a run was made for: label, commit and branch, each empty where nobody stated it."""
 
     commit: str = ""
     branch: str = ""
@@ -111,7 +111,7 @@ class Revision:
 
 @dataclass(frozen=True, slots=True)
 class FromBuild:
-    """How many measurements a baseline has accepted from another build than the one that it was saved of."""
+    """Number of measurements that a baseline has accepted from another build than its own."""
 
     build_id: str
     measurements: int
@@ -119,7 +119,7 @@ class FromBuild:
 
 @dataclass(frozen=True, slots=True)
 class Side:
-    """What stood on one side.
+    """One side of a comparison.
 
     Attributes
     ----------
@@ -193,17 +193,17 @@ class Comparison:
 
     @property
     def answer(self) -> Answer:
-        """Whether the change may be merged."""
+        """The answer: may be merged, not to be merged, or not known."""
         if self.failed or self.regression:
             return Answer.NOT
         return Answer.MAY if self.evaluated and not self.unjudged else Answer.UNKNOWN
 
     @property
     def evaluated(self) -> bool:
-        """Whether the gate could be evaluated at all."""
+        """True where nothing kept the comparison from being made."""
         return not self.obstacles
 
     @property
     def regression(self) -> bool:
-        """Whether the gate was evaluated, and something got worse."""
+        """True where the comparison was made, and something got worse."""
         return self.evaluated and any(each.change is Change.WORSE for each in self.differences)

@@ -9,14 +9,14 @@ RUN_FILE = "run.json"
 REPORT_FILE = "report.html"
 RECORD_FILES = (RUN_FILE, REPORT_FILE, "report.md", "junit.xml")
 SEED_FOLDERS = "seed-*"
-"""Of a campaign, each with the record of one seed."""
+"""Folders of a campaign, each with the record of one seed."""
 SEEDS_FILE = "seeds.json"
-"""Of a campaign; written when all its seeds have run."""
+"""Summary of a campaign as data; written when all its seeds have run."""
 CAMPAIGN_FILE = "seeds.md"
 OLDER_FOLDER = "against"
-"""Of the older firmware's record, in the folder of the newer one's."""
+"""Folder of the older firmware's record, inside the folder of the newer one's."""
 UNFINISHED = ".unfinished"
-"""Ends the name of a file that is being written."""
+"""Suffix of a file that is being written."""
 
 
 def write_atomically(path: Path, text: str) -> Path:

@@ -1,4 +1,4 @@
-"""Which sources a run is made for: what its user calls them, and the commit that a job has checked out.
+"""The sources that a run is made for: the user's label, and the commit that a job has checked out.
 
 No repository is asked. The commit of the working folder is that of the firmware only where nothing is edited, and the
 ELF was built there; to find out takes a walk over the whole tree, in which git may start what the tree's settings name.

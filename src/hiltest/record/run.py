@@ -36,7 +36,7 @@ class SensorRecord:
 
 @dataclass(frozen=True, slots=True)
 class BoardRecord:
-    """What answered on the link. `clock` is ``virtual`` or ``wall``.
+    """The board that answered on the link. `clock` is ``virtual`` or ``wall``.
 
     `compiler_flags` are those of all units of the firmware; empty where there is no ELF that tells them.
     """
@@ -61,7 +61,7 @@ class BoardRecord:
 
 @dataclass(frozen=True, slots=True)
 class RigRecord:
-    """Which rig, by name, file and SHA-256 of that file; `mounting` as it declares it.
+    """The rig: name, file and SHA-256 of that file; `mounting` as it declares it.
 
     `conditions_sha256` is of what its numbers rest on: no limits, no texts. Empty in records from before it was kept.
     `tolerances` has absolute and relative by measurement name. `cost_reference` is the calibrator whose cycles the
@@ -154,7 +154,7 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """How the run ended, in one word, one number and one sentence."""
+    """The end of a run in one word, one exit code and one sentence."""
 
     outcome: str
     exit_code: int
@@ -217,7 +217,7 @@ class Run:
 
 @dataclass(slots=True)
 class Findings:
-    """What a run has come to so far; `finish` makes the `Run` of it."""
+    """Everything that a run has found so far; `finish` makes the `Run` of it."""
 
     environment: Environment
     suite: Literal["gate", "full"]

@@ -27,7 +27,7 @@ DESCRIPTION = (
 
 _ADAPTER = TypeAdapter(Run)
 OTHERWISE = "render another record, or run again: hiltest run"
-"""What to do about a record that cannot be read."""
+"""The next step for a record that cannot be read."""
 
 
 def run_schema() -> dict[str, Any]:

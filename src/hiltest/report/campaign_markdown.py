@@ -15,7 +15,7 @@ from hiltest.verdict.wording import counted_by
 
 @dataclass(frozen=True, slots=True)
 class SeedLine:
-    """How one seed ended, in words."""
+    """The end of one seed's run, in words."""
 
     seed: int
     exit_code: int

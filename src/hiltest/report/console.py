@@ -1,4 +1,4 @@
-"""Where tables for people are printed: a terminal, or something of which nobody knows how wide it is."""
+"""The console that tables are printed on: a terminal, or a pipe, whose width nobody knows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the HTML and the Markdown report show of calibrators that live with the stream: a row for each stage."""
+"""Streaming calibrators in the HTML and the Markdown report: a row for each stage."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from hiltest.record.run import Cell, Run
 from hiltest.text import readable
 from hiltest.verdict.calibrators import STAGES_TABLE
 
-HEADING = "Calibrators that live with the stream"
+HEADING = "Streaming calibrators"
 LEGEND = (
-    "All points of the tumble, one after the other. Held: points that the calibration is, or would be, made of. "
+    "Each is given all points of the tumble, one by one. Held: points that the calibration is made of. "
     "Elements: unknowns of its solver. Heading errors are computed on the host from the means that the board took at "
-    "the known angles. Cycles a point are of all points up to the end; those of the fit come on top when it is asked."
+    "the known angles. Cycles a point are over all points; the fit costs its own cycles each time it is asked for."
 )
 HEADINGS = (
     "calibrator", "points", "held", "elements", "fit", "fit error", "worst heading", "mean error",

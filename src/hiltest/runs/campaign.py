@@ -48,7 +48,7 @@ _WORST_FIRST = (2, 3, 4, 5, ExitCode.WRONG_FIRMWARE, ExitCode.BENCH_LOST, ExitCo
 
 @dataclass(frozen=True, slots=True)
 class MadeWith:
-    """What the numbers of a run rest on, beside its seed."""
+    """Firmware, rig and options of a run: all that its numbers depend on beside its seed."""
 
     firmware: str
     build_id: str
@@ -59,7 +59,7 @@ class MadeWith:
 
 @dataclass(frozen=True, slots=True)
 class SeedResult:
-    """How the run of one seed ended. `sentence` is its verdict, or what it wrote when there is none.
+    """The end of one seed's run. `sentence` is its verdict, or its last output where there is none.
 
     `excusable` is a failure by nothing but missed limits.
     """

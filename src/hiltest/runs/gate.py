@@ -1,4 +1,4 @@
-"""What a run is judged against: read before the run can write over it, compared with when the run has ended.
+"""The base of a run: read before the run can write over it, compared with when the run has ended.
 
 Imported at the start of every pytest run on the machine: what compares is imported where something is compared.
 """
@@ -22,7 +22,7 @@ NOT_JUDGED = 22
 
 
 PACKAGED = "judged the packaged firmware: name yours with --firmware ELF (in pytest --hil-firmware)"
-"""What is said where no firmware was named; whoever forgets it sees no change of their own."""
+"""Remark where no firmware was named: a user who forgets it would compare the packaged one with itself."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +105,7 @@ class SessionGate:
 
     @property
     def asked_for(self) -> str:
-        """Which option names which base; empty without one."""
+        """The option and the base that it names; empty without one."""
         if self._older is not None:
             return f"--against is {self._older.elf}"
         return f"{self._source} is {self._base}" if self._base is not None else ""
@@ -126,7 +126,7 @@ class SessionGate:
 
     @property
     def runs_older(self) -> bool:
-        """Whether an older firmware is the base."""
+        """True where an older firmware is the base."""
         return self._older is not None
 
     def run_older(self, say: Callable[[str], None]) -> None:

@@ -1,4 +1,4 @@
-"""What went over the line during one test: written to the run's folder when the test fails, else forgotten."""
+"""The bytes on the line during one test: written to the run's folder when the test fails, otherwise dropped."""
 
 from __future__ import annotations
 

@@ -77,7 +77,7 @@ class Accepted:
 
 @dataclass(frozen=True, slots=True)
 class Baseline:
-    """What stands in a baseline file.
+    """Contents of a baseline file.
 
     Attributes
     ----------

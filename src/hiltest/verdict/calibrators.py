@@ -1,4 +1,4 @@
-"""What a run found of each calibrator: accuracy, cost and, when it fails, the cause."""
+"""Accuracy and cost of each calibrator of a run and, when its heading fails, the cause."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ UNCALIBRATED = "uncalibrated"
 
 @dataclass(frozen=True, slots=True)
 class CalibratorResult:
-    """What a run says of one calibrator: accuracy, cost and, when it fails, the cause."""
+    """Accuracy and cost of one calibrator and, when its heading fails, the cause."""
 
     name: str
     maximum: Measurement
@@ -149,7 +149,7 @@ class CalibratorCost:
 
     @property
     def lives_with_the_stream(self) -> bool:
-        """Whether it was given its points one by one."""
+        """True for a streaming calibrator, which is given its points one by one."""
         return self.points is not None
 
 

@@ -33,7 +33,7 @@ ADVICE = {
     Cause.GOOD_FIT_BAD_HEADING: "A fit of norms cannot see a rotated soft iron: calibrate against gravity (dpi).",
     Cause.BAD_FIT: "Look at the calibrated samples in the report: the model does not fit them.",
 }
-"""What to do next."""
+"""The next step for each cause."""
 
 
 def name_cause(

@@ -46,23 +46,23 @@ class Pairs:
 
     @property
     def seeds(self) -> list[Seed]:
-        """Those with a number on both sides."""
+        """Seeds with a number on both sides."""
         return [seed for seed, was in self.base.items() if _has_number(was) and _has_number(self.new[seed])]
 
     @property
     def is_nothing(self) -> bool:
-        """Whether neither side has a number of it, or a limit for one."""
+        """True where neither side has a number or a limit."""
         made = [each for side in (self.base, self.new) for each in side.values() if each is not None]
         return not any(each.limit or each.value is not None for each in made)
 
     @property
     def lost(self) -> list[Seed]:
-        """Those with a number in the base alone, and no reason for that; what had to keep a limit is not excused."""
+        """Seeds with a number in the base alone and no reason given; a measurement with a limit is never excused."""
         return [seed for seed in self._in_base_alone if not self._excused(seed)]
 
     @property
     def not_offered(self) -> list[Seed]:
-        """Those with a number in the base alone, where the new run says what result of its own leaves none."""
+        """Seeds with a number in the base alone, where the new run says why it has none."""
         return [seed for seed in self._in_base_alone if self._excused(seed)]
 
     def _excused(self, seed: Seed) -> bool:
@@ -75,7 +75,7 @@ class Pairs:
 
     @property
     def newly_out(self) -> list[Seed]:
-        """Those that fail a limit now and did not before: a NaN always, else what the base made too.
+        """Seeds that fail a limit now and did not before: a NaN always, otherwise what the base measured too.
 
         Where the limit is another now, not those that have not passed through either of the two.
         """
@@ -87,7 +87,7 @@ class Pairs:
 
     @property
     def limit_changed(self) -> str:
-        """What the limit was before it was edited or dropped; empty where the base has none, or the same."""
+        """The limit before it was edited or dropped; empty where the base has none, or the same."""
         both = ((was.limit, now) for seed, was in self.base.items() if was and (now := self.new[seed]))
         edited = [(before, now.limit) for before, now in both if before is not None and before != now.limit]
         if not edited:
@@ -97,7 +97,7 @@ class Pairs:
 
     @property
     def limit_loosened(self) -> bool:
-        """Whether the new run holds to less than the base did: a limit that lets more through, or none any more."""
+        """True where the new limit accepts more than the base's did, or there is none any more."""
         both = ((was.limit, now.limit) for seed, was in self.base.items() if was and (now := self.new[seed]))
         return any(before is not None and (after is None or not before.covers(after)) for before, after in both)
 

@@ -25,7 +25,7 @@ PASSED = "passed"
 
 @dataclass(frozen=True, slots=True)
 class Conditions:
-    """What must be the same on both sides, beside the compiler and the cycle model, for numbers to be comparable.
+    """Conditions that must be the same on both sides for numbers to be comparable, beside compiler and cycle model.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ class Evidence:
 
     @property
     def name(self) -> str:
-        """What to call it: its file, or for a run that is just ending its firmware, if it has one."""
+        """Name for messages: its file, or the firmware of a run that is just ending."""
         firmware = f" of {self.side.firmware} {self.side.version}" if self.side.firmware else ""
         return self.side.file or f"this run{firmware}"
 

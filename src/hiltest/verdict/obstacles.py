@@ -1,4 +1,4 @@
-"""What keeps a gate from being evaluated: a number is compared with its like, or not at all."""
+"""Reasons why a comparison cannot be made: only numbers measured under the same conditions are compared."""
 
 from __future__ import annotations
 

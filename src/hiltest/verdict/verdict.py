@@ -1,4 +1,4 @@
-"""How a run ended: the exit code and the one sentence. Pure, from the record alone."""
+"""The verdict of a run: its exit code and its one sentence, from the record alone."""
 
 from __future__ import annotations
 

@@ -13,13 +13,13 @@ from hiltest.text import listed, readable
 from hiltest.verdict.evidence import Seed
 
 SHOWN = (Change.WORSE, Change.GONE, Change.BETTER, Change.NEW, Change.CHANGED)
-"""In this order; what is unchanged, or was not taken, is only counted."""
+"""Changes that are listed, in this order; those that are unchanged or were not taken are only counted."""
 
 _NAMED_AT_MOST = 2
 _COMMIT_DIGITS = 12  # which tell any two commits of a repository apart
 _SEEDS_AT_MOST = 3
 _MOST_PERCENT = 1000.0
-"""Of a base of next to nothing a share says nothing; what it moved by stands beside it."""
+"""Larger percentages are cut: of a base near zero they say nothing, and the difference stands beside them."""
 
 
 def revision(of: Revision | None) -> str:
