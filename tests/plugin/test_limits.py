@@ -101,6 +101,38 @@ def test_a_session_that_was_stopped_says_what_was_not_judged(pytester: pytest.Py
     ])
 
 
+FIELD = """
+def test_field(board, measure):
+    measure("field.strength", 48.0, "uT")
+"""
+
+
+def test_a_test_of_ones_own_needs_not_meet_the_limits_of_the_packaged_rig(
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("HIL_RIG")
+    pytester.makepyfile(FIELD)
+    result = pytester.runpytest_inprocess()
+    assert result.ret == 0
+    result.stdout.fnmatch_lines(["PASS."])
+    assert "unset" not in outcomes_of(pytester).values()
+    assert record_of(pytester)["rig"]["name"] == "virtual-k64f"
+
+
+@pytest.mark.parametrize("named", [True, False], ids=["named", "in hil/ of the user's"])
+def test_the_limits_of_a_rig_that_was_asked_for_must_all_be_met(
+    pytester: pytest.Pytester, default_rig: str, monkeypatch: pytest.MonkeyPatch, named: bool
+) -> None:
+    monkeypatch.delenv("HIL_RIG")
+    pytester.makepyfile(FIELD)
+    if not named:
+        rig = pytester.path / "hil" / "rigs" / "virtual-k64f.toml"
+        rig.parent.mkdir(parents=True)
+        rig.write_text(default_rig, encoding="utf-8")
+    assert pytester.runpytest_inprocess(*(["--hil-rig=virtual-k64f"] if named else [])).ret == 22
+    assert outcomes_of(pytester)["heading.direct.max"] == "unset"
+
+
 @pytest.mark.usefixtures("limits")
 def test_another_unit_than_the_limits_is_an_error_that_names_both(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(BOTH.replace('"mA"', '"A"'))

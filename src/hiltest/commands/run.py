@@ -16,7 +16,7 @@ from hiltest.record.files import OLDER_FOLDER
 from hiltest.record.run import Run
 from hiltest.runs.older_firmware import OlderFirmware, base_of_environment
 from hiltest.session import SESSION
-from hiltest.session.selection import only_looks
+from hiltest.session.selection import RUN_COMMAND, only_looks
 from hiltest.settings import DEFAULT_OUT, file_name, label, seed
 
 
@@ -29,7 +29,7 @@ class RunCommand:
         That runs first on the same bench, and that the run is judged against.
     """
 
-    __name__ = "hiltest-run"
+    __name__ = RUN_COMMAND
 
     def __init__(self, older: OlderFirmware | None = None) -> None:
         self.run: Run | None = None

@@ -17,6 +17,7 @@ from hiltest.runs.gate import NOT_JUDGED
 from hiltest.runs.older_firmware import remove_runs
 from hiltest.session import HilSession
 from hiltest.session.results import BENCH, FOUND_HERE, RERUN, TestLog
+from hiltest.session.selection import RUN_COMMAND
 from hiltest.verdict.not_measured import unmet_limits
 
 if TYPE_CHECKING:
@@ -129,7 +130,7 @@ class Recording:
     def _hold_to_the_rig(self, *, left_out: bool) -> list[str]:
         """Record every limit that this set of tests has not met; with `left_out` only return their names."""
         findings, rig = self._recorder.findings, self._hil.rig_if_needed
-        if rig is None:
+        if rig is None or not self._hil.must_meet_every_limit:
             return []
         calibrators = findings.board.calibrators if findings.board else ()
         unmet = unmet_limits(
@@ -151,7 +152,7 @@ class Recording:
         from hiltest.report.terminal import summary
 
         # `hiltest run` ends with the sentence itself, behind pytest's own last line.
-        sentence = not config.pluginmanager.has_plugin("hiltest-run")
+        sentence = not config.pluginmanager.has_plugin(RUN_COMMAND)
         text = summary(
             self.run, self._recorder.folder, every=config.get_verbosity() > 0, sentence=sentence,
             width=terminalreporter._tw.fullwidth, colour=terminalreporter.hasmarkup,

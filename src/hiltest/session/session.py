@@ -17,6 +17,7 @@ from hiltest.runs.folders import RecordFolder
 from hiltest.runs.gate import SessionGate
 from hiltest.session.results import FOUND, GATING, Found, properties_of
 from hiltest.session.selection import (
+    RUN_COMMAND,
     Choice,
     id_in_record,
     only_looks,
@@ -178,14 +179,23 @@ class HilSession:
 
     @property
     def rig_if_needed(self) -> Rig | None:
-        """The rig, or None: tests that only measure need none but the one that was asked for.
+        """The rig, or None: tests that only measure need none but the one that was asked for."""
+        return self.rig if self._needs_rig or self._rig_is_asked_for or self._rig is not None else None
 
-        Asked for is what an option names, and the default rig of a bench of one's own.
+    @property
+    def must_meet_every_limit(self) -> bool:
+        """Whether a limit of the rig that nothing was measured against fails the run.
+
+        It does not under plain pytest with the packaged rig, whose limits are for the packaged suites.
         """
+        return self._rig_is_asked_for or self.config.pluginmanager.has_plugin(RUN_COMMAND)
+
+    @property
+    def _rig_is_asked_for(self) -> bool:
+        """Whether an option names the rig, or it is the default one of a bench of one's own."""
         from hiltest.bench_files import has_own_rig
 
-        asked_for = self.settings.rig is not None or has_own_rig(self.config.invocation_params.dir)
-        return self.rig if self._needs_rig or asked_for or self._rig is not None else None
+        return self.settings.rig is not None or has_own_rig(self.config.invocation_params.dir)
 
     def connect(self) -> Board:
         """Return the board, opened and identified.
