@@ -9,11 +9,12 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from hiltest.runs.folders import RecordFolder
+from hiltest.runs.folders import RecordFolder, folder_beside_complete, said_of_folder
 from hiltest.runs.gate import SessionGate
 from hiltest.session.results import FOUND, GATING, Found, properties_of
 from hiltest.session.selection import (
@@ -85,6 +86,7 @@ class HilSession:
         self.choice = Choice(config)
         self.gate = SessionGate(settings.baseline, settings.sources["baseline"])
         self.folder = RecordFolder(settings.out)
+        self._remarks: list[str] = []
 
     @property
     def is_worker(self) -> bool:
@@ -114,15 +116,26 @@ class HilSession:
             return False
         self._needs_rig |= any(map(uses_rig, items))
         ours = list(filter(uses_hiltest, items))
-        if not self.asked_for and ours and all(map(only_shows_cycles, ours)):
-            self.keep_apart()
+        if not self.asked_for:  # hiltest run knows its folder before it opens the bench
+            self._choose_folder(ours)
         self.open(with_board=any(map(uses_board, items)))
         return not self.is_worker
 
-    def keep_apart(self) -> None:
-        """Keep the record of benchmarks in a folder of their own: they judge nothing, and the last verdict stays."""
-        self.choice.only_benchmarks = True
-        self.folder = RecordFolder(self.settings.out / _BENCHMARKS)
+    def _choose_folder(self, items: Sequence[pytest.Item]) -> None:
+        """Keep the record of benchmarks, which judge nothing, and of a part of the tests apart from a complete one."""
+        out = self.settings.out
+        if items and all(map(only_shows_cycles, items)):
+            self.choice.only_benchmarks = True
+            self.folder = RecordFolder(out / _BENCHMARKS)
+        elif self.choice.of_our_tests:
+            self._keep_in(folder_beside_complete(out))
+        elif not self.must_meet_every_limit:
+            self._keep_in(folder_beside_complete(out, [self.test_id(each.nodeid) for each in items]))
+
+    def _keep_in(self, folder: Path) -> None:
+        if folder != self.folder.path:
+            self.folder = RecordFolder(folder)
+            self._remarks = [said_of_folder(self.settings.out, folder)]
 
     def open(self, *, with_board: bool) -> None:
         """Load the rig, if one is needed, and, `with_board`, open the board; one that is lost is kept in `trouble`.
@@ -341,7 +354,7 @@ class HilSession:
 
     def describe(self) -> list[str]:
         """Return the header lines: which board, what its numbers rest on, and what they will be judged against."""
-        base = self.gate.describe()
+        base = [*self.gate.describe(), *self._remarks]
         if self.trouble is not None:
             return [f"hiltest: {self.trouble}", f"rig: {self._rig_line()}", *base]
         if self._board is None:

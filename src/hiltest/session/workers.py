@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Generator, Sequence
 from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import pytest
 
+from hiltest.runs.folders import RecordFolder
 from hiltest.session import HilSession
 from hiltest.session.results import BENCH, plain_data
 from hiltest.session.selection import GROUP, LeftOut, uses_board, uses_hiltest
@@ -83,7 +85,11 @@ class Worker:
         """Say on the report what the test's numbers rest on."""
         report = yield
         if uses_hiltest(item):
-            known = {"rig": self._hil.rig_if_needed is not None, "only_benchmarks": self._hil.choice.only_benchmarks}
+            hil = self._hil
+            known = {
+                "rig": hil.rig_if_needed is not None, "only_benchmarks": hil.choice.only_benchmarks,
+                "folder": str(hil.folder.path),
+            }
             setattr(report, BENCH, {**known, **self._answering()})
         return report
 
@@ -158,8 +164,8 @@ class Controller:
         self._early.append(report)
         bench = getattr(report, BENCH, None)
         if bench is not None:
-            if bench["only_benchmarks"]:
-                self._hil.keep_apart()
+            self._hil.choice.only_benchmarks = bench["only_benchmarks"]
+            self._hil.folder = RecordFolder(Path(bench["folder"]))
             if bench["rig"]:
                 _ = self._hil.rig
             self._begin()
