@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Generator, Sequence
+from typing import Any
 
 import pytest
 
@@ -25,7 +26,18 @@ from hiltest.fixtures import (
 )
 from hiltest.runs.gate import NOT_JUDGED
 from hiltest.session import SESSION, HilSession
-from hiltest.session.results import CAUSE, FOUND, FOUND_AT_ITS_END, FOUND_HERE, GATING, REASON, TRACE, carry_over, pack
+from hiltest.session.results import (
+    CAUSE,
+    FOUND,
+    FOUND_AT_ITS_END,
+    FOUND_HERE,
+    GATING,
+    REASON,
+    TRACE,
+    carry_over,
+    pack,
+    unpack,
+)
 from hiltest.session.selection import MARKER, leave_out_full, only_looks, uses_board, uses_hiltest
 from hiltest.settings import add_options, resolve
 
@@ -157,7 +169,7 @@ def pytest_runtest_makereport(
     report = yield
     found = item.stash.get(FOUND, None)
     if found is not None:
-        setattr(report, FOUND_HERE, pack(found))
+        setattr(report, FOUND_HERE, found)
         del item.stash[FOUND]
         if call.when == "teardown":
             item.stash[FOUND_AT_ITS_END] = found
@@ -172,6 +184,25 @@ def pytest_runtest_makereport(
         if cause:
             setattr(report, CAUSE, cause)
             setattr(report, REASON, str(call.excinfo.value))
+    return report
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_report_to_serializable() -> Generator[None, dict[str, Any] | None, dict[str, Any] | None]:
+    """Make plain data of what was measured, where a report leaves the process, as from a worker."""
+    data = yield
+    if data and FOUND_HERE in data:
+        data[FOUND_HERE] = pack(data[FOUND_HERE])
+    return data
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_report_from_serializable() -> Generator[None, object, object]:
+    """Take what was measured from the plain data again."""
+    report = yield
+    found = getattr(report, FOUND_HERE, None)
+    if found is not None:
+        setattr(report, FOUND_HERE, unpack(found))
     return report
 
 

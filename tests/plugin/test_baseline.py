@@ -261,6 +261,7 @@ def test_a_choice_of_tests_is_no_baseline_and_no_base_of_a_whole_run(
     if not options:
         assert "PASS. May be merged (against base" in sentence
     if options == ("-k", "current"):
+        shutil.rmtree(pytester.path / "hil-out")  # of a complete run, which chosen tests would leave as it is
         code, sentence = judged(pytester, *options)
         assert code == 0
         assert "May be merged as far as the chosen tests tell (against base" in sentence

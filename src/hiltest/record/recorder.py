@@ -67,9 +67,9 @@ class Recorder:
         self._journal.append("board", {"board": asdict(board), "seed": seed})
 
     def found(self, measurements: Iterable[Measurement], tables: Iterable[Table]) -> None:
-        """Take measurements and tables; they reach the disk with the next `finished`."""
-        self._unwritten_measurements += measurements
-        self._unwritten_tables += tables
+        """Take measurements and tables, rounded as they are written; they reach the disk with the next `finished`."""
+        self._unwritten_measurements += (each.rounded() for each in measurements)
+        self._unwritten_tables += (each.rounded() for each in tables)
 
     def finished(self, test: TestResult | None) -> None:
         """Write a finished test, or with None what the session itself found, through to the disk."""
@@ -83,9 +83,9 @@ class Recorder:
         self._journal.append("test", {
             "utc": utc_now(),
             "test": test and asdict(test),
-            "measurements": [asdict(self.findings.measurements[name].rounded()) for name in names],
-            "other_attempts": [asdict(each.rounded()) for each in self.findings.other_attempts[others:]],
-            "tables": [asdict(each.rounded()) for each in self._unwritten_tables],
+            "measurements": [asdict(self.findings.measurements[name]) for name in names],
+            "other_attempts": [asdict(each) for each in self.findings.other_attempts[others:]],
+            "tables": [asdict(each) for each in self._unwritten_tables],
         })
         self._unwritten_measurements, self._unwritten_tables = [], []
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any
@@ -11,12 +10,12 @@ import pytest
 
 from hiltest.record.files import OLDER_FOLDER
 from hiltest.record.run import BoardRecord, CalibrationRecord, RigRecord, Run, SensorRecord
-from hiltest.record.run_json import board_from, measurement_from, table_from
+from hiltest.record.run_json import board_from
 from hiltest.rig.conditions import conditions_sha256
 from hiltest.runs.gate import NOT_JUDGED
 from hiltest.runs.older_firmware import remove_runs
 from hiltest.session import HilSession
-from hiltest.session.results import BENCH, FOUND_HERE, RERUN, TestLog
+from hiltest.session.results import BENCH, FOUND_HERE, RERUN, Found, TestLog
 from hiltest.session.selection import RUN_COMMAND
 from hiltest.verdict.not_measured import unmet_limits
 
@@ -72,14 +71,14 @@ class Recording:
         self._note_board(getattr(report, BENCH, None))
         found = getattr(report, FOUND_HERE, None)
         if found is not None:
-            self.found(found["measurements"], found["tables"])
+            self.found(found)
         if report.when not in _PHASES:
             # pytest-xdist's own words on a test whose worker crashed: nothing more is heard of it.
             self.pytest_runtest_logfinish(report.nodeid)
 
-    def found(self, measurements: Sequence[dict[str, Any]], tables: Sequence[dict[str, Any]] = ()) -> None:
-        """Take what a report or a worker's end carried."""
-        self._recorder.found(map(measurement_from, measurements), map(table_from, tables))
+    def found(self, found: Found) -> None:
+        """Take what a test measured, or a worker at its end."""
+        self._recorder.found(found.measurements, found.tables)
 
     def _note_board(self, bench: dict[str, Any] | None) -> None:
         """Note the board that answered a worker."""

@@ -1,9 +1,9 @@
-"""What a test found, and how it travels: on the item while the test runs, then as plain data on its reports."""
+"""What a test found, and how it travels: on the item while the test runs, then on its reports."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from hiltest.measurement import Measurement
     from hiltest.record.run import Table
 
-# Attributes of a report, plain data, so that they survive the way from a worker.
+# Attributes of a report. They are plain data, but for FOUND_HERE, which `pack` makes plain on the way from a worker.
 CAUSE = "hil_cause"
 """Whose fault a failure is, when it is not the test's own."""
 REASON = "hil_reason"
@@ -25,7 +25,7 @@ REASON = "hil_reason"
 TRACE = "hil_trace"
 """The wire trace of a failed test, relative to the run's folder."""
 FOUND_HERE = "hil_found"
-"""Measurements and tables, as `pack` made them."""
+"""Measurements and tables of one phase of a test."""
 BENCH = "hil_bench"
 """From a worker: whether there is a rig, and which board with which seed."""
 
@@ -55,11 +55,21 @@ def carry_over(item: pytest.Item) -> None:
 
 
 def pack(found: Found) -> dict[str, Any]:
-    """Return plain data that a report can carry from a worker to the controller: no enum, no number of numpy's."""
+    """Return plain data that leaves the process: no enum, no number of numpy's."""
     return {
         "measurements": [plain_data(each.rounded()) for each in found.measurements],
         "tables": [plain_data(each.rounded()) for each in found.tables],
     }
+
+
+def unpack(content: Mapping[str, Any]) -> Found:
+    """Return what `pack` made plain."""
+    from hiltest.record.run_json import measurement_from, table_from
+
+    return Found(
+        [measurement_from(each) for each in content["measurements"]],
+        [table_from(each) for each in content["tables"]],
+    )
 
 
 def plain_data(record: DataclassInstance) -> dict[str, Any]:

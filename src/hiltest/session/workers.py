@@ -15,7 +15,7 @@ import pytest
 
 from hiltest.runs.folders import RecordFolder
 from hiltest.session import HilSession
-from hiltest.session.results import BENCH, plain_data
+from hiltest.session.results import BENCH, Found, pack, plain_data, unpack
 from hiltest.session.selection import GROUP, LeftOut, uses_board, uses_hiltest
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ class Worker:
         self._board: dict[str, Any] | None = None
         # Filled until the session ends, which sends it.
         self._told: dict[str, Any] = {
-            "measurements": [], "left_out": ([], ""), "deselected": False, "usage_error": "",
+            "found": pack(Found()), "left_out": ([], ""), "deselected": False, "usage_error": "",
         }  # fmt: skip
         hil.config.workeroutput[_OUTPUT] = self._told  # type: ignore[attr-defined]
 
@@ -95,7 +95,7 @@ class Worker:
 
     def pytest_sessionfinish(self) -> None:
         """Close the board, and tell what the session itself measured."""
-        self._told["measurements"] = [plain_data(each.rounded()) for each in self._hil.end()]
+        self._told["found"] = pack(Found(self._hil.end()))
 
     def _answering(self) -> dict[str, Any]:
         from hiltest.session.recording import board_record
@@ -192,7 +192,7 @@ class Controller:
         self._hil.choice.left_out = LeftOut(tuple(tests), how)
         self._hil.choice.deselected = told["deselected"]
         if self._recording is not None:
-            self._recording.found(told["measurements"])
+            self._recording.found(unpack(told["found"]))
 
     def _begin(self) -> None:
         from hiltest.errors import ConfigError
