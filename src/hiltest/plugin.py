@@ -24,7 +24,8 @@ from hiltest.fixtures import (
     rig,
     turntable,
 )
-from hiltest.runs.gate import NOT_JUDGED
+from hiltest.record.outcomes import TestOutcome
+from hiltest.runs.gate import NOT_EVALUATED
 from hiltest.session import SESSION, HilSession
 from hiltest.session.results import (
     CAUSE,
@@ -46,7 +47,7 @@ __all__ = [
     "turntable",
 ]  # fmt: skip
 
-_LETTERS = {"bench lost": "L", "wrong firmware": "W"}
+_LETTERS = {TestOutcome.CONNECTION_LOST: "L", TestOutcome.WRONG_FIRMWARE: "W"}
 
 
 def pytest_addhooks(pluginmanager: pytest.PytestPluginManager) -> None:
@@ -128,7 +129,7 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     if hil.trouble_reported and uses_board(item):
         if hil.trouble_met_by == item.nodeid and hil.trouble is not None:
             raise hil.trouble  # another attempt of the test that met it: no skip may take its place
-        pytest.skip(f"bench lost earlier: {hil.trouble}")
+        pytest.skip(f"connection lost earlier: {hil.trouble}")
 
 
 @pytest.hookimpl(wrapper=True)
@@ -180,9 +181,9 @@ def pytest_runtest_makereport(
             setattr(report, TRACE, trace)
             report.sections.append(("wire trace", str(hil.folder.path / trace)))
         # A test that has nothing to do with hiltest fails as any other does, with its traceback.
-        cause = hil.blame(call.excinfo.value, item.nodeid) if uses_hiltest(item) else ""
+        cause = hil.blame(call.excinfo.value, item.nodeid) if uses_hiltest(item) else None
         if cause:
-            setattr(report, CAUSE, cause)
+            setattr(report, CAUSE, str(cause))
             setattr(report, REASON, str(call.excinfo.value))
     return report
 
@@ -212,7 +213,7 @@ def pytest_report_teststatus(report: pytest.CollectReport | pytest.TestReport) -
     """Name tests that the bench or the firmware ended."""
     # One that is tried again is pytest-rerunfailures' to name.
     cause = getattr(report, CAUSE, "") if report.failed else ""
-    return (cause, _LETTERS[cause], (cause.upper(), {"red": True})) if cause else None
+    return (cause, _LETTERS[TestOutcome(cause)], (cause.upper(), {"red": True})) if cause else None
 
 
 # First, and so around all that pytest does: what it shows instead of running tests ends with 0 by itself.
@@ -222,7 +223,7 @@ def pytest_cmdline_main(config: pytest.Config) -> Generator[None, object, object
     code = yield
     if code == pytest.ExitCode.OK and (reason := _unevaluated(config)):
         print(reason)
-        return NOT_JUDGED
+        return NOT_EVALUATED
     return code
 
 

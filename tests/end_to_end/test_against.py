@@ -182,7 +182,7 @@ def test_a_baseline_that_is_not_there_is_said_at_once_and_no_test_runs(bench: Pa
     (annotation,) = [line for line in done.stdout.splitlines() if line.startswith("::error")]
     assert "hiltest%3A not judged" in annotation
     last = done.stdout.splitlines()[-1]
-    assert last.startswith("NOT JUDGED")
+    assert last.startswith("NOT EVALUATED")
     assert "no-such.json: No such file or directory" in last
     assert not (bench / "ran").exists()
     left = hiltest(bench, "compare", "hil-out", "hil-out")

@@ -193,7 +193,9 @@ def test_a_suite_that_is_gone_leaves_its_limits_unset(run_in, tmp_path: Path) ->
     (tmp_path / "hil" / "suites" / "test_cycles.py").unlink()
     run = run_in(tmp_path, "--poses", "level")
     assert run.code == 22
-    assert run.sentence.startswith("NOT JUDGED. Not judged: heading.direct.max (nothing in the gate set measured it), ")
+    assert run.sentence.startswith(
+        "NOT EVALUATED. Not judged: heading.direct.max (nothing in the gate set measured it), "
+    )
 
 
 def test_a_test_has_the_same_id_wherever_its_suites_are(good_run, run_in, tmp_path: Path) -> None:

@@ -43,7 +43,7 @@ def test_a_limit_that_no_test_measures_ends_with_22(pytester: pytest.Pytester) -
     result = pytester.runpytest_inprocess()
     result.assert_outcomes(passed=2)
     assert result.ret == 22
-    result.stdout.fnmatch_lines(["NOT JUDGED. Not judged: lamp.heat (nothing measured it)."])
+    result.stdout.fnmatch_lines(["NOT EVALUATED. Not judged: lamp.heat (nothing measured it)."])
     assert outcomes_of(pytester) == {"lamp.current": "pass", "lamp.haet": "information", "lamp.heat": "unset"}
 
 

@@ -115,7 +115,7 @@ def test_a_lost_bench_keeps_its_exit_code(pytester: pytest.Pytester) -> None:
     """)
     assert pytester.runpytest_subprocess(*GROUPED).ret == 20
     record = record_of(pytester)
-    assert {each["outcome"] for each in record["tests"]} == {"passed", "bench lost"}
+    assert {each["outcome"] for each in record["tests"]} == {"passed", "connection lost"}
     assert [each["name"] for each in record["measurements"]] == ["lamp.current"]
 
 

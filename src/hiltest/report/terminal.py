@@ -60,7 +60,7 @@ def summary(
     if len(shown) < len(run.measurements):
         console.print(f"{len(run.measurements) - len(shown)} more without a limit are in the report")
     for test in run.tests:
-        if test.outcome in ("bench lost", "wrong firmware"):
+        if test.outcome.is_of_bench:
             console.print(f"[red]{test.outcome}[/red]: {escape(test.id)}: {escape(test.reason)}", soft_wrap=True)
         if test.trace:
             trace = escape(f"{test.id}: {shown_path(folder / test.trace)}")

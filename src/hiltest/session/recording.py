@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from hiltest.record.files import OLDER_FOLDER
+from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import BoardRecord, CalibrationRecord, RigRecord, Run, SensorRecord
 from hiltest.record.run_json import board_from
 from hiltest.rig.conditions import conditions_sha256
-from hiltest.runs.gate import NOT_JUDGED
+from hiltest.runs.gate import NOT_EVALUATED
 from hiltest.runs.older_firmware import remove_runs
 from hiltest.session import HilSession
-from hiltest.session.results import BENCH, FOUND_HERE, RERUN, Found, TestLog
+from hiltest.session.results import BENCH, FOUND_HERE, Found, TestLog
 from hiltest.session.selection import RUN_COMMAND
 from hiltest.verdict.not_measured import unmet_limits
 
@@ -63,7 +64,7 @@ class Recording:
         hil.gate.run_older(partial(_say, session.config))
         hil.restart_wall_clock()
         if hil.gate.missing:
-            pytest.exit(f"not judged: {hil.gate.missing}", returncode=NOT_JUDGED)
+            pytest.exit(f"not evaluated: {hil.gate.missing}", returncode=NOT_EVALUATED)
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Take what one phase of a test found."""
@@ -93,7 +94,7 @@ class Recording:
         results = self._log.finish(nodeid)
         for result in results:
             self._recorder.finished(result)
-        self._finished += bool(results) and results[-1].outcome != RERUN
+        self._finished += bool(results) and results[-1].outcome is not TestOutcome.RERUN
 
     # First of the plain implementations: others, such as junitxml, then see the final exit status.
     @pytest.hookimpl(tryfirst=True)
@@ -123,7 +124,7 @@ class Recording:
         self._summary_remark = append_to_job_summary(page, self._recorder.folder / MARKDOWN_FILE)
         session.config.hook.pytest_hil_finished(config=session.config, run=self.run)
         terminal = session.config.pluginmanager.get_plugin("terminalreporter")
-        if exitstatus == NOT_JUDGED and terminal is not None:
+        if exitstatus == NOT_EVALUATED and terminal is not None:
             self.pytest_terminal_summary(terminal, session.config)  # after such a code pytest itself asks for none
 
     def _hold_to_the_rig(self, *, left_out: bool) -> list[str]:
@@ -136,7 +137,7 @@ class Recording:
             rig.limits_of(findings.suite), rig.units, findings.measurements, calibrators,
             gate_only=bool(self._hil.choice.left_out.tests),
         )
-        lost = any(each.outcome in ("bench lost", "wrong firmware") for each in findings.tests)
+        lost = any(each.outcome.is_of_bench for each in findings.tests)
         if left_out or lost:
             return [each.name for each in unmet]
         self._recorder.found(unmet, ())

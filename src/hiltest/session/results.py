@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import TestResult
 
 if TYPE_CHECKING:
@@ -93,10 +94,6 @@ def properties_of(measurement: Measurement) -> list[tuple[str, object]]:
     return properties
 
 
-RERUN = "rerun"
-"""What pytest-rerunfailures calls a report of an attempt that it follows with another."""
-
-
 class TestLog:
     """Reports of the tests that are running now.
 
@@ -122,7 +119,7 @@ class TestLog:
     def finish(self, nodeid: str) -> list[TestResult]:
         """Return a result for each attempt of a test, the last being the test's own; none if it never ran."""
         results = [self._result(nodeid, reports) for reports in self._attempts.pop(nodeid, [])]
-        return [*(replace(each, outcome=RERUN) for each in results[:-1]), *results[-1:]]
+        return [*(replace(each, outcome=TestOutcome.RERUN) for each in results[:-1]), *results[-1:]]
 
     def _result(self, nodeid: str, reports: Sequence[pytest.TestReport]) -> TestResult:
         worst = max(reports, key=_badness)
@@ -133,22 +130,23 @@ class TestLog:
         )
 
 
-def _outcome(report: pytest.TestReport) -> str:
-    if report.outcome == RERUN:
-        return RERUN
+def _outcome(report: pytest.TestReport) -> TestOutcome:
+    outcome = TestOutcome(str(report.outcome))  # the others' too, such as pytest-rerunfailures'
+    if outcome is TestOutcome.RERUN:
+        return outcome
     cause = getattr(report, CAUSE, "")
     if cause:
-        return str(cause)
+        return TestOutcome(cause)
     if hasattr(report, "wasxfail"):
-        return "xfailed" if report.skipped else "xpassed"
-    if report.failed:
-        return "failed" if report.when == "call" else "error"
-    return report.outcome
+        return TestOutcome.XFAILED if report.skipped else TestOutcome.XPASSED
+    if report.failed and report.when != "call":
+        return TestOutcome.ERROR
+    return outcome
 
 
 def _badness(report: pytest.TestReport) -> tuple[bool, bool, bool]:
     # Of several failures the first phase counts: max() keeps the first of equals.
-    return (report.failed or report.outcome == RERUN, report.skipped, report.when == "call")
+    return (report.failed or str(report.outcome) == TestOutcome.RERUN, report.skipped, report.when == "call")
 
 
 def _reason(report: pytest.TestReport) -> str:

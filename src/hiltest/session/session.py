@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from hiltest.record.outcomes import TestOutcome
 from hiltest.runs.folders import RecordFolder, folder_beside_complete, said_of_folder
 from hiltest.runs.gate import SessionGate
 from hiltest.session.results import FOUND, GATING, Found, properties_of
@@ -37,9 +38,6 @@ if TYPE_CHECKING:
     from hiltest.record.recorder import Recorder
     from hiltest.rig import Rig
     from hiltest.runs.wire_traces import WireTraces
-
-BENCH_LOST = "bench lost"
-WRONG_FIRMWARE = "wrong firmware"
 
 _BENCHMARKS = "benchmarks"
 
@@ -263,20 +261,20 @@ class HilSession:
         """Seed of the simulated world: the command line's, or else the rig's."""
         return self.rig.seed if self.settings.seed is None else self.settings.seed
 
-    def blame(self, error: BaseException, nodeid: str) -> str:
-        """Return whose fault a failed test is, empty when it is the test's own.
+    def blame(self, error: BaseException, nodeid: str) -> TestOutcome | None:
+        """Return whose fault a failed test is, None when it is the test's own.
 
         A lost board is remembered, so that the tests after this one can be skipped.
         """
         from hiltest.errors import BenchError, ProtocolError, board_is_gone
 
         if not isinstance(error, BenchError | ProtocolError):
-            return ""
+            return None
         if board_is_gone(error):
             self.trouble = self.trouble or error
             self.trouble_met_by = self.trouble_met_by or nodeid
             self.trouble_reported = True
-        return BENCH_LOST if isinstance(error, BenchError) else WRONG_FIRMWARE
+        return TestOutcome.CONNECTION_LOST if isinstance(error, BenchError) else TestOutcome.WRONG_FIRMWARE
 
     def begin_trace(self) -> None:
         """Forget what went over the line before the test that begins."""

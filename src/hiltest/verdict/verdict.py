@@ -8,12 +8,12 @@ from hiltest.calibration.fit import FitStatus
 from hiltest.measurement import FLASH_TIE, Measurement, Outcome, Section, cannot_be_ranked
 from hiltest.record.exit_codes import PYTEST_WINS, WORDS, ExitCode, comparison_code
 from hiltest.record.failures import (
-    RED_TESTS,
     failed_otherwise,
     limits_in_words,
     out_of_limit,
     tests_in_words,
 )
+from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import Findings, TestResult, Verdict
 from hiltest.text import counted, listed, readable
 from hiltest.verdict.calibrators import (
@@ -72,16 +72,17 @@ def exit_code(findings: Findings, *, pytest_exit: int) -> int:
     if pytest_exit in PYTEST_WINS:
         return pytest_exit
     # A measurement out of its limit is red whatever its test went on to do: skip, xfail, tear down.
-    if _tests(findings, *RED_TESTS) or _failed(findings):
+    outcomes = {each.outcome for each in findings.tests}
+    if _red(findings) or _failed(findings):
         return ExitCode.FAILED
-    if _tests(findings, "wrong firmware"):
+    if TestOutcome.WRONG_FIRMWARE in outcomes:
         return ExitCode.WRONG_FIRMWARE
-    if _tests(findings, "bench lost"):
-        return ExitCode.BENCH_LOST
+    if TestOutcome.CONNECTION_LOST in outcomes:
+        return ExitCode.CONNECTION_LOST
     if pytest_exit != ExitCode.OK:
         return pytest_exit
     if any(each.outcome is Outcome.UNSET for each in findings.measurements.values()):
-        return ExitCode.NOT_JUDGED
+        return ExitCode.NOT_EVALUATED
     return ExitCode.OK if findings.comparison is None else comparison_code(findings.comparison)
 
 
@@ -160,7 +161,7 @@ def _remarks(findings: Findings, results: Sequence[CalibratorResult]) -> list[st
     red_otherwise = failed_otherwise(findings.tests, failed)
     remarks = [_not_judged(list(measurements)), limits_in_words(others), tests_in_words(red_otherwise)]
     remarks += [f"{each.outcome.capitalize()}: {each.reason.rstrip('.')}." for each in _stopped(findings)[:1]]
-    if not failed and not _tests(findings, *RED_TESTS):
+    if not failed and not _red(findings):
         remarks.append(_comparison(results))
     return remarks
 
@@ -199,7 +200,7 @@ def _comparison(results: Sequence[CalibratorResult]) -> str:
 def _what_stopped(findings: Findings) -> str:
     """Return why the bench or the firmware ended the run, empty when neither did."""
     stopped = _stopped(findings)
-    if not stopped or _tests(findings, *RED_TESTS) or _failed(findings):
+    if not stopped or _red(findings) or _failed(findings):
         return ""
     return f"{stopped[0].reason.rstrip('.')}."
 
@@ -209,11 +210,11 @@ def _failed(findings: Findings) -> list[Measurement]:
 
 
 def _stopped(findings: Findings) -> list[TestResult]:
-    return _tests(findings, "wrong firmware", "bench lost")
+    return [each for each in findings.tests if each.outcome.is_of_bench]
 
 
-def _tests(findings: Findings, *outcomes: str) -> list[TestResult]:
-    return [each for each in findings.tests if each.outcome in outcomes]
+def _red(findings: Findings) -> bool:
+    return any(each.outcome.is_red for each in findings.tests)
 
 
 
