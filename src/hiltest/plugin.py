@@ -134,10 +134,10 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
-    """Fail a test at its end for measurements out of their limits, even if it then skips itself."""
+    """Fail a test at its end for measurements out of their limits, even if it then skips or excuses itself."""
     try:
         result = yield
-    except pytest.skip.Exception:
+    except (pytest.skip.Exception, pytest.xfail.Exception):
         _fail_out_of_limit(item)
         raise
     except BaseException:

@@ -71,7 +71,7 @@ def exit_code(findings: Findings, *, pytest_exit: int) -> int:
     """Return the exit code: pytest's 2 to 5, then 1, 23, 20, 22, 21."""
     if pytest_exit in PYTEST_WINS:
         return pytest_exit
-    # A measurement out of its limit is red whatever its test went on to do: skip, xfail, tear down.
+    # A measurement out of its limit is red whatever its test went on to do, such as skip.
     outcomes = {each.outcome for each in findings.tests}
     if _red(findings) or _failed(findings):
         return ExitCode.FAILED
