@@ -157,7 +157,7 @@ def test_the_suites_of_the_working_tree_are_the_ones_that_run(tmp_path: Path) ->
     assert "hil/suites/test_mine.py::test_mine PASSED" in result.stdout
     # And none of them measures anything: the default rig has limits.
     assert result.returncode == 22
-    assert "NOT JUDGED. Not evaluated: heading.direct.max (nothing measured" in result.stdout
+    assert "NOT EVALUATED. Not evaluated: heading.direct.max (nothing measured" in result.stdout
     (test,) = read_record(tmp_path / "hil-out" / "run.json").run.tests
     assert test.id == "test_mine.py::test_mine"
 
@@ -177,7 +177,7 @@ def test_who_only_looks_at_tests_passes_no_gate(tmp_path: Path, gate: tuple[str,
     assert result.returncode == (22 if gate else 0), result.stdout + result.stderr
     last = result.stdout.rstrip().splitlines()[-1]
     named = {"--baseline": "--hil-baseline"}.get(gate[0], gate[0]) + f" is {gate[1]}" if gate else ""
-    assert (last == f"NOT JUDGED: {named}, and no test ran: there is nothing to compare.") is bool(gate)
+    assert (last == f"NOT EVALUATED: {named}, and no test ran: there is nothing to compare.") is bool(gate)
     assert not (tmp_path / "hil-out" / "run.json").exists()
 
 

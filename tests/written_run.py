@@ -8,6 +8,7 @@ from collections.abc import Callable
 import pytest
 
 from hiltest.measurement import Limit, Measurement, judge
+from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import BoardRecord, Column, Environment, Findings, RigRecord, SensorRecord, Table, TestResult
 
 MODEL = "cortex-m4-trm/1@sram"
@@ -126,7 +127,7 @@ def findings(board: BoardRecord) -> Callable[..., Findings]:
                 "virtual-k64f", "virtual-k64f.toml", "cd" * 32, "1.7 ± 0.2 deg", cost_reference="direct"
             ),
         )
-        made.tests.extend(tests or [TestResult(HEADING_TEST, "passed", 1.25)])
+        made.tests.extend(tests or [TestResult(HEADING_TEST, TestOutcome.PASSED, 1.25)])
         made.measurements.update((each.name, each) for each in measurements)
         if tables:
             for make_table in (

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Generator, Sequence
+from typing import Any
 
 import pytest
 
@@ -23,9 +24,21 @@ from hiltest.fixtures import (
     rig,
     turntable,
 )
-from hiltest.runs.gate import NOT_JUDGED
+from hiltest.record.outcomes import TestOutcome
+from hiltest.runs.gate import NOT_EVALUATED
 from hiltest.session import SESSION, HilSession
-from hiltest.session.results import CAUSE, FOUND, FOUND_AT_ITS_END, FOUND_HERE, GATING, REASON, TRACE, carry_over, pack
+from hiltest.session.results import (
+    CAUSE,
+    FOUND,
+    FOUND_AT_ITS_END,
+    FOUND_HERE,
+    GATING,
+    REASON,
+    TRACE,
+    carry_over,
+    pack,
+    unpack,
+)
 from hiltest.session.selection import MARKER, leave_out_full, only_looks, uses_board, uses_hiltest
 from hiltest.settings import add_options, resolve
 
@@ -34,7 +47,7 @@ __all__ = [
     "turntable",
 ]  # fmt: skip
 
-_LETTERS = {"bench lost": "L", "wrong firmware": "W"}
+_LETTERS = {TestOutcome.CONNECTION_LOST: "L", TestOutcome.WRONG_FIRMWARE: "W"}
 
 
 def pytest_addhooks(pluginmanager: pytest.PytestPluginManager) -> None:
@@ -116,15 +129,15 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     if hil.trouble_reported and uses_board(item):
         if hil.trouble_met_by == item.nodeid and hil.trouble is not None:
             raise hil.trouble  # another attempt of the test that met it: no skip may take its place
-        pytest.skip(f"bench lost earlier: {hil.trouble}")
+        pytest.skip(f"connection lost earlier: {hil.trouble}")
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
-    """Fail a test at its end for measurements out of their limits, even if it then skips itself."""
+    """Fail a test at its end for measurements out of their limits, even if it then skips or excuses itself."""
     try:
         result = yield
-    except pytest.skip.Exception:
+    except (pytest.skip.Exception, pytest.xfail.Exception):
         _fail_out_of_limit(item)
         raise
     except BaseException:
@@ -157,7 +170,7 @@ def pytest_runtest_makereport(
     report = yield
     found = item.stash.get(FOUND, None)
     if found is not None:
-        setattr(report, FOUND_HERE, pack(found))
+        setattr(report, FOUND_HERE, found)
         del item.stash[FOUND]
         if call.when == "teardown":
             item.stash[FOUND_AT_ITS_END] = found
@@ -168,10 +181,29 @@ def pytest_runtest_makereport(
             setattr(report, TRACE, trace)
             report.sections.append(("wire trace", str(hil.folder.path / trace)))
         # A test that has nothing to do with hiltest fails as any other does, with its traceback.
-        cause = hil.blame(call.excinfo.value, item.nodeid) if uses_hiltest(item) else ""
+        cause = hil.blame(call.excinfo.value, item.nodeid) if uses_hiltest(item) else None
         if cause:
-            setattr(report, CAUSE, cause)
+            setattr(report, CAUSE, str(cause))
             setattr(report, REASON, str(call.excinfo.value))
+    return report
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_report_to_serializable() -> Generator[None, dict[str, Any] | None, dict[str, Any] | None]:
+    """Make plain data of what was measured, where a report leaves the process, as from a worker."""
+    data = yield
+    if data and FOUND_HERE in data:
+        data[FOUND_HERE] = pack(data[FOUND_HERE])
+    return data
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_report_from_serializable() -> Generator[None, object, object]:
+    """Take what was measured from the plain data again."""
+    report = yield
+    found = getattr(report, FOUND_HERE, None)
+    if found is not None:
+        setattr(report, FOUND_HERE, unpack(found))
     return report
 
 
@@ -181,7 +213,7 @@ def pytest_report_teststatus(report: pytest.CollectReport | pytest.TestReport) -
     """Name tests that the bench or the firmware ended."""
     # One that is tried again is pytest-rerunfailures' to name.
     cause = getattr(report, CAUSE, "") if report.failed else ""
-    return (cause, _LETTERS[cause], (cause.upper(), {"red": True})) if cause else None
+    return (cause, _LETTERS[TestOutcome(cause)], (cause.upper(), {"red": True})) if cause else None
 
 
 # First, and so around all that pytest does: what it shows instead of running tests ends with 0 by itself.
@@ -191,7 +223,7 @@ def pytest_cmdline_main(config: pytest.Config) -> Generator[None, object, object
     code = yield
     if code == pytest.ExitCode.OK and (reason := _unevaluated(config)):
         print(reason)
-        return NOT_JUDGED
+        return NOT_EVALUATED
     return code
 
 

@@ -180,9 +180,9 @@ def test_a_baseline_that_is_not_there_is_said_at_once_and_no_test_runs(bench: Pa
     done = hiltest(bench, "run", "--baseline", "no-such.json", *seeds, GITHUB_ACTIONS="true")
     assert done.returncode == 22, done.stdout + done.stderr
     (annotation,) = [line for line in done.stdout.splitlines() if line.startswith("::error")]
-    assert "hiltest%3A not judged" in annotation
+    assert "hiltest%3A not evaluated" in annotation
     said = " ".join(done.stdout.split())
-    assert "NOT JUDGED" in said
+    assert "NOT EVALUATED" in said
     assert "no-such.json: No such file or directory" in said
     assert not (bench / "ran").exists()
     left = hiltest(bench, "compare", "hil-out", "hil-out")

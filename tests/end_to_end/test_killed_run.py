@@ -17,6 +17,7 @@ from pathlib import Path
 
 import pytest
 
+from hiltest.record.outcomes import TestOutcome
 from hiltest.record.reader import read_record
 from hiltest.record.run import Run
 
@@ -130,7 +131,7 @@ def _before(folder: Path) -> None:
     recorder = Recorder(Journal(folder / "out"), suite="gate", poses="all")
     recorder.begin()
     recorder.found([judge("before.value", 1.0, unit="deg")], ())
-    recorder.finished(TestResult("test_before", "passed", 0.1))
+    recorder.finished(TestResult("test_before", TestOutcome.PASSED, 0.1))
     run = recorder.finish(Verdict("pass", 0, "PASS of the run before.", complete=True))
     write_reports(run, folder / "out")
     recorder.release()

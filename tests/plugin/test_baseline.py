@@ -121,7 +121,7 @@ def test_a_base_that_missed_a_limit_is_a_base_and_one_that_lost_its_bench_is_non
     pytester.makepyfile(test_lamp=LAMP)
     code, sentence = judged(pytester)
     assert code == 22
-    assert "base/run.json: the run is not complete (bench lost)" in sentence
+    assert "base/run.json: the run is not complete (connection lost)" in sentence
 
 
 def remove(base: Path) -> None:
@@ -167,7 +167,7 @@ def test_a_base_that_cannot_be_compared_with_is_no_pass(
     spoil(spoiled)
     code, sentence = judged(pytester, base="base.json")
     assert code == 22
-    assert sentence.startswith("NOT JUDGED. Cannot say whether it may be merged (against base.json): ")
+    assert sentence.startswith("NOT EVALUATED. Cannot say whether it may be merged (against base.json): ")
     assert reason in sentence
 
 
@@ -261,6 +261,7 @@ def test_a_choice_of_tests_is_no_baseline_and_no_base_of_a_whole_run(
     if not options:
         assert "PASS. May be merged (against base" in sentence
     if options == ("-k", "current"):
+        shutil.rmtree(pytester.path / "hil-out")  # of a complete run, which chosen tests would leave as it is
         code, sentence = judged(pytester, *options)
         assert code == 0
         assert "May be merged as far as the chosen tests tell (against base" in sentence
@@ -305,7 +306,7 @@ def test_a_choice_that_leaves_no_test_of_hiltest_is_no_pass(pytester: pytest.Pyt
     result = pytester.runpytest_inprocess("--hil-baseline=base", "-k", "plain")
     assert result.ret == 22
     result.stdout.fnmatch_lines([
-        "NOT JUDGED: --hil-baseline is base, and no test that ran uses hiltest: there is nothing to compare."
+        "NOT EVALUATED: --hil-baseline is base, and no test that ran uses hiltest: there is nothing to compare."
     ])
     assert pytester.runpytest_inprocess("--hil-baseline=base", "-k", "nothing").ret == 5
 
@@ -326,7 +327,7 @@ def test_who_only_looks_at_tests_has_judged_nothing(
         monkeypatch.setenv("PYTEST_ADDOPTS", look)
     result = pytester.runpytest_subprocess("--hil-baseline=base", *options)
     assert result.ret == 22
-    assert result.outlines[-1] == "NOT JUDGED: --hil-baseline is base, and no test ran: there is nothing to compare."
+    assert result.outlines[-1] == "NOT EVALUATED: --hil-baseline is base, and no test ran: there is nothing to compare."
     assert not (pytester.path / "hil-out").exists()
     assert pytester.runpytest_subprocess(*options).ret == 0
 
@@ -400,7 +401,7 @@ def test_ctrl_c_is_interrupted_and_not_compared(pytester: pytest.Pytester) -> No
 def test_without_its_base_no_test_runs_and_the_record_says_why(pytester: pytest.Pytester) -> None:
     result = pytester.runpytest_inprocess("--hil-baseline=no-such.json")
     assert result.ret == 22
-    result.stdout.fnmatch_lines(["NOT JUDGED. *(against no-such.json): no-such.json: No such file *"])
+    result.stdout.fnmatch_lines(["NOT EVALUATED. *(against no-such.json): no-such.json: No such file *"])
     assert record(pytester)["tests"] == []
     assert not record(pytester)["verdict"]["complete"]
 

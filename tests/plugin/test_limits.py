@@ -43,7 +43,7 @@ def test_a_limit_that_no_test_measures_ends_with_22(pytester: pytest.Pytester) -
     result = pytester.runpytest_inprocess()
     result.assert_outcomes(passed=2)
     assert result.ret == 22
-    result.stdout.fnmatch_lines(["NOT JUDGED. Not judged: lamp.heat (nothing measured it)."])
+    result.stdout.fnmatch_lines(["NOT EVALUATED. Not judged: lamp.heat (nothing measured it)."])
     assert outcomes_of(pytester) == {"lamp.current": "pass", "lamp.haet": "information", "lamp.heat": "unset"}
 
 
@@ -101,6 +101,38 @@ def test_a_session_that_was_stopped_says_what_was_not_judged(pytester: pytest.Py
     ])
 
 
+FIELD = """
+def test_field(board, measure):
+    measure("field.strength", 48.0, "uT")
+"""
+
+
+def test_a_test_of_ones_own_needs_not_meet_the_limits_of_the_packaged_rig(
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("HIL_RIG")
+    pytester.makepyfile(FIELD)
+    result = pytester.runpytest_inprocess()
+    assert result.ret == 0
+    result.stdout.fnmatch_lines(["PASS."])
+    assert "unset" not in outcomes_of(pytester).values()
+    assert record_of(pytester)["rig"]["name"] == "virtual-k64f"
+
+
+@pytest.mark.parametrize("named", [True, False], ids=["named", "in hil/ of the user's"])
+def test_the_limits_of_a_rig_that_was_asked_for_must_all_be_met(
+    pytester: pytest.Pytester, default_rig: str, monkeypatch: pytest.MonkeyPatch, named: bool
+) -> None:
+    monkeypatch.delenv("HIL_RIG")
+    pytester.makepyfile(FIELD)
+    if not named:
+        rig = pytester.path / "hil" / "rigs" / "virtual-k64f.toml"
+        rig.parent.mkdir(parents=True)
+        rig.write_text(default_rig, encoding="utf-8")
+    assert pytester.runpytest_inprocess(*(["--hil-rig=virtual-k64f"] if named else [])).ret == 22
+    assert outcomes_of(pytester)["heading.direct.max"] == "unset"
+
+
 @pytest.mark.usefixtures("limits")
 def test_another_unit_than_the_limits_is_an_error_that_names_both(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(BOTH.replace('"mA"', '"A"'))
@@ -141,18 +173,56 @@ def test_the_rigs_limit_wins_over_the_suites(pytester: pytest.Pytester) -> None:
     "test",
     [
         "def test_it(measure):\n    measure('x', 3, 'V', limit=Limit(max=2))\n    pytest.skip('never mind')",
-        "@pytest.mark.xfail\ndef test_it(measure):\n    measure('x', 3, 'V', limit=Limit(max=2))",
         "def test_it(measure):\n    measure('x', 3, 'V', limit=Limit(max=2))\n    pytest.xfail('never mind')",
         "@pytest.fixture\ndef lamp(measure):\n    yield\n    measure('x', 3, 'V', limit=Limit(max=2))\n\n"
         "def test_it(lamp):\n    pass",
     ],
-    ids=["skip", "xfail mark", "xfail", "teardown"],
+    ids=["skip", "xfail", "teardown"],
 )
 def test_out_of_limit_is_red_whatever_the_test_does_then(pytester: pytest.Pytester, test: str) -> None:
     pytester.makepyfile(HEAD + test)
     result = pytester.runpytest_inprocess()
     assert result.ret == 1
     result.stdout.fnmatch_lines(["FAIL. Out of limit: x 3 V (at most 2)."])
+
+
+@pytest.mark.parametrize("mark", ["xfail", "xfail(strict=True)"])
+@pytest.mark.parametrize("when", ["call", "teardown"])
+def test_out_of_limit_is_what_a_test_marked_to_fail_is_marked_for(
+    pytester: pytest.Pytester, mark: str, when: str
+) -> None:
+    measured = "measure('x', 3, 'V', limit=Limit(max=2))"
+    body = f"    {measured}" if when == "call" else f"    yield\n    {measured}"
+    fixture = f"@pytest.fixture\ndef lamp(measure):\n{body}\n\n"
+    mark = f"@pytest.mark.{mark}\n"
+    # In the fixture's tear-down the call itself passes, which is no failure unless the mark is strict.
+    text = f"{mark}def test_it(measure):\n{body}" if when == "call" else f"{fixture}{mark}def test_it(lamp):\n    pass"
+    pytester.makepyfile(HEAD + text)
+    result = pytester.runpytest_inprocess()
+    if when == "teardown" and "strict" in mark:
+        assert result.ret == 1
+        return
+    assert result.ret == 0
+    assert result.parseoutcomes()["xfailed"] == 1
+    (test,), (measurement,) = record_of(pytester)["tests"], record_of(pytester)["measurements"]
+    assert (test["outcome"], measurement["outcome"], measurement["value"]) == ("xfailed", "expected fail", 3)
+    assert record_of(pytester)["verdict"]["exit_code"] == 0
+
+
+def test_a_strict_mark_on_a_test_within_its_limit_is_a_failure(pytester: pytest.Pytester) -> None:
+    test = "(strict=True)\ndef test_it(measure):\n    measure('x', 1, 'V', limit=Limit(max=2))"
+    pytester.makepyfile(HEAD + "@pytest.mark.xfail" + test)
+    result = pytester.runpytest_inprocess()
+    result.assert_outcomes(failed=1)
+    assert result.ret == 1
+    assert record_of(pytester)["tests"][0]["outcome"] == "failed"
+
+
+def test_a_mark_for_another_exception_does_not_excuse_a_limit(pytester: pytest.Pytester) -> None:
+    test = "(raises=ValueError)\ndef test_it(measure):\n    measure('x', 3, 'V', limit=Limit(max=2))"
+    pytester.makepyfile(HEAD + "@pytest.mark.xfail" + test)
+    assert pytester.runpytest_inprocess().ret == 1
+    assert outcomes_of(pytester) == {"x": "fail"}
 
 
 def test_a_test_that_fails_in_its_own_words_does_so_once(pytester: pytest.Pytester) -> None:

@@ -26,11 +26,11 @@ def test_lost(measure):
     result = pytester.runpytest_inprocess()
     assert result.ret == 20
     result.stdout.fnmatch_lines([
-        "*.L*", "bench lost: *::test_lost: lost /dev/ttyACM0: unplugged. Check cable and power, then run again.",
-        "BENCH LOST: lost /dev/ttyACM0: unplugged. Check cable and power, then run again. 2 measurements kept.",
-        "*1 passed, 1 bench lost*",
+        "*.L*", "connection lost: *::test_lost: lost /dev/ttyACM0: unplugged. Check cable and power, then run again.",
+        "CONNECTION LOST: lost /dev/ttyACM0: unplugged. Check cable and power, then run again. 2 measurements kept.",
+        "*1 passed, 1 connection lost*",
     ])
-    assert outcomes_of(pytester) == {"test_before": "passed", "test_lost": "bench lost"}
+    assert outcomes_of(pytester) == {"test_before": "passed", "test_lost": "connection lost"}
 
 
 def test_a_lost_link_in_a_fixture_is_the_same(pytester: pytest.Pytester) -> None:
@@ -45,7 +45,7 @@ def test_lost(points, measure):
     pass
 """)
     assert pytester.runpytest_inprocess("-v").ret == 20
-    assert outcomes_of(pytester) == {"test_lost": "bench lost"}
+    assert outcomes_of(pytester) == {"test_lost": "connection lost"}
 
 
 def test_wrong_firmware_wins_over_a_lost_bench_and_a_failed_test_over_both(pytester: pytest.Pytester) -> None:
@@ -61,7 +61,7 @@ def test_failed(measure):
 """)
     assert pytester.runpytest_inprocess("-k", "test_lost").ret == 20
     assert pytester.runpytest_inprocess("-k", "test_lost or test_wrong").ret == 23
-    assert outcomes_of(pytester) == {"test_lost": "bench lost", "test_wrong": "wrong firmware"}
+    assert outcomes_of(pytester) == {"test_lost": "connection lost", "test_wrong": "wrong firmware"}
     assert pytester.runpytest_inprocess().ret == 1
 
 

@@ -90,4 +90,4 @@ def test_after():
     pass
 """)
     assert code == 20
-    assert outcomes(record) == ["rerun", "rerun", "bench lost", "skipped"]
+    assert outcomes(record) == ["rerun", "rerun", "connection lost", "skipped"]

@@ -115,7 +115,7 @@ def test_a_lost_bench_keeps_its_exit_code(pytester: pytest.Pytester) -> None:
     """)
     assert pytester.runpytest_subprocess(*GROUPED).ret == 20
     record = record_of(pytester)
-    assert {each["outcome"] for each in record["tests"]} == {"passed", "bench lost"}
+    assert {each["outcome"] for each in record["tests"]} == {"passed", "connection lost"}
     assert [each["name"] for each in record["measurements"]] == ["lamp.current"]
 
 
@@ -142,3 +142,24 @@ def test_who_distributes_tests_without_hiltest_notices_nothing(pytester: pytest.
     result = pytester.runpytest_subprocess("-n2", "--hil-rig=no-such-rig.toml")
     result.assert_outcomes(passed=2)
     assert not (pytester.path / "hil-out").exists()
+
+
+def test_a_report_that_leaves_the_process_is_plain_data_and_comes_back_whole(pytester: pytest.Pytester) -> None:
+    """As pytest-reportlog writes them to a file."""
+    pytester.makepyfile(MORE.replace("(measure, board)", "(measure)"))
+    pytester.makeconftest("""
+        import json
+
+        def pytest_runtest_logreport(report):
+            if report.when == "call" and "noise" in report.nodeid:
+                data = json.loads(json.dumps(hooks.pytest_report_to_serializable(config=config, report=report)))
+                again = hooks.pytest_report_from_serializable(config=config, data=data)
+                assert again.hil_found == report.hil_found
+                print("came back:", *again.hil_found.measurements)
+
+        def pytest_configure(config):
+            globals().update(config=config, hooks=config.hook)
+    """)
+    result = pytester.runpytest_inprocess("-s")
+    assert result.ret == 0
+    result.stdout.fnmatch_lines(["*came back: lamp.noise = 4.5 uV, limit at most 5: pass"])

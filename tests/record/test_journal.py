@@ -18,6 +18,7 @@ from hiltest.errors import ConfigError
 from hiltest.measurement import Limit, judge
 from hiltest.record.files import RECORD_FILES, RUN_FILE
 from hiltest.record.journal import JOURNAL_FILE, Journal
+from hiltest.record.outcomes import TestOutcome
 from hiltest.record.reader import read_record
 from hiltest.record.recorder import Recorder
 from hiltest.record.run import BoardRecord, CalibrationRecord, Column, RigRecord, Run, Table, TestResult, Verdict
@@ -40,7 +41,7 @@ def begin(tmp_path: Path, board: BoardRecord) -> Iterator[Begin]:
         recorder.board(board, seed=7)
         recorder.found([judge("heading.direct.max", 0.97, unit="deg", limit=Limit(max=1.8), test="a")],
                        [Table("t", (Column("n"),), ((1,), (2,)))])
-        recorder.finished(TestResult("a", "passed", 1.0))
+        recorder.finished(TestResult("a", TestOutcome.PASSED, 1.0))
         return recorder
 
     yield begun
@@ -105,8 +106,8 @@ def test_a_run_that_goes_on_says_so(begin: Begin) -> None:
 def test_what_is_out_of_its_limit_is_named_even_when_the_run_is_cut_short(begin: Begin) -> None:
     recorder = begin()
     recorder.found([judge("heading.direct.max", 2.5, unit="deg", limit=Limit(max=1.8), test="b")], ())
-    recorder.finished(TestResult("b", "failed", 1.0, "heading.direct.max = 2.5"))
-    recorder.finished(TestResult("c", "failed", 1.0, "assert 1 == 2"))
+    recorder.finished(TestResult("b", TestOutcome.FAILED, 1.0, "heading.direct.max = 2.5"))
+    recorder.finished(TestResult("c", TestOutcome.FAILED, 1.0, "assert 1 == 2"))
     recorder.release()
     assert read_record(recorder.folder).run.verdict.sentence == (
         "CUT SHORT: 3 tests finished, 1 measurement kept; the last test was c. "
@@ -307,7 +308,7 @@ def test_a_full_disk_leaves_no_part_of_a_line(cut_short: Path, monkeypatch: pyte
 
 def test_a_name_that_is_no_utf8_is_kept_as_far_as_it_is(begin: Begin) -> None:
     recorder = begin()
-    recorder.finished(TestResult("test_\udcff.py::test_b", "failed", 1.0, "\udcff: no"))
+    recorder.finished(TestResult("test_\udcff.py::test_b", TestOutcome.FAILED, 1.0, "\udcff: no"))
     assert [each.id for each in read_record(recorder.folder).run.tests] == ["a", "test_?.py::test_b"]
     recorder.finish(PASSED)
     assert [each.id for each in read_record(recorder.folder / RUN_FILE).run.tests] == ["a", "test_?.py::test_b"]

@@ -8,12 +8,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from jsonschema import Draft202012Validator
 
 from hiltest.errors import ConfigError
 from hiltest.measurement import Measurement
 from hiltest.record.files import write_atomically
+from hiltest.record.outcomes import TestOutcome
 from hiltest.record.reader import read_record
-from hiltest.record.run import Column, Findings, Table, Verdict
+from hiltest.record.run import Column, Findings, Table, TestResult, Verdict
 from hiltest.record.run_json import to_json, without_volatile, write_run
 from hiltest.record.schema import SCHEMA_FILE, run_schema, schema_text
 
@@ -107,3 +109,17 @@ def test_a_write_leaves_the_old_file_or_the_new_one(tmp_path: Path) -> None:
     path = write_atomically(tmp_path / "a", "old")
     write_atomically(path, "new")
     assert [(each.name, each.read_text()) for each in tmp_path.iterdir()] == [("a", "new")]
+
+
+def test_the_older_word_for_a_lost_connection_is_read_and_valid(
+    findings: Make, good: list[Measurement], tmp_path: Path
+) -> None:
+    lost = TestResult("t.py::t", TestOutcome.CONNECTION_LOST, 1.0, reason="unplugged")
+    text = to_json(findings(*good, tests=(lost,)).finish(PASSED, "")).replace("connection lost", "bench lost")
+    (tmp_path / "older.json").write_text(text, encoding="utf-8")
+    assert read_record(tmp_path / "older.json").run.tests == (lost,)
+    assert Draft202012Validator(run_schema()).is_valid(json.loads(text))
+    assert not Draft202012Validator(run_schema()).is_valid(json.loads(text.replace("bench lost", "lunch lost")))
+    (tmp_path / "older.json").write_text(text.replace("bench lost", "lunch lost"), encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"tests\.0\.outcome"):
+        read_record(tmp_path / "older.json")

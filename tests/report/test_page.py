@@ -11,6 +11,7 @@ import pytest
 
 from hiltest.measurement import EXACT, Better, CycleBand, Limit, Measurement, Tolerance, judge
 from hiltest.record.comparison import Change, Comparison, Difference, Side
+from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import Column, Findings, Run, Table, TestResult
 from hiltest.report.html import html_report
 from hiltest.report.legible import legible
@@ -92,7 +93,7 @@ def test_a_run_that_was_cut_short_says_so(run: Run) -> None:
 
 
 def test_a_run_of_nothing_still_has_a_page(findings: Make) -> None:
-    made = findings(tests=(TestResult("t", "bench lost", 0, reason="no port"),), tables=False)
+    made = findings(tests=(TestResult("t", TestOutcome.CONNECTION_LOST, 0, reason="no port"),), tables=False)
     made.board = made.rig = None
     page = html_report(replace(finished(made), tests=()))
     assert "Nothing was measured" in page
@@ -147,7 +148,8 @@ def test_every_table_has_a_caption_and_every_heading_a_scope(run: Run) -> None:
 )
 def test_a_name_can_neither_hide_nor_turn_the_words_around_it(findings: Make, name: str, shown: str) -> None:
     assert legible(name) == shown
-    made = findings(judge(name, 1.0, unit="uT"), tests=(TestResult(f'{name}["\'x\']', "failed", 1, reason=name),))
+    failed = TestResult(f'{name}["\'x\']', TestOutcome.FAILED, 1, reason=name)
+    made = findings(judge(name, 1.0, unit="uT"), tests=(failed,))
     made.tables["cycles.sizes"] = Table("cycles.sizes", (Column("n"), Column(name, "cycle")), ((1, 2), (3, 4)))
     page = html_report(finished(made))
     page.encode()
@@ -156,7 +158,7 @@ def test_a_name_can_neither_hide_nor_turn_the_words_around_it(findings: Make, na
 
 
 def test_a_trace_is_a_path_beside_the_page_whatever_it_is_called(findings: Make, good: list[Measurement]) -> None:
-    test = TestResult("t", "failed", 1, reason="r", trace="javascript:alert(1)")
+    test = TestResult("t", TestOutcome.FAILED, 1, reason="r", trace="javascript:alert(1)")
     page = html_report(finished(findings(*good, tests=(test,))))
     assert 'href="./javascript%3Aalert%281%29"' in page
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from hiltest.measurement import Limit, Measurement, judge
+from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import Findings, Run, Table, TestResult
 from hiltest.report.figures.budget import budget_figures
 from hiltest.report.html import html_report
@@ -70,7 +71,7 @@ def run(findings: Make, good: list[Measurement]) -> Run:
 def hostile(findings: Make) -> Run:
     made = findings(
         judge("heading.<b>.max", 1.0, unit="<i>", limit=Limit(max=2)), judge(HOSTILE, 1.0, unit=HOSTILE),
-        tests=(TestResult(HOSTILE, "failed", 1, reason=HOSTILE),),
+        tests=(TestResult(HOSTILE, TestOutcome.FAILED, 1, reason=HOSTILE),),
     )
     assert made.board is not None
     made.board = replace(made.board, firmware=HOSTILE, description=HOSTILE, calibrators=(HOSTILE,))
@@ -137,18 +138,18 @@ def test_markdown_stays_on_one_line() -> None:
 
 def test_markdown_leads_with_what_is_out_of_order(findings: Make, good: list[Measurement]) -> None:
     bad = judge("gyroscope.bias_error", 0.4, unit="dps", limit=Limit(max=0.1), test="t.py::t")
-    made = findings(*good, bad, tests=(TestResult("t.py::t", "failed", 1, reason="out"),))
+    made = findings(*good, bad, tests=(TestResult("t.py::t", TestOutcome.FAILED, 1, reason="out"),))
     text = markdown_report(made.finish(decide(made, pytest_exit=1), ""))
     assert text.startswith("# FAIL\n")
     assert text.index("gyroscope.bias\\_error | 0.4") < text.index("<details>")
 
 
 def test_a_run_without_board_or_measurements_still_renders(findings: Make) -> None:
-    made = findings(tests=(TestResult("t", "bench lost", 0, reason="no port"),), tables=False)
+    made = findings(tests=(TestResult("t", TestOutcome.CONNECTION_LOST, 0, reason="no port"),), tables=False)
     made.board = None
     run = made.finish(decide(made, pytest_exit=1), "")
     assert "no board answered" in Page(html_report(run)).text
-    assert "BENCH LOST: no port. 0 measurements kept." in markdown_report(run)
+    assert "CONNECTION LOST: no port. 0 measurements kept." in markdown_report(run)
 
 
 def test_a_pose_without_heading_is_left_out_of_the_plot(run: Run) -> None:

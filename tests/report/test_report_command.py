@@ -17,6 +17,7 @@ from hiltest.cli import main
 from hiltest.measurement import Measurement
 from hiltest.record.files import RUN_FILE
 from hiltest.record.journal import JOURNAL_FILE, Journal
+from hiltest.record.outcomes import TestOutcome
 from hiltest.record.reader import read_record
 from hiltest.record.recorder import Recorder
 from hiltest.record.run import Findings, TestResult, Verdict
@@ -99,7 +100,7 @@ class TestUnfinished:
         recorder = Recorder(Journal(tmp_path / "cut"), suite="gate", poses="all")
         recorder.begin()
         recorder.found(good, ())
-        recorder.finished(TestResult("a", "passed", 0.5))
+        recorder.finished(TestResult("a", TestOutcome.PASSED, 0.5))
         yield recorder
         recorder.release()
 

@@ -97,7 +97,7 @@ def test_only_a_missed_limit_may_be_allowed(
     [
         ([0, 0], Change.UNCHANGED, (), 0, ": PASS. May be merged (against base.json): 1 unchanged."),
         ([0, 0], Change.WORSE, (), 21, ": REGRESSION. Not to be merged (against base.json): 1 worse: *(+0.2*)."),
-        ([0, 0], Change.WORSE, ("no seed in common",), 22, ": NOT JUDGED. Cannot say * base.json): no seed *."),
+        ([0, 0], Change.WORSE, ("no seed in common",), 22, ": NOT EVALUATED. Cannot say * base.json): no seed *."),
         ([0, 1], Change.WORSE, (), 1, ": FAIL. Not to be merged (against base.json): 1 worse: *."),
         ([0, 20], Change.UNCHANGED, ("seed 2: lost",), 20, ": FAIL. Cannot say * base.json): seed 2: lost; *."),
     ],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from hiltest.measurement import Measurement
 from hiltest.record.comparison import Revision
+from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import BoardRecord, Environment, Findings, RigRecord, Run, SensorRecord, TestResult
 from hiltest.verdict.verdict import decide
 
@@ -26,6 +27,6 @@ def finished_run(
         f"2026-01-{day:02d}T{hour:02d}:00:00Z", seed=seed, board=board, revision=revision,
         rig=RigRecord("virtual-k64f", "virtual-k64f.toml", "cd" * 32, "1.7 ± 0.2 deg", "ef" * 32),
     )  # fmt: skip
-    found.tests.append(TestResult("t.py::t", "passed", 1.0))
+    found.tests.append(TestResult("t.py::t", TestOutcome.PASSED, 1.0))
     found.measurements.update((each.name, each) for each in measurements)
     return found.finish(decide(found, pytest_exit=0), f"2026-01-{day:02d}T23:00:00Z")

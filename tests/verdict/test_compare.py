@@ -489,7 +489,7 @@ def test_a_limit_that_was_not_judged_leaves_the_answer_open_and_a_regression_is_
     base = evidence([unset, measurement("cycles.direct.total", 5)])
     comparison = compare(base, base)
     assert (comparison.answer, comparison_code(comparison)) == (Answer.UNKNOWN, 22)
-    assert "not judged: heading.direct.max ()" in comparison.sentence
+    assert "not evaluated: heading.direct.max ()" in comparison.sentence
     worse = compare(base, evidence([unset, measurement("cycles.direct.total", 6)]))
     assert (worse.answer, comparison_code(worse)) == (Answer.NOT, 22)
 

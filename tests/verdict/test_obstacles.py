@@ -15,6 +15,7 @@ from hiltest.bench_files import rig_file
 from hiltest.boards import default_firmware
 from hiltest.errors import ConfigError
 from hiltest.record.comparison import Comparison
+from hiltest.record.outcomes import TestOutcome
 from hiltest.record.reader import read_record
 from hiltest.rig.conditions import conditions_sha256
 from hiltest.rig.file import load_rig
@@ -301,8 +302,8 @@ def test_where_no_seed_left_a_record_the_reason_of_that_is_the_only_one(changed:
     assert two.faults == (f"hil-out: no record on seed 1: {said}", "hil-out: no record on seed 2: gone")
 
 
-def on_seed_1(**outcomes: str) -> dict[int | None, dict[str, str]]:
-    return {1: {f"a/test_lamp.py::{name}": outcome for name, outcome in outcomes.items()}}
+def on_seed_1(**outcomes: str) -> dict[int | None, dict[str, TestOutcome]]:
+    return {1: {f"a/test_lamp.py::{name}": TestOutcome(outcome) for name, outcome in outcomes.items()}}
 
 
 @pytest.mark.parametrize(
@@ -337,7 +338,7 @@ def test_what_passed_before_and_is_no_test_any_more_is_missed(
         assert reason == "cut short"
 
 
-@pytest.mark.parametrize("outcome", ["failed", "bench lost", "passed", "skipped"])
+@pytest.mark.parametrize("outcome", ["failed", "connection lost", "passed", "skipped"])
 def test_what_is_new_because_its_test_failed_in_the_base_was_not_compared(outcome: str) -> None:
     retried = measurement("link.retried", 0)
     rest = [replace(measurement(f"lamp.{name}", 1), test="b/test_lamp.py::test_a") for name in ("colour", "life")]
@@ -349,21 +350,24 @@ def test_what_is_new_because_its_test_failed_in_the_base_was_not_compared(outcom
             [
                 "nothing to compare with: lamp.colour is new, for test_lamp.py::test_a failed in run.json, and so 1 "
                 "more; name a base in which it passes"
-            ] if outcome in ("failed", "bench lost") else []
+            ] if outcome in ("failed", "connection lost") else []
         )
 
 
 def test_a_test_that_moved_to_another_folder_is_the_same_and_each_of_two_of_a_name_counts() -> None:
     made = evidence([measurement("link.retried", 0)])
-    two = {1: {"a/test_lamp.py::test_a": "passed", "b/test_lamp.py::test_a": "passed"}}
-    moved = replace(made, tests={1: {"a/test_lamp.py::test_a": "passed", "c/test_lamp.py::test_a": "passed"}})
+    two, moved_there = (
+        {1: dict.fromkeys(("a/test_lamp.py::test_a", f"{folder}/test_lamp.py::test_a"), TestOutcome.PASSED)}
+        for folder in "bc"
+    )
+    moved = replace(made, tests=moved_there)
     assert compare(replace(made, tests=two), moved).obstacles == ()
     assert len(compare(moved, replace(made, tests=on_seed_1(test_a="passed"))).obstacles) == 1
 
 
 def test_a_test_is_missed_on_each_seed_and_a_baseline_keeps_what_passed_on_all() -> None:
     both = evidence(*[[measurement("link.retried", 0)]] * 2)
-    passed, skipped = {"test_lamp.py::test_a": "passed"}, {"test_lamp.py::test_a": "skipped"}
+    passed, skipped = {"test_lamp.py::test_a": TestOutcome.PASSED}, {"test_lamp.py::test_a": TestOutcome.SKIPPED}
     base, new = replace(both, tests={1: passed, 2: passed}), replace(both, tests={1: passed, 2: skipped})
     assert "test_a passed before and is skipped now" in compare(base, new).obstacles[0]
     assert compare(new, new).obstacles == ()

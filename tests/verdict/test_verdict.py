@@ -10,6 +10,7 @@ import pytest
 
 from hiltest.measurement import CycleBand, Limit, Measurement, identify, judge
 from hiltest.record.comparison import Comparison, Side
+from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import Findings, TestResult
 from hiltest.report.cost_line import cost_line
 from hiltest.report.overview import accuracy_and_cost
@@ -148,7 +149,7 @@ def test_without_a_declared_mounting_only_centred_values_count(findings: Make, h
     ))
     verdict = decide(made, pytest_exit=0)
     assert verdict.sentence == (
-        "NOT JUDGED. direct: worst heading 0.95 deg about its mean over 60 poses (limit 1.8), 12 400 cycles. "
+        "NOT EVALUATED. direct: worst heading 0.95 deg about its mean over 60 poses (limit 1.8), 12 400 cycles. "
         "Only centred values were judged: the rig declares no mounting yaw; mean error 1.71 deg."
     )
     assert verdict.exit_code == 22
@@ -170,7 +171,7 @@ def test_out_of_limit_is_red_whatever_became_of_the_test(
     findings: Make, good: list[Measurement], outcome: str
 ) -> None:
     bad = judge("cycles.direct.fixed", 11_061.0, unit="cycle", limit=Limit(max=2_600), cycle_model="m", test="t::t")
-    verdict = decide(findings(*good, bad, tests=(TestResult("t::t", outcome, 1),)), pytest_exit=0)
+    verdict = decide(findings(*good, bad, tests=(TestResult("t::t", TestOutcome(outcome), 1),)), pytest_exit=0)
     assert (verdict.exit_code, verdict.outcome) == (1, "fail")
     assert verdict.sentence == "FAIL. cycles.direct.fixed 11 061 cycles (limit 2 600)."
 
@@ -191,7 +192,7 @@ def test_a_limit_that_nothing_met_is_named_and_is_no_calibrator(findings: Make, 
     unmet = unmet_limits(limits, {"lamp": "cd"}, {each.name for each in good}, ("direct", "iterative"))
     verdict = decide(findings(*good, *unmet), pytest_exit=0)
     assert verdict.exit_code == 22
-    assert verdict.sentence.startswith("NOT JUDGED. direct: worst heading 0.97 deg over 60 poses")
+    assert verdict.sentence.startswith("NOT EVALUATED. direct: worst heading 0.97 deg over 60 poses")
     assert (
         "Not evaluated: heading.dirct.max (the board has no calibrator 'dirct', only direct, iterative), "
         "lamp (nothing measured it)."
@@ -228,22 +229,22 @@ def test_a_heading_that_is_not_a_number_fails_by_name(findings: Make, heading: H
 
 def test_a_test_that_failed_without_a_measurement_is_named(findings: Make, good: list[Measurement]) -> None:
     for name in ("test_echo", "test_echo[a/b]"):
-        failed = TestResult(f"hil/suites/test_link.py::{name}", "failed", 1, reason="assert 3 == 4")
+        failed = TestResult(f"hil/suites/test_link.py::{name}", TestOutcome.FAILED, 1, reason="assert 3 == 4")
         sentence = decide(findings(*good, tests=(failed,)), pytest_exit=1).sentence
         assert sentence == (f"FAIL. Failed: test_link.py::{name} (assert 3 == 4).")
 
 
 def test_a_lost_bench_says_what_happened_and_what_is_kept(findings: Make) -> None:
-    lost = TestResult("a", "bench lost", 1, reason="lost /dev/ttyACM0: unplugged.")
-    made = findings(judge("x", 1, unit=""), tests=(lost, TestResult("b", "skipped", 0)))
+    lost = TestResult("a", TestOutcome.CONNECTION_LOST, 1, reason="lost /dev/ttyACM0: unplugged.")
+    made = findings(judge("x", 1, unit=""), tests=(lost, TestResult("b", TestOutcome.SKIPPED, 0)))
     verdict = decide(made, pytest_exit=1)
-    assert verdict.sentence == "BENCH LOST: lost /dev/ttyACM0: unplugged. 1 measurement kept."
+    assert verdict.sentence == "CONNECTION LOST: lost /dev/ttyACM0: unplugged. 1 measurement kept."
     assert (verdict.exit_code, verdict.complete) == (20, False)
 
 
 def test_a_bench_lost_after_a_failure_is_said_behind_it(findings: Make, good: list[Measurement]) -> None:
     bad = judge("gyroscope.bias_error", 0.4, unit="dps", limit=Limit(max=0.1), test="a")
-    lost = TestResult("a", "bench lost", 1, reason="lost /dev/ttyACM0: unplugged.")
+    lost = TestResult("a", TestOutcome.CONNECTION_LOST, 1, reason="lost /dev/ttyACM0: unplugged.")
     verdict = decide(findings(*good, bad, tests=(lost,)), pytest_exit=1)
     assert verdict.exit_code == 1
     assert verdict.sentence.endswith(
@@ -255,12 +256,12 @@ def test_a_bench_lost_after_a_failure_is_said_behind_it(findings: Make, good: li
     ("outcomes", "pytest_exit", "code", "word"),
     [
         (["passed"], 0, 0, "pass"),
-        (["failed", "wrong firmware", "bench lost"], 1, 1, "fail"),
-        (["error", "bench lost"], 1, 1, "fail"),
-        (["wrong firmware", "bench lost"], 1, 23, "wrong firmware"),
-        (["bench lost", "skipped"], 1, 20, "bench lost"),
-        (["failed", "bench lost"], 2, 2, "interrupted"),
-        (["bench lost"], 3, 3, "internal error"),
+        (["failed", "wrong firmware", "connection lost"], 1, 1, "fail"),
+        (["error", "connection lost"], 1, 1, "fail"),
+        (["wrong firmware", "connection lost"], 1, 23, "wrong firmware"),
+        (["connection lost", "skipped"], 1, 20, "connection lost"),
+        (["failed", "connection lost"], 2, 2, "interrupted"),
+        (["connection lost"], 3, 3, "internal error"),
         ([], 4, 4, "usage error"),
         ([], 5, 5, "no tests"),
         (["passed"], 6, 6, "exit code 6"),
@@ -269,7 +270,9 @@ def test_a_bench_lost_after_a_failure_is_said_behind_it(findings: Make, good: li
 def test_exit_codes_in_their_order(
     findings: Make, outcomes: list[str], pytest_exit: int, code: int, word: str
 ) -> None:
-    made = findings(tests=tuple(TestResult(str(k), outcome, 0, reason="why") for k, outcome in enumerate(outcomes)))
+    made = findings(tests=tuple(
+        TestResult(str(k), TestOutcome(outcome), 0, reason="why") for k, outcome in enumerate(outcomes)
+    ))
     if not outcomes:
         made.tests.clear()
     verdict = decide(made, pytest_exit=pytest_exit)

@@ -30,7 +30,7 @@ Exit codes:
   1   the data supports no calibration; nothing was written
   2   interrupted; nothing was written
   4   usage: an option, a port, a rig file or a firmware file is wrong
-  20  bench lost: link, cable, board, sensor or operator
+  20  connection lost: link, cable, board, sensor or operator
   23  wrong firmware, or another protocol version
 """
 

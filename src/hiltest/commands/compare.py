@@ -22,7 +22,7 @@ Exit codes:
   4   usage: there is no NEW, or it cannot be read
   21  not to be merged: something got worse, beyond its tolerance
   22  cannot say: BASE is missing or cannot be compared with, a measurement is
-      gone, or a limit was not judged
+      gone, or a limit was not evaluated
 """
 
 

@@ -28,7 +28,7 @@ Exit codes:
   0   logged for as long as was asked
   2   ended by Ctrl-C; the file is whole up to there
   4   usage: an option, a port, a rig file or a firmware file is wrong
-  20  bench lost: link, cable, board or sensor; the file is whole up to there
+  20  connection lost: link, cable, board or sensor; the file is whole up to there
   23  wrong firmware, or another protocol version
 """
 

@@ -18,10 +18,10 @@ Exit codes:
   3   internal error
   4   usage: an option, a port, a rig file or a firmware file is wrong
   5   no tests were collected
-  20  bench lost: link, cable, board or sensor, or firmware that hangs
+  20  connection lost: link, cable, board or sensor, or firmware that hangs
   21  regression: worse than the base it was judged against, beyond a
       tolerance
-  22  a limit could not be judged, or no base be compared with
+  22  not evaluated: limit not measured or baseline missing
   23  wrong firmware, or another protocol version
 """
 

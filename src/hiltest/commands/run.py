@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -14,10 +15,13 @@ from hiltest.commands.options import EXIT_CODES, checked
 from hiltest.errors import ConfigError
 from hiltest.record.files import OLDER_FOLDER
 from hiltest.record.run import Run
+from hiltest.runs.folders import folder_beside_complete, said_of_folder
 from hiltest.runs.older_firmware import OlderFirmware, base_of_environment
 from hiltest.session import SESSION
-from hiltest.session.selection import only_looks
+from hiltest.session.selection import RUN_COMMAND, Choice, only_looks
 from hiltest.settings import DEFAULT_OUT, file_name, label, seed
+
+_JUNIT_FILE = "junit.xml"
 
 
 class RunCommand:
@@ -29,11 +33,31 @@ class RunCommand:
         That runs first on the same bench, and that the run is judged against.
     """
 
-    __name__ = "hiltest-run"
+    __name__ = RUN_COMMAND
 
     def __init__(self, older: OlderFirmware | None = None) -> None:
         self.run: Run | None = None
         self._older = older
+        self._remarks: list[str] = []
+
+    # First: before any plugin reads where it is to write.
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_cmdline_main(self, config: pytest.Config) -> None:
+        """Record chosen tests beside a complete run, and not in its place."""
+        out = Path(config.option.hil_out)
+        folder = folder_beside_complete(out) if Choice(config).of_any_tests and not only_looks(config) else out
+        if folder == out:
+            return
+        config.option.hil_out = str(folder)
+        if config.option.xmlpath == str(out / _JUNIT_FILE):
+            config.option.xmlpath = str(folder / _JUNIT_FILE)
+        if self._older is not None:
+            self._older = replace(self._older, folder=folder / OLDER_FOLDER)
+        self._remarks = [said_of_folder(out, folder)]
+
+    def pytest_report_collectionfinish(self) -> list[str]:
+        """Say where chosen tests are recorded."""
+        return self._remarks
 
     # Last, so that the hiltest plugin has read its options. A wrong rig or firmware then ends the
     # command before pytest has collected or written anything.
@@ -195,7 +219,7 @@ def run_suites(options: Sequence[str], out: Path, *, older: OlderFirmware | None
         [
             str(suites(here)), "-p", "hiltest", "-p", "no:cacheprovider", "--import-mode=importlib",
             f"--rootdir={here}", "--tb=short", "--no-header", "-rN", "-W", no_warning,
-            f"--junit-xml={out / 'junit.xml'}", f"--hil-out={out}", *options,
+            f"--junit-xml={out / _JUNIT_FILE}", f"--hil-out={out}", *options,
         ],
         plugins=[command],
     )

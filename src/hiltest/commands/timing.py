@@ -31,7 +31,7 @@ Exit codes:
   2   interrupted
   4   usage: an option, a port or a rig file is wrong, or the file cannot be
       written
-  20  bench lost: link, cable or board
+  20  connection lost: link, cable or board
   23  wrong firmware, or another protocol version
 """
 

@@ -39,6 +39,8 @@ class Outcome(StrEnum):
     """Recorded without a limit: nothing was judged."""
     FAIL = "fail"
     """Outside its limit, or not a number."""
+    EXPECTED_FAIL = "expected fail"
+    """The same, in a test that is marked to fail (``xfail``): it makes no run red."""
     UNSET = "unset"
     """It has a limit that could not be judged. A gate that is not evaluated fails closed."""
     NOT_OFFERED = "not offered"

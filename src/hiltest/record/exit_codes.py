@@ -16,8 +16,8 @@ class ExitCode(IntEnum):
     NO_TESTS = 5
     FAILED = 1
     WRONG_FIRMWARE = 23
-    BENCH_LOST = 20
-    NOT_JUDGED = 22
+    CONNECTION_LOST = 20
+    NOT_EVALUATED = 22
     REGRESSION = 21
     OK = 0
 
@@ -29,8 +29,8 @@ WORDS = {
     ExitCode.NO_TESTS: "no tests",
     ExitCode.FAILED: "fail",
     ExitCode.WRONG_FIRMWARE: "wrong firmware",
-    ExitCode.BENCH_LOST: "bench lost",
-    ExitCode.NOT_JUDGED: "not judged",
+    ExitCode.CONNECTION_LOST: "connection lost",
+    ExitCode.NOT_EVALUATED: "not evaluated",
     ExitCode.REGRESSION: "regression",
     ExitCode.OK: "pass",
 }
@@ -44,5 +44,5 @@ def comparison_code(comparison: Comparison) -> ExitCode:
     if comparison.failed:
         return ExitCode.FAILED
     if not comparison.evaluated or comparison.unjudged:
-        return ExitCode.NOT_JUDGED
+        return ExitCode.NOT_EVALUATED
     return ExitCode.REGRESSION if comparison.regression else ExitCode.OK

@@ -9,9 +9,8 @@ from hiltest.record.exit_codes import ExitCode
 from hiltest.record.run import Run, TestResult, Verdict
 from hiltest.text import counted, listed, readable, without_folders
 
-RED_TESTS = ("failed", "error")
 _NAMED_AT_MOST = 3
-_OF_COMPARISONS = (ExitCode.OK, ExitCode.REGRESSION, ExitCode.NOT_JUDGED)
+_OF_COMPARISONS = (ExitCode.OK, ExitCode.REGRESSION, ExitCode.NOT_EVALUATED)
 
 
 def out_of_limit(measurements: Iterable[Measurement]) -> list[Measurement]:
@@ -22,7 +21,7 @@ def out_of_limit(measurements: Iterable[Measurement]) -> list[Measurement]:
 def failed_otherwise(tests: Iterable[TestResult], failed: Iterable[Measurement]) -> list[TestResult]:
     """Return the red tests that no measurement out of its limit explains."""
     explained = {each.test for each in failed}
-    return [each for each in tests if each.outcome in RED_TESTS and each.id not in explained]
+    return [each for each in tests if each.outcome.is_red and each.id not in explained]
 
 
 def measured(measurement: Measurement) -> str:

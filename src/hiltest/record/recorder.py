@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 import platform
 from collections.abc import Callable, Iterable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from importlib.metadata import PackageNotFoundError, version
 from typing import Literal
 
-from hiltest.measurement import Measurement
+from hiltest.measurement import Measurement, Outcome
 from hiltest.record.comparison import Comparison, Revision
 from hiltest.record.journal import Journal
+from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import (
     SCHEMA,
     BoardRecord,
@@ -67,14 +68,16 @@ class Recorder:
         self._journal.append("board", {"board": asdict(board), "seed": seed})
 
     def found(self, measurements: Iterable[Measurement], tables: Iterable[Table]) -> None:
-        """Take measurements and tables; they reach the disk with the next `finished`."""
-        self._unwritten_measurements += measurements
-        self._unwritten_tables += tables
+        """Take measurements and tables, rounded as they are written; they reach the disk with the next `finished`."""
+        self._unwritten_measurements += (each.rounded() for each in measurements)
+        self._unwritten_tables += (each.rounded() for each in tables)
 
     def finished(self, test: TestResult | None) -> None:
         """Write a finished test, or with None what the session itself found, through to the disk."""
         if test is not None:
             self.findings.tests.append(test)
+            if test.outcome is TestOutcome.XFAILED:
+                self._unwritten_measurements = [_expected(each, test) for each in self._unwritten_measurements]
         names = dict.fromkeys(each.name for each in self._unwritten_measurements)
         others = len(self.findings.other_attempts)
         for each in self._unwritten_measurements:
@@ -83,9 +86,9 @@ class Recorder:
         self._journal.append("test", {
             "utc": utc_now(),
             "test": test and asdict(test),
-            "measurements": [asdict(self.findings.measurements[name].rounded()) for name in names],
-            "other_attempts": [asdict(each.rounded()) for each in self.findings.other_attempts[others:]],
-            "tables": [asdict(each.rounded()) for each in self._unwritten_tables],
+            "measurements": [asdict(self.findings.measurements[name]) for name in names],
+            "other_attempts": [asdict(each) for each in self.findings.other_attempts[others:]],
+            "tables": [asdict(each) for each in self._unwritten_tables],
         })
         self._unwritten_measurements, self._unwritten_tables = [], []
 
@@ -108,6 +111,13 @@ class Recorder:
     def release(self) -> None:
         """Give the folder back, when every file is written."""
         self._journal.release()
+
+
+def _expected(measurement: Measurement, test: TestResult) -> Measurement:
+    """Return what a test measured that failed as it was marked to: nothing out of its limit gates then."""
+    if measurement.test != test.id or measurement.outcome is not Outcome.FAIL:
+        return measurement
+    return replace(measurement, outcome=Outcome.EXPECTED_FAIL, note=measurement.note or "its test is marked xfail")
 
 
 def describe_host() -> Environment:

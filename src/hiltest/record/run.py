@@ -14,6 +14,7 @@ from typing import Literal
 from hiltest.measurement import Measurement, Tolerance, is_compared, plain, round_significant, tolerance_of
 from hiltest.record.attempts import marked, worst_first
 from hiltest.record.comparison import Comparison, Revision
+from hiltest.record.outcomes import TestOutcome
 
 SCHEMA: Literal["hiltest.run/1"] = "hiltest.run/1"
 
@@ -98,7 +99,7 @@ class Environment:
 
 @dataclass(frozen=True, slots=True)
 class TestResult:
-    """One finished test; `outcome` is passed, failed, skipped, bench lost, wrong firmware, ...
+    """One finished test.
 
     `trace` names the file, relative to the run's folder, that shows what went over the line before it failed.
     """
@@ -106,7 +107,7 @@ class TestResult:
     __test__ = False  # not a test class, whatever pytest makes of the name
 
     id: str
-    outcome: str
+    outcome: TestOutcome
     duration_s: float
     reason: str = ""
     trace: str = ""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hiltest import __version__
+from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import Run
 from hiltest.report import overview, stream_overview
 from hiltest.report.comparison_overview import against_baseline
@@ -24,10 +25,12 @@ class Badge:
 
 
 _BAD = Badge("bad", "✗")
-_BADGES = {"pass": Badge("good", "✓")} | dict.fromkeys(("not judged", "interrupted", "no tests"), Badge("warn", "!"))
+# "not judged" is the word of older records.
+_NO_ANSWER = ("not evaluated", "not judged", "interrupted", "no tests")
+_BADGES = {"pass": Badge("good", "✓")} | dict.fromkeys(_NO_ANSWER, Badge("warn", "!"))
 # Beside a limit: a sign to see and words to hear, by the class of the cell.
-_SIGNS = {"pass": ("✓", "held:"), "fail": ("✗", "not held:"), "unset": ("?", "not judged:")}
-_PASSED = ("passed", "xfailed", "skipped")
+_SIGNS = {"pass": ("✓", "within:"), "fail": ("✗", "out of:"), "unset": ("?", "not evaluated:")}
+_PASSED = (TestOutcome.PASSED, TestOutcome.XFAILED, TestOutcome.SKIPPED)
 
 
 def html_report(run: Run) -> str:

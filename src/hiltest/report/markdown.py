@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 
 from hiltest.measurement import Measurement
 from hiltest.record.comparison import Comparison
+from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import Run, TestResult
 from hiltest.report import overview, stream_overview
 from hiltest.report.comparison_overview import changed, counts, sides
@@ -104,7 +105,7 @@ def _accuracy_and_cost(run: Run) -> Iterator[str]:
 
 
 def _tests(run: Run) -> Iterator[str]:
-    troubled = [test for test in run.tests if test.outcome not in ("passed", "xfailed")]
+    troubled = [test for test in run.tests if test.outcome not in (TestOutcome.PASSED, TestOutcome.XFAILED)]
     if troubled:
         yield from ("", "## Tests that did not pass", "")
         yield from table(["test", "outcome", "reason"], ([test.id, test.outcome, _reason(test)] for test in troubled))
@@ -124,5 +125,5 @@ def _measurements(measurements: Iterable[Measurement]) -> Iterator[str]:
 
 
 def _marked(cell: overview.Cell) -> str:
-    mark = {"fail": " FAIL", "unset": " not judged"}.get(cell.tone, "")
+    mark = {"fail": " FAIL", "unset": " not evaluated"}.get(cell.tone, "")
     return f"{cell.text}{mark}" + (f" ({cell.note})" if cell.note else "")

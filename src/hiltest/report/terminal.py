@@ -125,7 +125,7 @@ def _print_failures(console: Console, found: Summary, run: Run, folder: Path) ->
     for measurement in found.unset:
         _wrapped(console, f"not evaluated: {measurement.name}: {measurement.note}", "yellow", _INDENT)
     for test in run.tests:
-        if test.outcome in ("bench lost", "wrong firmware"):
+        if test.outcome.is_of_bench:
             _wrapped(console, f"{test.outcome}: {test.id}: {test.reason}", "red", _INDENT)
         if test.trace:
             trace = shown_path(folder / test.trace)

@@ -43,7 +43,7 @@ _NAMED_AT_MOST = 4
 # Exit codes of a run that has not begun, and of one that was interrupted.
 _NOT_BEGUN = (ExitCode.USAGE_ERROR, ExitCode.INTERRUPTED)
 # The first of these that any seed ended with is the campaign's, as for the tests of one run.
-_WORST_FIRST = (2, 3, 4, 5, ExitCode.WRONG_FIRMWARE, ExitCode.BENCH_LOST, ExitCode.NOT_JUDGED)
+_WORST_FIRST = (2, 3, 4, 5, ExitCode.WRONG_FIRMWARE, ExitCode.CONNECTION_LOST, ExitCode.NOT_EVALUATED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,10 +151,11 @@ def _conclude(
 
 def _not_judged(gate: Gate) -> int:
     """Say why no seed runs: there is no base that they could be judged against."""
-    sentence = f"NOT JUDGED: {gate.reason}. No seed was run."
-    click.echo(annotation(Verdict(WORDS[ExitCode.NOT_JUDGED], ExitCode.NOT_JUDGED, sentence, complete=False)), nl=False)
+    sentence = f"NOT EVALUATED: {gate.reason}. No seed was run."
+    code = ExitCode.NOT_EVALUATED
+    click.echo(annotation(Verdict(WORDS[code], code, sentence, complete=False)), nl=False)
     click.echo(sentence)
-    return ExitCode.NOT_JUDGED
+    return code
 
 
 def _run_all(seeds: Sequence[int], options: Sequence[str], out: Path, name: str) -> list[SeedResult]:
@@ -310,7 +311,7 @@ def _run_seed(seed: int, options: Sequence[str], out: Path) -> SeedResult:
             )
         except ConfigError as error:
             if done.returncode == ExitCode.OK:  # as of tests that were only collected: nothing shows that it passed
-                return SeedResult(seed, ExitCode.NOT_JUDGED, f"{str(error).rstrip('.')}; it wrote: {said}")
+                return SeedResult(seed, ExitCode.NOT_EVALUATED, f"{str(error).rstrip('.')}; it wrote: {said}")
     return SeedResult(seed, done.returncode, said)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -61,6 +61,43 @@ class RecordFolder:
         if self._made:
             with suppress(OSError):  # a usage error leaves nothing in it, and a run does
                 self.path.rmdir()
+
+
+CHOSEN_FOLDER = "chosen"
+
+
+def folder_beside_complete(out: Path, tests: Collection[str] | None = None) -> Path:
+    """Return the folder for the record of a part of the tests: never that of a complete run's record.
+
+    Parameters
+    ----------
+    out : Path
+        Folder that was asked for.
+    tests : collection of str, optional
+        What runs, where it is another set of tests only if the record has none of them; by default it always is.
+
+    Returns
+    -------
+    Path
+        `out` itself, unless it has the record of a complete run.
+    """
+    from hiltest.record.reader import read_record
+
+    try:
+        stored = read_record(out)
+    except ConfigError:
+        return out
+    run = stored.run
+    same_tests = tests is not None and not {each.id for each in run.tests}.isdisjoint(tests)
+    is_complete = stored.ended and run.verdict.complete and not run.chosen
+    return out / CHOSEN_FOLDER if is_complete and not same_tests else out
+
+
+def said_of_folder(out: Path, folder: Path) -> str:
+    """Return what a run of chosen tests says of where its record is."""
+    from hiltest.report.terminal import shown_path
+
+    return f"{shown_path(out)} keeps the record of its complete run; these tests are recorded in {shown_path(folder)}"
 
 
 LOCK_FILE = "command.lock"

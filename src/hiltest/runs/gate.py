@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from hiltest.runs.older_firmware import OlderFirmware
     from hiltest.verdict.evidence import Evidence
 
-NOT_JUDGED = 22
+NOT_EVALUATED = 22
 """The exit code, where nothing heavy is imported for it."""
 
 
@@ -112,7 +112,7 @@ class SessionGate:
 
     def unevaluated(self, why: str) -> str:
         """Return what is said where no run was recorded that could be judged; empty without a base."""
-        return f"NOT JUDGED: {self.asked_for}, and {why}: there is nothing to compare." if self.asked_for else ""
+        return f"NOT EVALUATED: {self.asked_for}, and {why}: there is nothing to compare." if self.asked_for else ""
 
     def judge_against(self, older: OlderFirmware) -> None:
         """Take an older firmware as the base, which `run_older` will run."""

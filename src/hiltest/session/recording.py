@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator
 from functools import partial
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any
@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from hiltest.record.files import OLDER_FOLDER
+from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import BoardRecord, CalibrationRecord, RigRecord, Run, SensorRecord
-from hiltest.record.run_json import board_from, measurement_from, table_from
+from hiltest.record.run_json import board_from
 from hiltest.rig.conditions import conditions_sha256
-from hiltest.runs.gate import NOT_JUDGED
+from hiltest.runs.gate import NOT_EVALUATED
 from hiltest.runs.older_firmware import remove_runs
 from hiltest.session import HilSession
-from hiltest.session.results import BENCH, FOUND_HERE, RERUN, TestLog
+from hiltest.session.results import BENCH, FOUND_HERE, Found, TestLog
 from hiltest.verdict.not_measured import unmet_limits
 
 if TYPE_CHECKING:
@@ -63,7 +64,7 @@ class Recording:
         hil.gate.run_older(partial(_say, session.config))
         hil.restart_wall_clock()
         if hil.gate.missing:
-            pytest.exit(f"not judged: {hil.gate.missing}", returncode=NOT_JUDGED)
+            pytest.exit(f"not evaluated: {hil.gate.missing}", returncode=NOT_EVALUATED)
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Take what one phase of a test found."""
@@ -71,14 +72,14 @@ class Recording:
         self._note_board(getattr(report, BENCH, None))
         found = getattr(report, FOUND_HERE, None)
         if found is not None:
-            self.found(found["measurements"], found["tables"])
+            self.found(found)
         if report.when not in _PHASES:
             # pytest-xdist's own words on a test whose worker crashed: nothing more is heard of it.
             self.pytest_runtest_logfinish(report.nodeid)
 
-    def found(self, measurements: Sequence[dict[str, Any]], tables: Sequence[dict[str, Any]] = ()) -> None:
-        """Take what a report or a worker's end carried."""
-        self._recorder.found(map(measurement_from, measurements), map(table_from, tables))
+    def found(self, found: Found) -> None:
+        """Take what a test measured, or a worker at its end."""
+        self._recorder.found(found.measurements, found.tables)
 
     def _note_board(self, bench: dict[str, Any] | None) -> None:
         """Note the board that answered a worker."""
@@ -93,7 +94,7 @@ class Recording:
         results = self._log.finish(nodeid)
         for result in results:
             self._recorder.finished(result)
-        self._finished += bool(results) and results[-1].outcome != RERUN
+        self._finished += bool(results) and results[-1].outcome is not TestOutcome.RERUN
 
     # First of the plain implementations: others, such as junitxml, then see the final exit status.
     @pytest.hookimpl(tryfirst=True)
@@ -123,20 +124,20 @@ class Recording:
         self._summary_remark = append_to_job_summary(page, self._recorder.folder / MARKDOWN_FILE)
         session.config.hook.pytest_hil_finished(config=session.config, run=self.run)
         terminal = session.config.pluginmanager.get_plugin("terminalreporter")
-        if exitstatus == NOT_JUDGED and terminal is not None:
+        if exitstatus == NOT_EVALUATED and terminal is not None:
             self.print_summary(terminal, session.config)  # after such a code pytest itself asks for none
 
     def _hold_to_the_rig(self, *, left_out: bool) -> list[str]:
         """Record every limit that this set of tests has not met; with `left_out` only return their names."""
         findings, rig = self._recorder.findings, self._hil.rig_if_needed
-        if rig is None:
+        if rig is None or not self._hil.must_meet_every_limit:
             return []
         calibrators = findings.board.calibrators if findings.board else ()
         unmet = unmet_limits(
             rig.limits_of(findings.suite), rig.units, findings.measurements, calibrators,
             gate_only=bool(self._hil.choice.left_out.tests),
         )
-        lost = any(each.outcome in ("bench lost", "wrong firmware") for each in findings.tests)
+        lost = any(each.outcome.is_of_bench for each in findings.tests)
         if left_out or lost:
             return [each.name for each in unmet]
         self._recorder.found(unmet, ())

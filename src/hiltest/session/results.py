@@ -1,14 +1,15 @@
-"""What a test found, and how it travels: on the item while the test runs, then as plain data on its reports."""
+"""What a test found, and how it travels: on the item while the test runs, then on its reports."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import TestResult
 
 if TYPE_CHECKING:
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from hiltest.measurement import Measurement
     from hiltest.record.run import Table
 
-# Attributes of a report, plain data, so that they survive the way from a worker.
+# Attributes of a report. They are plain data, but for FOUND_HERE, which `pack` makes plain on the way from a worker.
 CAUSE = "hil_cause"
 """Whose fault a failure is, when it is not the test's own."""
 REASON = "hil_reason"
@@ -25,7 +26,7 @@ REASON = "hil_reason"
 TRACE = "hil_trace"
 """The wire trace of a failed test, relative to the run's folder."""
 FOUND_HERE = "hil_found"
-"""Measurements and tables, as `pack` made them."""
+"""Measurements and tables of one phase of a test."""
 BENCH = "hil_bench"
 """From a worker: whether there is a rig, and which board with which seed."""
 
@@ -55,11 +56,21 @@ def carry_over(item: pytest.Item) -> None:
 
 
 def pack(found: Found) -> dict[str, Any]:
-    """Return plain data that a report can carry from a worker to the controller: no enum, no number of numpy's."""
+    """Return plain data that leaves the process: no enum, no number of numpy's."""
     return {
         "measurements": [plain_data(each.rounded()) for each in found.measurements],
         "tables": [plain_data(each.rounded()) for each in found.tables],
     }
+
+
+def unpack(content: Mapping[str, Any]) -> Found:
+    """Return what `pack` made plain."""
+    from hiltest.record.run_json import measurement_from, table_from
+
+    return Found(
+        [measurement_from(each) for each in content["measurements"]],
+        [table_from(each) for each in content["tables"]],
+    )
 
 
 def plain_data(record: DataclassInstance) -> dict[str, Any]:
@@ -81,10 +92,6 @@ def properties_of(measurement: Measurement) -> list[tuple[str, object]]:
     if shown.cycle_model:
         properties.append((f"{name}.cycle_model", shown.cycle_model))
     return properties
-
-
-RERUN = "rerun"
-"""What pytest-rerunfailures calls a report of an attempt that it follows with another."""
 
 
 class TestLog:
@@ -112,7 +119,7 @@ class TestLog:
     def finish(self, nodeid: str) -> list[TestResult]:
         """Return a result for each attempt of a test, the last being the test's own; none if it never ran."""
         results = [self._result(nodeid, reports) for reports in self._attempts.pop(nodeid, [])]
-        return [*(replace(each, outcome=RERUN) for each in results[:-1]), *results[-1:]]
+        return [*(replace(each, outcome=TestOutcome.RERUN) for each in results[:-1]), *results[-1:]]
 
     def _result(self, nodeid: str, reports: Sequence[pytest.TestReport]) -> TestResult:
         worst = max(reports, key=_badness)
@@ -123,22 +130,23 @@ class TestLog:
         )
 
 
-def _outcome(report: pytest.TestReport) -> str:
-    if report.outcome == RERUN:
-        return RERUN
+def _outcome(report: pytest.TestReport) -> TestOutcome:
+    outcome = TestOutcome(str(report.outcome))  # the others' too, such as pytest-rerunfailures'
+    if outcome is TestOutcome.RERUN:
+        return outcome
     cause = getattr(report, CAUSE, "")
     if cause:
-        return str(cause)
+        return TestOutcome(cause)
     if hasattr(report, "wasxfail"):
-        return "xfailed" if report.skipped else "xpassed"
-    if report.failed:
-        return "failed" if report.when == "call" else "error"
-    return report.outcome
+        return TestOutcome.XFAILED if report.skipped else TestOutcome.XPASSED
+    if report.failed and report.when != "call":
+        return TestOutcome.ERROR
+    return outcome
 
 
 def _badness(report: pytest.TestReport) -> tuple[bool, bool, bool]:
     # Of several failures the first phase counts: max() keeps the first of equals.
-    return (report.failed or report.outcome == RERUN, report.skipped, report.when == "call")
+    return (report.failed or str(report.outcome) == TestOutcome.RERUN, report.skipped, report.when == "call")
 
 
 def _reason(report: pytest.TestReport) -> str:

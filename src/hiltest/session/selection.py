@@ -66,6 +66,9 @@ class Choice:
         return bool(named) and not any("::" not in each and (here / each).is_dir() for each in named)
 
 
+RUN_COMMAND = "hiltest-run"
+"""What pytest knows ``hiltest run`` by."""
+
 MARKER = "full"
 
 
@@ -120,7 +123,7 @@ def leave_out_full(config: pytest.Config, items: list[pytest.Item], candidates: 
         Those that were.
     """
     full = [item for item in candidates if item.get_closest_marker(MARKER) is not None]
-    how = "--suite full" if config.pluginmanager.has_plugin("hiltest-run") else "--hil-suite=full"
+    how = "--suite full" if config.pluginmanager.has_plugin(RUN_COMMAND) else "--hil-suite=full"
     left_out = LeftOut(tuple(item.nodeid for item in full), how)
     if full:
         config.hook.pytest_deselected(items=full)

@@ -14,10 +14,12 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from hiltest.runs.folders import RecordFolder
+from hiltest.record.outcomes import TestOutcome
+from hiltest.runs.folders import RecordFolder, folder_beside_complete, said_of_folder
 from hiltest.runs.gate import SessionGate
 from hiltest.session.results import FOUND, GATING, Found, properties_of
 from hiltest.session.selection import (
+    RUN_COMMAND,
     Choice,
     id_in_record,
     only_looks,
@@ -36,9 +38,6 @@ if TYPE_CHECKING:
     from hiltest.record.recorder import Recorder
     from hiltest.rig import Rig
     from hiltest.runs.wire_traces import WireTraces
-
-BENCH_LOST = "bench lost"
-WRONG_FIRMWARE = "wrong firmware"
 
 _BENCHMARKS = "benchmarks"
 
@@ -85,6 +84,7 @@ class HilSession:
         self.choice = Choice(config)
         self.gate = SessionGate(settings.baseline, settings.sources["baseline"])
         self.folder = RecordFolder(settings.out)
+        self._remarks: list[str] = []
 
     @property
     def is_worker(self) -> bool:
@@ -114,15 +114,26 @@ class HilSession:
             return False
         self._needs_rig |= any(map(uses_rig, items))
         ours = list(filter(uses_hiltest, items))
-        if not self.asked_for and ours and all(map(only_shows_cycles, ours)):
-            self.keep_apart()
+        if not self.asked_for:  # hiltest run knows its folder before it opens the bench
+            self._choose_folder(ours)
         self.open(with_board=any(map(uses_board, items)))
         return not self.is_worker
 
-    def keep_apart(self) -> None:
-        """Keep the record of benchmarks in a folder of their own: they judge nothing, and the last verdict stays."""
-        self.choice.only_benchmarks = True
-        self.folder = RecordFolder(self.settings.out / _BENCHMARKS)
+    def _choose_folder(self, items: Sequence[pytest.Item]) -> None:
+        """Keep the record of benchmarks, which judge nothing, and of a part of the tests apart from a complete one."""
+        out = self.settings.out
+        if items and all(map(only_shows_cycles, items)):
+            self.choice.only_benchmarks = True
+            self.folder = RecordFolder(out / _BENCHMARKS)
+        elif self.choice.of_our_tests:
+            self._keep_in(folder_beside_complete(out))
+        elif not self.must_meet_every_limit:
+            self._keep_in(folder_beside_complete(out, [self.test_id(each.nodeid) for each in items]))
+
+    def _keep_in(self, folder: Path) -> None:
+        if folder != self.folder.path:
+            self.folder = RecordFolder(folder)
+            self._remarks = [said_of_folder(self.settings.out, folder)]
 
     def open(self, *, with_board: bool) -> None:
         """Load the rig, if one is needed, and, `with_board`, open the board; one that is lost is kept in `trouble`.
@@ -179,14 +190,23 @@ class HilSession:
 
     @property
     def rig_if_needed(self) -> Rig | None:
-        """The rig, or None: tests that only measure need none but the one that was asked for.
+        """The rig, or None: tests that only measure need none but the one that was asked for."""
+        return self.rig if self._needs_rig or self._rig_is_asked_for or self._rig is not None else None
 
-        Asked for is what an option names, and the default rig of a bench of one's own.
+    @property
+    def must_meet_every_limit(self) -> bool:
+        """Whether a limit of the rig that nothing was measured against fails the run.
+
+        It does not under plain pytest with the packaged rig, whose limits are for the packaged suites.
         """
+        return self._rig_is_asked_for or self.config.pluginmanager.has_plugin(RUN_COMMAND)
+
+    @property
+    def _rig_is_asked_for(self) -> bool:
+        """Whether an option names the rig, or it is the default one of a bench of one's own."""
         from hiltest.bench_files import has_own_rig
 
-        asked_for = self.settings.rig is not None or has_own_rig(self.config.invocation_params.dir)
-        return self.rig if self._needs_rig or asked_for or self._rig is not None else None
+        return self.settings.rig is not None or has_own_rig(self.config.invocation_params.dir)
 
     def connect(self) -> Board:
         """Return the board, opened and identified.
@@ -241,20 +261,20 @@ class HilSession:
         """Seed of the simulated world: the command line's, or else the rig's."""
         return self.rig.seed if self.settings.seed is None else self.settings.seed
 
-    def blame(self, error: BaseException, nodeid: str) -> str:
-        """Return whose fault a failed test is, empty when it is the test's own.
+    def blame(self, error: BaseException, nodeid: str) -> TestOutcome | None:
+        """Return whose fault a failed test is, None when it is the test's own.
 
         A lost board is remembered, so that the tests after this one can be skipped.
         """
         from hiltest.errors import BenchError, ProtocolError, board_is_gone
 
         if not isinstance(error, BenchError | ProtocolError):
-            return ""
+            return None
         if board_is_gone(error):
             self.trouble = self.trouble or error
             self.trouble_met_by = self.trouble_met_by or nodeid
             self.trouble_reported = True
-        return BENCH_LOST if isinstance(error, BenchError) else WRONG_FIRMWARE
+        return TestOutcome.CONNECTION_LOST if isinstance(error, BenchError) else TestOutcome.WRONG_FIRMWARE
 
     def begin_trace(self) -> None:
         """Forget what went over the line before the test that begins."""
@@ -338,7 +358,7 @@ class HilSession:
 
     def describe(self) -> list[str]:
         """Return the header lines: which board, what its numbers rest on, and what they will be judged against."""
-        base = self.gate.describe()
+        base = [*self.gate.describe(), *self._remarks]
         if self.trouble is not None:
             return [f"hiltest: {self.trouble}", f"rig {self._rig_line()}", *base]
         if self._board is None:

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Generator, Sequence
 from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import pytest
 
+from hiltest.runs.folders import RecordFolder
 from hiltest.session import HilSession
-from hiltest.session.results import BENCH, plain_data
+from hiltest.session.results import BENCH, Found, pack, plain_data, unpack
 from hiltest.session.selection import GROUP, LeftOut, uses_board, uses_hiltest
 
 if TYPE_CHECKING:
@@ -36,7 +38,7 @@ class Worker:
         self._board: dict[str, Any] | None = None
         # Filled until the session ends, which sends it.
         self._told: dict[str, Any] = {
-            "measurements": [], "left_out": ([], ""), "deselected": False, "usage_error": "",
+            "found": pack(Found()), "left_out": ([], ""), "deselected": False, "usage_error": "",
         }  # fmt: skip
         hil.config.workeroutput[_OUTPUT] = self._told  # type: ignore[attr-defined]
 
@@ -83,13 +85,17 @@ class Worker:
         """Say on the report what the test's numbers rest on."""
         report = yield
         if uses_hiltest(item):
-            known = {"rig": self._hil.rig_if_needed is not None, "only_benchmarks": self._hil.choice.only_benchmarks}
+            hil = self._hil
+            known = {
+                "rig": hil.rig_if_needed is not None, "only_benchmarks": hil.choice.only_benchmarks,
+                "folder": str(hil.folder.path),
+            }
             setattr(report, BENCH, {**known, **self._answering()})
         return report
 
     def pytest_sessionfinish(self) -> None:
         """Close the board, and tell what the session itself measured."""
-        self._told["measurements"] = [plain_data(each.rounded()) for each in self._hil.end()]
+        self._told["found"] = pack(Found(self._hil.end()))
 
     def _answering(self) -> dict[str, Any]:
         from hiltest.session.recording import board_record
@@ -158,8 +164,8 @@ class Controller:
         self._early.append(report)
         bench = getattr(report, BENCH, None)
         if bench is not None:
-            if bench["only_benchmarks"]:
-                self._hil.keep_apart()
+            self._hil.choice.only_benchmarks = bench["only_benchmarks"]
+            self._hil.folder = RecordFolder(Path(bench["folder"]))
             if bench["rig"]:
                 _ = self._hil.rig
             self._begin()
@@ -186,7 +192,7 @@ class Controller:
         self._hil.choice.left_out = LeftOut(tuple(tests), how)
         self._hil.choice.deselected = told["deselected"]
         if self._recording is not None:
-            self._recording.found(told["measurements"])
+            self._recording.found(unpack(told["found"]))
 
     def _begin(self) -> None:
         from hiltest.errors import ConfigError

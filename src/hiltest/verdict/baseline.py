@@ -12,7 +12,8 @@ from typing import Literal
 from hiltest.errors import ConfigError
 from hiltest.measurement import Limit, Measurement, Outcome, Tolerance
 from hiltest.record.comparison import FromBuild, Revision, Side
-from hiltest.verdict.evidence import PASSED, Conditions, Evidence, Seed
+from hiltest.record.outcomes import TestOutcome
+from hiltest.verdict.evidence import Conditions, Evidence, Seed
 from hiltest.verdict.obstacles import obstacles
 from hiltest.verdict.statistics import mean_value
 
@@ -143,7 +144,7 @@ def evidence_from(baseline: Baseline, file: str, sha256: str) -> Evidence:
     in_force = {row.name: row.tolerance for row in baseline.measurements if row.tolerance is not None}
     return Evidence(
         side, baseline.conditions, measurements, is_baseline=True, builds=builds, in_force=in_force,
-        tests={seed: dict.fromkeys(baseline.passed, PASSED) for seed in baseline.seeds},
+        tests={seed: dict.fromkeys(baseline.passed, TestOutcome.PASSED) for seed in baseline.seeds},
     )
 
 
@@ -175,7 +176,9 @@ def accepted_from(rows: Sequence[BaselineRow]) -> tuple[FromBuild, ...]:
 
 def _passed(evidence: Evidence) -> tuple[str, ...]:
     """Return the tests that passed on every seed."""
-    on_each = [{test for test, outcome in made.items() if outcome == PASSED} for made in evidence.tests.values()]
+    on_each = [
+        {test for test, outcome in made.items() if outcome is TestOutcome.PASSED} for made in evidence.tests.values()
+    ]
     return tuple(sorted(set.intersection(*on_each))) if on_each else ()
 
 

@@ -10,6 +10,7 @@ from hiltest.errors import ConfigError
 from hiltest.measurement import Measurement, Tolerance
 from hiltest.record.comparison import Side
 from hiltest.record.failures import failed_by_itself
+from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import Run
 
 Seed = int | None
@@ -18,9 +19,6 @@ Seed = int | None
 
 NO_BOARD = "none"
 """Kind of the board where no test needs one."""
-
-PASSED = "passed"
-"""Outcome of a test."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +71,7 @@ class Evidence:
         Of the rig, by exact name.
     in_force : mapping of str to Tolerance
         Of every measurement, as the record states what it was held to; empty in one from before that was kept.
-    tests : mapping of seed to mapping of str to str
+    tests : mapping of seed to mapping of str to TestOutcome
         Outcome of every test by its id, of a baseline those that passed; empty where that was not kept.
     faults : tuple of str
         Why this side is no evidence, one line each, with what to do: such as a run that was cut short.
@@ -100,7 +98,7 @@ class Evidence:
     is_baseline: bool = False
     builds: Mapping[str, str] = field(default_factory=dict)
     in_force: Mapping[str, Tolerance] = field(default_factory=dict)
-    tests: Mapping[Seed, Mapping[str, str]] = field(default_factory=dict)
+    tests: Mapping[Seed, Mapping[str, TestOutcome]] = field(default_factory=dict)
 
     @property
     def name(self) -> str:

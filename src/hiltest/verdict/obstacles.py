@@ -7,15 +7,12 @@ from collections.abc import Iterator, Mapping, Sequence, Set
 from shlex import quote
 
 from hiltest.record.comparison import Change, Difference
+from hiltest.record.outcomes import TestOutcome
 from hiltest.text import without_folders
-from hiltest.verdict.evidence import NO_BOARD, PASSED, Conditions, Evidence, Seed
+from hiltest.verdict.evidence import NO_BOARD, Conditions, Evidence, Seed
 
 _NAMED_AT_MOST = 3
 _RENEW = "renew the baseline with `hiltest baseline save RUN FILE`"
-_NO_TEST = ("skipped", "xfailed", "rerun")
-"""Outcomes that say nothing against the firmware, and nothing for it."""
-_TO_ITS_END = (PASSED, "xpassed", *_NO_TEST)
-"""Outcomes but those of a test that may not have come to all that it measures, as it failed or lost its bench."""
 _A_LARGER_SUITE = ("gate", "full")
 
 
@@ -129,9 +126,9 @@ def _of_tests(base: Evidence, new: Evidence, *, together: bool) -> Iterator[str]
     for seed, before in base.tests.items():
         now = new.tests.get(seed, {} if seed in new.measurements else before)
         # By name alone, and as often: pytest's ids depend on the folder that it was started in.
-        passed = Counter(without_folders(test) for test, outcome in before.items() if outcome == PASSED)
-        ran = Counter(without_folders(test) for test, outcome in now.items() if outcome not in _NO_TEST)
-        outcomes = {without_folders(test): f"is {outcome}" for test, outcome in now.items() if outcome in _NO_TEST}
+        passed = Counter(without_folders(test) for test, outcome in before.items() if outcome is TestOutcome.PASSED)
+        ran = Counter(without_folders(test) for test, outcome in now.items() if outcome.has_run)
+        outcomes = {without_folders(test): f"is {outcome}" for test, outcome in now.items() if not outcome.has_run}
         missing |= {test: outcomes.get(test, "did not run") for test in passed - ran}
     if not missing:
         return
@@ -154,7 +151,7 @@ def _without_test(test: str, base: Evidence, new: Evidence, *, together: bool) -
 def _of_broken_tests(base: Evidence, new: Evidence, differences: Sequence[Difference]) -> Iterator[str]:
     """Yield what is new only because its test broke off in the base: nobody has compared that."""
     broken = {
-        seed: {without_folders(test) for test, outcome in tests.items() if outcome not in _TO_ITS_END}
+        seed: {without_folders(test) for test, outcome in tests.items() if not outcome.came_to_its_end}
         for seed, tests in base.tests.items()
     }
     lost = {}

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from hiltest.measurement import Measurement, Outcome, Section
 from hiltest.record.exit_codes import PYTEST_WINS, WORDS, ExitCode, comparison_code
 from hiltest.record.failures import (
-    RED_TESTS,
     out_of_limit,
     tests_in_words,
 )
+from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import Findings, TestResult, Verdict
 from hiltest.text import counted, listed, number, with_unit
 from hiltest.verdict.calibrators import (
@@ -67,17 +67,18 @@ def exit_code(findings: Findings, *, pytest_exit: int) -> int:
     """Return the exit code: pytest's 2 to 5, then 1, 23, 20, 22, 21."""
     if pytest_exit in PYTEST_WINS:
         return pytest_exit
-    # A measurement out of its limit is red whatever its test went on to do: skip, xfail, tear down.
-    if _tests(findings, *RED_TESTS) or _failed(findings):
+    # A measurement out of its limit is red whatever its test went on to do, such as skip.
+    outcomes = {each.outcome for each in findings.tests}
+    if _red(findings) or _failed(findings):
         return ExitCode.FAILED
-    if _tests(findings, "wrong firmware"):
+    if TestOutcome.WRONG_FIRMWARE in outcomes:
         return ExitCode.WRONG_FIRMWARE
-    if _tests(findings, "bench lost"):
-        return ExitCode.BENCH_LOST
+    if TestOutcome.CONNECTION_LOST in outcomes:
+        return ExitCode.CONNECTION_LOST
     if pytest_exit != ExitCode.OK:
         return pytest_exit
     if any(each.outcome is Outcome.UNSET for each in findings.measurements.values()):
-        return ExitCode.NOT_JUDGED
+        return ExitCode.NOT_EVALUATED
     return ExitCode.OK if findings.comparison is None else comparison_code(findings.comparison)
 
 
@@ -102,7 +103,7 @@ def _against_base(findings: Findings) -> str:
     """Return what the comparison says; beside failures of the run itself changes are only counted."""
     if findings.comparison is None:
         return ""
-    failed = _failed(findings) or _tests(findings, *RED_TESTS)
+    failed = _failed(findings) or _red(findings)
     return sentence(findings.comparison, beside_failures=True) if failed else findings.comparison.sentence
 
 
@@ -182,7 +183,7 @@ def _not_evaluated(summary: Summary, findings: Findings) -> str:
 def _what_stopped(findings: Findings) -> str:
     """Return why the bench or the firmware ended the run, empty when neither did."""
     stopped = _stopped(findings)
-    if not stopped or _tests(findings, *RED_TESTS) or _failed(findings):
+    if not stopped or _red(findings) or _failed(findings):
         return ""
     return f"{stopped[0].reason.rstrip('.')}."
 
@@ -192,10 +193,10 @@ def _failed(findings: Findings) -> list[Measurement]:
 
 
 def _stopped(findings: Findings) -> list[TestResult]:
-    return _tests(findings, "wrong firmware", "bench lost")
+    return [each for each in findings.tests if each.outcome.is_of_bench]
 
 
-def _tests(findings: Findings, *outcomes: str) -> list[TestResult]:
-    return [each for each in findings.tests if each.outcome in outcomes]
+def _red(findings: Findings) -> bool:
+    return any(each.outcome.is_red for each in findings.tests)
 
 

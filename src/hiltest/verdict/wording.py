@@ -122,7 +122,7 @@ def sentence(comparison: Comparison, *, beside_failures: bool = False) -> str:
     worse = {entry(each) for each in comparison.of(Change.WORSE)} if comparison.evaluated else set()
     parts = [
         _named("failed: ", [each for each in comparison.failed if each not in worse]),
-        _of_obstacles(comparison), _named("not judged: ", comparison.unjudged), *_counts(comparison),
+        _of_obstacles(comparison), _named("not evaluated: ", comparison.unjudged), *_counts(comparison),
     ]
     return f"{answer} (against {comparison.base.file}): {'; '.join(filter(None, parts)) or 'nothing measured'}."
 

@@ -23,6 +23,7 @@ from typing import Any
 
 from hiltest.measurement import Limit, judge
 from hiltest.record.journal import Journal
+from hiltest.record.outcomes import TestOutcome
 from hiltest.record.recorder import Recorder, describe_host
 from hiltest.record.run import Column, Table, TestResult, Verdict
 from hiltest.report.render import write_reports
@@ -43,7 +44,7 @@ def keep_record(folder: Path, value: float, witness: str = "", *, finish: bool =
         note(folder, witness and "begun", test)
         recorder.found([judge(f"{test}.value", value, unit="deg", limit=Limit(max=9.0), test=test)],
                        [Table(f"{test}.rows", (Column("n"),), ((value,),))])
-        recorder.finished(TestResult(test, "passed", 0.1, reason="ü"))
+        recorder.finished(TestResult(test, TestOutcome.PASSED, 0.1, reason="ü"))
         note(folder, witness and "finished", test)
     if finish:
         run = recorder.finish(Verdict("pass", 0, f"PASS {value}.", complete=True))

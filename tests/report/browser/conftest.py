@@ -21,6 +21,7 @@ from hiltest.logs.sample_fit_page import fit_page
 from hiltest.measurement import EXACT, Better, Limit, Measurement, judge
 from hiltest.procedures.clouds import golden_cloud
 from hiltest.record.comparison import Change, Comparison, Difference, Side
+from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import Column, Findings, Run, Table, TestResult
 from hiltest.report.html import html_report
 from hiltest.trend.folder import Skipped
@@ -99,7 +100,8 @@ def everything(findings: Callable[..., Findings], good: list[Measurement]) -> Ru
 def red(everything: Run, heading: Callable[..., list[Measurement]], findings: Callable[..., Findings]) -> Run:
     """Everything, out of its limits, and a comparison that could not be made."""
     bad = heading("direct", 6.3, limit=0.3, cycles=12_400)
-    made = findings(*bad, tests=(TestResult("t.py::t", "failed", 1, reason="out of limit", trace="wire/t.log"),))
+    failed = TestResult("t.py::t", TestOutcome.FAILED, 1, reason="out of limit", trace="wire/t.log")
+    made = findings(*bad, tests=(failed,))
     blocked = Comparison(SIDE, SIDE, (), ("the base is of another rig; run on that one",), "Not judged.")
     return replace(finished(made), comparison=blocked, tables=everything.tables)
 
@@ -107,7 +109,7 @@ def red(everything: Run, heading: Callable[..., list[Measurement]], findings: Ca
 @pytest.fixture
 def nothing(findings: Callable[..., Findings]) -> Run:
     """No board, no rig, no measurement."""
-    made = findings(tests=(TestResult("t", "bench lost", 0, reason="no port"),), tables=False)
+    made = findings(tests=(TestResult("t", TestOutcome.CONNECTION_LOST, 0, reason="no port"),), tables=False)
     made.board = made.rig = None
     return finished(made)
 
@@ -124,7 +126,7 @@ def hostile(findings: Callable[..., Findings]) -> Run:
     """Names that would be markup, or would turn or hide what stands around them."""
     made = findings(
         judge(f"heading.{HOSTILE}.max", 1.0, unit=HOSTILE, limit=Limit(max=2)), judge(HOSTILE, 1.0, unit="uT"),
-        tests=(TestResult(HOSTILE, "failed", 1, reason=HOSTILE, trace="javascript:alert(1)"),),
+        tests=(TestResult(HOSTILE, TestOutcome.FAILED, 1, reason=HOSTILE, trace="javascript:alert(1)"),),
     )
     assert made.board is not None
     made.board = replace(made.board, firmware=HOSTILE, description=HOSTILE, calibrators=(HOSTILE,))

@@ -1,0 +1,60 @@
+"""What became of a test."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Any
+
+_OLDER_WORDS = {"bench lost": "connection lost"}
+"""Words of records from before the ones that stand now."""
+
+
+class TestOutcome(StrEnum):
+    """What became of a test: pytest's outcomes, and two that are the bench's or the firmware's fault."""
+
+    __test__ = False  # not a test class, whatever pytest makes of the name
+
+    PASSED = "passed"
+    FAILED = "failed"
+    ERROR = "error"
+    """It failed outside its own function, as in a fixture."""
+    SKIPPED = "skipped"
+    XFAILED = "xfailed"
+    """It failed as it was marked to."""
+    XPASSED = "xpassed"
+    RERUN = "rerun"
+    """An attempt that pytest-rerunfailures followed with another."""
+    CONNECTION_LOST = "connection lost"
+    WRONG_FIRMWARE = "wrong firmware"
+
+    @classmethod
+    def _missing_(cls, value: object) -> TestOutcome | None:
+        word = _OLDER_WORDS.get(value) if isinstance(value, str) else None
+        return cls(word) if word else None
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: Any, handler: Any) -> Any:
+        """Let the schema of ``run.json`` accept the words of older records."""
+        schema = handler.resolve_ref_schema(handler(core))
+        schema["enum"] = [*map(str, cls), *_OLDER_WORDS]
+        return schema
+
+    @property
+    def is_red(self) -> bool:
+        """Whether the test failed by its own fault."""
+        return self in (TestOutcome.FAILED, TestOutcome.ERROR)
+
+    @property
+    def is_of_bench(self) -> bool:
+        """Whether the bench or the firmware ended it."""
+        return self in (TestOutcome.CONNECTION_LOST, TestOutcome.WRONG_FIRMWARE)
+
+    @property
+    def has_run(self) -> bool:
+        """Whether its own function ran, and its result counts."""
+        return self not in (TestOutcome.SKIPPED, TestOutcome.XFAILED, TestOutcome.RERUN)
+
+    @property
+    def came_to_its_end(self) -> bool:
+        """Whether it measured all that it could: it neither failed nor lost its board."""
+        return not (self.is_red or self.is_of_bench)
