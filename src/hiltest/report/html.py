@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from hiltest import __version__
+from hiltest.measurement import Measurement, readable
+from hiltest.procedures.cause import Cause
 from hiltest.report import overview, stream_overview
+from hiltest.report.calibrator_results import calibrator_results
 from hiltest.report.comparison_overview import against_baseline
 from hiltest.report.cost_line import cost_line
-from hiltest.report.figures.cost import cost_figure
+from hiltest.report.figures.cost import budget_group, cost_group
+from hiltest.report.figures.fusion import fusion_group
+from hiltest.report.figures.heading import heading_group
+from hiltest.report.figures.inertial import accelerometer_group, gyroscope_group
+from hiltest.report.figures.samples import samples_group
 from hiltest.report.page import render
 from hiltest.report.record import Run
-from hiltest.report.sections import figure_groups
 from hiltest.report.terminal import shown_limit, shown_outcome, shown_value
 
 
@@ -26,8 +33,10 @@ class Badge:
 _BAD = Badge("bad", "✗")
 _BADGES = {"pass": Badge("good", "✓")} | dict.fromkeys(("not judged", "interrupted", "no tests"), Badge("warn", "!"))
 # Beside a limit: a sign to see and words to hear, by the class of the cell.
-_SIGNS = {"pass": ("✓", "held:"), "fail": ("✗", "not held:"), "unset": ("?", "not judged:")}
+_SIGNS = {"pass": ("✓", "within its limit:"), "fail": ("✗", "beyond its limit:"), "unset": ("?", "not measured:")}
 _PASSED = ("passed", "xfailed", "skipped")
+# The sections that are figures, in their order; one without data is left out.
+_FIGURES = (heading_group, budget_group, samples_group, accelerometer_group, gyroscope_group, fusion_group)
 
 
 def html_report(run: Run) -> str:
@@ -36,11 +45,31 @@ def html_report(run: Run) -> str:
         "report.html.j2",
         run=run, version=__version__, badge=_BADGES.get(run.verdict.outcome, _BAD), tally=overview.tally(run),
         board_line=overview.board_line(run), baseline=against_baseline(run.comparison),
-        gating=[each for each in run.measurements if each.gates],
+        title=_title(run), gating=list(_failures(run)),
         troubled=[test for test in run.tests if test.outcome not in _PASSED],
-        calibrators=overview.accuracy_and_cost(run), cost_line=cost_line(run), cost_figure=cost_figure(run),
-        figure_groups=figure_groups(run),
+        calibrators=overview.accuracy_and_cost(run), cost_line=cost_line(run),
+        cost_figures=cost_group(run), figure_groups=[group for section in _FIGURES if (group := section(run))],
         signs=_SIGNS, streams=stream_overview, stream_stages=stream_overview.stream_stages(run),
         groups=overview.groups(run), provenance=list(overview.provenance(run)),
         value=shown_value, limit=shown_limit, outcome=shown_outcome, tone=overview.tone, origin=overview.origin,
     )
+
+
+def _title(run: Run) -> str:
+    """Return what was run, for the tab of a browser and the heading."""
+    board = run.board.description if run.board else "no board"
+    return f"hiltest report: {board}{f', rig {run.rig.name}' if run.rig else ''}"
+
+
+def _failures(run: Run) -> Iterator[tuple[Measurement, str, str]]:
+    """Yield what fails the run, with its value in the baseline and the likely cause, where each is known."""
+    base = {each.name: each.base for each in run.comparison.differences} if run.comparison else {}
+    causes = {
+        measured.name: each.cause for each in calibrator_results(run.measurements)
+        for measured in (each.maximum, each.centred) if measured and each.cause is not Cause.NONE
+    }
+    for each in run.measurements:
+        if each.gates:
+            was = base.get(each.name)
+            known = "" if was is None else f"{readable(was)} {each.unit}".rstrip()
+            yield each, known, each.note or str(causes.get(each.name, ""))

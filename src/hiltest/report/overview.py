@@ -22,7 +22,7 @@ _MORE = (
     ("bias [deg]", "heading.{}.bias"),
     ("worst, centred [deg]", "heading.{}.max_centred"),
     ("residual [%]", "fit.{}.residual"),
-    ("rotation left [deg]", "fit.{}.rotation_left"),
+    ("residual rotation [deg]", "fit.{}.rotation_left"),
 )
 _COST_HEADINGS = ("cycles", "per point", "fixed")
 HEADINGS = (
@@ -51,7 +51,7 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class AccuracyAndCost:
-    """The table this product exists for: what each calibrator reaches and what it costs."""
+    """The accuracy that each calibrator reaches, and what it costs."""
 
     headings: tuple[str, ...]
     rows: tuple[Row, ...]
@@ -65,13 +65,13 @@ class Group:
     measurements: tuple[Measurement, ...]
 
     @property
-    def judged(self) -> int:
+    def checked(self) -> int:
         """How many have a limit."""
         return sum(each.limit is not None for each in self.measurements)
 
     @property
-    def out_of_order(self) -> int:
-        """How many make the run red."""
+    def failures(self) -> int:
+        """How many fail the run."""
         return sum(each.gates for each in self.measurements)
 
 
@@ -90,13 +90,13 @@ def groups(run: Run) -> list[Group]:
 
 
 def tally(run: Run) -> str:
-    """Return how many tests ran and how many limits held."""
+    """Return how many tests ran and how many measurements are within their limits."""
     outcomes = Counter(test.outcome for test in run.tests)
     limits = [each for each in run.measurements if each.limit is not None]
     held = sum(each.outcome is Outcome.PASS for each in limits)
     parts = [", ".join(f"{count} {outcome}" for outcome, count in outcomes.items()) or "no test ran"]
-    parts.append(f"{held} of {len(limits)} limits held" if limits else "no limit was judged")
-    parts.append(f"{len(run.measurements) - len(limits)} more measurements")
+    parts.append(f"{held} of {len(limits)} within their limits" if limits else "no limit was checked")
+    parts.append(f"{len(run.measurements) - len(limits)} more measurements without a limit")
     return f"{'Tests: ' if outcomes else ''}{parts[0]} · {' · '.join(parts[1:])}"
 
 
@@ -178,7 +178,7 @@ def _stream_cells(run: Run, cost: CalibratorCost) -> list[Cell]:
     band = f", {whole.band}" if whole and whole.band else ""
     total = Cell("" if cost.cycles is None else grouped(cost.cycles), note=f"{cost.points} points{band}")
     most = run.measurement(f"stream.{cost.name}.cycles_max")
-    note = "" if most is None or most.value is None else f"most {grouped(most.value)}"
+    note = "" if most is None or most.value is None else f"max {grouped(most.value)}"
     per_point = replace(_cell(run, f"stream.{cost.name}.cycles_mean"), note=note)
     return [total, per_point, _cell(run, f"stream.{cost.name}.fit_cycles")]
 

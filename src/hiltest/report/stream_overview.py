@@ -1,4 +1,4 @@
-"""What the HTML and the Markdown report show of calibrators that live with the stream: a row for each stage."""
+"""Streaming calibrators, as the HTML and the Markdown report show them: a row for each stage."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from hiltest.report.costs import STAGES_TABLE
 from hiltest.report.record import Cell, Run
 from hiltest.report.verdict import grouped
 
-HEADING = "Calibrators that live with the stream"
+HEADING = "Streaming calibrators"
 LEGEND = (
-    "All points of the tumble, one after the other. Held: points that the calibration is, or would be, made of. "
-    "Elements: unknowns of its solver. Heading errors are computed on the host from the means that the board took at "
-    "the known angles. Cycles a point are of all points up to the end; those of the fit come on top when it is asked."
+    "The points of the tumble, one after the other. Held: points that the calibration uses, or would use. Elements: "
+    "unknowns of its solver. Heading errors are computed on the host from the means that the board took at the known "
+    "angles. Cycles per point are over all points up to the end; fit cycles are added when the fit is asked for."
 )
 HEADINGS = (
     "calibrator", "points", "held", "elements", "fit", "fit error", "worst heading", "mean error",
-    "mean cycles a point", "median", "most", "fit cycles",
+    "mean cycles per point", "median", "max", "fit cycles",
 )
 _MEASURED = ("cycles_mean", "cycles_median", "cycles_max", "fit_cycles")
 
