@@ -24,24 +24,44 @@ def step_at_run_4() -> Trend:
     ])  # fmt: skip
 
 
-def test_steps_come_first_with_what_changed_between_the_builds() -> None:
-    page = trend_page(step_at_run_4(), [])
-    steps = page[page.index('id="steps"'): page.index("Dashed in green")]
-    assert re.search(r"<td>4</td><td class=\"worse\">worse</td>.*cycles\.direct\.total", steps)
-    assert "11 061 -&gt; 11 161 cycles (+100, +0.9 %; limit at most 12 500; worst heading 1.00 -&gt; 1.00 deg)" in (
-        steps.replace("\xa0", " ")
+def headings(page: str) -> list[str]:
+    return [text.replace("\xa0", " ") for text in re.findall(r"<h[23][^>]*>([^<]*)<", page)]
+
+
+def test_the_plots_come_first_then_what_changed_in_each_run() -> None:
+    trend = trend_of([
+        entry(day, cycles(11_061 + 100 * (day > 3)), degrees(1.0 + (day > 3) - 1.5 * (day > 5)),
+              degrees(2.0, "fit.direct.dip"), build=f"b{(day > 3) + (day > 5)}") for day in range(1, 8)
+    ])  # fmt: skip
+    page = trend_page(trend, [])
+    assert headings(page) == [
+        "With a change point: 2 of 3 measurements", "Change points by run, newest first",
+        "run 6, 2026-01-06T00:00:00Z: 1 better", "run 4, 2026-01-04T00:00:00Z: 2 worse",
+        "Without a change point", "Numbers of all measurements", "Runs",
+    ]
+    assert page.index("<svg viewBox") < page.index("<table>")
+    of_run_4 = page[page.index('id="change-2"'): page.index("Without a change point")].replace("\xa0", " ")
+    assert of_run_4.count("build b0 -&gt; b1") == 1, "said once for all that changed in a run"
+    names = re.findall(r'<th scope="row" class="name">([^<]*)<', of_run_4)
+    assert names == ["cycles.direct.total", "heading.direct.max"], "what has a limit first"
+    assert "11 061 -&gt; 11 161 cycles (+100, +0.9 %; limit at most 12 500; worst heading 1.00 -&gt; 2.00 deg)" in (
+        of_run_4
     )
-    assert "build old -&gt; new" in steps
-    assert page.index("Measurements with a step") < page.index("<h2>heading</h2>")
+
+
+def test_a_trend_without_a_change_point_shows_its_plots_all_the_same() -> None:
+    page = trend_page(trend_of([entry(day, cycles(100), degrees(1.0)) for day in (1, 2)]), [])
+    assert headings(page)[:2] == ["Without a change point: 2 of 2 measurements", "Numbers of all measurements"]
+    assert page.count('role="img"') == 2
 
 
 def test_every_measurement_is_drawn_and_told_in_words() -> None:
     page = trend_page(step_at_run_4(), [])
     assert page.count('role="img"') == 2
     assert (
-        "From 11 061 in run 1 to 11 161 cycle in run 7, limit at most 12 500. Steps: run 4 worse." in page
+        "From 11 061 in run 1 to 11 161 cycle in run 7, limit at most 12 500. Change points: run 4 worse." in page
     )
-    assert "No step." in page
+    assert "No change point." in page
     page = page.replace("\xa0", " ")
     assert "<p class=\"soft\">Cycles counted by cortex-m4-trm/1@sram.</p>" in page
     captions = re.findall(r"<figcaption>(.*?)</figcaption>", page)
@@ -71,7 +91,7 @@ def test_lines_of_other_conditions_are_not_joined() -> None:
     assert 'class="series-1"' in svg
     assert "2 conditions that are not compared" in svg
     key = re.findall(r"</svg>([^<]*)</li>", trend_page(trend, []))
-    assert key == ["cortex-m4-trm/1@sram", "b"], "what tells one line from the other, and no step"
+    assert key == ["cortex-m4-trm/1@sram", "b"], "what tells one line from the other, and no change point"
 
 
 def test_a_limit_far_away_does_not_press_the_values_flat() -> None:
@@ -123,7 +143,7 @@ def test_every_run_is_called_by_what_it_was_made_for() -> None:
     assert '<th scope="col">made for</th>' in table
     of_a_commit = "commit 0123456789ab, branch main"
     assert re.findall(r"Z</td><td class=\"moved\">([^<]*)</td>", table) == ["", "v1.1", of_a_commit]
-    assert "made for v1.1 -&gt; commit 0123456789ab, branch main" in page[page.index('id="steps"'):]
+    assert "made for v1.1 -&gt; commit 0123456789ab, branch main" in page[page.index('id="changes"'):]
     assert "the last in run 3 (commit 0123456789ab, branch main): cycles.direct.total" in page
     assert "made for" not in trend_page(made_for(None, None), [])
 

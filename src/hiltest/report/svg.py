@@ -86,6 +86,8 @@ class Figure:
         Whether a unit is as long on both axes, and a sphere therefore round; the height follows from the width.
     key : list of KeyEntry
         What its lines and marks stand for; the page writes it above the drawing, where it wraps as text does.
+    sheet : Sheet or None
+        The numbers of its series.
     """
 
     title: str
@@ -101,20 +103,14 @@ class Figure:
     log_y: bool = False
     equal_axes: InitVar[bool] = False
     key: list[KeyEntry] = field(default_factory=list)
+    sheet: Sheet | None = None
     _shapes: list[Markup] = field(default_factory=list)
-    _numbers: list[tuple[str, str, str]] = field(default_factory=list)
 
     def __post_init__(self, equal_axes: bool) -> None:
         if equal_axes:
             left, top, right, bottom = self._frame
             (x_low, x_high), (y_low, y_high) = self.x_range, self.y_range
             self.height += (right - left) * (y_high - y_low) / (x_high - x_low) - (bottom - top)
-
-    @property
-    def sheet(self) -> Sheet | None:
-        """The numbers of its series, None where it has no series."""
-        headings = ("series", self.x_label or "x", self.y_label or "y")
-        return Sheet(self.title, headings, self._numbers) if self._numbers else None
 
     @property
     def _frame(self) -> tuple[float, float, float, float]:
@@ -140,7 +136,9 @@ class Figure:
             self.marks(points, mark_style or f"{line} filled", mark, radius=radius)
         entry = KeyEntry(name, line, mark, mark_style or f"{line} filled")
         self.key += [] if entry in self.key else [entry]
-        self._numbers += [(name, readable(x), readable(y)) for x, y in points]
+        rows = self.sheet.rows if self.sheet else ()
+        more = [(name, readable(x), readable(y)) for x, y in points]
+        self.sheet = Sheet(self.title, ("series", self.x_label or "x", self.y_label or "y"), [*rows, *more])
 
     def band(self, low: float, high: float, style: str) -> None:
         """Shade everything between two values of y."""

@@ -9,11 +9,11 @@ from itertools import groupby
 from hiltest.comparison.model import Change
 from hiltest.measurement import Limit, readable
 from hiltest.report.marks import KeyEntry, Mark, series
-from hiltest.report.svg import Figure, Point, nice_ticks
+from hiltest.report.svg import Figure, Point, Sheet, nice_ticks
 from hiltest.trend.series import Measured, Series
 from hiltest.trend.series import Point as At
 
-_WIDTH, _HEIGHT = 340.0, 180.0
+_HEIGHT = 170.0
 _FEW = 60  # points that can still be told apart
 _STEPS = {
     Change.BETTER: ("better", Mark.PLUS), Change.WORSE: ("worse", Mark.CROSS), Change.CHANGED: ("moved", Mark.DIAMOND),
@@ -25,7 +25,7 @@ _LEAST_RANGE = 2e-3
 _NEAR = 2.5
 
 
-def figure(measured: Measured, entries: int, names: Sequence[str] = ()) -> Figure:
+def figure(measured: Measured, entries: int, names: Sequence[str] = (), *, width: float = 340.0) -> Figure:
     """Draw a measurement over entries that are numbered from 1, every line for itself.
 
     Parameters
@@ -35,12 +35,14 @@ def figure(measured: Measured, entries: int, names: Sequence[str] = ()) -> Figur
         How many there are.
     names : sequence of str, optional
         Of all of them, for who points at one.
+    width : float
+        Of the drawing.
     """
     scale, unit = _scale(measured)
     drawn = Figure(
         title=measured.name, description=_in_words(measured), x_label="run", y_label=unit,
         x_range=(0.5, max(entries, 1) + 0.5), y_range=_y_range(measured, scale), x_ticks=_run_ticks(entries),
-        width=_WIDTH, height=_HEIGHT,
+        width=width, height=_HEIGHT,
     )  # fmt: skip
     for each in measured.series:
         _draw(drawn, each, scale)
@@ -50,16 +52,27 @@ def figure(measured: Measured, entries: int, names: Sequence[str] = ()) -> Figur
             for point in each.points if point.entry == step.after and step.difference.change is change
         ]  # fmt: skip
         drawn.marks(at, f"step {style}", mark, radius=6.0)
-    if entries <= _FEW:
-        for point in (point for each in measured.series for point in each.points if names):
-            value = f"{readable(point.value)} {measured.unit}".rstrip()
-            drawn.column(point.entry + 0.5, point.entry + 1.5, f"{names[point.entry]}: {value}")
+    points = sorted((point for each in measured.series for point in each.points), key=lambda point: point.entry)
+    for point in points if names and entries <= _FEW else ():
+        value = f"{readable(point.value)} {measured.unit}".rstrip()
+        drawn.column(point.entry + 0.5, point.entry + 1.5, f"{names[point.entry]}: {value}")
+    drawn.sheet = _sheet(measured, points)
     return drawn
 
 
+def _sheet(measured: Measured, points: Sequence[At]) -> Sheet:
+    """Return the value of each run; of several seeds with the lowest and the highest."""
+    spread = ("lowest", "highest") if any(point.low < point.high for point in points) else ()
+    rows = [
+        [str(point.entry + 1), *map(readable, (point.value, point.low, point.high)[: 1 + len(spread)])]
+        for point in points
+    ]
+    return Sheet(measured.name, ("run", f"value [{measured.unit}]" if measured.unit else "value", *spread), rows)
+
+
 def step_key() -> list[KeyEntry]:
-    """Return what the marks of steps stand for."""
-    return [KeyEntry(f"a step: {change}", mark=mark, mark_style=f"step {style}")
+    """Return what the marks of change points stand for."""
+    return [KeyEntry(f"change point: {change}", mark=mark, mark_style=f"step {style}")
             for change, (style, mark) in _STEPS.items()]
 
 
@@ -138,4 +151,4 @@ def _in_words(measured: Measured) -> str:
     if len(measured.series) > 1:
         words += f"; {len(measured.series)} conditions that are not compared"
     steps = [f"run {step.after + 1} {step.difference.change}" for step in measured.steps]
-    return f"{words}. " + (f"Steps: {', '.join(steps)}." if steps else "No step.")
+    return f"{words}. " + (f"Change points: {', '.join(steps)}." if steps else "No change point.")

@@ -9,7 +9,7 @@ from hiltest.comparison.words import counted_by, model_names, numbers, revision
 from hiltest.measurement import readable
 from hiltest.trend.series import Line, Measured, Step, Trend
 
-HEADINGS = ("measurement", "runs", "first", "last", "lowest", "highest", "unit", "limit", "steps")
+HEADINGS = ("measurement", "runs", "first", "last", "lowest", "highest", "unit", "limit", "change points")
 NUMERIC = frozenset({"runs", "first", "last", "lowest", "highest"})
 
 
@@ -19,11 +19,11 @@ def sentence(trend: Trend) -> str:
     span = f"{runs} run{'s' * (runs > 1)} from {trend.entries[0].when_utc} to {trend.entries[-1].when_utc}"
     lines = f" under {len(trend.lines)} conditions that are not compared" if len(trend.lines) > 1 else ""
     if not steps:
-        return f"{span}{lines}: no step in {len(trend.measured)} measurements."
+        return f"{span}{lines}: no change point in {len(trend.measured)} measurements."
     stepped = sum(bool(each.steps) for each in trend.measured)
     newest = steps[0]
     last = f"the last in {run_name(trend, newest.after)}: {newest.difference.name} {numbers(newest.difference)}"
-    many = f"{len(steps)} step{'s' * (len(steps) > 1)} in {stepped} of {len(trend.measured)} measurements"
+    many = f"{len(steps)} change point{'s' * (len(steps) > 1)} in {stepped} of {len(trend.measured)} measurements"
     return f"{span}{lines}: {many}, {last}."
 
 
@@ -45,7 +45,7 @@ def under(measured: Measured) -> str:
 
 
 def rows(trend: Trend, measured: Iterable[Measured]) -> Iterator[tuple[str, ...]]:
-    """Yield measurements under `HEADINGS`; the last cell counts steps, and says in which run the last was made.
+    """Yield measurements under `HEADINGS`; the last cell counts change points, and names the run of the last.
 
     Where several models counted cycles of the trend, a unit of cycles is told with its own.
     """

@@ -7,7 +7,7 @@ from hiltest.comparison.words import moved_percent, percent
 from hiltest.report.figures.rows import Row, RowFigure
 from hiltest.report.marks import KeyEntry, Mark
 
-_SHOWN = 20
+_SHOWN = 10
 _FURTHEST_PERCENT = 100.0
 _MARKS = {
     Change.WORSE: (Mark.CROSS, "over"), Change.BETTER: (Mark.DOT, "better filled"),
