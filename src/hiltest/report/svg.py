@@ -179,13 +179,6 @@ class Figure:
         edge, _ = self.place(centre[0] + radius, centre[1])
         self._add('<circle class="{}" cx="{}" cy="{}" r="{}"/>', style, x, y, edge - x)
 
-    def column(self, left: float, right: float, text: str) -> None:
-        """Say something about all between two values of x, to who points there."""
-        (x, bottom), (end, top) = self.place(left, self.y_range[0]), self.place(right, self.y_range[1])
-        place = 'x="{}" y="{}" width="{}" height="{}"'
-        template = f'<rect fill="none" pointer-events="all" {place}><title>{{}}</title></rect>'
-        self._add(template, x, top, end - x, bottom - top, text)
-
     def upright(self, x: float, text: str, style: str) -> None:
         """Draw a line up at one value of x, with a text along it."""
         self.line([(x, self.y_range[0]), (x, self.y_range[1])], style)

@@ -25,23 +25,23 @@ _LEAST_RANGE = 2e-3
 _NEAR = 2.5
 
 
-def figure(measured: Measured, entries: int, names: Sequence[str] = (), *, width: float = 340.0) -> Figure:
+def figure(measured: Measured, names: Sequence[str], *, more: str = "", width: float = 340.0) -> Figure:
     """Draw a measurement over entries that are numbered from 1, every line for itself.
 
     Parameters
     ----------
     measured : Measured
-    entries : int
-        How many there are.
-    names : sequence of str, optional
-        Of all of them, for who points at one.
+    names : sequence of str
+        Of all entries.
+    more : str
+        What the caption says after name and unit.
     width : float
         Of the drawing.
     """
     scale, unit = _scale(measured)
     drawn = Figure(
-        title=measured.name, description=_in_words(measured), x_label="run", y_label=unit,
-        x_range=(0.5, max(entries, 1) + 0.5), y_range=_y_range(measured, scale), x_ticks=_run_ticks(entries),
+        title=f"{measured.name}{unit and f' [{unit}]'}{more}", description=_in_words(measured), x_label="", y_label="",
+        x_range=(0.5, len(names) + 0.5), y_range=_y_range(measured, scale), x_ticks=_run_ticks(len(names)),
         width=width, height=_HEIGHT,
     )  # fmt: skip
     for each in measured.series:
@@ -52,22 +52,19 @@ def figure(measured: Measured, entries: int, names: Sequence[str] = (), *, width
             for point in each.points if point.entry == step.after and step.difference.change is change
         ]  # fmt: skip
         drawn.marks(at, f"step {style}", mark, radius=6.0)
-    points = sorted((point for each in measured.series for point in each.points), key=lambda point: point.entry)
-    for point in points if names and entries <= _FEW else ():
-        value = f"{readable(point.value)} {measured.unit}".rstrip()
-        drawn.column(point.entry + 0.5, point.entry + 1.5, f"{names[point.entry]}: {value}")
-    drawn.sheet = _sheet(measured, points)
+    drawn.sheet = _sheet(measured, names)
     return drawn
 
 
-def _sheet(measured: Measured, points: Sequence[At]) -> Sheet:
+def _sheet(measured: Measured, names: Sequence[str]) -> Sheet:
     """Return the value of each run; of several seeds with the lowest and the highest."""
+    points = sorted((point for each in measured.series for point in each.points), key=lambda point: point.entry)
     spread = ("lowest", "highest") if any(point.low < point.high for point in points) else ()
-    rows = [
-        [str(point.entry + 1), *map(readable, (point.value, point.low, point.high)[: 1 + len(spread)])]
-        for point in points
-    ]
-    return Sheet(measured.name, ("run", f"value [{measured.unit}]" if measured.unit else "value", *spread), rows)
+    numbers = [(point.value, point.low, point.high)[: 1 + len(spread)] for point in points]
+    return Sheet(
+        measured.name, ("run", measured.unit or "value", *spread),
+        [[names[point.entry], *map(readable, each)] for point, each in zip(points, numbers, strict=True)],
+    )
 
 
 def step_key() -> list[KeyEntry]:

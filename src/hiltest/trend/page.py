@@ -8,10 +8,9 @@ from dataclasses import dataclass
 from itertools import groupby
 
 from hiltest.comparison.words import build, numbers, revision
-from hiltest.report.figures.section import columns, panel_width
+from hiltest.report.figures.section import FigureGroup, panel_width
 from hiltest.report.marks import SERIES, KeyEntry
 from hiltest.report.page import render
-from hiltest.report.svg import Figure
 from hiltest.trend import words
 from hiltest.trend.figures import figure, step_key
 from hiltest.trend.folder import Skipped
@@ -31,38 +30,30 @@ class ChangedRun:
     points: tuple[Step, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Plots:
-    """Plots that are shown together."""
-
-    heading: str
-    drawn: Sequence[tuple[Measured, Figure]]
-    columns: int
-
-
 def trend_page(trend: Trend, skipped: Sequence[Skipped]) -> str:
     """Return the page: the plots with a change point, what changed in each run, then all other plots."""
     counted = words.models(trend.measured)
     points = trend.steps[:_POINTS_AT_MOST]
     moved = dict.fromkeys(step.difference.name for step in trend.steps)
-    stepped = [each for each in trend.measured if each.steps]
+    stepped = [each for name in moved for each in trend.measured if each.name == name and each.steps]
+    level = [each for each in trend.measured if not each.steps]
+    groups = _plots(trend, "With a change point", stepped), _plots(trend, "Without a change point", level)
     return render(
         "trend.html.j2", package="hiltest.trend", trend=trend, skipped=skipped, sentence=words.sentence(trend),
         counted=counted[:1].upper() + counted[1:], words=words, numbers=numbers, build=build, revision=revision,
         revised=any(each.evidence.side.revision for each in trend.entries),
         key=[*_line_key(trend), *(step_key() if trend.steps else [])],
-        moved=_plots(trend, "With a change point", [each for name in moved for each in stepped if each.name == name]),
-        level=_plots(trend, "Without a change point", [each for each in trend.measured if not each.steps]),
+        groups=[each for each in groups if each.panels],
         changed=[_changed_run(trend, list(steps)) for _, steps in groupby(points, key=lambda step: step.after)],
         more=len(trend.steps) - len(points),
     )
 
 
-def _plots(trend: Trend, heading: str, measured: Sequence[Measured]) -> Plots:
+def _plots(trend: Trend, heading: str, measured: Sequence[Measured]) -> FigureGroup:
     names = [words.run_name(trend, index) for index in range(len(trend.entries))]
-    width = panel_width(len(measured), _MOST) if measured else 0.0
-    drawn = [(each, figure(each, len(names), names, width=width)) for each in measured]
-    return Plots(heading, drawn, columns(len(measured), _MOST))
+    width = panel_width(len(measured), _MOST)
+    drawn = [figure(each, names, more=words.under(trend, each), width=width) for each in measured]
+    return FigureGroup("", heading, "", drawn, most=_MOST)
 
 
 def _changed_run(trend: Trend, steps: Sequence[Step]) -> ChangedRun:

@@ -38,10 +38,10 @@ def models(measured: Iterable[Measured]) -> str:
     return counted_by(_models(measured))
 
 
-def under(measured: Measured) -> str:
-    """Return what stands under the name of a measurement that is drawn: its limit, and what counted its cycles."""
-    limit = f"limit {measured.limit} {measured.unit}".rstrip() if measured.limit else "no limit"
-    return "; ".join(filter(None, (limit, _counted_by(measured))))
+def under(trend: Trend, measured: Measured) -> str:
+    """Return what follows the name of a measurement that is drawn: its limit, and where several count, its model."""
+    limit = f"limit {measured.limit}" if measured.limit else ""
+    return "".join(f", {each}" for each in (limit, _own_model(trend, measured)) if each)
 
 
 def rows(trend: Trend, measured: Iterable[Measured]) -> Iterator[tuple[str, ...]]:
@@ -49,9 +49,8 @@ def rows(trend: Trend, measured: Iterable[Measured]) -> Iterator[tuple[str, ...]
 
     Where several models counted cycles of the trend, a unit of cycles is told with its own.
     """
-    several = len(set(filter(None, _models(trend.measured)))) > 1
     for each in measured:
-        counted = _counted_by(each) if several else ""
+        counted = _own_model(trend, each)
         yield _row(each, f"{each.unit} {counted}" if counted else each.unit)
 
 
@@ -59,9 +58,10 @@ def _models(measured: Iterable[Measured]) -> Iterator[str]:
     return (series.cycle_model for each in measured for series in each.series)
 
 
-def _counted_by(measured: Measured) -> str:
+def _own_model(trend: Trend, measured: Measured) -> str:
+    several = len(set(filter(None, _models(trend.measured)))) > 1
     names = model_names(_models([measured]))
-    return f"counted by {names}" if names else ""
+    return f"counted by {names}" if several and names else ""
 
 
 def _row(measured: Measured, unit: str) -> tuple[str, ...]:

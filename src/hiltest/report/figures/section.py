@@ -86,7 +86,7 @@ class FigureGroup:
 
 def columns(count: int, most: int) -> int:
     """Return in how many columns panels leave the fewest places of the last row empty."""
-    return count if count <= most else min(range(most, _FEWEST - 1, -1), key=lambda each: -count % each)
+    return max(count, 1) if count <= most else min(range(most, _FEWEST - 1, -1), key=lambda each: -count % each)
 
 
 def panel_width(count: int, most: int) -> float:
