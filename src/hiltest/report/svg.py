@@ -165,7 +165,7 @@ class Figure:
         self._add('<path class="{}" d="M{}"/>', style, path)
 
     def dots(self, points: Iterable[Point], style: str) -> None:
-        """Draw points as dots of one path: no element each, so a cloud stays small."""
+        """Draw points as dots of one path: no element each, so many samples stay small."""
         path = "".join(f"M{x:.1f} {y:.1f}h0" for x, y in (self.place(*point) for point in points))
         self._add('<path class="{}" d="{}"/>', style, path)
 
@@ -188,13 +188,8 @@ class Figure:
 
     def svg(self) -> Markup:
         """Return the finished drawing."""
-        return drawing(
-            self.title, self.description, self.width, self.height, Markup("").join([*self._axes(), *self._shapes])
-        )
-
-    def _axes(self) -> Iterator[Markup]:
-        yield from self._x_axis()
-        yield from self._y_axis()
+        content = Markup("").join([*self._x_axis(), *self._y_axis(), *self._shapes])
+        return drawing(self.title, self.description, self.width, self.height, content)
 
     def _x_axis(self) -> Iterator[Markup]:
         left, top, right, bottom = self._frame

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import groupby
 
 from hiltest.comparison.words import build, numbers, revision
@@ -14,20 +12,10 @@ from hiltest.report.page import render
 from hiltest.trend import words
 from hiltest.trend.figures import figure, step_key
 from hiltest.trend.folder import Skipped
-from hiltest.trend.series import Measured, Step, Trend
+from hiltest.trend.series import Measured, Trend
 
 _POINTS_AT_MOST = 200
 _MOST = 4  # plots in a row
-
-
-@dataclass(frozen=True, slots=True)
-class ChangedRun:
-    """The change points of one run, worst first, and what else is not as in the run before it."""
-
-    heading: str
-    counted: str
-    cause: str
-    points: tuple[Step, ...]
 
 
 def trend_page(trend: Trend, skipped: Sequence[Skipped]) -> str:
@@ -44,7 +32,7 @@ def trend_page(trend: Trend, skipped: Sequence[Skipped]) -> str:
         revised=any(each.evidence.side.revision for each in trend.entries),
         key=[*_line_key(trend), *(step_key() if trend.steps else [])],
         groups=[each for each in groups if each.panels],
-        changed=[_changed_run(trend, list(steps)) for _, steps in groupby(points, key=lambda step: step.after)],
+        changed=[(after, list(steps)) for after, steps in groupby(points, key=lambda step: step.after)],
         more=len(trend.steps) - len(points),
     )
 
@@ -54,15 +42,6 @@ def _plots(trend: Trend, heading: str, measured: Sequence[Measured]) -> FigureGr
     width = panel_width(len(measured), _MOST)
     drawn = [figure(each, names, more=words.under(trend, each), width=width) for each in measured]
     return FigureGroup("", heading, "", drawn, most=_MOST)
-
-
-def _changed_run(trend: Trend, steps: Sequence[Step]) -> ChangedRun:
-    entry, changes = trend.entries[steps[0].after], Counter(str(step.difference.change) for step in steps)
-    return ChangedRun(
-        f"{words.run_name(trend, steps[0].after)}, {entry.when_utc}",
-        ", ".join(f"{count} {change}" for change, count in changes.items()),
-        " | ".join(dict.fromkeys(words.between(trend, step) for step in steps)), tuple(steps),
-    )
 
 
 def _line_key(trend: Trend) -> list[KeyEntry]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 
 from hiltest.comparison.evidence import Evidence
 from hiltest.comparison.words import counted_by, model_names, numbers, revision
@@ -75,9 +76,21 @@ def _row(measured: Measured, unit: str) -> tuple[str, ...]:
 
 
 def between(trend: Trend, step: Step) -> str:
-    """Return what differs in what made the runs before and after a step."""
+    """Return what differs in what made the runs before and after a change point."""
     before, after = (trend.entries[index].evidence for index in (step.before, step.after))
     return "; ".join(_changes(before, after, step.difference.name)) or "the same build"
+
+
+def changed_run(trend: Trend, after: int, steps: Sequence[Step]) -> str:
+    """Return the heading of a run with change points: its name and time, and how many of each change."""
+    counts = Counter(step.difference.change for step in steps)
+    changes = ", ".join(f"{count} {change}" for change, count in counts.items())
+    return f"{run_name(trend, after)}, {trend.entries[after].when_utc}: {changes}"
+
+
+def causes(trend: Trend, steps: Sequence[Step]) -> list[str]:
+    """Return what else differs from the run before: one text, several where a baseline has numbers of other builds."""
+    return list(dict.fromkeys(between(trend, step) for step in steps))
 
 
 def line_name(trend: Trend, line: Line) -> str:
