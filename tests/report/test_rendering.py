@@ -12,6 +12,7 @@ import pytest
 
 from hiltest.measurement import Limit, Measurement, judge
 from hiltest.report.figures.cost import budget_figures
+from hiltest.report.figures.section import columns
 from hiltest.report.html import html_report
 from hiltest.report.markdown import markdown_report
 from hiltest.report.markdown_text import plain_text
@@ -186,6 +187,14 @@ def test_markup_in_names_does_not_style_the_terminal(hostile: Run, tmp_path: Pat
 )
 def test_ticks_are_round_numbers(ends: tuple[float, float], ticks: tuple[float, ...]) -> None:
     assert nice_ticks(*ends) == pytest.approx(ticks)
+
+
+@pytest.mark.parametrize("most", [3, 4, 6])
+def test_the_last_row_of_panels_is_half_full_at_least(most: int) -> None:
+    for count in range(1, 37):  # 37 are two of five in the last row, as good as it gets
+        across = columns(count, most)
+        assert 2 * ((count - 1) % across + 1) >= across
+        assert min(count, most) // 2 < across <= most + 1
 
 
 def test_a_figure_maps_its_corners_to_the_frame() -> None:

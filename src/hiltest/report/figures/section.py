@@ -15,7 +15,7 @@ from hiltest.report.record import Cell, Table
 from hiltest.report.svg import Sheet
 
 _WIDTH, _GAP = 1094.0, 16.0  # of the inside of a card on a desk, and between two panels, in px
-_FEWEST = 2
+_FEWEST, _STYLED = 2, 6  # columns: one alone is drawn no wider than two, and the style sheet knows up to six
 
 
 class Drawing(Protocol):
@@ -48,7 +48,7 @@ class FigureGroup:
     heading, legend : str
     panels : sequence of Drawing
     most : int
-        Panels in a row on a desk.
+        Panels in a row on a desk; one more where it fills the last row better.
     caption : str
         What all panels show.
     numbers : sequence of Sheet
@@ -86,7 +86,9 @@ class FigureGroup:
 
 def columns(count: int, most: int) -> int:
     """Return in how many columns panels leave the fewest places of the last row empty."""
-    return max(count, 1) if count <= most else min(range(most, _FEWEST - 1, -1), key=lambda each: -count % each)
+    if count <= most:
+        return max(count, 1)
+    return min(range(min(most + 1, _STYLED), most // 2, -1), key=lambda each: -count % each)
 
 
 def panel_width(count: int, most: int) -> float:
