@@ -26,7 +26,7 @@ def _titles(page: str) -> list[str]:
 
 def test_the_page_shows_verdict_figures_and_the_cloud_before_and_after() -> None:
     page = _page(golden_cloud(300) / 10.0)
-    assert "<h1>good</h1>" in page
+    assert "<strong>good</strong></h1>" in page
     assert _titles(page)[0] == "before"
     assert re.fullmatch("after (direct|iterative)", _titles(page)[1])
     assert _titles(page)[3:] == ["coverage: 100 % of the sphere", "length of the corrected readings"]
@@ -41,14 +41,14 @@ def test_half_a_cloud_shows_its_hole() -> None:
     (covered,) = re.findall(r"coverage: (\d+) % of the sphere", "".join(_titles(page)))
     # 300 points inside the edge of a half: 47 % by the tests of the coverage; 5 are the fit's own error.
     assert int(covered) == pytest.approx(47, abs=5)
-    assert 'class="hole"' in page
-    assert "<h1>poor</h1>" in page
+    assert 'class="uncovered"' in page
+    assert "<strong>poor</strong></h1>" in page
 
 
 def test_a_cloud_without_a_calibration_is_still_drawn() -> None:
     page = _page(golden_cloud(100)[:5] / 10.0)
     assert _titles(page) == ["before"]
-    assert "<h1>refused</h1>" in page
+    assert "<strong>refused</strong></h1>" in page
 
 
 def test_many_points_are_drawn_as_fewer() -> None:

@@ -57,7 +57,7 @@ def test_streams_have_their_cycles_in_the_table_of_all_calibrators(
     row = dict(zip(table.headings, table.rows[-1].cells, strict=True))
     # 300 points of the table of stages: 300 times 246.03, and the fit's 3 503.
     assert (row["cycles"].text, row["cycles"].note) == ("77 312", "300 points")
-    assert (row["per point"].text, row["per point"].note) == ("246.0", "most 255")
+    assert (row["per point"].text, row["per point"].note) == ("246.0", "max 255")
     assert row["fixed"].text == "3 503"
     assert "direct-stream: 0.90 degrees for 77 312 cycles" in html_report(run)
     total = judge(
@@ -68,21 +68,40 @@ def test_streams_have_their_cycles_in_the_table_of_all_calibrators(
 
 
 def test_a_verdict_is_told_by_a_sign_and_a_word_and_not_by_its_colour(findings: Make, good: list[Measurement]) -> None:
-    assert '<span aria-hidden="true">✓</span> pass</h1>' in html_report(finished(findings(*good)))
+    assert '<span aria-hidden="true">✓</span> pass</strong></h1>' in html_report(finished(findings(*good)))
     bad = judge("gyroscope.bias_error", 0.4, unit="dps", limit=Limit(max=0.1), test="t.py::t")
     page = html_report(finished(findings(*good, bad)))
-    assert '<span aria-hidden="true">✗</span> fail</h1>' in page
-    assert text_of(page).index("Out of order") < text_of(page).index("gyroscope.bias_error 0.4 dps at most 0.1 fail")
+    assert '<span aria-hidden="true">✗</span> fail</strong></h1>' in page
+    failures = text_of(page)[text_of(page).index("Measurements beyond their limit"):]
+    assert "gyroscope.bias_error 0.4 dps at most 0.1 fail" in failures[:failures.index("Accuracy and cost")]
+
+
+def test_tab_and_heading_say_what_the_page_is(run: Run) -> None:
+    page = html_report(run)
+    said = "hiltest report: virtual FRDM-K64F, seed 1, rig virtual-k64f"
+    assert f"<title>{said}, PASS</title>" in page
+    assert f"<h1>{said}: <strong>" in page
+
+
+def test_a_failure_stands_with_its_value_in_the_baseline_and_its_likely_cause(
+    run: Run, findings: Make, heading: Callable[..., list[Measurement]]
+) -> None:
+    bad = finished(findings(*heading("direct", 6.3, limit=1.8, cycles=12_400)))
+    base = difference("heading.direct.max", Change.WORSE, 0.97, 6.3, unit="deg")
+    compared = replace(bad, comparison=Comparison(SIDE, SIDE, (base,), (), "1 worse."))
+    row = "heading.direct.max 6.3 deg at most 1.8 fail {}good fit, bad heading"
+    assert row.format("0.97 deg ") in text_of(html_report(compared))
+    assert row.format("") in text_of(html_report(bad))
 
 
 def test_numbers_beside_a_limit_say_whether_it_held(findings: Make, heading: Callable[..., list[Measurement]]) -> None:
     page = text_of(html_report(finished(findings(*heading("direct", 2.5, limit=1.8, cycles=12_400)))))
-    assert "2.50 ✗ not held: at most 1.8" in page
-    assert "0.10 ✓ held: within ±0.7" in page
+    assert "2.50 ✗ beyond its limit: at most 1.8" in page
+    assert "0.10 ✓ within its limit: within ±0.7" in page
 
 
 def test_limits_and_tests_are_counted(run: Run) -> None:
-    assert tally(run) == "Tests: 1 passed · 7 of 7 limits held · 7 more measurements"
+    assert tally(run) == "Tests: 1 passed · 7 of 7 within their limits · 7 more measurements without a limit"
 
 
 def test_a_run_that_was_cut_short_says_so(run: Run) -> None:
@@ -105,7 +124,7 @@ def test_a_run_of_nothing_still_has_a_page(findings: Make) -> None:
 @pytest.mark.parametrize(
     ("measured", "said"),
     [(["heading.direct.max", "cycles.direct.float64_distance"], "; worst heading 0.89 deg"),
-     (["cycles.direct.float64_distance"], "; 0.89 deg from float64 on an even cloud"), ([], "")],
+     (["cycles.direct.float64_distance"], "; 0.89 deg from float64 on even samples"), ([], "")],
 )  # fmt: skip
 def test_cycles_against_points_stand_with_the_accuracy_that_they_buy(
     findings: Make, measured: list[str], said: str
@@ -114,8 +133,8 @@ def test_cycles_against_points_stand_with_the_accuracy_that_they_buy(
             for what, value in (("per_point", 105.0), ("fixed", 1900.0))]
     accuracy = [judge(name, 0.894, unit="deg") for name in measured]
     page = html_report(finished(findings(*line, *accuracy)))
-    captions = [text_of(f"<body>{each}") for each in re.findall("<figcaption>(.*?)</figcaption>", page)]
-    assert {f"direct: 105.0 n + 1 900{said}", "iterative: cycles"} <= set(captions)
+    keys = [text_of(f"<body>{each}") for each in re.findall("<li>(.*?)</li>", page)]
+    assert {f"direct: 105.0 n + 1 900{said}", "iterative: cycles"} <= set(keys)
 
 
 def test_what_has_no_data_is_left_out_and_the_contents_agree(run: Run) -> None:
@@ -173,10 +192,12 @@ def test_a_comparison_shows_what_changed_in_order_of_concern(run: Run) -> None:
     )
     page = html_report(replace(run, comparison=Comparison(SIDE, SIDE, differences, (), "2 worse: not to be merged.")))
     text = text_of(page)
-    places = [text.index(name) for name in (
-        "2 worse: not to be merged.", "2 worse, 1 gone, 1 better, 1 new, 1 unchanged", "cycles.direct.total",
-        "heading.direct.bias", "d.gone", "a.better", "c.new",
-    )]
+    table = text.index("Changes, worst first")
+    names = ("cycles.direct.total", "heading.direct.bias", "d.gone", "a.better", "c.new")
+    places = [
+        text.index("2 worse: not to be merged."), text.index("2 worse, 1 gone, 1 better, 1 new, 1 unchanged"), table,
+        *(text.index(name, table) for name in names),
+    ]
     assert places == sorted(places)
     assert "✗ worse 11 061 cycle 11 161 cycle +100, +0.9 % exact at most 12 500" in text
     assert "+0.3, +300 %, 95 % +0.28 to +0.32 0.05 deg and 2 %" in text

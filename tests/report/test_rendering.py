@@ -13,7 +13,8 @@ import pytest
 from hiltest.measurement import Limit, Measurement, judge
 from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import Findings, Run, Table, TestResult
-from hiltest.report.figures.budget import budget_figures
+from hiltest.report.figures.cost import budget_figures
+from hiltest.report.figures.section import columns
 from hiltest.report.html import html_report
 from hiltest.report.markdown import markdown_report
 from hiltest.report.markdown_text import plain_text
@@ -109,10 +110,10 @@ def test_every_plot_says_in_words_what_it_shows(run: Run) -> None:
     told = re.findall(r'<svg [^>]*role="img"><title>([^<]*)</title><desc>([^<]*)</desc>', page)
     assert len(told) == page.count('role="img"') >= 8
     words = dict(told)
-    assert words["direct: heading error"].startswith("60 poses, worst +0.97 degrees at heading")
-    sizes = words["iterative: cycles; worst heading 0.95 deg"]
-    assert sizes == "4 sizes, from 43 000 cycles for 20 points to 603 000 for 300"
-    assert words["after direct"] == "200 points seen from above, with the unit circle"
+    assert words["direct: worst +0.97° at 90°"] == "60 poses, limit 1.8 degrees"
+    sizes = words["Cycles of one calibration over its points"]
+    assert "iterative: 43 000 cycles for 20 points to 603 000 for 300" in sizes
+    assert words["after direct"] == "200 samples seen along z, with the unit circle"
     # What is drawn for the eye alone says nothing to a screen reader.
     assert page.count("<svg") == len(told) + page.count('class="swatch"')
     assert page.count('class="swatch"') == page.count('aria-hidden="true"') - 1
@@ -157,7 +158,7 @@ def test_a_pose_without_heading_is_left_out_of_the_plot(run: Run) -> None:
     assert table is not None
     holes = replace(table, rows=tuple((*row[:4], None, None, None) for row in table.rows))
     tables = tuple(holes if each.name == "heading.poses" else each for each in run.tables)
-    assert "No pose was answered" in html_report(replace(run, tables=tables))
+    assert "no pose was answered" in html_report(replace(run, tables=tables))
 
 
 def test_both_files_are_written(run: Run, tmp_path: Path) -> None:
@@ -189,6 +190,14 @@ def test_ticks_are_round_numbers(ends: tuple[float, float], ticks: tuple[float, 
     assert nice_ticks(*ends) == pytest.approx(ticks)
 
 
+@pytest.mark.parametrize("most", [3, 4, 6])
+def test_the_last_row_of_panels_is_half_full_at_least(most: int) -> None:
+    for count in range(1, 37):  # 37 are two of five in the last row, as good as it gets
+        across = columns(count, most)
+        assert 2 * ((count - 1) % across + 1) >= across
+        assert min(count, most) // 2 < across <= most + 1
+
+
 def test_a_figure_maps_its_corners_to_the_frame() -> None:
     figure = Figure("t", "d", "x", "y", x_range=(0, 360), y_range=(-2, 2), width=640, height=300)
     assert figure.place(0, 2) == (68, 14)
@@ -207,7 +216,7 @@ def test_error_against_cycles_is_drawn_one_figure_a_size_with_the_thesis_beside_
     assert "slow-stream has no calibration after 12 000 cycles" in drawing
     # An effort without a calibration is no point; the others are: two, and one of another shape.
     # A sphere that stands in for a refused ellipsoid is hollow.
-    assert re.findall(r'<circle class="([^"]*)"', drawing) == ["series-0 hollow", "series-0 filled"]
+    assert re.findall(r'<circle class="([^"]*)"', drawing) == ["series-0 filled", "series-0 filled", "series-0 hollow"]
     assert re.findall(r'<path class="mark ([^"]*)"', drawing) == ["series-1 filled"]
     # Equal ratios are equal distances.
     places = [thirty.place(x, 1.0)[0] for x in (4_000.0, 8_000.0, 16_000.0)]
@@ -227,7 +236,7 @@ def test_what_streams_know_on_the_way_is_in_both_reports(findings: Make, good: l
     ))
     run = made.finish(decide(made, pytest_exit=0), "")
     page = Page(html_report(run)).text
-    assert "Calibrators that live with the stream" in page
+    assert "Streaming calibrators" in page
     rows = [line for line in markdown_report(run).splitlines() if line.startswith(("| direct-stream", "| slow-stream"))]
     assert rows == [
         "| direct-stream | 100 | 100 |  | poor coverage: sphere |  | 3.27 deg | 1.12 deg |  |  |  |  |",
@@ -238,7 +247,7 @@ def test_what_streams_know_on_the_way_is_in_both_reports(findings: Make, good: l
     for cell in ("poor coverage: sphere", "too few points", "1.57 %", "3 503"):
         assert cell in page
     for report in (html_report, markdown_report):
-        assert "live with the stream" not in report(replace(run, tables=()))
+        assert "Streaming calibrators" not in report(replace(run, tables=()))
 
 
 def test_curves_and_stages_of_a_suite_that_says_nothing_of_spheres_are_shown(run: Run) -> None:

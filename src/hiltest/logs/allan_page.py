@@ -85,9 +85,7 @@ def figure(log: RateLog, curve: AllanCurve) -> Figure:
     for axis, name in enumerate(log.columns):
         style, mark = series(axis)
         points = list(zip(curve.tau_s.tolist(), curve.deviation[:, axis].tolist(), strict=True))
-        drawn.line(points, style)
-        drawn.marks(points, f"{style} filled", mark, radius=2.5)
-        drawn.key.append(KeyEntry(name, style, mark, f"{style} filled"))
+        drawn.series(name, points, style, mark, radius=2.5)
     drawn.key.append(KeyEntry("what was read off", "thesis"))
     return drawn
 

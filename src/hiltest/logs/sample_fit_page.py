@@ -83,12 +83,12 @@ def _before(points: Array, unit: str) -> Figure:
     figure = Figure(
         title="before", description=f"{len(points)} points seen along z, as they were read",
         x_label=f"x [{unit}]", y_label=f"y [{unit}]", x_range=(x - reach, x + reach), y_range=(y - reach, y + reach),
-        width=_SIZE + 12, height=_SIZE,
+        width=_SIZE, equal_axes=True,
     )  # fmt: skip
     if not middle.any():
         figure.level(0, "zero")
         figure.line([(0, -reach), (0, reach)], "zero")
-    figure.dots(_pairs(points[:, 0], points[:, 1]), "cloud")
+    figure.dots(_pairs(points[:, 0], points[:, 1]), "samples")
     return figure
 
 
@@ -98,9 +98,9 @@ def _after(points: Array, name: str, axes: str) -> Figure:
     figure = Figure(
         title=f"after {name}", description=f"{len(points)} corrected points in {axes}, with the unit circle",
         x_label=f"{axes[0]} [radius]", y_label=f"{axes[1]} [radius]", x_range=(-reach, reach),
-        y_range=(-reach, reach), width=_SIZE + 12, height=_SIZE,
+        y_range=(-reach, reach), width=_SIZE, equal_axes=True,
     )  # fmt: skip
-    figure.dots(_pairs(points[:, across], points[:, up]), "cloud")
+    figure.dots(_pairs(points[:, across], points[:, up]), "samples")
     figure.circle((0, 0), 1.0, "unit")
     return figure
 
@@ -114,7 +114,7 @@ def _lengths(shown: Array, count: int) -> Figure:
         x_label="reading", y_label="off the radius [%]", x_range=(0, max(1, count)), y_range=(-reach, reach),
     )  # fmt: skip
     figure.level(0, "zero")
-    figure.dots(_pairs(np.linspace(0, count, len(lengths), endpoint=False), lengths), "cloud")
+    figure.dots(_pairs(np.linspace(0, count, len(lengths), endpoint=False), lengths), "samples")
     return figure
 
 

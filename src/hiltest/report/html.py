@@ -10,10 +10,15 @@ from hiltest.record.run import Run
 from hiltest.report import overview, stream_overview
 from hiltest.report.comparison_overview import against_baseline
 from hiltest.report.cost_line import cost_line
-from hiltest.report.figures.cost import cost_figure
+from hiltest.report.figures.cost import budget_group, cost_group
+from hiltest.report.figures.fusion import fusion_group
+from hiltest.report.figures.heading import heading_group
+from hiltest.report.figures.inertial import accelerometer_group, gyroscope_group
+from hiltest.report.figures.samples import samples_group
 from hiltest.report.page import render
-from hiltest.report.sections import figure_groups
 from hiltest.report.terminal import shown_limit, shown_outcome, shown_value
+from hiltest.text import number
+from hiltest.verdict.summary import Failure, summarise
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,21 +34,30 @@ _BAD = Badge("bad", "✗")
 _NO_ANSWER = ("not evaluated", "not judged", "interrupted", "no tests")
 _BADGES = {"pass": Badge("good", "✓")} | dict.fromkeys(_NO_ANSWER, Badge("warn", "!"))
 # Beside a limit: a sign to see and words to hear, by the class of the cell.
-_SIGNS = {"pass": ("✓", "within:"), "fail": ("✗", "out of:"), "unset": ("?", "not evaluated:")}
 _PASSED = (TestOutcome.PASSED, TestOutcome.XFAILED, TestOutcome.SKIPPED)
+_SIGNS = {"pass": ("✓", "within its limit:"), "fail": ("✗", "beyond its limit:"), "unset": ("?", "not evaluated:")}
+# The sections that are figures, in their order; one without data is left out.
+_FIGURES = (heading_group, budget_group, samples_group, accelerometer_group, gyroscope_group, fusion_group)
 
 
 def html_report(run: Run) -> str:
     """Return the page of a run."""
+    found = summarise(run)
     return render(
         "report.html.j2",
         run=run, version=__version__, badge=_BADGES.get(run.verdict.outcome, _BAD), tally=overview.tally(run),
         board_line=overview.board_line(run), baseline=against_baseline(run.comparison),
-        gating=[each for each in run.measurements if each.gates],
+        title=_title(run), found=found, gating=[*found.failures, *(Failure(each, None, "") for each in found.unset)],
         troubled=[test for test in run.tests if test.outcome not in _PASSED],
-        calibrators=overview.accuracy_and_cost(run), cost_line=cost_line(run), cost_figure=cost_figure(run),
-        figure_groups=figure_groups(run),
+        calibrators=overview.accuracy_and_cost(run), cost_line=cost_line(run),
+        cost_figures=cost_group(run), figure_groups=[group for section in _FIGURES if (group := section(run))],
         signs=_SIGNS, streams=stream_overview, stream_stages=stream_overview.stream_stages(run),
         groups=overview.groups(run), provenance=list(overview.provenance(run)),
-        value=shown_value, limit=shown_limit, outcome=shown_outcome, tone=overview.tone, origin=overview.origin,
+        value=shown_value, limit=shown_limit, outcome=shown_outcome, tone=overview.tone, origin=overview.origin, number=number,
     )
+
+
+def _title(run: Run) -> str:
+    """Return what was run, for the tab of a browser and the heading."""
+    board = run.board.description if run.board else "no board"
+    return f"hiltest report: {board}{f', rig {run.rig.name}' if run.rig else ''}"

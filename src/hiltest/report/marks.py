@@ -31,12 +31,7 @@ class Mark(StrEnum):
 
 
 # One series after the other: a class of the style sheet, which has a colour and dashes, and a shape.
-SERIES = tuple(
-    (f"series-{index}", mark)
-    for index, mark in enumerate((
-        Mark.DOT, Mark.SQUARE, Mark.DIAMOND, Mark.TRIANGLE, Mark.FLAG, Mark.CROSS, Mark.PLUS, Mark.HOURGLASS,
-    ))
-)
+SERIES = tuple((f"series-{index}", mark) for index, mark in enumerate(Mark))
 
 
 def series(index: int) -> tuple[str, Mark]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import groupby
 
-from hiltest.measurement import Measurement, Outcome
+from hiltest.measurement import Measurement, Outcome, Section
 from hiltest.record.run import Run
 from hiltest.report.terminal import shown_limit, shown_value
 from hiltest.text import readable, without_folders
@@ -22,7 +22,7 @@ _MORE = (
     ("bias [deg]", "heading.{}.bias"),
     ("worst, centred [deg]", "heading.{}.max_centred"),
     ("residual [%]", "fit.{}.residual"),
-    ("rotation left [deg]", "fit.{}.rotation_left"),
+    ("residual rotation [deg]", "fit.{}.rotation_left"),
 )
 _COST_HEADINGS = ("cycles", "per point", "fixed")
 HEADINGS = (
@@ -51,7 +51,7 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class AccuracyAndCost:
-    """The table this product exists for: what each calibrator reaches and what it costs."""
+    """The accuracy that each calibrator reaches, and what it costs."""
 
     headings: tuple[str, ...]
     rows: tuple[Row, ...]
@@ -59,19 +59,19 @@ class AccuracyAndCost:
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """Measurements whose names begin with the same word."""
+    """Measurements of one section."""
 
     name: str
     measurements: tuple[Measurement, ...]
 
     @property
-    def judged(self) -> int:
+    def checked(self) -> int:
         """How many have a limit."""
         return sum(each.limit is not None for each in self.measurements)
 
     @property
-    def out_of_order(self) -> int:
-        """How many make the run red."""
+    def failures(self) -> int:
+        """How many fail the run."""
         return sum(each.gates for each in self.measurements)
 
 
@@ -84,19 +84,20 @@ def accuracy_and_cost(run: Run) -> AccuracyAndCost:
 
 
 def groups(run: Run) -> list[Group]:
-    """Return all measurements by the first word of their names."""
-    by_word = groupby(run.measurements, key=lambda each: each.name.split(".")[0])
-    return [Group(name, tuple(measurements)) for name, measurements in by_word]
+    """Return all measurements by the section that their kind belongs in."""
+    order = list(Section)
+    by_section = groupby(sorted(run.measurements, key=lambda each: order.index(each.section)), lambda each: each.section)
+    return [Group(str(section), tuple(measurements)) for section, measurements in by_section]
 
 
 def tally(run: Run) -> str:
-    """Return how many tests ran and how many limits held."""
+    """Return how many tests ran and how many measurements are within their limits."""
     outcomes = Counter(test.outcome for test in run.tests)
     limits = [each for each in run.measurements if each.limit is not None]
     held = sum(each.outcome is Outcome.PASS for each in limits)
     parts = [", ".join(f"{count} {outcome}" for outcome, count in outcomes.items()) or "no test ran"]
-    parts.append(f"{held} of {len(limits)} limits held" if limits else "no limit was judged")
-    parts.append(f"{len(run.measurements) - len(limits)} more measurements")
+    parts.append(f"{held} of {len(limits)} within their limits" if limits else "no limit was checked")
+    parts.append(f"{len(run.measurements) - len(limits)} more measurements without a limit")
     return f"{'Tests: ' if outcomes else ''}{parts[0]} · {' · '.join(parts[1:])}"
 
 
@@ -178,7 +179,7 @@ def _stream_cells(run: Run, cost: CalibratorCost) -> list[Cell]:
     band = f", {whole.band}" if whole and whole.band else ""
     total = Cell("" if cost.cycles is None else readable(cost.cycles), note=f"{cost.points} points{band}")
     most = run.measurement(f"stream.{cost.name}.cycles_max")
-    note = "" if most is None or most.value is None else f"most {readable(most.value)}"
+    note = "" if most is None or most.value is None else f"max {readable(most.value)}"
     per_point = replace(_cell(run, f"stream.{cost.name}.cycles_mean"), note=note)
     return [total, per_point, _cell(run, f"stream.{cost.name}.fit_cycles")]
 

@@ -1,4 +1,4 @@
-"""Streaming calibrators in the HTML and the Markdown report: a row for each stage."""
+"""Streaming calibrators, as the HTML and the Markdown report show them: a row for each stage."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from hiltest.verdict.calibrators import STAGES_TABLE
 
 HEADING = "Streaming calibrators"
 LEGEND = (
-    "Each is given all points of the tumble, one by one. Held: points that the calibration is made of. "
-    "Elements: unknowns of its solver. Heading errors are computed on the host from the means that the board took at "
-    "the known angles. Cycles a point are over all points; the fit costs its own cycles each time it is asked for."
+    "The points of the tumble, one after the other. Held: points that the calibration uses, or would use. Elements: "
+    "unknowns of its solver. Heading errors are computed on the host from the means that the board took at the known "
+    "angles. Cycles per point are over all points up to the end; fit cycles are added when the fit is asked for."
 )
 HEADINGS = (
     "calibrator", "points", "held", "elements", "fit", "fit error", "worst heading", "mean error",
-    "mean cycles a point", "median", "most", "fit cycles",
+    "mean cycles per point", "median", "max", "fit cycles",
 )
 _MEASURED = ("cycles_mean", "cycles_median", "cycles_max", "fit_cycles")
 

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import InitVar, dataclass, field
+from itertools import count
 
 from markupsafe import Markup
 
 from hiltest.report.legible import legible
 from hiltest.report.marks import KeyEntry, Mark, shape
+from hiltest.text import readable
 
 _LEFT, _RIGHT, _TOP, _BOTTOM = 68.0, 14.0, 14.0, 44.0
+_LABEL = 24.0  # what an axis without a label leaves to the plot
+_LARGEST = 1.2  # times its own size: letters stay letters where a drawing has room
 _DIGIT = 10.0  # wider than a digit of the 15 px that the page has on a telephone
+_TICK_ROOM, _FEWEST_TICKS = (75.0, 40.0), 3  # across and up
 _TICKS = (1.0, 2.0, 2.5, 5.0, 10.0)
 
 Point = tuple[float, float]
@@ -50,6 +55,15 @@ def log_ticks(low: float, high: float) -> tuple[float, ...]:
     return tuple(value for value in values if low <= value <= high)
 
 
+@dataclass(frozen=True, slots=True)
+class Sheet:
+    """The numbers behind a drawing as text; the first cell of a row names it."""
+
+    caption: str
+    headings: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
 @dataclass(slots=True)
 class Figure:
     """One plot. Data coordinates in, SVG out.
@@ -59,6 +73,7 @@ class Figure:
     title, description : str
         Read out by a screen reader: its ``title`` and ``desc``. The title is also the caption.
     x_label, y_label : str
+        An axis without a label leaves its room to the plot.
     x_range, y_range : tuple of float
         Ends of the axes.
     x_ticks : sequence of float, optional
@@ -67,8 +82,12 @@ class Figure:
         Of the view box. The page scales it.
     log_x, log_y : bool
         Whether an axis is logarithmic; all its numbers are then above 0.
+    equal_axes : bool
+        Whether a unit is as long on both axes, and a sphere therefore round; the height follows from the width.
     key : list of KeyEntry
         What its lines and marks stand for; the page writes it above the drawing, where it wraps as text does.
+    sheet : Sheet or None
+        The numbers of its series.
     """
 
     title: str
@@ -82,15 +101,44 @@ class Figure:
     height: float = 260.0
     log_x: bool = False
     log_y: bool = False
+    equal_axes: InitVar[bool] = False
     key: list[KeyEntry] = field(default_factory=list)
+    sheet: Sheet | None = None
     _shapes: list[Markup] = field(default_factory=list)
+
+    def __post_init__(self, equal_axes: bool) -> None:
+        if equal_axes:
+            left, top, right, bottom = self._frame
+            (x_low, x_high), (y_low, y_high) = self.x_range, self.y_range
+            self.height += (right - left) * (y_high - y_low) / (x_high - x_low) - (bottom - top)
+
+    @property
+    def _frame(self) -> tuple[float, float, float, float]:
+        """Left, top, right and bottom of the plot in the view box."""
+        left, bottom = _LEFT - _LABEL * (not self.y_label), _BOTTOM - _LABEL * (not self.x_label)
+        return left, _TOP, self.width - _RIGHT, self.height - bottom
 
     def place(self, x: float, y: float) -> Point:
         """Return view box coordinates of a data point."""
         across = _share(x, self.x_range, logarithmic=self.log_x)
         up = _share(y, self.y_range, logarithmic=self.log_y)
-        width, height = self.width - _LEFT - _RIGHT, self.height - _TOP - _BOTTOM
-        return _LEFT + across * width, _TOP + (1.0 - up) * height
+        left, top, right, bottom = self._frame
+        return left + across * (right - left), top + (1.0 - up) * (bottom - top)
+
+    def series(
+        self, name: str, points: Sequence[Point], line: str = "", mark: Mark | None = None, *, mark_style: str = "",
+        radius: float = 3.5,
+    ) -> None:
+        """Draw points under a name, as a line or marks or both: they stand in the key and in the sheet."""
+        if line and points:
+            self.line(points, line)
+        if mark:
+            self.marks(points, mark_style or f"{line} filled", mark, radius=radius)
+        entry = KeyEntry(name, line, mark, mark_style or f"{line} filled")
+        self.key += [] if entry in self.key else [entry]
+        rows = self.sheet.rows if self.sheet else ()
+        more = [(name, readable(x), readable(y)) for x, y in points]
+        self.sheet = Sheet(self.title, ("series", self.x_label or "x", self.y_label or "y"), [*rows, *more])
 
     def band(self, low: float, high: float, style: str) -> None:
         """Shade everything between two values of y."""
@@ -98,6 +146,14 @@ class Figure:
         right, bottom = self.place(self.x_range[1], low)
         shape = '<rect class="{}" x="{}" y="{}" width="{}" height="{}"/>'
         self._add(shape, style, left, top, right - left, bottom - top)
+
+    def limit(self, limit: float | None) -> None:
+        """Draw what a value may be, to either side of zero; nothing without a limit."""
+        if limit is not None:
+            self.band(-limit, limit, "allowed")
+            self.level(limit, "limit")
+            self.level(-limit, "limit")
+            self.key.append(KeyEntry("limit", "limit"))
 
     def level(self, y: float, style: str) -> None:
         """Draw a line across at one value of y."""
@@ -109,7 +165,7 @@ class Figure:
         self._add('<path class="{}" d="M{}"/>', style, path)
 
     def dots(self, points: Iterable[Point], style: str) -> None:
-        """Draw points as dots of one path: no element each, so a cloud stays small."""
+        """Draw points as dots of one path: no element each, so many samples stay small."""
         path = "".join(f"M{x:.1f} {y:.1f}h0" for x, y in (self.place(*point) for point in points))
         self._add('<path class="{}" d="{}"/>', style, path)
 
@@ -123,20 +179,6 @@ class Figure:
         edge, _ = self.place(centre[0] + radius, centre[1])
         self._add('<circle class="{}" cx="{}" cy="{}" r="{}"/>', style, x, y, edge - x)
 
-    def column(self, left: float, right: float, text: str) -> None:
-        """Say something about all between two values of x, to who points there."""
-        (x, bottom), (end, top) = self.place(left, self.y_range[0]), self.place(right, self.y_range[1])
-        place = 'x="{}" y="{}" width="{}" height="{}"'
-        template = f'<rect fill="none" pointer-events="all" {place}><title>{{}}</title></rect>'
-        self._add(template, x, top, end - x, bottom - top, text)
-
-    def note(self, at: Point, text: str) -> None:
-        """Write beside a point, on the side where there is room."""
-        x, y = self.place(*at)
-        anchor, offset = ("end", -8) if x > self.width * 0.6 else ("start", 8)
-        y = min(max(y, _TOP + 16), self.height - _BOTTOM - 6)
-        self._add('<text class="note" x="{}" y="{}" text-anchor="{}">{}</text>', x + offset, y - 6, anchor, text)
-
     def upright(self, x: float, text: str, style: str) -> None:
         """Draw a line up at one value of x, with a text along it."""
         self.line([(x, self.y_range[0]), (x, self.y_range[1])], style)
@@ -146,38 +188,35 @@ class Figure:
 
     def svg(self) -> Markup:
         """Return the finished drawing."""
-        return drawing(
-            self.title, self.description, self.width, self.height, Markup("").join([*self._axes(), *self._shapes])
-        )
-
-    def _axes(self) -> Iterator[Markup]:
-        yield from self._x_axis()
-        yield from self._y_axis()
+        content = Markup("").join([*self._x_axis(), *self._y_axis(), *self._shapes])
+        return drawing(self.title, self.description, self.width, self.height, content)
 
     def _x_axis(self) -> Iterator[Markup]:
-        ticks = self.x_ticks or (log_ticks if self.log_x else nice_ticks)(*self.x_range)
+        left, top, right, bottom = self._frame
+        ticks = self.x_ticks or _ticks(self.x_range, (right - left) / _TICK_ROOM[0], logarithmic=self.log_x)
         free_from = 0.0
         for value in ticks:
-            x, bottom = self.place(value, self.y_range[0])
-            yield shape('<path class="grid" d="M{} {}V{}"/>', x, _TOP, bottom)
+            x, _ = self.place(value, self.y_range[0])
+            yield shape('<path class="grid" d="M{} {}V{}"/>', x, top, bottom)
             label = f"{value:g}"
             half = _DIGIT / 2.0 * len(label)
             inside = min(x, self.width - half)  # a long number at the right end is not cut
             if inside - half >= free_from:  # nor does one lie on another
                 yield shape('<text x="{}" y="{}" text-anchor="middle">{}</text>', inside, bottom + 17.0, label)
                 free_from = inside + half
-        middle = (_LEFT + self.width - _RIGHT) / 2
-        yield shape('<text x="{}" y="{}" text-anchor="middle">{}</text>', middle, self.height - 6, self.x_label)
+        if self.x_label:
+            place = (left + right) / 2, self.height - 6
+            yield shape('<text x="{}" y="{}" text-anchor="middle">{}</text>', *place, self.x_label)
 
     def _y_axis(self) -> Iterator[Markup]:
-        for value in (log_ticks if self.log_y else nice_ticks)(*self.y_range):
-            left, y = self.place(self.x_range[0], value)
-            yield shape('<path class="grid" d="M{} {}H{}"/>', left, y, self.width - _RIGHT)
+        left, top, right, bottom = self._frame
+        for value in _ticks(self.y_range, (bottom - top) / _TICK_ROOM[1], logarithmic=self.log_y):
+            _, y = self.place(self.x_range[0], value)
+            yield shape('<path class="grid" d="M{} {}H{}"/>', left, y, right)
             yield shape('<text x="{}" y="{}" text-anchor="end">{}</text>', left - 6, y + 4, f"{value:g}")
-        yield shape(
-            '<text transform="translate(13 {}) rotate(-90)" text-anchor="middle">{}</text>',
-            (_TOP + self.height - _BOTTOM) / 2, self.y_label,
-        )
+        if self.y_label:
+            upright = '<text transform="translate(13 {}) rotate(-90)" text-anchor="middle">{}</text>'
+            yield shape(upright, (top + bottom) / 2, self.y_label)
 
     def _add(self, template: str, *values: object) -> None:
         self._shapes.append(shape(template, *values))
@@ -186,8 +225,16 @@ class Figure:
 def drawing(title: str, description: str, width: float, height: float, content: Markup) -> Markup:
     """Return an SVG element that says in words what it shows."""
     return Markup(
-        '<svg viewBox="0 0 {:g} {:g}" role="img"><title>{}</title><desc>{}</desc>{}</svg>'
-    ).format(width, height, legible(title), legible(description), content)
+        '<svg viewBox="0 0 {:g} {:g}" style="max-width: {:.0f}px" role="img"><title>{}</title><desc>{}</desc>{}</svg>'
+    ).format(width, height, _LARGEST * width, legible(title), legible(description), content)
+
+
+def _ticks(ends: Point, room_for: float, *, logarithmic: bool) -> tuple[float, ...]:
+    """Return where an axis has its numbers: as many as there is room for, and never one alone."""
+    if logarithmic:
+        return log_ticks(*ends)
+    found = (nice_ticks(*ends, about=about) for about in count(max(_FEWEST_TICKS, int(room_for))))
+    return next(ticks for ticks in found if len(ticks) > 1)
 
 
 def _share(value: float, ends: Point, *, logarithmic: bool) -> float:

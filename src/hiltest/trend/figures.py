@@ -9,12 +9,12 @@ from itertools import groupby
 from hiltest.measurement import Limit
 from hiltest.record.comparison import Change
 from hiltest.report.marks import KeyEntry, Mark, series
-from hiltest.report.svg import Figure, Point, nice_ticks
+from hiltest.report.svg import Figure, Point, Sheet, nice_ticks
 from hiltest.text import readable
 from hiltest.trend.series import Measured, Series
 from hiltest.trend.series import Point as At
 
-_WIDTH, _HEIGHT = 340.0, 180.0
+_HEIGHT = 170.0
 _FEW = 60  # points that can still be told apart
 _STEPS = {
     Change.BETTER: ("better", Mark.PLUS), Change.WORSE: ("worse", Mark.CROSS), Change.CHANGED: ("moved", Mark.DIAMOND),
@@ -26,22 +26,24 @@ _LEAST_RANGE = 2e-3
 _NEAR = 2.5
 
 
-def figure(measured: Measured, entries: int, names: Sequence[str] = ()) -> Figure:
+def figure(measured: Measured, names: Sequence[str], *, more: str = "", width: float = 340.0) -> Figure:
     """Draw a measurement over entries that are numbered from 1, every line for itself.
 
     Parameters
     ----------
     measured : Measured
-    entries : int
-        How many there are.
-    names : sequence of str, optional
-        Of all of them, for who points at one.
+    names : sequence of str
+        Of all entries.
+    more : str
+        What the caption says after name and unit.
+    width : float
+        Of the drawing.
     """
     scale, unit = _scale(measured)
     drawn = Figure(
-        title=measured.name, description=_in_words(measured), x_label="run", y_label=unit,
-        x_range=(0.5, max(entries, 1) + 0.5), y_range=_y_range(measured, scale), x_ticks=_run_ticks(entries),
-        width=_WIDTH, height=_HEIGHT,
+        title=f"{measured.name}{unit and f' [{unit}]'}{more}", description=_in_words(measured), x_label="", y_label="",
+        x_range=(0.5, len(names) + 0.5), y_range=_y_range(measured, scale), x_ticks=_run_ticks(len(names)),
+        width=width, height=_HEIGHT,
     )  # fmt: skip
     for each in measured.series:
         _draw(drawn, each, scale)
@@ -51,16 +53,24 @@ def figure(measured: Measured, entries: int, names: Sequence[str] = ()) -> Figur
             for point in each.points if point.entry == step.after and step.difference.change is change
         ]  # fmt: skip
         drawn.marks(at, f"step {style}", mark, radius=6.0)
-    if entries <= _FEW:
-        for point in (point for each in measured.series for point in each.points if names):
-            value = f"{readable(point.value)} {measured.unit}".rstrip()
-            drawn.column(point.entry + 0.5, point.entry + 1.5, f"{names[point.entry]}: {value}")
+    drawn.sheet = _sheet(measured, names)
     return drawn
 
 
+def _sheet(measured: Measured, names: Sequence[str]) -> Sheet:
+    """Return the value of each run; of several seeds with the lowest and the highest."""
+    points = sorted((point for each in measured.series for point in each.points), key=lambda point: point.entry)
+    spread = ("lowest", "highest") if any(point.low < point.high for point in points) else ()
+    numbers = [(point.value, point.low, point.high)[: 1 + len(spread)] for point in points]
+    return Sheet(
+        measured.name, ("run", measured.unit or "value", *spread),
+        [[names[point.entry], *map(readable, each)] for point, each in zip(points, numbers, strict=True)],
+    )
+
+
 def step_key() -> list[KeyEntry]:
-    """Return what the marks of steps stand for."""
-    return [KeyEntry(f"a step: {change}", mark=mark, mark_style=f"step {style}")
+    """Return what the marks of change points stand for."""
+    return [KeyEntry(f"change point: {change}", mark=mark, mark_style=f"step {style}")
             for change, (style, mark) in _STEPS.items()]
 
 
@@ -139,4 +149,4 @@ def _in_words(measured: Measured) -> str:
     if len(measured.series) > 1:
         words += f"; {len(measured.series)} conditions that are not compared"
     steps = [f"run {step.after + 1} {step.difference.change}" for step in measured.steps]
-    return f"{words}. " + (f"Steps: {', '.join(steps)}." if steps else "No step.")
+    return f"{words}. " + (f"Change points: {', '.join(steps)}." if steps else "No change point.")

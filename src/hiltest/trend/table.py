@@ -17,21 +17,21 @@ _STYLES = {Change.WORSE: "red", Change.BETTER: "green"}
 
 
 def print_trend(trend: Trend, console: Console, *, every: bool) -> None:
-    """Print what has a limit or made a step, or with `every` all; then the newest steps and the sentence."""
+    """Print what has a limit or a change point, or with `every` all; then the newest change points and the sentence."""
     shown = [each for each in trend.measured if every or each.limit or each.steps]
     if shown:
         console.print(_grid(trend, shown))
     if remark := words.models(shown):
         console.print(escape(remark), soft_wrap=True)
     if len(shown) < len(trend.measured):
-        console.print(f"{len(trend.measured) - len(shown)} more without limit and step: --all")
+        console.print(f"{len(trend.measured) - len(shown)} more without limit and change point: --all")
     for step in trend.steps[:_STEPS_AT_MOST]:
         entry, found = trend.entries[step.after], step.difference
         line = f"{words.run_name(trend, step.after)}, {entry.when_utc}: {found.change}: {found.name} {numbers(found)}"
         console.print(escape(line), style=_STYLES.get(found.change), soft_wrap=True)
         console.print(escape(f"    {words.between(trend, step)} ({entry.file})"), soft_wrap=True)
     if len(trend.steps) > _STEPS_AT_MOST:
-        console.print(f"and {len(trend.steps) - _STEPS_AT_MOST} steps before")
+        console.print(f"and {len(trend.steps) - _STEPS_AT_MOST} change points before")
     console.print(escape(words.sentence(trend)), soft_wrap=True)
 
 

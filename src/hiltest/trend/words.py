@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 
 from hiltest.text import readable
 from hiltest.trend.series import Measured, Step, Trend, TrendLine
 from hiltest.verdict.evidence import Evidence
 from hiltest.verdict.wording import counted_by, model_names, numbers, revision
 
-HEADINGS = ("measurement", "runs", "first", "last", "lowest", "highest", "unit", "limit", "steps")
+HEADINGS = ("measurement", "runs", "first", "last", "lowest", "highest", "unit", "limit", "change points")
 NUMERIC = frozenset({"runs", "first", "last", "lowest", "highest"})
 
 
@@ -19,11 +20,11 @@ def sentence(trend: Trend) -> str:
     span = f"{runs} run{'s' * (runs > 1)} from {trend.entries[0].when_utc} to {trend.entries[-1].when_utc}"
     lines = f" under {len(trend.lines)} conditions that are not compared" if len(trend.lines) > 1 else ""
     if not steps:
-        return f"{span}{lines}: no step in {len(trend.measured)} measurements."
+        return f"{span}{lines}: no change point in {len(trend.measured)} measurements."
     stepped = sum(bool(each.steps) for each in trend.measured)
     newest = steps[0]
     last = f"the last in {run_name(trend, newest.after)}: {newest.difference.name} {numbers(newest.difference)}"
-    many = f"{len(steps)} step{'s' * (len(steps) > 1)} in {stepped} of {len(trend.measured)} measurements"
+    many = f"{len(steps)} change point{'s' * (len(steps) > 1)} in {stepped} of {len(trend.measured)} measurements"
     return f"{span}{lines}: {many}, {last}."
 
 
@@ -38,20 +39,19 @@ def models(measured: Iterable[Measured]) -> str:
     return counted_by(_models(measured))
 
 
-def under(measured: Measured) -> str:
-    """Return what stands under the name of a measurement that is drawn: its limit, and what counted its cycles."""
-    limit = f"limit {measured.limit} {measured.unit}".rstrip() if measured.limit else "no limit"
-    return "; ".join(filter(None, (limit, _counted_by(measured))))
+def under(trend: Trend, measured: Measured) -> str:
+    """Return what follows the name of a measurement that is drawn: its limit, and where several count, its model."""
+    limit = f"limit {measured.limit}" if measured.limit else ""
+    return "".join(f", {each}" for each in (limit, _own_model(trend, measured)) if each)
 
 
 def rows(trend: Trend, measured: Iterable[Measured]) -> Iterator[tuple[str, ...]]:
-    """Yield measurements under `HEADINGS`; the last cell counts steps, and says in which run the last was made.
+    """Yield measurements under `HEADINGS`; the last cell counts change points, and names the run of the last.
 
     Where several models counted cycles of the trend, a unit of cycles is told with its own.
     """
-    several = len(set(filter(None, _models(trend.measured)))) > 1
     for each in measured:
-        counted = _counted_by(each) if several else ""
+        counted = _own_model(trend, each)
         yield _row(each, f"{each.unit} {counted}" if counted else each.unit)
 
 
@@ -59,9 +59,10 @@ def _models(measured: Iterable[Measured]) -> Iterator[str]:
     return (series.cycle_model for each in measured for series in each.series)
 
 
-def _counted_by(measured: Measured) -> str:
+def _own_model(trend: Trend, measured: Measured) -> str:
+    several = len(set(filter(None, _models(trend.measured)))) > 1
     names = model_names(_models([measured]))
-    return f"counted by {names}" if names else ""
+    return f"counted by {names}" if several and names else ""
 
 
 def _row(measured: Measured, unit: str) -> tuple[str, ...]:
@@ -75,9 +76,21 @@ def _row(measured: Measured, unit: str) -> tuple[str, ...]:
 
 
 def between(trend: Trend, step: Step) -> str:
-    """Return what differs in what made the runs before and after a step."""
+    """Return what differs in what made the runs before and after a change point."""
     before, after = (trend.entries[index].evidence for index in (step.before, step.after))
     return "; ".join(_changes(before, after, step.difference.name)) or "the same build"
+
+
+def changed_run(trend: Trend, after: int, steps: Sequence[Step]) -> str:
+    """Return the heading of a run with change points: its name and time, and how many of each change."""
+    counts = Counter(step.difference.change for step in steps)
+    changes = ", ".join(f"{count} {change}" for change, count in counts.items())
+    return f"{run_name(trend, after)}, {trend.entries[after].when_utc}: {changes}"
+
+
+def causes(trend: Trend, steps: Sequence[Step]) -> list[str]:
+    """Return what else differs from the run before: one text, several where a baseline has numbers of other builds."""
+    return list(dict.fromkeys(between(trend, step) for step in steps))
 
 
 def line_name(trend: Trend, line: TrendLine) -> str:

@@ -33,6 +33,26 @@ _COLOURS = """async data => {
     const pixels = new Uint32Array(context.getImageData(0, 0, image.width, image.height).data.buffer);
     return new Set(pixels).size;
 }"""
+# Of each drawing with a unit circle: px of a unit across and up, between its outermost grid lines, and of the circle.
+_UNIT_CIRCLES = """() => [...document.querySelectorAll('svg[role] .unit')].map(circle => {
+    const svg = circle.closest('svg'), box = each => each.getBoundingClientRect();
+    const labels = [...svg.querySelectorAll('text')].filter(each => !isNaN(parseFloat(each.textContent)));
+    const unit = (anchor, middle, place) => {
+        const on = labels.filter(each => each.getAttribute('text-anchor') == anchor);
+        const [low, high] = [on[0], on[on.length - 1]].map(each => parseFloat(each.textContent));
+        const lines = [...svg.querySelectorAll('.grid')].map(box).filter(each => each[middle] < 0.01).map(place);
+        return (Math.max(...lines) - Math.min(...lines)) / (high - low);
+    };
+    return [unit('middle', 'width', each => each.x), unit('end', 'height', each => each.y),
+            [box(circle).width, box(circle).height]];
+})"""
+_CARDS = """() => [...document.querySelectorAll('section > figure, main > figure')].map(each => each.offsetWidth)"""
+# Panels of each grid: all, in the first row and in the last.
+_PANELS = """() => [...document.querySelectorAll('.panels')].map(grid => {
+    const tops = [...grid.children].map(each => each.offsetTop);
+    const inRow = top => tops.filter(each => each == top).length;
+    return [tops.length, inRow(tops[0]), inRow(tops[tops.length - 1])];
+})"""
 # Paper, grid, letters and one line, each with the shades of its edges; an empty box has one colour or two.
 PAINTED = 8
 
@@ -144,13 +164,36 @@ def test_on_paper_everything_is_unfolded_and_dark_on_light(
 def test_markup_in_names_does_nothing_and_is_read(hostile: Run, visit: Open, tmp_path: Path) -> None:
     path = written(hostile, tmp_path)
     with visit(path, width=1400) as here:
-        assert here.page.title() == "fail - hiltest"
+        assert here.page.title().startswith("hiltest report: <script>document.title='taken'</script>")
+        assert here.page.title().endswith(", rig virtual-k64f, FAIL")
         # Were something in it a script after all, or asked for a picture, the page's own policy would refuse.
         asked = "new Promise(tell => {const i = new Image(); i.onerror = i.onload = () => tell(i.naturalWidth);"
         assert here.page.evaluate(asked + "i.src = 'data:image/gif;base64,R0lGODlhAQABAAAAACwAAAAAAQABAAA='})") == 0
         assert any("Content Security Policy" in each for each in here.complaints)
         assert here.page.locator("body").inner_text().count("<script>document.title='taken'</script>\"'⟨U+202E⟩") >= 5
         assert here.page.locator("a", has_text="wire trace").evaluate("each => each.protocol") == "file:"
+
+
+@WIDTHS
+@pytest.mark.parametrize("page_file", ["everything", "fit"], indirect=True)
+def test_calibrated_samples_have_equal_axes_and_a_round_circle(visit: Open, page_file: Path, width: int) -> None:
+    with visit(page_file, width=width) as here:
+        drawn = here.page.evaluate(_UNIT_CIRCLES)
+    assert drawn
+    for across, up, circle in drawn:
+        # Coordinates are written to a tenth: 0.05 px at both ends of two units of 46 px is a quarter of this.
+        assert across == pytest.approx(up, rel=0.005)
+        assert circle == [pytest.approx(2 * across, rel=0.005), pytest.approx(2 * up, rel=0.005)]
+
+
+@pytest.mark.parametrize("page_file", ["everything", "red", "trend"], indirect=True)
+def test_cards_and_rows_of_panels_are_full_on_a_desk(visit: Open, page_file: Path) -> None:
+    with visit(page_file, width=1400) as here:
+        cards, grids = here.page.evaluate(_CARDS), here.page.evaluate(_PANELS)
+    assert cards
+    assert set(cards) == {1120}, "each card is as wide as the page"
+    # Two or three stand beside each other, more in rows; the last row is half full at least.
+    assert all(first == panels if panels <= 3 else last * 2 >= first > 1 for panels, first, last in grids), grids
 
 
 def colours_in(canvas: Page, png: bytes) -> int:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from hiltest.record.comparison import Change, Comparison, Difference
 from hiltest.report.figures.rows import Row, RowFigure
 from hiltest.report.marks import KeyEntry, Mark
 from hiltest.verdict.wording import moved_percent, percent
 
-_SHOWN = 20
+_SHOWN = 10
 _FURTHEST_PERCENT = 100.0
 _MARKS = {
     Change.WORSE: (Mark.CROSS, "over"), Change.BETTER: (Mark.DOT, "better filled"),
@@ -27,16 +25,10 @@ def change_figure(comparison: Comparison) -> RowFigure | None:
     shown = changed[:_SHOWN]
     reach = min(_FURTHEST_PERCENT, max(abs(moved) for _, moved in shown)) or 1.0
     words = "" if len(shown) == len(changed) else f", {len(shown)} of {len(changed)}"
-    return RowFigure(
-        f"Change of the baseline's value{words}", _in_words(shown), [_row(*each, reach) for each in shown], key=_KEY
-    )
+    return RowFigure(f"Change in percent of the baseline's value{words}", [_row(*each, reach) for each in shown], _KEY)
 
 
 def _row(difference: Difference, moved: float, reach: float) -> Row:
     mark, style = _MARKS[difference.change]
     at = 0.5 + 0.47 * min(max(moved / reach, -1.0), 1.0)
-    return Row(difference.name, percent(moved), at, mark, style, ends=(0.5,), start=0.5)
-
-
-def _in_words(shown: Sequence[tuple[Difference, float]]) -> str:
-    return "; ".join(f"{each.name}: {each.change}, {percent(moved)}" for each, moved in shown)
+    return Row(difference.name, f"{difference.change}, {percent(moved)}", at, mark, style, ends=(0.5,), start=0.5)

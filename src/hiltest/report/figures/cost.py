@@ -1,52 +1,206 @@
-"""Accuracy against cost: where each calibrator stands, in one picture."""
+"""What accuracy costs: worst heading over cycles, cycles over points, and error against the cycle budget."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TypeGuard
 
-from hiltest.measurement import Measurement
-from hiltest.record.run import Run
-from hiltest.report.figures.columns import upper_limit
-from hiltest.report.marks import KeyEntry, series
-from hiltest.report.svg import Figure
+from hiltest.record.run import Run, Table
+from hiltest.report.figures.section import FigureGroup, numbers, panel_width, upper_limit, written
+from hiltest.report.marks import KeyEntry, Mark, series
+from hiltest.report.svg import Figure, Point, Sheet
 from hiltest.text import readable
-from hiltest.verdict.calibrators import CalibratorCost, calibrator_costs
+from hiltest.verdict.calibrators import calibrator_costs
 
+SIZES_TABLE, CURVE_TABLE = "cycles.sizes", "budget.curve"
 _FEWEST = 2  # one dot is no comparison
+_WIDTH = panel_width(2, 2)
+# As the thesis has them: what its own calibrator takes for N points, and the library's, one iteration a point.
+_THESIS = (("thesis: 168 N + 2600", 168.0, 2600.0), ("thesis: 2860 N", 2860.0, 0.0))
+_CURVE_COLUMNS = {
+    "calibrator": "calibrator", "points": "of points", "kind": "effort in", "effort": "effort", "cycles": "cycles",
+    "fit": "fit", "mean_error": "mean error [deg]", "max_error": "worst error [deg]",
+}
 
 
-def cost_figure(run: Run) -> Figure | None:
+def cost_group(run: Run) -> FigureGroup | None:
+    """Return the figure of the section on accuracy and cost, None when no cost can be drawn."""
+    table = run.table(SIZES_TABLE)
+    drawn = [each for each in (_accuracy_figure(run), table and _sizes_figure(run, table)) if each]
+    sheets = [each.sheet for each in drawn[:1] if each.sheet]
+    if table and table.rows:
+        headings = ["points", *(column.name for column in table.columns[1:])]
+        sheets.append(Sheet("Cycles of one calibration", headings, [written(row) for row in table.rows]))
+    return FigureGroup("cost", "Accuracy and cost", "", drawn, numbers=sheets) if drawn else None
+
+
+def _accuracy_figure(run: Run) -> Figure | None:
     """Draw the worst heading over the cycles of each calibrator, None when there are not two to compare."""
-    rated = [(each, error) for each in calibrator_costs(run) if each.cycles and (error := _worst(run, each))]
+    maxima = {each: run.measurement(f"heading.{each.name}.max") for each in calibrator_costs(run)}
+    rated = [
+        (each, each.cycles / 1000.0, float(found.value), upper_limit(found)) for each, found in maxima.items()
+        if each.cycles and found and found.value and math.isfinite(found.value)
+    ]
     if len(rated) < _FEWEST:
         return None
-    cycles = [each.cycles / 1000.0 for each, _ in rated if each.cycles]
-    limits = [upper_limit(_maximum(run, each)) for each, _ in rated]
-    top = 1.15 * max(*(error for _, error in rated), *(limit for limit in limits if limit is not None), 0.1)
+    xs = [x for _, x, _, _ in rated]
+    top = 1.15 * max(0.1, *(side for _, _, error, limit in rated for side in (error, limit or 0.0)))
     figure = Figure(
         title="Worst heading error over cycles",
         description="; ".join(
-            f"{each.name}: {error:.2f} degrees for {readable(each.cycles or 0)} cycles" for each, error in rated
+            f"{each.name}: {error:.2f} degrees for {readable(each.cycles or 0)} cycles" for each, _, error, _ in rated
         ),
-        x_label="thousand cycles", y_label="worst heading error [deg]", x_range=(min(cycles) / 1.5, max(cycles) * 1.5),
-        y_range=(0.0, top), log_x=True,
+        x_label="thousand cycles", y_label="worst heading error [deg]", x_range=(min(xs) / 1.5, max(xs) * 1.5),
+        y_range=(0.0, top), log_x=True, width=_WIDTH,
     )
-    for index, ((each, error), x, limit) in enumerate(zip(rated, cycles, limits, strict=True)):
-        style, mark = series(index)
+    for each, x, error, limit in rated:
+        style, mark = _series(run, each.name)
         if limit is not None:
             figure.line([(x / 1.15, limit), (x * 1.15, limit)], "limit")
-        figure.marks([(x, error)], f"{style} filled", mark, radius=5.0)
-        figure.key.append(KeyEntry(each.name, "", mark, f"{style} filled"))
-    if any(limit is not None for limit in limits):
+        figure.series(each.name, [(x, error)], mark=mark, mark_style=f"{style} filled", radius=5.0)
+    if any(limit is not None for *_, limit in rated):
         figure.key.append(KeyEntry("limit", "limit"))
     return figure
 
 
-def _maximum(run: Run, each: CalibratorCost) -> Measurement | None:
-    return run.measurement(f"heading.{each.name}.max")
+def _sizes_figure(run: Run, table: Table) -> Figure | None:
+    """Draw the cycles of one calibration over its points."""
+    sizes = numbers(table, "n")
+    counted = {
+        column.name: [(n, count / 1000.0) for n, count in zip(sizes, numbers(table, column.name), strict=True)
+                      if _is_positive(n) and _is_positive(count)]
+        for column in table.columns if column.name != "n"
+    }
+    counted = {name: each for name, each in counted.items() if each}
+    points = [point for each in counted.values() for point in each]
+    if not points:
+        return None
+    figure = Figure(
+        title="Cycles of one calibration over its points",
+        description="; ".join(
+            f"{name}: {readable(1000.0 * each[0][1])} cycles for {each[0][0]:g} points to "
+            f"{readable(1000.0 * each[-1][1])} for {each[-1][0]:g}" for name, each in counted.items()
+        ),
+        x_label="points n", y_label="thousand cycles", x_range=(0.0, 1.05 * max(n for n, _ in points)),
+        y_range=_around([y for _, y in points]), log_y=True, width=_WIDTH,
+    )
+    for name, each in counted.items():
+        style, mark = _series(run, name)
+        figure.line(each, style)
+        figure.series(_law(run, name), each, mark=mark, mark_style=f"{style} filled")
+    return figure
 
 
-def _worst(run: Run, each: CalibratorCost) -> float | None:
-    maximum = _maximum(run, each)
-    value = None if maximum is None else maximum.value
-    return float(value) if value is not None and math.isfinite(value) else None
+def _law(run: Run, name: str) -> str:
+    """Return the straight line through the cycles of a calibrator, and what it buys: cycles alone say nothing."""
+    per_point, fixed, sweeps, sweep = (
+        _value(run, f"cycles.{name}.{what}") for what in ("per_point", "fixed", "sweeps", "per_iteration")
+    )
+    line = "" if per_point is None or fixed is None else f"{per_point:.1f} n + {readable(fixed)}"
+    line += f" + {sweeps:.0f} sweeps of {readable(sweep)}" if line and sweeps and sweep else ""
+    worst, distance = _value(run, f"heading.{name}.max"), _value(run, f"cycles.{name}.float64_distance")
+    bought = "" if distance is None else f"{distance:.2g} deg from float64 on even samples"
+    bought = bought if worst is None else f"worst heading {worst:.2f} deg"
+    return "; ".join(filter(None, (f"{name}: {line or 'cycles'}", bought)))
+
+
+def budget_group(run: Run) -> FigureGroup | None:
+    """Return the section on error against the cycle budget, None when the run drew no curve."""
+    table = run.table(CURVE_TABLE)
+    figures = budget_figures(run)
+    if table is None or not figures:
+        return None
+    columns = [written(table.column_if_any(name)) for name in _CURVE_COLUMNS]
+    return FigureGroup(
+        "budget", "Error against cycle budget",
+        "Each calibrator with more and more effort on the same points: a closed form with more of them, one that "
+        "iterates with more sweeps, a streaming calibrator with more points received. Mean over the known angles. "
+        "Hollow: only a sphere was fitted, no ellipsoid. Upright lines: the cycles that the thesis counts for its own "
+        "calibrator and for the library's.",
+        figures, short="Budget",
+        numbers=[Sheet("Every effort", list(_CURVE_COLUMNS.values()), list(zip(*columns, strict=True)))],
+    )
+
+
+def budget_figures(run: Run) -> list[Figure]:
+    """Draw the mean heading error over the cycles spent, one figure a number of points, on logarithmic axes."""
+    table = run.table(CURVE_TABLE)
+    if table is None:
+        return []
+    figures: dict[float, dict[str, _Curve]] = {}
+    columns = [table.column_if_any(name) for name in ("points", "calibrator", "cycles", "mean_error", "sphere")]
+    for points, calibrator, cycles, error, is_sphere in zip(*columns, strict=True):
+        if _is_positive(points) and _is_positive(cycles):
+            curve = figures.setdefault(points, {}).setdefault(str(calibrator), _Curve())
+            curve.cycles = cycles
+            if _is_positive(error):
+                curve.points.append((cycles / 1000.0, error))
+                curve.spheres += curve.points[-1:] if is_sphere else []
+    drawn = {points: curves for points, curves in sorted(figures.items()) if any(c.points for c in curves.values())}
+    found = [point for curves in drawn.values() for curve in curves.values() for point in curve.points]
+    thesis = [cycles / 1000.0 for points in drawn for _, cycles in _thesis(points)]
+    frame = [_around([*(x for x, _ in found), *thesis]), _around([y for _, y in found])] if found else []
+    return [_budget_figure(run, points, curves, frame, panel_width(len(drawn), 3)) for points, curves in drawn.items()]
+
+
+@dataclass(slots=True)
+class _Curve:
+    """Thousand cycles and error of each effort that left a calibration, and the cycles of the largest effort.
+
+    `spheres` are those of the points where no ellipsoid was fitted.
+    """
+
+    points: list[Point] = field(default_factory=list)
+    spheres: list[Point] = field(default_factory=list)
+    cycles: float = 0.0
+
+    def in_words(self, name: str) -> str:
+        """Return where it ends, or what was spent on no calibration."""
+        if not self.points:
+            return f"{name} has no calibration after {readable(self.cycles)} cycles"
+        thousands, error = self.points[-1]
+        return f"{name} ends at {error:.2f} degrees for {readable(1000.0 * thousands)} cycles"
+
+
+def _thesis(points: float) -> list[tuple[str, float]]:
+    return [(words, slope * points + fixed) for words, slope, fixed in _THESIS]
+
+
+def _budget_figure(
+    run: Run, points: float, curves: Mapping[str, _Curve], frame: Sequence[Point], width: float
+) -> Figure:
+    figure = Figure(
+        title=f"{points:g} points", description="; ".join(curve.in_words(name) for name, curve in curves.items()),
+        x_label="thousand cycles", y_label="mean error [deg]", x_range=frame[0], y_range=frame[1], width=width,
+        height=300.0, log_x=True, log_y=True,
+    )
+    for words, cycles in _thesis(points):
+        figure.upright(cycles / 1000.0, f"{words} = {readable(cycles)}", "thesis")
+    for name, curve in curves.items():
+        style, mark = _series(run, name)
+        # One that has no calibration yet is not left out: that is what it made of the points.
+        figure.series(name if curve.points else f"{name}: none yet", curve.points, style, mark, radius=2.5)
+        figure.marks(curve.spheres, f"{style} hollow", mark, radius=3.0)
+    return figure
+
+
+def _series(run: Run, name: str) -> tuple[str, Mark]:
+    """Return how a calibrator is drawn, the same in every figure."""
+    costed = [each.name for each in calibrator_costs(run)]
+    offered = run.board.calibrators if run.board else ()
+    return series(list(dict.fromkeys([*costed, *offered, name])).index(name))
+
+
+def _around(values: Sequence[float]) -> Point:
+    return min(values) / 1.3, max(values) * 1.3
+
+
+def _is_positive(value: object) -> TypeGuard[float]:
+    return isinstance(value, int | float) and math.isfinite(value) and value > 0.0
+
+
+def _value(run: Run, name: str) -> float | None:
+    measurement = run.measurement(name)
+    return None if measurement is None or measurement.value is None else float(measurement.value)

@@ -1,4 +1,4 @@
-"""The sphere as the cylinder around it, which keeps areas: what a corrected cloud covers, and what it does not."""
+"""The sphere on an equal-area map (the cylinder around it): what calibrated samples cover, and what they do not."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ from hiltest.report.svg import Figure, Point
 
 Array = NDArray[np.float64]
 
-READING = KeyEntry("a reading", "", Mark.DOT, "level filled")
+SAMPLE = KeyEntry("a sample", "", Mark.DOT, "level filled")
 
 
 def coverage_map(corrected: Array, shown: Array) -> Figure:
-    """Draw which part of the sphere a cloud covers, by the rule that calibrations of clouds are judged by.
+    """Draw which part of the sphere samples cover, by the rule that calibrations of recorded samples are accepted by.
 
     Parameters
     ----------
     corrected, shown : ndarray, shape (n, 3)
-        All corrected points, and those that are drawn.
+        All calibrated samples, and those that are drawn.
     """
     covered = covered_directions(corrected)
     return _sphere_map(
         f"coverage: {100.0 * covered.mean():.0f} % of the sphere",
-        "Directions of the corrected points on an equal-area map; marked where none is near",
-        "no reading near", SPHERE[~covered], shown, 460.0, 260.0,
+        "Directions of the calibrated samples on an equal-area map; marked where none is near",
+        KeyEntry("no sample near", "uncovered"), SPHERE[~covered], shown, 460.0, 260.0,
     )
 
 
-def hole_map(corrected: Array, *, width: float, height: float) -> Figure:
-    """Draw where the points of a tumble lie, and the largest cap of the sphere that holds none of them.
+def largest_cap_map(corrected: Array, *, width: float, height: float) -> Figure:
+    """Draw where the samples of a tumble lie, and the largest cap of the sphere without one.
 
     Parameters
     ----------
@@ -43,25 +43,27 @@ def hole_map(corrected: Array, *, width: float, height: float) -> Figure:
     directions = corrected[lengths > 0.0] / lengths[lengths > 0.0, None]
     nearest = (SPHERE @ directions.T).max(axis=1) if len(directions) else np.full(len(SPHERE), -1.0)
     middle = int(nearest.argmin())
-    hole = SPHERE[SPHERE @ SPHERE[middle] >= nearest[middle]]
+    cap = SPHERE[SPHERE @ SPHERE[middle] >= nearest[middle]]
     radius_deg = float(np.degrees(np.arccos(np.clip(nearest[middle], -1.0, 1.0))))
     return _sphere_map(
-        f"coverage: the largest hole is {radius_deg:.0f}° in radius",
-        f"Directions of {len(corrected)} corrected points on an equal-area map; the largest cap without one is marked",
-        "largest hole", hole, corrected, width, height,
+        f"largest uncovered cap: {radius_deg:.0f}° radius",
+        f"Directions of {len(corrected)} calibrated samples on an equal-area map: sine of the elevation over azimuth; "
+        "the largest cap without one is marked",
+        KeyEntry("largest uncovered cap", "uncovered"), cap, corrected, width, height, labelled=False,
     )
 
 
 def _sphere_map(
-    title: str, description: str, word: str, marked: Array, shown: Array, width: float, height: float
+    title: str, description: str, entry: KeyEntry, marked: Array, shown: Array, width: float, height: float, *,
+    labelled: bool = True,
 ) -> Figure:
+    labels = ("azimuth in the sensor's axes [deg]", "sine of the elevation") if labelled else ("", "")
     figure = Figure(
-        title=title, description=description, x_label="azimuth in the sensor's axes [deg]",
-        y_label="sine of the elevation", x_range=(-180, 180), y_range=(-1, 1), x_ticks=(-180, -90, 0, 90, 180),
-        width=width, height=height, key=[READING, KeyEntry(word, "hole")],
+        title, description, *labels, x_range=(-180, 180), y_range=(-1, 1), x_ticks=(-180, -90, 0, 90, 180),
+        width=width, height=height, key=[SAMPLE, entry],
     )
-    figure.dots(_on_map(marked), "hole")
-    figure.dots(_on_map(shown), "cloud")
+    figure.dots(_on_map(marked), "uncovered")
+    figure.dots(_on_map(shown), "samples")
     return figure
 
 

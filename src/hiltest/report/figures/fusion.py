@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 
 from hiltest.record.run import Run, Table
-from hiltest.report.figures.columns import numbers
-from hiltest.report.figures.group import FigureGroup
-from hiltest.report.figures.limits import limit_figure
-from hiltest.report.marks import KeyEntry
-from hiltest.report.svg import Figure, Point
+from hiltest.report.figures.rows import limit_figure
+from hiltest.report.figures.section import FigureGroup, numbers, panel_width, written
+from hiltest.report.svg import Figure, Point, Sheet
 
 MOTION_TABLE = "fusion.motion"
 # In the order in which they are drawn: the noisiest first and thinnest, so that the others are seen on it.
@@ -22,13 +20,15 @@ _LINES = (
 
 def fusion_group(run: Run) -> FigureGroup | None:
     """Return the section, None when the run has no motion."""
-    figure = motion_figure(run)
-    if figure is None:
+    figure, table = motion_figure(run), run.table(MOTION_TABLE)
+    if figure is None or table is None:
         return None
+    headings = [f"{each.name.replace('_', ' ')} [{each.unit}]" for each in table.columns]
     return FigureGroup(
         "fusion", "Fusion during a motion",
-        "Heading while the board was turned and tilted, against the truth; all three began with the same attitude.",
-        [each for each in (figure, limit_figure(run.measurements, "fusion", "Limits")) if each],
+        "Heading while the board was turned and tilted, less the true heading; all three began with the same attitude.",
+        [each for each in (figure, limit_figure(run.measurements, "fusion", "Share of each fusion limit")) if each],
+        numbers=[Sheet("Heading, and the errors", headings, [written(row) for row in table.rows])], short="Fusion",
     )
 
 
@@ -45,11 +45,11 @@ def motion_figure(run: Run) -> Figure | None:
         title="Heading error over time",
         description="; ".join(f"{words}: at most {_largest(lines[name]):.2f} degrees" for name, words, _ in shown),
         x_label="time [s]", y_label="error [deg]", x_range=(0.0, max(ends_s, 0.1)),
-        y_range=(-1.05 * (largest or 0.1), 1.05 * (largest or 0.1)),
-        key=[KeyEntry(words, style) for _, words, style in reversed(shown)],
+        y_range=(-1.05 * (largest or 0.1), 1.05 * (largest or 0.1)), width=panel_width(2, 2),
     )
-    for name, _, style in shown:
-        figure.line(lines[name], style)
+    for name, words, style in shown:
+        figure.series(words, lines[name], style)
+    figure.key.reverse()
     return figure
 
 

@@ -1,17 +1,24 @@
-"""A drawing of rows: a name, a number at its end, and below both a bar. It reads the same on any width."""
+"""Rows of bars, each with its name and its number above it: limits that are used, and other numbers side by side."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 from markupsafe import Markup
 
+from hiltest.measurement import Limit, Measurement, Outcome
 from hiltest.report.marks import KeyEntry, Mark, shape
-from hiltest.report.svg import drawing
+from hiltest.report.svg import Sheet, drawing
+from hiltest.text import readable
 
-_WIDTH, _ROW, _LEFT, _RIGHT = 460.0, 42.0, 4.0, 456.0
+_WIDTH, _ROW, _LEFT, _RIGHT = 380.0, 42.0, 4.0, 376.0
 _TEXT, _BAR, _THICK = 15.0, 28.0, 8.0  # below the top of a row: a line of text, the middle of the bar, its height
+_ROOM = 0.75  # of the width is what a limit allows; the rest shows how far beyond it a value is
+_KEY = (
+    KeyEntry("within its limit", "", Mark.DOT, "level filled"), KeyEntry("beyond it", "", Mark.CROSS, "over"),
+    KeyEntry("limit", "end"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,17 +53,65 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class RowFigure:
-    """Rows under each other; `title` and `description` are what a screen reader says of them."""
+    """Rows under each other; a screen reader says the title and every row."""
 
     title: str
-    description: str
     rows: Sequence[Row]
-    key: Sequence[KeyEntry] = field(default=())
+    key: Sequence[KeyEntry] = ()
+
+    @property
+    def sheet(self) -> Sheet:
+        """Its names and numbers."""
+        return Sheet(self.title, ("name", "value"), [(row.name, row.number) for row in self.rows])
 
     def svg(self) -> Markup:
         """Return the finished drawing."""
         content = Markup("").join(_drawn(row, index * _ROW) for index, row in enumerate(self.rows))
-        return drawing(self.title, self.description, _WIDTH, len(self.rows) * _ROW, content)
+        in_words = "; ".join(f"{row.name}: {row.number}" for row in self.rows)
+        return drawing(self.title, in_words, _WIDTH, len(self.rows) * _ROW, content)
+
+
+def bars(title: str, values: Mapping[str, tuple[float, str]]) -> RowFigure:
+    """Draw numbers that are not below zero as bars, by name, each with its text."""
+    most = max(value for value, _ in values.values()) or 1.0
+    rows = [Row(name, text, 0.96 * value / most, Mark.DOT, "level filled", start=0.0)
+            for name, (value, text) in values.items()]
+    return RowFigure(title, rows)
+
+
+def limit_figure(measurements: Sequence[Measurement], family: str, title: str) -> RowFigure | None:
+    """Draw the measurements of a family that have a limit and a number, None when there are none."""
+    rows = [row for each in measurements if each.name.startswith(f"{family}.") and (row := _limit_row(each, family))]
+    if not rows:
+        return None
+    return RowFigure(title, rows, key=_KEY)
+
+
+def _limit_row(measurement: Measurement, family: str) -> Row | None:
+    limit, value = measurement.limit, measurement.value
+    ends = None if limit is None else _ends(limit)
+    if limit is None or value is None or ends is None:
+        return None
+    low, high = ends
+    held = measurement.outcome is not Outcome.FAIL
+    shares = [(side - low) / (high - low) for side in (limit.min, limit.max) if side is not None]
+    zone = (shares[0], shares[1]) if len(shares) == 2 else (0.0, shares[0]) if limit.min is None else (shares[0], 1.0)
+    return Row(
+        measurement.name.removeprefix(f"{family}."), f"{readable(value, 3)} {measurement.unit}, {limit}".strip(),
+        at=(value - low) / (high - low), mark=Mark.DOT if held else Mark.CROSS,
+        style="level filled" if held else "over", zone=zone, ends=shares,
+    )
+
+
+def _ends(limit: Limit) -> tuple[float, float] | None:
+    """Return what the left and the right end of the bar stand for; None for a limit without a width."""
+    if limit.min is not None and limit.max is not None:
+        middle, half = (limit.min + limit.max) / 2.0, (limit.max - limit.min) / 2.0
+        return None if half == 0.0 else (middle - half / _ROOM, middle + half / _ROOM)
+    side = limit.max if limit.min is None else limit.min
+    if side is None or side <= 0.0:
+        return None
+    return 0.0, side / _ROOM if limit.min is None else side / (1.0 - _ROOM)
 
 
 def _drawn(row: Row, top: float) -> Markup:

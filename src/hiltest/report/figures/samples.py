@@ -1,0 +1,92 @@
+"""The magnetometer's samples before calibration and after it, and how much of the sphere they cover."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hiltest.record.run import Run, Table
+from hiltest.report.figures.coverage import SAMPLE, largest_cap_map
+from hiltest.report.figures.section import FigureGroup, numbers, panel_width, written
+from hiltest.report.marks import KeyEntry
+from hiltest.report.svg import Figure, Sheet
+
+POINTS_TABLE = "tumble.points"
+CALIBRATIONS_TABLE = "calibration.results"
+_MOST = 6
+_UNIT = KeyEntry("unit circle: where a calibrated sample belongs", "unit")
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class _Calibration:
+    name: str
+    soft_iron: Array
+    hard_iron: Array
+
+
+def samples_group(run: Run) -> FigureGroup | None:
+    """Return the section, None when no sample was collected."""
+    points, results = run.table(POINTS_TABLE), run.table(CALIBRATIONS_TABLE)
+    samples = None if points is None else np.array([numbers(points, axis) for axis in "xyz"]).T
+    if samples is None or not len(samples := samples[np.isfinite(samples).all(axis=1)]):
+        return None
+    calibrations = [] if results is None else list(_calibrations(results))
+    corrected = {each.name: (samples - each.hard_iron) @ each.soft_iron.T for each in calibrations}
+    width = panel_width(1 + len(corrected) + bool(corrected), _MOST)
+    panels = [_seen_along_z("before calibration", "raw counts", samples, width)]
+    for name, found in corrected.items():
+        panels.append(_seen_along_z(f"after {name}", "with the unit circle", found, width))
+        panels[-1].circle((0, 0), 1.0, "unit")
+        panels[-1].key.append(_UNIT)
+    panels += [
+        largest_cap_map(found, width=width, height=panels[0].height) for found in list(corrected.values())[:1]
+    ]
+    sheets = [_calibration_sheet(results)] if results and corrected else []
+    return FigureGroup(
+        "samples", "Magnetometer samples",
+        "Samples that the board collected while it was tumbled: as the sensor gave them, and as each calibrator "
+        f"corrects them. Samples on a sphere do not say that the heading is right.{_covered(run)}",
+        panels, most=_MOST, caption="y over x: raw in counts, calibrated in units of the field's magnitude",
+        numbers=[*sheets, Sheet("Raw samples [count]", "xyz", [written(row) for row in samples.tolist()])],
+        short="Samples",
+    )
+
+
+def _covered(run: Run) -> str:
+    covered = run.measurement("tumble.coverage")
+    if covered is None or covered.value is None:
+        return ""
+    return f" {covered.value:.0f} % of the sphere lies outside the largest uncovered cap."
+
+
+def _calibrations(results: Table) -> Iterator[_Calibration]:
+    """Yield those that have a matrix and an offset."""
+    soft_iron = np.array([[numbers(results, f"soft_iron_{row}{column}") for column in "xyz"] for row in "xyz"])
+    hard_iron = np.array([numbers(results, f"hard_iron_{row}") for row in "xyz"])
+    for index, name in enumerate(results.column_if_any("calibrator")):
+        found = _Calibration(str(name), soft_iron[:, :, index], hard_iron[:, index])
+        if np.isfinite(found.soft_iron).all() and np.isfinite(found.hard_iron).all():
+            yield found
+
+
+def _seen_along_z(title: str, words: str, samples: Array, width: float) -> Figure:
+    reach = 1.15 * max(1.0, float(np.abs(samples[:, :2]).max()))
+    figure = Figure(
+        title=title, description=f"{len(samples)} samples seen along z, {words}", x_label="", y_label="",
+        x_range=(-reach, reach), y_range=(-reach, reach), width=width, equal_axes=True, key=[SAMPLE],
+    )
+    figure.dots(samples[:, :2].tolist(), "samples")
+    return figure
+
+
+def _calibration_sheet(results: Table) -> Sheet:
+    """Return a column for each calibrator: three of them and sixteen numbers are higher than wide."""
+    columns = [(each.name.replace("_", " "), each.unit, results.column(each.name)) for each in results.columns]
+    (_, _, names), *others = columns
+    rows = [[f"{name} [{unit}]" if unit else name, *written(cells)] for name, unit, cells in others]
+    return Sheet("Calibrations that the board fitted", ["quantity", *map(str, names)], rows)
