@@ -89,7 +89,7 @@ def test_a_failure_stands_with_its_value_in_the_baseline_and_its_likely_cause(
     bad = finished(findings(*heading("direct", 6.3, limit=1.8, cycles=12_400)))
     base = difference("heading.direct.max", Change.WORSE, 0.97, 6.3, unit="deg")
     compared = replace(bad, comparison=Comparison(SIDE, SIDE, (base,), (), "1 worse."))
-    row = "heading.direct.max 6.3 deg at most 1.8 fail {}good fit, bad heading"
+    row = "heading.direct.max 6.30 deg at most 1.8 fail {}good fit, bad heading"
     assert row.format("0.97 deg ") in text_of(html_report(compared))
     assert row.format("") in text_of(html_report(bad))
 

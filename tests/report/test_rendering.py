@@ -166,19 +166,38 @@ def test_both_files_are_written(run: Run, tmp_path: Path) -> None:
     assert sorted(each.name for each in tmp_path.iterdir()) == ["report.html", "report.md"]
 
 
-def test_the_terminal_table_ends_with_files_and_sentence(run: Run, tmp_path: Path) -> None:
+def test_the_terminal_begins_with_the_verdict_and_ends_with_where_the_report_is(run: Run, tmp_path: Path) -> None:
     write_reports(run, tmp_path)
-    text = summary(run, tmp_path, every=False, sentence=True, width=100, colour=False)
+    text = summary(run, tmp_path, verbose=False, width=80, colour=False)
     assert "\x1b" not in text
     assert "board.wall_seconds" not in text
-    assert "7 more without a limit are in the report" in text
-    assert re.search(r"heading\.direct\.max +0\.97 +deg +at most 1\.8 +pass", text)
-    assert text.rstrip().endswith(run.verdict.sentence)
+    assert " ".join(text.split()).startswith(run.verdict.sentence)
+    assert re.search(r"^direct +0\.97 +1\.8 +12 400 +1\.00 *$", text, re.MULTILINE)
+    assert re.search(r"^Report: .*report\.html \(\d+ measurements; -v prints them\)$", text, re.MULTILINE)
+    assert max(map(len, text.splitlines()[:-1])) <= 80
+    every = summary(run, tmp_path, verbose=True, width=100, colour=False)
+    assert re.search(r"heading\.direct\.max +0\.97 +deg +at most 1\.8 +pass", every)
+    assert "board.wall_seconds" in every
+
+
+def test_a_failing_run_begins_with_what_failed_and_what_to_do_next(
+    findings: Make, heading: Callable[..., list[Measurement]], tmp_path: Path
+) -> None:
+    bad = [replace(each, place="test_heading.py:74") for each in heading("direct", 6.3, limit=1.8, cycles=12_400)]
+    made = findings(*bad)
+    text = summary(made.finish(decide(made, pytest_exit=1), ""), tmp_path, verbose=False, width=80, colour=False)
+    lines = text.splitlines()
+    assert lines[0].startswith("FAIL. heading.direct.max 6.30 deg (limit 1.8)")
+    failed = lines.index("  heading.direct.max 6.30 deg (limit 1.8), test_heading.py:74")
+    assert lines[failed + 1].startswith("    likely cause: good fit, bad heading")
+    following = [index for index, line in enumerate(lines) if line.startswith("Next: ")]
+    table = next(index for index, line in enumerate(lines) if line.startswith("calibrator "))
+    assert failed < following[0] < table
 
 
 def test_markup_in_names_does_not_style_the_terminal(hostile: Run, tmp_path: Path) -> None:
     odd = replace(hostile.measurements[0], name="[red]x[/red]")
-    text = summary(replace(hostile, measurements=(odd,)), tmp_path, every=True, sentence=False, width=200, colour=False)
+    text = summary(replace(hostile, measurements=(odd,)), tmp_path, verbose=True, width=200, colour=False)
     assert "[red]x[/red]" in text
 
 
@@ -247,7 +266,7 @@ def test_what_streams_know_on_the_way_is_in_both_reports(findings: Make, good: l
     for cell in ("poor coverage: sphere", "too few points", "1.57 %", "3 503"):
         assert cell in page
     for report in (html_report, markdown_report):
-        assert "Streaming calibrators" not in report(replace(run, tables=()))
+        assert "slow-stream" not in report(replace(run, tables=()))
 
 
 def test_curves_and_stages_of_a_suite_that_says_nothing_of_spheres_are_shown(run: Run) -> None:

@@ -53,7 +53,8 @@ def html_report(run: Run) -> str:
         cost_figures=cost_group(run), figure_groups=[group for section in _FIGURES if (group := section(run))],
         signs=_SIGNS, streams=stream_overview, stream_stages=stream_overview.stream_stages(run),
         groups=overview.groups(run), provenance=list(overview.provenance(run)),
-        value=shown_value, limit=shown_limit, outcome=shown_outcome, tone=overview.tone, origin=overview.origin, number=number,
+        value=shown_value, limit=shown_limit, outcome=shown_outcome, tone=overview.tone, origin=overview.origin,
+        number=number,
     )
 
 

@@ -86,8 +86,9 @@ def accuracy_and_cost(run: Run) -> AccuracyAndCost:
 def groups(run: Run) -> list[Group]:
     """Return all measurements by the section that their kind belongs in."""
     order = list(Section)
-    by_section = groupby(sorted(run.measurements, key=lambda each: order.index(each.section)), lambda each: each.section)
-    return [Group(str(section), tuple(measurements)) for section, measurements in by_section]
+    measurements = sorted(run.measurements, key=lambda each: order.index(each.section))
+    by_section = groupby(measurements, key=lambda each: each.section)
+    return [Group(str(section), tuple(found)) for section, found in by_section]
 
 
 def tally(run: Run) -> str:
