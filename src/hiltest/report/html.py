@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from hiltest import __version__
 from hiltest.record.outcomes import TestOutcome
-from hiltest.record.run import Run
+from hiltest.record.run import Run, TestResult
 from hiltest.report import overview, stream_overview
 from hiltest.report.comparison_overview import against_baseline
 from hiltest.report.cost_line import cost_line
@@ -17,8 +17,8 @@ from hiltest.report.figures.inertial import accelerometer_group, gyroscope_group
 from hiltest.report.figures.samples import samples_group
 from hiltest.report.page import render
 from hiltest.report.terminal import shown_limit, shown_outcome, shown_value
-from hiltest.text import number
-from hiltest.verdict.summary import Failure, summarise
+from hiltest.text import number, with_unit
+from hiltest.verdict.summary import Failure, Summary, summarise
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,14 +48,20 @@ def html_report(run: Run) -> str:
         run=run, version=__version__, badge=_BADGES.get(run.verdict.outcome, _BAD), tally=overview.tally(run),
         board_line=overview.board_line(run), baseline=against_baseline(run.comparison),
         title=_title(run), found=found, gating=[*found.failures, *(Failure(each, None, "") for each in found.unset)],
-        troubled=[test for test in run.tests if test.outcome not in _PASSED],
+        troubled=_troubled(run, found),
         calibrators=overview.accuracy_and_cost(run), cost_line=cost_line(run),
         cost_figures=cost_group(run), figure_groups=[group for section in _FIGURES if (group := section(run))],
         signs=_SIGNS, streams=stream_overview, stream_stages=stream_overview.stream_stages(run),
         groups=overview.groups(run), provenance=list(overview.provenance(run)),
         value=shown_value, limit=shown_limit, outcome=shown_outcome, tone=overview.tone, origin=overview.origin,
-        number=number,
+        number=number, with_unit=with_unit,
     )
+
+
+def _troubled(run: Run, found: Summary) -> list[TestResult]:
+    """Return the tests that did not pass, without those whose failures are the measurements listed above them."""
+    explained = [test for test in run.tests if test.outcome.is_red and test not in found.broken]
+    return [test for test in run.tests if test.outcome not in _PASSED and (test.trace or test not in explained)]
 
 
 def _title(run: Run) -> str:
