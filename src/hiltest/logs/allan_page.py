@@ -60,8 +60,8 @@ def write_page(log: RateLog, curve: AllanCurve, path: Path) -> None:
     """Write a page with the curve so that a reader sees the whole file or none."""
     header, *rows = table(log, curve)
     page = render(
-        "allan.html.j2", headline=headline(log), header=header, rows=rows, figure=figure(log, curve),
-        version=__version__,
+        "allan.html.j2", package="hiltest.logs", headline=headline(log), header=header, rows=rows,
+        figure=figure(log, curve), version=__version__,
     )  # fmt: skip
     write_text(path, page)
 
