@@ -17,6 +17,7 @@ from hiltest.errors import BenchError, ConfigError, HiltestError, ProtocolError
 
 _FAILED, _INTERRUPTED, _USAGE_ERROR = 1, 2, 4
 _CODES = {ConfigError: _USAGE_ERROR, BenchError: 20, ProtocolError: 23}
+_SAID_OF_OUTPUT = {errno.ENOSPC: "cannot write the output", errno.ENAMETOOLONG: "no file can have this name"}
 # In the order of the help. Each is a function of this name in a module of this name in hiltest.commands.
 _COMMANDS = (
     "run", "compare", "baseline", "trend", "report", "export", "calibrate", "serve", "fit", "fit-imu", "profile",
@@ -63,9 +64,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         click.echo(f"ERROR: {error}", err=True)
         code = next((code for kind, code in _CODES.items() if isinstance(error, kind)), _FAILED)
     except OSError as error:
-        if error.errno != errno.ENOSPC:
+        if error.errno not in _SAID_OF_OUTPUT:
             raise
-        click.echo(f"ERROR: cannot write the output: {error.strerror}", err=True)
+        click.echo(f"ERROR: {_SAID_OF_OUTPUT[error.errno]}: {error.strerror}", err=True)
         code = _USAGE_ERROR
     except (click.Abort, KeyboardInterrupt):
         click.echo("interrupted", err=True)
