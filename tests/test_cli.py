@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -10,9 +11,12 @@ from pathlib import Path
 
 import pytest
 
+from hiltest import cli as hiltest_cli
 from hiltest.boards import default_firmware
 from hiltest.record.exit_codes import WORDS, ExitCode
 from hiltest.record.reader import read_record
+
+COMMANDS = Path(hiltest_cli.__file__).parent / "commands"
 
 
 def hiltest(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
@@ -49,6 +53,18 @@ def test_help_fits_a_terminal_of_80_columns(tmp_path: Path, command: str) -> Non
     assert [line for line in told.splitlines() if len(line) > 80] == []
 
 
+def test_help_shows_every_command_in_its_group_on_one_line_that_is_not_cut(tmp_path: Path) -> None:
+    told = hiltest("--help", folder=tmp_path).stdout.split("Exit codes:")[0]
+    groups = {
+        head.strip(): dict(re.findall(r"^  ([a-z-]+) +(\S.*)$", lines, re.M))
+        for head, lines in re.findall(r"^(\w[\w ]*):\n((?:  .*\n)+)", told, re.M)
+    }
+    assert list(groups) == ["Options", "Run and judge", "Firmware", "Bench", "Recordings"]
+    lines = {name: line for title, group in groups.items() if title != "Options" for name, line in group.items()}
+    assert set(lines) == {path.stem.replace("_", "-") for path in COMMANDS.glob("*.py")} - {"--init--", "options"}
+    assert [line for line in lines.values() if not line.endswith(".") or line.endswith("...")] == []
+
+
 def test_help_names_both_files_that_a_measured_profile_may_be_written_to(tmp_path: Path) -> None:
     told = " ".join(hiltest("timing", "measure", "--help", folder=tmp_path).stdout.split())
     assert "[default: silicon-<board id>.toml, of a virtual board virtual-<board id>.toml]" in told
@@ -78,6 +94,9 @@ def test_a_full_disk_is_told_without_a_traceback(tmp_path: Path) -> None:
         (["run", "--sed", "1"], "No such option '--sed'"),
         (["run", "--seeds", "9..1"], "'9..1' is not a range of seeds; write for example 1..100"),
         (["run", "--seeds", "5"], "'5' is not a range of seeds"),
+        (["run", "--out", "x" * 300], "a name of 300 bytes is too long: a file's has at most 255"),
+        (["run", "--", "-p", "no:hiltest"], "hiltest run needs hiltest's plugin of pytest: leave out -p no:hiltest"),
+        (["report", "x" * 300], "no file can have this name: File name too long"),
         (["run", "--seeds", "1..2", "--seed", "1"], "neither with --seed nor with --hil-port"),
         (["run", "--seeds", "1..2", "--hil-port", "/dev/ttyACM0"], "neither with --seed nor with --hil-port"),
         (["run", "--poses", "some"], "'some' is not one of 'all', 'level'"),

@@ -1,3 +1,67 @@
-"""Hardware-in-the-loop tests for compass and IMU calibration firmware."""
+"""Hardware-in-the-loop tests for compass and IMU calibration firmware.
+
+The names in ``__all__`` are the public interface, described in docs/api.md. Each is imported when it is first used.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from hiltest import hookspecs
+    from hiltest.boards import Board
+    from hiltest.fixtures import Measure
+    from hiltest.measurement import Limit
+    from hiltest.procedures import Turntable
+    from hiltest.profiling.image import ProfiledImage
+    from hiltest.rig import Rig
+    from hiltest.virtual.k64f import VirtualK64F
 
 __version__ = "0.1.0"
+
+__all__ = ["Board", "Limit", "Measure", "Rig", "Turntable", "VirtualK64F", "cycles", "hookspecs"]
+
+_MODULES = {
+    "Board": "boards", "Limit": "measurement", "Measure": "fixtures", "Rig": "rig", "Turntable": "procedures",
+    "VirtualK64F": "virtual.k64f",
+}  # fmt: skip
+
+
+def cycles(elf: str | Path | None = None, *, profile: str | None = None) -> ProfiledImage:
+    """Open an ELF whose functions are to be counted, on a virtual board of its own.
+
+    Parameters
+    ----------
+    elf : str or Path, optional
+        Any program linked for the MK64FN1M0; by default the packaged firmware.
+    profile : str, optional
+        Timing profile; by default ``cortex-m4-trm/1``.
+
+    Returns
+    -------
+    ProfiledImage
+        ``cycles("app.elf").call("fn", 3).cycles`` is what one call costs.
+
+    Raises
+    ------
+    ConfigError
+        If the ELF cannot be loaded, or there is no such timing profile.
+    """
+    from hiltest.boards import default_firmware
+    from hiltest.profiling.image import ProfiledImage
+    from hiltest.virtual.profile_file import DEFAULT_PROFILE
+
+    return ProfiledImage(default_firmware() if elf is None else Path(elf), timing=profile or DEFAULT_PROFILE)
+
+
+def __getattr__(name: str) -> object:
+    """Import a public name when it is first used: a pytest run without a board waits for none of them."""
+    if name == "hookspecs":
+        return import_module("hiltest.hookspecs")
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value: object = getattr(import_module(f"hiltest.{_MODULES[name]}"), name)
+    globals()[name] = value
+    return value

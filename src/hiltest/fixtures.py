@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+import hiltest
 from hiltest.operator_prompt import ask
 from hiltest.session import SESSION, HilSession
 from hiltest.session.results import FOUND, Found
@@ -190,15 +191,10 @@ class Cycles:
         ConfigError
             If the ELF cannot be loaded, or there is no such timing profile.
         """
-        from hiltest.boards import default_firmware
-        from hiltest.profiling.image import ProfiledImage
-        from hiltest.virtual.profile_file import DEFAULT_PROFILE
-
-        if elf is None:
-            path = self._session.settings.firmware or default_firmware()
-        else:
-            path = self._session.config.rootpath / elf
-        return ProfiledImage(path, timing=profile or DEFAULT_PROFILE)
+        session = self._session
+        return hiltest.cycles(
+            session.settings.firmware if elf is None else session.config.rootpath / elf, profile=profile
+        )
 
 
 @pytest.fixture(scope="session")

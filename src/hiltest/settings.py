@@ -19,6 +19,9 @@ import pytest
 
 DEFAULT_OUT = "hil-out"
 LONGEST_LABEL = 100
+LONGEST_NAME = 255
+"""Bytes of a file's name: NAME_MAX of Linux' file systems."""
+_PREFIX = "HIL_"
 
 _POSES: Mapping[str, Literal["all", "level"]] = {"all": "all", "level": "level"}
 _SUITES: Mapping[str, Literal["gate", "full"]] = {"gate": "gate", "full": "full"}
@@ -52,9 +55,12 @@ def suite(text: str) -> Literal["gate", "full"]:
 
 
 def file_name(text: str) -> str:
-    """Parse the name of a file or folder: anything but nothing."""
+    """Parse the name of a file or folder: anything but nothing, and no name that no file can have."""
     if not text:
         raise argparse.ArgumentTypeError("the name is empty")
+    longest = max((len(os.fsencode(part)) for part in Path(text).parts), default=0)
+    if longest > LONGEST_NAME:
+        raise argparse.ArgumentTypeError(f"a name of {longest} bytes is too long: a file's has at most {LONGEST_NAME}")
     return text
 
 
@@ -108,7 +114,7 @@ class Option:
     @property
     def variable(self) -> str:
         """Name in the environment."""
-        return f"HIL_{self.name.upper()}"
+        return f"{_PREFIX}{self.name.upper()}"
 
 
 OPTIONS = (
@@ -160,6 +166,22 @@ def run_options(options: Sequence[str]) -> str:
 
 def _typed(given: Mapping[str, object]) -> str:
     return " ".join(f"--{name} {quote(str(value))}" for name, value in given.items() if value is not None)
+
+
+def check_environment(environment: Mapping[str, str] = os.environ) -> None:
+    """Refuse a variable that is meant for hiltest and that it does not know.
+
+    Raises
+    ------
+    ConfigError
+        It names the nearest one.
+    """
+    from hiltest.errors import UnknownKeyError
+
+    known = [option.variable for option in OPTIONS]
+    for name in sorted(environment):
+        if name.startswith(_PREFIX) and name not in known:
+            raise UnknownKeyError(name, where="the environment", known=known)
 
 
 def add_options(parser: pytest.Parser) -> None:

@@ -105,3 +105,30 @@ def test_an_unused_plugin_imports_nothing_heavy(pytester: pytest.Pytester) -> No
     """)
     result = pytester.runpytest_subprocess("-s", "-p", "no:benchmark")
     result.stdout.fnmatch_lines(["*True []"])
+
+
+def test_an_unknown_variable_of_the_environment_is_a_usage_error_that_names_the_nearest(
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HIL_BASLINE", "kept.json")
+    pytester.makepyfile(test_of_a_project="def test_it():\n    pass\n")
+    assert pytester.runpytest_inprocess().ret == 0  # nothing here uses hiltest
+    pytester.makepyfile(test_lamp="def test_it(measure):\n    pass\n")
+    result = pytester.runpytest_inprocess()
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    result.stderr.fnmatch_lines(["ERROR: the environment: unknown key 'HIL_BASLINE'; did you mean 'HIL_BASELINE'?"])
+    assert not (pytester.path / "hil-out").exists()
+    monkeypatch.delenv("HIL_BASLINE")
+    monkeypatch.setenv("HILTEST_REQUIRE_TOOLS", "1")
+    assert pytester.runpytest_inprocess().ret == 0
+
+
+@pytest.mark.parametrize("characters", [255, 300])
+def test_a_name_that_no_folder_can_have_is_a_usage_error(pytester: pytest.Pytester, characters: int) -> None:
+    pytester.makepyfile("def test_it(measure):\n    pass\n")
+    result = pytester.runpytest_inprocess(f"--hil-out={'x' * characters}")
+    if characters == 255:
+        assert result.ret == 0
+        return
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    result.stderr.fnmatch_lines(["*--hil-out: a name of 300 bytes is too long: a file's has at most 255"])

@@ -12,6 +12,7 @@ from hiltest.record.run_json import without_volatile
 pytest.importorskip("xdist")
 
 GROUPED = ("-n2", "--dist=loadgroup")
+ALONE = ("-n2",)
 
 BOARD = """
 import os
@@ -45,11 +46,14 @@ def record_of(pytester: pytest.Pytester) -> dict[str, Any]:
     return content
 
 
-def test_two_workers_write_the_record_that_one_process_does(pytester: pytest.Pytester) -> None:
+@pytest.mark.parametrize("options", [ALONE, GROUPED], ids=" ".join)
+def test_two_workers_write_the_record_that_one_process_does(
+    pytester: pytest.Pytester, options: tuple[str, ...]
+) -> None:
     pytester.makepyfile(test_board=BOARD, test_more=MORE)
     assert pytester.runpytest_subprocess().ret == 0
     alone = record_of(pytester)
-    result = pytester.runpytest_subprocess(*GROUPED)
+    result = pytester.runpytest_subprocess(*options)
     assert result.ret == 0
     result.stdout.fnmatch_lines(["PASS."])
     shared = record_of(pytester)
@@ -65,8 +69,8 @@ def test_tests_of_one_board_in_several_workers_are_refused(pytester: pytest.Pyte
     result = pytester.runpytest_subprocess("-n2", "--dist=loadfile")
     assert result.ret == pytest.ExitCode.USAGE_ERROR
     result.stderr.fnmatch_lines([
-        "ERROR: 2 workers, and test_board.py::test_slots uses hiltest: * must run in one worker. Add --dist loadgroup, "
-        "or leave out -n"
+        "ERROR: 2 workers, and test_board.py::test_slots uses hiltest: * must run in one worker. "
+        "Leave out --dist loadfile, or -n"
     ])
     assert not (pytester.path / "hil-out" / "run.json").exists()
 
@@ -119,7 +123,10 @@ def test_a_lost_bench_keeps_its_exit_code(pytester: pytest.Pytester) -> None:
     assert [each["name"] for each in record["measurements"]] == ["lamp.current"]
 
 
-def test_a_worker_that_dies_is_a_failed_test_in_the_record(pytester: pytest.Pytester) -> None:
+@pytest.mark.parametrize("options", [ALONE, GROUPED], ids=" ".join)
+def test_a_worker_that_dies_is_a_failed_test_in_the_record(
+    pytester: pytest.Pytester, options: tuple[str, ...]
+) -> None:
     pytester.makepyfile("""
         import os
 
@@ -129,12 +136,33 @@ def test_a_worker_that_dies_is_a_failed_test_in_the_record(pytester: pytest.Pyte
         def test_dies(measure):
             os._exit(7)
     """)
-    assert pytester.runpytest_subprocess(*GROUPED).ret == 1
+    assert pytester.runpytest_subprocess(*options).ret == 1
     tests = {each["id"].split("::")[1]: each for each in record_of(pytester)["tests"]}
     assert tests["test_before"]["outcome"] == "passed"
     assert tests["test_dies"]["outcome"] == "error"
     assert "crashed while running" in tests["test_dies"]["reason"]
     assert [each["name"] for each in record_of(pytester)["measurements"]] == ["lamp.current"]
+
+
+def test_other_tests_are_spread_over_the_workers_and_those_of_hiltest_are_not(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile("""
+        import os, time
+        import pytest
+
+        @pytest.mark.parametrize("k", range(6))
+        def test_of_a_project(k):
+            time.sleep(0.2)
+
+        @pytest.mark.parametrize("k", range(6))
+        def test_lamp(measure, k):
+            measure(f"process.{k}", os.getpid(), "", volatile=True)
+    """)
+    result = pytester.runpytest_subprocess(*ALONE, "-v")
+    assert result.ret == 0
+    lines = [line.split() for line in result.outlines if "PASSED" in line]
+    workers = {name: {line[0] for line in lines if name in line[-1]} for name in ("of_a_project", "test_lamp")}
+    assert {name: len(each) for name, each in workers.items()} == {"of_a_project": 2, "test_lamp": 1}
+    assert len({each["value"] for each in record_of(pytester)["measurements"]}) == 1
 
 
 def test_who_distributes_tests_without_hiltest_notices_nothing(pytester: pytest.Pytester) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from hiltest.calibration.fit import FitStatus
 from hiltest.procedures import predicted_residual_percent
-from hiltest.verdict.causes import Cause, name_cause
+from hiltest.verdict.causes import Cause, HeadingSymptoms, name_cause
 
 GOOD = {
     "max_deg": 1.0, "max_limit_deg": 1.8, "bias_deg": 0.1, "bias_limit_deg": 1.0, "max_centred_deg": 0.95,
@@ -19,7 +19,7 @@ GOOD = {
 
 
 def cause(**changes: float | None) -> Cause:
-    return name_cause(**(GOOD | changes))  # type: ignore[arg-type]
+    return name_cause(HeadingSymptoms(**(GOOD | changes)))  # type: ignore[arg-type]
 
 
 def test_a_heading_within_its_limits_has_no_cause() -> None:

@@ -248,7 +248,7 @@ def test_a_bench_lost_after_a_failure_is_said_behind_it(findings: Make, good: li
     verdict = decide(findings(*good, bad, tests=(lost,)), pytest_exit=1)
     assert verdict.exit_code == 1
     assert verdict.sentence.endswith(
-        "FAIL. gyroscope.bias_error 0.4 dps (limit 0.1). Bench lost: lost /dev/ttyACM0: unplugged."
+        "FAIL. gyroscope.bias_error 0.4 dps (limit 0.1). Connection lost: lost /dev/ttyACM0: unplugged."
     )
 
 

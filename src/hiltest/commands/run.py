@@ -19,7 +19,7 @@ from hiltest.runs.folders import folder_beside_complete, said_of_folder
 from hiltest.runs.older_firmware import OlderFirmware, base_of_environment
 from hiltest.session import SESSION
 from hiltest.session.selection import RUN_COMMAND, Choice, only_looks
-from hiltest.settings import DEFAULT_OUT, file_name, label, seed
+from hiltest.settings import DEFAULT_OUT, check_environment, file_name, label, seed
 
 _JUNIT_FILE = "junit.xml"
 
@@ -44,6 +44,8 @@ class RunCommand:
     @pytest.hookimpl(tryfirst=True)
     def pytest_cmdline_main(self, config: pytest.Config) -> None:
         """Record chosen tests beside a complete run, and not in its place."""
+        if not config.pluginmanager.has_plugin("hiltest"):
+            raise pytest.UsageError("hiltest run needs hiltest's plugin of pytest: leave out -p no:hiltest")
         out = Path(config.option.hil_out)
         folder = folder_beside_complete(out) if Choice(config).of_any_tests and not only_looks(config) else out
         if folder == out:
@@ -144,6 +146,7 @@ def run(
     """
     from hiltest.runs.folders import sole_command
 
+    check_environment()
     names = {"rig": "--hil-rig", "firmware": "--hil-firmware", "hil_port": "--hil-port", "seed": "--hil-seed",
              "poses": "--hil-poses", "suite": "--hil-suite", "calibration": "--hil-calibration",
              "label": "--hil-label"}

@@ -28,7 +28,7 @@ from hiltest.session.selection import (
     uses_hiltest,
     uses_rig,
 )
-from hiltest.settings import Settings
+from hiltest.settings import Settings, check_environment
 
 if TYPE_CHECKING:
     from hiltest.boards import Board
@@ -151,6 +151,7 @@ class HilSession:
 
         self.asked_for = True
         try:
+            check_environment()
             # Reading the rig is what finds its mistakes.
             self._needs_rig |= with_board
             _ = self.rig_if_needed

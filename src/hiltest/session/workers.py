@@ -27,6 +27,7 @@ _OUTPUT = "hil"
 class Node(Protocol):
     """A worker as the process that hands out tests sees it; one that crashed has no output."""
 
+    workerinput: dict[str, Any]
     workeroutput: dict[str, Any]
 
 
@@ -53,6 +54,8 @@ class Worker:
     @pytest.hookimpl(wrapper=True, tryfirst=True)
     def pytest_collection_finish(self, session: pytest.Session) -> Generator[None, object, object]:
         """Refuse what would put one board into several hands, and pass on every usage error, which xdist does not."""
+        if distribution_of(self._hil.config) == SPREAD:
+            put_into_group(session.items)
         let_groups_count(session.items)
         try:
             check_one_worker(self._hil.config, session.items)
@@ -106,6 +109,23 @@ class Worker:
         return {"board": self._board, "seed": None if board is None else board.seed}
 
 
+_DISTRIBUTION = "hil_distribution"
+SPREAD = "load"
+"""How pytest-xdist distributes tests where only ``-n`` is given."""
+
+
+def distribution_of(config: pytest.Config) -> str:
+    """Return in a worker what ``--dist`` is where tests are handed out."""
+    return str(config.workerinput[_DISTRIBUTION])  # type: ignore[attr-defined]
+
+
+def put_into_group(items: Sequence[pytest.Item]) -> None:
+    """Give the tests that use hiltest ids with the group behind, by which `GroupedLoad` keeps them together."""
+    for item in items:
+        if uses_hiltest(item):
+            setattr(item, "_nodeid", f"{item.nodeid}@{GROUP}")  # noqa: B010
+
+
 def let_groups_count(items: Sequence[pytest.Item]) -> None:
     """Make the ids be what pytest-xdist meant them to be.
 
@@ -130,10 +150,11 @@ def check_one_worker(config: pytest.Config, items: Sequence[pytest.Item]) -> Non
     workers = config.workerinput["workercount"]  # type: ignore[attr-defined]
     if not ours or workers < 2:
         return
-    if not config.option.loadgroup:
+    distribution = distribution_of(config)
+    if distribution not in (SPREAD, "loadgroup"):
         raise pytest.UsageError(
             f"{workers} workers, and {ours[0].nodeid} uses hiltest: such tests share one board and one record, so they "
-            "must run in one worker. Add --dist loadgroup, or leave out -n"
+            f"must run in one worker. Leave out --dist {distribution}, or -n"
         )
     strays = [item.nodeid for item in ours if not item.nodeid.endswith(f"@{GROUP}")]
     if strays:
@@ -141,6 +162,33 @@ def check_one_worker(config: pytest.Config, items: Sequence[pytest.Item]) -> Non
             f"{strays[0]} uses hiltest, and is not in the xdist_group {GROUP!r} alone: such tests share one board and "
             "one record. Leave out its own xdist_group, or run without -n"
         )
+
+
+class GroupedLoad:
+    """What ``-n`` alone distributes tests by: as pytest-xdist does, but tests that use hiltest go to one worker."""
+
+    def __init__(self, config: pytest.Config, log: Any) -> None:
+        from xdist.scheduler import LoadScheduling
+
+        self._config, self._log = config, log
+        self._inner = LoadScheduling(config, log)
+        self._is_decided = False
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._inner, name)
+
+    def schedule(self) -> None:
+        """Distribute; the first time decide how, as only the workers know which tests there are."""
+        collected = {} if self._is_decided else dict(self._inner.node2collection)
+        self._is_decided = True
+        if any(each.endswith(f"@{GROUP}") for ids in collected.values() for each in ids):
+            from xdist.scheduler import LoadGroupScheduling
+
+            self._inner = LoadGroupScheduling(self._config, self._log)
+            for node, ids in collected.items():
+                self._inner.add_node(node)
+                self._inner.add_node_collection(node, ids)
+        self._inner.schedule()
 
 
 class Controller:
@@ -151,6 +199,16 @@ class Controller:
         self._recording: Recording | None = None
         # Finished before it is known that anything is to be recorded: reports, and ids of tests that are through.
         self._early: list[pytest.TestReport | str] = []
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_configure_node(self, node: Node) -> None:
+        """Tell a worker how tests are distributed, which pytest-xdist does not."""
+        node.workerinput[_DISTRIBUTION] = self._hil.config.option.dist
+
+    @pytest.hookimpl(tryfirst=True, optionalhook=True)
+    def pytest_xdist_make_scheduler(self, config: pytest.Config, log: Any) -> GroupedLoad | None:
+        """Keep tests that use hiltest together where the user left it open how tests are distributed."""
+        return GroupedLoad(config, log) if config.option.dist == SPREAD else None
 
     def pytest_sessionstart(self) -> None:
         """Begin at once when the command itself needs the bench."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from hiltest.calibration.fit import FitStatus
 from hiltest.measurement import KINDS, Measurement, Outcome, cannot_be_ranked
 from hiltest.record.run import Run
-from hiltest.verdict.causes import Cause, name_cause
+from hiltest.verdict.causes import Cause, HeadingSymptoms, name_cause
 
 WORST_HEADING = KINDS["heading.{calibrator}.max"]
 MEAN_ERROR = KINDS["heading.{calibrator}.bias"]
@@ -86,14 +86,14 @@ def _cause(name: str, found: dict[str, Measurement]) -> Cause:
     max_deg = value_of(judged)
     if max_deg is None or residual is None or predicted is None:
         return Cause.NONE
-    return name_cause(
+    return name_cause(HeadingSymptoms(
         max_deg=max_deg, max_limit_deg=maximum_of(maximum), bias_deg=value_of(bias),
         bias_limit_deg=None if bias is None or bias.outcome is Outcome.UNSET else maximum_of(bias),
         max_centred_deg=value_of(centred), residual_percent=residual, residual_predicted_percent=predicted,
         accelerometer_norm_rms_mg=value_of(norm) or 0.0, accelerometer_limit_mg=maximum_of(norm),
         tilt_error_deg=value_of(tilt) or 0.0, tilt_limit_deg=maximum_of(tilt), fit=_fit_status(name, found),
         coverage_percent=100.0 if coverage is None else coverage,
-    )
+    ))
 
 
 def _fit_status(name: str, found: dict[str, Measurement]) -> FitStatus:

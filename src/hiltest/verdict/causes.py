@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import StrEnum
 
 from hiltest.calibration.fit import FitStatus
@@ -36,21 +37,16 @@ ADVICE = {
 """The next step for each cause."""
 
 
-def name_cause(
-    *, max_deg: float, max_limit_deg: float | None, bias_deg: float | None, bias_limit_deg: float | None,
-    max_centred_deg: float | None, residual_percent: float, residual_predicted_percent: float,
-    accelerometer_norm_rms_mg: float, accelerometer_limit_mg: float | None,
-    tilt_error_deg: float = 0.0, tilt_limit_deg: float | None = None,
-    fit: FitStatus = FitStatus.ELLIPSOID, coverage_percent: float = 100.0,
-) -> Cause:
-    """Say why the heading of a calibrator failed.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeadingSymptoms:
+    """What a run knows of one calibrator's heading. A limit that is None is not exceeded.
 
-    Parameters
+    Attributes
     ----------
     max_deg, max_limit_deg : float
         Largest heading error and its limit.
     bias_deg, bias_limit_deg : float
-        Circular mean of the errors and the limit of its magnitude.
+        Circular mean of the errors and the limit of its magnitude; None of errors that cancel all round.
     max_centred_deg : float
         Largest error with the bias taken off; it is held against `max_limit_deg`.
     residual_percent, residual_predicted_percent : float
@@ -63,13 +59,53 @@ def name_cause(
         With any other than `ELLIPSOID` what was judged is the sphere fit.
     coverage_percent : float
         Of the points that were fitted, as `sphere_coverage` has it.
+    """
+
+    max_deg: float
+    max_limit_deg: float | None
+    bias_deg: float | None
+    bias_limit_deg: float | None
+    max_centred_deg: float | None
+    residual_percent: float
+    residual_predicted_percent: float
+    accelerometer_norm_rms_mg: float
+    accelerometer_limit_mg: float | None
+    tilt_error_deg: float = 0.0
+    tilt_limit_deg: float | None = None
+    fit: FitStatus = FitStatus.ELLIPSOID
+    coverage_percent: float = 100.0
+
+    @property
+    def bias_over(self) -> bool:
+        """Whether the mean error exceeds its limit."""
+        return self.bias_deg is not None and _over(abs(self.bias_deg), self.bias_limit_deg)
+
+    @property
+    def centred_over(self) -> bool:
+        """Whether the largest error does without its mean; as it is where there is no mean."""
+        return _over(self.max_deg if self.max_centred_deg is None else self.max_centred_deg, self.max_limit_deg)
+
+    @property
+    def accelerometer_over(self) -> bool:
+        """Whether gravity is wrong, in its magnitude or in its direction."""
+        return (
+            _over(self.accelerometer_norm_rms_mg, self.accelerometer_limit_mg)
+            or _over(self.tilt_error_deg, self.tilt_limit_deg)
+        )
+
+    @property
+    def fits_well(self) -> bool:
+        """Whether the residual is no larger than noise may leave."""
+        return self.residual_percent <= GOOD_FIT_FACTOR * self.residual_predicted_percent
+
+
+def name_cause(seen: HeadingSymptoms) -> Cause:
+    """Say why the heading of a calibrator failed.
 
     Returns
     -------
     Cause
-        `Cause.NONE` when neither the error nor the bias exceeds its limit. A limit that is
-        None is not exceeded; a bias that is None (errors that cancel all round) neither, and
-        the errors then count as they are.
+        `Cause.NONE` when neither the error nor the bias exceeds its limit.
 
     Notes
     -----
@@ -85,23 +121,17 @@ def name_cause(
     sphere and the calibrator did not fall back to a sphere: neither is a good fit, however small
     the residual.
     """
-    centred_deg = max_deg if max_centred_deg is None else max_centred_deg
-    bias_over = bias_deg is not None and _over(abs(bias_deg), bias_limit_deg)
-    if not _over(max_deg, max_limit_deg) and not bias_over:
+    if not _over(seen.max_deg, seen.max_limit_deg) and not seen.bias_over:
         return Cause.NONE
-    if _over(accelerometer_norm_rms_mg, accelerometer_limit_mg) or _over(tilt_error_deg, tilt_limit_deg):
+    if seen.accelerometer_over:
         return Cause.ACCELEROMETER
-    centred_over = _over(centred_deg, max_limit_deg)
-    if bias_over and not centred_over:
+    if seen.bias_over and not seen.centred_over:
         return Cause.CONSTANT_OFFSET
-    if fit is FitStatus.POOR_COVERAGE or coverage_percent < POOR_COVERAGE_PERCENT:
+    if seen.fit is FitStatus.POOR_COVERAGE or seen.coverage_percent < POOR_COVERAGE_PERCENT:
         return Cause.POOR_COVERAGE
-    if fit is not FitStatus.ELLIPSOID:
-        return Cause.BAD_FIT
-    if centred_over and residual_percent <= GOOD_FIT_FACTOR * residual_predicted_percent:
+    if seen.fit is FitStatus.ELLIPSOID and seen.centred_over and seen.fits_well:
         return Cause.GOOD_FIT_BAD_HEADING
     return Cause.BAD_FIT
-
 
 
 def _over(value: float, limit: float | None) -> bool:

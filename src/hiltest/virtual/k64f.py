@@ -70,8 +70,8 @@ class VirtualK64F:
 
     Parameters
     ----------
-    elf : Path or bytes
-        Firmware laid out for the MK64FN1M0.
+    elf : str, Path or bytes
+        File, or the content of one: firmware laid out for the MK64FN1M0.
     i2c0, i2c1 : sequence of I2cDevice
         Parts on the two buses.
     profile : str or TimingProfile
@@ -96,7 +96,7 @@ class VirtualK64F:
 
     def __init__(
         self,
-        elf: Path | bytes,
+        elf: str | Path | bytes,
         *,
         i2c0: Sequence[I2cDevice] = (),
         i2c1: Sequence[I2cDevice] = (),
@@ -104,7 +104,7 @@ class VirtualK64F:
         accounting: AccountingFactory | None = None,
         strict: bool = False,
     ) -> None:
-        self.image = load_image(elf)
+        self.image = load_image(Path(elf) if isinstance(elf, str) else elf)
         priced = load_profile(profile) if isinstance(profile, str) else profile
         self.processor = Processor(self.image, priced, accounting=accounting or _accounting_for(priced))
         generator = ClockGenerator()
