@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -10,9 +11,12 @@ from pathlib import Path
 
 import pytest
 
+from hiltest import commands
 from hiltest.boards import default_firmware
 from hiltest.record.exit_codes import WORDS, ExitCode
 from hiltest.record.reader import read_record
+
+COMMANDS = Path(commands.__file__).parent
 
 
 def hiltest(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
@@ -47,6 +51,14 @@ def test_help_lists_the_exit_codes_of_a_command_and_no_other(tmp_path: Path, com
 def test_help_fits_a_terminal_of_80_columns(tmp_path: Path, command: str) -> None:
     told = hiltest(*command.split(), "--help", folder=tmp_path).stdout
     assert [line for line in told.splitlines() if len(line) > 80] == []
+
+
+def test_help_shows_every_command_in_a_group_with_a_whole_sentence(tmp_path: Path) -> None:
+    told = hiltest("--help", folder=tmp_path).stdout.split("Exit codes:")[0]
+    lines = dict(re.findall(r"^  ([a-z][a-z-]*)  +(.+)$", told, re.M))
+    assert lines.keys() == {path.stem.replace("_", "-") for path in COMMANDS.glob("[!_]*.py")} - {"options"}
+    assert [line for line in lines.values() if not line.endswith(".") or line.endswith("...")] == []
+    assert told.count(":\n") == len(["Options", "Run and judge", "Firmware", "Bench", "Recordings"])
 
 
 def test_help_names_both_files_that_a_measured_profile_may_be_written_to(tmp_path: Path) -> None:

@@ -18,10 +18,14 @@ from hiltest.errors import BenchError, ConfigError, HiltestError, ProtocolError
 _FAILED, _INTERRUPTED, _USAGE_ERROR = 1, 2, 4
 _CODES = {ConfigError: _USAGE_ERROR, BenchError: 20, ProtocolError: 23}
 # In the order of the help. Each is a function of this name in a module of this name in hiltest.commands.
-_COMMANDS = (
-    "run", "compare", "baseline", "trend", "report", "export", "calibrate", "serve", "fit", "fit-imu", "profile",
-    "timing", "log", "allan", "init",
-)
+_GROUPS = {
+    "Run and judge": ("run", "compare", "baseline", "trend", "report", "export"),
+    "Firmware": ("profile", "timing"),
+    "Bench": ("init", "serve", "calibrate", "log"),
+    "Recordings": ("fit", "fit-imu", "allan"),
+}
+_COMMANDS = tuple(name for names in _GROUPS.values() for name in names)
+_LONGEST_LINE = 70
 
 
 class _Commands(click.Group):
@@ -29,6 +33,16 @@ class _Commands(click.Group):
 
     def list_commands(self, _context: click.Context) -> list[str]:
         return list(_COMMANDS)
+
+    def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the commands in groups, with the first sentence of each one's help."""
+        for title, names in _GROUPS.items():
+            commands = {name: self.get_command(context, name) for name in names}
+            with formatter.section(title):
+                formatter.write_dl([
+                    (f"{name:<{len(max(_COMMANDS, key=len))}}", command.get_short_help_str(limit=_LONGEST_LINE))
+                    for name, command in commands.items() if command
+                ])
 
     def get_command(self, _context: click.Context, name: str) -> click.Command | None:
         if name not in _COMMANDS:
