@@ -43,7 +43,7 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON (hiltest.fit/1) and nothing else.")
 @click.option("--export-json", metavar="FILE", type=_FILE, help="Write the best calibration as JSON.")
 @click.option("--export-header", metavar="FILE", type=_FILE, help="Write the best calibration as a C header.")
-@click.option("--html", metavar="FILE", type=_FILE, help="Write a page: the samples before and after, and their coverage.")
+@click.option("--html", metavar="FILE", type=_FILE, help="Write a page: the samples before and after.")
 @click.option("--at-least", type=click.Choice(["good", "poor"]), default="poor", show_default=True,
               help="Verdict that the best calibration needs for exit code 0.")
 def fit(
