@@ -36,7 +36,7 @@ def fit_page(fit: CloudFit, points: Array) -> str:
         The cloud, in its unit.
     """
     return render(
-        "cloud_fit.html.j2", reason=reason_line,
+        "sample_fit.html.j2", reason=reason_line,
         fit=fit, tone=_TONES[fit.best.verdict], rows=figure_rows(fit), clouds=_clouds(fit, points),
         maps=_maps(fit, points), version=__version__,
     )
