@@ -1,4 +1,4 @@
-"""What every calibrator costs: cycles at n points, per point, fixed, and how much they vary."""
+"""Cycles of every calibrator: at n points, per point, fixed, and their spread."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def costs(board: Board, rig: Rig, hil_progress: Progress) -> Mapping[str, CycleC
 
 @pytest.fixture(scope="module")
 def fast(board: Board, rig: Rig) -> FastFit:
-    """What the fast calibrator's speed costs on a golden cloud; for firmware that has it."""
+    """Accuracy of the fast calibrator on golden points; for firmware that has it."""
     return measure_fast_fit(board, n=rig.procedure.calibration_points)
 
 

@@ -35,7 +35,7 @@ _LONGEST = 1.0 / 9.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AllanReading:
-    """What the curve of one axis says. Rates are in the unit of the log.
+    """Noise figures from the curve of one axis. Rates are in the unit of the log.
 
     Attributes
     ----------

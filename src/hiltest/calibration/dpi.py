@@ -30,7 +30,7 @@ _LAST_PIVOT_LIMIT = 1e6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DpiFit:
-    """What the dot product with gravity says about a magnetometer.
+    """Calibration of a magnetometer against gravity.
 
     Attributes
     ----------

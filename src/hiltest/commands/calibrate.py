@@ -134,7 +134,7 @@ class _TerminalGuide:
 
 
 class _StandardOutput:
-    """What the line of progress is written to."""
+    """Output for the line of progress."""
 
     def write(self, msg: str, *, flush: bool = False) -> None:
         sys.stdout.write(msg)

@@ -1,4 +1,4 @@
-"""What several commands take, and the codes that they exit with."""
+"""Options that several commands share, and the exit codes."""
 
 from __future__ import annotations
 

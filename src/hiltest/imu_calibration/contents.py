@@ -1,4 +1,4 @@
-"""What a calibration file holds. Frame, formulas and units stand in it, and have one value each.
+"""Contents of a calibration file. It states frame, formulas and units, which are always the same.
 
 Plain data: what is no number, contradicts itself or means something else is refused as it is made.
 """
@@ -74,7 +74,7 @@ class MadeOn:
 
 @dataclass(frozen=True, slots=True)
 class MagnetometerUnits:
-    """Of a magnetometer's numbers."""
+    """Units of a magnetometer's numbers."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
     soft_iron: Literal["1/count"]
@@ -123,7 +123,7 @@ class MagnetometerPart:
 
 @dataclass(frozen=True, slots=True)
 class AccelerometerUnits:
-    """Of an accelerometer's numbers."""
+    """Units of an accelerometer's numbers."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
     gain: Literal["g/count"]
@@ -150,7 +150,7 @@ class AccelerometerPart:
 
 @dataclass(frozen=True, slots=True)
 class GyroscopeUnits:
-    """Of a gyroscope's numbers."""
+    """Units of a gyroscope's numbers."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
     matrix: Literal["dps/count"]

@@ -29,7 +29,7 @@ Quaternions = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class StepCosts:
-    """What the steps of one kind cost.
+    """Cost of the steps of one kind.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class StepCosts:
 
 @dataclass(frozen=True, slots=True)
 class FusionSummary:
-    """What a run of the filter did.
+    """Summary of a run of the filter.
 
     Attributes
     ----------

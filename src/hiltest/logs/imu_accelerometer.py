@@ -36,7 +36,7 @@ _REFUSALS = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AccelerometerResult:
-    """What the rests of a log made of the accelerometer.
+    """Calibration of the accelerometer from the rests of a log.
 
     Attributes
     ----------

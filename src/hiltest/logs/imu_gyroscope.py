@@ -65,7 +65,7 @@ class TurnResult:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GyroscopeResult:
-    """What a log made of the gyroscope.
+    """Calibration of the gyroscope from a log.
 
     Attributes
     ----------

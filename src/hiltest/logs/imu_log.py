@@ -32,7 +32,7 @@ _LATEST = 1e20
 
 @dataclass(frozen=True, slots=True)
 class LogColumns:
-    """Which columns are what, where the header does not say it: names, or numbers from 1.
+    """Columns that the header does not tell: names, or numbers from 1.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class ImuLog:
 
     @property
     def period_s(self) -> float:
-        """Of a sample, in the median."""
+        """Median time between samples [s]."""
         return float(np.median(np.diff(self.time_s)))
 
 

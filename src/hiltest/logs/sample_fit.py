@@ -38,7 +38,7 @@ _MANY_REPEATED = 0.2
 
 @dataclass(frozen=True, slots=True)
 class CalibratorFit:
-    """What one calibrator made of a cloud; lengths are in the unit of the cloud.
+    """Result of one calibrator; lengths are in the unit of the samples.
 
     Attributes
     ----------

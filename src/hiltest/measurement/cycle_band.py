@@ -9,7 +9,7 @@ from hiltest.text import readable
 
 @dataclass(frozen=True, slots=True)
 class RowEffect:
-    """What a cycle count would be with one row of the cycle model at the lower or upper end of its band."""
+    """A cycle count with one row of the cycle model at the lower or upper end of its range."""
 
     row: str
     low: int

@@ -47,7 +47,7 @@ SMALLEST_NORM, LARGEST_NORM = 1e-6, 1e6
 
 
 class FusionStatus(IntEnum):
-    """What became of a step; all but OK leave the state as it was. The firmware has the same numbers."""
+    """Status of a step; all but OK leave the state unchanged. The firmware has the same numbers."""
 
     OK = 0
     NO_ATTITUDE = 1

@@ -1,4 +1,4 @@
-"""What a calibrator costs: cycles at n points, per point, fixed, and their spread."""
+"""Cycles of a calibrator: at n points, per point, fixed, and their spread."""
 
 from __future__ import annotations
 

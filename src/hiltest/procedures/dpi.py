@@ -25,7 +25,7 @@ DPI_POSES = "dpi-poses"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DpiRun:
-    """What the board made of magnetometer and gravity.
+    """Calibration that the board made from field and gravity.
 
     Attributes
     ----------

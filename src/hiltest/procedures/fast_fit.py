@@ -18,7 +18,7 @@ FAST = "direct-fast"
 
 @dataclass(frozen=True, slots=True)
 class FastFit:
-    """What `direct-fast` costs besides its cycles.
+    """Accuracy of `direct-fast`, and the cost to store its points.
 
     Attributes
     ----------

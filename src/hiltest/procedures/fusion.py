@@ -62,23 +62,23 @@ class AttitudeErrors:
 
     @property
     def heading_rms_deg(self) -> float:
-        """Of all records that have an attitude."""
+        """rms heading error over all records that have an attitude."""
         return _rms(self.heading_deg)
 
     @property
     def heading_max_deg(self) -> float:
-        """The largest, whatever its sign."""
+        """Largest magnitude of the heading error."""
         return float(np.nanmax(np.abs(self.heading_deg)))
 
     @property
     def tilt_rms_deg(self) -> float:
-        """Of all records that have an attitude."""
+        """rms tilt error over all records that have an attitude."""
         return _rms(self.tilt_deg)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FusionResult:
-    """What a board found while it was moved.
+    """Results of the fusion filter while the board was moved.
 
     Attributes
     ----------

@@ -34,7 +34,7 @@ STAGES = (100, 150, 250)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StreamStage:
-    """What a stream calibrator knew after so many points.
+    """Result of a stream calibrator after so many points.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class StreamStage:
 
 
 class Fed(NamedTuple):
-    """What came of points that were given to a stream calibrator.
+    """Points that a stream calibrator took, and their costs.
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ class StreamRun:
 
     @property
     def last(self) -> StreamStage:
-        """What it knew in the end."""
+        """Result after all points."""
         return self.stages[-1]
 
     @property

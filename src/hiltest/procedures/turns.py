@@ -92,7 +92,7 @@ class MeasuredTurn:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedTurns:
-    """What the board made of turns, and keeps.
+    """Calibration that the board made from turns and stores.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What sets a known angle: a simulated table, or an operator who is told what to do."""
+"""Turntables that set a known angle: simulated, or an operator who is told what to do."""
 
 from __future__ import annotations
 

@@ -117,7 +117,7 @@ class Rig:
 
 @dataclass(frozen=True, slots=True)
 class WorldTruth:
-    """What only a simulated world knows, for the measurements that need it.
+    """The truth of a simulated world, for the measurements that need it.
 
     Attributes
     ----------

@@ -43,7 +43,7 @@ def require(holds: bool, key: str, message: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class BoardPlace:
-    """What answers on the link: the virtual board, one on a port, or a recorded session.
+    """The board on the link: the virtual one, one on a port, or a recorded session.
 
     Attributes
     ----------
@@ -129,7 +129,7 @@ _NOISIEST_MDPS = 1000.0
 
 @dataclass(frozen=True, slots=True)
 class SensorChoice:
-    """Which sensors are judged, and how noisy the magnetometer is declared to be.
+    """The sensors under test, and the declared noise of the magnetometer.
 
     Attributes
     ----------
@@ -185,7 +185,7 @@ class CoveredPart:
 
 @dataclass(frozen=True, slots=True)
 class TurntableSettings:
-    """What sets a known angle, and how well [deg].
+    """The turntable that sets a known angle, and its uncertainty [deg].
 
     Attributes
     ----------
@@ -215,7 +215,7 @@ class TurntableSettings:
 
 @dataclass(frozen=True, slots=True)
 class Procedure:
-    """Which points and poses make a run.
+    """The points and poses of a run.
 
     Attributes
     ----------

@@ -68,7 +68,7 @@ _RESET_S = 0.001
 
 @dataclass(frozen=True, slots=True)
 class AccelerometerErrors:
-    """What the accelerometer still gets wrong, body frame: ``(I + diag(gain_error) + cross_axis) @ g + offset_g``."""
+    """Errors of the accelerometer, body frame: ``(I + diag(gain_error) + cross_axis) @ g + offset_g``."""
 
     offset_g: Vector = (0.0, 0.0, 0.0)
     gain_error: Vector = (0.0, 0.0, 0.0)

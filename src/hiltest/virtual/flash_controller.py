@@ -24,7 +24,7 @@ _BANK_BYTES = FLASH[1] // BANKS
 
 @dataclass(frozen=True, slots=True)
 class BankSwitches:
-    """What the controller does for one half of the flash.
+    """Switches of the controller for one half of the flash.
 
     Attributes
     ----------

@@ -19,7 +19,7 @@ from hiltest.virtual.timing import CostRow
 
 @dataclass(frozen=True, slots=True)
 class Equation:
-    """What half a sequence costs: ``times`` of `row`, other rows, clocks that are no row's, and half of another one."""
+    """Cost of half a sequence: ``times`` of `row`, other rows, clocks that are no row's, and half of another one."""
 
     sequence: str
     row: str
@@ -104,7 +104,7 @@ PLACES = {
 
 @dataclass(frozen=True, slots=True)
 class MeasuredProfile:
-    """What measurements make of the rows.
+    """Rows solved from measurements.
 
     Attributes
     ----------

@@ -33,7 +33,7 @@ _STILL: Vector = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class WorldState:
-    """What surrounds the body at one instant, in body components (NED: x forward, y right, z down).
+    """Field, gravity and rate at one instant, in body components (NED: x forward, y right, z down).
 
     Attributes
     ----------
