@@ -69,7 +69,7 @@ def test_cycles_of_a_step(motion: FusionResult, measure: Measure) -> None:
 def test_errors_over_time(motion: FusionResult, measure: Measure) -> None:
     found = alternatives(motion)
     if motion.truth is None or any(errors is None for errors in found.values()):
-        pytest.skip("nobody knows the truth here")
+        pytest.skip("the truth is not known here")
     measure.table(
         "fusion.motion", {"time": "s", "heading": "deg"} | dict.fromkeys(found, "deg"),
         zip(

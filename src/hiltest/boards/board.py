@@ -159,11 +159,11 @@ class Board(ABC):
     truth : Truth or None
         None where nobody knows it: "not offered".
     firmware_sha256 : str or None
-        Of the ELF file, where there is one.
+        Digest of the ELF file, where there is one.
     compiler_flags : str
-        Of all units of that file; empty where nothing tells them.
+        Flags of all units of that file; empty where nothing tells them.
     seed : int or None
-        Of a simulated world.
+        Seed of a simulated world.
     """
 
     kind: ClassVar[BoardKind]

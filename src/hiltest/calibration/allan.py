@@ -92,7 +92,7 @@ def allan_curve(rates: ArrayLike, *, rate_hz: float) -> AllanCurve:
     rates : array_like, shape (n, axes)
         At rest, at least 1000 samples.
     rate_hz : float
-        Of sampling.
+        Sampling rate.
 
     Raises
     ------

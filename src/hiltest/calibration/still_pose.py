@@ -71,7 +71,7 @@ class StillPose:
     magnetometer_spread, accelerometer_spread : ndarray, shape (3,), or None
         None for a single sample.
     readings : int
-        Of each sensor.
+        Readings of each sensor.
     face : Face
         What the pose was meant to be.
     """

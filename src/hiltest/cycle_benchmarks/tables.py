@@ -40,7 +40,7 @@ def scale_cycles(
     unit : str
         ``seconds``, or ``operations`` for the operations per second.
     rows : sequence
-        Of one table.
+        Rows of one table.
     best : mapping of str to float
         The best number of each column; of `rows`, where a release of pytest-benchmark gives none.
     time_unit : str or None

@@ -51,11 +51,11 @@ class MadeOn:
     firmware, version, build_id : str
         Counts are this firmware's: its name must be the same, its build may be another.
     unique_id : str
-        Of the chip, hexadecimal. All virtual boards have the same.
+        Id of the chip, hexadecimal. All virtual boards have the same.
     rig : str
         Name of the rig it was made with.
     world_sha256 : str or None
-        Of the simulated world, without its noise: what tells virtual boards apart. None on a port.
+        Digest of the simulated world without its noise, which tells virtual boards apart. None on a port.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
@@ -191,7 +191,7 @@ class ImuCalibration:
     made_utc : str
         ISO 8601, to the second.
     temperature_degc : float or None
-        Of the gyroscope's die when it was made; its offset is not trimmed. None without a gyroscope.
+        Temperature of the gyroscope's die when it was made; its offset is not trimmed. None without a gyroscope.
     accelerometer, gyroscope : part or None
         None where that sensor was not calibrated.
     """

@@ -38,7 +38,7 @@ class StepCosts:
     largest : RunCost or None
         The dearest of them; None when the core counts no cycles.
     mean_cycles : float or None
-        Of all.
+        Mean over all steps.
     """
 
     steps: int

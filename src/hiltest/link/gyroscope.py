@@ -144,9 +144,9 @@ class IntegrateGyroscopeReply:
     Attributes
     ----------
     total, begin, end : ndarray of int, shape (3,)
-        Of all samples, of the first and of the last `EDGE_SAMPLES`.
+        Sums of all samples, of the first and of the last `EDGE_SAMPLES`.
     lowest, highest : ndarray of int, shape (3,)
-        Of any sample, by axis.
+        Extremes of the samples, by axis.
     """
 
     n: int

@@ -89,7 +89,7 @@ class StreamStateReply:
     fit_error_percent : float or None
         What the calibrator judges its calibration by; None when it has no such number.
     cost : RunCost or None
-        Of this answer: a calibrator that fits when asked did so now. None when the core counts no cycles.
+        Cost of this answer: a calibrator that fits when asked did so now. None when the core counts no cycles.
     """
 
     fit: FitStatus

@@ -56,7 +56,7 @@ class Tolerance:
     absolute : float
         In the measurement's unit.
     relative : float
-        Of the base's value, 0.02 for 2 %. With 0 and 0 any change counts.
+        Share of the base's value, 0.02 for 2 %. With 0 and 0 any change counts.
 
     Raises
     ------
@@ -91,7 +91,7 @@ class Allowance:
     deviation : float
         Standard deviation over seeds 1 to 8 of the default rig: how far noise alone moves it.
     reason : str
-        Of the tolerance.
+        Reason of the tolerance.
     better : Better or None
         Where it is another than the kind's.
     """
@@ -125,7 +125,7 @@ class Kind:
     meaning : str
         One sentence.
     subjects : mapping of str to Allowance
-        Of subjects that noise moves otherwise.
+        Tolerances of subjects that noise moves otherwise.
     accuracy : str
         For a cost: name of the accuracy that it is shown beside, with the same subject.
     reference : Reference

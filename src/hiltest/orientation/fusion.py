@@ -88,7 +88,7 @@ def heading_sigma_deg(*, field_sigma: float, tilt_deg: float, dip_deg: float) ->
     tilt_deg : float
         rms error of the accelerometer's tilt about one axis.
     dip_deg : float
-        Of the field.
+        Dip of the field.
 
     Notes
     -----
@@ -108,7 +108,7 @@ class Fusion:
     attitude : ndarray, shape (4,)
         Unit quaternion (x, y, z, w), body to north-east-down.
     covariance : ndarray, shape (4, 4)
-        Of the quaternion: 0 along it.
+        Covariance of the quaternion: 0 along it.
     """
 
     attitude: Quaternion

@@ -71,7 +71,7 @@ def effort_curve(board: Board, calibrator: str, *, points: int) -> list[Effort]:
     board : Board
         Holding the points, in an order of which every beginning is as good as any.
     calibrator : str
-        Of the board's identity, a stream calibrator or another.
+        Name from the board's identity, of a streaming calibrator or another.
     points : int
         With the largest effort it gets all of them.
 

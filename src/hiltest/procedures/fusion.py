@@ -85,13 +85,13 @@ class FusionResult:
     noise : FusionNoise
         What the filter was told.
     summary : FusionSummary
-        Of the board.
+        Summary that the board answered.
     time_s : ndarray, shape (n,)
-        Of the records, since the run began.
+        Time of the records since the run began.
     truth : tuple of Pose, or None
         At these times; None where nobody knows it, and then there are no errors.
     fused, accelerometer_magnetometer, gyroscope : AttitudeErrors or None
-        Of the filter, and of its two halves alone; all began with the same attitude.
+        Errors of the filter, and of its two halves alone; all began with the same attitude.
     cycle_model : str
         What the summary's cycles mean.
     predict_band, update_band : CycleBand or None

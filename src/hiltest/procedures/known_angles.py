@@ -34,7 +34,7 @@ class KnownAngles:
     reference_deg : ndarray, shape (n,)
         True heading of the board: what the turntable reached plus the declared mounting yaw.
     uncertainty_deg : float
-        Of the turntable's angle.
+        Uncertainty of the turntable's angle.
     mounting_yaw_deg : float
         What was declared, and nothing else was taken off.
     readings : int

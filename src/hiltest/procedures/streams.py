@@ -77,7 +77,7 @@ class StreamRun:
     name : str
         The calibrator's; with ``-sliced`` when its solvers did one slice of their work a point.
     cycles : ndarray, shape (n,), or None
-        Of each new point, in order; None when the core counts none.
+        Cycles of each new point, in order; None when the core counts none.
     stages : tuple of StreamStage
         At `STAGES`, and at the end.
     refused : StreamStatus
@@ -87,8 +87,8 @@ class StreamRun:
     fit_band : CycleBand or None
         Within what the cycles of the last stage's answer lie; None where nobody knows what ran.
     remove_cycles : ndarray or None
-        Of each of the first points that were taken back in the end; None where it takes none back, or the core counts
-        none. A sliced run takes none back: it would be the same work.
+        Cycles of each of the first points, which were removed in the end; None where it removes none, or the core counts
+        none. A sliced run removes none: it would be the same work.
     """
 
     name: str

@@ -164,7 +164,7 @@ class CoveredPart:
         Middle of the part, body frame, of any length: (0, 0, 1) is down, where the field of the
         northern hemisphere is while the board is level.
     fraction : float
-        Of the sphere's area: 0.5 is the half around the axis, all within ``acos(1 - 2 fraction)`` of it.
+        Share of the sphere's area: 0.5 is the half around the axis, all within ``acos(1 - 2 fraction)`` of it.
 
     Notes
     -----
@@ -226,7 +226,7 @@ class Procedure:
     poses : {"all", "level"}
         Which are judged when the command line does not say.
     calibration_points : int
-        Of the tumble, that every calibrator of the firmware gets.
+        Points of the tumble that every calibrator of the firmware gets.
     gyroscope_rest_s : float
         Length of a rest of the gyroscope, before and after a turn.
     gyroscope_turn_dps : float

@@ -99,7 +99,7 @@ class FlashController:
         Parameters
         ----------
         address, size : int
-            Of an instruction or of data; it may straddle two lines.
+            Place of an instruction or of data; it may straddle two lines.
         cycle : int
             Never earlier than that of the access before.
         fetched : bool

@@ -124,7 +124,7 @@ def solve(clocks: Mapping[str, int], about: str) -> MeasuredProfile:
     Parameters
     ----------
     clocks : mapping of str to int
-        Of half of each sequence, run from SRAM_L with its data in SRAM_U.
+        Clocks of half of each sequence, run from SRAM_L with its data in SRAM_U.
     about : str
         What was measured, and with what: ends the source of each row.
     """
@@ -176,7 +176,7 @@ def profile_text(name: str, measured: MeasuredProfile, raw: Mapping[str, Mapping
     Parameters
     ----------
     name : str
-        Of the profile.
+        Name of the profile.
     measured : MeasuredProfile
     raw : mapping of str to mapping
         Clocks of each sequence, by the memory that it ran from: kept, so that they can be read otherwise later.

@@ -209,9 +209,9 @@ def with_memories(profile: CallProfile, cycles: int, timing: TimingProfile) -> C
     Parameters
     ----------
     profile : CallProfile
-        Of the instructions alone.
+        Profile of the instructions alone.
     cycles : int
-        Of the same call, memories included.
+        Cycles of the same call, memories included.
     timing : TimingProfile
         Whose memory rows say how well that is known where code is in flash.
     """
