@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,39 +14,11 @@ import pytest
 
 import hiltest
 
-# Which package may import which others. Modules directly under hiltest that have no row (cli, plugin, settings, ...),
-# and the packages named in APPLICATION, are what a user runs: they may import everything, and no row may name them.
-ARROWS = """
-    errors      ->
-    text        ->
-    strict_json -> errors
-    unknown_fields ->
-    angles      ->
-    measurement -> text
-    calibration -> errors angles
-    orientation -> errors angles
-
-    record      -> errors text strict_json measurement
-
-    world       -> errors angles
-    sensors     -> errors world
-    virtual     -> errors text strict_json measurement
-    profiling   -> errors text measurement virtual
-
-    c_source    ->
-    bench_files -> errors
-    rig         -> errors angles measurement record sensors world
-
-    link        -> errors angles calibration
-    boards      -> errors angles measurement bench_files rig link virtual world sensors
-    procedures  -> errors angles measurement calibration orientation rig link boards
-
-    verdict     -> errors text strict_json unknown_fields measurement calibration record
-    report      -> errors text angles measurement calibration record verdict
-    logs        -> errors text measurement calibration c_source boards procedures record report
-    trend       -> errors text strict_json measurement record verdict report
-    imu_calibration -> errors strict_json c_source calibration rig link boards virtual procedures
-"""
+# The table of which package may import which others: docs/architecture.md has it. Modules directly under hiltest that
+# have no row (cli, plugin, settings, ...), and the packages named in APPLICATION, are what a user runs: they may import
+# everything, and no row may name them.
+PAGE = (Path(__file__).parents[1] / "docs" / "architecture.md").read_text(encoding="utf-8")
+(ARROWS,) = re.findall(r"^```arrows\n(.*?)^```", PAGE, re.M | re.S)
 APPLICATION = frozenset({"commands", "cycle_benchmarks", "runs", "session"})
 # Numbers in, numbers out: beside themselves and the standard library, only these.
 PURE = frozenset({"errors", "text", "angles", "measurement", "calibration", "orientation", "world", "sensors"})

@@ -124,7 +124,7 @@ def test_a_refused_calibration_is_not_exported(clouds: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        ([], "Missing argument 'CLOUD'"),
+        ([], "Missing argument 'LOG'"),
         (["gone.csv"], "gone.csv: No such file"),
         (["good.csv", "--columns", "a,b,c"], "no column 'a' among 3; the columns are mx_uT, my_uT, mz_uT"),
         (["good.csv", "--unit", "tesla"], "'tesla' is not one of 'uT', 'gauss', 'counts'"),

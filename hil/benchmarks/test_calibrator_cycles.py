@@ -51,7 +51,7 @@ ROUNDS = 5  # as many clouds
 
 @dataclass
 class Runs:
-    """What a calibrator took for so many points of each cloud, and how far from float64 it ended [deg]."""
+    """Cycles of a calibrator for so many points of each point set, and its distance from float64 [deg]."""
 
     costs: list[RunCost | None] = field(default_factory=list)
     distances_deg: list[float] = field(default_factory=list)
@@ -77,7 +77,7 @@ class Runs:
 
 @pytest.fixture(scope="module")
 def runs(board: Board, request: pytest.FixtureRequest) -> dict[str, Runs]:
-    """What became of every calibrator."""
+    """Runs of every calibrator."""
     size: int = request.param
     found = {name: Runs() for name in board.identity.calibrators}
     for index in range(ROUNDS):
@@ -100,7 +100,7 @@ def test_calibrator(
 
 
 def test_newton_step(board: Board, benchmark_cycles: BenchmarkCycles) -> None:
-    """What the second one adds on the same points."""
+    """Cycles that the second step adds on the same points."""
     if "corrected" not in board.identity.calibrators:
         pytest.skip("this firmware has no calibrator 'corrected'")
     steps = []
@@ -138,7 +138,7 @@ def test_against_gravity(board: Board, pairs: int, benchmark_cycles: BenchmarkCy
 
 @pytest.fixture(scope="module")
 def streams(board: Board) -> dict[str, list[int]]:
-    """What every stream calibrator took for each new point of a cloud."""
+    """Cycles of every streaming calibrator for each new point."""
     size = max(SIZES)
     upload_cloud(board, golden_cloud(size))
     runs = run_streams(board, size, stages=())
@@ -158,7 +158,7 @@ def test_new_point(
 
 
 def test_exact_remove(board: Board, benchmark_cycles: BenchmarkCycles) -> None:
-    """What `direct-stream` takes to take a point back, of which nothing stays."""
+    """Cycles of `direct-stream` to remove a point without a trace."""
     if "direct-stream" not in board.identity.stream_calibrators:
         pytest.skip("this firmware has no stream calibrator 'direct-stream'")
     upload_cloud(board, golden_cloud(MAX_FEED))

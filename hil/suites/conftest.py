@@ -79,7 +79,7 @@ def _place(item: pytest.Item) -> int:
 
 @pytest.fixture(scope="session")
 def six_positions(board: Board, turntable: Turntable, rig: Rig, hil_progress: Progress) -> AccelerometerRun | None:
-    """What the board made of its six faces; None where the rig does not ask for it."""
+    """Accelerometer calibration from the six faces; None where the rig does not ask for it."""
     if rig.procedure.accelerometer_calibration == "none" or rig.faces is None:
         return None
     run = measure_six_positions(
@@ -107,13 +107,13 @@ def still_poses(board: Board, turntable: Turntable, known_angles: KnownAngles, h
 
 @pytest.fixture(scope="session")
 def ellipsoid(board: Board, still_poses: int) -> AccelerometerRun:
-    """What the board made of gravity's ellipsoid over these poses."""
+    """Accelerometer calibration from gravity's ellipsoid over these poses."""
     return fit_poses(board, "ellipsoid", STILL_POSES, still_poses)
 
 
 @pytest.fixture(scope="session")
 def dpi_of_poses(board: Board, still_poses: int, rig: Rig) -> DpiRun | None:
-    """What the board made of the same poses against gravity; None where the rig does not ask for it."""
+    """Calibration against gravity from the same poses; None where the rig does not ask for it."""
     if rig.procedure.dpi == "none":
         return None
     return fit_still_poses(board, STILL_POSES, dip_deg=rig.field.dip_deg)
@@ -142,7 +142,7 @@ def _turn(board: Board, turntable: Turntable, rig: Rig, axis: Axis, progress: Pr
 
 @pytest.fixture(scope="session")
 def gyroscope_calibration(board: Board, rig: Rig, gyroscope_turns: list[MeasuredTurn]) -> FittedTurns:
-    """What the board made of these turns; it keeps it as its gyroscope's calibration."""
+    """Calibration from these turns, which the board stores for its gyroscope."""
     return fit_on_board(board, gyroscope_turns, uncertainty_deg=rig.turntable.uncertainty_deg)
 
 
@@ -156,7 +156,7 @@ def tumble(board: Board, turntable: Turntable, rig: Rig, hil_progress: Progress)
 def calibrations(
     board: Board, accelerometer_fit: AccelerometerFit, tumble: Tumble, rig: Rig, hil_progress: Progress
 ) -> dict[str, CalibratorRun]:
-    """What every calibrator of the firmware made of the same first points, and the rig's further calibrations."""
+    """Calibrations of every calibrator from the same first points, and the rig's further ones."""
     runs = run_calibrators(
         board, tumble, calibrators=[*board.identity.calibrators, *rig.procedure.further_calibrations],
         n=rig.procedure.calibration_points, progress=hil_progress,
@@ -167,7 +167,7 @@ def calibrations(
 
 @pytest.fixture(scope="session")
 def dpi(board: Board, tumble: Tumble, calibrations: dict[str, CalibratorRun], rig: Rig) -> DpiRun | None:
-    """What the board made of the pairs of the tumble against gravity; None where the rig does not ask for it."""
+    """Calibration against gravity from the pairs of the tumble; None where the rig does not ask for it."""
     if rig.procedure.dpi == "none":
         return None
     return fit_tumble(board, tumble, slot=1 + len(calibrations), dip_deg=rig.field.dip_deg)
@@ -177,7 +177,7 @@ def dpi(board: Board, tumble: Tumble, calibrations: dict[str, CalibratorRun], ri
 def streams(
     board: Board, tumble: Tumble, calibrations: dict[str, CalibratorRun], dpi: DpiRun | None, hil_progress: Progress
 ) -> dict[str, StreamRun]:
-    """What the calibrators that live with the stream made of every point of the tumble, in the order of their time."""
+    """Results of the streaming calibrators over every point of the tumble, in the order of time."""
     with held_as_taken(board, tumble):
         return run_streams(board, len(tumble.points), progress=hil_progress)
 

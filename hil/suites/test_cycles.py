@@ -1,4 +1,4 @@
-"""What every calibrator costs: cycles at n points, per point, fixed, and how much they vary."""
+"""Cycles of every calibrator: at n points, per point, fixed, and their spread."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from hiltest.rig import Rig
 
 pytestmark = pytest.mark.hil
 
-# What the fast calibrator may differ by from float64 on golden clouds, which are even: 0.002 deg, 0.004 at most over 30
-# clouds. More is another arithmetic, not another cloud.
+# Distance from float64 that the fast calibrator may have on golden point sets, which are even: 0.002 deg, 0.004 at
+# most over 30 sets. More is another arithmetic, not other points.
 DISTANCE = Limit(max=0.01)
-# So that nobody takes it for the accuracy of any calibration: firmware_stub/DESIGN.md has those of 10 000 clouds.
+# This is not the accuracy of any calibration: firmware_stub/DESIGN.md has that of 10 000 random point sets.
 EVEN = "points spread evenly; of random ones 1 cloud in 100 exceeds 0.06 to 0.18 deg"
 
 
 @pytest.fixture(scope="module")
 def costs(board: Board, rig: Rig, hil_progress: Progress) -> Mapping[str, CycleCost]:
-    """Cycles on golden clouds, which are the same on every host and board."""
+    """Cycles on golden points, which are the same on every host and board."""
     return measure_cycles(
         board, board.identity.calibrators, n=rig.procedure.calibration_points, progress=hil_progress
     )
@@ -40,7 +40,7 @@ def costs(board: Board, rig: Rig, hil_progress: Progress) -> Mapping[str, CycleC
 
 @pytest.fixture(scope="module")
 def fast(board: Board, rig: Rig) -> FastFit:
-    """What the fast calibrator's speed costs on a golden cloud; for firmware that has it."""
+    """Accuracy of the fast calibrator on golden points; for firmware that has it."""
     return measure_fast_fit(board, n=rig.procedure.calibration_points)
 
 

@@ -32,7 +32,7 @@ def motion(
     board: Board, turntable: Turntable, rig: Rig, calibrations: Mapping[str, CalibratorRun],
     gyroscope_calibration: FittedTurns, hil_progress: Progress,
 ) -> FusionResult:
-    """What the board found while it was turned and tilted; it keeps the gyroscope's calibration that it has made."""
+    """Errors of the fusion filter while the board was turned and tilted; it keeps its gyroscope's calibration."""
     noise = filter_noise(
         magnetometer_sigma_ut=rig.sensors.magnetometer_noise_ut, field_ut=rig.field.strength_ut,
         dip_deg=rig.field.dip_deg,
@@ -69,7 +69,7 @@ def test_cycles_of_a_step(motion: FusionResult, measure: Measure) -> None:
 def test_errors_over_time(motion: FusionResult, measure: Measure) -> None:
     found = alternatives(motion)
     if motion.truth is None or any(errors is None for errors in found.values()):
-        pytest.skip("nobody knows the truth here")
+        pytest.skip("the truth is not known here")
     measure.table(
         "fusion.motion", {"time": "s", "heading": "deg"} | dict.fromkeys(found, "deg"),
         zip(

@@ -14,10 +14,10 @@ from hiltest.rig import Rig
 
 pytestmark = pytest.mark.hil
 
-# What every calibrator must reach of which the rig says nothing: the thesis' goal for a compass heading.
-# A measurement that it names under [information] is not judged.
+# The limit of a calibrator that the rig does not name: the thesis' goal for a compass heading.
+# A measurement under [information] has no limit.
 GOAL = Limit(max=2.0)
-# And the bias of one, beyond what the mounting is known to [deg]; the shipped rigs allow the same.
+# Largest bias beyond the mounting's uncertainty [deg]; the shipped rigs allow the same.
 BIAS_BEYOND_MOUNTING_DEG = 0.5
 
 

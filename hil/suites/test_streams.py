@@ -1,4 +1,4 @@
-"""What the calibrators that live with the stream cost a point, and how good they are on the way."""
+"""Streaming calibrators: cycles per point, and accuracy versus points received."""
 
 from __future__ import annotations
 

@@ -18,34 +18,15 @@ from hiltest.errors import BenchError, ConfigError, HiltestError, ProtocolError
 _FAILED, _INTERRUPTED, _USAGE_ERROR = 1, 2, 4
 _CODES = {ConfigError: _USAGE_ERROR, BenchError: 20, ProtocolError: 23}
 _SAID_OF_OUTPUT = {errno.ENOSPC: "cannot write the output", errno.ENAMETOOLONG: "no file can have this name"}
-# In the order of the help, each with its line there, so that the help waits for the imports of no command.
-# Each is a function of this name in a module of this name in hiltest.commands.
+# In the order of the help. Each is a function of this name in a module of this name in hiltest.commands.
 _GROUPS = {
-    "Run and judge": {
-        "run": "Run the suites on a board and end with a verdict.",
-        "compare": "Compare runs with a baseline or an earlier run.",
-        "baseline": "Keep the numbers of a run as a baseline, and accept changes.",
-        "trend": "Show each measurement over the runs in a folder.",
-        "report": "Render the reports of a run again.",
-        "export": "Write the numbers of a run for tools that keep histories.",
-    },
-    "Firmware": {
-        "profile": "Call one function of an ELF and show where its cycles go.",
-        "timing": "Show the cycle model, or measure it on a board.",
-    },
-    "Bench": {
-        "init": "Copy suites, rigs, benchmarks and a baseline into a folder.",
-        "calibrate": "Calibrate a board's whole IMU and write one file.",
-        "serve": "Put the virtual board and its turntable behind real ports.",
-    },
-    "Recordings": {
-        "log": "Record the samples of a board at rest to a CSV file.",
-        "fit": "Calibrate a magnetometer from recorded samples.",
-        "fit-imu": "Calibrate accelerometer and gyroscope from a recorded log.",
-        "allan": "Read random walk and bias instability off a gyroscope log.",
-    },
+    "Run and judge": ("run", "compare", "baseline", "trend", "report", "export"),
+    "Firmware": ("profile", "timing"),
+    "Bench": ("init", "serve", "calibrate", "log"),
+    "Recordings": ("fit", "fit-imu", "allan"),
 }
-_COMMANDS = tuple(name for group in _GROUPS.values() for name in group)
+_COMMANDS = tuple(name for names in _GROUPS.values() for name in names)
+_LONGEST_LINE = 70
 
 
 class _Commands(click.Group):
@@ -54,12 +35,15 @@ class _Commands(click.Group):
     def list_commands(self, _context: click.Context) -> list[str]:
         return list(_COMMANDS)
 
-    def format_commands(self, _context: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the commands group by group."""
-        for title, commands_of_group in _GROUPS.items():
+    def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the commands in groups, with the first sentence of each one's help."""
+        for title, names in _GROUPS.items():
+            commands = {name: self.get_command(context, name) for name in names}
             with formatter.section(title):
-                width = max(map(len, _COMMANDS))
-                formatter.write_dl([(name.ljust(width), line) for name, line in commands_of_group.items()])
+                formatter.write_dl([
+                    (f"{name:<{len(max(_COMMANDS, key=len))}}", command.get_short_help_str(limit=_LONGEST_LINE))
+                    for name, command in commands.items() if command
+                ])
 
     def get_command(self, _context: click.Context, name: str) -> click.Command | None:
         if name not in _COMMANDS:

@@ -130,7 +130,7 @@ class Measure:
 
 @pytest.fixture(scope="session")
 def hil_settings(request: pytest.FixtureRequest) -> Settings:
-    """What the session was asked for: seed, poses and the other options."""
+    """Settings of the session: seed, poses and the other options."""
     return _session(request).settings
 
 
@@ -148,7 +148,7 @@ def board(request: pytest.FixtureRequest) -> Board:
 
 @pytest.fixture(scope="session")
 def turntable(request: pytest.FixtureRequest, board: Board, rig: Rig) -> Iterator[Turntable]:
-    """What sets a known angle: simulated on a virtual board, an operator or motors on a real one."""
+    """The turntable: simulated on a virtual board, an operator or motors on a real one."""
     from hiltest.procedures import open_table
 
     table = open_table(board, rig, prompt=lambda text: _ask(request.config, text))

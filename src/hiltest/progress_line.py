@@ -12,7 +12,7 @@ _SAVE, _RESTORE, _CLEAR = "\x1b7", "\x1b8", "\x1b[K"
 
 
 class Writer(Protocol):
-    """What progress is written to: pytest's terminal writer, or anything like it."""
+    """Output for progress: pytest's terminal writer, or anything like it."""
 
     def write(self, msg: str, *, flush: bool = False) -> None:
         """Write `msg`."""

@@ -41,7 +41,7 @@ def seed(text: str) -> int:
 
 
 def poses(text: str) -> Literal["all", "level"]:
-    """Parse which poses are judged: ``all`` or ``level``."""
+    """Parse which known angles are measured: ``all`` or ``level``."""
     if text not in _POSES:
         raise argparse.ArgumentTypeError(f"{text!r} is neither 'all' nor 'level'")
     return _POSES[text]
@@ -55,7 +55,7 @@ def suite(text: str) -> Literal["gate", "full"]:
 
 
 def file_name(text: str) -> str:
-    """Parse the name of a file or folder: anything but nothing, and no name that no file can have."""
+    """Parse the name of a file or folder, which must be neither empty nor too long for a file system."""
     if not text:
         raise argparse.ArgumentTypeError("the name is empty")
     longest = max((len(os.fsencode(part)) for part in Path(text).parts), default=0)
@@ -65,7 +65,7 @@ def file_name(text: str) -> str:
 
 
 def label(text: str) -> str:
-    """Parse what a run is called: one short line, or nothing."""
+    """Parse the label of a run: one short line, or nothing."""
     if not text.isprintable() or len(text) > LONGEST_LABEL:
         raise argparse.ArgumentTypeError(f"{text!r} is no label: one line of at most {LONGEST_LABEL} characters")
     return text
@@ -123,18 +123,18 @@ OPTIONS = (
     Option("port", "URL", file_name, None, "serial port of a real board: device or pyserial URL (default: the rig's)"),
     Option("out", "DIR", file_name, DEFAULT_OUT, f"folder for run.json and the reports (default: {DEFAULT_OUT})"),
     Option("seed", "N", seed, None, "seed of the simulated world (default: the rig's)"),
-    Option("poses", "all|level", poses, None, "which known angles are judged (default: the rig's)"),
+    Option("poses", "all|level", poses, None, "known angles to measure: all, or the level ones (default: the rig's)"),
     Option("suite", "gate|full", suite, "gate", "set of tests: gate leaves out those marked full (default: gate)"),
-    Option("calibration", "FILE", file_name, None, "calibration file of this board, to be judged beside the others"),
-    Option("label", "TEXT", label, None, "what reports and trends call this run, such as a version or a commit"),
-    Option("baseline", "FILE", file_name, None, "baseline, or record of a run, that this one must not be worse than"),
+    Option("calibration", "FILE", file_name, None, "calibration file of this board, to be tested too"),
+    Option("label", "TEXT", label, None, "name of this run in reports and trends, such as a version"),
+    Option("baseline", "FILE", file_name, None, "baseline or record of a run to compare this one with"),
 )
 _SAME_ON_ALL_SEEDS = ("rig", "firmware", "poses", "suite", "calibration", "label")
 
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What this session was asked for; `sources` says by whom, per option name."""
+    """Settings of a session; `sources` says where each came from, per option name."""
 
     rig: str | None
     firmware: Path | None

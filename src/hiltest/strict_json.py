@@ -12,7 +12,7 @@ from typing import Any
 from hiltest.errors import ConfigError
 
 LARGEST_BYTES = 32 * 1024 * 1024
-"""Of a record or a baseline: the record of the full set of tests has a hundredth of it."""
+"""Largest size of a record or a baseline; the record of the full set has a hundredth of it."""
 
 DEEPEST = 32
 """Levels of lists and objects; a record has six."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -83,8 +84,7 @@ def test_headings_and_fusion_steps_are_those_of_the_design_page(rows: dict[str, 
 def test_a_calibrator_that_is_in_no_list_is_named(tmp_path: Path) -> None:
     for file in ("conftest.py", "test_calibrator_cycles.py"):
         text = (shipped() / "benchmarks" / file).read_text(encoding="utf-8")
-        listed = '("direct", "direct-fast", "corrected", "iterative")'
-        (tmp_path / file).write_text(text.replace(listed, '("direct", "gone")'))
+        (tmp_path / file).write_text(re.sub(r"^CALIBRATORS = .*", 'CALIBRATORS = ("direct", "gone")', text, flags=re.M))
     done = run(tmp_path, "-rs", "-k", "test_calibrator and 30")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "corrected is in no table: put it into CALIBRATORS of test_calibrator_cycles.py" in done.stdout

@@ -30,7 +30,7 @@ Make = Callable[..., Findings]
 
 BAND = CycleBand(11_900, 13_050, (RowEffect("fp_accumulate", 11_950, 12_400), RowEffect("it", 12_390, 12_400)))
 MOST = "most by fp_accumulate: 11 950 to 12 400"
-IN_WORDS = f"11 900 to 13 050 by the cycle model's bands, {MOST}"
+IN_WORDS = f"11 900 to 13 050 by uncertain rows of the cycle model, {MOST}"
 
 
 def run_of(findings: Make, good: list[Measurement]) -> Run:

@@ -40,7 +40,7 @@ def open_board(
     port : str, optional
         Serial port of a real board; wins over the rig's.
     seed : int, optional
-        Of a simulated world; by default the rig's.
+        Seed of a simulated world; by default the rig's.
     transcript : Transcript, optional
         Gets every byte, both ways.
 

@@ -48,11 +48,11 @@ class VirtualBench:
     Parameters
     ----------
     rig : Rig
-        Of a virtual board.
+        Rig of a virtual board.
     firmware : Path, optional
         ELF to run; by default the prebuilt one.
     seed : int, optional
-        Of the sensors' noise; by default the rig's.
+        Noise seed; by default the rig's.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What every board offers, whether its processor is silicon or not."""
+"""Interface of every board, real or virtual."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _SHIELD_HINT = (
 
 
 class BoardKind(StrEnum):
-    """What answers on the link."""
+    """Kind of board on the link."""
 
     VIRTUAL = "virtual"
     REAL = "real"
@@ -38,7 +38,7 @@ class BoardKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """What the world of a virtual board really is.
+    """The true world of a virtual board.
 
     Attributes
     ----------
@@ -71,14 +71,14 @@ class Truth:
 
     @property
     def gyroscope_matrix(self) -> NDArray[np.float64]:
-        """What makes counts without bias a rate, the inverse of the response [deg/s/count]."""
+        """Matrix from counts without bias to rate, the inverse of the response [deg/s/count]."""
         inverse = np.linalg.inv(self.gyroscope_response) * DPS_PER_COUNT
         return np.asarray(inverse, dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True)
 class Declared:
-    """What the rig file says about bench and parts, whatever the board.
+    """Declarations of the rig file about bench and parts, for any board.
 
     Attributes
     ----------
@@ -116,7 +116,7 @@ class Declared:
 
 
 class Stage(Protocol):
-    """What can turn a board without anybody's help."""
+    """A table that turns a board by itself."""
 
     def turn_to(self, pose: Pose, *, judged_pose: int | None = None, face: int | None = None) -> None:
         """Turn the table and come back when it stands; the number of a face is for a world whose faces are askew."""
@@ -159,11 +159,11 @@ class Board(ABC):
     truth : Truth or None
         None where nobody knows it: "not offered".
     firmware_sha256 : str or None
-        Of the ELF file, where there is one.
+        Digest of the ELF file, where there is one.
     compiler_flags : str
-        Of all units of that file; empty where nothing tells them.
+        Flags of all units of that file; empty where nothing tells them.
     seed : int or None
-        Of a simulated world.
+        Seed of a simulated world.
     """
 
     kind: ClassVar[BoardKind]
@@ -201,7 +201,7 @@ class Board(ABC):
     @property
     @abstractmethod
     def cycle_model(self) -> str:
-        """What a cycle number of this board means, with the placement of the code."""
+        """Cycle model of this board's counts, with the placement of the code."""
 
     @property
     def virtual_seconds(self) -> float | None:

@@ -58,7 +58,7 @@ class GcodeError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Modals:
-    """What holds from line to line.
+    """Modal state, which holds from line to line.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class Modals:
 
 @dataclass(frozen=True, slots=True)
 class GcodeBlock:
-    """What one line asks for.
+    """Request of one line.
 
     Attributes
     ----------

@@ -29,7 +29,7 @@ _BITS_A_BYTE = 10
 
 
 class Device(Protocol):
-    """What speaks on a line, and has no clock but the bench's."""
+    """A device on a line whose clock is the bench's."""
 
     def room(self) -> int:
         """How many bytes it can take now."""

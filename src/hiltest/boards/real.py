@@ -60,7 +60,7 @@ class RealBoard(Board):
 
     @property
     def cycle_model(self) -> str:
-        """What its cycle counter counts: clocks of silicon, what the rig says, or nothing.
+        """Cycle model: clocks of silicon, the rig's declaration, or none.
 
         The chip's unique id tells a virtual board from silicon, behind whatever port. Which model a
         virtual one counts by only the rig can say; without it the numbers are ``undeclared``.

@@ -17,7 +17,7 @@ HOME: Vector = (0.0, 0.0, 0.0)
 
 
 class Bench(Protocol):
-    """What turns the board."""
+    """Axes of a table that turns the board."""
 
     @property
     def time_s(self) -> float:

@@ -31,7 +31,7 @@ class UartPort(Protocol):
 
 
 class Machine(Protocol):
-    """What a port needs of a virtual board."""
+    """Interface of a virtual board to its port."""
 
     @property
     def time_s(self) -> float:

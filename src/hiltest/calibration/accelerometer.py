@@ -56,7 +56,7 @@ class AccelerometerFit:
         Returns
         -------
         ndarray, shape (..., 3)
-            Of norm 1 where the board is still and the calibration good [g].
+            Gravity [g]; its norm is 1 where the board is still and the calibration good.
         """
         return (np.asarray(counts, dtype=np.float64) - self.offset) @ self.gain.T
 

@@ -10,7 +10,7 @@ from hiltest.calibration.fit import FitStatus
 
 
 class Acceptance(StrEnum):
-    """What a calibration is good for, the best first."""
+    """Verdict on a calibration, the best first."""
 
     GOOD = "good"
     POOR = "poor"
@@ -19,7 +19,7 @@ class Acceptance(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class FitFigures:
-    """What a calibration is judged by; None is not judged.
+    """Figures that a calibration is rated by; None is not rated.
 
     Attributes
     ----------

@@ -35,7 +35,7 @@ _LONGEST = 1.0 / 9.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AllanReading:
-    """What the curve of one axis says. Rates are in the unit of the log.
+    """Noise figures from the curve of one axis. Rates are in the unit of the log.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ def allan_curve(rates: ArrayLike, *, rate_hz: float) -> AllanCurve:
     rates : array_like, shape (n, axes)
         At rest, at least 1000 samples.
     rate_hz : float
-        Of sampling.
+        Sampling rate.
 
     Raises
     ------

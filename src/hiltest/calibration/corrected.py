@@ -104,7 +104,7 @@ class _Adjusted:
 
     @property
     def relative_noise(self) -> float:
-        """Of calibrated readings, rms of an axis [1]."""
+        """Noise of calibrated readings, rms of an axis [1]."""
         return math.sqrt(self.variance * float((self.soft_iron**2).sum()) / 3.0)
 
 

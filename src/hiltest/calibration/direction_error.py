@@ -1,4 +1,4 @@
-"""What the noise of its own points makes of a calibration's directions, predicted without any truth."""
+"""Error of calibrated directions, predicted from the noise of the points without any truth."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ _LAST_PIVOT_LIMIT = 1e6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DpiFit:
-    """What the dot product with gravity says about a magnetometer.
+    """Calibration of a magnetometer against gravity.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class DpiFit:
         ``det(soft_iron)^(-1/3)``, with the scale that gives norm 1: the field's strength as the sensor shows it, if
         its soft iron has determinant 1; NaN without a calibration.
     standard_error : float
-        Of the dot product of one row, in parts of the field's strength; NaN when there is none.
+        Standard error of the dot product of one row, in parts of the field's strength; NaN when there is none.
     """
 
     calibration: MagnetometerFit

@@ -1,4 +1,4 @@
-"""What a magnetometer calibrator returns, the same as the firmware's `magnetometer_fit_t`."""
+"""Result of a magnetometer calibrator, the same as the firmware's `magnetometer_fit_t`."""
 
 from __future__ import annotations
 

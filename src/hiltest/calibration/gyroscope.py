@@ -41,7 +41,7 @@ class TurnsStatus(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GyroscopeFit:
-    """What makes counts a rate: ``rate_dps = matrix @ (counts - bias)``, body frame.
+    """Gyroscope calibration: ``rate_dps = matrix @ (counts - bias)``, body frame.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class GyroscopeFit:
 
     @property
     def response(self) -> Reals:
-        """What a rate makes of the counts, the inverse of the matrix [count/(deg/s)]."""
+        """Counts per rate, the inverse of the matrix [count/(deg/s)]."""
         return np.asarray(np.linalg.inv(self.matrix), dtype=np.float64)
 
 
@@ -94,12 +94,12 @@ class GyroscopeTurn:
 
     @property
     def bias(self) -> Reals:
-        """What the gyroscope reads at rest in the middle of the turn [counts]."""
+        """Bias in the middle of the turn [counts]."""
         return self.bias_before + self.share * (self.bias_after - self.bias_before)
 
     @property
     def integral(self) -> Reals:
-        """What the turn added to the counts [count s]: zero without samples or time."""
+        """Integral of the counts over the turn [count s]: zero without samples or time."""
         period_s = self.duration_s / (self.n - 1) if self.n >= 2 else 0.0
         return period_s * (self.total - self.n * self.bias)
 
@@ -116,7 +116,7 @@ class GyroscopeTurn:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TurnsFit:
-    """What a fit of turns found.
+    """Result of a fit of turns.
 
     Attributes
     ----------

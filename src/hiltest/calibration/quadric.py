@@ -34,7 +34,7 @@ def quadric_from_coefficients(coefficients: Array, *, unit: float) -> Quadric | 
     Parameters
     ----------
     coefficients : ndarray, shape (10,)
-        Of x^2, y^2, z^2, xy, xz, yz, x, y, z, 1, in any common scale.
+        Coefficients of x^2, y^2, z^2, xy, xz, yz, x, y, z, 1, in any common scale.
     unit : float
         What the coordinates were divided by [counts].
 

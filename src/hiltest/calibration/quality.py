@@ -1,4 +1,4 @@
-"""What a magnetometer calibration is worth: residual, rotation left, offset, direction."""
+"""Quality of a magnetometer calibration: residual, residual rotation, offset, direction."""
 
 from __future__ import annotations
 

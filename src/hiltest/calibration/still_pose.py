@@ -1,4 +1,4 @@
-"""What magnetometer and accelerometer read while the board stood still somewhere."""
+"""Readings of magnetometer and accelerometer while the board stood still."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Reals = NDArray[np.float64]
 
 
 class Face(IntEnum):
-    """Which body axis is down, or none: body frame x forward, y right, z down.
+    """Body axis that is down, or none: body frame x forward, y right, z down.
 
     An axis that is down reads gravity with its own sign: a level board, `PLUS_Z`, reads (0, 0, +1) g.
     """
@@ -71,7 +71,7 @@ class StillPose:
     magnetometer_spread, accelerometer_spread : ndarray, shape (3,), or None
         None for a single sample.
     readings : int
-        Of each sensor.
+        Readings of each sensor.
     face : Face
         What the pose was meant to be.
     """

@@ -1,4 +1,4 @@
-"""``hiltest allan``: what a long log of a gyroscope says about its noise."""
+"""``hiltest allan``: gyroscope noise from a long log."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hiltest.commands.options import RATE_UNITS, NumberRange
 _EXIT_CODES = """
 \b
 Exit codes:
-  0   read off and printed
+  0   printed
   1   the log cannot support it: too short, or a column that does not change
   2   interrupted
   4   usage: an option, or a row of the file is wrong
@@ -23,7 +23,7 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 @click.argument("log", metavar="FILE.csv", type=_FILE)
 @click.option("--columns", metavar="A,B,C",
               help="Columns of the rates, one to three: names or numbers from 1.  [default: the gyroscope's]")
-@click.option("--unit", type=click.Choice(RATE_UNITS), help="Of the rates.  [default: the header's]")
+@click.option("--unit", type=click.Choice(RATE_UNITS), help="Unit of the rates.  [default: the header's]")
 @click.option("--time", metavar="COLUMN",
               help="Column of the time, in the unit its name ends with, else s.  [default: the one called time]")
 @click.option("--rate", "rate_hz", metavar="HZ", type=NumberRange(1e-3, 1e6),
@@ -34,7 +34,7 @@ def allan(
     log: Path, columns: str | None, unit: str | None, time: str | None, rate_hz: float | None, as_json: bool,
     html: Path | None,
 ) -> None:
-    """Print the angle random walk and the bias instability of a gyroscope's log at rest.
+    """Print random walk and bias instability of a gyroscope at rest.
 
     FILE.csv is what `hiltest log` writes, or any text table with a row a sample. Of a log with gaps the longest part
     is used.

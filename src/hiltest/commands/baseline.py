@@ -20,24 +20,24 @@ Exit codes:
   0   written
   2   interrupted
   4   usage: a file cannot be read or written, the run is not whole, no
-      measurement has that name, or --accept moves nothing
+      measurement has that name, or --accept changes nothing
 """
 _PATH = click.Path(path_type=Path)
 
 
 @click.group()
 def baseline() -> None:
-    """Keep the numbers of a run, and accept a change into them by name."""
+    """Save a run as a baseline, or accept single changes into one."""
 
 
 @baseline.command(epilog=_EXIT_CODES)
 @click.argument("run", type=_PATH)
 @click.argument("file", type=_PATH)
 def save(run: Path, file: Path) -> int:
-    """Write FILE, and the folder that it is in, from RUN: all its measurements but the volatile ones.
+    """Write the measurements of RUN to FILE, without the volatile ones.
 
-    RUN is a run.json, the folder of a run, or the folder of a campaign (hiltest run --seeds). A baseline that is
-    there already is renewed: its history goes on.
+    RUN is a run.json, the folder of a run, or the folder of a campaign (hiltest run --seeds). An existing
+    baseline is renewed and keeps its history.
     """
     from hiltest.record.run import utc_now
     from hiltest.verdict.baseline import baseline_of, renewed
@@ -54,13 +54,13 @@ def save(run: Path, file: Path) -> int:
 
 @baseline.command(epilog=_EXIT_CODES)
 @click.option("--accept", "names", metavar="NAME", required=True, multiple=True,
-              help="Measurement to move, * for anything; may be given more than once.")
+              help="Measurement to accept, * matches anything; may be given more than once.")
 @click.option("--because", metavar="TEXT", required=True,
-              help="Why it may be as it is now; goes into the file's history.")
+              help="Reason for the change; goes into the file's history.")
 @click.argument("file", type=_PATH)
 @click.argument("run", type=_PATH)
 def update(file: Path, run: Path, names: tuple[str, ...], because: str) -> int:
-    """Move the named measurements of RUN into FILE, and keep all others.
+    """Copy the named measurements of RUN into FILE, and keep all others.
 
     One that RUN does not make any more is taken out; of a run of chosen tests (-k, node ids) none is.
     """

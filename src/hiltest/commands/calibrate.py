@@ -44,17 +44,17 @@ Exit codes:
               help="Firmware for the virtual board.  [default: the packaged one]")
 @click.option("--seed", metavar="N", callback=checked(seed), help="Seed of the simulated world.  [default: the rig's]")
 @click.option("--calibrator", metavar="NAME", default="corrected", show_default=True,
-              help="Of the firmware, for the magnetometer; dpi calibrates it against gravity.")
+              help="Magnetometer calibrator of the firmware; dpi also uses gravity.")
 @click.option("--out", metavar="FILE", default=DEFAULT_FILE, show_default=True,
               type=click.Path(dir_okay=False, path_type=Path),
               help="Calibration file; the C header beside it has the same name and ends in .h.")
 def calibrate(
     rig: str | None, hil_port: str | None, firmware: str | None, seed: str | None, calibrator: str, out: Path
 ) -> int:
-    """Calibrate accelerometer, gyroscope and magnetometer of a board, and write one file.
+    """Calibrate the IMU of a board step by step, and write one file.
 
-    A virtual board does it by itself. With an operator's turntable it says what to do next, shows how far it is, and
-    asks again for what was refused. Judge the file on other poses: hiltest run --calibration FILE.
+    A virtual board runs without questions. For a board that is turned by hand it says what to do next, shows progress,
+    and repeats a step that was refused. Then test the file: hiltest run --calibration FILE.
     """
     from hiltest.boards import open_board
     from hiltest.procedures import DPI
@@ -134,7 +134,7 @@ class _TerminalGuide:
 
 
 class _StandardOutput:
-    """What the line of progress is written to."""
+    """Output for the line of progress."""
 
     def write(self, msg: str, *, flush: bool = False) -> None:
         sys.stdout.write(msg)

@@ -31,7 +31,7 @@ Exit codes:
 @click.argument("base", type=click.Path(path_type=Path))
 @click.argument("new", nargs=-1, required=True, type=click.Path(path_type=Path))
 def compare(base: Path, new: tuple[Path, ...], as_json: bool) -> int:
-    """Compare each NEW with BASE, seed by seed.
+    """Say what got better and what got worse between runs.
 
     Each is a run.json, the folder of a run, the folder of a campaign (hiltest run --seeds), or a baseline file.
     """

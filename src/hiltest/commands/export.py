@@ -28,11 +28,11 @@ Exit codes:
 @click.option("--out", metavar="FILE", type=click.Path(dir_okay=False, path_type=Path),
               help="File to write.  [default: standard output]")
 def export(run: Path, form: str, better: str | None, out: Path | None) -> None:
-    """Write the numbers of RUN that get better one way, as JSON for a tool that keeps their history.
+    """Write the numbers of a run as JSON for dashboards.
 
-    RUN is a run.json, its folder, the folder of a campaign or a baseline. What should be near zero is exported as its
-    magnitude; facts, such as a worst sector, are left out. Over several seeds it is the mean, the smallest and the
-    largest.
+    RUN is a run.json, its folder, the folder of a campaign or a baseline. Measurements that should be near zero are
+    exported as their magnitude; those without a better direction, such as a worst sector, are left out. Several seeds
+    give mean, smallest and largest.
     """
     from hiltest.logs.sample_fit_exports import write_text
     from hiltest.report.exports import bencher_json, exported, github_action_benchmark_json

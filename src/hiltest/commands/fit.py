@@ -1,4 +1,4 @@
-"""``hiltest fit``: calibrators over a recorded cloud, and a verdict on each."""
+"""``hiltest fit``: run calibrators on recorded samples, and rate each result."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ Exit codes:
   0   the best verdict is good or poor; with --at-least good: good
   1   it is worse
   2   interrupted
-  4   usage: an option, the cloud's file or a firmware file is wrong
-  20  the virtual board was lost: firmware that faults or hangs
+  4   usage: an option, the log or a firmware file is wrong
+  20  the firmware on the virtual board faults or hangs
   23  wrong firmware, or another protocol version
 """
 _STANDARD_INPUT = Path("/dev/stdin")
@@ -30,11 +30,11 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 
 
 @click.command(epilog=_EXIT_CODES)
-@click.argument("cloud", metavar="CLOUD", type=_FILE)
+@click.argument("cloud", metavar="LOG", type=_FILE)
 @click.option("--columns", metavar="A,B,C",
               help="Columns of x, y, z: names of the header or numbers from 1.  [default: the magnetometer's]")
 @click.option("--unit", type=click.Choice(["uT", "gauss", "counts"]),
-              help="Of the readings; counts have a scale that nobody knows.  [default: the header's, else counts]")
+              help="Unit of the samples; the scale of counts is unknown.  [default: the header's, else counts]")
 @click.option("--calibrator", metavar="NAME", default="all", show_default=True, help="Calibrator to run, or all.")
 @click.option("--on", type=click.Choice(["virtual", "host"]), default="virtual", show_default=True,
               help="virtual: the firmware's calibrators, cycles counted. host: their float64 references.")
@@ -43,16 +43,16 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON (hiltest.fit/1) and nothing else.")
 @click.option("--export-json", metavar="FILE", type=_FILE, help="Write the best calibration as JSON.")
 @click.option("--export-header", metavar="FILE", type=_FILE, help="Write the best calibration as a C header.")
-@click.option("--html", metavar="FILE", type=_FILE, help="Write a page: the cloud before and after, its coverage.")
+@click.option("--html", metavar="FILE", type=_FILE, help="Write a page: the samples before and after.")
 @click.option("--at-least", type=click.Choice(["good", "poor"]), default="poor", show_default=True,
               help="Verdict that the best calibration needs for exit code 0.")
 def fit(
     cloud: Path, columns: str | None, unit: str | None, calibrator: str, on: str, firmware: str | None,
     as_json: bool, export_json: Path | None, export_header: Path | None, html: Path | None, at_least: str,
 ) -> int:  # fmt: skip
-    """Fit the points of a recorded magnetometer cloud, and say whether the calibration may be used.
+    """Calibrate from a magnetometer log, and say how good it is.
 
-    CLOUD is a text table: comma, semicolon, tab or blanks between cells, decimal points, with or without a header;
+    LOG is a text table: comma, semicolon, tab or blanks between cells, decimal points, with or without a header;
     - is standard input. A refused calibration is not exported.
     """
     from hiltest.logs import Unit, read_cloud

@@ -50,10 +50,10 @@ def fit_imu(
     intervals: str | None, method: str, turn_deg: float, as_json: bool, export_json: Path | None,
     export_header: Path | None,
 ) -> int:  # fmt: skip
-    """Fit an IMU's accelerometer and gyroscope from a log of rests and turns, recorded without any equipment.
+    """Calibrate accelerometer and gyroscope from a log.
 
     LOG is a text table, also packed (.gz): comma, semicolon, tab or blanks between cells, with or without a header.
-    The rests are found by themselves; so are six faces, and whole turns about the vertical.
+    Rests, six faces and whole turns about the vertical are detected.
     """
     from hiltest.logs import AccelerationUnit, LogColumns, read_imu_log
     from hiltest.logs.imu_fit import fit_imu_log

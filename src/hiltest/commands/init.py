@@ -12,16 +12,16 @@ from hiltest.errors import ConfigError
 
 _FOLDERS = ("suites", "rigs", "benchmarks")
 _BASELINE = Path("baselines", "virtual-k64f.json")
-"""Of the default rig with the packaged firmware."""
+"""Baseline of the default rig with the packaged firmware."""
 _NOT_COPIED = shutil.ignore_patterns("__pycache__", ".*")
 
 
 @click.command()
 @click.argument("folder", metavar="DIR", type=click.Path(path_type=Path, file_okay=False))
 def init(folder: Path) -> int:
-    """Copy the suites, rigs and benchmarks to DIR/hil, for a bench of your own, and a first baseline.
+    """Copy suites, rigs, benchmarks and a baseline to DIR/hil.
 
-    The baseline is of the default rig with the firmware that comes with hiltest.
+    The baseline holds the numbers of the packaged firmware on the default rig.
     """
     source, target = shipped(), folder / "hil"
     present = [target / name for name in (*_FOLDERS, _BASELINE.parent) if (target / name).exists()]

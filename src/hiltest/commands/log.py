@@ -28,19 +28,20 @@ Exit codes:
   0   logged for as long as was asked
   2   ended by Ctrl-C; the file is whole up to there
   4   usage: an option, a port, a rig file or a firmware file is wrong
-  20  connection lost: link, cable, board or sensor; the file is whole up to there
+  20  connection lost: link, cable, board or sensor; the file is whole up
+      to there
   23  wrong firmware, or another protocol version
 """
 
 
 @click.command(epilog=_EXIT_CODES)
 @click.option("--seconds", metavar="N", type=NumberRange(min=0.0, max=1e9, min_open=True), required=True,
-              help="How long, by the board's clock.")
+              help="Duration by the board's clock.")
 @click.option("--out", metavar="FILE", required=True, type=click.Path(dir_okay=False, path_type=Path),
               help="CSV file to write.")
 @click.option("--sensor", "sensors", multiple=True, default=["gyroscope"], show_default=True,
               type=click.Choice(["gyroscope", "accelerometer", "magnetometer"]),
-              help="Whose samples; give it again for another one.")
+              help="Sensor to log; may be given more than once.")
 @click.option("--rig", metavar="R", callback=checked(file_name),
               help="Rig file, or name of a rig in hil/rigs.  [default: virtual-k64f]")
 @click.option("--hil-port", metavar="URL", callback=checked(file_name),
@@ -52,10 +53,10 @@ def log(
     seconds: float, out: Path, sensors: Sequence[str], rig: str | None, hil_port: str | None, firmware: str | None,
     seed: str | None,
 ) -> int:  # fmt: skip
-    """Write every sample of the gyroscope of a board at rest to a CSV file, with the board's time.
+    """Record sensor samples of a board to a CSV file.
 
-    Of accelerometer and magnetometer those samples are written that the board takes while it is asked; between two
-    requests some are not. Ctrl-C ends a log. hiltest allan reads it.
+    Every sample of the gyroscope is written, with the board's time. Samples of accelerometer and magnetometer between
+    two requests are missing. Ctrl-C ends the log. hiltest allan reads it.
     """
     from hiltest.boards import open_board
     from hiltest.link.messages import SensorKind

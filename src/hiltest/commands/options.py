@@ -1,4 +1,4 @@
-"""What several commands take, and the codes that they exit with."""
+"""Options that several commands share, and the exit codes."""
 
 from __future__ import annotations
 
@@ -19,8 +19,7 @@ Exit codes:
   4   usage: an option, a port, a rig file or a firmware file is wrong
   5   no tests were collected
   20  connection lost: link, cable, board or sensor, or firmware that hangs
-  21  regression: worse than the base it was judged against, beyond a
-      tolerance
+  21  regression: worse than the baseline by more than a tolerance
   22  not evaluated: limit not measured or baseline missing
   23  wrong firmware, or another protocol version
 """

@@ -56,7 +56,7 @@ def profile(
     elf: str, function: str, arguments: tuple[str, ...], lines: int, instructions: int, as_json: bool,
     folded: Path | None, flame_graph: Path | None, timing: str | None, timeout_s: int,
 ) -> int:
-    """Call FUNCTION of ELF on the virtual FRDM-K64F and show where its cycles go.
+    """Call a function of any ELF and show where its cycles go.
 
     ELF is any program linked for the MK64FN1M0; "shipped" is the firmware that comes with hiltest.
     """

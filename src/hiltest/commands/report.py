@@ -1,4 +1,4 @@
-"""``hiltest report``: the reports of a record once more, whatever became of its run."""
+"""``hiltest report``: write the reports of a record again."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 _EXIT_CODES = """
 \b
 Exit codes:
-  0   rendered, whatever the verdict
+  0   written, whatever the verdict
   2   interrupted
   4   there is no record, it cannot be read, or nothing can be written
 """
@@ -29,10 +29,10 @@ _TRIES = 3
 @click.option("--out", metavar="DIR", type=click.Path(path_type=Path),
               help="Folder for run.json and the reports.  [default: where the record is]")
 def report(record: Path, out: Path | None) -> int:
-    """Render report.html and report.md again, and print the verdict.
+    """Write the reports of a run again, and print the verdict.
 
-    DIR is the folder of a run, FILE a run.json. Of a run that was cut short, or still goes on, the reports hold every
-    test that had finished, and say so.
+    DIR is the folder of a run, FILE a run.json. If the run was cut short or is still running, the reports say so and
+    hold every test that has finished.
     """
     from hiltest.record.reader import read_record
 

@@ -25,7 +25,7 @@ from hiltest.settings import file_name, seed
 _EXIT_CODES = """
 \b
 Exit codes:
-  0   it was ended: Ctrl-C, or another signal that ends programs
+  0   ended by Ctrl-C or another signal
   4   usage: an option, a port, a rig file or a firmware file is wrong
   20  the firmware faulted, or hung where no interrupt could end it
 """
@@ -45,7 +45,7 @@ _PORTS = click.IntRange(0, _LAST_PORT)
 @click.option("--turntable-tcp", type=_PORTS, metavar="PORT",
               help="With --tcp: the turntable's port.  [default: PORT+1]")
 @click.option("--host", metavar="ADDRESS", default="127.0.0.1", show_default=True,
-              help="With --tcp: where to listen. Whoever can reach it can use the board.")
+              help="With --tcp: address to listen on. Anybody who reaches it can use the board.")
 @click.option("--link", metavar="PATH", callback=checked(file_name),
               help="With --pty: make PATH a symbolic link to the board's port, PATH-turntable to the turntable's.")
 @click.option("--rig", metavar="R", callback=checked(file_name),
@@ -54,15 +54,15 @@ _PORTS = click.IntRange(0, _LAST_PORT)
               help="Any firmware for the MK64FN1M0.  [default: the packaged one]")
 @click.option("--seed", metavar="N", callback=checked(seed), help="Seed of the simulated world.  [default: the rig's]")
 @click.option("--baud", metavar="N", type=click.IntRange(min=1),
-              help="What the far end of the board's UART runs at.  [default: the rig's]")
+              help="Baud rate at the far end of the board's UART.  [default: the rig's]")
 def serve(
     pty: bool, tcp: int | None, turntable_tcp: int | None, host: str, link: str | None, rig: str | None,
     firmware: str | None, seed: str | None, baud: int | None,
 ) -> int:
-    """Serve the virtual board and its turntable as real ports, until Ctrl-C.
+    """Put the virtual board and its turntable on real ports.
 
-    Prints where they are, one line each: what a serial program opens. The board runs by itself, never
-    ahead of wall time. The turntable speaks Grbl: see docs/serve.md.
+    It prints the name of each port for a serial program to open. The board runs by itself, never ahead of
+    wall time. The turntable speaks Grbl: see docs/serve.md.
     """
     if tcp is None and (turntable_tcp is not None or host != "127.0.0.1"):
         raise ConfigError("--turntable-tcp and --host go with --tcp PORT")

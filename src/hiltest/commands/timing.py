@@ -1,4 +1,4 @@
-"""``hiltest timing``: what the virtual board's clock cycles rest on."""
+"""``hiltest timing``: the cycle costs of the virtual board, and their sources."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ Exit codes:
 
 @click.group()
 def timing() -> None:
-    """Show what a clock cycle of the virtual board rests on, or measure it on a board."""
+    """Show the costs that cycles are counted by, or measure them."""
 
 
 @timing.command(epilog=_EXIT_CODES)
@@ -46,7 +46,7 @@ def timing() -> None:
               help="Timing profile, or a file of your own (.toml).  [default: cortex-m4-trm/1]")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON (hiltest.timing/1) and nothing else.")
 def show(named: str | None, as_json: bool) -> int:
-    """Print a timing profile: what each row prices, its cycles, the band of the truth, and the source."""
+    """Print a timing profile: cycles, range and source of each row."""
     from hiltest.profiling.timing_table import json_text, print_table
     from hiltest.virtual.profile_file import DEFAULT_PROFILE, load_profile, place_of
 
@@ -70,7 +70,7 @@ def show(named: str | None, as_json: bool) -> int:
               help="Profile to write; one of this board is replaced.  "
                    "[default: silicon-<board id>.toml, of a virtual board virtual-<board id>.toml]")
 def measure(hil_port: str | None, rig: str | None, out: Path | None) -> int:
-    """Time instructions on a board and write a timing profile of it.
+    """Time instructions on a board and write its timing profile.
 
     The firmware runs sequences of one kind of instruction each, from SRAM and from flash, with nothing but its cycle
     counter; no sensor and no turntable is needed. It takes some seconds.

@@ -26,13 +26,14 @@ _NAMED_AT_MOST = 20
 @click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
 @click.option("--html", metavar="FILE", type=click.Path(dir_okay=False, path_type=Path),
               help="Page with a plot of each measurement.  [default: trend.html in DIR; with --json none]")
-@click.option("--all", "every", is_flag=True, help="Also show what has neither a limit nor a change point.")
+@click.option("--all", "every", is_flag=True, help="Also show measurements without a limit or a change point.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON (hiltest.trend/1) and nothing else.")
 def trend(folder: Path, html: Path | None, every: bool, as_json: bool) -> None:
-    """Show each measurement over the runs, campaigns and baselines in DIR and the folders under it.
+    """Show each measurement over all runs in a folder.
 
-    A change point is a change beyond the measurement's tolerance from one run to the next of the same rig, cycle
-    model and seeds; runs of others are drawn apart. Files that are no records are named, and skipped.
+    DIR is searched with the folders under it for runs, campaigns and baselines. A change point is a run in which a
+    measurement moved by more than its tolerance; only runs of the same rig, cycle model and seeds are compared. Files
+    that are no records are named and skipped.
     """
     from hiltest.logs.sample_fit_exports import write_text
     from hiltest.trend.as_json import to_json

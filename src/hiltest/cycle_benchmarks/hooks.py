@@ -123,7 +123,7 @@ class BenchmarkCycles:
         cycle_model : str
             Needed for numbers: what counted them, ``board.cycle_model``.
         from_float64_deg : float, optional
-            Of a calibrator: how far its directions are from those of float64 on the same points, rms over the sphere,
+            For a calibrator: distance of its directions from those of float64 on the same points, rms over the sphere,
             the worst of the rounds. The title of its table then says so.
 
         Raises

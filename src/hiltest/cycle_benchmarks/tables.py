@@ -11,7 +11,7 @@ from typing import Any
 
 CYCLES, CYCLE_MODEL, CORE_CLOCK_HZ = "cycles", "cycle_model", "core_clock_hz"
 FROM_FLOAT64_DEG = "from_float64_deg"
-"""What the extra_info of a benchmark of device cycles holds."""
+"""Keys of the extra_info of a benchmark of device cycles."""
 
 #: One row: a dictionary, or what behaves like one.
 Row = Any
@@ -40,7 +40,7 @@ def scale_cycles(
     unit : str
         ``seconds``, or ``operations`` for the operations per second.
     rows : sequence
-        Of one table.
+        Rows of one table.
     best : mapping of str to float
         The best number of each column; of `rows`, where a release of pytest-benchmark gives none.
     time_unit : str or None

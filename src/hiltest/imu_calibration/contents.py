@@ -1,4 +1,4 @@
-"""What a calibration file holds. Frame, formulas and units stand in it, and have one value each.
+"""Contents of a calibration file. It states frame, formulas and units, which are always the same.
 
 Plain data: what is no number, contradicts itself or means something else is refused as it is made.
 """
@@ -51,11 +51,11 @@ class MadeOn:
     firmware, version, build_id : str
         Counts are this firmware's: its name must be the same, its build may be another.
     unique_id : str
-        Of the chip, hexadecimal. All virtual boards have the same.
+        Id of the chip, hexadecimal. All virtual boards have the same.
     rig : str
         Name of the rig it was made with.
     world_sha256 : str or None
-        Of the simulated world, without its noise: what tells virtual boards apart. None on a port.
+        Digest of the simulated world without its noise, which tells virtual boards apart. None on a port.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
@@ -74,7 +74,7 @@ class MadeOn:
 
 @dataclass(frozen=True, slots=True)
 class MagnetometerUnits:
-    """Of a magnetometer's numbers."""
+    """Units of a magnetometer's numbers."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
     soft_iron: Literal["1/count"]
@@ -123,7 +123,7 @@ class MagnetometerPart:
 
 @dataclass(frozen=True, slots=True)
 class AccelerometerUnits:
-    """Of an accelerometer's numbers."""
+    """Units of an accelerometer's numbers."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
     gain: Literal["g/count"]
@@ -150,7 +150,7 @@ class AccelerometerPart:
 
 @dataclass(frozen=True, slots=True)
 class GyroscopeUnits:
-    """Of a gyroscope's numbers."""
+    """Units of a gyroscope's numbers."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
     matrix: Literal["dps/count"]
@@ -191,7 +191,7 @@ class ImuCalibration:
     made_utc : str
         ISO 8601, to the second.
     temperature_degc : float or None
-        Of the gyroscope's die when it was made; its offset is not trimmed. None without a gyroscope.
+        Temperature of the gyroscope's die when it was made; its offset is not trimmed. None without a gyroscope.
     accelerometer, gyroscope : part or None
         None where that sensor was not calibrated.
     """

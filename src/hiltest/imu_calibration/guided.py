@@ -87,7 +87,7 @@ def calibrate_imu(
     made_utc : str
         The time that the calibration gets, ISO 8601.
     calibrator : str
-        Of the firmware, for the magnetometer; `DPI` calibrates it against gravity.
+        Magnetometer calibrator of the firmware; `DPI` also uses gravity.
 
     Raises
     ------

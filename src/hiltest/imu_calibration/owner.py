@@ -1,4 +1,4 @@
-"""Whose calibration it is: the board that it was made on, and the refusal of every other."""
+"""The board that a calibration was made on, and the refusal of every other."""
 
 from __future__ import annotations
 

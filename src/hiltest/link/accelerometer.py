@@ -53,7 +53,7 @@ class GetAccelerometer(Request[AccelerometerFit]):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FitAccelerometerReply:
-    """What a fit found and what it cost; no cost when the core counts no cycles."""
+    """Result and cost of a fit; no cost when the core counts no cycles."""
 
     solution: AccelerometerSolution
     cost: RunCost | None

@@ -15,7 +15,7 @@ __all__ = ["DpiReply", "DpiSource", "FitDpi"]
 
 
 class DpiSource(IntEnum):
-    """What is fitted; the values are those of the protocol."""
+    """Data that is fitted; the values are those of the protocol."""
 
     PAIRS = 0
     POSES = 1

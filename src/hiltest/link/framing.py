@@ -151,7 +151,7 @@ class FrameDecoder:
 
     @property
     def unfinished(self) -> bytes:
-        """What has arrived since the last delimiter."""
+        """Bytes that have arrived since the last delimiter."""
         return bytes(self._pending)
 
     def reset(self) -> None:

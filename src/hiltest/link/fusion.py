@@ -29,7 +29,7 @@ Quaternions = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class StepCosts:
-    """What the steps of one kind cost.
+    """Cost of the steps of one kind.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class StepCosts:
     largest : RunCost or None
         The dearest of them; None when the core counts no cycles.
     mean_cycles : float or None
-        Of all.
+        Mean over all steps.
     """
 
     steps: int
@@ -58,7 +58,7 @@ class StepCosts:
 
 @dataclass(frozen=True, slots=True)
 class FusionSummary:
-    """What a run of the filter did.
+    """Summary of a run of the filter.
 
     Attributes
     ----------

@@ -45,7 +45,7 @@ EDGE_SAMPLES = 20
 
 
 class Axis(IntEnum):
-    """Of the body frame."""
+    """Axis of the body frame."""
 
     X = 0
     Y = 1
@@ -53,7 +53,7 @@ class Axis(IntEnum):
 
 
 class StillnessKind(IntEnum):
-    """What the firmware's test of a rest found."""
+    """Result of the firmware's test of a rest."""
 
     STILL = 0
     TURNED = 1
@@ -144,9 +144,9 @@ class IntegrateGyroscopeReply:
     Attributes
     ----------
     total, begin, end : ndarray of int, shape (3,)
-        Of all samples, of the first and of the last `EDGE_SAMPLES`.
+        Sums of all samples, of the first and of the last `EDGE_SAMPLES`.
     lowest, highest : ndarray of int, shape (3,)
-        Of any sample, by axis.
+        Extremes of the samples, by axis.
     """
 
     n: int
@@ -185,7 +185,7 @@ class LogGyroscopeReply:
 
 @dataclass(frozen=True, slots=True)
 class FitGyroscopeReply:
-    """What the board made of turns, and what that cost; None when its core counts no cycles."""
+    """Calibration from turns and its cost, which is None when the core counts no cycles."""
 
     fit: TurnsFit
     cost: RunCost | None

@@ -1,4 +1,4 @@
-"""What the host asks of every firmware, as typed requests, each knowing its reply."""
+"""Requests to the firmware, typed, each with its reply."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the firmware answers, as typed records.
+"""Replies of the firmware as typed records.
 
 Field order is that of the protocol page; magnetometer counts are 0.1 uT,
 accelerometer counts 1/8192 g and gravity-positive, gyroscope counts 1/16 dps, all
@@ -47,7 +47,7 @@ class Status(IntEnum):
 
 
 class SensorKind(IntEnum):
-    """What a sensor measures."""
+    """Kind of a sensor."""
 
     MAGNETOMETER = 0
     ACCELEROMETER = 1
@@ -76,7 +76,7 @@ class SyncReply:
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Which firmware answers, and what it can do."""
+    """Identity and abilities of the firmware."""
 
     protocol_version: int
     core_clock_hz: int
@@ -246,7 +246,7 @@ class RunCost:
 
 @dataclass(frozen=True, slots=True)
 class CalibrateReply:
-    """What a calibrator found and what it cost.
+    """Result and cost of a calibrator.
 
     Attributes
     ----------
@@ -335,7 +335,7 @@ class AverageReply:
 
 @dataclass(frozen=True, slots=True)
 class LinkCounters:
-    """What the firmware saw on its line since reset."""
+    """Counters of the firmware's line since reset."""
 
     frames: int
     damaged: int

@@ -1,4 +1,4 @@
-"""What a request is: bytes for the board, and what its reply parses to.
+"""A request: bytes for the board, and the type of its reply.
 
 A reply's payload is a status byte and, when that is one of the request's
 `answered_with`, the data that its `parse` reads.

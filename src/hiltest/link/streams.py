@@ -38,7 +38,7 @@ class StreamStatus(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class StreamStepsReply:
-    """What points cost that were fed to a stream calibrator, or taken back.
+    """Cost of points that were fed to a stream calibrator, or removed.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class StreamStepsReply:
 
 @dataclass(frozen=True, slots=True)
 class StreamStateReply:
-    """What a stream calibrator knows after the points so far.
+    """State of a stream calibrator after the points so far.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class StreamStateReply:
     fit_error_percent : float or None
         What the calibrator judges its calibration by; None when it has no such number.
     cost : RunCost or None
-        Of this answer: a calibrator that fits when asked did so now. None when the core counts no cycles.
+        Cost of this answer: a calibrator that fits when asked did so now. None when the core counts no cycles.
     """
 
     fit: FitStatus

@@ -1,4 +1,4 @@
-"""What went over the line, both ways, with the time of the board's clock.
+"""Bytes on the line in both directions, with the time of the board's clock.
 
 On disk a transcript is JSON lines: a header with schema and clock, then one entry a
 line, ``{"t": seconds, "dir": ">", "hex": "7e01..."}``, or ``{"t": seconds, "mark": "text"}``.
@@ -21,7 +21,7 @@ _ENTRY_BYTES = 8  # an entry's time, in what a transcript may hold: single bytes
 
 
 class Direction(StrEnum):
-    """Which way bytes went, or that the host only left a note."""
+    """Direction of bytes, or a note of the host."""
 
     TO_BOARD = ">"
     TO_HOST = "<"

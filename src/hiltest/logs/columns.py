@@ -1,4 +1,4 @@
-"""Which three columns of a table are the magnetometer, and in which unit."""
+"""Find the three magnetometer columns of a table, and their unit."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _U = TypeVar("_U", AccelerationUnit, RateUnit)
 
 
 class Unit(StrEnum):
-    """What readings are given in; counts have a scale that nobody knows."""
+    """Unit of magnetometer samples; the scale of counts is unknown."""
 
     UT = "uT"
     GAUSS = "gauss"

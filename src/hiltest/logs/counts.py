@@ -50,7 +50,7 @@ class CountScale:
 
     @property
     def step(self) -> float:
-        """What one count is in the unit of the cloud."""
+        """Size of one count in the unit of the samples."""
         return 1.0 / self.per_unit
 
     def unrounded(self, points: ArrayLike) -> Array:

@@ -36,7 +36,7 @@ _REFUSALS = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AccelerometerResult:
-    """What the rests of a log made of the accelerometer.
+    """Calibration of the accelerometer from the rests of a log.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class AccelerometerResult:
         Standard deviation of the rests' norms over their mean [%]: of readings, counts about the middle of their
         range; and of what is calibrated, the same as before when it was refused.
     residual_mg : float
-        Of the fit's own poses.
+        rms residual over the fit's own poses.
     """
 
     method: str

@@ -12,7 +12,7 @@ from hiltest.logs.intervals import Intervals
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImuLogFit:
-    """What a log made of an IMU.
+    """Calibration of an IMU from a log.
 
     Attributes
     ----------

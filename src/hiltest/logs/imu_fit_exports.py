@@ -1,4 +1,4 @@
-"""What a log made of an IMU: for people, as JSON (schema ``hiltest.fit-imu/1``), and as a C header."""
+"""Outputs of an IMU calibration from a log: for people, as JSON (schema ``hiltest.fit-imu/1``), and as a C header."""
 
 from __future__ import annotations
 

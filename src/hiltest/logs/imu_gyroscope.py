@@ -45,7 +45,7 @@ class TurnResult:
     start_s, end_s : float
         In the log.
     integral : (3,)
-        Of the rate without its bias: degrees, or counts times seconds.
+        Integral of the rate without its bias: degrees, or counts times seconds.
     turned_deg : float
         What it was taken for, about the vertical upward as accelerometers have it; 0 when it was refused.
     left_deg : float
@@ -65,7 +65,7 @@ class TurnResult:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GyroscopeResult:
-    """What a log made of the gyroscope.
+    """Calibration of the gyroscope from a log.
 
     Attributes
     ----------
@@ -107,7 +107,7 @@ def fit_gyroscope(
     log : ImuLog
     intervals : Intervals
     accelerometer : AccelerometerFit or None
-        Of the same log.
+        Calibration from the same log.
     turn_deg : float
         What the recorder turned it by each time, once or several times; counts alone do not tell.
 

@@ -32,7 +32,7 @@ _LATEST = 1e20
 
 @dataclass(frozen=True, slots=True)
 class LogColumns:
-    """Which columns are what, where the header does not say it: names, or numbers from 1.
+    """Columns that the header does not tell: names, or numbers from 1.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class ImuLog:
 
     @property
     def period_s(self) -> float:
-        """Of a sample, in the median."""
+        """Median time between samples [s]."""
         return float(np.median(np.diff(self.time_s)))
 
 
@@ -91,13 +91,13 @@ def read_imu_log(
     Parameters
     ----------
     path : Path
-        Of both sensors, or of the accelerometer alone.
+        Log of both sensors, or of the accelerometer alone.
     gyroscope_path : Path, optional
-        Of the gyroscope, with a row for each of the other's.
+        Log of the gyroscope, with the same rows.
     columns : LogColumns
         By default what the headers say; a table of three or four columns without a header is x, y, z with time before.
     rate_hz : float, optional
-        Of samples; by default from the column of time.
+        Sampling rate; by default from the column of time.
     acceleration_unit, rate_unit : optional
         By default what the headers say, else counts.
 
@@ -272,7 +272,7 @@ def at_the_gyroscope_s(time_s: Reals, readings: Reals) -> tuple[NDArray[np.bool_
     time_s : ndarray, shape (n,)
         Not decreasing.
     readings : ndarray, shape (n, 6)
-        Of accelerometer and gyroscope; NaN for the one that the row is not of.
+        Readings of accelerometer and gyroscope; NaN for the sensor that the row has not.
 
     Returns
     -------

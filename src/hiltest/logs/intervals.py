@@ -48,7 +48,7 @@ class Interval:
 
 @dataclass(frozen=True, slots=True)
 class Intervals:
-    """What a log is made of.
+    """Rests and motions of a log.
 
     Attributes
     ----------

@@ -45,10 +45,10 @@ class RateLog:
     rates : ndarray, shape (n, columns)
         In deg/s, or in counts when that is the unit.
     unit : RateUnit
-        Of the file.
+        Unit of the file.
     rate_hz : float
     rows : int
-        Of the whole file; `len(rates)` of them are the part.
+        Rows of the whole file; `len(rates)` of them are the part.
     gaps : int
     """
 
@@ -92,7 +92,7 @@ def read_rate_log(
     time : str, optional
         Column with the time; by default one called time, timestamp or t, in the unit its name ends with, else s.
     rate_hz : float, optional
-        Of sampling, for a file without time; the rows are then believed to be without a gap.
+        Sampling rate of a file without time; the rows are then believed to be without a gap.
 
     Raises
     ------

@@ -38,7 +38,7 @@ _MANY_REPEATED = 0.2
 
 @dataclass(frozen=True, slots=True)
 class CalibratorFit:
-    """What one calibrator made of a cloud; lengths are in the unit of the cloud.
+    """Result of one calibrator; lengths are in the unit of the samples.
 
     Attributes
     ----------
@@ -99,7 +99,7 @@ class FirmwareUsed:
     ----------
     name, version, build_id : str
     sha256 : str or None
-        Of the ELF file.
+        Digest of the ELF file.
     cycle_model : str
         What the cycles mean.
     count_step : float
@@ -134,7 +134,7 @@ class CloudFit:
     n_in, n_skipped, n_repeated : int
         Readings; rows without three finite numbers; readings equal to the one before.
     condition : float
-        Of the cloud, whatever the calibrator.
+        Condition of the samples, whatever the calibrator.
     on : str
         ``virtual`` or ``host``.
     firmware : FirmwareUsed or None
@@ -277,7 +277,7 @@ def _unit_note(cloud: Cloud, _firmware: FirmwareUsed | None, _fits: Sequence[Cal
     if cloud.microtesla is not None:
         return ""
     why = "The header names no unit that is known: taken as counts" if cloud.unit_from == "assumed" else "Counts"
-    return f"{why} of unknown scale, so the field strength is not judged; --unit uT or gauss says what they are."
+    return f"{why} of unknown scale, so the field strength is not checked; --unit uT or gauss says what they are."
 
 
 def _skipped_note(cloud: Cloud, _firmware: FirmwareUsed | None, _fits: Sequence[CalibratorFit]) -> str:

@@ -58,7 +58,7 @@ def figure_rows(fit: CloudFit) -> list[tuple[str, list[str]]]:
         ("residual [%]", [_number(each.residual_percent, ".2f") for each in fits]),
         ("coverage [%]", [_number(each.coverage and 100 * each.coverage, ".0f") for each in fits]),
         ("axis ratio", [_number(each.axis_ratio, ".3f") for each in fits]),
-        ("condition of the cloud", [_number(fit.condition, ".4g")] * len(fits)),
+        ("condition of the samples", [_number(fit.condition, ".4g")] * len(fits)),
         ("direction error [deg]", [_number(each.direction_error_deg, ".2f") for each in fits]),
     ]
     if fit.firmware is not None:

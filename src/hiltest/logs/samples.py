@@ -47,7 +47,7 @@ class Cloud:
 
     @property
     def microtesla(self) -> float | None:
-        """What one of `unit` is [uT], None when nobody knows."""
+        """Size of one `unit` [uT], None when it is unknown."""
         return MICROTESLA[self.unit]
 
     @property

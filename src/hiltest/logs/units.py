@@ -7,7 +7,7 @@ from enum import StrEnum
 
 
 class RateUnit(StrEnum):
-    """What readings of a gyroscope are given in; counts have a scale that nobody knows."""
+    """Unit of gyroscope samples; the scale of counts is unknown."""
 
     DPS = "deg/s"
     MDPS = "mdps"
@@ -33,7 +33,7 @@ RATE_WORDS = {
 
 
 class AccelerationUnit(StrEnum):
-    """What accelerometer readings are given in; counts have a scale and a zero that nobody knows."""
+    """Unit of accelerometer samples; scale and zero of counts are unknown."""
 
     G = "g"
     MG = "mg"

@@ -9,7 +9,7 @@ from hiltest.text import readable
 
 @dataclass(frozen=True, slots=True)
 class RowEffect:
-    """What a cycle count would be with one row of the cycle model at the lower or upper end of its band."""
+    """A cycle count with one row of the cycle model at the lower or upper end of its range."""
 
     row: str
     low: int
@@ -41,13 +41,13 @@ class CycleBand:
         return next(iter(self.rows), None)
 
     def explained(self, model: str = "the cycle model") -> str:
-        """Say within what the count lies, and which row of the model alone moves it most."""
+        """Return the uncertainty range in words, with the row of the model that contributes most."""
         most = self.moved_most_by
         if most is None and self.low == self.high:
             return f"no uncertain row of {model} enters"
         if most is None:
-            return f"{self}, no closer than the memories it runs from are known"
-        return f"{self} by {model}'s bands, most by {most.row}: {_range(most.low, most.high)}"
+            return f"{self}, by the uncertainty of the memories that it runs from"
+        return f"{self} by uncertain rows of {model}, most by {most.row}: {_range(most.low, most.high)}"
 
 
 def _range(low: int, high: int) -> str:

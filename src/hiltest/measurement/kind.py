@@ -1,4 +1,4 @@
-"""What the catalogue says of a kind of measurement: its unit, which way it is better, and what may move it."""
+"""A kind of measurement in the catalogue: unit, better direction, tolerance and meaning."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ UNPAIRED_DEVIATIONS = 6.0
 
 
 class Better(StrEnum):
-    """Which way a measurement gets better."""
+    """Direction in which a measurement gets better."""
 
     LOWER = "smaller"
     HIGHER = "larger"
@@ -40,7 +40,7 @@ class Section(StrEnum):
 
 
 class Reference(Enum):
-    """What a measured angle is held against, whose uncertainty a limit cannot be tighter than."""
+    """Reference that a measured angle is compared with; a limit cannot be tighter than its uncertainty."""
 
     NONE = "the board's own numbers"
     TURNTABLE = "the turntable's angle, less the mean error"
@@ -56,7 +56,7 @@ class Tolerance:
     absolute : float
         In the measurement's unit.
     relative : float
-        Of the base's value, 0.02 for 2 %. With 0 and 0 any change counts.
+        Share of the base's value, 0.02 for 2 %. With 0 and 0 any change counts.
 
     Raises
     ------
@@ -82,7 +82,7 @@ EXACT = Tolerance(0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class Allowance:
-    """What noise and a harmless change may move.
+    """Tolerance for noise and harmless changes.
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ class Allowance:
     deviation : float
         Standard deviation over seeds 1 to 8 of the default rig: how far noise alone moves it.
     reason : str
-        Of the tolerance.
+        Reason of the tolerance.
     better : Better or None
         Where it is another than the kind's.
     """
@@ -125,7 +125,7 @@ class Kind:
     meaning : str
         One sentence.
     subjects : mapping of str to Allowance
-        Of subjects that noise moves otherwise.
+        Tolerances of subjects that noise moves otherwise.
     accuracy : str
         For a cost: name of the accuracy that it is shown beside, with the same subject.
     reference : Reference
@@ -154,7 +154,7 @@ class Kind:
 
 @dataclass(frozen=True, slots=True)
 class NamedKind:
-    """What a name is of: its kind, and the subject that it stands for; no kind where it is a user's own."""
+    """Kind and subject of a measurement's name; no kind for a user's own."""
 
     kind: Kind | None
     subject: str = ""
@@ -166,12 +166,12 @@ class NamedKind:
 
     @property
     def allowance(self) -> Allowance | None:
-        """What may be moved; None of a user's own."""
+        """Tolerance for noise; None for a user's own."""
         return self.kind.subjects.get(self.subject, self.kind.allowance) if self.kind else None
 
     @property
     def better(self) -> Better | None:
-        """Which way it gets better; None where only a limit says so."""
+        """Better direction; None where only a limit says so."""
         return (self.allowance.better if self.allowance else None) or (self.kind.better if self.kind else None)
 
     @property

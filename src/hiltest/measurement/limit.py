@@ -49,7 +49,7 @@ class Limit:
 
     @property
     def better(self) -> Better:
-        """Which way a value gets better of which nothing else is known: away from the side that binds it."""
+        """Better direction of a value of which nothing else is known: away from the side that binds it."""
         if self.min is None:
             return Better.LOWER
         if self.max is None:

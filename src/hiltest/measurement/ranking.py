@@ -20,7 +20,7 @@ def in_flash(cycle_model: str) -> bool:
     return "flash" in cycle_model.partition("@")[2]
 
 _Ends = tuple[tuple[float, float], ...]
-"""What a move can add to two counts, to both at once: where it is, and at its ends."""
+"""Changes that one row makes to two counts: at its value, and at both ends of its range."""
 
 
 def ratio_band(over: Measurement, under: Measurement) -> tuple[float, float] | None:

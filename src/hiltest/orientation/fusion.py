@@ -47,7 +47,7 @@ SMALLEST_NORM, LARGEST_NORM = 1e-6, 1e6
 
 
 class FusionStatus(IntEnum):
-    """What became of a step; all but OK leave the state as it was. The firmware has the same numbers."""
+    """Status of a step; all but OK leave the state unchanged. The firmware has the same numbers."""
 
     OK = 0
     NO_ATTITUDE = 1
@@ -88,7 +88,7 @@ def heading_sigma_deg(*, field_sigma: float, tilt_deg: float, dip_deg: float) ->
     tilt_deg : float
         rms error of the accelerometer's tilt about one axis.
     dip_deg : float
-        Of the field.
+        Dip of the field.
 
     Notes
     -----
@@ -108,7 +108,7 @@ class Fusion:
     attitude : ndarray, shape (4,)
         Unit quaternion (x, y, z, w), body to north-east-down.
     covariance : ndarray, shape (4, 4)
-        Of the quaternion: 0 along it.
+        Covariance of the quaternion: 0 along it.
     """
 
     attitude: Quaternion

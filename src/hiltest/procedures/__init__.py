@@ -1,4 +1,4 @@
-"""What a bench does with a board: rest, tumble, calibrate, known angles, cycles, link checks."""
+"""Procedures of a bench: rest, tumble, calibrate, known angles, cycles, link checks."""
 
 from __future__ import annotations
 

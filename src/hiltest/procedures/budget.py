@@ -1,4 +1,4 @@
-"""What a calibrator makes of a budget of clock cycles.
+"""The largest effort of a calibrator within a budget of clock cycles.
 
 Every calibrator has something that it can do less of: a closed form gets fewer points, one that iterates makes
 fewer sweeps, one that lives with the stream has seen fewer points yet. That is its effort. What a few steps add to
@@ -25,7 +25,7 @@ _LADDER = (9, 10, 11, 12, 14, 16, 18, 20, 24, 28, 30, 35, 40, 50, 60, 70, 80, 90
 
 
 class EffortKind(StrEnum):
-    """What a calibrator can do less of."""
+    """Kind of effort that a calibrator can reduce."""
 
     POINTS = "points"
     SWEEPS = "sweeps"
@@ -33,7 +33,7 @@ class EffortKind(StrEnum):
 
     @property
     def unit(self) -> str:
-        """What one of it is called."""
+        """Name of one unit of it."""
         return "sweep" if self is EffortKind.SWEEPS else "point"
 
 
@@ -71,7 +71,7 @@ def effort_curve(board: Board, calibrator: str, *, points: int) -> list[Effort]:
     board : Board
         Holding the points, in an order of which every beginning is as good as any.
     calibrator : str
-        Of the board's identity, a stream calibrator or another.
+        Name from the board's identity, of a streaming calibrator or another.
     points : int
         With the largest effort it gets all of them.
 

@@ -1,4 +1,4 @@
-"""What a calibrator costs: cycles at n points, per point, fixed, and their spread."""
+"""Cycles of a calibrator: at n points, per point, fixed, and their spread."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class CycleCost:
     spread : int
         Largest minus smallest over the clouds, each at n points.
     instructions : int or None
-        Of the same run as `total`; None when nobody counts them: "not offered".
+        Instructions of the same run as `total`; None when nobody counts them: "not offered".
     band : CycleBand or None
         Within what `total` lies by the cycle model's own uncertainty; None where nobody knows what ran.
     iterations : int
@@ -225,7 +225,7 @@ def no_cycle_counter() -> DeviceError:
     """Return what to raise where a number of cycles is needed and the core counts none."""
     return DeviceError(
         "CALIBRATE", Status.NO_CYCLE_COUNTER.name,
-        "this core counts no cycles, so nobody can say what a calibrator costs on it; "
+        "this core counts no cycles, so the cost of a calibrator is unknown; "
         "run the other suites with: pytest hil/suites -k 'not cycles'",
     )
 

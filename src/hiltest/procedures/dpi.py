@@ -25,7 +25,7 @@ DPI_POSES = "dpi-poses"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DpiRun:
-    """What the board made of magnetometer and gravity.
+    """Calibration that the board made from field and gravity.
 
     Attributes
     ----------
@@ -34,9 +34,9 @@ class DpiRun:
     n_used : int
         Rows of the least squares; those that were there when it was refused.
     dip_deg, strength_ut : float or None
-        Of the field, as the data have them; None where they say nothing.
+        Dip and strength of the field from the data; None where they cannot be found.
     standard_error_percent : float or None
-        Of one dot product, in parts of the field's strength.
+        Standard error of one dot product, in parts of the field's strength.
     """
 
     run: CalibratorRun

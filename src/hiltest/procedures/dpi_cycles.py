@@ -1,4 +1,4 @@
-"""What calibrating against gravity costs: cycles at 300 pairs, per pair, and fixed."""
+"""Cycles of the calibration against gravity: at 300 pairs, per pair, and fixed."""
 
 from __future__ import annotations
 

@@ -18,14 +18,14 @@ FAST = "direct-fast"
 
 @dataclass(frozen=True, slots=True)
 class FastFit:
-    """What `direct-fast` costs besides its cycles.
+    """Accuracy of `direct-fast`, and the cost to store its points.
 
     Attributes
     ----------
     store_per_point : float
         Cycles per point to keep the range of the points as they are stored; the fit needs that range.
     distance_deg : float
-        Of directions under its fit from those under the float64 fit of the same points, rms over the sphere [deg].
+        rms angle between directions under its fit and under the float64 fit of the same points [deg].
     """
 
     store_per_point: float
@@ -53,7 +53,7 @@ def measure_fast_fit(board: Board, *, n: int = 100) -> FastFit:
     upload_cloud(board, cloud)
     fit = fit_of(board.session.request(Calibrate(n, FAST)))
     if not fit.has_fit:
-        raise CalibrationError(f"the board refuses a golden cloud: {fit.status.name}; its {FAST} is not what it was")
+        raise CalibrationError(f"the board refuses golden points: {fit.status.name}; its {FAST} is not what it was")
     return FastFit(
         store_per_point=cycles_of(board.session.request(TimeRange(n))) / n,
         distance_deg=direction_difference_rms_deg(fit, reference(FAST)(cloud)),

@@ -62,36 +62,36 @@ class AttitudeErrors:
 
     @property
     def heading_rms_deg(self) -> float:
-        """Of all records that have an attitude."""
+        """rms heading error over all records that have an attitude."""
         return _rms(self.heading_deg)
 
     @property
     def heading_max_deg(self) -> float:
-        """The largest, whatever its sign."""
+        """Largest magnitude of the heading error."""
         return float(np.nanmax(np.abs(self.heading_deg)))
 
     @property
     def tilt_rms_deg(self) -> float:
-        """Of all records that have an attitude."""
+        """rms tilt error over all records that have an attitude."""
         return _rms(self.tilt_deg)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FusionResult:
-    """What a board found while it was moved.
+    """Results of the fusion filter while the board was moved.
 
     Attributes
     ----------
     noise : FusionNoise
         What the filter was told.
     summary : FusionSummary
-        Of the board.
+        Summary that the board answered.
     time_s : ndarray, shape (n,)
-        Of the records, since the run began.
+        Time of the records since the run began.
     truth : tuple of Pose, or None
         At these times; None where nobody knows it, and then there are no errors.
     fused, accelerometer_magnetometer, gyroscope : AttitudeErrors or None
-        Of the filter, and of its two halves alone; all began with the same attitude.
+        Errors of the filter, and of its two halves alone; all began with the same attitude.
     cycle_model : str
         What the summary's cycles mean.
     predict_band, update_band : CycleBand or None

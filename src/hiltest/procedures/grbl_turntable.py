@@ -50,7 +50,7 @@ class GrblTurntable:
     uncertainty_deg : float
         What the rig declares for the table's angle.
     dip_deg : float
-        Of the local field: a tumble turns the board about it.
+        Dip of the local field: a tumble turns the board about it.
     mounting_yaw_deg : float
         How far the board is turned on the table.
 

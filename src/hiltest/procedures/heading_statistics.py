@@ -25,7 +25,7 @@ class Sector:
 
 @dataclass(frozen=True, slots=True)
 class HeadingSummary:
-    """What is left of many heading errors.
+    """Statistics of heading errors.
 
     Attributes
     ----------

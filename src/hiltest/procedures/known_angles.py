@@ -34,7 +34,7 @@ class KnownAngles:
     reference_deg : ndarray, shape (n,)
         True heading of the board: what the turntable reached plus the declared mounting yaw.
     uncertainty_deg : float
-        Of the turntable's angle.
+        Uncertainty of the turntable's angle.
     mounting_yaw_deg : float
         What was declared, and nothing else was taken off.
     readings : int
@@ -67,7 +67,7 @@ class KnownAngles:
 
     @property
     def level(self) -> NDArray[np.bool_]:
-        """Which poses are level, shape (n,)."""
+        """Mask of the level poses, shape (n,)."""
         return np.array([pose.pitch_deg == 0.0 and pose.roll_deg == 0.0 for pose in self.poses])
 
     def accelerometer_norm_rms_mg(self, name: str) -> float:

@@ -32,7 +32,7 @@ _AWKWARD_COUNTS = (0x7D7E, 0x7E7D, 0x7E7E, 0x7D7D, 0x5E7D, 0x5D7D)
 
 @dataclass(frozen=True, slots=True)
 class LinkCheck:
-    """What a link check found.
+    """Result of a link check.
 
     Attributes
     ----------

@@ -36,7 +36,7 @@ class LogRow:
     values : (3,)
         In the unit of `UNITS`, body frame, uncalibrated.
     temperature_degc : int
-        Of the sensor's die.
+        Temperature of the sensor's die.
     """
 
     time_s: float

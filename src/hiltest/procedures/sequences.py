@@ -1,4 +1,4 @@
-"""What short runs of one kind of instruction cost on a board, from each memory."""
+"""Cost of short runs of one kind of instruction on a board, from each memory."""
 
 from __future__ import annotations
 

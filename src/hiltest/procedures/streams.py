@@ -34,7 +34,7 @@ STAGES = (100, 150, 250)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StreamStage:
-    """What a stream calibrator knew after so many points.
+    """Result of a stream calibrator after so many points.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class StreamStage:
 
 
 class Fed(NamedTuple):
-    """What came of points that were given to a stream calibrator.
+    """Points that a stream calibrator took, and their costs.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class StreamRun:
     name : str
         The calibrator's; with ``-sliced`` when its solvers did one slice of their work a point.
     cycles : ndarray, shape (n,), or None
-        Of each new point, in order; None when the core counts none.
+        Cycles of each new point, in order; None when the core counts none.
     stages : tuple of StreamStage
         At `STAGES`, and at the end.
     refused : StreamStatus
@@ -87,8 +87,8 @@ class StreamRun:
     fit_band : CycleBand or None
         Within what the cycles of the last stage's answer lie; None where nobody knows what ran.
     remove_cycles : ndarray or None
-        Of each of the first points that were taken back in the end; None where it takes none back, or the core counts
-        none. A sliced run takes none back: it would be the same work.
+        Cycles of each of the first points, which were removed in the end; None where it removes none, or the core counts
+        none. A sliced run removes none: it would be the same work.
     """
 
     name: str
@@ -101,7 +101,7 @@ class StreamRun:
 
     @property
     def last(self) -> StreamStage:
-        """What it knew in the end."""
+        """Result after all points."""
         return self.stages[-1]
 
     @property

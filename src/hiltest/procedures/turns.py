@@ -92,7 +92,7 @@ class MeasuredTurn:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedTurns:
-    """What the board made of turns, and keeps.
+    """Calibration that the board made from turns and stores.
 
     Attributes
     ----------
@@ -144,7 +144,7 @@ def measure_turn(
     degrees : float
         Positive is clockwise seen from above: positive about the axis, which points down.
     rate_dps : float
-        Of the table, 36 to 90.
+        Rate of the table, 36 to 90.
     rest_s : float
         Length of each rest. The first stores the board's bias.
 
@@ -223,7 +223,7 @@ def fit_on_board(board: Board, turns: Sequence[MeasuredTurn], *, uncertainty_deg
     turns : sequence of MeasuredTurn
         At least three, about axes that span.
     uncertainty_deg : float
-        Of the table's angle, as declared: at either end of a turn, and of the axis that is mounted on it.
+        Declared uncertainty of the table's angle: at either end of a turn, and of the axis that is mounted on it.
 
     Raises
     ------

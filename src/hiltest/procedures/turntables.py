@@ -1,4 +1,4 @@
-"""What sets a known angle: a simulated table, or an operator who is told what to do."""
+"""Turntables that set a known angle: simulated, or an operator who is told what to do."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Turntable(Protocol):
         Parameters
         ----------
         pose : Pose
-            Of the table; the mounting of the board is not the table's business.
+            Pose of the table, without the mounting of the board.
         judged : int, optional
             Number of the judged pose.
         """
@@ -100,7 +100,7 @@ class Turntable(Protocol):
         degrees : float
             Positive is clockwise seen from above.
         rate_dps : float
-            Of the table; it stands still for the first `BEFORE_TURN_S`, and at the end of the time.
+            Rate of the table; it stands still for the first `BEFORE_TURN_S`, and at the end of the time.
         """
 
     def again(self, why: str) -> bool:
@@ -119,7 +119,7 @@ class SimulatedTurntable:
     Parameters
     ----------
     stage : Stage
-        Of the board.
+        Stage of the board.
     uncertainty_deg : float
         What the rig declares for the reference.
     """
@@ -284,7 +284,7 @@ def open_turntable(
     ----------
     board : Board
     uncertainty_deg : float
-        Of its angle, as declared.
+        Declared uncertainty of its angle.
     prompt : callable, optional
         As `OperatorTurntable` has it.
     tumble_s : float

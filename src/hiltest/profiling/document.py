@@ -34,7 +34,7 @@ class Share:
 
 @dataclass(frozen=True, slots=True)
 class BufferLeft:
-    """What the function left in a buffer that it changed; `argument` counts from 1, `type` is numpy's name of it.
+    """Contents of a buffer that the function changed; `argument` counts from 1, `type` is numpy's name of it.
 
     JSON has no NaN and no infinity: they are null there, as is a `returned` one.
     """

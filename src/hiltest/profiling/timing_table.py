@@ -32,7 +32,7 @@ def print_table(console: Console, profile: TimingProfile, file: Path) -> None:
     uncertain = sum(1 for row in rows.values() if row.band[0] < row.band[1])
     head = f"[bold]{escape(profile.name)}[/bold], digest {profile.digest[:16]}, {escape(str(file))}"
     console.print(head, soft_wrap=True)
-    console.print(f"{len(rows)} rows, {uncertain} of them uncertain within their band", soft_wrap=True)
+    console.print(f"{len(rows)} rows, {uncertain} of them uncertain", soft_wrap=True)
     console.print(_table("cycles", profile.rows, ROWS))
     if profile.memory:
         console.print(_table("value", profile.memory, MEMORY_ROWS))
@@ -43,13 +43,13 @@ def print_measured(console: Console, measured: MeasuredProfile) -> None:
     default = load_profile(DEFAULT_PROFILE)
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("row", no_wrap=True)
-    for name in ("measured", default.name, "band"):
+    for name in ("measured", default.name, "range"):
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("")
     for name, row in measured.rows.items():
         before = default.rows[name]
         inside = before.band[0] <= row.band[0] and row.band[1] <= before.band[1]
-        said = "outside its band" if not inside else "another value" if row.value != before.value else ""
+        said = "outside its range" if not inside else "another value" if row.value != before.value else ""
         low, high = row.band
         shown = str(row.value) if low == high else f"{low} to {high}"
         table.add_row(name, shown, str(before.value), _band(before), said, style="bold" if said else None)
@@ -84,7 +84,7 @@ def print_places(console: Console, raw: Mapping[str, Mapping[str, int]]) -> None
 def _table(value: str, rows: Mapping[str, CostRow], meanings: Mapping[str, str]) -> Table:
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("row", no_wrap=True)
-    for name in (value, "band"):
+    for name in (value, "range"):
         table.add_column(name, justify="right", no_wrap=True)
     for name in ("what it prices", "source"):
         table.add_column(name, overflow="fold")

@@ -126,14 +126,14 @@ class Side:
     file : str
         Where it was read from; empty for a run that is being judged as it ends.
     sha256 : str
-        Of that file, empty where there is none.
+        Digest of that file, empty where there is none.
     rig : str
         Name of the rig.
     seeds : tuple of int
     saved_utc : str
         When the run ended, or the baseline was saved or last updated.
     accepted : tuple of FromBuild
-        Of a baseline: what is not of `build_id`, by build.
+        Measurements of a baseline that come from other builds than `build_id`, by build.
     revision : Revision or None
         That the run was made for.
     """

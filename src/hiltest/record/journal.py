@@ -39,7 +39,7 @@ class Journal:
     folder : Path
         What lies in it stays as it is until `begin`.
     name : str, optional
-        Of the file.
+        Name of the file.
 
     Raises
     ------

@@ -39,7 +39,7 @@ class RecordFile:
     path : Path
         ``run.json`` or the journal.
     sha256 : str
-        Of that file as it was read.
+        Digest of that file as it was read.
     ended : bool
         Whether the run has come to its end, and the verdict is its own.
     """

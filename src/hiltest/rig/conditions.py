@@ -1,4 +1,4 @@
-"""What the numbers of a rig rest on, as one digest: two runs with the same one can be compared."""
+"""One digest of all that the numbers of a rig depend on: two runs with the same one can be compared."""
 
 from __future__ import annotations
 

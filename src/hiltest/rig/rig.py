@@ -52,7 +52,7 @@ class Rig:
     faces : Faces or None
         None when nobody declares them: gravity on a face is then no reference.
     seed : int
-        Of the noise, when the command line gives none.
+        Noise seed, when the command line gives none.
     world : SimulatedWorld or None
         Present exactly when the board is virtual.
     limits : dict of str to Limit
@@ -62,7 +62,7 @@ class Rig:
     tolerances : dict of str to Tolerance
         How far a measurement may move from a baseline, where it is not hiltest's own table that says so.
     units : dict of str to str
-        Of all three, by measurement name.
+        Units of limits, information and tolerances, by measurement name.
     full_only : frozenset of str
         Names of the limits that only the full set of tests measures.
     """
@@ -117,7 +117,7 @@ class Rig:
 
 @dataclass(frozen=True, slots=True)
 class WorldTruth:
-    """What only a simulated world knows, for the measurements that need it.
+    """The truth of a simulated world, for the measurements that need it.
 
     Attributes
     ----------
@@ -195,7 +195,7 @@ def build_sensors(rig: Rig, world: World, seed: int) -> dict[str, list[RegisterD
     world : World
         Which they measure.
     seed : int
-        Of their noise.
+        Noise seed.
 
     Returns
     -------

@@ -43,7 +43,7 @@ def require(holds: bool, key: str, message: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class BoardPlace:
-    """What answers on the link: the virtual board, one on a port, or a recorded session.
+    """The board on the link: the virtual one, one on a port, or a recorded session.
 
     Attributes
     ----------
@@ -129,7 +129,7 @@ _NOISIEST_MDPS = 1000.0
 
 @dataclass(frozen=True, slots=True)
 class SensorChoice:
-    """Which sensors are judged, and how noisy the magnetometer is declared to be.
+    """The sensors under test, and the declared noise of the magnetometer.
 
     Attributes
     ----------
@@ -164,7 +164,7 @@ class CoveredPart:
         Middle of the part, body frame, of any length: (0, 0, 1) is down, where the field of the
         northern hemisphere is while the board is level.
     fraction : float
-        Of the sphere's area: 0.5 is the half around the axis, all within ``acos(1 - 2 fraction)`` of it.
+        Share of the sphere's area: 0.5 is the half around the axis, all within ``acos(1 - 2 fraction)`` of it.
 
     Notes
     -----
@@ -185,7 +185,7 @@ class CoveredPart:
 
 @dataclass(frozen=True, slots=True)
 class TurntableSettings:
-    """What sets a known angle, and how well [deg].
+    """The turntable that sets a known angle, and its uncertainty [deg].
 
     Attributes
     ----------
@@ -215,7 +215,7 @@ class TurntableSettings:
 
 @dataclass(frozen=True, slots=True)
 class Procedure:
-    """Which points and poses make a run.
+    """The points and poses of a run.
 
     Attributes
     ----------
@@ -226,7 +226,7 @@ class Procedure:
     poses : {"all", "level"}
         Which are judged when the command line does not say.
     calibration_points : int
-        Of the tumble, that every calibrator of the firmware gets.
+        Points of the tumble that every calibrator of the firmware gets.
     gyroscope_rest_s : float
         Length of a rest of the gyroscope, before and after a turn.
     gyroscope_turn_dps : float

@@ -33,7 +33,7 @@ class TemperatureDrift:
     mag3110_gain_percent_per_degc : (3,)
         Typical 0.1, data sheet.
     fxos8700cq_gain_percent_per_degc, fxos8700cq_zero_flux_ut_per_degc : (3,)
-        Of the magnetometer; typical 0.1 % and 0.8 uT, data sheet.
+        Change of the magnetometer; typical 0.1 % and 0.8 uT, data sheet.
     accelerometer_offset_mg_per_degc : (3,)
         Typical 0.2, data sheet.
     gyroscope_bias_dps_per_degc : (3,)
@@ -75,7 +75,7 @@ class SimulatedWorld:
         Rms of its magnetometer at oversampling 2 and 32; at 8, which the firmware sets, it is their
         geometric mean.
     temperature_degc : float
-        Of the board at power-on, and ever after unless it has an end.
+        Temperature at power-on, and afterwards unless an end is given.
     temperature_end_degc : float or None
         Where the temperature goes and stays: in a straight line within `temperature_ramp_s`,
         or with `temperature_time_constant_s` as things warm up.

@@ -38,7 +38,7 @@ class OlderFirmware:
     options : tuple of str
         For pytest, as the newer firmware has them.
     folder : Path
-        Of its record.
+        Folder of its record.
     """
 
     elf: str

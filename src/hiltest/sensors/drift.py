@@ -1,4 +1,4 @@
-"""What temperature does to a reading."""
+"""Change of a reading with temperature."""
 
 from __future__ import annotations
 

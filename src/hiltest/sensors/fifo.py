@@ -34,7 +34,7 @@ class FifoMode(Enum):
 
 
 class SampleFifo:
-    """What a part keeps of its latest samples until they are read.
+    """FIFO of a part, which keeps its latest samples until they are read.
 
     Parameters
     ----------

@@ -46,11 +46,11 @@ class Fxas21002c(RegisterDevice):
     world : World
         Where it is.
     seed : int
-        Of the run's noise.
+        Noise seed.
     bias_dps : (3,)
         Zero-rate offset, body frame [deg/s].
     drift : Drift
-        Of the rate, offset included [deg/s].
+        Drift of the rate, offset included [deg/s].
     noise_density : float
         One-sided, below the selected low-pass filter [dps/sqrt(Hz)]: its rms is this times the root of the bandwidth.
     response : 3 rows of 3

@@ -68,7 +68,7 @@ _RESET_S = 0.001
 
 @dataclass(frozen=True, slots=True)
 class AccelerometerErrors:
-    """What the accelerometer still gets wrong, body frame: ``(I + diag(gain_error) + cross_axis) @ g + offset_g``."""
+    """Errors of the accelerometer, body frame: ``(I + diag(gain_error) + cross_axis) @ g + offset_g``."""
 
     offset_g: Vector = (0.0, 0.0, 0.0)
     gain_error: Vector = (0.0, 0.0, 0.0)
@@ -95,13 +95,13 @@ class Fxos8700cq(RegisterDevice):
     distortion : MagneticDistortion
         Between the earth's field and the magnetometer, its zero-flux offset included.
     seed : int
-        Of the run's noise.
+        Noise seed.
     name : str
         Distinguishes the noise of two such parts.
     errors : AccelerometerErrors
-        Of the accelerometer.
+        Errors of the accelerometer.
     accelerometer_drift, magnetometer_drift : Drift
-        Of what the two read, their offsets included [g], [uT].
+        Drift of the two readings, their offsets included [g], [uT].
     accelerometer_noise_density_g : float
         [g/sqrt(Hz)]; the bandwidth is half the output rate.
     magnetometer_noise_ut : (2,)

@@ -47,11 +47,11 @@ class Mag3110(RegisterDevice):
         Between the earth's field and the part; its hard iron includes the part's own
         zero-flux offset.
     seed : int
-        Of the run's noise.
+        Noise seed.
     noise_ut : sequence of 4 floats
         Rms noise per axis at oversampling 16, 32, 64, 128 [uT].
     drift : Drift
-        Of the field that the part sees [uT].
+        Drift of the field that the part sees [uT].
     die_temperature_offset_degc : float
         The die temperature's offset is not trimmed by the maker: what this one reads too much.
     """

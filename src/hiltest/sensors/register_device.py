@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 
 
 class RegisterDevice(ABC):
-    """What MAG3110, FXOS8700CQ and FXAS21002C have in common on the bus.
+    """Bus interface that MAG3110, FXOS8700CQ and FXAS21002C have in common.
 
     The first byte written after an address is the register pointer; each further byte
     written or read goes to the pointed register and moves the pointer on. The pointer

@@ -40,7 +40,7 @@ class SampledOutput:
     world : World
         Gives the noise epoch of an instant.
     noise : Noise
-        Of this quantity.
+        Noise of this quantity.
     measure : callable
         The part's conversion.
     """

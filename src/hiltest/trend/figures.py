@@ -33,11 +33,11 @@ def figure(measured: Measured, names: Sequence[str], *, more: str = "", width: f
     ----------
     measured : Measured
     names : sequence of str
-        Of all entries.
+        Names of all entries.
     more : str
-        What the caption says after name and unit.
+        Text of the caption after name and unit.
     width : float
-        Of the drawing.
+        Width of the drawing.
     """
     scale, unit = _scale(measured)
     drawn = Figure(

@@ -1,4 +1,4 @@
-"""Which runs there are in a folder, and in those under it."""
+"""Find the runs in a folder and the folders under it."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ class RunEntry:
 
 @dataclass(frozen=True, slots=True)
 class TrendLine:
-    """What runs must share for their numbers to be joined: rig, cycle model, seeds, and how they were judged."""
+    """Conditions that joined runs share: rig, cycle model, seeds and known angles."""
 
     rig: str
     rig_sha256: str
@@ -88,12 +88,12 @@ class Measured:
 
     @property
     def steps(self) -> tuple[Step, ...]:
-        """Of all its series, in the order of time."""
+        """Change points of all its series, in the order of time."""
         return tuple(sorted((step for each in self.series for step in each.steps), key=lambda step: step.after))
 
     @property
     def limit(self) -> Limit | None:
-        """That of the newest entry that knows it."""
+        """Limit of the newest entry that states one."""
         knowing = [point for each in self.series for point in each.points if point.knows_limit]
         return max(knowing, key=lambda point: point.entry).limit if knowing else None
 
@@ -109,7 +109,7 @@ class Trend:
 
     @property
     def steps(self) -> tuple[Step, ...]:
-        """Of all measurements, the newest first; of one run what got worse first, in the order of a comparison."""
+        """Change points of all measurements, the newest first; those of one run in the order of a comparison."""
         steps = (step for each in self.measured for step in each.steps)
         return tuple(
             sorted(steps, key=lambda step: (-step.after, _MOVED.index(step.difference.change), step.difference.concern))
@@ -157,7 +157,7 @@ def conditions_of(entry: RunEntry) -> TrendLine:
 
 @dataclass(frozen=True, slots=True)
 class _Key:
-    """What numbers of one line must share beside: those of another unit or model are other numbers."""
+    """Name, unit and cycle model, which all points of a line share."""
 
     name: str
     unit: str

@@ -33,7 +33,7 @@ class CodeHook(NamedTuple):
 
 
 class Accounting(Protocol):
-    """What the processor needs of either way of counting.
+    """Interface of both ways of counting to the processor.
 
     Attributes
     ----------
@@ -102,7 +102,7 @@ AccountingFactory = Callable[[TimingProfile, ReadCode, Callable[[CodeBlock], boo
 
 
 class _Totals:
-    """What both ways of counting start from.
+    """Counts and settings that both ways of counting share.
 
     Parameters
     ----------

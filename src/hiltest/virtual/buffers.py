@@ -38,7 +38,7 @@ class Structure:
 
     @property
     def alignment(self) -> int:
-        """What its address must be a multiple of."""
+        """Alignment of its address [bytes]."""
         return max((_alignment(member) for member in self.members), default=1)
 
     @property

@@ -1,4 +1,4 @@
-"""Which function runs, and along which path of calls it was reached.
+"""The running function, and the path of calls that led to it.
 
 Followed from one block to the next: BL and BLX call, an indirect transfer to where a call would come back to
 returns, and what jumps into another function is a tail call, under the function that made it. Inlined code is

@@ -20,7 +20,7 @@ _STACK_BYTES = 8192
 
 @dataclass(frozen=True, slots=True)
 class CallResult:
-    """What a called function returned and cost.
+    """Value and cost of a called function.
 
     Attributes
     ----------

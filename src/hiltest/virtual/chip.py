@@ -1,4 +1,4 @@
-"""What the MK64F12 has: peripherals and registers by name, for what the virtual board does not model.
+"""Peripherals and registers of the MK64F12 by name, for those that the virtual board does not model.
 
 The tables in ``mk64f12/`` hold facts of the part (names, addresses, widths, values
 after reset, clock gates), as its reference manual lists them.

@@ -1,4 +1,4 @@
-"""What a cycle was spent on: the work of a class of instructions, or waiting for something.
+"""Classes of cycles: the work of a class of instructions, or a stall.
 
 The work of an instruction is what it costs when nothing before it makes it wait; what is above that is a
 stall, and its cause is found by taking away, one after the other, what the pipeline remembers: the parts
@@ -57,7 +57,7 @@ WORK_OF_ROW = {
 
 @dataclass(frozen=True, slots=True)
 class InstructionCost:
-    """What one execution of one instruction cost [cycles]; `stalls` has only causes that cost something."""
+    """Cost of one execution of one instruction [cycles]; `stalls` has only causes that cost something."""
 
     instruction: Instruction
     work: Work

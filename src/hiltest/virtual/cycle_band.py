@@ -1,4 +1,4 @@
-"""What the uncertainty of a timing profile makes of a count: the same executions, priced with its rows moved.
+"""Uncertainty range of a count: the same executions, priced with the rows of the timing profile moved.
 
 Nothing is estimated. The blocks that ran are known, and so is what each costs under any table; a count under a moved
 table is what the board would have counted, had it been made with that table.

@@ -48,7 +48,7 @@ def add_hook(engine: Any, kind: int, function: Any, data: Any = None, within: tu
     engine : Uc
         The emulator.
     kind : int
-        Of unicorn's `UC_HOOK_*`.
+        One of unicorn's `UC_HOOK_*`.
     function, data : object
         What is called, as ctypes knows it, and what it is given.
     within : tuple of int, optional

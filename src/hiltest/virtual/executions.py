@@ -1,4 +1,4 @@
-"""Which blocks ran between two moments, so that the same executions can be priced again by another table.
+"""The blocks that ran between two moments, so that the same executions can be priced again by another table.
 
 What a block costs depends on the pipeline state that the code before it leaves, and that on the table. A transfer
 leaves nothing; only a block that execution *fell into* from the one before it has to be priced behind that one. So an
@@ -60,7 +60,7 @@ class Snapshot:
 
 @dataclass(frozen=True, slots=True)
 class Executions:
-    """What ran between two snapshots.
+    """Executions between two snapshots.
 
     Attributes
     ----------

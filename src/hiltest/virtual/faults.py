@@ -14,7 +14,7 @@ _KEPT = 1000  # firmware that lives from its faults must not fill the host's mem
 
 
 class FaultKind(Enum):
-    """What went wrong: the exception that takes it, its bit in CFSR and its bit in HFSR."""
+    """A kind of fault: the exception that takes it, its bit in CFSR and its bit in HFSR."""
 
     EXECUTE_NEVER = (MEM_MANAGE, 1 << 0, 0)
     INSTRUCTION_BUS = (BUS_FAULT, 1 << 8, 0)

@@ -24,7 +24,7 @@ _BANK_BYTES = FLASH[1] // BANKS
 
 @dataclass(frozen=True, slots=True)
 class BankSwitches:
-    """What the controller does for one half of the flash.
+    """Switches of the controller for one half of the flash.
 
     Attributes
     ----------
@@ -99,7 +99,7 @@ class FlashController:
         Parameters
         ----------
         address, size : int
-            Of an instruction or of data; it may straddle two lines.
+            Place of an instruction or of data; it may straddle two lines.
         cycle : int
             Never earlier than that of the access before.
         fetched : bool

@@ -1,4 +1,4 @@
-"""What the FRDM-K64F has on its pins: three LEDs and two buttons."""
+"""LEDs and buttons of the FRDM-K64F."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an I2C master sees of the parts on its bus."""
+"""An I2C bus with its parts, as the master sees them."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from hiltest.virtual.timing import CostRow
 
 @dataclass(frozen=True, slots=True)
 class Equation:
-    """What half a sequence costs: ``times`` of `row`, other rows, clocks that are no row's, and half of another one."""
+    """Cost of half a sequence: ``times`` of `row`, other rows, clocks that are no row's, and half of another one."""
 
     sequence: str
     row: str
@@ -104,7 +104,7 @@ PLACES = {
 
 @dataclass(frozen=True, slots=True)
 class MeasuredProfile:
-    """What measurements make of the rows.
+    """Rows solved from measurements.
 
     Attributes
     ----------
@@ -124,7 +124,7 @@ def solve(clocks: Mapping[str, int], about: str) -> MeasuredProfile:
     Parameters
     ----------
     clocks : mapping of str to int
-        Of half of each sequence, run from SRAM_L with its data in SRAM_U.
+        Clocks of half of each sequence, run from SRAM_L with its data in SRAM_U.
     about : str
         What was measured, and with what: ends the source of each row.
     """
@@ -176,7 +176,7 @@ def profile_text(name: str, measured: MeasuredProfile, raw: Mapping[str, Mapping
     Parameters
     ----------
     name : str
-        Of the profile.
+        Name of the profile.
     measured : MeasuredProfile
     raw : mapping of str to mapping
         Clocks of each sequence, by the memory that it ran from: kept, so that they can be read otherwise later.

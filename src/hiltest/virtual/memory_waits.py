@@ -29,7 +29,7 @@ class MemoryAccounting(InstructionAccounting):
     Attributes
     ----------
     memory_cycles : int
-        Of the total, what accesses waited for.
+        Part of the total that accesses waited for memory.
     flash : FlashController
         Makes accesses to flash wait; the FMC's registers switch it.
     """

@@ -33,7 +33,7 @@ class ArgumentRegisters:
     core : list of int
         Registers first, then the stack from its top.
     floating : list of int
-        Of every float register.
+        Words of all float registers.
     """
 
     def __init__(self, *, hard_float: bool) -> None:

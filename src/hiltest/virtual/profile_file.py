@@ -102,7 +102,7 @@ def load_profile(name: str) -> TimingProfile:
     Parameters
     ----------
     name : str
-        Of one that ships with the package, or a file of one's own, which ends in ``.toml``.
+        Name of a packaged profile, or a file of one's own, which ends in ``.toml``.
 
     Raises
     ------

@@ -73,7 +73,7 @@ class ProfilingAccounting(BlockAccounting):
 
 @dataclass(frozen=True, slots=True)
 class FunctionCost:
-    """What one function cost.
+    """Cost of one function.
 
     Attributes
     ----------
@@ -95,7 +95,7 @@ class FunctionCost:
 
 @dataclass(frozen=True, slots=True)
 class LineCost:
-    """What one source line cost; code inlined from elsewhere counts where it was written."""
+    """Cost of one source line; code inlined from elsewhere counts where it was written."""
 
     location: str
     cycles: int
@@ -105,7 +105,7 @@ class LineCost:
 
 @dataclass(frozen=True, slots=True)
 class AddressCost:
-    """What one instruction cost over all its executions; `cycles` includes `stall_cycles`."""
+    """Cost of one instruction over all its executions; `cycles` includes `stall_cycles`."""
 
     address: int
     text: str
@@ -126,7 +126,7 @@ class StackCost:
 
 @dataclass(frozen=True, slots=True)
 class CallProfile(CallResult):
-    """What a called function returned, what it cost, and where the cycles went.
+    """Value and cost of a called function, and where its cycles went.
 
     Attributes
     ----------
@@ -209,9 +209,9 @@ def with_memories(profile: CallProfile, cycles: int, timing: TimingProfile) -> C
     Parameters
     ----------
     profile : CallProfile
-        Of the instructions alone.
+        Profile of the instructions alone.
     cycles : int
-        Of the same call, memories included.
+        Cycles of the same call, memories included.
     timing : TimingProfile
         Whose memory rows say how well that is known where code is in flash.
     """

@@ -41,7 +41,7 @@ class CostRow:
 
 
 class PipelineState(NamedTuple):
-    """What the next instruction may have to wait for.
+    """State of the pipeline that the next instruction may wait for.
 
     ``before`` is "load", "store" or ""; ``loaded`` the core registers that load
     wrote; ``fp_result`` the single registers that were just computed, or will be

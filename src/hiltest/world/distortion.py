@@ -1,4 +1,4 @@
-"""What the board's own iron does to the field before a magnetometer sees it."""
+"""Distortion of the field at a magnetometer by the board's own iron."""
 
 from __future__ import annotations
 

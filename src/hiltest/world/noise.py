@@ -43,7 +43,7 @@ class NoiseSource:
     Parameters
     ----------
     seed : int
-        Of the run.
+        Noise seed.
     sensor : str
         Name of the sensor and its quantity, such as ``"mag3110@0e"``; two names have
         independent noise.

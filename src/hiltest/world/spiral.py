@@ -33,7 +33,7 @@ class Cap:
     axis : (3,)
         Body frame, of any length but zero.
     fraction : float
-        Of the sphere's area, above 0 and at most 1; the angle is ``acos(1 - 2 fraction)``.
+        Share of the sphere's area, above 0 and at most 1; the angle is ``acos(1 - 2 fraction)``.
     """
 
     axis: Vector
@@ -55,7 +55,7 @@ class Spiral:
     cap : Cap
     field : EarthField
     mounting_yaw_deg : float
-        Of the board on the table: the table's poses are such that the board does as said.
+        Yaw of the board on the table; the table's poses make up for it.
     """
 
     start_s: float

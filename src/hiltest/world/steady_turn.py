@@ -24,7 +24,7 @@ class SteadyTurn:
     begin : Pose
         Whatever its tilt: the axis is the vertical, which stays where it is in the body.
     turn_deg : float
-        Of heading, of any size; positive is clockwise seen from above.
+        Change of heading, of any size; positive is clockwise seen from above.
     """
 
     start_s: float

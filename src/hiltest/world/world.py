@@ -33,7 +33,7 @@ _STILL: Vector = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class WorldState:
-    """What surrounds the body at one instant, in body components (NED: x forward, y right, z down).
+    """Field, gravity and rate at one instant, in body components (NED: x forward, y right, z down).
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class World:
         How far the board (with the wedges that tilt it) is turned on the table, about the
         vertical: board heading = table heading + this, at every tilt [deg].
     temperature : Temperature
-        Of the board.
+        Temperature of the board.
     pose : Pose
         In which the table stands at power-on.
     covered : Cap, optional
@@ -106,7 +106,7 @@ class World:
         Parameters
         ----------
         pose : Pose
-            Of the table (mounting yaw not included).
+            Pose of the table (mounting yaw not included).
         time_s : float
             Virtual time of the command [s].
         judged_pose : int, optional

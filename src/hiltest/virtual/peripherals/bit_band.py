@@ -12,7 +12,7 @@ PERIPHERAL_ALIAS = (0x42000000, _WINDOW)
 
 
 class AliasedBytes(Protocol):
-    """What has the bits."""
+    """A memory or peripheral whose bits are aliased."""
 
     def read(self, address: int, size: int) -> int:
         """Answer a read of 1, 2 or 4 bytes."""

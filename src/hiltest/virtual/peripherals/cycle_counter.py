@@ -15,7 +15,7 @@ _READINGS = 400
 
 @dataclass(frozen=True, slots=True)
 class CounterReading:
-    """What CYCCNT answered, and how many instructions and blocks had been executed by then."""
+    """One reading of CYCCNT, with the instructions and blocks that had been executed by then."""
 
     cycles: int
     instructions: int

@@ -24,7 +24,7 @@ class Port(StoredRegisters):
     letter : str
         ``A`` to ``E``.
     base, interrupt
-        Of the PORT module.
+        Address and interrupt of the PORT module.
     nvic : Nvic
         Gets the port's interrupt.
     initial : dict of int to int

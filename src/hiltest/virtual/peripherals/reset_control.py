@@ -8,7 +8,7 @@ from hiltest.virtual.peripherals.bus import StoredRegisters
 
 
 class ResetSource(Enum):
-    """What reset the part: SRS0, and SRS1 above it."""
+    """Cause of the last reset: SRS0, and SRS1 above it."""
 
     POWER_ON = 0x0082  # with LVD, as the supply rises through it
     WATCHDOG = 0x0020

@@ -48,7 +48,7 @@ class UnmodelledAccess:
 
 
 class UnmodelledLog:
-    """What was touched, each register once, and what is being polled.
+    """Accesses to unmodelled registers, each register once, and the one that is being polled.
 
     Parameters
     ----------
