@@ -99,7 +99,8 @@ def test_what_iterative_and_a_closed_form_take_over_all_golden_clouds_is_what_th
 
 def test_code_in_flash_is_counted_as_the_page_says_and_carries_what_it_says(tmp_path: Path) -> None:
     shown = run(*shlex.split(COMMANDS[1]), folder=tmp_path)
-    found = re.search(r"^(\d+) cycles, .*@flash: (\d+) to (\d+), by the uncertainty of the memories", shown, re.M | re.S)
+    words = r"^(\d+) cycles, .*@flash: (\d+) to (\d+), by the uncertainty of the memories"
+    found = re.search(words, shown, re.M | re.S)
     assert found is not None
     cycles, low, high = map(int, found.groups())
     assert (low, high) == (round(0.85 * cycles), round(1.15 * cycles))

@@ -217,7 +217,7 @@ def test_what_is_no_calibrator_of_the_firmware_is_unmet_for_another_reason(
 
 def test_other_measurements_out_of_limit_are_named(findings: Make, good: list[Measurement]) -> None:
     bad = judge("gyroscope.bias_error", 0.4, unit="dps", limit=Limit(max=0.1), test="t.py::test_rest")
-    verdict = decide(findings(*good, bad, tests=(TestResult("t.py::test_rest", "failed", 1),)), pytest_exit=1)
+    verdict = decide(findings(*good, bad, tests=(TestResult("t.py::test_rest", TestOutcome.FAILED, 1),)), pytest_exit=1)
     assert verdict.sentence == "FAIL. gyroscope.bias_error 0.4 dps (limit 0.1)."
 
 
@@ -334,12 +334,12 @@ def test_thousands_are_apart() -> None:
 
 
 def _test(outcome: str) -> TestResult:
-    return TestResult("hil/suites/test_heading.py::test_heading", outcome, 1.0)
+    return TestResult("hil/suites/test_heading.py::test_heading", TestOutcome(outcome), 1.0)
 
 
 def test_what_was_in_the_baseline_stands_beside_a_failure(findings: Make) -> None:
     now = judge("lamp.current", 12.0, unit="mA", limit=Limit(max=9), test="t::t")
-    made = findings(now, tests=(TestResult("t::t", "failed", 1),))
+    made = findings(now, tests=(TestResult("t::t", TestOutcome.FAILED, 1),))
     made.comparison = _compared(now)
     (failure,) = summarise(made).failures
     assert failure.was == 2.0

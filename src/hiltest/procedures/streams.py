@@ -87,8 +87,8 @@ class StreamRun:
     fit_band : CycleBand or None
         Within what the cycles of the last stage's answer lie; None where nobody knows what ran.
     remove_cycles : ndarray or None
-        Cycles of each of the first points, which were removed in the end; None where it removes none, or the core counts
-        none. A sliced run removes none: it would be the same work.
+        Cycles of each of the first points, which were removed in the end; None where it removes none, or the core
+        counts none. A sliced run removes none: it would be the same work.
     """
 
     name: str
