@@ -20,7 +20,7 @@ pytest_plugins = ["pytester"]
 # that, those too which tests end with it.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN and threading.current_thread() is threading.main_thread():
     signal.signal(signal.SIGINT, signal.default_int_handler)
-# nohup ignores the hang-up likewise. A handler that does nothing keeps this process as safe from it, and is not inherited.
+# nohup ignores the hang-up likewise. A handler that does nothing keeps this process as safe, and is not inherited.
 if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN and threading.current_thread() is threading.main_thread():
     signal.signal(signal.SIGHUP, lambda *_: None)
 
