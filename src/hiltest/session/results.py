@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
-
-from hiltest.record.run import TestResult
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
     from hiltest.measurement import Measurement
-    from hiltest.record.run import Table
+    from hiltest.record.run import Table, TestResult
 
 # Attributes of a report, plain data, so that they survive the way from a worker.
 CAUSE = "hil_cause"
@@ -30,12 +28,14 @@ BENCH = "hil_bench"
 """From a worker: whether there is a rig, and which board with which seed."""
 
 
-@dataclass(slots=True)
 class Found:
     """What one test measured since its last report."""
 
-    measurements: list[Measurement] = field(default_factory=list)
-    tables: list[Table] = field(default_factory=list)
+    __slots__ = ("measurements", "tables")
+
+    def __init__(self) -> None:
+        self.measurements: list[Measurement] = []
+        self.tables: list[Table] = []
 
 
 FOUND: pytest.StashKey[Found] = pytest.StashKey()
@@ -115,6 +115,8 @@ class TestLog:
         return [*(replace(each, outcome=RERUN) for each in results[:-1]), *results[-1:]]
 
     def _result(self, nodeid: str, reports: Sequence[pytest.TestReport]) -> TestResult:
+        from hiltest.record.run import TestResult
+
         worst = max(reports, key=_badness)
         return TestResult(
             id=self._test_id(nodeid), outcome=_outcome(worst),
