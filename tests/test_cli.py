@@ -14,6 +14,8 @@ from hiltest.boards import default_firmware
 from hiltest.record.exit_codes import WORDS, ExitCode
 from hiltest.record.reader import read_record
 
+pytestmark = pytest.mark.slow
+
 
 def hiltest(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
     """Run the command in a folder, as a user would."""

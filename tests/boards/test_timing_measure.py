@@ -283,6 +283,7 @@ def test_only_a_chip_is_called_silicon() -> None:
     assert is_silicon(bytes.fromhex("0123456789abcdef" * 2))
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_profile_named_after_the_board_and_shows_what_it_found(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "hiltest", "timing", "measure"], cwd=tmp_path, capture_output=True, text=True,
@@ -303,6 +304,7 @@ MEASURED = f"virtual-{VIRTUAL_UNIQUE_ID.hex()}"
 OF_THIS_BOARD = f'name = "{MEASURED}"\nbase = "{DEFAULT_PROFILE}"\n[measured.sram]\nfp = 3\n'
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("there", "code"),
     [(OF_THIS_BOARD, 0), (OF_THIS_BOARD.replace(MEASURED, "silicon-12"), 4), ("", 4), ("my notes", 4),
@@ -336,6 +338,7 @@ def test_what_no_profile_may_hold_is_told_and_the_profile_can_be_read(
     assert load_profile(str(tmp_path / "measured.toml")).rows[row] == measured.rows[row]
 
 
+@pytest.mark.slow
 def test_who_only_wants_to_see_the_clocks_writes_them_nowhere(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "hiltest", "timing", "measure", "--out", os.devnull], cwd=tmp_path,
@@ -346,6 +349,7 @@ def test_who_only_wants_to_see_the_clocks_writes_them_nowhere(tmp_path: Path) ->
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_a_file_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "hiltest", "timing", "measure", "--out", "gone/x.toml"], cwd=tmp_path,

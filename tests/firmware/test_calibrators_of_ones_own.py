@@ -17,6 +17,8 @@ import pytest
 from hiltest.virtual.k64f import VirtualK64F
 from hiltest.world.instances import instance
 
+pytestmark = pytest.mark.slow
+
 FIRMWARE = Path(__file__).parents[2] / "firmware_stub"
 
 
