@@ -131,24 +131,6 @@ def test_flash_is_slower_with_either_of_cache_and_prefetch_off_where_that_one_co
         assert flash[name] <= unread_ahead[name] <= alone[name]
 
 
-def test_the_page_has_the_clocks_from_flash_that_are_measured(
-    with_memories: dict[SequencePlace, dict[str, int]],
-) -> None:
-    page = " ".join((Path(__file__).parents[2] / "docs" / "timing.md").read_text(encoding="utf-8").split())
-    sram, flash, uncached, unread_ahead, alone = (
-        {name: with_memories[place][name] for name in ("fp", "call_and_return")}
-        for place in (
-            SequencePlace.SRAM, SequencePlace.FLASH, SequencePlace.FLASH_WITHOUT_CACHE,
-            SequencePlace.FLASH_WITHOUT_PREFETCH, SequencePlace.FLASH_ALONE,
-        )
-    )  # fmt: skip
-    straight = f"32 VADD of four bytes then take {sram['fp']} clocks from SRAM_L and {flash['fp']} from flash"
-    assert f"{straight}, {unread_ahead['fp']} with the prefetch off" in page
-    assert f"and {alone['fp']} with everything off" in page
-    calls = f"8 calls and returns take {flash['call_and_return']} clocks from flash"
-    assert f"{calls}, and {uncached['call_and_return']} with the cache off." in page
-
-
 def test_the_clocks_from_flash_are_shown_and_written_with_cache_and_prefetch_on_and_off(
     with_memories: dict[SequencePlace, dict[str, int]],
 ) -> None:
