@@ -6,13 +6,17 @@ import json
 import os
 import shutil
 import signal
+import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from importlib.util import find_spec
-from typing import NoReturn
+from pathlib import Path
+from typing import Any, NoReturn
 
 import pytest
 from hypothesis import settings
+
+from .finished_run import Finished, run_once
 
 pytest_plugins = ["pytester"]
 
@@ -20,6 +24,9 @@ pytest_plugins = ["pytester"]
 # that, those too which tests end with it.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN and threading.current_thread() is threading.main_thread():
     signal.signal(signal.SIGINT, signal.default_int_handler)
+# nohup ignores the hang-up likewise. A handler that does nothing keeps this process as safe, and is not inherited.
+if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN and threading.current_thread() is threading.main_thread():
+    signal.signal(signal.SIGHUP, lambda *_: None)
 
 # How long an example takes is the machine's affair, which may be busy.
 settings.register_profile("hiltest", deadline=None)
@@ -32,14 +39,71 @@ for name in ("GITHUB_STEP_SUMMARY", "GITHUB_ACTIONS", "GITHUB_SHA", "GITHUB_REF_
     os.environ.pop(name, None)
 
 
+HERE = Path(__file__).parent
+_FOLDERS_OF_RUNS = {HERE / each for each in ("docs", "end_to_end", "report/browser", "serve")}
+_FIXTURES_THAT_RUN = {"default_run", "pytester"}
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what makes a run, or looks at a page in a browser; single tests elsewhere bear the mark themselves."""
+    for item in items:
+        if _FIXTURES_THAT_RUN.intersection(item.fixturenames) or _FOLDERS_OF_RUNS.intersection(item.path.parents):
+            item.add_marker("slow")
+
+
+_running: list[pytest.Item] = []
+
+
+def _no_run_without_the_mark(event: str, arguments: tuple[Any, ...]) -> None:
+    if event == "subprocess.Popen" and _running and not _running[0].get_closest_marker("slow"):
+        command = [str(each) for each in arguments[1]] if isinstance(arguments[1], list | tuple) else []
+        if command[1:3] in (["-m", "hiltest"], ["-m", "pytest"]):
+            raise RuntimeError(f"a test that starts {' '.join(command[1:3])} is marked slow")
+
+
+sys.addaudithook(_no_run_without_the_mark)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
+    """Know which test runs, so that none without the mark starts a run."""
+    _running[:] = [item]
+    try:
+        return (yield)
+    finally:
+        _running.clear()
+
+
+@pytest.fixture(scope="session")
+def shared_folder(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder that the workers of pytest-xdist have together."""
+    own = tmp_path_factory.getbasetemp()
+    return own.parent if hasattr(request.config, "workerinput") else own
+
+
+@pytest.fixture(scope="session")
+def default_run(shared_folder: Path) -> Finished:
+    """``hiltest run`` on the default bench: made once, and only to be read."""
+    return run_once(shared_folder / "default-run")
+
+
+@pytest.fixture(scope="session")
+def real_record(default_run: Finished) -> dict[str, Any]:
+    """``run.json`` of the main job on the default bench."""
+    assert default_run.code == 0, default_run.output + default_run.errors
+    return default_run.record
+
+
 @pytest.fixture(scope="session", autouse=True)
-def _every_record_is_valid(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+def _every_record_is_valid(tmp_path_factory: pytest.TempPathFactory, shared_folder: Path) -> Iterator[None]:
     """Check every run.json that the tests' runs have left, with the shipped schema and by reading it.
 
     Tests that write such a file by hand, to see it refused, call it otherwise.
     """
     yield
-    records = sorted(tmp_path_factory.getbasetemp().rglob("run.json"))
+    folders = {tmp_path_factory.getbasetemp(), shared_folder / "default-run"}
+    records = sorted({record for folder in folders for record in folder.rglob("run.json")})
     if not records:
         return
     from jsonschema import Draft202012Validator

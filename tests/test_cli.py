@@ -17,6 +17,7 @@ from hiltest.record.exit_codes import WORDS, ExitCode
 from hiltest.record.reader import read_record
 
 COMMANDS = Path(commands.__file__).parent
+pytestmark = pytest.mark.slow
 
 
 def hiltest(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:

@@ -13,6 +13,8 @@ import pytest
 from hiltest.procedures.clouds import golden_cloud
 from hiltest.world.instances import instance
 
+pytestmark = pytest.mark.slow
+
 
 def fit(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(

@@ -17,6 +17,8 @@ from tests.calibration.synthetic_rates import flicker, white
 
 from hiltest.logs.rate_log import read_rate_log
 
+pytestmark = pytest.mark.slow
+
 LIMIT_S = 120
 
 

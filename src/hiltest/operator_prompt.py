@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from hiltest.errors import OperatorAbsentError
-
 
 def ask(text: str) -> str:
     """Show a text and return the line that was typed.
@@ -16,6 +14,8 @@ def ask(text: str) -> str:
     try:
         return input(text)
     except (EOFError, OSError, RuntimeError) as error:  # RuntimeError: standard input is closed
+        from hiltest.errors import OperatorAbsentError
+
         raise OperatorAbsentError(
             f"nobody answers at the terminal; this was asked: {text.strip()} "
             "Run it where somebody can type and turn the board."

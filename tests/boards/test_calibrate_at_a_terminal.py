@@ -18,6 +18,8 @@ from hiltest.imu_calibration.file import load_calibration
 from hiltest.procedures.turntables import FACE_WORDS, LEVEL
 from hiltest.rig import COUNTS_PER_UT, Rig, world_truth
 
+pytestmark = pytest.mark.slow
+
 StartPtyBoard = Callable[[Rig], Any]
 CTRL_C = "\x03"
 FACES = {FACE_WORDS[face]: face for face in ALL_FACES}

@@ -10,10 +10,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from hiltest.angles import Pose
 from hiltest.calibration.still_pose import FACES
 from hiltest.procedures.turntables import FACE_WORDS
 from hiltest.rig import Rig
+
+pytestmark = pytest.mark.slow
 
 StartPtyBoard = Callable[[Rig], Any]
 SUITES = Path(__file__).parents[2] / "hil" / "suites"

@@ -131,24 +131,6 @@ def test_flash_is_slower_with_either_of_cache_and_prefetch_off_where_that_one_co
         assert flash[name] <= unread_ahead[name] <= alone[name]
 
 
-def test_the_page_has_the_clocks_from_flash_that_are_measured(
-    with_memories: dict[SequencePlace, dict[str, int]],
-) -> None:
-    page = " ".join((Path(__file__).parents[2] / "docs" / "timing.md").read_text(encoding="utf-8").split())
-    sram, flash, uncached, unread_ahead, alone = (
-        {name: with_memories[place][name] for name in ("fp", "call_and_return")}
-        for place in (
-            SequencePlace.SRAM, SequencePlace.FLASH, SequencePlace.FLASH_WITHOUT_CACHE,
-            SequencePlace.FLASH_WITHOUT_PREFETCH, SequencePlace.FLASH_ALONE,
-        )
-    )  # fmt: skip
-    straight = f"32 VADD of four bytes then take {sram['fp']} clocks from SRAM_L and {flash['fp']} from flash"
-    assert f"{straight}, {unread_ahead['fp']} with the prefetch off" in page
-    assert f"and {alone['fp']} with everything off" in page
-    calls = f"8 calls and returns take {flash['call_and_return']} clocks from flash"
-    assert f"{calls}, and {uncached['call_and_return']} with the cache off." in page
-
-
 def test_the_clocks_from_flash_are_shown_and_written_with_cache_and_prefetch_on_and_off(
     with_memories: dict[SequencePlace, dict[str, int]],
 ) -> None:
@@ -283,6 +265,7 @@ def test_only_a_chip_is_called_silicon() -> None:
     assert is_silicon(bytes.fromhex("0123456789abcdef" * 2))
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_profile_named_after_the_board_and_shows_what_it_found(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "hiltest", "timing", "measure"], cwd=tmp_path, capture_output=True, text=True,
@@ -303,6 +286,7 @@ MEASURED = f"virtual-{VIRTUAL_UNIQUE_ID.hex()}"
 OF_THIS_BOARD = f'name = "{MEASURED}"\nbase = "{DEFAULT_PROFILE}"\n[measured.sram]\nfp = 3\n'
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("there", "code"),
     [(OF_THIS_BOARD, 0), (OF_THIS_BOARD.replace(MEASURED, "silicon-12"), 4), ("", 4), ("my notes", 4),
@@ -336,6 +320,7 @@ def test_what_no_profile_may_hold_is_told_and_the_profile_can_be_read(
     assert load_profile(str(tmp_path / "measured.toml")).rows[row] == measured.rows[row]
 
 
+@pytest.mark.slow
 def test_who_only_wants_to_see_the_clocks_writes_them_nowhere(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "hiltest", "timing", "measure", "--out", os.devnull], cwd=tmp_path,
@@ -346,6 +331,7 @@ def test_who_only_wants_to_see_the_clocks_writes_them_nowhere(tmp_path: Path) ->
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_a_file_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "hiltest", "timing", "measure", "--out", "gone/x.toml"], cwd=tmp_path,

@@ -11,7 +11,11 @@ CLOUDS = Path(__file__).parents[2] / "fixtures" / "clouds"
 
 
 def test_the_generator_writes_the_same_clouds_again(tmp_path: Path) -> None:
-    subprocess.run([sys.executable, str(CLOUDS / "generate.py"), str(tmp_path)], check=True)
+    # None in place of a module makes its import an error: the generator uses none of the fits that it is to judge.
+    without_fits = (
+        "import runpy, sys; sys.modules['hiltest.calibration'] = None; runpy.run_path(sys.argv[2], None, '__main__')"
+    )
+    subprocess.run([sys.executable, "-c", without_fits, str(tmp_path), str(CLOUDS / "generate.py")], check=True)
     written = {path.name: json.loads(path.read_text()) for path in tmp_path.glob("*.json")}
     assert written == {path.name: json.loads(path.read_text()) for path in CLOUDS.glob("*.json")}
 
@@ -32,6 +36,3 @@ def test_the_clouds_cover_both_ways_a_corrected_fit_ends() -> None:
     ]
     assert max(moved) > 0.1
 
-
-def test_the_generator_uses_none_of_the_fits() -> None:
-    assert "hiltest.calibration" not in (CLOUDS / "generate.py").read_text()

@@ -13,7 +13,6 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.session.selection import GROUP
 from hiltest.settings import OPTIONS
 
 ROOT = Path(__file__).parents[2]
@@ -75,7 +74,3 @@ def test_a_firmware_of_ones_own_gets_a_baseline_of_its_own(quick: Path) -> None:
 def test_the_option_has_the_names_that_the_page_gives_it() -> None:
     (option,) = [each for each in OPTIONS if each.name == "baseline"]
     assert all(f"`{each}`" in PAGE for each in (option.flag, option.variable, option.ini))
-
-
-def test_the_group_is_called_as_the_page_says() -> None:
-    assert f"in the group `{GROUP}`" in PAGE

@@ -2,49 +2,15 @@
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import pytest
 
+from ..finished_run import Finished, run_hiltest
 from .firmware_edits import FirmwareCopy
 
 RIGS = Path(__file__).parents[2] / "hil" / "rigs"
-
-
-@dataclass(frozen=True, slots=True)
-class Finished:
-    """A command that has ended, and the record it left."""
-
-    code: int
-    output: str
-    errors: str
-    folder: Path
-
-    @property
-    def record(self) -> dict[str, Any]:
-        content: dict[str, Any] = json.loads((self.folder / "run.json").read_text(encoding="utf-8"))
-        return content
-
-    @property
-    def measured(self) -> dict[str, dict[str, Any]]:
-        return {each["name"]: each for each in self.record["measurements"]}
-
-    def value(self, name: str) -> float:
-        return float(self.measured[name]["value"])
-
-    @property
-    def sentence(self) -> str:
-        """The verdict of the record, which the output must have too, folded at the width of the terminal."""
-        sentence: str = self.record["verdict"]["sentence"]
-        assert " ".join(sentence.split()) in " ".join(self.output.split())
-        return sentence
 
 
 Run = Callable[..., Finished]
@@ -53,22 +19,13 @@ Run = Callable[..., Finished]
 @pytest.fixture(scope="session")
 def run_in() -> Run:
     """Return a function that runs ``hiltest run`` in a folder."""
-
-    def run(folder: Path, *arguments: str) -> Finished:
-        environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
-        done = subprocess.run(
-            [sys.executable, "-m", "hiltest", "run", *arguments], cwd=folder, env=environment, capture_output=True,
-            text=True, check=False, timeout=300,
-        )
-        return Finished(done.returncode, done.stdout, done.stderr, folder / "hil-out")
-
-    return run
+    return run_hiltest
 
 
 @pytest.fixture(scope="session")
-def good_run(run_in: Run, tmp_path_factory: pytest.TempPathFactory) -> Finished:
+def good_run(default_run: Finished) -> Finished:
     """The main job on the default bench."""
-    return run_in(tmp_path_factory.mktemp("good"))
+    return default_run
 
 
 @pytest.fixture(scope="session")

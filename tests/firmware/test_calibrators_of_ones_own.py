@@ -19,6 +19,8 @@ from hiltest.world.instances import instance
 
 from .conftest import SHIPPED_ELF
 
+pytestmark = pytest.mark.slow
+
 FIRMWARE = Path(__file__).parents[2] / "firmware_stub"
 
 

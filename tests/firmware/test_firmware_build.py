@@ -16,6 +16,8 @@ import pytest
 from elftools.elf.elffile import ELFFile
 from elftools.elf.sections import SymbolTableSection
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 FIRMWARE = ROOT / "firmware_stub"
 SHIPPED = ROOT / "src" / "hiltest" / "firmware" / "hiltest-frdm-k64f.elf"

@@ -22,7 +22,6 @@ from hiltest.virtual.k64f import VirtualK64F
 from ..orientation.filters import floats, noise_floats
 
 SHIPPED_ELF = Path(hiltest.__file__).parent / "firmware" / "hiltest-frdm-k64f.elf"
-DESIGN = (Path(__file__).parents[2] / "firmware_stub" / "DESIGN.md").read_text()
 HEADING_BOUND, PREDICT_BOUND, UPDATE_BOUND = 310, 89, 310
 DIP_RAD = math.radians(62.0)
 FIELD_NED = 500.0 * np.array([math.cos(DIP_RAD), 0.0, math.sin(DIP_RAD)])
@@ -49,7 +48,6 @@ def test_a_heading_costs_825_cycles_in_the_mean(board: VirtualK64F) -> None:
         cycles.append(answer.cycles)
     print(f"tilt heading: {min(cycles)} to {max(cycles)} cycles, mean {np.mean(cycles):.1f}; bound {HEADING_BOUND}")
     assert (min(cycles), round(np.mean(cycles)), max(cycles)) == (720, 825, 883)
-    assert "| measured | 720 to 883, in the mean 825 |" in DESIGN
     assert min(cycles) >= HEADING_BOUND
 
 
@@ -74,4 +72,3 @@ def test_a_step_of_the_filter_costs(board: VirtualK64F) -> None:
     assert min(spent["predict"]) >= PREDICT_BOUND
     assert (min(spent["update"]), max(spent["update"])) == (387, 390)
     assert min(spent["update"]) >= UPDATE_BOUND
-    assert "| measured | 126 | 387 to 390 |" in DESIGN

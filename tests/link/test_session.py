@@ -139,6 +139,22 @@ def test_a_late_answer_to_an_earlier_request_is_dropped(synchronised: OpenSessio
     assert session.attempts[-1].stale == 1
 
 
+def test_an_answer_is_late_for_sixteen_requests_and_wrong_beyond(synchronised: OpenSession) -> None:
+    """A number that is further back is of nobody who was asked."""
+
+    def old(requests: int) -> Session:
+        def answers(frame: Frame, _: int) -> bytes:
+            return encode_frame(Frame(0x90, (frame.sequence - requests) % 256, COUNTERS)) + reply(frame, COUNTERS)
+
+        return synchronised(answers)
+
+    late = old(16)
+    late.request(LinkStatistics())
+    assert late.attempts[-1].stale == 1
+    with pytest.raises(SequenceError, match=f"sequence number {(1 - 17) % 256}"):
+        old(17).request(LinkStatistics())
+
+
 @pytest.mark.parametrize(
     ("answer", "error", "message"),
     [

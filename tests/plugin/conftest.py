@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import pkgutil
+from importlib import import_module
 from pathlib import Path
 
-# pytester forgets what a run in this process has imported, and numpy and pydantic cannot be imported twice in
-# one process: so they are here before it begins. Hypothesis' plugin imports hypothesis at the end of each run.
 import hypothesis.internal.observability  # noqa: F401
 import pytest
 
-import hiltest.boards
-import hiltest.report.render
-import hiltest.rig.file  # noqa: F401
+import hiltest
+
+# pytester forgets what a run in this process has imported. numpy and pydantic cannot be imported twice in one process,
+# and all else takes longer than such a run: so it is here before. Hypothesis' plugin imports at the end of each run.
+for module in pkgutil.walk_packages(hiltest.__path__, "hiltest."):
+    if not module.name.endswith(("__main__", "block_hook")):  # one runs the program, the other is C without a module
+        import_module(module.name)
 
 _RIG = Path(__file__).parents[2] / "hil" / "rigs" / "virtual-k64f.toml"
 

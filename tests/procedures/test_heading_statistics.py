@@ -33,6 +33,13 @@ def test_a_constant_error_is_all_bias_and_stays_in_the_maximum() -> None:
     assert summary.max_centred_deg == pytest.approx(0.0, abs=EXACT)
 
 
+def test_errors_on_both_sides_of_half_a_turn_are_centred_the_short_way_round() -> None:
+    """A sensor that is mounted backwards: its errors lie about 180 degrees, some of them written as -179."""
+    summary = summarise([179.0, -179.0, 178.0, -178.0], [0.0, 90.0, 180.0, 270.0])
+    assert abs(summary.bias_deg or 0.0) == pytest.approx(180.0, abs=EXACT)
+    assert summary.max_centred_deg == pytest.approx(2.0, abs=EXACT)
+
+
 def test_the_worst_sector_is_where_the_largest_error_is() -> None:
     errors = [0.1] * 12
     errors[7] = -3.0

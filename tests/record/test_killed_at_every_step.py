@@ -13,6 +13,8 @@ from hiltest.record.files import RECORD_FILES
 from hiltest.record.reader import read_record
 from hiltest.record.run import Run
 
+pytestmark = pytest.mark.slow
+
 PROGRAM = Path(__file__).parent / "programs" / "dying_recorder.py"
 OLD, NEW = 1.0, 2.0  # what the tests of the run before measured, and those of the run that dies
 

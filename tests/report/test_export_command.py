@@ -14,6 +14,8 @@ from hiltest.record.run_json import write_run
 
 from ..trend.runs import finished_run
 
+pytestmark = pytest.mark.slow
+
 TOTAL = judge("cycles.direct.total", 11_061, unit="cycle", limit=Limit(max=12_500), cycle_model="m")
 
 

@@ -16,6 +16,8 @@ import pytest
 from hiltest.boards import default_firmware
 from hiltest.settings import run_options
 
+pytestmark = pytest.mark.slow
+
 LAMP = """
 from hiltest.measurement import Limit
 

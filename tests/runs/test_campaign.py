@@ -62,6 +62,7 @@ def test_only_so_many_missed_limits_and_nothing_else_are_allowed(codes: list[int
     assert campaign_exit_code(results, may_fail=may_fail) == code
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("body", "excused"),
     [
@@ -128,6 +129,7 @@ def test_the_sentence_says_how_many_passed_and_the_worst() -> None:
 class TestFolder:
     """A campaign's folder is its own, and holds nothing of another."""
 
+    @pytest.mark.slow
     def test_a_second_command_of_several_runs_is_refused_and_told_which_has_the_folder(self, tmp_path: Path) -> None:
         with sole_command(tmp_path):
             with pytest.raises(ConfigError, match=rf"{tmp_path} is in use by process {os.getpid()} on "):
@@ -154,6 +156,7 @@ class TestFolder:
             "seed-0003/notes.txt",
         ]
 
+    @pytest.mark.slow
     def test_a_seed_that_is_killed_keeps_what_it_had_measured(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
@@ -176,6 +179,7 @@ class TestFolder:
         assert killed.side.file == "out/journal.jsonl"
         assert "not complete (cut short)" in killed.faults[0]
 
+    @pytest.mark.slow
     def test_ctrl_c_says_what_is_kept_and_a_report_names_the_records(self, tmp_path: Path) -> None:
         suites = tmp_path / "hil" / "suites"
         suites.mkdir(parents=True)

@@ -12,6 +12,8 @@ import pytest
 
 from hiltest.verdict.evidence_reader import read_evidence
 
+pytestmark = pytest.mark.slow
+
 SUITE = """
 from hiltest.measurement import Limit
 

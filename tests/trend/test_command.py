@@ -14,6 +14,8 @@ from hiltest.measurement import Limit, judge
 
 from .entries import cycles, degrees
 
+pytestmark = pytest.mark.slow
+
 WriteRun = Callable[..., Path]
 
 

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,20 +14,6 @@ from ..written_run import board, findings, good, heading
 __all__ = ["board", "findings", "good", "heading"]
 
 Changed = Callable[..., Path]
-
-
-@pytest.fixture(scope="session")
-def real_record(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """``run.json`` of the main job on the default bench."""
-    folder = tmp_path_factory.mktemp("real")
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
-    done = subprocess.run(
-        [sys.executable, "-m", "hiltest", "run"], cwd=folder, env=environment, capture_output=True, text=True,
-        check=False, timeout=300,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    record: dict[str, Any] = json.loads((folder / "hil-out" / "run.json").read_text(encoding="utf-8"))
-    return record
 
 
 @pytest.fixture

@@ -1,4 +1,7 @@
-"""The folder that a session keeps its record in."""
+"""The folder that a session keeps its record in.
+
+Imported at the start of every pytest run on the machine: what writes is imported where something is written.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +11,6 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hiltest.errors import ConfigError
-from hiltest.record.journal import Journal
-from hiltest.record.run import utc_now
-from hiltest.runs.wire_traces import remove_traces
 from hiltest.settings import make_folder
 
 if TYPE_CHECKING:
@@ -81,6 +80,7 @@ def folder_beside_complete(out: Path, tests: Collection[str] | None = None) -> P
     Path
         `out` itself, unless it has the record of a complete run.
     """
+    from hiltest.errors import ConfigError
     from hiltest.record.reader import read_record
 
     try:
@@ -112,6 +112,9 @@ def sole_command(folder: Path) -> Iterator[None]:
     ConfigError
         If another command has it; it says which. Or if it cannot be written to.
     """
+    from hiltest.record.journal import Journal
+    from hiltest.record.run import utc_now
+
     make_folder(folder)
     lock = Journal(folder, LOCK_FILE)
     lock.announce({"environment": {"host": platform.node()}, "started_utc": utc_now()})
@@ -124,6 +127,8 @@ def sole_command(folder: Path) -> Iterator[None]:
 
 def remove_run(folder: Path) -> None:
     """Remove what an earlier run left in a folder, and the folder if that was all; one that a run has stays."""
+    from hiltest.errors import ConfigError
+
     if not folder.is_dir():
         return
     with suppress(ConfigError):
@@ -140,6 +145,9 @@ def remove_record_in(folder: Path) -> None:
     ConfigError
         If a run has the folder; it says which.
     """
+    from hiltest.record.journal import Journal
+    from hiltest.runs.wire_traces import remove_traces
+
     claim = Journal(folder)
     claim.begin()
     remove_traces(folder)

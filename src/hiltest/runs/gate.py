@@ -5,10 +5,10 @@ Imported at the start of every pytest run on the machine: what compares is impor
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -25,8 +25,7 @@ PACKAGED = "judged the packaged firmware: name yours with --firmware ELF (in pyt
 """Remark where no firmware was named: a user who forgets it would compare the packaged one with itself."""
 
 
-@dataclass(frozen=True, slots=True)
-class Gate:
+class Gate(NamedTuple):
     """A base, or why there is none: who asks to be judged is never told "pass" for want of one.
 
     Attributes

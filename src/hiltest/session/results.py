@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from hiltest.record.outcomes import TestOutcome
-from hiltest.record.run import TestResult
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
     from hiltest.measurement import Measurement
-    from hiltest.record.run import Table
+    from hiltest.record.run import Table, TestResult
 
 # Attributes of a report. They are plain data, but for FOUND_HERE, which `pack` makes plain on the way from a worker.
 CAUSE = "hil_cause"
@@ -31,12 +30,14 @@ BENCH = "hil_bench"
 """From a worker: whether there is a rig, and which board with which seed."""
 
 
-@dataclass(slots=True)
 class Found:
     """What one test measured since its last report."""
 
-    measurements: list[Measurement] = field(default_factory=list)
-    tables: list[Table] = field(default_factory=list)
+    __slots__ = ("measurements", "tables")
+
+    def __init__(self, measurements: Sequence[Measurement] = (), tables: Sequence[Table] = ()) -> None:
+        self.measurements = list(measurements)
+        self.tables = list(tables)
 
 
 FOUND: pytest.StashKey[Found] = pytest.StashKey()
@@ -122,6 +123,8 @@ class TestLog:
         return [*(replace(each, outcome=TestOutcome.RERUN) for each in results[:-1]), *results[-1:]]
 
     def _result(self, nodeid: str, reports: Sequence[pytest.TestReport]) -> TestResult:
+        from hiltest.record.run import TestResult
+
         worst = max(reports, key=_badness)
         return TestResult(
             id=self._test_id(nodeid), outcome=_outcome(worst),

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
@@ -72,8 +72,7 @@ RUN_COMMAND = "hiltest-run"
 MARKER = "full"
 
 
-@dataclass(frozen=True, slots=True)
-class LeftOut:
+class LeftOut(NamedTuple):
     """Tests that this session would have run, were it of the full set.
 
     Attributes

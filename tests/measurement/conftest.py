@@ -1,5 +1,0 @@
-"""The record of a real run."""
-
-from ..verdict.conftest import real_record
-
-__all__ = ["real_record"]
