@@ -6,6 +6,14 @@ folder, finds here how cycles are shown.
 
 from __future__ import annotations
 
+import pytest
+
 from hiltest.compare_cycles import pytest_benchmark_group_stats, pytest_benchmark_scale_unit
 
 __all__ = ["pytest_benchmark_group_stats", "pytest_benchmark_scale_unit"]
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Keep each run in ``.benchmarks``, where ``pytest-benchmark compare`` finds it."""
+    if hasattr(config.option, "benchmark_autosave"):  # pytest-benchmark may be turned off
+        config.option.benchmark_autosave = True

@@ -22,13 +22,13 @@ PAGE = (ROOT / "docs" / "benchmarks.md").read_text(encoding="utf-8")
 MODULES = {"hiltest": "hiltest", "pytest": "pytest", "pytest-benchmark": "pytest_benchmark"}
 
 
-def run(command: str, folder: Path) -> str:
-    """Run one of the page's commands and return what it prints."""
+def run(command: str, folder: Path, **more: str) -> str:
+    """Run one of the page's commands, with `more` in the environment, and return what it prints."""
     program, *arguments = shlex.split(command)
     if program == "cp":
         shutil.copy(*(folder / each for each in arguments))
         return ""
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")} | more
     done = subprocess.run(
         [sys.executable, "-m", MODULES[program], *arguments], cwd=folder, env=environment, capture_output=True,
         text=True, check=False, timeout=240,
@@ -68,3 +68,18 @@ def test_the_suite_of_one_s_own_runs_as_it_stands(tmp_path: Path) -> None:
     output = run("pytest -q test_mine.py --benchmark-columns=min,rounds", tmp_path)
     assert "benchmark 'crc32, cycles of " in output
     assert "benchmark 'direct, cycles of cortex-m4-trm/1@sram': 1 tests" in output
+
+
+def test_the_commands_of_the_readme_compare_what_was_run_in_the_repository(tmp_path: Path) -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert "`pytest hil/benchmarks`" in readme
+    assert "`pytest-benchmark compare`" in readme
+    shutil.copytree(ROOT / "hil" / "benchmarks", tmp_path / "hil" / "benchmarks")
+    shutil.copy(ROOT / "conftest.py", tmp_path)
+    for _ in range(2):
+        run("pytest hil/benchmarks", tmp_path, PYTEST_ADDOPTS="-k tilt_heading")
+    compared = run("pytest-benchmark compare", tmp_path)
+    assert "Name (time in cycles)" in compared
+    cycles = [re.findall(r"[\d,]+\.\d+", line)[0] for line in compared.splitlines() if line.startswith("test_tilt")]
+    assert len(cycles) == 2
+    assert len(set(cycles)) == 1
