@@ -173,7 +173,7 @@ def test_the_suites_of_the_working_tree_are_the_ones_that_run(tmp_path: Path) ->
     assert "hil/suites/test_mine.py::test_mine PASSED" in result.stdout
     # And none of them measures anything: the default rig has limits.
     assert result.returncode == 22
-    assert "NOT EVALUATED. Not evaluated: heading.direct.max (nothing measured" in result.stdout
+    assert "NOT EVALUATED. heading.direct.max (nothing measured" in result.stdout
     (test,) = read_record(tmp_path / "hil-out" / "run.json").run.tests
     assert test.id == "test_mine.py::test_mine"
 

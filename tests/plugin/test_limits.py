@@ -43,7 +43,7 @@ def test_a_limit_that_no_test_measures_ends_with_22(pytester: pytest.Pytester) -
     result = pytester.runpytest_inprocess()
     result.assert_outcomes(passed=2)
     assert result.ret == 22
-    result.stdout.fnmatch_lines(["NOT EVALUATED. Not judged: lamp.heat (nothing measured it)."])
+    result.stdout.fnmatch_lines(["NOT EVALUATED. lamp.heat (nothing measured it)."])
     assert outcomes_of(pytester) == {"lamp.current": "pass", "lamp.haet": "information", "lamp.heat": "unset"}
 
 
@@ -59,13 +59,13 @@ def test_tests_that_the_user_left_out_make_nobody_red_and_are_said(
     pytester.makepyfile(test_both=BOTH)
     result = pytester.runpytest_inprocess(*choice)
     assert result.ret == 0
-    result.stdout.fnmatch_lines(["PASS. Not judged: 1 limit of the rig: lamp.heat."])
+    result.stdout.fnmatch_lines(["PASS. Not evaluated: 1 limit of the rig: lamp.heat."])
     assert record_of(pytester)["chosen"]
     assert outcomes_of(pytester) == {"lamp.current": "pass"}
     # All that was chosen ran: it is compared with a run of the same choice, though limits of the rig were left out.
     again = pytester.runpytest_inprocess(*choice, "--hil-baseline=hil-out", "--hil-out=again")
     assert again.ret == 0
-    again.stdout.fnmatch_lines(["PASS. Not judged: 1 limit of the rig: lamp.heat. May be merged as far as the *"])
+    again.stdout.fnmatch_lines(["PASS. Not evaluated: 1 limit of the rig: lamp.heat. May be merged as far as the *"])
     # It is no base of a whole run, and no part of one.
     whole = pytester.runpytest_inprocess("--hil-baseline=hil-out", "--hil-out=whole")
     assert whole.ret == 22

@@ -93,7 +93,7 @@ def _sentence(findings: Findings, word: str, left_out: Sequence[str]) -> str:
     reached = "" if summary.failures or summary.broken else _reached(summary, len(poses.rows) if poses else 0)
     return " ".join(filter(None, (
         f"{word}.", failures_in_words(summary.failures), tests_in_words(summary.broken), reached,
-        _not_evaluated(summary, findings),
+        _not_evaluated(summary, findings, word),
         *(f"{each.outcome.capitalize()}: {each.reason.rstrip('.')}." for each in _stopped(findings)[:1]),
         _left_out_words(left_out), against_base,
     )))
@@ -169,7 +169,7 @@ def _left_out_words(left_out: Sequence[str]) -> str:
     return f"Not evaluated: {len(left_out)} limit{'s' * (len(left_out) > 1)} of the rig{example}."
 
 
-def _not_evaluated(summary: Summary, findings: Findings) -> str:
+def _not_evaluated(summary: Summary, findings: Findings, word: str) -> str:
     """Name the limits that could not be applied, and what was judged instead."""
     if not summary.unset:
         return ""
@@ -177,7 +177,9 @@ def _not_evaluated(summary: Summary, findings: Findings) -> str:
         means = [each for each in findings.measurements.values() if each.kind is MEAN_ERROR and each.value is not None]
         mean = f"; mean error {number(means[0].value, 'deg')} deg" if means else ""
         return f"Only centred values were judged: {summary.unset[0].note}{mean}."
-    return f"Not evaluated: {listed([f'{each.name} ({each.note})' for each in summary.unset], _NAMED_AT_MOST)}."
+    named = listed([f"{each.name} ({each.note})" for each in summary.unset], _NAMED_AT_MOST)
+    said = word == str(WORDS[ExitCode.NOT_EVALUATED]).upper()
+    return f"{named}." if said else f"Not evaluated: {named}."
 
 
 def _what_stopped(findings: Findings) -> str:
