@@ -2,6 +2,17 @@
 
 from __future__ import annotations
 
+import fcntl
+import os
+import pty
+import re
+import struct
+import subprocess
+import sys
+import termios
+from contextlib import suppress
+from pathlib import Path
+
 import pytest
 
 from hiltest.progress_line import ProgressLine, progress_text
@@ -52,4 +63,67 @@ def test_steps_that_follow_at_once_are_not_all_drawn() -> None:
 def test_nothing_is_drawn_where_nobody_looks() -> None:
     screen = Screen()
     ProgressLine(screen, shown=False)("tumble", 1, 3)
+    assert screen.text == ""
+
+
+NO_TERMINAL = ("COLUMNS", "NO_COLOR", "PY_COLORS", "CI")
+LONG_WORK = """
+import time
+import pytest
+
+@pytest.mark.parametrize("name", ["x" * 70, "y" * 30, "z"])
+def test_it(hil_progress, name):
+    for done in range(3):
+        hil_progress("a long work of many steps", done, 60)
+        time.sleep(0.25)
+"""
+
+
+def shown_in_a_terminal(folder: Path, *options: str) -> str:
+    """Run pytest in a terminal of 80 columns and return every byte that it writes there."""
+    master, slave = pty.openpty()
+    fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
+    environment = {name: value for name, value in os.environ.items() if name not in NO_TERMINAL}
+    process = subprocess.Popen(
+        [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *options], cwd=folder, stdout=slave, stderr=slave,
+        stdin=subprocess.DEVNULL, env=environment | {"TERM": "xterm"},
+    )  # fmt: skip
+    os.close(slave)
+    written = b""
+    with suppress(OSError):  # EIO is the end of a terminal
+        while part := os.read(master, 65536):
+            written += part
+    os.close(master)
+    assert process.wait() == 0
+    return written.decode()
+
+
+@pytest.mark.parametrize("options", [(), ("-v",)], ids=["dots", "-v"])
+def test_pytests_own_lines_are_as_they_were_in_a_terminal(pytester: pytest.Pytester, options: tuple[str, ...]) -> None:
+    pytester.makepyfile(test_long=LONG_WORK)
+    written = re.sub(r"\x1b\[[0-9;]*m", "", shown_in_a_terminal(pytester.path, *options))
+    own, drawn, drawings = "", "", []
+    for piece in re.split(r"(\x1b7.*?\x1b\[K\x1b8)", written):
+        if piece.startswith("\x1b7"):
+            drawn = piece[2:-5]
+            drawings.append(drawn)
+            assert not drawn or len(own.rpartition("\n")[2]) + len(drawn) < 80  # a line that wraps moves those above it
+        elif piece:
+            assert drawn == ""  # pytest writes where nothing is drawn
+            own += piece
+    assert any("a long work of many steps" in each for each in drawings)
+    ends = [line for line in own.split("\r\n") if line.endswith("%]")]
+    # pytest puts the percentage at the end of its 79 columns, unless a test's name is longer than that.
+    assert [len(line) for line in ends if "xxx" not in line] == [79] * (2 if options else 1)
+
+
+def test_a_run_into_a_file_says_how_far_it_is_in_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
+    now_s, said = [100.0], []
+    monkeypatch.setattr("time.monotonic", lambda: now_s[0])
+    screen = Screen()
+    progress = ProgressLine(screen, shown=False, say=said.append)
+    for done in range(25):
+        progress("known angles", done, 60)
+        now_s[0] += 1.0
+    assert said == ["known angles 10 of 60, 50 s left", "known angles 20 of 60, 40 s left"]
     assert screen.text == ""

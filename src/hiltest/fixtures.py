@@ -213,11 +213,8 @@ def benchmark_cycles() -> BenchmarkCycles:
 
 @pytest.fixture(scope="session")
 def hil_progress(request: pytest.FixtureRequest) -> ProgressLine:
-    """Show how far long work is, with the time left, when the output is a terminal."""
-    from hiltest.progress_line import ProgressLine
-
-    writer = request.config.get_terminal_writer()
-    return ProgressLine(writer, shown=writer.hasmarkup)
+    """Show how far long work is, with the time left: at the end of a terminal's line, else in a line now and then."""
+    return _session(request).progress
 
 
 def _session(request: pytest.FixtureRequest) -> HilSession:

@@ -168,6 +168,7 @@ def pytest_runtest_makereport(
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     """Put what was measured, and whose fault a failure is, on the report."""
     report = yield
+    item.config.stash[SESSION].clear_progress()
     found = item.stash.get(FOUND, None)
     if found is not None:
         setattr(report, FOUND_HERE, found)

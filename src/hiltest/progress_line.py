@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import time
-from typing import Protocol
+from collections.abc import Callable
+from shutil import get_terminal_size
+from typing import Protocol, TextIO
 
 _REDRAW_S = 0.2
+_SAY_AGAIN_S = 10.0
 # VT100: keep and restore the cursor, clear to the end of the line. What is shown thus
 # never disturbs what pytest has written on the line.
 _SAVE, _RESTORE, _CLEAR = "\x1b7", "\x1b8", "\x1b[K"
@@ -18,36 +21,72 @@ class Writer(Protocol):
         """Write `msg`."""
 
 
-class ProgressLine:
-    """Callable as ``progress(what, done, of)``; draws at most five times a second."""
+class TextOutput:
+    """A file as a writer."""
 
-    def __init__(self, writer: Writer, *, shown: bool) -> None:
+    def __init__(self, file: TextIO) -> None:
+        self._file = file
+
+    def write(self, msg: str, *, flush: bool = False) -> None:
+        """Write `msg`."""
+        self._file.write(msg)
+        if flush:
+            self._file.flush()
+
+
+class ProgressLine:
+    """Callable as ``progress(what, done, of)``.
+
+    Parameters
+    ----------
+    writer : Writer
+        The terminal.
+    shown : bool
+        Whether it is one: then the progress is drawn behind what stands on the line, five times a second at most.
+    say : callable, optional
+        Where it is none, this prints a line of its own, every ten seconds at most.
+    room : callable, optional
+        Returns how many columns are left on the current line; by default all but one of the terminal's.
+    """
+
+    def __init__(
+        self, writer: Writer, *, shown: bool, say: Callable[[str], None] | None = None,
+        room: Callable[[], int] | None = None,
+    ) -> None:
         self._writer = writer
         self._shown = shown
+        self._say = say
+        self._room = room or (lambda: get_terminal_size().columns - 1)
         self._what = ""
-        self._started_s = 0.0
-        self._drawn_s = 0.0
+        self._started_s = self._drawn_s = 0.0
+        self._said_s = time.monotonic()
+        self._is_drawn = False
 
     def __call__(self, what: str, done: int, of: int) -> None:
         """Show that `done` of `of` steps of `what` are over."""
-        if not self._shown:
-            return
         now_s = time.monotonic()
         if what != self._what or done == 0:
             self._what, self._started_s = what, now_s
         if done >= of:
-            self._draw("")
-        elif now_s - self._drawn_s >= _REDRAW_S:
+            self.clear()
+            return
+        text = progress_text(what, done, of, elapsed_s=now_s - self._started_s)
+        if self._shown and now_s - self._drawn_s >= _REDRAW_S:
             self._drawn_s = now_s
-            self._draw(progress_text(what, done, of, elapsed_s=now_s - self._started_s))
+            self._draw(text)
+        elif not self._shown and self._say is not None and now_s - self._said_s >= _SAY_AGAIN_S:
+            self._said_s = now_s
+            self._say(text.strip())
 
     def clear(self) -> None:
         """Take the line away, however far the work is."""
-        if self._shown:
+        if self._is_drawn:
             self._draw("")
 
     def _draw(self, text: str) -> None:
-        self._writer.write(f"{_SAVE}{text}{_CLEAR}{_RESTORE}", flush=True)
+        self._is_drawn = bool(text)
+        shown = text[: max(self._room(), 0)]  # a line that wraps would move what stands above it
+        self._writer.write(f"{_SAVE}{shown}{_CLEAR}{_RESTORE}", flush=True)
 
 
 def progress_text(what: str, done: int, of: int, *, elapsed_s: float) -> str:

@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 from hiltest.boards.gcode import AXES, GcodeError, Modals, Refusal, read_block
 from hiltest.boards.table_axes import HOME, TableAxes
-from hiltest.world.earth_field import Vector
+from hiltest.world import Vector
 from hiltest.world.motion import TURN_SPEED_DPS
 
 BANNER = "\r\nGrbl 1.1h ['$' for help]\r\n"

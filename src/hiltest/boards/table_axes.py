@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from hiltest.angles import Pose
-from hiltest.world.earth_field import Vector
+from hiltest.world import Vector
 from hiltest.world.motion import Brake, MotionSegment, Turn, brake_on, next_on_grid, travel_from
 
 #: Moves that can wait, as many as Grbl's planner holds.

@@ -91,10 +91,10 @@ def _check_before_the_work(out: Path, header: Path) -> None:
 def _led_through(board: Board, rig: Rig, calibrator: str) -> ImuCalibration:
     from hiltest.imu_calibration.guided import calibrate_imu
     from hiltest.procedures import open_table
-    from hiltest.progress_line import ProgressLine
+    from hiltest.progress_line import ProgressLine, TextOutput
     from hiltest.record.run import utc_now
 
-    progress = ProgressLine(_StandardOutput(), shown=sys.stdout.isatty())
+    progress = ProgressLine(TextOutput(sys.stdout), shown=sys.stdout.isatty())
     table = open_table(board, rig, prompt=ask)
     try:
         return calibrate_imu(
@@ -131,12 +131,3 @@ class _TerminalGuide:
 
     def again(self, why: str) -> bool:
         return self._turntable.again(f"   {why}")
-
-
-class _StandardOutput:
-    """Output for the line of progress."""
-
-    def write(self, msg: str, *, flush: bool = False) -> None:
-        sys.stdout.write(msg)
-        if flush:
-            sys.stdout.flush()

@@ -10,7 +10,7 @@ import click
 from hiltest.errors import ConfigError
 
 if TYPE_CHECKING:
-    from hiltest.trend.folder import Skipped
+    from hiltest.trend import Skipped
 
 _EXIT_CODES = """
 \b
@@ -36,10 +36,8 @@ def trend(folder: Path, html: Path | None, every: bool, as_json: bool) -> None:
     that are no records are named and skipped.
     """
     from hiltest.logs.sample_fit_exports import write_text
+    from hiltest.trend import read_folder, trend_of, trend_page
     from hiltest.trend.as_json import to_json
-    from hiltest.trend.folder import read_folder
-    from hiltest.trend.page import trend_page
-    from hiltest.trend.series import trend_of
 
     entries, skipped = read_folder(folder)
     if not entries:

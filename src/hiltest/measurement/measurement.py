@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from numbers import Integral
-from typing import Protocol, runtime_checkable
+from typing import Protocol, TypedDict, Unpack, runtime_checkable
 
 from hiltest.measurement.catalogue import better_of, identify
 from hiltest.measurement.cycle_band import CycleBand
@@ -152,16 +152,27 @@ class Measurement:
         return f"{self.name} = {value}{limit}: {self.outcome}{note}"
 
 
+class About(TypedDict, total=False):
+    """What stands beside a measurement's value, as in `Measurement`; it decides no outcome."""
+
+    information: Limit | None
+    volatile: bool
+    cycle_model: str
+    test: str
+    band: CycleBand | None
+    note: str
+    place: str
+
+
 def judge(
-    name: str, value: float | int | None, *, unit: str, limit: Limit | None = None, information: Limit | None = None,
-    not_judged: str = "", not_offered: str = "", could_offer: bool = False, volatile: bool = False,
-    cycle_model: str = "", test: str = "", band: CycleBand | None = None, note: str = "", place: str = "",
+    name: str, value: float | int | None, *, unit: str, limit: Limit | None = None, not_judged: str = "",
+    not_offered: str = "", could_offer: bool = False, **about: Unpack[About],
 ) -> Measurement:
     """Make a measurement and decide its outcome.
 
     Parameters
     ----------
-    name, value, unit, limit, information, volatile, cycle_model, test, band, place
+    name, value, unit, limit
         As in `Measurement`. A value of None means that there is none to give.
     not_judged : str, optional
         Why the limit cannot be applied. The outcome is then ``unset`` if there is a limit.
@@ -170,8 +181,8 @@ def judge(
     could_offer : bool, optional
         Whether this kind of board can know such a value, as a virtual one always can. None under
         a limit is then ``unset``, and not ``not offered``.
-    note : str, optional
-        What a number is of, where its name does not say it; an outcome that needs a reason has that instead.
+    **about : About
+        What else the measurement holds. An outcome that needs a reason has that instead of the note.
 
     Returns
     -------
@@ -186,8 +197,9 @@ def judge(
     """
     if not name:
         raise ValueError("a measurement needs a name")
-    if unit.startswith("cycle") and not cycle_model:
+    if unit.startswith("cycle") and not about.get("cycle_model"):
         raise ValueError(f"{name}: cycles need their cycle model, or they could be compared with another's")
+    note = about.get("note", "")
     if value is None and limit is not None and (could_offer or not_judged):
         outcome, note = Outcome.UNSET, not_judged or not_offered or "the board can offer it, and no value was given"
     elif value is None:
@@ -200,10 +212,8 @@ def judge(
         outcome = Outcome.INFORMATION
     else:
         outcome = Outcome.PASS if limit.holds(value) else Outcome.FAIL
-    return Measurement(
-        name=name, value=value, unit=unit, limit=limit, information=information, outcome=outcome,
-        volatile=volatile, cycle_model=cycle_model, note=note, test=test, band=band, place=place,
-    )
+    about["note"] = note
+    return Measurement(name, value, unit, limit, outcome=outcome, **about)
 
 
 def plain(value: float | int) -> float | int:

@@ -29,11 +29,8 @@ from hiltest.rig.tables import (
 from hiltest.rig.world import MAGNETOMETER_PARTS, MAGNETOMETER_RANGE_UT, SimulatedWorld
 
 if TYPE_CHECKING:
-    from hiltest.sensors.drift import Drift
-    from hiltest.sensors.fxos8700cq import AccelerometerErrors
-    from hiltest.sensors.register_device import RegisterDevice
-    from hiltest.world.earth_field import EarthField
-    from hiltest.world.world import World
+    from hiltest.sensors import AccelerometerErrors, Drift, RegisterDevice
+    from hiltest.world import EarthField, World
 
 #: MAG3110 and FXOS8700CQ magnetometer words [counts/uT].
 COUNTS_PER_UT = 10.0
@@ -171,9 +168,8 @@ def build_world(rig: Rig) -> World:
     ValueError
         If the rig has no simulated world.
     """
+    from hiltest.world import Temperature, World
     from hiltest.world.spiral import Cap
-    from hiltest.world.temperature import Temperature
-    from hiltest.world.world import World
 
     world, covered = _simulated(rig), rig.turntable.covered
     temperature = Temperature(
@@ -202,10 +198,8 @@ def build_sensors(rig: Rig, world: World, seed: int) -> dict[str, list[RegisterD
     dict
         ``"i2c0"``: what is on the FRDM-K64F itself; ``"i2c1"``: the sensor shield.
     """
-    from hiltest.sensors.fxas21002c import Fxas21002c
-    from hiltest.sensors.fxos8700cq import Fxos8700cq
-    from hiltest.sensors.mag3110 import Mag3110
-    from hiltest.world.distortion import MagneticDistortion
+    from hiltest.sensors import Fxas21002c, Fxos8700cq, Mag3110
+    from hiltest.world import MagneticDistortion
 
     truth = _simulated(rig)
     drift = truth.drift
@@ -251,7 +245,7 @@ def _simulated(rig: Rig) -> SimulatedWorld:
 
 
 def _earth_field(rig: Rig) -> EarthField:
-    from hiltest.world.earth_field import EarthField
+    from hiltest.world import EarthField
 
     return EarthField(rig.field.strength_ut, rig.field.dip_deg, rig.field.declination_deg)
 
@@ -263,7 +257,7 @@ def _true_yaw_deg(rig: Rig, world: SimulatedWorld) -> float:
 
 
 def _accelerometer_errors(truth: SimulatedWorld) -> AccelerometerErrors:
-    from hiltest.sensors.fxos8700cq import AccelerometerErrors
+    from hiltest.sensors import AccelerometerErrors
 
     x, y, z = truth.accelerometer_offset_mg
     gain_x, gain_y, gain_z = truth.accelerometer_gain_error_percent
@@ -275,7 +269,7 @@ def _accelerometer_errors(truth: SimulatedWorld) -> AccelerometerErrors:
 
 
 def _drift(*, offset: Triple = (0.0, 0.0, 0.0), gain_percent: Triple = (0.0, 0.0, 0.0)) -> Drift:
-    from hiltest.sensors.drift import Drift
+    from hiltest.sensors import Drift
 
     return Drift(offset, _scaled(gain_percent, 1e-2))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hiltest.world.earth_field import Vector
+from hiltest.world import Vector
 
 #: Data sheets give a part's typical values at this temperature: there nothing has drifted.
 REFERENCE_DEGC = 25.0

@@ -12,10 +12,9 @@ from hiltest.sensors.drift import Drift
 from hiltest.sensors.fifo import SampleFifo
 from hiltest.sensors.register_device import RegisterDevice, signed_byte
 from hiltest.sensors.sampling import Counts, SampledOutput, saturated_word
+from hiltest.world import NoiseSource, World
 from hiltest.world.earth_field import Vector, apply_rows
 from hiltest.world.filtered_noise import LowPassedNoise, low_pass_taps
-from hiltest.world.noise import NoiseSource
-from hiltest.world.world import World
 
 STATUS, OUT_X_MSB, OUT_Z_LSB, DR_STATUS, F_STATUS, F_SETUP = 0x00, 0x01, 0x06, 0x07, 0x08, 0x09
 F_EVENT, INT_SRC_FLAG, WHO_AM_I, CTRL_REG0, TEMP, CTRL_REG1 = 0x0A, 0x0B, 0x0C, 0x0D, 0x12, 0x13

@@ -16,10 +16,7 @@ from hiltest.sensors.extremes import Extremes
 from hiltest.sensors.fifo import SampleFifo
 from hiltest.sensors.register_device import RegisterDevice, signed_byte
 from hiltest.sensors.sampling import Counts, SampledOutput, limited
-from hiltest.world.distortion import MagneticDistortion
-from hiltest.world.earth_field import Vector
-from hiltest.world.noise import NoiseSource
-from hiltest.world.world import World
+from hiltest.world import MagneticDistortion, NoiseSource, Vector, World
 
 STATUS, OUT_X_MSB, OUT_Z_LSB, F_SETUP = 0x00, 0x01, 0x06, 0x09
 SYSMOD, INT_SOURCE, WHO_AM_I, XYZ_DATA_CFG = 0x0B, 0x0C, 0x0D, 0x0E

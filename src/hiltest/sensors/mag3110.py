@@ -14,10 +14,7 @@ from collections.abc import Sequence
 from hiltest.sensors.drift import Drift
 from hiltest.sensors.register_device import RegisterDevice, signed_byte
 from hiltest.sensors.sampling import Counts, SampledOutput, limited
-from hiltest.world.distortion import MagneticDistortion
-from hiltest.world.earth_field import Vector
-from hiltest.world.noise import NoiseSource
-from hiltest.world.world import World
+from hiltest.world import MagneticDistortion, NoiseSource, Vector, World
 
 DR_STATUS, OUT_X_MSB, OUT_Z_LSB, WHO_AM_I, SYSMOD = 0x00, 0x01, 0x06, 0x07, 0x08
 OFF_X_MSB, OFF_Z_LSB, DIE_TEMP, CTRL_REG1, CTRL_REG2 = 0x09, 0x0E, 0x0F, 0x10, 0x11

@@ -11,8 +11,7 @@ import math
 from collections.abc import Callable
 from typing import Protocol, TypeAlias
 
-from hiltest.world.earth_field import Vector
-from hiltest.world.world import World
+from hiltest.world import Vector, World
 
 Counts: TypeAlias = tuple[int, int, int]
 #: Takes the instant [s] and a standard normal triple, gives three words of the part.

@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from contextlib import suppress
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from hiltest.errors import BenchError, ProtocolError
     from hiltest.imu_calibration.file import CalibrationFile
     from hiltest.measurement import Limit, Measurement
+    from hiltest.progress_line import ProgressLine
     from hiltest.record.recorder import Recorder
     from hiltest.rig import Rig
     from hiltest.runs.wire_traces import WireTraces
@@ -356,6 +358,18 @@ class HilSession:
             self.judge("board.virtual_seconds", seconds, unit="s"),
             self.judge("board.wall_seconds", time.monotonic() - self._opened_s, unit="s", volatile=True),
         ]
+
+    @cached_property
+    def progress(self) -> ProgressLine:
+        """What shows how far long work is."""
+        from hiltest.session.progress import progress_of
+
+        return progress_of(self.config)
+
+    def clear_progress(self) -> None:
+        """Take the progress off the line before pytest writes there."""
+        if "progress" in vars(self):
+            self.progress.clear()
 
     def describe(self) -> list[str]:
         """Return the header lines: which board, what its numbers rest on, and what they will be judged against."""

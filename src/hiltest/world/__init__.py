@@ -1,0 +1,16 @@
+"""The simulated truth around a virtual board: field, distortion, motion, temperature and noise.
+
+`World` puts it together and says at any time what sensors see. Everything follows from the seed alone.
+"""
+
+from hiltest.world.distortion import MagneticDistortion
+from hiltest.world.earth_field import EarthField, Vector
+from hiltest.world.instances import Instance, instance
+from hiltest.world.noise import NoiseSource
+from hiltest.world.temperature import Temperature
+from hiltest.world.world import World, WorldState
+
+__all__ = [
+    "EarthField", "Instance", "MagneticDistortion", "NoiseSource", "Temperature", "Vector", "World", "WorldState",
+    "instance",
+]  # fmt: skip
