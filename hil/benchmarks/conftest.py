@@ -1,6 +1,6 @@
 """Device cycles of the firmware's kernels in tables of pytest-benchmark: ``pytest hil/benchmarks``.
 
-Nothing is judged here: suites and limits are what gates. ``pytest-benchmark compare``, started in this
+Benchmarks do not affect the exit code; suites and limits do. ``pytest-benchmark compare``, started in this
 folder, finds here how cycles are shown.
 """
 

@@ -92,13 +92,13 @@ def six_positions(board: Board, turntable: Turntable, rig: Rig, hil_progress: Pr
 
 @pytest.fixture(scope="session")
 def accelerometer_fit(six_positions: AccelerometerRun | None) -> AccelerometerFit:
-    """The accelerometer calibration under which headings are judged; slot 0 holds it."""
+    """Accelerometer calibration that headings are measured with; slot 0 holds it."""
     return NOMINAL if six_positions is None else six_positions.fit
 
 
 @pytest.fixture(scope="session")
 def still_poses(board: Board, turntable: Turntable, known_angles: KnownAngles, hil_progress: Progress) -> int:
-    """Poses all round in the board's buffer, none of them judged; the die's temperature after them [degC].
+    """Poses all round in the board's buffer, none of them a known angle; the die's temperature after them [degC].
 
     They come after all that the gate set takes too: what that measures is then the same in both sets.
     """

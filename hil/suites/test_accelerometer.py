@@ -31,7 +31,7 @@ def test_six_faces_are_fitted(board: Board, six_positions: AccelerometerRun | No
 
 
 def test_gravity_at_the_known_angles(known_angles: KnownAngles, measure: Measure) -> None:
-    # Every calibration of the magnetometer is judged beside the same one of the accelerometer.
+    # Every calibration of the magnetometer is measured with the same one of the accelerometer.
     measure("accelerometer.norm_rms", known_angles.accelerometer_norm_rms_mg(UNCALIBRATED), "mg")
     measure("accelerometer.tilt_error", known_angles.max_tilt_error_deg(UNCALIBRATED), "deg")
     measure("accelerometer.untrimmed_norm_rms", known_angles.norm_rms_mg(NOMINAL), "mg")

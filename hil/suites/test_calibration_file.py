@@ -1,4 +1,4 @@
-"""Is the calibration in the file this board's still? Its headings are judged in the heading suite, with the others."""
+"""Test a calibration file on this board; its headings are measured in the heading suite, with the others."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ from hiltest.rig import Rig
 
 pytestmark = [pytest.mark.hil, pytest.mark.full]
 
-# The calibration that headings are judged under first.
+# The first calibration of the heading suite.
 CALIBRATOR = "direct"
 
 

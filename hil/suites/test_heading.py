@@ -65,7 +65,7 @@ def test_heading_at_known_angles(
         if name == UNCALIBRATED:
             continue
         errors = known_angles.summary(name)
-        # What lives with the stream is judged by the rig alone: how far it has come depends on the points so far.
+        # A streaming calibrator has only the limits of the rig: its accuracy depends on the points so far.
         judged = name in calibrations or name in (DPI, CALIBRATION_FILE)
         limit = {
             what: most if judged and f"heading.{name}.{what}" not in rig.information else None

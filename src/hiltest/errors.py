@@ -99,7 +99,7 @@ class SensorAbsentError(BenchError):
 
 
 class OperatorAbsentError(BenchError):
-    """Somebody has to turn the board, and nobody answers; what needs no turning still runs."""
+    """No operator answers to turn the board; tests that need no turning still run."""
 
 
 class TurntableError(BenchError):
@@ -199,7 +199,7 @@ class FaceError(CalibrationError):
 
 
 class UnknownKeyError(ConfigError):
-    """A configuration file has a key that nobody knows."""
+    """A configuration file has an unknown key."""
 
     def __init__(self, key: str, *, where: str, known: Sequence[str]) -> None:
         self.key = key

@@ -220,7 +220,7 @@ def pytest_report_teststatus(report: pytest.CollectReport | pytest.TestReport) -
 # First, and so around all that pytest does: what it shows instead of running tests ends with 0 by itself.
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_cmdline_main(config: pytest.Config) -> Generator[None, object, object]:
-    """Fail closed: a gate that was asked for, and that no run was judged by, is no pass."""
+    """Fail closed: a comparison that was asked for and not made is no pass."""
     code = yield
     if code == pytest.ExitCode.OK and (reason := _unevaluated(config)):
         print(reason)

@@ -91,8 +91,8 @@ def test_what_iterative_and_a_closed_form_take_over_all_golden_clouds_is_what_th
     low, high = min(spent["iterative"]), max(spent["iterative"])
     closed = max(spent["direct"]) - min(spent["direct"])
     text = " ".join(PAGE.split())
-    assert f"cheaper for it than {dearer} of the other {len(others)}. They take {readable(low)} to" in text
-    assert f"to {readable(high)} cycles, {readable(high - low)} apart (`cycles.iterative.spread`; a" in text
+    assert f"cheaper than {dearer} of the other {len(others)}. Those take {readable(low)} to" in text
+    assert f"to {readable(high)} cycles, a spread of {readable(high - low)} (`cycles.iterative.spread`; a" in text
     assert f"a closed form's is {closed})" in text
 
 

@@ -138,7 +138,7 @@ class StepRecorder(Protocol):
         """Record the steps that were timed last, in order."""
 
     def band(self) -> CycleBand | None:
-        """Return within what all steps together lie; None where nobody knows what ran."""
+        """Return within what all steps together lie; None where that is unknown."""
 
 
 class Board(ABC):
@@ -157,7 +157,7 @@ class Board(ABC):
     stage : Stage or None
         None where somebody has to turn the board.
     truth : Truth or None
-        None where nobody knows it: "not offered".
+        None where it is unknown: "not offered".
     firmware_sha256 : str or None
         Digest of the ELF file, where there is one.
     compiler_flags : str
@@ -210,23 +210,23 @@ class Board(ABC):
 
     @property
     def instructions(self) -> int | None:
-        """Instructions executed since power-on; None where nobody counts them."""
+        """Instructions executed since power-on; None where they are not counted."""
         return None
 
     def true_attitude(self, board_us: int) -> Pose | None:
-        """Return the board's attitude at a time of its own clock [us]; None where nobody knows it."""
+        """Return the board's attitude at a time of its own clock [us]; None where it is unknown."""
         return None
 
     def cycle_band(self, cost: RunCost | None) -> CycleBand | None:
-        """Say within what the cycles of the run that was just timed lie; None where nobody knows what ran."""
+        """Say within what the cycles of the run that was just timed lie; None where that is unknown."""
         return None
 
     def timed_steps(self) -> StepRecorder | None:
-        """Begin to record what runs in steps that are timed one by one; None where nobody knows what ran."""
+        """Begin to record what runs in steps that are timed one by one; None where that is unknown."""
         return None
 
     def instructions_counted(self, cycles: int) -> int | None:
-        """Count the instructions of the code that the firmware has just timed at `cycles`; None where nobody counts."""
+        """Count the instructions of the code that the firmware has just timed at `cycles`; None where unknown."""
         return None
 
     def sensor(self, kind: SensorKind) -> SensorInfo:

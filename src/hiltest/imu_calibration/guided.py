@@ -239,7 +239,7 @@ class _Led:
 
 
 def _figures_of(run: CalibratorRun, tumble: Tumble) -> FitFigures:
-    """Return what a calibration is judged by, as `hiltest fit` judges one."""
+    """Return the figures that rate a calibration, as in `hiltest fit`."""
     points = tumble.points
     if not run.usable:
         return FitFigures(run.fit, ellipsoid_condition(points), n=len(points))

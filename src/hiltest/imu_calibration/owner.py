@@ -26,7 +26,7 @@ def made_on(board: Board, rig: Rig) -> MadeOn:
 
 
 def world_sha256(rig: Rig) -> str | None:
-    """Return a hash of what a virtual board's sensors are and where they stand; None where nobody knows.
+    """Return a hash of what a virtual board's sensors are and where they stand; None where that is unknown.
 
     The field belongs to it, since the hard iron is of this place. The seed does not: it is noise.
     """

@@ -89,7 +89,7 @@ class FieldReader:
 
     @property
     def left(self) -> int:
-        """Bytes that nobody has read yet."""
+        """Bytes that are not read yet."""
         return len(self._data) - self._offset
 
     def end(self) -> None:

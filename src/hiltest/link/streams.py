@@ -1,4 +1,4 @@
-"""Calibrators that live with the stream of points: what the host asks them, and what they answer."""
+"""Requests and replies of streaming calibrators."""
 
 from __future__ import annotations
 

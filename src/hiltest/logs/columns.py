@@ -22,7 +22,7 @@ class Unit(StrEnum):
     COUNTS = "counts"
 
 
-#: What one of a unit is in microtesla; None where nobody knows.
+#: What one of a unit is in microtesla; None where that is unknown.
 MICROTESLA: dict[Unit, float | None] = {Unit.UT: 1.0, Unit.GAUSS: 100.0, Unit.COUNTS: None}
 
 _WORDS = {

@@ -67,9 +67,9 @@ class CalibratorFit:
     iterations : int
         Sweeps of the firmware's solver, 0 for a closed form.
     cycles : int or None
-        Core cycles of the run; None where nobody counts them.
+        Core cycles of the run; None where they are not counted.
     cycle_band : CycleBand or None
-        Within what they lie by the cycle model's own uncertainty; None where nobody knows what ran.
+        Within what they lie by the cycle model's own uncertainty; None where that is unknown.
     """
 
     name: str

@@ -16,7 +16,7 @@ class RateUnit(StrEnum):
     COUNTS = "counts"
 
 
-#: What one of a unit is in deg/s; None where nobody knows.
+#: What one of a unit is in deg/s; None where that is unknown.
 DEGREES_PER_SECOND: dict[RateUnit, float | None] = {
     RateUnit.DPS: 1.0, RateUnit.MDPS: 1e-3, RateUnit.RAD_S: math.degrees(1.0), RateUnit.DEG_H: 1.0 / 3600.0,
     RateUnit.COUNTS: None,
@@ -41,7 +41,7 @@ class AccelerationUnit(StrEnum):
     COUNTS = "counts"
 
 
-#: What one of a unit is in g; None where nobody knows.
+#: What one of a unit is in g; None where that is unknown.
 GRAVITIES: dict[AccelerationUnit, float | None] = {
     AccelerationUnit.G: 1.0, AccelerationUnit.MG: 1e-3, AccelerationUnit.MS2: 1.0 / 9.80665,
     AccelerationUnit.COUNTS: None,

@@ -58,9 +58,9 @@ class CycleCost:
     spread : int
         Largest minus smallest over the clouds, each at n points.
     instructions : int or None
-        Instructions of the same run as `total`; None when nobody counts them: "not offered".
+        Instructions of the same run as `total`; None where they are not counted: "not offered".
     band : CycleBand or None
-        Within what `total` lies by the cycle model's own uncertainty; None where nobody knows what ran.
+        Within what `total` lies by the cycle model's own uncertainty; None where that is unknown.
     iterations : int
         Sweeps or steps of the same run as `total`, 0 for a closed form.
     per_iteration : float or None
@@ -98,7 +98,7 @@ class CycleCost:
 
     @property
     def no_sweeps(self) -> str:
-        """Why nobody counts its iterations as sweeps; empty where they are most of what it costs."""
+        """Why its iterations are not counted as sweeps; empty where they are most of what it costs."""
         return "" if self.is_mostly_iterations else "its iterations are not most of what it costs"
 
 

@@ -89,13 +89,13 @@ class FusionResult:
     time_s : ndarray, shape (n,)
         Time of the records since the run began.
     truth : tuple of Pose, or None
-        At these times; None where nobody knows it, and then there are no errors.
+        At these times; None where it is unknown, and then there are no errors.
     fused, accelerometer_magnetometer, gyroscope : AttitudeErrors or None
         Errors of the filter, and of its two halves alone; all began with the same attitude.
     cycle_model : str
         What the summary's cycles mean.
     predict_band, update_band : CycleBand or None
-        Within what the largest of them lie; None where nobody knows what ran, or it was not among the last steps.
+        Within what the largest of them lie; None where that is unknown, or it was not among the last steps.
     """
 
     noise: FusionNoise

@@ -56,7 +56,7 @@ class AccelerometerRun:
     cost : RunCost or None
         None when the core counts no cycles.
     band : CycleBand or None
-        Within what its cycles lie; None where nobody knows what ran.
+        Within what its cycles lie; None where that is unknown.
     die_temperature_degc : int
         At the last pose.
     axis_error_deg, offset_error_mg : float or None
@@ -187,7 +187,7 @@ def store_accelerometer(board: Board, fit: AccelerometerFit, slots: Sequence[int
 
 
 def true_accelerometer(board: Board) -> AccelerometerFit | None:
-    """Return the calibration that the world's truth makes the right one, None where nobody knows it."""
+    """Return the calibration that the world's truth makes the right one, None where it is unknown."""
     if board.truth is None:
         return None
     inverse = np.linalg.inv(board.truth.accelerometer_response)

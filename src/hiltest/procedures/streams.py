@@ -1,4 +1,4 @@
-"""Give the points of a tumble to the calibrators that live with the stream, one after the other."""
+"""Give the points of a tumble to the streaming calibrators, one after the other."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ class StreamRun:
     total_band : CycleBand or None
         Within what all of `cycles` and the last stage's answer lie together.
     fit_band : CycleBand or None
-        Within what the cycles of the last stage's answer lie; None where nobody knows what ran.
+        Within what the cycles of the last stage's answer lie; None where that is unknown.
     remove_cycles : ndarray or None
         Cycles of each of the first points, which were removed in the end; None where it removes none, or the core
         counts none. A sliced run removes none: it would be the same work.

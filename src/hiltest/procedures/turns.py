@@ -104,7 +104,7 @@ class FittedTurns:
     scale_uncertainty_percent, misalignment_uncertainty_deg : float
         Standard uncertainties, of noise and of the table's declared angle together.
     band : CycleBand or None
-        Within what its cycles lie; None where nobody knows what ran.
+        Within what its cycles lie; None where that is unknown.
     """
 
     fit: GyroscopeFit

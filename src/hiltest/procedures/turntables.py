@@ -46,7 +46,7 @@ class Achieved:
 
 
 class Turntable(Protocol):
-    """Turns the board; its angle is the reference that headings are judged by."""
+    """Turns the board; its angle is the reference for headings."""
 
     name: str
     uncertainty_deg: float

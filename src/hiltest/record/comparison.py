@@ -102,7 +102,7 @@ class Difference:
 
 @dataclass(frozen=True, slots=True)
 class Revision:
-    """Sources that a run was made for: label, commit and branch, each empty where nobody stated it."""
+    """Sources that a run was made for: label, commit and branch, each empty where it was not stated."""
 
     commit: str = ""
     branch: str = ""

@@ -52,7 +52,7 @@ class Recorder:
         })
 
     def begin(self, calibration: CalibrationRecord | None = None) -> None:
-        """Remove the record of the run before, and note the calibration file that is judged."""
+        """Remove the record of the run before, and note the calibration file under test."""
         self._journal.begin()
         self.findings.calibration = calibration
         self._journal.append("calibration", {"calibration": calibration and asdict(calibration)})

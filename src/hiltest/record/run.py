@@ -80,7 +80,7 @@ class RigRecord:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationRecord:
-    """The calibration file that was judged: its name, its SHA-256, and when it was made."""
+    """The calibration file that was tested: its name, its SHA-256, and when it was made."""
 
     file: str
     sha256: str

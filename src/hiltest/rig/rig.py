@@ -105,7 +105,7 @@ class Rig:
 
     @property
     def magnetometer_part(self) -> str | None:
-        """The part of `FITTED_PARTS` that the judged magnetometer is; None where it is no known one."""
+        """The part of `FITTED_PARTS` of the magnetometer under test; None where it is no known one."""
         if self.sensors.magnetometer is not None:
             return MAGNETOMETER_PARTS.get(self.sensors.magnetometer)
         fitted = self.world.fitted if self.world else ()

@@ -284,7 +284,7 @@ class Procedure:
                     f"names {written!r}; write a calibrator and its points, 9 to tumble_points, such as direct@100")
 
     def judged_poses(self, which: Literal["all", "level"] | None = None) -> tuple[Pose, ...]:
-        """Return the table poses in the order they are judged: tilt by tilt, level first as listed."""
+        """Return the poses of the known angles in their order: tilt by tilt, level first as listed."""
         from hiltest.angles import Pose
 
         level_only = (which or self.poses) == "level"

@@ -1,1 +1,1 @@
-"""Runs as wholes: the folder that one fills, what it is judged against, and several side by side."""
+"""Whole runs: folders, the base of a comparison, campaigns over seeds, wire traces."""

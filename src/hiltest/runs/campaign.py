@@ -150,7 +150,7 @@ def _conclude(
 
 
 def _not_judged(gate: Gate) -> int:
-    """Say why no seed runs: there is no base that they could be judged against."""
+    """Say why no seed runs: there is no base to compare them with."""
     sentence = f"NOT EVALUATED: {gate.reason}. No seed was run."
     code = ExitCode.NOT_EVALUATED
     click.echo(annotation(Verdict(WORDS[code], code, sentence, complete=False)), nl=False)
@@ -205,7 +205,7 @@ def _is_packaged(evidence: Evidence, options: Sequence[str], environment: Mappin
 
 
 def _gate_of(results: Sequence[SeedResult], out: Path) -> Gate:
-    """Return the older firmware's seeds as what the newer ones are judged against."""
+    """Return the base of the newer firmware: the seeds of the older one."""
     write_atomically(out / SEEDS_FILE, _to_json(results, spreads_of(results), None))
     evidence = evidence_of_all(results, str(out))
     if not evidence.measurements:

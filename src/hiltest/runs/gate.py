@@ -55,7 +55,7 @@ class Gate(NamedTuple):
         return replace(found, remark=remark)
 
     def describe(self) -> str:
-        """Return the header line: what the run is going to be judged against."""
+        """Return the header line: the base that the run is compared with."""
         from hiltest.text import counted
         from hiltest.verdict.wording import build
 
@@ -110,7 +110,7 @@ class SessionGate:
         return f"{self._source} is {self._base}" if self._base is not None else ""
 
     def unevaluated(self, why: str) -> str:
-        """Return what is said where no run was recorded that could be judged; empty without a base."""
+        """Return the message when no run was recorded to compare; empty without a base."""
         return f"NOT EVALUATED: {self.asked_for}, and {why}: there is nothing to compare." if self.asked_for else ""
 
     def judge_against(self, older: OlderFirmware) -> None:
@@ -137,7 +137,7 @@ class SessionGate:
 
     @property
     def missing(self) -> str:
-        """Why there is no base that the run could be judged against; empty when there is, or when none was named."""
+        """Why there is no base to compare the run with; empty when there is, or when none was named."""
         return self._gate.reason if self._gate is not None and self._gate.base is None else ""
 
     def describe(self) -> list[str]:

@@ -127,7 +127,7 @@ class Processor:
         return self.accounting.instructions_now(self.registers.pc.get())
 
     def executed(self) -> Snapshot | None:
-        """How often every block has run, inside a peripheral's access; None where nobody counts them."""
+        """How often every block has run, inside a peripheral's access; None where they are not counted."""
         return self.accounting.snapshot(self.registers.pc.get())
 
     @property

@@ -119,7 +119,7 @@ def band_where_it_ran(
     cycles : int
         The count.
     executed : tuple of Executions, or None
-        What was counted, and what was subtracted; None where nobody knows.
+        What was counted, and what was subtracted; None where that is unknown.
     """
     if in_flash(cycle_model):
         return flash_band(profile, cycles)

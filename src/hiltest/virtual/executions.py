@@ -78,12 +78,12 @@ class Executions:
 
 
 def between(first: Snapshot | None, second: Snapshot | None) -> Executions | None:
-    """Return what ran from the instruction of the first snapshot to that of the second; None where nobody knows."""
+    """Return what ran from the instruction of the first snapshot to that of the second; None where that is unknown."""
     return in_all([(first, second)])
 
 
 def in_all(spans: Sequence[tuple[Snapshot | None, Snapshot | None]]) -> Executions | None:
-    """Return what ran in some spans together, each between two snapshots; None where nobody knows, or without any."""
+    """Return what ran in some spans together, each between two snapshots; None where unknown, or without any."""
     known = [(first, second) for first, second in spans if first is not None and second is not None]
     if not known or len(known) < len(spans) or len({id(each.entered) for span in known for each in span}) > 1:
         return None

@@ -41,7 +41,7 @@ class TimedSteps:
             self._empty.append(executed[1])
 
     def band(self) -> CycleBand | None:
-        """Return within what all steps together lie; None where nobody knows what ran, or how long it waited."""
+        """Return within what all steps together lie; None where that is unknown."""
         if not self._cycles:
             return None
         whole, empty = together(self._whole), together(self._empty)

@@ -77,7 +77,7 @@ class Uart:
 
     @property
     def host_waiting(self) -> int:
-        """Bytes that the board has sent and nobody has fetched."""
+        """Bytes that the board has sent and the host has not fetched."""
         return len(self._sent)
 
     def host_read(self, size: int) -> bytes:
