@@ -1,4 +1,4 @@
-"""Bench lost and wrong firmware are outcomes of their own, and failed tests stay failed tests."""
+"""A lost connection and wrong firmware are outcomes of their own, and failed tests stay failed tests."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ def test_lost(measure):
     result = pytester.runpytest_inprocess()
     assert result.ret == 20
     result.stdout.fnmatch_lines([
-        "*.L*", "connection lost: *::test_lost: lost /dev/ttyACM0: unplugged. Check cable and power, then run again.",
-        "CONNECTION LOST: lost /dev/ttyACM0: unplugged. Check cable and power, then run again. 2 measurements kept.",
+        "*.L*", "CONNECTION LOST: lost /dev/ttyACM0: unplugged. Check cable and power, then run*",
+        "*connection lost: *::test_lost: lost*", "*/dev/ttyACM0: unplugged. Check cable and power, then run again.*",
         "*1 passed, 1 connection lost*",
     ])
     assert outcomes_of(pytester) == {"test_before": "passed", "test_lost": "connection lost"}
