@@ -99,7 +99,7 @@ def test_it(measure):
     measure("x", 1.0, "deg", limit=Limit(max=2), note="of one cloud")
 """)
     result = pytester.runpytest_inprocess("-v")
-    result.stdout.fnmatch_lines(["*x *1 *deg *at most 2 *pass*", "x 1: of one cloud"])
+    result.stdout.fnmatch_lines(["x *1.00 *deg *at most 2 *pass*", "x 1.00: of one cloud"])
     assert measurements_of(pytester)["x"]["note"] == "of one cloud"
 
 
