@@ -96,6 +96,16 @@ def real_record(default_run: Finished) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="session", autouse=True)
+def _runs_without_hypothesis() -> None:
+    """Leave Hypothesis out of runs that tests make: its plugin imports it at the end of each, a third of a small one.
+
+    Not sooner, or the workers of pytest-xdist would be without it too.
+    """
+    given = os.environ.get("PYTEST_ADDOPTS", "")
+    os.environ["PYTEST_ADDOPTS"] = f"{given} -p no:hypothesispytest".strip()
+
+
+@pytest.fixture(scope="session", autouse=True)
 def _every_record_is_valid(tmp_path_factory: pytest.TempPathFactory, shared_folder: Path) -> Iterator[None]:
     """Check every run.json that the tests' runs have left, with the shipped schema and by reading it.
 

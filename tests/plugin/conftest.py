@@ -6,13 +6,12 @@ import pkgutil
 from importlib import import_module
 from pathlib import Path
 
-import hypothesis.internal.observability  # noqa: F401
 import pytest
 
 import hiltest
 
 # pytester forgets what a run in this process has imported. numpy and pydantic cannot be imported twice in one process,
-# and all else takes longer than such a run: so it is here before. Hypothesis' plugin imports at the end of each run.
+# and all else takes longer than such a run: so it is here before.
 for module in pkgutil.walk_packages(hiltest.__path__, "hiltest."):
     if not module.name.endswith(("__main__", "block_hook")):  # one runs the program, the other is C without a module
         import_module(module.name)

@@ -19,6 +19,8 @@ from hiltest.boards.lines import PseudoTerminal
 from hiltest.boards.paced import PacedBench
 from hiltest.rig.file import load_rig
 
+pytestmark = pytest.mark.slow
+
 PROMPT = "Enter when it is:"
 DEADLINE_S = 60.0
 
