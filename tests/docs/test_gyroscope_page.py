@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.rig.file import MEASUREMENT_UNITS
+from hiltest.measurement import KINDS
 
 PAGE = (Path(__file__).parents[2] / "docs" / "gyroscope.md").read_text(encoding="utf-8")
 COMMANDS = [line for block in re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S) for line in block.splitlines()]
@@ -29,7 +29,8 @@ def test_the_commands_do_what_the_page_says(tmp_path: Path) -> None:
     run, log, page, for_programs = COMMANDS
     done = _run(run, tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "gyroscope.noise_density" in done.stdout
+    record = json.loads((tmp_path / "hil-out" / "run.json").read_text(encoding="utf-8"))
+    assert "gyroscope.noise_density" in {each["name"] for each in record["measurements"]}
     done = _run(log, tmp_path)
     assert (done.returncode, done.stdout) == (0, "rest.csv: 4000 of the gyroscope\n"), done.stderr
     done = _run(page, tmp_path)
@@ -47,5 +48,5 @@ def test_the_commands_do_what_the_page_says(tmp_path: Path) -> None:
 def test_the_table_has_every_measurement() -> None:
     told = set(re.findall(r"`(gyroscope\.[a-z_.]+)`", PAGE))
     told |= {f"gyroscope.{rest}" for rest in re.findall(r"`\.([a-z_.]+)`", PAGE)}
-    ours = {each for each in MEASUREMENT_UNITS if each.startswith("gyroscope.") and ".calibration." not in each}
+    ours = {each.replace("{axis}", "z") for each in KINDS if each.startswith("gyroscope.") and "{fit}" not in each}
     assert ours <= told

@@ -47,7 +47,7 @@ def run(bench: Path, command: list[str]) -> tuple[int, set[str], str]:
 def test_each_set_judges_its_limits(bench: Path) -> None:
     code, judged, output = run(bench, GATE)
     assert (code, judged) == (0, {"compass.slots"}), output
-    assert "--suite full runs them: test_compass.py::test_compass_all_night" in output
+    assert "1 test of the full set left out; --suite full runs them" in " ".join(output.split())
     code, judged, output = run(bench, FULL)
     assert (code, judged) == (0, {"compass.slots", "compass.calibrators"}), output
 
@@ -58,7 +58,7 @@ def test_a_limit_that_does_not_say_its_set_must_be_met_by_both(bench: Path) -> N
     code, judged, output = run(bench, GATE)
     assert (code, judged) == (22, {"compass.slots", "compass.calibrators"})
     (told,) = re.findall(r"`(compass\.calibrators \(.*\))`", PAGE)
-    assert told in output
+    assert told in " ".join(output.split())
 
 
 def test_the_full_set_by_name_is_refused_without_the_option(bench: Path) -> None:

@@ -51,7 +51,7 @@ def test_two_runs_alike_have_no_obstacle(changed: Changed) -> None:
         ({"board.kind": "real"}, "another kind of board: virtual before, real now"),
         (
             {"board.calibrators": ["direct", "direct-fast", "iterative"]},
-            "calibrator missing: the firmware has no corrected any more",
+            "calibrator missing: the firmware has no corrected",
         ),
         ({"board.protocol_version": 3}, "another protocol: version "),
         ({"board.compiler": "arm-none-eabi-gcc 13.2.1"}, "another compiler: arm-none-eabi-gcc 12"),
