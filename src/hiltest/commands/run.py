@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -152,7 +153,7 @@ def run(
              "label": "--hil-label"}
     baseline = given.pop("baseline")
     options = [f"{names[name]}={value}" for name, value in given.items() if value is not None]
-    options += ["-v" if verbose else "-q", *pytest_args]
+    options += [*_verbosity(pytest_args, verbose=verbose), *pytest_args]
     if may_fail and seeds is None:
         raise ConfigError("--may-fail says how many of several seeds may miss a limit: give --seeds A..B too")
     if against is not None:
@@ -170,6 +171,13 @@ def run(
             return run_seeds(seeds, options, Path(out), may_fail=may_fail, baseline=base, against=against)
     older = None if against is None else OlderFirmware(against, tuple(options), Path(out) / OLDER_FOLDER)
     return run_suites([*options, *([] if baseline is None else [f"--hil-baseline={baseline}"])], Path(out), older=older)
+
+
+def _verbosity(pytest_args: Sequence[str], *, verbose: bool) -> list[str]:
+    """Return how much pytest prints: a dot a test, unless somebody says otherwise."""
+    if verbose:
+        return ["-v"]
+    return [] if any(re.fullmatch(r"-[vq]+|--verbose|--quiet", each) for each in pytest_args) else ["-q"]
 
 
 def _check_against(base: str | None, port: str | None) -> None:
