@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hiltest.measurement import KINDS, identify
+
 FILE = "imu_calibration.json"
 Change = Callable[[dict[str, Any]], None]
 # The suites that judge a file, on the level poses.
@@ -41,8 +43,16 @@ def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def judged(calibrated: Path, run_in, tmp_path_factory: pytest.TempPathFactory):
-    """A whole run with the file."""
-    return run_in(tmp_path_factory.mktemp("judged"), "--calibration", str(calibrated))
+    """A run of the full set with the file: the run that measures every kind there is."""
+    return run_in(tmp_path_factory.mktemp("judged"), "--suite", "full", "--calibration", str(calibrated))
+
+
+def test_each_name_of_a_full_run_has_its_kind_and_each_kind_is_measured(judged) -> None:
+    kinds = {name: identify(name).kind for name in judged.measured}
+    assert [name for name, kind in kinds.items() if kind is None] == []
+    assert set(KINDS) - {kind.name for kind in kinds.values() if kind} == set()
+    units = {name: each["unit"] for name, each in judged.measured.items()}
+    assert [name for name, kind in kinds.items() if kind and kind.unit not in (None, units[name])] == []
 
 
 def test_the_file_is_judged_green_on_poses_that_it_is_not_made_of(judged, calibrated: Path) -> None:
@@ -51,7 +61,8 @@ def test_the_file_is_judged_green_on_poses_that_it_is_not_made_of(judged, calibr
     assert {name for name, limit in limits.items() if limit} == {
         "heading.calibration.max", "heading.calibration.bias", "heading.calibration.max_centred",
         "accelerometer.calibration.norm_rms", "accelerometer.calibration.tilt_error",
-        "gyroscope.calibration.bias_error", "gyroscope.calibration.turn_error", "magnetometer.calibration.norm_rms",
+        "gyroscope.calibration.bias_error", "gyroscope.calibration.turn_error",
+        "gyroscope.calibration.largest_turn_error", "magnetometer.calibration.norm_rms",
     }
     assert re.search(r"^calibration +\d\.\d\d ", judged.output, re.MULTILINE)
     assert judged.record["calibration"]["file"] == str(calibrated)
