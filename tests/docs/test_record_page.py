@@ -11,10 +11,10 @@ import sys
 from pathlib import Path
 
 from hiltest.commands.report import report
+from hiltest.record import journal, schema
 from hiltest.record.comparison import Revision
 from hiltest.record.reader import read_record
 from hiltest.record.run import SCHEMA, Run
-from hiltest.report import journal, schema
 
 PAGE = (Path(__file__).parents[2] / "docs" / "record.md").read_text(encoding="utf-8")
 COMMANDS, LABELLED = re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S)
