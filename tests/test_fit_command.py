@@ -76,23 +76,34 @@ def test_people_get_a_table_with_reasons_and_notes(clouds: Path) -> None:
     done = fit("cap.csv", folder=clouds)
     for text in (
         "cap.csv: 400 points, columns mx_uT, my_uT, mz_uT [uT]", "verdict", "refused", "hard iron [uT]",
-        "cycles, cortex-m4-trm/1@sram", "cycles, lowest to highest",
+        "cycles counted by cortex-m4-trm/1@sram", "cycles, lowest", "cycles, highest",
         "is above 300 (refused): the points cover too little of the sphere", "The board got 360 points",
     ):  # fmt: skip
         assert text in " ".join(done.stdout.split()), done.stdout
 
 
-def test_in_a_pipe_every_sentence_is_on_one_line(clouds: Path) -> None:
+def test_in_a_pipe_every_sentence_is_on_one_line(clouds: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("COLUMNS", raising=False)
     lines = fit("cap.csv", "--on", "host", folder=clouds).stdout.splitlines()
     (condition,) = {line for line in lines if "is above 300 (refused)" in line}
     assert condition.endswith("turn the sensor all round.")
     _write(clouds / "large.csv", 1000.0 * golden_cloud(400) + 1e6, "mx,my,mz")
     cells = fit("large.csv", "--on", "host", folder=clouds).stdout.splitlines()
-    (hard_iron,) = [line for line in cells if line.lstrip().startswith("hard iron [counts]")]
-    assert len(hard_iron.split()) == 3 + 3 * 3, "three numbers of each of the three calibrators"
-    exact = json.loads(fit("large.csv", "--on", "host", "--json", folder=clouds).stdout)["calibrators"]
-    shown = [float(word) for word in hard_iron.split()[3:]]
-    assert shown == [round(value) for each in exact for value in each["hard_iron"]], "a radius of 4.8e5 has no decimals"
+    (hard_iron,) = [line for line in cells if "hard iron [counts]" in line]
+    found = json.loads(fit("large.csv", "--on", "host", "--json", folder=clouds).stdout)
+    (best,) = (each["hard_iron"] for each in found["calibrators"] if each["name"] == found["best"])
+    shown = [float(word) for word in hard_iron.partition("] ")[2].partition(";")[0].split()]
+    assert shown == [round(value) for value in best], "a radius of 4.8e5 has no decimals"
+
+
+def test_a_terminal_of_80_columns_shows_it_whole_and_each_reason_once(
+    clouds: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    said = fit("cap.csv", folder=clouds).stdout
+    assert [line for line in said.splitlines() if len(line.rstrip()) > 80] == []
+    assert "…" not in said
+    assert said.count("the points cover too little of") == 1
 
 
 def test_too_few_points_are_told_once(clouds: Path) -> None:

@@ -1,11 +1,13 @@
-"""A fitted cloud for people."""
+"""Fitted samples for people: tables and sentences within 80 columns."""
 
 from __future__ import annotations
 
 import math
+import os
+from collections.abc import Iterator, Sequence
 
 from rich.box import SIMPLE_HEAD
-from rich.console import Console, Group, RenderableType
+from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
@@ -24,13 +26,15 @@ _MOST_DECIMALS = 8
 
 
 def print_fit(fit: CloudFit, console: Console) -> None:
-    """Print what was read, a table with a column for each calibrator, the reasons and the verdict."""
+    """Print what was read, a table with a column for each calibrator, the best one's numbers, reasons and notes."""
     points = f"{fit.n_in} points, columns {', '.join(fit.columns)} [{fit.unit}]"
-    as_one_line = not console.is_terminal
     console.print(escape(f"{fit.file}: {points}"), soft_wrap=True)
     console.print(_grid(fit))
-    for each in fit.calibrators:
-        console.print(_reasons(each), soft_wrap=as_one_line)
+    for line in _best(fit):
+        console.print(line, soft_wrap=True)
+    as_one_line = not console.is_terminal and "COLUMNS" not in os.environ
+    for reason in _reasons(fit.calibrators):
+        console.print(Text(reason), soft_wrap=as_one_line)
     for note in fit.notes:
         console.print(Text(note, style="dim"), soft_wrap=as_one_line)
 
@@ -41,19 +45,34 @@ def _grid(fit: CloudFit) -> Table:
     for each in fit.calibrators:
         grid.add_column(escape(each.name), justify="right")
     grid.add_row("verdict", *(Text(each.verdict, style=_STYLES[each.verdict]) for each in fit.calibrators))
-    for label, cells in figure_rows(fit):
+    for label, cells in (*_kind_rows(fit), *_number_rows(fit), *_cycle_rows(fit, "cycles")):
         grid.add_row(escape(label), *map(escape, cells))
     return grid
 
 
 def figure_rows(fit: CloudFit) -> list[tuple[str, list[str]]]:
-    """Return the figures of a fit: a label, and a text for each calibrator."""
+    """Return the figures of a fit, hard and soft iron among them: a label, and a text for each calibrator."""
+    label = f"cycles, {fit.firmware.cycle_model}" if fit.firmware else ""
+    return [*_kind_rows(fit), *_iron_rows(fit), *_number_rows(fit), *_cycle_rows(fit, label)]
+
+
+def _kind_rows(fit: CloudFit) -> list[tuple[str, list[str]]]:
+    return [
+        ("fit", [each.status for each in fit.calibrators]),
+        ("points used", [str(each.n_used) for each in fit.calibrators]),
+    ]
+
+
+def _iron_rows(fit: CloudFit) -> list[tuple[str, list[str]]]:
+    return [
+        (f"hard iron [{fit.unit}]", [_hard_iron(each) for each in fit.calibrators]),
+        ("soft iron [1]", ["\n".join(map(_row, each.soft_iron or ())) or "-" for each in fit.calibrators]),
+    ]
+
+
+def _number_rows(fit: CloudFit) -> list[tuple[str, list[str]]]:
     fits = fit.calibrators
-    rows = [
-        ("fit", [each.status for each in fits]),
-        ("points used", [str(each.n_used) for each in fits]),
-        (f"hard iron [{fit.unit}]", [_hard_iron(each) for each in fits]),
-        ("soft iron [1]", ["\n".join(map(_row, each.soft_iron or ())) or "-" for each in fits]),
+    return [
         (f"radius [{fit.unit}]", [_number(each.radius, ".4g") for each in fits]),
         ("residual [%]", [_number(each.residual_percent, ".2f") for each in fits]),
         ("coverage [%]", [_number(each.coverage and 100 * each.coverage, ".0f") for each in fits]),
@@ -61,29 +80,55 @@ def figure_rows(fit: CloudFit) -> list[tuple[str, list[str]]]:
         ("condition of the samples", [_number(fit.condition, ".4g")] * len(fits)),
         ("direction error [deg]", [_number(each.direction_error_deg, ".2f") for each in fits]),
     ]
-    if fit.firmware is not None:
-        cycles = ["not counted" if each.cycles is None else readable(each.cycles) for each in fits]
-        rows.append((f"cycles, {fit.firmware.cycle_model}", cycles))
-        if any(each.cycle_band for each in fits):
-            rows.append(("cycles, lowest to highest", [str(each.cycle_band or "-") for each in fits]))
+
+
+def _cycle_rows(fit: CloudFit, label: str) -> list[tuple[str, list[str]]]:
+    if fit.firmware is None:
+        return []
+    fits = fit.calibrators
+    rows = [(label, ["not counted" if each.cycles is None else readable(each.cycles) for each in fits])]
+    if any(each.cycle_band for each in fits):
+        rows.append(("cycles, lowest", [readable(each.cycle_band.low if each.cycle_band else None) for each in fits]))
+        rows.append(("cycles, highest", [readable(each.cycle_band.high if each.cycle_band else None) for each in fits]))
     return rows
 
 
-def _reasons(each: CalibratorFit) -> RenderableType:
-    head = Text(f"{each.name}: ").append(each.verdict, style=_STYLES[each.verdict])
-    lines = [Text(f"  {reason_line(reason)}") for reason in each.reasons]
-    return Group(head, *lines)
+def _best(fit: CloudFit) -> list[str]:
+    """Return hard and soft iron of the best calibrator: those of all would not fit beside each other."""
+    best = fit.best
+    lines = [f"cycles counted by {fit.firmware.cycle_model}"] if fit.firmware else []
+    if best.hard_iron is not None and best.soft_iron is not None:
+        lines += [
+            f"{escape(best.name)}: hard iron {escape(f'[{fit.unit}]')} {_hard_iron(best)}; soft iron {escape('[1]')}",
+            *(f"  {_row(row)}" for row in best.soft_iron), "--json has those of every calibrator",
+        ]
+    return lines
 
 
-def reason_line(reason: Reason) -> str:
-    """Return one reason of a verdict as a sentence."""
+def _reasons(fits: Sequence[CalibratorFit]) -> Iterator[str]:
+    """Yield each reason once, with the calibrators that it is of where it is not of all."""
+    found: dict[tuple[object, ...], list[tuple[str, Reason]]] = {}
+    for each in fits:
+        for reason in each.reasons:
+            same = (reason.figure, reason.threshold, reason.unit, reason.verdict, reason.meaning)
+            found.setdefault(same, []).append((each.name, reason))
+    for named in found.values():
+        values = [reason.value for _, reason in named]
+        of_all = len(named) == len(fits) and len(set(values)) == 1
+        line = reason_line(named[0][1], values[:1] if of_all else values)
+        yield f"  {line}" if of_all else f"{', '.join(name for name, _ in named)}: {line}"
+
+
+def reason_line(reason: Reason, values: Sequence[float | str] = ()) -> str:
+    """Return one reason of a verdict as a sentence, of one calibrator or with the `values` of several."""
     if isinstance(reason.value, str) or isinstance(reason.threshold, str):
         return f"the fit ended as {reason.value!r}: {reason.meaning}."
+    shown = ", ".join(f"{value:.4g}" for value in values or (reason.value,))
     name = _NAMES[reason.figure]
     side = "above" if reason.value > reason.threshold else "below"
     unit = f" {reason.unit}" if reason.unit and reason.figure != "n" else ""  # a number of points has said it
     limit = f"{reason.threshold:g}{unit} ({reason.verdict})"
-    return f"{name} {reason.value:.4g}{unit} is {side} {limit}: {reason.meaning}."
+    return f"{name} {shown}{unit} is {side} {limit}: {reason.meaning}."
 
 
 def _number(value: float | None, how: str) -> str:
