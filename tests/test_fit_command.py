@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -19,7 +20,7 @@ pytestmark = pytest.mark.slow
 def fit(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, "-m", "hiltest", "fit", *arguments], cwd=folder, capture_output=True, text=True, check=False,
-        timeout=120,
+        timeout=120, env=dict(os.environ),  # readline, which pytest imports, puts COLUMNS into that of the process
     )  # fmt: skip
 
 
