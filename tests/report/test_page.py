@@ -57,7 +57,7 @@ def test_streams_have_their_cycles_in_the_table_of_all_calibrators(
     row = dict(zip(table.headings, table.rows[-1].cells, strict=True))
     # 300 points of the table of stages: 300 times 246.03, and the fit's 3 503.
     assert (row["cycles"].text, row["cycles"].note) == ("77 312", "300 points")
-    assert (row["per point"].text, row["per point"].note) == ("246.0", "max 255")
+    assert (row["per point"].text, row["per point"].note) == ("246", "max 255")
     assert row["fixed"].text == "3 503"
     assert "direct-stream: 0.90 degrees for 77 312 cycles" in html_report(run)
     total = judge(

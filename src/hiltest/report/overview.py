@@ -191,14 +191,4 @@ def _cell(run: Run, name: str) -> Cell:
         return Cell("")
     band = str(measurement.band) if measurement.band else ""
     band += f": {MAY_EXCEED}" if measurement.band_reaches_beyond else ""
-    return Cell(_comparable(measurement), limit=shown_limit(measurement), tone=tone(measurement), note=band)
-
-
-def _comparable(measurement: Measurement) -> str:
-    """Return a value with fixed decimals, so that a column can be compared at a glance."""
-    if measurement.value is None:
-        return shown_value(measurement)
-    if measurement.unit in ("deg", "%"):
-        return f"{measurement.value:.2f}"
-    whole = isinstance(measurement.value, int) or abs(measurement.value) >= 1000
-    return readable(measurement.value) if whole else f"{measurement.value:.1f}"
+    return Cell(shown_value(measurement), limit=shown_limit(measurement), tone=tone(measurement), note=band)

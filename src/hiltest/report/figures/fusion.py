@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from hiltest.measurement import Section
 from hiltest.record.run import Run, Table
 from hiltest.report.figures.rows import limit_figure
 from hiltest.report.figures.section import FigureGroup, numbers, panel_width, written
@@ -24,10 +25,11 @@ def fusion_group(run: Run) -> FigureGroup | None:
     if figure is None or table is None:
         return None
     headings = [f"{each.name.replace('_', ' ')} [{each.unit}]" for each in table.columns]
+    limits = limit_figure(run.measurements, Section.FUSION, "Share of each fusion limit")
     return FigureGroup(
         "fusion", "Fusion during a motion",
         "Heading while the board was turned and tilted, less the true heading; all three began with the same attitude.",
-        [each for each in (figure, limit_figure(run.measurements, "fusion", "Share of each fusion limit")) if each],
+        [each for each in (figure, limits) if each],
         numbers=[Sheet("Heading, and the errors", headings, [written(row) for row in table.rows])], short="Fusion",
     )
 

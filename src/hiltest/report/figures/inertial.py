@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from hiltest.measurement import Section
 from hiltest.record.run import Run
 from hiltest.report.figures.rows import Row, RowFigure, bars, limit_figure
 from hiltest.report.figures.section import Drawing, FigureGroup, numbers, panel_width, upper_limit
@@ -17,7 +18,7 @@ _AXES = "xyz"
 
 def accelerometer_group(run: Run) -> FigureGroup | None:
     """Return the section, None when nothing was measured of it."""
-    limits = limit_figure(run.measurements, "accelerometer", "Share of each accelerometer limit")
+    limits = limit_figure(run.measurements, Section.ACCELEROMETER, "Share of each accelerometer limit")
     return _group(
         "Accelerometer",
         "Every heading rests on the direction of gravity. Tilt error: pitch and roll that the board answered at the "
@@ -28,7 +29,7 @@ def accelerometer_group(run: Run) -> FigureGroup | None:
 
 def gyroscope_group(run: Run) -> FigureGroup | None:
     """Return the section, None when nothing was measured of it."""
-    limits = limit_figure(run.measurements, "gyroscope", "Share of each gyroscope limit")
+    limits = limit_figure(run.measurements, Section.GYROSCOPE, "Share of each gyroscope limit")
     return _group(
         "Gyroscope", "Bias from an earlier rest than the one it is checked on, scale and axes from whole turns of the "
         "table.", limits, _rest_figure(run), _noise_figure(run),

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from hiltest.measurement import Limit, Measurement, Outcome
+from hiltest.measurement import Limit, Measurement, Outcome, Section
 from hiltest.report.marks import KeyEntry, Mark, shape
 from hiltest.report.svg import Sheet, drawing
-from hiltest.text import readable
+from hiltest.text import with_unit
 
 _WIDTH, _ROW, _LEFT, _RIGHT = 380.0, 42.0, 4.0, 376.0
 _TEXT, _BAR, _THICK = 15.0, 28.0, 8.0  # below the top of a row: a line of text, the middle of the bar, its height
@@ -79,15 +79,15 @@ def bars(title: str, values: Mapping[str, tuple[float, str]]) -> RowFigure:
     return RowFigure(title, rows)
 
 
-def limit_figure(measurements: Sequence[Measurement], family: str, title: str) -> RowFigure | None:
-    """Draw the measurements of a family that have a limit and a number, None when there are none."""
-    rows = [row for each in measurements if each.name.startswith(f"{family}.") and (row := _limit_row(each, family))]
+def limit_figure(measurements: Sequence[Measurement], section: Section, title: str) -> RowFigure | None:
+    """Draw the measurements of a section that have a limit and a number, None when there are none."""
+    rows = [row for each in measurements if each.section is section and (row := _limit_row(each))]
     if not rows:
         return None
     return RowFigure(title, rows, key=_KEY)
 
 
-def _limit_row(measurement: Measurement, family: str) -> Row | None:
+def _limit_row(measurement: Measurement) -> Row | None:
     limit, value = measurement.limit, measurement.value
     ends = None if limit is None else _ends(limit)
     if limit is None or value is None or ends is None:
@@ -97,7 +97,7 @@ def _limit_row(measurement: Measurement, family: str) -> Row | None:
     shares = [(side - low) / (high - low) for side in (limit.min, limit.max) if side is not None]
     zone = (shares[0], shares[1]) if len(shares) == 2 else (0.0, shares[0]) if limit.min is None else (shares[0], 1.0)
     return Row(
-        measurement.name.removeprefix(f"{family}."), f"{readable(value, 3)} {measurement.unit}, {limit}".strip(),
+        measurement.name, f"{with_unit(value, measurement.unit)}, {limit}",
         at=(value - low) / (high - low), mark=Mark.DOT if held else Mark.CROSS,
         style="level filled" if held else "over", zone=zone, ends=shares,
     )
