@@ -88,7 +88,9 @@ def test_a_log_that_supports_nothing_is_exported_nowhere(folder: Path) -> None:
 
 
 def test_the_table_tells_the_limits_that_decide() -> None:
-    from hiltest.logs import accelerometer, gyroscope, intervals
+    from hiltest.logs import imu_accelerometer as accelerometer
+    from hiltest.logs import imu_gyroscope as gyroscope
+    from hiltest.logs import intervals
 
     cells = dict(re.findall(r"^\| (a \w+) \| (.*) \|$", PAGE, re.M))
     assert f"by more than {intervals._MOTION:g} times the quietest tenth" in cells["a rest"]

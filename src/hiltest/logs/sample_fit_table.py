@@ -21,6 +21,7 @@ _NAMES = {
     "n": "number of points", "condition": "condition", "residual_percent": "residual", "axis_ratio": "axis ratio",
     "radius_ut": "radius", "direction_error_deg": "predicted direction error",
 }  # fmt: skip
+_WIDTH = 80
 # More of them nobody reads.
 _MOST_DECIMALS = 8
 
@@ -29,14 +30,14 @@ def print_fit(fit: CloudFit, console: Console) -> None:
     """Print what was read, a table with a column for each calibrator, the best one's numbers, reasons and notes."""
     points = f"{fit.n_in} points, columns {', '.join(fit.columns)} [{fit.unit}]"
     console.print(escape(f"{fit.file}: {points}"), soft_wrap=True)
-    console.print(_grid(fit))
+    console.print(_grid(fit), width=min(_WIDTH, console.width))
     for line in _best(fit):
         console.print(line, soft_wrap=True)
-    as_one_line = not console.is_terminal and "COLUMNS" not in os.environ
-    for reason in _reasons(fit.calibrators):
-        console.print(Text(reason), soft_wrap=as_one_line)
-    for note in fit.notes:
-        console.print(Text(note, style="dim"), soft_wrap=as_one_line)
+    columns = os.environ.get("COLUMNS", "")
+    for style, sentences in (("", _reasons(fit.calibrators)), ("dim", iter(fit.notes))):
+        for each in sentences:
+            folded = Text(each, style=style).wrap(console, int(columns)) if columns.isdecimal() else [Text(each, style)]
+            console.print(*folded, sep="\n", soft_wrap=not console.is_terminal)
 
 
 def _grid(fit: CloudFit) -> Table:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 
 from rich.console import Console
@@ -13,5 +12,4 @@ _FILE_WIDTH = 200
 
 def standard_output() -> Console:
     """Return standard output as a console that marks nothing up by itself."""
-    known = sys.stdout.isatty() or "COLUMNS" in os.environ
-    return Console(highlight=False, width=None if known else _FILE_WIDTH)
+    return Console(highlight=False, width=None if sys.stdout.isatty() else _FILE_WIDTH)
