@@ -51,7 +51,7 @@ def run_edited(tmp_path: Path, copy_of_the_firmware: FirmwareCopy) -> RunEdited:
         command += ["--rig", rig, "--firmware", str(elf), *SUITES]
         done = subprocess.run(command, capture_output=True, text=True, timeout=WALL_LIMIT_S, cwd=tmp_path)
         assert done.returncode == exit_code, done.stdout + done.stderr
-        return Ended(done.stdout + done.stderr, json.loads((out / "run.json").read_text()))
+        return Ended(" ".join((done.stdout + done.stderr).split()), json.loads((out / "run.json").read_text()))
 
     return run
 
@@ -155,8 +155,7 @@ def gyroscope_axes(x: int, sign: str, z: int) -> Edit:
 )  # fmt: skip
 def test_a_gyroscope_of_wrong_sign_axis_or_unit_is_red(run_edited: RunEdited, edit: Edit, felt: str) -> None:
     ended = run_edited(edit)
-    told = " ".join(ended.output.split())
-    assert re.search(rf"felt {felt} about x, y, z where \+360 about z", told), ended.output
+    assert re.search(rf"felt {felt} about x, y, z where \+360 about z", ended.output), ended.output
     assert "gyroscope.scale_error.z" not in ended.values
 
 
