@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from hiltest.measurement import (
     FLASH_TIE,
+    KINDS,
     Limit,
     Measurement,
     Outcome,
@@ -22,6 +23,8 @@ from hiltest.verdict.causes import ADVICE, Cause
 CLOSE = 0.05
 """A measurement is close to its limit from this part of it on."""
 CLOSE_AT_MOST = 5
+
+_OF_CALIBRATORS = (Section.HEADING, Section.FIT)
 
 MAY_EXCEED = "may exceed the limit within the model's uncertainty"
 """What stands beside a count that keeps its limit, and would not at one end of its uncertainty range."""
@@ -65,7 +68,7 @@ class Summary:
     Attributes
     ----------
     failures : tuple of Failure
-        Calibrators' headings first.
+        One of each calibrator first.
     broken : tuple of TestResult
         Tests that are red for another reason than a limit.
     unset : tuple of Measurement
@@ -97,7 +100,7 @@ def summarise(run: Run | Findings) -> Summary:
     causes = {each.name: cause_in_words(each) for each in results}
     reference = cost_reference(run, results)
     return Summary(
-        failures=tuple(_failure(each, run, causes) for each in sorted(failed, key=_headings_first)),
+        failures=tuple(_failure(each, run, causes) for each in _in_order(failed, reference.name if reference else "")),
         broken=tuple(failed_otherwise(run.tests, failed)),
         unset=tuple(each for each in measurements if each.outcome is Outcome.UNSET),
         advice=tuple(dict.fromkeys(ADVICE[each.cause] for each in results if each.cause is not Cause.NONE)),
@@ -158,15 +161,30 @@ def _sides(limit: Limit) -> list[tuple[float, float]]:
     return [(side, abs(side)) for side in (limit.min, limit.max) if side is not None]
 
 
-def _headings_first(measurement: Measurement) -> tuple[int, str]:
-    return list(Section).index(measurement.section), measurement.name
+def _in_order(failed: Sequence[Measurement], reference: str) -> list[Measurement]:
+    """Return failures as a reader wants them: one of each calibrator before the rest of any, the reference's first.
+
+    What is no calibrator's comes behind the reference's: a wrong accelerometer explains all headings after it.
+    """
+    order, kinds = list(Section), list(KINDS)
+    by_kind = sorted(failed, key=lambda each: (
+        order.index(each.section), each.subject, kinds.index(each.kind.name) if each.kind else len(kinds), each.name,
+    ))  # fmt: skip
+    first = {each.subject: each for each in reversed(by_kind) if each.section in _OF_CALIBRATORS}
+
+    def rank(each: Measurement) -> int:
+        if each.section not in _OF_CALIBRATORS:
+            return 1
+        return 3 if each is not first[each.subject] else 0 if each.subject == reference else 2
+
+    return sorted(by_kind, key=rank)
 
 
 def _failure(measurement: Measurement, run: Run | Findings, causes: Mapping[str, str]) -> Failure:
     differences = run.comparison.differences if run.comparison else ()
     was = next((each.base for each in differences if each.name == measurement.name), None)
-    about_the_calibrator = measurement.section in (Section.HEADING, Section.FIT)
-    return Failure(measurement, was, causes.get(measurement.subject, "") if about_the_calibrator else "")
+    cause = causes.get(measurement.subject, "") if measurement.section in _OF_CALIBRATORS else ""
+    return Failure(measurement, was, cause)
 
 
 def _ratio(run: Run | Findings, result: CalibratorResult, reference: CalibratorResult | None) -> str:

@@ -92,8 +92,8 @@ def _sentence(findings: Findings, word: str, left_out: Sequence[str]) -> str:
     poses = findings.tables.get(POSES_TABLE)
     reached = "" if summary.failures or summary.broken else _reached(summary, len(poses.rows) if poses else 0)
     return " ".join(filter(None, (
-        f"{word}.", failures_in_words(summary.failures), tests_in_words(summary.broken), reached,
-        _not_evaluated(summary, findings, word),
+        f"{word}.", failures_in_words(summary.failures), tests_in_words(summary.broken),
+        _not_evaluated(summary, findings, word), reached,
         *(f"{each.outcome.capitalize()}: {each.reason.rstrip('.')}." for each in _stopped(findings)[:1]),
         _left_out_words(left_out), against_base,
     )))
