@@ -150,7 +150,8 @@ def test_a_bad_accelerometer_is_named_before_the_fit(findings: Make, heading: He
     norm = judge("accelerometer.norm_rms", 40.0, unit="mg", limit=Limit(max=8))
     made = findings(*heading("direct", 6.1, limit=1.8, cycles=12_400), norm, tests=(_test("failed"),))
     sentence = decide(made, pytest_exit=1).sentence
-    assert sentence.startswith("FAIL. heading.direct.max 6.10 deg (limit 1.8), accelerometer.norm_rms 40 mg (limit 8), ")
+    first, second = "heading.direct.max 6.10 deg (limit 1.8)", "accelerometer.norm_rms 40 mg (limit 8)"
+    assert sentence.startswith(f"FAIL. {first}, {second}, ")
     assert sentence.endswith("Likely cause: accelerometer.")
 
 
