@@ -13,7 +13,8 @@ from hiltest.errors import ConfigError
 from hiltest.logs.sample_fit import CalibratorFit, CloudFit, Matrix, Triple
 from hiltest.record.files import write_atomically
 
-SCHEMA = "hiltest.calibration/1"
+CALIBRATION_SCHEMA, FIT_SCHEMA = "hiltest.calibration/1", "hiltest.fit/1"
+SCHEMA_FILE = Path(__file__).with_name("fit.schema.json")
 FORMULA = "corrected = soft_iron * (reading - hard_iron)"
 
 _HEADER = """\
@@ -50,7 +51,7 @@ def export_json(fit: CloudFit, path: Path) -> None:
     """Write the best calibration of a cloud as JSON, so that a reader sees the whole file or none."""
     best = fit.best
     content = {
-        "schema": SCHEMA, "hiltest": __version__, "calibrator": best.name, "verdict": best.verdict,
+        "schema": CALIBRATION_SCHEMA, "hiltest": __version__, "calibrator": best.name, "verdict": best.verdict,
         "formula": FORMULA, "direction": "soft_iron maps readings, less hard_iron, to corrected ones",
         "unit": fit.unit, "hard_iron": best.hard_iron, "soft_iron": best.soft_iron, "radius": best.radius,
         "source": fit.file, "n_in": fit.n_in, "n_used": best.n_used,
@@ -98,15 +99,11 @@ def write_text(path: Path, text: str) -> None:
         raise ConfigError(f"cannot write {path}: {error.strerror or error}") from error
 
 
-SCHEMA = "hiltest.fit/1"
-SCHEMA_FILE = Path(__file__).with_name("fit.schema.json")
-
-
 def to_json(fit: CloudFit) -> str:
     """Return the text of a fitted cloud, checked by ``fit.schema.json``."""
     best = fit.best
     content = {
-        "schema": SCHEMA, "hiltest": __version__, "verdict": best.verdict, "best": best.name, **asdict(fit),
+        "schema": FIT_SCHEMA, "hiltest": __version__, "verdict": best.verdict, "best": best.name, **asdict(fit),
     }  # fmt: skip
     return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
@@ -117,9 +114,9 @@ def schema_text() -> str:
 
     schema: dict[str, Any] = TypeAdapter(CloudFit).json_schema(mode="serialization")
     schema["properties"] = {
-        "schema": {"const": SCHEMA}, "hiltest": {"type": "string"},
+        "schema": {"const": FIT_SCHEMA}, "hiltest": {"type": "string"},
         "verdict": {"$ref": "#/$defs/Acceptance"}, "best": {"type": "string"}, **schema["properties"],
     }  # fmt: skip
     schema["required"] = list(schema["properties"])
-    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": SCHEMA}
+    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": FIT_SCHEMA}
     return json.dumps(schema, indent=1, ensure_ascii=False) + "\n"
