@@ -101,6 +101,7 @@ def test_each_cost_of_a_calibrator_stands_beside_its_worst_heading() -> None:
 )
 def test_the_limit_says_which_way_a_measurement_of_one_s_own_gets_better(limit: Limit | None, better: Better) -> None:
     assert better_of("compass.lag", limit) is better
+    assert better_of("crc.cycles", limit, "cycle") is Better.LOWER, "whatever its limit: a count of cycles is a cost"
     assert tolerance_of("compass.lag", "virtual", {}) == EXACT
 
 

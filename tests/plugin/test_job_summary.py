@@ -53,6 +53,6 @@ def test_a_red_run_annotates_its_check(pytester: pytest.Pytester, monkeypatch: p
     result = pytester.runpytest_subprocess()
     (line,) = [line for line in result.outlines if "::error" in line]
     assert line.startswith("::error title=hiltest%3A fail::")
-    assert "field.strength 51 uT (at most 50)" in line
+    assert "field.strength 51 uT (limit 50)" in line
     pytester.makepyfile(SUITE.format(value=48))
     assert "::" not in pytester.runpytest_subprocess("-q").stdout.str().replace("/", "").replace(".py::", "")

@@ -49,7 +49,7 @@ def test_it(measure):
         "lamp.current": (5.0, "fail", "worst of several attempts"), "lamp.voltage": (12.0, "information", ""),
     }
     assert [each["value"] for each in record["other_attempts"]] == [2.0, 1.0]
-    assert record["verdict"]["sentence"] == "FAIL. Out of limit: lamp.current 5 mA (at most 3)."
+    assert record["verdict"]["sentence"] == "FAIL. lamp.current 5 mA (limit 3)."
 
 
 def test_what_a_fixture_measured_at_its_end_stays_too(pytester: pytest.Pytester) -> None:

@@ -311,9 +311,13 @@ def _edit_distance(one: str, other: str) -> int:
     return row[-1]
 
 
-def better_of(name: str, limit: Limit | None) -> Better:
-    """Return which way a measurement gets better; its limit says so of a user's own."""
-    return identify(name).better or (limit.better if limit else Better.NEITHER)
+def better_of(name: str, limit: Limit | None, unit: str = "") -> Better:
+    """Return which way a measurement gets better: of a user's own cycles are to be few, and else its limit says so."""
+    if (better := identify(name).better) is not None:
+        return better
+    if unit == "cycle":
+        return Better.LOWER
+    return limit.better if limit else Better.NEITHER
 
 
 def tolerance_of(name: str, board: str, of_rig: Mapping[str, Tolerance]) -> Tolerance:

@@ -122,7 +122,7 @@ class Measurement:
     @property
     def better(self) -> Better:
         """Which way it gets better."""
-        return better_of(self.name, self.limit)
+        return better_of(self.name, self.limit, self.unit)
 
     @property
     def gates(self) -> bool:

@@ -127,7 +127,7 @@ def difference(pairs: Pairs, board: str, tolerances: Mapping[str, Tolerance]) ->
         Of the new run's rig, by exact name.
     """
     latest = pairs.latest
-    better = better_of(pairs.name, pairs.limit)
+    better = better_of(pairs.name, pairs.limit, latest.unit)
     now = _of_flash(latest, tolerance_of(pairs.name, board, tolerances))
     tolerance = _of_flash(latest, pairs.tolerance or now)
     note = _cannot_be_paired(pairs)
