@@ -342,7 +342,8 @@ def test_stopping_at_the_first_failure_is_no_pass_and_no_comparison(
     code, sentence = judged(pytester, option)
     assert code == 1
     assert sentence.startswith("FAIL. Failed: test_lamp.py::test_first (")
-    assert "Not to be merged (against base/run.json): not compared: this run: the run is not complete (fail)" in sentence
+    said = "Not to be merged (against base/run.json): not compared: this run: the run is not complete (fail)"
+    assert said in sentence
     assert " not taken." in sentence
     assert not record(pytester)["verdict"]["complete"]
 

@@ -66,7 +66,9 @@ def test_off_the_line(board):
     assert {entry.direction for entry in raw.entries} == {Direction.TO_BOARD, Direction.TO_HOST}
 
     shown = f"hil-out/{results_of(pytester)['test_bad']['trace']}"
-    result.stdout.fnmatch_lines(["  wire trace of test_line.py::test_bad:", f"*{shown}", "*- wire trace -*", f"*{shown}"])
+    result.stdout.fnmatch_lines([
+        "  wire trace of test_line.py::test_bad:", f"*{shown}", "*- wire trace -*", f"*{shown}"
+    ])
     for report in ("report.html", "report.md"):
         assert path.stem in (path.parents[1] / report).read_text(encoding="utf-8").replace("\\", "")
 
