@@ -143,7 +143,7 @@ def test_a_run_of_many_tests_that_is_killed_leaves_each_that_had_finished(number
     if number % 2:
         _before(tmp_path)
     (tmp_path / "test_many.py").write_text(SUITE, encoding="utf-8")
-    killed = Killed(tmp_path, "pytest", "-p", "witness", "-p", "no:cacheprovider", "--hil-out=out", "test_many.py")
+    killed = Killed(tmp_path, "pytest", "-p", "witness", "-p", "no:cacheprovider", "--hil-out=out")
     # One in ten somewhere on the way to the first test, and as many at the end.
     if number % 10 == 9:
         killed.run(kill_after=0, later_s=dice.uniform(0.0, 3.0))
