@@ -8,7 +8,7 @@ from shutil import get_terminal_size
 from typing import Protocol, TextIO
 
 _REDRAW_S = 0.2
-_SAY_AGAIN_S = 10.0
+_SAY_AGAIN_S = 30.0  # a run of the default bench says nothing, a run on a slow machine a line or two
 # VT100: keep and restore the cursor, clear to the end of the line. What is shown thus
 # never disturbs what pytest has written on the line.
 _SAVE, _RESTORE, _CLEAR = "\x1b7", "\x1b8", "\x1b[K"
@@ -44,7 +44,7 @@ class ProgressLine:
     shown : bool
         Whether it is one: then the progress is drawn behind what stands on the line, five times a second at most.
     say : callable, optional
-        Where it is none, this prints a line of its own, every ten seconds at most.
+        Where it is none, this prints a line of its own, every half minute at most.
     room : callable, optional
         Returns how many columns are left on the current line; by default all but one of the terminal's.
     """

@@ -21,8 +21,10 @@ def progress_of(config: pytest.Config) -> ProgressLine:
     writer = terminal._tw
 
     def say(line: str) -> None:
-        """Print a line of its own; the test's file is named again behind it."""
+        """Print a line of its own; pytest goes on behind it."""
         with uncaptured():
+            if writer.width_of_current_line:
+                writer.line()
             terminal.write_line(line)
             terminal.flush()
 
