@@ -42,7 +42,7 @@ class Cell:
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class CalibratorRow:
     """One calibrator."""
 
     name: str
@@ -54,7 +54,7 @@ class AccuracyAndCost:
     """The accuracy that each calibrator reaches, and what it costs."""
 
     headings: tuple[str, ...]
-    rows: tuple[Row, ...]
+    rows: tuple[CalibratorRow, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,9 +77,9 @@ class Group:
 
 def accuracy_and_cost(run: Run) -> AccuracyAndCost:
     """Return the table of all calibrators, cheapest first, streams after the others, without calibration last."""
-    rows = [Row(each.name, _cells(run, each)) for each in calibrator_costs(run)]
+    rows = [CalibratorRow(each.name, _cells(run, each)) for each in calibrator_costs(run)]
     if run.measurement(f"heading.{UNCALIBRATED}.max"):
-        rows.append(Row(UNCALIBRATED, _cells(run, CalibratorCost(UNCALIBRATED, None))))
+        rows.append(CalibratorRow(UNCALIBRATED, _cells(run, CalibratorCost(UNCALIBRATED, None))))
     return AccuracyAndCost(HEADINGS, tuple(rows))
 
 
