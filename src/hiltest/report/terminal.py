@@ -17,7 +17,7 @@ from hiltest.record.run import Run
 from hiltest.report.comparison_text import print_changes, printable, say_how_to_keep
 from hiltest.report.cost_line import cost_line
 from hiltest.text import counted, number, readable, with_unit, without_folders
-from hiltest.verdict.summary import CLOSE, MAY_EXCEED, Failure, Summary, summarise
+from hiltest.verdict.summary import CLOSE, MAY_EXCEED, Failure, Summary, held_to, limit_in_words, summarise
 
 _STYLES = {Outcome.FAIL: "bold red", Outcome.UNSET: "yellow", Outcome.NOT_OFFERED: "dim"}
 _INDENT = "  "
@@ -89,19 +89,12 @@ def shown_outcome(measurement: Measurement) -> str:
     return f"{measurement.outcome}; {MAY_EXCEED}" if measurement.band_reaches_beyond else str(measurement.outcome)
 
 
-def limit_in_words(measurement: Measurement) -> str:
-    """Return the limit in a sentence: ``limit 1.8``, ``limit at least 300``; empty without one."""
-    return f"limit {measurement.limit}".replace("at most ", "") if measurement.limit else ""
-
-
 def failure_line(failure: Failure) -> str:
     """Return a failure in one line: value, limit, value in the baseline, and where it was measured."""
     each = failure.measurement
     value = each.note or "no value" if each.value is None else with_unit(each.value, each.unit)
-    was = "" if failure.was is None else f"was {number(failure.was, each.unit)}"
-    held_to = ", ".join(filter(None, (limit_in_words(each), was)))
     place = each.place or without_folders(each.test)
-    return f"{each.name} {value}" + (f" ({held_to})" if held_to else "") + (f", {place}" if place else "")
+    return f"{each.name} {value}" + held_to(each, failure.was) + (f", {place}" if place else "")
 
 
 def _wrapped(console: Console, text: str, style: str = "", indent: str = "") -> None:

@@ -17,6 +17,7 @@ from hiltest.measurement import (
 )
 from hiltest.record.failures import failed_otherwise, out_of_limit
 from hiltest.record.run import Findings, Run, TestResult
+from hiltest.text import number
 from hiltest.verdict.calibrators import CalibratorResult, calibrator_results, cause_in_words, value_of
 from hiltest.verdict.causes import ADVICE, Cause
 
@@ -116,6 +117,18 @@ def cost_reference(run: Run | Findings, results: Sequence[CalibratorResult]) -> 
     """Return the calibrator that the rig gives costs as multiples of; None where it names none that was counted."""
     name = run.rig.cost_reference if run.rig else ""
     return next((each for each in results if each.name == name and value_of(each.cycles)), None)
+
+
+def limit_in_words(measurement: Measurement) -> str:
+    """Return the limit in a sentence: ``limit 1.8``, ``limit at least 300``; empty without one."""
+    return "" if measurement.limit is None else f"limit {measurement.limit}".replace("limit at most ", "limit ")
+
+
+def held_to(measurement: Measurement, was: float | None = None) -> str:
+    """Return the limit and the value in the baseline, in brackets to follow a value; empty without both."""
+    in_baseline = "" if was is None else f"was {number(was, measurement.unit)}"
+    words = ", ".join(filter(None, (limit_in_words(measurement), in_baseline)))
+    return f" ({words})" if words else ""
 
 
 def ratio_in_words(result: CalibratorResult, reference: CalibratorResult) -> str:

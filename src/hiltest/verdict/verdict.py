@@ -19,7 +19,7 @@ from hiltest.verdict.calibrators import (
     has_no_number,
     value_of,
 )
-from hiltest.verdict.summary import Failure, Summary, ratio_in_words, summarise
+from hiltest.verdict.summary import Failure, Summary, held_to, ratio_in_words, summarise
 from hiltest.verdict.wording import sentence
 
 POSES_TABLE = "heading.poses"
@@ -122,16 +122,10 @@ def _accuracy_and_cost(result: CalibratorResult, poses: int) -> str:
     centred = result.maximum.outcome is Outcome.UNSET and result.centred is not None
     heading = result.centred if centred and result.centred else result.maximum
     worst = "no heading" if heading.value is None else f"worst heading {with_unit(heading.value, heading.unit)}"
-    worst += (" about its mean" if centred else "") + (f" over {poses} poses" if poses else "") + _limit(heading)
+    worst += (" about its mean" if centred else "") + (f" over {poses} poses" if poses else "") + held_to(heading)
     cycles = result.cycles
-    cost = "" if cycles is None or cycles.value is None else f", {with_unit(cycles.value, 'cycle')}{_limit(cycles)}"
+    cost = "" if cycles is None or cycles.value is None else f", {with_unit(cycles.value, 'cycle')}{held_to(cycles)}"
     return f"{result.name}: {worst}{cost}."
-
-
-def _limit(measurement: Measurement, was: str = "") -> str:
-    within = "" if measurement.limit is None else f"limit {measurement.limit}".replace("limit at most ", "limit ")
-    words = ", ".join(filter(None, (within, was)))
-    return f" ({words})" if words else ""
 
 
 def _against(other: CalibratorResult, lead: CalibratorResult) -> str:
@@ -150,7 +144,7 @@ def failures_in_words(failures: Sequence[Failure]) -> str:
         return ""
     named = [
         f"{each.measurement.name} {_value(each.measurement)}"
-        + _limit(each.measurement, "" if each.was is None else f"was {number(each.was, each.measurement.unit)}")
+        + held_to(each.measurement, each.was)
         for each in failures
     ]
     causes = list(dict.fromkeys(each.cause for each in failures if each.cause))
