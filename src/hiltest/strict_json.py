@@ -6,6 +6,8 @@ import json
 import math
 import stat
 from collections.abc import Sequence
+from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -20,67 +22,39 @@ DEEPEST = 32
 _LONGEST_INTEGER = 19  # digits; nothing that is counted here needs 64 bits
 
 
-def read_json(path: Path, *, largest_bytes: int, otherwise: str) -> Any:
+@dataclass(frozen=True, slots=True)
+class JsonFile:
+    """What JSON says in a file, the schema that it names if any, and the SHA-256 of the file."""
+
+    path: Path
+    content: Any
+    schema: object
+    sha256: str
+
+
+def read_json(path: Path, *, otherwise: str, largest_bytes: int = LARGEST_BYTES) -> JsonFile:
     """Read and parse one JSON file.
 
     Parameters
     ----------
     path : Path
-    largest_bytes : int
-        A larger file is refused before it is read.
     otherwise : str
         What to do when it is refused; ends the message.
+    largest_bytes : int, optional
+        A larger file is refused before it is read.
 
     Raises
     ------
     ConfigError
         If it cannot be read or is not JSON in the sense of `parse_json`.
     """
-    return parsed(path, read_bounded(path, largest_bytes=largest_bytes, otherwise=otherwise), otherwise=otherwise)
-
-
-def parsed(path: Path, content: bytes, *, otherwise: str) -> Any:
-    """Parse what `read_bounded` has read of a file.
-
-    Raises
-    ------
-    ConfigError
-        If it is not JSON in the sense of `parse_json`.
-    """
+    text = read_bounded(path, largest_bytes=largest_bytes, otherwise=otherwise)
     try:
-        return parse_json(content)
+        content = parse_json(text)
     except ValueError as error:
         raise ConfigError(f"{path}: not JSON: {error}; {otherwise}") from error
-
-
-def refuse_twice(path: Path, kind: str, each: Sequence[object], *, otherwise: str) -> None:
-    """Refuse a file in which something that must be unique stands twice.
-
-    Parameters
-    ----------
-    path : Path
-    kind : str
-        What it is, for the message.
-    each : sequence of hashable
-    otherwise : str
-        What to do when it is refused; ends the message.
-
-    Raises
-    ------
-    ConfigError
-        It names the first one.
-    """
-    if len(set(each)) < len(each):
-        twice = next(one for one in each if each.count(one) > 1)
-        raise ConfigError(f"{path}: {kind} {shown(twice)} stands twice; {otherwise}")
-
-
-def is_folder(path: Path) -> bool:
-    """Say whether there is a folder of this name; a name that no file can have is none, and what reads it says why."""
-    try:
-        return path.is_dir()
-    except OSError:
-        return False
+    schema = content.get("schema") if isinstance(content, dict) else None
+    return JsonFile(path, content, schema, sha256(text).hexdigest())
 
 
 def read_bounded(path: Path, *, largest_bytes: int, otherwise: str) -> bytes:

@@ -17,7 +17,6 @@ from hiltest.record.recorder import Recorder
 from hiltest.record.revision import revision_of
 from hiltest.record.run import Findings, Run, Verdict
 from hiltest.record.run_json import to_json, without_volatile
-from hiltest.record.schema import load_content, run_from
 from hiltest.report.comparison_overview import sides
 from hiltest.report.html import html_report
 from hiltest.report.markdown import markdown_report
@@ -58,7 +57,7 @@ def run(findings: Callable[..., Findings], good: list[Measurement]) -> Run:
 
 def test_it_is_in_the_record_and_may_differ_between_two_runs_of_one_seed(run: Run, tmp_path: Path) -> None:
     (tmp_path / "run.json").write_text(to_json(run), encoding="utf-8")
-    assert run_from(load_content(tmp_path / "run.json")[0], tmp_path) == run
+    assert read_record(tmp_path).run == run
     assert "/revision" in run.volatile
     other = replace(run, revision=Revision(label="another"))
     contents = [without_volatile(json.loads(to_json(each))) for each in (run, other)]
@@ -68,7 +67,8 @@ def test_it_is_in_the_record_and_may_differ_between_two_runs_of_one_seed(run: Ru
 def test_a_record_from_before_it_was_kept_is_read(run: Run, tmp_path: Path) -> None:
     content = json.loads(to_json(run))
     del content["revision"]
-    assert run_from(content, tmp_path).revision is None
+    (tmp_path / "run.json").write_text(json.dumps(content), encoding="utf-8")
+    assert read_record(tmp_path).run.revision is None
 
 
 def test_a_run_that_is_cut_short_has_it(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from hiltest.errors import ConfigError
 from hiltest.measurement import EXACT, Limit, Outcome, Tolerance
 from hiltest.record.comparison import Change
 from hiltest.verdict.baseline import Accepted, Baseline, accept, baseline_of, evidence_from
-from hiltest.verdict.baseline_file import read_baseline, read_baseline_evidence, to_json
+from hiltest.verdict.baseline_file import read_baseline, to_json
 from hiltest.verdict.compare import compare
 from hiltest.verdict.evidence import Evidence
 from hiltest.verdict.evidence_reader import read_evidence
@@ -50,7 +50,7 @@ def test_a_baseline_compared_with_its_own_run_has_only_unchanged(baseline: Basel
     file = tmp_path / "base.json"
     file.write_text(to_json(baseline), encoding="utf-8")
     assert read_baseline(file) == baseline
-    comparison = compare(read_baseline_evidence(file), run())
+    comparison = compare(read_evidence(file), run())
     assert comparison.evaluated
     assert {each.name for each in comparison.of(Change.UNCHANGED)} == {each.name for each in comparison.differences}
     assert (comparison.base.file, comparison.base.saved_utc) == (str(file), THEN)
@@ -109,7 +109,7 @@ def read_back(baseline: Baseline, folder: Path) -> Evidence:
     """Return a baseline as who compares with its file gets it."""
     file = folder / "base.json"
     file.write_text(to_json(baseline), encoding="utf-8")
-    return read_baseline_evidence(file)
+    return read_evidence(file)
 
 
 def test_every_measurement_keeps_the_build_that_it_is_of(tmp_path: Path) -> None:
@@ -260,7 +260,7 @@ def test_the_sense_of_one_s_own_measurement_goes_through_a_baseline(tmp_path: Pa
     for lag in (8.0, 9.0):
         made = evidence([measurement("compass.lag", lag, limit=Limit(max=10)), measurement("link.retried", 0)])
         file.write_text(to_json(baseline_of(made, THEN)), encoding="utf-8")
-        sides.append(read_baseline_evidence(file))
+        sides.append(read_evidence(file))
     (found,) = compare(*sides).of(Change.WORSE)
     assert (found.name, found.limit) == ("compass.lag", Limit(max=10))
     text = file.read_text(encoding="utf-8")

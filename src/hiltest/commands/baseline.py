@@ -65,14 +65,16 @@ def update(file: Path, run: Path, names: tuple[str, ...], because: str) -> int:
     One that RUN does not make any more is taken out; of a run of chosen tests (-k, node ids) none is.
     """
     from hiltest.record.run import utc_now
+    from hiltest.strict_json import read_json
     from hiltest.verdict.baseline import accept
-    from hiltest.verdict.baseline_file import read_baseline, read_content
+    from hiltest.verdict.baseline_file import OTHERWISE, baseline_in
     from hiltest.verdict.evidence_reader import read_evidence
     from hiltest.verdict.wording import build
 
     if not because.strip():
         raise click.BadParameter("say why, in words that the next reader understands", param_hint="--because")
-    before = read_baseline(file)
+    stored = read_json(file, otherwise=OTHERWISE)
+    before = baseline_in(stored)
     after = accept(before, read_evidence(run), names, because=because, when_utc=utc_now())
     moved = after.history[len(before.history):]
     if not moved:
@@ -80,7 +82,7 @@ def update(file: Path, run: Path, names: tuple[str, ...], because: str) -> int:
         raise ConfigError(
             f"nothing is moved: for {named} {file} already has what {run} has; name the run that measured otherwise"
         )
-    _write(after, file, read_content(file))
+    _write(after, file, stored.content)
     was, now = ({row.name: row for row in each.measurements} for each in (before, after))
     for each in moved:
         edited = _edited(was.get(each.name), now.get(each.name))

@@ -5,14 +5,12 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import asdict, dataclass
-from hashlib import sha256
 from pathlib import Path
 
 from hiltest.errors import ConfigError
 from hiltest.imu_calibration.contents import SCHEMA, ImuCalibration
-from hiltest.strict_json import parse_json, read_bounded, shown
+from hiltest.strict_json import JsonFile, read_json, shown
 
-_FAMILY = SCHEMA.partition("/")[0]
 # A file is some 4 kB: more is not one of ours.
 _LARGEST_BYTES = 1_000_000
 # A list of numbers alone, which stands on one line. No string has a line break behind a bracket.
@@ -44,34 +42,30 @@ def load_calibration(path: Path) -> CalibrationFile:
         If it cannot be read, is no such file, or has a number, unit, frame or formula that means something else;
         says which, and what to do.
     """
-    content = read_bounded(path, largest_bytes=_LARGEST_BYTES, otherwise=_OTHERWISE)
-    try:
-        parsed = parse_json(content)
-    except ValueError as error:
-        raise ConfigError(f"{path}: not a whole JSON file: {error}; {_OTHERWISE}") from error
-    _check_schema(path, parsed)
-    return CalibrationFile(path, sha256(content).hexdigest(), _validated(path, content))
+    file = read_json(path, largest_bytes=_LARGEST_BYTES, otherwise=_OTHERWISE)
+    _check_schema(file)
+    return CalibrationFile(path, file.sha256, _validated(file))
 
 
-def _check_schema(path: Path, parsed: object) -> None:
-    found = parsed.get("schema") if isinstance(parsed, dict) else None
+def _check_schema(file: JsonFile) -> None:
+    path, found = file.path, file.schema
     if found == SCHEMA:
         return
-    if isinstance(found, str) and found.partition("/")[0] == _FAMILY:
+    if str(found).partition("/")[0] == SCHEMA.partition("/")[0]:
         raise ConfigError(f"{path}: schema is {found!r}, this hiltest reads {SCHEMA!r}; use the version that wrote it, "
                           f"or {_OTHERWISE}")
     raise ConfigError(f"{path}: no calibration of an IMU: its schema is {shown(found)}, not {SCHEMA!r}; {_OTHERWISE}")
 
 
-def _validated(path: Path, text: bytes) -> ImuCalibration:
+def _validated(file: JsonFile) -> ImuCalibration:
     from pydantic import TypeAdapter, ValidationError
 
     try:
-        return TypeAdapter(ImuCalibration).validate_json(text)
+        return TypeAdapter(ImuCalibration).validate_json(json.dumps(file.content))
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(step) for step in first["loc"])
-        raise ConfigError(f"{path}: {_complaint(place, first['type'], first['msg'], first['input'])}") from error
+        raise ConfigError(f"{file.path}: {_complaint(place, first['type'], first['msg'], first['input'])}") from error
 
 
 def _complaint(place: str, kind: str, message: str, given: object) -> str:

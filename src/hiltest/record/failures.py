@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from hiltest.measurement import Measurement, Outcome
 from hiltest.record.exit_codes import ExitCode
+from hiltest.record.outcomes import RED
 from hiltest.record.run import Run, TestResult, Verdict
 from hiltest.text import counted, listed, readable, without_folders
 
@@ -21,7 +22,7 @@ def out_of_limit(measurements: Iterable[Measurement]) -> list[Measurement]:
 def failed_otherwise(tests: Iterable[TestResult], failed: Iterable[Measurement]) -> list[TestResult]:
     """Return the red tests that no measurement out of its limit explains."""
     explained = {each.test for each in failed}
-    return [each for each in tests if each.outcome.is_red and each.id not in explained]
+    return [each for each in tests if each.outcome in RED and each.id not in explained]
 
 
 def measured(measurement: Measurement) -> str:

@@ -40,11 +40,6 @@ class TestOutcome(StrEnum):
         return schema
 
     @property
-    def is_red(self) -> bool:
-        """Whether the test failed by its own fault."""
-        return self in (TestOutcome.FAILED, TestOutcome.ERROR)
-
-    @property
     def is_of_bench(self) -> bool:
         """Whether the bench or the firmware ended it."""
         return self in (TestOutcome.CONNECTION_LOST, TestOutcome.WRONG_FIRMWARE)
@@ -57,4 +52,8 @@ class TestOutcome(StrEnum):
     @property
     def came_to_its_end(self) -> bool:
         """Whether it measured all that it could: it neither failed nor lost its board."""
-        return not (self.is_red or self.is_of_bench)
+        return self not in RED and not self.is_of_bench
+
+
+RED = frozenset({TestOutcome.FAILED, TestOutcome.ERROR})
+"""Outcomes of a test that failed by its own fault."""

@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
+import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+from pydantic import TypeAdapter, ValidationError
+
 from hiltest.errors import ConfigError
 from hiltest.record.attempts import marked
 from hiltest.record.failures import unfinished_verdict
 from hiltest.record.files import CAMPAIGN_FILE, RUN_FILE, SEED_FOLDERS
 from hiltest.record.journal import JOURNAL_FILE, is_going_on
-from hiltest.record.run import Run, Verdict, in_force, volatile_places
-from hiltest.record.schema import OTHERWISE, check_schema, load_content, run_from
-from hiltest.strict_json import LARGEST_BYTES, is_folder, parse_json, read_bounded
+from hiltest.record.run import SCHEMA, Run, Verdict, in_force, volatile_places
+from hiltest.strict_json import LARGEST_BYTES, JsonFile, parse_json, read_bounded, read_json, shown
 from hiltest.text import listed
 
+OTHERWISE = "render another record, or run again: hiltest run"
+"""The next step for a record that cannot be read."""
+
+_ADAPTER = TypeAdapter(Run)
 # A run can begin or finish between two looks at its folder.
 _TRIES = 3
 _SEEDS_AT_MOST = 3
@@ -66,17 +72,20 @@ def read_record(place: Path, *, otherwise: str = OTHERWISE) -> RecordFile:
     ConfigError
         If there is none, or it cannot be read; says why and what to do.
     """
-    if not is_folder(place):
-        return _from_journal(place) if place.name.endswith(".jsonl") else _from_record(place, otherwise)
+    if place.name.endswith(".jsonl") and not os.path.isdir(place):
+        return _from_journal(place)
+    if not os.path.isdir(place):
+        return record_in(read_json(place, otherwise=otherwise))
     record, journal = place / RUN_FILE, place / JOURNAL_FILE
     for _ in range(_TRIES):
         if journal.exists():
             with suppress(_NothingRecordedError):
                 stored = _from_journal(journal)
                 # Of a run that has come to its end run.json holds the same, once it is written.
-                return _from_record(record) if stored.ended and record.exists() else stored
+                if not (stored.ended and record.exists()):
+                    return stored
         if record.exists():
-            return _from_record(record)
+            return record_in(read_json(record, otherwise=otherwise))
     if seeds := sorted(str(each) for each in place.glob(SEED_FOLDERS) if each.is_dir()):
         named = listed(seeds, _SEEDS_AT_MOST)
         raise ConfigError(f"{place}: a campaign, not one run: {_of_all_seeds(place)}; name one of {named}")
@@ -93,9 +102,58 @@ class _NothingRecordedError(ConfigError):
     """A journal that is gone again, or in which no run has written its first line yet."""
 
 
-def _from_record(path: Path, otherwise: str = OTHERWISE) -> RecordFile:
-    content, digest = load_content(path, otherwise=otherwise)
-    return RecordFile(run_from(content, path), content, path, digest, ended=True)
+def record_in(file: JsonFile) -> RecordFile:
+    """Check what stands in a ``run.json``.
+
+    Raises
+    ------
+    ConfigError
+        If it is of another schema, or a field is missing or wrong; says which. Unknown fields are no error.
+    """
+    _check_schema(file.path, file.schema, file.content)
+    return RecordFile(_run_from(file.content, file.path), file.content, file.path, file.sha256, ended=True)
+
+
+def _check_schema(path: Path, found: object, content: Any) -> None:
+    """Refuse what is no record of a run, and what is one of another major version."""
+    if found == SCHEMA:
+        return
+    said = f"{path}: schema is {shown(found)}, this hiltest reads {shown(SCHEMA)}"
+    if not isinstance(found, str) or found.partition("/")[0] != SCHEMA.partition("/")[0]:
+        raise ConfigError(f"{said}: it is no record of a run")
+    try:
+        writer = f" (hiltest {shown(content['environment']['versions']['hiltest'])})"
+    except (LookupError, TypeError):
+        writer = ""
+    raise ConfigError(f"{said}: use the version that wrote it{writer}, or make the run again with this one")
+
+
+def _run_from(content: Mapping[str, Any], path: Path) -> Run:
+    try:
+        # As JSON, and strictly: a number in quotes is no number, and a list is what a tuple is written as.
+        run = _ADAPTER.validate_json(json.dumps(content), strict=True)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = "".join(f"{step}." for step in first["loc"])[:-1]
+        raise ConfigError(f"{path}: {place or 'as a whole'}: {first['msg']}; {OTHERWISE}") from error
+    for kind, names in _named_once(run):
+        if len(set(names)) < len(names):
+            twice = next(name for name in names if names.count(name) > 1)
+            raise ConfigError(f"{path}: {kind} {shown(twice)} stands twice; {OTHERWISE}")
+    for table in run.tables:
+        for number, row in enumerate(table.rows, 1):
+            if len(row) != len(table.columns):
+                cells = f"{len(row)} cells in {len(table.columns)} columns"
+                raise ConfigError(f"{path}: table {shown(table.name)}, row {number}: {cells}; {OTHERWISE}")
+    return run
+
+
+def _named_once(run: Run) -> Iterator[tuple[str, Sequence[str]]]:
+    """Yield the names that may each stand once, and of what."""
+    yield "measurement", [each.name for each in run.measurements]
+    yield "table", [each.name for each in run.tables]
+    for table in run.tables:
+        yield f"column of table {shown(table.name)}:", [each.name for each in table.columns]
 
 
 def _from_journal(path: Path) -> RecordFile:
@@ -114,7 +172,7 @@ def _from_journal(path: Path) -> RecordFile:
     if not starts:
         raise _NothingRecordedError(f"{path}: no run has written its first line; {OTHERWISE}")
     content = _replayed(path, entries[starts[-1]:], first_line=starts[-1] + 1)
-    run = run_from(content, path)
+    run = _run_from(content, path)
     ended = content["verdict"] is not _UNKNOWN
     several = {each.name for each in run.other_attempts}
     run = replace(
@@ -151,7 +209,7 @@ def _entry(path: Path, number: int, line: bytes) -> dict[str, Any]:
 def _replayed(path: Path, entries: list[dict[str, Any]], *, first_line: int) -> dict[str, Any]:
     """Put the entries together as ``run.json`` would have them; what they hold is checked as its fields are."""
     start = {key: value for key, value in entries[0].items() if key not in ("kind", "process")}
-    check_schema(path, start)
+    _check_schema(path, start.get("schema"), start)
     content: dict[str, Any] = {
         "schema": None, "board": None, "rig": None, "seed": None, "calibration": None, **start,
         "finished_utc": start.get("started_utc"), "verdict": _UNKNOWN,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hiltest import __version__
-from hiltest.record.outcomes import TestOutcome
+from hiltest.record.outcomes import RED, TestOutcome
 from hiltest.record.run import Run, TestResult
 from hiltest.report import overview, stream_overview
 from hiltest.report.comparison_overview import against_baseline
@@ -60,7 +60,7 @@ def html_report(run: Run) -> str:
 
 def _troubled(run: Run, found: Summary) -> list[TestResult]:
     """Return the tests that did not pass, without those whose failures are the measurements listed above them."""
-    explained = [test for test in run.tests if test.outcome.is_red and test not in found.broken]
+    explained = [test for test in run.tests if test.outcome in RED and test not in found.broken]
     return [test for test in run.tests if test.outcome not in _PASSED and (test.trace or test not in explained)]
 
 

@@ -12,14 +12,13 @@ from pathlib import Path, PurePosixPath
 from hiltest.errors import ConfigError
 from hiltest.record.files import OLDER_FOLDER, RUN_FILE, SEED_FOLDERS, SEEDS_FILE
 from hiltest.record.journal import JOURNAL_FILE
-from hiltest.record.reader import read_record
+from hiltest.record.reader import read_record, record_in
 from hiltest.record.run import SCHEMA as RUN_SCHEMA
 from hiltest.record.run import Run
-from hiltest.record.schema import check_schema, run_from
-from hiltest.strict_json import LARGEST_BYTES, read_json, shown
+from hiltest.strict_json import read_json, shown
 from hiltest.trend.series import RunEntry
 from hiltest.verdict.baseline import SCHEMA as BASELINE_SCHEMA
-from hiltest.verdict.baseline_file import read_baseline_evidence
+from hiltest.verdict.baseline_file import evidence_in
 from hiltest.verdict.evidence import Evidence, evidence_of, evidence_of_seeds
 
 _RECORDS = frozenset({RUN_FILE, JOURNAL_FILE})
@@ -102,23 +101,17 @@ def _entries(path: Path, called: str) -> Iterator[RunEntry]:
         stored = read_record(path)
         yield _of_run(stored.run, stored.path, f"{called}/{stored.path.name}".removeprefix("./"))
         return
-    content = read_json(path, largest_bytes=LARGEST_BYTES, otherwise=_OTHERWISE)
-    schema = content.get("schema") if isinstance(content, dict) else None
-    kind = schema.partition("/")[0] if isinstance(schema, str) else ""
-    if kind == _kind(BASELINE_SCHEMA):
-        evidence = read_baseline_evidence(path)
+    file = read_json(path, otherwise=_OTHERWISE)
+    family = str(file.schema).partition("/")[0]
+    if family == BASELINE_SCHEMA.partition("/")[0]:
+        evidence = evidence_in(file)
         knows_limits = any(each.limit for found in evidence.measurements.values() for each in found.values())
         when_utc = _time(evidence.side.saved_utc, path)
         yield _checked(RunEntry(called, when_utc, _called_so(evidence, called), knows_limits), path)
-    elif kind == _kind(RUN_SCHEMA):
-        check_schema(path, content)
-        yield _of_run(run_from(content, path), path, called)
-    elif not kind.startswith("hiltest."):
-        raise ConfigError(f"{path}: no record of hiltest's: schema is {shown(schema)}")
-
-
-def _kind(schema: str) -> str:
-    return schema.partition("/")[0]
+    elif family == RUN_SCHEMA.partition("/")[0]:
+        yield _of_run(record_in(file).run, path, called)
+    elif not family.startswith("hiltest."):
+        raise ConfigError(f"{path}: no record of hiltest's: schema is {shown(file.schema)}")
 
 
 def _of_run(run: Run, path: Path, called: str) -> RunEntry:

@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from dataclasses import asdict
-from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
 from hiltest.errors import ConfigError
-from hiltest.strict_json import LARGEST_BYTES, parsed, read_bounded, read_json, refuse_twice, shown
+from hiltest.strict_json import JsonFile, read_json, shown
 from hiltest.unknown_fields import with_unknown
 from hiltest.verdict.baseline import SCHEMA, Baseline, evidence_from
-from hiltest.verdict.evidence import Evidence
+from hiltest.verdict.evidence import Evidence, Seed
 
 _SILENT = {"measurements": ("limit", "tolerance", "build_id"), "history": ("was_build_id", "revision")}
 """Left out of a line where they are null, as in a file from before they were kept: no line of it may change."""
 
 _ADAPTER = TypeAdapter(Baseline)
-_OTHERWISE = "save it again: hiltest baseline save RUN FILE"
+OTHERWISE = "save it again: hiltest baseline save RUN FILE"
+"""The next step for a baseline that cannot be read."""
 
 
 def read_baseline(path: Path) -> Baseline:
@@ -31,24 +32,18 @@ def read_baseline(path: Path) -> Baseline:
     ConfigError
         If it is missing, not JSON, of another schema, or has a field that is missing or wrong; it says which.
     """
-    return _baseline_in(path, read_bounded(path, largest_bytes=LARGEST_BYTES, otherwise=_OTHERWISE))
+    return baseline_in(read_json(path, otherwise=OTHERWISE))
 
 
-def read_baseline_evidence(path: Path) -> Evidence:
-    """Read a baseline file as one side of a comparison.
+def evidence_in(file: JsonFile) -> Evidence:
+    """Return what stands in a baseline file as one side of a comparison.
 
     Raises
     ------
     ConfigError
-        As `read_baseline`.
+        If it is of another schema, or has a field that is missing or wrong; it says which.
     """
-    content = read_bounded(path, largest_bytes=LARGEST_BYTES, otherwise=_OTHERWISE)
-    return evidence_from(_baseline_in(path, content), str(path), sha256(content).hexdigest())
-
-
-def read_content(path: Path) -> Any:
-    """Return what JSON says in a file that `read_baseline` has read, with fields that only a newer hiltest knows."""
-    return read_json(path, largest_bytes=LARGEST_BYTES, otherwise=_OTHERWISE)
+    return evidence_from(baseline_in(file), str(file.path), file.sha256)
 
 
 def to_json(baseline: Baseline, before: Any = None) -> str:
@@ -82,35 +77,45 @@ def _with_silent(before: Any) -> Any:
     }  # fmt: skip
 
 
-def _baseline_in(path: Path, text: bytes) -> Baseline:
-    content = parsed(path, text, otherwise=_OTHERWISE)
-    found = content.get("schema") if isinstance(content, dict) else None
-    if found != SCHEMA:
-        raise ConfigError(f"{path}: schema is {shown(found)}, this hiltest reads {shown(SCHEMA)}; {_OTHERWISE}")
+def baseline_in(file: JsonFile) -> Baseline:
+    """Check what stands in a baseline file.
+
+    Raises
+    ------
+    ConfigError
+        As `evidence_in`.
+    """
+    if file.schema != SCHEMA:
+        said = f"schema is {shown(file.schema)}, this hiltest reads {shown(SCHEMA)}"
+        raise ConfigError(f"{file.path}: {said}; {OTHERWISE}")
     try:
         # As JSON, and strictly: a number in quotes is no number, and a list is what a tuple is written as.
-        baseline = _ADAPTER.validate_json(json.dumps(content), strict=True)
+        baseline = _ADAPTER.validate_json(json.dumps(file.content), strict=True)
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(step) for step in first["loc"])
-        raise ConfigError(f"{path}: {place}: {first['msg']}; {_OTHERWISE}") from error
-    _check_rows(path, baseline)
+        raise ConfigError(f"{file.path}: {place}: {first['msg']}; {OTHERWISE}") from error
+    if fault := _fault(baseline):
+        raise ConfigError(f"{file.path}: {fault}; {OTHERWISE}")
     return baseline
 
 
-def _check_rows(path: Path, baseline: Baseline) -> None:
+def _fault(baseline: Baseline) -> str:
+    """Return what is wrong with rows that are each as they should be; empty where nothing is."""
     if not baseline.seeds:
-        raise ConfigError(f"{path}: it is of no run at all: seeds is empty; {_OTHERWISE}")
+        return "it is of no run at all: seeds is empty"
     if not baseline.measurements:
-        raise ConfigError(f"{path}: there is nothing to compare with: measurements is empty; {_OTHERWISE}")
-    refuse_twice(path, "seed", baseline.seeds, otherwise=_OTHERWISE)
-    refuse_twice(path, "measurement", [row.name for row in baseline.measurements], otherwise=_OTHERWISE)
+        return "there is nothing to compare with: measurements is empty"
+    for kind, each in (("seed", baseline.seeds), ("measurement", [row.name for row in baseline.measurements])):
+        twice = [value for value, count in Counter[Seed | str](each).items() if count > 1]
+        if twice:
+            return f"{kind} {shown(twice[0])} stands twice"
     for row in baseline.measurements:
         if len(row.values) != len(baseline.seeds):
-            counts = f"{len(row.values)} values for {len(baseline.seeds)} seeds"
-            raise ConfigError(f"{path}: {shown(row.name)} has {counts}; {_OTHERWISE}")
+            return f"{shown(row.name)} has {len(row.values)} values for {len(baseline.seeds)} seeds"
         if all(value is None for value in row.values):
-            raise ConfigError(f"{path}: {shown(row.name)} has no number; {_OTHERWISE}")
+            return f"{shown(row.name)} has no number"
+    return ""
 
 
 def _json(value: object) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import re
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,11 +10,10 @@ from pathlib import Path
 from hiltest.errors import ConfigError
 from hiltest.record.files import RUN_FILE, SEED_FOLDERS, SEEDS_FILE
 from hiltest.record.journal import JOURNAL_FILE
-from hiltest.strict_json import LARGEST_BYTES, is_folder, parse_json, read_bounded
+from hiltest.strict_json import read_json
 from hiltest.verdict.baseline import SCHEMA as BASELINE_SCHEMA
 from hiltest.verdict.evidence import Evidence, evidence_of, evidence_of_seeds, with_misses_allowed
 
-_A_BASELINE = re.compile(rb'"schema"\s*:\s*"%s/' % re.escape(BASELINE_SCHEMA.partition("/")[0]).encode())
 _A_SIDE = "name a run.json, its folder or a baseline"
 
 
@@ -31,7 +30,7 @@ def read_evidence(place: Path) -> Evidence:
     ConfigError
         If there is nothing of the kind, or it cannot be read; it says why and what to do.
     """
-    if is_folder(place):
+    if os.path.isdir(place):
         seeds = sorted(each for each in place.glob(SEED_FOLDERS) if each.is_dir())
         if not _has_run(place):
             return _of_campaign(place, seeds) if seeds else _of_run(place)
@@ -41,13 +40,17 @@ def read_evidence(place: Path) -> Evidence:
                 f"{RUN_FILE}, or run again with an --out of its own"
             )
         return _of_run(place)  # it is newer than any seeds beside it: a campaign begins by removing a single run
-    content = read_bounded(place, largest_bytes=LARGEST_BYTES, otherwise=_A_SIDE)
-    # A look is enough to tell which reader it is for; that one checks all of it.
-    if _A_BASELINE.search(content):
-        from hiltest.verdict.baseline_file import read_baseline_evidence
+    if place.name.endswith(".jsonl"):
+        return _of_run(place)
+    file = read_json(place, otherwise=_A_SIDE)
+    if str(file.schema).partition("/")[0] == BASELINE_SCHEMA.partition("/")[0]:
+        from hiltest.verdict.baseline_file import evidence_in
 
-        return read_baseline_evidence(place)
-    return _of_run(place)
+        return evidence_in(file)
+    from hiltest.record.reader import record_in
+
+    record = record_in(file)
+    return evidence_of(record.run, file=str(place), sha256=record.sha256)
 
 
 def _has_run(folder: Path) -> bool:
@@ -59,8 +62,8 @@ def _has_run(folder: Path) -> bool:
 def _of_run(place: Path) -> Evidence:
     from hiltest.record.reader import read_record
 
-    stored = read_record(place, otherwise=_A_SIDE)
-    return evidence_of(stored.run, file=str(stored.path), sha256=stored.sha256)
+    record = read_record(place, otherwise=_A_SIDE)
+    return evidence_of(record.run, file=str(record.path), sha256=record.sha256)
 
 
 def _of_campaign(folder: Path, seeds: Sequence[Path]) -> Evidence:
@@ -82,8 +85,8 @@ def _of_campaign(folder: Path, seeds: Sequence[Path]) -> Evidence:
 def _seeds_may_fail(file: Path) -> bool:
     """Say whether a campaign passed by itself, whatever single seeds did: some of them were allowed to miss limits."""
     try:
-        content = parse_json(read_bounded(file, largest_bytes=LARGEST_BYTES, otherwise="run the campaign again"))
-    except (ConfigError, ValueError):
+        content = read_json(file, otherwise="run the campaign again").content
+    except ConfigError:
         return False
     return isinstance(content, dict) and content.get("exit_code") == 0
 

@@ -10,7 +10,7 @@ from hiltest.record.failures import (
     out_of_limit,
     tests_in_words,
 )
-from hiltest.record.outcomes import TestOutcome
+from hiltest.record.outcomes import RED, TestOutcome
 from hiltest.record.run import Findings, TestResult, Verdict
 from hiltest.text import counted, listed, number, with_unit
 from hiltest.verdict.calibrators import (
@@ -193,6 +193,6 @@ def _stopped(findings: Findings) -> list[TestResult]:
 
 
 def _red(findings: Findings) -> bool:
-    return any(each.outcome.is_red for each in findings.tests)
+    return any(each.outcome in RED for each in findings.tests)
 
 
