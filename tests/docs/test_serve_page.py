@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from hiltest.boards.gcode import Refusal
-from hiltest.boards.grbl_table import HELP
+from hiltest.boards.simulated_grbl import HELP
 from hiltest.commands.serve import serve
 from hiltest.rig.file import load_rig
 

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from hiltest.angles import Pose, rotation_body_from_ned
 from hiltest.bench_files import shipped
 from hiltest.boards import VirtualBench, grbl_table, open_board
-from hiltest.boards.grbl_table import GrblTable
 from hiltest.boards.lines import PseudoTerminal
 from hiltest.boards.paced import PacedBench
+from hiltest.boards.simulated_grbl import GrblTable
 from hiltest.boards.table_axes import TableAxes
 from hiltest.calibration.still_pose import Face
 from hiltest.errors import TurntableError

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from hiltest.virtual.flash_controller import FlashController
+from hiltest.virtual.flash_waits import FlashController
 from hiltest.virtual.peripherals.flash_control import FlashControl
 from hiltest.virtual.profile_file import load_profile
 

@@ -11,7 +11,7 @@ from hiltest.errors import ConfigError
 from hiltest.measurement import in_flash
 from hiltest.profiling.image import ProfiledImage
 from hiltest.virtual.accounting import BlockAccounting, InstructionAccounting
-from hiltest.virtual.flash_controller import FlashController
+from hiltest.virtual.flash_waits import FlashController
 from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.memory_waits import MemoryAccounting
 from hiltest.virtual.profile_file import DEFAULT_PROFILE, MEMORY_ROWS, load_profile

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -21,6 +22,26 @@ Exit codes:
   4   usage: an option or a file is wrong
 """
 _FILE = click.Path(dir_okay=False, path_type=Path)
+
+
+@dataclass(frozen=True, slots=True)
+class _Options:
+    """Arguments and options as click gives them, by the same names."""
+
+    log: Path
+    gyroscope_log: Path | None
+    accelerometer_columns: str | None
+    gyroscope_columns: str | None
+    accelerometer_unit: str | None
+    gyroscope_unit: str | None
+    rate: float | None
+    time: str | None
+    intervals: str | None
+    method: str
+    turn_deg: float
+    as_json: bool
+    export_json: Path | None
+    export_header: Path | None
 
 
 @click.command(name="fit-imu", epilog=_EXIT_CODES)
@@ -44,12 +65,7 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON (hiltest.fit-imu/1) and nothing else.")
 @click.option("--export-json", metavar="FILE", type=_FILE, help="Write the same JSON to a file.")
 @click.option("--export-header", metavar="FILE", type=_FILE, help="Write the calibration as a C header.")
-def fit_imu(
-    log: Path, gyroscope_log: Path | None, accelerometer_columns: str | None, gyroscope_columns: str | None,
-    accelerometer_unit: str | None, gyroscope_unit: str | None, rate: float | None, time: str | None,
-    intervals: str | None, method: str, turn_deg: float, as_json: bool, export_json: Path | None,
-    export_header: Path | None,
-) -> int:  # fmt: skip
+def fit_imu(**given: Any) -> int:
     """Calibrate accelerometer and gyroscope from a log.
 
     LOG is a text table, also packed (.gz): comma, semicolon, tab or blanks between cells, with or without a header.
@@ -62,26 +78,28 @@ def fit_imu(
     from hiltest.logs.units import RATE_WORDS
     from hiltest.report.console import standard_output
 
-    listed = intervals if intervals is not None and Path(intervals).suffix == ".json" else None
+    options = _Options(**given)
+    listed = options.intervals if options.intervals and Path(options.intervals).suffix == ".json" else None
+    labels = None if listed else options.intervals
     read = read_imu_log(
-        log, gyroscope_log, rate_hz=rate,
-        columns=LogColumns(accelerometer_columns, gyroscope_columns, time, None if listed else intervals),
-        acceleration_unit=AccelerationUnit(accelerometer_unit) if accelerometer_unit else None,
-        rate_unit=RATE_WORDS[gyroscope_unit] if gyroscope_unit else None,
+        options.log, options.gyroscope_log, rate_hz=options.rate,
+        columns=LogColumns(options.accelerometer_columns, options.gyroscope_columns, options.time, labels),
+        acceleration_unit=AccelerationUnit(options.accelerometer_unit) if options.accelerometer_unit else None,
+        rate_unit=RATE_WORDS[options.gyroscope_unit] if options.gyroscope_unit else None,
     )
-    fitted = fit_imu_log(read, _intervals(read, listed), method, turn_deg=turn_deg)
-    if as_json:
+    fitted = fit_imu_log(read, _intervals(read, listed), options.method, turn_deg=options.turn_deg)
+    if options.as_json:
         click.echo(to_json(fitted), nl=False)
     else:
         print_fit(fitted, standard_output())
     if fitted.accelerometer.fit is None:
-        if export_json or export_header:
+        if options.export_json or options.export_header:
             click.echo("refused: no calibration was exported", err=True)
         return 1
-    if export_json is not None:
-        write_text(export_json, to_json(fitted))
-    if export_header is not None:
-        write_text(export_header, to_header(fitted))
+    if options.export_json is not None:
+        write_text(options.export_json, to_json(fitted))
+    if options.export_header is not None:
+        write_text(options.export_header, to_header(fitted))
     return 0
 
 

@@ -14,7 +14,7 @@ from hiltest.virtual.chip import mk64f12
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.elf import load_image
 from hiltest.virtual.faults import FaultRecord
-from hiltest.virtual.flash_controller import FlashController
+from hiltest.virtual.flash_waits import FlashController
 from hiltest.virtual.frdm_k64f import LedsAndButtons
 from hiltest.virtual.i2c_bus import I2cBus, I2cDevice
 from hiltest.virtual.instructions import decode

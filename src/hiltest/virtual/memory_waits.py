@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from hiltest.virtual.accounting import CodeHook, InstructionAccounting
 from hiltest.virtual.blocks import CodeBlock, ReadCode, price_block
-from hiltest.virtual.flash_controller import FlashController
+from hiltest.virtual.flash_waits import FlashController
 from hiltest.virtual.instructions import Instruction, decode
 from hiltest.virtual.memory import FLASH, SRAM
 from hiltest.virtual.timing import NEUTRAL, TimingProfile

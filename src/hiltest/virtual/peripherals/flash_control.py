@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from hiltest.virtual.chip import mk64f12
-from hiltest.virtual.flash_controller import BANKS, BankSwitches, FlashController
+from hiltest.virtual.flash_waits import BANKS, BankSwitches, FlashController
 from hiltest.virtual.peripherals.bus import StoredRegisters
 
 _PFAPR, _PFB0CR, _PFB1CR = 0x0, 0x4, 0x8

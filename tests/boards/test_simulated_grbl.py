@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hiltest.angles import Pose
-from hiltest.boards.grbl_table import BANNER, GrblTable
+from hiltest.boards.simulated_grbl import BANNER, GrblTable
 from hiltest.boards.table_axes import CAPACITY, TableAxes
 from hiltest.world.earth_field import EarthField
 from hiltest.world.motion import BRAKE_S, MOVE_GRID_S, TURN_SPEED_DPS, MotionSegment
