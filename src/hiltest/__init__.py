@@ -5,9 +5,10 @@ The names in ``__all__`` are the public interface, described in docs/api.md. Eac
 
 from __future__ import annotations
 
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from hiltest.exports import when_used
 
 if TYPE_CHECKING:
     from hiltest import hookspecs
@@ -23,10 +24,10 @@ __version__ = "0.1.0"
 
 __all__ = ["Board", "Limit", "Measure", "Rig", "Turntable", "VirtualK64F", "cycles", "hookspecs"]
 
-_MODULES = {
+__getattr__ = when_used(__name__, {
     "Board": "boards", "Limit": "measurement", "Measure": "fixtures", "Rig": "rig", "Turntable": "procedures",
-    "VirtualK64F": "virtual.k64f",
-}  # fmt: skip
+    "VirtualK64F": "virtual.k64f", "hookspecs": "hookspecs",
+})  # fmt: skip
 
 
 def cycles(elf: str | Path | None = None, *, profile: str | None = None) -> ProfiledImage:
@@ -54,14 +55,3 @@ def cycles(elf: str | Path | None = None, *, profile: str | None = None) -> Prof
     from hiltest.virtual.profile_file import DEFAULT_PROFILE
 
     return ProfiledImage(default_firmware() if elf is None else Path(elf), timing=profile or DEFAULT_PROFILE)
-
-
-def __getattr__(name: str) -> object:
-    """Import a public name when it is first used: a pytest run without a board waits for none of them."""
-    if name == "hookspecs":
-        return import_module("hiltest.hookspecs")
-    if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value: object = getattr(import_module(f"hiltest.{_MODULES[name]}"), name)
-    globals()[name] = value
-    return value

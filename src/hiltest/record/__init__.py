@@ -1,1 +1,27 @@
 """The run as data: what it measured, `run.json` and the journal, their reader, the files and the exit codes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from hiltest.exports import when_used
+
+if TYPE_CHECKING:
+    from hiltest.record.comparison import Change, Comparison, Difference
+    from hiltest.record.exit_codes import ExitCode
+    from hiltest.record.journal import Journal
+    from hiltest.record.outcomes import TestOutcome
+    from hiltest.record.reader import read_record
+    from hiltest.record.recorder import Recorder
+    from hiltest.record.run import Run, Table, Verdict
+
+__all__ = [
+    "Change", "Comparison", "Difference", "ExitCode", "Journal", "Recorder", "Run", "Table", "TestOutcome", "Verdict",
+    "read_record",
+]  # fmt: skip
+
+__getattr__ = when_used(__name__, {
+    "Change": "comparison", "Comparison": "comparison", "Difference": "comparison", "ExitCode": "exit_codes",
+    "Journal": "journal", "Recorder": "recorder", "Run": "run", "Table": "run", "TestOutcome": "outcomes",
+    "Verdict": "run", "read_record": "reader",
+})  # fmt: skip

@@ -1,1 +1,18 @@
 """Renderers: a run as HTML, Markdown, terminal text and figures. Nothing is decided here."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from hiltest.exports import when_used
+
+if TYPE_CHECKING:
+    from hiltest.report.html import html_report
+    from hiltest.report.markdown import markdown_report
+    from hiltest.report.render import write_reports
+
+__all__ = ["html_report", "markdown_report", "write_reports"]
+
+__getattr__ = when_used(__name__, {
+    "html_report": "html", "markdown_report": "markdown", "write_reports": "render",
+})  # fmt: skip
