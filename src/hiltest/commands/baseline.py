@@ -98,7 +98,7 @@ def _before(file: Path) -> Baseline | None:
     try:
         return read_baseline(file)
     except ConfigError as error:
-        if not os.path.lexists(file):
+        if not os.path.isfile(file):  # a new name, or a device, which keeps nothing
             return None
         raise ConfigError(
             f"{file}: what is there cannot be read as a baseline, and is not overwritten; remove it, or name another"
@@ -106,15 +106,14 @@ def _before(file: Path) -> Baseline | None:
 
 
 def _write(written: Baseline, file: Path, before: object = None) -> None:
-    from hiltest.record.files import write_atomically
+    from hiltest.record.files import write_asked_for
     from hiltest.verdict.baseline_file import to_json
 
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(file, to_json(written, before))
     except (OSError, ValueError) as error:  # a name with a NUL is a ValueError
-        reason = getattr(error, "strerror", None) or error
-        raise ConfigError(f"cannot write {file}: {reason}; name another file") from error
+        raise ConfigError(f"cannot write {file}: {getattr(error, 'strerror', None) or error}; name another") from error
+    write_asked_for(file, to_json(written, before))
 
 
 def _value(value: float | None) -> str:

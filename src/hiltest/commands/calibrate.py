@@ -110,10 +110,10 @@ def _write(made: ImuCalibration, out: Path, header: Path) -> None:
     """Write both files; the calibration file last, so that it is never there without its header."""
     from hiltest.imu_calibration.c_header import to_header
     from hiltest.imu_calibration.file import to_json
-    from hiltest.logs.sample_fit_exports import write_text
+    from hiltest.record.files import write_asked_for
 
-    write_text(header, to_header(made))
-    write_text(out, to_json(made))
+    write_asked_for(header, to_header(made))
+    write_asked_for(out, to_json(made))
 
 
 class _TerminalGuide:

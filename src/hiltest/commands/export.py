@@ -34,7 +34,7 @@ def export(run: Path, form: str, better: str | None, out: Path | None) -> None:
     exported as their magnitude; those without a better direction, such as a worst sector, are left out. Several seeds
     give mean, smallest and largest.
     """
-    from hiltest.logs.sample_fit_exports import write_text
+    from hiltest.record.files import write_asked_for
     from hiltest.report.exports import bencher_json, exported, github_action_benchmark_json
     from hiltest.verdict.evidence_reader import read_evidence
 
@@ -55,5 +55,5 @@ def export(run: Path, form: str, better: str | None, out: Path | None) -> None:
     if out is None:
         click.echo(text, nl=False)
     else:
-        write_text(out, text)
+        write_asked_for(out, text)
         click.echo(f"{out}: {len(wanted)} numbers", err=True)

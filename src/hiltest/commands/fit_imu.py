@@ -74,8 +74,8 @@ def fit_imu(**given: Any) -> int:
     from hiltest.logs import AccelerationUnit, LogColumns, read_imu_log
     from hiltest.logs.imu_fit import fit_imu_log
     from hiltest.logs.imu_fit_exports import print_fit, to_header, to_json
-    from hiltest.logs.sample_fit_exports import write_text
     from hiltest.logs.units import RATE_WORDS
+    from hiltest.record.files import write_asked_for
     from hiltest.report.console import standard_output
 
     options = _Options(**given)
@@ -97,9 +97,9 @@ def fit_imu(**given: Any) -> int:
             click.echo("refused: no calibration was exported", err=True)
         return 1
     if options.export_json is not None:
-        write_text(options.export_json, to_json(fitted))
+        write_asked_for(options.export_json, to_json(fitted))
     if options.export_header is not None:
-        write_text(options.export_header, to_header(fitted))
+        write_asked_for(options.export_header, to_header(fitted))
     return 0
 
 

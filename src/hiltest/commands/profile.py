@@ -7,8 +7,6 @@ from pathlib import Path
 
 import click
 
-from hiltest.errors import ConfigError
-
 SHIPPED = "shipped"
 
 _EPILOG = """
@@ -64,6 +62,7 @@ def profile(
     from hiltest.profiling import document as documents
     from hiltest.profiling.arguments import parse_argument
     from hiltest.profiling.image import ProfiledImage
+    from hiltest.record.files import write_asked_for
     from hiltest.virtual.profile_file import DEFAULT_PROFILE
 
     path = default_firmware() if elf == SHIPPED else Path(elf)
@@ -74,11 +73,11 @@ def profile(
     )
     document = documents.document(called, path, arguments, given, values)
     if folded is not None:
-        _write(folded, documents.folded(document))
+        write_asked_for(folded, documents.folded(document))
     if flame_graph is not None:
         from hiltest.profiling.flame_graph import flame_graph as draw
 
-        _write(flame_graph, draw(document))
+        write_asked_for(flame_graph, draw(document))
     if as_json:
         click.echo(documents.json_text(document))
         return 0
@@ -87,10 +86,3 @@ def profile(
 
     print_profile(standard_output(), document, lines=lines, instructions=instructions)
     return 0
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"cannot write {path}: {error.strerror}; name another file") from error

@@ -79,6 +79,7 @@ def measure(hil_port: str | None, rig: str | None, out: Path | None) -> int:
     from hiltest.procedures.sequences import measure_sequences
     from hiltest.profiling.timing_table import print_measured, print_places
     from hiltest.progress_line import ProgressLine
+    from hiltest.record.files import write_asked_for
     from hiltest.report.console import standard_output
     from hiltest.rig.file import load_rig
     from hiltest.virtual.measured_profile import profile_text, solve
@@ -90,10 +91,7 @@ def measure(hil_port: str | None, rig: str | None, out: Path | None) -> int:
         found = measure_sequences(board, progress=ProgressLine(ErrorOutput(), shown=sys.stderr.isatty()))
     raw = {place.name.lower(): clocks for place, clocks in found.items()}
     measured = solve(raw["sram"], f"board {identity.unique_id.hex()}, firmware build {identity.build_id}")
-    try:
-        file.write_text(profile_text(name, measured, raw), encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"cannot write {file}: {error.strerror}; name another file with --out") from error
+    write_asked_for(file, profile_text(name, measured, raw))
     print_measured(standard_output(), measured)
     print_places(standard_output(), raw)
     click.echo(f"{file}: {name}, {len(measured.rows)} rows")
@@ -104,7 +102,7 @@ def _check_replaceable(file: Path, name: str) -> None:
     """Refuse to overwrite what is not an earlier measurement of this board; a device keeps nothing."""
     from hiltest.virtual.profile_file import measured_as
 
-    if os.path.lexists(file) and not file.is_char_device() and measured_as(file) != name:
+    if os.path.isfile(file) and measured_as(file) != name:
         raise ConfigError(
             f"{file}: what is there is no measured profile {name}, and is not overwritten; remove it, or name another "
             "file with --out"

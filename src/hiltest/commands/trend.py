@@ -35,7 +35,7 @@ def trend(folder: Path, html: Path | None, every: bool, as_json: bool) -> None:
     measurement moved by more than its tolerance; only runs of the same rig, cycle model and seeds are compared. Files
     that are no records are named and skipped.
     """
-    from hiltest.logs.sample_fit_exports import write_text
+    from hiltest.record.files import write_asked_for
     from hiltest.trend import read_folder, trend_of, trend_page
     from hiltest.trend.as_json import to_json
 
@@ -54,7 +54,7 @@ def trend(folder: Path, html: Path | None, every: bool, as_json: bool) -> None:
     if html is None and as_json:
         return
     page = html or folder / "trend.html"
-    write_text(page, trend_page(found, skipped))
+    write_asked_for(page, trend_page(found, skipped))
     click.echo(f"{page}", err=as_json)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from hiltest import __version__
 from hiltest.calibration.allan import FLICKER, AllanCurve, AllanReading
 from hiltest.logs.rate_log import RateLog
-from hiltest.logs.sample_fit_exports import write_text
+from hiltest.record.files import write_asked_for
 from hiltest.report.marks import KeyEntry, series
 from hiltest.report.page import render
 from hiltest.report.svg import Figure
@@ -63,7 +63,7 @@ def write_page(log: RateLog, curve: AllanCurve, path: Path) -> None:
         "allan.html.j2", package="hiltest.logs", headline=headline(log), header=header, rows=rows,
         figure=figure(log, curve), version=__version__,
     )  # fmt: skip
-    write_text(path, page)
+    write_asked_for(path, page)
 
 
 def figure(log: RateLog, curve: AllanCurve) -> Figure:

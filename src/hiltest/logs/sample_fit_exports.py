@@ -9,9 +9,8 @@ from typing import Any
 
 from hiltest import __version__
 from hiltest.c_source import c_float, in_comment
-from hiltest.errors import ConfigError
 from hiltest.logs.sample_fit import CalibratorFit, CloudFit, Matrix, Triple
-from hiltest.record.files import write_atomically
+from hiltest.record.files import write_asked_for
 
 CALIBRATION_SCHEMA, FIT_SCHEMA = "hiltest.calibration/1", "hiltest.fit/1"
 SCHEMA_FILE = Path(__file__).with_name("fit.schema.json")
@@ -60,7 +59,7 @@ def export_json(fit: CloudFit, path: Path) -> None:
             "condition": fit.condition, "direction_error_deg": best.direction_error_deg,
         },
     }  # fmt: skip
-    write_text(path, json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+    write_asked_for(path, json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
 
 
 def export_header(fit: CloudFit, path: Path) -> None:
@@ -72,7 +71,7 @@ def export_header(fit: CloudFit, path: Path) -> None:
         residual=residual, n_in=fit.n_in, file=in_comment(Path(fit.file).name), n_used=best.n_used,
         hard_iron=_row(hard_iron), soft_iron=",\n    ".join(map(_row, soft_iron)), radius=c_float(radius),
     )  # fmt: skip
-    write_text(path, text)
+    write_asked_for(path, text)
 
 
 def _numbers(best: CalibratorFit) -> tuple[Triple, Matrix, float, float]:
@@ -83,20 +82,6 @@ def _numbers(best: CalibratorFit) -> tuple[Triple, Matrix, float, float]:
 
 def _row(values: Triple) -> str:
     return f"{{{', '.join(map(c_float, values))}}}"
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a file that was asked for, so that a reader sees the whole of it or none.
-
-    Raises
-    ------
-    ConfigError
-        When it cannot be written.
-    """
-    try:
-        write_atomically(path, text)
-    except OSError as error:
-        raise ConfigError(f"cannot write {path}: {error.strerror or error}") from error
 
 
 def to_json(fit: CloudFit) -> str:

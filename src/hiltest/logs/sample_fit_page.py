@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from hiltest import __version__
 from hiltest.calibration.acceptance import Acceptance
 from hiltest.logs.sample_fit import CalibratorFit, CloudFit
-from hiltest.logs.sample_fit_exports import write_text
 from hiltest.logs.sample_fit_table import figure_rows, reason_line
+from hiltest.record.files import write_asked_for
 from hiltest.report.figures.coverage import coverage_map
 from hiltest.report.page import render
 from hiltest.report.svg import Figure
@@ -44,7 +44,7 @@ def fit_page(fit: CloudFit, points: Array) -> str:
 
 def write_page(fit: CloudFit, points: Array, path: Path) -> None:
     """Write the page so that a reader sees the whole file or none."""
-    write_text(path, fit_page(fit, points))
+    write_asked_for(path, fit_page(fit, points))
 
 
 def _clouds(fit: CloudFit, points: Array) -> list[Figure]:

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import os
+import stat
+from contextlib import suppress
 from pathlib import Path
+
+from hiltest.errors import ConfigError
 
 RUN_FILE = "run.json"
 REPORT_FILE = "report.html"
@@ -20,19 +24,60 @@ UNFINISHED = ".unfinished"
 
 
 def write_atomically(path: Path, text: str) -> Path:
-    """Write `text` beside `path`, then move it there: whoever opens it sees the old text or the new, and all of it.
+    """Write a file so that whoever opens it sees the old text or the new, and all of it.
 
-    A lone surrogate, as of a file's name that is no UTF-8, becomes a question mark.
+    A regular file, or a new name, is written beside itself and moved into place, with its permissions kept. A link is
+    followed. A device, a pipe or an open file (``/dev/stdout``) is not replaced: the text is written to it. A lone
+    surrogate, as of a file's name that is no UTF-8, becomes a question mark.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written; the old file is as it was.
     """
+    target = _replaceable(path)
+    if target is None:
+        with path.open("a", encoding="utf-8", errors="replace") as file:  # what an open file has already stays
+            file.write(text)
+        return path
     # Of this process alone: two that write one file take nothing from each other.
-    unfinished = path.with_name(f"{path.name}.{os.getpid()}{UNFINISHED}")
+    unfinished = target.with_name(f"{target.name}.{os.getpid()}{UNFINISHED}")
     try:
         with unfinished.open("w", encoding="utf-8", errors="replace") as file:
+            if target.exists():
+                os.fchmod(file.fileno(), stat.S_IMODE(target.stat().st_mode))
             file.write(text)
             file.flush()
             os.fsync(file.fileno())
-        unfinished.replace(path)
+        unfinished.replace(target)
     except OSError:
         unfinished.unlink(missing_ok=True)
         raise
+    return path
+
+
+def write_asked_for(path: Path, text: str) -> None:
+    """Write a file that the user named.
+
+    Raises
+    ------
+    ConfigError
+        If it cannot be written; says why.
+    """
+    try:
+        write_atomically(path, text)
+    except (OSError, ValueError) as error:  # a name with a NUL is a ValueError
+        reason = getattr(error, "strerror", None) or error
+        raise ConfigError(f"cannot write {path}: {reason}; name another file") from error
+
+
+def _replaceable(path: Path) -> Path | None:
+    """Return the regular file or the new name that a path leads to; None for what must not be replaced."""
+    with suppress(FileNotFoundError):
+        if not stat.S_ISREG(path.stat().st_mode):
+            return None
+    while path.is_symlink():  # no loop: stat has refused that
+        path = path.parent / path.readlink()
+        if path.parent.resolve().is_relative_to("/proc"):
+            return None  # an open file of a process: whoever opened it would not see a new one
     return path

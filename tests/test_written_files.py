@@ -1,0 +1,118 @@
+"""Every option that takes a file to write follows a link, writes to a pipe and leaves a device what it is."""
+
+from __future__ import annotations
+
+import json
+import os
+import stat
+import threading
+from pathlib import Path
+
+import click
+import numpy as np
+import pytest
+from tests.calibration.synthetic_rates import white
+from tests.finished_run import Finished
+from tests.logs.recording import six_faces_and_turns, write
+
+from hiltest.cli import commands, main
+from hiltest.procedures.clouds import golden_cloud
+
+pytestmark = pytest.mark.slow
+
+BASE = ("baseline", "save", "run.json")
+IMU = ("fit-imu", "imu.csv")
+# What makes each option write; the file follows the last word.
+WRITING = {
+    "allan --html": ("allan", "rates.csv", "--html"),
+    "baseline save FILE": BASE,
+    "baseline update FILE": ("baseline", "update", "--accept", "*", "--because", "a test"),
+    "calibrate --out": ("calibrate", "--out"),
+    "export --out": ("export", "run.json", "--format", "bencher", "--out"),
+    "fit --export-header": ("fit", "points.csv", "--on", "host", "--export-header"),
+    "fit --export-json": ("fit", "points.csv", "--on", "host", "--export-json"),
+    "fit --html": ("fit", "points.csv", "--on", "host", "--html"),
+    "fit-imu --export-header": (*IMU, "--export-header"),
+    "fit-imu --export-json": (*IMU, "--export-json"),
+    "log --out": ("log", "--seconds", "1", "--out"),
+    "profile --flame-graph": ("profile", "shipped", "crc32", "text:123456789", "9", "--flame-graph"),
+    "profile --folded": ("profile", "shipped", "crc32", "text:123456789", "9", "--folded"),
+    "timing measure --out": ("timing", "measure", "--out"),
+    "trend --html": ("trend", ".", "--html"),
+}
+
+
+def options_that_write(command: click.Command, name: str = "") -> set[str]:
+    """Return the options and arguments of a command whose help says that they are a file to write."""
+    if isinstance(command, click.Group):
+        context = click.Context(command)
+        each = {one: command.get_command(context, one) for one in command.list_commands(context)}
+        return set().union(*(options_that_write(one, f"{name} {word}".strip()) for word, one in each.items() if one))
+    taken = {
+        max(each.opts, key=len) for each in command.params
+        if isinstance(each, click.Option) and each.metavar == "FILE" and isinstance(each.type, click.Path)
+    }
+    if name.startswith("baseline"):
+        taken |= {"FILE"}
+    return {f"{name} {each}" for each in taken - {"--gyroscope-log"}}
+
+
+def test_all_of_them_are_tested_here() -> None:
+    assert options_that_write(commands) == set(WRITING)
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory: pytest.TempPathFactory, default_run: Finished) -> Path:
+    """A folder with what the commands read."""
+    folder = tmp_path_factory.mktemp("inputs")
+    (folder / "run.json").write_bytes((default_run.folder / "run.json").read_bytes())
+    record = default_run.record
+    next(each for each in record["measurements"] if each["name"] == "cycles.direct.total")["value"] += 1
+    (folder / "dearer.json").write_text(json.dumps(record), encoding="utf-8")
+    points = "\n".join(",".join(f"{value:.1f}" for value in point) for point in golden_cloud(400) / 10.0)
+    (folder / "points.csv").write_text(f"mx_uT,my_uT,mz_uT\n{points}\n", encoding="utf-8")
+    write(folder / "imu.csv", *six_faces_and_turns().readings())
+    random = np.random.default_rng(1)
+    rates = [white(random, 4000, rate_hz=100.0, angle_random_walk=0.01) for _axis in "xyz"]
+    table = np.column_stack([np.arange(4000) / 100.0, *rates])
+    header = "time_s,gyro_x_dps,gyro_y_dps,gyro_z_dps"
+    np.savetxt(folder / "rates.csv", table, fmt="%.6f", delimiter=",", header=header, comments="")
+    return folder
+
+
+def run(*arguments: str) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    return int(ended.value.code or 0)
+
+
+def words(option: str, file: str) -> tuple[str, ...]:
+    return (*WRITING[option], file, *(["dearer.json"] if option == "baseline update FILE" else []))
+
+
+@pytest.mark.parametrize("option", sorted(WRITING))
+def test_a_link_is_followed_a_pipe_is_written_to_and_a_device_stays(
+    option: str, inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(inputs)
+    link, target, pipe, device = (tmp_path / name for name in ("link", "target", "pipe", "device"))
+    link.symlink_to("target")
+    if option == "baseline update FILE":
+        assert run("baseline", "save", "run.json", str(target)) == 0
+    assert run(*words(option, str(link))) == 0
+    assert link.is_symlink()
+    assert target.stat().st_size > 0
+    if option == "baseline update FILE":
+        return  # it reads the file first, and a pipe or a device is none
+    os.mkfifo(pipe)
+    got: list[bytes] = []
+    reader = threading.Thread(target=lambda: got.append(pipe.read_bytes()), daemon=True)
+    reader.start()
+    assert run(*words(option, str(pipe))) == 0
+    reader.join(timeout=10.0)
+    assert got != [b""]
+    assert stat.S_ISFIFO(pipe.stat().st_mode)
+    device.symlink_to("/dev/null")
+    assert run(*words(option, str(device))) == 0
+    assert device.is_symlink()
+    assert stat.S_ISCHR(Path("/dev/null").stat().st_mode)
