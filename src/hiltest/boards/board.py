@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -33,7 +32,6 @@ class BoardKind(StrEnum):
 
     VIRTUAL = "virtual"
     REAL = "real"
-    REPLAY = "replay"
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,12 +245,6 @@ class Board(ABC):
             [sensor.name for sensor in self.sensors if sensor.present],
             _SHIELD_HINT,
         )
-
-    def has_shield(self) -> bool:
-        """Say whether headings can be measured: magnetometer and accelerometer are there."""
-        with contextlib.suppress(SensorAbsentError):
-            return bool(self.sensor(SensorKind.MAGNETOMETER) and self.sensor(SensorKind.ACCELEROMETER))
-        return False
 
     def close(self) -> None:
         """Give the port back."""

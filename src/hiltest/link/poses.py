@@ -14,9 +14,8 @@ from hiltest.link.fields import FieldReader
 from hiltest.link.replies import AverageReply
 from hiltest.link.request import Plain, Request, Timed, within
 
-__all__ = ["MAX_POSES", "MAX_TRANSFER", "AddPose", "AddPoseReply", "ClearPoses", "Poses", "UploadPoses"]
+__all__ = ["MAX_TRANSFER", "AddPose", "AddPoseReply", "ClearPoses", "Poses", "UploadPoses"]
 
-MAX_POSES = 128
 MAX_TRANSFER = 20
 _MAX_READINGS = 512
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hiltest.boards.board import Board
 from hiltest.errors import PoorCoverageError
 from hiltest.link.messages import MAX_POINTS_READ, ClearPoints, Collect, Points, SensorKind
-from hiltest.procedures.coverage import largest_hole_deg, sphere_coverage
+from hiltest.procedures.coverage import sphere_coverage
 from hiltest.procedures.cycles import upload_pairs
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.turntables import Turntable
@@ -62,10 +62,6 @@ class Tumble:
     def coverage_of(self, n: int) -> float:
         """Return the coverage of the first n points."""
         return sphere_coverage(self.points[:n], field_ut=self.field_ut)
-
-    def largest_hole_deg_of(self, n: int) -> float:
-        """Return the radius of the largest cap of the sphere that the first n points leave empty."""
-        return largest_hole_deg(self.points[:n], field_ut=self.field_ut)
 
 
 def collect_tumble(
