@@ -12,8 +12,9 @@ from hiltest.angles import Pose, heading_error_deg
 from hiltest.link.fields import FieldReader
 from hiltest.link.fusion import FusionRead, FusionRecords, FusionRun, FusionStart, FusionSummary
 from hiltest.link.replies import Status
-from hiltest.orientation.quaternions import angle_between_deg, from_pose, normalised, pose_of
+from hiltest.orientation.quaternions import from_pose, normalised, pose_of
 
+from ..orientation.fusion_matrices import angle_between_deg
 from .bench import CLEAR, SET, Bench, bench_with
 
 START, RUN, READ = 0x22, 0x23, 0x24

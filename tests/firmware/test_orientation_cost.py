@@ -15,11 +15,12 @@ import pytest
 import hiltest
 from hiltest.angles import heading_error_deg
 from hiltest.orientation import tilt_heading
-from hiltest.orientation.fusion import FusionNoise, FusionStatus
+from hiltest.orientation.fusion import FusionNoise
 from hiltest.orientation.quaternions import normalised, rotation_ned_from_body
 from hiltest.virtual.k64f import VirtualK64F
 
 from ..orientation.filters import floats, noise_floats
+from ..orientation.fusion_matrices import FusionStatus
 
 SHIPPED_ELF = Path(hiltest.__file__).parent / "firmware" / "hiltest-frdm-k64f.elf"
 HEADING_BOUND, PREDICT_BOUND, UPDATE_BOUND = 310, 89, 310

@@ -12,10 +12,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.orientation import fusion
-from hiltest.orientation.fusion import FusionNoise, FusionStatus
-from hiltest.orientation.quaternions import IDENTITY, from_rotation_vector, product, rotation_ned_from_body
+from hiltest.orientation.fusion import FusionNoise
+from hiltest.orientation.quaternions import rotation_ned_from_body
 from hiltest.virtual.k64f import VirtualK64F
+
+from . import fusion_matrices
+from .fusion_matrices import IDENTITY, FusionStatus, from_rotation_vector, product
 
 FIRMWARE = Path(__file__).parents[2] / "firmware_stub"
 SOURCE = FIRMWARE / "orientation" / "fusion.c"
@@ -27,7 +29,7 @@ class Reference:
 
     def __init__(self, noise: FusionNoise, attitude: Vector = IDENTITY) -> None:
         self._noise = noise
-        self._state = fusion.start(attitude, noise)
+        self._state = fusion_matrices.start(attitude, noise)
 
     @property
     def attitude(self) -> NDArray[np.float64]:
@@ -42,11 +44,11 @@ class Reference:
         return self._state.standard_deviations_deg()
 
     def predict(self, rate_dps: Vector, dt_s: float) -> FusionStatus:
-        self._state, status = fusion.predict(self._state, rate_dps, dt_s, self._noise)
+        self._state, status = fusion_matrices.predict(self._state, rate_dps, dt_s, self._noise)
         return status
 
     def update(self, gravity_g: Vector, field: Vector) -> FusionStatus:
-        self._state, status = fusion.update(self._state, gravity_g, field, self._noise)
+        self._state, status = fusion_matrices.update(self._state, gravity_g, field, self._noise)
         return status
 
 

@@ -10,19 +10,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hiltest.angles import Pose
-from hiltest.orientation.fusion import FusionNoise, FusionStatus, heading_sigma_deg, triad
-from hiltest.orientation.quaternions import (
-    IDENTITY,
-    angle_between_deg,
-    from_pose,
-    from_rotation_vector,
-    left_columns,
-    normalised,
-    product,
-    rotation_ned_from_body,
-)
+from hiltest.orientation.fusion import FusionNoise, heading_sigma_deg
+from hiltest.orientation.quaternions import from_pose, normalised, rotation_ned_from_body
 
 from .filters import FilterMaker, Firmware, Reference, swaying_motion
+from .fusion_matrices import (
+    IDENTITY,
+    FusionStatus,
+    angle_between_deg,
+    from_rotation_vector,
+    left_columns,
+    product,
+    triad,
+)
 
 NOISE = FusionNoise(rate_dps_rthz=0.1, tilt_deg=0.5, heading_deg=2.0)
 NORTH_AND_DOWN = np.array([0.5, 0.0, math.sqrt(0.75)])

@@ -2,13 +2,11 @@
 
 A quaternion is (x, y, z, w), scalar last, as in Mucciaccia's thesis, equation (11).
 One of attitude has norm 1 and takes body components to the earth frame (NED):
-``v_ned = q v q*``, the product being Hamilton's. q and -q are one attitude. Body
-rates therefore multiply on the right: ``q_next = product(q, from_rotation_vector(rate * dt))``.
+``v_ned = q v q*``, the product being Hamilton's. q and -q are one attitude.
 """
 
 from __future__ import annotations
 
-import math
 from typing import TypeAlias
 
 import numpy as np
@@ -17,37 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 from hiltest.angles import Pose, pose_from_rotation, rotation_body_from_ned
 
 Quaternion: TypeAlias = NDArray[np.float64]
-IDENTITY: Quaternion = np.array([0.0, 0.0, 0.0, 1.0])
-IDENTITY.flags.writeable = False
-
-
-def product(first: ArrayLike, second: ArrayLike) -> Quaternion:
-    """Return Hamilton's product: what `second` does in the frame that `first` has made."""
-    x, y, z, w = np.asarray(second, dtype=np.float64)
-    return right_matrix((x, y, z, w)) @ np.asarray(first, dtype=np.float64)
-
-
-def right_matrix(second: ArrayLike) -> NDArray[np.float64]:
-    """Return the matrix, shape (4, 4), with ``product(q, second) = right_matrix(second) @ q``."""
-    x, y, z, w = np.asarray(second, dtype=np.float64)
-    return np.array([[w, z, -y, x], [-z, w, x, y], [y, -x, w, z], [-x, -y, -z, w]])
-
-
-def left_columns(second: ArrayLike) -> NDArray[np.float64]:
-    """Return the products of the earth's axes with a quaternion, as columns.
-
-    Notes
-    -----
-    ``q + left_columns(q) @ turn_rad / 2`` is q turned by a small rotation about north, east
-    and down. For a unit q the columns are orthonormal, and orthogonal to q.
-    """
-    x, y, z, w = np.asarray(second, dtype=np.float64)
-    return np.array([[w, z, -y], [-z, w, x], [y, -x, w], [-x, -y, -z]])
-
-
-def conjugate(quaternion: ArrayLike) -> Quaternion:
-    """Return the opposite turn of a unit quaternion."""
-    return np.asarray(quaternion, dtype=np.float64) * (-1.0, -1.0, -1.0, 1.0)
 
 
 def normalised(quaternion: ArrayLike) -> Quaternion:
@@ -55,21 +22,6 @@ def normalised(quaternion: ArrayLike) -> Quaternion:
     values = np.asarray(quaternion, dtype=np.float64)
     unit: Quaternion = values / np.linalg.norm(values)
     return unit
-
-
-def from_rotation_vector(rotation_rad: ArrayLike) -> Quaternion:
-    """Return the turn about an axis by the vector's length [rad].
-
-    Notes
-    -----
-    The thesis' equations (8) to (11), which are 0/0 for no rotation at all: sine over angle
-    is taken as one function, which is 1/2 there.
-    """
-    vector = np.asarray(rotation_rad, dtype=np.float64)
-    angle_rad = float(np.linalg.norm(vector))
-    # numpy's sinc is sin(pi x)/(pi x), and knows its limit.
-    sine = 0.5 * float(np.sinc(angle_rad / (2.0 * math.pi)))
-    return np.append(sine * vector, math.cos(0.5 * angle_rad))
 
 
 def from_pose(pose: Pose) -> Quaternion:
@@ -114,9 +66,3 @@ def rotation_ned_from_body(quaternion: ArrayLike) -> NDArray[np.float64]:
 def pose_of(quaternion: ArrayLike) -> Pose:
     """Return heading, pitch and roll of a unit quaternion."""
     return pose_from_rotation(rotation_ned_from_body(quaternion).T)
-
-
-def angle_between_deg(first: ArrayLike, second: ArrayLike) -> float:
-    """Return the smallest rotation that takes one attitude to another [deg]; signs do not matter."""
-    between = product(conjugate(first), second)
-    return math.degrees(2.0 * math.atan2(float(np.linalg.norm(between[:3])), abs(float(between[3]))))
