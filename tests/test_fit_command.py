@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from hiltest.procedures.clouds import golden_cloud
-from hiltest.world.instances import instance
+
+from .instances import instance
 
 pytestmark = pytest.mark.slow
 

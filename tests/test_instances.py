@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hiltest.world.instances import instance
+from .instances import instance
 
 
 def test_the_same_seed_gives_the_same_points() -> None:

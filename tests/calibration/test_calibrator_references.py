@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from hiltest.calibration import REFERENCES, FitStatus, fit_direct, fit_iterative, fit_sphere, reference
 from hiltest.calibration.quality import direction_difference_rms_deg, sphere_directions
 from hiltest.errors import ConfigError
-from hiltest.world.instances import instance
+
+from ..instances import instance
 
 CLOUDS = sorted((Path(__file__).parents[2] / "fixtures" / "clouds").glob("*.json"))
 # Noiseless float64 points: the error is rounding (2e-16) times the condition of the normal equations (below 1e4 here).

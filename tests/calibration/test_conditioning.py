@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from hiltest.angles import Pose, rotation_body_from_ned
 from hiltest.calibration.conditioning import CONDITION_SINGULAR, TRACELESS, CentredCloud, ellipsoid_condition
 from hiltest.calibration.quality import sphere_directions
-from hiltest.world.instances import instance
+
+from ..instances import instance
 
 
 def _conditions(part: float, *, count: int = 200) -> np.ndarray:

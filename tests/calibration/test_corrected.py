@@ -11,7 +11,8 @@ import pytest
 from hiltest.calibration import FitStatus, corrected, fit_corrected, fit_direct
 from hiltest.calibration.fit import half_range, points_array
 from hiltest.calibration.quality import COUNTS_PER_UT, direction_error_rms_deg, sphere_directions
-from hiltest.world.instances import Instance, instance
+
+from ..instances import Instance, instance
 
 NOISE_UT = 2.5
 SEEDS = 2000

@@ -9,7 +9,8 @@ from hiltest.calibration import FitStatus, MagnetometerFit, fit_corrected, fit_d
 from hiltest.calibration.direction_error import DirectionError, predicted_direction_error
 from hiltest.calibration.fit import Calibrator
 from hiltest.calibration.quality import direction_difference_rms_deg, sphere_directions
-from hiltest.world.instances import instance
+
+from ..instances import instance
 
 _DRAWS = 500
 

@@ -19,7 +19,8 @@ from hiltest.calibration.quality import (
     rotation_left_deg,
     sphere_directions,
 )
-from hiltest.world.instances import instance
+
+from ..instances import instance
 
 
 def _fit(soft_iron: np.ndarray, hard_iron: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> MagnetometerFit:

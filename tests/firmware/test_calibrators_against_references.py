@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike
 
 from hiltest.calibration import FitStatus, MagnetometerFit, reference
 from hiltest.calibration.quality import direction_difference_rms_deg
-from hiltest.world.instances import Instance, instance
+
+from ..instances import Instance, instance
 
 ROOT = Path(__file__).parents[2]
 CLOUDS = sorted((ROOT / "fixtures" / "clouds").glob("*.json"))

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hiltest.world.instances import instance
+from ..instances import instance
 
 SEEDS = range(1, 31)
 

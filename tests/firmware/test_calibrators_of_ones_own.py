@@ -15,8 +15,8 @@ from typing import Any
 import pytest
 
 from hiltest.virtual.k64f import VirtualK64F
-from hiltest.world.instances import instance
 
+from ..instances import instance
 from .conftest import SHIPPED_ELF
 
 pytestmark = pytest.mark.slow

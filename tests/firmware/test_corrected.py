@@ -9,7 +9,8 @@ import pytest
 
 from hiltest.calibration import FitStatus, MagnetometerFit, fit_corrected
 from hiltest.calibration.quality import COUNTS_PER_UT, direction_error_rms_deg, sphere_directions
-from hiltest.world.instances import Instance, instance
+
+from ..instances import Instance, instance
 
 NOISE_UT = 2.5
 BUFFER = 512  # points that the board has room for

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from hiltest.calibration import FitStatus, fit_direct
 from hiltest.calibration.quality import direction_difference_rms_deg, direction_error_rms_deg, sphere_directions
-from hiltest.world.instances import Instance, instance
 
+from ..instances import Instance, instance
 from .references.packed_moments import BLOCK_POINTS, largest_shift, packed_sums
 
 INSTANCES = int(os.environ.get("HILTEST_ACCURACY_INSTANCES", "400"))

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from hiltest.calibration import FitStatus
 from hiltest.calibration.quality import direction_difference_rms_deg
 from hiltest.link.streams import StreamStatus
-from hiltest.world.instances import instance
 
+from ..instances import instance
 from .references.direct_stream import LARGEST_COUNTS, MOST_POINTS, DirectStream
 from .streams import BoardStream, Stream
 

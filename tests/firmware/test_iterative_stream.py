@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from hiltest.calibration import FitStatus, MagnetometerFit
 from hiltest.calibration.quality import direction_difference_rms_deg
-from hiltest.world.instances import instance
 
+from ..instances import instance
 from .references.element_fits import fit_elements
 from .references.iterative_stream import IterativeStream
 from .references.magnetic_buffer import FULL, LIMITS, MESH_COUNTS, cell_of

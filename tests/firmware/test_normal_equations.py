@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from hiltest.virtual.k64f import VirtualK64F
-from hiltest.world.instances import instance
 
+from ..instances import instance
 from .conftest import FIRMWARE, SHIPPED_ELF
 
 Floats = NDArray[np.float32]

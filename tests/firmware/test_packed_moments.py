@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 import hiltest
 from hiltest.virtual.elf import FirmwareImage, load_image
 from hiltest.virtual.instructions import decode
-from hiltest.world.instances import instance
 
+from ..instances import instance
 from .packed_kernel import MOMENTS, BoardPacked, HostPacked, PackedKernel
 from .references.packed_moments import BLOCK_POINTS, largest_shift, packed_moments, packed_sums
 

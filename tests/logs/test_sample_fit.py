@@ -16,7 +16,8 @@ from hiltest.errors import ConfigError
 from hiltest.logs import Cloud, Unit
 from hiltest.logs.sample_fit import MOST_POINTS, CloudFit, fit_on_board, fit_on_host
 from hiltest.procedures.clouds import golden_cloud
-from hiltest.world.instances import instance
+
+from ..instances import instance
 
 _GOLDEN = sorted((Path(__file__).parents[2] / "fixtures" / "clouds").glob("*.json"))
 

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from hiltest.calibration.quality import sphere_directions
 from hiltest.procedures.coverage import largest_hole_deg, sphere_coverage
-from hiltest.world.instances import instance
+
+from ..instances import instance
 
 FIELD_UT = 48.5
 HARD_IRON_COUNTS = np.array([700.0, -300.0, 120.0])

@@ -5,12 +5,10 @@
 
 from hiltest.world.distortion import MagneticDistortion
 from hiltest.world.earth_field import EarthField, Vector
-from hiltest.world.instances import Instance, instance
 from hiltest.world.noise import NoiseSource
 from hiltest.world.temperature import Temperature
 from hiltest.world.world import World, WorldState
 
 __all__ = [
-    "EarthField", "Instance", "MagneticDistortion", "NoiseSource", "Temperature", "Vector", "World", "WorldState",
-    "instance",
+    "EarthField", "MagneticDistortion", "NoiseSource", "Temperature", "Vector", "World", "WorldState",
 ]  # fmt: skip
