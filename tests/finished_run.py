@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import json
 import os
 import subprocess
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -65,3 +67,16 @@ def run_once(folder: Path) -> Finished:
             kept.write_text(json.dumps([done.code, done.output, done.errors]), encoding="utf-8")
     code, output, errors = json.loads(kept.read_text(encoding="utf-8"))
     return Finished(code, output, errors, folder / "bench" / "hil-out")
+
+
+def without_volatile(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a copy of a parsed ``run.json`` without the places that its ``volatile`` names."""
+    copy: dict[str, Any] = json.loads(json.dumps(content))
+    for pointer in content["volatile"]:
+        *parents, last = pointer.lstrip("/").split("/")
+        place: Any = copy
+        for step in parents:
+            place = place[int(step)] if isinstance(place, list) else place[step]
+        with contextlib.suppress(KeyError):
+            del place[last]
+    return copy

@@ -17,8 +17,9 @@ from hiltest.bench_files import shipped
 from hiltest.record.files import RECORD_FILES
 from hiltest.record.journal import JOURNAL_FILE
 from hiltest.record.reader import read_record
-from hiltest.record.run_json import without_volatile
 from hiltest.verdict.summary import summarise
+
+from ..finished_run import without_volatile
 
 Run = Callable[..., object]
 

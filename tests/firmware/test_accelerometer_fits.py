@@ -15,11 +15,12 @@ from hypothesis import strategies as st
 
 from hiltest.calibration.accelerometer import (
     COUNTS_PER_G,
-    METHODS,
     NOMINAL,
     AccelerometerFit,
     AccelerometerSolution,
     AccelerometerStatus,
+    fit_ellipsoid,
+    fit_six_position,
 )
 from hiltest.calibration.quality import sphere_directions
 from hiltest.calibration.still_pose import FACES, Face, StillPose
@@ -33,6 +34,8 @@ POSE = struct.Struct("<12fHBx")
 FIT = struct.Struct("<3Bx12f")  # accelerometer_fit_t, the same on both
 REPLY = struct.Struct("<3B13fII")
 INSTANCES = 600
+#: By the names that the board knows them by.
+METHODS = {"six-position": fit_six_position, "ellipsoid": fit_ellipsoid}
 
 Fits = Callable[[str, Sequence[StillPose]], AccelerometerSolution]
 

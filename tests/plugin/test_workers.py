@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from hiltest.record.run_json import without_volatile
+from ..finished_run import without_volatile
 
 pytest.importorskip("xdist")
 

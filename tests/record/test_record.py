@@ -16,8 +16,10 @@ from hiltest.record.files import write_atomically
 from hiltest.record.outcomes import TestOutcome
 from hiltest.record.reader import read_record
 from hiltest.record.run import Column, Findings, Table, TestResult, Verdict
-from hiltest.record.run_json import to_json, without_volatile, write_run
+from hiltest.record.run_json import to_json, write_run
 from hiltest.record.schema import SCHEMA_FILE, run_schema, schema_text
+
+from ..finished_run import without_volatile
 
 Make = Callable[..., Findings]
 PASSED = Verdict("pass", 0, "PASS.", complete=True)

@@ -16,7 +16,7 @@ from hiltest.record.reader import read_record
 from hiltest.record.recorder import Recorder
 from hiltest.record.revision import revision_of
 from hiltest.record.run import Findings, Run, Verdict
-from hiltest.record.run_json import to_json, without_volatile
+from hiltest.record.run_json import to_json
 from hiltest.report.comparison_overview import sides
 from hiltest.report.html import html_report
 from hiltest.report.markdown import markdown_report
@@ -24,6 +24,8 @@ from hiltest.runs.older_firmware import older_options
 from hiltest.verdict.compare import compare
 from hiltest.verdict.evidence import evidence_of, evidence_of_seeds
 from hiltest.verdict.wording import revision
+
+from ..finished_run import without_volatile
 
 SHA = "0123456789abcdef0123456789abcdef01234567"
 JOB = {"GITHUB_SHA": SHA, "GITHUB_REF_NAME": "12/merge"}

@@ -172,10 +172,6 @@ def fit_ellipsoid(poses: Sequence[StillPose]) -> AccelerometerSolution:
     return AccelerometerSolution(AccelerometerStatus.OK, (), None, fit, 1000.0 * _rms(errors_g))
 
 
-#: By the names that the board knows them by.
-METHODS = {"six-position": fit_six_position, "ellipsoid": fit_ellipsoid}
-
-
 def is_on_face(counts: ArrayLike, face: Face) -> bool:
     """Say whether an accelerometer's counts are those of a board on this face, roughly."""
     mean_g = np.asarray(counts, dtype=np.float64) / COUNTS_PER_G

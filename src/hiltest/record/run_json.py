@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -28,19 +27,6 @@ def content_to_json(content: Mapping[str, Any]) -> str:
 def write_run(run: Run, folder: Path) -> Path:
     """Write ``run.json`` so that a reader sees the whole file or none."""
     return write_atomically(folder / RUN_FILE, to_json(run))
-
-
-def without_volatile(content: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a copy of a parsed ``run.json`` without the places that its ``volatile`` names."""
-    copy: dict[str, Any] = json.loads(json.dumps(content))
-    for pointer in content["volatile"]:
-        *parents, last = pointer.lstrip("/").split("/")
-        place: Any = copy
-        for step in parents:
-            place = place[int(step)] if isinstance(place, list) else place[step]
-        with contextlib.suppress(KeyError):
-            del place[last]
-    return copy
 
 
 def measurement_from(content: Mapping[str, Any]) -> Measurement:

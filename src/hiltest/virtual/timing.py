@@ -19,7 +19,7 @@ the dear side. Instructions inside an IT block are priced as if executed.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -178,12 +178,3 @@ def moved(profile: TimingProfile, values: Mapping[str, int]) -> TimingProfile:
     """Return a profile with other values in some rows, within their bands or not."""
     rows = profile.rows | {name: replace(profile.rows[name], value=value) for name, value in values.items()}
     return TimingProfile(profile.name, rows, profile.memory, shipped=False)
-
-
-def price(profile: TimingProfile, instructions: Iterable[Instruction], state: PipelineState = NEUTRAL) -> int:
-    """Sum the cost of straight-line code [cycles], from a pipeline state on."""
-    total = 0
-    for instruction in instructions:
-        cycles, state = profile.step(instruction, state)
-        total += cycles
-    return total
