@@ -13,7 +13,7 @@ import pytest
 
 from hiltest.measurement import Limit, judge
 from hiltest.record.run_json import write_run
-from hiltest.trend.as_json import SCHEMA
+from hiltest.trend.outputs import SCHEMA
 
 from ..trend.runs import finished_run
 

@@ -15,7 +15,7 @@ from hiltest.measurement import Limit, judge
 from hiltest.record.journal import JOURNAL_FILE, Journal
 from hiltest.record.recorder import Recorder
 from hiltest.trend.folder import read_folder
-from hiltest.trend.page import trend_page
+from hiltest.trend.outputs import trend_page
 from hiltest.trend.series import trend_of
 from hiltest.trend.words import between
 from hiltest.verdict.baseline import accept, baseline_of

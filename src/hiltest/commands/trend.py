@@ -36,8 +36,8 @@ def trend(folder: Path, html: Path | None, every: bool, as_json: bool) -> None:
     that are no records are named and skipped.
     """
     from hiltest.record.files import write_asked_for
-    from hiltest.trend import read_folder, trend_of, trend_page
-    from hiltest.trend.as_json import to_json
+    from hiltest.trend import read_folder, trend_of
+    from hiltest.trend.outputs import print_trend, to_json, trend_page
 
     entries, skipped = read_folder(folder)
     if not entries:
@@ -47,7 +47,6 @@ def trend(folder: Path, html: Path | None, every: bool, as_json: bool) -> None:
         click.echo(to_json(found, skipped), nl=False)
     else:
         from hiltest.report.console import standard_output
-        from hiltest.trend.table import print_trend
 
         print_trend(found, standard_output(), every=every)
         _print_skipped(skipped)

@@ -25,7 +25,7 @@ from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import Column, Findings, Run, Table, TestResult
 from hiltest.report.html import html_report
 from hiltest.trend.folder import Skipped
-from hiltest.trend.page import trend_page
+from hiltest.trend.outputs import trend_page
 from hiltest.trend.series import RunEntry, trend_of
 from hiltest.verdict.verdict import decide
 

@@ -9,7 +9,7 @@ from hiltest.measurement import Limit, judge
 from hiltest.record.comparison import Revision
 from hiltest.trend.figures import figure
 from hiltest.trend.folder import Skipped
-from hiltest.trend.page import trend_page
+from hiltest.trend.outputs import trend_page
 from hiltest.trend.series import Trend, trend_of
 
 from .entries import cycles, degrees, entry

@@ -1,0 +1,142 @@
+"""A trend as one self-contained page without script or address, as a table at the terminal, and as JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from itertools import groupby
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from hiltest.measurement import Outcome
+from hiltest.record.comparison import Change
+from hiltest.report.figures.section import FigureGroup, panel_width
+from hiltest.report.marks import SERIES, KeyEntry
+from hiltest.report.page import render
+from hiltest.trend import words
+from hiltest.trend.figures import figure, step_key
+from hiltest.trend.folder import Skipped
+from hiltest.trend.series import Measured, Point, RunEntry, Series, Step, Trend
+from hiltest.verdict.wording import build, numbers, revision
+
+_POINTS_AT_MOST = 200
+_MOST = 4  # plots in a row
+_STEPS_AT_MOST = 20
+_STYLES = {Change.WORSE: "red", Change.BETTER: "green"}
+SCHEMA = "hiltest.trend/1"
+
+
+def trend_page(trend: Trend, skipped: Sequence[Skipped]) -> str:
+    """Return the page: the plots with a change point, what changed in each run, then all other plots."""
+    counted = words.models(trend.measured)
+    points = trend.steps[:_POINTS_AT_MOST]
+    moved = dict.fromkeys(step.difference.name for step in trend.steps)
+    stepped = [each for name in moved for each in trend.measured if each.name == name and each.steps]
+    level = [each for each in trend.measured if not each.steps]
+    groups = _plots(trend, "With a change point", stepped), _plots(trend, "Without a change point", level)
+    return render(
+        "trend.html.j2", package="hiltest.trend", trend=trend, skipped=skipped, sentence=words.sentence(trend),
+        counted=counted[:1].upper() + counted[1:], words=words, numbers=numbers, build=build, revision=revision,
+        revised=any(each.evidence.side.revision for each in trend.entries),
+        key=[*_line_key(trend), *(step_key() if trend.steps else [])],
+        groups=[each for each in groups if each.panels],
+        changed=[(after, list(steps)) for after, steps in groupby(points, key=lambda step: step.after)],
+        more=len(trend.steps) - len(points),
+    )
+
+
+def _plots(trend: Trend, heading: str, measured: Sequence[Measured]) -> FigureGroup:
+    names = [words.run_name(trend, index) for index in range(len(trend.entries))]
+    width = panel_width(len(measured), _MOST)
+    drawn = [figure(each, names, more=words.under(trend, each), width=width) for each in measured]
+    return FigureGroup("", heading, "", drawn, most=_MOST)
+
+
+def _line_key(trend: Trend) -> list[KeyEntry]:
+    """Return what the styles of the lines stand for, where there are several and each has its own."""
+    if not 1 < len(trend.lines) <= len(SERIES):
+        return []
+    named = zip(trend.lines, SERIES, strict=False)
+    return [KeyEntry(words.line_name(trend, line), style, mark, f"{style} filled") for line, (style, mark) in named]
+
+
+def print_trend(trend: Trend, console: Console, *, every: bool) -> None:
+    """Print what has a limit or a change point, or with `every` all; then the newest change points and the sentence."""
+    shown = [each for each in trend.measured if every or each.limit or each.steps]
+    if shown:
+        console.print(_grid(trend, shown))
+    if remark := words.models(shown):
+        console.print(escape(remark), soft_wrap=True)
+    if len(shown) < len(trend.measured):
+        console.print(f"{len(trend.measured) - len(shown)} more without limit and change point: --all")
+    for step in trend.steps[:_STEPS_AT_MOST]:
+        entry, found = trend.entries[step.after], step.difference
+        line = f"{words.run_name(trend, step.after)}, {entry.when_utc}: {found.change}: {found.name} {numbers(found)}"
+        console.print(escape(line), style=_STYLES.get(found.change), soft_wrap=True)
+        console.print(escape(f"    {words.between(trend, step)} ({entry.file})"), soft_wrap=True)
+    if len(trend.steps) > _STEPS_AT_MOST:
+        console.print(f"and {len(trend.steps) - _STEPS_AT_MOST} change points before")
+    console.print(escape(words.sentence(trend)), soft_wrap=True)
+
+
+def _grid(trend: Trend, measured: list[Measured]) -> Table:
+    grid = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    for heading in words.HEADINGS:
+        grid.add_column(heading, justify="right" if heading in words.NUMERIC else "left", overflow="fold")
+    for each, cells in zip(measured, words.rows(trend, measured), strict=True):
+        grid.add_row(*map(escape, cells), style="bold" if each.steps else None)
+    return grid
+
+
+def to_json(trend: Trend, skipped: Sequence[Skipped]) -> str:
+    """Return the text of ``hiltest trend --json``; entries and lines are numbered from 0, in their order here."""
+    content = {
+        "schema": SCHEMA,
+        "entries": [_entry(each) for each in trend.entries],
+        "lines": [asdict(each) for each in trend.lines],
+        "measurements": [_measured(each) for each in trend.measured],
+        "skipped": [asdict(each) for each in skipped],
+    }
+    return json.dumps(content, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _entry(entry: RunEntry) -> dict[str, Any]:
+    side = asdict(entry.evidence.side)
+    return {**side, "file": entry.file, "when_utc": entry.when_utc, "faults": list(entry.evidence.faults)}
+
+
+def _measured(measured: Measured) -> dict[str, Any]:
+    return {"name": measured.name, "unit": measured.unit, "series": [_series(each) for each in measured.series]}
+
+
+def _series(series: Series) -> dict[str, Any]:
+    points = series.points
+    spread = any(point.low < point.high for point in points)
+    return {
+        "line": series.line, "cycle_model": series.cycle_model, "entries": [point.entry for point in points],
+        "values": [point.value for point in points],
+        "lowest": [point.low for point in points] if spread else None,
+        "highest": [point.high for point in points] if spread else None,
+        "limits": [_limit(stretch) for _, stretch in groupby(points, key=lambda point: point.limit)],
+        "failed": [point.entry for point in points if point.outcome == Outcome.FAIL],
+        "steps": [_step(each) for each in series.steps],
+    }  # fmt: skip
+
+
+def _limit(stretch: Iterator[Point]) -> dict[str, Any]:
+    """Return a limit and the first entry that has it."""
+    first = next(stretch)
+    return {"entry": first.entry, "limit": first.limit and asdict(first.limit)}
+
+
+def _step(step: Step) -> dict[str, Any]:
+    found = step.difference
+    return {
+        "before": step.before, "after": step.after, "change": found.change, "base": found.base, "new": found.new,
+        "delta": found.delta, "interval": found.interval, "tolerance": asdict(found.tolerance),
+    }  # fmt: skip
