@@ -72,8 +72,7 @@ def fit_imu(**given: Any) -> int:
     Rests, six faces and whole turns about the vertical are detected.
     """
     from hiltest.logs import AccelerationUnit, LogColumns, read_imu_log
-    from hiltest.logs.imu_fit import fit_imu_log
-    from hiltest.logs.imu_fit_exports import print_fit, to_header, to_json
+    from hiltest.logs.imu_fit import fit_imu_log, print_fit, to_header, to_json
     from hiltest.logs.units import RATE_WORDS
     from hiltest.record.files import write_asked_for
     from hiltest.report.console import standard_output

@@ -1,13 +1,44 @@
-"""A log and all that was made of it."""
+"""A log and all that was made of it: for people, as JSON (schema ``hiltest.fit-imu/1``), and as a C header."""
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
-from hiltest.logs.imu_accelerometer import AUTO, AccelerometerResult, fit_rests
-from hiltest.logs.imu_gyroscope import WHOLE_DEG, GyroscopeResult, fit_gyroscope
+import numpy as np
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from hiltest import __version__
+from hiltest.c_source import c_float, in_comment
+from hiltest.logs.imu_accelerometer import AUTO, AccelerometerResult, face_name, fit_rests
+from hiltest.logs.imu_gyroscope import WHOLE_DEG, GyroscopeResult, TurnResult, fit_gyroscope
 from hiltest.logs.imu_log import ImuLog
 from hiltest.logs.intervals import Intervals
+
+SCHEMA = "hiltest.fit-imu/1"
+ACCELEROMETER_FORMULA = "gravity_g = gain * (reading - offset)"
+GYROSCOPE_FORMULA = "rate_dps = matrix * (reading - bias)"
+
+_HEADER = """\
+/*
+ * Calibration of an IMU by hiltest {version}, from {files}.
+ * Readings and results are in the axes of the accelerometer, in the unit of the log; matrices are row by row.
+ */
+#ifndef HILTEST_IMU_LOG_CALIBRATION_H
+#define HILTEST_IMU_LOG_CALIBRATION_H
+
+{parts}
+#endif
+"""
+
+
+# Turns that determine a matrix, without one to spare.
+_DETERMINED = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,3 +72,142 @@ def fit_imu_log(log: ImuLog, intervals: Intervals, method: str = AUTO, *, turn_d
     accelerometer = fit_rests(log, intervals.rests, method)
     gyroscope = fit_gyroscope(log, intervals, accelerometer.fit, turn_deg=turn_deg)
     return ImuLogFit(log, intervals, accelerometer, gyroscope)
+
+
+def print_fit(fit: ImuLogFit, console: Console) -> None:
+    """Print what was found in the log, what it made of each sensor, and what was refused with the reason."""
+    log, rests = fit.log, fit.intervals.rests
+    length_s = log.time_s[-1] - log.time_s[0]
+    console.print(escape(f"{', '.join(log.files)}: {len(log.time_s)} samples, {length_s:.1f} s; {len(rests)} rests, "
+                         f"{'found' if fit.intervals.found else 'annotated'}"), soft_wrap=True)
+    _print_accelerometer(fit.accelerometer, log.acceleration_unit, console)
+    if fit.gyroscope is not None:
+        _print_gyroscope(fit.gyroscope, log.rate_unit, console)
+    else:
+        console.print("no gyroscope in the log" if log.rate is None else "gyroscope: refused, no rest for its bias",
+                      soft_wrap=True)
+
+
+def _print_accelerometer(result: AccelerometerResult, unit: str, console: Console) -> None:
+    faces = " ".join(face_name(face) for face in result.faces) or "none"
+    console.print(escape(f"accelerometer, {result.method}: {result.rests} rests, faces {faces}"), soft_wrap=True)
+    if result.fit is None:
+        console.print(escape(f"  refused: {result.refused}"), style="bold red", soft_wrap=True)
+        return
+    grid = _grid((f"gain [{_per('g', unit)}]", _matrix(result.fit.gain)),
+                 (f"offset [{unit}]", _triple(result.fit.offset)),
+                 ("spread of norms, before [%]", f"{result.spread_before_percent:.3f}"),
+                 ("spread of norms, after [%]", f"{result.spread_after_percent:.4f}"),
+                 ("residual [mg]", f"{result.residual_mg:.3f}"))
+    console.print(grid)
+
+
+def _print_gyroscope(result: GyroscopeResult, unit: str, console: Console) -> None:
+    used = sum(not turn.refused for turn in result.turns)
+    console.print(escape(f"gyroscope: {result.n} samples at rest, {used} turns"), soft_wrap=True)
+    rows = [(f"bias [{unit}]", _triple(result.bias)), (f"spread of the rests [{unit}]", f"{result.bias_spread:.3g}")]
+    if result.fit is not None:
+        rows.insert(0, (f"matrix [{_per('deg/s', unit)}]", _matrix(result.fit.matrix)))
+    console.print(_grid(*rows))
+    for turn in result.turns:
+        console.print(escape(f"  {_turn(turn, unit)}"), soft_wrap=True)
+    if result.fit is not None and used == _DETERMINED:
+        console.print("  three turns are met exactly: a fourth would tell how good the matrix is", soft_wrap=True)
+    if result.fit is None:
+        console.print(escape(f"  only the bias: {result.refused}"), style="yellow", soft_wrap=True)
+
+
+def _turn(turn: TurnResult, unit: str) -> str:
+    """Return one turn as a sentence."""
+    name = f" {turn.name}" if turn.name else ""
+    integral = "counts s" if unit == "counts" else "deg"
+    when = f"{turn.start_s:.1f} to {turn.end_s:.1f} s"
+    words = f"turn{name}, {when}: {_triple(turn.integral)} {integral}"
+    if turn.refused:
+        return f"{words}, refused: {turn.refused}"
+    return f"{words}, taken for {turn.turned_deg:+.0f} deg; {turn.left_deg:.3f} deg left"
+
+
+def to_json(fit: ImuLogFit) -> str:
+    """Return all of it as JSON."""
+    return json.dumps(contents(fit), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def contents(fit: ImuLogFit) -> dict[str, Any]:
+    """Return what the JSON has."""
+    log, accelerometer, gyroscope = fit.log, fit.accelerometer, fit.gyroscope
+    return {
+        "schema": SCHEMA, "hiltest": __version__, "complete": fit.complete, "files": list(log.files),
+        "samples": len(log.time_s), "seconds": float(log.time_s[-1] - log.time_s[0]),
+        "rests": [
+            {"name": each.name, "start": each.start, "end": each.end} for each in fit.intervals.rests
+        ],
+        "accelerometer": {
+            "unit": log.acceleration_unit, "formula": ACCELEROMETER_FORMULA, "method": accelerometer.method,
+            "n": accelerometer.rests, "faces": [face_name(face) for face in accelerometer.faces],
+            "gain": None if accelerometer.fit is None else accelerometer.fit.gain.tolist(),
+            "offset": None if accelerometer.fit is None else accelerometer.fit.offset.tolist(),
+            "spread_before_percent": accelerometer.spread_before_percent,
+            "spread_after_percent": accelerometer.spread_after_percent,
+            "residual_mg": accelerometer.residual_mg, "refused": accelerometer.refused,
+        },
+        "gyroscope": None if gyroscope is None else {
+            "unit": log.rate_unit, "formula": GYROSCOPE_FORMULA, "n": gyroscope.n, "bias": gyroscope.bias.tolist(),
+            "bias_spread": gyroscope.bias_spread,
+            "matrix": None if gyroscope.fit is None else gyroscope.fit.matrix.tolist(), "refused": gyroscope.refused,
+            "turns": [
+                {
+                    "name": turn.name, "start_s": turn.start_s, "end_s": turn.end_s, "integral": list(turn.integral),
+                    "turned_deg": turn.turned_deg, "left_deg": turn.left_deg, "refused": turn.refused,
+                }
+                for turn in gyroscope.turns
+            ],
+        },
+    }  # fmt: skip
+
+
+def to_header(fit: ImuLogFit) -> str:
+    """Return what was calibrated as a C header: C11, float, no code."""
+    parts = []
+    if fit.accelerometer.fit is not None:
+        unit, found = fit.log.acceleration_unit, fit.accelerometer.fit
+        parts += [f"/* {ACCELEROMETER_FORMULA} */", _c("accelerometer_gain", found.gain, _per("g", unit)),
+                  _c("accelerometer_offset", found.offset, unit), ""]
+    if fit.gyroscope is not None:
+        gyroscope, rate_unit = fit.gyroscope, fit.log.rate_unit
+        formula = GYROSCOPE_FORMULA if gyroscope.fit is not None else "reading - bias"
+        parts += [f"/* {formula} */", _c("gyroscope_bias", gyroscope.bias, rate_unit)]
+        if gyroscope.fit is not None:
+            parts.append(_c("gyroscope_matrix", gyroscope.fit.matrix, _per("deg/s", rate_unit)))
+        parts.append("")
+    files = ", ".join(in_comment(Path(each).name) for each in fit.log.files)
+    return _HEADER.format(version=in_comment(__version__), files=files, parts="\n".join(parts))
+
+
+def _c(name: str, values: np.ndarray, unit: str) -> str:
+    shape = "".join(f"[{size}]" for size in values.shape)
+    rows = ["{" + ", ".join(c_float(float(each)) for each in row) + "}" for row in np.atleast_2d(values)]
+    literal = rows[0] if values.ndim == 1 else "{\n    " + ",\n    ".join(rows) + ",\n}"
+    return f"static const float {name}{shape} = {literal}; /* {unit} */"
+
+
+def _per(what: str, unit: str) -> str:
+    """Return the unit of a gain: what of one reading."""
+    if unit == what:
+        return "1"
+    return f"{what}/count" if unit == "counts" else f"({what})/({unit})" if "/" in unit else f"{what}/{unit}"
+
+
+def _grid(*rows: tuple[str, str]) -> Table:
+    grid = Table(box=SIMPLE_HEAD, pad_edge=False, show_header=False)
+    for row in rows:
+        grid.add_row(*map(escape, row))
+    return grid
+
+
+def _matrix(values: np.ndarray) -> str:
+    return "\n".join(_triple(row) for row in values)
+
+
+def _triple(values: np.ndarray | tuple[float, float, float]) -> str:
+    return " ".join(f"{value:.6g}" for value in values)
