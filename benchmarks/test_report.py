@@ -10,7 +10,7 @@ from pytest_benchmark.fixture import BenchmarkFixture
 from hiltest.measurement import EXACT, Better, Limit, judge
 from hiltest.record.comparison import Change, Comparison, Difference, Side
 from hiltest.record.run import Column, Environment, Findings, Run, Table, Verdict
-from hiltest.report.html import html_report
+from hiltest.report.render import html_report
 
 from .conftest import Report
 

@@ -18,8 +18,8 @@ from hiltest.record.revision import revision_of
 from hiltest.record.run import Findings, Run, Verdict
 from hiltest.record.run_json import to_json
 from hiltest.report.comparison_overview import sides
-from hiltest.report.html import html_report
 from hiltest.report.markdown import markdown_report
+from hiltest.report.render import html_report
 from hiltest.runs.older_firmware import older_options
 from hiltest.verdict.compare import compare
 from hiltest.verdict.evidence import evidence_of, evidence_of_seeds

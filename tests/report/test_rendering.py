@@ -15,10 +15,9 @@ from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import Findings, Run, Table, TestResult
 from hiltest.report.figures.cost import budget_figures
 from hiltest.report.figures.section import columns
-from hiltest.report.html import html_report
 from hiltest.report.markdown import markdown_report
 from hiltest.report.markdown_text import plain_text
-from hiltest.report.render import write_reports
+from hiltest.report.render import html_report, write_reports
 from hiltest.report.svg import Figure, log_ticks, nice_ticks
 from hiltest.report.terminal import summary
 from hiltest.verdict.verdict import decide

@@ -51,8 +51,8 @@ def names(folder: Path) -> list[str]:
 def test_the_reports_of_a_folder_are_those_that_the_run_wrote(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from hiltest.report.html import html_report
     from hiltest.report.markdown import markdown_report
+    from hiltest.report.render import html_report
 
     assert report(folder) == 0
     run = read_record(folder).run

@@ -11,7 +11,8 @@ from hiltest.errors import ConfigError
 
 RUN_FILE = "run.json"
 REPORT_FILE = "report.html"
-RECORD_FILES = (RUN_FILE, REPORT_FILE, "report.md", "junit.xml")
+MARKDOWN_FILE = "report.md"
+RECORD_FILES = (RUN_FILE, REPORT_FILE, MARKDOWN_FILE, "junit.xml")
 SEED_FOLDERS = "seed-*"
 """Folders of a campaign, each with the record of one seed."""
 SEEDS_FILE = "seeds.json"

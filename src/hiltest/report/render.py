@@ -1,20 +1,81 @@
-"""Write every report of a run."""
+"""Write every report of a run: the page has the verdict first, then what it rests on."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
-from hiltest.record.files import write_atomically
-from hiltest.record.run import Run
-from hiltest.report.html import html_report
+from hiltest import __version__
+from hiltest.record.files import MARKDOWN_FILE, REPORT_FILE, write_atomically
+from hiltest.record.outcomes import RED, TestOutcome
+from hiltest.record.run import Run, TestResult
+from hiltest.report import overview, stream_overview
+from hiltest.report.comparison_overview import against_baseline
+from hiltest.report.cost_line import cost_line
+from hiltest.report.figures.cost import budget_group, cost_group
+from hiltest.report.figures.fusion import fusion_group
+from hiltest.report.figures.heading import heading_group
+from hiltest.report.figures.inertial import accelerometer_group, gyroscope_group
+from hiltest.report.figures.samples import samples_group
 from hiltest.report.markdown import markdown_report
+from hiltest.report.page import render
+from hiltest.report.terminal import shown_limit, shown_outcome, shown_value
+from hiltest.text import number, with_unit
+from hiltest.verdict.summary import Failure, Summary, summarise
 
-HTML_FILE, MARKDOWN_FILE = "report.html", "report.md"
+
+@dataclass(frozen=True, slots=True)
+class Badge:
+    """How the verdict looks: a class of the style sheet, and a sign for who does not see its colour."""
+
+    tone: str
+    sign: str
+
+
+_BAD = Badge("bad", "✗")
+# "not judged" is the word of older records.
+_NO_ANSWER = ("not evaluated", "not judged", "interrupted", "no tests")
+_BADGES = {"pass": Badge("good", "✓")} | dict.fromkeys(_NO_ANSWER, Badge("warn", "!"))
+# Beside a limit: a sign to see and words to hear, by the class of the cell.
+_PASSED = (TestOutcome.PASSED, TestOutcome.XFAILED, TestOutcome.SKIPPED)
+_SIGNS = {"pass": ("✓", "within its limit:"), "fail": ("✗", "beyond its limit:"), "unset": ("?", "not evaluated:")}
+# The sections that are figures, in their order; one without data is left out.
+_FIGURES = (heading_group, budget_group, samples_group, accelerometer_group, gyroscope_group, fusion_group)
 
 
 def write_reports(run: Run, folder: Path) -> str:
     """Write ``report.html`` and ``report.md`` beside ``run.json``; return the text of the latter."""
-    write_atomically(folder / HTML_FILE, html_report(run))
+    write_atomically(folder / REPORT_FILE, html_report(run))
     page = markdown_report(run)
     write_atomically(folder / MARKDOWN_FILE, page)
     return page
+
+
+def html_report(run: Run) -> str:
+    """Return the page of a run."""
+    found = summarise(run)
+    return render(
+        "report.html.j2",
+        run=run, version=__version__, badge=_BADGES.get(run.verdict.outcome, _BAD), tally=overview.tally(run),
+        board_line=overview.board_line(run), baseline=against_baseline(run.comparison),
+        title=_title(run), found=found, gating=[*found.failures, *(Failure(each, None, "") for each in found.unset)],
+        troubled=_troubled(run, found),
+        calibrators=overview.accuracy_and_cost(run), cost_line=cost_line(run),
+        cost_figures=cost_group(run), figure_groups=[group for section in _FIGURES if (group := section(run))],
+        signs=_SIGNS, streams=stream_overview, stream_stages=stream_overview.stream_stages(run),
+        groups=overview.groups(run), provenance=list(overview.provenance(run)),
+        value=shown_value, limit=shown_limit, outcome=shown_outcome, tone=overview.tone, origin=overview.origin,
+        number=number, with_unit=with_unit,
+    )
+
+
+def _troubled(run: Run, found: Summary) -> list[TestResult]:
+    """Return the tests that did not pass, without those whose failures are the measurements listed above them."""
+    explained = [test for test in run.tests if test.outcome in RED and test not in found.broken]
+    return [test for test in run.tests if test.outcome not in _PASSED and (test.trace or test not in explained)]
+
+
+def _title(run: Run) -> str:
+    """Return what was run, for the tab of a browser and the heading."""
+    board = run.board.description if run.board else "no board"
+    return f"hiltest report: {board}{f', rig {run.rig.name}' if run.rig else ''}"

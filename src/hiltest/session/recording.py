@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from hiltest.record.files import OLDER_FOLDER
+from hiltest.record.files import MARKDOWN_FILE, OLDER_FOLDER
 from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import BoardRecord, CalibrationRecord, RigRecord, Run, SensorRecord
 from hiltest.record.run_json import board_from
@@ -101,7 +101,7 @@ class Recording:
     def pytest_sessionfinish(self, session: pytest.Session, exitstatus: int) -> None:
         """Close the board, decide the run, write ``run.json`` and the reports."""
         from hiltest.report.job_summary import append_to_job_summary
-        from hiltest.report.render import MARKDOWN_FILE, write_reports
+        from hiltest.report.render import write_reports
         from hiltest.verdict.evidence import evidence_of
         from hiltest.verdict.verdict import decide
 

@@ -23,7 +23,7 @@ from hiltest.procedures.clouds import golden_cloud
 from hiltest.record.comparison import Change, Comparison, Difference, Side
 from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import Column, Findings, Run, Table, TestResult
-from hiltest.report.html import html_report
+from hiltest.report.render import html_report
 from hiltest.trend.folder import Skipped
 from hiltest.trend.outputs import trend_page
 from hiltest.trend.series import RunEntry, trend_of

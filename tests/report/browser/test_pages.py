@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from hiltest.record.run import Run
-from hiltest.report.html import html_report
+from hiltest.report.render import html_report
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
