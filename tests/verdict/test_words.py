@@ -6,8 +6,7 @@ import pytest
 
 from hiltest.measurement import Limit, Measurement, judge
 from hiltest.record.comparison import Change
-from hiltest.report.comparison_overview import changed
-from hiltest.report.figures.change import change_figure
+from hiltest.report.comparison_overview import change_figure, changed
 from hiltest.verdict.compare import compare
 from hiltest.verdict.evidence import Evidence
 from hiltest.verdict.wording import SHOWN, counted_by, models_shown, moved, numbers, percent, shown

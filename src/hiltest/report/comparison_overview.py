@@ -1,4 +1,4 @@
-"""What the reports show of a comparison: its changes in order of concern, the two sides, and the counts, as text."""
+"""What the reports show of a comparison: its changes in order of concern, the two sides, the counts, and a figure."""
 
 from __future__ import annotations
 
@@ -6,15 +6,33 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from hiltest.record.comparison import Answer, Change, Comparison, Difference, Side
-from hiltest.report.figures.change import change_figure
-from hiltest.report.figures.rows import RowFigure
+from hiltest.report.figures.rows import Row, RowFigure
+from hiltest.report.marks import KeyEntry, Mark
 from hiltest.text import readable
-from hiltest.verdict.wording import SHOWN, build, counted_by, held_to, models_shown, moved, revision, shown
+from hiltest.verdict.wording import (
+    SHOWN,
+    build,
+    counted_by,
+    held_to,
+    models_shown,
+    moved,
+    moved_percent,
+    percent,
+    revision,
+    shown,
+)
 
 # Stands beside the word for who does not see its colour.
 _SIGNS = {Change.WORSE: "✗", Change.GONE: "−", Change.BETTER: "✓", Change.NEW: "+", Change.CHANGED: "≠"}
 _ANSWERS = {Answer.MAY: "good", Answer.NOT: "bad", Answer.UNKNOWN: "warn"}
 _TONES = {Change.WORSE: "fail", Change.GONE: "fail", Change.BETTER: "pass"}
+_DRAWN_AT_MOST = 10
+_FURTHEST_PERCENT = 100.0
+_MARKS = {
+    Change.WORSE: (Mark.CROSS, "over"), Change.BETTER: (Mark.DOT, "better filled"),
+    Change.CHANGED: (Mark.DIAMOND, "neutral filled"),
+}
+_KEY = tuple(KeyEntry(str(change), "", mark, style) for change, (mark, style) in _MARKS.items())
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,3 +116,21 @@ def _side(side: Side) -> Iterator[tuple[str, str]]:
     yield "rig", side.rig
     yield "seeds", ", ".join(map(str, side.seeds)) or "none"
     yield "saved", side.saved_utc
+
+
+def change_figure(comparison: Comparison) -> RowFigure | None:
+    """Draw what got worse, better or other in percent of the baseline's value, None when nothing did."""
+    found = [(each, by_percent) for change in _MARKS for each in comparison.of(change)
+             if (by_percent := moved_percent(each)) is not None]
+    if not found:
+        return None
+    drawn = found[:_DRAWN_AT_MOST]
+    reach = min(_FURTHEST_PERCENT, max(abs(by_percent) for _, by_percent in drawn)) or 1.0
+    words = "" if len(drawn) == len(found) else f", {len(drawn)} of {len(found)}"
+    return RowFigure(f"Change in percent of the baseline's value{words}", [_row(*each, reach) for each in drawn], _KEY)
+
+
+def _row(difference: Difference, by_percent: float, reach: float) -> Row:
+    mark, style = _MARKS[difference.change]
+    at = 0.5 + 0.47 * min(max(by_percent / reach, -1.0), 1.0)
+    return Row(difference.name, f"{difference.change}, {percent(by_percent)}", at, mark, style, ends=(0.5,), start=0.5)
