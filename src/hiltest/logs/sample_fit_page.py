@@ -12,7 +12,7 @@ from hiltest.calibration.acceptance import Acceptance
 from hiltest.logs.sample_fit import CalibratorFit, CloudFit
 from hiltest.logs.sample_fit_table import figure_rows, reason_line
 from hiltest.record.files import write_asked_for
-from hiltest.report.figures.coverage import coverage_map
+from hiltest.report.figures.samples import coverage_map
 from hiltest.report.page import render
 from hiltest.report.svg import Figure
 
