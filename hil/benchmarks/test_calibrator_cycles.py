@@ -33,7 +33,7 @@ from hiltest.procedures import (
     upload_cloud,
     upload_pairs,
 )
-from hiltest.procedures.answered_fit import fit_of
+from hiltest.procedures.calibrate import fit_of
 from hiltest.profiling.image import ProfiledImage
 from hiltest.virtual.buffers import Address, Structure
 from hiltest.virtual.procedure_call import Argument

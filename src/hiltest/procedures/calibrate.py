@@ -14,7 +14,8 @@ from hiltest.calibration.fit import FitStatus, MagnetometerFit
 from hiltest.calibration.quality import offset_error_ut, residual_percent, rotation_left_deg
 from hiltest.errors import CalibrationError
 from hiltest.link.messages import Calibrate, ClearCalibration, SetCalibration
-from hiltest.link.replies import MICROTESLA_PER_COUNT, RunCost
+from hiltest.link.replies import MICROTESLA_PER_COUNT, CalibrateReply, RunCost
+from hiltest.link.streams import StreamStateReply
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.tumble import Tumble
 from hiltest.rig.tables import number_of_points
@@ -123,11 +124,15 @@ def calibrate_once(
         None when the core counts no cycles.
     """
     reply = board.session.request(Calibrate(n, name, iterations=iterations))
-    calibration = reply.calibration
-    fit = MagnetometerFit(
-        reply.fit, reply.is_sphere, reply.iterations, calibration.soft_iron, calibration.hard_iron, reply.coverage
+    return fit_of(reply), reply.cost
+
+
+def fit_of(reply: CalibrateReply | StreamStateReply) -> MagnetometerFit:
+    """Return what a calibrator of the board found [counts, body frame]."""
+    found = reply.calibration
+    return MagnetometerFit(
+        reply.fit, reply.is_sphere, reply.iterations, found.soft_iron, found.hard_iron, reply.coverage
     )
-    return fit, reply.cost
 
 
 def run_calibrators(

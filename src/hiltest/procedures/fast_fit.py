@@ -8,8 +8,8 @@ from hiltest.boards.board import Board
 from hiltest.calibration import reference
 from hiltest.calibration.quality import direction_difference_rms_deg
 from hiltest.errors import CalibrationError
-from hiltest.link.messages import Calibrate, TimeRange
-from hiltest.procedures.answered_fit import fit_of
+from hiltest.link.messages import TimeRange
+from hiltest.procedures.calibrate import calibrate_once
 from hiltest.procedures.clouds import golden_cloud
 from hiltest.procedures.cycles import cycles_of, upload_cloud
 
@@ -51,7 +51,7 @@ def measure_fast_fit(board: Board, *, n: int = 100) -> FastFit:
     """
     cloud = golden_cloud(n)
     upload_cloud(board, cloud)
-    fit = fit_of(board.session.request(Calibrate(n, FAST)))
+    fit, _ = calibrate_once(board, FAST, n)
     if not fit.has_fit:
         raise CalibrationError(f"the board refuses golden points: {fit.status.name}; its {FAST} is not what it was")
     return FastFit(

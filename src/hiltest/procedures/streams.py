@@ -24,7 +24,7 @@ from hiltest.link.streams import (
     StreamStatus,
 )
 from hiltest.measurement import CycleBand
-from hiltest.procedures.answered_fit import fit_of
+from hiltest.procedures.calibrate import fit_of
 from hiltest.procedures.progress import Progress, silent
 
 _TAKEN_BACK = 20  # of as many the cost shows whether it depends on the data
