@@ -29,7 +29,7 @@ from hiltest.procedures import (
     turns,
 )
 from hiltest.procedures.gyroscope_log import log_chunks
-from hiltest.procedures.gyroscope_rest import SamplesLostError
+from hiltest.procedures.rest import SamplesLostError
 from hiltest.rig import Rig
 from hiltest.rig.world import TemperatureDrift
 from hiltest.sensors.fifo import OVERFLOW, SampleFifo

@@ -12,9 +12,9 @@ from hiltest.imu_calibration.contents import GyroscopePart, ImuCalibration
 from hiltest.link.accelerometer import SetAccelerometer
 from hiltest.link.gyroscope import GetGyroscope, SetGyroscope
 from hiltest.link.messages import ClearCalibration, SetCalibration
-from hiltest.procedures.gyroscope_rest import rest_gyroscope
 from hiltest.procedures.heading_statistics import rms
 from hiltest.procedures.known_angles import KnownAngles
+from hiltest.procedures.rest import rest_gyroscope
 
 #: Under this name the headings of a file's calibration are judged: ``heading.calibration.max``.
 NAME = "calibration"

@@ -23,13 +23,12 @@ from hiltest.procedures.float64_headings import float32_error_deg, heading_error
 from hiltest.procedures.fusion import AttitudeErrors, FusionResult, filter_noise, measure_fusion
 from hiltest.procedures.grbl_turntable import GrblTurntable, open_grbl_turntable
 from hiltest.procedures.gyroscope_log import GyroscopeLog, LogChunk, log_chunks, log_gyroscope
-from hiltest.procedures.gyroscope_rest import BoardMovedError, rest_gyroscope
 from hiltest.procedures.heading_statistics import HeadingSummary, summarise
 from hiltest.procedures.known_angles import KnownAngles, measure_known_angles
 from hiltest.procedures.link_checks import LinkCheck, check_link
 from hiltest.procedures.open_table import open_table
 from hiltest.procedures.progress import Progress
-from hiltest.procedures.rest import AccelerometerRestResult, measure_accelerometer_rest
+from hiltest.procedures.rest import AccelerometerRestResult, BoardMovedError, measure_accelerometer_rest, rest_gyroscope
 from hiltest.procedures.six_positions import (
     AccelerometerRun,
     fit_poses,

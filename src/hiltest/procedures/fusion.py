@@ -24,8 +24,8 @@ from hiltest.link.messages import SensorKind
 from hiltest.measurement import CycleBand
 from hiltest.orientation.fusion import FusionNoise, heading_sigma_deg
 from hiltest.orientation.quaternions import Quaternion, from_pose, normalised, pose_of, rotation_ned_from_body
-from hiltest.procedures.gyroscope_rest import rest_gyroscope
 from hiltest.procedures.progress import Progress, silent
+from hiltest.procedures.rest import rest_gyroscope
 from hiltest.procedures.turntables import Turntable
 
 Reals = NDArray[np.float64]

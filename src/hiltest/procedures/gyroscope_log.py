@@ -13,8 +13,8 @@ from hiltest.boards.board import Board
 from hiltest.link.gyroscope import LogGyroscope
 from hiltest.link.messages import SensorKind
 from hiltest.link.replies import DPS_PER_COUNT, Counts
-from hiltest.procedures.gyroscope_rest import GYROSCOPE_RATE_HZ, SamplesLostError
 from hiltest.procedures.progress import Progress, silent
+from hiltest.procedures.rest import GYROSCOPE_RATE_HZ, SamplesLostError
 
 Reals = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""The accelerometer while the board stands still."""
+"""Accelerometer and gyroscope while the board stands still; a bias is refused when the board was moved."""
 
 from __future__ import annotations
 
@@ -9,10 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hiltest.boards.board import Board
+from hiltest.errors import CalibrationError
+from hiltest.link.gyroscope import Axis, GyroscopeRest, GyroscopeRestReply, StillnessKind
 from hiltest.link.messages import Average, SensorKind
-from hiltest.link.replies import G_PER_COUNT
+from hiltest.link.replies import DPS_PER_COUNT, G_PER_COUNT
+from hiltest.procedures.progress import Progress, silent
 
 Reals = NDArray[np.float64]
+
+# The rate the firmware configures the FXAS21002C for.
+GYROSCOPE_RATE_HZ = 200.0
+# Samples in which the firmware judges stillness together.
+STILLNESS_WINDOW = 20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,4 +54,94 @@ def measure_accelerometer_rest(board: Board, *, readings: int = 64) -> Accelerom
         norm_error_mg=1000.0 * (math.hypot(x, y, z) - 1.0),
         pitch_deg=math.degrees(math.atan2(-x, math.hypot(y, z))),
         roll_deg=math.degrees(math.atan2(y, z)),
+    )
+
+
+class BoardMovedError(CalibrationError):
+    """The board was moved while it should lie still.
+
+    Attributes
+    ----------
+    at_s : float
+        Seconds into the rest.
+    axis : Axis
+        About which it moved most.
+    """
+
+    def __init__(self, at_s: float, axis: Axis, what: str, advice: str) -> None:
+        self.at_s = at_s
+        self.axis = axis
+        super().__init__(f"the board moved {at_s:.1f} s into the rest: {what}. {advice}")
+
+
+class SamplesLostError(CalibrationError):
+    """The gyroscope's FIFO ran over: what was sampled has a gap."""
+
+
+def noise_counts(board: Board) -> float:
+    """Return the rms of one sample of the gyroscope, were all independent [counts].
+
+    The declared density over half the sampling rate, and the rounding to whole counts beside it.
+    """
+    white_dps = board.declared.gyroscope_density_dps * math.sqrt(0.5 * GYROSCOPE_RATE_HZ)
+    return math.hypot(white_dps / DPS_PER_COUNT, math.sqrt(1.0 / 12.0))
+
+
+def rest_gyroscope(
+    board: Board, *, seconds: float, store: bool = False, progress: Progress | None = None
+) -> GyroscopeRestReply:
+    """Average the gyroscope of a still board.
+
+    Parameters
+    ----------
+    board : Board
+        Standing still; a constant rotation that began before cannot be told from bias.
+    seconds : float
+        Length of the rest, at most 20.
+    store : bool
+        Whether the mean becomes the bias that the board takes off.
+
+    Raises
+    ------
+    BoardMovedError
+        When the board was moved: nothing is stored then.
+    CalibrationError
+        When the rest is too short to test whether the board was still; nothing is stored then either.
+    SamplesLostError
+        When the board could not read its gyroscope in time.
+    SensorAbsentError
+        When the board has no gyroscope.
+    """
+    tell = progress or silent
+    board.sensor(SensorKind.GYROSCOPE)
+    n = math.ceil(seconds * GYROSCOPE_RATE_HZ)
+    timeout_us = round(2e6 * seconds + 1e6)  # twice the time it should take, and a second
+    tell("gyroscope at rest", 0, 1)
+    reply = board.session.request(GyroscopeRest(n, store, noise_counts(board), timeout_us=timeout_us))
+    tell("gyroscope at rest", 1, 1)
+    _refuse_motion(reply, seconds)
+    if reply.span.lost:
+        raise SamplesLostError(f"samples of the gyroscope were lost in a rest of {seconds:g} s; run again")
+    return reply
+
+
+def _refuse_motion(reply: GyroscopeRestReply, seconds: float) -> None:
+    found, window_s = reply.stillness, STILLNESS_WINDOW / GYROSCOPE_RATE_HZ
+    if found.kind is StillnessKind.STILL:
+        return
+    if found.kind is StillnessKind.NOT_TESTED:
+        raise CalibrationError(
+            f"whether the board was still was not tested: a rest of {seconds:g} s is shorter than the {window_s:g} s "
+            "that are judged together; let it rest for longer"
+        )
+    amount_dps = found.amount * DPS_PER_COUNT
+    axis = found.axis.name.lower()
+    if found.kind is StillnessKind.TURNED:
+        what = f"{amount_dps:+.2f} deg/s about its {axis} axis, as the mean of {window_s:g} s, beside the time before"
+    else:
+        what = f"{amount_dps:.2f} deg/s rms about its {axis} axis within {window_s:g} s"
+    raise BoardMovedError(
+        found.first / GYROSCOPE_RATE_HZ, found.axis, what,
+        f"Leave it alone for {seconds:g} s and run again; where nobody touched it, is the table shaken, or "
+        "sensors.gyroscope_noise_mdps_per_rthz in the rig too small?",
     )

@@ -11,7 +11,7 @@ from hiltest.link.gyroscope import LogGyroscope
 from hiltest.link.messages import Read, SensorKind
 from hiltest.link.replies import DPS_PER_COUNT, G_PER_COUNT, MICROTESLA_PER_COUNT
 from hiltest.procedures.gyroscope_log import log_chunks
-from hiltest.procedures.gyroscope_rest import GYROSCOPE_RATE_HZ
+from hiltest.procedures.rest import GYROSCOPE_RATE_HZ
 
 # Of sensors that are read in turn: 0.05 s each, so that the gyroscope's FIFO, 0.16 s, does not run over meanwhile.
 _IN_TURN = {SensorKind.MAGNETOMETER: 4, SensorKind.ACCELEROMETER: 10}

@@ -30,8 +30,8 @@ from hiltest.link.gyroscope import (
 )
 from hiltest.link.replies import DPS_PER_COUNT, RunCost
 from hiltest.measurement import CycleBand
-from hiltest.procedures.gyroscope_rest import GYROSCOPE_RATE_HZ, noise_counts, rest_gyroscope
 from hiltest.procedures.progress import Progress, silent
+from hiltest.procedures.rest import GYROSCOPE_RATE_HZ, noise_counts, rest_gyroscope
 from hiltest.procedures.turntables import Turntable
 
 Reals = NDArray[np.float64]
