@@ -16,8 +16,7 @@ from hiltest.procedures.calibrate import (
 from hiltest.procedures.clouds import golden_cloud, golden_pairs
 from hiltest.procedures.coverage import largest_hole_deg, sphere_coverage
 from hiltest.procedures.cycles import CycleCost, measure_cycles, upload_cloud, upload_pairs
-from hiltest.procedures.dpi import DPI, DpiRun, fit_still_poses, fit_tumble
-from hiltest.procedures.dpi_cycles import measure_dpi_cycles
+from hiltest.procedures.dpi import DPI, DpiRun, fit_still_poses, fit_tumble, measure_dpi_cycles
 from hiltest.procedures.fast_fit import FAST, FastFit, measure_fast_fit
 from hiltest.procedures.float64_headings import float32_error_deg, heading_errors_deg
 from hiltest.procedures.fusion import AttitudeErrors, FusionResult, filter_noise, measure_fusion

@@ -1,26 +1,34 @@
-"""Calibrate the magnetometer against gravity on the board: from the tumble's pairs, or from still poses."""
+"""Calibrate the magnetometer against gravity on the board, from the tumble's pairs or still poses; and its cost."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hiltest.boards.board import Board
-from hiltest.calibration.dpi import POSE_READINGS, UNKNOWNS
+from hiltest.calibration import FitStatus
+from hiltest.calibration.dpi import PAIRS_MINIMUM, POSE_READINGS, UNKNOWNS
 from hiltest.calibration.fit import MagnetometerFit
 from hiltest.calibration.quality import COUNTS_PER_UT
 from hiltest.calibration.still_pose import StillPose
+from hiltest.errors import CalibrationError
 from hiltest.link.accelerometer import GetAccelerometer, SetAccelerometer
 from hiltest.link.dpi import DpiReply, DpiSource, FitDpi
-from hiltest.link.messages import SetCalibration
+from hiltest.link.messages import CycleSource, SetCalibration
 from hiltest.link.poses import MAX_TRANSFER, Poses
 from hiltest.procedures.calibrate import UNCALIBRATED_SLOT, CalibratorRun, judged
+from hiltest.procedures.clouds import golden_pairs
+from hiltest.procedures.cycles import CycleCost, fit_line, instructions_of, no_cycle_counter, upload_pairs
+from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.tumble import Tumble
 
 DPI = "dpi"
 DPI_POSES = "dpi-poses"
+# From the fewest pairs that are fitted to the most that a board's buffer has.
+DPI_SIZES = (PAIRS_MINIMUM, 400, 500)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,4 +110,58 @@ def _found(
         run, reply.n_used, reply.dip_deg,
         None if reply.strength_counts is None else reply.strength_counts / COUNTS_PER_UT,
         None if reply.standard_error is None else 100.0 * reply.standard_error,
+    )
+
+
+def measure_dpi_cycles(
+    board: Board, *, clouds: int = 2, sizes: Sequence[int] = DPI_SIZES, progress: Progress | None = None
+) -> CycleCost:
+    """Count the cycles of FIT_DPI on golden pairs.
+
+    Parameters
+    ----------
+    board : Board
+        Its point buffer is replaced.
+    clouds : int
+        How many the spread is over, each at the first size; at least 1.
+    sizes : sequence of int
+        Numbers of pairs that the line is over; `total` is at the first.
+
+    Raises
+    ------
+    CalibrationError
+        When the board refuses to fit them.
+    DeviceError
+        When the board's core has no cycle counter.
+    """
+    if board.identity.cycle_source is CycleSource.NONE:
+        raise no_cycle_counter()
+    tell = progress or silent
+    work = [(sizes[0], index) for index in range(clouds)] + [(size, 0) for size in sizes[1:]]
+    cycles: dict[tuple[int, int], int] = {}
+    instructions = band = None
+    for done, (size, index) in enumerate(work):
+        tell("cycles of dpi", done, len(work))
+        upload_pairs(board, *golden_pairs(size, index=index))
+        reply = board.session.request(FitDpi(size, UNCALIBRATED_SLOT))
+        cost = reply.cost
+        if reply.fit is not FitStatus.ELLIPSOID:
+            raise CalibrationError(
+                f"the board refuses {size} golden pairs against gravity: {reply.fit.name}. What a refusal costs is no "
+                "measure of the fit: does slot 0 hold a good calibration of the accelerometer?"
+            )
+        if cost is None:
+            raise no_cycle_counter()
+        cycles[size, index] = cost.cycles
+        if not done:
+            instructions, band = instructions_of(board, cost), board.cycle_band(cost)
+    tell("cycles of dpi", len(work), len(work))
+    over_sizes = [cycles[size, 0] for size in sizes]
+    at_first = [cycles[sizes[0], index] for index in range(clouds)]
+    line = fit_line(sizes, over_sizes)
+    return CycleCost(
+        calibrator=DPI, model=board.cycle_model, n=sizes[0], total=at_first[0], per_point=line.slope,
+        fixed=line.intercept, regression_residual=line.residual, spread=max(at_first) - min(at_first),
+        instructions=instructions, band=band, iterations=0, per_iteration=None, sizes=np.array(sizes),
+        cycles=np.array(over_sizes),
     )
