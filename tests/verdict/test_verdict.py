@@ -18,9 +18,8 @@ from hiltest.text import readable
 from hiltest.verdict.calibrators import cheapest_first
 from hiltest.verdict.compare import compare
 from hiltest.verdict.evidence import Conditions, Evidence
-from hiltest.verdict.not_measured import unmet_limits
 from hiltest.verdict.summary import close_to_limit, summarise
-from hiltest.verdict.verdict import decide
+from hiltest.verdict.verdict import decide, unmet_limits
 
 Make = Callable[..., Findings]
 Heading = Callable[..., list[Measurement]]

@@ -18,7 +18,6 @@ from hiltest.runs.gate import NOT_EVALUATED
 from hiltest.runs.older_firmware import remove_runs
 from hiltest.session import HilSession
 from hiltest.session.results import BENCH, FOUND_HERE, Found, TestLog
-from hiltest.verdict.not_measured import unmet_limits
 
 if TYPE_CHECKING:
     from hiltest.boards import Board
@@ -132,6 +131,8 @@ class Recording:
         findings, rig = self._recorder.findings, self._hil.rig_if_needed
         if rig is None or not self._hil.must_meet_every_limit:
             return []
+        from hiltest.verdict.verdict import unmet_limits
+
         calibrators = findings.board.calibrators if findings.board else ()
         unmet = unmet_limits(
             rig.limits_of(findings.suite), rig.units, findings.measurements, calibrators,

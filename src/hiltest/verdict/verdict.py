@@ -1,10 +1,10 @@
-"""The verdict of a run: its exit code and its one sentence, from the record alone."""
+"""The verdict of a run: its exit code and its one sentence, from the record alone, and the limits that nothing met."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 
-from hiltest.measurement import Measurement, Outcome, Section
+from hiltest.measurement import Limit, Measurement, Outcome, Section, identify
 from hiltest.record.exit_codes import PYTEST_WINS, WORDS, ExitCode, comparison_code
 from hiltest.record.failures import (
     out_of_limit,
@@ -15,6 +15,7 @@ from hiltest.record.run import Findings, TestResult, Verdict
 from hiltest.text import counted, listed, number, with_unit
 from hiltest.verdict.calibrators import (
     MEAN_ERROR,
+    UNCALIBRATED,
     CalibratorResult,
     has_no_number,
     value_of,
@@ -28,6 +29,14 @@ TIE_DEG = 0.1
 """Worst headings this close are a tie: a tenth of what a compass limit of 1 or 2 degrees resolves."""
 
 _NAMED_AT_MOST = 3
+_CALIBRATOR = "{calibrator}"
+_UNTRIMMED = "-untrimmed"
+# Calibrations that no calibrator of the firmware makes of the tumble's points, and why there may be none.
+_OF_STILL_POSES = "dpi-poses"
+_OTHERWISE = {
+    **dict.fromkeys(("dpi", _OF_STILL_POSES), 'procedure.dpi is "none", or its fit was refused'),
+    "calibration": "no calibration file was named with --calibration",
+}
 
 
 def decide(
@@ -196,3 +205,40 @@ def _red(findings: Findings) -> bool:
     return any(each.outcome in RED for each in findings.tests)
 
 
+def unmet_limits(
+    limits: Mapping[str, Limit], units: Mapping[str, str], measured: Collection[str], calibrators: Sequence[str],
+    *, gate_only: bool = False,
+) -> list[Measurement]:
+    """Return an ``unset`` measurement for every limit of the rig that no measurement met.
+
+    Parameters
+    ----------
+    limits, units : mapping
+        Of the rig, by measurement name.
+    measured : collection of str
+        Names of all that was measured.
+    calibrators : sequence of str
+        That the board offers; empty when no board answered.
+    gate_only : bool, optional
+        Whether there are tests that were left out because they are of the full set.
+    """
+    return [
+        Measurement(
+            name, None, units.get(name, ""), limit=limit, outcome=Outcome.UNSET, note=_why(name, calibrators, gate_only)
+        )
+        for name, limit in limits.items() if name not in measured
+    ]
+
+
+def _why(name: str, calibrators: Sequence[str], gate_only: bool) -> str:
+    named = identify(name)
+    calibrator, _, points = named.subject.removesuffix(_UNTRIMMED).partition("@")
+    waits = gate_only and calibrator == _OF_STILL_POSES
+    if named.kind and _CALIBRATOR in named.kind.name and named.section is not Section.STREAMS and not waits:
+        if calibrator in _OTHERWISE:
+            return f"nothing measured it; {_OTHERWISE[calibrator]}"
+        if calibrators and calibrator not in (*calibrators, UNCALIBRATED):
+            return f"the board has no calibrator {calibrator!r}, only {', '.join(calibrators)}"
+    if points:
+        return f"nothing measured it; procedure.further_calibrations names no {calibrator}@{points}, or its fit failed"
+    return "nothing in the gate set measured it" if gate_only else "nothing measured it"
