@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hiltest.unknown_fields import with_unknown
+from hiltest.verdict.baseline_file import with_unknown
 
 LEAVES = st.none() | st.booleans() | st.integers() | st.text(max_size=3)
 KNOWN = st.dictionaries(st.sampled_from(["name", "a", "b"]), LEAVES)
