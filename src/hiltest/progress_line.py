@@ -1,11 +1,16 @@
-"""Progress of long work at the end of the terminal's current line."""
+"""Progress of long work at the end of the terminal's current line, also while pytest captures what tests print."""
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from shutil import get_terminal_size
-from typing import Protocol, TextIO
+from typing import TYPE_CHECKING, Protocol, TextIO
+
+if TYPE_CHECKING:
+    import pytest
 
 _REDRAW_S = 0.2
 _SAY_AGAIN_S = 30.0  # a run of the default bench says nothing, a run on a slow machine a line or two
@@ -101,3 +106,40 @@ def progress_text(what: str, done: int, of: int, *, elapsed_s: float) -> str:
         return f"  {what} 0 of {of}"
     left_s = elapsed_s / done * (of - done)
     return f"  {what} {done} of {of}, {left_s:.0f} s left"
+
+
+def progress_of(config: pytest.Config) -> ProgressLine:
+    """Return what shows progress on pytest's terminal; in a worker, which has none, nothing does."""
+    terminal: pytest.TerminalReporter | None = config.pluginmanager.get_plugin("terminalreporter")
+    if terminal is None:
+        return ProgressLine(TextOutput(sys.stdout), shown=False)
+    capture = config.pluginmanager.get_plugin("capturemanager")
+    uncaptured = nullcontext if capture is None else capture.global_and_fixture_disabled
+    writer = terminal._tw
+
+    def say(line: str) -> None:
+        """Print a line of its own; pytest goes on behind it."""
+        with uncaptured():
+            if writer.width_of_current_line:
+                writer.line()
+            terminal.write_line(line)
+            terminal.flush()
+
+    return ProgressLine(
+        # Past pytest's writer: what that counts as part of the line would move its own words.
+        _Uncaptured(TextOutput(writer._file), uncaptured), shown=writer.hasmarkup, say=say,
+        room=lambda: writer.fullwidth - writer.width_of_current_line - 1,
+    )
+
+
+class _Uncaptured:
+    """Writes to the terminal while a test's output is captured."""
+
+    def __init__(self, output: TextOutput, uncaptured: Callable[[], AbstractContextManager[None]]) -> None:
+        self._output = output
+        self._uncaptured = uncaptured
+
+    def write(self, msg: str, *, flush: bool = False) -> None:
+        """Write a text."""
+        with self._uncaptured():
+            self._output.write(msg, flush=flush)

@@ -362,7 +362,7 @@ class HilSession:
     @cached_property
     def progress(self) -> ProgressLine:
         """What shows how far long work is."""
-        from hiltest.session.progress import progress_of
+        from hiltest.progress_line import progress_of
 
         return progress_of(self.config)
 
