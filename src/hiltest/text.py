@@ -1,8 +1,13 @@
-"""Numbers, lists and names as people read them."""
+"""Numbers, lists and names as people read them, and texts in which every character is seen."""
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import Sequence
+
+# Control, format (zero widths, direction marks), surrogates and line or paragraph separators.
+_UNSEEN = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
+_KEPT = frozenset("\n\t")
 
 
 def readable(value: float | int | None, digits: int = 4) -> str:
@@ -92,3 +97,23 @@ def without_folders(test: str) -> str:
     """
     file, colons, name = test.partition("::")
     return file.rpartition("/")[2] + colons + name
+
+
+def legible(text: str) -> str:
+    """Return a text in which every character is seen.
+
+    A firmware may call itself what it likes: a direction mark in its name would reverse the words behind it, and a
+    zero byte is no text at all.
+
+    Examples
+    --------
+    >>> legible("evil\\u202egnp.elf")
+    'evil⟨U+202E⟩gnp.elf'
+    """
+    if text.isascii() and text.isprintable():
+        return text
+    return "".join(_named(each) if unicodedata.category(each) in _UNSEEN else each for each in text)
+
+
+def _named(character: str) -> str:
+    return character if character in _KEPT else f"⟨U+{ord(character):04X}⟩"

@@ -13,9 +13,9 @@ from hiltest.measurement import EXACT, Better, CycleBand, Limit, Measurement, To
 from hiltest.record.comparison import Change, Comparison, Difference, Side
 from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import Column, Findings, Run, Table, TestResult
-from hiltest.report.legible import legible
 from hiltest.report.overview import accuracy_and_cost, tally
 from hiltest.report.render import html_report
+from hiltest.text import legible
 from hiltest.verdict.verdict import decide
 
 Make = Callable[..., Findings]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator
 
-from hiltest.report.legible import legible
+from hiltest.text import legible
 
 # What Markdown and GitHub's mathematics give a meaning.
 _SPECIAL = re.compile(r"([\\`*_{}\[\]<>#|~&$])")

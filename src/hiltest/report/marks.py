@@ -7,7 +7,7 @@ from enum import StrEnum
 
 from markupsafe import Markup, escape
 
-from hiltest.report.legible import legible
+from hiltest.text import legible
 
 
 class Mark(StrEnum):

@@ -7,7 +7,7 @@ from urllib.parse import quote
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
-from hiltest.report.legible import legible
+from hiltest.text import legible
 
 # The space in 12 500 and in 1 %, which a narrow cell must not break at.
 _KEPT_SPACE = re.compile(r"(?<=\d) (?=\d{3}(?!\d)|%)")

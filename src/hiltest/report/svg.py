@@ -9,9 +9,8 @@ from itertools import count
 
 from markupsafe import Markup
 
-from hiltest.report.legible import legible
 from hiltest.report.marks import KeyEntry, Mark, shape
-from hiltest.text import readable
+from hiltest.text import legible, readable
 
 _LEFT, _RIGHT, _TOP, _BOTTOM = 68.0, 14.0, 14.0, 44.0
 _LABEL = 24.0  # what an axis without a label leaves to the plot
