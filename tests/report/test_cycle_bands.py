@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from hiltest.measurement import CycleBand, Limit, Measurement, Outcome, RowEffect, judge, ratio_band
 from hiltest.record.reader import read_record
 from hiltest.record.run import Findings, Run
-from hiltest.record.run_json import measurement_from, write_run
+from hiltest.record.run_json import part_from, write_run
 from hiltest.report.cost_line import cost_line
 from hiltest.report.markdown import markdown_report
 from hiltest.report.overview import accuracy_and_cost
@@ -66,9 +66,9 @@ def test_a_record_from_before_there_were_bands_is_read(
 
 def test_a_measurement_comes_back_from_another_process_with_it() -> None:
     measurement = judge("cycles.x.total", 12_400, unit="cycle", cycle_model="m", limit=Limit(max=13_000), band=BAND)
-    assert measurement_from(json.loads(json.dumps(asdict(measurement)))) == measurement
+    assert part_from(Measurement, json.loads(json.dumps(asdict(measurement)))) == measurement
     without = judge("cycles.x.total", 12_400, unit="cycle", cycle_model="m")
-    assert measurement_from(json.loads(json.dumps(asdict(without)))) == without
+    assert part_from(Measurement, json.loads(json.dumps(asdict(without)))) == without
 
 
 def test_every_report_shows_it_beside_the_count(findings: Make, good: list[Measurement], tmp_path: Path) -> None:

@@ -5,12 +5,18 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from hiltest.measurement import CycleBand, Limit, Measurement, Outcome, RowEffect
+from hiltest.measurement import Measurement
 from hiltest.record.files import RUN_FILE, write_atomically
-from hiltest.record.run import BoardRecord, Column, Run, SensorRecord, Table
+from hiltest.record.run import BoardRecord, Run, Table
+
+if TYPE_CHECKING:
+    from pydantic import TypeAdapter
+
+Part = TypeVar("Part", BoardRecord, Measurement, Table)
 
 
 def to_json(run: Run) -> str:
@@ -29,28 +35,17 @@ def write_run(run: Run, folder: Path) -> Path:
     return write_atomically(folder / RUN_FILE, to_json(run))
 
 
-def measurement_from(content: Mapping[str, Any]) -> Measurement:
-    """Make a measurement from what `asdict` made of one."""
-    limits = {key: content[key] and Limit(**content[key]) for key in ("limit", "information")}
-    band = content.get("band") and CycleBand(
-        content["band"]["low"], content["band"]["high"], tuple(RowEffect(**each) for each in content["band"]["rows"])
-    )
-    return Measurement(**{**content, **limits, "outcome": Outcome(content["outcome"]), "band": band})
+def part_from(kind: type[Part], content: Mapping[str, Any]) -> Part:
+    """Make a part of the record from what `asdict` made of one."""
+    part: Part = _adapters()[kind].validate_python(content)
+    return part
 
 
-def board_from(content: Mapping[str, Any]) -> BoardRecord:
-    """Make a board's record from what `asdict` made of one."""
-    sensors = tuple(SensorRecord(**sensor) for sensor in content["sensors"])
-    return BoardRecord(**{**content, "sensors": sensors, "calibrators": tuple(content["calibrators"])})
+@cache
+def _adapters() -> dict[type, TypeAdapter[Any]]:
+    from pydantic import TypeAdapter  # not at the start of every session: only workers hand parts over
 
-
-def table_from(content: Mapping[str, Any]) -> Table:
-    """Make a table from what `asdict` made of one."""
-    return Table(
-        content["name"],
-        tuple(Column(**column) for column in content["columns"]),
-        tuple(tuple(row) for row in content["rows"]),
-    )
+    return {kind: TypeAdapter(kind) for kind in (BoardRecord, Measurement, Table)}
 
 
 def _json(value: object) -> str:

@@ -12,7 +12,7 @@ import pytest
 from hiltest.record.files import MARKDOWN_FILE, OLDER_FOLDER
 from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import BoardRecord, CalibrationRecord, RigRecord, Run, SensorRecord
-from hiltest.record.run_json import board_from
+from hiltest.record.run_json import part_from
 from hiltest.rig.conditions import conditions_sha256
 from hiltest.runs.gate import NOT_EVALUATED
 from hiltest.runs.older_firmware import remove_runs
@@ -84,7 +84,7 @@ class Recording:
         """Note the board that answered a worker."""
         if bench is None or bench["board"] is None:
             return
-        board = board_from(bench["board"])
+        board = part_from(BoardRecord, bench["board"])
         if board != self._recorder.findings.board:
             self._recorder.board(board, bench["seed"])
 

@@ -66,11 +66,13 @@ def pack(found: Found) -> dict[str, Any]:
 
 def unpack(content: Mapping[str, Any]) -> Found:
     """Return what `pack` made plain."""
-    from hiltest.record.run_json import measurement_from, table_from
+    from hiltest.measurement import Measurement
+    from hiltest.record.run import Table
+    from hiltest.record.run_json import part_from
 
     return Found(
-        [measurement_from(each) for each in content["measurements"]],
-        [table_from(each) for each in content["tables"]],
+        [part_from(Measurement, each) for each in content["measurements"]],
+        [part_from(Table, each) for each in content["tables"]],
     )
 
 
