@@ -10,21 +10,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hiltest.angles import Pose, heading_error_deg, rotation_body_from_ned
-from hiltest.orientation.quaternions import (
+from hiltest.orientation.quaternions import from_ned_axes, from_pose, normalised, pose_of, rotation_ned_from_body
+from hiltest.world.motion import body_rate_dps
+
+from .fusion_matrices import (
     IDENTITY,
     angle_between_deg,
     conjugate,
-    from_ned_axes,
-    from_pose,
     from_rotation_vector,
     left_columns,
-    normalised,
-    pose_of,
     product,
     right_matrix,
-    rotation_ned_from_body,
 )
-from hiltest.world.motion import body_rate_dps
 
 # Sums and products of a few numbers up to 1 in float64, each rounded to 1.1e-16.
 ROUNDING = 1e-14
