@@ -85,9 +85,6 @@ class FitAccelerometer(Request[FitAccelerometerReply]):
     def payload(self) -> bytes:
         return struct.pack("<B", within(self.n, 0, 0xFF, "poses")) + name_field(self.method)
 
-    def parse(self, fields: FieldReader) -> FitAccelerometerReply:
-        return FitAccelerometerReply.parse(fields)
-
 
 def read_accelerometer(fields: FieldReader) -> AccelerometerFit:
     """Read gain and offset, as every message has them."""

@@ -89,9 +89,6 @@ class FitDpi(Request[DpiReply]):
             "<BHBBf", self.source, within(self.n, 1, 0xFFFF, "rows"), self.slot, given, self.dip_deg if given else 0.0
         )
 
-    def parse(self, fields: FieldReader) -> DpiReply:
-        return DpiReply.parse(fields)
-
     @property
     def board_time_s(self) -> float:
         """Room for 120 million cycles [s]."""

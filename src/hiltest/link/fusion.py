@@ -183,9 +183,6 @@ class FusionRun(Request[FusionSummary]):
     def payload(self) -> bytes:
         return struct.pack("<I", within(self.duration_us, 1, _LONGEST_US, "us"))
 
-    def parse(self, fields: FieldReader) -> FusionSummary:
-        return FusionSummary.parse(fields)
-
     @property
     def board_time_s(self) -> float:
         """How long the board runs [s]."""
@@ -204,6 +201,3 @@ class FusionRead(Request[FusionRecords]):
     def payload(self) -> bytes:
         count = within(self.count, 0, MAX_FUSION_READ, "records")
         return struct.pack("<HB", within(self.first, 0, MAX_FUSION_RECORDS, "records"), count)
-
-    def parse(self, fields: FieldReader) -> FusionRecords:
-        return FusionRecords.parse(fields)

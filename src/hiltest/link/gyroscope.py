@@ -220,10 +220,6 @@ class GyroscopeRest(Timed, Request[GyroscopeRestReply]):
         n = within(self.n, 1, MAX_REST, "samples")
         return struct.pack("<HIBf", n, self.timeout_us, self.store, self.noise)
 
-    def parse(self, fields: FieldReader) -> GyroscopeRestReply:
-        """Read the data of an OK reply."""
-        return GyroscopeRestReply.parse(fields)
-
 
 @dataclass(frozen=True)
 class IntegrateGyroscope(Timed, Request[IntegrateGyroscopeReply]):
@@ -236,10 +232,6 @@ class IntegrateGyroscope(Timed, Request[IntegrateGyroscopeReply]):
     def payload(self) -> bytes:
         """Return the request's payload."""
         return struct.pack("<HI", within(self.n, 2 * EDGE_SAMPLES, MAX_TURN, "samples"), self.timeout_us)
-
-    def parse(self, fields: FieldReader) -> IntegrateGyroscopeReply:
-        """Read the data of an OK reply."""
-        return IntegrateGyroscopeReply.parse(fields)
 
 
 @dataclass(frozen=True)
@@ -255,10 +247,6 @@ class LogGyroscope(Timed, Request[LogGyroscopeReply]):
         """Return the request's payload."""
         return struct.pack("<BBI", within(self.n, 0, MAX_LOG, "samples"), self.go_on, self.timeout_us)
 
-    def parse(self, fields: FieldReader) -> LogGyroscopeReply:
-        """Read the data of an OK reply."""
-        return LogGyroscopeReply.parse(fields)
-
 
 @dataclass(frozen=True)
 class FitGyroscope(Request[FitGyroscopeReply]):
@@ -273,10 +261,6 @@ class FitGyroscope(Request[FitGyroscopeReply]):
         """Return the request's payload."""
         count = within(len(self.turns), 1, MAX_TURNS, "turns")
         return bytes([count]) + b"".join(map(_turn_field, self.turns))
-
-    def parse(self, fields: FieldReader) -> FitGyroscopeReply:
-        """Read the data of a reply."""
-        return FitGyroscopeReply.parse(fields)
 
 
 @dataclass(frozen=True)

@@ -78,9 +78,6 @@ class Sync(Request[SyncReply]):
     def payload(self) -> bytes:
         return struct.pack("<I", self.nonce)
 
-    def parse(self, fields: FieldReader) -> SyncReply:
-        return SyncReply.parse(fields)
-
 
 @dataclass(frozen=True)
 class Identify(Request[Identity]):
@@ -88,9 +85,6 @@ class Identify(Request[Identity]):
 
     code = 0x02
     command = "IDENTITY"
-
-    def parse(self, fields: FieldReader) -> Identity:
-        return Identity.parse(fields)
 
 
 @dataclass(frozen=True)
@@ -128,9 +122,6 @@ class Read(Timed, Request[ReadReply]):
     def payload(self) -> bytes:
         return struct.pack("<BBI", self.sensor_id, within(self.count, 1, MAX_READ, "samples"), self.timeout_us)
 
-    def parse(self, fields: FieldReader) -> ReadReply:
-        return ReadReply.parse(fields)
-
 
 @dataclass(frozen=True)
 class Collect(Timed, Request[CollectReply]):
@@ -142,9 +133,6 @@ class Collect(Timed, Request[CollectReply]):
 
     def payload(self) -> bytes:
         return struct.pack("<HI", within(self.count, 1, MAX_COLLECT, "points"), self.timeout_us)
-
-    def parse(self, fields: FieldReader) -> CollectReply:
-        return CollectReply.parse(fields)
 
 
 @dataclass(frozen=True)
@@ -181,9 +169,6 @@ class Points(Request[PointsReply]):
 
     def payload(self) -> bytes:
         return struct.pack("<HB", self.first, within(self.count, 1, MAX_POINTS_READ, "points"))
-
-    def parse(self, fields: FieldReader) -> PointsReply:
-        return PointsReply.parse(fields)
 
 
 @dataclass(frozen=True)
@@ -226,9 +211,6 @@ class Calibrate(Request[CalibrateReply]):
         limit = within(self.iterations, 0, 0xFFFF, "iterations")
         return struct.pack("<HH", self.n, limit) + name_field(self.calibrator)
 
-    def parse(self, fields: FieldReader) -> CalibrateReply:
-        return CalibrateReply.parse(fields)
-
     @property
     def board_time_s(self) -> float:
         """Room for a calibrator of 500 million cycles on a 120 MHz core [s]."""
@@ -261,9 +243,6 @@ class GetCalibration(Request[CalibrationReply]):
 
     def payload(self) -> bytes:
         return struct.pack("<B", self.slot)
-
-    def parse(self, fields: FieldReader) -> CalibrationReply:
-        return CalibrationReply.parse(fields)
 
 
 @dataclass(frozen=True)
@@ -300,9 +279,6 @@ class LinkStatistics(Request[LinkCounters]):
 
     code = 0x10
     command = "LINK_STATISTICS"
-
-    def parse(self, fields: FieldReader) -> LinkCounters:
-        return LinkCounters.parse(fields)
 
 
 @dataclass(frozen=True)

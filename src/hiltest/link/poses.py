@@ -47,9 +47,6 @@ class AddPose(Timed, Request[AddPoseReply]):
     def payload(self) -> bytes:
         return struct.pack("<HIB", within(self.n, 1, _MAX_READINGS, "samples"), self.timeout_us, self.face)
 
-    def parse(self, fields: FieldReader) -> AddPoseReply:
-        return AddPoseReply.parse(fields)
-
 
 @dataclass(frozen=True)
 class Poses(Request[tuple[StillPose, ...]]):

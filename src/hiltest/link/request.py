@@ -6,9 +6,8 @@ A reply's payload is a status byte and, when that is one of the request's
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import ClassVar, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar, get_args, get_origin
 
 from hiltest.errors import DeviceError
 from hiltest.link.fields import FieldReader
@@ -31,21 +30,30 @@ _HINTS = {
 
 
 @dataclass(frozen=True)
-class Request(ABC, Generic[R]):
+class Request(Generic[R]):
     """A request; `R` is what its reply parses to."""
 
     code: ClassVar[int]
     command: ClassVar[str]
     # What a reply with data may say: most requests are either done or not.
     answered_with: ClassVar[frozenset[Status]] = frozenset({Status.OK})
+    _reply: ClassVar[Any]
 
     def payload(self) -> bytes:
         """Return the request's payload."""
         return b""
 
-    @abstractmethod
+    def __init_subclass__(cls) -> None:
+        """Remember the class in ``Request[...]``."""
+        super().__init_subclass__()
+        for base in cls.__dict__.get("__orig_bases__", ()):
+            if get_origin(base) is Request:
+                (cls._reply,) = get_args(base)
+
     def parse(self, fields: FieldReader) -> R:
-        """Read the data of an OK reply."""
+        """Read the data of an OK reply: by the `parse` of its class, where a request does not say how."""
+        reply: R = self._reply.parse(fields)
+        return reply
 
     @property
     def board_time_s(self) -> float:

@@ -11,7 +11,7 @@ from hiltest.calibration.fit import FitStatus
 from hiltest.errors import ProtocolError
 from hiltest.link.fields import FieldReader
 from hiltest.link.replies import CalibrationReply, RunCost, Status
-from hiltest.link.request import Request, name_field, within
+from hiltest.link.request import Plain, Request, name_field, within
 
 __all__ = [
     "MAX_FEED",
@@ -123,7 +123,7 @@ class StreamStateReply:
 
 
 @dataclass(frozen=True)
-class StreamReset(Request[None]):
+class StreamReset(Plain):
     """Let a stream calibrator forget all points; `sliced` solvers do one slice of their work a point."""
 
     code = 0x12
@@ -133,9 +133,6 @@ class StreamReset(Request[None]):
 
     def payload(self) -> bytes:
         return struct.pack("<B", self.sliced) + name_field(self.stream)
-
-    def parse(self, fields: FieldReader) -> None:
-        """Read nothing."""
 
 
 @dataclass(frozen=True)
@@ -193,6 +190,3 @@ class StreamState(Request[StreamStateReply]):
 
     def payload(self) -> bytes:
         return name_field(self.stream)
-
-    def parse(self, fields: FieldReader) -> StreamStateReply:
-        return StreamStateReply.parse(fields)
