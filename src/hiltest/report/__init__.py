@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING
 from hiltest.exports import when_used
 
 if TYPE_CHECKING:
-    from hiltest.report.html import html_report
+    from hiltest.report.render import html_report, write_reports
     from hiltest.report.markdown import markdown_report
-    from hiltest.report.render import write_reports
 
 __all__ = ["html_report", "markdown_report", "write_reports"]
 
 __getattr__ = when_used(__name__, {
-    "html_report": "html", "markdown_report": "markdown", "write_reports": "render",
+    "html_report": "render", "markdown_report": "markdown", "write_reports": "render",
 })  # fmt: skip
