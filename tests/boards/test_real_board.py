@@ -26,8 +26,9 @@ from hiltest.errors import (
     SyncError,
 )
 from hiltest.link.gyroscope import GyroscopeRest
-from hiltest.link.messages import Identify, LinkStatistics, SensorKind
+from hiltest.link.messages import Identify, LinkStatistics
 from hiltest.link.ports import READ_SLICE_S
+from hiltest.link.replies import SensorKind
 from hiltest.link.session import ATTEMPTS, REPLY_DEADLINE_S, RequestOutcome
 from hiltest.link.transcript import Direction, Transcript
 from hiltest.procedures import (

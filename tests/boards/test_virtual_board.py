@@ -14,17 +14,8 @@ from hiltest.boards import BoardKind, Declared, VirtualBench, VirtualBoard, defa
 from hiltest.errors import ConfigError, DeviceError, SensorAbsentError, VersionMismatchError
 from hiltest.link.framing import Frame, FrameDecoder, encode_frame
 from hiltest.link.gyroscope import GyroscopeRest
-from hiltest.link.messages import (
-    PROTOCOL_VERSION,
-    Average,
-    CycleSource,
-    LinkStatistics,
-    Read,
-    Reset,
-    SensorKind,
-    Sync,
-)
-from hiltest.link.replies import DPS_PER_COUNT, G_PER_COUNT, MICROTESLA_PER_COUNT
+from hiltest.link.messages import PROTOCOL_VERSION, Average, LinkStatistics, Read, Reset, Sync
+from hiltest.link.replies import DPS_PER_COUNT, G_PER_COUNT, MICROTESLA_PER_COUNT, CycleSource, SensorKind
 from hiltest.link.transcript import Transcript
 from hiltest.procedures import collect_tumble, measure_cycles, open_turntable, run_calibrators
 from hiltest.rig import Rig

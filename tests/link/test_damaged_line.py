@@ -11,8 +11,9 @@ from hiltest.boards import VirtualBench
 from hiltest.boards.virtual_port import VirtualPort
 from hiltest.errors import BoardFault, DeviceTimeoutError, SequenceError
 from hiltest.link.framing import Frame, encode_frame
-from hiltest.link.messages import ClearPoints, Identify, LinkCounters, LinkStatistics, Points, Upload
+from hiltest.link.messages import ClearPoints, Identify, LinkStatistics, Points, Upload
 from hiltest.link.ports import READ_SLICE_S
+from hiltest.link.replies import LinkCounters
 from hiltest.link.session import Attempt, RequestOutcome, Session
 from hiltest.rig.file import load_rig
 

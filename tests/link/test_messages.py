@@ -13,23 +13,23 @@ from hypothesis import strategies as st
 
 from hiltest.angles import Pose
 from hiltest.calibration.accelerometer import AccelerometerStatus
+from hiltest.calibration.fit import FitStatus
 from hiltest.calibration.still_pose import FACES, Face, StillPose
 from hiltest.errors import DeviceError, ProtocolError
 from hiltest.link import messages as m
 from hiltest.link.accelerometer import FitAccelerometer, GetAccelerometer, SetAccelerometer
 from hiltest.link.dpi import FitDpi
 from hiltest.link.fusion import FusionRead, FusionRun, FusionStart
-from hiltest.link.messages import CycleSource, FitStatus, SensorKind, Status
 from hiltest.link.poses import AddPose, ClearPoses, Poses, UploadPoses
-from hiltest.link.replies import RunCost, SlotHeading
-from hiltest.link.request import decode_reply
+from hiltest.link.replies import CycleSource, RunCost, SensorInfo, SensorKind, SlotHeading, Status
+from hiltest.link.request import Request, decode_reply
 from hiltest.link.streams import StreamFeed, StreamRemove, StreamReset, StreamState, StreamStatus
 
 POSE = StillPose(
     magnetometer=np.array([1.0, -2.0, 0.5]), magnetometer_spread=None, accelerometer=np.array([-8192.0, 0.0, 4.0]),
     accelerometer_spread=np.array([0.0, 1.0, 1.0]), readings=16, face=Face.MINUS_X,
 )
-REQUESTS: list[m.Request[object]] = [
+REQUESTS: list[Request[object]] = [
     m.Sync(7), m.Identify(), m.Sensors(), m.Select(1), m.Read(1, 4), m.Collect(20), m.Upload(0, [(1, 2, 3)]),
     m.Points(0, 10), m.ClearPoints(), m.Calibrate(100, "direct"), m.SetCalibration(1, np.eye(3), np.zeros(3)),
     m.GetCalibration(1), m.ClearCalibration(1), m.Average(16, 0b111), m.LinkStatistics(), m.Reset(),
@@ -83,7 +83,7 @@ REQUESTS: list[m.Request[object]] = [
         ),
     ],
 )
-def test_request_payloads_are_those_written_by_hand(request_: m.Request[object], code: int, expected: str) -> None:
+def test_request_payloads_are_those_written_by_hand(request_: Request[object], code: int, expected: str) -> None:
     assert request_.code == code
     assert request_.payload() == bytes.fromhex(expected)
 
@@ -180,7 +180,7 @@ def test_identity_fields_are_read_in_order() -> None:
 def test_sensors_are_listed_with_what_they_answered() -> None:
     data = bytes([0, 1, 5, 0, 1, 0x0E, 0xC4, 0xC4, 1, 0, 7]) + b"MAG3110"
     (sensor,) = decode_reply(m.Sensors(), data)
-    assert sensor == m.SensorInfo(5, SensorKind.MAGNETOMETER, 1, 0x0E, 0xC4, 0xC4, True, False, "MAG3110")
+    assert sensor == SensorInfo(5, SensorKind.MAGNETOMETER, 1, 0x0E, 0xC4, 0xC4, True, False, "MAG3110")
 
 
 def test_samples_keep_time_and_sign() -> None:
@@ -288,14 +288,14 @@ def test_an_error_status_names_command_status_and_a_way_out() -> None:
     ],
 )
 def test_a_malformed_reply_says_which_field_and_where(
-    request_: m.Request[object], payload: bytes, message: str
+    request_: Request[object], payload: bytes, message: str
 ) -> None:
     with pytest.raises(ProtocolError, match=message):
         decode_reply(request_, payload)
 
 
 @given(request_=st.sampled_from(REQUESTS), payload=st.binary(max_size=400))
-def test_hostile_bytes_never_crash_a_parser(request_: m.Request[object], payload: bytes) -> None:
+def test_hostile_bytes_never_crash_a_parser(request_: Request[object], payload: bytes) -> None:
     for candidate in (payload, b"\x00" + payload):
         with contextlib.suppress(ProtocolError, DeviceError):
             decode_reply(request_, candidate)
@@ -322,7 +322,7 @@ def test_hostile_bytes_never_crash_a_parser(request_: m.Request[object], payload
     ],
 )
 def test_requests_beyond_the_protocol_are_refused_before_they_are_sent(
-    request_: m.Request[object], message: str
+    request_: Request[object], message: str
 ) -> None:
     with pytest.raises(ValueError, match=message):
         request_.payload()

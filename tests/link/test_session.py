@@ -18,7 +18,8 @@ from hiltest.errors import (
     VersionMismatchError,
 )
 from hiltest.link.framing import Frame, encode_frame
-from hiltest.link.messages import PROTOCOL_VERSION, ClearPoints, LinkCounters, LinkStatistics, Status
+from hiltest.link.messages import PROTOCOL_VERSION, ClearPoints, LinkStatistics
+from hiltest.link.replies import LinkCounters, Status
 from hiltest.link.session import RequestOutcome, Session
 from hiltest.link.transcript import Direction
 

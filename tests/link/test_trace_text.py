@@ -19,7 +19,8 @@ from hiltest.link.dpi import DpiSource, FitDpi
 from hiltest.link.framing import Frame, encode_frame
 from hiltest.link.fusion import FusionRead, FusionRun, FusionStart
 from hiltest.link.poses import AddPose, ClearPoses, Poses, UploadPoses
-from hiltest.link.request import REPLY_BIT
+from hiltest.link.replies import Status
+from hiltest.link.request import REPLY_BIT, Request
 from hiltest.link.request_reading import read_request
 from hiltest.link.sequences import SequencePlace, TimeSequence
 from hiltest.link.trace_text import trace_lines
@@ -27,7 +28,7 @@ from hiltest.link.transcript import Direction, LatestTranscript, Transcript
 
 POSE = StillPose(np.array([1.5, -2.0, 3.0]), np.ones(3), np.array([0.0, 8192.0, -1.0]), np.zeros(3), 16, Face.PLUS_Y)
 TURN = GyroscopeTurn(np.array([0.0, 0, 360]), np.array([-5, 7, 2_000_000]), 1200, 5.995, np.ones(3), np.zeros(3), 0.25)
-REQUESTS: list[m.Request[Any]] = [
+REQUESTS: list[Request[Any]] = [
     m.Sync(0x12345678), m.Identify(), m.Sensors(), m.Select(3), m.Read(2, 64, timeout_us=7), m.Collect(512),
     m.Upload(7, [[1, -2, 3], [-32768, 32767, 0]]), m.Points(300, 80), m.ClearPoints(), m.TimeRange(258),
     m.Calibrate(100, "iterative", iterations=5), m.SetCalibration(1, np.arange(9).reshape(3, 3), [0.5, 0, -1]),
@@ -52,14 +53,14 @@ def kinds_under(kind: type) -> set[type]:
 
 
 @pytest.mark.parametrize("request_", REQUESTS, ids=lambda request: type(request).__name__)
-def test_a_request_is_read_back_from_its_bytes(request_: m.Request[Any]) -> None:
+def test_a_request_is_read_back_from_its_bytes(request_: Request[Any]) -> None:
     read = read_request(Frame(request_.code, 1, request_.payload()))
     assert type(read) is type(request_)
     assert read.payload() == request_.payload()
 
 
 def test_every_request_there_is_can_be_read_back() -> None:
-    assert {type(each) for each in REQUESTS} == kinds_under(m.Request)
+    assert {type(each) for each in REQUESTS} == kinds_under(Request)
 
 
 def lines(*entries: tuple[float, Direction, bytes]) -> list[str]:
@@ -69,11 +70,11 @@ def lines(*entries: tuple[float, Direction, bytes]) -> list[str]:
     return list(trace_lines(transcript))
 
 
-def asked(request: m.Request[Any], sequence: int) -> bytes:
+def asked(request: Request[Any], sequence: int) -> bytes:
     return encode_frame(Frame(request.code, sequence, request.payload()))
 
 
-def answered(request: m.Request[Any], sequence: int, payload: bytes) -> bytes:
+def answered(request: Request[Any], sequence: int, payload: bytes) -> bytes:
     return encode_frame(Frame(request.code | REPLY_BIT, sequence, payload))
 
 
@@ -95,7 +96,7 @@ def test_a_reply_is_decoded_by_the_request_it_answers_and_an_error_by_its_name()
     refused = m.Calibrate(9, "direct")
     shown = lines(
         (0.0, Direction.TO_BOARD, asked(read, 1)), (0.0, Direction.TO_BOARD, asked(refused, 2)),
-        (0.0, Direction.TO_HOST, answered(refused, 2, bytes([m.Status.TOO_FEW_POINTS]))),
+        (0.0, Direction.TO_HOST, answered(refused, 2, bytes([Status.TOO_FEW_POINTS]))),
         (0.0, Direction.TO_HOST, answered(read, 1, payload)),
         (0.0, Direction.TO_HOST, answered(m.ClearPoints(), 3, b"\0")),
     )

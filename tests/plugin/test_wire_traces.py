@@ -17,7 +17,8 @@ from hiltest.runs.wire_traces import file_name
 
 HEAD = """
 import pytest
-from hiltest.link.messages import Calibrate, ClearPoints, GetCalibration, SensorKind, Select
+from hiltest.link.messages import Calibrate, ClearPoints, GetCalibration, Select
+from hiltest.link.replies import SensorKind
 from hiltest.measurement import Limit
 
 """

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from hiltest.angles import Pose
 from hiltest.errors import HiltestError, SensorAbsentError
-from hiltest.link.messages import Identity, Select, SensorInfo, SensorKind, Sensors
-from hiltest.link.replies import DPS_PER_COUNT, RunCost
+from hiltest.link.messages import Select, Sensors
+from hiltest.link.replies import DPS_PER_COUNT, Identity, RunCost, SensorInfo, SensorKind
 from hiltest.link.session import Session
 from hiltest.measurement import CycleBand
 from hiltest.rig import Rig

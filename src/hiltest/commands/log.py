@@ -18,7 +18,7 @@ from hiltest.settings import file_name, seed
 
 if TYPE_CHECKING:
     from hiltest.boards import Board
-    from hiltest.link.messages import SensorKind
+    from hiltest.link.replies import SensorKind
     from hiltest.procedures.sensor_log import LogPart
 
 _INTERRUPTED = 2
@@ -59,7 +59,7 @@ def log(
     two requests are missing. Ctrl-C ends the log. hiltest allan reads it.
     """
     from hiltest.boards import open_board
-    from hiltest.link.messages import SensorKind
+    from hiltest.link.replies import SensorKind
     from hiltest.procedures.sensor_log import log_sensors
     from hiltest.rig.file import load_rig
 

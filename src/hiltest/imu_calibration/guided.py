@@ -33,8 +33,7 @@ from hiltest.imu_calibration.contents import (
 )
 from hiltest.imu_calibration.owner import made_on
 from hiltest.link.gyroscope import Axis
-from hiltest.link.messages import SensorKind
-from hiltest.link.replies import DPS_PER_COUNT
+from hiltest.link.replies import DPS_PER_COUNT, SensorKind
 from hiltest.procedures import (
     DPI,
     UNCALIBRATED_SLOT,

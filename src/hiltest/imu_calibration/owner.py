@@ -11,7 +11,7 @@ from hiltest.boards import Board
 from hiltest.errors import ConfigError
 from hiltest.imu_calibration.contents import ImuCalibration, MadeOn
 from hiltest.imu_calibration.file import CalibrationFile
-from hiltest.link.messages import SensorKind
+from hiltest.link.replies import SensorKind
 from hiltest.rig import Rig
 from hiltest.virtual.unique_id import VIRTUAL_UNIQUE_ID
 

@@ -15,8 +15,6 @@ from hiltest.link.fields import FieldReader
 from hiltest.link.replies import RunCost, Status
 from hiltest.link.request import Plain, Request, name_field, within
 
-__all__ = ["FitAccelerometer", "FitAccelerometerReply", "GetAccelerometer", "SetAccelerometer"]
-
 _NO_POSE = 255
 
 

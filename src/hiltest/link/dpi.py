@@ -11,8 +11,6 @@ from hiltest.link.fields import FieldReader
 from hiltest.link.replies import CalibrationReply, RunCost, Status
 from hiltest.link.request import Request, within
 
-__all__ = ["DpiReply", "DpiSource", "FitDpi"]
-
 
 class DpiSource(IntEnum):
     """Data that is fitted; the values are those of the protocol."""

@@ -12,11 +12,6 @@ from hiltest.link.fields import FieldReader
 from hiltest.link.replies import RunCost, Status
 from hiltest.link.request import Request, Timed, within
 
-__all__ = [
-    "MAX_FUSION_READ", "MAX_FUSION_RECORDS", "FusionRead", "FusionRecords", "FusionRun", "FusionStart", "FusionSummary",
-    "StepCosts",
-]  # fmt: skip
-
 #: Records that the board keeps, and how many of them one reply holds.
 MAX_FUSION_RECORDS = 1024
 MAX_FUSION_READ = 36

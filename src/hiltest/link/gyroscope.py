@@ -16,27 +16,6 @@ from hiltest.link.fields import FieldReader
 from hiltest.link.replies import Counts, Reals, RunCost, Statistic, Status
 from hiltest.link.request import Plain, Request, Timed, within
 
-__all__ = [
-    "EDGE_SAMPLES",
-    "MAX_LOG",
-    "MAX_REST",
-    "MAX_TURN",
-    "Axis",
-    "FitGyroscope",
-    "FitGyroscopeReply",
-    "GetGyroscope",
-    "GyroscopeRest",
-    "GyroscopeRestReply",
-    "IntegrateGyroscope",
-    "IntegrateGyroscopeReply",
-    "LogGyroscope",
-    "LogGyroscopeReply",
-    "SetGyroscope",
-    "Span",
-    "Stillness",
-    "StillnessKind",
-]
-
 MAX_REST = 4096
 MAX_TURN = 12_000
 MAX_LOG = 128

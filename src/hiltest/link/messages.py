@@ -9,54 +9,22 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hiltest.calibration.fit import FitStatus
 from hiltest.link.fields import FieldReader
 from hiltest.link.replies import (
     AverageReply,
     CalibrateReply,
     CalibrationReply,
     CollectReply,
-    CycleSource,
     Identity,
     LinkCounters,
     PointsReply,
     ReadReply,
     RunCost,
     SensorInfo,
-    SensorKind,
     Status,
     SyncReply,
 )
 from hiltest.link.request import Plain, Request, Timed, name_field, within
-
-__all__ = [
-    "PROTOCOL_VERSION",
-    "Average",
-    "Calibrate",
-    "ClearCalibration",
-    "ClearPoints",
-    "Collect",
-    "CycleSource",
-    "FitStatus",
-    "GetCalibration",
-    "Identify",
-    "Identity",
-    "LinkCounters",
-    "LinkStatistics",
-    "Points",
-    "Read",
-    "Request",
-    "Reset",
-    "Select",
-    "SensorInfo",
-    "SensorKind",
-    "Sensors",
-    "SetCalibration",
-    "Status",
-    "Sync",
-    "TimeRange",
-    "Upload",
-]
 
 PROTOCOL_VERSION = 7
 MAX_UPLOAD = 160

@@ -14,8 +14,6 @@ from hiltest.link.fields import FieldReader
 from hiltest.link.replies import AverageReply
 from hiltest.link.request import Plain, Request, Timed, within
 
-__all__ = ["MAX_TRANSFER", "AddPose", "AddPoseReply", "ClearPoses", "Poses", "UploadPoses"]
-
 MAX_TRANSFER = 20
 _MAX_READINGS = 512
 

@@ -13,8 +13,6 @@ from hiltest.errors import DeviceError
 from hiltest.link.fields import FieldReader
 from hiltest.link.replies import Status
 
-__all__ = ["REPLY_BIT", "Plain", "Request", "Timed", "decode_reply", "name_field", "within"]
-
 REPLY_BIT = 0x80
 
 R = TypeVar("R")

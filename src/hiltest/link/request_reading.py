@@ -14,8 +14,9 @@ from hiltest.link import accelerometer, dpi, fusion, gyroscope, poses, sequences
 from hiltest.link import messages as m
 from hiltest.link.fields import FieldReader
 from hiltest.link.framing import Frame
+from hiltest.link.request import Request
 
-_Read = Callable[[FieldReader], m.Request[Any]]
+_Read = Callable[[FieldReader], Request[Any]]
 
 
 def _upload(fields: FieldReader) -> m.Upload:
@@ -119,14 +120,14 @@ def _stream_reset(fields: FieldReader) -> streams.StreamReset:
 
 
 def _steps(kind: type[streams.StreamFeed | streams.StreamRemove]) -> _Read:
-    def read(fields: FieldReader) -> m.Request[Any]:
+    def read(fields: FieldReader) -> Request[Any]:
         first, count = fields.number("H", "first"), fields.number("B", "count")
         return kind(fields.text("stream"), first, count)
 
     return read
 
 
-_READERS: Mapping[type[m.Request[Any]], _Read] = {
+_READERS: Mapping[type[Request[Any]], _Read] = {
     m.Sync: lambda fields: m.Sync(fields.number("I", "nonce")),
     m.Identify: lambda _: m.Identify(),
     m.Sensors: lambda _: m.Sensors(),
@@ -178,7 +179,7 @@ def command_of(code: int) -> str:
     return kind.command if kind else ""
 
 
-def read_request(frame: Frame) -> m.Request[Any]:
+def read_request(frame: Frame) -> Request[Any]:
     """Return the request that a frame carries.
 
     Raises

@@ -11,8 +11,6 @@ from hiltest.link.fields import FieldReader
 from hiltest.link.replies import RunCost, Status
 from hiltest.link.request import Request, within
 
-__all__ = ["SEQUENCES", "SequencePlace", "TimeSequence"]
-
 #: In the order of the protocol.
 SEQUENCES = (
     "data", "divide", "load_chain", "loads", "stores", "stores_by_register", "load_behind_store",

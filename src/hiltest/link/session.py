@@ -25,8 +25,9 @@ from hiltest.errors import (
     VersionMismatchError,
 )
 from hiltest.link.framing import DamagedFrame, Frame, FrameDecoder, encode_frame
-from hiltest.link.messages import PROTOCOL_VERSION, Identify, Identity, Status, Sync
+from hiltest.link.messages import PROTOCOL_VERSION, Identify, Sync
 from hiltest.link.ports import SerialPort
+from hiltest.link.replies import Identity, Status
 from hiltest.link.request import REPLY_BIT, Request, decode_reply
 from hiltest.link.transcript import Direction, Transcript
 

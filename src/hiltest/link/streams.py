@@ -13,17 +13,6 @@ from hiltest.link.fields import FieldReader
 from hiltest.link.replies import CalibrationReply, RunCost, Status
 from hiltest.link.request import Plain, Request, name_field, within
 
-__all__ = [
-    "MAX_FEED",
-    "StreamFeed",
-    "StreamRemove",
-    "StreamReset",
-    "StreamState",
-    "StreamStateReply",
-    "StreamStatus",
-    "StreamStepsReply",
-]
-
 MAX_FEED = 80
 
 

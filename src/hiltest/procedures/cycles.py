@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from hiltest.boards.board import Board
 from hiltest.errors import DeviceError
-from hiltest.link.messages import MAX_UPLOAD, MAX_UPLOAD_PAIRS, Calibrate, ClearPoints, CycleSource, Status, Upload
-from hiltest.link.replies import RunCost
+from hiltest.link.messages import MAX_UPLOAD, MAX_UPLOAD_PAIRS, Calibrate, ClearPoints, Upload
+from hiltest.link.replies import CycleSource, RunCost, Status
 from hiltest.measurement import CycleBand
 from hiltest.procedures.clouds import golden_cloud
 from hiltest.procedures.progress import Progress, silent

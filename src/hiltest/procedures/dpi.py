@@ -17,8 +17,9 @@ from hiltest.calibration.still_pose import StillPose
 from hiltest.errors import CalibrationError
 from hiltest.link.accelerometer import GetAccelerometer, SetAccelerometer
 from hiltest.link.dpi import DpiReply, DpiSource, FitDpi
-from hiltest.link.messages import CycleSource, SetCalibration
+from hiltest.link.messages import SetCalibration
 from hiltest.link.poses import MAX_TRANSFER, Poses
+from hiltest.link.replies import CycleSource
 from hiltest.procedures.calibrate import UNCALIBRATED_SLOT, CalibratorRun, judged
 from hiltest.procedures.clouds import golden_pairs
 from hiltest.procedures.cycles import CycleCost, fit_line, instructions_of, no_cycle_counter, upload_pairs

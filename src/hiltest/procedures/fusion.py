@@ -20,7 +20,7 @@ from hiltest.link.fusion import (
     FusionStart,
     FusionSummary,
 )
-from hiltest.link.messages import SensorKind
+from hiltest.link.replies import SensorKind
 from hiltest.measurement import CycleBand
 from hiltest.orientation.fusion import FusionNoise, heading_sigma_deg
 from hiltest.orientation.quaternions import Quaternion, from_pose, normalised, pose_of, rotation_ned_from_body

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from hiltest.boards.board import Board
 from hiltest.link.gyroscope import LogGyroscope
-from hiltest.link.messages import SensorKind
-from hiltest.link.replies import DPS_PER_COUNT, Counts
+from hiltest.link.replies import DPS_PER_COUNT, Counts, SensorKind
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.rest import GYROSCOPE_RATE_HZ, SamplesLostError
 

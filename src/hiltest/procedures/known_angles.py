@@ -14,8 +14,8 @@ from hiltest.boards.board import Board
 from hiltest.calibration.accelerometer import AccelerometerFit
 from hiltest.errors import DeviceError
 from hiltest.link.accelerometer import GetAccelerometer
-from hiltest.link.messages import Average, SensorKind
-from hiltest.link.replies import AverageReply, SlotHeading
+from hiltest.link.messages import Average
+from hiltest.link.replies import AverageReply, SensorKind, SlotHeading
 from hiltest.procedures.heading_statistics import HeadingSummary, rms, summarise
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.turntables import Achieved, Turntable

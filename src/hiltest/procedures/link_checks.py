@@ -9,15 +9,8 @@ import numpy as np
 from hiltest.boards.board import Board
 from hiltest.errors import ProtocolError
 from hiltest.link.framing import DELIMITER, ESCAPE, MAX_PAYLOAD, Frame, encode_frame
-from hiltest.link.messages import (
-    MAX_POINTS_READ,
-    MAX_UPLOAD,
-    ClearPoints,
-    LinkStatistics,
-    Points,
-    Status,
-    Upload,
-)
+from hiltest.link.messages import MAX_POINTS_READ, MAX_UPLOAD, ClearPoints, LinkStatistics, Points, Upload
+from hiltest.link.replies import Status
 from hiltest.link.request import REPLY_BIT, decode_reply
 from hiltest.procedures.cycles import upload_cloud
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from hiltest.boards.board import Board
 from hiltest.errors import CalibrationError
 from hiltest.link.gyroscope import Axis, GyroscopeRest, GyroscopeRestReply, StillnessKind
-from hiltest.link.messages import Average, SensorKind
-from hiltest.link.replies import DPS_PER_COUNT, G_PER_COUNT
+from hiltest.link.messages import Average
+from hiltest.link.replies import DPS_PER_COUNT, G_PER_COUNT, SensorKind
 from hiltest.procedures.progress import Progress, silent
 
 Reals = NDArray[np.float64]

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from hiltest.boards.board import Board
 from hiltest.link.gyroscope import LogGyroscope
-from hiltest.link.messages import Read, SensorKind
-from hiltest.link.replies import DPS_PER_COUNT, G_PER_COUNT, MICROTESLA_PER_COUNT
+from hiltest.link.messages import Read
+from hiltest.link.replies import DPS_PER_COUNT, G_PER_COUNT, MICROTESLA_PER_COUNT, SensorKind
 from hiltest.procedures.gyroscope_log import log_chunks
 from hiltest.procedures.rest import GYROSCOPE_RATE_HZ
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from hiltest.boards.board import Board
-from hiltest.link.messages import CycleSource
+from hiltest.link.replies import CycleSource
 from hiltest.link.sequences import SEQUENCES, SequencePlace, TimeSequence
 from hiltest.procedures.cycles import no_cycle_counter
 from hiltest.procedures.progress import Progress, silent

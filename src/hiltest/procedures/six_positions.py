@@ -23,9 +23,9 @@ from hiltest.calibration.accelerometer import (
 from hiltest.calibration.still_pose import FACES, Face, StillPose
 from hiltest.errors import FaceError
 from hiltest.link.accelerometer import FitAccelerometer, SetAccelerometer
-from hiltest.link.messages import Average, SensorKind
+from hiltest.link.messages import Average
 from hiltest.link.poses import MAX_TRANSFER, AddPose, ClearPoses, Poses, UploadPoses
-from hiltest.link.replies import RunCost, Statistic
+from hiltest.link.replies import RunCost, SensorKind, Statistic
 from hiltest.measurement import CycleBand
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.turntables import FACE_WORDS, Turntable

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from hiltest.angles import Pose, wrap_180, wrap_360
 from hiltest.boards.board import Board
 from hiltest.calibration.quality import sphere_directions
-from hiltest.link.messages import SensorKind
 from hiltest.link.poses import AddPose, ClearPoses
+from hiltest.link.replies import SensorKind
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.turntables import Turntable
 

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from hiltest.boards.board import Board
 from hiltest.errors import PoorCoverageError
-from hiltest.link.messages import MAX_POINTS_READ, ClearPoints, Collect, Points, SensorKind
+from hiltest.link.messages import MAX_POINTS_READ, ClearPoints, Collect, Points
+from hiltest.link.replies import SensorKind
 from hiltest.procedures.coverage import sphere_coverage
 from hiltest.procedures.cycles import upload_pairs
 from hiltest.procedures.progress import Progress, silent

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 from hiltest.exports import when_used
 
 if TYPE_CHECKING:
-    from hiltest.report.render import html_report, write_reports
     from hiltest.report.markdown import markdown_report
+    from hiltest.report.render import html_report, write_reports
 
 __all__ = ["html_report", "markdown_report", "write_reports"]
 

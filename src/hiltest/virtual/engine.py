@@ -15,8 +15,6 @@ from unicorn import arm_const as arm
 from unicorn import unicorn_py3
 from unicorn.unicorn_py3.unicorn import uclib
 
-__all__ = ["TRANSLATED_CALLBACK", "add_hook", "cortex_m4", "entrance"]
-
 _EMU_START = ctypes.CFUNCTYPE(
     ctypes.c_int, ctypes.c_void_p, ctypes.c_uint64, ctypes.c_uint64, ctypes.c_uint64, ctypes.c_size_t
 )(("uc_emu_start", uclib))
