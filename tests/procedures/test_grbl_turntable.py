@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from hiltest.angles import Pose, rotation_body_from_ned
 from hiltest.bench_files import shipped
-from hiltest.boards import VirtualBench, grbl_table, open_board
+from hiltest.boards import VirtualBench, open_board, simulated_grbl
 from hiltest.boards.lines import PseudoTerminal
 from hiltest.boards.paced import PacedBench
 from hiltest.boards.simulated_grbl import GrblTable
@@ -150,14 +150,14 @@ def test_it_puts_the_board_on_a_face(bench: Bench, table: GrblTurntable, face: F
 def test_a_table_that_does_not_reach_a_face_says_which_and_what_to_do(
     table: GrblTurntable, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(grbl_table, "FURTHEST_DEG", 45.0)
+    monkeypatch.setattr(simulated_grbl, "FURTHEST_DEG", 45.0)
     words = r'cannot put the board nose up \(pitch \+90, .*error:33.* accelerometer_calibration = "none"'
     with pytest.raises(TurntableError, match=words):
         table.turn_to_face(Face.MINUS_X)
 
 
 def test_a_table_that_cannot_tilt_so_far_says_so(table: GrblTurntable, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(grbl_table, "FURTHEST_DEG", 45.0)
+    monkeypatch.setattr(simulated_grbl, "FURTHEST_DEG", 45.0)
     with pytest.raises(TurntableError, match=r"Y-90.*' was answered by error:33: .* beyond the table's travel"):
         table.mount(Axis.X)
 
