@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
-from hiltest.c_source import c_float, in_comment
+from hiltest.c_source import c_constant, in_comment
 from hiltest.imu_calibration.contents import ImuCalibration, Matrix, Triple
 
 _GUARD = "HILTEST_IMU_CALIBRATION_H"
@@ -50,16 +48,5 @@ def _part(
     name: str, sensor: str, method: str, formula: str, numbers: Sequence[tuple[str, str, Matrix | Triple]]
 ) -> str:
     lines = [f"/* {in_comment(sensor)}, {in_comment(method)}: {formula} */"]
-    for what, unit, values in numbers:
-        rows = np.array(values)
-        shape = "".join(f"[{size}]" for size in rows.shape)
-        lines.append(f"static const float {name}_{what}{shape} = {_literal(rows)}; /* {unit} */")
+    lines += [c_constant(f"{name}_{what}", values, unit) for what, unit, values in numbers]
     return "\n".join([*lines, ""])
-
-
-def _literal(values: np.ndarray) -> str:
-    if values.ndim == 2:
-        return "{\n" + "".join(f"    {_literal(row)},\n" for row in values) + "}"
-    if values.ndim:
-        return "{" + ", ".join(map(_literal, values)) + "}"
-    return c_float(float(values))

@@ -14,7 +14,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from hiltest import __version__
-from hiltest.c_source import c_float, in_comment
+from hiltest.c_source import c_constant, in_comment
 from hiltest.logs.imu_accelerometer import AUTO, AccelerometerResult, face_name, fit_rests
 from hiltest.logs.imu_gyroscope import WHOLE_DEG, GyroscopeResult, TurnResult, fit_gyroscope
 from hiltest.logs.imu_log import ImuLog
@@ -171,24 +171,17 @@ def to_header(fit: ImuLogFit) -> str:
     parts = []
     if fit.accelerometer.fit is not None:
         unit, found = fit.log.acceleration_unit, fit.accelerometer.fit
-        parts += [f"/* {ACCELEROMETER_FORMULA} */", _c("accelerometer_gain", found.gain, _per("g", unit)),
-                  _c("accelerometer_offset", found.offset, unit), ""]
+        parts += [f"/* {ACCELEROMETER_FORMULA} */", c_constant("accelerometer_gain", found.gain, _per("g", unit)),
+                  c_constant("accelerometer_offset", found.offset, unit), ""]
     if fit.gyroscope is not None:
         gyroscope, rate_unit = fit.gyroscope, fit.log.rate_unit
         formula = GYROSCOPE_FORMULA if gyroscope.fit is not None else "reading - bias"
-        parts += [f"/* {formula} */", _c("gyroscope_bias", gyroscope.bias, rate_unit)]
+        parts += [f"/* {formula} */", c_constant("gyroscope_bias", gyroscope.bias, rate_unit)]
         if gyroscope.fit is not None:
-            parts.append(_c("gyroscope_matrix", gyroscope.fit.matrix, _per("deg/s", rate_unit)))
+            parts.append(c_constant("gyroscope_matrix", gyroscope.fit.matrix, _per("deg/s", rate_unit)))
         parts.append("")
     files = ", ".join(in_comment(Path(each).name) for each in fit.log.files)
     return _HEADER.format(version=in_comment(__version__), files=files, parts="\n".join(parts))
-
-
-def _c(name: str, values: np.ndarray, unit: str) -> str:
-    shape = "".join(f"[{size}]" for size in values.shape)
-    rows = ["{" + ", ".join(c_float(float(each)) for each in row) + "}" for row in np.atleast_2d(values)]
-    literal = rows[0] if values.ndim == 1 else "{\n    " + ",\n    ".join(rows) + ",\n}"
-    return f"static const float {name}{shape} = {literal}; /* {unit} */"
 
 
 def _per(what: str, unit: str) -> str:
