@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from hiltest.imu_calibration import ImuCalibration
-from hiltest.imu_calibration.c_header import to_header
+from hiltest.imu_calibration.file import to_header
 
 _PROGRAM = """
 #include <stdio.h>

@@ -108,8 +108,7 @@ def _led_through(board: Board, rig: Rig, calibrator: str) -> ImuCalibration:
 
 def _write(made: ImuCalibration, out: Path, header: Path) -> None:
     """Write both files; the calibration file last, so that it is never there without its header."""
-    from hiltest.imu_calibration.c_header import to_header
-    from hiltest.imu_calibration.file import to_json
+    from hiltest.imu_calibration.file import to_header, to_json
     from hiltest.record.files import write_asked_for
 
     write_asked_for(header, to_header(made))

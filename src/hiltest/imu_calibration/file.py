@@ -1,14 +1,16 @@
-"""Reading and writing a calibration file: JSON that is hostile until it is parsed."""
+"""Reading and writing a calibration file, JSON that is hostile until it is parsed; and its numbers as a C header."""
 
 from __future__ import annotations
 
 import json
 import re
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from hiltest.c_source import c_constant, in_comment
 from hiltest.errors import ConfigError
-from hiltest.imu_calibration.contents import SCHEMA, ImuCalibration
+from hiltest.imu_calibration.contents import SCHEMA, ImuCalibration, Matrix, Triple
 from hiltest.strict_json import JsonFile, read_json, shown
 
 # A file is some 4 kB: more is not one of ours.
@@ -16,6 +18,7 @@ _LARGEST_BYTES = 1_000_000
 # A list of numbers alone, which stands on one line. No string has a line break behind a bracket.
 _NUMBERS = re.compile(r"\[\n([^\[\]{}]*?)\n\s*\]")
 _OTHERWISE = "calibrate again: hiltest calibrate"
+_GUARD = "HILTEST_IMU_CALIBRATION_H"
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,3 +83,45 @@ def _complaint(place: str, kind: str, message: str, given: object) -> str:
     if kind == "literal_error":
         return f"{said}; nothing is converted: {_OTHERWISE}"
     return f"{said}; {_OTHERWISE}"
+
+
+def to_header(calibration: ImuCalibration) -> str:
+    """Return the text of a C header: C11, float, no code."""
+    parts = [_magnetometer(calibration)]
+    if calibration.accelerometer is not None:
+        part = calibration.accelerometer
+        parts.append(_part("accelerometer", part.sensor, part.method, part.formula, [
+            ("gain", part.units.gain, part.gain), ("offset", part.units.offset, part.offset),
+        ]))
+    if calibration.gyroscope is not None:
+        gyroscope = calibration.gyroscope
+        parts.append(_part("gyroscope", gyroscope.sensor, gyroscope.method, gyroscope.formula, [
+            ("matrix", gyroscope.units.matrix, gyroscope.matrix), ("bias", gyroscope.units.bias, gyroscope.bias),
+        ]))
+    made = calibration.made_on
+    lines = [
+        "/*",
+        f" * Calibration of an IMU by hiltest {in_comment(calibration.hiltest)}, {calibration.made_utc}.",
+        f" * Board: chip {made.unique_id}, firmware {in_comment(made.firmware)} build {in_comment(made.build_id)}, "
+        f"rig {in_comment(made.rig)}.",
+        f" * Frame: {calibration.frame}.",
+        " * Matrices are row by row; every product is matrix times column.",
+        " */",
+    ]
+    return "\n".join([*lines, f"#ifndef {_GUARD}", f"#define {_GUARD}", "", *parts, "#endif", ""])
+
+
+def _magnetometer(calibration: ImuCalibration) -> str:
+    part = calibration.magnetometer
+    return _part("magnetometer", part.sensor, part.method, part.formula, [
+        ("soft_iron", part.units.soft_iron, part.soft_iron), ("hard_iron", part.units.hard_iron, part.hard_iron),
+        ("hard_iron_ut", part.units.hard_iron_ut, part.hard_iron_ut),
+    ])
+
+
+def _part(
+    name: str, sensor: str, method: str, formula: str, numbers: Sequence[tuple[str, str, Matrix | Triple]]
+) -> str:
+    lines = [f"/* {in_comment(sensor)}, {in_comment(method)}: {formula} */"]
+    lines += [c_constant(f"{name}_{what}", values, unit) for what, unit, values in numbers]
+    return "\n".join([*lines, ""])
