@@ -16,9 +16,8 @@ from hiltest.link.session import Session
 from hiltest.link.transcript import Transcript
 from hiltest.measurement import CycleBand
 from hiltest.rig import COUNTS_PER_UT, Rig, world_truth
-from hiltest.virtual.cycle_band import band_where_it_ran
+from hiltest.virtual.cycle_band import TimedSteps, band_where_it_ran
 from hiltest.virtual.elf import load_image
-from hiltest.virtual.timed_steps import TimedSteps
 
 
 class VirtualBoard(Board):
