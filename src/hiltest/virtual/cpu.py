@@ -20,7 +20,6 @@ from hiltest.virtual.accounting import Accounting, AccountingFactory
 from hiltest.virtual.blocks import CodeBlock
 from hiltest.virtual.elf import FirmwareImage
 from hiltest.virtual.engine import TRANSLATED_CALLBACK, add_hook, cortex_m4, entrance
-from hiltest.virtual.event_register import EventRegister
 from hiltest.virtual.exceptions import ExceptionUnit
 from hiltest.virtual.executions import Snapshot
 from hiltest.virtual.faults import Fault, FaultKind, FaultLog, Lockup
@@ -28,7 +27,7 @@ from hiltest.virtual.instructions import Instruction
 from hiltest.virtual.interrupt import deferred_interrupt
 from hiltest.virtual.memory import FLASH, SRAM, BoardMemory
 from hiltest.virtual.native import by_block
-from hiltest.virtual.nvic import SVCALL, SYSTICK, Nvic
+from hiltest.virtual.nvic import SVCALL, SYSTICK, EventRegister, Nvic
 from hiltest.virtual.registers import CoreRegisters
 from hiltest.virtual.schedule import Schedule
 from hiltest.virtual.timing import TimingProfile
