@@ -11,11 +11,11 @@ from hiltest.calibration.fit import (
     FitStatus,
     MagnetometerFit,
     half_range,
+    largest_pivot_ratio,
     mid_range,
     no_fit,
     points_array,
 )
-from hiltest.calibration.normal_equations import largest_pivot_ratio
 from hiltest.calibration.quadric import calibration_from_quadric, quadric_from_coefficients
 from hiltest.calibration.sphere import fit_sphere
 
