@@ -14,11 +14,10 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from hiltest.errors import ConfigError
-from hiltest.record.attempts import marked
 from hiltest.record.failures import unfinished_verdict
 from hiltest.record.files import CAMPAIGN_FILE, RUN_FILE, SEED_FOLDERS
 from hiltest.record.journal import JOURNAL_FILE, is_going_on
-from hiltest.record.run import SCHEMA, Run, Verdict, in_force, volatile_places
+from hiltest.record.run import SCHEMA, Run, Verdict, in_force, marked, volatile_places
 from hiltest.strict_json import LARGEST_BYTES, JsonFile, parse_json, read_bounded, read_json, shown
 from hiltest.text import listed
 

@@ -11,8 +11,17 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import Literal
 
-from hiltest.measurement import Measurement, Tolerance, is_compared, plain, round_significant, tolerance_of
-from hiltest.record.attempts import marked, worst_first
+from hiltest.measurement import (
+    WORST_OF_SEVERAL,
+    Better,
+    Measurement,
+    Outcome,
+    Tolerance,
+    is_compared,
+    plain,
+    round_significant,
+    tolerance_of,
+)
 from hiltest.record.comparison import Comparison, Revision
 from hiltest.record.outcomes import TestOutcome
 
@@ -21,6 +30,7 @@ SCHEMA: Literal["hiltest.run/1"] = "hiltest.run/1"
 _VOLATILE_OF_A_SIDE = ("file", "saved_utc", "revision")
 
 Cell = float | int | str | bool | None
+_WORST_FIRST = (Outcome.FAIL, Outcome.UNSET, Outcome.NOT_OFFERED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -296,3 +306,26 @@ def _cell(cell: Cell) -> Cell:
         return cell
     # JSON has no NaN; a hole in a table is null.
     return None if cell is None or not math.isfinite(cell) else round_significant(plain(cell))
+
+
+def worst_first(kept: Measurement, other: Measurement) -> tuple[Measurement, Measurement]:
+    """Return what two attempts measured under one name, the one that counts first.
+
+    Out of its limit comes before not judged, that before no number at all, and that before a number. Of two numbers
+    the worse one comes first, and where neither is, the earlier.
+    """
+    worst, rest = sorted((kept, other), key=_rank)
+    return worst, rest
+
+
+def marked(measurement: Measurement) -> Measurement:
+    """Return it with the note that it is not the only one of its name."""
+    return replace(measurement, note="; ".join(filter(None, (measurement.note, WORST_OF_SEVERAL))))
+
+
+def _rank(measurement: Measurement) -> tuple[int, float]:
+    outcome, value = measurement.outcome, measurement.value
+    kind = _WORST_FIRST.index(outcome) if outcome in _WORST_FIRST else len(_WORST_FIRST)
+    if value is None or measurement.better is Better.NEITHER:
+        return kind, 0.0
+    return kind, -measurement.better.cost(float(value))
