@@ -30,6 +30,7 @@ SCHEMA: Literal["hiltest.run/1"] = "hiltest.run/1"
 _VOLATILE_OF_A_SIDE = ("file", "saved_utc", "revision")
 
 Cell = float | int | str | bool | None
+# The worst of several attempts counts: no rerun makes a pass of a measurement that was out of its limit.
 _WORST_FIRST = (Outcome.FAIL, Outcome.UNSET, Outcome.NOT_OFFERED)
 
 
