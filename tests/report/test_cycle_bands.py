@@ -17,11 +17,11 @@ from hiltest.measurement import CycleBand, Limit, Measurement, Outcome, RowEffec
 from hiltest.record.reader import read_record
 from hiltest.record.run import Findings, Run
 from hiltest.record.run_json import part_from, write_run
-from hiltest.report.cost_line import cost_line
 from hiltest.report.markdown import markdown_report
 from hiltest.report.overview import accuracy_and_cost
 from hiltest.report.render import html_report
 from hiltest.report.terminal import summary
+from hiltest.verdict.summary import cost_line
 from hiltest.verdict.verdict import decide
 
 from ..written_run import MODEL

@@ -12,13 +12,12 @@ from hiltest.measurement import CycleBand, Limit, Measurement, identify, judge
 from hiltest.record.comparison import Comparison, Side
 from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import Findings, TestResult
-from hiltest.report.cost_line import cost_line
 from hiltest.report.overview import accuracy_and_cost
 from hiltest.text import readable
 from hiltest.verdict.calibrators import cheapest_first
 from hiltest.verdict.compare import compare
 from hiltest.verdict.evidence import Conditions, Evidence
-from hiltest.verdict.summary import close_to_limit, summarise
+from hiltest.verdict.summary import close_to_limit, cost_line, summarise
 from hiltest.verdict.verdict import decide, unmet_limits
 
 Make = Callable[..., Findings]

@@ -10,11 +10,10 @@ from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import Run, TestResult
 from hiltest.report import overview, stream_overview
 from hiltest.report.comparison_overview import changed, counts, sides
-from hiltest.report.cost_line import cost_line
 from hiltest.report.markdown_text import folded, plain_text, table
 from hiltest.report.terminal import shown_limit, shown_outcome, shown_value
 from hiltest.text import number
-from hiltest.verdict.summary import Failure, Summary, summarise
+from hiltest.verdict.summary import Failure, Summary, cost_line, summarise
 
 
 def markdown_report(run: Run) -> str:

@@ -11,7 +11,6 @@ from hiltest.record.outcomes import RED, TestOutcome
 from hiltest.record.run import Run, TestResult
 from hiltest.report import overview, stream_overview
 from hiltest.report.comparison_overview import against_baseline
-from hiltest.report.cost_line import cost_line
 from hiltest.report.figures.cost import budget_group, cost_group
 from hiltest.report.figures.fusion import fusion_group
 from hiltest.report.figures.heading import heading_group
@@ -21,7 +20,7 @@ from hiltest.report.markdown import markdown_report
 from hiltest.report.page import render
 from hiltest.report.terminal import shown_limit, shown_outcome, shown_value
 from hiltest.text import number, with_unit
-from hiltest.verdict.summary import Failure, Summary, summarise
+from hiltest.verdict.summary import Failure, Summary, cost_line, summarise
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,9 +15,8 @@ from hiltest.measurement import Measurement, Outcome
 from hiltest.record.files import REPORT_FILE
 from hiltest.record.run import Run
 from hiltest.report.comparison_text import print_changes, printable, say_how_to_keep
-from hiltest.report.cost_line import cost_line
 from hiltest.text import counted, number, readable, with_unit, without_folders
-from hiltest.verdict.summary import CLOSE, MAY_EXCEED, Failure, Summary, held_to, limit_in_words, summarise
+from hiltest.verdict.summary import CLOSE, MAY_EXCEED, Failure, Summary, cost_line, held_to, limit_in_words, summarise
 
 _STYLES = {Outcome.FAIL: "bold red", Outcome.UNSET: "yellow", Outcome.NOT_OFFERED: "dim"}
 _INDENT = "  "
