@@ -12,9 +12,8 @@ import click
 
 from hiltest.bench_files import rig_file
 from hiltest.boards.bench import START_UP_S, VirtualBench
-from hiltest.boards.lines import PortLine, PseudoTerminal, TcpLine
+from hiltest.boards.lines import PortLine, PseudoTerminal, TcpLine, port_link
 from hiltest.boards.paced import PacedBench
-from hiltest.boards.port_links import port_link
 from hiltest.boards.simulated_grbl import GrblTable
 from hiltest.boards.table_axes import TableAxes
 from hiltest.commands.options import checked
