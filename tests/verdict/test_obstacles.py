@@ -17,8 +17,8 @@ from hiltest.errors import ConfigError
 from hiltest.record.comparison import Comparison
 from hiltest.record.outcomes import TestOutcome
 from hiltest.record.reader import read_record
-from hiltest.rig.conditions import conditions_sha256
 from hiltest.rig.file import load_rig
+from hiltest.rig.rig import conditions_sha256
 from hiltest.runs.campaign import SeedResult, evidence_of_all
 from hiltest.verdict.baseline import baseline_of
 from hiltest.verdict.compare import compare

@@ -1,14 +1,17 @@
 """The rig: which board, link, turntable, local field, mounting and limits.
 
-A rig is a TOML file; this module is what it means, `hiltest.rig.file.load_rig` reads it.
+A rig is a TOML file; this module is what it means, `hiltest.rig.file.load_rig` reads it. `conditions_sha256`
+is one digest of all that its numbers depend on: two runs with the same one can be compared.
 Importing it is cheap: numpy, pydantic, world and sensors are imported by the functions
 that need them.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import json
+from dataclasses import asdict, dataclass
 from dataclasses import field as dataclass_field
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -34,6 +37,12 @@ if TYPE_CHECKING:
 
 #: MAG3110 and FXOS8700CQ magnetometer words [counts/uT].
 COUNTS_PER_UT = 10.0
+# What may be edited without any number coming out otherwise: names, and what numbers are held against.
+_TEXTS = ("path", "name", "schema")
+_JUDGED_BY = ("limits", "information", "tolerances", "units", "full_only")
+# What the record of a run keeps beside the digest, because an option of the command line may say otherwise.
+_KEPT_APART = ("seed",)
+_KEPT_APART_OF = {"procedure": ("poses", "cost_reference"), "board": ("port", "timing")}
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,3 +286,26 @@ def _drift(*, offset: Triple = (0.0, 0.0, 0.0), gain_percent: Triple = (0.0, 0.0
 def _scaled(triple: Triple, factor: float) -> Triple:
     x, y, z = triple
     return (factor * x, factor * y, factor * z)
+
+
+def conditions_sha256(rig: Rig) -> str:
+    """Return the SHA-256 of what a rig's numbers rest on.
+
+    Comments, limits, information, tolerances and names do not enter, nor do seed and poses, which are compared by
+    themselves, nor the calibrator that costs are shown against, nor the port that a board happens to be on, nor its
+    timing profile: cycles carry that.
+    """
+    content = asdict(rig)
+    for key in (*_TEXTS, *_JUDGED_BY, *_KEPT_APART):
+        del content[key]
+    for table, keys in _KEPT_APART_OF.items():
+        for key in keys:
+            del content[table][key]
+    return sha256(json.dumps(_without_none(content), sort_keys=True, default=str).encode()).hexdigest()
+
+
+def _without_none(content: Any) -> Any:
+    """Leave out what is not given, so that a key which a later hiltest adds changes no digest."""
+    if isinstance(content, dict):
+        return {key: _without_none(value) for key, value in content.items() if value is not None}
+    return content

@@ -13,7 +13,7 @@ from hiltest.record.files import MARKDOWN_FILE, OLDER_FOLDER
 from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import BoardRecord, CalibrationRecord, RigRecord, Run, SensorRecord
 from hiltest.record.run_json import part_from
-from hiltest.rig.conditions import conditions_sha256
+from hiltest.rig.rig import conditions_sha256
 from hiltest.runs.gate import NOT_EVALUATED
 from hiltest.runs.older_firmware import remove_runs
 from hiltest.session import HilSession
