@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-from hiltest.angles import Pose
 from hiltest.procedures.budget import Effort, EffortKind, effort_curve, largest_effort_within
 from hiltest.procedures.calibrate import (
     UNCALIBRATED,
     UNCALIBRATED_SLOT,
-    UNTRIMMED,
     CalibratorRun,
     predicted_residual_percent,
     run_calibrators,
     store_untrimmed,
 )
 from hiltest.procedures.clouds import golden_cloud, golden_pairs
-from hiltest.procedures.coverage import largest_hole_deg, sphere_coverage
 from hiltest.procedures.cycles import CycleCost, measure_cycles, upload_cloud, upload_pairs
 from hiltest.procedures.dpi import DPI, DpiRun, fit_still_poses, fit_tumble, measure_dpi_cycles
 from hiltest.procedures.fast_fit import FAST, FastFit, measure_fast_fit
 from hiltest.procedures.float64_headings import float32_error_deg, heading_errors_deg
 from hiltest.procedures.fusion import AttitudeErrors, FusionResult, filter_noise, measure_fusion
 from hiltest.procedures.grbl_turntable import GrblTurntable, open_grbl_turntable
-from hiltest.procedures.gyroscope_log import GyroscopeLog, LogChunk, log_chunks, log_gyroscope
+from hiltest.procedures.gyroscope_log import GyroscopeLog, LogChunk, log_gyroscope
 from hiltest.procedures.heading_statistics import HeadingSummary, summarise
 from hiltest.procedures.known_angles import KnownAngles, measure_known_angles
 from hiltest.procedures.link_checks import LinkCheck, check_link
@@ -51,7 +48,6 @@ __all__ = [
     "FAST",
     "UNCALIBRATED",
     "UNCALIBRATED_SLOT",
-    "UNTRIMMED",
     "AccelerometerRestResult",
     "AccelerometerRun",
     "Achieved",
@@ -73,7 +69,6 @@ __all__ = [
     "LogChunk",
     "MeasuredTurn",
     "OperatorTurntable",
-    "Pose",
     "Progress",
     "SimulatedTurntable",
     "StreamRun",
@@ -97,8 +92,6 @@ __all__ = [
     "heading_errors_deg",
     "held_as_taken",
     "largest_effort_within",
-    "largest_hole_deg",
-    "log_chunks",
     "log_gyroscope",
     "measure_accelerometer_rest",
     "measure_cycles",
@@ -115,7 +108,6 @@ __all__ = [
     "rest_gyroscope",
     "run_calibrators",
     "run_streams",
-    "sphere_coverage",
     "spread_poses",
     "store_accelerometer",
     "store_streams",
