@@ -63,19 +63,6 @@ def test_three_degrees_added_to_every_heading_are_a_constant_offset(run_edited: 
     assert ended.values["heading.direct.bias"] == pytest.approx(3.0, abs=0.3)
 
 
-@pytest.mark.parametrize(
-    "answered",
-    ["floorf(turned / 30.0f + 0.5f) * 30.0f", "turned < 359.0f ? turned + 0.003f : 0.0f"],
-    ids=["rounded to the known angles", "a little more"],
-)
-def test_headings_that_are_not_those_of_its_own_calibration_and_means_are_a_contradiction(
-    run_edited: RunEdited, answered: str
-) -> None:
-    ended = run_edited(Edit("orientation/tilt_heading.c", "turned < 360.0f ? turned : 0.0f;", f"{answered};"))
-    assert "the firmware contradicts itself: it answers a heading of" in ended.output
-    assert "heading.direct.max" not in ended.values  # no wrong number is recorded
-
-
 def test_a_swapped_magnetometer_axis_is_red(run_edited: RunEdited) -> None:
     rows = "    body[0] = negated(sensor[{}]);\n    body[1] = negated(sensor[{}]);\n    body[2] = limited(sensor[2]);"
     ended = run_edited(Edit("sensors/axes.c", rows.format(1, 0), rows.format(0, 1)))

@@ -122,7 +122,7 @@ def calibrate_once(
     cost : RunCost or None
         None when the core counts no cycles.
     """
-    reply = board.session.request(Calibrate(n, name, iterations=iterations))
+    reply = board.timed(Calibrate(n, name, iterations=iterations), name)
     calibration = reply.calibration
     fit = MagnetometerFit(
         reply.fit, reply.is_sphere, reply.iterations, calibration.soft_iron, calibration.hard_iron, reply.coverage

@@ -51,7 +51,7 @@ def measure_fast_fit(board: Board, *, n: int = 100) -> FastFit:
     """
     cloud = golden_cloud(n)
     upload_cloud(board, cloud)
-    fit = fit_of(board.session.request(Calibrate(n, FAST)))
+    fit = fit_of(board.timed(Calibrate(n, FAST), FAST))
     if not fit.has_fit:
         raise CalibrationError(f"the board refuses golden points: {fit.status.name}; its {FAST} is not what it was")
     return FastFit(

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 # What may be edited without any number coming out otherwise: names, and what numbers are held against.
 _TEXTS = ("path", "name", "schema")
-_JUDGED_BY = ("limits", "information", "tolerances", "units", "full_only")
+_JUDGED_BY = ("limits", "information", "tolerances", "units", "full_only", "cycles")
 # What the record of a run keeps beside the digest, because an option of the command line may say otherwise.
 _KEPT_APART = ("seed",)
 _KEPT_APART_OF = {"procedure": ("poses", "cost_reference"), "board": ("port", "timing")}
@@ -21,9 +21,9 @@ _KEPT_APART_OF = {"procedure": ("poses", "cost_reference"), "board": ("port", "t
 def conditions_sha256(rig: Rig) -> str:
     """Return the SHA-256 of what a rig's numbers rest on.
 
-    Comments, limits, information, tolerances and names do not enter, nor do seed and poses, which are compared by
-    themselves, nor the calibrator that costs are shown against, nor the port that a board happens to be on, nor its
-    timing profile: cycles carry that.
+    Comments, limits, information, tolerances, names and the functions that are counted do not enter, nor do seed and
+    poses, which are compared by themselves, nor the calibrator that costs are shown against, nor the port that a board
+    happens to be on, nor its timing profile: cycles carry that.
     """
     content = asdict(rig)
     for key in (*_TEXTS, *_JUDGED_BY, *_KEPT_APART):

@@ -62,6 +62,9 @@ class Rig:
         Units of limits, information and tolerances, by measurement name.
     full_only : frozenset of str
         Names of the limits that only the full set of tests measures.
+    cycles : dict of str to str
+        Function of the firmware that each calibrator is, by the calibrator's name: a board that executes the firmware
+        counts its calls. One that is not named is looked for as ``magnetometer_NAME``.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
@@ -83,6 +86,7 @@ class Rig:
     tolerances: dict[str, Tolerance] = dataclass_field(default_factory=dict)
     units: dict[str, str] = dataclass_field(default_factory=dict)
     full_only: frozenset[str] = frozenset()
+    cycles: dict[str, str] = dataclass_field(default_factory=dict)
 
     def __post_init__(self) -> None:
         require((self.world is None) == (self.board.kind != "virtual"), "world",
