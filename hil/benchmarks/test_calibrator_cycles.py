@@ -84,7 +84,7 @@ def runs(board: Board, request: pytest.FixtureRequest) -> dict[str, Runs]:
         cloud = golden_cloud(size, index=index)
         upload_cloud(board, cloud)
         for name, each in found.items():
-            each.add(board.session.request(Calibrate(size, name)), name, cloud)
+            each.add(board.timed(Calibrate(size, name), name), name, cloud)
     warn_of_others(board.identity.calibrators, CALIBRATORS, "CALIBRATORS")
     return found
 
@@ -106,7 +106,7 @@ def test_newton_step(board: Board, benchmark_cycles: BenchmarkCycles) -> None:
     steps = []
     for index in range(ROUNDS):
         upload_cloud(board, golden_cloud(100, index=index))
-        one, two = (board.session.request(Calibrate(100, "corrected", iterations=each)).cost for each in (1, 2))
+        one, two = (board.timed(Calibrate(100, "corrected", iterations=each), "corrected").cost for each in (1, 2))
         first, both = counted([one, two])
         steps.append(both - first)
     benchmark_cycles("step of corrected", steps, cycle_model=board.cycle_model)

@@ -46,7 +46,9 @@ def fast(board: Board, rig: Rig) -> FastFit:
 
 def measure_cost(name: str, cost: CycleCost, measure: Measure) -> None:
     """Record what a calibrator costs at the number of points that it is used with, and by the line over others."""
-    measure(f"cycles.{name}.total", cost.total, "cycle", cycle_model=cost.model, band=cost.band)
+    measure(
+        f"cycles.{name}.total", cost.total, "cycle", cycle_model=cost.model, band=cost.band, not_judged=cost.unchecked
+    )
     for what, cycles in (
         ("per_point", cost.per_point), ("fixed", cost.fixed),
         ("regression_residual", cost.regression_residual), ("spread", cost.spread),

@@ -180,6 +180,10 @@ class DeviceError(HiltestError):
         super().__init__(f"the board answered {command} with {status}" + (f": {hint}" if hint else ""))
 
 
+class FirmwareContradictionError(HiltestError):
+    """The firmware answered what cannot be true by its own other answers, or by what the board saw."""
+
+
 class PoorCoverageError(CalibrationError):
     """The points do not cover enough of the sphere to fit an ellipsoid."""
 

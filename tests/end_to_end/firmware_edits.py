@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 import subprocess
 import sys
@@ -40,6 +41,21 @@ class Edit:
 NEXT_PROTOCOL = Edit(
     "protocol/message.h", f"PROTOCOL_VERSION {PROTOCOL_VERSION}u", f"PROTOCOL_VERSION {PROTOCOL_VERSION + 1}u"
 )
+
+
+def calibrations_turned(degrees: float, *, about: str) -> Edit:
+    """Turn every calibration as it is stored, about the body's x or z: all that is answered agrees, and is wrong."""
+    first, second = {"x": (3, 6), "z": (3, 0)}[about]
+    sine, cosine = math.sin(math.radians(degrees)), math.cos(math.radians(degrees))
+    stored = "    slots[slot].calibration = *calibration;\n"
+    turn = f"""    float *const rows = slots[slot].calibration.soft_iron;
+    for (int column = 0; column < 3; column++) {{
+        const float one = rows[{first} + column], other = rows[{second} + column];
+        rows[{first} + column] = {cosine:.8f}f * one - {sine:.8f}f * other;
+        rows[{second} + column] = {sine:.8f}f * one + {cosine:.8f}f * other;
+    }}
+"""
+    return Edit("app/calibration_slots.c", stored, stored + turn)
 
 
 class FirmwareCopy:

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from .firmware_edits import Edit, FirmwareCopy
+from .firmware_edits import Edit, FirmwareCopy, calibrations_turned
 
 REPOSITORY = Path(__file__).parents[2]
 OLD = REPOSITORY / "src" / "hiltest" / "firmware" / "hiltest-frdm-k64f.elf"
@@ -48,18 +48,8 @@ ONE_NOP_A_POINT = Edit(
     "calibration/moments.c",
     "        s_zzzz += zz * zz;\n", '        s_zzzz += zz * zz;\n        __asm__ volatile("nop");\n',
 )
-ADDED_TO_EVERY_HEADING = Edit(
-    "orientation/tilt_heading.c",
-    "atan2f(side, ahead) * DEGREES_PER_RADIAN;", "atan2f(side, ahead) * DEGREES_PER_RADIAN + 0.3f;",
-)
-TURNED_ABOUT_A_HORIZONTAL_AXIS = Edit(
-    "orientation/tilt_heading.c",
-    "    const float across = sqrtf(g[1] * g[1] + g[2] * g[2]);",
-    "    const float sine = 0.01745241f, cosine = 0.99984770f, right = b[1];\n"  # of one degree, about x
-    "    b[1] = cosine * right - sine * b[2];\n"
-    "    b[2] = sine * right + cosine * b[2];\n"
-    "    const float across = sqrtf(g[1] * g[1] + g[2] * g[2]);",
-)
+ADDED_TO_EVERY_HEADING = calibrations_turned(0.3, about="z")  # on the level
+TURNED_ABOUT_A_HORIZONTAL_AXIS = calibrations_turned(1.0, about="x")
 ONE_STEP_LESS = Edit("calibration/corrected.c", "#define NEWTON_STEPS 2", "#define NEWTON_STEPS 1")
 ANOTHER_FLAG = Edit(
     "CMakeLists.txt",

@@ -18,7 +18,7 @@ import pytest
 
 from hiltest.link.messages import PROTOCOL_VERSION
 
-from .firmware_edits import NEXT_PROTOCOL, Edit, FirmwareCopy
+from .firmware_edits import NEXT_PROTOCOL, Edit, FirmwareCopy, calibrations_turned
 
 WALL_LIMIT_S = 120  # a run takes a few seconds; nothing may wait for ever
 # What these causes show in, and the gyroscope, which is measured before the headings are.
@@ -57,8 +57,7 @@ def run_edited(tmp_path: Path, copy_of_the_firmware: FirmwareCopy) -> RunEdited:
 
 
 def test_three_degrees_added_to_every_heading_are_a_constant_offset(run_edited: RunEdited) -> None:
-    line = "atan2f(side, ahead) * DEGREES_PER_RADIAN"
-    ended = run_edited(Edit("orientation/tilt_heading.c", f"{line};", f"{line} + 3.0f;"))
+    ended = run_edited(calibrations_turned(3.0, about="z"))
     assert "constant offset" in ended.output
     # The bias of the default rig itself is within 0.12 degrees over seeds; 0.3 is more than twice that.
     assert ended.values["heading.direct.bias"] == pytest.approx(3.0, abs=0.3)

@@ -5,18 +5,19 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from types import TracebackType
-from typing import ClassVar, Protocol, Self
+from typing import ClassVar, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hiltest.angles import Pose
-from hiltest.errors import HiltestError, SensorAbsentError
+from hiltest.errors import FirmwareContradictionError, HiltestError, SensorAbsentError
 from hiltest.link.messages import Select, Sensors
 from hiltest.link.replies import DPS_PER_COUNT, Identity, RunCost, SensorInfo, SensorKind
+from hiltest.link.request import Request
 from hiltest.link.session import Session
 from hiltest.measurement import CycleBand
 from hiltest.rig import Rig
@@ -25,6 +26,10 @@ _SHIELD_HINT = (
     "Put the FRDM-FXS-MULTI-B shield on the board, or name sensors that are there in the rig file. "
     "The identity, cycles and link suites need no sensor: pytest hil/suites -k 'identity or cycles or link'."
 )
+
+
+CALL_CYCLES = 32
+"""What calling a function, and reading the counter around it, may cost that one of two counts has and the other not."""
 
 
 class BoardKind(StrEnum):
@@ -90,6 +95,8 @@ class Declared:
         What the cycle counter of a board on a port counts, when the rig says it.
     gyroscope_density_dps : float
         One-sided noise density of the rate [deg/s/sqrt(Hz)].
+    functions : mapping of str to str
+        Function of the firmware that each calibrator is, where the rig names it.
     """
 
     field_ut: float
@@ -97,6 +104,7 @@ class Declared:
     wanted: Mapping[SensorKind, str]
     cycle_model: str | None = None
     gyroscope_density_dps: float = 0.025
+    functions: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     def of(cls, rig: Rig) -> Declared:
@@ -109,8 +117,30 @@ class Declared:
         wanted = {kind: name for kind, name in named.items() if name is not None}
         return cls(
             rig.field.strength_ut, rig.sensors.magnetometer_noise_ut, wanted, rig.board.cycle_model,
-            1e-3 * rig.sensors.gyroscope_noise_mdps_per_rthz,
+            1e-3 * rig.sensors.gyroscope_noise_mdps_per_rthz, rig.cycles,
         )
+
+
+class CostedReply(Protocol):
+    """A reply that says what the work it is of has cost; None where the core counts no cycles."""
+
+    @property
+    def cost(self) -> RunCost | None:
+        """Cycles that the firmware reports."""
+
+
+TimedReply = TypeVar("TimedReply", bound=CostedReply)
+
+
+class CallCounter(Protocol):
+    """Counts the calls of one function of the firmware, whatever the firmware reports of them."""
+
+    def begin(self) -> None:
+        """Forget the calls so far."""
+
+    @property
+    def cycles(self) -> Sequence[int]:
+        """Cycles of each call since then, from the function's first instruction to its return."""
 
 
 class Stage(Protocol):
@@ -214,6 +244,56 @@ class Board(ABC):
     def true_attitude(self, board_us: int) -> Pose | None:
         """Return the board's attitude at a time of its own clock [us]; None where it is unknown."""
         return None
+
+    def call_counter(self, calibrator: str) -> CallCounter | None:
+        """Return what counts the calls of a calibrator; None where the board cannot see them."""
+        return None
+
+    @property
+    def executes_firmware(self) -> bool:
+        """Whether the board sees every instruction, and can count what the firmware reports of itself."""
+        return False
+
+    def timed(self, request: Request[TimedReply], calibrator: str) -> TimedReply:
+        """Send a request that runs a calibrator, and check the cycles that the firmware reports of it.
+
+        Parameters
+        ----------
+        request : Request
+            Its reply has a `cost`.
+        calibrator : str
+            Name as in the board's identity.
+
+        Raises
+        ------
+        FirmwareContradictionError
+            When the board counted other cycles in the calibrator's function than the firmware reports.
+        """
+        counter = self.call_counter(calibrator)
+        if counter is not None:
+            counter.begin()
+        reply = self.session.request(request)
+        if counter is not None and counter.cycles and reply.cost is not None:
+            counted, calls = sum(counter.cycles), len(counter.cycles)
+            if abs(counted - reply.cost.cycles) > CALL_CYCLES:
+                raise FirmwareContradictionError(
+                    f"the firmware contradicts the board: it reports {reply.cost.cycles} cycles of {calibrator}, and "
+                    f"the board counted {counted} in {'its call' if calls == 1 else f'{calls} calls'}"
+                )
+        return reply
+
+    def unchecked(self, calibrator: str) -> str:
+        """Say why the board cannot check the cycles that the firmware reports of the calibrator that just ran.
+
+        Empty where it has, and on a board that executes nothing: there the firmware's word is all there is.
+        """
+        if not self.executes_firmware:
+            return ""
+        counter = self.call_counter(calibrator)
+        if counter is None or not counter.cycles:
+            what = "its function is inlined" if counter else "no function is named for it"
+            return f"the board cannot count {calibrator}: {what}; name one under [cycles] in the rig"
+        return ""
 
     def cycle_band(self, cost: RunCost | None) -> CycleBand | None:
         """Say within what the cycles of the run that was just timed lie; None where that is unknown."""

@@ -10,6 +10,7 @@ from hiltest.angles import Pose
 from hiltest.boards.bench import VirtualBench
 from hiltest.boards.board import Board, BoardKind, Declared, Truth
 from hiltest.boards.virtual_port import VirtualPort
+from hiltest.errors import ConfigError
 from hiltest.link.ports import READ_SLICE_S
 from hiltest.link.replies import RunCost
 from hiltest.link.session import Session
@@ -18,6 +19,10 @@ from hiltest.measurement import CycleBand
 from hiltest.rig import COUNTS_PER_UT, Rig, world_truth
 from hiltest.virtual.cycle_band import TimedSteps, band_where_it_ran
 from hiltest.virtual.elf import load_image
+from hiltest.virtual.function_watch import FunctionWatch
+
+# What the calibrators are called that are not called as their name is on the link.
+_FUNCTIONS = {"dpi": "fit_pairs"}
 
 
 class VirtualBoard(Board):
@@ -50,6 +55,7 @@ class VirtualBoard(Board):
         self.compiler_flags = load_image(bench.firmware).compiler_flags
         # Nothing is lost on a simulated line: what is not answered in time would not be answered the second time.
         session = Session(port, transcript=transcript, nonce_seed=bench.seed, attempts=1)
+        self._watches: dict[str, FunctionWatch] = {}  # the emulator goes on calling those that it once was given
         super().__init__(session, description=f"virtual FRDM-K64F, seed {bench.seed}", declared=declared)
 
     @property
@@ -80,6 +86,33 @@ class VirtualBoard(Board):
     def instructions_counted(self, cycles: int) -> int | None:
         """Count the instructions between the two latest readings of CYCCNT that lie `cycles` apart."""
         return self._machine.cycle_counter.instructions_between(cycles)
+
+    @property
+    def executes_firmware(self) -> bool:
+        """Always."""
+        return True
+
+    def call_counter(self, calibrator: str) -> FunctionWatch | None:
+        """Return what counts the calls of a calibrator; None where the firmware has no function of its name.
+
+        Raises
+        ------
+        ConfigError
+            When the rig names a function for it that the firmware has not.
+        """
+        named = self.declared.functions.get(calibrator)
+        function = named or _FUNCTIONS.get(calibrator) or f"magnetometer_{calibrator.replace('-', '_')}"
+        symbol = self._machine.image.symbols.get(function)
+        if symbol is None:
+            if named:
+                raise ConfigError(
+                    f"the rig's [cycles] names {named!r} for {calibrator}, and {self._machine.image.name} has no such "
+                    "function; name one of its symbols"
+                )
+            return None
+        if function not in self._watches:
+            self._watches[function] = FunctionWatch(self._machine.processor, symbol.address)
+        return self._watches[function]
 
     def cycle_band(self, cost: RunCost | None) -> CycleBand | None:
         """Price what ran between the latest readings of CYCCNT again, with each row of the timing profile moved."""

@@ -123,7 +123,7 @@ def calibrate_once(
     cost : RunCost or None
         None when the core counts no cycles.
     """
-    reply = board.session.request(Calibrate(n, name, iterations=iterations))
+    reply = board.timed(Calibrate(n, name, iterations=iterations), name)
     return fit_of(reply), reply.cost
 
 

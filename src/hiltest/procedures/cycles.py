@@ -67,6 +67,8 @@ class CycleCost:
         Cycles of one more of them on the same points, the mean of all but the first; None when there are not two.
     sizes, cycles : ndarray, shape (k,)
         What whole calls take, each with as many iterations as it needs.
+    unchecked : str
+        Why the board did not check what the firmware reports; empty where it did, or executes nothing.
     """
 
     calibrator: str
@@ -83,6 +85,7 @@ class CycleCost:
     per_iteration: float | None
     sizes: Ints
     cycles: Ints
+    unchecked: str = ""
 
     @property
     def is_mostly_iterations(self) -> bool:
@@ -208,7 +211,7 @@ def _per_iteration(board: Board, n: int, calibrator: str, whole: CountedRun) -> 
 
 
 def _count(board: Board, n: int, calibrator: str, *, iterations: int = 0) -> CountedRun:
-    reply = board.session.request(Calibrate(n, calibrator, iterations=iterations))
+    reply = board.timed(Calibrate(n, calibrator, iterations=iterations), calibrator)
     if reply.cost is None:
         raise no_cycle_counter()
     return CountedRun(reply.cost, reply.iterations)
@@ -264,6 +267,7 @@ def _cost(
         per_iteration=per_iteration,
         sizes=np.array(sizes),
         cycles=np.array(over_sizes),
+        unchecked=board.unchecked(name),
     )
 
 

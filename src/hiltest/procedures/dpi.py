@@ -144,7 +144,7 @@ def measure_dpi_cycles(
     for done, (size, index) in enumerate(work):
         tell("cycles of dpi", done, len(work))
         upload_pairs(board, *golden_pairs(size, index=index))
-        reply = board.session.request(FitDpi(size, UNCALIBRATED_SLOT))
+        reply = board.timed(FitDpi(size, UNCALIBRATED_SLOT), DPI)
         cost = reply.cost
         if reply.fit is not FitStatus.ELLIPSOID:
             raise CalibrationError(
@@ -164,5 +164,5 @@ def measure_dpi_cycles(
         calibrator=DPI, model=board.cycle_model, n=sizes[0], total=at_first[0], per_point=line.slope,
         fixed=line.intercept, regression_residual=line.residual, spread=max(at_first) - min(at_first),
         instructions=instructions, band=band, iterations=0, per_iteration=None, sizes=np.array(sizes),
-        cycles=np.array(over_sizes),
+        cycles=np.array(over_sizes), unchecked=board.unchecked(DPI),
     )

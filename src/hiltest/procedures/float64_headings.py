@@ -13,9 +13,9 @@ from hiltest.angles import heading_error_deg
 from hiltest.calibration import REFERENCES
 from hiltest.calibration.accelerometer import NOMINAL, AccelerometerFit
 from hiltest.calibration.fit import MagnetometerFit
-from hiltest.orientation import DegenerateFieldError, tilt_heading
+from hiltest.orientation import DegenerateFieldError
 from hiltest.procedures.calibrate import CalibratorRun
-from hiltest.procedures.known_angles import KnownAngles
+from hiltest.procedures.known_angles import KnownAngles, headings_deg
 from hiltest.procedures.tumble import Tumble
 
 Reals = NDArray[np.float64]
@@ -64,9 +64,8 @@ def float32_error_deg(known: KnownAngles, run: CalibratorRun, tumble: Tumble) ->
 def _headings_deg(known: KnownAngles, fit: MagnetometerFit, accelerometer: AccelerometerFit) -> Reals | None:
     if not fit.has_fit:
         return None
-    pairs = zip(accelerometer.gravity_g(known.accelerometer), fit.corrected(known.magnetometer), strict=True)
     try:
-        return np.array([tilt_heading(gravity, field).heading_deg for gravity, field in pairs])
+        return headings_deg(known.magnetometer, known.accelerometer, fit.soft_iron, fit.hard_iron, accelerometer)
     except DegenerateFieldError:
         return None
 

@@ -12,15 +12,19 @@ from numpy.typing import NDArray
 from hiltest.angles import Pose, heading_error_deg, wrap_180, wrap_360
 from hiltest.boards.board import Board
 from hiltest.calibration.accelerometer import AccelerometerFit
-from hiltest.errors import DeviceError
+from hiltest.errors import DeviceError, FirmwareContradictionError
 from hiltest.link.accelerometer import GetAccelerometer
-from hiltest.link.messages import Average
-from hiltest.link.replies import AverageReply, SensorKind, SlotHeading
+from hiltest.link.messages import Average, GetCalibration
+from hiltest.link.replies import AverageReply, CalibrationReply, SensorKind, SlotHeading
+from hiltest.orientation import DegenerateFieldError, tilt_heading
 from hiltest.procedures.heading_statistics import HeadingSummary, rms, summarise
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.turntables import Achieved, Turntable
 
 Reals = NDArray[np.float64]
+
+LARGEST_ROUNDING_DEG = 0.002
+"""A heading in float32 is within 3e-5 degrees of the same in float64: eighty times that is another computation."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,6 +123,8 @@ def measure_known_angles(
         When magnetometer or accelerometer is missing.
     DeviceError
         When the board refuses a heading; says at which pose.
+    FirmwareContradictionError
+        When a heading is not the one that the answered calibration and the answered means give.
     """
     tell = progress or silent
     for kind in (SensorKind.MAGNETOMETER, SensorKind.ACCELEROMETER):
@@ -135,6 +141,68 @@ def measure_known_angles(
         for name, slot in slots.items():
             attitudes[name].append(_attitude(reply.headings[slot], name, pose))
     tell("known angles", len(poses), len(poses))
+    found = _known_angles(poses, achieved, answers, attitudes, mounting_yaw_deg, readings, {
+        name: board.session.request(GetAccelerometer(slot)) for name, slot in slots.items()
+    })
+    for name, slot in slots.items():
+        _check_arithmetic(found, name, board.session.request(GetCalibration(slot)))
+    return found
+
+
+def headings_deg(
+    magnetometer: Reals, accelerometer: Reals, soft_iron: Reals, hard_iron: Reals, fit: AccelerometerFit
+) -> Reals:
+    """Compute headings in float64 from means and a calibration.
+
+    Parameters
+    ----------
+    magnetometer, accelerometer : ndarray, shape (n, 3)
+        Means [counts], body frame.
+    soft_iron : ndarray, shape (3, 3)
+        [1/count].
+    hard_iron : ndarray, shape (3,)
+        [counts].
+    fit : AccelerometerFit
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        In [0, 360) [deg].
+
+    Raises
+    ------
+    DegenerateFieldError
+        When a pose leaves no horizontal field.
+    """
+    field = (magnetometer - hard_iron) @ soft_iron.T
+    pairs = zip(fit.gravity_g(accelerometer), field, strict=True)
+    return np.array([tilt_heading(*pair).heading_deg for pair in pairs])
+
+
+def _check_arithmetic(found: KnownAngles, name: str, answered: CalibrationReply) -> None:
+    """Refuse headings that do not follow from the calibration and the means that the board answered."""
+    fit = found.accelerometer_fits[name]
+    calibration = (answered.soft_iron, answered.hard_iron)
+    for pose, heading, magnetometer, accelerometer in zip(
+        found.poses, found.heading_deg[name], found.magnetometer, found.accelerometer, strict=True
+    ):
+        try:
+            (computed,) = headings_deg(magnetometer[None], accelerometer[None], *calibration, fit)
+            told = f"its own calibration and means give {computed:.4f} degrees"
+        except DegenerateFieldError as error:
+            computed, told = math.inf, f"by its own calibration and means {error}"
+        if not abs(wrap_180(heading - computed)) <= LARGEST_ROUNDING_DEG:
+            raise FirmwareContradictionError(
+                f"the firmware contradicts itself: it answers a heading of {heading:.4f} degrees under {name!r} at "
+                f"{_place(pose)}, and {told}"
+            )
+
+
+def _known_angles(
+    poses: Sequence[Pose], achieved: Sequence[Achieved], answers: Sequence[AverageReply],
+    attitudes: Mapping[str, Sequence[Pose]], mounting_yaw_deg: float, readings: int,
+    fits: dict[str, AccelerometerFit],
+) -> KnownAngles:
     references = [wrap_360(place.heading_deg + mounting_yaw_deg) for place in achieved]
     headings = {name: [attitude.heading_deg for attitude in each] for name, each in attitudes.items()}
     return KnownAngles(
@@ -153,7 +221,7 @@ def measure_known_angles(
         tilt_error_deg={name: _tilt_errors_deg(each, achieved) for name, each in attitudes.items()},
         magnetometer=np.array([answer.magnetometer.mean for answer in answers], dtype=np.float64),
         accelerometer=np.array([answer.accelerometer.mean for answer in answers], dtype=np.float64),
-        accelerometer_fits={name: board.session.request(GetAccelerometer(slot)) for name, slot in slots.items()},
+        accelerometer_fits=fits,
     )
 
 
@@ -168,7 +236,10 @@ def _attitude(heading: SlotHeading, name: str, pose: Pose) -> Pose:
     if heading.attitude is None:
         raise DeviceError(
             "AVERAGE", heading.status.name,
-            f"no heading with calibration {name!r} at heading {pose.heading_deg:g}, "
-            f"pitch {pose.pitch_deg:+g}, roll {pose.roll_deg:+g}",
+            f"no heading with calibration {name!r} at {_place(pose)}",
         )
     return heading.attitude
+
+
+def _place(pose: Pose) -> str:
+    return f"heading {pose.heading_deg:g}, pitch {pose.pitch_deg:+g}, roll {pose.roll_deg:+g}"

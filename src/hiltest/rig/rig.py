@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 COUNTS_PER_UT = 10.0
 # What may be edited without any number coming out otherwise: names, and what numbers are held against.
 _TEXTS = ("path", "name", "schema")
-_JUDGED_BY = ("limits", "information", "tolerances", "units", "full_only")
+_JUDGED_BY = ("limits", "information", "tolerances", "units", "full_only", "cycles")
 # What the record of a run keeps beside the digest, because an option of the command line may say otherwise.
 _KEPT_APART = ("seed",)
 _KEPT_APART_OF = {"procedure": ("poses", "cost_reference"), "board": ("port", "timing")}
@@ -71,6 +71,9 @@ class Rig:
         Units of limits, information and tolerances, by measurement name.
     full_only : frozenset of str
         Names of the limits that only the full set of tests measures.
+    cycles : dict of str to str
+        Function of the firmware that each calibrator is, by the calibrator's name: a board that executes the firmware
+        counts its calls. One that is not named is looked for as ``magnetometer_NAME``.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
@@ -92,6 +95,7 @@ class Rig:
     tolerances: dict[str, Tolerance] = dataclass_field(default_factory=dict)
     units: dict[str, str] = dataclass_field(default_factory=dict)
     full_only: frozenset[str] = frozenset()
+    cycles: dict[str, str] = dataclass_field(default_factory=dict)
 
     def __post_init__(self) -> None:
         require((self.world is None) == (self.board.kind != "virtual"), "world",
@@ -291,7 +295,7 @@ def _scaled(triple: Triple, factor: float) -> Triple:
 def conditions_sha256(rig: Rig) -> str:
     """Return the SHA-256 of what a rig's numbers rest on.
 
-    Comments, limits, information, tolerances and names do not enter, nor do seed and poses, which are compared by
+    Comments, limits, information, tolerances, names and counted functions do not enter, nor seed and poses, compared by
     themselves, nor the calibrator that costs are shown against, nor the port that a board happens to be on, nor its
     timing profile: cycles carry that.
     """

@@ -1,0 +1,80 @@
+"""Firmware that reports of itself what the board sees is not so: a failed test that prints both figures."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from .firmware_edits import Edit, FirmwareCopy
+
+WALL_LIMIT_S = 120  # a run takes a few seconds; nothing may wait for ever
+
+TIMED = "app/timed_run.c"
+FIT = "    calibrator(points, fit);\n"
+REPORTED = "    cost.cycles = total - cost.overhead_cycles; /*"
+TOTAL = "    const uint32_t total = count_cycles(calibrator, points, fit);\n"
+COUNTER_CONTROL = "*(volatile uint32_t *)0xE0001000u"
+
+
+@dataclass(frozen=True)
+class Ended:
+    """What a run of the command told, and what it measured."""
+
+    output: str
+    measured: dict[str, Any]
+
+
+def run(elf: Path, folder: Path, suites: str) -> Ended:
+    command = [sys.executable, "-m", "hiltest", "run", "--poses", "level", "--out", "out", "--firmware", str(elf)]
+    done = subprocess.run(
+        [*command, "--", "-k", suites], capture_output=True, text=True, timeout=WALL_LIMIT_S, cwd=folder, check=False
+    )
+    assert done.returncode == 1, done.stdout + done.stderr
+    record = json.loads((folder / "out" / "run.json").read_text(encoding="utf-8"))
+    output = " ".join((done.stdout + done.stderr).split())
+    return Ended(output, {each["name"]: each["value"] for each in record["measurements"]})
+
+
+@pytest.mark.parametrize(
+    "answered",
+    ["floorf(turned / 30.0f + 0.5f) * 30.0f", "turned < 359.0f ? turned + 0.003f : 0.0f"],
+    ids=["rounded to the known angles", "a little more"],
+)
+def test_headings_that_its_own_calibration_and_means_do_not_give(
+    copy_of_the_firmware: FirmwareCopy, tmp_path: Path, answered: str
+) -> None:
+    edit = Edit("orientation/tilt_heading.c", "turned < 360.0f ? turned : 0.0f;", f"{answered};")
+    ended = run(copy_of_the_firmware.build(edit, tmp_path / "edited.elf"), tmp_path, "identity or heading")
+    told = r"the firmware contradicts itself: it answers a heading of \d+\.\d{4} degrees under '[a-z-]+' at heading"
+    assert re.search(told, ended.output), ended.output
+    assert "heading.direct.max" not in ended.measured  # no wrong number is recorded
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        Edit(TIMED, REPORTED, "    cost.cycles = (total - 18u) / 2u; /*"),
+        Edit(TIMED, REPORTED, "    cost.cycles = (total - 18u) / 5u * 4u; /*"),
+        Edit(TIMED, FIT, f"    {COUNTER_CONTROL} = 0u;\n{FIT}    {COUNTER_CONTROL} = 1u;\n"),
+        Edit(TIMED, TOTAL, TOTAL.replace("calibrator,", "magnetometer_empty,") + FIT),
+        Edit(TIMED, TOTAL, "    magnetometer_points_t half = *points;\n    half.count /= 2u;\n"
+             + TOTAL.replace("points,", "&half,") + FIT),
+    ],
+    ids=["half of it", "20 % less", "the counter is stopped", "other work is timed", "half of the points are timed"],
+)  # fmt: skip
+def test_cycles_that_the_board_did_not_count(copy_of_the_firmware: FirmwareCopy, tmp_path: Path, edit: Edit) -> None:
+    ended = run(copy_of_the_firmware.build(edit, tmp_path / "edited.elf"), tmp_path, "identity or cycles")
+    told = re.search(
+        r"the firmware contradicts the board: it reports (\d+) cycles of direct, and the board counted (\d+) in",
+        ended.output,
+    )
+    assert told, ended.output
+    assert int(told[2]) > 1.2 * int(told[1])
+    assert "cycles.direct.total" not in ended.measured
