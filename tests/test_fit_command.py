@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hiltest.procedures.clouds import golden_cloud
+from hiltest.procedures.golden_points import golden_points
 
 from .instances import instance
 
@@ -33,7 +33,7 @@ def _write(path: Path, points_ut: np.ndarray, header: str = "mx_uT,my_uT,mz_uT")
 @pytest.fixture
 def clouds(tmp_path: Path) -> Path:
     """A folder with a good, a poor and a refused cloud."""
-    _write(tmp_path / "good.csv", golden_cloud(400) / 10.0)
+    _write(tmp_path / "good.csv", golden_points(400) / 10.0)
     _write(tmp_path / "poor.csv", instance(1, 400, noise_ut=2.0, stretch=0.03, covered=(1, 1)).points_counts / 10.0)
     _write(tmp_path / "cap.csv", instance(1, 400, noise_ut=0.3, stretch=0.03, covered=(0.1, 0.1)).points_counts / 10.0)
     return tmp_path
@@ -89,7 +89,7 @@ def test_in_a_pipe_every_sentence_is_on_one_line(clouds: Path, monkeypatch: pyte
     lines = fit("cap.csv", "--on", "host", folder=clouds).stdout.splitlines()
     (condition,) = {line for line in lines if "is above 300 (refused)" in line}
     assert condition.endswith("turn the sensor all round.")
-    _write(clouds / "large.csv", 1000.0 * golden_cloud(400) + 1e6, "mx,my,mz")
+    _write(clouds / "large.csv", 1000.0 * golden_points(400) + 1e6, "mx,my,mz")
     cells = fit("large.csv", "--on", "host", folder=clouds).stdout.splitlines()
     (hard_iron,) = [line for line in cells if "hard iron [counts]" in line]
     found = json.loads(fit("large.csv", "--on", "host", "--json", folder=clouds).stdout)
@@ -109,7 +109,7 @@ def test_a_terminal_of_80_columns_shows_it_whole_and_each_reason_once(
 
 
 def test_too_few_points_are_told_once(clouds: Path) -> None:
-    _write(clouds / "three.csv", golden_cloud(400)[:3] / 10.0)
+    _write(clouds / "three.csv", golden_points(400)[:3] / 10.0)
     assert "  number of points 3 is below 10 (refused): " in fit("three.csv", "--on", "host", folder=clouds).stdout
 
 

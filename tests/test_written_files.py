@@ -16,7 +16,7 @@ from tests.finished_run import Finished
 from tests.logs.recording import six_faces_and_turns, write
 
 from hiltest.cli import commands, main
-from hiltest.procedures.clouds import golden_cloud
+from hiltest.procedures.golden_points import golden_points
 
 pytestmark = pytest.mark.slow
 
@@ -69,7 +69,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory, default_run: Finished) -> P
     record = default_run.record
     next(each for each in record["measurements"] if each["name"] == "cycles.direct.total")["value"] += 1
     (folder / "dearer.json").write_text(json.dumps(record), encoding="utf-8")
-    points = "\n".join(",".join(f"{value:.1f}" for value in point) for point in golden_cloud(400) / 10.0)
+    points = "\n".join(",".join(f"{value:.1f}" for value in point) for point in golden_points(400) / 10.0)
     (folder / "points.csv").write_text(f"mx_uT,my_uT,mz_uT\n{points}\n", encoding="utf-8")
     write(folder / "imu.csv", *six_faces_and_turns().readings())
     random = np.random.default_rng(1)

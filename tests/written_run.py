@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
-from hiltest.measurement import Limit, Measurement, judge
+from hiltest.measurement import Limit, Measurement, check
 from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import BoardRecord, Column, Environment, Findings, RigRecord, SensorRecord, Table, TestResult
 
@@ -17,15 +17,15 @@ HEADING_TEST = "hil/suites/test_heading.py::test_heading"
 
 def heading_measurements(
     calibrator: str, maximum: float, *, limit: float, cycles: int, bias: float = 0.1, centred: float | None = None,
-    residual: float = 0.8, not_judged: str = "",
+    residual: float = 0.8, not_checked: str = "",
 ) -> list[Measurement]:
     """Return what the heading and cycle suites measure of one calibrator."""
     def measured(name: str, value: float, unit: str, most: Limit | None = None, **more: str) -> Measurement:
-        return judge(name, value, unit=unit, limit=most, test=HEADING_TEST, **more)  # type: ignore[arg-type]
+        return check(name, value, unit=unit, limit=most, test=HEADING_TEST, **more)  # type: ignore[arg-type]
 
     return [
-        measured(f"heading.{calibrator}.max", maximum, "deg", Limit(max=limit), not_judged=not_judged),
-        measured(f"heading.{calibrator}.bias", bias, "deg", Limit.within(0.7), not_judged=not_judged),
+        measured(f"heading.{calibrator}.max", maximum, "deg", Limit(max=limit), not_checked=not_checked),
+        measured(f"heading.{calibrator}.bias", bias, "deg", Limit.within(0.7), not_checked=not_checked),
         measured(
             f"heading.{calibrator}.max_centred", maximum if centred is None else centred, "deg", Limit(max=limit)
         ),
@@ -146,8 +146,8 @@ def good() -> list[Measurement]:
     return [
         *heading_measurements("direct", 0.97, limit=1.8, cycles=12_400),
         *heading_measurements("iterative", 0.95, limit=1.8, cycles=203_000),
-        judge("gyroscope.bias_error", 0.02, unit="dps", limit=Limit(max=0.1), test="test_gyroscope.py::test"),
-        judge("board.wall_seconds", 8.1, unit="s", volatile=True),
+        check("gyroscope.bias_error", 0.02, unit="dps", limit=Limit(max=0.1), test="test_gyroscope.py::test"),
+        check("board.wall_seconds", 8.1, unit="s", volatile=True),
     ]
 
 

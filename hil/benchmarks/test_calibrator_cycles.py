@@ -1,4 +1,4 @@
-"""The calibrators on golden clouds, which are the same on every host and board."""
+"""The calibrators on golden points, which are the same on every host and board."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from hiltest.procedures import (
     DPI,
     FAST,
     UNCALIBRATED_SLOT,
-    golden_cloud,
     golden_pairs,
+    golden_points,
     run_streams,
     store_accelerometer,
-    upload_cloud,
     upload_pairs,
+    upload_points,
 )
 from hiltest.procedures.calibrate import fit_of
 from hiltest.profiling.image import ProfiledImage
@@ -46,7 +46,7 @@ CALIBRATORS = ("direct", "direct-fast", "corrected", "iterative")
 STREAMS = ("direct-stream", "iterative-stream")
 SIZES = (30, 100, 300)
 PAIRS = (300, 500)  # from the fewest that are fitted
-ROUNDS = 5  # as many clouds
+ROUNDS = 5  # as many point sets
 
 
 @dataclass
@@ -56,12 +56,12 @@ class Runs:
     costs: list[RunCost | None] = field(default_factory=list)
     distances_deg: list[float] = field(default_factory=list)
 
-    def add(self, reply: CalibrateReply, name: str, cloud: NDArray[np.int16]) -> None:
-        """Add a run; golden clouds are even, and others lead farther from float64: firmware_stub/DESIGN.md."""
+    def add(self, reply: CalibrateReply, name: str, points: NDArray[np.int16]) -> None:
+        """Add a run; golden points are even; others give larger differences from float64: firmware_stub/DESIGN.md."""
         fit = fit_of(reply)
         self.costs.append(reply.cost)
         if name in REFERENCES and fit.has_fit:
-            self.distances_deg.append(direction_difference_rms_deg(fit, REFERENCES[name](cloud)))
+            self.distances_deg.append(direction_difference_rms_deg(fit, REFERENCES[name](points)))
 
     @property
     def worst_deg(self) -> float | None:
@@ -81,10 +81,10 @@ def runs(board: Board, request: pytest.FixtureRequest) -> dict[str, Runs]:
     size: int = request.param
     found = {name: Runs() for name in board.identity.calibrators}
     for index in range(ROUNDS):
-        cloud = golden_cloud(size, index=index)
-        upload_cloud(board, cloud)
+        points = golden_points(size, index=index)
+        upload_points(board, points)
         for name, each in found.items():
-            each.add(board.timed(Calibrate(size, name), name), name, cloud)
+            each.add(board.timed(Calibrate(size, name), name), name, points)
     warn_of_others(board.identity.calibrators, CALIBRATORS, "CALIBRATORS")
     return found
 
@@ -105,7 +105,7 @@ def test_newton_step(board: Board, benchmark_cycles: BenchmarkCycles) -> None:
         pytest.skip("this firmware has no calibrator 'corrected'")
     steps = []
     for index in range(ROUNDS):
-        upload_cloud(board, golden_cloud(100, index=index))
+        upload_points(board, golden_points(100, index=index))
         one, two = (board.timed(Calibrate(100, "corrected", iterations=each), "corrected").cost for each in (1, 2))
         first, both = counted([one, two])
         steps.append(both - first)
@@ -117,10 +117,10 @@ def test_accumulation(runs: dict[str, Runs], size: int, cycles: Cycles, benchmar
     """The sums of `direct-fast` alone, called on a virtual board of their own, with the accuracy of the whole fit."""
     if FAST not in runs:
         pytest.skip(f"this firmware has no calibrator {FAST!r}")
-    cloud, sums = np.ascontiguousarray(golden_cloud(size), "<i2"), bytearray(140)
-    low, high = cloud.min(axis=0), cloud.max(axis=0)
+    counts, sums = np.ascontiguousarray(golden_points(size), "<i2"), bytearray(140)
+    low, high = counts.min(axis=0), counts.max(axis=0)
     anchor = np.array((low.astype(int) + high) // 2, "<i4")
-    points = Structure(Address(cloud), np.array([size], "<u2"), low, high, np.zeros(1, "<u2"))
+    points = Structure(Address(counts), np.array([size], "<u2"), low, high, np.zeros(1, "<u2"))
     called = call(cycles(), "packed_moments_sum", points, anchor, sums)
     assert np.frombuffer(sums, "<f4")[0] == size
     benchmark_cycles(f"sums of {FAST}", called, from_float64_deg=runs[FAST].worst_deg)
@@ -140,7 +140,7 @@ def test_against_gravity(board: Board, pairs: int, benchmark_cycles: BenchmarkCy
 def streams(board: Board) -> dict[str, list[int]]:
     """Cycles of every streaming calibrator for each new point."""
     size = max(SIZES)
-    upload_cloud(board, golden_cloud(size))
+    upload_points(board, golden_points(size))
     runs = run_streams(board, size, stages=())
     warn_of_others(board.identity.stream_calibrators, STREAMS, "STREAMS")
     if any(run.cycles is None for run in runs.values()):
@@ -161,7 +161,7 @@ def test_exact_remove(board: Board, benchmark_cycles: BenchmarkCycles) -> None:
     """Cycles of `direct-stream` to remove a point without a trace."""
     if "direct-stream" not in board.identity.stream_calibrators:
         pytest.skip("this firmware has no stream calibrator 'direct-stream'")
-    upload_cloud(board, golden_cloud(MAX_FEED))
+    upload_points(board, golden_points(MAX_FEED))
     board.session.request(StreamReset("direct-stream"))
     board.session.request(StreamFeed("direct-stream", 0, MAX_FEED))
     removed = board.session.request(StreamRemove("direct-stream", 0, MAX_FEED // 2))

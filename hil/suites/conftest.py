@@ -203,7 +203,7 @@ def known_angles(
     of_streams = store_streams(board, streams, first_slot=1 + max(slots.values()))  # the others are the rig's wish
     store_accelerometer(board, accelerometer_fit, list(of_streams.values()))
     return measure_known_angles(
-        board, turntable, poses=rig.procedure.judged_poses(hil_settings.poses), slots=slots | of_streams,
+        board, turntable, poses=rig.procedure.known_angle_poses(hil_settings.poses), slots=slots | of_streams,
         mounting_yaw_deg=rig.mounting.yaw_deg if rig.mounting else 0.0,
         readings=rig.procedure.readings_per_pose, progress=hil_progress,
     )

@@ -1,4 +1,4 @@
-"""Is gravity right? A wrong accelerometer spoils every heading, whatever the magnetometer does."""
+"""Accelerometer: a wrong one spoils every heading, whatever the magnetometer does."""
 
 from __future__ import annotations
 

@@ -21,13 +21,13 @@ from hiltest.procedures import (
     evenly_spread,
     heading_errors_deg,
     largest_effort_within,
-    upload_cloud,
+    upload_points,
 )
 
 pytestmark = [pytest.mark.hil, pytest.mark.full]
 
-# The sizes that the thesis compares calibrators at. All of the tumble comes beside them: a calibrator that lives with
-# the stream may want more points before it calibrates at all.
+# The sizes that the thesis compares calibrators at. All of the tumble comes beside them: a streaming calibrator
+# may want more points before it calibrates at all.
 SIZES = (30, 100)
 
 
@@ -53,7 +53,7 @@ def efforts(
 ) -> list[Effort]:
     """All curves. The hundred points are the tumble's first, in an order that mixes them well; then come the others."""
     first, others = np.split(tumble.points, [max(SIZES)])
-    upload_cloud(board, np.concatenate([each[evenly_spread(len(each))] for each in (first, others)]))
+    upload_points(board, np.concatenate([each[evenly_spread(len(each))] for each in (first, others)]))
     work = [(size, name) for size in sizes for name in calibrators]
     found = []
     for done, (size, name) in enumerate(work):

@@ -46,7 +46,7 @@ def test_turn_under_the_file(
     judge_turns("turn_error", [turn_about_z], rig, hil_calibration, measure)
 
 
-# One turn about z does not tell x from y.
+# One turn about z does not distinguish x from y.
 @pytest.mark.full
 def test_every_turn_under_the_file(
     gyroscope_turns: list[MeasuredTurn], rig: Rig, hil_calibration: ImuCalibration, measure: Measure

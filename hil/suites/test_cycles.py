@@ -27,7 +27,7 @@ pytestmark = pytest.mark.hil
 # most over 30 sets. More is another arithmetic, not other points.
 DISTANCE = Limit(max=0.01)
 # This is not the accuracy of any calibration: firmware_stub/DESIGN.md has that of 10 000 random point sets.
-EVEN = "points spread evenly; of random ones 1 cloud in 100 exceeds 0.06 to 0.18 deg"
+EVEN = "points spread evenly; of random ones 1 set in 100 exceeds 0.06 to 0.18 deg"
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +47,7 @@ def fast(board: Board, rig: Rig) -> FastFit:
 def measure_cost(name: str, cost: CycleCost, measure: Measure) -> None:
     """Record what a calibrator costs at the number of points that it is used with, and by the line over others."""
     measure(
-        f"cycles.{name}.total", cost.total, "cycle", cycle_model=cost.model, band=cost.band, not_judged=cost.unchecked
+        f"cycles.{name}.total", cost.total, "cycle", cycle_model=cost.model, band=cost.band, not_checked=cost.unchecked
     )
     for what, cycles in (
         ("per_point", cost.per_point), ("fixed", cost.fixed),

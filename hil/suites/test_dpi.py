@@ -1,4 +1,4 @@
-"""The magnetometer against gravity: what no fit of norms can see, from the tumble's pairs and from still poses."""
+"""The magnetometer against gravity, from the tumble's pairs and from still poses: a fit of norms sees no rotation."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from hiltest.rig import Rig
 pytestmark = pytest.mark.hil
 
 # A field whose dip is further from what the rig declares is not the rig's, or gravity is in another unit: 300 pairs
-# of 0.4 uT tell it to 0.1 degree. It does not enter a heading.
+# of 0.4 uT show it to 0.1 degree. It does not enter a heading.
 DIP_WITHIN_DEG = 2.0
 
 
 def measure_fit(measure: Measure, found: DpiRun, rig: Rig) -> None:
-    """Everything there is to say of a calibration against gravity."""
+    """Record the measurements of a calibration against gravity."""
     run, dip_deg = found.run, rig.field.dip_deg
     measure(f"fit.{run.name}.status", int(run.fit), "")
     measure(f"fit.{run.name}.n_used", found.n_used, "")
@@ -48,7 +48,7 @@ def measure_fit(measure: Measure, found: DpiRun, rig: Rig) -> None:
 
 
 def asked_for(found: DpiRun | None) -> DpiRun:
-    """Skip where the rig asks for none."""
+    """Skip where the rig asks for no calibration against gravity."""
     if found is None:
         pytest.skip("the rig's [procedure] has no calibration against gravity")
     return found

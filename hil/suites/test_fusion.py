@@ -1,4 +1,4 @@
-"""Does the Kalman filter know the attitude while the board moves? Beside each of its two halves alone."""
+"""Attitude of the Kalman filter while the board moves, beside each of its two halves alone."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_every_sample_of_the_motion_is_used(motion: FusionResult, measure: Measu
 
 def test_cycles_of_a_step(motion: FusionResult, measure: Measure) -> None:
     predicted, updated = motion.summary.predicted, motion.summary.updated
-    for name, costs, band in (("predict", predicted, motion.predict_band), ("update", updated, motion.update_band)):
+    for name, costs, band in (("predict", predicted, motion.predict_range), ("update", updated, motion.update_range)):
         largest = costs.largest and costs.largest.cycles
         measure(f"cycles.fusion.{name}", largest, "cycle", cycle_model=motion.cycle_model, band=band)
         measure(f"cycles.fusion.{name}.mean", costs.mean_cycles, "cycle", cycle_model=motion.cycle_model)

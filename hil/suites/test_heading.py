@@ -49,14 +49,14 @@ def test_every_calibrator_fits_the_points(calibrations: dict[str, CalibratorRun]
         ],
     )
     refused = [f"{name}: {run.fit.name}" for name, run in calibrations.items() if not run.usable]
-    assert not refused, f"no calibration to judge: {', '.join(refused)}"
+    assert not refused, f"no calibration to test: {', '.join(refused)}"
 
 
 def test_heading_at_known_angles(
     known_angles: KnownAngles, calibrations: dict[str, CalibratorRun], rig: Rig, measure: Measure
 ) -> None:
     # What a limit of the whole error means rests on a declared mounting; a centred error does without.
-    not_judged = "" if rig.mounting else "the rig declares no mounting"
+    not_checked = "" if rig.mounting else "the rig declares no mounting"
     mounting_deg = rig.mounting.uncertainty_deg if rig.mounting else 0.0
     unnamed = {
         "max": GOAL, "max_centred": GOAL, "bias": Limit.within(mounting_deg + BIAS_BEYOND_MOUNTING_DEG),
@@ -71,10 +71,10 @@ def test_heading_at_known_angles(
             what: most if judged and f"heading.{name}.{what}" not in rig.information else None
             for what, most in unnamed.items()
         }
-        measure(f"heading.{name}.max", errors.max_deg, "deg", limit=limit["max"], not_judged=not_judged)
-        measure(f"heading.{name}.rms", errors.rms_deg, "deg", not_judged=not_judged)
+        measure(f"heading.{name}.max", errors.max_deg, "deg", limit=limit["max"], not_checked=not_checked)
+        measure(f"heading.{name}.rms", errors.rms_deg, "deg", not_checked=not_checked)
         bias_deg, centred_deg = or_nan(errors.bias_deg), or_nan(errors.max_centred_deg)
-        measure(f"heading.{name}.bias", bias_deg, "deg", limit=limit["bias"], not_judged=not_judged)
+        measure(f"heading.{name}.bias", bias_deg, "deg", limit=limit["bias"], not_checked=not_checked)
         measure(f"heading.{name}.max_centred", centred_deg, "deg", limit=limit["max_centred"])
         measure(f"heading.{name}.worst_sector", errors.worst_sector.start_deg, "deg")
         measure(f"heading.{name}.tilt_sensitivity", errors.tilt_sensitivity_deg, "deg")

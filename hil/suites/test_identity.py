@@ -1,4 +1,4 @@
-"""Who answers: the firmware, its calibrators and the sensors it sees."""
+"""Identity: the firmware, its calibrators and the sensors that answer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Does the link do what the protocol says: whole payloads, damage dropped and counted, nothing done twice?"""
+"""Link: payloads arrive whole, damage is dropped and counted, nothing is done twice."""
 
 from __future__ import annotations
 

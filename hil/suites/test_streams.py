@@ -20,8 +20,8 @@ def test_cost_of_a_new_point(board: Board, streams: dict[str, StreamRun], measur
             cycles = None if each is None else float(number(each))
             measure(f"stream.{name}.cycles_{what}", cycles, "cycle", cycle_model=board.cycle_model)
         cycles = run.last.state.cost and run.last.state.cost.cycles
-        measure(f"stream.{name}.total", run.total, "cycle", cycle_model=board.cycle_model, band=run.total_band)
-        measure(f"stream.{name}.fit_cycles", cycles, "cycle", cycle_model=board.cycle_model, band=run.fit_band)
+        measure(f"stream.{name}.total", run.total, "cycle", cycle_model=board.cycle_model, band=run.total_range)
+        measure(f"stream.{name}.fit_cycles", cycles, "cycle", cycle_model=board.cycle_model, band=run.fit_range)
 
 
 def test_cost_of_a_point_taken_back(board: Board, streams: dict[str, StreamRun], measure: Measure) -> None:

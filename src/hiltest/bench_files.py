@@ -1,4 +1,4 @@
-"""Where the suites and rigs are: in the working tree, or the copy in the package."""
+"""Paths of suites and rigs: in the working tree, or the copy in the package."""
 
 from __future__ import annotations
 

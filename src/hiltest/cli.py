@@ -1,4 +1,4 @@
-"""The command ``hiltest``, whose subcommands are imported when they are called."""
+"""The command ``hiltest``; its subcommands are imported when they are called."""
 
 from __future__ import annotations
 

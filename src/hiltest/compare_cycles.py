@@ -22,7 +22,7 @@ __all__ = ["pytest_benchmark_group_stats", "pytest_benchmark_scale_unit"]
 def pytest_benchmark_scale_unit(
     config: Any, unit: str, benchmarks: Sequence[Row], best: Mapping[str, float], worst: Mapping[str, float], sort: str
 ) -> tuple[str, float]:
-    """Show device cycles in cycles, and what a clock has timed as pytest-benchmark does."""
+    """Show device cycles in cycles, and times as pytest-benchmark does."""
     from pytest_benchmark import plugin
 
     time_unit = config.getoption("benchmark_time_unit", None) if config else None

@@ -1,4 +1,4 @@
-"""Everything hiltest raises, by whose fault it is.
+"""Exceptions of hiltest, by cause: bench, protocol, data or configuration.
 
 The four branches decide the exit code of a run: the bench (20), the wrong
 firmware or protocol (23), the configuration (4, pytest's usage error), and data
@@ -32,7 +32,7 @@ class ConfigError(HiltestError):
 
 
 class PortNotFoundError(ConfigError):
-    """The named serial port does not exist: what was asked for is wrong, the bench may be fine."""
+    """The named serial port does not exist: the option is wrong, the bench may be fine."""
 
     def __init__(self, wanted: str, seen: Sequence[str], *, of_virtual_rig: bool = False) -> None:
         self.wanted = wanted

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from hiltest.boards import Board
     from hiltest.cycle_benchmarks.hooks import BenchmarkCycles
     from hiltest.imu_calibration import ImuCalibration
-    from hiltest.measurement import Counted, CycleBand, Limit, Measurement
+    from hiltest.measurement import Counted, CycleRange, Limit, Measurement
     from hiltest.procedures import Turntable
     from hiltest.profiling.image import ProfiledImage
     from hiltest.progress_line import ProgressLine
@@ -39,8 +39,8 @@ class Measure:
 
     def __call__(
         self, name: str, value: float | int | Counted | None, unit: str = "", *, limit: Limit | None = None,
-        not_judged: str = "", not_offered: str = "", volatile: bool = False, cycle_model: str = "",
-        band: CycleBand | None = None, note: str = "",
+        not_checked: str = "", not_offered: str = "", volatile: bool = False, cycle_model: str = "",
+        band: CycleRange | None = None, note: str = "",
     ) -> Measurement:
         """Record one measurement.
 
@@ -56,7 +56,7 @@ class Measure:
             The one that the rig file gives its limit in, if it does.
         limit : Limit, optional
             For a name that the rig file gives no limit: where it gives one, that is the one that holds.
-        not_judged : str, optional
+        not_checked : str, optional
             Why a limit cannot be applied here; the run then ends with exit code 22.
         not_offered : str, optional
             Why there is no value, where that follows from another result of the run: what an iteration costs when
@@ -65,8 +65,8 @@ class Measure:
             Whether two runs of the same seed may differ in it.
         cycle_model : str, optional
             Needed for unit ``cycle``: what counted.
-        band : CycleBand, optional
-            Within what a virtual board's cycles lie by its cycle model.
+        band : CycleRange, optional
+            Uncertainty range of a virtual board's cycles.
         note : str, optional
             What the number is of, where its name does not say it.
 
@@ -90,8 +90,8 @@ class Measure:
             value = value.cycles
         caller = sys._getframe(1)
         place = self._session.place_of(caller.f_code.co_filename, caller.f_lineno)
-        measurement = self._session.judge(
-            name, value, unit=unit, limit=limit, not_judged=not_judged, not_offered=not_offered, volatile=volatile,
+        measurement = self._session.check(
+            name, value, unit=unit, limit=limit, not_checked=not_checked, not_offered=not_offered, volatile=volatile,
             cycle_model=cycle_model, band=band, note=note, place=place, test=self._session.test_id(self._item.nodeid),
         )
         self._session.keep(self._item, measurement)
@@ -205,7 +205,7 @@ def cycles(request: pytest.FixtureRequest) -> Cycles:
 
 @pytest.fixture
 def benchmark_cycles() -> BenchmarkCycles:
-    """Take a kernel's cycles and show them nowhere: pytest-benchmark, where it is loaded, has one that does."""
+    """Take a kernel's cycles without a table; where pytest-benchmark is loaded, its table shows them."""
     from hiltest.cycle_benchmarks.hooks import BenchmarkCycles
 
     return BenchmarkCycles()
@@ -213,7 +213,7 @@ def benchmark_cycles() -> BenchmarkCycles:
 
 @pytest.fixture(scope="session")
 def hil_progress(request: pytest.FixtureRequest) -> ProgressLine:
-    """Show how far long work is, with the time left: at the end of a terminal's line, else in a line now and then."""
+    """Show the progress of long work and the time left: in a terminal's current line, else in a line now and then."""
     return _session(request).progress
 
 

@@ -1,4 +1,4 @@
-"""Asking whoever sits at the terminal."""
+"""Prompts to the operator at the terminal."""
 
 from __future__ import annotations
 
@@ -17,6 +17,6 @@ def ask(text: str) -> str:
         from hiltest.errors import OperatorAbsentError
 
         raise OperatorAbsentError(
-            f"nobody answers at the terminal; this was asked: {text.strip()} "
-            "Run it where somebody can type and turn the board."
+            f"no one answers at the terminal; this was asked: {text.strip()} "
+            "Run it where an operator can type and turn the board."
         ) from error

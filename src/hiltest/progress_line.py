@@ -84,7 +84,7 @@ class ProgressLine:
             self._say(text.strip())
 
     def clear(self) -> None:
-        """Take the line away, however far the work is."""
+        """Remove the line."""
         if self._is_drawn:
             self._draw("")
 
@@ -118,7 +118,7 @@ def progress_of(config: pytest.Config) -> ProgressLine:
     writer = terminal._tw
 
     def say(line: str) -> None:
-        """Print a line of its own; pytest goes on behind it."""
+        """Print a line of its own; pytest goes on after it."""
         with uncaptured():
             if writer.width_of_current_line:
                 writer.line()

@@ -147,13 +147,13 @@ class Settings(NamedTuple):
     sources: Mapping[str, str]
 
     def as_run_options(self) -> str:
-        """Return what makes ``hiltest run`` run the same on other seeds, as one would type it."""
+        """Return the options of ``hiltest run`` for the same run on other seeds, as on a command line."""
         named = (name for name in _SAME_ON_ALL_SEEDS if self.sources[name] != "default")
         return _typed({name: getattr(self, name) for name in named})
 
 
 def run_options(options: Sequence[str]) -> str:
-    """Return the same of options for pytest."""
+    """Return the same for pytest's options."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     for option in OPTIONS:
         if option.name in _SAME_ON_ALL_SEEDS:
@@ -167,7 +167,7 @@ def _typed(given: Mapping[str, object]) -> str:
 
 
 def check_environment(environment: Mapping[str, str] = os.environ) -> None:
-    """Refuse a variable that is meant for hiltest and that it does not know.
+    """Refuse an unknown variable with the prefix of hiltest.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""JSON files that are hostile until they are parsed: their size, depth, numbers and keys have bounds."""
+"""Strict reading of JSON from any source: size, depth, numbers and keys have bounds."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _LONGEST_INTEGER = 19  # digits; nothing that is counted here needs 64 bits
 
 @dataclass(frozen=True, slots=True)
 class JsonFile:
-    """What JSON says in a file, the schema that it names if any, and the SHA-256 of the file."""
+    """Content of a JSON file, the schema that it names if any, and the SHA-256 of the file."""
 
     path: Path
     content: Any
@@ -137,6 +137,6 @@ def _deeper_than(value: Any, levels: int) -> bool:
 
 
 def shown(value: object) -> str:
-    """Return a value that was found in a file for a message, short."""
+    """Return a value of a file for a message, shortened."""
     text = json.dumps(value, default=str)
     return text if len(text) <= 60 else f"{text[:57]}..."

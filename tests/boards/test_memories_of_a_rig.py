@@ -9,13 +9,13 @@ import pytest
 
 from hiltest.boards import VirtualBoard, default_firmware, open_board
 from hiltest.link.messages import Calibrate, Points
-from hiltest.measurement import CycleBand
-from hiltest.procedures import run_streams, upload_cloud
-from hiltest.procedures.clouds import golden_cloud
+from hiltest.measurement import CycleRange
+from hiltest.procedures import run_streams, upload_points
+from hiltest.procedures.golden_points import golden_points
 from hiltest.rig import Rig
 from hiltest.virtual.memory_waits import MemoryAccounting
 
-CLOUD = golden_cloud(30)
+CLOUD = golden_points(30)
 CALIBRATORS = ("direct", "direct-fast", "corrected")  # the others take half a minute by instruction
 
 
@@ -27,7 +27,7 @@ def opened(rig: Rig, timing: str, firmware: Path | None = None) -> VirtualBoard:
 
 def answers(board: VirtualBoard) -> tuple[list[list[int]], dict[str, tuple[object, ...]], dict[str, int]]:
     """Upload the cloud, read it back, and fit it: points, answers with their instructions, and clocks."""
-    upload_cloud(board, CLOUD)
+    upload_points(board, CLOUD)
     replies = [board.session.request(Points(first, 10)) for first in range(0, len(CLOUD), 10)]
     found, clocks = {}, {}
     for name in CALIBRATORS:
@@ -71,23 +71,23 @@ def test_a_count_of_code_in_flash_carries_what_the_memory_rows_state_and_nothing
     for timing in ("cortex-m4-trm/1", "cortex-m4-k64f/1"):
         with opened(rig, timing, flash_elf) as board:
             assert board.cycle_model == f"{timing}@flash"
-            upload_cloud(board, CLOUD[:20])
+            upload_points(board, CLOUD[:20])
             cost = board.session.request(Calibrate(20, "direct")).cost
             assert cost is not None
-            bands[timing] = cost.cycles, board.cycle_band(cost)
+            bands[timing] = cost.cycles, board.cycle_range(cost)
     assert bands["cortex-m4-trm/1"][1] is None
     cycles, band = bands["cortex-m4-k64f/1"]
-    assert band == CycleBand(round(0.85 * cycles), round(1.15 * cycles))
+    assert band == CycleRange(round(0.85 * cycles), round(1.15 * cycles))
 
 
 def test_so_does_the_total_of_a_stream(rig: Rig, flash_elf: Path) -> None:
     bands = {}
     for timing in ("cortex-m4-trm/1", "cortex-m4-k64f/1"):
         with opened(rig, timing, flash_elf) as board:
-            upload_cloud(board, CLOUD[:20])
+            upload_points(board, CLOUD[:20])
             run = run_streams(board, 20)["direct-stream"]
             assert run.total is not None
-            bands[timing] = run.total, run.total_band
+            bands[timing] = run.total, run.total_range
     assert bands["cortex-m4-trm/1"][1] is None
     total, band = bands["cortex-m4-k64f/1"]
-    assert band == CycleBand(round(0.85 * total), round(1.15 * total))
+    assert band == CycleRange(round(0.85 * total), round(1.15 * total))

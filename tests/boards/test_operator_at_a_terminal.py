@@ -73,4 +73,4 @@ def test_without_a_terminal_the_run_says_that_nobody_can_be_asked(
         timeout=90, cwd=operators_rig_file.parent, check=False,
     )
     assert done.returncode == 20, done.stdout
-    assert "nobody answers at the terminal" in done.stdout
+    assert "no one answers at the terminal" in done.stdout

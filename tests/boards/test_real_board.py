@@ -102,7 +102,7 @@ def test_a_missing_shield_is_named_with_the_way_out_and_the_rest_still_runs(
         assert any("on-board" in name.lower() or "onboard" in name.lower() for name in caught.value.seen)
         with pytest.raises(SensorAbsentError):
             collect_tumble(board, open_turntable(board, uncertainty_deg=0.5, prompt=lambda _: ""))
-        cost = measure_cycles(board, ["direct"], clouds=2, sizes=(20, 40, 100))["direct"]
+        cost = measure_cycles(board, ["direct"], point_sets=2, sizes=(20, 40, 100))["direct"]
         assert 0 < cost.total <= 12_500
         assert cost.model == "undeclared@sram"
         assert cost.instructions is None
@@ -135,7 +135,7 @@ def test_an_operator_who_follows_the_prompts_gets_the_headings_judged(
         assert run.usable
         assert (run.offset_error_ut, run.rotation_left_deg) == (None, None)
         angles = measure_known_angles(
-            board, turntable, poses=rig.procedure.judged_poses("level")[::4],
+            board, turntable, poses=rig.procedure.known_angle_poses("level")[::4],
             slots={"uncalibrated": 0, "direct": run.slot}, mounting_yaw_deg=rig.mounting.yaw_deg,
         )
     assert "all round" in asked[0]
@@ -173,7 +173,7 @@ def test_a_rig_declares_what_the_cycles_of_a_board_behind_a_port_are(
 def test_nobody_to_ask_is_a_bench_error(pty_board: StartPtyBoard, rig: Rig, real_rig: Rig) -> None:
     with (
         open_board(real_rig, port=pty_board(rig).path) as board,
-        pytest.raises(BenchError, match="nobody to ask"),
+        pytest.raises(BenchError, match="no one to ask"),
     ):
         open_turntable(board, uncertainty_deg=0.5)
 
@@ -183,9 +183,9 @@ def test_cycles_over_a_port_are_those_of_the_stepped_board(
 ) -> None:
     calibrators = ["direct", "iterative"]
     with open_board(rig) as stepped:
-        expected = measure_cycles(stepped, calibrators, clouds=1, sizes=(20, 100))
+        expected = measure_cycles(stepped, calibrators, point_sets=1, sizes=(20, 100))
     with open_board(real_rig, port=pty_board(rig).path) as board:
-        found = measure_cycles(board, calibrators, clouds=1, sizes=(20, 100))
+        found = measure_cycles(board, calibrators, point_sets=1, sizes=(20, 100))
     assert {name: cost.cycles.tolist() for name, cost in found.items()} == {
         name: cost.cycles.tolist() for name, cost in expected.items()
     }

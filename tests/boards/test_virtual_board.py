@@ -43,7 +43,7 @@ def wire(rig: Rig, seed: int) -> Transcript:
     transcript = Transcript("virtual")
     with open_board(rig, seed=seed, transcript=transcript) as board:
         assert board.stage is not None
-        board.stage.turn_to(Pose(30.0, 20.0, 0.0), judged_pose=0)
+        board.stage.turn_to(Pose(30.0, 20.0, 0.0), known_angle=0)
         board.session.request(Average(16, 0b1))
     return transcript
 
@@ -136,7 +136,7 @@ def test_a_core_without_a_cycle_counter_fits_and_gives_no_cycle_number(rig: Rig)
         assert board.identity.cycle_source is CycleSource.NONE
         assert board.cycle_model == "none"
         with pytest.raises(DeviceError, match="NO_CYCLE_COUNTER: this core counts no cycles"):
-            measure_cycles(board, ["direct"], clouds=1)
+            measure_cycles(board, ["direct"], point_sets=1)
         tumble = collect_tumble(board, open_turntable(board, uncertainty_deg=0.1), points=100)
         run = run_calibrators(board, tumble, calibrators=["direct"])["direct"]
     assert run.usable

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from hiltest.calibration import FitStatus
-from hiltest.calibration.acceptance import Acceptance, FitFigures, judge
+from hiltest.calibration.acceptance import Acceptance, FitFigures, rate
 
 _GOOD = FitFigures(
     FitStatus.ELLIPSOID, condition=11.0, n=300, residual_percent=0.8, axis_ratio=1.1, radius_ut=48.0,
@@ -16,7 +16,7 @@ _GOOD = FitFigures(
 
 
 def test_good_figures_need_no_reason() -> None:
-    assert judge(_GOOD) == (Acceptance.GOOD, ())
+    assert rate(_GOOD) == (Acceptance.GOOD, ())
 
 
 @pytest.mark.parametrize(
@@ -40,15 +40,15 @@ def test_each_threshold_allows_its_value_and_nothing_beyond(
     figure: str, allowed: float | None, broken: float, verdict: Acceptance
 ) -> None:
     if allowed is not None:
-        assert judge(replace(_GOOD, **{figure: allowed}))[0] is Acceptance.GOOD
-    found, (reason,) = judge(replace(_GOOD, **{figure: broken}))
+        assert rate(replace(_GOOD, **{figure: allowed}))[0] is Acceptance.GOOD
+    found, (reason,) = rate(replace(_GOOD, **{figure: broken}))
     assert found is reason.verdict is verdict
     assert reason.figure == figure
     assert reason.meaning
 
 
 def test_the_worst_reason_decides_and_every_figure_is_told_once() -> None:
-    verdict, reasons = judge(replace(_GOOD, condition=500.0, residual_percent=3.0))
+    verdict, reasons = rate(replace(_GOOD, condition=500.0, residual_percent=3.0))
     assert verdict is Acceptance.REFUSED
     assert [(each.figure, each.verdict) for each in reasons] == [
         ("condition", Acceptance.REFUSED), ("residual_percent", Acceptance.POOR),
@@ -57,10 +57,10 @@ def test_the_worst_reason_decides_and_every_figure_is_told_once() -> None:
 
 @pytest.mark.parametrize("status", [status for status in FitStatus if status is not FitStatus.ELLIPSOID])
 def test_what_is_no_ellipsoid_is_refused(status: FitStatus) -> None:
-    verdict, (reason,) = judge(FitFigures(status, condition=11.0))
+    verdict, (reason,) = rate(FitFigures(status, condition=11.0))
     assert verdict is Acceptance.REFUSED
     assert reason.value == status.name.lower().replace("_", " ")
 
 
 def test_an_unknown_unit_leaves_the_field_strength_unjudged() -> None:
-    assert judge(replace(_GOOD, radius_ut=None))[0] is Acceptance.GOOD
+    assert rate(replace(_GOOD, radius_ut=None))[0] is Acceptance.GOOD

@@ -30,7 +30,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def _truth() -> tuple[np.ndarray, np.ndarray]:
     """Return directions and readings of the example, all round."""
     names: dict[str, np.ndarray] = {}
-    exec(compile(EXAMPLE.split("for name, cloud")[0], "docs/fit.md", "exec"), names)
+    exec(compile(EXAMPLE.split("for name, samples")[0], "docs/fit.md", "exec"), names)
     return names["directions"], names["readings"]
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.measurement import Limit, judge
+from hiltest.measurement import Limit, check
 from hiltest.record.run_json import write_run
 from hiltest.trend.outputs import SCHEMA
 
@@ -27,9 +27,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("reader")
     for place, day in (("history/a", 1), ("history/b", 2), ("history/c", 3), ("hil-out", 3)):
         (path / place).mkdir(parents=True)
-        total = judge("cycles.direct.total", 11_000 + 100 * (day > 2), unit="cycle", cycle_model="m")
-        bias = judge("heading.direct.bias", -0.1, unit="deg", limit=Limit.within(0.7))
-        points = judge("tumble.points", 300, unit="")
+        total = check("cycles.direct.total", 11_000 + 100 * (day > 2), unit="cycle", cycle_model="m")
+        bias = check("heading.direct.bias", -0.1, unit="deg", limit=Limit.within(0.7))
+        points = check("tumble.points", 300, unit="")
         write_run(finished_run(day, total, bias, points, build=f"b{day}"), path / place)
     return path
 

@@ -16,7 +16,7 @@ from hiltest.bench_files import shipped
 from hiltest.boards import open_board
 from hiltest.boards.board import Board
 from hiltest.link.messages import Calibrate
-from hiltest.procedures import golden_cloud, measure_dpi_cycles, upload_cloud
+from hiltest.procedures import golden_points, measure_dpi_cycles, upload_points
 from hiltest.rig.file import load_rig
 
 
@@ -58,7 +58,7 @@ def test_the_numbers_are_those_of_the_board(board: Board, rows: dict[str, dict[s
     for name in board.identity.calibrators:
         counted = []
         for index in range(2):
-            upload_cloud(board, golden_cloud(100, index=index))
+            upload_points(board, golden_points(100, index=index))
             cost = board.session.request(Calibrate(100, name)).cost
             assert cost is not None
             counted.append(cost.cycles)

@@ -121,7 +121,7 @@ class Killed:
 
 def _before(folder: Path) -> None:
     """Leave the record of an earlier run of the same tests in a folder, with a measurement that no other run has."""
-    from hiltest.measurement import judge
+    from hiltest.measurement import check
     from hiltest.record.journal import Journal
     from hiltest.record.recorder import Recorder
     from hiltest.record.run import TestResult, Verdict
@@ -130,7 +130,7 @@ def _before(folder: Path) -> None:
     (folder / "out").mkdir()
     recorder = Recorder(Journal(folder / "out"), suite="gate", poses="all")
     recorder.begin()
-    recorder.found([judge("before.value", 1.0, unit="deg")], ())
+    recorder.found([check("before.value", 1.0, unit="deg")], ())
     recorder.finished(TestResult("test_many.py::test_many[0]", TestOutcome.PASSED, 0.1))
     run = recorder.finish(Verdict("pass", 0, "PASS of the run before.", complete=True))
     write_reports(run, folder / "out")

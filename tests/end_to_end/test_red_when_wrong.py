@@ -182,7 +182,7 @@ def test_an_undeclared_mounting_leaves_only_centred_values(
     run = run_in(tmp_path, "--rig", rig, "--poses", "level", *SUITES)
     assert run.code == 22
     assert run.value("heading.direct.bias") == pytest.approx(1.7, abs=0.3)
-    assert "Only centred values were judged: the rig declares no mounting" in run.sentence
+    assert "Only centred values were checked: the rig declares no mounting" in run.sentence
     assert run.measured["heading.direct.max"]["outcome"] == "unset"
     assert run.measured["heading.direct.max_centred"]["outcome"] == "pass"
 

@@ -25,7 +25,7 @@ pytestmark = pytest.mark.hil
 
 
 def test_cost(board, rig, measure):
-    cost = measure_cycles(board, ["direct"], n=rig.procedure.calibration_points, clouds=1)["direct"]
+    cost = measure_cycles(board, ["direct"], n=rig.procedure.calibration_points, point_sets=1)["direct"]
     measure("cycles.direct.total", cost.total, "cycle", cycle_model=cost.model)
     measure("cycles.direct.fixed", cost.fixed, "cycle", cycle_model=cost.model)
 
@@ -34,7 +34,7 @@ def test_heading(board, turntable, rig, measure):
     tumble = collect_tumble(board, turntable, points=rig.procedure.tumble_points)
     run = run_calibrators(board, tumble, calibrators=["direct"], n=rig.procedure.calibration_points)["direct"]
     angles = measure_known_angles(
-        board, turntable, poses=rig.procedure.judged_poses("level"), slots={"direct": run.slot},
+        board, turntable, poses=rig.procedure.known_angle_poses("level"), slots={"direct": run.slot},
         mounting_yaw_deg=rig.mounting.yaw_deg, readings=rig.procedure.readings_per_pose,
     )
     errors = angles.summary("direct")
@@ -122,7 +122,7 @@ def test_the_same_firmware_is_no_regression_in_the_chosen_tests(run_in, bench: P
     run = run_in(bench, "--firmware", str(OLD), "--against", str(OLD), *COST)
     assert run.code == 0, run.output
     assert set(changes(run.record["comparison"]).values()) == {"unchanged"}
-    assert "May be merged as far as the chosen tests tell (against " in run.sentence
+    assert "May be merged as far as the chosen tests show (against " in run.sentence
 
 
 def test_a_degree_about_a_horizontal_axis_is_worse_in_max_and_rms_over_eight_seeds(over_eight_seeds) -> None:
@@ -174,7 +174,7 @@ def test_a_step_less_is_better_and_what_a_step_costs_is_not_missed(
     assert run.code == 0, run.output
     found = difference(run.record["comparison"], "cycles.corrected.per_iteration")
     assert (found["change"], found["new"], found["note"]) == (
-        "changed", None, "not offered: it took 1 iteration, and two tell what one costs"
+        "changed", None, "not offered: it took 1 iteration, and two show what one costs"
     )
     assert difference(run.record["comparison"], "cycles.corrected.total")["change"] == "better"
 
@@ -200,7 +200,7 @@ def test_what_makes_builds_incomparable_is_named(
     ("options", "complaint"),
     [
         (("--against", "no-such.elf"), "no-such.elf"),
-        (("--against", str(OLD), "--baseline", "base.json"), "a run is judged against one base"),
+        (("--against", str(OLD), "--baseline", "base.json"), "a run is compared with one base"),
         (("--against", str(OLD), "--hil-port", "/dev/ttyACM0"), "it does not go with --hil-port"),
         (("--seeds", "1..1", "--against", "no-such.elf"), "no-such.elf"),
     ],

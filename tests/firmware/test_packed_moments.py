@@ -20,7 +20,6 @@ from .references.packed_moments import BLOCK_POINTS, largest_shift, packed_momen
 
 SHIPPED_ELF = Path(hiltest.__file__).parent / "firmware" / "hiltest-frdm-k64f.elf"
 FIRMWARE = Path(__file__).parents[2] / "firmware_stub"
-DESIGN = " ".join((FIRMWARE / "DESIGN.md").read_text(encoding="utf-8").split())
 Points = NDArray[np.int64]
 
 
@@ -206,9 +205,6 @@ def test_the_scratch_of_a_block_is_what_the_kernel_writes_and_the_rest_of_the_fr
     assert frame == 1980
     # Locals: the sums of a further block, the kernel's task, and 4 to align the frame.
     assert frame - written == 4 * MOMENTS + 36 + 4
-    both = f"is {frame:,} bytes on the stack: {written:,} are the pairs of a block".replace(",", " ")
-    assert f"The frame of `packed_moments_sum` {both}" in DESIGN
-    assert f"{frame - written} are locals, {4 * MOMENTS} of them the sums of a further block" in DESIGN
 
 
 def _frame(image: FirmwareImage, function: str) -> int:

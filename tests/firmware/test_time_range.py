@@ -8,12 +8,12 @@ import pytest
 from hiltest.link.messages import ClearPoints, TimeRange, Upload
 from hiltest.link.replies import RunCost, Status
 from hiltest.link.request import Request, decode_reply
-from hiltest.procedures import golden_cloud
+from hiltest.procedures import golden_points
 from hiltest.virtual.k64f import VirtualK64F
 
 from .bench import ELF, Bench
 
-CLOUD = golden_cloud(120)
+CLOUD = golden_points(120)
 
 
 def asked(bench: Bench, request: Request[object]) -> object:

@@ -9,11 +9,11 @@ import pytest
 
 from hiltest.calibration import FitStatus, MagnetometerFit
 from hiltest.calibration.quality import sphere_directions
-from hiltest.logs import Cloud, CountScale, Unit, thinned
+from hiltest.logs import CountScale, Samples, Unit, thinned
 
 
-def _cloud(points: np.ndarray, unit: Unit) -> Cloud:
-    return Cloud(Path("cloud.csv"), points, unit, "option", ("x", "y", "z"), 0)
+def _cloud(points: np.ndarray, unit: Unit) -> Samples:
+    return Samples(Path("cloud.csv"), points, unit, "option", ("x", "y", "z"), 0)
 
 
 @pytest.mark.parametrize(

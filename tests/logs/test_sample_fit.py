@@ -13,27 +13,27 @@ from hiltest.calibration import FitStatus
 from hiltest.calibration.acceptance import Acceptance
 from hiltest.calibration.quality import sphere_directions
 from hiltest.errors import ConfigError
-from hiltest.logs import Cloud, Unit
-from hiltest.logs.sample_fit import MOST_POINTS, CloudFit, fit_on_board, fit_on_host
-from hiltest.procedures.clouds import golden_cloud
+from hiltest.logs import Samples, Unit
+from hiltest.logs.sample_fit import MOST_POINTS, SampleFit, fit_on_board, fit_on_host
+from hiltest.procedures.golden_points import golden_points
 
 from ..instances import instance
 
 _GOLDEN = sorted((Path(__file__).parents[2] / "fixtures" / "clouds").glob("*.json"))
 
 
-def _cloud(points_ut: np.ndarray, unit: Unit = Unit.UT) -> Cloud:
-    return Cloud(Path("cloud.csv"), np.asarray(points_ut, dtype=float), unit, "option", ("x", "y", "z"), 0)
+def _cloud(points_ut: np.ndarray, unit: Unit = Unit.UT) -> Samples:
+    return Samples(Path("cloud.csv"), np.asarray(points_ut, dtype=float), unit, "option", ("x", "y", "z"), 0)
 
 
-def _drawn(seed: int, count: int, covered: float, noise_ut: float) -> Cloud:
+def _drawn(seed: int, count: int, covered: float, noise_ut: float) -> Samples:
     drawn = instance(
         seed, count, noise_ut=noise_ut, stretch=0.03, largest_hard_iron_ut=100.0, covered=(covered, covered)
     )
     return _cloud(drawn.points_counts / 10.0)
 
 
-def _verdicts(fit: CloudFit) -> dict[str, Acceptance]:
+def _verdicts(fit: SampleFit) -> dict[str, Acceptance]:
     """Return the verdicts of the two calibrators that firmware and host both have."""
     return {each.name: each.verdict for each in fit.calibrators if each.name in ("direct", "iterative")}
 
@@ -71,7 +71,7 @@ def test_golden_clouds_get_the_same_verdict_and_reasons_on_both(virtual_board: B
 
 
 def test_board_and_host_find_the_same_calibration(virtual_board: Board) -> None:
-    cloud = _cloud(golden_cloud(300) / 10.0)
+    cloud = _cloud(golden_points(300) / 10.0)
     on_host = {each.name: each for each in fit_on_host(cloud).calibrators}
     for fitted in fit_on_board(virtual_board, cloud).calibrators:
         if fitted.name in on_host:
@@ -109,15 +109,15 @@ def test_a_sensor_at_rest_is_refused_whatever_the_unit() -> None:
 
 
 def test_the_wrong_unit_is_refused_by_the_field_strength() -> None:
-    fit = fit_on_host(_cloud(golden_cloud(100).astype(float), Unit.UT), "direct")
+    fit = fit_on_host(_cloud(golden_points(100).astype(float), Unit.UT), "direct")
     (reason,) = fit.best.reasons
     assert (reason.figure, reason.threshold, reason.verdict) == ("radius_ut", 70.0, Acceptance.REFUSED)
-    assert fit_on_host(_cloud(golden_cloud(100).astype(float), Unit.COUNTS), "direct").best.verdict is Acceptance.GOOD
+    assert fit_on_host(_cloud(golden_points(100).astype(float), Unit.COUNTS), "direct").best.verdict is Acceptance.GOOD
 
 
 @pytest.mark.parametrize("count", [1, 3, 8])
 def test_too_few_points_are_refused_with_that_reason(virtual_board: Board, count: int) -> None:
-    cloud = _cloud(golden_cloud(100)[:count] / 10.0)
+    cloud = _cloud(golden_points(100)[:count] / 10.0)
     for fit in (fit_on_board(virtual_board, cloud), fit_on_host(cloud)):
         assert set(_verdicts(fit).values()) == {Acceptance.REFUSED}
         for each in fit.calibrators:
@@ -126,12 +126,12 @@ def test_too_few_points_are_refused_with_that_reason(virtual_board: Board, count
 
 
 def test_the_best_has_the_best_verdict_and_then_the_smallest_residual() -> None:
-    fit = fit_on_host(_cloud(golden_cloud(100) / 10.0))
+    fit = fit_on_host(_cloud(golden_points(100) / 10.0))
     assert fit.best.residual_percent == min(each.residual_percent or 100.0 for each in fit.calibrators)
 
 
 def test_an_unknown_calibrator_is_named_with_those_that_are_there(virtual_board: Board) -> None:
-    cloud = _cloud(golden_cloud(20) / 10.0)
+    cloud = _cloud(golden_points(20) / 10.0)
     with pytest.raises(ConfigError, match=r"the firmware has no calibrator 'kalman'; it has .*direct"):
         fit_on_board(virtual_board, cloud, "kalman")
     with pytest.raises(ConfigError, match="calibrator 'kalman' has no float64 reference"):
@@ -139,8 +139,8 @@ def test_an_unknown_calibrator_is_named_with_those_that_are_there(virtual_board:
 
 
 def test_what_was_done_to_the_cloud_is_told(virtual_board: Board) -> None:
-    points = np.repeat(golden_cloud(500)[::5] + 33_000.25, 5, axis=0)
-    cloud = Cloud(Path("cloud.csv"), points, Unit.COUNTS, "assumed", ("1", "2", "3"), 7)
+    points = np.repeat(golden_points(500)[::5] + 33_000.25, 5, axis=0)
+    cloud = Samples(Path("cloud.csv"), points, Unit.COUNTS, "assumed", ("1", "2", "3"), 7)
     notes = " ".join(fit_on_board(virtual_board, cloud).notes)
     assert "taken as counts of unknown scale" in notes
     assert "7 rows without three finite numbers were skipped" in notes

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from hiltest.errors import ConfigError
-from hiltest.logs import Cloud, Unit
-from hiltest.logs.sample_fit import CloudFit, fit_on_host
+from hiltest.logs import Samples, Unit
+from hiltest.logs.sample_fit import SampleFit, fit_on_host
 from hiltest.logs.sample_fit_exports import SCHEMA_FILE, export_header, export_json, schema_text, to_json
-from hiltest.procedures.clouds import golden_cloud
+from hiltest.procedures.golden_points import golden_points
 
 _PROGRAM = """
 #include <stdio.h>
@@ -39,8 +39,8 @@ int main(void)
 """
 
 
-def _fit(name: str = "cloud.csv") -> CloudFit:
-    return fit_on_host(Cloud(Path(name), golden_cloud(100) / 10.0, Unit.UT, "option", ("x", "y", "z"), 0))
+def _fit(name: str = "cloud.csv") -> SampleFit:
+    return fit_on_host(Samples(Path(name), golden_points(100) / 10.0, Unit.UT, "option", ("x", "y", "z"), 0))
 
 
 def _corrected(content: dict[str, list[float]], readings: np.ndarray) -> np.ndarray:
@@ -57,7 +57,7 @@ def test_c_and_python_correct_alike(
     (tmp_path / "program.c").write_text(_PROGRAM, encoding="utf-8")
     flags = ["-Wall", "-Wextra", "-Wconversion", "-Werror", "-std=c11"]
     subprocess.run([require_tool("gcc"), *flags, "program.c", "-o", "program"], cwd=tmp_path, check=True)
-    readings = golden_cloud(50, index=1) / 10.0
+    readings = golden_points(50, index=1) / 10.0
     text = "\n".join(" ".join(map(str, row)) for row in readings)
     done = subprocess.run(["./program"], input=text, cwd=tmp_path, capture_output=True, text=True, check=True)
     *numbers, radius = map(float, done.stdout.split())
@@ -75,7 +75,7 @@ def test_exported_json_takes_its_points_to_the_sphere_and_says_how(tmp_path: Pat
     content = json.loads((tmp_path / "calibration.json").read_text(encoding="utf-8"))
     assert (content["schema"], content["unit"]) == ("hiltest.calibration/1", "uT")
     assert content["direction"] == "soft_iron maps readings, less hard_iron, to corrected ones"
-    lengths = np.linalg.norm(_corrected(content, golden_cloud(100) / 10.0), axis=1) / content["radius"]
+    lengths = np.linalg.norm(_corrected(content, golden_points(100) / 10.0), axis=1) / content["radius"]
     residual = 100.0 * np.sqrt(np.mean((lengths - 1.0) ** 2))
     assert residual == pytest.approx(content["quality"]["residual_percent"], rel=1e-9)
     assert np.linalg.det(content["soft_iron"]) == pytest.approx(1.0, rel=1e-12)

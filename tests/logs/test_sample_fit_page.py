@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hiltest.logs import Cloud, Unit
+from hiltest.logs import Samples, Unit
 from hiltest.logs.sample_fit import fit_on_host
 from hiltest.logs.sample_fit_page import fit_page
-from hiltest.procedures.clouds import golden_cloud
+from hiltest.procedures.golden_points import golden_points
 
 
 def _page(points: np.ndarray, name: str = "cloud.csv") -> str:
-    cloud = Cloud(Path(name), points, Unit.UT, "option", ("x", "y", "z"), 0)
+    cloud = Samples(Path(name), points, Unit.UT, "option", ("x", "y", "z"), 0)
     return fit_page(fit_on_host(cloud), cloud.points)
 
 
@@ -25,7 +25,7 @@ def _titles(page: str) -> list[str]:
 
 
 def test_the_page_shows_verdict_figures_and_the_cloud_before_and_after() -> None:
-    page = _page(golden_cloud(300) / 10.0)
+    page = _page(golden_points(300) / 10.0)
     assert "<strong>good</strong></h1>" in page
     assert _titles(page)[0] == "before"
     assert re.fullmatch("after (direct|iterative)", _titles(page)[1])
@@ -35,7 +35,7 @@ def test_the_page_shows_verdict_figures_and_the_cloud_before_and_after() -> None
 
 
 def test_half_a_cloud_shows_its_hole() -> None:
-    points = golden_cloud(600) / 10.0
+    points = golden_points(600) / 10.0
     half = points[points[:, 2] > np.median(points[:, 2])]
     page = _page(half)
     (covered,) = re.findall(r"coverage: (\d+) % of the sphere", "".join(_titles(page)))
@@ -46,21 +46,21 @@ def test_half_a_cloud_shows_its_hole() -> None:
 
 
 def test_a_cloud_without_a_calibration_is_still_drawn() -> None:
-    page = _page(golden_cloud(100)[:5] / 10.0)
+    page = _page(golden_points(100)[:5] / 10.0)
     assert _titles(page) == ["before"]
     assert "<strong>refused</strong></h1>" in page
 
 
 def test_many_points_are_drawn_as_fewer() -> None:
-    assert len(_page(np.repeat(golden_cloud(500), 40, axis=0) / 10.0)) < 400_000
+    assert len(_page(np.repeat(golden_points(500), 40, axis=0) / 10.0)) < 400_000
 
 
-@pytest.mark.parametrize("points", [np.zeros((3, 3)), np.full((20, 3), 1e9), golden_cloud(50) / 10.0 + 1e6])
+@pytest.mark.parametrize("points", [np.zeros((3, 3)), np.full((20, 3), 1e9), golden_points(50) / 10.0 + 1e6])
 def test_clouds_of_no_size_and_far_away_are_drawn_too(points: np.ndarray) -> None:
     assert "nan" not in _page(points)
 
 
 def test_names_in_the_page_are_text() -> None:
-    page = _page(golden_cloud(50) / 10.0, "<script>alert(1)</script>.csv")
+    page = _page(golden_points(50) / 10.0, "<script>alert(1)</script>.csv")
     assert "<script" not in page
     assert "&lt;script&gt;" in page

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from hiltest.measurement import Limit, Outcome, judge, round_significant
+from hiltest.measurement import Limit, Outcome, check, round_significant
 
 
 @pytest.mark.parametrize(
@@ -44,55 +44,55 @@ def test_a_limit_reads_as_words() -> None:
 
 
 def test_a_value_inside_its_limit_passes_and_one_outside_fails() -> None:
-    assert judge("heading.direct.max", 0.97, unit="deg", limit=Limit(max=1.8)).outcome is Outcome.PASS
-    assert judge("heading.direct.max", 1.97, unit="deg", limit=Limit(max=1.8)).outcome is Outcome.FAIL
+    assert check("heading.direct.max", 0.97, unit="deg", limit=Limit(max=1.8)).outcome is Outcome.PASS
+    assert check("heading.direct.max", 1.97, unit="deg", limit=Limit(max=1.8)).outcome is Outcome.FAIL
 
 
 def test_a_value_without_limit_is_recorded() -> None:
-    measurement = judge("heading.direct.worst_sector", 210.0, unit="deg")
+    measurement = check("heading.direct.worst_sector", 210.0, unit="deg")
     assert (measurement.outcome, measurement.limit) == (Outcome.INFORMATION, None)
 
 
 def test_what_a_number_is_of_stands_beside_it_unless_its_outcome_needs_the_place() -> None:
-    assert judge("x", 1.0, unit="deg", limit=Limit(max=2), note="of one cloud").note == "of one cloud"
-    assert "nan" in judge("x", math.nan, unit="deg", note="of one cloud").note
-    assert judge("x", None, unit="deg", not_offered="none needed", note="of one cloud").note == "none needed"
-    assert not judge("x", None, unit="deg", note="of one cloud").says_why_not
+    assert check("x", 1.0, unit="deg", limit=Limit(max=2), note="of one cloud").note == "of one cloud"
+    assert "nan" in check("x", math.nan, unit="deg", note="of one cloud").note
+    assert check("x", None, unit="deg", not_offered="none needed", note="of one cloud").note == "none needed"
+    assert not check("x", None, unit="deg", note="of one cloud").says_why_not
 
 
 def test_a_nan_fails_and_leaves_no_value() -> None:
-    measurement = judge("heading.direct.max", math.nan, unit="deg")
+    measurement = check("heading.direct.max", math.nan, unit="deg")
     assert (measurement.outcome, measurement.value) == (Outcome.FAIL, None)
     assert "nan" in measurement.note
 
 
 def test_truth_that_a_real_board_cannot_offer_is_not_unset() -> None:
-    measurement = judge("fit.direct.offset_error", None, unit="uT", limit=Limit(max=1))
+    measurement = check("fit.direct.offset_error", None, unit="uT", limit=Limit(max=1))
     assert measurement.outcome is Outcome.NOT_OFFERED
     assert not measurement.gates
 
 
 def test_a_limit_that_cannot_be_judged_is_unset_and_gates() -> None:
-    measurement = judge("heading.direct.max", 2.7, unit="deg", limit=Limit(max=1.8), not_judged="no mounting declared")
+    measurement = check("heading.direct.max", 2.7, unit="deg", limit=Limit(max=1.8), not_checked="no mounting declared")
     assert measurement.outcome is Outcome.UNSET
     assert measurement.value == 2.7
     assert measurement.gates
 
 
 def test_no_value_under_a_limit_is_unset_where_the_board_could_offer_one() -> None:
-    measurement = judge("fit.direct.offset_error", None, unit="uT", limit=Limit(max=1), could_offer=True)
+    measurement = check("fit.direct.offset_error", None, unit="uT", limit=Limit(max=1), could_offer=True)
     assert measurement.outcome is Outcome.UNSET
     assert "no value was given" in measurement.note
-    assert judge("fit.direct.offset_error", None, unit="uT", could_offer=True).outcome is Outcome.NOT_OFFERED
+    assert check("fit.direct.offset_error", None, unit="uT", could_offer=True).outcome is Outcome.NOT_OFFERED
 
 
 def test_nothing_is_unset_where_no_limit_was_asked_for() -> None:
-    assert judge("x", 1.0, unit="deg", not_judged="no mounting declared").outcome is Outcome.INFORMATION
+    assert check("x", 1.0, unit="deg", not_checked="no mounting declared").outcome is Outcome.INFORMATION
 
 
 def test_cycles_without_their_model_are_refused() -> None:
     with pytest.raises(ValueError, match="cycle model"):
-        judge("cycles.direct.total", 12400, unit="cycle")
+        check("cycles.direct.total", 12400, unit="cycle")
 
 
 @pytest.mark.parametrize(
@@ -112,10 +112,10 @@ def test_host_numbers_are_written_with_nine_significant_digits(value: float | No
 
 def test_numbers_are_never_written_in_powers_of_ten() -> None:
     limit = Limit(max=10_000)
-    measurement = judge("cycles.direct.total", 12_345_678.0, unit="cycle", limit=limit, cycle_model="m")
+    measurement = check("cycles.direct.total", 12_345_678.0, unit="cycle", limit=limit, cycle_model="m")
     assert str(measurement) == "cycles.direct.total = 12 345 678 cycle, limit at most 10 000: fail"
 
 
 def test_a_measurement_says_itself_in_one_line() -> None:
-    measurement = judge("heading.direct.max", 1.97, unit="deg", limit=Limit(max=1.8))
+    measurement = check("heading.direct.max", 1.97, unit="deg", limit=Limit(max=1.8))
     assert str(measurement) == "heading.direct.max = 1.97 deg, limit at most 1.8: fail"

@@ -34,7 +34,7 @@ from hiltest.orientation.quaternions import Quaternion, from_ned_axes, normalise
 
 IDENTITY: Quaternion = np.array([0.0, 0.0, 0.0, 1.0])
 IDENTITY.flags.writeable = False
-#: A step that turns by more is refused: it cannot be told from a turn the other way round [rad].
+#: A step that turns by more is refused: it looks like a turn the other way round [rad].
 LONGEST_STEP_RAD = math.pi
 #: Norms between which a vector counts as one: float32 has room for their squares.
 SMALLEST_NORM, LARGEST_NORM = 1e-6, 1e6

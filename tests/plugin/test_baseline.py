@@ -264,7 +264,7 @@ def test_a_choice_of_tests_is_no_baseline_and_no_base_of_a_whole_run(
         shutil.rmtree(pytester.path / "hil-out")  # of a complete run, which chosen tests would leave as it is
         code, sentence = judged(pytester, *options)
         assert code == 0
-        assert "May be merged as far as the chosen tests tell (against base" in sentence
+        assert "May be merged as far as the chosen tests show (against base" in sentence
 
 
 ASIDE = "def pytest_collection_modifyitems(config, items):\n"
@@ -503,7 +503,7 @@ def test_a_gate_on_the_packaged_firmware_says_so_where_nobody_named_one(
     options = [f"--hil-firmware={default_firmware()}"] if by == "option" else []
     result = pytester.runpytest_inprocess("--hil-baseline=base", *options)
     assert result.ret == 0
-    remark = "judged the packaged firmware: name yours with --firmware ELF (in pytest --hil-firmware)"
+    remark = "compared the packaged firmware: name yours with --firmware ELF (in pytest --hil-firmware)"
     assert (remark in result.stdout.str()) is not bool(by)
     assert record(pytester)["comparison"]["remark"] == ("" if by else remark)
     assert (remark in (pytester.path / "hil-out" / "report.html").read_text(encoding="utf-8")) is not bool(by)

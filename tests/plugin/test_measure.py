@@ -72,7 +72,7 @@ def test_it(measure):
 def test_a_limit_that_cannot_be_judged_ends_with_22(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(HEAD + """
 def test_it(measure):
-    measure("x", 1.0, "deg", limit=Limit(max=2), not_judged="no reference")
+    measure("x", 1.0, "deg", limit=Limit(max=2), not_checked="no reference")
 """)
     result = pytester.runpytest_inprocess()
     result.assert_outcomes(passed=1)

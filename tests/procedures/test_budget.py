@@ -13,9 +13,9 @@ from hiltest.procedures import (
     EffortKind,
     effort_curve,
     evenly_spread,
-    golden_cloud,
+    golden_points,
     largest_effort_within,
-    upload_cloud,
+    upload_points,
 )
 from hiltest.procedures.calibrate import calibrate_once
 
@@ -25,7 +25,7 @@ CALIBRATORS = ("direct", "corrected", "iterative", "direct-stream")
 
 @pytest.fixture(autouse=True)
 def cloud(virtual_board: Board) -> None:
-    upload_cloud(virtual_board, golden_cloud(POINTS)[evenly_spread(POINTS)])
+    upload_points(virtual_board, golden_points(POINTS)[evenly_spread(POINTS)])
 
 
 @pytest.mark.parametrize("calibrator", CALIBRATORS)
@@ -78,7 +78,7 @@ def half_a_sphere(points: int) -> NDArray[np.int16]:
 @pytest.mark.parametrize("calibrator", ["direct", "direct-stream"])
 def test_a_refused_ellipsoid_costs_more_than_one_of_more_points(virtual_board: Board, calibrator: str) -> None:
     """The sphere comes on top. So costs go down where fits begin to succeed, and the largest effort is behind that."""
-    upload_cloud(virtual_board, half_a_sphere(24))
+    upload_points(virtual_board, half_a_sphere(24))
     by_effort = {}
     for points in range(9, 25):
         last = effort_curve(virtual_board, calibrator, points=points)[-1]
@@ -91,9 +91,9 @@ def test_a_refused_ellipsoid_costs_more_than_one_of_more_points(virtual_board: B
 
 
 def test_a_stream_that_refuses_a_point_has_no_effort_beyond_it(virtual_board: Board) -> None:
-    cloud = golden_cloud(POINTS)[evenly_spread(POINTS)].copy()
+    cloud = golden_points(POINTS)[evenly_spread(POINTS)].copy()
     cloud[25] = cloud[0] + 2048  # a count beyond what the exact sums have room for
-    upload_cloud(virtual_board, cloud)
+    upload_points(virtual_board, cloud)
     curve = effort_curve(virtual_board, "direct-stream", points=POINTS)
     best = largest_effort_within(virtual_board, "direct-stream", cycles=10**9, points=POINTS)
     assert curve[-1].effort == best.effort == 25

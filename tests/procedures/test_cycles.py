@@ -37,7 +37,7 @@ def test_a_line_needs_two_places(x: list[int], y: list[int]) -> None:
 def test_the_board_counts_every_calibrator_on_the_same_clouds(virtual_board: Board) -> None:
     told: list[tuple[int, int]] = []
     costs = measure_cycles(
-        virtual_board, ["direct", "corrected", "iterative"], clouds=3, sizes=(20, 100, 300),
+        virtual_board, ["direct", "corrected", "iterative"], point_sets=3, sizes=(20, 100, 300),
         progress=lambda _, done, of: told.append((done, of)),
     )  # fmt: skip
     direct, corrected, iterative = costs["direct"], costs["corrected"], costs["iterative"]
@@ -46,7 +46,7 @@ def test_the_board_counts_every_calibrator_on_the_same_clouds(virtual_board: Boa
     assert direct.per_point * 100 + direct.fixed == pytest.approx(direct.total, rel=0.01)  # it is nearly a line
     assert (direct.iterations, corrected.iterations, iterative.iterations > 2) == (0, 2, True)
     assert direct.per_iteration is None
-    assert direct.no_per_iteration == "it took no iterations, and two tell what one costs"
+    assert direct.no_per_iteration == "it took no iterations, and two show what one costs"
     assert corrected.no_per_iteration == iterative.no_per_iteration == ""
     assert [bool(each.no_sweeps) for each in costs.values()] == [True, True, False]
     assert corrected.per_iteration is not None
@@ -73,13 +73,14 @@ def test_the_board_counts_every_calibrator_on_the_same_clouds(virtual_board: Boa
 
 def test_counting_again_gives_the_same_number(virtual_board: Board) -> None:
     first, second = (
-        measure_cycles(virtual_board, ["direct"], clouds=1, sizes=(20, 100))["direct"].cycles.tolist() for _ in range(2)
+        measure_cycles(virtual_board, ["direct"], point_sets=1, sizes=(20, 100))["direct"].cycles.tolist()
+        for _ in range(2)
     )
     assert first == second
 
 
 def test_the_fast_fit_is_near_float64_and_storing_its_points_costs_less_than_it_saves(virtual_board: Board) -> None:
-    costs = measure_cycles(virtual_board, [FAST, "direct"], clouds=1, sizes=(20, 100))
+    costs = measure_cycles(virtual_board, [FAST, "direct"], point_sets=1, sizes=(20, 100))
     fast = measure_fast_fit(virtual_board)
     assert 0.0 < fast.distance_deg < 0.01  # its sums are rounded; the suite's own limit
     assert 0.0 < fast.store_per_point < (costs["direct"].total - costs[FAST].total) / 100

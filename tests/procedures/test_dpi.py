@@ -114,7 +114,7 @@ def test_golden_pairs_are_a_calibrators_and_a_gravity_at_one_angle() -> None:
 
 
 def test_cycles_do_not_depend_on_the_pairs_but_on_their_number(virtual_board: Board) -> None:
-    cost = measure_dpi_cycles(virtual_board, clouds=2, sizes=(300, 350, 400))
+    cost = measure_dpi_cycles(virtual_board, point_sets=2, sizes=(300, 350, 400))
     print(f"{cost.total} cycles of 300 pairs, {cost.per_point:.0f} a pair, {cost.fixed:.0f} fixed")
     assert cost.spread == 0
     assert cost.regression_residual < 1e-6
@@ -127,7 +127,7 @@ def test_what_a_refusal_costs_is_no_measure_of_the_fit(virtual_board: Board) -> 
     virtual_board.session.request(SetAccelerometer(0, np.diag([1.0, 1.0, 0.0]) / 8192.0, np.zeros(3)))
     try:
         with pytest.raises(CalibrationError, match="the board refuses 300 golden pairs against gravity: SINGULAR"):
-            measure_dpi_cycles(virtual_board, clouds=1, sizes=(300, 350))
+            measure_dpi_cycles(virtual_board, point_sets=1, sizes=(300, 350))
     finally:
         virtual_board.session.request(SetAccelerometer(0, GAIN, OFFSET))
 

@@ -74,7 +74,7 @@ def table(bench: Bench) -> Iterator[GrblTurntable]:
 
 
 def test_it_comes_back_when_the_table_stands_and_says_where(bench: Bench, table: GrblTurntable) -> None:
-    assert table.turn_to(Pose(330.0, -20.0, 5.0), judged=3) == Achieved(330.0, -20.0, 5.0, 0.1)
+    assert table.turn_to(Pose(330.0, -20.0, 5.0), known_angle=3) == Achieved(330.0, -20.0, 5.0, 0.1)
     assert (bench.pose.pitch_deg, bench.pose.roll_deg) == pytest.approx((-20.0, 5.0), abs=1e-9)
     assert bench.pose.heading_deg == pytest.approx(331.7, abs=1e-9)  # mounted 1.7 degrees further
     assert not bench.axes.busy

@@ -105,7 +105,7 @@ def test_an_undeclared_mounting_is_left_in_the_errors_as_bias(
     virtual_board: Board, simulated_turntable: Turntable, runs: dict[str, CalibratorRun], bench_rig: Rig
 ) -> None:
     assert bench_rig.mounting is not None
-    poses = bench_rig.procedure.judged_poses("level")
+    poses = bench_rig.procedure.known_angle_poses("level")
     undeclared = measure_known_angles(
         virtual_board, simulated_turntable, poses=poses, slots={"direct": runs["direct"].slot}, mounting_yaw_deg=0.0
     )
@@ -147,7 +147,7 @@ def test_a_rotated_soft_iron_leaves_a_good_residual_and_a_bad_heading(bench_rig:
         table = open_turntable(board, uncertainty_deg=0.1)
         run = run_calibrators(board, collect_tumble(board, table, points=100), calibrators=["direct"])["direct"]
         found = measure_known_angles(
-            board, table, poses=rotated.procedure.judged_poses("level"), slots={"direct": run.slot},
+            board, table, poses=rotated.procedure.known_angle_poses("level"), slots={"direct": run.slot},
             mounting_yaw_deg=bench_rig.mounting.yaw_deg,
         )
     assert run.residual_percent < 1.5 * run.residual_predicted_percent

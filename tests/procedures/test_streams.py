@@ -9,15 +9,15 @@ from hiltest.boards import Board
 from hiltest.calibration import fit_direct
 from hiltest.link.messages import GetCalibration
 from hiltest.link.streams import StreamFeed, StreamReset, StreamStatus
-from hiltest.procedures import StreamRun, golden_cloud, run_streams, store_streams, upload_cloud
+from hiltest.procedures import StreamRun, golden_points, run_streams, store_streams, upload_points
 
 POINTS = 130
-CLOUD = golden_cloud(POINTS)
+CLOUD = golden_points(POINTS)
 
 
 @pytest.fixture
 def runs(virtual_board: Board) -> dict[str, StreamRun]:
-    upload_cloud(virtual_board, CLOUD)
+    upload_points(virtual_board, CLOUD)
     return run_streams(virtual_board, POINTS, stages=(40, 100, 200))
 
 
@@ -54,30 +54,30 @@ def test_the_total_of_a_stream_has_the_band_of_all_its_steps_together(
     virtual_board: Board, runs: dict[str, StreamRun]
 ) -> None:
     for run in runs.values():
-        band, fit_band = run.total_band, run.fit_band
+        band, fit_range = run.total_range, run.fit_range
         assert run.total is not None
         assert band is not None
-        assert fit_band is not None
-        assert fit_band.high < band.low < run.total < band.high
+        assert fit_range is not None
+        assert fit_range.high < band.low < run.total < band.high
     # A step of `direct-stream` is the same for every point but the first and those behind it that carry.
     direct = runs["direct-stream"]
-    assert direct.total_band is not None
-    assert direct.fit_band is not None
+    assert direct.total_range is not None
+    assert direct.fit_range is not None
     virtual_board.session.request(StreamReset("direct-stream"))
     bands = []
     for index in range(POINTS):
         reply = virtual_board.session.request(StreamFeed("direct-stream", index, 1))
         assert reply.costs is not None
-        bands.append(virtual_board.cycle_band(reply.costs[0]))
+        bands.append(virtual_board.cycle_range(reply.costs[0]))
     lows, highs = zip(*((each.low, each.high) for each in bands if each), strict=True)
     assert len(lows) == POINTS
-    assert (sum(lows) + direct.fit_band.low, sum(highs) + direct.fit_band.high) == (
-        direct.total_band.low, direct.total_band.high
+    assert (sum(lows) + direct.fit_range.low, sum(highs) + direct.fit_range.high) == (
+        direct.total_range.low, direct.total_range.high
     )
 
 
 def test_steps_that_were_not_the_last_that_were_timed_have_no_band(virtual_board: Board) -> None:
-    upload_cloud(virtual_board, CLOUD)
+    upload_points(virtual_board, CLOUD)
     virtual_board.session.request(StreamReset("direct-stream"))
     reply = virtual_board.session.request(StreamFeed("direct-stream", 0, 5))
     assert reply.costs is not None
@@ -115,7 +115,7 @@ def test_the_last_calibrations_go_into_slots_as_far_as_there_are(
 def test_a_point_that_is_refused_ends_a_run_and_is_named(virtual_board: Board) -> None:
     cloud = CLOUD.copy()
     cloud[90] = cloud[0] + 2048  # a count beyond what the exact sums have room for
-    upload_cloud(virtual_board, cloud)
+    upload_points(virtual_board, cloud)
     run = run_streams(virtual_board, POINTS, stages=(40, 100))["direct-stream"]
     assert run.refused is StreamStatus.OUT_OF_RANGE
     assert run.cycles is not None

@@ -27,7 +27,7 @@ def answers(*lines: str) -> tuple[list[str], Callable[[str], str]]:
 def test_enter_means_that_the_pose_was_reached() -> None:
     asked, prompt = answers("")
     table = OperatorTurntable(prompt=prompt, uncertainty_deg=0.5)
-    assert table.turn_to(Pose(30.0, -20.0, 0.0), judged=4) == Achieved(30.0, -20.0, 0.0, 0.5)
+    assert table.turn_to(Pose(30.0, -20.0, 0.0), known_angle=4) == Achieved(30.0, -20.0, 0.0, 0.5)
     assert asked[0].startswith("pose 5: turn to heading 30, pitch -20, roll +0")
 
 
@@ -52,7 +52,7 @@ def test_a_terminal_that_has_been_closed_is_an_absent_operator() -> None:
 
     table = OperatorTurntable(prompt=closed, uncertainty_deg=0.5)
     for ask in (table.rest, table.sway, lambda: table.tumble(2.0), lambda: table.turn_to(Pose(30.0))):
-        with pytest.raises(OperatorAbsentError, match=r"nobody answers at the terminal; this was asked: \w+"):
+        with pytest.raises(OperatorAbsentError, match=r"no one answers at the terminal; this was asked: \w+"):
             ask()
 
 

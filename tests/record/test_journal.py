@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from hiltest.errors import ConfigError
-from hiltest.measurement import Limit, judge
+from hiltest.measurement import Limit, check
 from hiltest.record.files import RECORD_FILES, RUN_FILE
 from hiltest.record.journal import JOURNAL_FILE, Journal
 from hiltest.record.outcomes import TestOutcome
@@ -39,7 +39,7 @@ def begin(tmp_path: Path, board: BoardRecord) -> Iterator[Begin]:
         recorder.begin(calibration)
         recorder.rig(RigRecord("virtual-k64f", "rig.toml", "cd" * 32, "not declared"), seed=None)
         recorder.board(board, seed=7)
-        recorder.found([judge("heading.direct.max", 0.97, unit="deg", limit=Limit(max=1.8), test="a")],
+        recorder.found([check("heading.direct.max", 0.97, unit="deg", limit=Limit(max=1.8), test="a")],
                        [Table("t", (Column("n"),), ((1,), (2,)))])
         recorder.finished(TestResult("a", TestOutcome.PASSED, 1.0))
         return recorder
@@ -105,7 +105,7 @@ def test_a_run_that_goes_on_says_so(begin: Begin) -> None:
 
 def test_what_is_out_of_its_limit_is_named_even_when_the_run_is_cut_short(begin: Begin) -> None:
     recorder = begin()
-    recorder.found([judge("heading.direct.max", 2.5, unit="deg", limit=Limit(max=1.8), test="b")], ())
+    recorder.found([check("heading.direct.max", 2.5, unit="deg", limit=Limit(max=1.8), test="b")], ())
     recorder.finished(TestResult("b", TestOutcome.FAILED, 1.0, "heading.direct.max = 2.5"))
     recorder.finished(TestResult("c", TestOutcome.FAILED, 1.0, "assert 1 == 2"))
     recorder.release()

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.measurement import Limit, judge
+from hiltest.measurement import Limit, check
 from hiltest.record.run_json import write_run
 
 from ..trend.runs import finished_run
 
 pytestmark = pytest.mark.slow
 
-TOTAL = judge("cycles.direct.total", 11_061, unit="cycle", limit=Limit(max=12_500), cycle_model="m")
+TOTAL = check("cycles.direct.total", 11_061, unit="cycle", limit=Limit(max=12_500), cycle_model="m")
 
 
 def export(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -29,7 +29,7 @@ def folder(tmp_path: Path) -> Path:
     """Where there are a run, and a campaign of three seeds."""
     for name, seed in (("run", 1), ("night/seed-0001", 1), ("night/seed-0002", 2), ("night/seed-0003", 3)):
         (tmp_path / name).mkdir(parents=True)
-        points = judge("tumble.points", 300 + seed, unit="")
+        points = check("tumble.points", 300 + seed, unit="")
         write_run(finished_run(1, TOTAL, points, seed=seed), tmp_path / name)
     return tmp_path
 
@@ -78,6 +78,6 @@ def test_a_wrong_command_line_ends_with_4(folder: Path, arguments: list[str], co
 
 
 def test_a_run_without_a_number_to_export_is_refused(tmp_path: Path) -> None:
-    write_run(finished_run(1, judge("a.fact", 1, unit="mT"), TOTAL), tmp_path)
+    write_run(finished_run(1, check("a.fact", 1, unit="mT"), TOTAL), tmp_path)
     done = export(tmp_path, ".", "--format", "github-action-benchmark", "--better", "larger")
     assert (done.returncode, done.stderr) == (4, "ERROR: .: no number in it is better when larger\n")

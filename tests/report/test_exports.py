@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from hiltest.measurement import Limit, Measurement, judge
+from hiltest.measurement import Limit, Measurement, check
 from hiltest.report.exports import bencher_json, exported, github_action_benchmark_json
 
 MODEL = "cortex-m4-trm/1@sram"
@@ -19,15 +19,15 @@ def one(*measurements: Measurement) -> Mapping[int | None, Mapping[str, Measurem
     return {1: {each.name: each for each in measurements}}
 
 
-TOTAL = judge("cycles.direct.total", 11_061, unit="cycle", limit=Limit(max=12_500), cycle_model=MODEL)
-BIAS = judge("heading.direct.bias", -0.25, unit="deg", limit=Limit.within(0.7))
-COVERAGE = judge("tumble.coverage", 97.5, unit="%")
-SECTOR = judge("heading.direct.worst_sector", 200, unit="deg")
-MINE = judge("mine.left", 5, unit="", limit=Limit(min=3))
+TOTAL = check("cycles.direct.total", 11_061, unit="cycle", limit=Limit(max=12_500), cycle_model=MODEL)
+BIAS = check("heading.direct.bias", -0.25, unit="deg", limit=Limit.within(0.7))
+COVERAGE = check("tumble.coverage", 97.5, unit="%")
+SECTOR = check("heading.direct.worst_sector", 200, unit="deg")
+MINE = check("mine.left", 5, unit="", limit=Limit(min=3))
 ALL = one(
-    TOTAL, BIAS, COVERAGE, SECTOR, MINE, judge("a.fact", 7, unit="mT"), judge("no.number", None, unit="deg"),
-    judge("board.wall_seconds", 8.1, unit="s", limit=Limit(max=60), volatile=True),
-    judge("not.finite", math.nan, unit="deg", limit=Limit(max=1)),
+    TOTAL, BIAS, COVERAGE, SECTOR, MINE, check("a.fact", 7, unit="mT"), check("no.number", None, unit="deg"),
+    check("board.wall_seconds", 8.1, unit="s", limit=Limit(max=60), volatile=True),
+    check("not.finite", math.nan, unit="deg", limit=Limit(max=1)),
 )
 
 
@@ -89,7 +89,7 @@ def test_the_action_gets_one_sense_a_file() -> None:
 def test_over_seeds_it_is_the_mean_with_the_smallest_and_the_largest() -> None:
     values = {1: -0.1, 2: 0.4, 3: 0.1, 4: None}
     by_seed = {
-        seed: {BIAS.name: judge(BIAS.name, value, unit="deg")} for seed, value in values.items()
+        seed: {BIAS.name: check(BIAS.name, value, unit="deg")} for seed, value in values.items()
     }
     numbers = exported(by_seed)
     bmf = json.loads(bencher_json(numbers))
@@ -105,13 +105,13 @@ def test_over_seeds_it_is_the_mean_with_the_smallest_and_the_largest() -> None:
 
 
 def test_cycles_of_two_models_have_two_names() -> None:
-    other = judge(TOTAL.name, 11_061, unit="cycle", cycle_model="silicon-dwt")
+    other = check(TOTAL.name, 11_061, unit="cycle", cycle_model="silicon-dwt")
     names = {each.name for run in (one(TOTAL), one(other)) for each in exported(run)}
     assert names == {f"cycles.direct.total ({MODEL})", "cycles.direct.total (silicon-dwt)"}
 
 
 def test_names_longer_than_bencher_keeps_are_cut_behind_no_sense() -> None:
-    long = judge("x" * 2000, 1.0, unit="<u>" * 100, limit=Limit(max=2))
+    long = check("x" * 2000, 1.0, unit="<u>" * 100, limit=Limit(max=2))
     content = json.loads(bencher_json(exported(one(long))))
     check_bmf(content)
     ((measure, _),) = content["x" * 1024].items()

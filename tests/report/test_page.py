@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import pytest
 
-from hiltest.measurement import EXACT, Better, CycleBand, Limit, Measurement, Tolerance, judge
+from hiltest.measurement import EXACT, Better, CycleRange, Limit, Measurement, Tolerance, check
 from hiltest.record.comparison import Change, Comparison, Difference, Side
 from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import Column, Findings, Run, Table, TestResult
@@ -50,7 +50,7 @@ def test_streams_have_their_cycles_in_the_table_of_all_calibrators(
     cycles = {"cycles_mean": 246.03, "cycles_max": 255.0, "fit_cycles": 3503}
     stream = [each for each in heading("direct-stream", 0.9, limit=1.8, cycles=1) if each.name.startswith("heading")]
     run = finished(findings(*good, *stream, *(
-        judge(f"stream.direct-stream.{name}", value, unit="cycle", cycle_model="m") for name, value in cycles.items()
+        check(f"stream.direct-stream.{name}", value, unit="cycle", cycle_model="m") for name, value in cycles.items()
     )))
     table = accuracy_and_cost(run)
     assert [row.name for row in table.rows] == ["direct", "iterative", "direct-stream"]
@@ -60,8 +60,8 @@ def test_streams_have_their_cycles_in_the_table_of_all_calibrators(
     assert (row["per point"].text, row["per point"].note) == ("246", "max 255")
     assert row["fixed"].text == "3 503"
     assert "direct-stream: 0.90 degrees for 77 312 cycles" in html_report(run)
-    total = judge(
-        "stream.direct-stream.total", 77_312, unit="cycle", cycle_model="m", band=CycleBand(76_000, 80_500)
+    total = check(
+        "stream.direct-stream.total", 77_312, unit="cycle", cycle_model="m", band=CycleRange(76_000, 80_500)
     )
     banded = accuracy_and_cost(replace(run, measurements=(*run.measurements, total))).rows[-1]
     assert "300 points, 76 000 to 80 500" in [cell.note for cell in banded.cells]
@@ -69,7 +69,7 @@ def test_streams_have_their_cycles_in_the_table_of_all_calibrators(
 
 def test_a_verdict_is_told_by_a_sign_and_a_word_and_not_by_its_colour(findings: Make, good: list[Measurement]) -> None:
     assert '<span aria-hidden="true">✓</span> pass</strong></h1>' in html_report(finished(findings(*good)))
-    bad = judge("gyroscope.bias_error", 0.4, unit="dps", limit=Limit(max=0.1), test="t.py::t")
+    bad = check("gyroscope.bias_error", 0.4, unit="dps", limit=Limit(max=0.1), test="t.py::t")
     page = html_report(finished(findings(*good, bad)))
     assert '<span aria-hidden="true">✗</span> fail</strong></h1>' in page
     failures = text_of(page)[text_of(page).index("Measurements beyond their limit"):]
@@ -129,9 +129,9 @@ def test_a_run_of_nothing_still_has_a_page(findings: Make) -> None:
 def test_cycles_against_points_stand_with_the_accuracy_that_they_buy(
     findings: Make, measured: list[str], said: str
 ) -> None:
-    line = [judge(f"cycles.direct.{what}", value, unit="cycle", cycle_model="m@sram")
+    line = [check(f"cycles.direct.{what}", value, unit="cycle", cycle_model="m@sram")
             for what, value in (("per_point", 105.0), ("fixed", 1900.0))]
-    accuracy = [judge(name, 0.894, unit="deg") for name in measured]
+    accuracy = [check(name, 0.894, unit="deg") for name in measured]
     page = html_report(finished(findings(*line, *accuracy)))
     keys = [text_of(f"<body>{each}") for each in re.findall("<li>(.*?)</li>", page)]
     assert {f"direct: 105.0 n + 1 900{said}", "iterative: cycles"} <= set(keys)
@@ -168,7 +168,7 @@ def test_every_table_has_a_caption_and_every_heading_a_scope(run: Run) -> None:
 def test_a_name_can_neither_hide_nor_turn_the_words_around_it(findings: Make, name: str, shown: str) -> None:
     assert legible(name) == shown
     failed = TestResult(f'{name}["\'x\']', TestOutcome.FAILED, 1, reason=name)
-    made = findings(judge(name, 1.0, unit="uT"), tests=(failed,))
+    made = findings(check(name, 1.0, unit="uT"), tests=(failed,))
     made.tables["cycles.sizes"] = Table("cycles.sizes", (Column("n"), Column(name, "cycle")), ((1, 2), (3, 4)))
     page = html_report(finished(made))
     page.encode()
@@ -219,7 +219,7 @@ def test_a_run_that_was_compared_with_nothing_has_no_such_section(run: Run) -> N
 def test_a_thousand_measurements_are_three_megabytes_at_most(findings: Make) -> None:
     names = [f"family_{k % 25}.calibrator-{k // 25}.a_rather_long_quantity" for k in range(1000)]
     test = "hil/suites/test_heading.py::test_a_rather_long_sentence_about_behaviour"
-    measurements = [judge(name, 1.2345, unit="deg", limit=Limit(max=2), test=test) for name in names]
+    measurements = [check(name, 1.2345, unit="deg", limit=Limit(max=2), test=test) for name in names]
     differences = tuple(difference(name, Change.WORSE, 1.0, 1.2345, unit="deg", limit=Limit(max=2)) for name in names)
     run = replace(finished(findings(*measurements)), comparison=Comparison(SIDE, SIDE, differences, (), "All worse."))
     page = html_report(run)

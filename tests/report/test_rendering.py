@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.measurement import Limit, Measurement, judge
+from hiltest.measurement import Limit, Measurement, check
 from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import Findings, Run, Table, TestResult
 from hiltest.report.figures.cost import budget_figures
@@ -70,7 +70,7 @@ def run(findings: Make, good: list[Measurement]) -> Run:
 @pytest.fixture
 def hostile(findings: Make) -> Run:
     made = findings(
-        judge("heading.<b>.max", 1.0, unit="<i>", limit=Limit(max=2)), judge(HOSTILE, 1.0, unit=HOSTILE),
+        check("heading.<b>.max", 1.0, unit="<i>", limit=Limit(max=2)), check(HOSTILE, 1.0, unit=HOSTILE),
         tests=(TestResult(HOSTILE, TestOutcome.FAILED, 1, reason=HOSTILE),),
     )
     assert made.board is not None
@@ -137,7 +137,7 @@ def test_markdown_stays_on_one_line() -> None:
 
 
 def test_markdown_leads_with_what_is_out_of_order(findings: Make, good: list[Measurement]) -> None:
-    bad = judge("gyroscope.bias_error", 0.4, unit="dps", limit=Limit(max=0.1), test="t.py::t")
+    bad = check("gyroscope.bias_error", 0.4, unit="dps", limit=Limit(max=0.1), test="t.py::t")
     made = findings(*good, bad, tests=(TestResult("t.py::t", TestOutcome.FAILED, 1, reason="out"),))
     text = markdown_report(made.finish(decide(made, pytest_exit=1), ""))
     assert text.startswith("# FAIL\n")
@@ -250,7 +250,7 @@ def test_a_logarithmic_axis_has_no_zero() -> None:
 def test_what_streams_know_on_the_way_is_in_both_reports(findings: Make, good: list[Measurement]) -> None:
     cycles = {"cycles_mean": 246.03, "cycles_median": 246.0, "cycles_max": 255.0, "fit_cycles": 3503}
     made = findings(*good, *(
-        judge(f"stream.direct-stream.{name}", value, unit="cycle", cycle_model="m") for name, value in cycles.items()
+        check(f"stream.direct-stream.{name}", value, unit="cycle", cycle_model="m") for name, value in cycles.items()
     ))
     run = made.finish(decide(made, pytest_exit=0), "")
     page = Page(html_report(run)).text

@@ -106,9 +106,9 @@ def test_a_unit_belongs_to_a_name(edited, tmp_path):
 
 def test_poses_are_twelve_headings_at_five_tilts_level_first():
     procedure = load_rig(DEFAULT).procedure
-    poses = procedure.judged_poses()
+    poses = procedure.known_angle_poses()
     assert len(poses) == len(set(poses)) == 60
-    assert poses[:12] == procedure.judged_poses("level") == tuple(Pose(30.0 * k, 0.0, 0.0) for k in range(12))
+    assert poses[:12] == procedure.known_angle_poses("level") == tuple(Pose(30.0 * k, 0.0, 0.0) for k in range(12))
     assert {(pose.pitch_deg, pose.roll_deg) for pose in poses} == {(0, 0), (20, 0), (-20, 0), (0, 20), (0, -20)}
 
 
@@ -385,7 +385,7 @@ def test_the_judged_poses_of_the_harsh_rigs_lie_all_inside_what_is_covered_or_al
     rig = load_rig(RIGS / f"virtual-k64f-{name}.toml")
     covered, world = rig.turntable.covered, build_world(rig)
     seen = 0
-    for pose in rig.procedure.judged_poses():
+    for pose in rig.procedure.known_angle_poses():
         field = world.at(world.turn_to(pose, time_s=0.0)).field_body_ut
         along = sum(a * b for a, b in zip(covered.axis, field, strict=True)) / math.hypot(*field)
         seen += along / math.hypot(*covered.axis) > 1.0 - 2.0 * covered.fraction

@@ -16,7 +16,7 @@ import pytest
 
 from hiltest.cli import commands
 from hiltest.errors import ConfigError
-from hiltest.measurement import Better, Limit, Tolerance, judge
+from hiltest.measurement import Better, Limit, Tolerance, check
 from hiltest.record.comparison import Change, Comparison, Difference, Side
 from hiltest.record.journal import JOURNAL_FILE, Journal
 from hiltest.runs.campaign import SeedResult, campaign_exit_code, campaign_sentence, spreads_of
@@ -27,10 +27,10 @@ from hiltest.verdict.wording import sentence as comparison_sentence
 
 def result(seed: int, heading_deg: float, exit_code: int = 0) -> SeedResult:
     measurements = (
-        judge("heading.direct.max", heading_deg, unit="deg", limit=Limit(max=1.8)),
-        judge("heading.uncalibrated.max", 10.0, unit="deg"),
-        judge("board.wall_seconds", 5.0 + seed, unit="s", volatile=True),
-        judge("fit.direct.offset_error", None, unit="uT"),
+        check("heading.direct.max", heading_deg, unit="deg", limit=Limit(max=1.8)),
+        check("heading.uncalibrated.max", 10.0, unit="deg"),
+        check("board.wall_seconds", 5.0 + seed, unit="s", volatile=True),
+        check("fit.direct.offset_error", None, unit="uT"),
     )
     return SeedResult(seed, exit_code, "sentence", measurements, excusable=exit_code == 1)
 

@@ -51,7 +51,7 @@ both = pytest.mark.parametrize("sensor", [Gyroscope, Accelerometer])
 def moving_world():
     world = World(FIELD)
     world.turn_to(Pose(90.0, 20.0), time_s=0.25)
-    world.turn_to(Pose(200.0, -20.0), time_s=1.0, judged_pose=3)  # noise of another epoch from there on
+    world.turn_to(Pose(200.0, -20.0), time_s=1.0, known_angle=3)  # noise of another epoch from there on
     return world
 
 

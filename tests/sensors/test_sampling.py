@@ -78,7 +78,7 @@ def test_noise_at_a_judged_pose_is_the_same_whenever_one_gets_there():
     for command_s in (1.0, 4.2 + 1e-6, 17.0):
         world = World(FIELD)
         parts = [active_mag3110(world), active_fxos8700cq(world), active_fxas21002c(world)]
-        arrival = world.turn_to(Pose(120, 0, 20), time_s=command_s, judged_pose=31)
+        arrival = world.turn_to(Pose(120, 0, 20), time_s=command_s, known_angle=31)
         answers.append(
             [read(part, arrival + 0.002 + k / 20.0, 0x01, 6) for k in range(20) for part in parts]
         )

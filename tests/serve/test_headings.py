@@ -27,7 +27,7 @@ def test_a_served_board_is_turned_calibrated_and_judged_without_anybody(serve: S
         assert tumble.coverage > 0.9
         run = run_calibrators(board, tumble, calibrators=["direct"])["direct"]
         angles = measure_known_angles(
-            board, table, poses=rig.procedure.judged_poses("level")[::3],
+            board, table, poses=rig.procedure.known_angle_poses("level")[::3],
             slots={"uncalibrated": 0, "direct": run.slot}, mounting_yaw_deg=rig.mounting.yaw_deg,
         )
         table.close()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from hiltest.measurement import Limit, Measurement, Tolerance, judge
+from hiltest.measurement import Limit, Measurement, Tolerance, check
 from hiltest.record.comparison import Side
 from hiltest.trend.series import RunEntry
 from hiltest.verdict.evidence import Conditions, Evidence
@@ -37,8 +37,8 @@ def entry(
 
 def cycles(value: float, *, limit: float | None = 12_500, model: str = MODEL) -> Measurement:
     most = None if limit is None else Limit(max=limit)
-    return judge("cycles.direct.total", value, unit="cycle", limit=most, cycle_model=model)
+    return check("cycles.direct.total", value, unit="cycle", limit=most, cycle_model=model)
 
 
 def degrees(value: float, name: str = "heading.direct.max") -> Measurement:
-    return judge(name, value, unit="deg")
+    return check(name, value, unit="deg")

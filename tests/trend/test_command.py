@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.measurement import Limit, judge
+from hiltest.measurement import Limit, check
 
 from .entries import cycles, degrees
 
@@ -52,7 +52,7 @@ def test_the_table_the_steps_and_the_sentence_are_printed_and_the_page_is_writte
 
 
 def test_cycles_of_several_models_are_told_apart_in_the_table(tmp_path: Path, write: WriteRun) -> None:
-    crc = judge("crc32.cycles", 100, unit="cycle", cycle_model="m@flash", limit=Limit(max=200))
+    crc = check("crc32.cycles", 100, unit="cycle", cycle_model="m@flash", limit=Limit(max=200))
     write("1", 1, cycles(11_061), crc, degrees(1.0))
     done = trend(tmp_path)
     words = " ".join(done.stdout.split())

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from hiltest.errors import ConfigError
-from hiltest.measurement import Limit, judge
+from hiltest.measurement import Limit, check
 from hiltest.record.journal import JOURNAL_FILE, Journal
 from hiltest.record.recorder import Recorder
 from hiltest.trend.folder import read_folder
@@ -58,16 +58,17 @@ def test_a_baseline_is_an_entry_of_the_time_it_was_saved(tmp_path: Path, write: 
 
 
 def test_what_a_baseline_has_accepted_is_of_the_build_that_it_is_of(tmp_path: Path, write: WriteRun) -> None:
-    heading = judge("heading.direct.max", 0.9, unit="deg")
+    heading = check("heading.direct.max", 0.9, unit="deg")
     saved = baseline_of(read_evidence(write("a", 1, cycles(11_061), heading, build="a")), "2026-01-01T01:00:00Z")
-    newer = read_evidence(write("b", 2, cycles(11_161), judge("heading.direct.max", 1.4, unit="deg"), build="b"))
+    newer = read_evidence(write("b", 2, cycles(11_161), check("heading.direct.max", 1.4, unit="deg"), build="b"))
     mixed = accept(saved, newer, ["cycles.*"], because="x", when_utc="2026-01-02T01:00:00Z")
     (tmp_path / "base.json").write_text(to_json(mixed))
     write("c", 3, cycles(11_261), heading, build="c")
     trend = trend_of(read_folder(tmp_path)[0])
     assert [each.file for each in trend.entries] == ["a/run.json", "b/run.json", "base.json", "c/run.json"]
     at_the_baseline, after_it = (
-        {step.difference.name: between(trend, step) for step in trend.steps if number in (step.before, step.after)}
+        {point.difference.name: between(trend, point) for point in trend.change_points
+         if number in (point.before, point.after)}
         for number in (2, 3)
     )
     assert at_the_baseline == {"heading.direct.max": "build b -> a", "cycles.direct.total": "build b -> c"}
@@ -146,7 +147,7 @@ def test_a_baseline_from_before_limits_were_kept_takes_none_away(tmp_path: Path,
     assert str(measured.limit) == "at most 12 500"
     assert [str(point.limit) for point in measured.series[0].points] == ["at most 12 500"] * 2
     # One that keeps limits knows them: what has none there has none.
-    unlimited = write("b", 6, cycles(11_061, limit=None), judge("x", 1.0, unit="deg", limit=Limit(max=2)))
+    unlimited = write("b", 6, cycles(11_061, limit=None), check("x", 1.0, unit="deg", limit=Limit(max=2)))
     (tmp_path / "later.json").write_text(to_json(baseline_of(read_evidence(unlimited), "2026-01-07T00:00:00Z")))
     assert trend_of(read_folder(tmp_path)[0]).measured[0].limit is None
 

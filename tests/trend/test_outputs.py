@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
-from hiltest.measurement import Limit, judge
+from hiltest.measurement import Limit, check
 from hiltest.record.comparison import Revision
 from hiltest.trend.figures import figure
 from hiltest.trend.folder import Skipped
@@ -148,7 +148,7 @@ def test_every_run_is_called_by_what_it_was_made_for() -> None:
 
 
 def test_the_page_needs_no_network_and_hostile_names_show_as_text() -> None:
-    hostile = entry(1, judge(HOSTILE, 1.0, unit=HOSTILE, limit=Limit(max=2)), build=HOSTILE, file=HOSTILE)
+    hostile = entry(1, check(HOSTILE, 1.0, unit=HOSTILE, limit=Limit(max=2)), build=HOSTILE, file=HOSTILE)
     trend = trend_of([hostile, replace(hostile, when_utc="2026-01-02T00:00:00Z")])
     page = trend_page(trend, [Skipped(HOSTILE, HOSTILE)])
     assert "<script" not in page

@@ -8,16 +8,16 @@ from dataclasses import replace
 
 import pytest
 
-from hiltest.measurement import Limit, Tolerance, judge
+from hiltest.measurement import Limit, Tolerance, check
 from hiltest.record.comparison import Change
-from hiltest.trend.series import Step, Trend, trend_of
+from hiltest.trend.series import ChangePoint, Trend, trend_of
 from hiltest.trend.words import sentence
 
 from .entries import cycles, degrees, entry
 
 
 def steps_of(trend: Trend) -> list[tuple[int, int, Change]]:
-    return [(step.before, step.after, step.difference.change) for step in reversed(trend.steps)]
+    return [(step.before, step.after, step.difference.change) for step in reversed(trend.change_points)]
 
 
 def test_one_cycle_more_is_a_step_where_it_happened_and_only_there() -> None:
@@ -25,7 +25,7 @@ def test_one_cycle_more_is_a_step_where_it_happened_and_only_there() -> None:
     assert steps_of(trend) == [(2, 3, Change.WORSE)]
     (measured,) = trend.measured
     assert [point.value for point in measured.series[0].points] == [11_061] * 3 + [11_062] * 3
-    assert trend.steps[0].difference.delta == 1
+    assert trend.change_points[0].difference.delta == 1
 
 
 def test_entries_stand_in_the_order_of_time_whatever_order_they_were_found_in() -> None:
@@ -72,7 +72,7 @@ def test_another_model_of_the_number_itself_is_not_joined_either() -> None:
 
 
 def test_a_number_in_another_unit_is_another_measurement() -> None:
-    trend = trend_of([entry(1, judge("x", 1, unit="deg")), entry(2, judge("x", 60, unit="arcmin"))])
+    trend = trend_of([entry(1, check("x", 1, unit="deg")), entry(2, check("x", 60, unit="arcmin"))])
     assert steps_of(trend) == []
     assert [(each.name, each.unit) for each in trend.measured] == [("x", "arcmin"), ("x", "deg")]
 
@@ -106,7 +106,7 @@ def test_who_does_not_know_the_limit_does_not_say_that_there_is_none() -> None:
 
 def test_a_number_within_its_tolerance_is_no_step_for_a_limit_that_it_misses_now() -> None:
     before, after = (
-        judge("heading.direct.max", value, unit="deg", limit=Limit(max=most))
+        check("heading.direct.max", value, unit="deg", limit=Limit(max=most))
         for value, most in ((1.0, 1.8), (1.001, 1.0005))
     )
     assert (before.outcome, after.outcome) == ("pass", "fail")
@@ -115,14 +115,14 @@ def test_a_number_within_its_tolerance_is_no_step_for_a_limit_that_it_misses_now
 
 def test_a_step_out_of_the_limit_says_that_it_fails() -> None:
     trend = trend_of([entry(1, cycles(11_061)), entry(2, cycles(13_000))])
-    assert trend.steps[0].difference.outcome == "fail"
+    assert trend.change_points[0].difference.outcome == "fail"
     assert trend.measured[0].limit is not None
 
 
 def test_what_is_volatile_or_no_number_has_no_trend() -> None:
     trend = trend_of([
-        entry(1, judge("board.wall_seconds", 8.1, unit="s", volatile=True), judge("a", None, unit="deg"),
-              judge("b", float("nan"), unit="deg")),
+        entry(1, check("board.wall_seconds", 8.1, unit="s", volatile=True), check("a", None, unit="deg"),
+              check("b", float("nan"), unit="deg")),
     ])  # fmt: skip
     assert trend.measured == ()
 
@@ -135,7 +135,7 @@ def test_a_campaign_is_one_point_with_its_spread_and_its_paired_change() -> None
     first, second = trend.measured[0].series[0].points
     assert (first.value, first.low, first.high) == pytest.approx((1.05, 0.6, 1.5))
     assert second.value - first.value == pytest.approx(0.2)
-    (step,) = trend.steps
+    (step,) = trend.change_points
     assert step.difference.seeds == 10
     assert step.difference.interval == pytest.approx((0.2, 0.2))
 
@@ -145,8 +145,8 @@ def test_steps_of_all_measurements_are_listed_newest_first() -> None:
         return entry(day, cycles(one), degrees(other))
 
     trend = trend_of([both(1, 100, 1.0), both(2, 200, 1.0), both(3, 200, 2.0)])  # type: ignore[list-item]
-    assert [step.difference.name for step in trend.steps] == ["heading.direct.max", "cycles.direct.total"]
-    assert all(isinstance(step, Step) for step in trend.steps)
+    assert [step.difference.name for step in trend.change_points] == ["heading.direct.max", "cycles.direct.total"]
+    assert all(isinstance(step, ChangePoint) for step in trend.change_points)
 
 
 def test_of_one_run_what_got_worse_stands_first_and_the_farthest_before_all() -> None:
@@ -154,7 +154,7 @@ def test_of_one_run_what_got_worse_stands_first_and_the_farthest_before_all() ->
     before = [cycles(11_000), *(degrees(0.9, name) for name in names)]
     after = [cycles(10_000), *(degrees(value, name) for name, value in names.items())]
     trend = trend_of([entry(1, *before), entry(2, *after)])
-    assert [step.difference.name for step in trend.steps] == [
+    assert [step.difference.name for step in trend.change_points] == [
         "heading.b.max", "heading.a.max", "cycles.direct.total", "fit.a.residual", "heading.a.worst_sector",
     ]  # the cycles have a limit
     assert "the last in run 2: heading.b.max 0.9 -> 1.5 deg" in sentence(trend)

@@ -460,7 +460,7 @@ def test_the_sentence_begins_with_the_answer() -> None:
         f"May be merged {against}: 1 better: cycles.direct.total 11 161 -> 11 061 (-100, -0.9 %)."
     )
     chosen = [replace(each, chosen=True) for each in (base, base)]
-    assert compare(*chosen).sentence == f"May be merged as far as the chosen tests tell {against}: 1 unchanged."
+    assert compare(*chosen).sentence == f"May be merged as far as the chosen tests show {against}: 1 unchanged."
     gone = compare(base, evidence([]))
     cannot = "Cannot say whether it may be merged"
     assert gone.sentence.startswith(f"{cannot} {against}: measurement gone: cycles.direct.total; bring it back")

@@ -56,7 +56,7 @@ def test_two_runs_alike_have_no_obstacle(changed: Changed) -> None:
         ({"board.protocol_version": 3}, "another protocol: version "),
         ({"board.compiler": "arm-none-eabi-gcc 13.2.1"}, "another compiler: arm-none-eabi-gcc 12"),
         ({"board.compiler_flags": "-O3 -g"}, "other compiler flags: "),
-        ({"board.compiler_flags": ""}, "nothing tells its compiler flags"),
+        ({"board.compiler_flags": ""}, "its compiler flags are unknown"),
         ({"board.cycle_model": "silicon-dwt"}, "another cycle model: cortex-m4-trm/1@sram before, silicon-dwt now"),
         ({"poses": "level"}, "other poses: 'all' before, 'level' now; run with --poses all"),
         ({"seed": 7}, "no seed in common: seed 1 before, seed 7 now"),
@@ -128,7 +128,7 @@ def test_a_base_that_judged_a_calibration_file_needs_one(changed: Changed) -> No
     file = {"file": "imu.json", "sha256": "ef" * 32, "made_utc": "2026-01-02T03:04:05Z"}
     judged, other = changed("judged", {"calibration": file}), changed("other")
     (reason,) = compared(judged, other).obstacles
-    assert reason.startswith("no calibration file: the base judged one")
+    assert reason.startswith("no calibration file: the base tested one")
     assert compared(other, judged).obstacles == ()
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from hiltest.measurement import CycleBand, Limit, Measurement, identify, judge
+from hiltest.measurement import CycleRange, Limit, Measurement, check, identify
 from hiltest.record.comparison import Comparison, Side
 from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import Findings, TestResult
@@ -34,9 +34,9 @@ def test_a_good_run_says_accuracy_cost_and_pass_in_one_sentence(findings: Make, 
 
 
 def test_what_is_neither_judged_nor_costed_is_left_to_the_report(findings: Make, good: list[Measurement]) -> None:
-    stream = judge("heading.direct-stream.max", 0.5, unit="deg")
+    stream = check("heading.direct-stream.max", 0.5, unit="deg")
     assert [each.name for each in summarise(findings(*good, stream)).calibrators] == ["direct", "iterative"]
-    judged = judge("heading.direct-stream.max", 0.5, unit="deg", limit=Limit(max=1.8))
+    judged = check("heading.direct-stream.max", 0.5, unit="deg", limit=Limit(max=1.8))
     names = [each.name for each in summarise(findings(*good, judged)).calibrators]
     assert names == ["direct", "iterative", "direct-stream"]
 
@@ -107,7 +107,7 @@ def test_the_table_and_the_line_of_costs_do_not_rank_code_in_flash_either(
 def test_costs_of_code_in_flash_stand_by_name_only_where_the_cheapest_of_them_cannot_be_told_apart() -> None:
     """Each is close to the next, which does not make the first close to the last."""
     costs = {"c": 10_000, "b": 10_900, "a": 11_900}
-    made = {name: judge(name, cost, unit="cycle", cycle_model="m@flash") for name, cost in costs.items()}
+    made = {name: check(name, cost, unit="cycle", cycle_model="m@flash") for name, cost in costs.items()}
     assert cheapest_first(made) == ["b", "c", "a"]
 
 
@@ -135,7 +135,7 @@ def test_a_failed_heading_names_its_cause(
 
 
 def test_one_failure_of_each_calibrator_stands_before_the_rest_of_any(findings: Make, heading: Heading) -> None:
-    norm = judge("accelerometer.norm_rms", 40.0, unit="mg", limit=Limit(max=8))
+    norm = check("accelerometer.norm_rms", 40.0, unit="mg", limit=Limit(max=8))
     bad = [*heading("corrected", 6.1, limit=1.8, cycles=14_000), *heading("direct", 6.1, limit=1.8, cycles=12_400)]
     found = summarise(findings(*bad, norm, tests=(_test("failed"),)))
     assert [each.measurement.name for each in found.failures] == [
@@ -145,7 +145,7 @@ def test_one_failure_of_each_calibrator_stands_before_the_rest_of_any(findings: 
 
 
 def test_a_bad_accelerometer_is_named_before_the_fit(findings: Make, heading: Heading) -> None:
-    norm = judge("accelerometer.norm_rms", 40.0, unit="mg", limit=Limit(max=8))
+    norm = check("accelerometer.norm_rms", 40.0, unit="mg", limit=Limit(max=8))
     made = findings(*heading("direct", 6.1, limit=1.8, cycles=12_400), norm, tests=(_test("failed"),))
     sentence = decide(made, pytest_exit=1).sentence
     first, second = "heading.direct.max 6.10 deg (limit 1.8)", "accelerometer.norm_rms 40 mg (limit 8)"
@@ -155,11 +155,11 @@ def test_a_bad_accelerometer_is_named_before_the_fit(findings: Make, heading: He
 
 def test_without_a_declared_mounting_only_centred_values_count(findings: Make, heading: Heading) -> None:
     made = findings(*heading(
-        "direct", 2.7, limit=1.8, cycles=12_400, bias=1.71, centred=0.95, not_judged="the rig declares no mounting yaw"
+        "direct", 2.7, limit=1.8, cycles=12_400, bias=1.71, centred=0.95, not_checked="the rig declares no mounting yaw"
     ))
     verdict = decide(made, pytest_exit=0)
     assert verdict.sentence == (
-        "NOT EVALUATED. Only centred values were judged: the rig declares no mounting yaw; mean error 1.71 deg. "
+        "NOT EVALUATED. Only centred values were checked: the rig declares no mounting yaw; mean error 1.71 deg. "
         "direct: worst heading 0.95 deg about its mean over 60 poses (limit 1.8), 12 400 cycles."
     )
     assert verdict.exit_code == 22
@@ -167,7 +167,7 @@ def test_without_a_declared_mounting_only_centred_values_count(findings: Make, h
 
 def test_a_centred_error_out_of_limit_fails_even_without_a_mounting(findings: Make, heading: Heading) -> None:
     made = findings(
-        *heading("direct", 7.4, limit=1.8, cycles=12_400, bias=1.7, centred=6.0, not_judged="no mounting"),
+        *heading("direct", 7.4, limit=1.8, cycles=12_400, bias=1.7, centred=6.0, not_checked="no mounting"),
         tests=(_test("failed"),),
     )
     verdict = decide(made, pytest_exit=1)
@@ -180,7 +180,7 @@ def test_a_centred_error_out_of_limit_fails_even_without_a_mounting(findings: Ma
 def test_out_of_limit_is_red_whatever_became_of_the_test(
     findings: Make, good: list[Measurement], outcome: str
 ) -> None:
-    bad = judge("cycles.direct.fixed", 11_061.0, unit="cycle", limit=Limit(max=2_600), cycle_model="m", test="t::t")
+    bad = check("cycles.direct.fixed", 11_061.0, unit="cycle", limit=Limit(max=2_600), cycle_model="m", test="t::t")
     verdict = decide(findings(*good, bad, tests=(TestResult("t::t", TestOutcome(outcome), 1),)), pytest_exit=0)
     assert (verdict.exit_code, verdict.outcome) == (1, "fail")
     assert verdict.sentence == "FAIL. cycles.direct.fixed 11 061 cycles (limit 2 600)."
@@ -225,7 +225,7 @@ def test_what_is_no_calibrator_of_the_firmware_is_unmet_for_another_reason(
 
 
 def test_other_measurements_out_of_limit_are_named(findings: Make, good: list[Measurement]) -> None:
-    bad = judge("gyroscope.bias_error", 0.4, unit="dps", limit=Limit(max=0.1), test="t.py::test_rest")
+    bad = check("gyroscope.bias_error", 0.4, unit="dps", limit=Limit(max=0.1), test="t.py::test_rest")
     verdict = decide(findings(*good, bad, tests=(TestResult("t.py::test_rest", TestOutcome.FAILED, 1),)), pytest_exit=1)
     assert verdict.sentence == "FAIL. gyroscope.bias_error 0.4 dps (limit 0.1)."
 
@@ -245,14 +245,14 @@ def test_a_test_that_failed_without_a_measurement_is_named(findings: Make, good:
 
 def test_a_lost_bench_says_what_happened_and_what_is_kept(findings: Make) -> None:
     lost = TestResult("a", TestOutcome.CONNECTION_LOST, 1, reason="lost /dev/ttyACM0: unplugged.")
-    made = findings(judge("x", 1, unit=""), tests=(lost, TestResult("b", TestOutcome.SKIPPED, 0)))
+    made = findings(check("x", 1, unit=""), tests=(lost, TestResult("b", TestOutcome.SKIPPED, 0)))
     verdict = decide(made, pytest_exit=1)
     assert verdict.sentence == "CONNECTION LOST: lost /dev/ttyACM0: unplugged. 1 measurement kept."
     assert (verdict.exit_code, verdict.complete) == (20, False)
 
 
 def test_a_bench_lost_after_a_failure_is_said_behind_it(findings: Make, good: list[Measurement]) -> None:
-    bad = judge("gyroscope.bias_error", 0.4, unit="dps", limit=Limit(max=0.1), test="a")
+    bad = check("gyroscope.bias_error", 0.4, unit="dps", limit=Limit(max=0.1), test="a")
     lost = TestResult("a", TestOutcome.CONNECTION_LOST, 1, reason="lost /dev/ttyACM0: unplugged.")
     verdict = decide(findings(*good, bad, tests=(lost,)), pytest_exit=1)
     assert verdict.exit_code == 1
@@ -289,7 +289,7 @@ def test_exit_codes_in_their_order(
 
 
 def test_an_unset_measurement_gates_only_where_nothing_is_worse(findings: Make, good: list[Measurement]) -> None:
-    unset = judge("x", 1.0, unit="deg", limit=Limit(max=2), not_judged="no reference")
+    unset = check("x", 1.0, unit="deg", limit=Limit(max=2), not_checked="no reference")
     assert decide(findings(*good, unset), pytest_exit=0).exit_code == 22
     assert decide(findings(*good, unset, tests=(_test("failed"),)), pytest_exit=1).exit_code == 1
 
@@ -299,7 +299,7 @@ def _compared(now: Measurement, *faults: str, failed: tuple[str, ...] = ()) -> C
     conditions = Conditions("virtual", "ab", ("direct",), (), 4, (), "all", "gate", False)
     sides = [
         Evidence(Side(file, "", "lamp", "1", "", "gcc", "", "bench", (1,), ""), conditions, {1: {each.name: each}})
-        for file, each in (("base.json", judge("lamp.current", 2.0, unit="mA", limit=Limit(max=9))), ("", now))
+        for file, each in (("base.json", check("lamp.current", 2.0, unit="mA", limit=Limit(max=9))), ("", now))
     ]
     return compare(sides[0], dataclasses.replace(sides[1], faults=faults, failed=failed))
 
@@ -312,7 +312,7 @@ def _compared(now: Measurement, *faults: str, failed: tuple[str, ...] = ()) -> C
         (3.0, (), (), 0, 21),
         (3.0, ("cut short",), (), 0, 22),
         (2.0, ("cut short",), (), 0, 22),
-        (3.0, (), (judge("x", 1.0, unit="", limit=Limit(max=2), not_judged="no reference"),), 0, 22),
+        (3.0, (), (check("x", 1.0, unit="", limit=Limit(max=2), not_checked="no reference"),), 0, 22),
         (3.0, (), (), 1, 1),
         (3.0, ("cut short",), (), 2, 2),
         (2.0, ("cut short",), (), 5, 5),
@@ -322,7 +322,7 @@ def test_a_comparison_decides_where_nothing_else_has(
     findings: Make, current_ma: float, faults: tuple[str, ...], more: tuple[Measurement, ...], pytest_exit: int,
     code: int,
 ) -> None:
-    now = judge("lamp.current", current_ma, unit="mA", limit=Limit(max=9))
+    now = check("lamp.current", current_ma, unit="mA", limit=Limit(max=9))
     made = findings(now, *more)
     made.comparison = _compared(now, *faults, failed=("test_lamp.py::test_on",) if pytest_exit == 1 else ())
     verdict = decide(made, pytest_exit=pytest_exit)
@@ -347,7 +347,7 @@ def _test(outcome: str) -> TestResult:
 
 
 def test_what_was_in_the_baseline_stands_beside_a_failure(findings: Make) -> None:
-    now = judge("lamp.current", 12.0, unit="mA", limit=Limit(max=9), test="t::t")
+    now = check("lamp.current", 12.0, unit="mA", limit=Limit(max=9), test="t::t")
     made = findings(now, tests=(TestResult("t::t", TestOutcome.FAILED, 1),))
     made.comparison = _compared(now)
     (failure,) = summarise(made).failures
@@ -356,14 +356,14 @@ def test_what_was_in_the_baseline_stands_beside_a_failure(findings: Make) -> Non
 
 
 def test_close_is_what_has_5_percent_left_or_a_range_beyond_the_limit_and_no_count() -> None:
-    def passed(name: str, value: float, limit: Limit, band: CycleBand | None = None) -> Measurement:
+    def passed(name: str, value: float, limit: Limit, band: CycleRange | None = None) -> Measurement:
         kind = identify(name).kind
         unit = (kind.unit if kind else "mA") or ""
-        return judge(name, value, unit=unit, limit=limit, cycle_model="m" if unit == "cycle" else "", band=band)
+        return check(name, value, unit=unit, limit=limit, cycle_model="m" if unit == "cycle" else "", band=band)
 
     near = passed("heading.direct.max", 1.72, Limit(max=1.8))
-    beyond = passed("cycles.direct.total", 9_000, Limit(max=10_000), CycleBand(8_900, 10_001))
-    within = passed("cycles.dpi.total", 9_000, Limit(max=10_000), CycleBand(8_900, 9_999))
+    beyond = passed("cycles.direct.total", 9_000, Limit(max=10_000), CycleRange(8_900, 10_001))
+    within = passed("cycles.dpi.total", 9_000, Limit(max=10_000), CycleRange(8_900, 9_999))
     others = [
         passed("heading.direct.rms", 0.70, Limit(max=0.75)),
         passed("tumble.points", 300, Limit(min=300)), passed("link.echoed", 26, Limit(min=26)),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from hiltest.measurement import Limit, Measurement, judge
+from hiltest.measurement import Limit, Measurement, check
 from hiltest.record.comparison import Change
 from hiltest.report.comparison_overview import change_figure, changed
 from hiltest.verdict.compare import compare
@@ -55,7 +55,7 @@ def test_what_a_calibrator_costs_is_never_told_without_what_its_worst_heading_di
 
 
 def counted(model: str, name: str, cycles: float, limit: Limit | None = None) -> Measurement:
-    return judge(name, cycles, unit="cycle", cycle_model=model, limit=limit)
+    return check(name, cycles, unit="cycle", cycle_model=model, limit=limit)
 
 
 def test_every_model_that_counted_cycles_that_are_shown_is_named_and_no_other() -> None:

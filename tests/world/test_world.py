@@ -160,7 +160,7 @@ def test_a_tumble_starts_from_its_first_pose_wherever_the_table_was():
 
 def test_noise_at_a_judged_pose_is_counted_from_arrival():
     early, late = World(FIELD), World(FIELD)
-    arrivals = [world.turn_to(Pose(90), time_s=time_s, judged_pose=7) for world, time_s in ((early, 1.0), (late, 9.0))]
+    arrivals = [world.turn_to(Pose(90), time_s=time_s, known_angle=7) for world, time_s in ((early, 1.0), (late, 9.0))]
     (key, start), (other_key, other_start) = (
         world.noise_epoch(arrival + 0.3) for world, arrival in zip((early, late), arrivals, strict=True)
     )
@@ -172,9 +172,9 @@ def test_noise_at_a_judged_pose_is_counted_from_arrival():
 def test_each_judged_pose_tumble_and_hold_has_its_own_noise_and_moves_have_the_clocks():
     world = World(FIELD)
     tumble_end = world.tumble(time_s=0.0, duration_s=4.0)
-    first = world.turn_to(Pose(0), time_s=tumble_end + 1.0, judged_pose=0)
-    second = world.turn_to(Pose(30), time_s=first + 1.0, judged_pose=1)
-    held = world.hold(time_s=second + 1.0, judged_pose=2)
+    first = world.turn_to(Pose(0), time_s=tumble_end + 1.0, known_angle=0)
+    second = world.turn_to(Pose(30), time_s=first + 1.0, known_angle=1)
+    held = world.hold(time_s=second + 1.0, known_angle=2)
     keys = [world.noise_epoch(time_s)[0] for time_s in (0.0, tumble_end - 1.0, first, second, held)]
     assert len(set(keys)) == 5
     assert world.noise_epoch(second - 0.01) == (0, 0.0)

@@ -95,11 +95,11 @@ class VirtualBench:
         """Start the firmware, and let virtual time run until it listens."""
         self.machine.run_until(START_UP_S)
 
-    def turn_to(self, pose: Pose, *, judged_pose: int | None = None, face: int | None = None) -> None:
+    def turn_to(self, pose: Pose, *, known_angle: int | None = None, face: int | None = None) -> None:
         """Turn the table, and let virtual time run until it stands; a face may be askew, as the world has it."""
         errors_deg = self.rig.world.face_errors_deg if self.rig.world and face is not None else ()
         pose = askew(pose, errors_deg[face]) if errors_deg and face is not None else pose
-        self.machine.run_until(self.begin_turn(pose, judged_pose=judged_pose))
+        self.machine.run_until(self.begin_turn(pose, known_angle=known_angle))
 
     def tumble(self, duration_s: float) -> float:
         """Go to where a tumble begins, begin it, come back, and say how long it takes [s]."""
@@ -137,14 +137,14 @@ class VirtualBench:
         return self._world.hold(time_s=self.machine.time_s)
 
     def begin_move(self, move: MotionSegment) -> None:
-        """Set the table going on a move that somebody else has planned; the clock does not move."""
+        """Start a move that is planned already; the clock does not move."""
         self._world.follow(move)
 
-    def begin_turn(self, pose: Pose, *, judged_pose: int | None = None) -> float:
-        """Set the table going, and return when it will stand [virtual s]; the clock does not move."""
-        return self._world.turn_to(pose, time_s=self.machine.time_s, judged_pose=judged_pose)
+    def begin_turn(self, pose: Pose, *, known_angle: int | None = None) -> float:
+        """Start a turn, and return when it will end [virtual s]; the clock does not move."""
+        return self._world.turn_to(pose, time_s=self.machine.time_s, known_angle=known_angle)
 
     def begin_tumble(self, duration_s: float) -> float:
-        """Set the table going, and return when the tumble itself will begin [virtual s]; the clock does not move."""
+        """Start a tumble, and return when its first pose is reached [virtual s]; the clock does not move."""
         self._world.tumble(time_s=self.machine.time_s, duration_s=duration_s)
         return self._world.last_move_start_s

@@ -19,7 +19,7 @@ from hiltest.link.messages import Select, Sensors
 from hiltest.link.replies import DPS_PER_COUNT, Identity, RunCost, SensorInfo, SensorKind
 from hiltest.link.request import Request
 from hiltest.link.session import Session
-from hiltest.measurement import CycleBand
+from hiltest.measurement import CycleRange
 from hiltest.rig import Rig
 
 _SHIELD_HINT = (
@@ -146,7 +146,7 @@ class CallCounter(Protocol):
 class Stage(Protocol):
     """A table that turns a board by itself."""
 
-    def turn_to(self, pose: Pose, *, judged_pose: int | None = None, face: int | None = None) -> None:
+    def turn_to(self, pose: Pose, *, known_angle: int | None = None, face: int | None = None) -> None:
         """Turn the table and come back when it stands; the number of a face is for a world whose faces are askew."""
 
     def tumble(self, duration_s: float) -> float:
@@ -165,8 +165,8 @@ class StepRecorder(Protocol):
     def add(self, cycles: Sequence[int], overhead_cycles: int) -> None:
         """Record the steps that were timed last, in order."""
 
-    def band(self) -> CycleBand | None:
-        """Return within what all steps together lie; None where that is unknown."""
+    def band(self) -> CycleRange | None:
+        """Return the uncertainty range of all steps together; None where it is unknown."""
 
 
 class Board(ABC):
@@ -183,13 +183,13 @@ class Board(ABC):
     Attributes
     ----------
     stage : Stage or None
-        None where somebody has to turn the board.
+        None where an operator or motors turn the board.
     truth : Truth or None
         None where it is unknown: "not offered".
     firmware_sha256 : str or None
         Digest of the ELF file, where there is one.
     compiler_flags : str
-        Flags of all units of that file; empty where nothing tells them.
+        Compiler flags of all units of that file; empty where they are unknown.
     seed : int or None
         Seed of a simulated world.
     """
@@ -295,8 +295,8 @@ class Board(ABC):
             return f"the board cannot count {calibrator}: {what}; name one under [cycles] in the rig"
         return ""
 
-    def cycle_band(self, cost: RunCost | None) -> CycleBand | None:
-        """Say within what the cycles of the run that was just timed lie; None where that is unknown."""
+    def cycle_range(self, cost: RunCost | None) -> CycleRange | None:
+        """Return the uncertainty range of the cycles of the run that was just timed; None where it is unknown."""
         return None
 
     def timed_steps(self) -> StepRecorder | None:

@@ -1,7 +1,7 @@
 """Serial lines to other programs: pseudo-terminals and TCP ports, each with one program at its far end.
 
 Everything here is for one thread that must not wait: what cannot be sent at once is lost, as on
-a serial line without flow control; so is what is sent while nobody is connected.
+a serial line without flow control; so is what is sent while no program is connected.
 """
 
 from __future__ import annotations
@@ -37,19 +37,19 @@ class PortLine(Protocol):
 
     @property
     def connected(self) -> bool:
-        """Whether a program has it open, when last looked at."""
+        """Whether a program had it open at the latest look."""
 
     def sources(self, *, reading: bool) -> list[int]:
         """Return the file descriptors on which something may happen; those of data only when `reading`."""
 
     def receive(self, limit: int) -> bytes:
-        """Look who is there, and return what has come, at most `limit` bytes."""
+        """Accept and drop connections, and return at most `limit` bytes that have arrived."""
 
     def send(self, data: bytes) -> None:
         """Send what fits now."""
 
     def close(self) -> None:
-        """Hang up for good. Idempotent."""
+        """Close the line for good. Idempotent."""
 
 
 class PseudoTerminal:
@@ -79,11 +79,11 @@ class PseudoTerminal:
         self.connected = False
 
     def sources(self, *, reading: bool) -> list[int]:
-        """Return the board's end while somebody is there; without anybody it would be ready all the time."""
+        """Return the board's end while a program has it open; otherwise it would be ready all the time."""
         return [self.board_end] if reading and self.connected else []
 
     def receive(self, limit: int) -> bytes:
-        """Look who is there, and return what has come; it may come from somebody who has left since."""
+        """Accept and drop connections, and return the bytes that have arrived; their sender may have left since."""
         happened = dict(self._events.poll(0)).get(self.board_end, 0)
         if happened & select.POLLIN and limit:
             self.connected = True
@@ -112,7 +112,7 @@ class PseudoTerminal:
         """Drop what the program that left has not read: the next one must not take it for its own."""
         import termios
 
-        # OSError: somebody has locked the terminal, and is there already.
+        # OSError: a program has locked the terminal, and has it open already.
         with contextlib.suppress(OSError):
             far_end = os.open(self.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
             termios.tcflush(far_end, termios.TCIFLUSH)
@@ -120,7 +120,7 @@ class PseudoTerminal:
 
 
 class TcpLine:
-    """A TCP port as a serial line: bytes as they are, one client; a second one is told so and hung up on.
+    """A TCP port as a serial line: bytes as they are, one client; a second one is refused with a message.
 
     Parameters
     ----------
@@ -155,13 +155,13 @@ class TcpLine:
         return self._client is not None
 
     def sources(self, *, reading: bool) -> list[int]:
-        """Return where clients arrive, and where the one that is there speaks."""
+        """Return the listening socket, and that of the client if there is one."""
         return [self._listener.fileno(), *([self._client.fileno()] if reading and self._client else [])]
 
     def receive(self, limit: int) -> bytes:
-        """Look who comes and goes, and return what the client has sent."""
+        """Accept and drop clients, and return the bytes that the client has sent."""
         data = self._hear(limit)
-        with contextlib.suppress(OSError):  # nobody more is waiting, or has thought better of it
+        with contextlib.suppress(OSError):  # no other client is waiting, or it has left again
             while True:
                 self._welcome(self._listener.accept()[0])
         return data
@@ -218,14 +218,14 @@ class TcpLine:
 
 @contextlib.contextmanager
 def _kept_alone(path: Path) -> Iterator[None]:
-    """Hold what only one process can hold, for as long as it lives: where a link leads does not say who keeps it."""
+    """Hold a lock that one process can have: where a link leads does not say which process keeps it."""
     folder = os.path.realpath(path.parent)
     name = hashlib.sha256(os.fsencode(os.path.join(folder, path.name))).hexdigest()
     with socket.socket(socket.AF_UNIX) as held:
         try:
             held.bind(f"\0hiltest-link-{name}")  # of the system, not of a file: it ends with the process
         except OSError as error:
-            if error.errno == errno.EADDRINUSE:  # anything else: a system without such names, where nobody is asked
+            if error.errno == errno.EADDRINUSE:  # anything else: a system without such names, where no one is asked
                 raise ConfigError(
                     f"cannot make the link {path}: another hiltest serve keeps it. Name another one with --link"
                 ) from error

@@ -1,6 +1,6 @@
 """A virtual board that runs by itself, never ahead of wall time, at the far end of byte streams.
 
-In stepped time (`hiltest.boards.virtual_port`) the clock stands still unless somebody reads. A
+In stepped time (`hiltest.boards.virtual_port`) the clock stands still unless the host reads. A
 program that opens a real serial port knows nothing of that: for it the board has to run on.
 """
 
@@ -32,7 +32,7 @@ class Device(Protocol):
     """A device on a line whose clock is the bench's."""
 
     def room(self) -> int:
-        """How many bytes it can take now."""
+        """Number of bytes that it can take now."""
 
     def hear(self, data: bytes) -> None:
         """Take bytes from the line."""
@@ -74,9 +74,9 @@ class PacedBench:
     Parameters
     ----------
     bench : VirtualBench
-        Not yet powered on; nobody else may run it.
+        Not yet powered on; nothing else may run it.
     line : PortLine
-        To the board's serial port. Whoever opened it closes it, after `stop`.
+        Line to the board's serial port. Its opener closes it, after `stop`.
     others : (PortLine, Device), optional
         What else is served in the same time, such as a turntable.
 
@@ -93,7 +93,7 @@ class PacedBench:
         self.behind_s = 0.0
         self._bench = bench
         self._served: list[tuple[PortLine, Device]] = [(line, SerialPortOfBoard(bench.machine)), *others]
-        self._clock = threading.Condition()  # guards bench; told after every step
+        self._clock = threading.Condition()  # guards bench; notified after every step
         self._running = False
         self._longest_step_s = _LONGEST_STEP_S
         self._thread = threading.Thread(target=self._run, name="hiltest-paced", daemon=True)
@@ -114,7 +114,7 @@ class PacedBench:
 
     @property
     def running(self) -> bool:
-        """False before `start`, after `stop`, and when the thread has ended for whatever reason."""
+        """Whether the thread runs: not before `start`, after `stop`, or after a fault."""
         return self._running
 
     def start(self) -> None:
@@ -151,7 +151,7 @@ class PacedBench:
         if self._thread.is_alive():
             self._thread.join()
 
-    def turn_to(self, pose: Pose, *, judged_pose: int | None = None) -> None:
+    def turn_to(self, pose: Pose, *, known_angle: int | None = None) -> None:
         """Turn the table, and wait until it stands: in wall time.
 
         Raises
@@ -160,7 +160,7 @@ class PacedBench:
             When the firmware faults, or the board is stopped, before it does.
         """
         with self._clock:
-            self._wait_for(self._bench.begin_turn(pose, judged_pose=judged_pose))
+            self._wait_for(self._bench.begin_turn(pose, known_angle=known_angle))
 
     def tumble(self, duration_s: float) -> float:
         """Go to where a tumble begins, come back when it begins, and say how long it takes [s]."""
@@ -212,7 +212,7 @@ class PacedBench:
             line.send(device.say())
 
     def _run_until(self, time_s: float) -> None:
-        """Let the board run on, and see how much of that the host can do at a time."""
+        """Let the board run on, and measure how much of that the host can do at a time."""
         since_s, began_s = self.time_s, time.monotonic()
         self._bench.machine.run_until(time_s)
         share = _LONGEST_STEP_S / max(time.monotonic() - began_s, 1e-6)

@@ -1,4 +1,4 @@
-"""A real board on a serial port, turned by somebody else."""
+"""A real board on a serial port, turned by an operator or motors."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from hiltest.virtual.unique_id import VIRTUAL_UNIQUE_ID
 
 #: Cycle model of a processor that exists.
 SILICON = "silicon-dwt"
-#: Cycle model of a board of which nobody has said whether it is silicon.
+#: Cycle model of a board that is not declared as silicon or as anything else.
 UNDECLARED = "undeclared"
 
 
 def is_silicon(unique_id: bytes) -> bool:
     """Say whether a unique id is that of a chip."""
-    # An emulator that nobody taught this register answers all zeros or all ones, as no chip does.
+    # An emulator that does not model this register answers all zeros or all ones, as no chip does.
     return unique_id not in (VIRTUAL_UNIQUE_ID, bytes(16), b"\xff" * 16)
 
 
 class RealBoard(Board):
     """An FRDM-K64F with the hiltest firmware.
 
-    Nobody knows the truth of its world: truth, virtual time and instruction
+    The truth of its world is unknown: truth, virtual time and instruction
     counts are not offered.
 
     Parameters
@@ -62,7 +62,7 @@ class RealBoard(Board):
     def cycle_model(self) -> str:
         """Cycle model: clocks of silicon, the rig's declaration, or none.
 
-        The chip's unique id tells a virtual board from silicon, behind whatever port. Which model a
+        The chip's unique id distinguishes a virtual board from silicon, on any port. Which model a
         virtual one counts by only the rig can say; without it the numbers are ``undeclared``.
         """
         if not self.identity.cycle_source:

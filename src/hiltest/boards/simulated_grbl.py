@@ -1,4 +1,4 @@
-"""A virtual board's turntable, spoken to as to a motor table with Grbl 1.1.
+"""A virtual board's turntable behind the protocol of a motor table, Grbl 1.1.
 
 X is heading, Y pitch, Z roll, in degrees: stock Grbl has these three letters and no others, and a
 table with one motor has it on X. F is degrees a minute. What Grbl's answers mean is in
@@ -79,7 +79,7 @@ class GrblTable:
             self._attend()
 
     def say(self) -> bytes:
-        """See what is over, go on with what waits, and return the answers."""
+        """Finish completed moves, start waiting ones, and return the answers."""
         self._axes.advance()
         self._attend()
         said = bytes(self._out)
@@ -116,7 +116,7 @@ class GrblTable:
             self._say(str(error))
 
     def _execute(self, written: str) -> Callable[[], bool]:
-        """Do what a line says; what comes back tells when it may be answered."""
+        """Execute a line; the result says when it may be answered."""
         if len(written) > LINE_LENGTH:
             raise GcodeError(Refusal.LINE_OVERFLOW)
         line = _COMMENT.sub("", written).replace(" ", "").upper()
@@ -244,5 +244,5 @@ def _at_once() -> bool:
 
 
 def _after(first: Callable[[], bool], then: Callable[[], bool]) -> Callable[[], bool]:
-    """Return what is over when `first` is and then `then` is."""
+    """Return a condition that is met once `first` and then `then` is."""
     return lambda: first() and then()

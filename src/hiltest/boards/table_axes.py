@@ -83,7 +83,7 @@ class TableAxes:
 
     @property
     def last_target_deg(self) -> Vector:
-        """Where the table will stand when all is done."""
+        """Angles at the end of all moves."""
         for move in (*reversed(self._waiting), self._under_way):
             if move is not None:
                 return move.target_deg or HOME
@@ -110,7 +110,7 @@ class TableAxes:
         self.advance()
 
     def hold(self) -> None:
-        """Come to rest; what was under way and what waits is kept for `resume`."""
+        """Come to rest; moves that are under way or waiting are kept for `resume`."""
         self.held = True
         if self._brake() and self._under_way is not None:
             self._waiting.appendleft(self._under_way)
@@ -122,14 +122,14 @@ class TableAxes:
         self.advance()
 
     def stop(self) -> None:
-        """Come to rest, and forget what was under way and what waits."""
+        """Come to rest, and drop moves that are under way or waiting."""
         self.held = self.homing = False
         self._waiting.clear()
         if self._brake():
             self._under_way = None
 
     def advance(self) -> None:
-        """See what is over by now, and begin what is next."""
+        """Finish moves that are over by now, and begin the next."""
         if self._segment is not None and self.time_s >= self._segment.end_s:
             self._arrive(self._segment)
         if self._segment is None and self._waiting and not self.held:

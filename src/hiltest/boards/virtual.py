@@ -15,9 +15,9 @@ from hiltest.link.ports import READ_SLICE_S
 from hiltest.link.replies import RunCost
 from hiltest.link.session import Session
 from hiltest.link.transcript import Transcript
-from hiltest.measurement import CycleBand
+from hiltest.measurement import CycleRange
 from hiltest.rig import COUNTS_PER_UT, Rig, world_truth
-from hiltest.virtual.cycle_band import TimedSteps, band_where_it_ran
+from hiltest.virtual.cycle_range import TimedSteps, range_where_it_ran
 from hiltest.virtual.elf import load_image
 from hiltest.virtual.function_watch import FunctionWatch
 
@@ -114,13 +114,13 @@ class VirtualBoard(Board):
             self._watches[function] = FunctionWatch(self._machine.processor, symbol.address)
         return self._watches[function]
 
-    def cycle_band(self, cost: RunCost | None) -> CycleBand | None:
+    def cycle_range(self, cost: RunCost | None) -> CycleRange | None:
         """Price what ran between the latest readings of CYCCNT again, with each row of the timing profile moved."""
         if cost is None:
             return None
         counter, profile = self._machine.cycle_counter, self._machine.processor.profile
         executed = counter.executed_in(cost.cycles, cost.overhead_cycles)
-        return band_where_it_ran(profile, self.cycle_model, cost.cycles, executed)
+        return range_where_it_ran(profile, self.cycle_model, cost.cycles, executed)
 
     def timed_steps(self) -> TimedSteps:
         """Begin to record what runs in steps that are timed one by one."""

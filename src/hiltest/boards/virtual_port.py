@@ -21,7 +21,7 @@ class UartPort(Protocol):
 
     @property
     def host_waiting(self) -> int:
-        """How many bytes have arrived from the board."""
+        """Number of bytes that have arrived from the board."""
 
     def host_write(self, data: bytes) -> None:
         """Send bytes to the board; they arrive at the pace of the line."""
@@ -49,9 +49,9 @@ class Machine(Protocol):
 
 
 class VirtualPort(SerialBase):  # type: ignore[misc]  # pyserial publishes no types
-    """A serial port whose far end is a machine that runs while somebody reads.
+    """A serial port with a machine at its far end, which runs while the host reads.
 
-    Subclasses, or whoever constructs it, give it a machine by `attach` before `open`.
+    Subclasses, or the caller, give it a machine by `attach` before `open`.
     """
 
     _machine: Machine | None = None
@@ -105,7 +105,7 @@ class VirtualPort(SerialBase):  # type: ignore[misc]  # pyserial publishes no ty
         return self._give(end if size is None else min(end, size))
 
     def write(self, data: bytes) -> int:
-        """Send bytes; they arrive while somebody reads."""
+        """Send bytes; they arrive while the host reads."""
         payload = bytes(data)
         self.machine.uart0.host_write(payload)
         return len(payload)

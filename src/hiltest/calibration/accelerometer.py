@@ -66,7 +66,7 @@ NOMINAL = AccelerometerFit(np.eye(3) / COUNTS_PER_G, np.zeros(3))
 
 
 class AccelerometerStatus(IntEnum):
-    """How a fit ended; the values are those of the link protocol."""
+    """Status of a fit; the values are those of the link protocol."""
 
     OK = 0
     MISSING_FACE = 1
@@ -154,7 +154,7 @@ def fit_ellipsoid(poses: Sequence[StillPose]) -> AccelerometerSolution:
 
     Notes
     -----
-    Coelho and Hemerly, eq. 5 and 6. Norms tell nothing of a rotation: of a gain ``M = S R`` it finds ``S^-1``, and
+    Coelho and Hemerly, eq. 5 and 6. Norms show nothing of a rotation: of a gain ``M = S R`` it finds ``S^-1``, and
     what it calibrates is gravity turned by R.
     """
     if len(poses) < ELLIPSOID_UNKNOWNS:

@@ -44,7 +44,7 @@ class FitFigures:
 
 @dataclass(frozen=True, slots=True)
 class Reason:
-    """Why a calibration is not good.
+    """Reason why a calibration is not good.
 
     Attributes
     ----------
@@ -88,9 +88,9 @@ class Bound:
 
 #: The order is that of the reasons: for each figure the severest first, and only the first that is broken is told.
 BOUNDS = (
-    # Nine points always lie on a quadric: nothing is left over that could tell how good it is.
+    # Nine points always lie on a quadric: no residual is left that could show how good it is.
     Bound("n", "points", 10.0, Acceptance.REFUSED,
-           "every quadric through so few points is exact, and tells nothing of its error; take more", below=True),
+           "every quadric through so few points is exact, and shows nothing of its error; take more", below=True),
     # Two for each unknown: with nine left over the residual, and with it what is predicted, is known to 24 %.
     Bound("n", "points", 18.0, Acceptance.POOR,
            "too few are left over to know the residual well; take more", below=True),
@@ -138,7 +138,7 @@ _NO_ELLIPSOID = {
 }
 
 
-def judge(figures: FitFigures) -> tuple[Acceptance, tuple[Reason, ...]]:
+def rate(figures: FitFigures) -> tuple[Acceptance, tuple[Reason, ...]]:
     """Return what a calibration is good for, and every reason why it is not good."""
     reasons = tuple(_reasons(figures))
     return worst([reason.verdict for reason in reasons]), reasons

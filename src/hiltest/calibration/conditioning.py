@@ -1,4 +1,4 @@
-"""How well a cloud of points determines an ellipsoid, however the sensor is turned."""
+"""Conditioning of an ellipsoid fit: how well points determine it, however the sensor is turned."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ TRACELESS = np.array(
         [[0.0, 0.0, 0.0], [0.0, 0.0, _HALF], [0.0, _HALF, 0.0]],
     ]
 )
-# More than float64 can tell from a singular matrix; finite, so that it can be written down.
+# More than float64 can distinguish from a singular matrix; finite, so that it can be written down.
 CONDITION_SINGULAR = 1e15
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CentredCloud:
+class CentredPoints:
     """Points relative to their mean, divided by the rms of their distance from it.
 
     Attributes
@@ -86,10 +86,10 @@ def ellipsoid_condition(points: ArrayLike) -> float:
     Simulated with 100 points, 0.4 uT, soft iron of 3 % (p1, p50, p99 of 1000): whole sphere 9, 11, 14;
     75 % of it 19, 26, 38; 60 % 40, 57, 84; half 74, 105, 156; 40 % 150, 214, 317; 30 % 349, 508, 753.
     """
-    cloud = CentredCloud.of(points)
-    if cloud is None or len(cloud.points) < ELLIPSOID_UNKNOWNS:
+    centred = CentredPoints.of(points)
+    if centred is None or len(centred.points) < ELLIPSOID_UNKNOWNS:
         return CONDITION_SINGULAR
-    rows = cloud.rows()
+    rows = centred.rows()
     eigenvalues = np.linalg.eigvalsh(rows.T @ rows)
     smallest, largest = float(eigenvalues[0]), float(eigenvalues[-1])
     return largest / smallest if smallest * CONDITION_SINGULAR > largest else CONDITION_SINGULAR

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hiltest.calibration.conditioning import TRACELESS, CentredCloud
+from hiltest.calibration.conditioning import TRACELESS, CentredPoints
 from hiltest.calibration.fit import ELLIPSOID_UNKNOWNS, Array, FitStatus, MagnetometerFit
 from hiltest.calibration.quadric import Quadric, calibration_from_quadric
 from hiltest.calibration.quality import sphere_directions
@@ -46,7 +46,7 @@ def predicted_direction_error(
     Parameters
     ----------
     points : array_like, shape (n, 3)
-        That the calibration was fitted to, in its unit.
+        Points that the calibration was fitted to, in its unit.
     fit : MagnetometerFit
     unbiased : bool
         The calibrator has taken the bias of noise out already, as `corrected` does with its steps.
@@ -58,7 +58,7 @@ def predicted_direction_error(
 
     Notes
     -----
-    With the rows d of `CentredCloud.rows`, ``M = sum d d'``, the fit's parameters t and algebraic residuals
+    With the rows d of `CentredPoints.rows`, ``M = sum d d'``, the fit's parameters t and algebraic residuals
     ``e = |p|^2 + d . t``: ``sigma2 = sum e^2 / (n - 9)``, the parameters' covariance is ``sigma2 M^-1``, and a
     Jacobian takes it to directions. Noise of variance ``s2 = sigma2 / mean |grad e|^2`` in the points also
     correlates rows with residuals, which moves the parameters by ``-s2 M^-1 sum (grad d . grad e)``. From half the
@@ -70,30 +70,30 @@ def predicted_direction_error(
     error on half of the sphere, 0.5 to 0.6 on 40 %. What is no noise in a residual, such as an iron that moved, counts
     as if it were.
     """
-    cloud = CentredCloud.of(points)
-    if fit.status is not FitStatus.ELLIPSOID or cloud is None or len(cloud.points) <= ELLIPSOID_UNKNOWNS:
+    centred = CentredPoints.of(points)
+    if fit.status is not FitStatus.ELLIPSOID or centred is None or len(centred.points) <= ELLIPSOID_UNKNOWNS:
         return None
-    shape, centre, parameters = _in_frame(fit, cloud)
+    shape, centre, parameters = _in_frame(fit, centred)
     jacobian = _direction_jacobian(parameters)
-    rows = cloud.rows()
+    rows = centred.rows()
     try:
         inverse = np.linalg.inv(rows.T @ rows)
     except np.linalg.LinAlgError:
         return None
     if jacobian is None:
         return None
-    residuals = (cloud.points**2).sum(axis=1) + rows @ parameters
+    residuals = (centred.points**2).sum(axis=1) + rows @ parameters
     variance = float(residuals @ residuals) / (len(rows) - ELLIPSOID_UNKNOWNS)
-    slopes = 2.0 * (cloud.points - centre) @ shape
+    slopes = 2.0 * (centred.points - centre) @ shape
     noise_variance = variance / float((slopes * slopes).sum(axis=1).mean())
-    bias: Array = -noise_variance * inverse @ _rows_along(slopes, cloud) * (not unbiased)
+    bias: Array = -noise_variance * inverse @ _rows_along(slopes, centred) * (not unbiased)
     covariance: Array = (variance * inverse).astype(np.float64)
     return DirectionError(_rms_deg(jacobian, covariance), _rms_deg(jacobian, np.outer(bias, bias)))
 
 
-def _in_frame(fit: MagnetometerFit, cloud: CentredCloud) -> tuple[Array, Array, Array]:
-    """Return shape matrix (trace 3), centre and the nine parameters of a fit in a cloud's frame."""
-    soft_iron, centre = fit.soft_iron * cloud.scale, (fit.hard_iron - cloud.mean) / cloud.scale
+def _in_frame(fit: MagnetometerFit, centred: CentredPoints) -> tuple[Array, Array, Array]:
+    """Return shape matrix (trace 3), centre and the nine parameters of a fit in the frame of centred points."""
+    soft_iron, centre = fit.soft_iron * centred.scale, (fit.hard_iron - centred.mean) / centred.scale
     shape = soft_iron.T @ soft_iron
     level = 3.0 / float(np.trace(shape))
     shape = shape * level
@@ -107,9 +107,9 @@ def _calibration(parameters: Array) -> tuple[Array, Array] | None:
     return calibration_from_quadric(Quadric(shape / 3.0, parameters[5:8] / 3.0, float(parameters[8]) / 3.0))
 
 
-def _rows_along(slopes: Array, cloud: CentredCloud) -> Array:
+def _rows_along(slopes: Array, centred: CentredPoints) -> Array:
     """Return the sum over the points of ``grad d . slope`` for each of the nine columns."""
-    quadratic = 2.0 * np.einsum("ni,kij,nj->k", slopes, TRACELESS, cloud.points)
+    quadratic = 2.0 * np.einsum("ni,kij,nj->k", slopes, TRACELESS, centred.points)
     return np.concatenate([quadratic, slopes.sum(axis=0), [0.0]])
 
 

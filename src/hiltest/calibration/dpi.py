@@ -56,7 +56,7 @@ class DpiFit:
 
     @property
     def status(self) -> FitStatus:
-        """How the fit ended."""
+        """Status of the fit."""
         return self.calibration.status
 
 
@@ -72,7 +72,7 @@ def fit_dpi(
     gravity_g : array_like, shape (n, 3)
         Gravity of a calibrated accelerometer at the same instants [g], body frame, positive down.
     readings : int
-        That every row is the mean of. At least 300 rows of fewer than 16 readings are needed, or 38 of 16 and more.
+        Readings in the mean of each row. At least 300 rows of fewer than 16 readings are needed, or 38 of 16 and more.
     dip_deg : float, optional
         Inclination of the field [deg], positive where it points down. Without it, it is estimated.
 

@@ -19,7 +19,7 @@ SMALLEST_DETERMINANT = 1e-6
 
 
 class FitStatus(IntEnum):
-    """How a fit ended; the values are those of the link protocol."""
+    """Status of a fit; the values are those of the link protocol."""
 
     ELLIPSOID = 0
     NOT_AN_ELLIPSOID = 1

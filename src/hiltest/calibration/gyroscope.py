@@ -30,7 +30,7 @@ MAX_TURNS = 8
 
 
 class TurnsStatus(IntEnum):
-    """How a fit of turns ended, as the firmware numbers it."""
+    """Status of a fit of turns, with the firmware's numbers."""
 
     OK = 0
     TOO_FEW = 1

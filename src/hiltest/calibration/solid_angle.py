@@ -1,4 +1,4 @@
-"""The part of the sphere that a corrected cloud covers."""
+"""Part of the sphere that calibrated samples cover."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from numpy.typing import ArrayLike, NDArray
 from hiltest.calibration.fit import Array
 from hiltest.calibration.quality import sphere_directions
 
-# Stand for the sphere, some 4 degrees apart: a part of it is told to about 1 %.
+# Stand for the sphere, some 4 degrees apart: a part of it is known to about 1 %.
 SPHERE = sphere_directions(2000)
-# A hole that matters to a fit; tracks of a tumble lie closer.
+# Radius of an empty cap that matters to a fit; tracks of a tumble lie closer.
 _HOLE_DEG = 20.0
-# Few points leave larger holes: a cap that should hold so many of them, and holds none, is no accident (e^-5).
+# Few points leave larger caps empty: one that should hold so many of them, and holds none, is no accident (e^-5).
 _EXPECTED = 5.0
 # Points per step: bounds the memory at 16 MB.
 _STEP = 1000
 
 
 def covered_directions(corrected: ArrayLike) -> NDArray[np.bool_]:
-    """Return which directions of `SPHERE` a cloud covers.
+    """Return which directions of `SPHERE` calibrated points cover.
 
     Parameters
     ----------
@@ -38,15 +38,15 @@ def covered_directions(corrected: ArrayLike) -> NDArray[np.bool_]:
     nearest = np.full(len(SPHERE), -1.0)
     for first in range(0, len(directions), _STEP):
         np.maximum(nearest, (SPHERE @ directions[first : first + _STEP].T).max(axis=1), out=nearest)
-    holes = SPHERE[nearest < cosine]
-    if not len(holes):
+    empty = SPHERE[nearest < cosine]
+    if not len(empty):
         return np.ones(len(SPHERE), dtype=np.bool_)
-    covered: NDArray[np.bool_] = (SPHERE @ holes.T).max(axis=1) <= cosine
+    covered: NDArray[np.bool_] = (SPHERE @ empty.T).max(axis=1) <= cosine
     return covered
 
 
 def solid_angle_covered(corrected: ArrayLike) -> float:
-    """Return the part of the sphere's area that a cloud covers, 0 to 1; see `covered_directions`."""
+    """Return the part of the sphere's area that calibrated points cover, 0 to 1; see `covered_directions`."""
     return float(covered_directions(corrected).mean())
 
 

@@ -62,7 +62,7 @@ def save(run: Path, file: Path) -> int:
 def update(file: Path, run: Path, names: tuple[str, ...], because: str) -> int:
     """Copy the named measurements of RUN into FILE, and keep all others.
 
-    One that RUN does not make any more is taken out; of a run of chosen tests (-k, node ids) none is.
+    A measurement that RUN no longer makes is removed, but none after a run of chosen tests (-k, node ids).
     """
     from hiltest.record.run import utc_now
     from hiltest.strict_json import read_json
@@ -80,7 +80,7 @@ def update(file: Path, run: Path, names: tuple[str, ...], because: str) -> int:
     if not moved:
         named = " ".join(f"--accept {each}" for each in names)
         raise ConfigError(
-            f"nothing is moved: for {named} {file} already has what {run} has; name the run that measured otherwise"
+            f"nothing is moved: for {named} {file} already has what {run} has; name the run with other numbers"
         )
     _write(after, file, stored.content)
     was, now = ({row.name: row for row in each.measurements} for each in (before, after))
@@ -122,7 +122,7 @@ def _value(value: float | None) -> str:
 
 
 def _edited(was: BaselineRow | None, now: BaselineRow | None) -> str:
-    """Return what else than its number was accepted with a measurement: what it is held to from now on."""
+    """Return the limit and tolerance that were accepted with a measurement's number, empty where they are the same."""
     from hiltest.verdict.wording import held_to
 
     if was is None or now is None:

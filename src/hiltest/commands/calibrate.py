@@ -77,9 +77,9 @@ def calibrate(
 
 
 def _check_before_the_work(out: Path, header: Path) -> None:
-    """Refuse a name that could not be written to in the end, when somebody has turned the board for minutes."""
+    """Refuse a file that could not be written, before an operator turns the board for minutes."""
     if out == header:
-        raise ConfigError(f"{out} is the name of the header: name the calibration file otherwise, such as "
+        raise ConfigError(f"{out} is the name of the header: give the calibration file another name, such as "
                           f"{out.with_suffix('.json')}")
     folder = out.absolute().parent
     if not folder.is_dir():
@@ -116,7 +116,7 @@ def _write(made: ImuCalibration, out: Path, header: Path) -> None:
 
 
 class _TerminalGuide:
-    """Says on standard output what comes next, and asks whoever turns the board."""
+    """Writes the next step to standard output, and asks the operator."""
 
     def __init__(self, turntable: Turntable) -> None:
         self._turntable = turntable

@@ -54,7 +54,7 @@ def compare(base: Path, new: tuple[Path, ...], as_json: bool) -> int:
 
 
 def _compared(base: Path, evidence: list[Evidence]) -> list[Comparison]:
-    """Compare with the base; one that cannot be read is no usage error, but a gate that is not evaluated."""
+    """Compare with the base; a base that cannot be read is a gate that is not evaluated, and no usage error."""
     from hiltest.verdict.compare import compare as compare_sides
     from hiltest.verdict.compare import not_compared
     from hiltest.verdict.evidence_reader import read_evidence

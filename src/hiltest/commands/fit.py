@@ -12,8 +12,8 @@ from hiltest.commands.options import checked
 from hiltest.settings import file_name
 
 if TYPE_CHECKING:
-    from hiltest.logs import Cloud
-    from hiltest.logs.sample_fit import CloudFit
+    from hiltest.logs import Samples
+    from hiltest.logs.sample_fit import SampleFit
 
 _EXIT_CODES = """
 \b
@@ -30,7 +30,7 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 
 
 @click.command(epilog=_EXIT_CODES)
-@click.argument("cloud", metavar="LOG", type=_FILE)
+@click.argument("log", metavar="LOG", type=_FILE)
 @click.option("--columns", metavar="A,B,C",
               help="Columns of x, y, z: names of the header or numbers from 1.  [default: the magnetometer's]")
 @click.option("--unit", type=click.Choice(["uT", "gauss", "counts"]),
@@ -47,7 +47,7 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 @click.option("--at-least", type=click.Choice(["good", "poor"]), default="poor", show_default=True,
               help="Verdict that the best calibration needs for exit code 0.")
 def fit(
-    cloud: Path, columns: str | None, unit: str | None, calibrator: str, on: str, firmware: str | None,
+    log: Path, columns: str | None, unit: str | None, calibrator: str, on: str, firmware: str | None,
     as_json: bool, export_json: Path | None, export_header: Path | None, html: Path | None, at_least: str,
 ) -> int:  # fmt: skip
     """Calibrate from a magnetometer log, and say how good it is.
@@ -55,10 +55,10 @@ def fit(
     LOG is a text table: comma, semicolon, tab or blanks between cells, decimal points, with or without a header;
     - is standard input. A refused calibration is not exported.
     """
-    from hiltest.logs import Unit, read_cloud
+    from hiltest.logs import Unit, read_samples
 
-    path = _STANDARD_INPUT if str(cloud) == "-" else cloud
-    read = read_cloud(path, columns=columns, unit=Unit(unit) if unit else None)
+    path = _STANDARD_INPUT if str(log) == "-" else log
+    read = read_samples(path, columns=columns, unit=Unit(unit) if unit else None)
     fitted = _fit(read, calibrator, on, firmware)
     _show(fitted, as_json=as_json)
     _export(fitted, export_json, export_header)
@@ -70,24 +70,24 @@ def fit(
     return int(order.index(fitted.best.verdict) > order.index(Acceptance(at_least)))
 
 
-def _fit(cloud: Cloud, calibrator: str, on: str, firmware: str | None) -> CloudFit:
+def _fit(samples: Samples, calibrator: str, on: str, firmware: str | None) -> SampleFit:
     from hiltest.logs.sample_fit import fit_on_board, fit_on_host
 
     if on == "host":
         if firmware is not None:
             raise click.UsageError("--firmware is for the virtual board: leave out --on host")
-        return fit_on_host(cloud, calibrator)
+        return fit_on_host(samples, calibrator)
     from hiltest.bench_files import DEFAULT_RIG, shipped
     from hiltest.boards import open_board
     from hiltest.rig.file import load_rig
 
-    # The packaged rig, whatever lies in this folder: nothing of its world is in a recorded cloud.
+    # The packaged rig, whatever lies in this folder: its world has nothing to do with recorded samples.
     rig = load_rig(shipped() / "rigs" / DEFAULT_RIG)
     with open_board(rig, firmware=Path(firmware) if firmware else None) as board:
-        return fit_on_board(board, cloud, calibrator)
+        return fit_on_board(board, samples, calibrator)
 
 
-def _show(fitted: CloudFit, *, as_json: bool) -> None:
+def _show(fitted: SampleFit, *, as_json: bool) -> None:
     if as_json:
         from hiltest.logs.sample_fit_exports import to_json
 
@@ -99,7 +99,7 @@ def _show(fitted: CloudFit, *, as_json: bool) -> None:
     print_fit(fitted, standard_output())
 
 
-def _export(fitted: CloudFit, as_json: Path | None, as_header: Path | None) -> None:
+def _export(fitted: SampleFit, as_json: Path | None, as_header: Path | None) -> None:
     if as_json is None and as_header is None:
         return
     from hiltest.logs.sample_fit_exports import export_header, export_json

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 _EXIT_CODES = """
 \b
 Exit codes:
-  0   the accelerometer is calibrated; of the gyroscope the bias at least
+  0   the accelerometer is calibrated, and of the gyroscope at least the bias
   1   it is not: the log does not support it
   2   interrupted
   4   usage: an option or a file is wrong
@@ -57,11 +57,11 @@ class _Options:
               help="Samples a second.  [default: by the column of time]")
 @click.option("--time", metavar="COLUMN", help="The column of time.  [default: time, t, timestamp]")
 @click.option("--intervals", metavar="FILE|COLUMN",
-              help="Where it rested and turned: a JSON list, or a column of labels.  [default: found]")
+              help="Rests and turns: a JSON list, or a column of labels.  [default: found]")
 @click.option("--method", type=click.Choice(["auto", "six-position", "ellipsoid"]), default="auto", show_default=True,
-              help="Of the accelerometer.")
+              help="Method for the accelerometer.")
 @click.option("--turn", "turn_deg", metavar="DEG", type=NumberRange(90.0, 36_000.0), default=360.0,
-              show_default=True, help="What it was turned by each time.")
+              show_default=True, help="Angle of each turn.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON (hiltest.fit-imu/1) and nothing else.")
 @click.option("--export-json", metavar="FILE", type=_FILE, help="Write the same JSON to a file.")
 @click.option("--export-header", metavar="FILE", type=_FILE, help="Write the calibration as a C header.")

@@ -29,7 +29,7 @@ RATE_UNITS = ("deg/s", "dps", "mdps", "rad/s", "deg/h", "counts")
 
 
 class NumberRange(click.FloatRange):
-    """A number in a range; click's own lets one through that is none."""
+    """A number in a range; click's own accepts NaN."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Return the number."""
@@ -55,7 +55,7 @@ def checked(check: Callable[[str], Any]) -> Callable[[click.Context, click.Param
 
 
 class ErrorOutput:
-    """Where progress goes: standard error, so that standard output is the result."""
+    """Output of progress: standard error, so that standard output is the result."""
 
     def write(self, msg: str, *, flush: bool = False) -> None:
         """Write a text."""

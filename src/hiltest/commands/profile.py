@@ -15,7 +15,7 @@ Arguments of the function:
   42  -7  0x2a        an integer
   2.5  1e-3           a float
   int16:1,-2,3        numbers by address (int8 to uint64, float32, float64)
-  float32:@cloud.csv  the numbers in a text file, row by row
+  float32:@data.csv   the numbers in a text file, row by row
   zeros:64            64 zero bytes for the function to fill
   zeros:float32:12    12 zeros of a type
   text:hello          characters, with a zero behind them

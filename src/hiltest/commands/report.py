@@ -84,7 +84,7 @@ def _render(stored: RecordFile, folder: Path) -> None:
     from hiltest.report.render import write_reports
 
     try:
-        with np.errstate(all="ignore"):  # a number that nothing measures is drawn somewhere, and no more is said of it
+        with np.errstate(all="ignore"):  # a number that is not finite is drawn somewhere, without a warning
             write_reports(stored.run, folder)
     except OSError as error:
         raise ConfigError(f"cannot write to {folder}: {error.strerror}; name another folder with --out") from error

@@ -31,7 +31,7 @@ class RunCommand:
     Parameters
     ----------
     older : OlderFirmware, optional
-        That runs first on the same bench, and that the run is judged against.
+        Older firmware, which runs first on the same bench as the base.
     """
 
     __name__ = RUN_COMMAND
@@ -74,7 +74,7 @@ class RunCommand:
                 self._older.check(hil.rig)
             except ConfigError as error:
                 raise pytest.UsageError(str(error)) from error
-            hil.gate.judge_against(self._older)
+            hil.gate.compare_with(self._older)
         if not only_looks(config):
             hil.open(with_board=True)
 
@@ -99,7 +99,7 @@ def _seed_range(_context: click.Context, _parameter: click.Parameter, text: str 
 
 
 class _Run(click.Command):
-    """Says where an option of pytest stands, which is what one that is not known may be."""
+    """Command whose error about an unknown option says where pytest's options go."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse the command line."""
@@ -123,13 +123,13 @@ class _Run(click.Command):
 @click.option("--seeds", metavar="A..B", callback=_seed_range, help="Run once for each seed, and sum up.")
 @click.option("--may-fail", metavar="N", type=click.IntRange(min=0), default=0, show_default=True,
               help="With --seeds: how many seeds may miss a limit.")
-@click.option("--poses", type=click.Choice(["all", "level"]), help="Known angles to judge.  [default: the rig's]")
+@click.option("--poses", type=click.Choice(["all", "level"]), help="Known angles to measure at.  [default: the rig's]")
 @click.option("--suite", type=click.Choice(["gate", "full"]),
               help="Set of tests: gate leaves out what takes longest.  [default: gate]")
 @click.option("--calibration", metavar="FILE", callback=checked(file_name),
-              help="Calibration file of this board (hiltest calibrate), to be judged beside the others.")
+              help="Calibration file of this board (hiltest calibrate), tested beside the others.")
 @click.option("--label", metavar="TEXT", callback=checked(label),
-              help="What reports and trends call this run, such as a version or a commit.")
+              help="Name of this run in reports and trends, such as a version or a commit.")
 @click.option("--baseline", metavar="FILE", callback=checked(file_name),
               help="Baseline, or record of a run, that this one must not be worse than.")
 @click.option("--against", metavar="ELF", callback=checked(file_name),
@@ -174,7 +174,7 @@ def run(
 
 
 def _verbosity(pytest_args: Sequence[str], *, verbose: bool) -> list[str]:
-    """Return how much pytest prints: a dot a test, unless somebody says otherwise."""
+    """Return pytest's verbosity: a dot a test, unless an option or the ini file sets it."""
     if verbose:
         return ["-v"]
     return [] if any(re.fullmatch(r"-[vq]+|--verbose|--quiet", each) for each in pytest_args) else ["-q"]
@@ -182,13 +182,13 @@ def _verbosity(pytest_args: Sequence[str], *, verbose: bool) -> list[str]:
 
 def _check_against(base: str | None, port: str | None) -> None:
     if base:
-        raise ConfigError(f"--against, and {base}: a run is judged against one base; leave one of them out")
+        raise ConfigError(f"--against, and {base}: a run is compared with one base; leave one of them out")
     if port:
         raise ConfigError("--against runs two ELF files on the virtual board: it does not go with --hil-port")
 
 
 def _try_out(older: str, newer: str | None, rig: str | None) -> None:
-    """Find what is wrong with one of two firmwares before the older one runs on every seed.
+    """Check both firmwares before the older one runs on every seed.
 
     Raises
     ------
@@ -214,7 +214,7 @@ def run_suites(options: Sequence[str], out: Path, *, older: OlderFirmware | None
     out : Path
         Folder of the record.
     older : OlderFirmware, optional
-        That the run is judged against.
+        Older firmware, the base of the run.
 
     Returns
     -------

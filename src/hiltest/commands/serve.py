@@ -141,7 +141,7 @@ def _listening(paced: PacedBench, ending: list[int]) -> bool:
 
 
 def _watch(paced: PacedBench, lines: dict[str, PortLine], ending: list[int]) -> None:
-    """Say what changes, until a signal comes or the board ends."""
+    """Report changes, until a signal comes or the board ends."""
     told: dict[str, bool] = dict.fromkeys(lines, False)
     pace = _pace()
     while not ending:
@@ -159,11 +159,11 @@ def _watch(paced: PacedBench, lines: dict[str, PortLine], ending: list[int]) -> 
 
 
 def _pace() -> Callable[[float], None]:
-    """Return what tells how far the board is behind: when it begins, doubles, and is over."""
+    """Return the reporter of a board that falls behind: when it begins, doubles, and is over."""
     tell_at_s = _BEHIND_S
 
     def look(behind_s: float) -> None:
-        """Tell of it, if there is something new to tell."""
+        """Report the pace, if it changed."""
         nonlocal tell_at_s
         if behind_s >= tell_at_s:
             _tell(f"board: {behind_s:.0f} s behind wall time; this machine is too slow or too busy for it")

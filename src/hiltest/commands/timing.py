@@ -99,7 +99,7 @@ def measure(hil_port: str | None, rig: str | None, out: Path | None) -> int:
 
 
 def _check_replaceable(file: Path, name: str) -> None:
-    """Refuse to overwrite what is not an earlier measurement of this board; a device keeps nothing."""
+    """Refuse to overwrite a file that is not an earlier measurement of this board; a device can be written."""
     from hiltest.virtual.profile_file import measured_as
 
     if os.path.isfile(file) and measured_as(file) != name:
@@ -110,7 +110,7 @@ def _check_replaceable(file: Path, name: str) -> None:
 
 
 def _name(board: Board) -> str:
-    """Name a board's profile after its chip; what is no chip is not called silicon."""
+    """Name a board's profile after its chip; a board without one is not called silicon."""
     from hiltest.boards.real import is_silicon
 
     kind = "silicon" if is_silicon(board.identity.unique_id) else "virtual"

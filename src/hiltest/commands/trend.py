@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 _EXIT_CODES = """
 \b
 Exit codes:
-  0   there is a run, and the trend was shown, whatever became of the numbers
+  0   there is a run, and the trend was shown, whatever the numbers are
   2   interrupted
   4   usage: no such folder, no run in it, or the page cannot be written
 """

@@ -50,7 +50,7 @@ class DeviceClock:
         return self._cycles
 
     def pass_by(self, cycles: int) -> None:
-        """Let cycles pass."""
+        """Advance the clock by some cycles."""
         self._cycles += cycles
 
 
@@ -60,7 +60,7 @@ SAVED_BOARDS: pytest.StashKey[list[dict[str, Any]]] = pytest.StashKey()
 
 
 def join_pytest_benchmark(plugins: pytest.PytestPluginManager) -> None:
-    """Take part where pytest-benchmark does, under whatever name it was loaded; it may be blocked, too."""
+    """Take part where pytest-benchmark does, under the name it was loaded by; it may be blocked."""
     if plugins.is_registered(sys.modules.get("pytest_benchmark.plugin")):
         plugins.register(sys.modules[__name__], "hiltest-cycle-benchmarks")
 
@@ -178,14 +178,14 @@ def pytest_itemcollected(item: pytest.Item) -> None:
 def pytest_benchmark_scale_unit(
     config: pytest.Config, unit: str, benchmarks: Sequence[Row], best: Mapping[str, float]
 ) -> tuple[str, float] | None:
-    """Show tables of device cycles in cycles; those of seconds are others' business."""
+    """Show tables of device cycles in cycles; tables of seconds stay."""
     return scale_cycles(unit, benchmarks, best, config.getoption("benchmark_time_unit", None))
 
 
 # A wrapper: whatever groups them, cycles of different models stay apart.
 @pytest.hookimpl(wrapper=True)
 def pytest_benchmark_group_stats(benchmarks: Sequence[Row]) -> Generator[None, Groups, Groups]:
-    """Keep cycles of different models in different tables, and what a clock has timed in its own."""
+    """Keep cycles of different models in different tables, and times in their own."""
     groups = yield
     return split_by_cycle_model(groups) if any(map(cycle_model_of, benchmarks)) else groups
 
@@ -196,10 +196,10 @@ def pytest_benchmark_update_machine_info(config: pytest.Config, machine_info: di
         machine_info[_BOARD] = _describe(config.stash[SESSION].board)
 
 
-# First: pytest-benchmark compares while it starts, when nobody knows yet which board this session will use.
+# First: pytest-benchmark compares while it starts, when it is not known yet which board this session will use.
 @pytest.hookimpl(tryfirst=True)
 def pytest_benchmark_compare_machine_info(config: pytest.Config, compared_benchmark: dict[str, Any]) -> None:
-    """Keep what a saved run says of its own rows, and of its board for when this session's is known."""
+    """Keep the machine of a saved run, to compare its board with this session's once that is known."""
     saved = compared_benchmark["machine_info"].pop(_BOARD, None)
     if saved is not None:
         config.stash.setdefault(SAVED_BOARDS, []).append(saved)
@@ -210,7 +210,7 @@ def pytest_benchmark_compare_machine_info(config: pytest.Config, compared_benchm
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
-    """Say so when saved cycles are of another board."""
+    """Warn when saved cycles are of another board."""
     board = _describe(config.stash[SESSION].board) if SHOWN in config.stash else {}
     for saved in config.stash.get(SAVED_BOARDS, []) if board else []:
         differs = [
@@ -231,7 +231,7 @@ def _describe(board: Board | None) -> dict[str, Any]:
 
 
 def _firmware(board: Board | None) -> dict[str, Any]:
-    """Say what ran; no part of the machine, or every new build would be another one."""
+    """Name the firmware; as a part of the machine every build would be another machine."""
     if board is None:
         return {}
     identity = board.identity

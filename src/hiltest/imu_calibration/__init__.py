@@ -1,4 +1,4 @@
-"""The calibration of a whole IMU as a file: what it holds, whose it is, and the same numbers for C."""
+"""The calibration of a whole IMU as a file: its contents, the board that it is of, and the same numbers for C."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ FRAME: Literal["body: x forward, y right, z down; accelerometer counts are gravi
 MICROTESLA_PER_COUNT = 0.1
 
 _STRICT: dict[str, Any] = {"extra": "forbid", "strict": True, "allow_inf_nan": False}
-# Of a matrix whose rows are as long as each other, 1: below this the axes are one plane as far as a float32 can tell.
+# Of a matrix whose rows are as long as each other, 1: below this the axes are one plane in float32.
 _SMALLEST_VOLUME = 1e-6
 # Counts and microtesla are written with as many digits as a double has.
 _SAME = 1e-9
@@ -32,7 +32,7 @@ _HEX = re.compile(r"[0-9a-f]+")
 
 @dataclass(frozen=True, slots=True)
 class FigureOfMerit:
-    """One number that says how good a part is."""
+    """Figure of merit of one part of the calibration."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
     name: str
@@ -55,7 +55,7 @@ class MadeOn:
     rig : str
         Name of the rig it was made with.
     world_sha256 : str or None
-        Digest of the simulated world without its noise, which tells virtual boards apart. None on a port.
+        Digest of the simulated world without its noise, which distinguishes virtual boards. None on a port.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT

@@ -1,4 +1,4 @@
-"""The whole IMU in one procedure: what is done next is said, and what was refused can be done again."""
+"""Calibration of the whole IMU in one procedure: each step is announced, and a refused one can be done again."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from hiltest import __version__
 from hiltest.boards import Board
 from hiltest.calibration import UNBIASED
-from hiltest.calibration.acceptance import Acceptance, FitFigures, judge
+from hiltest.calibration.acceptance import Acceptance, FitFigures, rate
 from hiltest.calibration.conditioning import ellipsoid_condition
 from hiltest.calibration.direction_error import predicted_direction_error
 from hiltest.calibration.gyroscope import GyroscopeFit
@@ -57,16 +57,16 @@ Done = TypeVar("Done")
 
 
 class Guide(Protocol):
-    """Whoever leads through the procedure, at a terminal or nowhere."""
+    """Interface to the person who is led through the procedure."""
 
     def begin(self, step: int, of: int, what: str) -> None:
-        """Say what comes next."""
+        """Announce a step."""
 
     def found(self, part: str, method: str, figures: tuple[FigureOfMerit, ...]) -> None:
-        """Say what came of a step."""
+        """Report the result of a step."""
 
     def again(self, why: str) -> bool:
-        """Say what was wrong with a step, and whether it is done once more."""
+        """Report why a step was refused; return whether it is done once more."""
 
 
 def calibrate_imu(
@@ -79,7 +79,7 @@ def calibrate_imu(
     ----------
     board : Board
     turntable : Turntable
-        An operator is asked; one that turns by itself asks nobody.
+        An operator is asked; motors turn without a question.
     rig : Rig
         Says which steps, how many points and how many seconds.
     guide : Guide
@@ -127,7 +127,7 @@ class _Led:
         return self._rig.faces is not None and self._rig.procedure.accelerometer_calibration == "six-position"
 
     def step(self, part: str, do: Callable[[], Done]) -> Done:
-        """Announce a step, do it, and do it again as long as its data is refused and the guide wants it once more."""
+        """Announce a step and do it, again and again while its data is refused and the guide wants it once more."""
         self._step += 1
         self._guide.begin(self._step, 2 + self.has_faces, part)
         return self._until_good(do)
@@ -217,7 +217,7 @@ class _Led:
             found = run_calibrators(self._board, tumble, calibrators=[calibrator], n=n, progress=self._progress)
             run = found[calibrator]
         figures = _figures_of(run, tumble)
-        verdict, reasons = judge(figures)
+        verdict, reasons = rate(figures)
         if verdict is Acceptance.REFUSED:
             seen = f"{100 * tumble.coverage:.0f} % of the sphere was seen"
             raise CalibrationError(f"magnetometer refused: {reasons[0].meaning} ({seen})")

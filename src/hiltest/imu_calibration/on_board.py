@@ -16,7 +16,7 @@ from hiltest.procedures.heading_statistics import rms
 from hiltest.procedures.known_angles import KnownAngles
 from hiltest.procedures.rest import rest_gyroscope
 
-#: Under this name the headings of a file's calibration are judged: ``heading.calibration.max``.
+#: Subject of the headings under a file's calibration: ``heading.calibration.max``.
 NAME = "calibration"
 
 

@@ -17,7 +17,7 @@ from hiltest.virtual.unique_id import VIRTUAL_UNIQUE_ID
 
 
 def made_on(board: Board, rig: Rig) -> MadeOn:
-    """Return what tells a board from others."""
+    """Return the identification of a board for a calibration file."""
     identity = board.identity
     return MadeOn(
         kind="virtual" if board.kind == "virtual" else "real", firmware=identity.name, version=identity.version,
@@ -26,7 +26,7 @@ def made_on(board: Board, rig: Rig) -> MadeOn:
 
 
 def world_sha256(rig: Rig) -> str | None:
-    """Return a hash of what a virtual board's sensors are and where they stand; None where that is unknown.
+    """Return a hash of a virtual board's sensors and their world; None where it is unknown.
 
     The field belongs to it, since the hard iron is of this place. The seed does not: it is noise.
     """

@@ -1,4 +1,4 @@
-"""Accelerometer calibrations, of a slot and fitted to poses: what the host asks, and what it is answered."""
+"""Requests and replies of accelerometer calibrations, in slots and fitted to poses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""FIT_DPI, the magnetometer against gravity: what the host asks, and what it is answered."""
+"""Request and reply of FIT_DPI, the magnetometer calibration against gravity."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class FitDpi(Request[DpiReply]):
     n : int
         The first so many points, or poses.
     slot : int
-        Whose accelerometer calibration is used.
+        Slot of the accelerometer calibration that is used.
     dip_deg : float, optional
         Inclination of the field, positive where it points down; without it, it is estimated.
     """

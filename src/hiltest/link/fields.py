@@ -93,7 +93,7 @@ class FieldReader:
         return len(self._data) - self._offset
 
     def end(self) -> None:
-        """Insist that nothing is left."""
+        """Check that no byte is left."""
         if self.left:
             raise self._error("end", self._offset, f"{self.left} bytes too many")
 

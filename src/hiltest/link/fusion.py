@@ -1,4 +1,4 @@
-"""The fusion filter on the board: what the host asks, and what it is answered."""
+"""Requests and replies of the fusion filter on the board."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ class FusionStart(Timed, Request[Quaternions]):
     Attributes
     ----------
     slot : int
-        Whose calibrations are used.
+        Slot of the calibrations that are used.
     every : int
         One in so many corrections is kept.
     readings : int
@@ -180,7 +180,7 @@ class FusionRun(Request[FusionSummary]):
 
     @property
     def board_time_s(self) -> float:
-        """How long the board runs [s]."""
+        """Duration of the run [s]."""
         return self.duration_us * 1e-6
 
 

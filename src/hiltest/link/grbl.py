@@ -62,7 +62,7 @@ class GrblLine:
     Raises
     ------
     TurntableError
-        When nobody on the port answers as Grbl does.
+        When nothing on the port answers as Grbl does.
     """
 
     def __init__(self, port: SerialPort) -> None:
@@ -76,7 +76,7 @@ class GrblLine:
             raise
 
     def ask(self, line: str, *, moving: bool = False) -> list[str]:
-        """Send a line and return what is said until ``ok``.
+        """Send a line and return the answers until ``ok``.
 
         Parameters
         ----------
@@ -105,7 +105,7 @@ class GrblLine:
             self._answer(self._owed.pop(0), moving=True)
 
     def _answer(self, line: str, *, moving: bool) -> list[str]:
-        """Return what is said until ``ok``."""
+        """Return the answers until ``ok``."""
         began_s = looked_s = time.monotonic()
         patience_s = _STALLED_S if moving else _ANSWER_S
         gives_up_s = began_s + patience_s
@@ -157,7 +157,7 @@ class GrblLine:
                 f"nothing answered '?' as Grbl 1.1 does within {_START_S:g} s. Is it the turntable's port, "
                 "at 115200 baud, and is $10=1 set?"
             )
-        # Ends what somebody before has left without an end; whatever is said to that is of no interest.
+        # Ends a line that another program left unfinished; the answer to it does not matter.
         self._write(b"\n")
         quiet_since_s = began_s = time.monotonic()
         while time.monotonic() - quiet_since_s < _QUIET_S and time.monotonic() - began_s < _START_S:

@@ -1,4 +1,4 @@
-"""The gyroscope at rest, in a turn and in a log: what the host asks, and what the board answers."""
+"""Requests and replies of the gyroscope: at rest, in a turn, in a log, and its calibration."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from hiltest.link.request import Plain, Request, Timed, within
 MAX_REST = 4096
 MAX_TURN = 12_000
 MAX_LOG = 128
-#: Samples at either end of a turn whose sum is told by itself.
+#: Samples at either end of a turn that have a sum of their own.
 EDGE_SAMPLES = 20
 
 
@@ -69,7 +69,7 @@ class Stillness:
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """When samples were taken, by the board's clock [s]; `lost` when the part's FIFO ran over."""
+    """Times of the first and last sample, by the board's clock [s]; `lost` when the part's FIFO ran over."""
 
     first_s: float
     last_s: float
@@ -185,7 +185,7 @@ class GyroscopeRest(Timed, Request[GyroscopeRestReply]):
     Attributes
     ----------
     noise : float
-        rms of one sample, were all independent, that the stillness of the board is judged by [counts]; 0: not at all.
+        rms of one sample, if all were independent, for the test of stillness [counts]; 0 leaves the test out.
     """
 
     code: ClassVar[int] = 0x0F

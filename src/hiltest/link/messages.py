@@ -37,7 +37,7 @@ MAX_AVERAGE = 512
 
 @dataclass(frozen=True)
 class Sync(Request[SyncReply]):
-    """Ask for the nonce back, to know that what follows is an answer to us."""
+    """Ask for a nonce back: frames before it answer older requests."""
 
     code = 0x01
     command = "SYNC"
@@ -243,7 +243,7 @@ class Average(Timed, Request[AverageReply]):
 
 @dataclass(frozen=True)
 class LinkStatistics(Request[LinkCounters]):
-    """Ask what the firmware saw on its line."""
+    """Ask for the counters of the firmware's line."""
 
     code = 0x10
     command = "LINK_STATISTICS"

@@ -1,4 +1,4 @@
-"""The board's buffer of still poses: what the host asks of it, and what it is answered."""
+"""Requests and replies of the board's buffer of still poses."""
 
 from __future__ import annotations
 

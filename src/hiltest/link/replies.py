@@ -55,7 +55,7 @@ class SensorKind(IntEnum):
 
 
 class CycleSource(IntEnum):
-    """Where the firmware's cycle numbers come from."""
+    """Source of the firmware's cycle counts."""
 
     NONE = 0
     DWT = 1

@@ -55,7 +55,7 @@ class Request(Generic[R]):
 
     @property
     def board_time_s(self) -> float:
-        """How long the board may take to answer, beyond the line itself [s]."""
+        """Longest time until the board answers, without the line itself [s]."""
         return 0.0
 
 
@@ -75,7 +75,7 @@ class Timed:
 
     @property
     def board_time_s(self) -> float:
-        """How long the board may wait for its sensors [s]."""
+        """Longest time that the board waits for its sensors [s]."""
         return self.timeout_us * 1e-6
 
 

@@ -1,4 +1,4 @@
-"""Read a request back from its bytes, as somebody does who only sees the line."""
+"""Read requests back from their bytes on the line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""TIME_SEQUENCE, short runs of one kind of instruction: what the host asks, and what it is answered."""
+"""Request and reply of TIME_SEQUENCE: short runs of one kind of instruction."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SEQUENCES = (
 
 
 class SequencePlace(IntEnum):
-    """Where a sequence runs from; the values are those of the protocol."""
+    """Memory that a sequence runs from; the values are those of the protocol."""
 
     SRAM = 0
     FLASH = 1

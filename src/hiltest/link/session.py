@@ -39,7 +39,7 @@ REPLY_DEADLINE_S = 1.0
 ATTEMPTS = 3
 # A board on a real clock cannot exceed it within its deadlines; a virtual one that computes without end can.
 WALL_GUARD_S = 30.0
-# A virtual board that is told to work for a second may take so much longer on a busy machine; 0.4 s on an idle one.
+# A virtual board that works for a second may take so much longer on a busy machine; 0.4 s on an idle one.
 _WALL_A_BOARD_SECOND = 4.0
 # Late answers to that many earlier requests are dropped; a stranger number is an error.
 _STALE_SEQUENCES = 16
@@ -47,7 +47,7 @@ _HEARD_KEPT = 256
 
 
 class RequestOutcome(StrEnum):
-    """How an attempt ended."""
+    """Outcome of an attempt."""
 
     ANSWERED = "answered"
     TIMEOUT = "timeout"
@@ -120,7 +120,7 @@ class Session:
 
     @property
     def retried(self) -> int:
-        """How many requests were sent more than once."""
+        """Number of requests that were sent more than once."""
         return sum(attempt.number == 2 for attempt in self.attempts)
 
     def close(self) -> None:
@@ -158,7 +158,7 @@ class Session:
         self._sequence = 0
 
     def identify(self, *, firmware_name: str = FIRMWARE_NAME) -> Identity:
-        """Ask who answers, and insist on the firmware that is expected.
+        """Ask for the identity of the firmware, and check that it is the expected one.
 
         Raises
         ------
@@ -259,7 +259,7 @@ class Session:
         return None
 
     def _found(self) -> str:
-        """Say what the firmware is doing, where the port can look."""
+        """Return what the firmware is doing, where the port knows."""
         look: Callable[[], str] | None = getattr(self._port, "position", None)
         return look() if look else ""
 

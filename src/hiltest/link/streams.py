@@ -76,7 +76,7 @@ class StreamStateReply:
     accepted : int
         Calibrations taken over since the reset.
     fit_error_percent : float or None
-        What the calibrator judges its calibration by; None when it has no such number.
+        The calibrator's own measure of its calibration; None when it has none.
     cost : RunCost or None
         Cost of this answer: a calibrator that fits when asked did so now. None when the core counts no cycles.
     """
@@ -170,7 +170,7 @@ class StreamRemove(_StreamSteps):
 
 @dataclass(frozen=True)
 class StreamState(Request[StreamStateReply]):
-    """Ask a stream calibrator what it knows."""
+    """Ask a streaming calibrator for its state."""
 
     code = 0x15
     command = "STREAM_STATE"

@@ -21,7 +21,7 @@ _BYTES_SHOWN = 32
 
 @dataclass(frozen=True, slots=True)
 class _Seen:
-    """A frame, or what was none, when its last byte went by."""
+    """A frame, or damaged bytes, with the time of its last byte."""
 
     time_s: float
     direction: Direction

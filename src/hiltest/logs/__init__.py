@@ -1,4 +1,4 @@
-"""Recorded files: readings of magnetometers and IMUs, what is fitted to them, Allan deviation, and their pages."""
+"""Recorded files: samples of magnetometers and IMUs, fits, Allan deviation, and their pages."""
 
 from __future__ import annotations
 
@@ -6,23 +6,23 @@ from hiltest.logs.columns import Unit
 from hiltest.logs.counts import CountScale, thinned
 from hiltest.logs.imu_log import ImuLog, LogColumns, read_imu_log
 from hiltest.logs.intervals import Interval, Intervals, found_intervals, labelled_intervals, listed_intervals
-from hiltest.logs.samples import Cloud, read_cloud
+from hiltest.logs.samples import Samples, read_samples
 from hiltest.logs.units import AccelerationUnit, RateUnit
 
 __all__ = [
     "AccelerationUnit",
-    "Cloud",
     "CountScale",
     "ImuLog",
     "Interval",
     "Intervals",
     "LogColumns",
     "RateUnit",
+    "Samples",
     "Unit",
     "found_intervals",
     "labelled_intervals",
     "listed_intervals",
-    "read_cloud",
     "read_imu_log",
+    "read_samples",
     "thinned",
 ]

@@ -34,7 +34,7 @@ def table(log: RateLog, curve: AllanCurve) -> Iterator[tuple[str, str, str, str]
 
 
 def headline(log: RateLog) -> str:
-    """Say what was read."""
+    """Return the heading: file, samples and rate."""
     n, seconds = len(log.rates), len(log.rates) / log.rate_hz
     gaps = "" if not log.gaps else f"; {log.gaps} gaps: the longest part of {log.rows} rows"
     return f"{log.path}: {n} samples at {log.rate_hz:.6g} Hz, {seconds:.0f} s{gaps}"
@@ -67,7 +67,7 @@ def write_page(log: RateLog, curve: AllanCurve, path: Path) -> None:
 
 
 def figure(log: RateLog, curve: AllanCurve) -> Figure:
-    """Draw the deviations and what the numbers read off make, on logarithmic axes."""
+    """Draw the deviations, and lines for the noise figures, on logarithmic axes."""
     unit = "deg/s" if log.in_degrees else "count"
     _, *rows = table(log, curve)
     drawn = Figure(

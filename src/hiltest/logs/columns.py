@@ -57,7 +57,7 @@ def unit_of(headers: Sequence[str]) -> Unit | None:
     if foreign:
         raise ConfigError(
             f"the header says {', '.join(headers)}: {foreign[0]} is not supported; convert to uT, "
-            "or give --unit counts, which judges no field strength"
+            "or give --unit counts, which checks no field strength"
         )
     units = {_WORDS[word] for word in words if word in _WORDS}
     if len(units) > 1:

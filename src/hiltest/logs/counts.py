@@ -1,4 +1,4 @@
-"""A cloud as the firmware takes it: few enough int16 counts."""
+"""Samples as the firmware takes them: int16 counts, at most as many as its buffer holds."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hiltest.calibration.fit import MagnetometerFit
-from hiltest.logs.samples import Cloud
+from hiltest.logs.samples import Samples
 
 Array = NDArray[np.float64]
 
@@ -23,29 +23,29 @@ _CHOSEN = 3_200.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CountScale:
-    """How a cloud's unit becomes counts, ``counts = (reading - origin) * per_unit``.
+    """Scale from readings to counts: ``counts = (reading - origin) * per_unit``.
 
     Attributes
     ----------
     per_unit : float
-        Counts per unit of the cloud.
+        Counts per unit of the samples.
     origin : ndarray, shape (3,)
-        In the unit of the cloud; zero unless the readings lie too far out for int16.
+        In the unit of the samples; zero unless the readings lie too far out for int16.
     """
 
     per_unit: float
     origin: Array
 
     @classmethod
-    def of(cls, cloud: Cloud) -> Self:
-        """Choose the scale of a cloud: the firmware's own 0.1 uT, or raw counts as they are, where that fits."""
-        low, high = cloud.points.min(axis=0), cloud.points.max(axis=0)
+    def of(cls, samples: Samples) -> Self:
+        """Choose the scale: the firmware's own 0.1 uT, or raw counts unchanged, where that fits."""
+        low, high = samples.points.min(axis=0), samples.points.max(axis=0)
         half = float((high - low).max()) / 2.0
-        microtesla = cloud.microtesla
+        microtesla = samples.microtesla
         per_unit = 1.0 if microtesla is None else microtesla * _COUNTS_PER_UT
         if half > 0.0 and not _COARSEST <= half * per_unit <= _WIDEST:
             per_unit = _CHOSEN / half
-        fits = float(np.abs(cloud.points).max()) * per_unit <= _INT16
+        fits = float(np.abs(samples.points).max()) * per_unit <= _INT16
         return cls(per_unit, np.zeros(3) if fits else (low + high) / 2.0)
 
     @property
@@ -63,7 +63,7 @@ class CountScale:
         return np.rint(self.unrounded(points)).astype(np.int16)
 
     def in_unit(self, fit: MagnetometerFit) -> MagnetometerFit:
-        """Return a calibration of counts as one of readings in the unit of the cloud."""
+        """Return a calibration of counts as one of readings in the unit of the samples."""
         if not fit.has_fit:
             return fit
         return MagnetometerFit(

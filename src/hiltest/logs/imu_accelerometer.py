@@ -44,7 +44,7 @@ class AccelerometerResult:
         ``six-position`` or ``ellipsoid``.
     rests : int
     faces : tuple of Face
-        That were found, by the axis that gravity is read on with its sign.
+        Faces that were found, by the axis on which gravity is read, with its sign.
     fit : AccelerometerFit or None
         ``gravity_g = gain @ (reading - offset)``, in the unit of the log. None when it was refused.
     refused : str
@@ -101,7 +101,7 @@ def fit_rests(log: ImuLog, rests: Sequence[Interval], method: str = AUTO) -> Acc
 
 
 def _nominal(log: ImuLog, means: Reals) -> tuple[Reals, float]:
-    """Return the readings' zero, and what 1 g reads; of counts as the middle and half of their range tell."""
+    """Return the readings' zero, and what 1 g reads; for counts the middle and half of their range."""
     known = GRAVITIES[log.acceleration_unit]
     if known is not None:
         return np.zeros(3), 1.0 / known

@@ -75,7 +75,7 @@ def fit_imu_log(log: ImuLog, intervals: Intervals, method: str = AUTO, *, turn_d
 
 
 def print_fit(fit: ImuLogFit, console: Console) -> None:
-    """Print what was found in the log, what it made of each sensor, and what was refused with the reason."""
+    """Print what was found in the log, the calibration of each sensor, and each refusal with its reason."""
     log, rests = fit.log, fit.intervals.rests
     length_s = log.time_s[-1] - log.time_s[0]
     console.print(escape(f"{', '.join(log.files)}: {len(log.time_s)} samples, {length_s:.1f} s; {len(rests)} rests, "
@@ -112,7 +112,7 @@ def _print_gyroscope(result: GyroscopeResult, unit: str, console: Console) -> No
     for turn in result.turns:
         console.print(escape(f"  {_turn(turn, unit)}"), soft_wrap=True)
     if result.fit is not None and used == _DETERMINED:
-        console.print("  three turns are met exactly: a fourth would tell how good the matrix is", soft_wrap=True)
+        console.print("  three turns are met exactly: a fourth would show how good the matrix is", soft_wrap=True)
     if result.fit is None:
         console.print(escape(f"  only the bias: {result.refused}"), style="yellow", soft_wrap=True)
 

@@ -49,7 +49,7 @@ class TurnResult:
     turned_deg : float
         What it was taken for, about the vertical upward as accelerometers have it; 0 when it was refused.
     left_deg : float
-        By how much the calibrated integral misses that; 0 without a calibration.
+        Difference between that and the calibrated integral; 0 without a calibration.
     refused : str
         Why, empty when it was used.
     """
@@ -109,7 +109,7 @@ def fit_gyroscope(
     accelerometer : AccelerometerFit or None
         Calibration from the same log.
     turn_deg : float
-        What the recorder turned it by each time, once or several times; counts alone do not tell.
+        Angle of each turn, done once or several times; counts alone do not show it.
 
     Returns
     -------
@@ -120,7 +120,7 @@ def fit_gyroscope(
     -----
     A turn is between two rests with the same gravity, its integral along it: then the vertical, which the calibrated
     accelerometer tells in its own axes, is what it turned about. Both sensors then have the same axes. The sense is
-    that of the readings: a gyroscope that is mirrored as a whole cannot be told from a turn the other way.
+    that of the readings: a gyroscope that is mirrored as a whole looks like a turn the other way.
     """
     if log.rate is None or not intervals.rests:
         return None
@@ -129,8 +129,8 @@ def fit_gyroscope(
     bias: Reals = np.concatenate(rests).mean(axis=0)
     spread = float(np.array([rest.mean(axis=0) for rest in rests]).std(axis=0).max())
     if accelerometer is None:
-        return GyroscopeResult(n, bias, spread, None, (), "without an accelerometer nothing tells the turns' axes")
-    candidates = _judged(log, _candidates(log, intervals, accelerometer, bias), turn_deg)
+        return GyroscopeResult(n, bias, spread, None, (), "without an accelerometer the axes of the turns are unknown")
+    candidates = _whole_turns(log, _candidates(log, intervals, accelerometer, bias), turn_deg)
     used = [each for each in candidates if not each.result.refused]
     found = fit_turns([_about_vertical(each) for each in used])
     if found.status is not TurnsStatus.OK:
@@ -172,14 +172,14 @@ def _candidate(log: ImuLog, motion: Interval, bias: Sequence[Reals], up: Reals) 
     return _Candidate(turn, up / np.linalg.norm(up), result)
 
 
-def _judged(log: ImuLog, candidates: Sequence[_Candidate], turn_deg: float) -> list[_Candidate]:
-    """Say of each how many turns it is, or why it is none; leave out what hardly turned."""
+def _whole_turns(log: ImuLog, candidates: Sequence[_Candidate], turn_deg: float) -> list[_Candidate]:
+    """Return the candidates with their number of turns, or the reason why they are none, without what hardly turned."""
     lengths = [float(np.linalg.norm(each.result.integral)) for each in candidates]
     whole = turn_deg
     if DEGREES_PER_SECOND[log.rate_unit] is None:
         turned = [length for length in lengths if length > _A_TURN_AT_ALL * max(lengths)]
         whole = float(np.median(turned)) if turned else 1.0
-    judged, used = [], 0
+    turns, used = [], 0
     for each, length in zip(candidates, lengths, strict=True):
         if length < _A_TURN_AT_ALL * whole:
             continue
@@ -194,8 +194,8 @@ def _judged(log: ImuLog, candidates: Sequence[_Candidate], turn_deg: float) -> l
             refused = f"{MAX_TURNS} are enough"
         used += not refused
         turned_deg = 0.0 if refused else float(np.copysign(times * turn_deg, along))
-        judged.append(replace(each, result=replace(each.result, turned_deg=turned_deg, refused=refused)))
-    return judged
+        turns.append(replace(each, result=replace(each.result, turned_deg=turned_deg, refused=refused)))
+    return turns
 
 
 def _about_vertical(each: _Candidate) -> GyroscopeTurn:

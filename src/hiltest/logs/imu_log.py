@@ -32,7 +32,7 @@ _LATEST = 1e20
 
 @dataclass(frozen=True, slots=True)
 class LogColumns:
-    """Columns that the header does not tell: names, or numbers from 1.
+    """Columns that the header does not name clearly: names, or numbers from 1.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Where in a log the sensor rested, and where it turned: found, or said by whoever recorded it."""
+"""Rests and turns in a log: found in the readings, or annotated."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from hiltest.logs.units import DEGREES_PER_SECOND, GRAVITIES
 
 Reals = NDArray[np.float64]
 
-# A second at rest, seen as a whole: shorter rests tell less than the noise of a means leaves.
+# A second at rest, seen as a whole: shorter rests show less than the noise of a means leaves.
 _WINDOW_S = 1.0
 # The quietest tenth of all windows is at rest; a spread that is this much larger is motion. Of 100 samples the spread
 # of noise scatters by 7 %; of logs tried, the smallest motion is 20 times the noise.
@@ -39,7 +39,7 @@ _LARGEST_LIST_BYTES = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """Samples `start` to `end` - 1 of a log; what it is called, empty when it was found."""
+    """Samples `start` to `end` - 1 of a log, and its name; empty when it was found."""
 
     start: int
     end: int
@@ -57,7 +57,7 @@ class Intervals:
     motions : tuple of Interval
         Between two rests when they were found, with one before and one behind each; turns by their names otherwise.
     found : bool
-        By their own looks, and not by annotations.
+        Whether they were found in the readings; otherwise they are annotations.
     """
 
     rests: tuple[Interval, ...]

@@ -1,4 +1,4 @@
-"""Calibrators over a recorded cloud: what each makes of it, and whether that may be used."""
+"""Calibrators over recorded samples: the calibration of each, and whether it may be used."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hiltest.boards.board import Board
 from hiltest.calibration import FASTER, REFERENCES, UNBIASED, reference
-from hiltest.calibration.acceptance import Acceptance, FitFigures, Reason, judge
+from hiltest.calibration.acceptance import Acceptance, FitFigures, Reason, rate
 from hiltest.calibration.conditioning import ellipsoid_condition
 from hiltest.calibration.direction_error import predicted_direction_error
 from hiltest.calibration.fit import FitStatus, MagnetometerFit
@@ -19,10 +19,10 @@ from hiltest.calibration.quality import residual_percent
 from hiltest.calibration.solid_angle import solid_angle_covered
 from hiltest.errors import ConfigError
 from hiltest.logs.counts import CountScale, thinned
-from hiltest.logs.samples import Cloud
-from hiltest.measurement import CycleBand
+from hiltest.logs.samples import Samples
+from hiltest.measurement import CycleRange
 from hiltest.procedures.calibrate import calibrate_once
-from hiltest.procedures.cycles import upload_cloud
+from hiltest.procedures.cycles import upload_points
 
 Array: TypeAlias = NDArray[np.float64]
 Triple: TypeAlias = tuple[float, float, float]
@@ -49,11 +49,11 @@ class CalibratorFit:
     reasons : tuple of Reason
         Why it is not good.
     n_used : int
-        Points that the calibrator got. The figures are over all of them in the cloud.
+        Points that the calibrator got. The figures are over all samples.
     hard_iron : (3,) or None
         None without a calibration, as everything behind it.
     soft_iron : 3 rows of 3 or None
-        Symmetric, determinant 1: ``corrected = soft_iron @ (reading - hard_iron)``, in the unit of the cloud.
+        Symmetric, determinant 1: ``corrected = soft_iron @ (reading - hard_iron)``, in the unit of the samples.
     radius : float or None
         Length of the corrected readings.
     residual_percent : float or None
@@ -68,8 +68,8 @@ class CalibratorFit:
         Sweeps of the firmware's solver, 0 for a closed form.
     cycles : int or None
         Core cycles of the run; None where they are not counted.
-    cycle_band : CycleBand or None
-        Within what they lie by the cycle model's own uncertainty; None where that is unknown.
+    cycle_band : CycleRange or None
+        Uncertainty range of the cycles; None where it is unknown.
     """
 
     name: str
@@ -88,12 +88,12 @@ class CalibratorFit:
     direction_bias_deg: float | None = None
     iterations: int = 0
     cycles: int | None = None
-    cycle_band: CycleBand | None = None
+    cycle_band: CycleRange | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class FirmwareUsed:
-    """The firmware that ran, and how it got the cloud.
+    """Firmware that ran, and the scale of the samples that it was given.
 
     Attributes
     ----------
@@ -103,11 +103,11 @@ class FirmwareUsed:
     cycle_model : str
         What the cycles mean.
     count_step : float
-        What one count stands for, in the unit of the cloud.
+        What one count stands for, in the unit of the samples.
     count_origin : (3,)
         The reading that is sent as zero counts.
     rounding_rms : float
-        What rounding to whole counts moved a reading by, per axis, in the unit of the cloud.
+        What rounding to whole counts moved a reading by, per axis, in the unit of the samples.
     """
 
     name: str
@@ -121,8 +121,8 @@ class FirmwareUsed:
 
 
 @dataclass(frozen=True, slots=True)
-class CloudFit:
-    """Calibrators over one cloud.
+class SampleFit:
+    """Result of every calibrator on the same samples.
 
     Attributes
     ----------
@@ -168,8 +168,8 @@ class CloudFit:
         )
 
 
-def fit_on_host(cloud: Cloud, calibrator: str = ALL) -> CloudFit:
-    """Run the float64 references over every point of a cloud.
+def fit_on_host(samples: Samples, calibrator: str = ALL) -> SampleFit:
+    """Run the float64 references over all samples.
 
     Raises
     ------
@@ -177,27 +177,27 @@ def fit_on_host(cloud: Cloud, calibrator: str = ALL) -> CloudFit:
         When a calibrator has no reference.
     """
     names = sorted(REFERENCES.keys() - FASTER) if calibrator == ALL else [calibrator]
-    scale, judged = CountScale.of(cloud), _Judge(cloud)
-    counts = scale.unrounded(cloud.points)
-    fits = [judged.result(name, scale.in_unit(reference(name)(counts)), cloud.points) for name in names]
-    return _cloud_fit(cloud, judged.condition, "host", None, fits)
+    scale, rating = CountScale.of(samples), _Rating(samples)
+    counts = scale.unrounded(samples.points)
+    fits = [rating.result(name, scale.in_unit(reference(name)(counts)), samples.points) for name in names]
+    return _sample_fit(samples, rating.condition, "host", None, fits)
 
 
-def fit_on_board(board: Board, cloud: Cloud, calibrator: str = ALL) -> CloudFit:
-    """Run a board's calibrators over a cloud, thinned to `MOST_POINTS`.
+def fit_on_board(board: Board, samples: Samples, calibrator: str = ALL) -> SampleFit:
+    """Run a board's calibrators over samples, thinned to `MOST_POINTS`.
 
     Parameters
     ----------
     board : Board
         Its point buffer is replaced.
-    cloud : Cloud
+    samples : Samples
     calibrator : str
         A name as in the board's identity, or `ALL`.
 
     Returns
     -------
-    CloudFit
-        Its figures are over all points of the cloud, so that a verdict is that of the whole file; only the
+    SampleFit
+        Its figures are over all samples, so that a verdict is that of the whole file; only the
         predicted direction error is that of the points which the calibrator got.
 
     Raises
@@ -208,14 +208,14 @@ def fit_on_board(board: Board, cloud: Cloud, calibrator: str = ALL) -> CloudFit:
     known = board.identity.calibrators
     if calibrator not in (ALL, *known):
         raise ConfigError(f"the firmware has no calibrator {calibrator!r}; it has {', '.join(known)}")
-    scale, judged = CountScale.of(cloud), _Judge(cloud)
-    used = thinned(cloud.points, min(MOST_POINTS, board.identity.max_points))
-    upload_cloud(board, scale.counts(used))
+    scale, rating = CountScale.of(samples), _Rating(samples)
+    used = thinned(samples.points, min(MOST_POINTS, board.identity.max_points))
+    upload_points(board, scale.counts(used))
     fits = []
     for name in known if calibrator == ALL else [calibrator]:
         fit, cost = calibrate_once(board, name, len(used))
-        result = judged.result(name, scale.in_unit(fit), used)
-        band = board.cycle_band(cost)
+        result = rating.result(name, scale.in_unit(fit), used)
+        band = board.cycle_range(cost)
         fits.append(replace(result, cycles=cost.cycles if cost else None, cycle_band=band))
     rounding = scale.counts(used) / scale.per_unit + scale.origin - used
     firmware = FirmwareUsed(
@@ -223,94 +223,94 @@ def fit_on_board(board: Board, cloud: Cloud, calibrator: str = ALL) -> CloudFit:
         sha256=board.firmware_sha256, cycle_model=board.cycle_model, count_step=scale.step,
         count_origin=_triple(scale.origin), rounding_rms=float(np.sqrt((rounding * rounding).mean())),
     )
-    return _cloud_fit(cloud, judged.condition, str(board.kind), firmware, fits)
+    return _sample_fit(samples, rating.condition, str(board.kind), firmware, fits)
 
 
-class _Judge:
-    """Judges calibrations by one cloud."""
+class _Rating:
+    """Rates calibrations of the same samples."""
 
-    def __init__(self, cloud: Cloud) -> None:
-        self._cloud = cloud
-        self.condition = ellipsoid_condition(cloud.points)
+    def __init__(self, samples: Samples) -> None:
+        self._samples = samples
+        self.condition = ellipsoid_condition(samples.points)
 
     def result(self, name: str, fit: MagnetometerFit, used: Array) -> CalibratorFit:
-        """Return what a calibrator made of the points it used; `fit` is in the unit of the cloud."""
+        """Return what a calibrator made of the points it used; `fit` is in the unit of the samples."""
         if not fit.has_fit:
-            verdict, reasons = judge(FitFigures(fit.status, self.condition, n=len(used)))
+            verdict, reasons = rate(FitFigures(fit.status, self.condition, n=len(used)))
             return CalibratorFit(name, _words(fit.status), verdict, reasons, len(used), iterations=fit.iterations)
         radius = float(np.linalg.det(fit.soft_iron)) ** (-1.0 / 3.0)
-        microtesla = self._cloud.microtesla
+        microtesla = self._samples.microtesla
         # With no step in it the fit of a calibrator that takes the bias out is another's.
         predicted = predicted_direction_error(used, fit, unbiased=name in UNBIASED and fit.iterations > 0)
         figures = FitFigures(
             fit.status, self.condition, n=len(used),
-            residual_percent=residual_percent(self._cloud.points, fit),
+            residual_percent=residual_percent(self._samples.points, fit),
             axis_ratio=float(np.linalg.cond(fit.soft_iron)),
             radius_ut=None if microtesla is None else microtesla * radius,
             direction_error_deg=None if predicted is None else predicted.rms_deg,
         )
-        verdict, reasons = judge(figures)
+        verdict, reasons = rate(figures)
         x, y, z = fit.soft_iron * radius
         return CalibratorFit(
             name, _words(fit.status), verdict, reasons, len(used),
             hard_iron=_triple(fit.hard_iron), soft_iron=(_triple(x), _triple(y), _triple(z)), radius=radius,
             residual_percent=figures.residual_percent,
-            coverage=solid_angle_covered(fit.corrected(self._cloud.points)), axis_ratio=figures.axis_ratio,
+            coverage=solid_angle_covered(fit.corrected(self._samples.points)), axis_ratio=figures.axis_ratio,
             direction_error_deg=figures.direction_error_deg,
             direction_spread_deg=None if predicted is None else predicted.spread_deg,
             direction_bias_deg=None if predicted is None else predicted.bias_deg, iterations=fit.iterations,
         )
 
 
-def _cloud_fit(
-    cloud: Cloud, condition: float, on: str, firmware: FirmwareUsed | None, fits: Sequence[CalibratorFit]
-) -> CloudFit:
-    return CloudFit(
-        file=str(cloud.path), columns=cloud.columns, unit=str(cloud.unit), unit_from=cloud.unit_from,
-        n_in=len(cloud.points), n_skipped=cloud.skipped, n_repeated=cloud.repeated, condition=condition, on=on,
+def _sample_fit(
+    samples: Samples, condition: float, on: str, firmware: FirmwareUsed | None, fits: Sequence[CalibratorFit]
+) -> SampleFit:
+    return SampleFit(
+        file=str(samples.path), columns=samples.columns, unit=str(samples.unit), unit_from=samples.unit_from,
+        n_in=len(samples.points), n_skipped=samples.skipped, n_repeated=samples.repeated, condition=condition, on=on,
         firmware=firmware, calibrators=tuple(fits),
-        notes=tuple(text for said in _NOTES if (text := said(cloud, firmware, fits))),
+        notes=tuple(text for said in _NOTES if (text := said(samples, firmware, fits))),
     )
 
 
-def _unit_note(cloud: Cloud, _firmware: FirmwareUsed | None, _fits: Sequence[CalibratorFit]) -> str:
-    if cloud.microtesla is not None:
+def _unit_note(samples: Samples, _firmware: FirmwareUsed | None, _fits: Sequence[CalibratorFit]) -> str:
+    if samples.microtesla is not None:
         return ""
-    why = "The header names no unit that is known: taken as counts" if cloud.unit_from == "assumed" else "Counts"
+    why = "The header names no unit that is known: taken as counts" if samples.unit_from == "assumed" else "Counts"
     return f"{why} of unknown scale, so the field strength is not checked; --unit uT or gauss says what they are."
 
 
-def _skipped_note(cloud: Cloud, _firmware: FirmwareUsed | None, _fits: Sequence[CalibratorFit]) -> str:
-    return f"{cloud.skipped} rows without three finite numbers were skipped." if cloud.skipped else ""
+def _skipped_note(samples: Samples, _firmware: FirmwareUsed | None, _fits: Sequence[CalibratorFit]) -> str:
+    return f"{samples.skipped} rows without three finite numbers were skipped." if samples.skipped else ""
 
 
-def _repeated_note(cloud: Cloud, _firmware: FirmwareUsed | None, _fits: Sequence[CalibratorFit]) -> str:
-    if cloud.repeated < _MANY_REPEATED * len(cloud.points):
+def _repeated_note(samples: Samples, _firmware: FirmwareUsed | None, _fits: Sequence[CalibratorFit]) -> str:
+    if samples.repeated < _MANY_REPEATED * len(samples.points):
         return ""
     return (
-        f"{cloud.repeated} of {len(cloud.points)} readings repeat the one before: the log is faster than the sensor, "
-        "or it lay still. The predicted direction error counts them as independent, and is too small."
+        f"{samples.repeated} of {len(samples.points)} readings repeat the one before: the log is faster than the "
+        "sensor, or it lay still. The predicted direction error counts them as independent, and is too small."
     )
 
 
-def _thinned_note(cloud: Cloud, _firmware: FirmwareUsed | None, fits: Sequence[CalibratorFit]) -> str:
+def _thinned_note(samples: Samples, _firmware: FirmwareUsed | None, fits: Sequence[CalibratorFit]) -> str:
     used = fits[0].n_used
-    if used == len(cloud.points):
+    if used == len(samples.points):
         return ""
-    return f"The board got {used} points, taken at a uniform stride over all {len(cloud.points)}."
+    return f"The board got {used} points, taken at a uniform stride over all {len(samples.points)}."
 
 
-def _counts_note(cloud: Cloud, firmware: FirmwareUsed | None, _fits: Sequence[CalibratorFit]) -> str:
+def _counts_note(samples: Samples, firmware: FirmwareUsed | None, _fits: Sequence[CalibratorFit]) -> str:
     if firmware is None:
         return ""
     shifted = " from the middle of their range" if any(firmware.count_origin) else ""
     return (
-        f"The firmware got int16 numbers, 1 for {firmware.count_step:.4g} {cloud.unit}{shifted}; rounding moved a "
-        f"reading by {firmware.rounding_rms:.2g} {cloud.unit} rms."
+        f"The firmware got int16 numbers, 1 for {firmware.count_step:.4g} {samples.unit}{shifted}; rounding moved a "
+        f"reading by {firmware.rounding_rms:.2g} {samples.unit} rms."
     )
 
 
-_Note: TypeAlias = Callable[[Cloud, FirmwareUsed | None, Sequence[CalibratorFit]], str]
+_Note: TypeAlias = Callable[[Samples, FirmwareUsed | None, Sequence[CalibratorFit]], str]
 _NOTES: tuple[_Note, ...] = (_unit_note, _skipped_note, _repeated_note, _thinned_note, _counts_note)
 
 

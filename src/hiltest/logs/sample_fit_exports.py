@@ -9,7 +9,7 @@ from typing import Any
 
 from hiltest import __version__
 from hiltest.c_source import c_float, in_comment
-from hiltest.logs.sample_fit import CalibratorFit, CloudFit, Matrix, Triple
+from hiltest.logs.sample_fit import CalibratorFit, Matrix, SampleFit, Triple
 from hiltest.record.files import write_asked_for
 
 CALIBRATION_SCHEMA, FIT_SCHEMA = "hiltest.calibration/1", "hiltest.fit/1"
@@ -46,8 +46,8 @@ static const float magnetometer_radius = {radius};
 """
 
 
-def export_json(fit: CloudFit, path: Path) -> None:
-    """Write the best calibration of a cloud as JSON, so that a reader sees the whole file or none."""
+def export_json(fit: SampleFit, path: Path) -> None:
+    """Write the best calibration of a sample file as JSON, so that a reader sees the whole file or none."""
     best = fit.best
     content = {
         "schema": CALIBRATION_SCHEMA, "hiltest": __version__, "calibrator": best.name, "verdict": best.verdict,
@@ -62,8 +62,8 @@ def export_json(fit: CloudFit, path: Path) -> None:
     write_asked_for(path, json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
 
 
-def export_header(fit: CloudFit, path: Path) -> None:
-    """Write the best calibration of a cloud as a C header, so that a reader sees the whole file or none."""
+def export_header(fit: SampleFit, path: Path) -> None:
+    """Write the best calibration of a sample file as a C header, so that a reader sees the whole file or none."""
     best = fit.best
     hard_iron, soft_iron, radius, residual = _numbers(best)
     text = _HEADER.format(
@@ -84,8 +84,8 @@ def _row(values: Triple) -> str:
     return f"{{{', '.join(map(c_float, values))}}}"
 
 
-def to_json(fit: CloudFit) -> str:
-    """Return the text of a fitted cloud, checked by ``fit.schema.json``."""
+def to_json(fit: SampleFit) -> str:
+    """Return the text of a fit of samples, checked by ``fit.schema.json``."""
     best = fit.best
     content = {
         "schema": FIT_SCHEMA, "hiltest": __version__, "verdict": best.verdict, "best": best.name, **asdict(fit),
@@ -97,7 +97,7 @@ def schema_text() -> str:
     """Return the text of the shipped ``fit.schema.json``, generated from the classes."""
     from pydantic import TypeAdapter
 
-    schema: dict[str, Any] = TypeAdapter(CloudFit).json_schema(mode="serialization")
+    schema: dict[str, Any] = TypeAdapter(SampleFit).json_schema(mode="serialization")
     schema["properties"] = {
         "schema": {"const": FIT_SCHEMA}, "hiltest": {"type": "string"},
         "verdict": {"$ref": "#/$defs/Acceptance"}, "best": {"type": "string"}, **schema["properties"],

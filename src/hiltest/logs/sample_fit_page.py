@@ -1,4 +1,4 @@
-"""A fitted cloud to look at: one self-contained HTML file."""
+"""Page of a fit of recorded samples: one self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hiltest import __version__
 from hiltest.calibration.acceptance import Acceptance
-from hiltest.logs.sample_fit import CalibratorFit, CloudFit
+from hiltest.logs.sample_fit import CalibratorFit, SampleFit
 from hiltest.logs.sample_fit_table import figure_rows, reason_line
 from hiltest.record.files import write_asked_for
 from hiltest.report.figures.samples import coverage_map
@@ -26,34 +26,34 @@ _SIZE = 300.0
 _FAR = 6.0
 
 
-def fit_page(fit: CloudFit, points: Array) -> str:
-    """Return the page of a fitted cloud.
+def fit_page(fit: SampleFit, points: Array) -> str:
+    """Return the page of a fit of recorded samples.
 
     Parameters
     ----------
-    fit : CloudFit
+    fit : SampleFit
     points : ndarray, shape (n, 3)
-        The cloud, in its unit.
+        The samples, in their unit.
     """
     return render(
         "sample_fit.html.j2", package="hiltest.logs", reason=reason_line,
-        fit=fit, tone=_TONES[fit.best.verdict], rows=figure_rows(fit), clouds=_clouds(fit, points),
+        fit=fit, tone=_TONES[fit.best.verdict], rows=figure_rows(fit), samples=_samples(fit, points),
         maps=_maps(fit, points), version=__version__,
     )
 
 
-def write_page(fit: CloudFit, points: Array, path: Path) -> None:
+def write_page(fit: SampleFit, points: Array, path: Path) -> None:
     """Write the page so that a reader sees the whole file or none."""
     write_asked_for(path, fit_page(fit, points))
 
 
-def _clouds(fit: CloudFit, points: Array) -> list[Figure]:
+def _samples(fit: SampleFit, points: Array) -> list[Figure]:
     corrected = _corrected(fit.best, _drawn(points))
     after = [] if corrected is None else [_after(corrected, fit.best.name, axes) for axes in ("xy", "xz")]
     return [_before(_drawn(points), fit.unit), *after]
 
 
-def _maps(fit: CloudFit, points: Array) -> list[Figure]:
+def _maps(fit: SampleFit, points: Array) -> list[Figure]:
     corrected = _corrected(fit.best, points)
     if corrected is None:
         return []
@@ -106,7 +106,7 @@ def _after(points: Array, name: str, axes: str) -> Figure:
 
 
 def _lengths(shown: Array, count: int) -> Figure:
-    """Draw the corrected lengths in the order of the file: what happened at one time shows as one step."""
+    """Draw the corrected lengths in the order of the file: a disturbance shows as a step."""
     lengths = 100.0 * (np.linalg.norm(shown, axis=1) - 1.0)
     reach = 1.15 * max(2.0, float(np.abs(lengths).max()))
     figure = Figure(

@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from hiltest.calibration.acceptance import Acceptance, Reason
-from hiltest.logs.sample_fit import CalibratorFit, CloudFit
+from hiltest.logs.sample_fit import CalibratorFit, SampleFit
 from hiltest.text import readable
 
 _STYLES = {Acceptance.GOOD: "green", Acceptance.POOR: "yellow", Acceptance.REFUSED: "bold red"}
@@ -22,11 +22,11 @@ _NAMES = {
     "radius_ut": "radius", "direction_error_deg": "predicted direction error",
 }  # fmt: skip
 _WIDTH = 80
-# More of them nobody reads.
+# No one reads more of them.
 _MOST_DECIMALS = 8
 
 
-def print_fit(fit: CloudFit, console: Console) -> None:
+def print_fit(fit: SampleFit, console: Console) -> None:
     """Print what was read, a table with a column for each calibrator, the best one's numbers, reasons and notes."""
     points = f"{fit.n_in} points, columns {', '.join(fit.columns)} [{fit.unit}]"
     console.print(escape(f"{fit.file}: {points}"), soft_wrap=True)
@@ -40,7 +40,7 @@ def print_fit(fit: CloudFit, console: Console) -> None:
             console.print(*folded, sep="\n", soft_wrap=not console.is_terminal)
 
 
-def _grid(fit: CloudFit) -> Table:
+def _grid(fit: SampleFit) -> Table:
     grid = Table(box=SIMPLE_HEAD, pad_edge=False)
     grid.add_column("")
     for each in fit.calibrators:
@@ -51,27 +51,27 @@ def _grid(fit: CloudFit) -> Table:
     return grid
 
 
-def figure_rows(fit: CloudFit) -> list[tuple[str, list[str]]]:
+def figure_rows(fit: SampleFit) -> list[tuple[str, list[str]]]:
     """Return the figures of a fit, hard and soft iron among them: a label, and a text for each calibrator."""
     label = f"cycles, {fit.firmware.cycle_model}" if fit.firmware else ""
     return [*_kind_rows(fit), *_iron_rows(fit), *_number_rows(fit), *_cycle_rows(fit, label)]
 
 
-def _kind_rows(fit: CloudFit) -> list[tuple[str, list[str]]]:
+def _kind_rows(fit: SampleFit) -> list[tuple[str, list[str]]]:
     return [
         ("fit", [each.status for each in fit.calibrators]),
         ("points used", [str(each.n_used) for each in fit.calibrators]),
     ]
 
 
-def _iron_rows(fit: CloudFit) -> list[tuple[str, list[str]]]:
+def _iron_rows(fit: SampleFit) -> list[tuple[str, list[str]]]:
     return [
         (f"hard iron [{fit.unit}]", [_hard_iron(each) for each in fit.calibrators]),
         ("soft iron [1]", ["\n".join(map(_row, each.soft_iron or ())) or "-" for each in fit.calibrators]),
     ]
 
 
-def _number_rows(fit: CloudFit) -> list[tuple[str, list[str]]]:
+def _number_rows(fit: SampleFit) -> list[tuple[str, list[str]]]:
     fits = fit.calibrators
     return [
         (f"radius [{fit.unit}]", [_number(each.radius, ".4g") for each in fits]),
@@ -83,7 +83,7 @@ def _number_rows(fit: CloudFit) -> list[tuple[str, list[str]]]:
     ]
 
 
-def _cycle_rows(fit: CloudFit, label: str) -> list[tuple[str, list[str]]]:
+def _cycle_rows(fit: SampleFit, label: str) -> list[tuple[str, list[str]]]:
     if fit.firmware is None:
         return []
     fits = fit.calibrators
@@ -94,7 +94,7 @@ def _cycle_rows(fit: CloudFit, label: str) -> list[tuple[str, list[str]]]:
     return rows
 
 
-def _best(fit: CloudFit) -> list[str]:
+def _best(fit: SampleFit) -> list[str]:
     """Return hard and soft iron of the best calibrator: those of all would not fit beside each other."""
     best = fit.best
     lines = [f"cycles counted by {fit.firmware.cycle_model}"] if fit.firmware else []
@@ -137,7 +137,7 @@ def _number(value: float | None, how: str) -> str:
 
 
 def _hard_iron(each: CalibratorFit) -> str:
-    """Show as small a part of the radius as four digits of it are, however far out the middle is."""
+    """Return an offset with the resolution of four digits of the radius, however large the offset is."""
     if each.hard_iron is None or not each.radius:
         return "-"
     decimals = max(0, 3 - math.floor(math.log10(each.radius)))

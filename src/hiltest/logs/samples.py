@@ -1,4 +1,4 @@
-"""A cloud of magnetometer readings from a file."""
+"""Magnetometer samples from a file."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ _AXES = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cloud:
-    """Readings of one magnetometer.
+class Samples:
+    """Samples of one magnetometer.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class Cloud:
         In `unit`, sensor frame, in the order of the file.
     unit : Unit
     unit_from : str
-        ``option``, ``header``, or ``assumed`` when nobody says it.
+        ``option``, ``header``, or ``assumed`` when neither names it.
     columns : tuple of str
         Names of the three columns, or their numbers from 1.
     skipped : int
@@ -56,8 +56,8 @@ class Cloud:
         return int((np.diff(self.points, axis=0) == 0.0).all(axis=1).sum())
 
 
-def read_cloud(path: Path, *, columns: str | None = None, unit: Unit | None = None) -> Cloud:
-    """Read a cloud from a text table.
+def read_samples(path: Path, *, columns: str | None = None, unit: Unit | None = None) -> Samples:
+    """Read magnetometer samples from a text table.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def read_cloud(path: Path, *, columns: str | None = None, unit: Unit | None = No
         raise ConfigError(f"{path}: {error}") from error
     names = named or tuple(str(place + 1) for place in places)
     points, skipped = _points(path, data, places, names, width)
-    return Cloud(
+    return Samples(
         path, points, unit_found or Unit.COUNTS, "option" if unit else "header" if unit_found else "assumed",
         (names[0], names[1], names[2]), skipped,
     )

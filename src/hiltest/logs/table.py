@@ -1,4 +1,4 @@
-"""Rows of cells of a text table, from a file that may be anything."""
+"""Rows of cells of a text table, from any file."""
 
 from __future__ import annotations
 

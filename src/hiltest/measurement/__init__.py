@@ -11,7 +11,7 @@ from hiltest.measurement.catalogue import (
     nearest_name,
     tolerance_of,
 )
-from hiltest.measurement.cycle_band import CycleBand, RowEffect
+from hiltest.measurement.cycle_range import CycleRange, RowEffect
 from hiltest.measurement.kind import EXACT, Allowance, Better, Kind, NamedKind, Reference, Section, Tolerance
 from hiltest.measurement.limit import Limit
 from hiltest.measurement.measurement import (
@@ -20,11 +20,11 @@ from hiltest.measurement.measurement import (
     Counted,
     Measurement,
     Outcome,
-    judge,
+    check,
     plain,
     round_significant,
 )
-from hiltest.measurement.ranking import FLASH_TIE, cannot_be_ranked, in_flash, is_beyond, ratio_band
+from hiltest.measurement.ranking import FLASH_TIE, cannot_be_ranked, in_flash, is_beyond, ratio_range
 
 __all__ = [
     "EXACT",
@@ -35,7 +35,7 @@ __all__ = [
     "Allowance",
     "Better",
     "Counted",
-    "CycleBand",
+    "CycleRange",
     "Kind",
     "Limit",
     "Measurement",
@@ -47,15 +47,15 @@ __all__ = [
     "Tolerance",
     "better_of",
     "cannot_be_ranked",
+    "check",
     "identify",
     "in_flash",
     "is_beyond",
     "is_compared",
     "is_direction",
-    "judge",
     "nearest_name",
     "plain",
-    "ratio_band",
+    "ratio_range",
     "round_significant",
     "tolerance_of",
 ]

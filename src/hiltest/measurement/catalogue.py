@@ -4,7 +4,7 @@ A name such as ``heading.{calibrator}.max`` declares its subject in braces; `ide
 ``heading.direct.max``. What is measured under any other name is the user's own: it has no kind.
 
 The deviations and the remarks "moved by" were measured on the default rig over seeds 1 to 8 (the full set: 1 to 4),
-with the packaged firmware against itself compiled otherwise: ``-O3`` (other times, the same rounding),
+with the packaged firmware against itself with other flags: ``-O3`` (other times, the same rounding),
 ``-fassociative-math`` and ``-ffp-contract=fast`` (sums in another order, multiply-adds rounded once). On a virtual
 board noise is a function of seed and sample, so what such a firmware moves is all that a harmless change can.
 """
@@ -52,9 +52,9 @@ def _heading() -> Iterator[Kind]:
     held = _allow(0.01, 0.01, 0.38, _ROUNDING)
     raw = _allow(0.01, 0, 0.25, _OF_PART, _NEITHER)
     for what, meaning, reference in (
-        ("max", "Largest heading error over the judged poses", _MOUNTED),
+        ("max", "Largest heading error over the known angles", _MOUNTED),
         ("max_centred", "Largest heading error once the mean error is subtracted", _TABLE),
-        ("rms", "Root mean square of the heading errors over the judged poses", _MOUNTED),
+        ("rms", "Root mean square of the heading errors over the known angles", _MOUNTED),
     ):
         subjects = {"dpi": in_motion} | ({"uncalibrated": raw} if what == "max" else {})
         yield Kind(f"heading.{{calibrator}}.{what}", "deg", _LOWER, held, Section.HEADING, meaning, subjects,
@@ -275,7 +275,7 @@ _BY_FORM = {_form(name): kind for name, kind in KINDS.items()}
 
 @cache
 def identify(name: str) -> NamedKind:
-    """Return what a measurement's name is of: the only place that takes a name apart.
+    """Return kind and subject of a measurement's name: the only place that splits a name.
 
     A kind without a subject comes before one that has: ``cycles.fusion.predict`` is no calibrator's.
     """
@@ -312,7 +312,7 @@ def _edit_distance(one: str, other: str) -> int:
 
 
 def better_of(name: str, limit: Limit | None, unit: str = "") -> Better:
-    """Return which way a measurement gets better: of a user's own cycles are to be few, and else its limit says so."""
+    """Return the better direction; for a user's own measurement fewer cycles are better, else its limit decides."""
     if (better := identify(name).better) is not None:
         return better
     if unit == "cycle":
@@ -321,7 +321,7 @@ def better_of(name: str, limit: Limit | None, unit: str = "") -> Better:
 
 
 def tolerance_of(name: str, board: str, of_rig: Mapping[str, Tolerance]) -> Tolerance:
-    """Return the tolerance of a measurement: the rig's, or else the kind's on this board; exact of a user's own."""
+    """Return the tolerance of a measurement: the rig's, or else the kind's on this board; exact for a user's own."""
     if (stated := of_rig.get(name)) is not None:
         return stated
     allowance = identify(name).allowance

@@ -49,7 +49,7 @@ class Reference(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:
-    """How far a measurement may move and still count as unchanged: a change must be beyond both.
+    """Tolerance of a comparison: a measurement is unchanged unless it moved by more than both.
 
     Attributes
     ----------
@@ -116,7 +116,7 @@ class Kind:
     Attributes
     ----------
     name : str
-        With the subject in braces: ``heading.{calibrator}.max``.
+        Name with the subject in braces: ``heading.{calibrator}.max``.
     unit : str or None
         None where the suite decides, as between points and sweeps.
     better : Better
@@ -125,7 +125,7 @@ class Kind:
     meaning : str
         One sentence.
     subjects : mapping of str to Allowance
-        Tolerances of subjects that noise moves otherwise.
+        Tolerances of subjects with another noise.
     accuracy : str
         For a cost: name of the accuracy that it is shown beside, with the same subject.
     reference : Reference

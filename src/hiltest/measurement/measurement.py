@@ -12,13 +12,13 @@ from numbers import Integral
 from typing import Protocol, TypedDict, Unpack, runtime_checkable
 
 from hiltest.measurement.catalogue import better_of, identify
-from hiltest.measurement.cycle_band import CycleBand
+from hiltest.measurement.cycle_range import CycleRange
 from hiltest.measurement.kind import Better, Kind, Section
 from hiltest.measurement.limit import Limit
 from hiltest.text import readable
 
 SIGNIFICANT_DIGITS = 9
-"""What the host computes is written with this many significant digits.
+"""Significant digits of numbers that the host computes.
 
 A float64 sum in another order differs in the 15th or 16th digit; after a chain of
 solves and arc tangents a few more are lost. Nine leaves that noise out and is far
@@ -31,7 +31,7 @@ WORST_OF_SEVERAL = "worst of several attempts"
 
 
 class Outcome(StrEnum):
-    """What became of a measurement."""
+    """Outcome of a measurement."""
 
     PASS = "pass"
     """Within its limit."""
@@ -50,15 +50,15 @@ class Outcome(StrEnum):
 
 @runtime_checkable
 class Counted(Protocol):
-    """A cost in clock cycles that knows what counted it, as a called function's does."""
+    """A cost in clock cycles with its cycle model, such as that of a called function."""
 
     @property
     def cycles(self) -> int:
-        """How many."""
+        """Number of cycles."""
 
     @property
     def cycle_model(self) -> str:
-        """What counted them."""
+        """Cycle model that counted them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,15 +80,15 @@ class Measurement:
     volatile : bool
         True when two runs of the same seed may differ in it, such as wall time.
     cycle_model : str
-        For cycles: what counted them. Numbers of different models are never compared.
+        For cycles: the cycle model that counted them. Numbers of different models are never compared.
     note : str
         Why the outcome is what it is, when the numbers do not say it.
     test : str
         Node id of the test that measured it.
     place : str
         File and line of the call that measured it: ``test_heading.py:81``.
-    band : CycleBand or None
-        For cycles of a virtual board: what the cycle model's own uncertainty makes of them.
+    band : CycleRange or None
+        For cycles of a virtual board: the uncertainty range that follows from the cycle model.
     """
 
     name: str
@@ -101,17 +101,17 @@ class Measurement:
     cycle_model: str = ""
     note: str = ""
     test: str = ""
-    band: CycleBand | None = None
+    band: CycleRange | None = None
     place: str = ""
 
     @property
     def kind(self) -> Kind | None:
-        """What the catalogue says of it; None of a user's own."""
+        """Kind in the catalogue; None for a user's own."""
         return identify(self.name).kind
 
     @property
     def subject(self) -> str:
-        """What it is of, such as the calibrator of ``heading.direct.max``; empty where its kind has no subject."""
+        """Subject of its name, such as the calibrator of ``heading.direct.max``; empty where its kind has none."""
         return identify(self.name).subject
 
     @property
@@ -121,7 +121,7 @@ class Measurement:
 
     @property
     def better(self) -> Better:
-        """Which way it gets better."""
+        """Better direction."""
         return better_of(self.name, self.limit, self.unit)
 
     @property
@@ -131,18 +131,18 @@ class Measurement:
 
     @property
     def says_why_not(self) -> bool:
-        """Whether there is no number because there is nothing to measure, and not for want of one."""
+        """Whether there is no number because there is nothing to measure."""
         return self.outcome is Outcome.NOT_OFFERED and self.note not in ("", WORST_OF_SEVERAL)
 
     @property
-    def band_reaches_beyond(self) -> bool:
-        """Whether it keeps its limit as it was counted, and would not at one end of its band."""
+    def may_exceed_limit(self) -> bool:
+        """Whether the count is within its limit, and would not be at one end of its uncertainty range."""
         if self.band is None or self.limit is None or self.outcome is not Outcome.PASS:
             return False
         return not (self.limit.holds(self.band.low) and self.limit.holds(self.band.high))
 
     def rounded(self) -> Measurement:
-        """Return it as it is written: host-computed numbers to nine significant digits."""
+        """Return the measurement as it is written: numbers of the host to nine significant digits."""
         return replace(self, value=round_significant(self.value))
 
     def __str__(self) -> str:
@@ -153,19 +153,19 @@ class Measurement:
 
 
 class About(TypedDict, total=False):
-    """What stands beside a measurement's value, as in `Measurement`; it decides no outcome."""
+    """Fields of `Measurement` beside its value; they decide no outcome."""
 
     information: Limit | None
     volatile: bool
     cycle_model: str
     test: str
-    band: CycleBand | None
+    band: CycleRange | None
     note: str
     place: str
 
 
-def judge(
-    name: str, value: float | int | None, *, unit: str, limit: Limit | None = None, not_judged: str = "",
+def check(
+    name: str, value: float | int | None, *, unit: str, limit: Limit | None = None, not_checked: str = "",
     not_offered: str = "", could_offer: bool = False, **about: Unpack[About],
 ) -> Measurement:
     """Make a measurement and decide its outcome.
@@ -174,7 +174,7 @@ def judge(
     ----------
     name, value, unit, limit
         As in `Measurement`. A value of None means that there is none to give.
-    not_judged : str, optional
+    not_checked : str, optional
         Why the limit cannot be applied. The outcome is then ``unset`` if there is a limit.
     not_offered : str, optional
         Why there is no value, where that follows from another result and nothing is missing.
@@ -200,14 +200,14 @@ def judge(
     if unit.startswith("cycle") and not about.get("cycle_model"):
         raise ValueError(f"{name}: cycles need their cycle model, or they could be compared with another's")
     note = about.get("note", "")
-    if value is None and limit is not None and (could_offer or not_judged):
-        outcome, note = Outcome.UNSET, not_judged or not_offered or "the board can offer it, and no value was given"
+    if value is None and limit is not None and (could_offer or not_checked):
+        outcome, note = Outcome.UNSET, not_checked or not_offered or "the board can offer it, and no value was given"
     elif value is None:
         outcome, note = Outcome.NOT_OFFERED, not_offered
     elif not math.isfinite(value := plain(value)):
         outcome, note, value = Outcome.FAIL, f"the value is {value}", None
-    elif limit is not None and not_judged:
-        outcome, note = Outcome.UNSET, not_judged
+    elif limit is not None and not_checked:
+        outcome, note = Outcome.UNSET, not_checked
     elif limit is None:
         outcome = Outcome.INFORMATION
     else:

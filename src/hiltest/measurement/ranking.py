@@ -1,10 +1,10 @@
-"""Two cycle counts against each other: their ratio, and whether one may be called the lesser."""
+"""Two cycle counts against each other: their ratio, and whether they can be ranked."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from hiltest.measurement.cycle_band import CycleBand, RowEffect
+from hiltest.measurement.cycle_range import CycleRange, RowEffect
 from hiltest.measurement.measurement import Measurement
 
 FLASH_TIE = 0.10
@@ -23,8 +23,8 @@ _Ends = tuple[tuple[float, float], ...]
 """Changes that one row makes to two counts: at its value, and at both ends of its range."""
 
 
-def ratio_band(over: Measurement, under: Measurement) -> tuple[float, float] | None:
-    """Return within what the ratio of two cycle counts lies; None where one has no band, or another cycle model.
+def ratio_range(over: Measurement, under: Measurement) -> tuple[float, float] | None:
+    """Return the uncertainty range of the ratio of two cycle counts; None without ranges of one cycle model.
 
     Both are counted by one model, so a row moves both, and every row moves by itself: the ratio is least, and greatest,
     with each row at one of its ends. What rows change only together, in either count, widens it.
@@ -47,11 +47,11 @@ def ratio_band(over: Measurement, under: Measurement) -> tuple[float, float] | N
 
 
 def _ends(effect: RowEffect | None, value: float) -> tuple[float, float, float]:
-    """Return what a row adds to a count where it is, and at either end of its band."""
+    """Return what a row adds to a count where it is, and at either end of its uncertainty range."""
     return (0, effect.low - value, effect.high - value) if effect else (0, 0, 0)
 
 
-def _together(value: float, band: CycleBand) -> tuple[float, float, float]:
+def _together(value: float, band: CycleRange) -> tuple[float, float, float]:
     """Return what all rows add to a count beyond what each adds alone: nothing, at the lower and at the upper end."""
     alone = [_ends(each, value) for each in band.rows]
     return 0, min(0, band.low - value - sum(map(min, alone))), max(0, band.high - value - sum(map(max, alone)))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class FusionNoise:
-    """How far the filter trusts its sensors.
+    """Noise of the sensors, as the filter assumes it.
 
     Attributes
     ----------

@@ -49,7 +49,7 @@ def tilt_heading(gravity: ArrayLike, field: ArrayLike) -> Pose:
     across = math.hypot(down[1], down[2])
     pitch_deg = math.degrees(math.atan2(-down[0], across))
     if across == 0.0:
-        # Nose straight up or down: the y axis alone tells heading, roll being 0.
+        # Nose straight up or down: the y axis alone gives the heading, roll being 0.
         return Pose(wrap_360(math.degrees(math.atan2(-north[1], east[1]))), pitch_deg, 0.0)
     heading_deg = wrap_360(math.degrees(math.atan2(east[0], north[0])))
     return Pose(heading_deg, pitch_deg, math.degrees(math.atan2(down[1], down[2])))

@@ -11,12 +11,12 @@ from hiltest.procedures.calibrate import (
     run_calibrators,
     store_untrimmed,
 )
-from hiltest.procedures.clouds import golden_cloud, golden_pairs
-from hiltest.procedures.cycles import CycleCost, measure_cycles, upload_cloud, upload_pairs
+from hiltest.procedures.cycles import CycleCost, measure_cycles, upload_pairs, upload_points
 from hiltest.procedures.dpi import DPI, DpiRun, fit_still_poses, fit_tumble, measure_dpi_cycles
 from hiltest.procedures.fast_fit import FAST, FastFit, measure_fast_fit
 from hiltest.procedures.float64_headings import float32_error_deg, heading_errors_deg
 from hiltest.procedures.fusion import AttitudeErrors, FusionResult, filter_noise, measure_fusion
+from hiltest.procedures.golden_points import golden_pairs, golden_points
 from hiltest.procedures.grbl_turntable import GrblTurntable, open_grbl_turntable
 from hiltest.procedures.gyroscope_log import GyroscopeLog, LogChunk, log_gyroscope
 from hiltest.procedures.heading_statistics import HeadingSummary, summarise
@@ -87,8 +87,8 @@ __all__ = [
     "fit_still_poses",
     "fit_tumble",
     "float32_error_deg",
-    "golden_cloud",
     "golden_pairs",
+    "golden_points",
     "heading_errors_deg",
     "held_as_taken",
     "largest_effort_within",
@@ -113,6 +113,6 @@ __all__ = [
     "store_streams",
     "store_untrimmed",
     "summarise",
-    "upload_cloud",
     "upload_pairs",
+    "upload_points",
 ]

@@ -1,7 +1,7 @@
 """The largest effort of a calibrator within a budget of clock cycles.
 
 Every calibrator has something that it can do less of: a closed form gets fewer points, one that iterates makes
-fewer sweeps, one that lives with the stream has seen fewer points yet. That is its effort. What a few steps add to
+fewer sweeps, a streaming one has received fewer points. That is its effort. What a few steps add to
 a closed form, as in `corrected`, is no effort to save: it gets fewer points too.
 """
 
@@ -33,13 +33,13 @@ class EffortKind(StrEnum):
 
     @property
     def unit(self) -> str:
-        """Name of one unit of it."""
+        """Name of one unit of the effort."""
         return "sweep" if self is EffortKind.SWEEPS else "point"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Effort:
-    """A calibrator that did as much as it was let.
+    """Result of a calibrator at a limited effort.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Effort:
     effort : int
         How much of that.
     points : int
-        That it was offered: the whole.
+        Points that it was offered: the whole.
     cycles : int
         Core cycles that it took. Of a stream, all points so far and the answer together.
     fit : MagnetometerFit
@@ -73,7 +73,7 @@ def effort_curve(board: Board, calibrator: str, *, points: int) -> list[Effort]:
     calibrator : str
         Name from the board's identity, of a streaming calibrator or another.
     points : int
-        With the largest effort it gets all of them.
+        Number of points; the largest effort gets all of them.
 
     Raises
     ------
@@ -125,7 +125,7 @@ def largest_effort_within(board: Board, calibrator: str, *, cycles: int, points:
 
 @dataclass(frozen=True, slots=True)
 class _Scale:
-    """From where to where the effort of a calibrator goes."""
+    """Range of the effort of a calibrator."""
 
     kind: EffortKind
     smallest: int
@@ -159,7 +159,7 @@ def _run(board: Board, calibrator: str, scale: _Scale, effort: int, points: int)
 
 
 def _stream_efforts(board: Board, calibrator: str, sizes: Sequence[int], points: int) -> list[Effort]:
-    """Give a stream calibrator its points, and ask it whenever one of `sizes` is reached; they increase.
+    """Feed a streaming calibrator, and read its state whenever one of `sizes` is reached; they increase.
 
     A point that it refuses is the end: there is no effort beyond.
     """

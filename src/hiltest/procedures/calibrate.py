@@ -68,7 +68,7 @@ class CalibratorRun:
 
     @property
     def fit(self) -> FitStatus:
-        """How the fit ended."""
+        """Status of the fit."""
         return self.result.status
 
     @property
@@ -99,7 +99,7 @@ class CalibratorRun:
 
     @property
     def usable(self) -> bool:
-        """Whether there is a calibration to judge."""
+        """Whether there is a calibration to test."""
         return self.result.has_fit
 
 
@@ -128,7 +128,7 @@ def calibrate_once(
 
 
 def fit_of(reply: CalibrateReply | StreamStateReply) -> MagnetometerFit:
-    """Return what a calibrator of the board found [counts, body frame]."""
+    """Return the fit of a calibrator on the board [counts, body frame]."""
     found = reply.calibration
     return MagnetometerFit(
         reply.fit, reply.is_sphere, reply.iterations, found.soft_iron, found.hard_iron, reply.coverage
@@ -153,7 +153,7 @@ def run_calibrators(
     Returns
     -------
     dict of str to CalibratorRun
-        By these names, in their order.
+        Runs by these names, in their order.
 
     Raises
     ------
@@ -175,7 +175,7 @@ def run_calibrators(
         tell(f"calibrator {name}", slot - 1, len(asked))
         fit, cost = calibrate_once(board, calibrator, points)
         parameters = _SPHERE_PARAMETERS if fit.is_sphere else _ELLIPSOID_PARAMETERS
-        runs[name] = judged(board, name, slot, tumble.points[:points], fit, cost, parameters=parameters)
+        runs[name] = calibrator_run(board, name, slot, tumble.points[:points], fit, cost, parameters=parameters)
         if runs[name].usable:
             board.session.request(SetCalibration(slot, runs[name].soft_iron, runs[name].hard_iron))
     tell("calibrators", len(asked), len(asked))
@@ -185,8 +185,8 @@ def run_calibrators(
 def store_untrimmed(board: Board, runs: Mapping[str, CalibratorRun], *, first_slot: int) -> dict[str, int]:
     """Put calibrations into further slots without that of the accelerometer; return the slots by name.
 
-    The names are theirs with `UNTRIMMED` behind. What is judged there is what an accelerometer as it left
-    its factory makes of the same magnetometer calibration.
+    The names are theirs with `UNTRIMMED` behind. They show the headings of the same magnetometer calibration
+    with an accelerometer as it left its factory.
 
     Raises
     ------
@@ -207,18 +207,18 @@ def store_untrimmed(board: Board, runs: Mapping[str, CalibratorRun], *, first_sl
     return slots
 
 
-def judged(
+def calibrator_run(
     board: Board, name: str, slot: int, points: NDArray[np.int16] | NDArray[np.float64], result: MagnetometerFit,
     cost: RunCost | None, *, parameters: int, readings: int = 1,
 ) -> CalibratorRun:
-    """Hold a calibration against the points it was fitted to, and against the truth where there is one.
+    """Compare a calibration with the points it was fitted to, and with the truth where it is known.
 
     Parameters
     ----------
     points : ndarray, shape (n, 3)
         Counts, or means of `readings` of them.
     parameters : int
-        That the fit chose.
+        Number of parameters of the fit.
     """
     truth = board.truth if result.has_fit else None
     return CalibratorRun(
@@ -249,7 +249,7 @@ def predicted_residual_percent(sigma_ut: float, field_ut: float, n: int, *, para
     n : int
         Points the fit used.
     parameters : int
-        That the fit chose: 9 for an ellipsoid, 4 for a sphere.
+        Number of parameters of the fit: 9 for an ellipsoid, 4 for a sphere.
 
     Raises
     ------

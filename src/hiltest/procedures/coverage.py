@@ -1,4 +1,4 @@
-"""How much of the sphere a cloud of magnetometer points has seen."""
+"""Coverage of the sphere by magnetometer points, and the largest uncovered cap."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from hiltest.calibration.quality import sphere_directions
 from hiltest.calibration.sphere import fit_sphere
 from hiltest.link.replies import MICROTESLA_PER_COUNT
 
-# Each stands for 2 degrees of the sphere about it: the hole is found that much too small at worst.
+# Each stands for 2 degrees of the sphere about it: the cap is found that much too small at worst.
 _DIRECTIONS = sphere_directions(5000)
 # A board that lies still gives a ball of noise, and a sphere fits that as well, but not with the field as its radius.
 _RADIUS_WITHIN = 2.0
 
 
-def largest_hole_deg(points: ArrayLike, *, field_ut: float) -> float:
+def largest_uncovered_cap_deg(points: ArrayLike, *, field_ut: float) -> float:
     """Return the radius of the largest cap of the sphere that holds no point [deg].
 
     Parameters
@@ -31,26 +31,26 @@ def largest_hole_deg(points: ArrayLike, *, field_ut: float) -> float:
     Returns
     -------
     float
-        0 to 180; 180 while the points do not tell yet where the middle of the sphere is.
+        0 to 180; 180 while the points do not show yet where the middle of the sphere is.
 
     Notes
     -----
     Directions are seen from the centre of the sphere that fits the points best. The middle of
     their range will not do: a patch looks all round from its own middle.
 
-    A hole is what an operator can act on, and it says what a fit cannot know: where no point is
-    nothing holds the ellipsoid. It does not depend on cells that would have to suit the number
+    An operator can act on this cap, and a fit cannot know of it: nothing determines the ellipsoid where
+    no point is. It does not depend on cells that would have to suit the number
     of points (of 100 equal cells 100 random points fill 63). Random points over
     the whole sphere leave 30 degrees at n = 100, 18 at 300; evenly spread ones 16 and 9.
     """
-    cloud = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-    sphere = fit_sphere(cloud, FitStatus.NOT_AN_ELLIPSOID)
+    counts = np.asarray(points, dtype=np.float64).reshape(-1, 3)
+    sphere = fit_sphere(counts, FitStatus.NOT_AN_ELLIPSOID)
     if not sphere.has_fit:
         return 180.0
     radius_ut = MICROTESLA_PER_COUNT / float(sphere.soft_iron[0, 0])
     if not field_ut / _RADIUS_WITHIN < radius_ut < field_ut * _RADIUS_WITHIN:
         return 180.0
-    corrected = sphere.corrected(cloud)
+    corrected = sphere.corrected(counts)
     norms = np.linalg.norm(corrected, axis=1, keepdims=True)
     directions: NDArray[np.float64] = np.divide(corrected, norms, out=np.zeros_like(corrected), where=norms > 0.0)
     nearest = (_DIRECTIONS @ directions.T).max(axis=1)
@@ -58,7 +58,7 @@ def largest_hole_deg(points: ArrayLike, *, field_ut: float) -> float:
 
 
 def sphere_coverage(points: ArrayLike, *, field_ut: float) -> float:
-    """Return the part of the sphere's area that is outside of the largest hole, 0 to 1.
+    """Return the part of the sphere's area that is outside of the largest uncovered cap, 0 to 1.
 
     Parameters
     ----------
@@ -69,9 +69,9 @@ def sphere_coverage(points: ArrayLike, *, field_ut: float) -> float:
 
     Notes
     -----
-    ``(1 + cos hole) / 2``: points on a part of the sphere with a cap left out give that part, as
+    ``(1 + cos cap) / 2``: points on a part of the sphere with a cap left out give that part, as
     the thesis' generator and the calibrators' own coverage figures speak of it (within 0.02 for 100 points
     and a soft iron of 3 %). 100 random points over the whole sphere give 0.93. For an operator who turns a board, not
-    for a verdict: the calibrators judge by their own pivots.
+    for a verdict: the calibrators use their own pivots.
     """
-    return (1.0 + math.cos(math.radians(largest_hole_deg(points, field_ut=field_ut)))) / 2.0
+    return (1.0 + math.cos(math.radians(largest_uncovered_cap_deg(points, field_ut=field_ut)))) / 2.0

@@ -12,8 +12,8 @@ from hiltest.boards.board import Board
 from hiltest.errors import DeviceError
 from hiltest.link.messages import MAX_UPLOAD, MAX_UPLOAD_PAIRS, Calibrate, ClearPoints, Upload
 from hiltest.link.replies import CycleSource, RunCost, Status
-from hiltest.measurement import CycleBand
-from hiltest.procedures.clouds import golden_cloud
+from hiltest.measurement import CycleRange
+from hiltest.procedures.golden_points import golden_points
 from hiltest.procedures.progress import Progress, silent
 
 Ints = NDArray[np.int64]
@@ -23,7 +23,7 @@ REGRESSION_SIZES = (20, 60, 100, 140, 180, 220, 260, 300)
 
 @dataclass(frozen=True, slots=True)
 class CostLine:
-    """A straight line through points, and the rms of what it leaves."""
+    """A straight line through points, and the rms of its residuals."""
 
     slope: float
     intercept: float
@@ -40,7 +40,7 @@ class CountedRun:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CycleCost:
-    """Cost of one calibrator on golden clouds.
+    """Cost of one calibrator on golden points.
 
     Attributes
     ----------
@@ -49,18 +49,18 @@ class CycleCost:
     n : int
         Points of `total` and `spread`.
     total : int
-        Cycles at n points of golden cloud 0.
+        Cycles at n points of golden point set 0.
     per_point, fixed, regression_residual : float
         Least-squares line of cycles over n, and the rms of what it leaves; of a calibrator that makes its steps with
-        n points, over those sizes with which it makes them too. How many iterations it takes says more about a cloud
-        than about n: one that is mostly iterations makes a single one at each size, and `fixed` is without it, so
+        n points, over those sizes with which it makes them too. How many iterations it takes says more about a point
+        set than about n: one that is mostly iterations makes a single one at each size, and `fixed` is without it, so
         ``total`` is near ``per_point * n + fixed + per_iteration * iterations``.
     spread : int
-        Largest minus smallest over the clouds, each at n points.
+        Largest minus smallest over the point sets, each at n points.
     instructions : int or None
         Instructions of the same run as `total`; None where they are not counted: "not offered".
-    band : CycleBand or None
-        Within what `total` lies by the cycle model's own uncertainty; None where that is unknown.
+    band : CycleRange or None
+        Uncertainty range of `total`; None where it is unknown.
     iterations : int
         Sweeps or steps of the same run as `total`, 0 for a closed form.
     per_iteration : float or None
@@ -80,7 +80,7 @@ class CycleCost:
     regression_residual: float
     spread: int
     instructions: int | None
-    band: CycleBand | None
+    band: CycleRange | None
     iterations: int
     per_iteration: float | None
     sizes: Ints
@@ -89,19 +89,19 @@ class CycleCost:
 
     @property
     def is_mostly_iterations(self) -> bool:
-        """Whether iterations are most of what it costs, and not a few steps behind a closed form."""
+        """Whether iterations are most of its cost, and not a few steps after a closed form."""
         return _is_mostly_iterations(self.per_iteration, self.iterations, self.total)
 
     @property
     def no_per_iteration(self) -> str:
-        """Why there is no `per_iteration`; empty when there is one."""
+        """Reason why there is no `per_iteration`; empty when there is one."""
         if self.per_iteration is not None:
             return ""
-        return f"it took {self.iterations or 'no'} iteration{'s' * (self.iterations != 1)}, and two tell what one costs"
+        return f"it took {self.iterations or 'no'} iteration{'s' * (self.iterations != 1)}, and two show what one costs"
 
     @property
     def no_sweeps(self) -> str:
-        """Why its iterations are not counted as sweeps; empty where they are most of what it costs."""
+        """Reason why its iterations are not counted as sweeps; empty where they are most of its cost."""
         return "" if self.is_mostly_iterations else "its iterations are not most of what it costs"
 
 
@@ -123,8 +123,8 @@ def fit_line(x: ArrayLike, y: ArrayLike) -> CostLine:
     return CostLine(slope, intercept, float(np.sqrt((left * left).mean())))
 
 
-def upload_cloud(board: Board, points: NDArray[np.int16]) -> None:
-    """Replace the board's point buffer by a cloud, shape (n, 3) [counts]."""
+def upload_points(board: Board, points: NDArray[np.int16]) -> None:
+    """Replace the board's point buffer by points, shape (n, 3) [counts]."""
     board.session.request(ClearPoints())
     for first in range(0, len(points), MAX_UPLOAD):
         board.session.request(Upload(first, points[first : first + MAX_UPLOAD].tolist()))
@@ -139,21 +139,21 @@ def upload_pairs(board: Board, points: NDArray[np.int16], accelerometer: NDArray
 
 
 def measure_cycles(
-    board: Board, calibrators: Sequence[str], *, n: int = 100, clouds: int = 100,
+    board: Board, calibrators: Sequence[str], *, n: int = 100, point_sets: int = 100,
     sizes: Sequence[int] = REGRESSION_SIZES, progress: Progress | None = None,
 ) -> dict[str, CycleCost]:
-    """Count the cycles of calibrators on golden clouds.
+    """Count the cycles of calibrators on golden points.
 
     Parameters
     ----------
     board : Board
         Its point buffer is replaced.
     calibrators : sequence of str
-        Each runs on every cloud that is uploaded.
+        Each runs on every point set that is uploaded.
     n : int
         Points of the total and of the spread.
-    clouds : int
-        How many clouds the spread is over, at least 1.
+    point_sets : int
+        How many point sets the spread is over, at least 1.
     sizes : sequence of int
         Numbers of points that the regression is over.
 
@@ -165,27 +165,27 @@ def measure_cycles(
     Notes
     -----
     On a virtual board more than half of the wall time goes into the firmware's receiving the
-    clouds, 60 kB over its UART. No byte of it is saved: the spread is over different points, and
+    points, 60 kB over its UART. No byte of it is saved: the spread is over different points, and
     on a real board they come the same way.
     """
     if board.identity.cycle_source is CycleSource.NONE:
         raise no_cycle_counter()
     tell = progress or silent
-    work = [(n, index) for index in range(clouds)] + [(size, 0) for size in sizes if size != n]
+    work = [(n, index) for index in range(point_sets)] + [(size, 0) for size in sizes if size != n]
     runs: dict[tuple[int, int], dict[str, CountedRun]] = {}
     once: dict[str, dict[int, int]] = {name: {} for name in calibrators}
     instructions: dict[str, int | None] = {}
-    bands: dict[str, CycleBand | None] = {}
+    bands: dict[str, CycleRange | None] = {}
     per_iteration: dict[str, float | None] = {}
     for done, (size, index) in enumerate(work):
         tell("cycles", done, len(work))
-        upload_cloud(board, golden_cloud(size, index=index))
+        upload_points(board, golden_points(size, index=index))
         runs[size, index] = {}
         for name in calibrators:
             run = runs[size, index][name] = _count(board, size, name)
             if (size, index) == (n, 0):
                 instructions[name] = instructions_of(board, run.cost)
-                bands[name] = board.cycle_band(run.cost)
+                bands[name] = board.cycle_range(run.cost)
                 per_iteration[name] = _per_iteration(board, size, name, run)
             whole = runs[n, 0][name]
             if index == 0 and _is_mostly_iterations(per_iteration[name], whole.iterations, whole.cost.cycles):
@@ -193,7 +193,7 @@ def measure_cycles(
     tell("cycles", len(work), len(work))
     return {
         name: _cost(
-            board, name, n, clouds, sizes, runs, once[name], instructions[name], bands[name], per_iteration[name]
+            board, name, n, point_sets, sizes, runs, once[name], instructions[name], bands[name], per_iteration[name]
         )
         for name in calibrators
     }
@@ -241,11 +241,11 @@ def instructions_of(board: Board, cost: RunCost) -> int | None:
 
 
 def _cost(
-    board: Board, name: str, n: int, clouds: int, sizes: Sequence[int],
+    board: Board, name: str, n: int, point_sets: int, sizes: Sequence[int],
     runs: dict[tuple[int, int], dict[str, CountedRun]], once: dict[int, int], instructions: int | None,
-    band: CycleBand | None, per_iteration: float | None,
+    band: CycleRange | None, per_iteration: float | None,
 ) -> CycleCost:
-    at_n = [runs[n, index][name].cost.cycles for index in range(clouds)]
+    at_n = [runs[n, index][name].cost.cycles for index in range(point_sets)]
     over_sizes = [runs[size, 0][name].cost.cycles for size in sizes]
     if once and per_iteration is not None:
         line = fit_line(sizes, [once[size] for size in sizes])
@@ -274,7 +274,7 @@ def _cost(
 def _line_where_steps_are_made(
     sizes: Sequence[int], cycles: Sequence[int], runs: Sequence[CountedRun], at_n: CountedRun
 ) -> CostLine:
-    """Fit the line to what is alike: one that leaves its steps out with few points does other work there."""
+    """Fit the line to comparable runs: without its steps, as with few points, a calibrator does other work."""
     alike = np.array([(run.iterations > 0) == (at_n.iterations > 0) for run in runs])
     if alike.sum() < 2:
         alike[:] = True

@@ -20,9 +20,9 @@ from hiltest.link.dpi import DpiReply, DpiSource, FitDpi
 from hiltest.link.messages import SetCalibration
 from hiltest.link.poses import MAX_TRANSFER, Poses
 from hiltest.link.replies import CycleSource
-from hiltest.procedures.calibrate import UNCALIBRATED_SLOT, CalibratorRun, judged
-from hiltest.procedures.clouds import golden_pairs
+from hiltest.procedures.calibrate import UNCALIBRATED_SLOT, CalibratorRun, calibrator_run
 from hiltest.procedures.cycles import CycleCost, fit_line, instructions_of, no_cycle_counter, upload_pairs
+from hiltest.procedures.golden_points import golden_pairs
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.tumble import Tumble
 
@@ -39,7 +39,7 @@ class DpiRun:
     Attributes
     ----------
     run : CalibratorRun
-        The calibration, judged as every other one.
+        The calibration, compared with points and truth as every other one.
     n_used : int
         Rows of the least squares; those that were there when it was refused.
     dip_deg, strength_ut : float or None
@@ -103,7 +103,7 @@ def _found(
     calibration = reply.calibration
     fit = MagnetometerFit(reply.fit, False, 0, calibration.soft_iron, calibration.hard_iron, reply.coverage)
     readings = 1 if name == DPI else POSE_READINGS
-    run = judged(
+    run = calibrator_run(
         board, name, UNCALIBRATED_SLOT if slot is None else slot, np.asarray(points), fit, reply.cost,
         parameters=UNKNOWNS, readings=readings,
     )
@@ -115,7 +115,7 @@ def _found(
 
 
 def measure_dpi_cycles(
-    board: Board, *, clouds: int = 2, sizes: Sequence[int] = DPI_SIZES, progress: Progress | None = None
+    board: Board, *, point_sets: int = 2, sizes: Sequence[int] = DPI_SIZES, progress: Progress | None = None
 ) -> CycleCost:
     """Count the cycles of FIT_DPI on golden pairs.
 
@@ -123,7 +123,7 @@ def measure_dpi_cycles(
     ----------
     board : Board
         Its point buffer is replaced.
-    clouds : int
+    point_sets : int
         How many the spread is over, each at the first size; at least 1.
     sizes : sequence of int
         Numbers of pairs that the line is over; `total` is at the first.
@@ -138,7 +138,7 @@ def measure_dpi_cycles(
     if board.identity.cycle_source is CycleSource.NONE:
         raise no_cycle_counter()
     tell = progress or silent
-    work = [(sizes[0], index) for index in range(clouds)] + [(size, 0) for size in sizes[1:]]
+    work = [(sizes[0], index) for index in range(point_sets)] + [(size, 0) for size in sizes[1:]]
     cycles: dict[tuple[int, int], int] = {}
     instructions = band = None
     for done, (size, index) in enumerate(work):
@@ -155,10 +155,10 @@ def measure_dpi_cycles(
             raise no_cycle_counter()
         cycles[size, index] = cost.cycles
         if not done:
-            instructions, band = instructions_of(board, cost), board.cycle_band(cost)
+            instructions, band = instructions_of(board, cost), board.cycle_range(cost)
     tell("cycles of dpi", len(work), len(work))
     over_sizes = [cycles[size, 0] for size in sizes]
-    at_first = [cycles[sizes[0], index] for index in range(clouds)]
+    at_first = [cycles[sizes[0], index] for index in range(point_sets)]
     line = fit_line(sizes, over_sizes)
     return CycleCost(
         calibrator=DPI, model=board.cycle_model, n=sizes[0], total=at_first[0], per_point=line.slope,

@@ -1,4 +1,4 @@
-"""`direct-fast`: what its speed costs, in accuracy and when points are stored, beside its cycles."""
+"""Cost of the speed of `direct-fast`: its accuracy, and the cycles to store a point."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from hiltest.calibration.quality import direction_difference_rms_deg
 from hiltest.errors import CalibrationError
 from hiltest.link.messages import TimeRange
 from hiltest.procedures.calibrate import calibrate_once
-from hiltest.procedures.clouds import golden_cloud
-from hiltest.procedures.cycles import cycles_of, upload_cloud
+from hiltest.procedures.cycles import cycles_of, upload_points
+from hiltest.procedures.golden_points import golden_points
 
 FAST = "direct-fast"
 
@@ -33,14 +33,14 @@ class FastFit:
 
 
 def measure_fast_fit(board: Board, *, n: int = 100) -> FastFit:
-    """Calibrate by `direct-fast`, and count what keeping the range of its points takes.
+    """Calibrate by `direct-fast`, and count the cycles that keep the range of its points.
 
     Parameters
     ----------
     board : Board
         Its point buffer is replaced.
     n : int
-        Points of a golden cloud.
+        Number of golden points.
 
     Raises
     ------
@@ -49,12 +49,12 @@ def measure_fast_fit(board: Board, *, n: int = 100) -> FastFit:
     DeviceError
         When the board's core has no cycle counter.
     """
-    cloud = golden_cloud(n)
-    upload_cloud(board, cloud)
+    points = golden_points(n)
+    upload_points(board, points)
     fit, _ = calibrate_once(board, FAST, n)
     if not fit.has_fit:
         raise CalibrationError(f"the board refuses golden points: {fit.status.name}; its {FAST} is not what it was")
     return FastFit(
         store_per_point=cycles_of(board.session.request(TimeRange(n))) / n,
-        distance_deg=direction_difference_rms_deg(fit, reference(FAST)(cloud)),
+        distance_deg=direction_difference_rms_deg(fit, reference(FAST)(points)),
     )

@@ -1,7 +1,7 @@
 """Headings computed on the host, in float64, from the means that the board took at known angles.
 
-What gates a run is what the board answers. These headings check its arithmetic, and judge calibrations that it
-holds in no slot: those of the points so far, and those that a budget of cycles allows.
+The board's own answers decide a run. These headings check its arithmetic, and test calibrations that are in none
+of its slots: those of the points so far, and those that a budget of cycles allows.
 """
 
 from __future__ import annotations

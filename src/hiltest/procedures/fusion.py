@@ -21,7 +21,7 @@ from hiltest.link.fusion import (
     FusionSummary,
 )
 from hiltest.link.replies import SensorKind
-from hiltest.measurement import CycleBand
+from hiltest.measurement import CycleRange
 from hiltest.orientation.fusion import FusionNoise, heading_sigma_deg
 from hiltest.orientation.quaternions import Quaternion, from_pose, normalised, pose_of, rotation_ned_from_body
 from hiltest.procedures.progress import Progress, silent
@@ -30,12 +30,12 @@ from hiltest.procedures.turntables import Turntable
 
 Reals = NDArray[np.float64]
 
-# What the filter is told of the gyroscope [deg/s per root hertz]: not its noise, of 0.025, but room for what is no
+# Setting of the filter for the gyroscope [deg/s per root hertz]: not its noise, of 0.025, but room for what is no
 # noise: 0.02 deg/s of bias left by a short rest, 0.1 % of scale at 60 deg/s, over the 0.6 s that a heading then lasts.
 _RATE_DPS_RTHZ = 0.2
 # About a level axis: 3 mg of offset, and up to 40 deg/s for the 5 ms that an accelerometer's sample may be old.
 _TILT_DEG = 0.3
-# Nobody's hand keeps gravity at 1 g; beyond this it is no gravity any more.
+# No hand keeps gravity at 1 g; beyond this it is no gravity any more.
 _GATE_G = 0.1
 # Of the fastest magnetometer: the board has room for so many records, whichever is selected.
 _FASTEST_HZ = 200.0
@@ -47,7 +47,7 @@ _AFTER_S = 0.3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AttitudeErrors:
-    """How far attitudes were from the truth, at each record; NaN where there was none.
+    """Errors of attitudes against the truth, at each record; NaN where there was none.
 
     Attributes
     ----------
@@ -94,8 +94,8 @@ class FusionResult:
         Errors of the filter, and of its two halves alone; all began with the same attitude.
     cycle_model : str
         What the summary's cycles mean.
-    predict_band, update_band : CycleBand or None
-        Within what the largest of them lie; None where that is unknown, or it was not among the last steps.
+    predict_range, update_range : CycleRange or None
+        Uncertainty range of the largest of them; None where it is unknown, or it was not among the last steps.
     """
 
     noise: FusionNoise
@@ -106,12 +106,12 @@ class FusionResult:
     accelerometer_magnetometer: AttitudeErrors | None
     gyroscope: AttitudeErrors | None
     cycle_model: str
-    predict_band: CycleBand | None
-    update_band: CycleBand | None
+    predict_range: CycleRange | None
+    update_range: CycleRange | None
 
 
 def filter_noise(*, magnetometer_sigma_ut: float, field_ut: float, dip_deg: float) -> FusionNoise:
-    """Return what the filter is told of a bench's sensors: the magnetometer's noise as the rig has it."""
+    """Return the filter's settings for a bench's sensors: the magnetometer's noise as the rig has it."""
     heading_deg = heading_sigma_deg(field_sigma=magnetometer_sigma_ut / field_ut, tilt_deg=_TILT_DEG, dip_deg=dip_deg)
     return FusionNoise(_RATE_DPS_RTHZ, _TILT_DEG, heading_deg, _GATE_G)
 
@@ -120,7 +120,7 @@ def measure_fusion(
     board: Board, turntable: Turntable, *, slot: int, noise: FusionNoise, readings: int = 16,
     bias_s: float = 2.5, progress: Progress | None = None,
 ) -> FusionResult:
-    """Let the board run the filter through a motion, and judge what it found where the truth is known.
+    """Let the board run the filter through a motion, and return its errors where the truth is known.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def measure_fusion(
     turntable : Turntable
         Rests, then sways.
     slot : int
-        Whose calibrations of magnetometer and accelerometer are used.
+        Slot of the calibrations of magnetometer and accelerometer that are used.
     noise : FusionNoise
     readings : int
         Averaged at rest, for the attitude that all three begin with.
@@ -155,7 +155,7 @@ def measure_fusion(
     tell("fusion", 2, 3)
     records = _read(board, summary.records)
     tell("fusion", 3, 3)
-    return _judged(board, noise, summary, records)
+    return _result(board, noise, summary, records)
 
 
 def _run_through(
@@ -174,7 +174,7 @@ def _read(board: Board, count: int) -> FusionRecords:
     return FusionRecords.joined(parts)
 
 
-def _judged(board: Board, noise: FusionNoise, summary: FusionSummary, records: FusionRecords) -> FusionResult:
+def _result(board: Board, noise: FusionNoise, summary: FusionSummary, records: FusionRecords) -> FusionResult:
     at = [board.true_attitude(summary.began_us + int(time_us)) for time_us in records.time_us]
     truth = tuple(pose for pose in at if pose is not None)
     known = len(truth) == len(at)
@@ -184,7 +184,7 @@ def _judged(board: Board, noise: FusionNoise, summary: FusionSummary, records: F
     time_s = 1e-6 * records.time_us.astype(np.float64)
     return FusionResult(
         noise, summary, time_s, truth if known else None, fused, measured, turned, board.cycle_model,
-        board.cycle_band(summary.predicted.largest), board.cycle_band(summary.updated.largest),
+        board.cycle_range(summary.predicted.largest), board.cycle_range(summary.updated.largest),
     )
 
 

@@ -80,8 +80,8 @@ class GrblTurntable:
         said = (_BOARD.match(text) for text in line.ask("$I"))
         self.board_model = next((found[1] for found in said if found), None)
 
-    def turn_to(self, pose: Pose, *, judged: int | None = None) -> Achieved:
-        """Turn, wait until the table stands, and return where it says that it does."""
+    def turn_to(self, pose: Pose, *, known_angle: int | None = None) -> Achieved:
+        """Turn, wait until the table stands, and return the position that it reports."""
         self._line.ask(_rapid(pose))
         self._line.ask(f"G4 P{_SETTLE_S:g}", moving=True)
         heading_deg, pitch_deg, roll_deg = self._line.status().position
@@ -127,11 +127,11 @@ class GrblTurntable:
         self.turn_to(LEVEL)
 
     def mount(self, axis: Axis) -> None:
-        """Tilt the board until the axis is down; a table whose axes do not go so far says so."""
+        """Tilt the board until the axis is down; refuse where its axes do not reach so far."""
         self.turn_to(AXIS_DOWN[axis])
 
     def again(self, why: str) -> bool:
-        """Turn it nowhere: it would stand as it did."""
+        """Refuse: the motors would reach the same position."""
         return False
 
     def turn(self, axis: Axis, degrees: float, *, rate_dps: float) -> float:
@@ -174,12 +174,12 @@ def open_grbl_turntable(board: Board, rig: Rig) -> GrblTurntable:
     board : Board
         On the table.
     rig : Rig
-        With a turntable of kind ``grbl``.
+        Rig with a turntable of kind ``grbl``.
 
     Raises
     ------
     TurntableError
-        When the port cannot be opened, nobody on it answers as Grbl does, or the controller contradicts
+        When the port cannot be opened, nothing on it answers as Grbl does, or the controller contradicts
         what the rig says of the board.
     """
     try:
@@ -200,7 +200,7 @@ def open_grbl_turntable(board: Board, rig: Rig) -> GrblTurntable:
 
 
 def _refuse_contradiction(declared: str | None, told: str, rig: Rig) -> None:
-    """Refuse to go on when cycles would be recorded under a model that is not theirs."""
+    """Refuse to record cycles under a model that the turntable contradicts."""
     if declared is not None and declared != told:
         raise TurntableError(
             f"{rig.path} says that the cycle model of the board is {declared}, the turntable that it is {told}. "

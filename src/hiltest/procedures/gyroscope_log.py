@@ -1,4 +1,4 @@
-"""Every sample of the gyroscope for as long as one likes."""
+"""Gyroscope log: every sample over any time, without a gap."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class LogChunk:
     Attributes
     ----------
     times_s : ndarray, shape (n,)
-        By the board's clock.
+        Times of the samples, board's clock.
     counts : ndarray of int16, shape (n, 3)
     die_temperature_degc : int
     lost : bool

@@ -1,4 +1,4 @@
-"""The known-angle procedure: the board says its heading where the turntable knows it."""
+"""Known-angle procedure: the board answers its heading at headings that the turntable knows."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class KnownAngles:
         return self.norm_rms_mg(self.accelerometer_fits[name])
 
     def norm_rms_mg(self, fit: AccelerometerFit) -> float:
-        """Return the same under an accelerometer calibration that no slot need hold [mg]."""
+        """Return the same under any accelerometer calibration, in a slot or not [mg]."""
         gravity_g = fit.gravity_g(self.accelerometer)
         # hypot is correctly rounded neither everywhere nor alike; run.json keeps 9 digits of it.
         return rms([1000.0 * (math.hypot(*each) - 1.0) for each in gravity_g.tolist()])
@@ -135,7 +135,7 @@ def measure_known_angles(
     attitudes: dict[str, list[Pose]] = {name: [] for name in slots}
     for index, pose in enumerate(poses):
         tell("known angles", index, len(poses))
-        achieved.append(turntable.turn_to(pose, judged=index))
+        achieved.append(turntable.turn_to(pose, known_angle=index))
         reply = board.session.request(Average(readings, mask))
         answers.append(reply)
         for name, slot in slots.items():

@@ -1,4 +1,4 @@
-"""Is the link what the protocol says: whole payloads, dropped damage, no request done twice."""
+"""Link checks: payloads arrive whole, damaged frames are dropped, no request is done twice."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hiltest.link.framing import DELIMITER, ESCAPE, MAX_PAYLOAD, Frame, encode_f
 from hiltest.link.messages import MAX_POINTS_READ, MAX_UPLOAD, ClearPoints, LinkStatistics, Points, Upload
 from hiltest.link.replies import Status
 from hiltest.link.request import REPLY_BIT, decode_reply
-from hiltest.procedures.cycles import upload_cloud
+from hiltest.procedures.cycles import upload_points
 
 # A command that no firmware of this protocol has.
 _UNKNOWN_COMMAND = 0x7F
@@ -112,13 +112,13 @@ def _arrives_whole(board: Board, size: int) -> bool:
 
 def _comes_back(board: Board, number: int) -> bool:
     """Upload points made of awkward bytes and read them back."""
-    cloud = np.resize(np.array(_AWKWARD_COUNTS, dtype=np.int16), (number, 3))
-    upload_cloud(board, cloud)
+    points = np.resize(np.array(_AWKWARD_COUNTS, dtype=np.int16), (number, 3))
+    upload_points(board, points)
     back = [
         board.session.request(Points(first, min(MAX_POINTS_READ, number - first))).magnetometer
         for first in range(0, number, MAX_POINTS_READ)
     ]
-    return np.array_equal(np.concatenate(back), cloud)
+    return np.array_equal(np.concatenate(back), points)
 
 
 def _is_answered(board: Board, wire: bytes) -> bool:

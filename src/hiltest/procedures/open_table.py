@@ -1,4 +1,4 @@
-"""The turntable of a rig, of whatever kind."""
+"""Turntable of a rig, of any kind."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def open_table(board: Board, rig: Rig, *, prompt: Callable[[str], str] | None = 
     Raises
     ------
     OperatorAbsentError
-        When the board needs an operator and nobody can be asked.
+        When the board needs an operator and no one can be asked.
     BenchError
         When the motors do not answer.
     """

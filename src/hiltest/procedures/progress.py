@@ -1,4 +1,4 @@
-"""How long work says how far it is."""
+"""Type of a progress report of long work."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ Reals = NDArray[np.float64]
 
 # The rate the firmware configures the FXAS21002C for.
 GYROSCOPE_RATE_HZ = 200.0
-# Samples in which the firmware judges stillness together.
+# Samples in one window of the firmware's test of stillness.
 STILLNESS_WINDOW = 20
 
 
@@ -95,7 +95,7 @@ def rest_gyroscope(
     Parameters
     ----------
     board : Board
-        Standing still; a constant rotation that began before cannot be told from bias.
+        Standing still; a constant rotation that began before looks like bias.
     seconds : float
         Length of the rest, at most 20.
     store : bool
@@ -132,7 +132,7 @@ def _refuse_motion(reply: GyroscopeRestReply, seconds: float) -> None:
     if found.kind is StillnessKind.NOT_TESTED:
         raise CalibrationError(
             f"whether the board was still was not tested: a rest of {seconds:g} s is shorter than the {window_s:g} s "
-            "that are judged together; let it rest for longer"
+            "of one test of stillness; let it rest for longer"
         )
     amount_dps = found.amount * DPS_PER_COUNT
     axis = found.axis.name.lower()
@@ -142,6 +142,6 @@ def _refuse_motion(reply: GyroscopeRestReply, seconds: float) -> None:
         what = f"{amount_dps:.2f} deg/s rms about its {axis} axis within {window_s:g} s"
     raise BoardMovedError(
         found.first / GYROSCOPE_RATE_HZ, found.axis, what,
-        f"Leave it alone for {seconds:g} s and run again; where nobody touched it, is the table shaken, or "
+        f"Leave it alone for {seconds:g} s and run again; where no one touched it, is the table shaken, or "
         "sensors.gyroscope_noise_mdps_per_rthz in the rig too small?",
     )

@@ -1,4 +1,4 @@
-"""Samples of chosen sensors, as they come, for as long as one likes."""
+"""Log of chosen sensors: samples as they come, over any time."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class LogRow:
     Attributes
     ----------
     time_s : float
-        By the board's clock.
+        Time of the sample, board's clock.
     kind : SensorKind
     values : (3,)
         In the unit of `UNITS`, body frame, uncalibrated.
@@ -104,7 +104,7 @@ def _read(board: Board, kind: SensorKind, sensor_id: int, count: int) -> list[Lo
 
 
 class _GyroscopeInTurn:
-    """Drains the gyroscope's FIFO of what has come while others were read."""
+    """Drains the gyroscope's FIFO of samples that came while others were read."""
 
     def __init__(self, board: Board) -> None:
         self._board = board

@@ -26,7 +26,7 @@ from hiltest.link.accelerometer import FitAccelerometer, SetAccelerometer
 from hiltest.link.messages import Average
 from hiltest.link.poses import MAX_TRANSFER, AddPose, ClearPoses, Poses, UploadPoses
 from hiltest.link.replies import RunCost, SensorKind, Statistic
-from hiltest.measurement import CycleBand
+from hiltest.measurement import CycleRange
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.turntables import FACE_WORDS, Turntable
 
@@ -44,7 +44,7 @@ _NOISE_MG = 0.8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AccelerometerRun:
-    """A fit of the accelerometer on the board, held against the truth where there is one.
+    """A fit of the accelerometer on the board, compared with the truth where it is known.
 
     Attributes
     ----------
@@ -55,8 +55,8 @@ class AccelerometerRun:
         As the board computed it, in float32.
     cost : RunCost or None
         None when the core counts no cycles.
-    band : CycleBand or None
-        Within what its cycles lie; None where that is unknown.
+    band : CycleRange or None
+        Uncertainty range of its cycles; None where it is unknown.
     die_temperature_degc : int
         At the last pose.
     axis_error_deg, offset_error_mg : float or None
@@ -67,7 +67,7 @@ class AccelerometerRun:
     counts: Reals
     solution: AccelerometerSolution
     cost: RunCost | None
-    band: CycleBand | None
+    band: CycleRange | None
     die_temperature_degc: int
     axis_error_deg: float | None
     offset_error_mg: float | None
@@ -174,7 +174,7 @@ def fit_poses(board: Board, method: str, n: int, die_temperature_degc: int) -> A
         )
     truth = true_accelerometer(board)
     return AccelerometerRun(
-        method, np.array(counts), solution, reply.cost, board.cycle_band(reply.cost), die_temperature_degc,
+        method, np.array(counts), solution, reply.cost, board.cycle_range(reply.cost), die_temperature_degc,
         None if truth is None else axis_error_deg(solution.fit, truth),
         None if truth is None else offset_error_mg(solution.fit, truth),
     )
@@ -208,7 +208,7 @@ _REMEDIES = {
 
 
 def _take(board: Board, face: Face) -> int:
-    """Store one face as a pose, when it is one and the board is still; return the die's temperature [degC]."""
+    """Store one face as a pose, if the board is on it and still; return the die's temperature [degC]."""
     reply = board.session.request(AddPose(READINGS, face))
     taken = reply.average.accelerometer
     after = board.session.request(Average(READINGS_AFTER)).accelerometer
@@ -227,7 +227,7 @@ def _take(board: Board, face: Face) -> int:
 
 
 def _movement(taken: Statistic, after: Statistic) -> str:
-    """Say how the board moved, by the spread of its readings and by what their mean did afterwards."""
+    """Describe how the board moved, from the spread of its readings and the change of their mean."""
     spread_mg = math.inf if taken.spread is None else 1000.0 / COUNTS_PER_G * float(taken.spread.max())
     if not spread_mg <= MOVED_SPREAD_MG:
         return f"its readings spread by {spread_mg:.1f} mg rms, a still board's by 1.3"
@@ -236,7 +236,7 @@ def _movement(taken: Statistic, after: Statistic) -> str:
 
 
 def _refuse_contradiction(run: AccelerometerRun, uncertainty_deg: float) -> None:
-    """Refuse faces that disagree by more than they are declared to.
+    """Refuse faces that disagree by more than their declared error.
 
     Notes
     -----
@@ -258,7 +258,7 @@ def _refuse_contradiction(run: AccelerometerRun, uncertainty_deg: float) -> None
 
 
 def _seen(counts: Reals) -> str:
-    """Say on which face a board lies, by what it reads."""
+    """Name the face that a board lies on, from its readings."""
     face = next((face for face in FACES if is_on_face(counts, face)), None)
     return "on none of the six faces" if face is None else FACE_WORDS[face]
 

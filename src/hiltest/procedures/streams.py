@@ -23,7 +23,7 @@ from hiltest.link.streams import (
     StreamStateReply,
     StreamStatus,
 )
-from hiltest.measurement import CycleBand
+from hiltest.measurement import CycleRange
 from hiltest.procedures.calibrate import fit_of
 from hiltest.procedures.progress import Progress, silent
 
@@ -82,10 +82,10 @@ class StreamRun:
         At `STAGES`, and at the end.
     refused : StreamStatus
         OK when all points were taken, else why the one after the last was not.
-    total_band : CycleBand or None
-        Within what all of `cycles` and the last stage's answer lie together.
-    fit_band : CycleBand or None
-        Within what the cycles of the last stage's answer lie; None where that is unknown.
+    total_range : CycleRange or None
+        Uncertainty range of all of `cycles` and the last stage's answer together.
+    fit_range : CycleRange or None
+        Uncertainty range of the cycles of the last stage's answer; None where it is unknown.
     remove_cycles : ndarray or None
         Cycles of each of the first points, which were removed in the end; None where it removes none, or the core
         counts none. A sliced run removes none: it would be the same work.
@@ -95,8 +95,8 @@ class StreamRun:
     cycles: NDArray[np.int64] | None
     stages: tuple[StreamStage, ...]
     refused: StreamStatus
-    fit_band: CycleBand | None
-    total_band: CycleBand | None = None
+    fit_range: CycleRange | None
+    total_range: CycleRange | None = None
     remove_cycles: NDArray[np.int64] | None = None
 
     @property
@@ -156,7 +156,7 @@ def store_streams(board: Board, runs: dict[str, StreamRun], *, first_slot: int) 
 
 
 def feed(board: Board, name: str, first: int, count: int, steps: StepRecorder | None = None) -> Fed:
-    """Give points of the board's buffer to a stream calibrator until one is refused; `steps` records what runs."""
+    """Feed points of the board's buffer to a streaming calibrator until one is refused; `steps` records executions."""
     taken = 0
     costs: list[RunCost] | None = []
     for at in range(first, first + count, MAX_FEED):
@@ -171,7 +171,7 @@ def feed(board: Board, name: str, first: int, count: int, steps: StepRecorder | 
 
 
 def stage(board: Board, name: str, points: int) -> StreamStage:
-    """Ask a stream calibrator what it knows after so many points."""
+    """Read the state of a streaming calibrator after so many points."""
     state = board.session.request(StreamState(name))
     return StreamStage(points, state, fit_of(state))
 
@@ -190,12 +190,12 @@ def _run(board: Board, name: str, points: int, stages: Sequence[int], *, sliced:
         if refused is not StreamStatus.OK:
             break
     cost = found[-1].state.cost
-    fit_band = board.cycle_band(cost)
+    fit_range = board.cycle_range(cost)
     if steps and cost:
         steps.add([cost.cycles], cost.overhead_cycles)
     return StreamRun(
         f"{name}-sliced" if sliced else name, None if cycles is None else np.array(cycles), tuple(found), refused,
-        fit_band, steps.band() if steps else None, None if sliced else _take_back(board, name, min(at, _TAKEN_BACK)),
+        fit_range, steps.band() if steps else None, None if sliced else _take_back(board, name, min(at, _TAKEN_BACK)),
     )
 
 
@@ -214,5 +214,5 @@ def _take_back(board: Board, name: str, count: int) -> NDArray[np.int64] | None:
 
 def _worked_otherwise(whole: StreamRun, sliced: StreamRun) -> bool:
     if whole.cycles is None or sliced.cycles is None:
-        return True  # nobody can say; both are shown
+        return True  # unknown; both are shown
     return not np.array_equal(whole.cycles, sliced.cycles)

@@ -32,7 +32,7 @@ _GOLDEN_SECTION = (math.sqrt(5.0) - 1.0) / 2.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tumble:
-    """Points as the board holds them in its buffer.
+    """Points of a tumble, as in the board's buffer.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Tumble:
 
     @property
     def coverage(self) -> float:
-        """Part of the sphere outside of the largest hole, 0 to 1."""
+        """Part of the sphere outside of the largest uncovered cap, 0 to 1."""
         return self.coverage_of(len(self.points))
 
     def coverage_of(self, n: int) -> float:
@@ -80,7 +80,7 @@ def collect_tumble(
         How many to collect; at most the board's buffer.
     chunk : int
         Points per request. Within a chunk the points are consecutive samples; progress
-        and coverage are told after each.
+        and coverage are reported after each.
     sleep : callable, optional
         Waits for a number of seconds [s] of the board's clock, between the points of a slow table;
         by default the board's own.
@@ -123,7 +123,7 @@ def collect_tumble(
 
 @contextmanager
 def held_as_taken(board: Board, tumble: Tumble) -> Iterator[None]:
-    """Let the board hold the points in the order of their time, and afterwards again in that of the tumble."""
+    """Keep the points in the order of their time on the board, and restore that of the tumble afterwards."""
     in_time = np.argsort(tumble.taken)
     if np.array_equal(in_time, np.arange(len(in_time))):
         yield
@@ -149,7 +149,7 @@ class _Collected:
         self.stored = reply.stored
 
     def read_back(self) -> None:
-        """Fetch the points that were stored since the last time, and tell how much of the sphere they cover."""
+        """Fetch the points that were stored since the last time, and report how much of the sphere they cover."""
         for first in range(self._back, self.stored, MAX_POINTS_READ):
             back = self._board.session.request(Points(first, min(MAX_POINTS_READ, self.stored - first)))
             self._magnetometer.append(back.magnetometer)

@@ -29,7 +29,7 @@ from hiltest.link.gyroscope import (
     SetGyroscope,
 )
 from hiltest.link.replies import DPS_PER_COUNT, RunCost
-from hiltest.measurement import CycleBand
+from hiltest.measurement import CycleRange
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.rest import GYROSCOPE_RATE_HZ, noise_counts, rest_gyroscope
 from hiltest.procedures.turntables import Turntable
@@ -55,7 +55,7 @@ class MeasuredTurn:
     Attributes
     ----------
     axis : Axis
-        That was down.
+        Axis that was down.
     before, after : GyroscopeRestReply
         The first has stored the bias that the second is without.
     turn : GyroscopeTurn
@@ -78,7 +78,7 @@ class MeasuredTurn:
 
     @property
     def sensitivity_error_percent(self) -> float:
-        """How far the sensitivity about the axis is from the data sheet's [%]."""
+        """Difference of the sensitivity about the axis from the data sheet's [%]."""
         return scale_error_percent(self.turn.response, self.turn.direction / NOMINAL_DPS_PER_COUNT)
 
     def scale_error_percent(self, true_response: Reals) -> float:
@@ -103,8 +103,8 @@ class FittedTurns:
         None when the core counts no cycles.
     scale_uncertainty_percent, misalignment_uncertainty_deg : float
         Standard uncertainties, of noise and of the table's declared angle together.
-    band : CycleBand or None
-        Within what its cycles lie; None where that is unknown.
+    band : CycleRange or None
+        Uncertainty range of its cycles; None where it is unknown.
     """
 
     fit: GyroscopeFit
@@ -112,7 +112,7 @@ class FittedTurns:
     cost: RunCost | None
     scale_uncertainty_percent: float
     misalignment_uncertainty_deg: float
-    band: CycleBand | None = None
+    band: CycleRange | None = None
 
     def scale_errors_percent(self, true_response: Reals) -> tuple[float, ...]:
         """Return the error of the scale of each axis, against a world's ``felt_dps = true_response @ rate_dps`` [%]."""
@@ -140,7 +140,7 @@ def measure_turn(
     turntable : Turntable
         Its angle is the reference.
     axis : Axis
-        That is put straight down.
+        Axis that is put straight down.
     degrees : float
         Positive is clockwise seen from above: positive about the axis, which points down.
     rate_dps : float
@@ -234,7 +234,7 @@ def fit_on_board(board: Board, turns: Sequence[MeasuredTurn], *, uncertainty_deg
     if reply.fit.status is not TurnsStatus.OK:
         named = "" if reply.fit.at_fault is None else f", turn {reply.fit.at_fault + 1}"
         raise CalibrationError(f"turns do not calibrate the gyroscope: {reply.fit.status.name}{named}")
-    band = board.cycle_band(reply.cost)
+    band = board.cycle_range(reply.cost)
     fit = GyroscopeFit(reply.fit.matrix, turns[-1].after.rate.mean)
     board.session.request(SetGyroscope(fit.matrix, fit.bias))
     noise_deg = max(_noise_deg(board, each) for each in turns)
@@ -247,7 +247,7 @@ def fit_on_board(board: Board, turns: Sequence[MeasuredTurn], *, uncertainty_deg
 
 
 def _noise_deg(board: Board, measured: MeasuredTurn) -> float:
-    """Return what noise makes of a turn's angle on one axis, rms: its own, and that of the bias from two rests."""
+    """Return the rms error of a turn's angle on one axis from noise: in the turn, and in the bias of two rests."""
     # White noise of a one-sided density d, integrated for T, is d sqrt(T/2).
     turn_s = measured.turn.duration_s
     rests_s = measured.before.span.duration_s + measured.after.span.duration_s

@@ -1,4 +1,4 @@
-"""Turntables that set a known angle: simulated, or an operator who is told what to do."""
+"""Turntables that set a known angle: simulated, or an operator with prompts."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FACE_WORDS = {
 }  # fmt: skip
 # Six sides and eight corners, 3 s each, and a little to begin with.
 HAND_TUMBLE_S = 45.0
-# The motion that a filter is judged by, where a hand or a motor makes it.
+# The motion that a filter is tested with, where a hand or a motor makes it.
 SWAY_S = 24.0
 # An operator who gives nonsense this often in a row is not there.
 _QUESTIONS = 3
@@ -37,7 +37,7 @@ _QUESTIONS = 3
 
 @dataclass(frozen=True, slots=True)
 class Achieved:
-    """Where a turntable says it stands, and how far that may be from the truth [deg]."""
+    """Pose that a turntable reached, and its uncertainty [deg]."""
 
     heading_deg: float
     pitch_deg: float
@@ -51,22 +51,22 @@ class Turntable(Protocol):
     name: str
     uncertainty_deg: float
 
-    def turn_to(self, pose: Pose, *, judged: int | None = None) -> Achieved:
-        """Turn to a pose, stand still there, and say what was reached.
+    def turn_to(self, pose: Pose, *, known_angle: int | None = None) -> Achieved:
+        """Turn to a pose, stand still there, and return the pose that was reached.
 
         Parameters
         ----------
         pose : Pose
             Pose of the table, without the mounting of the board.
-        judged : int, optional
-            Number of the judged pose.
+        known_angle : int, optional
+            Index of the known angle; None for another pose.
         """
 
     def turn_to_face(self, face: Face) -> None:
         """Put the board on one of its six faces, and stand still there."""
 
     def tumble(self, duration_s: float) -> float:
-        """Begin to turn the board all round, come back at once, and say how long it takes [s].
+        """Begin to turn the board all round, and return how long it takes [s]; does not wait.
 
         Parameters
         ----------
@@ -76,7 +76,7 @@ class Turntable(Protocol):
         """
 
     def sway(self) -> float:
-        """Begin to turn and tilt the board from where `rest` leaves it, at tens of degrees a second; come back at once.
+        """Begin to turn and tilt the board from where `rest` leaves it, at tens of degrees a second; does not wait.
 
         Returns
         -------
@@ -91,12 +91,12 @@ class Turntable(Protocol):
         """Stand still with a body axis straight down: the axis that `turn` turns about."""
 
     def turn(self, axis: Axis, degrees: float, *, rate_dps: float) -> float:
-        """Begin to turn about the vertical, come back at once, and say how long samples must be taken [s].
+        """Begin to turn about the vertical, and return how long samples must be taken [s]; does not wait.
 
         Parameters
         ----------
         axis : Axis
-            That `mount` has put down.
+            Axis that `mount` has put down.
         degrees : float
             Positive is clockwise seen from above.
         rate_dps : float
@@ -104,13 +104,13 @@ class Turntable(Protocol):
         """
 
     def again(self, why: str) -> bool:
-        """Say what was wrong with where the board was put, and whether that is done once more.
+        """Report why a position of the board was refused; return whether it is set once more.
 
-        A hand can do better; what turns by itself would do the same again.
+        An operator can do better; motors would reach the same again.
         """
 
     def close(self) -> None:
-        """Give back what it is reached by."""
+        """Close its port, if it has one."""
 
 
 class SimulatedTurntable:
@@ -130,9 +130,9 @@ class SimulatedTurntable:
         self._stage = stage
         self.uncertainty_deg = uncertainty_deg
 
-    def turn_to(self, pose: Pose, *, judged: int | None = None) -> Achieved:
+    def turn_to(self, pose: Pose, *, known_angle: int | None = None) -> Achieved:
         """Turn, and let the virtual clock run until the table stands."""
-        self._stage.turn_to(pose, judged_pose=judged)
+        self._stage.turn_to(pose, known_angle=known_angle)
         return Achieved(pose.heading_deg, pose.pitch_deg, pose.roll_deg, self.uncertainty_deg)
 
     def turn_to_face(self, face: Face) -> None:
@@ -140,11 +140,11 @@ class SimulatedTurntable:
         self._stage.turn_to(face.pose, face=face)
 
     def tumble(self, duration_s: float) -> float:
-        """Go to the first pose of a tumble and begin it; it is as fast as the sensor, unless the rig confines it."""
+        """Go to the first pose of a tumble and begin it; the sensor sets its pace, unless the rig confines it."""
         return self._stage.tumble(duration_s)
 
     def sway(self) -> float:
-        """Begin a sway; it is as fast as it is."""
+        """Start the sway; return its duration [s]."""
         return self._stage.sway()
 
     def rest(self) -> None:
@@ -160,11 +160,11 @@ class SimulatedTurntable:
         return self._stage.turn_round(degrees, rate_dps=rate_dps, after_s=BEFORE_TURN_S) + AFTER_TURN_S
 
     def again(self, why: str) -> bool:
-        """Turn it nowhere: it would stand as it did."""
+        """Refuse: the motors would reach the same position."""
         return False
 
     def close(self) -> None:
-        """Do nothing: the table is the board's."""
+        """Do nothing: the table belongs to the board."""
 
 
 class OperatorTurntable:
@@ -189,15 +189,15 @@ class OperatorTurntable:
         self._tumble_s = tumble_s
         self.uncertainty_deg = uncertainty_deg
 
-    def turn_to(self, pose: Pose, *, judged: int | None = None) -> Achieved:
+    def turn_to(self, pose: Pose, *, known_angle: int | None = None) -> Achieved:
         """Ask for a pose; the operator may type the heading that was really reached.
 
         Raises
         ------
         OperatorAbsentError
-            When nobody answers, or three answers in a row are no angle.
+            When no one answers, or three answers in a row are no angle.
         """
-        number = "" if judged is None else f"pose {judged + 1}: "
+        number = "" if known_angle is None else f"pose {known_angle + 1}: "
         question = (
             f"{number}turn to heading {pose.heading_deg:g}, pitch {pose.pitch_deg:+g}, roll {pose.roll_deg:+g} "
             "and let it stand still. Enter when there, or type the heading reached: "
@@ -245,7 +245,7 @@ class OperatorTurntable:
         )
 
     def turn(self, axis: Axis, degrees: float, *, rate_dps: float) -> float:
-        """Ask for the table to be turned by hand; the hand gets time to begin late and to turn slowly."""
+        """Ask for the table to be turned by hand, with time to begin late and to turn slowly."""
         turn_s = abs(degrees) / rate_dps
         takes_s = 2.0 * turn_s + 4.0
         way = "clockwise" if degrees > 0.0 else "anticlockwise"
@@ -257,20 +257,20 @@ class OperatorTurntable:
         return takes_s
 
     def again(self, why: str) -> bool:
-        """Ask for it; who does not want to presses Ctrl-C."""
+        """Ask for the position once more; Ctrl-C refuses."""
         self._ask(f"{why}. Enter to do it again, Ctrl-C to end: ")
         return True
 
     def close(self) -> None:
-        """Do nothing: the operator may go."""
+        """Do nothing: an operator needs no closing."""
 
     def _ask(self, question: str) -> str:
         try:
             return self._prompt(question)
         except EOFError:
             raise OperatorAbsentError(
-                f"nobody answers at the terminal; this was asked: {question.strip()} "
-                "Run it where somebody can type and turn the board."
+                f"no one answers at the terminal; this was asked: {question.strip()} "
+                "Run it where an operator can type and turn the board."
             ) from None
 
 
@@ -293,12 +293,12 @@ def open_turntable(
     Raises
     ------
     OperatorAbsentError
-        When the board needs an operator and nobody can be asked.
+        When the board needs an operator and no one can be asked.
     """
     if board.stage is not None:
         return SimulatedTurntable(board.stage, uncertainty_deg=uncertainty_deg)
     if prompt is None:
-        raise OperatorAbsentError("a real board needs somebody to turn it, and there is nobody to ask")
+        raise OperatorAbsentError("a real board needs an operator to turn it, and there is no one to ask")
     return OperatorTurntable(prompt=prompt, uncertainty_deg=uncertainty_deg, tumble_s=tumble_s)
 
 

@@ -1,10 +1,10 @@
-"""Arguments of a function as one writes them on a command line.
+"""Arguments of a function on a command line.
 
 =========================  =======================================================
 ``42``, ``-7``, ``0x2a``   an integer
 ``2.5``, ``1e-3``          a float
 ``int16:1,-2,3``           numbers of a type, passed by address
-``float32:@cloud.csv``     the numbers in a text file, row by row
+``float32:@data.csv``      the numbers in a text file, row by row
 ``zeros:64``               that many zero bytes, for the function to fill
 ``zeros:float32:12``       that many zeros of a type
 ``text:hello``             characters, with a zero behind them

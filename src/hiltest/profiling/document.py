@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import TypeAdapter
 
-from hiltest.measurement import CycleBand
+from hiltest.measurement import CycleRange
 from hiltest.virtual.buffers import Address, Structure
 from hiltest.virtual.k64f import CORE_HZ
 from hiltest.virtual.procedure_call import Argument
@@ -46,7 +46,7 @@ class BufferLeft:
 
 @dataclass(frozen=True, slots=True)
 class ProfileDocument:
-    """Everything that `hiltest profile` has to say.
+    """Document of `hiltest profile`: everything that it shows.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class ProfileDocument:
     lines: tuple[LineCost, ...]
     addresses: tuple[AddressCost, ...]
     stacks: tuple[StackCost, ...]
-    band: CycleBand | None = None
+    band: CycleRange | None = None
 
 
 _ADAPTER = TypeAdapter(ProfileDocument)

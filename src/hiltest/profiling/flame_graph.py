@@ -1,4 +1,4 @@
-"""A flame graph: who called whom is below and above, how many cycles is how wide."""
+"""Flame graph: callers below, called functions above, width in proportion to cycles."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hiltest.virtual.profiling import StackCost
 
 _WIDTH, _ROW, _MARGIN = 1000.0, 20.0, 30.0
 _LETTER = 6.5
-_NARROWEST = 0.5  # narrower than this nobody sees it
+_NARROWEST = 0.5  # narrower than this it cannot be seen
 # Warm colours that black letters are read on, one a function.
 _COLOURS = ("#ffd27f", "#ffb977", "#ffe39a", "#f7a072", "#ffcf56", "#f4b183", "#ffc09f", "#f6d186")
 
@@ -38,7 +38,7 @@ class _Box:
 
 
 def flame_graph(profile: ProfileDocument) -> str:
-    """Return the profile as an SVG file; every box tells its cycles when pointed at."""
+    """Return the profile as an SVG file; every box shows its cycles when pointed at."""
     boxes = list(_boxes(profile.stacks, depth=0, start=0))
     deepest = max((box.depth for box in boxes), default=0)
     height = _MARGIN + (deepest + 1) * _ROW + 4

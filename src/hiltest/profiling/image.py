@@ -1,4 +1,4 @@
-"""Functions of one ELF, called with all that they cost."""
+"""Functions of one ELF, called and counted."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class ProfiledImage:
 
 
 def _check_same(profile: CallProfile, counted: CallResult) -> None:
-    """Refuse two counts of what was not the same work."""
+    """Refuse two counts of different work."""
     with_and_without = [(repr(each.value), each.instructions) for each in (counted, profile)]  # a NaN is like a NaN
     if with_and_without[0] == with_and_without[1]:
         return

@@ -19,7 +19,7 @@ SCHEMA = "hiltest.timing/1"
 
 
 def print_table(console: Console, profile: TimingProfile, file: Path) -> None:
-    """Print the rows of a profile, those whose band is open marked.
+    """Print the rows of a profile; uncertain ones are marked.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def print_table(console: Console, profile: TimingProfile, file: Path) -> None:
 
 
 def print_measured(console: Console, measured: MeasuredProfile) -> None:
-    """Print what was measured beside what the default profile has, and what does not fit the model's rules."""
+    """Print the measured rows beside the default profile's, and measurements that do not fit the model's rules."""
     default = load_profile(DEFAULT_PROFILE)
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("row", no_wrap=True)
@@ -59,7 +59,7 @@ def print_measured(console: Console, measured: MeasuredProfile) -> None:
 
 
 def print_places(console: Console, raw: Mapping[str, Mapping[str, int]]) -> None:
-    """Print what sequences cost from flash, where that is not what they cost from SRAM.
+    """Print the cost of sequences from flash, where it differs from that from SRAM.
 
     Parameters
     ----------

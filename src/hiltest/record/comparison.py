@@ -12,7 +12,7 @@ from hiltest.measurement import Better, Limit, Outcome, Tolerance
 
 
 class Change(StrEnum):
-    """How a measurement changed since the base."""
+    """Change of a measurement since the base."""
 
     BETTER = "better"
     WORSE = "worse"
@@ -24,7 +24,7 @@ class Change(StrEnum):
     """Gone, in a run that was cut short or ran chosen tests only."""
     UNCHANGED = "unchanged"
     CHANGED = "changed"
-    """Beyond its tolerance, and neither better nor worse, such as the worst sector; or what it is held to is looser."""
+    """Beyond its tolerance without a better direction, such as the worst sector; or its limit is looser."""
 
 
 class Answer(StrEnum):
@@ -124,7 +124,7 @@ class Side:
     Attributes
     ----------
     file : str
-        Where it was read from; empty for a run that is being judged as it ends.
+        Where it was read from; empty for a run that is compared as it ends.
     sha256 : str
         Digest of that file, empty where there is none.
     rig : str
@@ -135,7 +135,7 @@ class Side:
     accepted : tuple of FromBuild
         Measurements of a baseline that come from other builds than `build_id`, by build.
     revision : Revision or None
-        That the run was made for.
+        Sources that the run was made for.
     """
 
     file: str = ""
@@ -167,12 +167,12 @@ class Comparison:
     failed : tuple of str
         What fails in the new run by itself, whatever the base is: its limits and its tests.
     unjudged : tuple of str
-        Limits of the new run that could not be judged, with the reason.
+        Limits of the new run that were not evaluated, with the reason.
     chosen : bool
-        Whether only chosen tests ran: what the others would have said is not known.
+        Whether only chosen tests ran: the others are unknown.
     base_kind : BaseKind
     remark : str
-        What whoever reads it may have overlooked; it decides nothing.
+        Remark for the reader; it decides nothing.
     """
 
     base: Side
@@ -193,7 +193,7 @@ class Comparison:
 
     @property
     def answer(self) -> Answer:
-        """The answer: may be merged, not to be merged, or not known."""
+        """Whether the change may be merged, may not, or is not known."""
         if self.failed or self.regression:
             return Answer.NOT
         return Answer.MAY if self.evaluated and not self.unjudged else Answer.UNKNOWN

@@ -1,4 +1,4 @@
-"""Exit codes of a run and of a comparison, and what they are called."""
+"""Exit codes of a run and of a comparison, and their names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What failed in a run: measurements out of their limits, and tests that are red for another reason."""
+"""Failures of a run: measurements out of their limits, and tests that failed for another reason."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def failed_otherwise(tests: Iterable[TestResult], failed: Iterable[Measurement])
 
 
 def measured(measurement: Measurement) -> str:
-    """Return what a measurement is, and its limit; without a number why there is none."""
+    """Return a measurement's value and limit; without a value the reason."""
     if measurement.value is None:
         return f"{measurement.name} ({measurement.note})"
     value = f"{measurement.name} {readable(measurement.value)} {measurement.unit}".rstrip()
@@ -49,7 +49,7 @@ def tests_in_words(tests: Sequence[TestResult]) -> str:
 
 
 def unfinished_verdict(run: Run, *, going_on: bool) -> Verdict:
-    """Say what is known of a run that has not ended: it was cut short, as by SIGKILL, or still goes on.
+    """Return the verdict of a run that has not ended: it was cut short, as by SIGKILL, or still goes on.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def missed_only_limits(run: Run) -> bool:
 
 
 def failed_by_itself(run: Run) -> tuple[str, ...]:
-    """Return what else than a limit makes a run no pass, whatever it is compared with: its tests, with the reason."""
+    """Return the failures of a run other than limits, whatever the base is: its tests, with the reason."""
     failed = out_of_limit(run.measurements)
     tests = tuple(failed_test(each) for each in failed_otherwise(run.tests, failed))
     if not tests and not failed and run.verdict.complete and run.verdict.exit_code not in _OF_COMPARISONS:

@@ -25,7 +25,7 @@ UNFINISHED = ".unfinished"
 
 
 def write_atomically(path: Path, text: str) -> Path:
-    """Write a file so that whoever opens it sees the old text or the new, and all of it.
+    """Write a file so that a reader sees the old text or the new, and all of it.
 
     A regular file, or a new name, is written beside itself and moved into place, with its permissions kept. A link is
     followed. A device, a pipe or an open file (``/dev/stdout``) is not replaced: the text is written to it. A lone

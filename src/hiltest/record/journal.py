@@ -109,7 +109,7 @@ class Journal:
 
 
 def remove_record(folder: Path) -> None:
-    """Remove what a run or a campaign before wrote into a folder, and what a killed one left half-written.
+    """Remove the record of an earlier run or campaign from a folder, and half-written files of a killed one.
 
     The folders of a campaign's seeds stay: without its files beside them nothing takes them for newer than a run.
     """
@@ -138,7 +138,7 @@ def _open_locked(path: Path) -> FileIO:
         file = path.open("a+b", buffering=0)
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            # The run that had it may have removed it between the two steps: then it is nobody's.
+            # The run that had it may have removed it between the two steps: then no one holds it.
             if os.path.samestat(os.fstat(file.fileno()), path.stat()):
                 file.seek(0)
                 return file
@@ -152,7 +152,7 @@ def _open_locked(path: Path) -> FileIO:
 
 
 def _holder(path: Path) -> str:
-    """Return who holds a journal, as far as the first line of its run tells."""
+    """Return the process that holds a journal, as far as its first line says."""
     try:
         starts = [line for line in path.read_bytes().split(b"\n")[:-1] if line.startswith(b'{"kind": "start"')]
         start = json.loads(starts[-1])

@@ -1,4 +1,4 @@
-"""What became of a test."""
+"""Outcomes of tests."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _OLDER_WORDS = {"bench lost": "connection lost"}
 
 
 class TestOutcome(StrEnum):
-    """What became of a test: pytest's outcomes, and two that are the bench's or the firmware's fault."""
+    """Outcome of a test: those of pytest, and two for faults of the bench or the firmware."""
 
     __test__ = False  # not a test class, whatever pytest makes of the name
 
@@ -46,7 +46,7 @@ class TestOutcome(StrEnum):
 
     @property
     def has_run(self) -> bool:
-        """Whether its own function ran, and its result counts."""
+        """Whether the test function ran, and its result counts."""
         return self not in (TestOutcome.SKIPPED, TestOutcome.XFAILED, TestOutcome.RERUN)
 
     @property

@@ -1,4 +1,4 @@
-"""Read a record back: a finished one, or what the journal of a run holds that was cut short or still goes on."""
+"""Read a record: a finished one, or the journal of a run that was cut short or still goes on."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def read_record(place: Path, *, otherwise: str = OTHERWISE) -> RecordFile:
 
 
 def _of_all_seeds(place: Path) -> str:
-    """Return where a campaign is summed up."""
+    """Return the file that sums up a campaign."""
     page = place / CAMPAIGN_FILE
     return f"all its seeds are in {page}" if page.exists() else f"cut short or going on, without {CAMPAIGN_FILE}"
 
@@ -206,7 +206,7 @@ def _entry(path: Path, number: int, line: bytes) -> dict[str, Any]:
 
 
 def _replayed(path: Path, entries: list[dict[str, Any]], *, first_line: int) -> dict[str, Any]:
-    """Put the entries together as ``run.json`` would have them; what they hold is checked as its fields are."""
+    """Join the entries as ``run.json`` has them; they are checked as its fields are."""
     start = {key: value for key, value in entries[0].items() if key not in ("kind", "process")}
     _check_schema(path, start.get("schema"), start)
     content: dict[str, Any] = {

@@ -33,7 +33,7 @@ _PACKAGES = ("hiltest", "pytest", "unicorn", "capstone", "pyelftools", "numpy", 
 
 
 class Recorder:
-    """Collects what a session finds and writes it into the folder of its journal.
+    """Collects the findings of a session and writes them into the folder of its journal.
 
     The record of the run before stays in the folder until `begin`: it is not yet sure that this one takes place.
     """
@@ -73,7 +73,7 @@ class Recorder:
         self._unwritten_tables += (each.rounded() for each in tables)
 
     def finished(self, test: TestResult | None) -> None:
-        """Write a finished test, or with None what the session itself found, through to the disk."""
+        """Write a finished test through to the disk; with None the session's own findings."""
         if test is not None:
             self.findings.tests.append(test)
             if test.outcome is TestOutcome.XFAILED:
@@ -92,9 +92,9 @@ class Recorder:
         })
         self._unwritten_measurements, self._unwritten_tables = [], []
 
-    def compare(self, judge: Callable[[Run], Comparison], verdict: Verdict) -> None:
-        """Judge the run against a base; `verdict` says how it ended apart from that."""
-        self.findings.comparison = judge(self.findings.finish(verdict, utc_now()))
+    def compare(self, compared: Callable[[Run], Comparison], verdict: Verdict) -> None:
+        """Compare the run with a base; `verdict` is how it ended apart from that."""
+        self.findings.comparison = compared(self.findings.finish(verdict, utc_now()))
 
     def finish(self, verdict: Verdict) -> Run:
         """Write ``run.json``; the journal, which holds nothing more, goes with `release`."""
@@ -114,14 +114,14 @@ class Recorder:
 
 
 def _expected(measurement: Measurement, test: TestResult) -> Measurement:
-    """Return what a test measured that failed as it was marked to: nothing out of its limit gates then."""
+    """Return a measurement; out of its limit in a test that was marked to fail, and did, it does not fail the run."""
     if measurement.test != test.id or measurement.outcome is not Outcome.FAIL:
         return measurement
     return replace(measurement, outcome=Outcome.EXPECTED_FAIL, note=measurement.note or "its test is marked xfail")
 
 
 def describe_host() -> Environment:
-    """Return the host and the versions of what the numbers rest on."""
+    """Return the host, and the versions that the numbers depend on."""
     versions = {}
     for package in _PACKAGES:
         try:

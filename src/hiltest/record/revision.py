@@ -18,7 +18,7 @@ _LONGEST_BRANCH = 200
 
 
 def revision_of(label: str | None, environment: Mapping[str, str] = os.environ) -> Revision | None:
-    """Return what a run is made for; None when nobody says.
+    """Return the sources that a run is made for; None where neither label nor job names them.
 
     Parameters
     ----------

@@ -50,7 +50,7 @@ class SensorRecord:
 class BoardRecord:
     """The board that answered on the link. `clock` is ``virtual`` or ``wall``.
 
-    `compiler_flags` are those of all units of the firmware; empty where there is no ELF that tells them.
+    `compiler_flags` are those of all units of the firmware; empty where no ELF has them.
     """
 
     kind: str
@@ -100,7 +100,7 @@ class CalibrationRecord:
 
 @dataclass(frozen=True, slots=True)
 class Environment:
-    """The host and the versions of what the numbers rest on."""
+    """The host, and the versions that the numbers depend on."""
 
     host: str
     platform: str
@@ -155,12 +155,12 @@ class Table:
         return tuple(row[index] for row in self.rows)
 
     def column_if_any(self, name: str) -> tuple[Cell, ...]:
-        """Return one column, of None when there is none of this name: suites before had none."""
+        """Return one column; None in every row when there is none of this name, as in older records."""
         has_column = any(column.name == name for column in self.columns)
         return self.column(name) if has_column else (None,) * len(self.rows)
 
     def rounded(self) -> Table:
-        """Return it as it is written: floats to nine significant digits, none of them NaN."""
+        """Return the table as it is written: floats to nine significant digits, none of them NaN."""
         return replace(self, rows=tuple(tuple(_cell(cell) for cell in row) for row in self.rows))
 
 
@@ -176,7 +176,7 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Everything that is known of a run, as it stands in ``run.json``.
+    """Record of a run, as in ``run.json``.
 
     Attributes
     ----------
@@ -185,13 +185,13 @@ class Run:
     volatile : tuple of str
         JSON pointers (RFC 6901) of all that may differ between two runs of the same seed.
     comparison : Comparison or None
-        With the baseline or the older firmware that the run was judged against.
+        Comparison with the baseline or the older firmware.
     other_attempts : tuple of Measurement
         What the other attempts of tests that were run again measured; the worst stands under `measurements`.
     chosen : bool
         Whether the user chose among the tests of hiltest, so that some of the set did not run.
     revision : Revision or None
-        Sources that it was made for, as whoever started it said.
+        Sources that it was made for, as the label and the job name them.
     tolerances : mapping of str to (float, float)
         Absolute and relative, that were in force for each measurement that is compared. Empty in records from before
         they were kept.
@@ -305,14 +305,14 @@ def volatile_places(run: Run) -> tuple[str, ...]:
 def _cell(cell: Cell) -> Cell:
     if isinstance(cell, str | bool):
         return cell
-    # JSON has no NaN; a hole in a table is null.
+    # JSON has no NaN; an empty cell of a table is null.
     return None if cell is None or not math.isfinite(cell) else round_significant(plain(cell))
 
 
 def worst_first(kept: Measurement, other: Measurement) -> tuple[Measurement, Measurement]:
-    """Return what two attempts measured under one name, the one that counts first.
+    """Return the measurements of two attempts under one name, the one that counts first.
 
-    Out of its limit comes before not judged, that before no number at all, and that before a number. Of two numbers
+    Out of its limit comes before not evaluated, that before no number at all, and that before a number. Of two numbers
     the worse one comes first, and where neither is, the earlier.
     """
     worst, rest = sorted((kept, other), key=_rank)
@@ -320,7 +320,7 @@ def worst_first(kept: Measurement, other: Measurement) -> tuple[Measurement, Mea
 
 
 def marked(measurement: Measurement) -> Measurement:
-    """Return it with the note that it is not the only one of its name."""
+    """Return the measurement with a note that others of its name exist."""
     return replace(measurement, note="; ".join(filter(None, (measurement.note, WORST_OF_SEVERAL))))
 
 

@@ -22,7 +22,7 @@ from hiltest.verdict.wording import (
     shown,
 )
 
-# Stands beside the word for who does not see its colour.
+# Stands beside the word for readers who do not see its colour.
 _SIGNS = {Change.WORSE: "✗", Change.GONE: "−", Change.BETTER: "✓", Change.NEW: "+", Change.CHANGED: "≠"}
 _ANSWERS = {Answer.MAY: "good", Answer.NOT: "bad", Answer.UNKNOWN: "warn"}
 _TONES = {Change.WORSE: "fail", Change.GONE: "fail", Change.BETTER: "pass"}
@@ -37,7 +37,7 @@ _KEY = tuple(KeyEntry(str(change), "", mark, style) for change, (mark, style) in
 
 @dataclass(frozen=True, slots=True)
 class Changed:
-    """One measurement that is not what it was, as text; `outcome` has the note too."""
+    """One changed measurement, as text; `outcome` has the note too."""
 
     name: str
     change: str
@@ -74,7 +74,7 @@ def against_baseline(comparison: Comparison | None) -> AgainstBaseline | None:
 
 
 def changed(comparison: Comparison) -> Iterator[Changed]:
-    """Yield what is not as it was, worst first; what is unchanged is only counted."""
+    """Yield changed measurements, worst first; unchanged ones are only counted."""
     for _, found in shown(comparison):
         yield from map(_in_text, found)
 
@@ -87,7 +87,7 @@ def counts(comparison: Comparison) -> str:
 
 
 def sides(comparison: Comparison) -> Iterator[tuple[str, str, str]]:
-    """Yield what stood on both sides: name, base, new; nothing of which neither side says anything."""
+    """Yield name, base and new of each property of the two sides that at least one of them states."""
     for (name, base), (_, new) in zip(_side(comparison.base), _side(comparison.new), strict=True):
         if base or new:
             yield name, base, new

@@ -22,7 +22,7 @@ _STYLES = {Change.WORSE: "bold red", Change.GONE: "bold red", Change.BETTER: "gr
 
 
 def print_comparison(console: Console, comparison: Comparison) -> None:
-    """Print the sentence, what kept the gate from being evaluated, and every measurement that changed."""
+    """Print the sentence, the obstacles of the gate, and every measurement that changed."""
     say(console, f"{_described(comparison.base)} -> {_described(comparison.new)}")
     say(console, comparison.sentence, "" if comparison.answer is Answer.MAY else "bold red")
     print_changes(console, comparison)
@@ -61,7 +61,7 @@ def json_text(comparisons: Sequence[Comparison]) -> str:
 
 
 def say(console: Console, text: str, style: str = "") -> None:
-    """Print a line that the terminal may wrap; what it would obey instead of show is made visible."""
+    """Print a line that the terminal may wrap; control characters are made visible."""
     console.print(Text(printable(text), style=style), soft_wrap=True)
 
 
@@ -81,7 +81,7 @@ def _entries(console: Console, entries: Iterable[str]) -> None:
 
 
 def _described(side: Side) -> str:
-    """Return what stood on a side, in a few words."""
+    """Return a side in a few words."""
     seeds = f", seed{'s' * (len(side.seeds) != 1)} {_listed(side.seeds)}" if side.seeds else ""
     made_for = f", {revision(side.revision)}" if side.revision else ""
     made_with = f" ({build(side)}{made_for}{seeds})" if side.build_id else ""

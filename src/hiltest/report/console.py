@@ -1,4 +1,4 @@
-"""The console that tables are printed on: a terminal, or a pipe, whose width nobody knows."""
+"""The console that tables are printed on: a terminal, or a pipe of unknown width."""
 
 from __future__ import annotations
 
@@ -11,5 +11,5 @@ _FILE_WIDTH = 200
 
 
 def standard_output() -> Console:
-    """Return standard output as a console that marks nothing up by itself."""
+    """Return standard output as a console without automatic highlighting."""
     return Console(highlight=False, width=None if sys.stdout.isatty() else _FILE_WIDTH)

@@ -1,9 +1,9 @@
-"""A run for tools that keep the history of numbers: Bencher, and the GitHub Action for continuous benchmarking.
+"""Export of a run for tools that keep histories: Bencher, and the GitHub Action for continuous benchmarking.
 
-Both take any number by name, and neither knows which way one gets better: Bencher is told by a threshold for each of
-its measures, the action by the kind of its file. So only measurements with a sense are exported, what should be near
-zero as its magnitude, and each kind apart from the other. Their thresholds are ratios to earlier runs; limits and
-tolerances stay here.
+Both take any number by name, and neither knows which way one gets better: Bencher needs a threshold for each of
+its measures, the action the kind of its file. So only measurements with a better direction are exported: those that
+should be near zero as their magnitude, and each kind apart from the other. Their thresholds are ratios to earlier
+runs; limits and tolerances stay here.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Exported:
     Attributes
     ----------
     name : str
-        With the cycle model of cycles: both tools compare what has the same name, and other models' cycles are others.
+        Name, for cycles with their cycle model: both tools compare what has the same name.
     larger_is_better : bool
     values : tuple of float or int
         Finite, at least one.
@@ -42,12 +42,12 @@ class Exported:
 
     @property
     def mean(self) -> float | int:
-        """Over the seeds; the value itself of one."""
+        """Mean over the seeds."""
         return self.values[0] if len(self.values) == 1 else round_significant(fmean(self.values)) or 0.0
 
 
 def exported(by_seed: Mapping[Seed, Mapping[str, Measurement]]) -> list[Exported]:
-    """Return all measurements with a sense that have a number, sorted by name.
+    """Return all measurements with a better direction and a number, sorted by name.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def exported(by_seed: Mapping[Seed, Mapping[str, Measurement]]) -> list[Exported
 def bencher_json(numbers: list[Exported]) -> str:
     """Return Bencher Metric Format: by benchmark and measure a value, over several seeds with smallest and largest.
 
-    The measure is named after the unit and the sense, since a threshold belongs to a measure.
+    The measure is named after the unit and the better direction, since a threshold belongs to a measure.
     """
     return _json({each.name[:MOST_NAME]: {_measure(each): _metric(each)} for each in numbers})
 
@@ -72,7 +72,7 @@ def github_action_benchmark_json(numbers: list[Exported]) -> str:
     Parameters
     ----------
     numbers : list of Exported
-        All of one sense, which the file itself does not say; the action refuses an empty list.
+        Measurements of one better direction, which the file itself does not state; the action refuses an empty list.
     """
     return _json([_entry(each) for each in numbers])
 

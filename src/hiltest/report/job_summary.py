@@ -1,6 +1,6 @@
 """Show a run where GitHub Actions shows a job: its summary, and one annotation when it is red.
 
-Nothing here decides anything: what cannot be written is said, and the verdict stays.
+Nothing here decides anything: a failure to write is reported, and the verdict stays.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def append_to_job_summary(page: str, whole_is: Path, environment: Mapping[str, s
     if not name:
         return ""
     try:
-        # Nobody may read a pipe of that name: then this is an error, and no wait for ever.
+        # A pipe of that name may have no reader: then this is an error, and no wait for ever.
         file = os.open(name, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NONBLOCK, 0o644)
     except (OSError, ValueError) as error:
         return _not_written(name, error)

@@ -22,7 +22,7 @@ def markdown_report(run: Run) -> str:
 
 
 def comparison_lines(comparison: Comparison) -> Iterator[str]:
-    """Yield what a comparison says: its sentence, why it could not be made, and all that changed."""
+    """Yield the lines of a comparison: its sentence, its obstacles, and all changes."""
     yield from ("", "## Against the baseline", "", plain_text(comparison.sentence))
     if comparison.remark:
         yield from ("", plain_text(comparison.remark))

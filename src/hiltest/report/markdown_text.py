@@ -1,4 +1,4 @@
-"""Markdown of texts that may hold anything: escaped, in tables, folded, and cut to a length."""
+"""Markdown of arbitrary texts: escaped, in tables, folded, and cut to a length."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def cut(text: str, most_bytes: int, whole_is: str) -> str:
     Parameters
     ----------
     text : str
-        With nothing folded inside something folded.
+        The page, without folded parts inside folded parts.
     most_bytes : int
         In UTF-8, of all that is returned.
     whole_is : str

@@ -1,4 +1,4 @@
-"""Marks of a plot, told apart by their shape, and the key that names them: colour never says anything alone."""
+"""Marks of a plot, which differ in shape and not only in colour, and the key that names them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Mark(StrEnum):
     HOURGLASS = "M-1 -1.1h2L-1 1.1h2z"
 
     def at(self, x: float, y: float, radius: float, style: str) -> Markup:
-        """Return it drawn at a place of the view box."""
+        """Return the mark at a place of the view box."""
         if self is Mark.DOT:
             return shape('<circle class="{}" cx="{}" cy="{}" r="{}"/>', style, x, y, radius)
         template = '<path class="mark {}" transform="translate({} {}) scale({})" d="{}"/>'
@@ -41,7 +41,7 @@ def series(index: int) -> tuple[str, Mark]:
 
 @dataclass(frozen=True, slots=True)
 class KeyEntry:
-    """What a line or a mark stands for; `line` and `mark` are classes of the style sheet."""
+    """Meaning of a line or a mark; `line` and `mark` are classes of the style sheet."""
 
     text: str
     line: str = ""

@@ -1,4 +1,4 @@
-"""What the HTML and the Markdown report both show, as plain data."""
+"""Contents of the HTML and the Markdown report, as plain data."""
 
 from __future__ import annotations
 
@@ -66,12 +66,12 @@ class Group:
 
     @property
     def checked(self) -> int:
-        """How many have a limit."""
+        """Number of measurements with a limit."""
         return sum(each.limit is not None for each in self.measurements)
 
     @property
     def failures(self) -> int:
-        """How many fail the run."""
+        """Number of measurements that fail the run."""
         return sum(each.gates for each in self.measurements)
 
 
@@ -108,7 +108,7 @@ def tone(measurement: Measurement) -> str:
 
 
 def origin(measurement: Measurement) -> str:
-    """Return which test measured it and, for cycles, what counted and how far that may be wrong."""
+    """Return the test that measured it and, for cycles, the cycle model and the uncertainty range."""
     where = f"{without_folders(measurement.test)} {measurement.cycle_model}".strip()
     return f"{where}; {measurement.band.explained()}" if measurement.band else where
 
@@ -126,7 +126,7 @@ def board_line(run: Run) -> str:
 
 
 def provenance(run: Run) -> Iterator[tuple[str, str]]:
-    """Yield name and text of everything that the numbers rest on."""
+    """Yield name and text of everything that the numbers depend on."""
     if run.revision:
         named = {"label": run.revision.label, "commit": run.revision.commit, "branch": run.revision.branch}
         yield from ((name, text) for name, text in named.items() if text)
@@ -166,7 +166,7 @@ def _cells(run: Run, cost: CalibratorCost) -> tuple[Cell, ...]:
     accuracy, more = (
         [_cell(run, pattern.format(cost.name)) for _, pattern in columns] for columns in (_ACCURACY, _MORE)
     )
-    total, *parts = _stream_cells(run, cost) if cost.lives_with_the_stream else _batch_cells(run, cost.name)
+    total, *parts = _stream_cells(run, cost) if cost.is_streaming else _batch_cells(run, cost.name)
     return (*accuracy, total, *more, *parts)
 
 
@@ -175,7 +175,7 @@ def _batch_cells(run: Run, name: str) -> list[Cell]:
 
 
 def _stream_cells(run: Run, cost: CalibratorCost) -> list[Cell]:
-    """Of a stream the fixed part is the fit at the end, and a point has a mean and a worst case."""
+    """Return the cells of a stream: its fixed part is the fit at the end, and a point has a mean and a worst case."""
     whole = run.measurement(f"stream.{cost.name}.total")
     band = f", {whole.band}" if whole and whole.band else ""
     total = Cell("" if cost.cycles is None else readable(cost.cycles), note=f"{cost.points} points{band}")
@@ -190,5 +190,5 @@ def _cell(run: Run, name: str) -> Cell:
     if measurement is None:
         return Cell("")
     band = str(measurement.band) if measurement.band else ""
-    band += f": {MAY_EXCEED}" if measurement.band_reaches_beyond else ""
+    band += f": {MAY_EXCEED}" if measurement.may_exceed_limit else ""
     return Cell(shown_value(measurement), limit=shown_limit(measurement), tone=tone(measurement), note=band)

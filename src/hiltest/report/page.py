@@ -1,4 +1,4 @@
-"""What all pages share: one self-contained file each, no script, no address, light and dark, screen and paper."""
+"""Rendering of pages: one self-contained file each, no script, no address, light and dark, screen and paper."""
 
 from __future__ import annotations
 
@@ -32,5 +32,5 @@ def _shown(value: object) -> object:
 
 
 def _beside(path: str) -> str:
-    """Return the address of a file beside the page: a path, whatever it is called."""
+    """Return the address of a file beside the page, quoted as a path."""
     return f"./{quote(path)}"

@@ -25,7 +25,7 @@ from hiltest.verdict.summary import Failure, Summary, cost_line, summarise
 
 @dataclass(frozen=True, slots=True)
 class Badge:
-    """How the verdict looks: a class of the style sheet, and a sign for who does not see its colour."""
+    """Look of the verdict: a class of the style sheet, and a sign for readers who do not see its colour."""
 
     tone: str
     sign: str
@@ -75,6 +75,6 @@ def _troubled(run: Run, found: Summary) -> list[TestResult]:
 
 
 def _title(run: Run) -> str:
-    """Return what was run, for the tab of a browser and the heading."""
+    """Return the title of the run, for the tab of a browser and the heading."""
     board = run.board.description if run.board else "no board"
     return f"hiltest report: {board}{f', rig {run.rig.name}' if run.rig else ''}"

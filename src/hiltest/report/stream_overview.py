@@ -22,7 +22,7 @@ _MEASURED = ("cycles_mean", "cycles_median", "cycles_max", "fit_cycles")
 
 
 def stream_stages(run: Run) -> list[tuple[str, ...]]:
-    """Return the rows of the table, empty when there were no streams; its columns are `HEADINGS`."""
+    """Return the rows under `HEADINGS`, empty when there were no streams."""
     return list(_rows(run))
 
 

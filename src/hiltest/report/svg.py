@@ -78,7 +78,7 @@ class Figure:
     x_ticks : sequence of float, optional
         Where the x axis is labelled; chosen when not given.
     width, height : float
-        Of the view box. The page scales it.
+        Size of the view box. The page scales it.
     log_x, log_y : bool
         Whether an axis is logarithmic; all its numbers are then above 0.
     equal_axes : bool
@@ -147,7 +147,7 @@ class Figure:
         self._add(shape, style, left, top, right - left, bottom - top)
 
     def limit(self, limit: float | None) -> None:
-        """Draw what a value may be, to either side of zero; nothing without a limit."""
+        """Shade the allowed range about zero; nothing without a limit."""
         if limit is not None:
             self.band(-limit, limit, "allowed")
             self.level(limit, "limit")
@@ -222,14 +222,14 @@ class Figure:
 
 
 def drawing(title: str, description: str, width: float, height: float, content: Markup) -> Markup:
-    """Return an SVG element that says in words what it shows."""
+    """Return an SVG element with a description in words."""
     return Markup(
         '<svg viewBox="0 0 {:g} {:g}" style="max-width: {:.0f}px" role="img"><title>{}</title><desc>{}</desc>{}</svg>'
     ).format(width, height, _LARGEST * width, legible(title), legible(description), content)
 
 
 def _ticks(ends: Point, room_for: float, *, logarithmic: bool) -> tuple[float, ...]:
-    """Return where an axis has its numbers: as many as there is room for, and never one alone."""
+    """Return the ticks of an axis: as many as there is room for, at least two."""
     if logarithmic:
         return log_ticks(*ends)
     found = (nice_ticks(*ends, about=about) for about in count(max(_FEWEST_TICKS, int(room_for))))

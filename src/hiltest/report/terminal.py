@@ -1,4 +1,4 @@
-"""What is printed at the end of a session: the verdict, what failed, the calibrators, what is close, and the files."""
+"""Output at the end of a session: the verdict, failures, the calibrators, what is close to its limit, and the files."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def shown_outcome(measurement: Measurement) -> str:
     """Return the outcome as people read it; without a limit there is none."""
     if measurement.outcome is Outcome.INFORMATION:
         return ""
-    return f"{measurement.outcome}; {MAY_EXCEED}" if measurement.band_reaches_beyond else str(measurement.outcome)
+    return f"{measurement.outcome}; {MAY_EXCEED}" if measurement.may_exceed_limit else str(measurement.outcome)
 
 
 def failure_line(failure: Failure) -> str:
@@ -178,7 +178,7 @@ def _print_everything(console: Console, run: Run) -> None:
 
 
 def _is_why(measurement: Measurement) -> bool:
-    """Say whether the note is the reason of the outcome, and not what the number is of."""
+    """Say whether the note is the reason of the outcome, and not a description of the number."""
     return measurement.outcome not in (Outcome.PASS, Outcome.INFORMATION)
 
 

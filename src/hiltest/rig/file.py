@@ -185,7 +185,7 @@ def _checked_tolerances(source: _Source, entries: object) -> dict[str, Tolerance
 
 
 def _check_name(source: _Source, key: tuple[str, str], given: str) -> None:
-    """Refuse what can only be a slip of a known name, and a unit that is not the kind's own.
+    """Refuse a misspelling of a known name, and a unit that is not the kind's own.
 
     Any other name is the user's own, and one that nothing measures is found when the run ends.
     """

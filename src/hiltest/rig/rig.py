@@ -37,32 +37,32 @@ if TYPE_CHECKING:
 
 #: MAG3110 and FXOS8700CQ magnetometer words [counts/uT].
 COUNTS_PER_UT = 10.0
-# What may be edited without any number coming out otherwise: names, and what numbers are held against.
+# May be edited without a change of any number: names, and the limits and tolerances of numbers.
 _TEXTS = ("path", "name", "schema")
-_JUDGED_BY = ("limits", "information", "tolerances", "units", "full_only", "cycles")
-# What the record of a run keeps beside the digest, because an option of the command line may say otherwise.
+_CHECKED_BY = ("limits", "information", "tolerances", "units", "full_only", "cycles")
+# Kept in the record beside the digest, because an option of the command line may change them.
 _KEPT_APART = ("seed",)
 _KEPT_APART_OF = {"procedure": ("poses", "cost_reference"), "board": ("port", "timing")}
 
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """A bench and what it must show.
+    """A bench and the limits of its measurements.
 
     Attributes
     ----------
     path : Path
         The file it was read from.
     mounting : Mounting or None
-        None when nobody declares it: only centred heading errors can then be judged.
+        None when it is not declared: only centred heading errors can then be checked.
     faces : Faces or None
-        None when nobody declares them: gravity on a face is then no reference.
+        None when they are not declared: gravity on a face is then no reference.
     seed : int
         Noise seed, when the command line gives none.
     world : SimulatedWorld or None
         Present exactly when the board is virtual.
     limits : dict of str to Limit
-        By measurement name; a value outside is a failure.
+        Limits by measurement name; a value outside is a failure.
     information : dict of str to Limit
         Shown beside a measurement, without a verdict.
     tolerances : dict of str to Tolerance
@@ -112,7 +112,7 @@ class Rig:
                     f"hard_iron_ut makes {part} read up to {reading_ut:.0f} uT; its axes stop at {range_ut:.0f}")
 
     def limits_of(self, suite: Literal["gate", "full"]) -> dict[str, Limit]:
-        """Return the limits that a set of tests must meet: all that it is not excused from."""
+        """Return the limits that a set of tests must measure."""
         excused = self.full_only if suite == "gate" else frozenset()
         return {name: limit for name, limit in self.limits.items() if name not in excused}
 
@@ -135,7 +135,7 @@ class WorldTruth:
     soft_iron : 3 rows of 3
         True field to measured field, body frame.
     hard_iron_counts : (3,)
-        At the judged magnetometer, body frame [counts].
+        At the magnetometer under test, body frame [counts].
     accelerometer_response : 3 rows of 3
         Gravity to what the part reads of it, body frame; `accelerometer_offset_g` comes on top [g].
     accelerometer_offset_g : (3,)
@@ -200,7 +200,7 @@ def build_sensors(rig: Rig, world: World, seed: int) -> dict[str, list[RegisterD
     Parameters
     ----------
     rig : Rig
-        With a simulated world.
+        Rig with a simulated world.
     world : World
         Which they measure.
     seed : int
@@ -293,14 +293,14 @@ def _scaled(triple: Triple, factor: float) -> Triple:
 
 
 def conditions_sha256(rig: Rig) -> str:
-    """Return the SHA-256 of what a rig's numbers rest on.
+    """Return the SHA-256 of everything that a rig's numbers depend on.
 
     Comments, limits, information, tolerances, names and counted functions do not enter, nor seed and poses, compared by
     themselves, nor the calibrator that costs are shown against, nor the port that a board happens to be on, nor its
     timing profile: cycles carry that.
     """
     content = asdict(rig)
-    for key in (*_TEXTS, *_JUDGED_BY, *_KEPT_APART):
+    for key in (*_TEXTS, *_CHECKED_BY, *_KEPT_APART):
         del content[key]
     for table, keys in _KEPT_APART_OF.items():
         for key in keys:
@@ -309,7 +309,7 @@ def conditions_sha256(rig: Rig) -> str:
 
 
 def _without_none(content: Any) -> Any:
-    """Leave out what is not given, so that a key which a later hiltest adds changes no digest."""
+    """Leave out keys that are not given, so that a key which a later hiltest adds changes no digest."""
     if isinstance(content, dict):
         return {key: _without_none(value) for key, value in content.items() if value is not None}
     return content

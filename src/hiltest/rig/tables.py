@@ -31,7 +31,7 @@ class RigValueError(ValueError):
 
 
 def number_of_points(calibration: str) -> int | None:
-    """Return the 100 of ``direct@100``; None of what is not written so."""
+    """Return the 100 of ``direct@100``; None for another form."""
     written = re.fullmatch(r"[a-z0-9_-]+@([1-9][0-9]*)", calibration)
     return int(written[1]) if written else None
 
@@ -49,7 +49,7 @@ class BoardPlace:
     ----------
     cycle_model : str or None
         What the cycle counter of a board on a port counts: ``silicon-dwt``, or the timing profile of a
-        virtual board that is served there. Needed where the port alone does not tell.
+        virtual board that is served there. Needed where the port alone does not show it.
     timing : str or None
         What a virtual board counts by: the name of a timing profile, or a file, relative to the rig's, that ends in
         ``.toml``. None is the default profile.
@@ -74,7 +74,7 @@ class BoardPlace:
 
 @dataclass(frozen=True, slots=True)
 class LinkSettings:
-    """How the board is talked to."""
+    """Settings of the link."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     baud: int = 115_200
@@ -101,7 +101,7 @@ class LocalField:
 
 @dataclass(frozen=True, slots=True)
 class Mounting:
-    """How the board sits on the table: board heading = table heading + yaw, known to +-uncertainty."""
+    """Mounting of the board on the table: board heading = table heading + yaw, known to +-uncertainty."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     yaw_deg: float
@@ -114,7 +114,7 @@ class Mounting:
 
 @dataclass(frozen=True, slots=True)
 class Faces:
-    """How true the six faces are that the board is put on: none is further from its axis than this [deg]."""
+    """Uncertainty of the six faces that the board is put on: none is further from its axis than this [deg]."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     uncertainty_deg: float
@@ -134,9 +134,9 @@ class SensorChoice:
     Attributes
     ----------
     magnetometer_noise_ut : float
-        Rms of one axis of one reading; what a fit's residual is held against.
+        Rms of one axis of one reading; a fit's residual is compared with it.
     gyroscope_noise_mdps_per_rthz : float
-        One-sided density of the rate's noise, data sheet; what stillness is judged by.
+        One-sided density of the rate's noise, data sheet; for the test of stillness.
     magnetometer, accelerometer, gyroscope : str or None
         Names as the board's identity gives them; None takes the first that answers.
     """
@@ -156,7 +156,7 @@ class SensorChoice:
 
 @dataclass(frozen=True, slots=True)
 class CoveredPart:
-    """The part of the sphere that a simulated tumble shows the field from.
+    """Part of the sphere in which a simulated tumble keeps the field.
 
     Attributes
     ----------
@@ -210,7 +210,7 @@ class TurntableSettings:
         require((self.kind == "grbl") == (self.port is not None), "port",
                 'names the serial port of a turntable of kind "grbl", and only of that')
         require(self.kind == "simulated" or self.covered is None, "covered",
-                'confines a tumble of kind "simulated"; another is turned by somebody else')
+                'confines a tumble of kind "simulated"; another table is not simulated')
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,11 +220,11 @@ class Procedure:
     Attributes
     ----------
     headings_deg : tuple of float
-        Table headings of the judged poses.
+        Table headings of the known angles.
     tilts_deg : tuple of (pitch, roll)
-        Each tilt is judged at every heading.
+        Each tilt is measured at every heading.
     poses : {"all", "level"}
-        Which are judged when the command line does not say.
+        Known angles that are measured unless the command line names them.
     calibration_points : int
         Points of the tumble that every calibrator of the firmware gets.
     gyroscope_rest_s : float
@@ -234,16 +234,16 @@ class Procedure:
     accelerometer_calibration : {"none", "six-position"}
         What comes before all headings: nothing, or the six faces, a second each, fitted on the board.
     untrimmed_calibrations : tuple of str
-        Calibrations that are judged once more, without that of the accelerometer: ``direct`` as
+        Calibrations that are measured once more, without that of the accelerometer: ``direct`` as
         ``direct-untrimmed``.
     dpi : {"pairs", "none"}
         Whether the magnetometer is calibrated against gravity too, on all pairs of the tumble.
     gyroscope_calibration : {"rest", "turns"}
         What `hiltest calibrate` does: find the bias alone, or turn about all three axes for scale and axes, too.
     further_calibrations : tuple of str
-        Runs beside these, judged alike, each a calibrator and the points it gets: ``direct@100``.
+        Further runs, measured alike, each a calibrator and the points it gets: ``direct@100``.
     cost_reference : str
-        Calibrator whose cycles the others' are given as a multiple of; empty for none.
+        Calibrator that costs are given as multiples of; empty for none.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
@@ -283,7 +283,7 @@ class Procedure:
             require(points is not None and 9 <= points <= self.tumble_points, "further_calibrations",
                     f"names {written!r}; write a calibrator and its points, 9 to tumble_points, such as direct@100")
 
-    def judged_poses(self, which: Literal["all", "level"] | None = None) -> tuple[Pose, ...]:
+    def known_angle_poses(self, which: Literal["all", "level"] | None = None) -> tuple[Pose, ...]:
         """Return the poses of the known angles in their order: tilt by tilt, level first as listed."""
         from hiltest.angles import Pose
 

@@ -26,7 +26,7 @@ _NO_CROSS_AXIS: tuple[Triple, Triple, Triple] = (_NO_DRIFT, _NO_DRIFT, _NO_DRIFT
 
 @dataclass(frozen=True, slots=True)
 class TemperatureDrift:
-    """How much the parts' readings change for each degree above 25 degC, body frame: nothing unless stated.
+    """Change of the parts' readings for each degree above 25 degC, body frame: nothing unless stated.
 
     Attributes
     ----------

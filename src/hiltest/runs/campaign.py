@@ -1,4 +1,4 @@
-"""Many seeds: one run each, side by side, and what they say together."""
+"""Campaigns: one run for each of several seeds, side by side, and their common verdict."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ _WORST_FIRST = (2, 3, 4, 5, ExitCode.WRONG_FIRMWARE, ExitCode.CONNECTION_LOST, E
 
 @dataclass(frozen=True, slots=True)
 class MadeWith:
-    """Firmware, rig and options of a run: all that its numbers depend on beside its seed."""
+    """Firmware, rig and options of a run: all that its numbers depend on besides the seed."""
 
     firmware: str
     build_id: str
@@ -89,9 +89,9 @@ def run_seeds(
     may_fail : int
         How many seeds may miss a limit; a test that failed for another reason is never excused.
     baseline : str, optional
-        What all seeds together are judged against, paired by seed.
+        Base that all seeds together are compared with, paired by seed.
     against : str, optional
-        Older firmware to run on the same seeds first, and to be judged against.
+        Older firmware to run on the same seeds first, as the base.
 
     Returns
     -------
@@ -109,7 +109,7 @@ def run_seeds(
     for folder in (*out.glob(SEED_FOLDERS), out / OLDER_FOLDER):
         remove_runs(folder)
     if gate is not None and gate.base is None:
-        return _not_judged(gate)
+        return _no_base(gate)
     if against is not None:
         older = _run_all(seeds, older_options(options, against), out / OLDER_FOLDER, "seeds of the older firmware")
         if code := next((each.exit_code for each in older if each.exit_code in _NOT_BEGUN), 0):
@@ -120,14 +120,14 @@ def run_seeds(
     if campaign_exit_code(results, may_fail=may_fail) == ExitCode.OK:
         evidence = with_misses_allowed(evidence)
     remark = PACKAGED if _is_packaged(evidence, options) else ""
-    comparison = gate.judge(evidence, remark=remark) if gate else None
+    comparison = gate.compare(evidence, remark=remark) if gate else None
     return _conclude(results, comparison, out, may_fail=may_fail, options=run_options(options))
 
 
 def _conclude(
     results: Sequence[SeedResult], comparison: Comparison | None, out: Path, *, may_fail: int, options: str
 ) -> int:
-    """Write down what the seeds say together, print it, and return the exit code."""
+    """Write and print the verdict over all seeds, and return the exit code."""
     spreads = spreads_of(results)
     write_atomically(out / SEEDS_FILE, _to_json(results, spreads, comparison, may_fail=may_fail))
     code = campaign_exit_code(results, may_fail=may_fail, comparison=comparison)
@@ -149,8 +149,8 @@ def _conclude(
     return code
 
 
-def _not_judged(gate: Gate) -> int:
-    """Say why no seed runs: there is no base to compare them with."""
+def _no_base(gate: Gate) -> int:
+    """Print why no seed runs: there is no base to compare them with."""
     sentence = f"NOT EVALUATED: {gate.reason}. No seed was run."
     code = ExitCode.NOT_EVALUATED
     click.echo(annotation(Verdict(WORDS[code], code, sentence, complete=False)), nl=False)
@@ -168,7 +168,7 @@ def _run_all(seeds: Sequence[int], options: Sequence[str], out: Path, name: str)
 
 
 def _what_is_kept(seeds: Sequence[int], out: Path, name: str) -> str:
-    """Return what there is of seeds that were interrupted: how many finished, and where their records are."""
+    """Return how many seeds finished before an interruption, and where their records are."""
     found = {}
     for folder in (_seed_folder(out, seed) for seed in seeds):
         with suppress(ConfigError):
@@ -267,7 +267,7 @@ def _listed(seeds: Sequence[int]) -> str:
 
 
 def _word(results: Sequence[SeedResult], *, may_fail: int, comparison: Comparison | None) -> str:
-    """Return the verdict in a word; whatever ended a seed otherwise is a failure of the campaign."""
+    """Return the verdict in a word; any other end of a seed is a failure of the campaign."""
     of_seeds = campaign_exit_code(results, may_fail=may_fail)
     code = campaign_exit_code(results, may_fail=may_fail, comparison=comparison)
     return WORDS[ExitCode.FAILED] if of_seeds else WORDS[ExitCode(code)]

@@ -33,7 +33,7 @@ class RecordFolder:
         self._made = False
 
     def claim(self, settings: Settings, rig: Rig | None) -> Recorder:
-        """Return what keeps the record; from the first call on the record that `hiltest report` finds is this one.
+        """Return the recorder; from the first call on `hiltest report` finds this record.
 
         Raises
         ------
@@ -94,7 +94,7 @@ def folder_beside_complete(out: Path, tests: Collection[str] | None = None) -> P
 
 
 def said_of_folder(out: Path, folder: Path) -> str:
-    """Return what a run of chosen tests says of where its record is."""
+    """Return the line of a run of chosen tests about its folder."""
     from hiltest.report.terminal import shown_path
 
     return f"{shown_path(out)} keeps the record of its complete run; these tests are recorded in {shown_path(folder)}"

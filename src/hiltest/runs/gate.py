@@ -1,4 +1,4 @@
-"""The base of a run: read before the run can write over it, compared with when the run has ended.
+"""The base of a run: read before the run can overwrite it, and compared at its end.
 
 Imported at the start of every pytest run on the machine: what compares is imported where something is compared.
 """
@@ -21,12 +21,12 @@ NOT_EVALUATED = 22
 """The exit code, where nothing heavy is imported for it."""
 
 
-PACKAGED = "judged the packaged firmware: name yours with --firmware ELF (in pytest --hil-firmware)"
+PACKAGED = "compared the packaged firmware: name yours with --firmware ELF (in pytest --hil-firmware)"
 """Remark where no firmware was named: a user who forgets it would compare the packaged one with itself."""
 
 
 class Gate(NamedTuple):
-    """A base, or why there is none: who asks to be judged is never told "pass" for want of one.
+    """A base, or why there is none: a run that asked for a comparison never passes without one.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class Gate(NamedTuple):
     reason: str = ""
     in_one_session: bool = False
 
-    def judge(self, new: Evidence, *, remark: str = "") -> Comparison:
+    def compare(self, new: Evidence, *, remark: str = "") -> Comparison:
         """Compare a run, or the runs of several seeds, with the base."""
         from hiltest.verdict.compare import compare, not_compared
 
@@ -86,12 +86,12 @@ def read_gate(place: Path, *, in_one_session: bool = False) -> Gate:
 
 
 class SessionGate:
-    """The gate of one session: which base was asked for, and what became of it before the first test.
+    """Gate of one session: the base that was asked for, and its state before the first test.
 
     Parameters
     ----------
     base : Path or None
-        What the run is to be judged against; None without a gate.
+        Base of the run; None without a gate.
     source : str
         Which option named it.
     """
@@ -113,7 +113,7 @@ class SessionGate:
         """Return the message when no run was recorded to compare; empty without a base."""
         return f"NOT EVALUATED: {self.asked_for}, and {why}: there is nothing to compare." if self.asked_for else ""
 
-    def judge_against(self, older: OlderFirmware) -> None:
+    def compare_with(self, older: OlderFirmware) -> None:
         """Take an older firmware as the base, which `run_older` will run."""
         self._older = older
         self._gate = Gate(str(older.folder), None, f"{older.elf} did not come to its end; run it again")
@@ -137,7 +137,7 @@ class SessionGate:
 
     @property
     def missing(self) -> str:
-        """Why there is no base to compare the run with; empty when there is, or when none was named."""
+        """Reason why there is no base to compare the run with; empty when there is, or when none was named."""
         return self._gate.reason if self._gate is not None and self._gate.base is None else ""
 
     def describe(self) -> list[str]:
@@ -146,12 +146,12 @@ class SessionGate:
             return [f"base: {self._older.elf}, which runs first"]
         return [] if self._gate is None else [self._gate.describe()]
 
-    def judge_by(self, *, packaged: bool) -> Callable[[Evidence], Comparison] | None:
-        """Return what compares the finished run with its base; None without a gate.
+    def compare_by(self, *, packaged: bool) -> Callable[[Evidence], Comparison] | None:
+        """Return the comparison of a finished run with its base, as a function; None without a gate.
 
         Parameters
         ----------
         packaged : bool
             Whether the packaged firmware ran because none was named.
         """
-        return None if self._gate is None else partial(self._gate.judge, remark=PACKAGED if packaged else "")
+        return None if self._gate is None else partial(self._gate.compare, remark=PACKAGED if packaged else "")

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from hiltest.rig import Rig
 
 UNJUDGED = ("-o", "hil_baseline=")
-"""For pytest: a run that is itself the base, or a part of what is judged, has no base."""
+"""For pytest: a run that is itself the base, or a part of a comparison, has no base."""
 
 _VARIABLE = "HIL_BASELINE"
 
@@ -51,7 +51,7 @@ class OlderFirmware:
         return shown_path(self.folder / RUN_FILE)
 
     def check(self, rig: Rig) -> None:
-        """Find what is wrong with the file before anything runs.
+        """Check the file before anything runs.
 
         Raises
         ------
@@ -93,7 +93,7 @@ def older_options(options: Sequence[str], firmware: str) -> list[str]:
 
 
 def run_command(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    """Run ``hiltest run`` without a base, so that its record is in a folder and what was there before is not."""
+    """Run ``hiltest run`` without a base, so that its record replaces the one in a folder."""
     remove_runs(folder)  # what an earlier command left must not pass for this one's
     command = [sys.executable, "-m", "hiltest", "run", *arguments]
     return subprocess.run(command, capture_output=True, text=True, check=False, env=_environment(os.environ))
@@ -117,5 +117,5 @@ def base_of_environment(environment: Mapping[str, str] = os.environ) -> str | No
 
 
 def _environment(environment: Mapping[str, str]) -> dict[str, str]:
-    """Return what a run that is part of another has: neither a base nor a job's summary of its own."""
+    """Return the environment of a run within another: without a base and a job's summary of its own."""
     return {name: value for name, value in without_job_summary(environment).items() if name != _VARIABLE}

@@ -47,7 +47,7 @@ class WireTraces:
         Parameters
         ----------
         test : str
-            Whose it is; names the files.
+            Test that the bytes are of; names the files.
         phase : str
             What failed. A fixture's set-up fails once and is charged to every test that
             needs it: they all get the file of the first.
@@ -86,7 +86,7 @@ class WireTraces:
             path.write_text("\n".join(lines) + "\n", encoding="utf-8")
             self.transcript.write(path.with_suffix(".jsonl"))
         except OSError:
-            return False  # a full disk: the test's own failure is what must be told
+            return False  # a full disk: the test's own failure must be reported
         return True
 
 

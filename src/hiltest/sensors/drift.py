@@ -32,7 +32,7 @@ class Drift:
     gain_per_degc: Vector = _NOTHING
 
     def apply(self, reading: Vector, temperature_degc: float) -> Vector:
-        """Return what the part reads at a temperature."""
+        """Return the reading of the part at a temperature."""
         above = temperature_degc - REFERENCE_DEGC
         offset, gain = self.offset_per_degc, self.gain_per_degc
         return (

@@ -8,12 +8,12 @@ _NO_SAMPLE: Counts = (0, 0, 0)
 
 
 class Extremes:
-    """Running maxima and minima of an output, found when somebody asks.
+    """Running maxima and minima of an output, found when they are read.
 
     Parameters
     ----------
     output : SampledOutput
-        Whose samples are compared.
+        Output that is compared.
 
     Notes
     -----

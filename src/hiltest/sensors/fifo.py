@@ -39,7 +39,7 @@ class SampleFifo:
     Parameters
     ----------
     output : SampledOutput
-        Whose samples are stored, instead of replacing one another.
+        Output that is stored sample by sample.
     has_trigger : bool
         Whether F_MODE = 11 is the trigger mode; else it is another code for the stop mode.
 
@@ -72,7 +72,7 @@ class SampleFifo:
         self.configure(0, 0.0)
 
     def configure(self, setup: int, time_s: float) -> None:
-        """Take what is written to F_SETUP in standby; another mode empties the FIFO."""
+        """Apply a write to F_SETUP in standby; another mode empties the FIFO."""
         before = self.mode
         self.setup = setup
         self.mode = FifoMode(setup >> 6)
@@ -82,11 +82,11 @@ class SampleFifo:
             self._empty(time_s)
 
     def begin(self, time_s: float) -> None:
-        """Start empty: the output has just been told to begin sampling."""
+        """Start empty: the output begins to sample."""
         self._empty(time_s)
 
     def halt(self, time_s: float) -> None:
-        """Keep what is stored: the output has just been told to stop."""
+        """Keep the stored samples: the output stops."""
         self._take_in(time_s)
         # In standby scale and offsets may change; what was sampled before does not.
         self._converted = {tick: self._output.counts(tick) for tick in self._ticks}

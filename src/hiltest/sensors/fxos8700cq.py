@@ -72,7 +72,7 @@ class AccelerometerErrors:
     cross_axis: tuple[Vector, Vector, Vector] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
     def apply(self, gravity_body_g: Vector) -> Vector:
-        """Return what the part believes gravity to be [g]."""
+        """Return gravity as the part measures it [g]."""
         x, y, z = gravity_body_g
         (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = self.cross_axis
         return (

@@ -76,7 +76,7 @@ class Mag3110(RegisterDevice):
         self._offsets = [0, 0, 0]  # register words; the value is in bits 15..1
         self._oversampling = 0
         self._active = False
-        self._standby_s: float | None = None  # when a part told to stop will have stopped
+        self._standby_s: float | None = None  # when a part will be in standby after the command
 
     def release(self) -> None:
         """End a burst read."""
@@ -148,7 +148,7 @@ class Mag3110(RegisterDevice):
                 self._standby_s = self._output.next_instant(time_s)
             self._control1 = value & ~_TM
             return
-        # In standby, or told to run again before standby was reached: the measurement under way ends first.
+        # In standby, or set to run again before standby was reached: the measurement under way ends first.
         idle_s = time_s
         if self._standby_s is not None:
             idle_s = self._standby_s

@@ -1,4 +1,4 @@
-"""One pytest session with hiltest in it: what was asked for, what the tests need, what they found, and the bench."""
+"""One pytest session with hiltest in it: options, chosen tests, their findings, and the bench."""
 
 from hiltest.session.session import SESSION, HilSession
 

@@ -29,7 +29,7 @@ _PHASES = ("setup", "call", "teardown")
 
 
 def start_recording(hil: HilSession) -> Recording:
-    """Begin the record of a session, and see to it that it is kept."""
+    """Begin the record of a session, and register what keeps it."""
     rig, recorder = hil.rig_if_needed, hil.claim_folder()
     recorder.begin(calibration_record(hil.calibration))
     remove_runs(recorder.folder / OLDER_FOLDER)  # what an earlier command compared with must not pass for this one's
@@ -56,7 +56,7 @@ class Recording:
     # First: before a test runs, or a worker is waited for.
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtestloop(self, session: pytest.Session) -> None:
-        """Run the older firmware, if there is one; no test runs for a base that is missing: none could be judged."""
+        """Run the older firmware, if there is one; no test runs for a base that is missing."""
         hil = self._hil
         if hil.trouble is not None or session.testsfailed or not (session.testscollected or hil.hands_out):
             return  # how the session ends stands without a base
@@ -66,7 +66,7 @@ class Recording:
             pytest.exit(f"not evaluated: {hil.gate.missing}", returncode=NOT_EVALUATED)
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Take what one phase of a test found."""
+        """Record the findings of one phase of a test."""
         self._log.add(report)
         self._note_board(getattr(report, BENCH, None))
         found = getattr(report, FOUND_HERE, None)
@@ -77,7 +77,7 @@ class Recording:
             self.pytest_runtest_logfinish(report.nodeid)
 
     def found(self, found: Found) -> None:
-        """Take what a test measured, or a worker at its end."""
+        """Record the measurements of a test, or of a worker at its end."""
         self._recorder.found(found.measurements, found.tables)
 
     def _note_board(self, bench: dict[str, Any] | None) -> None:
@@ -115,8 +115,8 @@ class Recording:
         )
         board = self._recorder.findings.board
         packaged = board is not None and board.kind == "virtual" and self._hil.settings.firmware is None
-        if (judge := self._hil.gate.judge_by(packaged=packaged)) is not None:
-            self._recorder.compare(lambda run: judge(evidence_of(run)), decided())
+        if (compare := self._hil.gate.compare_by(packaged=packaged)) is not None:
+            self._recorder.compare(lambda run: compare(evidence_of(run)), decided())
         self.run = self._recorder.finish(decided())
         session.exitstatus = self.run.verdict.exit_code
         page = write_reports(self.run, self._recorder.folder)
@@ -155,7 +155,7 @@ class Recording:
         return (yield)
 
     def print_summary(self, terminal: pytest.TerminalReporter, config: pytest.Config) -> None:
-        """Print what a reader wants first, if there is a run to speak of."""
+        """Print the summary, if there is a run."""
         if self.run is None:
             return
         from hiltest.report.job_summary import annotation
@@ -173,7 +173,7 @@ class Recording:
 
 
 def _say(config: pytest.Config, line: str) -> None:
-    """Print a line that is not to wait for the end of the session."""
+    """Print a line at once, before the end of the session."""
     terminal = config.pluginmanager.get_plugin("terminalreporter")
     if terminal is not None:
         terminal.write_line(line)
@@ -181,7 +181,7 @@ def _say(config: pytest.Config, line: str) -> None:
 
 
 def rig_record(rig: Rig) -> RigRecord:
-    """Return what the record keeps of a rig."""
+    """Return the record of a rig."""
     declared = rig.mounting
     mounting = "not declared" if declared is None else f"{declared.yaw_deg:g} ± {declared.uncertainty_deg:g} deg"
     return RigRecord(
@@ -192,12 +192,12 @@ def rig_record(rig: Rig) -> RigRecord:
 
 
 def calibration_record(file: CalibrationFile | None) -> CalibrationRecord | None:
-    """Return what the record keeps of a calibration file."""
+    """Return the record of a calibration file."""
     return CalibrationRecord(str(file.path), file.sha256, file.calibration.made_utc) if file else None
 
 
 def board_record(board: Board) -> BoardRecord:
-    """Return what the record keeps of a board."""
+    """Return the record of a board."""
     identity = board.identity
     return BoardRecord(
         kind=str(board.kind), description=board.description, firmware=identity.name, version=identity.version,

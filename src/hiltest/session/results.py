@@ -1,4 +1,4 @@
-"""What a test found, and how it travels: on the item while the test runs, then on its reports."""
+"""Findings of a test, and their way to the record: on the item while the test runs, then on its reports."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
 # Attributes of a report. They are plain data, but for FOUND_HERE, which `pack` makes plain on the way from a worker.
 CAUSE = "hil_cause"
-"""Whose fault a failure is, when it is not the test's own."""
+"""Outcome of a test that the bench or the firmware ended."""
 REASON = "hil_reason"
-"""What the bench or the firmware did, in one line."""
+"""Fault of the bench or the firmware, in one line."""
 TRACE = "hil_trace"
 """The wire trace of a failed test, relative to the run's folder."""
 FOUND_HERE = "hil_found"
@@ -31,7 +31,7 @@ BENCH = "hil_bench"
 
 
 class Found:
-    """What one test measured since its last report."""
+    """Measurements and tables of one test since its last report."""
 
     __slots__ = ("measurements", "tables")
 
@@ -42,14 +42,14 @@ class Found:
 
 FOUND: pytest.StashKey[Found] = pytest.StashKey()
 FOUND_AT_ITS_END: pytest.StashKey[Found] = pytest.StashKey()
-"""What the report of a tear-down took of it."""
+"""Findings that the report of a tear-down has taken."""
 GATING: pytest.StashKey[list[Measurement]] = pytest.StashKey()
 
 
 def carry_over(item: pytest.Item) -> None:
     """Take again, at the set-up of another attempt, what the tear-down of the one before measured.
 
-    pytest-rerunfailures before 16 shows nobody the reports that follow a failed one.
+    pytest-rerunfailures before 16 passes on no reports that follow a failed one.
     """
     before = item.stash.get(FOUND_AT_ITS_END, None)
     if before is not None:
@@ -77,13 +77,13 @@ def unpack(content: Mapping[str, Any]) -> Found:
 
 
 def plain_data(record: DataclassInstance) -> dict[str, Any]:
-    """Return what `asdict` makes of a part of the record, of JSON's own kinds alone."""
+    """Return a part of the record as `asdict` has it, with types of JSON only."""
     plain: dict[str, Any] = json.loads(json.dumps(asdict(record)))
     return plain
 
 
 def properties_of(measurement: Measurement) -> list[tuple[str, object]]:
-    """Return what junit.xml says of a measurement."""
+    """Return the properties of a measurement in junit.xml."""
     name = f"hil.{measurement.name}"
     shown = measurement.rounded()
     properties: list[tuple[str, object]] = [

@@ -1,4 +1,4 @@
-"""Which of the tests pytest was asked for: all that there are, or some that the user has chosen."""
+"""The choice of tests: all that there are, or some that the user has chosen."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def only_looks(config: pytest.Config) -> bool:
 
 
 class Choice:
-    """Which tests a session runs, as far as it decides what may be missing from its record.
+    """Choice of tests of a session, as far as it decides what may be missing from its record.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class Choice:
         Whether tests of hiltest that the set has were deselected.
     only_benchmarks : bool
         Whether pytest was asked for benchmarks of device cycles and for no other test of ours: they measure nothing
-        that is judged.
+        that has a limit.
     """
 
     def __init__(self, config: pytest.Config) -> None:
@@ -50,7 +50,7 @@ class Choice:
     def of_our_tests(self) -> bool:
         """Whether tests of hiltest may be missing by the user's choice: ``-m hil`` leaves out only others.
 
-        What a conftest deselects is nobody's choice: it is missed.
+        What a conftest deselects is not the user's choice: it is missing.
         """
         deselected = self.deselected and self._has_given(_CHOICES)
         return deselected or self.only_benchmarks or self._has_given(_NOT_COLLECTED) or self._named_tests
@@ -67,7 +67,7 @@ class Choice:
 
 
 RUN_COMMAND = "hiltest-run"
-"""What pytest knows ``hiltest run`` by."""
+"""Name of the plugin of ``hiltest run``."""
 
 MARKER = "full"
 
@@ -94,7 +94,7 @@ class LeftOut(NamedTuple):
         return [f"gate set: {count} of the full set left out; {self.how} runs them"]
 
     def check_that_some_are_left(self, items: Sequence[pytest.Item]) -> None:
-        """Refuse to run nothing: whoever asked for just these must know why they do not run.
+        """Refuse a choice that leaves no test to run.
 
         Raises
         ------
@@ -141,7 +141,7 @@ def uses_board(item: pytest.Item) -> bool:
 
 
 def uses_hiltest(item: pytest.Item) -> bool:
-    """Say whether a test has anything to do with hiltest."""
+    """Say whether a test uses hiltest."""
     return uses_board(item) or bool(_FIXTURES & _fixtures_of(item))
 
 
@@ -156,7 +156,7 @@ def is_benchmark(item: pytest.Item) -> bool:
 
 
 def only_shows_cycles(item: pytest.Item) -> bool:
-    """Say whether a test shows device cycles and measures nothing that could be judged."""
+    """Say whether a test shows device cycles and measures nothing that could have a limit."""
     return is_benchmark(item) and "measure" not in _fixtures_of(item)
 
 
@@ -173,7 +173,7 @@ def _fixtures_of(item: pytest.Item) -> set[str]:
 
 
 GROUP = "hil"
-"""What pytest-xdist calls the tests that it keeps together."""
+"""Mark of pytest-xdist for tests that it keeps together."""
 
 # Folders of suites: a bench's own, and the packaged ones.
 _SUITES = (("hil", "suites"), ("bench", "suites"))
@@ -187,7 +187,7 @@ def id_in_record(nodeid: str, root: Path) -> str:
     nodeid : str
         As pytest has it, with the group that pytest-xdist puts behind it.
     root : Path
-        That its file is relative to.
+        Folder that the file is relative to.
     """
     nodeid = nodeid.removesuffix(f"@{GROUP}")
     file, colons, rest = nodeid.partition("::")

@@ -1,4 +1,4 @@
-"""One pytest session's bench: rig, board, what was measured, and whether the bench still stands.
+"""Bench of one pytest session: rig, board, measurements, and the fault that ended it.
 
 Imported at the start of every pytest run on the machine, so everything that takes time
 to import is imported by the function that needs it.
@@ -47,7 +47,7 @@ SESSION: pytest.StashKey[HilSession] = pytest.StashKey()
 
 
 class HilSession:
-    """Opens the rig and the board once, and remembers what came of it.
+    """Opens the rig and the board once, and keeps the fault if that fails.
 
     Attributes
     ----------
@@ -60,13 +60,13 @@ class HilSession:
     asked_for : bool
         Whether the bench is needed even if no test uses it.
     calibration : CalibrationFile or None
-        What ``--hil-calibration`` named.
+        Calibration of ``--hil-calibration``.
     choice : Choice
-        Which tests the user asked for.
+        Tests that the user asked for.
     gate : SessionGate
-        What the run is to be judged against.
+        Base of the run.
     folder : RecordFolder
-        Where the record is kept.
+        Folder of the record.
     """
 
     def __init__(self, config: pytest.Config, settings: Settings) -> None:
@@ -122,7 +122,7 @@ class HilSession:
         return not self.is_worker
 
     def _choose_folder(self, items: Sequence[pytest.Item]) -> None:
-        """Keep the record of benchmarks, which judge nothing, and of a part of the tests apart from a complete one."""
+        """Keep the record of benchmarks, and of a part of the tests, apart from a complete one."""
         out = self.settings.out
         if items and all(map(only_shows_cycles, items)):
             self.choice.only_benchmarks = True
@@ -280,12 +280,12 @@ class HilSession:
         return TestOutcome.CONNECTION_LOST if isinstance(error, BenchError) else TestOutcome.WRONG_FIRMWARE
 
     def begin_trace(self) -> None:
-        """Forget what went over the line before the test that begins."""
+        """Drop the bytes on the line before the test that begins."""
         if self._traces is not None:
             self._traces.begin()
 
     def keep_trace(self, test: str, phase: str, error: BaseException) -> str:
-        """Write what went over the line during a test that failed; the file, or empty."""
+        """Write the bytes on the line during a test that failed; return the file, or an empty text."""
         if self._traces is None:
             return ""
         about = self._board.description if self._board else f"rig {self.rig.name}"
@@ -301,32 +301,32 @@ class HilSession:
         root = self.config.rootpath
         return f"{written.relative_to(root) if written.is_relative_to(root) else written}:{line}"
 
-    def judge(
+    def check(
         self, name: str, value: float | int | None, *, unit: str, limit: Limit | None = None, **more: Any
     ) -> Measurement:
-        """Make a measurement and judge it by the rig's limit, or else by `limit`.
+        """Make a measurement and check it against the rig's limit, or else against `limit`.
 
         Parameters
         ----------
         name, value, unit, limit, **more
-            As `hiltest.measurement.judge` has them.
+            As `hiltest.measurement.check` has them.
 
         Raises
         ------
         ValueError
             If the unit is not the one of the rig's limit.
         """
-        from hiltest.measurement import judge
+        from hiltest.measurement import check
 
         rig = self.rig_if_needed
         if rig is None:
             # Without a rig nothing says that a board cannot know it.
-            return judge(name, value, unit=unit, limit=limit, could_offer=True, **more)
+            return check(name, value, unit=unit, limit=limit, could_offer=True, **more)
         wanted = rig.units.get(name, unit)
         if unit != wanted:
             raise ValueError(f"{name} is measured in {unit!r}, and its limit in {rig.path} is in {wanted!r}")
         kind = self._board.kind if self._board else rig.board.kind
-        return judge(
+        return check(
             name, value, unit=unit, limit=rig.limits.get(name) or limit,
             information=rig.information.get(name), could_offer=kind == "virtual", **more,
         )
@@ -349,19 +349,19 @@ class HilSession:
         item.ihook.pytest_hil_measurement(item=item, measurement=measurement)
 
     def end(self) -> list[Measurement]:
-        """Close the board and return what only the end of a session can measure."""
+        """Close the board and return the measurements of the whole session."""
         if self._board is None:
             return []
         seconds = self._board.virtual_seconds
         self._board.close()
         return [
-            self.judge("board.virtual_seconds", seconds, unit="s"),
-            self.judge("board.wall_seconds", time.monotonic() - self._opened_s, unit="s", volatile=True),
+            self.check("board.virtual_seconds", seconds, unit="s"),
+            self.check("board.wall_seconds", time.monotonic() - self._opened_s, unit="s", volatile=True),
         ]
 
     @cached_property
     def progress(self) -> ProgressLine:
-        """What shows how far long work is."""
+        """Progress display of long work."""
         from hiltest.progress_line import progress_of
 
         return progress_of(self.config)
@@ -372,7 +372,7 @@ class HilSession:
             self.progress.clear()
 
     def describe(self) -> list[str]:
-        """Return the header lines: which board, what its numbers rest on, and what they will be judged against."""
+        """Return the header lines: which board, what its numbers rest on, and the base of the comparison."""
         base = [*self.gate.describe(), *self._remarks]
         if self.trouble is not None:
             return [f"hiltest: {self.trouble}", f"rig {self._rig_line()}", *base]

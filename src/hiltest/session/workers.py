@@ -32,7 +32,7 @@ class Node(Protocol):
 
 
 class Worker:
-    """In a worker: keeps tests that use hiltest together, and tells what they rest on."""
+    """In a worker: keeps tests that use hiltest together, and reports their bench."""
 
     def __init__(self, hil: HilSession) -> None:
         self._hil = hil
@@ -53,7 +53,7 @@ class Worker:
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
     def pytest_collection_finish(self, session: pytest.Session) -> Generator[None, object, object]:
-        """Refuse what would put one board into several hands, and pass on every usage error, which xdist does not."""
+        """Refuse to open one board in several workers, and pass on every usage error, which xdist does not."""
         if distribution_of(self._hil.config) == SPREAD:
             put_into_group(session.items)
         let_groups_count(session.items)
@@ -85,7 +85,7 @@ class Worker:
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_makereport(self, item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-        """Say on the report what the test's numbers rest on."""
+        """Put the bench of the test's numbers on the report."""
         report = yield
         if uses_hiltest(item):
             hil = self._hil
@@ -97,7 +97,7 @@ class Worker:
         return report
 
     def pytest_sessionfinish(self) -> None:
-        """Close the board, and tell what the session itself measured."""
+        """Close the board, and send the measurements of the session itself."""
         self._told["found"] = pack(Found(self._hil.end()))
 
     def _answering(self) -> dict[str, Any]:
@@ -111,7 +111,7 @@ class Worker:
 
 _DISTRIBUTION = "hil_distribution"
 SPREAD = "load"
-"""How pytest-xdist distributes tests where only ``-n`` is given."""
+"""Distribution of pytest-xdist where only ``-n`` is given."""
 
 
 def distribution_of(config: pytest.Config) -> str:
@@ -127,7 +127,7 @@ def put_into_group(items: Sequence[pytest.Item]) -> None:
 
 
 def let_groups_count(items: Sequence[pytest.Item]) -> None:
-    """Make the ids be what pytest-xdist meant them to be.
+    """Restore the ids with the group in them, as pytest-xdist sets them.
 
     It hands out by group what has the group behind its id, and puts it there through an attribute that from pytest 9.2
     on nothing reads (its issue 1386): ``--dist loadgroup`` would group nothing, and not say so.
@@ -165,7 +165,7 @@ def check_one_worker(config: pytest.Config, items: Sequence[pytest.Item]) -> Non
 
 
 class GroupedLoad:
-    """What ``-n`` alone distributes tests by: as pytest-xdist does, but tests that use hiltest go to one worker."""
+    """Distribution of tests under ``-n``: as pytest-xdist does, but tests that use hiltest go to one worker."""
 
     def __init__(self, config: pytest.Config, log: Any) -> None:
         from xdist.scheduler import LoadScheduling
@@ -216,7 +216,7 @@ class Controller:
             self._begin()
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Begin when a test says what its numbers rest on."""
+        """Begin with the first report that names its bench."""
         if self._recording is not None:
             return
         self._early.append(report)
@@ -234,7 +234,7 @@ class Controller:
             self._early.append(nodeid)
 
     def pytest_testnodedown(self, node: Node) -> None:
-        """Take what a worker told at its end.
+        """Record what a worker sent at its end.
 
         Raises
         ------

@@ -15,14 +15,14 @@ from hiltest.trend.series import Measured, Series
 from hiltest.trend.series import Point as At
 
 _HEIGHT = 170.0
-_FEW = 60  # points that can still be told apart
+_FEW = 60  # points that can still be distinguished
 _STEPS = {
     Change.BETTER: ("better", Mark.PLUS), Change.WORSE: ("worse", Mark.CROSS), Change.CHANGED: ("moved", Mark.DIAMOND),
 }  # fmt: skip
 _MARGIN = 0.08  # of the range, above and below
 # The axis writes six digits: a smaller range would have the same number at every tick.
 _LEAST_RANGE = 2e-3
-# A limit this many times further from zero than the values would press them flat; the caption tells it.
+# A limit this many times further from zero than the values would press them flat; the caption names it.
 _NEAR = 2.5
 
 
@@ -49,7 +49,7 @@ def figure(measured: Measured, names: Sequence[str], *, more: str = "", width: f
         _draw(drawn, each, scale)
     for change, (style, mark) in _STEPS.items():
         at = [
-            (step.after + 1.0, point.value / scale) for each in measured.series for step in each.steps
+            (step.after + 1.0, point.value / scale) for each in measured.series for step in each.change_points
             for point in each.points if point.entry == step.after and step.difference.change is change
         ]  # fmt: skip
         drawn.marks(at, f"step {style}", mark, radius=6.0)
@@ -68,8 +68,8 @@ def _sheet(measured: Measured, names: Sequence[str]) -> Sheet:
     )
 
 
-def step_key() -> list[KeyEntry]:
-    """Return what the marks of change points stand for."""
+def change_point_key() -> list[KeyEntry]:
+    """Return the key of the marks of change points."""
     return [KeyEntry(f"change point: {change}", mark=mark, mark_style=f"step {style}")
             for change, (style, mark) in _STEPS.items()]
 
@@ -123,7 +123,7 @@ def _sides(limit: Limit | None) -> list[float]:
 
 
 def _scale(measured: Measured) -> tuple[float, str]:
-    """Return what values are divided by so that their digits fit beside the axis, and the unit with it."""
+    """Return a divisor that makes the values' digits fit beside the axis, and the unit with it."""
     points = [point for each in measured.series for point in each.points]
     largest = max(abs(value) for point in points for value in (point.low, point.high))
     power = 3 * max(0, math.floor(math.log10(largest) / 3.0)) if largest >= 1e5 else 0
@@ -138,7 +138,7 @@ def _run_ticks(entries: int) -> Sequence[float]:
 
 
 def _in_words(measured: Measured) -> str:
-    """Return what the plot shows, for who does not see it."""
+    """Return a description of the plot, for readers who do not see it."""
     first = min((each.points[0] for each in measured.series), key=lambda point: point.entry)
     last = max((each.points[-1] for each in measured.series), key=lambda point: point.entry)
     words = (
@@ -148,5 +148,5 @@ def _in_words(measured: Measured) -> str:
     words += f", limit {measured.limit}" if measured.limit else ""
     if len(measured.series) > 1:
         words += f"; {len(measured.series)} conditions that are not compared"
-    steps = [f"run {step.after + 1} {step.difference.change}" for step in measured.steps]
+    steps = [f"run {step.after + 1} {step.difference.change}" for step in measured.change_points]
     return f"{words}. " + (f"Change points: {', '.join(steps)}." if steps else "No change point.")

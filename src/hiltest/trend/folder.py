@@ -28,7 +28,7 @@ _LARGEST = 1e30
 
 @dataclass(frozen=True, slots=True)
 class Skipped:
-    """A file that is no run, or cannot be read, and why."""
+    """A file that is no run, or cannot be read, with the reason."""
 
     file: str
     reason: str
@@ -37,7 +37,7 @@ class Skipped:
 def read_folder(folder: Path) -> tuple[list[RunEntry], list[Skipped]]:
     """Read every run, campaign and baseline in a folder and in those under it.
 
-    Left alone are hidden folders, and the older firmware of a run with ``--against``.
+    Hidden folders are not read, nor the older firmware of a run with ``--against``.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def _of_run(run: Run, path: Path, called: str) -> RunEntry:
 
 
 def _checked(entry: RunEntry, path: Path) -> RunEntry:
-    """Refuse numbers that no sum or axis takes."""
+    """Refuse numbers that are too large for a sum or an axis."""
     for measurements in entry.evidence.measurements.values():
         for each in measurements.values():
             if each.value is not None and abs(each.value) > _LARGEST:
@@ -134,7 +134,7 @@ def _called_so(evidence: Evidence, called: str) -> Evidence:
 
 
 def _time(text: str, path: Path) -> str:
-    """Return a time as all others are written, so that they sort."""
+    """Return a time in one form, so that times sort."""
     try:
         return datetime.fromisoformat(text).astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     except (ValueError, OverflowError) as error:
@@ -160,6 +160,6 @@ def _campaigns(entries: Sequence[RunEntry]) -> list[RunEntry]:
 
 
 def _build(entry: RunEntry) -> tuple[str, ...]:
-    """Return what firmware made the numbers of an entry."""
+    """Return the firmware of an entry."""
     side = entry.evidence.side
     return side.firmware, side.version, side.build_id, side.compiler, side.cycle_model

@@ -19,9 +19,9 @@ from hiltest.report.figures.section import FigureGroup, panel_width
 from hiltest.report.marks import SERIES, KeyEntry
 from hiltest.report.page import render
 from hiltest.trend import words
-from hiltest.trend.figures import figure, step_key
+from hiltest.trend.figures import change_point_key, figure
 from hiltest.trend.folder import Skipped
-from hiltest.trend.series import Measured, Point, RunEntry, Series, Step, Trend
+from hiltest.trend.series import ChangePoint, Measured, Point, RunEntry, Series, Trend
 from hiltest.verdict.wording import build, numbers, revision
 
 _POINTS_AT_MOST = 200
@@ -34,19 +34,19 @@ SCHEMA = "hiltest.trend/1"
 def trend_page(trend: Trend, skipped: Sequence[Skipped]) -> str:
     """Return the page: the plots with a change point, what changed in each run, then all other plots."""
     counted = words.models(trend.measured)
-    points = trend.steps[:_POINTS_AT_MOST]
-    moved = dict.fromkeys(step.difference.name for step in trend.steps)
-    stepped = [each for name in moved for each in trend.measured if each.name == name and each.steps]
-    level = [each for each in trend.measured if not each.steps]
+    points = trend.change_points[:_POINTS_AT_MOST]
+    moved = dict.fromkeys(step.difference.name for step in trend.change_points)
+    stepped = [each for name in moved for each in trend.measured if each.name == name and each.change_points]
+    level = [each for each in trend.measured if not each.change_points]
     groups = _plots(trend, "With a change point", stepped), _plots(trend, "Without a change point", level)
     return render(
         "trend.html.j2", package="hiltest.trend", trend=trend, skipped=skipped, sentence=words.sentence(trend),
         counted=counted[:1].upper() + counted[1:], words=words, numbers=numbers, build=build, revision=revision,
         revised=any(each.evidence.side.revision for each in trend.entries),
-        key=[*_line_key(trend), *(step_key() if trend.steps else [])],
+        key=[*_line_key(trend), *(change_point_key() if trend.change_points else [])],
         groups=[each for each in groups if each.panels],
         changed=[(after, list(steps)) for after, steps in groupby(points, key=lambda step: step.after)],
-        more=len(trend.steps) - len(points),
+        more=len(trend.change_points) - len(points),
     )
 
 
@@ -58,7 +58,7 @@ def _plots(trend: Trend, heading: str, measured: Sequence[Measured]) -> FigureGr
 
 
 def _line_key(trend: Trend) -> list[KeyEntry]:
-    """Return what the styles of the lines stand for, where there are several and each has its own."""
+    """Return the key of the lines' styles, where there are several and each has its own."""
     if not 1 < len(trend.lines) <= len(SERIES):
         return []
     named = zip(trend.lines, SERIES, strict=False)
@@ -67,20 +67,20 @@ def _line_key(trend: Trend) -> list[KeyEntry]:
 
 def print_trend(trend: Trend, console: Console, *, every: bool) -> None:
     """Print what has a limit or a change point, or with `every` all; then the newest change points and the sentence."""
-    shown = [each for each in trend.measured if every or each.limit or each.steps]
+    shown = [each for each in trend.measured if every or each.limit or each.change_points]
     if shown:
         console.print(_grid(trend, shown))
     if remark := words.models(shown):
         console.print(escape(remark), soft_wrap=True)
     if len(shown) < len(trend.measured):
         console.print(f"{len(trend.measured) - len(shown)} more without limit and change point: --all")
-    for step in trend.steps[:_STEPS_AT_MOST]:
+    for step in trend.change_points[:_STEPS_AT_MOST]:
         entry, found = trend.entries[step.after], step.difference
         line = f"{words.run_name(trend, step.after)}, {entry.when_utc}: {found.change}: {found.name} {numbers(found)}"
         console.print(escape(line), style=_STYLES.get(found.change), soft_wrap=True)
         console.print(escape(f"    {words.between(trend, step)} ({entry.file})"), soft_wrap=True)
-    if len(trend.steps) > _STEPS_AT_MOST:
-        console.print(f"and {len(trend.steps) - _STEPS_AT_MOST} change points before")
+    if len(trend.change_points) > _STEPS_AT_MOST:
+        console.print(f"and {len(trend.change_points) - _STEPS_AT_MOST} change points before")
     console.print(escape(words.sentence(trend)), soft_wrap=True)
 
 
@@ -89,7 +89,7 @@ def _grid(trend: Trend, measured: list[Measured]) -> Table:
     for heading in words.HEADINGS:
         grid.add_column(heading, justify="right" if heading in words.NUMERIC else "left", overflow="fold")
     for each, cells in zip(measured, words.rows(trend, measured), strict=True):
-        grid.add_row(*map(escape, cells), style="bold" if each.steps else None)
+        grid.add_row(*map(escape, cells), style="bold" if each.change_points else None)
     return grid
 
 
@@ -124,7 +124,7 @@ def _series(series: Series) -> dict[str, Any]:
         "highest": [point.high for point in points] if spread else None,
         "limits": [_limit(stretch) for _, stretch in groupby(points, key=lambda point: point.limit)],
         "failed": [point.entry for point in points if point.outcome == Outcome.FAIL],
-        "steps": [_step(each) for each in series.steps],
+        "steps": [_step(each) for each in series.change_points],
     }  # fmt: skip
 
 
@@ -134,7 +134,7 @@ def _limit(stretch: Iterator[Point]) -> dict[str, Any]:
     return {"entry": first.entry, "limit": first.limit and asdict(first.limit)}
 
 
-def _step(step: Step) -> dict[str, Any]:
+def _step(step: ChangePoint) -> dict[str, Any]:
     found = step.difference
     return {
         "before": step.before, "after": step.after, "change": found.change, "base": found.base, "new": found.new,

@@ -1,4 +1,4 @@
-"""Measurements over runs: what belongs together, and where it made a step."""
+"""Measurements over runs: which ones belong together, and their change points."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Point:
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class ChangePoint:
     """A change beyond the tolerance, from one entry to the next of the same line that has the number."""
 
     before: int
@@ -75,7 +75,7 @@ class Series:
     line: int
     cycle_model: str
     points: tuple[Point, ...]
-    steps: tuple[Step, ...]
+    change_points: tuple[ChangePoint, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,9 +87,9 @@ class Measured:
     series: tuple[Series, ...]
 
     @property
-    def steps(self) -> tuple[Step, ...]:
+    def change_points(self) -> tuple[ChangePoint, ...]:
         """Change points of all its series, in the order of time."""
-        return tuple(sorted((step for each in self.series for step in each.steps), key=lambda step: step.after))
+        return tuple(sorted((step for each in self.series for step in each.change_points), key=lambda step: step.after))
 
     @property
     def limit(self) -> Limit | None:
@@ -108,16 +108,16 @@ class Trend:
     measured: tuple[Measured, ...]
 
     @property
-    def steps(self) -> tuple[Step, ...]:
+    def change_points(self) -> tuple[ChangePoint, ...]:
         """Change points of all measurements, the newest first; those of one run in the order of a comparison."""
-        steps = (step for each in self.measured for step in each.steps)
+        steps = (step for each in self.measured for step in each.change_points)
         return tuple(
             sorted(steps, key=lambda step: (-step.after, _MOVED.index(step.difference.change), step.difference.concern))
         )
 
 
 def trend_of(entries: Sequence[RunEntry]) -> Trend:
-    """Join what was measured under the same conditions, and find the steps.
+    """Join what was measured under the same conditions, and find the change points.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def trend_of(entries: Sequence[RunEntry]) -> Trend:
 
 
 def conditions_of(entry: RunEntry) -> TrendLine:
-    """Return what an entry shares with those that it is joined with."""
+    """Return the conditions of an entry, which joined entries share."""
     side, conditions = entry.evidence.side, entry.evidence.conditions
     seeds = tuple(sorted(entry.evidence.measurements, key=lambda seed: -1 if seed is None else seed))
     if conditions is None:
@@ -169,7 +169,7 @@ _Numbers = dict[int, dict[Seed, Measurement]]
 
 
 def _numbers(entries: Sequence[RunEntry], indices: Sequence[int]) -> dict[_Key, _Numbers]:
-    """Return what some entries measured; what is volatile says nothing about the firmware."""
+    """Return the measurements of some entries without the volatile ones, which say nothing about the firmware."""
     found: dict[_Key, _Numbers] = {}
     for index in indices:
         for seed, measurements in entries[index].evidence.measurements.items():
@@ -190,29 +190,29 @@ def _series(key: _Key, line: int, entries: Sequence[RunEntry], numbers: _Numbers
 
 def _point(index: int, by_seed: Mapping[Seed, Measurement], *, knows_limit: bool) -> Point:
     values = [float(each.value) for each in by_seed.values() if each.value is not None]
-    shown = _judged(by_seed)
+    shown = _deciding(by_seed)
     return Point(index, fmean(values), min(values), max(values), shown.limit, str(shown.outcome), knows_limit)
 
 
-def _steps(name: str, entries: Sequence[RunEntry], numbers: _Numbers) -> Iterator[Step]:
+def _steps(name: str, entries: Sequence[RunEntry], numbers: _Numbers) -> Iterator[ChangePoint]:
     for (before, base), (after, new) in pairwise(numbers.items()):
         paired = base.keys() & new.keys()
         if all(base[seed].value == new[seed].value for seed in paired):
             continue
         evidence = entries[after].evidence
-        was, now = ({seed: _unjudged(side[seed]) for seed in paired} for side in (base, new))
+        was, now = ({seed: _value_only(side[seed]) for seed in paired} for side in (base, new))
         pairs = Pairs(name, was, now)
         found = difference(pairs, evidence.conditions.board if evidence.conditions else "", evidence.tolerances)
         if found.change in _MOVED:
             told = with_accuracy(found, entries[before].evidence.measurements, evidence.measurements)
-            yield Step(before, after, replace(told, outcome=str(_judged(new).outcome)))
+            yield ChangePoint(before, after, replace(told, outcome=str(_deciding(new).outcome)))
 
 
-def _unjudged(measurement: Measurement) -> Measurement:
-    """Return the number alone: a limit that was moved is no step of what it limits."""
+def _value_only(measurement: Measurement) -> Measurement:
+    """Return the number alone: a limit that was moved is no change of the measurement."""
     return replace(measurement, outcome=Outcome.INFORMATION)
 
 
-def _judged(by_seed: Mapping[Seed, Measurement]) -> Measurement:
+def _deciding(by_seed: Mapping[Seed, Measurement]) -> Measurement:
     """Return one of several seeds: one that gates, if any."""
     return next((each for each in by_seed.values() if each.gates), next(iter(by_seed.values())))

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
 from hiltest.text import readable
-from hiltest.trend.series import Measured, Step, Trend, TrendLine
+from hiltest.trend.series import ChangePoint, Measured, Trend, TrendLine
 from hiltest.verdict.evidence import Evidence
 from hiltest.verdict.wording import counted_by, model_names, numbers, revision
 
@@ -15,13 +15,13 @@ NUMERIC = frozenset({"runs", "first", "last", "lowest", "highest"})
 
 
 def sentence(trend: Trend) -> str:
-    """Return what became of all measurements, in one sentence."""
-    runs, steps = len(trend.entries), trend.steps
+    """Return the changes of all measurements, in one sentence."""
+    runs, steps = len(trend.entries), trend.change_points
     span = f"{runs} run{'s' * (runs > 1)} from {trend.entries[0].when_utc} to {trend.entries[-1].when_utc}"
     lines = f" under {len(trend.lines)} conditions that are not compared" if len(trend.lines) > 1 else ""
     if not steps:
         return f"{span}{lines}: no change point in {len(trend.measured)} measurements."
-    stepped = sum(bool(each.steps) for each in trend.measured)
+    stepped = sum(bool(each.change_points) for each in trend.measured)
     newest = steps[0]
     last = f"the last in {run_name(trend, newest.after)}: {newest.difference.name} {numbers(newest.difference)}"
     many = f"{len(steps)} change point{'s' * (len(steps) > 1)} in {stepped} of {len(trend.measured)} measurements"
@@ -29,18 +29,18 @@ def sentence(trend: Trend) -> str:
 
 
 def run_name(trend: Trend, index: int) -> str:
-    """Return what to call an entry: its number, and what it was made for where that is known."""
+    """Return the name of an entry: its number, and its sources where they are known."""
     made_for = revision(trend.entries[index].evidence.side.revision)
     return f"run {index + 1}" + (f" ({made_for})" if made_for else "")
 
 
 def models(measured: Iterable[Measured]) -> str:
-    """Return what counted the cycles of some measurements; empty where they are none."""
+    """Return the cycle models of some measurements; empty where none is of cycles."""
     return counted_by(_models(measured))
 
 
 def under(trend: Trend, measured: Measured) -> str:
-    """Return what follows the name of a measurement that is drawn: its limit, and where several count, its model."""
+    """Return the text after the name of a plot: the limit, and among several cycle models its own."""
     limit = f"limit {measured.limit}" if measured.limit else ""
     return "".join(f", {each}" for each in (limit, _own_model(trend, measured)) if each)
 
@@ -48,7 +48,7 @@ def under(trend: Trend, measured: Measured) -> str:
 def rows(trend: Trend, measured: Iterable[Measured]) -> Iterator[tuple[str, ...]]:
     """Yield measurements under `HEADINGS`; the last cell counts change points, and names the run of the last.
 
-    Where several models counted cycles of the trend, a unit of cycles is told with its own.
+    Where several models counted cycles of the trend, a unit of cycles names its own.
     """
     for each in measured:
         counted = _own_model(trend, each)
@@ -67,7 +67,7 @@ def _own_model(trend: Trend, measured: Measured) -> str:
 
 def _row(measured: Measured, unit: str) -> tuple[str, ...]:
     points = sorted((point for each in measured.series for point in each.points), key=lambda point: point.entry)
-    steps = measured.steps
+    steps = measured.change_points
     return (
         measured.name, str(len(points)), readable(points[0].value), readable(points[-1].value),
         readable(min(point.low for point in points)), readable(max(point.high for point in points)), unit,
@@ -75,26 +75,26 @@ def _row(measured: Measured, unit: str) -> tuple[str, ...]:
     )  # fmt: skip
 
 
-def between(trend: Trend, step: Step) -> str:
-    """Return what differs in what made the runs before and after a change point."""
+def between(trend: Trend, step: ChangePoint) -> str:
+    """Return the differences between the runs before and after a change point."""
     before, after = (trend.entries[index].evidence for index in (step.before, step.after))
     return "; ".join(_changes(before, after, step.difference.name)) or "the same build"
 
 
-def changed_run(trend: Trend, after: int, steps: Sequence[Step]) -> str:
+def changed_run(trend: Trend, after: int, steps: Sequence[ChangePoint]) -> str:
     """Return the heading of a run with change points: its name and time, and how many of each change."""
     counts = Counter(step.difference.change for step in steps)
     changes = ", ".join(f"{count} {change}" for change, count in counts.items())
     return f"{run_name(trend, after)}, {trend.entries[after].when_utc}: {changes}"
 
 
-def causes(trend: Trend, steps: Sequence[Step]) -> list[str]:
+def causes(trend: Trend, steps: Sequence[ChangePoint]) -> list[str]:
     """Return what else differs from the run before: one text, several where a baseline has numbers of other builds."""
     return list(dict.fromkeys(between(trend, step) for step in steps))
 
 
 def line_name(trend: Trend, line: TrendLine) -> str:
-    """Return how a line is told from the others of a trend: by what they do not all share."""
+    """Return the name of a line: the conditions that the lines of a trend do not all share."""
     shown = dict(_of_line(line))
     others = [dict(_of_line(each)) for each in trend.lines]
     told = [text for name, text in shown.items() if any(other[name] != text for other in others)]
@@ -128,7 +128,7 @@ def _changes(before: Evidence, after: Evidence, measurement: str) -> Iterator[st
 
 
 def _made_with(evidence: Evidence, measurement: str) -> dict[str, str]:
-    """Return what made a number; of one that a baseline has accepted only the build is known."""
+    """Return firmware and sources of a number; of one that a baseline has accepted only the build is known."""
     side = evidence.side
     if measurement in evidence.builds:
         return {"build": evidence.builds[measurement]}

@@ -1,4 +1,4 @@
-"""What a run means: its evidence, causes of failures, the comparison with a baseline, and the one sentence."""
+"""The verdict of a run: its evidence, causes of failures, the comparison with a baseline, and one sentence."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A baseline: the numbers of a run that was kept, and what was accepted into it since."""
+"""A baseline: the numbers of a run that was kept, and the changes accepted since."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ class BaselineRow:
     failed : tuple of int or None
         Seeds on which it was out of its limit.
     limit : Limit or None
-        That it had; None too in a file from before it was kept.
+        Limit that it had; None too in a file from before it was kept.
     tolerance : Tolerance or None
-        That was in force; None in a file from before it was kept.
+        Tolerance that was in force; None in a file from before it was kept.
     build_id : str or None
-        Of the firmware that it was accepted from; None for that of the baseline's side.
+        Build that it was accepted from; None for that of the baseline's side.
     """
 
     name: str
@@ -57,13 +57,13 @@ class Accepted:
     name : str
         ``*`` where all were, by saving a run over the file.
     build_id : str
-        That it is of since.
+        Build that it is of since.
     was, now : float or None
         Means over the seeds; None where there was none, or is none any more.
     was_build_id : str or None
-        That it was of before; None where there was none, and in a file from before it was kept.
+        Build that it was of before; None where there was none, and in a file from before it was kept.
     revision : Revision or None
-        That the run was made for.
+        Sources that the run was made for.
     """
 
     name: str
@@ -85,7 +85,7 @@ class Baseline:
     saved_utc : str
         When it was saved, or last updated.
     side : Side
-        Of the run that was saved; it counts what was accepted since and is of other builds.
+        The run that was saved; it counts what was accepted since and is of other builds.
     seeds : tuple of int or None
         None for a board that simulates nothing.
     measurements : tuple of BaselineRow
@@ -158,7 +158,7 @@ def renewed(baseline: Baseline, before: Baseline) -> Baseline:
 
 
 def kept_side(run: Evidence, saved_utc: str) -> Side:
-    """Return the side of a run as its baseline has it: where its record once lay says nothing to anybody else."""
+    """Return the side of a run for its baseline, without the path of its record."""
     return replace(run.side, file="", sha256="", saved_utc=saved_utc)
 
 
@@ -169,7 +169,7 @@ def rows_of(evidence: Evidence, seeds: Sequence[Seed]) -> tuple[BaselineRow, ...
 
 
 def accepted_from(rows: Sequence[BaselineRow]) -> tuple[FromBuild, ...]:
-    """Count what is of other builds than the side."""
+    """Count the measurements of other builds than the side's."""
     counts = Counter(row.build_id for row in rows if row.build_id is not None)
     return tuple(FromBuild(build_id, counts[build_id]) for build_id in sorted(counts))
 
@@ -248,7 +248,7 @@ def accept(
 def _with_rows(
     baseline: Baseline, rows: Mapping[str, BaselineRow | None], of_run: Mapping[str, BaselineRow], run: Evidence
 ) -> Baseline:
-    """Return a baseline with these measurements, of the run that they all are of or of several builds."""
+    """Return a baseline with these measurements, which are of one run or of several builds."""
     kept = {name: row for name, row in sorted(rows.items()) if row is not None}
     if not kept:
         raise ConfigError(f"nothing is moved: no measurement would be left; {run.name} has none of these")
@@ -274,7 +274,7 @@ def _refuse_another_bench(baseline: Baseline, run: Evidence) -> None:
 
 
 def _refuse_what_was_not_chosen(run: Evidence, missing: Sequence[str]) -> None:
-    """Take nothing out because its test did not run."""
+    """Refuse to drop a measurement because its test did not run."""
     if run.chosen and missing:
         others = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
         raise ConfigError(

@@ -1,4 +1,4 @@
-"""Reading and writing a baseline file; imports pydantic, which takes its time."""
+"""Reading and writing a baseline file; imports pydantic, which is slow to import."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def read_baseline(path: Path) -> Baseline:
 
 
 def evidence_in(file: JsonFile) -> Evidence:
-    """Return what stands in a baseline file as one side of a comparison.
+    """Return the content of a baseline file as one side of a comparison.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def _with_silent(before: Any) -> Any:
 
 
 def baseline_in(file: JsonFile) -> Baseline:
-    """Check what stands in a baseline file.
+    """Check the content of a baseline file.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def baseline_in(file: JsonFile) -> Baseline:
 
 
 def _fault(baseline: Baseline) -> str:
-    """Return what is wrong with rows that are each as they should be; empty where nothing is."""
+    """Return what is wrong with rows that are each valid, together; empty where nothing is."""
     if not baseline.seeds:
         return "it is of no run at all: seeds is empty"
     if not baseline.measurements:
@@ -142,7 +142,7 @@ def with_unknown(written: Any, read: Any) -> Any:
     -------
     JSON value
         An object keeps its unknown fields. An object in a list keeps them as long as nothing else of it has changed:
-        what was said of another number does not go with this one.
+        the fields of another number are not kept with this one.
 
     Examples
     --------
@@ -167,7 +167,7 @@ def with_unknown(written: Any, read: Any) -> Any:
 
 
 def _says_as_much(old: Any, new: Any) -> bool:
-    """Say whether all of `new` stands in `old`, which may say more."""
+    """Say whether `old` contains all of `new`."""
     if isinstance(new, Mapping):
         return isinstance(old, Mapping) and all(key in old and _says_as_much(old[key], new[key]) for key in new)
     if isinstance(new, list | tuple):

@@ -30,17 +30,17 @@ class CalibratorResult:
 
 
 def calibrator_results(measurements: Sequence[Measurement]) -> tuple[CalibratorResult, ...]:
-    """Return what is known of each calibrator whose heading was measured, cheapest first.
+    """Return accuracy and cost of each calibrator with a measured heading, cheapest first.
 
     Parameters
     ----------
     measurements : sequence of Measurement
-        Of one run.
+        Measurements of one run.
 
     Returns
     -------
     tuple of CalibratorResult
-        Without ``uncalibrated``; those without a cycle count come last, those that cannot be ranked by name.
+        All but ``uncalibrated``; those without a cycle count come last, those that cannot be ranked by name.
     """
     found = {each.name: each for each in measurements}
     names = [each.subject for each in measurements if each.kind is WORST_HEADING and not has_no_number(each)]
@@ -75,15 +75,15 @@ def _calibrator_result(name: str, found: dict[str, Measurement]) -> CalibratorRe
 
 
 def _cause(name: str, found: dict[str, Measurement]) -> Cause:
-    """Name why a calibrator's heading is out of its limit, as far as the run can tell."""
+    """Return the likely cause of a heading out of its limit."""
     maximum, norm = found[f"heading.{name}.max"], found.get("accelerometer.norm_rms")
     tilt, coverage = found.get("accelerometer.tilt_error"), value_of(found.get("tumble.coverage"))
     centred, bias = found.get(f"heading.{name}.max_centred"), found.get(f"heading.{name}.bias")
     residual = value_of(found.get(f"fit.{name}.residual"))
     predicted = value_of(found.get(f"fit.{name}.residual_predicted"))
-    # With no mounting declared only the centred error can be held against the limit.
-    judged = centred if maximum.outcome is Outcome.UNSET else maximum
-    max_deg = value_of(judged)
+    # With no mounting declared only the centred error can be compared with the limit.
+    checked = centred if maximum.outcome is Outcome.UNSET else maximum
+    max_deg = value_of(checked)
     if max_deg is None or residual is None or predicted is None:
         return Cause.NONE
     return name_cause(HeadingSymptoms(
@@ -113,7 +113,7 @@ def cause_in_words(result: CalibratorResult) -> str:
 
 
 def has_no_number(measurement: Measurement) -> bool:
-    """Say whether a limit found no number to judge, which is less than a number that it cannot be held against."""
+    """Say whether a limit was not evaluated for want of a number, and not for want of a reference."""
     return measurement.outcome is Outcome.UNSET and measurement.value is None
 
 
@@ -138,9 +138,9 @@ class CalibratorCost:
     ----------
     name : str
     cycles : float or None
-        Of a calibration from all its points: of one that lives with the stream, all its points and the fit.
+        Cycles of a calibration from all its points; of a streaming calibrator, all its points and the fit.
     points : int or None
-        That a stream calibrator was given; None for one that takes all at once.
+        Points that a streaming calibrator was given; None for one that takes all at once.
     """
 
     name: str
@@ -148,7 +148,7 @@ class CalibratorCost:
     points: int | None = None
 
     @property
-    def lives_with_the_stream(self) -> bool:
+    def is_streaming(self) -> bool:
         """True for a streaming calibrator, which is given its points one by one."""
         return self.points is not None
 
@@ -161,11 +161,11 @@ def calibrator_costs(run: Run) -> list[CalibratorCost]:
         for each in calibrator_results(run.measurements)
     }
     costs = [CalibratorCost(name, value_of(counted[name]), given.get(name)) for name in cheapest_first(counted)]
-    return sorted(costs, key=lambda each: each.lives_with_the_stream)
+    return sorted(costs, key=lambda each: each.is_streaming)
 
 
 def _points_given(run: Run) -> dict[str, int]:
-    """Return how many points each stream calibrator had seen at its last stage."""
+    """Return how many points each streaming calibrator had received at its last stage."""
     table = run.table(STAGES_TABLE)
     if table is None:
         return {}

@@ -1,4 +1,4 @@
-"""Name why a heading failed."""
+"""Causes of a failed heading."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ POOR_COVERAGE_PERCENT = 50.0
 
 
 class Cause(StrEnum):
-    """Why a heading failed."""
+    """Cause of a failed heading."""
 
     NONE = "none"
     ACCELEROMETER = "accelerometer"
@@ -39,7 +39,7 @@ ADVICE = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeadingSymptoms:
-    """What a run knows of one calibrator's heading. A limit that is None is not exceeded.
+    """Symptoms of one calibrator's heading in a run. A limit that is None is not exceeded.
 
     Attributes
     ----------
@@ -48,17 +48,17 @@ class HeadingSymptoms:
     bias_deg, bias_limit_deg : float
         Circular mean of the errors and the limit of its magnitude; None of errors that cancel all round.
     max_centred_deg : float
-        Largest error with the bias taken off; it is held against `max_limit_deg`.
+        Largest error with the bias taken off; it has the limit `max_limit_deg`.
     residual_percent, residual_predicted_percent : float
-        Of the fit, and what the sensor's noise alone would leave.
+        Residual of the fit, and the one that sensor noise alone would leave.
     accelerometer_norm_rms_mg, accelerometer_limit_mg : float
-        How far the measured gravity is from 1 g over the judged poses.
+        How far the measured gravity is from 1 g over the known angles.
     tilt_error_deg, tilt_limit_deg : float
         Largest difference between pitch or roll as answered and as the turntable knows them.
     fit : FitStatus
-        With any other than `ELLIPSOID` what was judged is the sphere fit.
+        With any other than `ELLIPSOID` the headings are those of the sphere fit.
     coverage_percent : float
-        Of the points that were fitted, as `sphere_coverage` has it.
+        Coverage of the points that were fitted: `sphere_coverage`.
     """
 
     max_deg: float
@@ -100,7 +100,7 @@ class HeadingSymptoms:
 
 
 def name_cause(seen: HeadingSymptoms) -> Cause:
-    """Say why the heading of a calibrator failed.
+    """Return the likely cause of a failed heading.
 
     Returns
     -------
@@ -110,8 +110,8 @@ def name_cause(seen: HeadingSymptoms) -> Cause:
     Notes
     -----
     The order matters. A wrong accelerometer spoils every heading, whatever the fit. Its norm
-    alone does not tell: an offset of e g at a right angle to gravity changes the norm by
-    e^2 / 2 and tilts the horizon by e radians, so pitch and roll are held against the known ones.
+    alone does not show it: an offset of e g at a right angle to gravity changes the norm by
+    e^2 / 2 and tilts the horizon by e radians, so pitch and roll are compared with the known ones.
 
     An offset that is the same at every pose is the mounting, or the firmware. A rotation of the
     soft iron about the body's z axis is one too *while the board is level*: z is then the vertical.

@@ -1,4 +1,4 @@
-"""Compare two sides: every measurement's change, and what keeps the gate from being evaluated."""
+"""Comparison of two sides: every measurement's change, and the obstacles of the gate."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def compare(base: Evidence, new: Evidence, *, together: bool = False) -> Compari
     Returns
     -------
     Comparison
-        With obstacles where the gate cannot be evaluated; the differences are then for information alone.
+        Has obstacles where the gate cannot be evaluated; the differences are then information only.
     """
     board = new.conditions.board if new.conditions else ""
     seeds = [seed for seed in base.measurements if seed in new.measurements]
@@ -45,12 +45,12 @@ def compare(base: Evidence, new: Evidence, *, together: bool = False) -> Compari
 
 
 def not_compared(file: str, reason: str, new: Evidence) -> Comparison:
-    """Return the comparison with a base that cannot be read: nothing but the obstacle, and what fails by itself.
+    """Return the comparison with a base that cannot be read: the obstacle, and the failures of the run itself.
 
     Parameters
     ----------
     file : str
-        That was to be the base.
+        File that was to be the base.
     reason : str
         Why it is none, with what to do.
     new : Evidence
@@ -63,7 +63,7 @@ def _comparison(
 ) -> Comparison:
     failed = (*(() if new.may_miss else _missed(new, found)), *new.failed)
     made = Comparison(
-        base, new.side, found, reasons, "", failed=failed, unjudged=tuple(_unjudged(new)), chosen=new.chosen,
+        base, new.side, found, reasons, "", failed=failed, unjudged=tuple(_not_evaluated(new)), chosen=new.chosen,
         base_kind=kind,
     )
     return replace(made, sentence=sentence(made))
@@ -80,7 +80,7 @@ def _missed(new: Evidence, found: tuple[Difference, ...]) -> Iterator[str]:
         yield measured(next(iter(seeds.values())))
 
 
-def _unjudged(new: Evidence) -> Iterator[str]:
+def _not_evaluated(new: Evidence) -> Iterator[str]:
     for name, seeds in _with_outcome(new, Outcome.UNSET).items():
         yield f"{name} ({next(iter(seeds.values())).note})"
 
@@ -102,7 +102,7 @@ def _shown_if_loosened(found: Difference, pairs: Pairs) -> Difference:
 
 
 def _taken(found: Difference, pairs: Pairs, base: Evidence, new: Evidence) -> Difference:
-    """Return a difference; what is gone in a run that did not come to it is not taken."""
+    """Return a difference; a measurement is not gone when the run ended before it."""
     partial = bool(new.faults) or (new.chosen and not base.chosen)
     if partial and found.change is Change.GONE and pairs.lost and all(pairs.new[seed] is None for seed in pairs.lost):
         return replace(found, change=Change.NOT_TAKEN, note="")
@@ -110,7 +110,7 @@ def _taken(found: Difference, pairs: Pairs, base: Evidence, new: Evidence) -> Di
 
 
 def _pairs(base: Evidence, new: Evidence, seeds: list[Seed]) -> list[Pairs]:
-    """Return what is compared, by name: all but what is volatile in the base, or new and volatile."""
+    """Return the measurements to compare, by name: all but those volatile in the base, or new and volatile."""
     names: set[str] = set()
     for seed in seeds:
         names.update(name for name, each in base.measurements[seed].items() if not each.volatile)
@@ -136,7 +136,7 @@ def with_accuracy(found: Difference, base: _Measured, new: _Measured) -> Differe
     ----------
     found : Difference
     base, new : mapping of seed to mapping of str to Measurement
-        All that both sides measured. Over several seeds the means are told, as those of the cost are.
+        All that both sides measured. Over several seeds it names the means, as for the cost.
     """
     name = identify(found.name).accuracy
     if found.change not in _MOVED or not name:

@@ -115,7 +115,7 @@ class Pairs:
 
 
 def difference(pairs: Pairs, board: str, tolerances: Mapping[str, Tolerance]) -> Difference:
-    """Say what became of a measurement.
+    """Return the difference of one measurement.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def difference(pairs: Pairs, board: str, tolerances: Mapping[str, Tolerance]) ->
     board : str
         Kind of the board: a real one has noise of its own in every run.
     tolerances : mapping of str to Tolerance
-        Of the new run's rig, by exact name.
+        Tolerances of the new run's rig, by exact name.
     """
     latest = pairs.latest
     better = better_of(pairs.name, pairs.limit, latest.unit)
@@ -133,7 +133,7 @@ def difference(pairs: Pairs, board: str, tolerances: Mapping[str, Tolerance]) ->
     note = _cannot_be_paired(pairs)
     seeds = [] if note else pairs.seeds
     base, new = _values(pairs.base, seeds), _values(pairs.new, seeds)
-    change, remark = _presence(pairs, note) or _judged(base, new, better, tolerance, pairs, board)
+    change, remark = _presence(pairs, note) or _compared(base, new, better, tolerance, pairs, board)
     if change is Change.UNCHANGED and seeds and not tolerance.covers(now):
         change = Change.CHANGED  # it is loosened, which is shown though the number is what it was
     edited = f"its tolerance was {held_to(tolerance, latest.unit)} in the base" if seeds and tolerance != now else ""
@@ -151,14 +151,14 @@ def difference(pairs: Pairs, board: str, tolerances: Mapping[str, Tolerance]) ->
 
 
 def _of_flash(latest: Measurement, tolerance: Tolerance) -> Tolerance:
-    """Return the tolerance, no tighter than two counts of code in flash can be told apart."""
+    """Return the tolerance, no tighter than two counts of code in flash can be distinguished."""
     if not in_flash(latest.cycle_model):
         return tolerance
     return Tolerance(tolerance.absolute, max(tolerance.relative, FLASH_TIE))
 
 
 def _not_offered(pairs: Pairs) -> str:
-    """Return why there is no number now, in the words of who measured; empty where nothing is missing."""
+    """Return the suite's reason why there is no number now; empty where nothing is missing."""
     reasons = {each.note for seed in pairs.not_offered if (each := pairs.new[seed])}
     return f"not offered{_on_seeds(pairs.not_offered, pairs)}: {'; '.join(sorted(reasons))}" if reasons else ""
 
@@ -190,7 +190,7 @@ def _cannot_be_paired(pairs: Pairs) -> str:
 
 
 def _presence(pairs: Pairs, note: str) -> tuple[Change, str] | None:
-    """Return the change of what has no number to compare, None where there are pairs and nothing is missing."""
+    """Return the change of a measurement without pairs or with missing numbers; None where neither is so."""
     if pairs.lost or (note and pairs.seeds):
         missing = [str(seed) for seed in pairs.lost if seed is not None]
         reasons = {each.note for seed in pairs.lost if (each := pairs.new[seed]) and each.note}
@@ -206,7 +206,7 @@ def _presence(pairs: Pairs, note: str) -> tuple[Change, str] | None:
     return (Change.NEW, "") if made else (Change.UNCHANGED, "no number on either side")
 
 
-def _judged(
+def _compared(
     base: Sequence[float], new: Sequence[float], sense: Better, tolerance: Tolerance, pairs: Pairs, board: str
 ) -> tuple[Change, str]:
     """Return the change of paired numbers, with a remark where they alone do not say why."""
@@ -260,7 +260,7 @@ def _states_why(measurement: Measurement | None) -> bool:
 
 
 def _went_out(was: Measurement, now: Measurement) -> bool:
-    """Say whether a measurement that fails now left one of the limits; where that was edited it may always have."""
+    """Say whether a failing measurement has left a limit; where that was edited, it may always have failed it."""
     if was.limit == now.limit or now.value is None or was.value is None:
         return True
     return any(limit.holds(was.value) and not limit.holds(now.value) for limit in (was.limit, now.limit) if limit)
@@ -271,7 +271,7 @@ def _any_out(side: Mapping[Seed, Measurement | None]) -> bool:
 
 
 def _on_seeds(seeds: Sequence[Seed], pairs: Pairs) -> str:
-    """Return which seeds it is that a remark is of; nothing where there is but one."""
+    """Return the seeds of a remark; empty where there is only one."""
     return on_seeds(seeds) if len(pairs.new) > 1 else ""
 
 
@@ -289,7 +289,7 @@ def _beyond(base: Sequence[float], new: Sequence[float], tolerance: Tolerance) -
 
 
 def _certain(base: Sequence[float], new: Sequence[float], tolerance: Tolerance) -> bool:
-    """Say whether the mean change is one: with seeds enough, and noise, zero must lie outside its interval."""
+    """Say whether the mean change is certain: with enough seeds, and noise, its interval must exclude zero."""
     interval = None if tolerance == EXACT else mean_interval(_changes(base, new))
     return interval is None or not interval[0] <= 0.0 <= interval[1]
 
@@ -304,7 +304,7 @@ def _values(side: Mapping[Seed, Measurement | None], seeds: Sequence[Seed] | Non
 
 
 def _number(measurement: Measurement | None) -> float | int | None:
-    """Return the value that can be compared: a NaN is none."""
+    """Return the value for a comparison: None for a NaN."""
     if measurement is None or measurement.value is None or not math.isfinite(measurement.value):
         return None
     return measurement.value

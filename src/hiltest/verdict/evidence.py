@@ -1,4 +1,4 @@
-"""One side of a comparison: what was measured, and what the numbers rest on."""
+"""One side of a comparison: its measurements, and what they depend on."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ class Conditions:
     board : str
         Its kind: ``virtual``, ``real`` or ``replay``, or `NO_BOARD`.
     rig_sha256 : str
-        Of the rig's conditions; empty in a record from before they were kept, and without board and rig.
+        SHA-256 of the rig's conditions; empty in a record from before they were kept, and without board and rig.
     calibrators : tuple of str
         As the board names them.
     sensors : tuple of str
         Those that were there, by name.
     compiler_flags : tuple of str
-        Of all units of the firmware; empty where there is no ELF, or none with debugging information.
+        Compiler flags of all units of the firmware; empty where there is no ELF, or none with debugging information.
     poses : str
-        Known angles that were judged: ``all`` or ``level``.
+        Known angles that were measured: ``all`` or ``level``.
     suite : str
         Set of tests: ``gate`` or ``full``.
     calibrated : bool
-        Whether a calibration file was judged too.
+        Whether a calibration file was tested too.
     """
 
     board: str
@@ -66,11 +66,11 @@ class Evidence:
     conditions : Conditions or None
         None when no board answered that was to.
     measurements : mapping of seed to mapping of str to Measurement
-        By name; the volatile ones too.
+        Measurements by name, the volatile ones too.
     tolerances : mapping of str to Tolerance
-        Of the rig, by exact name.
+        Tolerances that the rig states, by exact name.
     in_force : mapping of str to Tolerance
-        Of every measurement, as the record states what it was held to; empty in one from before that was kept.
+        Tolerance of every measurement, as the record states it; empty in one from before it was kept.
     tests : mapping of seed to mapping of str to TestOutcome
         Outcome of every test by its id, of a baseline those that passed; empty where that was not kept.
     faults : tuple of str
@@ -171,7 +171,7 @@ def evidence_of_seeds(runs: Sequence[Evidence], file: str) -> Evidence:
 
 
 def no_evidence(file: str) -> Evidence:
-    """Return a side of which there is no record at all; what is compared with it cannot be judged."""
+    """Return a side without a record; a comparison with it is not evaluated."""
     return Evidence(Side(file=file), None, {})
 
 

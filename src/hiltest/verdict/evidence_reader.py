@@ -1,4 +1,4 @@
-"""Records of runs as one side of a comparison."""
+"""Reader of records of runs as one side of a comparison."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def _of_campaign(folder: Path, seeds: Sequence[Path]) -> Evidence:
 
 
 def _seeds_may_fail(file: Path) -> bool:
-    """Say whether a campaign passed by itself, whatever single seeds did: some of them were allowed to miss limits."""
+    """Say whether a campaign passed although seeds missed limits, because some of them may."""
     try:
         content = read_json(file, otherwise="run the campaign again").content
     except ConfigError:

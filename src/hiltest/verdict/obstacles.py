@@ -38,7 +38,7 @@ def obstacles(
 
 
 def _of_sides(base: Evidence, new: Evidence, *, together: bool) -> Iterator[str]:
-    """Yield what tells two sides apart; where one has no board, or another kind, the rest follows from that."""
+    """Yield the differences between two sides; where one has no board, or another kind, the rest follows from that."""
     was, now = base.conditions, new.conditions
     if was is None or now is None:
         # Of what has no record at all its fault is the whole reason.
@@ -70,7 +70,7 @@ def _of_conditions(base: Evidence, new: Evidence, was: Conditions, now: Conditio
         kind = "a smaller" if (now.suite, was.suite) == _A_LARGER_SUITE else "another"
         yield f"{kind} set of tests: {was.suite!r} before, {now.suite!r} now; run with --suite {was.suite}"
     if was.calibrated and not now.calibrated:
-        yield "no calibration file: the base judged one; run with --calibration FILE"
+        yield "no calibration file: the base tested one; run with --calibration FILE"
 
 
 def _of_rigs(base: Evidence, new: Evidence, was: Conditions, now: Conditions, renew: str) -> Iterator[str]:
@@ -102,7 +102,7 @@ def _of_builds(base: Evidence, new: Evidence, was: Conditions, now: Conditions) 
     if not before or not after:
         unknown = base.name if after else new.name
         if before or after:
-            yield f"{unknown}: nothing tells its compiler flags; build it with debugging information (-g)"
+            yield f"{unknown}: its compiler flags are unknown; build it with debugging information (-g)"
     elif set(before) != set(after):
         lost, added = _without(before, after), _without(after, before)
         yield f"other compiler flags: {_gone_and_added(lost, added)}; {advice}"
@@ -121,7 +121,7 @@ def _of_seeds(base: Evidence, new: Evidence) -> Iterator[str]:
 
 
 def _of_tests(base: Evidence, new: Evidence, *, together: bool) -> Iterator[str]:
-    """Yield what passed in the base and is no test any more: no number may tell that, as it may have none."""
+    """Yield an obstacle for tests that passed in the base and are gone; they need not have measured anything."""
     missing: dict[str, str] = {}
     for seed, before in base.tests.items():
         now = new.tests.get(seed, {} if seed in new.measurements else before)
@@ -149,7 +149,7 @@ def _without_test(test: str, base: Evidence, new: Evidence, *, together: bool) -
 
 
 def _of_broken_tests(base: Evidence, new: Evidence, differences: Sequence[Difference]) -> Iterator[str]:
-    """Yield what is new only because its test broke off in the base: nobody has compared that."""
+    """Yield an obstacle for measurements that are new only because their test broke off in the base."""
     broken = {
         seed: {without_folders(test) for test, outcome in tests.items() if not outcome.came_to_its_end}
         for seed, tests in base.tests.items()
@@ -175,7 +175,7 @@ def _broken_test_of(name: str, new: Evidence, broken: Mapping[Seed, Set[str]]) -
 
 
 def _of_measurements(base: Evidence, new: Evidence, differences: Sequence[Difference]) -> Iterator[str]:
-    # Cycles that another model counted are there, and that it is another one was said.
+    # Cycles of another model are there, and the other model is an obstacle already.
     counted_otherwise = base.side.cycle_model != new.side.cycle_model
     gone = [
         each for each in differences
@@ -211,7 +211,7 @@ def _accept(base: Evidence, new: Evidence, name: str) -> str:
 
 
 def _or_renew(*, together: bool) -> str:
-    """Return the other way out; two firmwares in one session have no baseline that could be renewed."""
+    """Return the other remedy; two firmwares in one session have no baseline to renew."""
     return "" if together else f", or {_RENEW}"
 
 

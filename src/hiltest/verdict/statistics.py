@@ -1,4 +1,4 @@
-"""The mean of paired changes and how well a few seeds know it."""
+"""Mean of paired changes, and its uncertainty with a few seeds."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def moved_alone(base: Sequence[float], new: Sequence[float], tolerance: Toleranc
     base, new : sequence of float
         Paired, of a board whose noise is the same on both sides.
     tolerance : Tolerance
-        Of their mean. With an exact one each pair counts in the mean already, and none is named.
+        Tolerance of their mean. With an exact one each pair counts in the mean already, and none is named.
     """
     if tolerance == EXACT:
         return []

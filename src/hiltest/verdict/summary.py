@@ -1,4 +1,4 @@
-"""What a reader of a run wants first: what failed and why, what each calibrator reaches and costs, what is close."""
+"""Summary of a run: failures and causes, accuracy and cost of each calibrator, and what is close to its limit."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hiltest.measurement import (
     Outcome,
     Section,
     cannot_be_ranked,
-    ratio_band,
+    ratio_range,
 )
 from hiltest.record.failures import failed_otherwise, out_of_limit
 from hiltest.record.run import Findings, Run, TestResult
@@ -28,10 +28,10 @@ CLOSE_AT_MOST = 5
 _OF_CALIBRATORS = (Section.HEADING, Section.FIT)
 
 MAY_EXCEED = "may exceed the limit within the model's uncertainty"
-"""What stands beside a count that keeps its limit, and would not at one end of its uncertainty range."""
+"""Remark on a count within its limit that would not be at one end of its uncertainty range."""
 _MOST_POINTS = 10_000
 _OF_THE_THESIS = (168.0, 2600.0)
-"""What the thesis says that its own calibrator takes: cycles per point, and fixed."""
+"""Budget of the thesis' own calibrator: cycles per point, and fixed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ class Failure:
     was : float or None
         In the baseline; None without one.
     cause : str
-        What is likely to have caused it; empty where the run cannot tell.
+        Likely cause; empty where it is unknown.
     """
 
     measurement: Measurement
@@ -67,7 +67,7 @@ class CalibratorLine:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """What stands at the top of every report, in this order.
+    """Contents of the top of every report, in this order.
 
     Attributes
     ----------
@@ -97,7 +97,7 @@ class Summary:
 
 
 def summarise(run: Run | Findings) -> Summary:
-    """Return what a reader of a run wants first."""
+    """Return the summary of a run."""
     measurements = tuple(run.measurements.values()) if isinstance(run, Findings) else run.measurements
     results = calibrator_results(measurements)
     failed = out_of_limit(measurements)
@@ -142,16 +142,16 @@ def ratio_in_words(result: CalibratorResult, reference: CalibratorResult) -> str
         return ""
     if cannot_be_ranked(result.cycles, reference.cycles):
         return f"within {100 * FLASH_TIE:g} % of the cycles of {reference.name}: code in flash ranks neither"
-    band = ratio_band(result.cycles, reference.cycles)
+    band = ratio_range(result.cycles, reference.cycles)
     within = f" ({band[0]:.2f} to {band[1]:.2f})" if band else ""
     return f"{result.cycles.value / reference.cycles.value:.2f} x the cycles of {reference.name}{within}"
 
 
 def close_to_limit(measurements: Sequence[Measurement]) -> tuple[Measurement, ...]:
-    """Return what keeps its limit and hardly so: cycles that may exceed it first, then the nearest."""
+    """Return what is close to its limit: cycles that may exceed it first, then the nearest."""
     near = [(each, _room(each)) for each in measurements if each.outcome is Outcome.PASS]
-    close = [(each, room) for each, room in near if each.band_reaches_beyond or (room is not None and room <= CLOSE)]
-    close.sort(key=lambda pair: (not pair[0].band_reaches_beyond, 0.0 if pair[1] is None else pair[1]))
+    close = [(each, room) for each, room in near if each.may_exceed_limit or (room is not None and room <= CLOSE)]
+    close.sort(key=lambda pair: (not pair[0].may_exceed_limit, 0.0 if pair[1] is None else pair[1]))
     return tuple(each for each, _ in close[:CLOSE_AT_MOST])
 
 

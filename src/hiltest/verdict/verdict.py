@@ -47,20 +47,20 @@ def decide(
     Parameters
     ----------
     findings : Findings
-        Tests, measurements and tables of the run, and its comparison with a base if it was to be judged against one.
+        Tests, measurements and tables of the run, and its comparison with a base if there was to be one.
     pytest_exit : int
         Exit status as pytest has it; its 2, 3, 4 and 5 win over every other.
     left_out : sequence of str
         Limits of the rig that nothing was measured against, because the user chose among the tests
-        or because the session stopped. They are named, and make nobody red.
+        or because the session stopped. They are named, and fail no run.
     cut_short : bool, optional
         Whether tests that were to run did not.
 
     Returns
     -------
     Verdict
-        `complete` is False when tests that were to run did not come to their end, or limits were left out that nobody
-        chose to leave out. What was chosen stands in the record (`Run.chosen`), and is compared with its like.
+        `complete` is False when tests that were to run did not come to their end, or limits were left out without
+        the user's choice. What was chosen stands in the record (`Run.chosen`), and is compared with its like.
     """
     code = exit_code(findings, pytest_exit=pytest_exit)
     known = code in list(ExitCode)
@@ -92,7 +92,7 @@ def exit_code(findings: Findings, *, pytest_exit: int) -> int:
 
 
 def _sentence(findings: Findings, word: str, left_out: Sequence[str]) -> str:
-    """Compose the verdict: the word, what failed or what was reached, and whatever was not evaluated."""
+    """Compose the verdict: the word, the failures or the accuracy reached, and what was not evaluated."""
     word, against_base = word.upper(), _against_base(findings)
     if stopped := _what_stopped(findings):
         kept = f"{counted(len(findings.measurements), 'measurement')} kept."
@@ -109,7 +109,7 @@ def _sentence(findings: Findings, word: str, left_out: Sequence[str]) -> str:
 
 
 def _against_base(findings: Findings) -> str:
-    """Return what the comparison says; beside failures of the run itself changes are only counted."""
+    """Return the sentence of the comparison; beside failures of the run itself changes are only counted."""
     if findings.comparison is None:
         return ""
     failed = _failed(findings) or _red(findings)
@@ -117,7 +117,7 @@ def _against_base(findings: Findings) -> str:
 
 
 def _reached(summary: Summary, poses: int) -> str:
-    """Say what the reference of cost reaches, and what the cheapest other one does beside it."""
+    """Return accuracy and cost of the reference of cost, and of the cheapest other calibrator."""
     results = [each.result for each in summary.calibrators]
     if not results:
         return ""
@@ -173,13 +173,13 @@ def _left_out_words(left_out: Sequence[str]) -> str:
 
 
 def _not_evaluated(summary: Summary, findings: Findings, word: str) -> str:
-    """Name the limits that could not be applied, and what was judged instead."""
+    """Name the limits that could not be applied, and what was checked instead."""
     if not summary.unset:
         return ""
     if all(each.section is Section.HEADING and not has_no_number(each) for each in summary.unset):
         means = [each for each in findings.measurements.values() if each.kind is MEAN_ERROR and each.value is not None]
         mean = f"; mean error {number(means[0].value, 'deg')} deg" if means else ""
-        return f"Only centred values were judged: {summary.unset[0].note}{mean}."
+        return f"Only centred values were checked: {summary.unset[0].note}{mean}."
     named = listed([f"{each.name} ({each.note})" for each in summary.unset], _NAMED_AT_MOST)
     said = word == str(WORDS[ExitCode.NOT_EVALUATED]).upper()
     return f"{named}." if said else f"Not evaluated: {named}."
@@ -209,16 +209,16 @@ def unmet_limits(
     limits: Mapping[str, Limit], units: Mapping[str, str], measured: Collection[str], calibrators: Sequence[str],
     *, gate_only: bool = False,
 ) -> list[Measurement]:
-    """Return an ``unset`` measurement for every limit of the rig that no measurement met.
+    """Return a measurement without a value for every limit of the rig that nothing was measured for.
 
     Parameters
     ----------
     limits, units : mapping
-        Of the rig, by measurement name.
+        Limits and units of the rig, by measurement name.
     measured : collection of str
         Names of all that was measured.
     calibrators : sequence of str
-        That the board offers; empty when no board answered.
+        Calibrators of the board; empty when no board answered.
     gate_only : bool, optional
         Whether there are tests that were left out because they are of the full set.
     """

@@ -16,14 +16,14 @@ SHOWN = (Change.WORSE, Change.GONE, Change.BETTER, Change.NEW, Change.CHANGED)
 """Changes that are listed, in this order; those that are unchanged or were not taken are only counted."""
 
 _NAMED_AT_MOST = 2
-_COMMIT_DIGITS = 12  # which tell any two commits of a repository apart
+_COMMIT_DIGITS = 12  # enough to distinguish any two commits of a repository
 _SEEDS_AT_MOST = 3
 _MOST_PERCENT = 1000.0
 """Larger percentages are cut: of a base near zero they say nothing, and the difference stands beside them."""
 
 
 def revision(of: Revision | None) -> str:
-    """Return what sources a run was made for: label, commit and branch, as far as they are known.
+    """Return the sources of a run: label, commit and branch, as far as they are known.
 
     Examples
     --------
@@ -36,7 +36,7 @@ def revision(of: Revision | None) -> str:
 
 
 def build(side: Side) -> str:
-    """Return what build the numbers of a side are of; those of a baseline may be of several.
+    """Return the build of the numbers of a side; those of a baseline may be of several.
 
     Examples
     --------
@@ -51,7 +51,7 @@ def build(side: Side) -> str:
 
 
 def numbers(difference: Difference) -> str:
-    """Return what a measurement was and is, how far it moved, and its limit.
+    """Return a measurement's value before and now, the change, and its limit.
 
     Examples
     --------
@@ -105,7 +105,7 @@ def moved_percent(difference: Difference) -> float | None:
 
 
 def sentence(comparison: Comparison, *, beside_failures: bool = False) -> str:
-    """Return what a comparison comes to, in one sentence: the answer, the base, and why.
+    """Return a comparison in one sentence: the answer, the base, and the reasons.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def sentence(comparison: Comparison, *, beside_failures: bool = False) -> str:
     """
     answer = comparison.answer.capitalize()
     if comparison.answer is Answer.MAY and comparison.chosen:
-        answer += " as far as the chosen tests tell"
+        answer += " as far as the chosen tests show"
     if beside_failures:
         parts = [_of_obstacles(comparison), *_counts(comparison, named=False)]
         return f"{answer} (against {comparison.base.file}): {'; '.join(filter(None, parts)) or 'nothing measured'}."
@@ -128,7 +128,7 @@ def sentence(comparison: Comparison, *, beside_failures: bool = False) -> str:
 
 
 def counted_by(models: Iterable[str]) -> str:
-    """Return what counted the cycles that are shown; empty where there are none.
+    """Return the cycle models of the cycles that are shown; empty where there are none.
 
     Examples
     --------
@@ -152,7 +152,7 @@ def models_shown(comparison: Comparison) -> set[str]:
 
 
 def on_seeds(seeds: Sequence[Seed]) -> str:
-    """Return which seeds something is on."""
+    """Return seeds in words."""
     return f" on seed {listed([str(each) for each in seeds], _SEEDS_AT_MOST)}"
 
 
@@ -163,7 +163,7 @@ def shown(comparison: Comparison) -> list[tuple[Change, tuple[Difference, ...]]]
 
 
 def percent(value: float) -> str:
-    """Return two digits of it, or all before the point; beyond a thousand that it is."""
+    """Return a percentage with two digits, or all before the point; above a thousand only that it is."""
     if abs(value) > _MOST_PERCENT or not math.isfinite(value):
         return f"beyond {_signed(math.copysign(_MOST_PERCENT, value))} %"
     return f"{value:+.2g} %" if abs(value) < 99.5 else f"{_signed(round(value))} %"
@@ -224,7 +224,7 @@ def how_to_keep(comparison: Comparison, run: str, options: str | None = None) ->
     -------
     str
         Empty where nothing got better, the change is not to be merged, or the base is an older firmware's ELF: the
-        next one is then judged against this one's.
+        next run is then compared with this firmware.
     """
     better = comparison.of(Change.BETTER)
     if not better or comparison.answer is not Answer.MAY or comparison.base_kind is BaseKind.TOGETHER:
@@ -242,7 +242,7 @@ def _all_seeds(comparison: Comparison, run: str, options: str | None) -> tuple[s
     """Return what to run first where a seed of the baseline is missing, and where what is accepted lies then.
 
     A mean over some of the seeds says nothing. The campaign gets a folder of its own: in the run's it would take the
-    place of what was just judged.
+    place of the record just compared.
     """
     seeds = comparison.base.seeds
     if not set(seeds) - set(comparison.new.seeds):

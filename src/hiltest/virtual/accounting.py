@@ -1,4 +1,4 @@
-"""Counting clock cycles while the emulator runs.
+"""Counting of clock cycles while the emulator runs.
 
 Two ways that give the same totals. `BlockAccounting` prices a whole translated
 block once, caches it, and adds the cost each time the block runs: fast enough
@@ -18,7 +18,7 @@ from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 from hiltest.virtual.blocks import CodeBlock, ReadCode, conditions_at, price_block, priced_block
-from hiltest.virtual.executions import NOBODY, Entered, Snapshot
+from hiltest.virtual.executions import NO_BLOCK, Entered, Snapshot
 from hiltest.virtual.instructions import Instruction, decode
 from hiltest.virtual.timing import NEUTRAL, PipelineState, TimingProfile
 
@@ -50,13 +50,13 @@ class Accounting(Protocol):
     stopped: bool
 
     def hook(self, outside: int, abort: Callable[[BaseException], None]) -> CodeHook:
-        """Return what the emulator is to call where code begins, except at the address `outside`."""
+        """Return the hook for the emulator where code begins, except at the address `outside`."""
         ...
 
     def data_hook(
         self, forget_condition: Callable[[], None], abort: Callable[[BaseException], None]
     ) -> CodeHook | None:
-        """Return what the emulator is to call where data is accessed, which then forgets; None for nothing."""
+        """Return the hook for the emulator where data is accessed, or None."""
         ...
 
     @property
@@ -77,7 +77,7 @@ class Accounting(Protocol):
         ...
 
     def begins(self, address: int, size: int) -> None:
-        """Take note that the emulator is about to run what stands at `address`."""
+        """Note that the emulator is about to run the code at `address`."""
         ...
 
     def translated(self, address: int, size: int) -> None:
@@ -85,15 +85,15 @@ class Accounting(Protocol):
         ...
 
     def snapshot(self, pc: int) -> Snapshot | None:
-        """How often every block has run before the instruction at `pc`, which is being executed; None: not counted."""
+        """Return how often every block has run before the instruction at `pc`; None where it is not counted."""
         ...
 
     def flush_pipeline(self) -> None:
-        """Nothing overlaps across what just happened (an exception)."""
+        """Empty the pipeline: nothing overlaps across an exception."""
         ...
 
     def forget_code(self) -> None:
-        """Drop what is cached of code: memory was loaded anew."""
+        """Drop cached code: memory was loaded anew."""
         ...
 
 
@@ -134,11 +134,11 @@ class _Totals:
     def data_hook(
         self, _forget_condition: Callable[[], None], _abort: Callable[[BaseException], None]
     ) -> CodeHook | None:
-        """Accesses to data cost nothing by themselves."""
+        """Return None: accesses to data cost nothing by themselves."""
         return None
 
     def translated(self, address: int, size: int) -> None:
-        """Nothing is cached."""
+        """Do nothing: no code is cached."""
 
     def hook(self, outside: int, abort: Callable[[BaseException], None]) -> CodeHook:
         """Return a callback that calls `begins`, and `abort` with whatever that raises."""
@@ -166,8 +166,8 @@ class BlockAccounting(_Totals):
     ) -> None:
         super().__init__(profile, read_code, attend, stop)
         self._running: CodeBlock | None = None
-        self._number = NOBODY  # of the block that runs
-        self._fell_from = NOBODY  # number of the block that left its pipeline state, while none runs
+        self._number = NO_BLOCK  # of the block that runs
+        self._fell_from = NO_BLOCK  # number of the block that left its pipeline state, while none runs
         self._entered: list[Entered] = []
         self.forget_code()
 
@@ -180,7 +180,7 @@ class BlockAccounting(_Totals):
             self._stop()
             return
         before = self._fell_from
-        known = self._jumped_to.get(address) if before == NOBODY else self._known.get((address, size, before))
+        known = self._jumped_to.get(address) if before == NO_BLOCK else self._known.get((address, size, before))
         if known is None or known[0].end != address + size:
             known = self._enter(address, size, before)
         block, self._number = known
@@ -189,7 +189,7 @@ class BlockAccounting(_Totals):
             self._running = None
             self._stop()
             return
-        self._fell_from = NOBODY
+        self._fell_from = NO_BLOCK
         if block.loops_to_itself:
             # Nothing but an interrupt ends it: pass whole rounds at once, up to the next event.
             rounds = max(math.ceil((self.deadline - self.cycles) / block.taken) - 1, 0)
@@ -205,22 +205,22 @@ class BlockAccounting(_Totals):
         if address == block.end:
             self.cycles += block.through
             self._runs[2 * self._number] += 1
-            self._fell_from = NOBODY if block.transfers else self._number
+            self._fell_from = NO_BLOCK if block.transfers else self._number
         else:
             self.cycles += block.taken
             self._runs[2 * self._number + 1] += 1
-            self._fell_from = NOBODY
+            self._fell_from = NO_BLOCK
 
     def _enter(self, address: int, size: int, before: int) -> tuple[CodeBlock, int]:
         """Price a block behind the one that execution fell out of, and give it a number."""
         self._running = None  # the block before is added already, should reading the code fail
         known = self._known.get((address, size, before))
         if known is None:
-            state = NEUTRAL if before == NOBODY else self._entered[before].block.exit_state
+            state = NEUTRAL if before == NO_BLOCK else self._entered[before].block.exit_state
             known = self._known[address, size, before] = self._price(address, size, state), len(self._entered)
             self._entered.append(Entered(known[0], before))
             self._runs.extend((0, 0))
-        if before == NOBODY:
+        if before == NO_BLOCK:
             self._jumped_to[address] = known  # found by the address alone, which is quicker
         return known
 
@@ -253,7 +253,7 @@ class BlockAccounting(_Totals):
 
     def snapshot(self, pc: int) -> Snapshot:
         """Say how often every block has run before the instruction at `pc`."""
-        running = NOBODY if self._running is None else self._number
+        running = NO_BLOCK if self._running is None else self._number
         return Snapshot(self._entered, self._runs[:], running, pc & ~1)
 
     def settle(self, pc: int) -> None:
@@ -263,17 +263,17 @@ class BlockAccounting(_Totals):
         self._running = None
 
     def flush_pipeline(self) -> None:
-        """An exception was entered or left: nothing overlaps across it."""
-        self._fell_from = NOBODY
+        """Empty the pipeline: an exception was entered or left."""
+        self._fell_from = NO_BLOCK
 
     def forget_code(self) -> None:
         """Drop cached blocks, but not the one that is not over: its end is to be counted, or what it leaves is."""
         kept = self._running
         if kept is not None:
             self._number = 0
-        elif self._fell_from != NOBODY:
+        elif self._fell_from != NO_BLOCK:
             kept, self._fell_from = self._entered[self._fell_from].block, 0
-        self._entered = [] if kept is None else [Entered(kept, NOBODY)]
+        self._entered = [] if kept is None else [Entered(kept, NO_BLOCK)]
         self._runs = array("q", [0, 0] * len(self._entered))
         self._jumped_to: dict[int, tuple[CodeBlock, int]] = {}
         self._known: dict[tuple[int, int, int], tuple[CodeBlock, int]] = {}
@@ -356,11 +356,11 @@ class InstructionAccounting(_Totals):
         self._finish(pc & ~1)
 
     def snapshot(self, _pc: int) -> None:
-        """Nobody counts blocks."""
+        """Return None: blocks are not counted."""
 
     def flush_pipeline(self) -> None:
-        """An exception was entered or left: nothing overlaps across it."""
+        """Empty the pipeline: an exception was entered or left."""
         self._state = NEUTRAL
 
     def forget_code(self) -> None:
-        """Nothing is cached."""
+        """Do nothing: no code is cached."""

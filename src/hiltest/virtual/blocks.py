@@ -1,4 +1,4 @@
-"""Straight-line code and what it costs."""
+"""Straight-line code and its cost."""
 
 from __future__ import annotations
 

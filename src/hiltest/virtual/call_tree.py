@@ -107,7 +107,7 @@ class CallTree:
         self._owners: dict[int, tuple[str, int] | None] = {}
 
     def follow(self, last: Instruction, end: int, target: int) -> None:
-        """Go where execution goes: from `last`, which ends at `end`, to `target`."""
+        """Follow execution from `last`, which ends at `end`, to `target`."""
         jumped = last.transfer and (target != end or not last.conditional)
         if jumped and last.core_writes & _LINK_REGISTER:
             self._call(target, end)

@@ -25,7 +25,7 @@ class CallResult:
     Attributes
     ----------
     value : int or float or None
-        By the function's type; r0 without debug information, None for void.
+        Value of the function's type; r0 without debug information, None for void.
     cycles, instructions : int
         From its first instruction to its return, both included.
     """

@@ -27,7 +27,7 @@ class Work(StrEnum):
 
 
 class Stall(StrEnum):
-    """Why an instruction cost more than its work."""
+    """Reason why an instruction cost more than its work."""
 
     TAKEN_BRANCH = "taken_branch"
     """The pipeline refills behind a transfer that is taken."""
@@ -71,7 +71,7 @@ def instruction_costs(profile: TimingProfile, block: CodeBlock, *, went_on: bool
     Parameters
     ----------
     profile : TimingProfile
-        That priced the block.
+        Profile that priced the block.
     block : CodeBlock
     went_on : bool
         Whether execution went on at the end of the block, rather than jumped.

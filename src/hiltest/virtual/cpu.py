@@ -126,7 +126,7 @@ class Processor:
         return self.accounting.instructions_now(self.registers.pc.get())
 
     def executed(self) -> Snapshot | None:
-        """How often every block has run, inside a peripheral's access; None where they are not counted."""
+        """Return how often every block has run, inside a peripheral's access; None where they are not counted."""
         return self.accounting.snapshot(self.registers.pc.get())
 
     @property
@@ -143,11 +143,11 @@ class Processor:
         self.engine.emu_stop()
 
     def look_soon(self) -> None:
-        """An event or interrupt may be due now: leave the emulator at the end of this block."""
+        """Leave the emulator at the end of this block: an event or interrupt may be due."""
         self.accounting.deadline = -1
 
     def between_blocks(self, chore: Callable[[], None]) -> None:
-        """Do what the emulator cannot have done to it while it runs, at the end of this block."""
+        """Call an action at the end of this block, for changes that the emulator does not take while it runs."""
         self._chores.append(chore)
         self.look_soon()
 
@@ -174,7 +174,7 @@ class Processor:
         self.traps.fpu_enabled = enabled
 
     def trap_division_by_zero(self, enabled: bool) -> None:
-        """CCR.DIV_0_TRP."""
+        """Whether division by zero faults (CCR.DIV_0_TRP)."""
         if enabled:
             self.between_blocks(lambda: self.traps.watch_divisions(self.image))
         self.traps.traps_division_by_zero = enabled
@@ -237,7 +237,7 @@ class Processor:
         )  # fmt: skip
 
     def _hang(self, cause: str, pc: int) -> BoardFault:
-        """Describe a hang; in a fault's handler, the fault is what matters."""
+        """Describe a hang; in a fault's handler, describe the fault."""
         first = self.fault_log.first_cause
         return self.fault(f"hang: {cause}", pc) if first is None else first.ended(f"hang at {self.place(pc)}: {cause}")
 
@@ -360,11 +360,11 @@ class Processor:
             self.traps.watch((*self._suspects(block), *block.alignment.inside), block.address, block.end)
             return False
         if pc & ~1 == RETURN_ADDRESS:
-            if self.delivers_faults:  # nobody called: firmware went there by itself
+            if self.delivers_faults:  # nothing called: firmware went there by itself
                 cause = f"jump to unmapped address 0x{RETURN_ADDRESS:08x}"
                 self._deliver(Fault(FaultKind.INSTRUCTION_BUS, cause, branch))
             return not self.delivers_faults
-        # Nobody asked it to stop: only WFI leaves the emulator by itself.
+        # Nothing asked it to stop: only WFI leaves the emulator by itself.
         self._waits_for_event = self.traps.waits_for_event
         self.sleeping = self._waits_for_event or not (self._stopped or self.accounting.stopped)
         return False

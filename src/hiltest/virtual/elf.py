@@ -1,4 +1,4 @@
-"""Firmware images: what to load, what the symbols are called, where a line comes from.
+"""Firmware images: segments to load, symbols, and source lines.
 
 The ELF is hostile until parsed. What loading needs (header, segments, symbols,
 processor) is read and checked at once, and what is wrong ends in a `ConfigError`
@@ -164,7 +164,7 @@ class FirmwareImage:
             )
 
     def _attributes(self) -> dict[str, Any]:
-        """Read what the compiler says of the processor (section .ARM.attributes); empty without it."""
+        """Read the compiler's attributes of the processor (section .ARM.attributes); empty without it."""
         section: Any = self._elf.get_section_by_name(".ARM.attributes")
         found: dict[str, Any] = {}
         for subsection in section.iter_subsections() if section is not None else ():
@@ -201,7 +201,7 @@ class FirmwareImage:
 
     @property
     def compiler_flags(self) -> str:
-        """Every flag that GCC says a unit was compiled with, sorted; empty without debug information.
+        """Return the flags that GCC compiled the units with, sorted; empty without debug information.
 
         All of it: that a unit among hundreds has a flag of its own is seen too.
         """
@@ -303,7 +303,7 @@ class FirmwareImage:
 
 @dataclass(frozen=True, slots=True)
 class Signature:
-    """How a function takes and returns values.
+    """Signature of a function: how it takes and returns values.
 
     "float" and "double", "signed" and "unsigned" (up to 32 bits), "signed64" and "unsigned64", "pointer", "void",
     or "unsupported".

@@ -1,4 +1,4 @@
-"""The emulator, entered and hooked straight through its C interface.
+"""The emulator, entered and hooked directly through its C interface.
 
 The binding's own `emu_start` costs as much again as the emulator's, and its wrapper of a hook
 doubles the cost of each call.
@@ -22,7 +22,7 @@ TRANSLATED_CALLBACK = ctypes.CFUNCTYPE(
     None, ctypes.c_void_p, ctypes.POINTER(unicorn_py3.unicorn.uc_tb), ctypes.c_void_p, ctypes.c_void_p
 )
 
-_EVERYWHERE = (1, 0)  # as the C interface wants it said
+_EVERYWHERE = (1, 0)  # in the form of the C interface
 
 
 def cortex_m4() -> Any:

@@ -52,14 +52,14 @@ class ExceptionUnit:
         self._lazy_frame = _NO_FRAME  # where the floating-point state belongs while it is not yet saved
 
     def floating_point_runs(self) -> None:
-        """A floating-point instruction is about to run."""
+        """Prepare for a floating-point instruction: save lazily stacked state first."""
         if self._lazy_frame != _NO_FRAME:
             self._memory.write_words(self._lazy_frame, self._registers.floating_frame.read())
             self._lazy_frame = _NO_FRAME
 
     @property
     def lazy_frame(self) -> int:
-        """Where floating-point state still has to be saved (FPCAR), or 0."""
+        """Address at which floating-point state still has to be saved (FPCAR), or 0."""
         return self._lazy_frame
 
     def ceiling(self) -> int:
@@ -147,7 +147,7 @@ class ExceptionUnit:
         return problem
 
     def _push(self, base: int, frame: list[int], *, extended: bool) -> Fault | None:
-        """Write a frame, or make room for it where the processor is lazy."""
+        """Write a frame, or only reserve its space where stacking is lazy."""
         size = _EXTENDED_BYTES if extended else _BASIC_BYTES
         if not self._memory.holds_stack(base, size):
             return Fault(FaultKind.STACKING, f"no RAM for a stack frame at 0x{base:08x}", frame[6])

@@ -26,11 +26,11 @@ _ALSO = {
     "fp_divide": ("fp_divide_use",),
 }
 _REFILLS = {"direct": "refill_direct", "indirect": "refill_indirect"}
-NOBODY = -1  # number of no block
+NO_BLOCK = -1  # number of no block
 
 
 class Entered(NamedTuple):
-    """A block, and the number of the one that execution fell into it from; `NOBODY` where it was jumped to."""
+    """A block, and the number of the one that execution fell into it from; `NO_BLOCK` where it was jumped to."""
 
     block: CodeBlock
     before: int
@@ -38,16 +38,16 @@ class Entered(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """How often every block had run at one moment.
+    """Counts of the runs of every block at one moment.
 
     Attributes
     ----------
     entered : sequence of Entered
-        By number; shared by all snapshots until code is forgotten, and only added to.
+        Blocks by number; shared by all snapshots until code is forgotten, and only added to.
     runs : sequence of int
         Twice as many: how often each went on behind its end, and jumped away.
     running : int
-        Number of the block that is in the middle of running, which is not in `runs` yet, or `NOBODY`.
+        Number of the block that is in the middle of running, which is not in `runs` yet, or `NO_BLOCK`.
     pc : int
         The instruction that is being executed.
     """
@@ -92,7 +92,7 @@ def in_all(spans: Sequence[tuple[Snapshot | None, Snapshot | None]]) -> Executio
     for span in known:
         for each, sign in zip(span, (-1, 1), strict=True):
             runs[: len(each.runs)] += sign * np.asarray(each.runs, dtype=np.int64)
-            if each.running != NOBODY:
+            if each.running != NO_BLOCK:
                 parts[each.running, each.pc] += sign
     by_block = runs.reshape(-1, 2)
     numbers = np.flatnonzero(by_block.any(axis=1)).tolist()
@@ -130,7 +130,7 @@ class Pricing:
     profile : TimingProfile
         The table.
     entered : sequence of Entered
-        Whose numbers the executions are in.
+        Blocks by number, as the executions name them.
     """
 
     def __init__(self, profile: TimingProfile, entered: Sequence[Entered]) -> None:
@@ -143,7 +143,7 @@ class Pricing:
         """Return prices by a table that differs in these rows alone; what they do not price is not priced again."""
         other = Pricing(profile, self._entered)
         for number, end in self._ends.items():
-            if self._entered[number].before == NOBODY and not rows & self._rows_of(number):
+            if self._entered[number].before == NO_BLOCK and not rows & self._rows_of(number):
                 other._ends[number] = end
         return other
 
@@ -175,7 +175,7 @@ class Pricing:
         """Return the cycles of a block without a refill, and what it leaves."""
         # From the first that is not known yet: code without a branch may be cut into more blocks than calls may nest.
         unknown = []
-        while number != NOBODY and number not in self._ends:
+        while number != NO_BLOCK and number not in self._ends:
             unknown.append(number)
             number = self._entered[number].before
         for each in reversed(unknown):
@@ -188,7 +188,7 @@ class Pricing:
 
     def _entry(self, number: int) -> PipelineState:
         block, before = self._entered[number]
-        return block.entry if before == NOBODY else self._end(before)[1]
+        return block.entry if before == NO_BLOCK else self._end(before)[1]
 
     def _until(self, number: int, address: int) -> int:
         """Return the cycles from the start of a block to one of its instructions."""

@@ -1,4 +1,4 @@
-"""Faults of the processor: their kinds, the registers that record them, and what became of each."""
+"""Faults of the processor: their kinds, status registers and delivery."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ class FaultLog:
             self._open.pop()
 
     def forget_open(self) -> None:
-        """No handler runs any more: the processor was reset."""
+        """Close all open faults: the processor was reset."""
         self._open.clear()
 
     @property

@@ -63,7 +63,7 @@ class FlashController:
         self.reset()
 
     def reset(self) -> None:
-        """Nothing was read yet."""
+        """Forget all lines and words."""
         self._free_at = 0  # when the array can take the next read
         # What each way of each set holds, and its ways, the one that was not used for longest first.
         self._held = [[_NOTHING] * self._ways for _ in range(self._sets)]
@@ -78,15 +78,15 @@ class FlashController:
         self._switches[bank] = switches
 
     def forget_lines(self) -> None:
-        """Neither the line that was read last is there, nor the one that was read ahead."""
+        """Forget the line that was read last, and the one that was read ahead."""
         self._line = self._ahead = _NOTHING
 
     def forget_word(self) -> None:
-        """The core has thrown away what it had fetched: it jumps."""
+        """Forget the fetched word: the core jumps."""
         self._word = _NOTHING
 
     def forget_way(self, way: int) -> None:
-        """Nothing is in one way of the cache; it is filled next."""
+        """Empty one way of the cache; it is filled next."""
         for held, order in zip(self._held, self._order, strict=True):
             if way < self._ways:
                 held[way] = _NOTHING

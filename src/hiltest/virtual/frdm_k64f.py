@@ -14,7 +14,7 @@ BUTTONS = {"SW2": ("C", 6), "SW3": ("A", 4)}  # to ground when pressed; the boar
 
 @dataclass(frozen=True, slots=True)
 class BoardEvent:
-    """Something that a person at the board would see, or do.
+    """A change of an LED or a button.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class LedsAndButtons:
     Parameters
     ----------
     ports : mapping of str to Port
-        By letter.
+        Ports by letter.
     time_s : callable
         Answers the virtual time, inside a peripheral's access too.
 

@@ -15,19 +15,19 @@ class I2cDevice(Protocol):
         ...
 
     def start(self, reading: bool, time_s: float) -> bool:
-        """The part is addressed after START or repeated START; True acknowledges."""
+        """Address the part after START or repeated START; True acknowledges."""
         ...
 
     def write(self, value: int, time_s: float) -> bool:
-        """The master sends a byte; True acknowledges."""
+        """Take a byte from the master; True acknowledges."""
         ...
 
     def read(self, time_s: float) -> int:
-        """The master fetches the next byte."""
+        """Return the next byte to the master."""
         ...
 
     def stop(self, time_s: float) -> None:
-        """STOP on the bus."""
+        """End the transfer: STOP on the bus."""
         ...
 
 

@@ -321,7 +321,7 @@ def _derived(raw: Any, row: str, memory: Any) -> tuple[tuple[int, int], ...]:
 
 @dataclass(frozen=True, slots=True)
 class Alignment:
-    """Where straight-line code needs word-aligned addresses.
+    """Alignment that straight-line code needs of its addresses.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The wires from a part's interrupt pins to wherever they lead."""
+"""The wires from a part's interrupt pins."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class InterruptSource(I2cDevice, Protocol):
         ...
 
     def next_interrupt_s(self, time_s: float) -> float:
-        """When time alone may change a level; infinity when an access must come first."""
+        """Next time at which time alone may change a level; infinity when an access must come first."""
         ...
 
 

@@ -43,7 +43,7 @@ CORE_HZ = 120_000_000
 #: the slowest way to count, with a profile, takes the host about a minute for it.
 HANG_S = 1.0
 
-# Registers that firmware sets up and that change nothing which it could see: no need to tell.
+# Registers that firmware sets up without an effect that it could see: not reported.
 _STORED = {
     "SIM (SOPT)": 0x40047000, "OSC": 0x40065000, "SMC": 0x4007E000, "SYSMPU": 0x4000D000, "PMC": 0x4007D000,
 }  # fmt: skip
@@ -51,7 +51,7 @@ _FIRST_PORT, _FIRST_PORT_INTERRUPT = 0x40049000, 59
 
 
 class _ResetRequested(Exception):
-    """The part is to be reset: by AIRCR, or by the watchdog."""
+    """Request to reset the part: by AIRCR, or by the watchdog."""
 
     def __init__(self, source: ResetSource) -> None:
         super().__init__("the watchdog reset it" if source is ResetSource.WATCHDOG else "the firmware reset itself")
@@ -75,7 +75,7 @@ class VirtualK64F:
     i2c0, i2c1 : sequence of I2cDevice
         Parts on the two buses.
     profile : str or TimingProfile
-        By its name, or by that of a file of one's own (``.toml``), see `hiltest.virtual.profile_file`.
+        Name of a profile, or of a user's own file (``.toml``), see `hiltest.virtual.profile_file`.
     accounting : AccountingFactory, optional
         What counts; by default by block, in C where that is there, and with a profile that has memory rows by
         instruction, with them. `InstructionAccounting` is slow, and the reference.
@@ -281,7 +281,7 @@ class VirtualK64F:
         self._leds_and_buttons.push(button, True)
 
     def release(self, button: str) -> None:
-        """Let go of a button."""
+        """Release a button."""
         self._leds_and_buttons.push(button, False)
 
     def is_on(self, what: str) -> bool:

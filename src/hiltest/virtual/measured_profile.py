@@ -2,7 +2,7 @@
 
 The first half of every sequence of the firmware costs a sum of rows, by the rules of `hiltest.virtual.timing`: what a
 run costs at its edges is in no row, and stands in the whole one and in that of the second half alike. Solved one after
-the other they give every row. Those that are left over are held against what the rows make of them: where they differ,
+the other they give every row. Those that are left over are compared with what the rows make of them: where they differ,
 a rule does not hold on that core.
 """
 
@@ -109,7 +109,7 @@ class MeasuredProfile:
     Attributes
     ----------
     rows : dict of str to CostRow
-        Those that were measured. One that came out as no whole number has both neighbours for its band.
+        Those that were measured. One that came out as no whole number has both neighbours as its range.
     remarks : tuple of str
         What does not fit the rules.
     """
@@ -179,7 +179,7 @@ def profile_text(name: str, measured: MeasuredProfile, raw: Mapping[str, Mapping
         Name of the profile.
     measured : MeasuredProfile
     raw : mapping of str to mapping
-        Clocks of each sequence, by the memory that it ran from: kept, so that they can be read otherwise later.
+        Clocks of each sequence, by the memory that it ran from: kept, so that they can be evaluated again later.
     """
     return "\n".join(_lines(name, measured, raw)) + "\n"
 

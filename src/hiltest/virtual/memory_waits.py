@@ -102,13 +102,13 @@ class MemoryAccounting(InstructionAccounting):
         return self._known[address, code]
 
     def flush_pipeline(self) -> None:
-        """An exception was entered or left, or a call begins: the core fetches anew."""
+        """Forget fetched words: an exception was entered or left, or a call begins."""
         super().flush_pipeline()
         self._parts_owed = 0  # else a call would take a clock more because of what was called before it
         self.flash.forget_word()
 
     def forget_code(self) -> None:
-        """Other code may be there now, and the controller has nothing of it."""
+        """Drop cached code and the controller's lines: memory was loaded anew."""
         self._known = {}
         self.flash.reset()
 

@@ -48,7 +48,7 @@ class Nvic:
         self.reset()
 
     def reset(self) -> None:
-        """Nothing enabled, pending or active."""
+        """Return to the state after reset: nothing enabled, pending or active."""
         self.enabled = [False] * INTERRUPTS
         self.lines = [False] * INTERRUPTS
         self.priority: dict[int, int] = {}
@@ -71,7 +71,7 @@ class Nvic:
         self.changed = True
 
     def set_line(self, interrupt: int, level: bool) -> None:
-        """A peripheral drives its interrupt line."""
+        """Set the level of a peripheral's interrupt line."""
         if level != self.lines[interrupt]:
             self.lines[interrupt] = level
             if level:
@@ -164,12 +164,12 @@ class Nvic:
         return any(self.preempts(exception, ceiling) for exception in (*enabled, *self._ready()))
 
     def enter(self, exception: int) -> None:
-        """An exception is taken."""
+        """Make an exception active."""
         self.pending.discard(exception)
         self.active.append(exception)
 
     def leave(self) -> None:
-        """The most recent exception returns; a line that is still high pends again."""
+        """End the most recent exception; a line that is still high pends again."""
         if not self.active:
             return
         exception = self.active.pop()
@@ -184,7 +184,7 @@ class EventRegister:
     Parameters
     ----------
     nvic : Nvic
-        Whose newly pending exceptions are events too, where firmware says so.
+        Its newly pending exceptions are events too, where firmware has set SEVONPEND.
 
     Attributes
     ----------
@@ -207,7 +207,7 @@ class EventRegister:
         self._set = True
 
     def take(self) -> bool:
-        """Clear it; say whether it was set."""
+        """Clear it; return whether it was set."""
         was_set = self._set or (self.on_pend and self._nvic.newly_pending)
         self._set = self._nvic.newly_pending = False
         return was_set

@@ -1,4 +1,4 @@
-"""Where arguments go and results come from: the procedure call standard (AAPCS), hard float and soft float."""
+"""Places of arguments and results by the procedure call standard (AAPCS), hard float and soft float."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Timing profiles in files: those that ship in the package, and a user's own, checked before they price anything."""
+"""Timing profiles in files: those that ship in the package, and a user's own, checked before use."""
 
 from __future__ import annotations
 
@@ -239,7 +239,7 @@ def _check_division(place: str, rows: dict[str, CostRow]) -> None:
 
 
 def _check_accumulation(place: str, rows: dict[str, CostRow], *, own: bool) -> None:
-    """Refuse more hidden cycles than there can be; a base's band may reach further, and is not used as far."""
+    """Refuse more hidden cycles than there can be; a base's range may reach further, and is cut."""
     dearest, hidden = rows["fp_accumulate"].band[1], rows["fp_accumulate_hidden"]
     if hidden.value >= dearest or (own and hidden.band[1] >= dearest):
         raise ConfigError(

@@ -1,4 +1,4 @@
-"""Where the cycles of one call go: by function, source line, instruction, and kind of work or stall.
+"""Profile of the cycles of one call: by function, source line, instruction, and kind of work or stall.
 
 `ProfilingAccounting` counts as `BlockAccounting` does, and notes how often each block ran in which function.
 Every cycle is given to one instruction afterwards, by the same timing profile, so the tables add up to the
@@ -12,13 +12,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from hiltest.errors import ConfigError
-from hiltest.measurement import CycleBand, in_flash
+from hiltest.measurement import CycleRange, in_flash
 from hiltest.virtual.accounting import BlockAccounting
 from hiltest.virtual.blocks import CodeBlock
 from hiltest.virtual.call_tree import CallNode, CallTree
 from hiltest.virtual.calling import CallResult
 from hiltest.virtual.cost_classes import InstructionCost, Stall, Work, instruction_costs
-from hiltest.virtual.cycle_band import cycle_band, flash_band
+from hiltest.virtual.cycle_range import cycle_range, flash_range
 from hiltest.virtual.elf import FirmwareImage
 from hiltest.virtual.executions import between
 from hiltest.virtual.k64f import HANG_S, VirtualK64F
@@ -80,7 +80,7 @@ class FunctionCost:
     calls : int
         How often it was entered.
     cycles, self_cycles : int
-        With the functions that it called, and without.
+        Cycles with the functions that it called, and without.
     instructions, stall_cycles : int
         Its own.
     """
@@ -118,7 +118,7 @@ class AddressCost:
 
 @dataclass(frozen=True, slots=True)
 class StackCost:
-    """Cycles of the last of a chain of calls, its own only."""
+    """Cycles of the last function of a chain of calls, without those that it called."""
 
     functions: tuple[str, ...]
     cycles: int
@@ -140,8 +140,8 @@ class CallProfile(CallResult):
         Cycles in which no instruction ran: WFI.
     functions, lines, addresses, stacks : tuple
         Most expensive first; `lines` is empty without debug information.
-    band : CycleBand or None
-        Within what `cycles` lies by the timing profile's own uncertainty; None when more than instructions took time,
+    band : CycleRange or None
+        Uncertainty range of `cycles`; None when more than instructions took time,
         and for code in flash by a profile that knows no memories.
     memory_cycles : int or None
         What accesses waited for, of no instruction in the tables; None when the timing profile knows no memories.
@@ -156,7 +156,7 @@ class CallProfile(CallResult):
     lines: tuple[LineCost, ...]
     addresses: tuple[AddressCost, ...]
     stacks: tuple[StackCost, ...]
-    band: CycleBand | None
+    band: CycleRange | None
     memory_cycles: int | None = None
 
     def share(self, cycles: int) -> float:
@@ -199,7 +199,7 @@ def profile_call(board: VirtualK64F, function: str, *arguments: Argument, timeou
     executed = between(before, accounting.snapshot(0))
     sums = _Sums(processor.profile, tree)
     counted = executed if not in_flash(sums.cycle_model) else None  # what flash waits for is of no row, and greater
-    band = cycle_band(processor.profile, result.cycles, counted) if counted else None
+    band = cycle_range(processor.profile, result.cycles, counted) if counted else None
     return sums.profile(board.image, function, result, band)
 
 
@@ -213,12 +213,12 @@ def with_memories(profile: CallProfile, cycles: int, timing: TimingProfile) -> C
     cycles : int
         Cycles of the same call, memories included.
     timing : TimingProfile
-        Whose memory rows say how well that is known where code is in flash.
+        Its memory rows give the uncertainty range where code is in flash.
     """
     waited = cycles - profile.cycles
     band = profile.band if not waited else None
     if in_flash(profile.cycle_model):
-        band = flash_band(timing, cycles)
+        band = flash_range(timing, cycles)
     return replace(profile, cycles=cycles, band=band, memory_cycles=waited)
 
 
@@ -273,7 +273,7 @@ class _Sums:
         return self._costs[key]
 
     def profile(
-        self, image: FirmwareImage, function: str, result: CallResult, band: CycleBand | None
+        self, image: FirmwareImage, function: str, result: CallResult, band: CycleRange | None
     ) -> CallProfile:
         """Make the tables."""
         addresses = tuple(sorted(self._address_costs(image), key=lambda each: (-each.cycles, each.address)))

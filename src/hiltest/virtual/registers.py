@@ -105,7 +105,7 @@ class CoreRegisters:
         self.faultmask = Register(engine, "FAULTMASK")
 
     def forget_condition(self) -> None:
-        """Wipe out where in an IT block an access that was looked at stood.
+        """Clear the IT state that the emulator kept from an access that was inspected.
 
         The emulator writes it down and forgets it there: the next block would begin with this one's condition.
         """

@@ -60,7 +60,7 @@ class Schedule:
 
     @property
     def next_cycle(self) -> float:
-        """When the next event is due [cycles]; infinity when there is none."""
+        """Time of the next event [cycles]; infinity when there is none."""
         heap = self._heap
         while heap and heap[0][2].action is None:
             heapq.heappop(heap)

@@ -1,6 +1,6 @@
 """Clock cycles of instructions, from a versioned table and four rules.
 
-The table (``profiles/*.toml``) holds a value, a band and a source for every
+The table (``profiles/*.toml``) holds a value, an uncertainty range (`band`) and a source for every
 row. The rules say what one instruction does to the next:
 
 * a load whose address does not come from the load right before it overlaps it;
@@ -9,7 +9,7 @@ row. The rules say what one instruction does to the next:
 * a floating-point instruction waits one cycle for the result of the arithmetic
   right before it (a multiply-accumulate does not wait for its addend);
 * VDIV and VSQRT keep the FPU busy while integer instructions go on underneath; so does a
-  multiply-accumulate, by as many of its cycles as the table says (none, until somebody measures it).
+  multiply-accumulate, by as many of its cycles as the table says (none, until it is measured).
 
 What is remembered between instructions is a `PipelineState`. Only a control
 transfer resets it; then an unfinished division is waited for, which errs on
@@ -31,7 +31,7 @@ class CostRow:
     """One priced class of instructions [cycles].
 
     `against` names a row that a measurement ties it to: of the two only the sum is known, so one is at the top of its
-    band where the other is at the bottom.
+    range where the other is at the bottom.
     """
 
     value: int
@@ -77,13 +77,13 @@ class TimingProfile:
     memory : dict of str to CostRow, optional
         What the memories add, for counting that looks at every access.
     shipped : bool
-        Whether a test holds the numbers of that name; otherwise the name gets the digest behind it, so that two
+        Whether a test checks the numbers under that name; otherwise the name gets the digest as an ending, so that two
         tables which call themselves alike are not compared: ``mine/1+0a1b2c3d``.
 
     Attributes
     ----------
     digest : str
-        A hash of the given name and of every value and band.
+        A hash of the given name and of every value and range.
     """
 
     def __init__(
@@ -175,6 +175,6 @@ class TimingProfile:
 
 
 def moved(profile: TimingProfile, values: Mapping[str, int]) -> TimingProfile:
-    """Return a profile with other values in some rows, within their bands or not."""
+    """Return a profile with other values in some rows, within their ranges or not."""
     rows = profile.rows | {name: replace(profile.rows[name], value=value) for name, value in values.items()}
     return TimingProfile(profile.name, rows, profile.memory, shipped=False)

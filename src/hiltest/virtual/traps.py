@@ -1,4 +1,4 @@
-"""Where the emulator stops because the core faults, calls its supervisor, or returns from an exception."""
+"""Stops of the emulator: the core faults, calls its supervisor, or returns from an exception."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _WFE = (b"\x20\xbf", b"\xaf\xf3\x02\x80")
 _DATA_ACCESS = {
     unicorn.UC_MEM_READ_UNMAPPED: "read of unmapped address",
     unicorn.UC_MEM_WRITE_UNMAPPED: "write to unmapped address",
-    # The page that called functions return to; the part has nothing there. Flash is told apart below.
+    # The page that called functions return to; the part has nothing there. Flash is handled below.
     unicorn.UC_MEM_WRITE_PROT: "write to unmapped address",
     unicorn.UC_MEM_READ_PROT: "read of unmapped address",
 }
@@ -44,7 +44,7 @@ def never_executed(address: int) -> bool:
 
 
 def _divisions(image: FirmwareImage) -> Iterator[tuple[int, bytes]]:
-    """Find what looks like SDIV or UDIV: where it may run, and its code, whose third byte ends in the divisor."""
+    """Find words that look like SDIV or UDIV: address and code, whose third byte ends in the divisor."""
     for segment in image.segments:
         halfwords = struct.unpack(f"<{len(segment.data) // 2}H", segment.data[: len(segment.data) & ~1])
         for index, (first, second) in enumerate(itertools.pairwise(halfwords)):
@@ -54,7 +54,7 @@ def _divisions(image: FirmwareImage) -> Iterator[tuple[int, bytes]]:
 
 
 class Traps:
-    """Finds out what stopped the emulator.
+    """Finds the reason why the emulator stopped.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ class Traps:
         self._found(FaultKind.DATA_BUS, f"{what} {reason}", self._registers.pc.get(), address)
 
     def _fetched(self, access: int, address: int, place: int) -> None:
-        """Nothing can be executed there; what is named is the jump."""
+        """Report an instruction fetch fault, at the jump that led there."""
         cause = f"{_FETCHES[access]} 0x{address:08x}"
         if not self._registers.xpsr.get() & _THUMB:
             self._found(FaultKind.INVALID_STATE, f"{cause}, without Thumb bit", place)
@@ -199,7 +199,7 @@ class Traps:
     # -- instructions that fault on what their registers hold ----------------------------------
 
     def unwatched(self, instructions: Iterable[Instruction]) -> list[Instruction]:
-        """Leave out what is looked at already."""
+        """Return the instructions that are not watched yet."""
         return [each for each in instructions if self._watched.get(each.address) != each.text]
 
     def watch(self, instructions: Iterable[Instruction], first: int, end: int) -> None:

@@ -1,4 +1,4 @@
-"""How a virtual board shows that it is one, wherever its serial line leads."""
+"""Unique id of virtual boards, by which they are recognised on any serial line."""
 
 from __future__ import annotations
 

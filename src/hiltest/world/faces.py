@@ -1,4 +1,4 @@
-"""How a board really lies on a face that is not quite true."""
+"""True pose of a board on a face that is askew."""
 
 from __future__ import annotations
 

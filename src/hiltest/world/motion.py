@@ -1,4 +1,4 @@
-"""How the body's attitude runs over time: holds, turns and a tumble.
+"""Motion of the body over time: holds, turns and a tumble.
 
 All angles are pieces of polynomials and of `sin_cos_deg`, so attitude and rate are
 the same to the last bit on every host.
@@ -103,7 +103,7 @@ class TumbleMotion:
     The body rolls about 1.5 times a second while its nose sweeps slowly over both
     poles: a spiral. Its numbers were found by search, so that any 100 consecutive points
     at 80 Hz which begin within its first 0.1 s are worth as much to an ellipsoid fit as 100
-    uniformly random ones (predicted heading error of the worst judged pose from noise in
+    uniformly random ones (predicted heading error of the worst known angle from noise in
     the fit: 0.36 to 0.39 deg, random points 0.31 in the median, 0.42 at worst; coverage
     figure, largest M_ii/d_i of the direct fit on a mid-range anchor, about 1.85). The rate stays
     below 600 deg/s; at 400 deg/s 1.25 s are too short for more than half a sphere (best

@@ -23,7 +23,7 @@ from hiltest.world.earth_field import Vector
 
 _LEVELS = 1 << 16
 _GRID = 1 << 20
-_BLOCK = 64  # samples made at once, in 20 us; at a judged pose few more are read
+_BLOCK = 64  # samples made at once, in 20 us; at a known angle few more are read
 _BLOCKS_KEPT = 2
 _WORDS_PER_BLOCK = _BLOCK * 3 // 4  # four 16-bit draws to a 64-bit word
 _WORD_MASK = (1 << 64) - 1

@@ -1,4 +1,4 @@
-"""A motion that turns and tilts at once, as something that is carried does."""
+"""A motion that turns and tilts at once, like that of a carried device."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hiltest.world.earth_field import Vector
 SWAY_S = 24.0
 # Once and a half round, at 42 deg/s at most: the angle that a gyroscope's scale is wrong by does not come back to zero.
 _HEADING_DEG = 540.0
-# As far as the tilts that headings are judged at, with 29 and 39 deg/s at most; all headings are seen with all tilts.
+# As far as the tilts of the known angles, with 29 and 39 deg/s at most; all headings are seen with all tilts.
 _TILT_DEG = 20.0
 _PITCH_WAVES, _ROLL_WAVES = 3, 4
 

@@ -8,18 +8,18 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Temperature:
-    """From one temperature at power-on to another: not at all, in a straight line, or as things warm up.
+    """Course of the temperature from power-on: constant, a straight line, or an exponential approach.
 
     Attributes
     ----------
     begin_degc : float
-        At power-on.
+        Temperature at power-on.
     end_degc : float or None
         Where it goes and stays; None is constant.
     ramp_s : float or None
         A straight line that takes this long.
     time_constant_s : float or None
-        Without a ramp: what is left to go shrinks by a factor e in this time.
+        Time constant of the approach, without a ramp.
     """
 
     begin_degc: float = 25.0

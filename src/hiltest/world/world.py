@@ -22,7 +22,7 @@ from hiltest.world.spiral import SPIRAL_S, Cap, Spiral
 from hiltest.world.steady_turn import steady_turn
 from hiltest.world.temperature import Temperature
 
-# Noise epochs: 0 is the time since power-on; tumbles and judged poses have their own, so that
+# Noise epochs: 0 is the time since power-on; tumbles and known angles have their own, so that
 # their noise does not depend on when firmware got there.
 _TUMBLE_EPOCH = 1 << 32
 _JUDGED_EPOCH = 2 << 32
@@ -100,7 +100,7 @@ class World:
         self._epoch_starts: list[float] = [0.0]
         self._tumbles = 0
 
-    def turn_to(self, pose: Pose, *, time_s: float, judged_pose: int | None = None) -> float:
+    def turn_to(self, pose: Pose, *, time_s: float, known_angle: int | None = None) -> float:
         """Turn the table to a pose and stay there.
 
         Parameters
@@ -109,8 +109,8 @@ class World:
             Pose of the table (mounting yaw not included).
         time_s : float
             Virtual time of the command [s].
-        judged_pose : int, optional
-            Number of the judged pose: from arrival on, noise is a function of it.
+        known_angle : int, optional
+            Index of the known angle: from arrival on, noise is a function of it.
 
         Returns
         -------
@@ -120,8 +120,8 @@ class World:
         turn = turn_between(self._table, pose, start_s=self._earliest(time_s))
         self._append(turn, pose)
         self._begin_epoch(0, turn.start_s, origin_s=0.0)
-        if judged_pose is not None:
-            self._begin_epoch(_JUDGED_EPOCH + judged_pose, turn.end_s)
+        if known_angle is not None:
+            self._begin_epoch(_JUDGED_EPOCH + known_angle, turn.end_s)
         return turn.end_s
 
     def tumble(self, *, time_s: float, duration_s: float) -> float:
@@ -150,7 +150,7 @@ class World:
         return turn.end_s
 
     def follow(self, segment: MotionSegment) -> None:
-        """Take a move as somebody else has planned it, instead of what the last one had still to do.
+        """Follow a planned move, in place of the rest of the last one.
 
         Parameters
         ----------
@@ -177,11 +177,11 @@ class World:
         """Return how long a tumble goes on of which `duration_s` is asked [s]: a spiral has its own pace."""
         return duration_s if self._covered is None else SPIRAL_S
 
-    def hold(self, *, time_s: float, judged_pose: int | None = None) -> float:
+    def hold(self, *, time_s: float, known_angle: int | None = None) -> float:
         """Stay as the table is; return the grid point at which everything before is over [s]."""
         start = self._earliest(time_s)
-        if judged_pose is not None:
-            self._begin_epoch(_JUDGED_EPOCH + judged_pose, start)
+        if known_angle is not None:
+            self._begin_epoch(_JUDGED_EPOCH + known_angle, start)
         return start
 
     @property
@@ -190,7 +190,7 @@ class World:
         return self._segments[-1].start_s
 
     def at(self, time_s: float) -> WorldState:
-        """Return the true state at a virtual time [s], also in the future of all commands."""
+        """Return the true state at a virtual time [s], also after the last command."""
         index = bisect_right(self._starts, time_s) - 1
         segment = self._segments[index]
         if time_s < segment.end_s:

@@ -21,7 +21,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from hiltest.measurement import Limit, judge
+from hiltest.measurement import Limit, check
 from hiltest.record.journal import Journal
 from hiltest.record.outcomes import TestOutcome
 from hiltest.record.recorder import Recorder, describe_host
@@ -42,7 +42,7 @@ def keep_record(folder: Path, value: float, witness: str = "", *, finish: bool =
     recorder.begin()
     for test in TESTS:
         note(folder, witness and "begun", test)
-        recorder.found([judge(f"{test}.value", value, unit="deg", limit=Limit(max=9.0), test=test)],
+        recorder.found([check(f"{test}.value", value, unit="deg", limit=Limit(max=9.0), test=test)],
                        [Table(f"{test}.rows", (Column("n"),), ((value,),))])
         recorder.finished(TestResult(test, TestOutcome.PASSED, 0.1, reason="ü"))
         note(folder, witness and "finished", test)

@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 
 from hiltest.calibration.allan import allan_curve
-from hiltest.logs import Cloud, Unit
+from hiltest.logs import Samples, Unit
 from hiltest.logs.allan_page import write_page
 from hiltest.logs.rate_log import RateLog, RateUnit
 from hiltest.logs.sample_fit import fit_on_host
 from hiltest.logs.sample_fit_page import fit_page
-from hiltest.measurement import EXACT, Better, Limit, Measurement, judge
-from hiltest.procedures.clouds import golden_cloud
+from hiltest.measurement import EXACT, Better, Limit, Measurement, check
+from hiltest.procedures.golden_points import golden_points
 from hiltest.record.comparison import Change, Comparison, Difference, Side
 from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import Column, Findings, Run, Table, TestResult
@@ -125,7 +125,7 @@ def cut_short(findings: Callable[..., Findings], good: list[Measurement]) -> Run
 def hostile(findings: Callable[..., Findings]) -> Run:
     """Names that would be markup, or would turn or hide what stands around them."""
     made = findings(
-        judge(f"heading.{HOSTILE}.max", 1.0, unit=HOSTILE, limit=Limit(max=2)), judge(HOSTILE, 1.0, unit="uT"),
+        check(f"heading.{HOSTILE}.max", 1.0, unit=HOSTILE, limit=Limit(max=2)), check(HOSTILE, 1.0, unit="uT"),
         tests=(TestResult(HOSTILE, TestOutcome.FAILED, 1, reason=HOSTILE, trace="javascript:alert(1)"),),
     )
     assert made.board is not None
@@ -139,7 +139,7 @@ def page_file(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     """Each page in turn, as the file that a user opens."""
     path = tmp_path / f"{request.param}.html"
     if request.param == "fit":
-        cloud = Cloud(Path("cloud.csv"), golden_cloud(300) / 10.0, Unit.UT, "option", ("x", "y", "z"), 0)
+        cloud = Samples(Path("cloud.csv"), golden_points(300) / 10.0, Unit.UT, "option", ("x", "y", "z"), 0)
         path.write_text(fit_page(fit_on_host(cloud), cloud.points), encoding="utf-8")
     elif request.param == "allan":
         rates = np.random.default_rng(1).normal(size=(2000, 3))
@@ -170,8 +170,8 @@ def finished(made: Findings) -> Run:
 
 def stream_measurements() -> list[Measurement]:
     cycles = {"cycles_mean": 246.03, "cycles_max": 255.0, "fit_cycles": 3503}
-    return [judge("heading.slow-stream.max", 2.42, unit="deg"), *(
-        judge(f"stream.slow-stream.{name}", value, unit="cycle", cycle_model="m") for name, value in cycles.items()
+    return [check("heading.slow-stream.max", 2.42, unit="deg"), *(
+        check(f"stream.slow-stream.{name}", value, unit="cycle", cycle_model="m") for name, value in cycles.items()
     )]
 
 
@@ -184,7 +184,7 @@ def imu_measurements() -> list[Measurement]:
         "gyroscope.uncorrected_error": (2.1, "dps", None), "heading.uncalibrated.max": (11.5, "deg", None),
         "tumble.coverage": (85.9, "%", None),
     }
-    return [judge(name, value, unit=unit, limit=limit) for name, (value, unit, limit) in limited.items()]
+    return [check(name, value, unit=unit, limit=limit) for name, (value, unit, limit) in limited.items()]
 
 
 def poses_with_tilt(made: Findings) -> Table:

@@ -19,7 +19,7 @@ _KEYS = ("firmware", "rig", "seed")
 class Serial(VirtualPort):
     """The port behind ``hil://?rig=R&seed=N&firmware=ELF``; every part may be left out.
 
-    The board is powered on when the port is opened. Its clock moves while somebody reads.
+    The board is powered on when the port is opened. Its clock moves while the host reads.
     """
 
     def open(self) -> None:

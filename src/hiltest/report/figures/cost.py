@@ -1,4 +1,4 @@
-"""What accuracy costs: worst heading over cycles, cycles over points, and error against the cycle budget."""
+"""Figures of accuracy and cost: worst heading over cycles, cycles over points, and error against the cycle budget."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def _sizes_figure(run: Run, table: Table) -> Figure | None:
 
 
 def _law(run: Run, name: str) -> str:
-    """Return the straight line through the cycles of a calibrator, and what it buys: cycles alone say nothing."""
+    """Return the straight line through the cycles of a calibrator, with its accuracy: cycles alone say nothing."""
     per_point, fixed, sweeps, sweep = (
         _value(run, f"cycles.{name}.{what}") for what in ("per_point", "fixed", "sweeps", "per_iteration")
     )
@@ -157,7 +157,7 @@ class _Curve:
     cycles: float = 0.0
 
     def in_words(self, name: str) -> str:
-        """Return where it ends, or what was spent on no calibration."""
+        """Return the end of the curve in words, or the cycles that gave no calibration."""
         if not self.points:
             return f"{name} has no calibration after {readable(self.cycles)} cycles"
         thousands, error = self.points[-1]

@@ -53,7 +53,7 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class RowFigure:
-    """Rows under each other; a screen reader says the title and every row."""
+    """Rows under each other; a screen reader reads the title and every row."""
 
     title: str
     rows: Sequence[Row]
@@ -61,7 +61,7 @@ class RowFigure:
 
     @property
     def sheet(self) -> Sheet:
-        """Its names and numbers."""
+        """Names and numbers of the rows."""
         return Sheet(self.title, ("name", "value"), [(row.name, row.number) for row in self.rows])
 
     def svg(self) -> Markup:

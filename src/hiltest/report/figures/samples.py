@@ -116,7 +116,7 @@ def largest_cap_map(corrected: Array, *, width: float, height: float) -> Figure:
     ----------
     corrected : ndarray, shape (n, 3)
     width, height : float
-        Of the drawing.
+        Size of the drawing.
     """
     lengths = np.linalg.norm(corrected, axis=1)
     directions = corrected[lengths > 0.0] / lengths[lengths > 0.0, None]

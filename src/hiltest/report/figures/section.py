@@ -28,7 +28,7 @@ class Drawing(Protocol):
 
     @property
     def key(self) -> Sequence[KeyEntry]:
-        """What its lines and marks stand for."""
+        """Key of its lines and marks."""
 
     @property
     def sheet(self) -> Sheet | None:
@@ -45,7 +45,7 @@ class FigureGroup:
     Attributes
     ----------
     anchor : str
-        Of its heading.
+        Anchor of its heading.
     heading, legend : str
     panels : sequence of Drawing
     most : int
@@ -69,19 +69,19 @@ class FigureGroup:
 
     @property
     def columns(self) -> int:
-        """How many panels stand in a row."""
+        """Number of panels in a row."""
         return columns(len(self.panels), self.most)
 
     @property
     def key(self) -> Sequence[KeyEntry]:
-        """One for all panels; empty where the same mark stands for two things, and each panel has its own."""
+        """Key for all panels; empty where each panel has its own, because one mark stands for two things."""
         entries = tuple(dict.fromkeys(entry for panel in self.panels for entry in panel.key))
         swatches = {(entry.line, entry.mark, entry.mark_style) for entry in entries}
         return entries if len(swatches) == len(entries) else ()
 
     @property
     def sheets(self) -> Sequence[Sheet]:
-        """The numbers behind the panels, for who cannot see them or wants them exactly."""
+        """The numbers behind the panels, for readers who cannot see them or want them exactly."""
         return self.numbers or [panel.sheet for panel in self.panels if panel.sheet]
 
 
@@ -109,7 +109,7 @@ def upper_limit(measurement: Measurement | None) -> float | None:
 
 
 def written(cells: Iterable[Cell], digits: int = 4) -> list[str]:
-    """Return cells as people read them; a hole is empty."""
+    """Return cells as people read them; a missing number is empty."""
     return [_written(cell, digits) for cell in cells]
 
 

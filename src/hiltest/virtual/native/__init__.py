@@ -44,7 +44,7 @@ def counts_natively() -> bool:
 def by_block(
     profile: TimingProfile, read_code: ReadCode, attend: Callable[[CodeBlock], bool], stop: Callable[[], None]
 ) -> Accounting:
-    """Make what counts by block: in C where that is there, in Python otherwise."""
+    """Return the accounting by block: in C where that is built, in Python otherwise."""
     kind = NativeBlockAccounting if counts_natively() else BlockAccounting
     return kind(profile, read_code, attend, stop)
 

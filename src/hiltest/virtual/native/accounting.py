@@ -12,7 +12,7 @@ from unicorn.unicorn_py3.unicorn import uclib
 
 from hiltest.virtual.accounting import CodeHook
 from hiltest.virtual.blocks import BLOCKS_KEPT, CodeBlock, ReadCode, conditions_at, priced_block
-from hiltest.virtual.executions import NOBODY, Entered, Snapshot
+from hiltest.virtual.executions import NO_BLOCK, Entered, Snapshot
 from hiltest.virtual.instructions import Instruction
 from hiltest.virtual.native import library as native
 from hiltest.virtual.registers import register_number
@@ -36,7 +36,7 @@ def _kept(instructions: Sequence[Instruction]) -> int:
 def _reasons_and_registers(
     profile: TimingProfile, address: int, code: bytes, entry: PipelineState, conditions: int = 0
 ) -> tuple[CodeBlock, int, int, int]:
-    """Price a block, and say what of it the hook must know beside the numbers: reasons, aligned, kept."""
+    """Price a block, and return what the hook needs besides the numbers: reasons, aligned, kept."""
     block = priced_block(profile, address, code, entry, conditions)
     reasons = (
         (native.USES_FPU if block.uses_fpu else 0)
@@ -103,7 +103,7 @@ class NativeBlockAccounting:
 
     @property
     def deadline(self) -> float:
-        """When to stop [cycles]."""
+        """Time to stop [cycles]."""
         return self._words[_DEADLINE]
 
     @deadline.setter
@@ -120,7 +120,7 @@ class NativeBlockAccounting:
         return CodeHook(self._library.hiltest_block_begins, ctypes.c_void_p(self._address))
 
     def data_hook(self, _forget_condition: Callable[[], None], _abort: Callable[[BaseException], None]) -> None:
-        """Accesses to data cost nothing by themselves."""
+        """Return None: accesses to data cost nothing by themselves."""
 
     def _on_price(self, address: int, size: int, entry: int) -> int:
         try:
@@ -149,7 +149,7 @@ class NativeBlockAccounting:
         block, reasons, aligned, kept = priced_alike
         number = len(self._entered)
         leaves = native.NEUTRAL_ENTRY if block.instructions[-1].transfer else number + 1
-        self._entered.append(Entered(block, NOBODY if entry == native.NEUTRAL_ENTRY else entry - 1))
+        self._entered.append(Entered(block, NO_BLOCK if entry == native.NEUTRAL_ENTRY else entry - 1))
         priced = native.PricedBlock(
             address, len(code), entry, leaves, block.count, block.through, block.taken, reasons, aligned, kept, number
         )
@@ -192,7 +192,7 @@ class NativeBlockAccounting:
         elif fallen_out_of is not None:
             counter.state = 1
         if kept := running or fallen_out_of:
-            self._entered.append(Entered(kept, NOBODY))
+            self._entered.append(Entered(kept, NO_BLOCK))
         self._spread(_PLACES)
 
     # -- where execution is -------------------------------------------------------------------
@@ -233,5 +233,5 @@ class NativeBlockAccounting:
         self._library.hiltest_block_begins(None, address, size, self._address)
 
     def flush_pipeline(self) -> None:
-        """An exception was entered or left: nothing overlaps across it."""
+        """Empty the pipeline: an exception was entered or left."""
         self._counter.state = native.NEUTRAL_ENTRY

@@ -21,7 +21,7 @@ _TIMEOUT_S = 120.0
 
 
 def source_sha256() -> str:
-    """Return the hash of the C source: the library is told, and answers it."""
+    """Return the hash of the C source, which is compiled into the library."""
     return hashlib.sha256(SOURCE.read_bytes()).hexdigest()
 
 

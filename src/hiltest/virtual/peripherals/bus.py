@@ -1,4 +1,4 @@
-"""The peripheral bus: which block answers at which address, and what happens when none does."""
+"""The peripheral bus: the block at each address, and the bus error where there is none."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ class PeripheralBus:
     Parameters
     ----------
     processor : Processor
-        Whose accesses to serve.
+        Processor that makes the accesses.
     peripherals : iterable of Peripheral
         The blocks.
     register_name : callable
@@ -187,11 +187,11 @@ class PeripheralBus:
     def _map(
         self, region: tuple[int, int], read: Any, write: Any, reason_against: Callable[[int, int], str | None]
     ) -> None:
-        """Have accesses to a window served here.
+        """Map a window of addresses to this bus.
 
-        The emulator tells a mapped device only where the block began. It looks up the exact
+        The emulator gives a mapped device only the start of the block. It looks up the exact
         instruction when an access is not permitted; so none is, and each is let pass here, or is a fault.
-        A hook on all loads and stores would tell it too, and cost each load of RAM its fast path.
+        A hook on all loads and stores would give it too, and cost each load of RAM its fast path.
         """
         processor, (base, size) = self._processor, region
         opened = self._open[base] = (ctypes.c_uint8 * (size // _PAGE))()
@@ -250,6 +250,6 @@ class PeripheralBus:
         return None
 
     def look_again(self) -> None:
-        """Clock gates have changed: look at the next access to each page."""
+        """Check the next access to each page: clock gates have changed."""
         for opened in self._open.values():
             ctypes.memset(opened, 0, len(opened))

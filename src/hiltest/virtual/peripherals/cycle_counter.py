@@ -1,4 +1,4 @@
-"""DWT: the cycle counter that firmware times itself by, and what ran between its readings."""
+"""DWT: the cycle counter, and the executions between its readings."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hiltest.virtual.cpu import Processor
 from hiltest.virtual.executions import Executions, Snapshot, between, in_all
 
 _READINGS = 400
-"""How many are kept: four for each of the steps that one command times, 80 at most, and some."""
+"""Number of readings kept: four for each of the steps that one command times, 80 at most, and some."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ class CycleCounter:
         self.reset()
 
     def reset(self) -> None:
-        """Stopped at zero."""
+        """Return to the state after reset: stopped at zero."""
         self._control = 0
         self._trace = False
         self._count = 0
@@ -65,7 +65,7 @@ class CycleCounter:
             self._counted_from = now
 
     def enable_trace(self, enabled: bool) -> None:
-        """DEMCR.TRCENA."""
+        """Set DEMCR.TRCENA."""
         self._hold()
         self._trace = enabled
         self._counted_from = self._processor.now()

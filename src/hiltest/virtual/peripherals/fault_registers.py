@@ -1,4 +1,4 @@
-"""The part of the SCB that fault handlers are enabled with and read: SHCSR, CFSR, HFSR, MMFAR, BFAR."""
+"""Registers of the SCB about faults: SHCSR, CFSR, HFSR, MMFAR, BFAR."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class FaultRegisters:
     Parameters
     ----------
     exceptions : ExceptionUnit
-        Whose status they show.
+        Unit that the registers show.
     nvic : Nvic
         What is pending and active.
     """
@@ -29,7 +29,7 @@ class FaultRegisters:
         self._nvic = nvic
 
     def read(self, offset: int) -> int:
-        """Answer a word; without an MPU that forbids anything, MMFAR has nothing to say."""
+        """Answer a word; MMFAR reads as zero, for no MPU forbids an access."""
         if offset == SHCSR:
             sets = ((_ENABLES, self._status.enabled), (_ACTIVES, self._nvic.active), (_PENDINGS, self._nvic.pending))
             return sum(1 << bit for bits, members in sets for bit, exception in bits.items() if exception in members)

@@ -29,7 +29,7 @@ class FlashControl(StoredRegisters):
         super().__init__("FMC", base, mk64f12().reset_bytes(base))
 
     def reset(self) -> None:
-        """Everything is on."""
+        """Return to the state after reset: everything is on."""
         super().reset()
         self._switch()
 
@@ -47,7 +47,7 @@ class FlashControl(StoredRegisters):
             self._forget(written)
 
     def _forget(self, written: int) -> None:
-        """S_B_INV and CINV_WAY are of both banks, and read as zero."""
+        """Carry out S_B_INV and CINV_WAY, which are for both banks and read as zero."""
         if self._controller is None:
             return
         if written & _S_B_INV:

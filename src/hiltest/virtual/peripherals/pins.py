@@ -1,4 +1,4 @@
-"""PORT and GPIO: what pins are, what they drive, what level they have, and the interrupts of their edges."""
+"""PORT and GPIO: configuration, output and level of pins, and interrupts of their edges."""
 
 from __future__ import annotations
 

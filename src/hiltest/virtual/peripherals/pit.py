@@ -18,7 +18,7 @@ class _Channel:
     def __init__(self) -> None:
         self.load = 0
         self.control = 0
-        self.flag = False  # latched: what `_flag` adds are expiries that nobody was told of
+        self.flag = False  # latched: what `_flag` adds are expiries that no interrupt has shown
         self.started_at = 0  # in ticks of what it counts
         self.cleared_at = 0  # in expiries since then
         self.event: Event | None = None
@@ -46,7 +46,7 @@ class PeriodicTimers:
         self.reset()
 
     def reset(self) -> None:
-        """All timers disabled."""
+        """Return to the state after reset: all timers disabled."""
         for channel in self._channels:
             if channel.event is not None:
                 channel.event.cancel()
@@ -138,7 +138,7 @@ class PeriodicTimers:
         self._drive(index)
 
     def _plan(self, index: int) -> None:
-        """Schedule the next expiry of a channel that interrupts; nobody sees the others'."""
+        """Schedule the next expiry of a channel that interrupts; those of others are not seen."""
         channel = self._channels[index]
         if channel.event is not None:
             channel.event.cancel()

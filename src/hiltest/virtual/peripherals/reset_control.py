@@ -1,4 +1,4 @@
-"""RCM: tells firmware why it starts."""
+"""RCM: the cause of the latest reset."""
 
 from __future__ import annotations
 

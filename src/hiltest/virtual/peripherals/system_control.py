@@ -29,7 +29,7 @@ class SysTick:
         self.reset()
 
     def reset(self) -> None:
-        """Disabled."""
+        """Return to the state after reset: disabled."""
         if self._event is not None:
             self._event.cancel()
         self._event = None
@@ -95,7 +95,7 @@ class SystemControlSpace:
     Parameters
     ----------
     processor : Processor
-        Whose registers these are.
+        Processor that the registers belong to.
     counter : CycleCounter
         Is enabled by DEMCR.
     request_reset : callable

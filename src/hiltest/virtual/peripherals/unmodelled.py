@@ -1,4 +1,4 @@
-"""Peripherals that the chip has and the virtual board does not model: they keep what is written, and tell once."""
+"""Peripherals that the chip has and the virtual board does not model: they store writes, and are reported once."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class UnmodelledAccess:
     Attributes
     ----------
     register : str
-        By its name, ``FTM0_SC``.
+        Name of the register, ``FTM0_SC``.
     address : int
     written : int or None
         The value, for a write.

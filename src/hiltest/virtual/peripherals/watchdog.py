@@ -75,7 +75,7 @@ class Watchdog(StoredRegisters):
             self._plan()
 
     def _plan(self) -> None:
-        # Nobody waits for a watchdog: what sleeps for ever or loops to itself is a hang, told at once.
+        # Nothing waits for a watchdog: what sleeps for ever or loops to itself is a hang, reported at once.
         self._event = self._processor.schedule.at(self._due, self._look, wakes=False)
 
     def write(self, offset: int, size: int, value: int) -> None:
@@ -95,7 +95,7 @@ class Watchdog(StoredRegisters):
 
     @property
     def _due(self) -> float:
-        """When its time is over, by the clocks as they are now [cycles]."""
+        """End of its time-out, by the clocks as they are now [cycles]."""
         ticks = (self._half(_TOVALH) << 16 | self._half(_TOVALL)) * ((self._half(_PRESC) >> 8 & 7) + 1)
         by_bus_clock = self._bytes[_STCTRLH] & _CLKSRC
         cycles_a_tick = self._cycles_a_bus_clock if by_bus_clock else self._core_hz / _LOW_POWER_OSCILLATOR_HZ

@@ -1,4 +1,4 @@
-"""Golden magnetometer clouds: the same counts on every host and every board."""
+"""Golden points: the same magnetometer counts on every host and every board."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _DIP_DEG = 62.0
 _TURN_DEG = 360.0 * (math.sqrt(2.0) - 1.0)
 
 
-def golden_cloud(n: int, *, index: int = 0) -> NDArray[np.int16]:
+def golden_points(n: int, *, index: int = 0) -> NDArray[np.int16]:
     """Return n points on a distorted, noisy sphere.
 
     Parameters
@@ -29,7 +29,7 @@ def golden_cloud(n: int, *, index: int = 0) -> NDArray[np.int16]:
     n : int
         Number of points; the n directions cover the whole sphere evenly.
     index : int
-        Which cloud: each has its own soft iron, hard iron and noise.
+        Number of the point set: each has its own soft iron, hard iron and noise.
 
     Returns
     -------
@@ -59,12 +59,12 @@ def golden_cloud(n: int, *, index: int = 0) -> NDArray[np.int16]:
 
 
 def golden_pairs(n: int, *, index: int = 0) -> tuple[NDArray[np.int16], NDArray[np.int16]]:
-    """Return a golden cloud, and gravity as an accelerometer has it beside each point.
+    """Return golden points, and the accelerometer counts of gravity beside each.
 
     Parameters
     ----------
     n, index : int
-        As for `golden_cloud`.
+        As for `golden_points`.
 
     Returns
     -------
@@ -82,7 +82,7 @@ def golden_pairs(n: int, *, index: int = 0) -> tuple[NDArray[np.int16], NDArray[
         turn_sine, turn_cosine = sin_cos_deg(math.fmod(k * _TURN_DEG, 360.0))
         gravity = sine * field + cosine * (turn_cosine * across + turn_sine * _cross(field, across))
         gravities[k] = np.rint(8192.0 * gravity)
-    return golden_cloud(n, index=index), gravities
+    return golden_points(n, index=index), gravities
 
 
 def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:

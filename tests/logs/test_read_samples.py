@@ -11,15 +11,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hiltest.errors import ConfigError
-from hiltest.logs import Cloud, Unit, read_cloud, samples
+from hiltest.logs import Samples, Unit, read_samples, samples
 
 _NUMBERS = [[1.5, -2.0, 3.0], [4.0, 5.0, -6.25]]
 
 
-def _read(folder: Path, content: str | bytes, **how: object) -> Cloud:
+def _read(folder: Path, content: str | bytes, **how: object) -> Samples:
     path = folder / "cloud.csv"
     path.write_bytes(content.encode() if isinstance(content, str) else content)
-    return read_cloud(path, **how)  # type: ignore[arg-type]
+    return read_samples(path, **how)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -140,12 +140,12 @@ def test_a_unit_that_is_not_supported_can_be_read_as_counts(tmp_path: Path) -> N
 @pytest.mark.parametrize(("path", "complaint"), [("gone.csv", "No such file"), (".", "Is a directory")])
 def test_a_file_that_cannot_be_read_is_named(tmp_path: Path, path: str, complaint: str) -> None:
     with pytest.raises(ConfigError, match=f"{path}: {complaint}"):
-        read_cloud(tmp_path / path)
+        read_samples(tmp_path / path)
 
 
 def test_a_device_without_end_is_refused_at_once() -> None:
     with pytest.raises(ConfigError, match="/dev/zero:1: a zero byte"):
-        read_cloud(Path("/dev/zero"))
+        read_samples(Path("/dev/zero"))
 
 
 def test_too_many_readings_are_refused_before_they_fill_the_memory(
@@ -162,7 +162,7 @@ def test_no_bytes_do_more_than_be_refused(tmp_path_factory: pytest.TempPathFacto
     path = tmp_path_factory.getbasetemp() / "any.csv"
     path.write_bytes(content)
     with suppress(ConfigError):
-        assert np.isfinite(read_cloud(path).points).all()
+        assert np.isfinite(read_samples(path).points).all()
 
 
 @given(
@@ -176,4 +176,4 @@ def test_no_text_of_numbers_and_separators_does_either(
     path = tmp_path_factory.getbasetemp() / "text.csv"
     path.write_text("\n".join(lines), encoding="utf-8")
     with suppress(ConfigError):
-        assert np.isfinite(read_cloud(path, columns="1,2,3").points).all()
+        assert np.isfinite(read_samples(path, columns="1,2,3").points).all()

@@ -11,7 +11,7 @@ CLOUDS = Path(__file__).parents[2] / "fixtures" / "clouds"
 
 
 def test_the_generator_writes_the_same_clouds_again(tmp_path: Path) -> None:
-    # None in place of a module makes its import an error: the generator uses none of the fits that it is to judge.
+    # None in place of a module makes its import an error: the generator uses none of the fits that it is to check.
     without_fits = (
         "import runpy, sys; sys.modules['hiltest.calibration'] = None; runpy.run_path(sys.argv[2], None, '__main__')"
     )

@@ -13,7 +13,7 @@ from pathlib import Path
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hiltest.measurement import CycleBand, Limit, Measurement, Outcome, RowEffect, judge, ratio_band
+from hiltest.measurement import CycleRange, Limit, Measurement, Outcome, RowEffect, check, ratio_range
 from hiltest.record.reader import read_record
 from hiltest.record.run import Findings, Run
 from hiltest.record.run_json import part_from, write_run
@@ -28,7 +28,7 @@ from ..written_run import MODEL
 
 Make = Callable[..., Findings]
 
-BAND = CycleBand(11_900, 13_050, (RowEffect("fp_accumulate", 11_950, 12_400), RowEffect("it", 12_390, 12_400)))
+BAND = CycleRange(11_900, 13_050, (RowEffect("fp_accumulate", 11_950, 12_400), RowEffect("it", 12_390, 12_400)))
 MOST = "most by fp_accumulate: 11 950 to 12 400"
 IN_WORDS = f"11 900 to 13 050 by uncertain rows of the cycle model, {MOST}"
 
@@ -65,9 +65,9 @@ def test_a_record_from_before_there_were_bands_is_read(
 
 
 def test_a_measurement_comes_back_from_another_process_with_it() -> None:
-    measurement = judge("cycles.x.total", 12_400, unit="cycle", cycle_model="m", limit=Limit(max=13_000), band=BAND)
+    measurement = check("cycles.x.total", 12_400, unit="cycle", cycle_model="m", limit=Limit(max=13_000), band=BAND)
     assert part_from(Measurement, json.loads(json.dumps(asdict(measurement)))) == measurement
-    without = judge("cycles.x.total", 12_400, unit="cycle", cycle_model="m")
+    without = check("cycles.x.total", 12_400, unit="cycle", cycle_model="m")
     assert part_from(Measurement, json.loads(json.dumps(asdict(without)))) == without
 
 
@@ -92,7 +92,7 @@ def test_a_count_that_keeps_its_limit_only_as_it_was_counted_says_so_and_passes(
 ) -> None:
     def judged(most: float) -> Run:
         """Judge the count against a limit."""
-        total = judge("cycles.direct.total", 12_400, unit="cycle", cycle_model=MODEL, limit=Limit(max=most), band=BAND)
+        total = check("cycles.direct.total", 12_400, unit="cycle", cycle_model=MODEL, limit=Limit(max=most), band=BAND)
         made = findings(*(total if each.name == total.name else each for each in good))
         return made.finish(decide(made, pytest_exit=0), "2026-01-02T03:04:06Z")
 
@@ -107,38 +107,39 @@ def test_a_count_that_keeps_its_limit_only_as_it_was_counted_says_so_and_passes(
 
 
 def test_a_count_that_nothing_uncertain_enters_says_so() -> None:
-    assert CycleBand(5, 5).explained() == "no uncertain row of the cycle model enters"
+    assert CycleRange(5, 5).explained() == "no uncertain row of the cycle model enters"
 
 
 def test_a_row_that_makes_it_cheaper_at_its_upper_end_is_shown_in_order() -> None:
-    assert CycleBand(90, 100, (RowEffect("fp_accumulate_hidden", 100, 90),)).explained().endswith("hidden: 90 to 100")
+    assert CycleRange(90, 100, (RowEffect("fp_accumulate_hidden", 100, 90),)).explained().endswith("hidden: 90 to 100")
 
 
-def counted(value: int, band: CycleBand | None, model: str = "m") -> Measurement:
+def counted(value: int, band: CycleRange | None, model: str = "m") -> Measurement:
     """Return a cycle count."""
-    return judge("cycles.x.total", value, unit="cycle", cycle_model=model, band=band)
+    return check("cycles.x.total", value, unit="cycle", cycle_model=model, band=band)
 
 
 def test_the_ratio_of_two_counts_moves_less_than_either_because_both_move_with_the_same_row() -> None:
-    one = counted(1000, CycleBand(800, 1000, (RowEffect("fp_store", 800, 1000),)))
-    other = counted(100, CycleBand(85, 100, (RowEffect("fp_store", 90, 100), RowEffect("it", 95, 100))))
+    one = counted(1000, CycleRange(800, 1000, (RowEffect("fp_store", 800, 1000),)))
+    other = counted(100, CycleRange(85, 100, (RowEffect("fp_store", 90, 100), RowEffect("it", 95, 100))))
     # With fp_store cheap 800 / 90, with it cheap 1000 / 95, with both 800 / 85.
-    assert ratio_band(one, other) == (800 / 90, 1000 / 95)
-    assert ratio_band(one, counted(100, None)) is None
-    assert ratio_band(one, counted(100, CycleBand(90, 100), "silicon-dwt")) is None
-    assert ratio_band(one, counted(100, CycleBand(0, 100))) is None
+    assert ratio_range(one, other) == (800 / 90, 1000 / 95)
+    assert ratio_range(one, counted(100, None)) is None
+    assert ratio_range(one, counted(100, CycleRange(90, 100), "silicon-dwt")) is None
+    assert ratio_range(one, counted(100, CycleRange(0, 100))) is None
 
 
 def test_the_ratio_is_at_its_least_and_greatest_with_some_rows_low_and_others_high() -> None:
-    one = counted(1000, CycleBand(900, 1050, (RowEffect("fp_store", 900, 1000), RowEffect("store", 1000, 1050))))
-    other = counted(100, CycleBand(99, 130, (RowEffect("fp_store", 99, 100), RowEffect("store", 100, 130))))
-    assert ratio_band(one, other) == ((1000 - 100 + 50) / (100 - 1 + 30), 1000 / 100)
+    one = counted(1000, CycleRange(900, 1050, (RowEffect("fp_store", 900, 1000), RowEffect("store", 1000, 1050))))
+    other = counted(100, CycleRange(99, 130, (RowEffect("fp_store", 99, 100), RowEffect("store", 100, 130))))
+    assert ratio_range(one, other) == ((1000 - 100 + 50) / (100 - 1 + 30), 1000 / 100)
 
 
 def test_what_rows_change_only_together_widens_the_ratio() -> None:
-    assert ratio_band(counted(1000, CycleBand(900, 1200)), counted(100, CycleBand(90, 110))) == (900 / 110, 1200 / 90)
+    one, other = counted(1000, CycleRange(900, 1200)), counted(100, CycleRange(90, 110))
+    assert ratio_range(one, other) == (900 / 110, 1200 / 90)
     row = RowEffect("it", 990, 1000)
-    assert ratio_band(counted(1000, CycleBand(980, 1000, (row,))), counted(100, CycleBand(100, 100))) == (9.8, 10.0)
+    assert ratio_range(counted(1000, CycleRange(980, 1000, (row,))), counted(100, CycleRange(100, 100))) == (9.8, 10.0)
 
 
 EFFECT = st.tuples(st.integers(-40, 40), st.integers(-40, 40))
@@ -148,8 +149,8 @@ EFFECT = st.tuples(st.integers(-40, 40), st.integers(-40, 40))
 def test_no_choice_of_ends_of_the_rows_makes_a_ratio_outside_and_two_make_its_ends(
     value: int, other: int, effects: list[tuple[tuple[int, int], tuple[int, int]]]
 ) -> None:
-    found = ratio_band(*(
-        counted(count, CycleBand(
+    found = ratio_range(*(
+        counted(count, CycleRange(
             count + sum(min(0, *each[side]) for each in effects), count + sum(max(0, *each[side]) for each in effects),
             tuple(RowEffect(f"row{index}", *(count + by for by in each[side])) for index, each in enumerate(effects)),
         ))
@@ -167,7 +168,7 @@ def test_the_cost_line_has_budget_counts_what_they_reach_and_the_ratio(
 ) -> None:
     shown = {"cycles.direct.per_point": (98.0, 168), "cycles.direct.fixed": (2_600.0, 2_600)}
     lines = [
-        judge(name, value, unit="cycle", cycle_model="m", information=Limit(max=most))
+        check(name, value, unit="cycle", cycle_model="m", information=Limit(max=most))
         for name, (value, most) in shown.items()
     ]
     measured = [replace(each, band=BAND) if each.name == "cycles.direct.total" else each for each in good]
@@ -186,7 +187,7 @@ def test_the_cost_line_has_budget_counts_what_they_reach_and_the_ratio(
 
 def test_a_budget_of_ones_own_is_not_called_the_thesis(findings: Make, good: list[Measurement]) -> None:
     lines = [
-        judge(f"cycles.direct.{what}", value, unit="cycle", cycle_model="m", information=Limit(max=most))
+        check(f"cycles.direct.{what}", value, unit="cycle", cycle_model="m", information=Limit(max=most))
         for what, value, most in (("per_point", 98.0, 150), ("fixed", 2_600.0, 2_600))
     ]
     made = findings(*good, *lines)

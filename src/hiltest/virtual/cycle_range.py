@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
-from hiltest.measurement import CycleBand, RowEffect, in_flash
+from hiltest.measurement import CycleRange, RowEffect, in_flash
 from hiltest.virtual.executions import Executions, Pricing, together
 from hiltest.virtual.peripherals.cycle_counter import CycleCounter
 from hiltest.virtual.timing import TimingProfile, moved
@@ -20,7 +20,7 @@ _TOGETHER = {"fp_divide": "fp_divide_use"}
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """One thing that is not known: the values of its rows at either end."""
+    """One uncertainty of a profile: the values of its rows at either end."""
 
     row: str
     low: dict[str, int]
@@ -43,15 +43,15 @@ def moves(profile: TimingProfile) -> Iterator[Move]:
             yield Move(name, low, high)
 
 
-def cycle_band(
+def cycle_range(
     profile: TimingProfile, cycles: int, whole: Executions, empty: Executions | None = None
-) -> CycleBand | None:
-    """Return within what a count lies when every uncertain row moves within its band.
+) -> CycleRange | None:
+    """Return the uncertainty range of a count: every uncertain row takes any value of its own range.
 
     Parameters
     ----------
     profile : TimingProfile
-        That it was counted by.
+        Profile that it was counted by.
     cycles : int
         The count.
     whole : Executions
@@ -61,7 +61,7 @@ def cycle_band(
 
     Returns
     -------
-    CycleBand or None
+    CycleRange or None
         None when these executions do not make up the count: an exception came between, or the processor slept.
     """
     if empty is not None and empty.entered is not whole.entered:
@@ -87,44 +87,44 @@ def cycle_band(
             effects.append(RowEffect(move.row, low, high))
     effects.sort(key=lambda each: -max(abs(each.low - cycles), abs(each.high - cycles)))
     low, high = (_count_moved(count, nominal, profile, values) for values in (least, most))
-    return CycleBand(low, high, tuple(effects))
+    return CycleRange(low, high, tuple(effects))
 
 
-def flash_band(profile: TimingProfile, cycles: int) -> CycleBand | None:
-    """Return within what a count of code in flash lies, by what the profile says of its own memory rows.
+def flash_range(profile: TimingProfile, cycles: int) -> CycleRange | None:
+    """Return the uncertainty range of a count of code in flash, from the memory rows of the profile.
 
     Returns
     -------
-    CycleBand or None
+    CycleRange or None
         None for a profile without such rows: zero wait states were assumed, and the truth is no such band above that.
     """
     if not profile.memory:
         return None
     percent = profile.memory["flash_uncertainty"].value
-    return CycleBand(round(cycles * (100 - percent) / 100), round(cycles * (100 + percent) / 100))
+    return CycleRange(round(cycles * (100 - percent) / 100), round(cycles * (100 + percent) / 100))
 
 
-def band_where_it_ran(
+def range_where_it_ran(
     profile: TimingProfile, cycle_model: str, cycles: int, executed: tuple[Executions, Executions] | None
-) -> CycleBand | None:
-    """Return within what a timed count lies, by what is known of code that runs where it ran.
+) -> CycleRange | None:
+    """Return the uncertainty range of a timed count, for the memory that the code ran from.
 
     What code in flash waits for is of no row: its count carries the uncertainty that the profile states, whatever ran.
 
     Parameters
     ----------
     profile : TimingProfile
-        That it was counted by.
+        Profile that it was counted by.
     cycle_model : str
-        Whose placement says where it ran.
+        Its placement says where it ran.
     cycles : int
         The count.
     executed : tuple of Executions, or None
         What was counted, and what was subtracted; None where that is unknown.
     """
     if in_flash(cycle_model):
-        return flash_band(profile, cycles)
-    return cycle_band(profile, cycles, *executed) if executed else None
+        return flash_range(profile, cycles)
+    return cycle_range(profile, cycles, *executed) if executed else None
 
 
 def _count_moved(
@@ -141,11 +141,11 @@ class TimedSteps:
     Parameters
     ----------
     counter : CycleCounter
-        That it read before and behind each, and before and behind the empty call in front of each.
+        Counter that firmware reads around each step, and around the empty call in front of each.
     profile : TimingProfile
-        That it was counted by.
+        Profile that it was counted by.
     cycle_model : str
-        Whose placement says where they ran.
+        Its placement says where they ran.
     """
 
     def __init__(self, counter: CycleCounter, profile: TimingProfile, cycle_model: str) -> None:
@@ -164,10 +164,10 @@ class TimedSteps:
             self._whole.append(executed[0])
             self._empty.append(executed[1])
 
-    def band(self) -> CycleBand | None:
-        """Return within what all steps together lie; None where that is unknown."""
+    def band(self) -> CycleRange | None:
+        """Return the uncertainty range of all steps together; None where it is unknown."""
         if not self._cycles:
             return None
         whole, empty = together(self._whole), together(self._empty)
         executed = (whole, empty) if self._known and whole and empty else None
-        return band_where_it_ran(self._profile, self._cycle_model, self._cycles, executed)
+        return range_where_it_ran(self._profile, self._cycle_model, self._cycles, executed)

@@ -12,12 +12,12 @@ import pytest
 from hiltest.boards import open_board
 from hiltest.link.messages import Calibrate
 from hiltest.link.replies import RunCost
-from hiltest.measurement import CycleBand, Measurement, judge, ratio_band
-from hiltest.procedures.clouds import golden_cloud
-from hiltest.procedures.cycles import upload_cloud
+from hiltest.measurement import CycleRange, Measurement, check, ratio_range
+from hiltest.procedures.cycles import upload_points
+from hiltest.procedures.golden_points import golden_points
 from hiltest.rig.file import load_rig
 from hiltest.virtual.accounting import AccountingFactory, InstructionAccounting
-from hiltest.virtual.cycle_band import Move, cycle_band, moves
+from hiltest.virtual.cycle_range import Move, cycle_range, moves
 from hiltest.virtual.executions import between
 from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.profile_file import DEFAULT_PROFILE, load_profile, place_of
@@ -44,19 +44,19 @@ def file_with(folder: Path, values: dict[str, int]) -> str:
     return str(folder / "moved.toml")
 
 
-def band_of_call(board: VirtualK64F, function: str, *arguments: bytes | int) -> tuple[int, CycleBand | None]:
+def band_of_call(board: VirtualK64F, function: str, *arguments: bytes | int) -> tuple[int, CycleRange | None]:
     accounting = board.processor.accounting
     before = accounting.snapshot(0)
     result = board.call(function, *arguments)
     executed = between(before, accounting.snapshot(0))
-    return result.cycles, cycle_band(board.processor.profile, result.cycles, executed) if executed else None
+    return result.cycles, cycle_range(board.processor.profile, result.cycles, executed) if executed else None
 
 
-def ends(band: CycleBand) -> dict[tuple[str, str], int]:
+def ends(band: CycleRange) -> dict[tuple[str, str], int]:
     return {(each.row, end): getattr(each, end) for each in band.rows for end in ("low", "high")}
 
 
-def all_at(band: CycleBand, *, dear: bool) -> dict[str, int]:
+def all_at(band: CycleRange, *, dear: bool) -> dict[str, int]:
     """Put every row where its own effect makes the count greater, or less."""
     values: dict[str, int] = {}
     for each in band.rows:
@@ -132,7 +132,7 @@ def test_a_kernel_counts_under_moved_rows_what_was_predicted(
     cycles, _, _ = run_kernel(board, kernel, cloud(40, seed=1))
     executed = between(before, board.processor.accounting.snapshot(0))
     assert executed is not None
-    band = cycle_band(PROFILE, cycles, executed)
+    band = cycle_range(PROFILE, cycles, executed)
     assert band is not None
     for dear, bound in ((False, band.low), (True, band.high)):
         profile = file_with(tmp_path, all_at(band, dear=dear))
@@ -150,14 +150,14 @@ def test_a_board_with_some_rows_low_and_others_high_counts_a_ratio_within_its_ba
             before = board.processor.accounting.snapshot(0)
             cycles, _, _ = run_kernel(board, kernel, cloud(100, seed=1))
             executed = between(before, board.processor.accounting.snapshot(0))
-            band = cycle_band(board.processor.profile, cycles, executed) if executed else None
-            made.append(judge(kernel, cycles, unit="cycle", cycle_model="m", band=band))
+            band = cycle_range(board.processor.profile, cycles, executed) if executed else None
+            made.append(check(kernel, cycles, unit="cycle", cycle_model="m", band=band))
         return made
 
     over, under = counts(VirtualK64F(SHIPPED))
     assert over.band
     assert under.band
-    band = ratio_band(over, under)
+    band = ratio_range(over, under)
     assert band
     # Each row where it alone makes the ratio less: some are low then, and others high.
     alone = [dict.fromkeys(MOVES, (each.value, each.value)) for each in (over, under)]
@@ -173,17 +173,17 @@ def test_a_board_with_some_rows_low_and_others_high_counts_a_ratio_within_its_ba
     assert band[0] == pytest.approx(moved_over.value / moved_under.value, rel=1e-9)
 
 
-def timed(folder: Path, timing: str | None) -> tuple[RunCost, CycleBand | None]:
+def timed(folder: Path, timing: str | None) -> tuple[RunCost, CycleRange | None]:
     """Have the firmware time itself, on a board whose rig names a profile."""
     rig = RIG.read_text(encoding="utf-8")
     if timing:
         rig = rig.replace('kind = "virtual"\n', f'kind = "virtual"\ntiming = "{Path(timing).name}"\n', 1)
     (folder / "rig.toml").write_text(rig, encoding="utf-8")
     with open_board(load_rig(folder / "rig.toml")) as board:
-        upload_cloud(board, golden_cloud(20))
+        upload_points(board, golden_points(20))
         cost = board.session.request(Calibrate(20, "direct")).cost
         assert cost is not None
-        return cost, board.cycle_band(cost)
+        return cost, board.cycle_range(cost)
 
 
 def test_what_the_firmware_timed_is_priced_again_with_the_empty_call_subtracted(tmp_path: Path) -> None:
@@ -214,7 +214,7 @@ def test_a_profile_without_doubt_has_a_band_without_width() -> None:
     cycles = board.call("crc32", b"123456789", 9).cycles
     executed = between(before, board.processor.accounting.snapshot(0))
     assert executed is not None
-    assert cycle_band(TimingProfile("sure/1", rows), cycles, executed) == CycleBand(cycles, cycles)
+    assert cycle_range(TimingProfile("sure/1", rows), cycles, executed) == CycleRange(cycles, cycles)
 
 
 def test_the_row_that_moves_a_count_most_comes_first() -> None:
@@ -224,7 +224,7 @@ def test_the_row_that_moves_a_count_most_comes_first() -> None:
     cycles, _, _ = run_kernel(board, "magnetometer_iterative", points)
     executed = between(before, board.processor.accounting.snapshot(0))
     assert executed is not None
-    band = cycle_band(PROFILE, cycles, executed)
+    band = cycle_range(PROFILE, cycles, executed)
     assert band is not None
     moved = [max(abs(each.low - cycles), abs(each.high - cycles)) for each in band.rows]
     assert moved == sorted(moved, reverse=True)

@@ -1,4 +1,4 @@
-"""Within what a cycle count lies, by the uncertainty of the cycle model that counted it."""
+"""Uncertainty range of a cycle count, from the uncertainty of the cycle model that counted it."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ class RowEffect:
 
 
 @dataclass(frozen=True, slots=True)
-class CycleBand:
-    """Within what a cycle count lies when every uncertain row of its cycle model moves within its own band.
+class CycleRange:
+    """Uncertainty range of a cycle count: every uncertain row of its cycle model takes any value of its own range.
 
     Attributes
     ----------
     low, high : int
-        With every row at the end of its band where it costs less, or more.
+        Counts with every row at the cheap, or the dear, end of its own range.
     rows : tuple of RowEffect
         Each that changes the count, alone: the one that changes it most comes first.
     """
