@@ -178,14 +178,23 @@ def pytest_runtest_makereport(
     if report.failed and call.excinfo is not None:
         hil = item.config.stash[SESSION]
         trace = hil.keep_trace(hil.test_id(item.nodeid), report.when, call.excinfo.value)
+        in_fixture = call.when == "setup" and uses_hiltest(item)
+        first = hil.failed_first(call.excinfo.value, item.nodeid) if in_fixture else item.nodeid
         if trace:
             setattr(report, TRACE, trace)
-            report.sections.append(("wire trace", str(hil.folder.path / trace)))
+            if first == item.nodeid:
+                report.sections.append(("wire trace", str(hil.folder.path / trace)))
         # A test that has nothing to do with hiltest fails as any other does, with its traceback.
-        cause = hil.blame(call.excinfo.value, item.nodeid) if uses_hiltest(item) else None
-        if cause:
-            setattr(report, CAUSE, str(cause))
-            setattr(report, REASON, str(call.excinfo.value))
+        if uses_hiltest(item):
+            from hiltest.errors import HiltestError
+
+            cause = hil.blame(call.excinfo.value, item.nodeid)
+            if cause:
+                setattr(report, CAUSE, str(cause))
+            if cause or isinstance(call.excinfo.value, HiltestError):
+                setattr(report, REASON, str(call.excinfo.value))
+            if first != item.nodeid:
+                report.longrepr = f"{call.excinfo.value}\nas in {first}, which shares the fixture"
     return report
 
 

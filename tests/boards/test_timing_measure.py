@@ -338,4 +338,4 @@ def test_a_file_that_cannot_be_written_is_told(tmp_path: Path) -> None:
         capture_output=True, text=True, check=False, timeout=120,
     )  # fmt: skip
     assert done.returncode == 4
-    assert "cannot write gone/x.toml: No such file or directory; name another file with --out" in done.stderr
+    assert "cannot write gone/x.toml: No such file or directory; name another file" in done.stderr

@@ -119,3 +119,27 @@ def test_a_test_without_hiltest_fails_as_any_other_does(pytester: pytest.Pyteste
     result.assert_outcomes(failed=1)
     result.stdout.fnmatch_lines(["*raise VersionMismatchError*"])
     assert result.ret == 1
+
+
+def test_an_error_of_a_fixture_that_tests_share_is_told_once(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(test_lamp="""
+import pytest
+
+from hiltest.errors import FirmwareContradictionError
+
+@pytest.fixture(scope="module")
+def points(board):
+    raise FirmwareContradictionError("the firmware contradicts itself")
+
+@pytest.mark.hil
+@pytest.mark.parametrize("number", range(3))
+def test_them(points, number, measure):
+    measure("lamp.bright", number, "")
+""")
+    result = pytester.runpytest_inprocess("-q")
+    output = " ".join(result.stdout.str().split())
+    assert result.ret == 1
+    assert "Failed: test_lamp.py::test_them[0] and 2 more (the firmware contradicts itself)." in output
+    assert output.count("error: test_lamp") == 1
+    assert output.count("which shares the fixture") == 2
+    assert output.count("raise FirmwareContradictionError") == 1

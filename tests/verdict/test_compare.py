@@ -613,6 +613,16 @@ def test_what_a_run_did_not_come_to_is_not_taken_and_no_wall_of_what_is_gone(cho
     assert len(both.of(Change.GONE)) == 8  # of the same choice all of it is missed
 
 
+def test_what_tests_that_failed_did_not_measure_is_not_gone_and_is_not_to_be_accepted() -> None:
+    base = evidence([measurement(f"lamp.{index}", 1.0) for index in range(9)])
+    unmet = replace(measurement("lamp.1", None), outcome=Outcome.UNSET, limit=Limit(max=2.0))
+    new = replace(evidence([measurement("lamp.0", 1.0), unmet]), failed=("t.py::t (the firmware contradicts itself)",))
+    comparison = compare(base, new)
+    assert (comparison.of(Change.GONE), len(comparison.of(Change.NOT_TAKEN))) == ((), 8)
+    assert [each for each in comparison.obstacles if "accept" in each] == []
+    assert (comparison.failed, comparison_code(comparison)) == (new.failed, 1)
+
+
 @pytest.mark.parametrize("limit", [None, Limit(max=1.2)])
 def test_what_neither_side_has_a_number_for_is_not_counted_unless_it_has_a_limit(limit: Limit | None) -> None:
     lines = [measurement("cycles.direct.total", 11061), *cell_of("cycles.direct.sweeps", None, limit)]

@@ -10,17 +10,9 @@ from hiltest.calibration.sphere import fit_sphere
 from hiltest.errors import ConfigError
 
 __all__ = [
-    "FASTER",
-    "REFERENCES",
-    "UNBIASED",
-    "FitStatus",
-    "MagnetometerFit",
-    "fit_corrected",
-    "fit_direct",
-    "fit_iterative",
-    "fit_sphere",
-    "reference",
-]
+    "FASTER", "REFERENCES", "UNBIASED", "FitStatus", "MagnetometerFit", "fit_corrected", "fit_direct",
+    "fit_iterative", "fit_sphere", "reference",
+]  # fmt: skip
 
 # By the firmware's names.
 REFERENCES: dict[str, Calibrator] = {

@@ -98,7 +98,7 @@ def _before(file: Path) -> Baseline | None:
     try:
         return read_baseline(file)
     except ConfigError as error:
-        if not os.path.isfile(file):  # a new name, or a device, which keeps nothing
+        if not (os.path.isfile(file) or os.path.isdir(file)):  # a new name, or a device, which keeps nothing
             return None
         raise ConfigError(
             f"{file}: what is there cannot be read as a baseline, and is not overwritten; remove it, or name another"

@@ -10,19 +10,6 @@ from hiltest.logs.samples import Samples, read_samples
 from hiltest.logs.units import AccelerationUnit, RateUnit
 
 __all__ = [
-    "AccelerationUnit",
-    "CountScale",
-    "ImuLog",
-    "Interval",
-    "Intervals",
-    "LogColumns",
-    "RateUnit",
-    "Samples",
-    "Unit",
-    "found_intervals",
-    "labelled_intervals",
-    "listed_intervals",
-    "read_imu_log",
-    "read_samples",
-    "thinned",
-]
+    "AccelerationUnit", "CountScale", "ImuLog", "Interval", "Intervals", "LogColumns", "RateUnit", "Samples", "Unit",
+    "found_intervals", "labelled_intervals", "listed_intervals", "read_imu_log", "read_samples", "thinned",
+]  # fmt: skip

@@ -45,7 +45,21 @@ def limits_in_words(failed: Sequence[Measurement]) -> str:
 
 def tests_in_words(tests: Sequence[TestResult]) -> str:
     """Name tests that failed, with their reasons; empty where there are none."""
-    return f"Failed: {listed([failed_test(each) for each in tests], _NAMED_AT_MOST)}." if tests else ""
+    named = [f"{tests_named(each)} ({reason})" for reason, each in by_reason(tests).items()]
+    return f"Failed: {listed(named, _NAMED_AT_MOST)}." if tests else ""
+
+
+def by_reason(tests: Iterable[TestResult]) -> dict[str, list[TestResult]]:
+    """Return tests by the reason of their failure: a fixture that they share fails all of them for one reason."""
+    found: dict[str, list[TestResult]] = {}
+    for each in tests:
+        found.setdefault(each.reason, []).append(each)
+    return found
+
+
+def tests_named(tests: Sequence[TestResult]) -> str:
+    """Name the first of some tests, and count the others."""
+    return listed([without_folders(each.id) for each in tests], 1)
 
 
 def unfinished_verdict(run: Run, *, going_on: bool) -> Verdict:

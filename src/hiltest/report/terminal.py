@@ -12,11 +12,22 @@ from rich.markup import escape
 from rich.table import Table as Grid
 
 from hiltest.measurement import Measurement, Outcome
+from hiltest.record.failures import by_reason, tests_named
 from hiltest.record.files import REPORT_FILE
 from hiltest.record.run import Run
 from hiltest.report.comparison_text import print_changes, printable, say_how_to_keep
 from hiltest.text import counted, number, readable, with_unit, without_folders
-from hiltest.verdict.summary import CLOSE, MAY_EXCEED, Failure, Summary, cost_line, held_to, limit_in_words, summarise
+from hiltest.verdict.summary import (
+    CLOSE,
+    MAY_EXCEED,
+    Failure,
+    Summary,
+    cost_line,
+    held_to,
+    limit_in_words,
+    summarise,
+    unmeasured_in_words,
+)
 
 _STYLES = {Outcome.FAIL: "bold red", Outcome.UNSET: "yellow", Outcome.NOT_OFFERED: "dim"}
 _INDENT = "  "
@@ -112,16 +123,19 @@ def _print_failures(console: Console, found: Summary, run: Run, folder: Path) ->
         if each.cause and each.cause != cause:
             _wrapped(console, f"likely cause: {each.cause}", indent=2 * _INDENT)
         cause = each.cause
-    for test in found.broken:
-        _wrapped(console, f"{test.outcome}: {without_folders(test.id)}: {test.reason}", "red", _INDENT)
+    for reason, tests in by_reason(found.broken).items():
+        _wrapped(console, f"{tests[0].outcome}: {tests_named(tests)}: {reason}", "red", _INDENT)
     for measurement in found.unset:
         _wrapped(console, f"not evaluated: {measurement.name}: {measurement.note}", "yellow", _INDENT)
+    if found.unmeasured:
+        _wrapped(console, unmeasured_in_words(found.unmeasured), "yellow", _INDENT)
     for test in run.tests:
         if test.outcome.is_of_bench:
             _wrapped(console, f"{test.outcome}: {test.id}: {test.reason}", "red", _INDENT)
-        if test.trace:
-            trace = shown_path(folder / test.trace)
-            _wrapped(console, f"wire trace of {without_folders(test.id)}: {trace}", indent=_INDENT)
+    traced = {test.trace: test for test in reversed(run.tests) if test.trace}
+    for trace, test in reversed(traced.items()):
+        line = f"wire trace of {without_folders(test.id)}: {shown_path(folder / trace)}"
+        _wrapped(console, line, indent=_INDENT)
     for advice in found.advice:
         _wrapped(console, f"Next: {advice}")
 

@@ -87,6 +87,7 @@ class HilSession:
         self.gate = SessionGate(settings.baseline, settings.sources["baseline"])
         self.folder = RecordFolder(settings.out)
         self._remarks: list[str] = []
+        self._errors: list[tuple[BaseException, str]] = []  # of fixtures, and the test that each failed first
 
     @property
     def is_worker(self) -> bool:
@@ -278,6 +279,14 @@ class HilSession:
             self.trouble_met_by = self.trouble_met_by or nodeid
             self.trouble_reported = True
         return TestOutcome.CONNECTION_LOST if isinstance(error, BenchError) else TestOutcome.WRONG_FIRMWARE
+
+    def failed_first(self, error: BaseException, nodeid: str) -> str:
+        """Return the test that an error failed first: that of a shared fixture fails each test that asks for it."""
+        for met, first in self._errors:
+            if met is error:
+                return first
+        self._errors.append((error, nodeid))
+        return nodeid
 
     def begin_trace(self) -> None:
         """Drop the bytes on the line before the test that begins."""

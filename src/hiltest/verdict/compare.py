@@ -103,10 +103,16 @@ def _shown_if_loosened(found: Difference, pairs: Pairs) -> Difference:
 
 def _taken(found: Difference, pairs: Pairs, base: Evidence, new: Evidence) -> Difference:
     """Return a difference; a measurement is not gone when the run ended before it."""
-    partial = bool(new.faults) or (new.chosen and not base.chosen)
-    if partial and found.change is Change.GONE and pairs.lost and all(pairs.new[seed] is None for seed in pairs.lost):
+    partial = bool(new.faults or new.failed) or (new.chosen and not base.chosen)
+    made = any(_was_made(pairs.new[seed]) for seed in pairs.lost)
+    if partial and found.change is Change.GONE and pairs.lost and not made:
         return replace(found, change=Change.NOT_TAKEN, note="")
     return found
+
+
+def _was_made(measurement: Measurement | None) -> bool:
+    """Say whether a test made a measurement, with a number or not; a limit that nothing met is kept without a test."""
+    return measurement is not None and (bool(measurement.test) or measurement.outcome is not Outcome.UNSET)
 
 
 def _pairs(base: Evidence, new: Evidence, seeds: list[Seed]) -> list[Pairs]:

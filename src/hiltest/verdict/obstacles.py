@@ -190,7 +190,12 @@ def _of_measurements(base: Evidence, new: Evidence, differences: Sequence[Differ
     not_taken = sum(each.change is Change.NOT_TAKEN for each in differences)
     if not_taken and not new.faults:
         measurements = f"{not_taken} measurement{'s' * (not_taken != 1)}"
-        yield f"{new.name}: only chosen tests ran, and {measurements} of {base.name} not among them; run all of them"
+        if new.failed:
+            yield f"{new.name}: {measurements} of {base.name} not made, since tests failed; mend those first"
+        else:
+            yield (
+                f"{new.name}: only chosen tests ran, and {measurements} of {base.name} not among them; run all of them"
+            )
     compared = any(each.seeds for each in differences)
     if not compared and not gone and not not_taken and set(base.measurements) & set(new.measurements):
         yield f"nothing was compared: {base.name} and {new.name} have no number in common; name another base"

@@ -17,7 +17,7 @@ from hiltest.measurement import (
 )
 from hiltest.record.failures import failed_otherwise, out_of_limit
 from hiltest.record.run import Findings, Run, TestResult
-from hiltest.text import number, readable
+from hiltest.text import counted, listed, number, readable
 from hiltest.verdict.calibrators import CalibratorResult, calibrator_results, cause_in_words, value_of
 from hiltest.verdict.causes import ADVICE, Cause
 
@@ -76,7 +76,9 @@ class Summary:
     broken : tuple of TestResult
         Tests that are red for another reason than a limit.
     unset : tuple of Measurement
-        Limits that could not be evaluated.
+        Limits that could not be evaluated, for a reason of their own.
+    unmeasured : tuple of Measurement
+        Limits that nothing was measured against in a run with broken tests, which are the reason.
     advice : tuple of str
         What to do next.
     reference : str
@@ -90,6 +92,7 @@ class Summary:
     failures: tuple[Failure, ...]
     broken: tuple[TestResult, ...]
     unset: tuple[Measurement, ...]
+    unmeasured: tuple[Measurement, ...]
     advice: tuple[str, ...]
     reference: str
     calibrators: tuple[CalibratorLine, ...]
@@ -103,10 +106,14 @@ def summarise(run: Run | Findings) -> Summary:
     failed = out_of_limit(measurements)
     causes = {each.name: cause_in_words(each) for each in results}
     reference = cost_reference(run, results)
+    broken = tuple(failed_otherwise(run.tests, failed))
+    unset = [each for each in measurements if each.outcome is Outcome.UNSET]
+    unmeasured = [each for each in unset if broken and each.value is None and not each.test]
     return Summary(
         failures=tuple(_failure(each, run, causes) for each in _in_order(failed, reference.name if reference else "")),
-        broken=tuple(failed_otherwise(run.tests, failed)),
-        unset=tuple(each for each in measurements if each.outcome is Outcome.UNSET),
+        broken=broken,
+        unset=tuple(each for each in unset if each not in unmeasured),
+        unmeasured=tuple(unmeasured),
         advice=tuple(dict.fromkeys(ADVICE[each.cause] for each in results if each.cause is not Cause.NONE)),
         reference=reference.name if reference else "",
         calibrators=tuple(
@@ -114,6 +121,14 @@ def summarise(run: Run | Findings) -> Summary:
         ),
         close=close_to_limit(measurements),
     )
+
+
+def unmeasured_in_words(unmeasured: Sequence[Measurement]) -> str:
+    """Return how many limits were left without a measurement by tests that failed; empty where none was."""
+    if not unmeasured:
+        return ""
+    named = listed([each.name for each in unmeasured], 1)
+    return f"not measured, since tests failed: {counted(len(unmeasured), 'limit')} of the rig, {named}"
 
 
 def cost_reference(run: Run | Findings, results: Sequence[CalibratorResult]) -> CalibratorResult | None:

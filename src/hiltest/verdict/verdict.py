@@ -20,7 +20,7 @@ from hiltest.verdict.calibrators import (
     has_no_number,
     value_of,
 )
-from hiltest.verdict.summary import Failure, Summary, held_to, ratio_in_words, summarise
+from hiltest.verdict.summary import Failure, Summary, held_to, ratio_in_words, summarise, unmeasured_in_words
 from hiltest.verdict.wording import sentence
 
 POSES_TABLE = "heading.poses"
@@ -102,10 +102,14 @@ def _sentence(findings: Findings, word: str, left_out: Sequence[str]) -> str:
     reached = "" if summary.failures or summary.broken else _reached(summary, len(poses.rows) if poses else 0)
     return " ".join(filter(None, (
         f"{word}.", failures_in_words(summary.failures), tests_in_words(summary.broken),
-        _not_evaluated(summary, findings, word), reached,
+        _not_evaluated(summary, findings, word), _sentence_of(unmeasured_in_words(summary.unmeasured)), reached,
         *(f"{each.outcome.capitalize()}: {each.reason.rstrip('.')}." for each in _stopped(findings)[:1]),
         _left_out_words(left_out), against_base,
     )))
+
+
+def _sentence_of(words: str) -> str:
+    return f"{words[0].upper()}{words[1:]}." if words else ""
 
 
 def _against_base(findings: Findings) -> str:
