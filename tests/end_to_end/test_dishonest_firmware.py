@@ -78,3 +78,22 @@ def test_cycles_that_the_board_did_not_count(copy_of_the_firmware: FirmwareCopy,
     assert told, ended.output
     assert int(told[2]) > 1.2 * int(told[1])
     assert "cycles.direct.total" not in ended.measured
+
+
+@pytest.mark.parametrize(
+    ("function", "code", "told"),
+    [
+        ("dpi_from_pairs", 22, "cycles.direct.total: the board cannot count the cycles of direct: its function"),
+        ("magnetometer_empty", 1, "the board counted 3 in its call"),
+        ("magnetometer_directly", 4, "such function; name one of its symbols"),
+    ],
+    ids=["not called", "another one", "not there"],
+)
+def test_the_function_that_the_rig_names_is_the_one_that_is_counted(
+    run_in, edited, tmp_path: Path, function: str, code: int, told: str
+) -> None:
+    rig = edited(("[limits]", f'[cycles]\ndirect = "{function}"\n\n[limits]'))
+    ended = run_in(tmp_path, "--rig", rig, "--", "-k", "identity or cycles")
+    output = " ".join((ended.output + ended.errors).split())
+    assert told in output
+    assert ended.code == code, output

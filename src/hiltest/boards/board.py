@@ -291,8 +291,8 @@ class Board(ABC):
             return ""
         counter = self.call_counter(calibrator)
         if counter is None or not counter.cycles:
-            what = "its function is inlined" if counter else "no function is named for it"
-            return f"the board cannot count {calibrator}: {what}; name one under [cycles] in the rig"
+            why = "its function was not called, as one that is inlined" if counter else "no function has its name"
+            return f"the board cannot count the cycles of {calibrator}: {why}; name one under [cycles] in the rig"
         return ""
 
     def cycle_range(self, cost: RunCost | None) -> CycleRange | None:

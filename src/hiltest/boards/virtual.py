@@ -42,6 +42,12 @@ class VirtualBoard(Board):
 
     def __init__(self, bench: VirtualBench, *, declared: Declared, transcript: Transcript | None = None) -> None:
         self._bench, self._machine = bench, bench.machine
+        for calibrator, function in declared.functions.items():
+            if function not in bench.machine.image.symbols:
+                raise ConfigError(
+                    f"{bench.rig.path}: cycles.{calibrator} names {function!r}, and {bench.machine.image.name} has no "
+                    "such function; name one of its symbols"
+                )
         bench.power_on()
         port = VirtualPort()
         port.port = "hil://"
@@ -93,22 +99,11 @@ class VirtualBoard(Board):
         return True
 
     def call_counter(self, calibrator: str) -> FunctionWatch | None:
-        """Return what counts the calls of a calibrator; None where the firmware has no function of its name.
-
-        Raises
-        ------
-        ConfigError
-            When the rig names a function for it that the firmware has not.
-        """
-        named = self.declared.functions.get(calibrator)
-        function = named or _FUNCTIONS.get(calibrator) or f"magnetometer_{calibrator.replace('-', '_')}"
+        """Return what counts the calls of a calibrator; None where the firmware has no function of its name."""
+        name = _FUNCTIONS.get(calibrator) or f"magnetometer_{calibrator.replace('-', '_')}"
+        function = self.declared.functions.get(calibrator, name)
         symbol = self._machine.image.symbols.get(function)
         if symbol is None:
-            if named:
-                raise ConfigError(
-                    f"the rig's [cycles] names {named!r} for {calibrator}, and {self._machine.image.name} has no such "
-                    "function; name one of its symbols"
-                )
             return None
         if function not in self._watches:
             self._watches[function] = FunctionWatch(self._machine.processor, symbol.address)
