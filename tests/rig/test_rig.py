@@ -26,8 +26,9 @@ DEFAULT = RIGS / "virtual-k64f.toml"
 def edited(tmp_path):
     """Return a function that writes the default rig with one text replaced, and loads it."""
 
-    def load(old, new):
+    def load(old, new, more_of_the_world=""):
         text = DEFAULT.read_text(encoding="utf-8")
+        text = text.replace("[world]", f"[world]\n{more_of_the_world}") if more_of_the_world else text
         assert text.count(old) == 1, f"{old!r} is in the default rig {text.count(old)} times"
         path = tmp_path / "bench.toml"
         path.write_text(text.replace(old, new), encoding="utf-8")
@@ -230,6 +231,21 @@ def test_every_table_knows_its_keys(edited, old, new, nearest):
         ('accelerometer_calibration = "six-position"', 'untrimmed_calibrations = ["direct"]',
          "procedure.untrimmed_calibrations", "nothing to leave out"),
         ("temperature_degc = 25.0", 'fitted = ["mpu6050"]', "world.fitted", "known parts: mag3110"),
+        ("[ 1.022,  0.010, -0.006]", "[-1.022, -0.010, 0.006]", "world.soft_iron", "write mirrored = true"),
+        ("[ 1.022,  0.010, -0.006]", "[ 0.010,  0.982,  0.009]", "world.soft_iron", "is singular"),
+        ("[ 1.022,  0.010, -0.006]", "[ 0.0, 0.0, 0.0]", "world.soft_iron", "is singular"),
+        ("[0, 30, 60, 90,", "[0, 30, 390, 90,", "procedure.headings_deg", "the same one twice"),
+        ("[[0, 0], [20, 0],", "[[0, 0], [0, 0],", "procedure.tilts_deg", "the same one twice"),
+        ("magnetometer_noise_ut = 0.4", "magnetometer_noise_ut = 0.1", "sensors", "and the world has 0.4"),
+        ("magnetometer_noise_ut = 0.4", "magnetometer_noise_ut = 0.9", "sensors", "differ by a factor of 2"),
+        ('"heading.direct.max" = { max = 1.8', '"heading.direct.max" = { max = 180', "limits.heading.direct.max",
+         "off by more than 180 degrees"),
+        ("[limits]", '[tolerances]\n"heading.direct.max" = { absolute = 1.8, unit = "deg" }\n\n[limits]',
+         "tolerances.heading.direct.max", "wider than what its limit leaves"),
+        ("[limits]", '[tolerances]\n"heading.direct.bias" = { absolute = 1.4, unit = "deg" }\n\n[limits]',
+         "tolerances.heading.direct.bias", "within ±0.7"),
+        ("[limits]", '[tolerances]\n"cycles.direct.total" = { absolute = 0, relative = 1.0, unit = "cycle" }\n[limits]',
+         "tolerances.cycles.direct.total", "at most 12 000"),
     ],
 )
 def test_a_wrong_value_is_named_with_key_file_and_line(edited, old, new, key, words):
@@ -238,6 +254,12 @@ def test_a_wrong_value_is_named_with_key_file_and_line(edited, old, new, key, wo
     assert f": {key}" in str(caught.value)
     assert words in str(caught.value)
     assert "bench.toml" in str(caught.value)
+
+
+def test_a_mirroring_soft_iron_that_is_meant_and_a_world_without_noise_are_taken(edited):
+    meant = edited("[ 1.022,  0.010, -0.006]", "[-1.022, -0.010, 0.006]", "mirrored = true")
+    assert meant.world.mirrored
+    assert edited("mag3110_noise_ut = [0.4, 0.35, 0.3, 0.25]", "mag3110_noise_ut = [0.0, 0.0, 0.0, 0.0]").world
 
 
 def test_a_tumble_too_short_for_the_calibration_against_gravity_goes_without_it(edited):

@@ -20,7 +20,7 @@ from pydantic import TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from hiltest.errors import ConfigError, UnknownKeyError
-from hiltest.measurement import Limit, Reference, Tolerance, identify, nearest_name
+from hiltest.measurement import Limit, Reference, Section, Tolerance, identify, is_direction, nearest_name
 from hiltest.rig import Rig
 from hiltest.rig.tables import STRICT, RigValueError
 
@@ -94,6 +94,7 @@ def load_rig(path: Path | str) -> Rig:
     }
     rig: Rig = source.validate(TypeAdapter(Rig), {**data, **bounds, **derived}, Rig)
     _refuse_limits_within_uncertainty(rig, source)
+    _refuse_tolerances_beyond_limits(rig, source)
     _refuse_coarse_faces(rig, source)
     return rig
 
@@ -199,8 +200,12 @@ def _check_name(source: _Source, key: tuple[str, str], given: str) -> None:
 
 def _check_limit(source: _Source, key: tuple[str, str], entry: LimitEntry) -> None:
     _check_name(source, key, entry.unit)
+    named = identify(key[1])
+    is_error = named.section is Section.HEADING and entry.unit == "deg" and not is_direction(key[1])
     try:
         Limit(min=entry.min, max=entry.max)
+        if key[0] == "limits" and is_error and max(abs(entry.min or 0.0), abs(entry.max or 0.0)) >= 180.0:
+            raise ValueError("no heading is off by more than 180 degrees: this limit says nothing")
         if entry.suite and key[0] != "limits":
             raise ValueError("suite says which tests must meet a limit; what is shown without a verdict has none")
     except ValueError as error:
@@ -234,6 +239,19 @@ def _refuse_limits_within_uncertainty(rig: Rig, source: _Source) -> None:
                     f"itself is known, {uncertainty_deg:.3g} deg (turntable {rig.turntable.uncertainty_deg:g}, "
                     f"mounting {mounting}); widen the limit, or measure the reference better"
                 )
+
+
+def _refuse_tolerances_beyond_limits(rig: Rig, source: _Source) -> None:
+    """Refuse a tolerance that lets a number move from one side of its limit to the other unseen."""
+    for name, tolerance in rig.tolerances.items():
+        limit = rig.limits.get(name)
+        bounds = [each for each in (limit.min, limit.max) if each is not None] if limit else []
+        room = max(bounds) - min(bounds) if len(bounds) == 2 else max(map(abs, bounds), default=0.0)
+        if room and (tolerance.absolute >= room or tolerance.relative >= 1.0):
+            raise ConfigError(
+                f"{source.where(('tolerances', name))}: tolerances.{name} is wider than what its limit leaves "
+                f"({source.where(('limits', name))}: {limit}): a change as large as that would not be seen"
+            )
 
 
 def _refuse_coarse_faces(rig: Rig, source: _Source) -> None:

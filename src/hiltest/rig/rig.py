@@ -35,6 +35,8 @@ if TYPE_CHECKING:
     from hiltest.sensors import AccelerometerErrors, Drift, RegisterDevice
     from hiltest.world import EarthField, World
 
+# What a declared noise may differ from the simulated one by: data sheets give it to about that.
+MOST_NOISE_RATIO = 2.0
 #: MAG3110 and FXOS8700CQ magnetometer words [counts/uT].
 COUNTS_PER_UT = 10.0
 # May be edited without a change of any number: names, and the limits and tolerances of numbers.
@@ -110,6 +112,16 @@ class Rig:
             reading_ut, range_ut = world.largest_reading_ut(part, self.field.strength_ut), MAGNETOMETER_RANGE_UT[part]
             require(reading_ut < range_ut, "world",
                     f"hard_iron_ut makes {part} read up to {reading_ut:.0f} uT; its axes stop at {range_ut:.0f}")
+            self._check_noise("magnetometer_noise_ut", self.sensors.magnetometer_noise_ut, world.noise_ut(part), "uT")
+            self._check_noise("gyroscope_noise_mdps_per_rthz", self.sensors.gyroscope_noise_mdps_per_rthz,
+                              world.gyroscope_noise_mdps_per_rthz, "mdps/rtHz")
+
+    def _check_noise(self, key: str, declared: float, simulated: float, unit: str) -> None:
+        """Refuse a declared noise that is none of this world; a world without noise says nothing of the parts."""
+        agrees = simulated == 0.0 or declared / MOST_NOISE_RATIO <= simulated <= declared * MOST_NOISE_RATIO
+        require(agrees, "sensors",
+                f"{key} declares {declared:g} {unit}, and the world has {simulated:g}: they may differ by a factor of "
+                f"{MOST_NOISE_RATIO:g}; what a fit leaves is held against the declared one")
 
     def limits_of(self, suite: Literal["gate", "full"]) -> dict[str, Limit]:
         """Return the limits that a set of tests must measure."""

@@ -264,6 +264,9 @@ class Procedure:
 
     def __post_init__(self) -> None:
         require(len(self.headings_deg) >= 4, "headings_deg", "needs at least 4 headings, or no worst sector is found")
+        headings_deg = [heading % 360.0 for heading in self.headings_deg]
+        for key, values in (("headings_deg", headings_deg), ("tilts_deg", self.tilts_deg)):
+            require(len(set(values)) == len(values), key, "has the same one twice: its errors would count twice")
         require((0.0, 0.0) in self.tilts_deg, "tilts_deg", "must contain the level one, [0, 0]")
         require(all(abs(pitch) < 90.0 for pitch, _ in self.tilts_deg), "tilts_deg",
                 "must keep pitch within -90 to 90: beyond, heading turns round")

@@ -20,8 +20,18 @@ MAGNETOMETER_PARTS = {
 
 FITTED_PARTS = ("mag3110", "fxos8700cq", "fxas21002c", "onboard-fxos8700cq")
 
+# Of the box that the rows of a soft iron span, beside one with the same edges at right angles.
+_SMALLEST_VOLUME = 1e-3
+
 _NO_DRIFT: Triple = (0.0, 0.0, 0.0)
 _NO_CROSS_AXIS: tuple[Triple, Triple, Triple] = (_NO_DRIFT, _NO_DRIFT, _NO_DRIFT)
+
+
+def _relative_volume(rows: tuple[Triple, Triple, Triple]) -> float:
+    """Return the determinant of a matrix whose rows are scaled to 1; 0 where one of them is zero."""
+    edges = math.prod(math.hypot(*row) for row in rows)
+    (a, b, c), (d, e, f), (g, h, i) = rows
+    return (a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)) / edges if edges else 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +93,8 @@ class SimulatedWorld:
         What temperature does to the readings.
     fitted : tuple of str
         Which parts are there: see `FITTED_PARTS`.
+    mirrored : bool or None
+        True where the soft iron is meant to mirror the field, as a wrong sign in its file does.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
@@ -105,6 +117,7 @@ class SimulatedWorld:
     temperature_time_constant_s: float | None = None
     drift: TemperatureDrift = TemperatureDrift()
     fitted: tuple[str, ...] = FITTED_PARTS
+    mirrored: bool | None = None
 
     def __post_init__(self) -> None:
         require(all(sigma >= 0.0 for sigma in self.mag3110_noise_ut), "mag3110_noise_ut", "must not be negative")
@@ -115,6 +128,11 @@ class SimulatedWorld:
                 "has a number on its diagonal: that is accelerometer_gain_error_percent")
         require(len(self.face_errors_deg) in (0, 6), "face_errors_deg", "needs a row for each of the six faces")
         self._check_temperature()
+        volume = _relative_volume(self.soft_iron)
+        require(abs(volume) >= _SMALLEST_VOLUME, "soft_iron",
+                "is singular: it maps every field into a plane, and no calibration can undo that")
+        require(volume > 0.0 or bool(self.mirrored), "soft_iron",
+                "mirrors the field: its determinant is negative; write mirrored = true beside it if it is meant to")
         strangers = [part for part in self.fitted if part not in FITTED_PARTS]
         require(not strangers, "fitted", f"names {strangers}; known parts: {', '.join(FITTED_PARTS)}")
 
@@ -148,6 +166,10 @@ class SimulatedWorld:
             return self.hard_iron_ut
         x, y, z = (hard + zero for hard, zero in zip(self.hard_iron_ut, self.fxos8700cq_zero_flux_ut, strict=True))
         return (x, y, z)
+
+    def noise_ut(self, part: str) -> float:
+        """Return the rms noise of a magnetometer of `FITTED_PARTS` as the packaged firmware sets it [uT]."""
+        return self.mag3110_noise_ut[0] if part == "mag3110" else math.sqrt(math.prod(self.fxos8700cq_noise_ut))
 
     def largest_reading_ut(self, part: str, strength_ut: float) -> float:
         """Return the largest reading of any axis of a magnetometer in any attitude, without noise [uT]."""
