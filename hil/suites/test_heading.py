@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
 from hiltest.fixtures import Measure
@@ -93,6 +94,12 @@ def test_heading_at_known_angles(
                 *(errors.tolist() for errors in known_angles.error_deg.values()), strict=True,
             )
         ],
+    )
+    # Another firmware's headings can be computed from these: the same readings, without noise between the two.
+    measure.table(
+        "heading.means",
+        {f"{sensor}_{axis}": "count" for sensor in ("magnetometer", "accelerometer") for axis in "xyz"},
+        np.hstack([known_angles.magnetometer, known_angles.accelerometer]).tolist(),
     )
 
 

@@ -11,6 +11,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from hiltest.bench_files import shipped
@@ -91,6 +92,18 @@ def test_the_header_names_board_firmware_and_rig(good_run) -> None:
     assert record["board"]["build_id"] in board
     assert record["board"]["cycle_model"] in rig
     assert rig.startswith("rig virtual-k64f ")
+
+
+def test_the_means_at_each_known_angle_give_the_headings_that_the_board_answered(good_run) -> None:
+    tables = {each["name"]: each for each in good_run.record["tables"]}
+    answered = np.array(tables["heading.poses"]["rows"], dtype=float)
+    column = [each["name"] for each in tables["heading.poses"]["columns"]].index("answered.uncalibrated")
+    means = np.array(tables["heading.means"]["rows"])
+    assert means.shape == (60, 6)
+    level = answered[:, 3] == 1.0
+    # On a level board, without a calibration, the horizontal field is the heading; 2 mg of tilt make 0.2 degrees.
+    computed = np.degrees(np.arctan2(-means[level, 1], means[level, 0]))
+    assert np.abs((computed - answered[level, column] + 180.0) % 360.0 - 180.0).max() < 0.5
 
 
 def test_the_full_set_measures_more_and_nothing_otherwise(good_run, full_run) -> None:
