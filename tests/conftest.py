@@ -11,12 +11,13 @@ import threading
 from collections.abc import Callable, Generator, Iterator
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import pytest
 from hypothesis import settings
 
-from .finished_run import Finished, run_once
+if TYPE_CHECKING:
+    from .finished_run import Finished
 
 pytest_plugins = ["pytester"]
 
@@ -85,6 +86,9 @@ def shared_folder(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempP
 @pytest.fixture(scope="session")
 def default_run(shared_folder: Path) -> Finished:
     """``hiltest run`` on the default bench: made once, and only to be read."""
+    # Here: `pytest-benchmark compare`, started in this checkout, loads this file too, and as part of no package.
+    from .finished_run import run_once
+
     return run_once(shared_folder / "default-run")
 
 

@@ -121,6 +121,7 @@ def test_init_copies_what_a_bench_needs_and_nothing_else(tmp_path: Path) -> None
     copied = {path.relative_to(tmp_path / "bench").as_posix() for path in (tmp_path / "bench").rglob("*")}
     assert {"hil/suites/test_heading.py", "hil/suites/conftest.py", "hil/rigs/virtual-k64f.toml"} <= copied
     assert not [name for name in copied if "__pycache__" in name]
+    assert "conftest.py" in copied  # of `pytest-benchmark compare`
     folders = {Path(name).parts[1] for name in copied if len(Path(name).parts) > 1}
     assert folders == {"suites", "rigs", "benchmarks", "baselines"}
     assert {name for name in copied if "/baselines/" in name} == {"hil/baselines/virtual-k64f.json"}

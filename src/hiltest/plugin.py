@@ -156,9 +156,13 @@ def pytest_runtest_teardown(item: pytest.Item) -> Generator[None, object, object
 
 
 def _fail_out_of_limit(item: pytest.Item) -> None:
-    failed = [str(each) for each in item.stash.get(GATING, []) if each.outcome == "fail"]
+    gating = item.stash.get(GATING, [])
     item.stash[GATING] = []
-    if failed:
+    if not gating:
+        return
+    from hiltest.measurement import Outcome
+
+    if failed := [str(each) for each in gating if each.outcome is Outcome.FAIL]:
         pytest.fail("; ".join(failed), pytrace=False)
 
 

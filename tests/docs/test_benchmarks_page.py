@@ -76,6 +76,8 @@ def test_the_commands_of_the_readme_compare_what_was_run_in_the_repository(tmp_p
     assert "`pytest-benchmark compare`" in readme
     shutil.copytree(ROOT / "hil" / "benchmarks", tmp_path / "hil" / "benchmarks")
     shutil.copy(ROOT / "conftest.py", tmp_path)
+    (tmp_path / "tests").mkdir()
+    shutil.copy(ROOT / "tests" / "conftest.py", tmp_path / "tests")  # pytest-benchmark loads it too
     for _ in range(2):
         run("pytest hil/benchmarks", tmp_path, PYTEST_ADDOPTS="-k tilt_heading")
     compared = run("pytest-benchmark compare", tmp_path)

@@ -503,7 +503,7 @@ def test_a_gate_on_the_packaged_firmware_says_so_where_nobody_named_one(
     options = [f"--hil-firmware={default_firmware()}"] if by == "option" else []
     result = pytester.runpytest_inprocess("--hil-baseline=base", *options)
     assert result.ret == 0
-    remark = "compared the packaged firmware: name yours with --firmware ELF (in pytest --hil-firmware)"
+    remark = "The packaged firmware was compared: name yours with --firmware ELF (--hil-firmware)."
     assert (remark in result.stdout.str()) is not bool(by)
     assert record(pytester)["comparison"]["remark"] == ("" if by else remark)
     assert (remark in (pytester.path / "hil-out" / "report.html").read_text(encoding="utf-8")) is not bool(by)

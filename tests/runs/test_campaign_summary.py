@@ -95,8 +95,8 @@ def test_two_firmwares_have_one_summary_that_compares_them(bench: Path) -> None:
     (elf,) = FIRMWARE.glob("*.elf")
     code, said, page = run(bench, "--against", str(elf))
     assert code == 0, said
-    assert said.count("compared the packaged firmware: name yours with --firmware ELF") == 1
-    assert "compared the packaged firmware" in page
+    assert said.count("The packaged firmware was compared: name yours with --firmware ELF") == 1
+    assert "The packaged firmware was compared" in page
     assert [line for line in page.splitlines() if line.startswith("# ")] == ["# PASS"]
     assert "## Against the baseline" in page
 
@@ -107,4 +107,4 @@ def test_a_campaign_of_the_packaged_firmware_says_so_where_nobody_named_it(bench
     newer = ("--firmware", str(elf)) if named else ()
     code, said, page = run(bench, "--seeds", "1..1", "--against", str(elf), *newer)
     assert code == 0, said
-    assert (said + page).count("compared the packaged firmware") == (0 if named else 2)
+    assert (said + page).count("The packaged firmware was compared") == (0 if named else 2)

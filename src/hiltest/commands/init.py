@@ -13,6 +13,10 @@ from hiltest.errors import ConfigError
 _FOLDERS = ("suites", "rigs", "benchmarks")
 _BASELINE = Path("baselines", "virtual-k64f.json")
 """Baseline of the default rig with the packaged firmware."""
+_CONFTEST = '''"""What `pytest-benchmark compare` finds in this folder: device cycles are shown in cycles."""
+
+from hiltest.compare_cycles import pytest_benchmark_group_stats, pytest_benchmark_scale_unit  # noqa: F401
+'''
 _NOT_COPIED = shutil.ignore_patterns("__pycache__", ".*")
 
 
@@ -32,6 +36,8 @@ def init(folder: Path) -> int:
             shutil.copytree(source / name, target / name, ignore=_NOT_COPIED)
         (target / _BASELINE).parent.mkdir()
         shutil.copyfile(source / _BASELINE, target / _BASELINE)
+        if not (folder / "conftest.py").exists():  # there `pytest-benchmark compare` looks for what shows cycles
+            (folder / "conftest.py").write_text(_CONFTEST, encoding="utf-8")
     except (OSError, shutil.Error) as error:
         reason = getattr(error, "strerror", None) or error
         raise ConfigError(f"cannot copy to {target}: {reason}. Choose a folder that can be written to") from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Sequence
 from io import StringIO
@@ -32,6 +33,8 @@ from hiltest.verdict.summary import (
 _STYLES = {Outcome.FAIL: "bold red", Outcome.UNSET: "yellow", Outcome.NOT_OFFERED: "dim"}
 _INDENT = "  "
 _CHANGES_AT_MOST = 5
+_WITHIN_NUMBER = re.compile(r"(?<=\d) (?=\d{3}\b)")
+_NO_BREAK = "\N{NO-BREAK SPACE}"
 
 
 def summary(
@@ -96,6 +99,8 @@ def shown_outcome(measurement: Measurement) -> str:
     """Return the outcome as people read it; without a limit there is none."""
     if measurement.outcome is Outcome.INFORMATION:
         return ""
+    if measurement.outcome is Outcome.UNSET:
+        return "not measured" if measurement.value is None else "not evaluated"
     return f"{measurement.outcome}; {MAY_EXCEED}" if measurement.may_exceed_limit else str(measurement.outcome)
 
 
@@ -109,11 +114,12 @@ def failure_line(failure: Failure) -> str:
 
 def _wrapped(console: Console, text: str, style: str = "", indent: str = "") -> None:
     """Print a text folded at the terminal's width, numbers and names whole."""
+    whole = _WITHIN_NUMBER.sub(_NO_BREAK, printable(text))
     for line in textwrap.wrap(
-        printable(text), console.width, initial_indent=indent, subsequent_indent=indent and f"{indent}  ",
+        whole, console.width, initial_indent=indent, subsequent_indent=indent and f"{indent}  ",
         break_long_words=False, break_on_hyphens=False,
     ):
-        console.print(escape(line), style=style, soft_wrap=True)
+        console.print(escape(line.replace(_NO_BREAK, " ")), style=style, soft_wrap=True)
 
 
 def _print_failures(console: Console, found: Summary, run: Run, folder: Path) -> None:
@@ -205,7 +211,7 @@ def _measurements(measurements: Sequence[Measurement]) -> Grid:
     grid.add_column("outcome", min_width=4)
     for each in measurements:
         # Remarks stand below: here they would leave the names no room.
-        outcome = "" if each.outcome is Outcome.INFORMATION else str(each.outcome)
+        outcome = shown_outcome(each).partition(";")[0]
         outcome += f" ({each.note})" if each.note and _is_why(each) else ""
         grid.add_row(
             escape(each.name), shown_value(each), escape(each.unit), shown_limit(each), escape(outcome),

@@ -21,7 +21,7 @@ NOT_EVALUATED = 22
 """The exit code, where nothing heavy is imported for it."""
 
 
-PACKAGED = "compared the packaged firmware: name yours with --firmware ELF (in pytest --hil-firmware)"
+PACKAGED = "The packaged firmware was compared: name yours with --firmware ELF (--hil-firmware)."
 """Remark where no firmware was named: a user who forgets it would compare the packaged one with itself."""
 
 

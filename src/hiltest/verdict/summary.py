@@ -25,6 +25,9 @@ CLOSE = 0.05
 """A measurement is close to its limit from this part of it on."""
 CLOSE_AT_MOST = 5
 
+_OF_CYCLES = "See which lines the cycles go to: hiltest profile ELF FUNCTION."
+_OF_UNSET = "Run the tests that measure these limits, or take the limits out of the rig."
+
 _OF_CALIBRATORS = (Section.HEADING, Section.FIT)
 
 MAY_EXCEED = "may exceed the limit within the model's uncertainty"
@@ -114,7 +117,11 @@ def summarise(run: Run | Findings) -> Summary:
         broken=broken,
         unset=tuple(each for each in unset if each not in unmeasured),
         unmeasured=tuple(unmeasured),
-        advice=tuple(dict.fromkeys(ADVICE[each.cause] for each in results if each.cause is not Cause.NONE)),
+        advice=tuple(dict.fromkeys((
+            *(ADVICE[each.cause] for each in results if each.cause is not Cause.NONE),
+            *([_OF_CYCLES] if any(each.section is Section.CYCLES for each in failed) else []),
+            *([_OF_UNSET] if unset and not failed and not broken else []),
+        ))),
         reference=reference.name if reference else "",
         calibrators=tuple(
             CalibratorLine(each, _ratio(run, each, reference)) for each in results if each.maximum.limit or each.cycles
