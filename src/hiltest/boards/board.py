@@ -285,13 +285,13 @@ class Board(ABC):
     def unchecked(self, calibrator: str) -> str:
         """Say why the board cannot check the cycles that the firmware reports of the calibrator that just ran.
 
-        Empty where it has, and on a board that executes nothing: there the firmware's word is all there is.
+        Empty where it has checked them, and on a board that does not execute the firmware, where nothing else counts.
         """
         if not self.executes_firmware:
             return ""
         counter = self.call_counter(calibrator)
         if counter is None or not counter.cycles:
-            why = "its function was not called, as one that is inlined" if counter else "no function has its name"
+            why = "its function was not called; it may be inlined" if counter else "no function has its name"
             return f"the board cannot count the cycles of {calibrator}: {why}; name one under [cycles] in the rig"
         return ""
 

@@ -95,7 +95,7 @@ class VirtualBoard(Board):
 
     @property
     def executes_firmware(self) -> bool:
-        """Always."""
+        """True: it emulates the processor."""
         return True
 
     def call_counter(self, calibrator: str) -> FunctionWatch | None:

@@ -121,7 +121,7 @@ class Rig:
         agrees = simulated == 0.0 or declared / MOST_NOISE_RATIO <= simulated <= declared * MOST_NOISE_RATIO
         require(agrees, "sensors",
                 f"{key} declares {declared:g} {unit}, and the world has {simulated:g}: they may differ by a factor of "
-                f"{MOST_NOISE_RATIO:g}; what a fit leaves is held against the declared one")
+                f"{MOST_NOISE_RATIO:g}; the residual of a fit is compared with the declared one")
 
     def limits_of(self, suite: Literal["gate", "full"]) -> dict[str, Limit]:
         """Return the limits that a set of tests must measure."""
