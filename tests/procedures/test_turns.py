@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hiltest.angles import Pose
-from hiltest.boards import Board, VirtualBench, open_board
+from hiltest.boards import Board, Declared, VirtualBench, VirtualBoard, open_board
 from hiltest.calibration.gyroscope import GyroscopeFit
 from hiltest.calibration.noise_density import noise_density
 from hiltest.errors import CalibrationError
@@ -262,6 +262,8 @@ def test_a_log_has_every_sample_and_the_noise_of_the_rig(board: Board, table: Tu
 
 
 def test_a_rest_of_the_declared_noise_is_still_and_one_of_a_noisier_part_is_not(bench_rig: Rig) -> None:
-    quieter = replace(bench_rig, sensors=replace(bench_rig.sensors, gyroscope_noise_mdps_per_rthz=8.0))
-    with open_board(quieter) as board, pytest.raises(BoardMovedError, match="gyroscope_noise_mdps_per_rthz in the rig"):
+    # The board's own: a rig that declares so much less than its world has is refused.
+    quieter = replace(Declared.of(bench_rig), gyroscope_density_dps=0.008)
+    told = "gyroscope_noise_mdps_per_rthz in the rig"
+    with VirtualBoard(VirtualBench(bench_rig), declared=quieter) as board, pytest.raises(BoardMovedError, match=told):
         rest_gyroscope(board, seconds=2.0)
