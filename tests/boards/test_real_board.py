@@ -41,6 +41,8 @@ from hiltest.procedures import (
 )
 from hiltest.rig import Rig
 
+pytestmark = pytest.mark.slow
+
 StartPtyBoard = Callable[[Rig], Any]
 
 

@@ -31,6 +31,8 @@ from hiltest.virtual.profile_file import DEFAULT_PROFILE, ROWS, load_profile
 from hiltest.virtual.timing import PipelineState, TimingProfile
 from hiltest.virtual.unique_id import VIRTUAL_UNIQUE_ID
 
+pytestmark = pytest.mark.slow
+
 POP_BYTES = 4  # of the instruction that a sequence returns with
 
 # What no public measurement settles, each at the other end of its band, and vectors that come late, as out of a flash

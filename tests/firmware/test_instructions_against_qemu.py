@@ -21,6 +21,8 @@ from hiltest.virtual.k64f import VirtualK64F
 
 from ..dpi_instances import dpi_instance
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 STUB = ROOT / "firmware_stub"
 PROGRAMS = Path(__file__).parent / "programs"

@@ -28,6 +28,8 @@ from hiltest.rig import Rig
 from hiltest.rig.file import load_rig
 from hiltest.world.earth_field import EarthField
 
+pytestmark = pytest.mark.slow
+
 MODEL = "cortex-m4-trm/1"
 
 

@@ -73,7 +73,7 @@ def test_watching_changes_no_count(build_c: Build, counting: AccountingFactory) 
         board = VirtualK64F(elf, accounting=counting)
         board.run_until(0.0002)
         watch = watched(board, "work") if is_watched else None  # the code is translated by now
-        board.run_until(0.001)
+        board.run_until(0.0005)
         counts.append((board.cycles, board.instructions))
         assert watch is None or watch.cycles
     assert counts[0] == counts[1]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import struct
 
+import pytest
+
 from hiltest.link.sequences import SEQUENCES, SequencePlace, TimeSequence
 from hiltest.virtual.accounting import AccountingFactory, BlockAccounting, InstructionAccounting
 from hiltest.virtual.k64f import VirtualK64F
@@ -30,6 +32,7 @@ def clocks(accounting: AccountingFactory) -> tuple[object, ...]:
     return answers, board.cycles, board.instructions
 
 
+@pytest.mark.slow  # by instruction, in Python
 def test_every_way_of_counting_answers_alike(native_hook: AccountingFactory) -> None:
     counted = [clocks(each) for each in (BlockAccounting, native_hook, InstructionAccounting)]
     assert counted[0] == counted[1] == counted[2]

@@ -57,6 +57,7 @@ def test_one_that_is_switched_off_or_served_does_not(build_c: Build) -> None:
         assert word(board, "starts") == 1
 
 
+@pytest.mark.slow  # the watchdog's own time passes, in a loop that is no wait
 @pytest.mark.parametrize(
     "body",
     ["STCTRLH = 0x01D2u;", "UNLOCK = 0xD928u; UNLOCK = 0xC520u; STCTRLH = 0x01D2u;",
