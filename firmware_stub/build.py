@@ -52,6 +52,16 @@ def source_hash(root: Path = FIRMWARE) -> str:
     return digest.hexdigest()
 
 
+def build_id(sources: str) -> str:
+    """Identify what these sources become: another compiler makes another firmware of them."""
+    return hashlib.sha256(f"{sources}\n{compiler_version()}\n".encode()).hexdigest()[:16]
+
+
+def compiler_version() -> str:
+    """Return the first line of what the compiler says of itself."""
+    return run(COMPILER, "--version").splitlines()[0]
+
+
 def require(*tools: str) -> None:
     """Stop with the way out when a tool is missing."""
     missing = [tool for tool in tools if shutil.which(tool) is None]
@@ -86,7 +96,7 @@ def compile_firmware(build: Path, digest: str, *, source: Path = FIRMWARE) -> Pa
     generator = "Ninja" if shutil.which("ninja") else "Unix Makefiles"
     toolchain = source / "cmake" / "arm-none-eabi.cmake"
     run("cmake", "-G", generator, "-S", source, "-B", build, f"-DCMAKE_TOOLCHAIN_FILE={toolchain}",
-        f"-DHILTEST_BUILD_ID={digest[:16]}", "-DCMAKE_EXPORT_COMPILE_COMMANDS=ON")  # fmt: skip
+        f"-DHILTEST_BUILD_ID={build_id(digest)}", "-DCMAKE_EXPORT_COMPILE_COMMANDS=ON")  # fmt: skip
     run("cmake", "--build", build)
     return build / f"{NAME}.elf"
 
@@ -114,9 +124,9 @@ def manifest(elf: Path, build: Path, digest: str, *, source: Path = FIRMWARE) ->
         "schema": "hiltest.firmware/1",
         "elf": elf.name,
         "elf_sha256": hashlib.sha256(elf.read_bytes()).hexdigest(),
-        "build_id": digest[:16],
+        "build_id": build_id(digest),
         "source_sha256": digest,
-        "compiler": run(COMPILER, "--version").splitlines()[0],
+        "compiler": compiler_version(),
         "flags": compile_flags(build, source),
         "section_bytes": section_sizes(elf),
         "deepest_stack_bytes": deepest_stack(build),

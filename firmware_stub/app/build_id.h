@@ -5,7 +5,7 @@
 #ifndef HILTEST_BUILD_ID_H
 #define HILTEST_BUILD_ID_H
 
-/** First 16 hexadecimal digits of the SHA-256 over all sources and build files. */
+/** First 16 hexadecimal digits of the SHA-256 over all sources, build files and the compiler's version. */
 extern const char build_id[];
 
 #endif

@@ -1,6 +1,6 @@
 /**
  * @file fusion_run.h
- * @brief The fusion filter on the board's own sensors while it moves, and what it found, kept until somebody asks.
+ * @brief The fusion filter on the board's own sensors while it moves, and what it found, kept until a command asks.
  *
  * Three attitudes run side by side: fused, from accelerometer and magnetometer alone, and from the gyroscope alone. The gyroscope
  * predicts at its own rate; each new magnetometer sample, with the accelerometer's latest, corrects at the moment it was found.

@@ -16,7 +16,7 @@
 #define REST_MAXIMUM 4096u
 #define TURN_MAXIMUM 12000u /* what 60 s give at 200 Hz */
 #define LOG_MAXIMUM 128u
-/** Samples whose sum is told from either end of a turn, so that the host sees whether it stood still there. */
+/** Samples whose sum is reported from either end of a turn, so that the host sees whether it stood still there. */
 #define EDGE_SAMPLES 20u
 
 /** What is done with every sample of a series; `index` counts from 0. */

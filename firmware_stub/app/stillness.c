@@ -30,8 +30,8 @@ static float window_deviation(const stillness_t *stillness, uint32_t axis)
     return (float)stillness->sum[axis] / (float)STILLNESS_WINDOW - before;
 }
 
-/** Judge a whole window; of the axes that moved, the one that moved most is told, and a turn before a shake. */
-static void judge(stillness_t *stillness)
+/** Test a whole window; of the axes that moved, the one that moved most is reported, and a turn before a shake. */
+static void test_window(stillness_t *stillness)
 {
     const float window = (float)STILLNESS_WINDOW;
     const float before = stillness->still_count == 0u ? window : (float)stillness->still_count;
@@ -68,7 +68,7 @@ static void begin_window(stillness_t *stillness)
     stillness->filled = 0;
 }
 
-/** Whether there is more to find: not without a noise to judge by, nor after a window that was not still. */
+/** Whether there is more to find: not without a noise to compare with, nor after a window that was not still. */
 static bool goes_on(const stillness_t *stillness)
 {
     const stillness_kind_t kind = stillness->verdict.kind;
@@ -87,7 +87,7 @@ void stillness_add(stillness_t *stillness, const int16_t sample[3])
     }
     stillness->filled++;
     if (stillness->filled == STILLNESS_WINDOW) {
-        judge(stillness);
+        test_window(stillness);
         begin_window(stillness);
     }
 }

@@ -19,7 +19,7 @@ typedef enum {
     STILLNESS_STILL = 0,
     STILLNESS_TURNED = 1,     /**< the mean of a window is another than before */
     STILLNESS_SHAKEN = 2,     /**< a window is noisier than the sensor */
-    STILLNESS_NOT_TESTED = 3, /**< no window was judged: the noise was given as 0, or there are too few samples for one */
+    STILLNESS_NOT_TESTED = 3, /**< no window was tested: the noise was given as 0, or there are too few samples for one */
 } stillness_kind_t;
 
 /** The first window that is not still. */
@@ -44,7 +44,7 @@ typedef struct {
 /** Begin. @param noise as stillness_t has it; 0 tests nothing */
 void stillness_start(stillness_t *stillness, float noise);
 
-/** Add a sample. A window that is not full at the end is not judged. */
+/** Add a sample. A window that is not full at the end is not tested. */
 void stillness_add(stillness_t *stillness, const int16_t sample[3]);
 
 #endif

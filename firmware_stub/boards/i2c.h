@@ -9,8 +9,8 @@
 
 typedef enum {
     I2C_OK = 0,
-    I2C_NO_ACKNOWLEDGE,   /**< nobody at this address, or a byte was refused */
-    I2C_ARBITRATION_LOST, /**< somebody else pulled a line */
+    I2C_NO_ACKNOWLEDGE,   /**< nothing answered at this address, or a byte was refused */
+    I2C_ARBITRATION_LOST, /**< another device pulled a line */
     I2C_BUS_BUSY,         /**< the bus did not become free */
     I2C_TIMEOUT,          /**< the transaction did not end in time; the bus was reset */
 } i2c_status_t;
@@ -27,8 +27,8 @@ typedef enum {
 i2c_status_t i2c_read(uint8_t bus, uint8_t address, uint8_t first_register, uint8_t *bytes, uint8_t count);
 
 /**
- * Read a register of flags, and consecutive registers from it on if one of some flags is set: both within one transaction, so nobody
- * waits and begins anew in between.
+ * Read a register of flags, and consecutive registers from it on if one of some flags is set: both within one transaction, so no
+ * other begins in between.
  *
  * @param flags which flags of the first register
  * @param[out] bytes all of them if one of `flags` is set in the first; otherwise the first alone

@@ -34,7 +34,7 @@ bool wait_until(bool (*done)(const void *context), const void *context, uint64_t
 /** The same with a short timeout from now [us], 1 to WAIT_BRIEFLY_MAXIMUM_US: it does without reading the clock. */
 bool wait_briefly(bool (*done)(const void *context), const void *context, uint32_t timeout_us);
 
-/** Called by a handler that has made true what somebody may be waiting for; harmless when nobody is, or for something else. */
+/** Called by a handler that has made true what a `wait` may be for; harmless when none is, or for something else. */
 void wait_is_over(void);
 
 /** Sleep until a point in time [us]; returns at once when it has passed. */

@@ -11,7 +11,7 @@
 
 /**
  * Received bytes are handed over up to the last of these that came. What comes behind it waits for the next one, or until it is
- * half of the buffer, so nobody is woken for a part of a frame, and a line that never ends a frame fills nothing.
+ * half of the buffer, so the main loop is not woken for a part of a frame, and a line that never ends a frame fills nothing.
  */
 #define UART_LAST_BYTE 0x7Eu
 

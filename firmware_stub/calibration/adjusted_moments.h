@@ -1,6 +1,6 @@
 /**
  * @file adjusted_moments.h
- * @brief The 34 moments as they are expected without noise, and the variance of the noise that a quadric fitted to them tells.
+ * @brief The 34 moments as they are expected without noise, and the variance of the noise that a quadric fitted to them implies.
  *
  * Noise in the points is noise in the rows of the equations too: the algebraic fit is biased. Adjusted least squares (Kukush,
  * Markovsky and Van Huffel, Consistent estimation in an implicit quadratic measurement error model, 2004) takes that bias out of

@@ -131,7 +131,7 @@ static FAST_CODE float adjugate_of(const float x[UNKNOWNS], float adjugate[9])
     return a[0] * adjugate[0] + a[1] * adjugate[3] + a[2] * adjugate[6];
 }
 
-static FAST_CODE fit_status_t judge(float sine, float wanted, float standard_error)
+static FAST_CODE fit_status_t check_sine(float sine, float wanted, float standard_error)
 {
     const float least = SIGNIFICANCE * standard_error;
     if (!(__builtin_fabsf(sine) >= least) || !(__builtin_fabsf(wanted) >= least)) {
@@ -172,7 +172,7 @@ static FAST_CODE void calibrate(const dpi_sums_t *sums, const float x[UNKNOWNS],
     result->sine = determinant > 0.0f ? size : -size;
     result->standard_error = size * __builtin_sqrtf(left / explained);
     const float wanted = known->dip_is_given != 0u ? known->sine : result->sine;
-    const fit_status_t status = judge(result->sine, wanted, result->standard_error);
+    const fit_status_t status = check_sine(result->sine, wanted, result->standard_error);
     if (status == FIT_ELLIPSOID) {
         store(sums, x, adjugate, determinant, wanted / explained, &result->fit);
     } else {

@@ -10,7 +10,7 @@
  * The same rounded products in the sums of all degrees is what keeps the fit: with exact sums of degree 2 beside rounded ones of
  * degree 4, rounding no longer cancels in the residuals. The anchor must be near the centre for the same reason.
  *
- * Preconditions of the kernel: K as below, which the range must be known for (no flag tells when a coordinate does not fit); at most
+ * Preconditions of the kernel: K as below, which the range must be known for (no flag shows when a coordinate does not fit); at most
  * PACKED_BLOCK_POINTS points, from word-aligned memory. packed_moments_sum sees to all of them.
  *
  * Costs, in the cycle model at zero wait states: 50.8 cycles a point and 320 a block. What that leaves of the accuracy is in

@@ -41,7 +41,7 @@ static void words_of(const packed_block_t *block, uint32_t index, int32_t words[
     words[ONE] = 1;
 }
 
-/* As SMLAD does: the sum wraps, and tells. */
+/* As SMLAD does: the sum wraps, and the overflow is returned. */
 static uint32_t add(uint32_t *sum, int64_t terms)
 {
     const int64_t exact = (int32_t)*sum + terms;

@@ -1,6 +1,6 @@
 /**
  * @file stream_calibrator.h
- * @brief The interface of calibrators that live with the stream of points: given one point at a time, asked when a fit is wanted.
+ * @brief The interface of streaming calibrators: given one point at a time, asked when a fit is wanted.
  *
  * A stream calibrator keeps its state in a struct that its caller owns and does nothing else that can be seen: no I/O, no heap,
  * bounded time a point, no NaN in a calibration. A state of zeros is a state after reset.
@@ -30,7 +30,7 @@ typedef struct {
     uint8_t elements;        /**< unknowns of the solver whose calibration this is: 4, 7 or 10; 0 when there is but one */
     bool is_solving;         /**< a solver is at work, some of its slices done */
     uint32_t accepted;       /**< calibrations taken over since reset; 0 for one that fits when asked */
-    float fit_error_percent; /**< what the calibrator judges its calibration by; negative when it has no such number */
+    float fit_error_percent; /**< the quality that the calibrator gives its calibration; negative when it has no such number */
 } stream_report_t;
 
 typedef stream_status_t (*stream_step_t)(void *state, const int16_t point[3]);

@@ -18,7 +18,7 @@ typedef struct {
     const sensor_t *sensor;
     uint64_t first_us;  /**< the first sample was found to be there [us] */
     uint64_t looked_us; /**< of the latest look: the last sample taken was there, and `held` others [us] */
-    uint8_t held;       /**< samples that the latest look found and nobody has taken yet */
+    uint8_t held;       /**< samples that the latest look found and that were not taken yet */
     bool lost;          /**< the FIFO ran over: the series has a gap */
 } fifo_sampler_t;
 

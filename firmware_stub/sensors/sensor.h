@@ -19,7 +19,7 @@ typedef enum { SENSOR_MAGNETOMETER = 0, SENSOR_ACCELEROMETER = 1, SENSOR_GYROSCO
 typedef enum {
     SENSOR_OK = 0,
     SENSOR_NOT_READY, /**< no new sample yet */
-    SENSOR_ABSENT,    /**< nobody answers at its address, or somebody else does */
+    SENSOR_ABSENT,    /**< nothing answers at its address, or another part does */
     SENSOR_TIMED_OUT, /**< no new sample before the deadline */
     SENSOR_BUS_ERROR, /**< the bus failed while the sensor was spoken to */
 } sensor_status_t;

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import shutil
 import subprocess
@@ -69,6 +70,8 @@ class FirmwareCopy:
     def build(self, edit: Edit, elf: Path) -> Path:
         """Build the firmware with an edit, into a file."""
         with edit.made(self._sources):
+            build_id = hashlib.sha256(f"{edit}".encode()).hexdigest()[:16]
+            _run("cmake", f"-DHILTEST_BUILD_ID={build_id}", "-S", self._sources, "-B", self._build)
             _run("cmake", "--build", self._build)
             return Path(shutil.copyfile(self._build / "hiltest-frdm-k64f.elf", elf))
 

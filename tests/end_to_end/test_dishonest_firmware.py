@@ -6,11 +6,15 @@ import json
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from hiltest.boards import default_firmware
+from hiltest.virtual.elf import load_image
 
 from .firmware_edits import Edit, FirmwareCopy
 
@@ -31,12 +35,12 @@ class Ended:
     measured: dict[str, Any]
 
 
-def run(elf: Path, folder: Path, suites: str) -> Ended:
+def run(elf: Path, folder: Path, suites: str, *, code: int = 1) -> Ended:
     command = [sys.executable, "-m", "hiltest", "run", "--poses", "level", "--out", "out", "--firmware", str(elf)]
     done = subprocess.run(
         [*command, "--", "-k", suites], capture_output=True, text=True, timeout=WALL_LIMIT_S, cwd=folder, check=False
     )
-    assert done.returncode == 1, done.stdout + done.stderr
+    assert done.returncode == code, done.stdout + done.stderr
     record = json.loads((folder / "out" / "run.json").read_text(encoding="utf-8"))
     output = " ".join((done.stdout + done.stderr).split())
     return Ended(output, {each["name"]: each["value"] for each in record["measurements"]})
@@ -78,6 +82,29 @@ def test_cycles_that_the_board_did_not_count(copy_of_the_firmware: FirmwareCopy,
     assert told, ended.output
     assert int(told[2]) > 1.2 * int(told[1])
     assert "cycles.direct.total" not in ended.measured
+
+
+def test_a_build_id_that_is_not_the_elfs(copy_of_the_firmware: FirmwareCopy, tmp_path: Path) -> None:
+    edit = Edit("app/link_commands.c", "write_string(reply, build_id);", 'write_string(reply, "a83ff0fdb4eee047");')
+    ended = run(copy_of_the_firmware.build(edit, tmp_path / "edited.elf"), tmp_path, "identity", code=23)
+    note = load_image(tmp_path / "edited.elf").build_id
+    assert f"GNU build-id note says build {note}, and the firmware answers 'a83ff0fdb4eee047'" in ended.output
+    assert ended.measured == {}
+
+
+def test_the_packaged_build_id_of_a_file_without_a_note(
+    copy_of_the_firmware: FirmwareCopy, tmp_path: Path, require_tool: Callable[[str], str]
+) -> None:
+    own, bare = tmp_path / "own.elf", tmp_path / "bare.elf"
+    answer = 'write_string(reply, "{}");'
+    for answered, code in ((load_image(default_firmware()).build_id, 23), ("my own build", 0)):
+        edit = Edit("app/link_commands.c", "write_string(reply, build_id);", answer.format(answered))
+        copy_of_the_firmware.build(edit, own)
+        objcopy = [require_tool("arm-none-eabi-objcopy"), "--remove-section=.note.gnu.build-id", str(own), str(bare)]
+        subprocess.run(objcopy, check=True, timeout=WALL_LIMIT_S)
+        assert load_image(bare).build_id == ""
+        ended = run(bare, tmp_path, "test_every_sensor_that_answers", code=code)
+        assert ("the packaged one, and is another file" in ended.output) == bool(code)
 
 
 @pytest.mark.parametrize(

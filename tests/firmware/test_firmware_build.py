@@ -76,7 +76,8 @@ def test_the_manifest_is_of_these_sources() -> None:
 
 def test_the_manifest_is_of_this_elf() -> None:
     assert MANIFEST["elf_sha256"] == hashlib.sha256(SHIPPED.read_bytes()).hexdigest()
-    assert MANIFEST["source_sha256"].startswith(MANIFEST["build_id"])
+    identity = f"{MANIFEST['source_sha256']}\n{MANIFEST['compiler']}\n"
+    assert hashlib.sha256(identity.encode()).hexdigest().startswith(MANIFEST["build_id"])
     assert MANIFEST["build_id"].encode() in SHIPPED.read_bytes()
 
 

@@ -9,7 +9,7 @@
 
 typedef enum {
     FAULT_NONE = 0,
-    FAULT_EXCEPTION = 1,     /**< hard fault or an interrupt nobody enabled */
+    FAULT_EXCEPTION = 1,     /**< hard fault or an interrupt that was not enabled */
     FAULT_MAIN_RETURNED = 2, /**< main() must not end */
     FAULT_CLOCK = 3,         /**< the oscillator or the PLL did not come up */
 } fault_cause_t;

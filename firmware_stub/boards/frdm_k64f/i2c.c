@@ -86,7 +86,7 @@ static inline void finish(bus_t *bus, i2c_status_t status)
     end(bus, status);
 }
 
-/** A byte could not be sent, or came while somebody else had the bus. */
+/** A byte could not be sent, or came while another master had the bus. */
 static void fail(bus_t *bus, uint8_t status)
 {
     const bool is_lost = (status & I2C_S_ARBL) != 0u;
@@ -251,7 +251,7 @@ static i2c_status_t run(bus_t *bus)
     return bus->status;
 }
 
-/** Run a transaction. When somebody held a line, make the bus usable for the next one; this one is reported as it ended. */
+/** Run a transaction. When a device held a line, make the bus usable for the next one; this one is reported as it ended. */
 static i2c_status_t transact(bus_t *bus)
 {
     const i2c_status_t status = run(bus);

@@ -9,7 +9,7 @@
  * Behind each stands an instruction that needs the FPU, so that nothing goes on behind its end. What the registers s0 to s15 hold
  * does not matter: no instruction of this core takes longer for it.
  *
- * Entering an exception and returning from it can only be told apart from within its handler. The sequences for them read the
+ * Entering an exception and returning from it can only be measured apart from within its handler. The sequences for them read the
  * cycle counter themselves: r8 is what it was before the supervisor call, r9 at the handler's first instruction, r10 at its last but
  * one, r11 behind the return. An exception leaves these registers alone. Their sum, in r0, is what is answered.
  */
@@ -77,7 +77,7 @@ typedef uint32_t (*sequence_t)(uint32_t *buffer, uint32_t from_middle);
     EACH(fp_load_multiple, TIMES(16, "vldmia r1, {s0-s7}"))                                                                       \
     EACH(fp_store_multiple, TIMES(16, "vstmia r2, {s0-s7}"))
 
-/* Those that read the counter themselves. The first one, of readings alone, is held against the others. */
+/* Those that read the counter themselves. The first one, of readings alone, is compared with the others. */
 #define FROM_WITHIN(between, start, end)                                                                                          \
     TIMES(8, "ldr r8, [r7]\n\t" between "\n\tldr r11, [r7]\n\tsub r11, " end ", " start "\n\tadd r0, r0, r11")
 #define TIMED_FROM_WITHIN(EACH)                                                                                                   \
@@ -123,7 +123,7 @@ static uint32_t buffer[32];
 /* Whether a supervisor call is one of these sequences'. */
 __attribute__((used)) static volatile uint32_t exceptions_are_timed;
 
-/* Any other supervisor call is as unexpected as every other exception that nobody enabled. */
+/* Any other supervisor call is as unexpected as every other exception that is not enabled. */
 __asm__("\t.pushsection .fast_code.sequences, \"ax\", %progbits\n"
         "\t.balign 8\n\t.thumb_func\n\t.global SVC_Handler\n\t.type SVC_Handler, %function\n"
         "SVC_Handler:\n"
@@ -139,7 +139,7 @@ uint8_t sequence_count(void)
     return (uint8_t)COUNT;
 }
 
-/* Not by PRIMASK: a supervisor call is an interrupt, too, and under it a fault. SysTick runs only while somebody waits for it. */
+/* Not by PRIMASK: a supervisor call is an interrupt, too, and under it a fault. SysTick runs only while a wait needs it. */
 FAST_CODE static void interrupts_disable(uint32_t enabled[NVIC_WORDS])
 {
     for (uint32_t word = 0u; word < NVIC_WORDS; word++) {

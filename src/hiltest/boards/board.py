@@ -190,6 +190,8 @@ class Board(ABC):
         Digest of the ELF file, where there is one.
     compiler_flags : str
         Compiler flags of all units of that file; empty where they are unknown.
+    elf_build_id : str
+        GNU build-id note of that file; empty without one.
     seed : int or None
         Seed of a simulated world.
     """
@@ -199,6 +201,7 @@ class Board(ABC):
     truth: Truth | None = None
     firmware_sha256: str | None = None
     compiler_flags: str = ""
+    elf_build_id: str = ""
     seed: int | None = None
 
     def __init__(self, session: Session, *, description: str, declared: Declared) -> None:

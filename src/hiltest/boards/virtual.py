@@ -7,10 +7,10 @@ import hashlib
 import numpy as np
 
 from hiltest.angles import Pose
-from hiltest.boards.bench import VirtualBench
+from hiltest.boards.bench import VirtualBench, default_firmware
 from hiltest.boards.board import Board, BoardKind, Declared, Truth
 from hiltest.boards.virtual_port import VirtualPort
-from hiltest.errors import ConfigError
+from hiltest.errors import ConfigError, ProtocolError, VersionMismatchError
 from hiltest.link.ports import READ_SLICE_S
 from hiltest.link.replies import RunCost
 from hiltest.link.session import Session
@@ -18,8 +18,10 @@ from hiltest.link.transcript import Transcript
 from hiltest.measurement import CycleRange
 from hiltest.rig import COUNTS_PER_UT, Rig, world_truth
 from hiltest.virtual.cycle_range import TimedSteps, range_where_it_ran
-from hiltest.virtual.elf import load_image
+from hiltest.virtual.elf import FirmwareImage, load_image
 from hiltest.virtual.function_watch import FunctionWatch
+
+_ID_DIGITS = 8  # 32 bits: two builds of one person's never share them
 
 # What the calibrators are called that are not called as their name is on the link.
 _FUNCTIONS = {"dpi": "fit_pairs"}
@@ -58,11 +60,17 @@ class VirtualBoard(Board):
         self.seed = bench.seed
         self.truth = _truth(bench.rig)
         self.firmware_sha256 = hashlib.sha256(bench.firmware.read_bytes()).hexdigest()
-        self.compiler_flags = load_image(bench.firmware).compiler_flags
+        image = load_image(bench.firmware)
+        self.compiler_flags, self.elf_build_id = image.compiler_flags, image.build_id
         # Nothing is lost on a simulated line: what is not answered in time would not be answered the second time.
         session = Session(port, transcript=transcript, nonce_seed=bench.seed, attempts=1)
         self._watches: dict[str, FunctionWatch] = {}  # the emulator goes on calling those that it once was given
         super().__init__(session, description=f"virtual FRDM-K64F, seed {bench.seed}", declared=declared)
+        try:
+            refuse_forged_build(self.identity.build_id, image)
+        except ProtocolError:
+            session.close()
+            raise
 
     @property
     def cycle_model(self) -> str:
@@ -120,6 +128,24 @@ class VirtualBoard(Board):
     def timed_steps(self) -> TimedSteps:
         """Begin to record what runs in steps that are timed one by one."""
         return TimedSteps(self._machine.cycle_counter, self._machine.processor.profile, self.cycle_model)
+
+
+def refuse_forged_build(answered: str, image: FirmwareImage) -> None:
+    """Raise a VersionMismatchError when the firmware answers the build id of another ELF than the one that runs.
+
+    Without a GNU build-id note only the id of the packaged firmware is known, which has such a note.
+    """
+    if image.build_id:
+        if len(answered) < _ID_DIGITS or not image.build_id.startswith(answered.lower()):
+            raise VersionMismatchError(
+                f"{image.name}: its GNU build-id note says build {image.build_id}, and the firmware answers "
+                f"{answered!r}; answer the note's first {_ID_DIGITS} digits or more, or link with -Wl,--build-id=none"
+            )
+    elif answered == load_image(default_firmware()).build_id:
+        raise VersionMismatchError(
+            f"{image.name}: the firmware answers build {answered}, the packaged one, and is another file; "
+            "give each build an id of its own"
+        )
 
 
 def _truth(rig: Rig) -> Truth | None:

@@ -50,7 +50,8 @@ class SensorRecord:
 class BoardRecord:
     """The board that answered on the link. `clock` is ``virtual`` or ``wall``.
 
-    `compiler_flags` are those of all units of the firmware; empty where no ELF has them.
+    `compiler_flags` are those of all units of the firmware; empty where no ELF has them. `elf_build_id` is the ELF's
+    GNU build-id note, with which `build_id` was compared; empty without one.
     """
 
     kind: str
@@ -69,6 +70,7 @@ class BoardRecord:
     calibrators: tuple[str, ...]
     sensors: tuple[SensorRecord, ...]
     compiler_flags: str = ""
+    elf_build_id: str = ""
 
 
 @dataclass(frozen=True, slots=True)

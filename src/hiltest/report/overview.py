@@ -135,6 +135,7 @@ def provenance(run: Run) -> Iterator[tuple[str, str]]:
         yield "board", board.description
         yield "unique id", board.unique_id
         yield "firmware", f"{board.firmware} {board.version}, build {board.build_id}, protocol {board.protocol_version}"
+        yield "build id in the ELF", board.elf_build_id or "not offered"
         yield "firmware SHA-256", board.firmware_sha256 or "not offered by this board"
         yield "compiler", board.compiler
         yield "placement", board.placement

@@ -211,5 +211,5 @@ def board_record(board: Board) -> BoardRecord:
             )
             for each in board.sensors
         ),
-        compiler_flags=board.compiler_flags,
+        compiler_flags=board.compiler_flags, elf_build_id=board.elf_build_id,
     )

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import bisect
 import io
-import re
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -29,7 +28,8 @@ _FLOATING_POINT = {0, 6}
 _HARD_FLOAT = 0x400  # EF_ARM_ABI_FLOAT_HARD, which the linker says of the whole
 _IMAGES_KEPT = 8  # parsed; each is a few megabytes with its debug information
 _ASSEMBLER = 0x8001  # DW_LANG_Mips_Assembler, which every assembler says
-_PRODUCER = re.compile(rb"GNU [^\0]+")  # DW_AT_producer of GCC: language, version, and the flags of the unit
+# Folders of the compiler's own libraries in the names of their units: which of them are linked in, the code decides.
+_LIBRARIES = frozenset({"libgcc", "libstdc++-v3", "newlib", "picolibc"})
 _QUALIFIERS = frozenset(f"DW_TAG_{name}" for name in (
     "typedef", "const_type", "volatile_type", "restrict_type", "atomic_type",
 ))  # fmt: skip
@@ -199,19 +199,40 @@ class FirmwareImage:
                 found.append(Symbol(entry.name, address, entry.entry.st_size, is_function))
         return found
 
-    @property
+    @cached_property
+    def build_id(self) -> str:
+        """Return the GNU build-id note in hexadecimal; empty without one."""
+        try:
+            section: Any = self._elf.get_section_by_name(".note.gnu.build-id")
+            notes = section.iter_notes() if section is not None else ()
+            return next((str(note.n_desc) for note in notes if note.n_type == "NT_GNU_BUILD_ID"), "")
+        except Exception:  # damaged, as a section that is not loaded may be: nothing is known then
+            return ""
+
+    @cached_property
     def compiler_flags(self) -> str:
         """Return the flags that GCC compiled the units with, sorted; empty without debug information.
 
-        All of it: that a unit among hundreds has a flag of its own is seen too.
+        Of all units but those of the compiler's own libraries: that one in hundreds has a flag of its own is seen.
         """
         try:
-            section = self._elf.get_section_by_name(".debug_str")
-            texts = _PRODUCER.findall(section.data()) if section is not None else []
+            with self._reading:
+                words = self._read_flags() if self._elf.has_dwarf_info() else set()
         except Exception:  # damaged, as debug information may be: nothing is known then
-            texts = []
-        words = {word for text in texts for word in text.decode("ascii", "replace").split()}
-        return " ".join(sorted(word for word in words if word.startswith("-")))
+            words = set()
+        return " ".join(sorted(words))
+
+    def _read_flags(self) -> set[str]:
+        found: set[str] = set()
+        for unit in self._elf.get_dwarf_info().iter_CUs():
+            attributes = unit.get_top_DIE().attributes
+            name, producer = attributes.get("DW_AT_name"), attributes.get("DW_AT_producer")
+            if producer is None or not producer.value.startswith(b"GNU "):
+                continue
+            folders = set(PurePosixPath(name.value.decode(errors="replace")).parts) if name is not None else set()
+            if not folders & _LIBRARIES:
+                found |= {word for word in producer.value.decode(errors="replace").split() if word.startswith("-")}
+        return found
 
     @cached_property
     def _functions_by_address(self) -> tuple[list[int], list[Symbol]]:
