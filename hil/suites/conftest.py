@@ -49,7 +49,7 @@ from hiltest.settings import Settings, resolve
 # suite that needs the known angles waits for the heading suite: rest comes before they are taken.
 ORDER = (
     "test_identity", "test_accelerometer", "test_gyroscope", "test_calibration_file", "test_heading", "test_dpi",
-    "test_streams", "test_budget", "test_cycles", "test_fusion", "test_link",
+    "test_streams", "test_budget", "test_cycles", "test_fusion", "test_link", "test_commands", "test_sensors",
 )
 
 # As few as calibrate a magnetometer by gravity too, of 16 readings each.

@@ -111,6 +111,14 @@ def test_the_boards_arithmetic_does_not_enter(
             measure(f"heading.{name}.float32_error", float32_error_deg(known_angles, run, tumble), "deg")
 
 
+def test_headings_are_from_0_to_360(known_angles: KnownAngles) -> None:
+    outside = {
+        name: [each for each in headings.tolist() if not 0.0 <= each < 360.0]
+        for name, headings in known_angles.heading_deg.items()
+    }
+    assert not any(outside.values()), f"answered headings outside of 0 to 360 degrees: {outside}"
+
+
 def test_heading_without_calibration(known_angles: KnownAngles, measure: Measure) -> None:
     measure("heading.uncalibrated.max_level", known_angles.max_level_deg(UNCALIBRATED), "deg")
     measure("heading.uncalibrated.max", known_angles.summary(UNCALIBRATED).max_deg, "deg")

@@ -81,6 +81,7 @@ class VirtualBench:
         self.machine = VirtualK64F(
             self.firmware, i2c0=sensors["i2c0"], i2c1=sensors["i2c1"], profile=_timing_of(rig), strict=firmware is None
         )
+        self._parts = {(bus, part.address): part for bus in (0, 1) for part in sensors[f"i2c{bus}"]}
         for bus, parts in enumerate((sensors["i2c0"], sensors["i2c1"])):
             for part in parts:
                 if pins := _INTERRUPT_PINS.get((bus, part.address)):
@@ -122,6 +123,19 @@ class VirtualBench:
         heading_deg = self._world.at(begin_s).pose.heading_deg - self._world.mounting_yaw_deg
         self.begin_move(Sway(begin_s, steps * MOVE_GRID_S, heading_deg))
         return SWAY_S
+
+    @property
+    def temperature_degc(self) -> float:
+        """True temperature of the board now."""
+        return self._world.temperature_degc(self.machine.time_s)
+
+    def write_sensor(self, bus: int, address: int, register: int, value: int) -> None:
+        """Write a register of a sensor behind the firmware's back, as another master on the I2C bus would."""
+        part, now_s = self._parts[bus, address], self.machine.time_s
+        part.start(False, now_s)
+        part.write(register, now_s)
+        part.write(value, now_s)
+        part.stop(now_s)
 
     @property
     def firmware_clock_began_s(self) -> float:

@@ -51,8 +51,8 @@ class Truth:
         Zero-flux offset of the part included [uT].
     field_ut, dip_deg : float
         Strength and inclination of the earth's field.
-    magnetometer_sigma_ut : float
-        rms noise of one axis of one reading [uT].
+    magnetometer_sigma_ut, accelerometer_sigma_g : float
+        rms noise of one axis of one reading.
     accelerometer_response : ndarray, shape (3, 3)
         ``read_g = accelerometer_response @ gravity_g + accelerometer_offset_g``, body frame.
     accelerometer_offset_g : ndarray, shape (3,)
@@ -67,6 +67,7 @@ class Truth:
     field_ut: float
     dip_deg: float
     magnetometer_sigma_ut: float
+    accelerometer_sigma_g: float
     accelerometer_response: NDArray[np.float64]
     accelerometer_offset_g: NDArray[np.float64]
     gyroscope_bias_dps: NDArray[np.float64]
@@ -157,6 +158,13 @@ class Stage(Protocol):
 
     def turn_round(self, turn_deg: float, *, rate_dps: float, after_s: float) -> float:
         """Begin to turn about the vertical in `after_s`, come back at once, and say in how long it will stand [s]."""
+
+    @property
+    def temperature_degc(self) -> float:
+        """True temperature of the board now."""
+
+    def write_sensor(self, bus: int, address: int, register: int, value: int) -> None:
+        """Write a register of a sensor behind the firmware's back, as another master on the I2C bus would."""
 
 
 class StepRecorder(Protocol):

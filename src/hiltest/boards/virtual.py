@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 
 import numpy as np
 
@@ -17,10 +18,12 @@ from hiltest.link.session import Session
 from hiltest.link.transcript import Transcript
 from hiltest.measurement import CycleRange
 from hiltest.rig import COUNTS_PER_UT, Rig, world_truth
+from hiltest.sensors.fxos8700cq import DATA_SHEET_NOISE_DENSITY_G
 from hiltest.virtual.cycle_range import TimedSteps, range_where_it_ran
 from hiltest.virtual.elf import FirmwareImage, load_image
 from hiltest.virtual.function_watch import FunctionWatch
 
+_ACCELEROMETER_RATE_HZ = 200.0  # the firmware's, of an FXOS8700CQ in hybrid mode
 _ID_DIGITS = 8  # 32 bits: two builds of one person's never share them
 
 # What the calibrators are called that are not called as their name is on the link.
@@ -150,14 +153,15 @@ def refuse_forged_build(answered: str, image: FirmwareImage) -> None:
 
 def _truth(rig: Rig) -> Truth | None:
     known = world_truth(rig)
-    if known is None:
+    if known is None or rig.world is None:
         return None
     return Truth(
         soft_iron=np.array(known.soft_iron),
         hard_iron_ut=np.array(known.hard_iron_counts) / COUNTS_PER_UT,
         field_ut=known.field.strength_ut,
         dip_deg=known.field.dip_deg,
-        magnetometer_sigma_ut=rig.sensors.magnetometer_noise_ut,
+        magnetometer_sigma_ut=rig.world.noise_ut(rig.magnetometer_part or "mag3110"),
+        accelerometer_sigma_g=DATA_SHEET_NOISE_DENSITY_G * math.sqrt(_ACCELEROMETER_RATE_HZ / 2.0),
         accelerometer_response=np.array(known.accelerometer_response),
         accelerometer_offset_g=np.array(known.accelerometer_offset_g),
         gyroscope_bias_dps=np.array(known.gyroscope_bias_dps),

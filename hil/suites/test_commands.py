@@ -1,0 +1,161 @@
+"""Commands: what the firmware keeps, forgets and refuses. Points and one slot of the board are replaced."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hiltest.boards import Board
+from hiltest.calibration.accelerometer import COUNTS_PER_G, NOMINAL, AccelerometerStatus
+from hiltest.calibration.fit import FitStatus
+from hiltest.calibration.gyroscope import GyroscopeTurn, TurnsStatus
+from hiltest.calibration.still_pose import FACES, Face, StillPose
+from hiltest.errors import DeviceError
+from hiltest.link.accelerometer import FitAccelerometer, GetAccelerometer, SetAccelerometer
+from hiltest.link.framing import Frame
+from hiltest.link.gyroscope import FitGyroscope, GetGyroscope, SetGyroscope
+from hiltest.link.messages import (
+    Average,
+    Calibrate,
+    ClearCalibration,
+    ClearPoints,
+    GetCalibration,
+    SetCalibration,
+    Upload,
+)
+from hiltest.link.poses import ClearPoses, UploadPoses
+from hiltest.link.replies import Status
+from hiltest.procedures import Turntable
+from hiltest.procedures.cycles import upload_points
+from hiltest.procedures.golden_points import golden_points
+
+pytestmark = pytest.mark.hil
+
+FIRST = (np.diag([1.0, 2.0, 3.0]) + 0.25, [10.0, -20.0, 30.0])
+SECOND = (np.diag([3.0, 1.0, 2.0]) - 0.125, [-5.0, 15.0, 40.0])
+SPREAD = [4.0, 4.0, 4.0]
+
+
+def test_a_slot_answers_by_the_calibration_it_was_given_last(board: Board) -> None:
+    slot = board.identity.slots - 1
+    for soft_iron, hard_iron in (FIRST, SECOND):
+        board.session.request(SetCalibration(slot, soft_iron, hard_iron))
+        board.session.request(SetAccelerometer(slot, soft_iron / COUNTS_PER_G, hard_iron))
+        kept, accelerometer = board.session.request(GetCalibration(slot)), board.session.request(GetAccelerometer(slot))
+        assert np.array_equal(kept.soft_iron, soft_iron), f"soft iron {kept.soft_iron} after {soft_iron} was sent"
+        assert np.array_equal(kept.hard_iron, hard_iron), f"hard iron {kept.hard_iron} after {hard_iron} was sent"
+        assert np.array_equal(accelerometer.gain, soft_iron / COUNTS_PER_G)
+        assert np.array_equal(accelerometer.offset, hard_iron)
+
+
+def test_a_cleared_slot_answers_none(board: Board, turntable: Turntable) -> None:
+    slot = board.identity.slots - 1
+    board.session.request(SetCalibration(slot, *FIRST))
+    board.session.request(SetAccelerometer(slot, 2.0 * NOMINAL.gain, [1.0, 2.0, 3.0]))
+    board.session.request(ClearCalibration(slot))
+    with pytest.raises(DeviceError) as refused:
+        board.session.request(GetCalibration(slot))
+    assert refused.value.status == Status.NO_CALIBRATION.name
+    turntable.rest()
+    assert board.session.request(Average(1, 1 << slot)).headings[slot].status is Status.NO_CALIBRATION
+    accelerometer = board.session.request(GetAccelerometer(slot))
+    assert np.array_equal(accelerometer.offset, NOMINAL.offset), "a cleared slot keeps its accelerometer calibration"
+    assert np.array_equal(accelerometer.gain, NOMINAL.gain), "an empty slot has another scale than the data sheet's"
+
+
+def test_another_payload_is_another_request_whatever_its_sequence_number(board: Board) -> None:
+    session = board.session
+    session.request(ClearPoints())
+    frame = session.next_frame(Upload(0, [(1, 2, 3)]))
+    other = Frame(frame.type, frame.sequence, Upload(1, [(4, 5, 6)]).payload())
+    first, second = session.exchange_raw(frame), session.exchange_raw(other)
+    assert first is not None
+    assert second is not None
+    assert first.payload != second.payload, "another request with the same sequence number got the answer of the first"
+
+
+@pytest.mark.parametrize(
+    ("samples", "statuses"),
+    [
+        ("few", {FitStatus.TOO_FEW_POINTS}),
+        ("on a plane", {FitStatus.POOR_COVERAGE, FitStatus.SINGULAR, FitStatus.NOT_AN_ELLIPSOID}),
+        ("all the same", {FitStatus.POOR_COVERAGE, FitStatus.SINGULAR, FitStatus.NOT_AN_ELLIPSOID}),
+    ],
+)
+def test_a_poor_distribution_of_samples_is_refused(board: Board, samples: str, statuses: set[FitStatus]) -> None:
+    points = {
+        "few": golden_points(8), "on a plane": golden_points(100) * np.array([1, 1, 0], dtype=np.int16),
+        "all the same": np.repeat(golden_points(1), 100, axis=0),
+    }[samples]
+    upload_points(board, points)
+    for calibrator in board.identity.calibrators:
+        reply = board.session.request(Calibrate(len(points), calibrator))
+        assert reply.fit in statuses, f"{calibrator} answers {reply.fit.name} to samples that are {samples}"
+
+
+def test_turns_are_fitted_without_their_bias(board: Board) -> None:
+    # Counts of one deg/s, not symmetric, and a bias that drifts by a count between the rests around each turn.
+    response = np.array([[16.2, 0.15, -0.2], [-0.1, 15.8, 0.1], [0.25, -0.3, 16.3]])
+    bias, n, duration_s = np.array([24.0, -33.0, 19.0]), 1001, 5.0
+    turns = [
+        GyroscopeTurn(
+            turned, np.rint((n - 1) / duration_s * (response @ turned) + n * bias).astype(np.int64), n, duration_s,
+            bias - 0.5, bias + 0.5,
+        )
+        for turned in 360.0 * np.vstack([np.eye(3), -np.eye(3)])
+    ]
+    kept = board.session.request(GetGyroscope())
+    fit = board.session.request(FitGyroscope(turns)).fit
+    board.session.request(SetGyroscope(kept.matrix, kept.bias))
+    assert fit.status is TurnsStatus.OK
+    # float32, and sums rounded to whole counts: 3e-6 of a turn.
+    off = np.abs(fit.matrix @ response - np.eye(3)).max()
+    assert off < 1e-4, f"the fitted matrix is {off:.2g} off the response that the turns were made with"
+
+
+def faces(board: Board) -> list[StillPose]:
+    """Return still poses of the six faces, and empty the board's buffer."""
+    board.session.request(ClearPoses())
+    field = np.array([100.0, 200.0, 300.0])
+    return [
+        StillPose(field, np.array(SPREAD), COUNTS_PER_G * np.array(face.gravity_g), np.array(SPREAD), 64, face)
+        for face in FACES
+    ]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "status"),
+    [
+        ("none", AccelerometerStatus.OK),
+        ("missing", AccelerometerStatus.MISSING_FACE),
+        ("repeated", AccelerometerStatus.REPEATED_FACE),
+        ("misplaced", AccelerometerStatus.MISPLACED_FACE),
+        ("askew by 30 degrees", AccelerometerStatus.MISPLACED_FACE),
+        ("moving", AccelerometerStatus.MOVED),
+    ],
+)
+def test_a_face_that_is_wrong_is_refused(board: Board, wrong: str, status: AccelerometerStatus) -> None:
+    poses = faces(board)
+    up = poses[Face.MINUS_X]
+    changed = {
+        "none": poses,
+        "missing": [each for each in poses if each is not up],
+        "repeated": [*poses, up],
+        "misplaced": [with_gravity(each, poses[Face.PLUS_Y].accelerometer) if each is up else each for each in poses],
+        "askew by 30 degrees": [
+            with_gravity(each, COUNTS_PER_G * np.array([-np.sqrt(0.75), 0.5, 0.0])) if each is up else each
+            for each in poses
+        ],
+        "moving": [with_gravity(each, each.accelerometer, spread=100.0) if each is up else each for each in poses],
+    }[wrong]
+    board.session.request(UploadPoses(0, changed))
+    found = board.session.request(FitAccelerometer(len(changed), "six-position")).solution
+    board.session.request(ClearPoses())
+    assert found.status is status, f"{found.status.name} of faces of which one is {wrong}"
+
+
+def with_gravity(pose: StillPose, counts: np.ndarray, *, spread: float = SPREAD[0]) -> StillPose:
+    """Return a pose with other readings of the accelerometer."""
+    return StillPose(
+        pose.magnetometer, pose.magnetometer_spread, counts, np.full(3, spread), pose.readings, pose.face
+    )
