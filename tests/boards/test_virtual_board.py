@@ -14,10 +14,12 @@ from hiltest.boards import BoardKind, Declared, VirtualBench, VirtualBoard, defa
 from hiltest.errors import ConfigError, DeviceError, SensorAbsentError, VersionMismatchError
 from hiltest.link.framing import Frame, FrameDecoder, encode_frame
 from hiltest.link.gyroscope import GyroscopeRest
-from hiltest.link.messages import PROTOCOL_VERSION, Average, LinkStatistics, Read, Reset, Sync
+from hiltest.link.messages import PROTOCOL_VERSION, Average, Calibrate, LinkStatistics, Read, Reset, Sync
 from hiltest.link.replies import DPS_PER_COUNT, G_PER_COUNT, MICROTESLA_PER_COUNT, CycleSource, SensorKind
 from hiltest.link.transcript import Transcript
 from hiltest.procedures import collect_tumble, measure_cycles, open_turntable, run_calibrators
+from hiltest.procedures.cycles import upload_points
+from hiltest.procedures.golden_points import golden_points
 from hiltest.rig import Rig
 
 
@@ -37,6 +39,18 @@ def test_the_default_board_boots_identifies_and_selects_the_rig_s_sensors(rig: R
         assert board.instructions is not None
         assert board.instructions > before
         assert board.virtual_seconds == board.now_s()
+
+
+def test_a_range_of_cycles_is_of_the_readings_around_the_call_in_the_latest_request(rig: Rig) -> None:
+    with open_board(rig) as board:
+        upload_points(board, golden_points(100))
+        costs = {name: board.timed(Calibrate(100, name), name).cost for name in ("corrected", "direct")}
+        assert board.cycle_range(costs["direct"], "direct") == board.cycle_range(costs["direct"])
+        assert board.cycle_range(costs["direct"]) is not None
+        assert board.cycle_range(costs["corrected"], "corrected") is None  # of the request before
+        assert board.cycle_range(costs["direct"], "corrected") is None  # another call than the one that is reported
+        board.session.request(LinkStatistics())
+        assert board.cycle_range(costs["direct"], "direct") is None
 
 
 def wire(rig: Rig, seed: int) -> Transcript:

@@ -2,8 +2,9 @@
 
     python -m tests.mutation [--part K/N] [--jobs J] [--out DIR] [WORD ...]
 
-What is finished is kept in DIR, and not run again until firmware, package or suites change. Words choose mistakes whose name or file
-has one of them. Ends with 1 when less than 95 % are red, or less than 90 % of the red ones say first what was expected.
+What is finished is kept in DIR, and not run again until firmware, package or suites change. Words choose mistakes whose
+name or file has one of them. Ends with 1 when less than 95 % are red, or less than 90 % of those say first what was
+expected.
 """
 
 from __future__ import annotations
@@ -17,9 +18,9 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from ..end_to_end.firmware_edits import FirmwareCopy
 from .edits import Mutation, mutations
 from .score import Found, Score, run_mutation
-from ..end_to_end.firmware_edits import FirmwareCopy
 
 ROOT = Path(__file__).parents[2]
 SCORED = ("src/hiltest", "hil/suites", "hil/rigs", "hil/baselines", "firmware_stub")

@@ -36,7 +36,7 @@ class Found:
 
     @property
     def first(self) -> str:
-        """What stands first: the first sentence of the verdict behind its word, and the first test that is not green."""
+        """What stands first: the first sentence of the verdict behind its word, and the first test not green."""
         clause = (self.sentence.partition(". ")[2] or self.sentence).partition(". ")[0]
         return f"{clause} [{self.first_test}]"
 

@@ -306,8 +306,16 @@ class Board(ABC):
             return f"the board cannot count the cycles of {calibrator}: {why}; name one under [cycles] in the rig"
         return ""
 
-    def cycle_range(self, cost: RunCost | None) -> CycleRange | None:
-        """Return the uncertainty range of the cycles of the run that was just timed; None where it is unknown."""
+    def cycle_range(self, cost: RunCost | None, calibrator: str = "") -> CycleRange | None:
+        """Return the uncertainty range of the cycles of the run that was just timed; None where it is unknown.
+
+        Parameters
+        ----------
+        cost : RunCost or None
+            As the firmware reports it.
+        calibrator : str, optional
+            What was timed: the board then knows the readings around its call.
+        """
         return None
 
     def timed_steps(self) -> StepRecorder | None:

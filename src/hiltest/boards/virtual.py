@@ -22,12 +22,24 @@ from hiltest.sensors.fxos8700cq import DATA_SHEET_NOISE_DENSITY_G
 from hiltest.virtual.cycle_range import TimedSteps, range_where_it_ran
 from hiltest.virtual.elf import FirmwareImage, load_image
 from hiltest.virtual.function_watch import FunctionWatch
+from hiltest.virtual.peripherals.cycle_counter import CycleCounter
 
 _ACCELEROMETER_RATE_HZ = 200.0  # the firmware's, of an FXOS8700CQ in hybrid mode
 _ID_DIGITS = 8  # 32 bits: two builds of one person's never share them
 
 # What the calibrators are called that are not called as their name is on the link.
 _FUNCTIONS = {"dpi": "fit_pairs"}
+
+
+class _Port(VirtualPort):
+    """The board's port; each request makes its cycle counter forget what was read before."""
+
+    counter: CycleCounter
+
+    def write(self, data: bytes) -> int:
+        """Send bytes; they arrive while the host reads."""
+        self.counter.forget()
+        return super().write(data)
 
 
 class VirtualBoard(Board):
@@ -54,10 +66,11 @@ class VirtualBoard(Board):
                     "such function; name one of its symbols"
                 )
         bench.power_on()
-        port = VirtualPort()
+        port = _Port()
         port.port = "hil://"
         port.timeout = READ_SLICE_S
         port.attach(bench.machine)
+        port.counter = bench.machine.cycle_counter
         port.open()
         self.stage = bench
         self.seed = bench.seed
@@ -120,12 +133,14 @@ class VirtualBoard(Board):
             self._watches[function] = FunctionWatch(self._machine.processor, symbol.address)
         return self._watches[function]
 
-    def cycle_range(self, cost: RunCost | None) -> CycleRange | None:
-        """Price what ran between the latest readings of CYCCNT again, with each row of the timing profile moved."""
+    def cycle_range(self, cost: RunCost | None, calibrator: str = "") -> CycleRange | None:
+        """Price what ran between two readings of CYCCNT again, with each row of the timing profile moved."""
         if cost is None:
             return None
         counter, profile = self._machine.cycle_counter, self._machine.processor.profile
-        executed = counter.executed_in(cost.cycles, cost.overhead_cycles)
+        watch = self.call_counter(calibrator) if calibrator else None
+        call = (watch.calls[-1].entered, watch.calls[-1].returned) if watch and watch.calls else None
+        executed = counter.executed_in(cost.cycles, cost.overhead_cycles, call)
         return range_where_it_ran(profile, self.cycle_model, cost.cycles, executed)
 
     def timed_steps(self) -> TimedSteps:

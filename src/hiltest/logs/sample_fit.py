@@ -215,7 +215,7 @@ def fit_on_board(board: Board, samples: Samples, calibrator: str = ALL) -> Sampl
     for name in known if calibrator == ALL else [calibrator]:
         fit, cost = calibrate_once(board, name, len(used))
         result = rating.result(name, scale.in_unit(fit), used)
-        band = board.cycle_range(cost)
+        band = board.cycle_range(cost, name)
         fits.append(replace(result, cycles=cost.cycles if cost else None, cycle_band=band))
     rounding = scale.counts(used) / scale.per_unit + scale.origin - used
     firmware = FirmwareUsed(

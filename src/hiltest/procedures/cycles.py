@@ -185,7 +185,7 @@ def measure_cycles(
             run = runs[size, index][name] = _count(board, size, name)
             if (size, index) == (n, 0):
                 instructions[name] = instructions_of(board, run.cost)
-                bands[name] = board.cycle_range(run.cost)
+                bands[name] = board.cycle_range(run.cost, name)
                 per_iteration[name] = _per_iteration(board, size, name, run)
             whole = runs[n, 0][name]
             if index == 0 and _is_mostly_iterations(per_iteration[name], whole.iterations, whole.cost.cycles):

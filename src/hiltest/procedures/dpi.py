@@ -155,7 +155,7 @@ def measure_dpi_cycles(
             raise no_cycle_counter()
         cycles[size, index] = cost.cycles
         if not done:
-            instructions, band = instructions_of(board, cost), board.cycle_range(cost)
+            instructions, band = instructions_of(board, cost), board.cycle_range(cost, DPI)
     tell("cycles of dpi", len(work), len(work))
     over_sizes = [cycles[size, 0] for size in sizes]
     at_first = [cycles[sizes[0], index] for index in range(point_sets)]

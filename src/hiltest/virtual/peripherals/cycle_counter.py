@@ -15,9 +15,13 @@ _READINGS = 400
 
 @dataclass(frozen=True, slots=True)
 class CounterReading:
-    """One reading of CYCCNT, with the instructions and blocks that had been executed by then."""
+    """One reading of CYCCNT, with the instructions and blocks that had been executed by then.
+
+    `at` counts cycles since power-on, whatever the firmware does to the counter.
+    """
 
     cycles: int
+    at: int
     instructions: int
     executed: Snapshot | None
 
@@ -34,7 +38,7 @@ class CycleCounter:
     present : bool
         Set to False for a part without the counter (NOCYCCNT).
     readings : deque of CounterReading
-        The last few times that the firmware read it, oldest first.
+        The last few times that the firmware read it, oldest first; `forget` begins anew.
     """
 
     name = "DWT"
@@ -77,7 +81,10 @@ class CycleCounter:
         if offset == 4:
             self._hold()
             count = self._count & 0xFFFFFFFF
-            self.readings.append(CounterReading(count, self._processor.instructions_now(), self._processor.executed()))
+            processor = self._processor
+            self.readings.append(
+                CounterReading(count, processor.now(), processor.instructions_now(), processor.executed())
+            )
             return count
         return 0
 
@@ -90,11 +97,15 @@ class CycleCounter:
             self._count = value
         self._counted_from = self._processor.now()
 
+    def forget(self) -> None:
+        """Drop the readings so far: a request begins, and what it reports is of readings that come now."""
+        self.readings.clear()
+
     def instructions_between(self, cycles: int) -> int | None:
         """Count the instructions between two successive readings that lie `cycles` apart, the latest such.
 
         Firmware that times a function reads the counter before and behind it; the difference that it reports finds
-        the two readings among the latest. None when no two differ by that many cycles.
+        the two readings. None when no two since `forget` differ by that many cycles.
         """
         readings = list(self.readings)
         for before, behind in zip(readings[-2::-1], readings[:0:-1], strict=True):
@@ -102,14 +113,25 @@ class CycleCounter:
                 return behind.instructions - before.instructions
         return None
 
-    def executed_in(self, cycles: int, overhead_cycles: int) -> tuple[Executions, Executions] | None:
+    def executed_in(
+        self, cycles: int, overhead_cycles: int, call: tuple[int, int] | None = None
+    ) -> tuple[Executions, Executions] | None:
         """Return what ran while something was timed, and in the empty call before it.
 
         Firmware reads the counter before and behind an empty call, then before and behind what it times: the latest
-        four successive readings that lie so far apart.
+        four successive readings since `forget` that lie so far apart.
+
+        Parameters
+        ----------
+        cycles, overhead_cycles : int
+            As the firmware reports them.
+        call : (int, int), optional
+            Cycles since power-on when what was timed was entered and left: the readings must be those around it.
         """
         readings = list(self.readings)
         for four in zip(readings[-4::-1], readings[-3::-1], readings[-2::-1], readings[::-1], strict=False):
+            if call is not None and not four[2].at <= call[0] <= call[1] <= four[3].at:
+                continue
             spans = four[1].cycles_since(four[0]), four[3].cycles_since(four[2])
             if spans == (overhead_cycles, cycles + overhead_cycles):
                 empty, whole = between(four[0].executed, four[1].executed), between(four[2].executed, four[3].executed)

@@ -1,0 +1,43 @@
+"""Mistakes in the firmware that the gate set finds, and says first what they are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from ..end_to_end.firmware_edits import FirmwareCopy
+from .edits import Mutation, mutations
+from .score import run_mutation, said_first
+
+pytestmark = pytest.mark.slow
+
+TEN = mutations()[4::10]
+"""Of all kinds; `tox -e mutation` runs all."""
+
+
+@pytest.fixture(scope="module")
+def copy(tmp_path_factory: pytest.TempPathFactory, require_tool: Callable[[str], str]) -> FirmwareCopy:
+    """The firmware's sources, to be built with a mistake."""
+    require_tool("arm-none-eabi-gcc")
+    require_tool("cmake")
+    return FirmwareCopy(tmp_path_factory.mktemp("mutated"))
+
+
+@pytest.mark.parametrize("mutation", TEN, ids=[each.name for each in TEN])
+def test_a_mistake_in_the_firmware_is_found_and_named_first(
+    mutation: Mutation, copy: FirmwareCopy, tmp_path: Path
+) -> None:
+    found = run_mutation(copy, mutation, tmp_path / "run")
+    assert found.code != 0, found.sentence
+    assert said_first(mutation, found), found.first
+
+
+def test_every_mistake_is_a_place_of_its_own_in_the_sources() -> None:
+    every = mutations()
+    assert len(every) >= 80
+    sources = Path(__file__).parents[2] / "firmware_stub"
+    counts = {each.name: (sources / each.edit.file).read_text(encoding="utf-8").count(each.edit.old) for each in every}
+    assert {name: count for name, count in counts.items() if count != 1} == {}
+    assert len({each.edit for each in every}) == len(every)
