@@ -24,6 +24,7 @@ SOFT_IRON = """soft_iron = [
   [-0.006,  0.009,  1.004],
 ]"""
 ACCELEROMETER = "accelerometer_offset_mg = [1.2, -1.5, 2.0]"
+WARMING_UP = "temperature_degc = 33.0\ntemperature_end_degc = 41.0\ntemperature_ramp_s = 150.0"
 # Six faces take any offset off: what one does to a heading shows where they are left out.
 NO_FACES = ('accelerometer_calibration = "six-position"', 'accelerometer_calibration = "none"')
 MOUNTING = """[mounting]
@@ -192,7 +193,7 @@ def test_a_gyroscope_that_drifts_while_the_board_warms_up_fails_its_bias(
 ) -> None:
     warm_up = "temperature_degc = 25.0\ntemperature_end_degc = 45.0\ntemperature_time_constant_s = 20.0\n"
     drift = "[world.drift]\ngyroscope_bias_dps_per_degc = [0.0, 0.03, 0.0]\n"
-    run = run_in(tmp_path, "--rig", edited(("temperature_degc = 25.0\n", warm_up + drift)), "--", "-k", "gyroscope")
+    run = run_in(tmp_path, "--rig", edited((WARMING_UP + "\n", warm_up + drift)), "--", "-k", "gyroscope")
     assert run.code == 1
     assert run.sentence.startswith("FAIL. gyroscope.bias_error ")
     # Slow enough that no rest is taken for a moved board. The middles of the rests, of 5 s each with a turn of 5 s
@@ -204,7 +205,7 @@ def test_a_gyroscope_that_drifts_while_the_board_warms_up_fails_its_bias(
 def test_a_board_without_its_shield_names_the_way_out_and_runs_the_rest(
     run_in, edited: Callable[..., str], tmp_path: Path
 ) -> None:
-    rig = edited(("temperature_degc = 25.0", "temperature_degc = 25.0\nfitted = []"))
+    rig = edited((WARMING_UP, WARMING_UP + "\nfitted = []"))
     run = run_in(tmp_path, "--rig", rig, "--", "-k", "identity or accelerometer or link")
     assert run.code == 20
     assert "FRDM-FXS-MULTI-B" in run.sentence

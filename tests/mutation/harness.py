@@ -2,7 +2,8 @@
 
     python -m tests.mutation.harness [WORD ...]
 
-The tests of the module come first, all quick ones only where those stay green. Ends with 1 when less than 95 % are found.
+The tests of the module come first, all quick ones only where those stay green. Ends with 1 when less than 95 % are
+found.
 """
 
 from __future__ import annotations
@@ -41,7 +42,8 @@ def main() -> int:
             found = is_found(source, file, edit, tests)
             if not found:
                 survivors.append(f"{file}: {edit['old']!r} -> {edit['new']!r}")
-            print(f"[{number:2}/{len(chosen)}] {'found   ' if found else 'SURVIVED'} {file}: {edit['new']!r}", flush=True)
+            word = "found   " if found else "SURVIVED"
+            print(f"[{number:2}/{len(chosen)}] {word} {file}: {edit['new']!r}", flush=True)
     share = 1.0 - len(survivors) / max(len(chosen), 1)
     print(f"{len(chosen)} mistakes: {share:.1%} found by the quick tests (at least {FOUND_AT_LEAST:.0%})")
     print("\n".join(f"survived: {each}" for each in survivors))

@@ -20,6 +20,7 @@ from hiltest.sensors.fxos8700cq import noise_at_oversampling, oversampling
 
 RIGS = Path(__file__).parents[2] / "hil" / "rigs"
 DEFAULT = RIGS / "virtual-k64f.toml"
+WARMING_UP = "temperature_degc = 33.0\ntemperature_end_degc = 41.0\ntemperature_ramp_s = 150.0"
 
 
 @pytest.fixture
@@ -180,7 +181,7 @@ def test_an_unknown_key_is_named_with_its_line_and_the_nearest_known_one(edited)
         ("[turntable]", "[turntabel]", "turntable"),
         ("name = ", "nam = ", "name"),
         ("hard_iron_ut = ", "hard_iron = ", "hard_iron_ut"),
-        ("temperature_degc = 25.0", "[world.drift]\nmag3110_gain_percent = [0, 0, 0]", "mag3110_gain_percent_per_degc"),
+        (WARMING_UP, "[world.drift]\nmag3110_gain_percent = [0, 0, 0]", "mag3110_gain_percent_per_degc"),
         ("[information]", "[informations]", "information"),
         ('"heading.direct.rms" = { max = 0.75, unit', '"heading.direct.rms" = { maxi = 0.75, unit', "max"),
         ('"heading.direct.rms"', '"heading.direct.rmss"', "heading.direct.rms"),
@@ -213,15 +214,15 @@ def test_every_table_knows_its_keys(edited, old, new, nearest):
         ('kind = "simulated"', 'kind = "robot"', "turntable.kind", "'simulated', 'operator' or 'grbl'"),
         ('kind = "simulated"', 'kind = "operator"', "turntable", "goes with a board"),
         ('kind = "virtual"', 'kind = "real"', "world", "absent with any other"),
-        ("temperature_degc = 25.0", "temperature_end_degc = 40.0", "world.temperature_end_degc", "how the temperature"),
-        ("temperature_degc = 25.0", "temperature_ramp_s = 9.0", "world.temperature_end_degc", "goes with"),
+        (WARMING_UP, "temperature_end_degc = 40.0", "world.temperature_end_degc", "how the temperature"),
+        (WARMING_UP, "temperature_ramp_s = 9.0", "world.temperature_end_degc", "goes with"),
         (
-            "temperature_degc = 25.0",
+            WARMING_UP,
             "temperature_end_degc = 40.0\ntemperature_ramp_s = 9.0\ntemperature_time_constant_s = 3.0",
             "world.temperature_ramp_s", "excludes temperature_time_constant_s",
         ),
         (
-            "temperature_degc = 25.0", "temperature_end_degc = 40.0\ntemperature_time_constant_s = 0.0",
+            WARMING_UP, "temperature_end_degc = 40.0\ntemperature_time_constant_s = 0.0",
             "world.temperature_time_constant_s", "must be above 0",
         ),
         ("[faces]\nuncertainty_deg = 0.1", "[faces]\nuncertainty_deg = 0", "faces.uncertainty_deg", "must be above 0"),
@@ -230,7 +231,7 @@ def test_every_table_knows_its_keys(edited, old, new, nearest):
         ("  [ 0.05,  0.00,  0.06],\n", "", "world.face_errors_deg", "each of the six faces"),
         ('accelerometer_calibration = "six-position"', 'untrimmed_calibrations = ["direct"]',
          "procedure.untrimmed_calibrations", "nothing to leave out"),
-        ("temperature_degc = 25.0", 'fitted = ["mpu6050"]', "world.fitted", "known parts: mag3110"),
+        (WARMING_UP, 'fitted = ["mpu6050"]', "world.fitted", "known parts: mag3110"),
         ("[ 1.022,  0.010, -0.006]", "[-1.022, -0.010, 0.006]", "world.soft_iron", "write mirrored = true"),
         ("[ 1.022,  0.010, -0.006]", "[ 0.010,  0.982,  0.009]", "world.soft_iron", "is singular"),
         ("[ 1.022,  0.010, -0.006]", "[ 0.0, 0.0, 0.0]", "world.soft_iron", "is singular"),
