@@ -42,6 +42,16 @@ for name in ("GITHUB_STEP_SUMMARY", "GITHUB_ACTIONS", "GITHUB_SHA", "GITHUB_REF_
 
 HERE = Path(__file__).parent
 _FOLDERS_OF_RUNS = {HERE / each for each in ("docs", "end_to_end", "report/browser", "serve")}
+# Whole runs, or minutes at a terminal, to show once more what tests of single parts have shown.
+_ONLY_IN_CI = {
+    HERE / f"{each}.py" for each in (
+        "boards/test_calibrate_at_a_terminal", "boards/test_operator_at_a_terminal", "boards/test_timing_measure",
+        "end_to_end/test_against", "end_to_end/test_calibration_file", "end_to_end/test_dishonest_firmware",
+        "end_to_end/test_harsh_bench", "end_to_end/test_killed_run", "end_to_end/test_red_when_wrong",
+        "end_to_end/test_regressions", "end_to_end/test_untrimmed_accelerometer", "end_to_end/test_wrong_firmware",
+        "mutation/test_mutations",
+    )
+}  # fmt: skip
 _FIXTURES_THAT_RUN = {"default_run", "pytester"}
 
 
@@ -51,6 +61,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if _FIXTURES_THAT_RUN.intersection(item.fixturenames) or _FOLDERS_OF_RUNS.intersection(item.path.parents):
             item.add_marker("slow")
+        if item.path in _ONLY_IN_CI:
+            item.add_marker("ci")
 
 
 _running: list[pytest.Item] = []

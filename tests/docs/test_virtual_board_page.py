@@ -31,7 +31,8 @@ def test_a_wrong_answer_in_an_example_would_be_seen() -> None:
 def test_the_rig_keys_of_the_page_are_keys_of_a_rig(tmp_path: Path) -> None:
     (keys,) = re.findall(r"^```toml\n\[world\]\n(.*?)^```", PAGE, re.M | re.S)
     rig = (Path(__file__).parents[2] / "hil" / "rigs" / "virtual-k64f.toml").read_text(encoding="utf-8")
-    assert len(course := re.findall(r"^temperature_\w+ = .*\n", rig, re.M)) == 3
+    course = re.findall(r"^temperature_\w+ = .*\n", rig, re.M)
+    assert len(course) == 3
     (tmp_path / "warm.toml").write_text(rig.replace("".join(course), keys), encoding="utf-8")
     world = load_rig(tmp_path / "warm.toml").world
     assert world is not None
