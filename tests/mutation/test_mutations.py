@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,10 +10,12 @@ import pytest
 
 from ..end_to_end.firmware_edits import FirmwareCopy
 from .edits import Mutation, mutations
+from .harness import FILE
 from .score import run_mutation, said_first
 
 pytestmark = pytest.mark.slow
 
+EVERY = tomllib.loads(FILE.read_text(encoding="utf-8"))
 TEN = mutations()[4::10]
 """Of all kinds; `tox -e mutation` runs all."""
 
@@ -41,3 +44,10 @@ def test_every_mistake_is_a_place_of_its_own_in_the_sources() -> None:
     counts = {each.name: (sources / each.edit.file).read_text(encoding="utf-8").count(each.edit.old) for each in every}
     assert {name: count for name, count in counts.items() if count != 1} == {}
     assert len({each.edit for each in every}) == len(every)
+
+
+def test_every_mistake_in_the_package_is_a_place_of_its_own() -> None:
+    package = Path(__file__).parents[2] / "src" / "hiltest"
+    texts = {file: (package / file).read_text(encoding="utf-8") for file in EVERY}
+    counts = {(file, edit["old"]): texts[file].count(edit["old"]) for file in EVERY for edit in EVERY[file]["edit"]}
+    assert {place: count for place, count in counts.items() if count != 1} == {}
