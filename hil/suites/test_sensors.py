@@ -90,6 +90,17 @@ def test_every_magnetometer_has_the_bodys_axes(board: Board, stage: Stage, rig: 
         assert off_ut < 0.1 * rig.field.strength_ut, f"axes of {sensor.name}: {changes[:, index]} of {changes[:, 0]} uT"
 
 
+def test_the_gyroscope_has_the_bodys_axes(board: Board, stage: Stage, rig: Rig) -> None:
+    assert board.truth is not None
+    assert rig.world is not None
+    if any(rig.world.drift.gyroscope_bias_dps_per_degc):
+        pytest.skip("the bias of this world's gyroscope drifts")
+    mean_dps = rest_gyroscope(board, seconds=1.0).rate.mean * DPS_PER_COUNT
+    true_dps = board.truth.gyroscope_bias_dps
+    # Each axis has a bias of its own. The noise of the mean is 0.02 deg/s.
+    assert np.abs(mean_dps - true_dps).max() < 0.1, f"at rest the gyroscope reads {mean_dps}, its biases are {true_dps}"
+
+
 def test_offsets_that_an_earlier_firmware_left_in_the_sensors_do_not_enter(board: Board, stage: Stage) -> None:
     selected = {each.kind: each for each in board.sensors if each.selected and each.present}
     before = board.session.request(Average(64))
