@@ -12,7 +12,14 @@ from hiltest.angles import Pose, wrap_180
 from hiltest.boards import Board
 from hiltest.boards.board import Stage
 from hiltest.link.fusion import FusionRead, FusionRun, FusionStart
-from hiltest.link.gyroscope import GetGyroscope, GyroscopeRest, LogGyroscope, StillnessKind
+from hiltest.link.gyroscope import (
+    EDGE_SAMPLES,
+    GetGyroscope,
+    GyroscopeRest,
+    IntegrateGyroscope,
+    LogGyroscope,
+    StillnessKind,
+)
 from hiltest.link.messages import Average, ClearCalibration, Read, Select, SetCalibration
 from hiltest.link.replies import DPS_PER_COUNT, G_PER_COUNT, SensorKind
 from hiltest.orientation.quaternions import normalised, pose_of
@@ -137,6 +144,12 @@ def test_samples_that_the_fifo_lost_are_told(board: Board, stage: Stage) -> None
     board.sleep(0.5)  # 100 samples, and the FIFO holds 32
     second = board.session.request(LogGyroscope(20, go_on=True))
     assert (first.span.lost, second.span.lost) == (False, True)
+
+
+def test_a_turn_has_its_first_and_last_samples_apart(board: Board, stage: Stage) -> None:
+    board.sensor(SensorKind.GYROSCOPE)
+    turn = board.session.request(IntegrateGyroscope(2 * EDGE_SAMPLES))  # of so many, either half is an edge
+    assert np.array_equal(turn.begin + turn.end, turn.total), f"{turn.begin} and {turn.end} are not {turn.total} together"
 
 
 def test_every_sample_of_a_burst_is_another(board: Board, stage: Stage) -> None:

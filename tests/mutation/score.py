@@ -44,7 +44,10 @@ class Found:
 def run_mutation(copy: FirmwareCopy, mutation: Mutation, folder: Path) -> Found:
     """Build the firmware with a mistake and run the gate set on it."""
     folder.mkdir(parents=True)
-    elf = copy.build(mutation.edit, folder / "edited.elf")
+    try:
+        elf = copy.build(mutation.edit, folder / "edited.elf")
+    except subprocess.CalledProcessError:
+        return Found(0, "FAIL. It does not build.", "")
     command = [sys.executable, "-m", "hiltest", "run", "--firmware", str(elf), "--baseline", str(BASELINE)]
     done = subprocess.run(
         [*command, "--out", "out"], cwd=folder, capture_output=True, text=True, check=False, timeout=WALL_LIMIT_S
