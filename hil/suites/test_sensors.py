@@ -149,7 +149,8 @@ def test_samples_that_the_fifo_lost_are_told(board: Board, stage: Stage) -> None
 def test_a_turn_has_its_first_and_last_samples_apart(board: Board, stage: Stage) -> None:
     board.sensor(SensorKind.GYROSCOPE)
     turn = board.session.request(IntegrateGyroscope(2 * EDGE_SAMPLES))  # of so many, either half is an edge
-    assert np.array_equal(turn.begin + turn.end, turn.total), f"{turn.begin} and {turn.end} are not {turn.total} together"
+    together = turn.begin + turn.end
+    assert np.array_equal(together, turn.total), f"the two halves sum to {together}, all samples to {turn.total}"
 
 
 def test_every_sample_of_a_burst_is_another(board: Board, stage: Stage) -> None:
