@@ -2,15 +2,28 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from statistics import stdev
 from typing import Any
 
 import pytest
-from scipy.stats import t
+from scipy.stats import f
 
-from hiltest.measurement import EXACT, KINDS, Better, Limit, Tolerance, better_of, identify, nearest_name, tolerance_of
-from hiltest.measurement.kind import UNPAIRED_DEVIATIONS
-from hiltest.verdict.statistics import mean_interval, student_t
+from hiltest.measurement import (
+    EXACT,
+    KINDS,
+    Better,
+    Limit,
+    Tolerance,
+    better_of,
+    deviation_of,
+    identify,
+    is_compared,
+    nearest_name,
+    tolerance_of,
+)
+from hiltest.measurement.deviations import DEVIATIONS
+from hiltest.verdict.baseline_file import read_baseline
 
 
 def test_every_measurement_of_a_real_run_has_a_row(real_record: dict[str, Any]) -> None:
@@ -42,11 +55,11 @@ def test_each_gets_better_the_way_it_should(name: str, sense: Better) -> None:
              "stream.direct-stream.fit_cycles"],
 )
 def test_cycles_of_one_kernel_are_exact_on_a_virtual_board(name: str) -> None:
-    assert tolerance_of(name, "virtual", {}) == EXACT
+    assert tolerance_of(name, {}) == EXACT
 
 
 def test_a_nop_a_point_is_beyond_the_tolerance_of_the_slope_too() -> None:
-    tolerance = tolerance_of("cycles.direct.per_point", "virtual", {})
+    tolerance = tolerance_of("cycles.direct.per_point", {})
     assert tolerance.absolute < 1.0
     assert tolerance.relative * 92.25 < 1.0
 
@@ -54,15 +67,33 @@ def test_a_nop_a_point_is_beyond_the_tolerance_of_the_slope_too() -> None:
 def test_a_third_of_a_degree_is_beyond_the_tolerance_of_every_heading() -> None:
     for calibrator in ("direct", "corrected", "iterative", "dpi"):
         for what in ("max", "rms", "bias"):
-            tolerance = tolerance_of(f"heading.{calibrator}.{what}", "virtual", {})
+            tolerance = tolerance_of(f"heading.{calibrator}.{what}", {})
             assert max(tolerance.absolute, tolerance.relative * 2.0) < 0.3
 
 
-def test_a_board_with_noise_of_its_own_has_six_deviations() -> None:
-    allowance = identify("heading.direct.bias").allowance
-    assert allowance is not None
-    expected = pytest.approx(UNPAIRED_DEVIATIONS * allowance.deviation)
-    assert tolerance_of("heading.direct.bias", "real", {}).absolute == expected
+def test_each_measurement_has_a_deviation_of_its_own() -> None:
+    direct, dpi, mine = (deviation_of(f"heading.{calibrator}.rms") for calibrator in ("direct", "dpi", "mine"))
+    assert direct is not None
+    assert dpi is not None
+    assert direct.value < dpi.value
+    kind = KINDS["heading.{calibrator}.rms"]
+    heading_rms = [each.value for name, each in DEVIATIONS.items() if identify(name).kind is kind]
+    assert mine is not None
+    assert mine.value == max(heading_rms), "of a calibrator that is not known the largest"
+    for same in ("cycles.direct.total", "stream.direct-stream.cycles_max", "compass.lag"):
+        assert deviation_of(same) is None
+
+
+def test_the_deviations_are_those_of_the_committed_seeds() -> None:
+    """The ratio of two variances is F distributed: beyond its 1e-6 quantiles they are not of one firmware and rig."""
+    for row in read_baseline(Path(__file__).parents[2] / "hil" / "baselines" / "virtual-k64f.json").measurements:
+        values = [float(value) for value in row.values if value is not None]
+        stated = deviation_of(row.name)
+        if stated is None:
+            assert len(set(values)) == 1 or not is_compared(row.name), row.name
+        else:
+            ratio = (stdev(values) / stated.value) ** 2
+            assert ratio < f.ppf(1 - 1e-6, len(values) - 1, stated.freedom), row.name
 
 
 @pytest.mark.parametrize(
@@ -102,7 +133,7 @@ def test_each_cost_of_a_calibrator_stands_beside_its_worst_heading() -> None:
 def test_the_limit_says_which_way_a_measurement_of_one_s_own_gets_better(limit: Limit | None, better: Better) -> None:
     assert better_of("compass.lag", limit) is better
     assert better_of("crc.cycles", limit, "cycle") is Better.LOWER, "whatever its limit: a count of cycles is a cost"
-    assert tolerance_of("compass.lag", "virtual", {}) == EXACT
+    assert tolerance_of("compass.lag", {}) == EXACT
 
 
 @pytest.mark.parametrize(
@@ -119,18 +150,3 @@ def test_only_a_slip_of_two_letters_is_taken_for_a_known_name(slip: str, meant: 
 def test_a_tolerance_that_lets_everything_pass_is_none(absolute: float, relative: float) -> None:
     with pytest.raises(ValueError, match="finite number"):
         Tolerance(absolute, relative)
-
-
-@pytest.mark.parametrize("freedom", [7, 8, 12, 31, 99, 999])
-def test_student_s_t_is_the_one_of_the_tables(freedom: int) -> None:
-    assert student_t(freedom) == pytest.approx(t.ppf(0.975, freedom), abs=1e-4)
-
-
-def test_the_interval_is_there_from_eight_pairs_on() -> None:
-    changes = [0.1, 0.2, 0.3, 0.1, 0.2, 0.3, 0.2]
-    assert mean_interval(changes) is None
-    changes.append(0.4)
-    interval = mean_interval(changes)
-    assert interval is not None
-    assert sum(interval) / 2 == pytest.approx(0.225)
-    assert interval[1] - interval[0] == pytest.approx(2 * 2.3646 * stdev(changes) / 8**0.5, rel=1e-4)

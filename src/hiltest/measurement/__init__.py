@@ -5,6 +5,7 @@ from __future__ import annotations
 from hiltest.measurement.catalogue import (
     KINDS,
     better_of,
+    deviation_of,
     identify,
     is_compared,
     is_direction,
@@ -12,7 +13,7 @@ from hiltest.measurement.catalogue import (
     tolerance_of,
 )
 from hiltest.measurement.cycle_range import CycleRange, RowEffect
-from hiltest.measurement.kind import EXACT, Allowance, Better, Kind, NamedKind, Reference, Section, Tolerance
+from hiltest.measurement.kind import EXACT, Allowance, Better, Deviation, Kind, NamedKind, Reference, Section, Tolerance
 from hiltest.measurement.limit import Limit
 from hiltest.measurement.measurement import (
     SIGNIFICANT_DIGITS,
@@ -28,7 +29,8 @@ from hiltest.measurement.ranking import FLASH_TIE, cannot_be_ranked, in_flash, i
 
 __all__ = [
     "EXACT", "FLASH_TIE", "KINDS", "SIGNIFICANT_DIGITS", "WORST_OF_SEVERAL", "Allowance", "Better", "Counted",
-    "CycleRange", "Kind", "Limit", "Measurement", "NamedKind", "Outcome", "Reference", "RowEffect", "Section",
-    "Tolerance", "better_of", "cannot_be_ranked", "check", "identify", "in_flash", "is_beyond", "is_compared",
-    "is_direction", "nearest_name", "plain", "ratio_range", "round_significant", "tolerance_of",
+    "CycleRange", "Deviation", "Kind", "Limit", "Measurement", "NamedKind", "Outcome", "Reference", "RowEffect",
+    "Section", "Tolerance", "better_of", "cannot_be_ranked", "check", "deviation_of", "identify", "in_flash",
+    "is_beyond", "is_compared", "is_direction", "nearest_name", "plain", "ratio_range", "round_significant",
+    "tolerance_of",
 ]  # fmt: skip

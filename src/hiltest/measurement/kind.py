@@ -6,10 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum, StrEnum
 
-#: Two runs that do not share their noise differ by sqrt(2) standard deviations of one; six of one, 4.2 of the
-#: difference, are passed by 3 in 100 000 of them, and a run has a hundred measurements.
-UNPAIRED_DEVIATIONS = 6.0
-
 
 class Better(StrEnum):
     """Direction in which a measurement gets better."""
@@ -81,15 +77,21 @@ EXACT = Tolerance(0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
+class Deviation:
+    """Standard deviation of a measurement from run to run, and the degrees of freedom that it was estimated with."""
+
+    value: float
+    freedom: int
+
+
+@dataclass(frozen=True, slots=True)
 class Allowance:
-    """Tolerance for noise and harmless changes.
+    """Tolerance for harmless changes.
 
     Attributes
     ----------
     tolerance : Tolerance
-        On a board that repeats itself.
-    deviation : float
-        Standard deviation over seeds 1 to 8 of the default rig: how far noise alone moves it.
+        Beside it stands, on a board whose runs do not share their noise, what that noise moves.
     reason : str
         Reason of the tolerance.
     better : Better or None
@@ -97,16 +99,8 @@ class Allowance:
     """
 
     tolerance: Tolerance
-    deviation: float
     reason: str
     better: Better | None = None
-
-    def on(self, board: str) -> Tolerance:
-        """Return the tolerance for a kind of board: each run of a real one has noise of its own."""
-        if board != "real":
-            return self.tolerance
-        absolute = max(self.tolerance.absolute, UNPAIRED_DEVIATIONS * self.deviation)
-        return Tolerance(absolute, self.tolerance.relative)
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,6 +127,9 @@ class Kind:
         False for what says nothing of the firmware.
     direction : bool
         Whether it is a direction [deg]: 330 and 30 are 60 apart, and none is a share of another.
+    rms : str
+        For the largest of many errors: name of their rms, with the same subject. Of two that follow one change the
+        largest is several times as noisy, so between runs that do not share their noise the rms decides.
     """
 
     name: str
@@ -146,6 +143,7 @@ class Kind:
     reference: Reference = Reference.NONE
     compared: bool = True
     direction: bool = False
+    rms: str = ""
 
     def of(self, subject: str) -> str:
         """Return the name of the measurement of a subject."""
@@ -183,6 +181,11 @@ class NamedKind:
     def accuracy(self) -> str:
         """Name of the accuracy that a cost is shown beside; empty for what is no cost of a calibrator."""
         return _name(self.kind.accuracy, self.subject) if self.kind else ""
+
+    @property
+    def rms(self) -> str:
+        """Name of the rms that decides in its place where runs do not share their noise; empty where it does."""
+        return _name(self.kind.rms, self.subject) if self.kind else ""
 
 
 def _name(template: str, subject: str) -> str:

@@ -62,6 +62,7 @@ class Difference:
     seeds : int
         How many pairs, each with a number on both sides.
     tolerance : Tolerance
+        Where runs do not share their noise, with what that moves.
     limit : Limit or None
         The new run's.
     outcome : str
@@ -69,6 +70,9 @@ class Difference:
     cycle_model : str
     note : str
         What the numbers alone do not say.
+    seen : float or None
+        Smallest change that this comparison sees in 4 of 5 cases; 0 where it sees every change. None without a number
+        on both sides.
     """
 
     name: str
@@ -85,6 +89,7 @@ class Difference:
     outcome: str
     cycle_model: str
     note: str = ""
+    seen: float | None = None
 
     @property
     def concern(self) -> tuple[bool, bool, float, str]:

@@ -274,11 +274,10 @@ class Findings:
 
 
 def in_force(run: Run) -> dict[str, tuple[float, float]]:
-    """Return the tolerances of all that is compared: the rig's, or else those of the kind on this board."""
+    """Return the tolerances of all that is compared: the rig's, or else those of the kind."""
     of_rig = {name: Tolerance(*each) for name, each in (run.rig.tolerances if run.rig else {}).items()}
-    board = run.board.kind if run.board else ""
     found = {
-        each.name: tolerance_of(each.name, board, of_rig)
+        each.name: tolerance_of(each.name, of_rig)
         for each in run.measurements if is_compared(each.name) and not each.volatile
     }
     return {name: (float(each.absolute), float(each.relative)) for name, each in found.items()}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import fmean
 
 from hiltest.measurement import (
@@ -17,6 +17,7 @@ from hiltest.measurement import (
     Outcome,
     Tolerance,
     better_of,
+    deviation_of,
     in_flash,
     is_beyond,
     is_direction,
@@ -24,25 +25,29 @@ from hiltest.measurement import (
     tolerance_of,
 )
 from hiltest.record.comparison import Change, Difference
-from hiltest.verdict.evidence import Seed
-from hiltest.verdict.statistics import LARGEST, mean_interval, mean_value, moved_alone
+from hiltest.verdict.evidence import REAL, Seed
+from hiltest.verdict.noise import FALSE_ALARMS, Noise, half_width, mean_interval, paired, smallest_seen, unpaired
+from hiltest.verdict.statistics import LARGEST, mean_value, moved_alone
 from hiltest.verdict.wording import held_to, on_seeds
 
 #: Values are written with so many significant digits; what two of them differ by in the last one is no difference.
 _LAST_DIGIT = 10.0 ** (1 - SIGNIFICANT_DIGITS)
+_SEEN_DIGITS = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Pairs:
     """One measurement on every seed that both sides have; None where a side did not make it.
 
-    `tolerance` is the base's, which a change under test cannot take away either; None where it states none.
+    `tolerance` is the base's, which a change under test cannot take away either; None where it states none. `runs` are
+    the numbers of each run of either side on a board whose runs share no noise: they are no pairs, but their means are.
     """
 
     name: str
     base: Mapping[Seed, Measurement | None]
     new: Mapping[Seed, Measurement | None]
     tolerance: Tolerance | None = None
+    runs: tuple[Sequence[float], Sequence[float]] | None = None
 
     @property
     def seeds(self) -> list[Seed]:
@@ -114,7 +119,59 @@ class Pairs:
         return next((each for each in made if each.gates), made[0])
 
 
-def difference(pairs: Pairs, board: str, tolerances: Mapping[str, Tolerance]) -> Difference:
+@dataclass(frozen=True, slots=True)
+class Chance:
+    """What chance makes of one measurement.
+
+    Attributes
+    ----------
+    noise : Noise or None
+        Of its mean change; None where there is none.
+    floor : float
+        Its tolerance as a number.
+    shared : bool
+        Whether runs of one seed read the same noise.
+    share : float
+        Share of comparisons of unchanged firmware that may call it changed.
+    """
+
+    noise: Noise | None
+    floor: float
+    shared: bool
+    share: float = FALSE_ALARMS
+
+    def explains(self, moved: float) -> bool:
+        """Say whether noise alone may have moved the mean by so much, at this measurement's share of false alarms."""
+        return self.noise is not None and abs(moved) <= half_width(self.noise, self.share)
+
+    def tolerance(self, of: Tolerance) -> Tolerance:
+        """Return the tolerance with what noise moves, where runs do not share it."""
+        if self.shared or self.noise is None:
+            return of
+        return Tolerance(max(of.absolute, half_width(self.noise, self.share)), of.relative)
+
+
+def chance_of(pairs: Pairs, board: str, tolerances: Mapping[str, Tolerance]) -> Chance:
+    """Return what chance makes of a measurement that is compared alone.
+
+    A tolerance that the rig states is taken as it is on a real board: no test stands beside it.
+    """
+    tolerance = _of_flash(pairs.latest, pairs.tolerance or tolerance_of(pairs.name, tolerances))
+    seeds = pairs.seeds
+    base, new = _values(pairs.base, seeds), _values(pairs.new, seeds)
+    if not base or max(map(abs, (*base, *new))) > LARGEST:
+        return Chance(None, tolerance.absolute, shared=board != REAL)
+    floor = max(tolerance.absolute, tolerance.relative * abs(fmean(base)))
+    if board != REAL:
+        return Chance(None if tolerance == EXACT else paired(_moves(pairs.name, base, new)), floor, shared=True)
+    noise = unpaired(*(pairs.runs or (base, new)), deviation_of(pairs.name))
+    stated = tolerances.get(pairs.name) == tolerance
+    return Chance(replace(noise, tested=False) if noise and stated else noise, floor, shared=False)
+
+
+def difference(
+    pairs: Pairs, board: str, tolerances: Mapping[str, Tolerance], chance: Chance | None = None
+) -> Difference:
     """Return the difference of one measurement.
 
     Parameters
@@ -125,29 +182,37 @@ def difference(pairs: Pairs, board: str, tolerances: Mapping[str, Tolerance]) ->
         Kind of the board: a real one has noise of its own in every run.
     tolerances : mapping of str to Tolerance
         Tolerances of the new run's rig, by exact name.
+    chance : Chance, optional
+        Where it is one of many measurements: with its share of the false alarms.
     """
     latest = pairs.latest
     better = better_of(pairs.name, pairs.limit, latest.unit)
-    now = _of_flash(latest, tolerance_of(pairs.name, board, tolerances))
+    chance = chance or chance_of(pairs, board, tolerances)
+    now = _of_flash(latest, tolerance_of(pairs.name, tolerances))
     tolerance = _of_flash(latest, pairs.tolerance or now)
     note = _cannot_be_paired(pairs)
     seeds = [] if note else pairs.seeds
     base, new = _values(pairs.base, seeds), _values(pairs.new, seeds)
-    change, remark = _presence(pairs, note) or _compared(base, new, better, tolerance, pairs, board)
+    change, remark = _presence(pairs, note) or _compared(base, new, better, tolerance, pairs, chance)
     if change is Change.UNCHANGED and seeds and not tolerance.covers(now):
         change = Change.CHANGED  # it is loosened, which is shown though the number is what it was
     edited = f"its tolerance was {held_to(tolerance, latest.unit)} in the base" if seeds and tolerance != now else ""
-    changes = _changes(base, new)
-    if is_direction(pairs.name):  # the short way round, and as far back: of half a turn both signs are right
-        changes = [math.remainder(each, 360.0) for each in changes]
+    changes = _moves(pairs.name, base, new)
+    seen = smallest_seen(chance.noise, chance.floor, chance.share) if seeds and not is_direction(pairs.name) else None
     return Difference(
         name=pairs.name, unit=latest.unit, change=change, sense=better,
         base=mean_value(base or _values(pairs.base)), new=mean_value(new or _values(pairs.new)),
         delta=mean_value(changes), interval=_rounded(mean_interval(changes)),
-        seeds=len(seeds), tolerance=tolerance, limit=latest.limit, outcome=str(latest.outcome),
-        cycle_model=latest.cycle_model,
+        seeds=len(seeds), tolerance=chance.tolerance(tolerance), limit=latest.limit, outcome=str(latest.outcome),
+        cycle_model=latest.cycle_model, seen=round_significant(seen, _SEEN_DIGITS),
         note="; ".join(filter(None, (remark, _not_offered(pairs), _limit_changed(pairs), edited))),
     )
+
+
+def _moves(name: str, base: Sequence[float], new: Sequence[float]) -> list[float]:
+    """Return the changes; of a direction the short way round, and as far back: of half a turn both signs are right."""
+    changes = _changes(base, new)
+    return [math.remainder(each, 360.0) for each in changes] if is_direction(name) else changes
 
 
 def _of_flash(latest: Measurement, tolerance: Tolerance) -> Tolerance:
@@ -207,11 +272,11 @@ def _presence(pairs: Pairs, note: str) -> tuple[Change, str] | None:
 
 
 def _compared(
-    base: Sequence[float], new: Sequence[float], sense: Better, tolerance: Tolerance, pairs: Pairs, board: str
+    base: Sequence[float], new: Sequence[float], sense: Better, tolerance: Tolerance, pairs: Pairs, chance: Chance
 ) -> tuple[Change, str]:
     """Return the change of paired numbers, with a remark where they alone do not say why."""
-    change, remark = _in_the_mean(base, new, sense, tolerance)
-    way, alone = _on_single_seeds(base, new, sense, tolerance) if board != "real" else (change, [])
+    change, remark = _in_the_mean(base, new, sense, tolerance, chance)
+    way, alone = _on_single_seeds(base, new, sense, tolerance) if chance.shared else (change, [])
     if alone and (change in (Change.UNCHANGED, way) or way is Change.WORSE):
         change, remark = way, f"moved alone{_on_seeds([pairs.seeds[index] for index in alone], pairs)}"
     again = "within its limit again" if _any_out(pairs.base) and not _any_out(pairs.new) else ""
@@ -221,19 +286,19 @@ def _compared(
 
 
 def _in_the_mean(
-    base: Sequence[float], new: Sequence[float], sense: Better, tolerance: Tolerance
+    base: Sequence[float], new: Sequence[float], sense: Better, tolerance: Tolerance, chance: Chance
 ) -> tuple[Change, str]:
     if sense is not Better.NEITHER:
         before, after = _costs(base, sense), _costs(new, sense)
         if _beyond(before, after, tolerance):
-            if not _certain(before, after, tolerance):
-                return Change.UNCHANGED, "within what these seeds differ by"
+            if _may_be_chance(base, new, sense, chance):
+                return Change.UNCHANGED, f"within what {'these seeds differ' if chance.shared else 'runs differ'} by"
             way = f"magnitude {fmean(before):.4g} -> {fmean(after):.4g}"
             remark = way if sense is Better.NEARER_ZERO and len(base) > 1 else ""
             return (Change.WORSE if fmean(after) > fmean(before) else Change.BETTER), remark
-    if _beyond(base, new, tolerance) and _certain(base, new, tolerance):
+    if _beyond(base, new, tolerance) and not _may_be_chance(base, new, Better.NEITHER, chance):
         return Change.CHANGED, ""
-    if tolerance == EXACT and any(_beyond([a], [b], EXACT) for a, b in zip(base, new, strict=True)):
+    if tolerance == EXACT and chance.shared and any(_beyond([a], [b], EXACT) for a, b in zip(base, new, strict=True)):
         return Change.CHANGED, "the same in the mean, not on every seed"
     return Change.UNCHANGED, ""
 
@@ -288,10 +353,16 @@ def _beyond(base: Sequence[float], new: Sequence[float], tolerance: Tolerance) -
     return moved > tolerance.absolute and is_beyond(tolerance.relative, moved, *sizes)
 
 
-def _certain(base: Sequence[float], new: Sequence[float], tolerance: Tolerance) -> bool:
-    """Say whether the mean change is certain: with enough seeds, and noise, its interval must exclude zero."""
-    interval = None if tolerance == EXACT else mean_interval(_changes(base, new))
-    return interval is None or not interval[0] <= 0.0 <= interval[1]
+def _may_be_chance(base: Sequence[float], new: Sequence[float], sense: Better, chance: Chance) -> bool:
+    """Say whether noise explains the mean change.
+
+    Paired costs have noise of their own: what brings a bias from either side to zero moves all of them alike. Between
+    runs that share none the noise is that of the numbers themselves, of which a cost never has more.
+    """
+    if chance.shared and chance.noise is not None and sense is not Better.NEITHER:
+        costs = _changes(_costs(base, sense), _costs(new, sense))
+        return replace(chance, noise=paired(costs)).explains(fmean(costs))
+    return chance.explains(fmean(_changes(base, new)))
 
 
 def _changes(base: Sequence[float], new: Sequence[float]) -> list[float]:
@@ -299,19 +370,19 @@ def _changes(base: Sequence[float], new: Sequence[float]) -> list[float]:
 
 
 def _values(side: Mapping[Seed, Measurement | None], seeds: Sequence[Seed] | None = None) -> list[float]:
-    numbers = [_number(side[seed]) for seed in (side if seeds is None else seeds)]
-    return [float(each) for each in numbers if each is not None]
+    numbers = [number_of(side[seed]) for seed in (side if seeds is None else seeds)]
+    return [each for each in numbers if each is not None]
 
 
-def _number(measurement: Measurement | None) -> float | int | None:
+def number_of(measurement: Measurement | None) -> float | None:
     """Return the value for a comparison: None for a NaN."""
     if measurement is None or measurement.value is None or not math.isfinite(measurement.value):
         return None
-    return measurement.value
+    return float(measurement.value)
 
 
 def _has_number(measurement: Measurement | None) -> bool:
-    return _number(measurement) is not None
+    return number_of(measurement) is not None
 
 
 def _rounded(interval: tuple[float, float] | None) -> tuple[float, float] | None:

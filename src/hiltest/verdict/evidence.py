@@ -12,13 +12,16 @@ from hiltest.record.comparison import Side
 from hiltest.record.failures import failed_by_itself
 from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import Run
+from hiltest.verdict.statistics import mean_value
 
 Seed = int | None
-"""None for a board that simulates nothing."""
+"""None for a board that simulates nothing; where it has run several times, the number of the run."""
 
 
 NO_BOARD = "none"
 """Kind of the board where no test needs one."""
+REAL = "real"
+"""Kind of the board whose runs share no noise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,6 +171,32 @@ def evidence_of_seeds(runs: Sequence[Evidence], file: str) -> Evidence:
         in_force={name: each for run in reversed(runs) for name, each in run.in_force.items()},
         tests={seed: found for each in runs for seed, found in each.tests.items()},
     )
+
+
+def as_one_run(evidence: Evidence) -> Evidence:
+    """Return runs that share no noise as one run: means, with the outcome of the run that gates, if any.
+
+    A measurement or a test that one of several runs lacks is missing, and a number that it lacks is none.
+    """
+    runs = list(evidence.measurements.values())
+    made = {name: [run[name] for run in runs] for name in runs[0] if all(name in run for run in runs)} if runs else {}
+    tests = list(evidence.tests.values())
+    passed = {test: [each[test] for each in tests] for test in tests[0] if all(test in each for each in tests)} \
+        if tests else {}
+    return replace(
+        evidence, measurements={None: {name: _mean_of(each) for name, each in made.items()}} if runs else {},
+        tests={None: {test: _worst_of(each) for test, each in passed.items()}} if tests else {},
+    )
+
+
+def _mean_of(runs: Sequence[Measurement]) -> Measurement:
+    values = [each.value for each in runs if each.value is not None]
+    shown = next((each for each in runs if each.value is None or each.gates), runs[0])
+    return replace(shown, value=mean_value([float(each) for each in values])) if len(values) == len(runs) else shown
+
+
+def _worst_of(outcomes: Sequence[TestOutcome]) -> TestOutcome:
+    return next((each for each in outcomes if each is not TestOutcome.PASSED), TestOutcome.PASSED)
 
 
 def no_evidence(file: str) -> Evidence:
