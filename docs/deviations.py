@@ -19,8 +19,8 @@ FILE = Path(__file__).parents[1] / "src" / "hiltest" / "measurement" / "deviatio
 TEXT = '''\
 """Standard deviations of measurements over seeds of the default rig, with the packaged firmware.
 
-Written by ``tox -e deviations``: the first table over {gate} seeds of the gate set, the second over {full} of the full one. On
-a real board, until it has said itself how much its runs differ, they stand for its noise.
+Written by ``tox -e deviations``: the first table over {gate} seeds of the gate set, the second over {full} of the
+full one. On a real board, until it has said itself how much its runs differ, they stand for its noise.
 """
 
 from __future__ import annotations

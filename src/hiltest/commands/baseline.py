@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from hiltest.errors import ConfigError
-from hiltest.text import readable
+from hiltest.text import counted, readable
 
 if TYPE_CHECKING:
     from hiltest.verdict.baseline import Baseline, BaselineRow
@@ -31,20 +31,22 @@ def baseline() -> None:
 
 
 @baseline.command(epilog=_EXIT_CODES)
-@click.argument("run", type=_PATH)
+@click.argument("run", nargs=-1, required=True, type=_PATH)
 @click.argument("file", type=_PATH)
-def save(run: Path, file: Path) -> int:
+def save(run: tuple[Path, ...], file: Path) -> int:
     """Write the measurements of RUN to FILE, without the volatile ones.
 
     RUN is a run.json, the folder of a run, or the folder of a campaign (hiltest run --seeds). An existing
     baseline is renewed and keeps its history.
+
+    Several runs of one firmware on a real board say how much they differ by noise alone: save five or more.
     """
     from hiltest.record.run import utc_now
     from hiltest.verdict.baseline import baseline_of, renewed
-    from hiltest.verdict.evidence_reader import read_evidence
+    from hiltest.verdict.evidence_reader import read_runs
 
     before = _before(file)
-    saved = baseline_of(read_evidence(run), utc_now())
+    saved = baseline_of(read_runs(run), utc_now())
     if before is not None:
         saved = renewed(saved, before)
     _write(saved, file)
@@ -58,29 +60,31 @@ def save(run: Path, file: Path) -> int:
 @click.option("--because", metavar="TEXT", required=True,
               help="Reason for the change; goes into the file's history.")
 @click.argument("file", type=_PATH)
-@click.argument("run", type=_PATH)
-def update(file: Path, run: Path, names: tuple[str, ...], because: str) -> int:
+@click.argument("run", nargs=-1, required=True, type=_PATH)
+def update(file: Path, run: tuple[Path, ...], names: tuple[str, ...], because: str) -> int:
     """Copy the named measurements of RUN into FILE, and keep all others.
 
-    A measurement that RUN no longer makes is removed, but none after a run of chosen tests (-k, node ids).
+    A measurement that RUN no longer makes is removed, but none after a run of chosen tests (-k, node ids). Of a real
+    board as many runs are named as the baseline has.
     """
     from hiltest.record.run import utc_now
     from hiltest.strict_json import read_json
     from hiltest.verdict.baseline import accept
     from hiltest.verdict.baseline_file import OTHERWISE, baseline_in
-    from hiltest.verdict.evidence_reader import read_evidence
+    from hiltest.verdict.evidence_reader import read_runs
     from hiltest.verdict.wording import build
 
     if not because.strip():
         raise click.BadParameter("say why, in words that the next reader understands", param_hint="--because")
     stored = read_json(file, otherwise=OTHERWISE)
     before = baseline_in(stored)
-    after = accept(before, read_evidence(run), names, because=because, when_utc=utc_now())
+    runs = read_runs(run)
+    after = accept(before, runs, names, because=because, when_utc=utc_now())
     moved = after.history[len(before.history):]
     if not moved:
         named = " ".join(f"--accept {each}" for each in names)
         raise ConfigError(
-            f"nothing is moved: for {named} {file} already has what {run} has; name the run with other numbers"
+            f"nothing is moved: for {named} {file} already has what {runs.name} has; name the run with other numbers"
         )
     _write(after, file, stored.content)
     was, now = ({row.name: row for row in each.measurements} for each in (before, after))
@@ -138,5 +142,7 @@ def _counted(count: int) -> str:
 
 
 def _seeds(saved: Baseline) -> str:
+    if saved.conditions.board == "real":
+        return counted(len(saved.seeds), "run")
     seeds = [str(seed) for seed in saved.seeds if seed is not None]
     return f"seed{'s' * (len(seeds) != 1)} {', '.join(seeds)}" if seeds else "no seed"

@@ -11,6 +11,7 @@ from hiltest.errors import ConfigError
 
 if TYPE_CHECKING:
     from hiltest.record.comparison import Comparison
+    from hiltest.verdict.detection import Detection
     from hiltest.verdict.evidence import Evidence
 
 _EXIT_CODES = """
@@ -28,29 +29,51 @@ Exit codes:
 
 @click.command(epilog=_EXIT_CODES)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON (hiltest.comparison/1) and nothing else.")
+@click.option("--detect", metavar="SIZE", help="Say how many runs a side see a change of SIZE, such as 0.05deg.")
 @click.argument("base", type=click.Path(path_type=Path))
-@click.argument("new", nargs=-1, required=True, type=click.Path(path_type=Path))
-def compare(base: Path, new: tuple[Path, ...], as_json: bool) -> int:
+@click.argument("new", nargs=-1, type=click.Path(path_type=Path))
+def compare(base: Path, new: tuple[Path, ...], as_json: bool, detect: str | None) -> int:
     """Say what got better and what got worse between runs.
 
-    Each is a run.json, the folder of a run, the folder of a campaign (hiltest run --seeds), or a baseline file.
+    Each is a run.json, the folder of a run, the folder of a campaign (hiltest run --seeds), or a baseline file. With
+    --detect there may be no NEW: BASE alone says how much its runs differ.
     """
     from hiltest.record.exit_codes import ExitCode, comparison_code
     from hiltest.report.comparison_text import json_text, print_comparison, say_how_to_keep
     from hiltest.verdict.evidence_reader import read_evidence
 
+    if not new and detect is None:
+        raise click.MissingParameter(param_hint="NEW", param_type="argument")
     evidence = [read_evidence(each) for each in new]
+    planned = _planned(base, evidence, detect) if detect is not None else None
     comparisons = _compared(base, evidence)
     if as_json:
-        click.echo(json_text(comparisons), nl=False)
+        click.echo(json_text(comparisons, planned), nl=False)
     else:
         from hiltest.report.console import standard_output
+        from hiltest.report.detection_text import print_detection
 
         for each in comparisons:
             print_comparison(standard_output(), each)
             say_how_to_keep(standard_output(), each, each.new.file)
+        if planned is not None:
+            print_detection(standard_output(), planned)
     codes = {comparison_code(each) for each in comparisons}
-    return next(code for code in ExitCode if code in codes)  # they stand in the order in which they win
+    # They stand in the order in which they win; where nothing is compared, nothing is wrong.
+    return next((code for code in ExitCode if code in codes), 0)
+
+
+def _planned(base: Path, evidence: list[Evidence], size: str) -> Detection:
+    """Return how many runs see a change; a base that cannot be read is a usage error, for then nothing can be said."""
+    from hiltest.verdict.detection import detection
+    from hiltest.verdict.evidence_reader import read_evidence
+
+    if len(evidence) > 1:
+        raise click.BadParameter("takes one NEW at most", param_hint="--detect")
+    try:
+        return detection(size, read_evidence(base), evidence[0] if evidence else None)
+    except ValueError as error:
+        raise click.BadParameter(str(error), param_hint="--detect") from error
 
 
 def _compared(base: Path, evidence: list[Evidence]) -> list[Comparison]:

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.text import Text
 
 from hiltest.record.comparison import Answer, Change, Comparison, Side
+from hiltest.verdict.detection import Detection
 from hiltest.verdict.wording import build, counted_by, entry, how_to_keep, models_shown, revision, shown
 
 SCHEMA = "hiltest.comparison/1"
@@ -54,9 +55,11 @@ def say_how_to_keep(console: Console, comparison: Comparison, run: str, options:
         say(console, hint)
 
 
-def json_text(comparisons: Sequence[Comparison]) -> str:
-    """Return comparisons as JSON."""
-    content = {"schema": SCHEMA, "comparisons": [asdict(each) for each in comparisons]}
+def json_text(comparisons: Sequence[Comparison], planned: Detection | None = None) -> str:
+    """Return comparisons, and how many runs see a change if that was asked for, as JSON."""
+    content: dict[str, object] = {"schema": SCHEMA, "comparisons": [asdict(each) for each in comparisons]}
+    if planned is not None:
+        content["detection"] = asdict(planned)
     return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 
 

@@ -64,7 +64,8 @@ class Gate(NamedTuple):
         side = self.base.side
         if not side.firmware:
             return f"base: {self.file}, of no board"
-        return f"base: {self.file}, {build(side)}, {counted(len(side.seeds), 'seed')}"
+        runs = counted(len(side.seeds), "seed") if side.seeds else counted(len(self.base.measurements), "run")
+        return f"base: {self.file}, {build(side)}, {runs}"
 
 
 def read_gate(place: Path, *, in_one_session: bool = False) -> Gate:

@@ -9,9 +9,12 @@ from statistics import fmean
 
 from hiltest.measurement import Limit, Measurement, Outcome
 from hiltest.record.comparison import Change, Difference
+from hiltest.verdict.chance import chance_of
 from hiltest.verdict.compare import with_accuracy
-from hiltest.verdict.difference import Pairs, difference
+from hiltest.verdict.difference import difference
 from hiltest.verdict.evidence import Evidence, Seed
+from hiltest.verdict.noise import FALSE_ALARMS
+from hiltest.verdict.pairs import Pairs
 
 _MOVED = (Change.WORSE, Change.BETTER, Change.CHANGED)  # in this order, of one run
 
@@ -202,7 +205,10 @@ def _steps(name: str, entries: Sequence[RunEntry], numbers: _Numbers) -> Iterato
         evidence = entries[after].evidence
         was, now = ({seed: _value_only(side[seed]) for seed in paired} for side in (base, new))
         pairs = Pairs(name, was, now)
-        found = difference(pairs, evidence.conditions.board if evidence.conditions else "", evidence.tolerances)
+        board = evidence.conditions.board if evidence.conditions else ""
+        share = FALSE_ALARMS / max(map(len, evidence.measurements.values()))  # of all that this run measured
+        chance = replace(chance_of(pairs, board, evidence.tolerances), share=share)
+        found = difference(pairs, board, evidence.tolerances, chance)
         if found.change in _MOVED:
             told = with_accuracy(found, entries[before].evidence.measurements, evidence.measurements)
             yield ChangePoint(before, after, replace(told, outcome=str(_deciding(new).outcome)))

@@ -13,7 +13,7 @@ from hiltest.errors import ConfigError
 from hiltest.measurement import Limit, Measurement, Outcome, Tolerance
 from hiltest.record.comparison import FromBuild, Revision, Side
 from hiltest.record.outcomes import TestOutcome
-from hiltest.verdict.evidence import Conditions, Evidence, Seed
+from hiltest.verdict.evidence import REAL, Conditions, Evidence, Seed
 from hiltest.verdict.obstacles import obstacles
 from hiltest.verdict.statistics import mean_value
 
@@ -87,7 +87,7 @@ class Baseline:
     side : Side
         The run that was saved; it counts what was accepted since and is of other builds.
     seeds : tuple of int or None
-        None for a board that simulates nothing.
+        None for a board that simulates nothing; of several runs of one their numbers.
     measurements : tuple of BaselineRow
         Sorted by name; none of them volatile.
     history : tuple of Accepted
@@ -266,6 +266,11 @@ def _refuse_another_bench(baseline: Baseline, run: Evidence) -> None:
     if reasons:
         raise ConfigError(f"nothing is moved: {reasons[0]}")
     missing = [str(seed) for seed in baseline.seeds if seed not in run.measurements]
+    if missing and baseline.conditions.board == REAL:
+        raise ConfigError(
+            f"{run.name} is of {len(run.measurements)}, and the baseline of {len(baseline.seeds)} runs; name as many, "
+            "or save it anew: hiltest baseline save RUN... FILE"
+        )
     if missing:
         raise ConfigError(
             f"{run.name} has no seed {', '.join(missing)}, which the baseline has: a mean over some old and some new "

@@ -10,10 +10,12 @@ from hiltest.measurement import Measurement, Outcome, Tolerance, identify, is_co
 from hiltest.record.comparison import BaseKind, Change, Comparison, Difference, Side
 from hiltest.record.failures import measured
 from hiltest.text import hundredths
-from hiltest.verdict.difference import Chance, Pairs, chance_of, difference, number_of
+from hiltest.verdict.chance import Chance, chance_of
+from hiltest.verdict.difference import difference
 from hiltest.verdict.evidence import REAL, Evidence, Seed, as_one_run
 from hiltest.verdict.noise import FALSE_ALARMS
 from hiltest.verdict.obstacles import obstacles
+from hiltest.verdict.pairs import Pairs, number_of
 from hiltest.verdict.wording import entry, on_seeds, sentence
 
 _Measured = Mapping[Seed, Mapping[str, Measurement]]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from hashlib import sha256 as sha256_of
+from typing import TypeVar
 
 from hiltest.errors import ConfigError
 from hiltest.measurement import Measurement, Tolerance
@@ -139,7 +140,7 @@ def evidence_of(run: Run, *, file: str = "", sha256: str = "") -> Evidence:
 
 
 def evidence_of_seeds(runs: Sequence[Evidence], file: str) -> Evidence:
-    """Put runs that differ in their seed together as one side.
+    """Put runs that differ in their seed, or of a board that has noise of its own, together as one side.
 
     Parameters
     ----------
@@ -155,9 +156,13 @@ def evidence_of_seeds(runs: Sequence[Evidence], file: str) -> Evidence:
             faults.append(f"{each.name}: under other conditions than {first.name}; run all seeds on one rig")
         elif _build(each.side) != _build(first.side):
             faults.append(f"{each.name}: of another firmware than {first.name}; run all seeds with one")
-    measurements = {seed: found for each in runs for seed, found in each.measurements.items()}
-    if len(measurements) < len(runs):
+    numbered = len(runs) > 1 and first.conditions is not None and first.conditions.board == REAL
+    measurements = _by_seed([each.measurements for each in runs], numbered=numbered)
+    tests = _by_seed([each.tests for each in runs], numbered=numbered)
+    if len(measurements) < sum(len(each.measurements) for each in runs):
         faults.append(f"{file}: a seed stands there twice; run the campaign into an empty folder")
+    if numbered and len({each.side.sha256 for each in runs}) < len(runs):
+        faults.append(f"{file}: one run stands there twice, which says nothing about noise; name each run once")
     digest = sha256_of("".join(each.side.sha256 for each in runs).encode()).hexdigest()
     side = replace(
         first.side, file=file, sha256=digest, seeds=tuple(seed for each in runs for seed in each.side.seeds),
@@ -165,12 +170,25 @@ def evidence_of_seeds(runs: Sequence[Evidence], file: str) -> Evidence:
         revision=first.side.revision if len({each.side.revision for each in runs}) == 1 else None,
     )
     chosen = any(each.chosen for each in runs)
-    failed = tuple(f"{why} on seed {', '.join(map(str, each.side.seeds))}" for each in runs for why in each.failed)
+    failed = tuple(f"{why} {_of_run(each)}" for each in runs for why in each.failed)
     return Evidence(
         side, first.conditions, measurements, first.tolerances, tuple(faults), chosen, failed,
-        in_force={name: each for run in reversed(runs) for name, each in run.in_force.items()},
-        tests={seed: found for each in runs for seed, found in each.tests.items()},
+        in_force={name: each for run in reversed(runs) for name, each in run.in_force.items()}, tests=tests,
     )
+
+
+_Found = TypeVar("_Found")
+
+
+def _by_seed(runs: Sequence[Mapping[Seed, _Found]], *, numbered: bool) -> dict[Seed, _Found]:
+    """Return what was found on each seed; of a board that simulates nothing by the number of the run."""
+    if numbered:
+        return dict(enumerate((found for each in runs for found in each.values()), start=1))
+    return {seed: found for each in runs for seed, found in each.items()}
+
+
+def _of_run(run: Evidence) -> str:
+    return f"on seed {', '.join(map(str, run.side.seeds))}" if run.side.seeds else f"in {run.name}"
 
 
 def as_one_run(evidence: Evidence) -> Evidence:

@@ -53,6 +53,18 @@ def read_evidence(place: Path) -> Evidence:
     return evidence_of(record.run, file=str(place), sha256=record.sha256)
 
 
+def read_runs(places: Sequence[Path]) -> Evidence:
+    """Read one side of a comparison from several runs of one firmware: with a seed each, or on a real board.
+
+    Raises
+    ------
+    ConfigError
+        As `read_evidence`.
+    """
+    runs = [read_evidence(place) for place in places]
+    return runs[0] if len(runs) == 1 else evidence_of_seeds(runs, f"{places[0]} and {len(runs) - 1} more")
+
+
 def _has_run(folder: Path) -> bool:
     """Say whether a folder holds what a single run wrote; a journal without a line is of one that never began."""
     journal = folder / JOURNAL_FILE

@@ -88,12 +88,27 @@ def unpaired(base: Sequence[float], new: Sequence[float], known: Deviation | Non
     known : Deviation or None
         That of the default rig, where these are too few runs to say. A larger one of theirs is taken all the same.
     """
-    freedom = len(base) + len(new) - 2
     spread = math.sqrt(1.0 / len(base) + 1.0 / len(new))
-    own = math.sqrt(sum((each - fmean(side)) ** 2 for side in (base, new) for each in side) / freedom) if freedom else 0
+    found, of_these = of_runs((base, new), known)
+    return Noise(found.value, found.freedom, spread, of_these_runs=of_these) if found else None
+
+
+def of_runs(sides: Sequence[Sequence[float]], known: Deviation | None) -> tuple[Deviation | None, bool]:
+    """Return how much runs of one firmware differ, None where they do not, and whether these runs say so themselves.
+
+    Parameters
+    ----------
+    sides : sequence of sequence of float
+        Runs of one firmware each.
+    known : Deviation or None
+        As for `unpaired`.
+    """
+    freedom = sum(len(side) - 1 for side in sides)
+    squares = math.fsum((each - fmean(side)) ** 2 for side in sides for each in side)
+    own = math.sqrt(squares / freedom) if freedom else 0.0
     if freedom < FREEDOM_MINIMUM and known is not None:
-        return Noise(max(own, known.value), known.freedom, spread, of_these_runs=False)
-    return Noise(own, freedom, spread) if own else None
+        return Deviation(max(own, known.value), known.freedom), False
+    return (Deviation(own, freedom), True) if own else (None, True)
 
 
 def half_width(noise: Noise, share: float) -> float:

@@ -1,0 +1,106 @@
+"""What chance makes of the change of one measurement."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from statistics import fmean
+
+from hiltest.measurement import (
+    EXACT,
+    FLASH_TIE,
+    Measurement,
+    Tolerance,
+    deviation_of,
+    in_flash,
+    is_direction,
+    tolerance_of,
+)
+from hiltest.verdict.evidence import REAL
+from hiltest.verdict.noise import FALSE_ALARMS, Noise, half_width, paired, smallest_seen, unpaired
+from hiltest.verdict.pairs import Pairs, values_of
+from hiltest.verdict.statistics import LARGEST
+
+
+@dataclass(frozen=True, slots=True)
+class Chance:
+    """What chance makes of one measurement.
+
+    Attributes
+    ----------
+    noise : Noise or None
+        Of its mean change; None where there is none.
+    tolerance : Tolerance
+        What it must move beyond, apart from noise.
+    size : float
+        Of its values, which a relative tolerance is a part of.
+    shared : bool
+        Whether runs of one seed read the same noise.
+    share : float
+        Share of comparisons of unchanged firmware that may call it changed.
+    """
+
+    noise: Noise | None
+    tolerance: Tolerance
+    size: float
+    shared: bool
+    share: float = FALSE_ALARMS
+
+    @property
+    def floor(self) -> float:
+        """The tolerance in the measurement's unit."""
+        return max(self.tolerance.absolute, self.tolerance.relative * self.size)
+
+    @property
+    def shown(self) -> Tolerance:
+        """The tolerance with what noise moves, where runs do not share it."""
+        if self.shared or self.noise is None or not self.noise.tested:
+            return self.tolerance
+        return Tolerance(half_width(self.noise, self.share), 0.0)
+
+    @property
+    def seen(self) -> float:
+        """Smallest change that is seen in 4 of 5 comparisons."""
+        return smallest_seen(self.noise, self.floor, self.share)
+
+    def explains(self, moved: float) -> bool:
+        """Say whether noise alone may have moved the mean by so much, at this measurement's share of false alarms."""
+        return self.noise is not None and abs(moved) <= half_width(self.noise, self.share)
+
+
+def chance_of(pairs: Pairs, board: str, tolerances: Mapping[str, Tolerance]) -> Chance:
+    """Return what chance makes of a measurement that is compared alone.
+
+    On a real board its noise takes the place of the catalogue's tolerance; one that a rig states decides alone there.
+    """
+    tolerance = of_flash(pairs.latest, pairs.tolerance or tolerance_of(pairs.name, tolerances))
+    seeds = pairs.seeds
+    base, new = values_of(pairs.base, seeds), values_of(pairs.new, seeds)
+    shared = board != REAL
+    if not base or max(map(abs, (*base, *new))) > LARGEST:
+        return Chance(None, tolerance, 0.0, shared)
+    size = abs(fmean(base))
+    if shared:
+        return Chance(None if tolerance == EXACT else paired(moves(pairs.name, base, new)), tolerance, size, shared)
+    noise = unpaired(*(pairs.runs or (base, new)), deviation_of(pairs.name))
+    if noise is None or tolerance != tolerance_of(pairs.name, {}):
+        return Chance(noise and replace(noise, tested=False), tolerance, size, shared)
+    return Chance(noise, EXACT, size, shared)
+
+
+def of_flash(latest: Measurement, tolerance: Tolerance) -> Tolerance:
+    """Return the tolerance, no tighter than two counts of code in flash can be distinguished."""
+    if not in_flash(latest.cycle_model):
+        return tolerance
+    return Tolerance(tolerance.absolute, max(tolerance.relative, FLASH_TIE))
+
+
+def moves(name: str, base: Sequence[float], new: Sequence[float]) -> list[float]:
+    """Return the changes; of a direction the short way round, and as far back: of half a turn both signs are right."""
+    changes = changes_of(base, new)
+    return [math.remainder(each, 360.0) for each in changes] if is_direction(name) else changes
+
+
+def changes_of(base: Sequence[float], new: Sequence[float]) -> list[float]:
+    return [after - before for before, after in zip(base, new, strict=True)]
