@@ -8,6 +8,7 @@ from pathlib import Path
 
 from hiltest.bench_files import shipped
 from hiltest.measurement import KINDS, Allowance, Better, Kind, Limit, Section, identify
+from hiltest.measurement.deviations import DEVIATIONS
 from hiltest.rig.file import load_rig
 from hiltest.text import readable
 
@@ -26,8 +27,10 @@ limits of [the default rig](../hil/rigs/virtual-k64f.toml).
 - **Limit** is the default rig's. A rig of your own states its own, for these names and for any other that your tests
   measure: [rigs.md](rigs.md).
 - **Tolerance** is how far a measurement may move and still count as unchanged in a comparison: the larger of the two
-  where there are two. *Exact* means that any change counts. On a real board, whose runs do not share their noise, it
-  is at least six standard deviations of the noise.
+  where there are two. *Exact* means that any change counts.
+- **Deviation** is the standard deviation of a measurement over seeds of the default rig, for each subject: what noise
+  moves. On a real board, whose runs do not share their noise, it takes the place of the tolerance, until the bench has
+  said how much its own runs differ: [compare.md](compare.md#on-a-real-board).
 """
 
 _BETTER = {Better.LOWER: "lower", Better.HIGHER: "higher", Better.NEARER_ZERO: "nearer zero", Better.NEITHER: ""}
@@ -46,11 +49,11 @@ def page() -> str:
 
 def _section(section: Section, kinds: list[Kind], limits: dict[str, Limit]) -> Iterator[str]:
     yield from (f"## {section}", "")
-    yield "| measurement | unit | better | meaning | limit | tolerance | reason |"
-    yield "| --- | --- | --- | --- | --- | --- | --- |"
+    yield "| measurement | unit | better | meaning | limit | tolerance | reason | deviation |"
+    yield "| --- | --- | --- | --- | --- | --- | --- | --- |"
     for kind in kinds:
         cells = [f"`{kind.name}`", kind.unit or "", _BETTER[kind.better], kind.meaning, _limits(kind, limits),
-                 _tolerances(kind), kind.allowance.reason]
+                 _tolerances(kind), kind.allowance.reason, _deviations(kind)]
         yield f"| {' | '.join(cells)} |"
     yield ""
 
@@ -59,6 +62,13 @@ def _limits(kind: Kind, limits: dict[str, Limit]) -> str:
     """Return the rig's limits, by subject where there is one."""
     found = [(identify(name).subject, limit) for name, limit in limits.items() if identify(name).kind is kind]
     return "; ".join(f"{subject}: {limit}" if subject else str(limit) for subject, limit in found)
+
+
+def _deviations(kind: Kind) -> str:
+    """Return what noise moves, by subject where there is one."""
+    named = {name: identify(name) for name, deviation in DEVIATIONS.items() if deviation.value}
+    found = [(each.subject, DEVIATIONS[name].value) for name, each in named.items() if each.kind is kind]
+    return "; ".join(f"{subject}: {readable(value, 3)}" if subject else readable(value, 3) for subject, value in found)
 
 
 def _tolerances(kind: Kind) -> str:

@@ -243,7 +243,7 @@ def test_what_runs_of_a_bench_differ_by_is_the_tolerance_that_is_shown() -> None
     base, new = bench("compass.lag", 4.0, 5.0, 6.0, 5.0, 5.0), bench("compass.lag", 5.5)
     (found,) = compare(base, new).differences
     assert (found.change, found.base, found.new) == (Change.UNCHANGED, 5.0, 5.5)
-    assert found.tolerance.absolute == pytest.approx(t.ppf(0.995, 4) * 0.5**0.5 * 1.2**0.5)
+    assert found.tolerance.absolute == pytest.approx(t.ppf(1.0 - FALSE_ALARMS / 2, 4) * 0.5**0.5 * 1.2**0.5)
     (found,) = compare(base, bench("compass.lag", 9.5)).differences
     assert found.change is Change.CHANGED
 

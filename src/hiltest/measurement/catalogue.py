@@ -71,7 +71,7 @@ def _heading() -> Iterator[Kind]:
         subjects = {"dpi": in_motion} | ({"uncalibrated": raw} if what == "max" else {})
         rms = "" if what == "rms" else "heading.{calibrator}.rms"
         yield Kind(f"heading.{{calibrator}}.{what}", "deg", _LOWER, held, Section.HEADING, meaning, subjects,
-                   reference=reference, rms=rms)
+                   reference=reference, decided_by=rms)
     yield Kind("heading.{calibrator}.bias", "deg", _ZERO, _allow(0.01, 0.01, _ROUNDING), Section.HEADING,
                "Circular mean of the heading errors", {"dpi": _allow(0.05, 0.05, f"moved by 0.003; {_MOTION}")},
                reference=_MOUNTED)
@@ -145,7 +145,8 @@ def _streams() -> Iterator[Kind]:
     ):
         cost = unit == "cycle"
         yield Kind(f"stream.{{calibrator}}.{what}", unit, better, allowance, Section.STREAMS, meaning,
-                   accuracy=_WORST if cost else "")
+                   accuracy=_WORST if cost else "",
+                   decided_by="stream.{calibrator}.cycles_mean" if what in ("cycles_median", "cycles_max") else "")
 
 
 def _fit() -> Iterator[Kind]:
@@ -250,7 +251,8 @@ def _fusion() -> Iterator[Kind]:
         ):
             subjects = {"accelerometer_magnetometer": alone} if what == "heading.max" else {}
             rms = f"{prefix}.heading.rms" if what == "heading.max" else ""
-            yield Kind(f"{prefix}.{what}", "deg", _LOWER, moving, Section.FUSION, meaning, subjects, rms=rms)
+            yield Kind(f"{prefix}.{what}", "deg", _LOWER, moving, Section.FUSION, meaning, subjects,
+                       decided_by=rms)
     yield Kind("fusion.left_out", "", _LOWER, _COUNTED, Section.FUSION, "Samples lost and corrections refused")
     yield Kind("fusion.corrections", "", _NEITHER, _COUNTED, Section.FUSION, "Corrections that the filter took")
 

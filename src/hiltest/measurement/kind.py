@@ -127,9 +127,9 @@ class Kind:
         False for what says nothing of the firmware.
     direction : bool
         Whether it is a direction [deg]: 330 and 30 are 60 apart, and none is a share of another.
-    rms : str
-        For the largest of many errors: name of their rms, with the same subject. Of two that follow one change the
-        largest is several times as noisy, so between runs that do not share their noise the rms decides.
+    decided_by : str
+        For the largest of many numbers, or their median: name of their rms or mean, with the same subject. Between runs
+        that do not share their noise that decides: a largest error is several times as noisy, a median jumps.
     """
 
     name: str
@@ -143,7 +143,7 @@ class Kind:
     reference: Reference = Reference.NONE
     compared: bool = True
     direction: bool = False
-    rms: str = ""
+    decided_by: str = ""
 
     def of(self, subject: str) -> str:
         """Return the name of the measurement of a subject."""
@@ -183,9 +183,9 @@ class NamedKind:
         return _name(self.kind.accuracy, self.subject) if self.kind else ""
 
     @property
-    def rms(self) -> str:
-        """Name of the rms that decides in its place where runs do not share their noise; empty where it does."""
-        return _name(self.kind.rms, self.subject) if self.kind else ""
+    def decided_by(self) -> str:
+        """Name of what decides in its place where runs do not share their noise; empty where it decides itself."""
+        return _name(self.kind.decided_by, self.subject) if self.kind else ""
 
 
 def _name(template: str, subject: str) -> str:

@@ -19,6 +19,7 @@ from hiltest.verdict.wording import (
     moved_percent,
     percent,
     revision,
+    seen_from,
     shown,
 )
 
@@ -95,10 +96,10 @@ def sides(comparison: Comparison) -> Iterator[tuple[str, str, str]]:
 
 def _in_text(each: Difference) -> Changed:
     outcome = "" if each.outcome == "information" else each.outcome
-    tolerance = "" if each.delta is None else held_to(each.tolerance, each.unit)
+    tolerance = "; ".join(filter(None, (held_to(each.tolerance, each.unit), seen_from(each))))
     return Changed(
         each.name, str(each.change), _SIGNS[each.change], _TONES.get(each.change, ""), _number(each.base, each.unit),
-        _number(each.new, each.unit), moved(each), tolerance, str(each.limit or ""),
+        _number(each.new, each.unit), moved(each), "" if each.delta is None else tolerance, str(each.limit or ""),
         ": ".join(filter(None, (outcome, each.note))),
     )
 

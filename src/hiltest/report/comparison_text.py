@@ -12,8 +12,9 @@ from rich.console import Console
 from rich.text import Text
 
 from hiltest.record.comparison import Answer, Change, Comparison, Side
+from hiltest.text import readable
 from hiltest.verdict.detection import Detection
-from hiltest.verdict.wording import build, counted_by, entry, how_to_keep, models_shown, revision, shown
+from hiltest.verdict.wording import build, counted_by, entry, how_to_keep, models_shown, revision, seen_from, shown
 
 SCHEMA = "hiltest.comparison/1"
 # Thousands are apart, 11 061, and stay on one line.
@@ -27,6 +28,9 @@ def print_comparison(console: Console, comparison: Comparison) -> None:
     say(console, f"{_described(comparison.base)} -> {_described(comparison.new)}")
     say(console, comparison.sentence, "" if comparison.answer is Answer.MAY else "bold red")
     print_changes(console, comparison)
+    if limited := [each for each in comparison.differences if each.limit is not None and seen_from(each)]:
+        say(console, "smallest changes that this comparison sees in 4 of 5 cases, where there is a limit [deg]")
+        _entries(console, [", ".join(f"{each.name} {readable(each.seen, 3)}" for each in limited)])
 
 
 def print_changes(console: Console, comparison: Comparison, *, at_most: int | None = None) -> None:
@@ -38,7 +42,7 @@ def print_changes(console: Console, comparison: Comparison, *, at_most: int | No
         _entries(console, comparison.obstacles)
     for change, found in shown(comparison):
         say(console, f"{change} ({len(found)})", _STYLES.get(change, "bold"))
-        _entries(console, map(entry, found[:at_most]))
+        _entries(console, (", ".join(filter(None, (entry(each), seen_from(each)))) for each in found[:at_most]))
         if more := len(found) - len(found[:at_most]):
             say(console, f"  and {more} more")
     if remark := counted_by(models_shown(comparison)):

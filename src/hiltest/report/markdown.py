@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
-from hiltest.measurement import Measurement
 from hiltest.record.comparison import Comparison
 from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import Run, TestResult
 from hiltest.report import overview, stream_overview
 from hiltest.report.comparison_overview import changed, counts, sides
 from hiltest.report.markdown_text import folded, plain_text, table
-from hiltest.report.terminal import shown_limit, shown_outcome, shown_value
+from hiltest.report.terminal import CHANGE_SEEN, shown_limit, shown_outcome, shown_seen, shown_value
 from hiltest.text import number
+from hiltest.verdict.compare import changes_seen
 from hiltest.verdict.summary import Failure, Summary, cost_line, summarise
 
 
@@ -58,7 +58,7 @@ def _lines(run: Run) -> Iterator[str]:
     if stages:
         rows = ([*row] for row in stages)
         yield from folded(stream_overview.HEADING, table([*stream_overview.HEADINGS], rows))
-    yield from folded("Every measurement", _measurements(run.measurements))
+    yield from folded("Every measurement", _measurements(run))
     yield from folded(
         "What the numbers rest on",
         (f"- {plain_text(name)}: {plain_text(text)}" for name, text in overview.provenance(run)),
@@ -114,13 +114,16 @@ def _reason(test: TestResult) -> str:
     return f"{test.reason} (wire trace: {test.trace})" if test.trace else test.reason
 
 
-def _measurements(measurements: Iterable[Measurement]) -> Iterator[str]:
+def _measurements(run: Run) -> Iterator[str]:
+    seen = changes_seen(run)
     rows = (
-        [each.name, shown_value(each), each.unit, shown_limit(each),
+        [each.name, shown_value(each), each.unit,
+         ", change ".join(filter(None, (shown_limit(each), shown_seen(each, seen)))),
          shown_outcome(each) + (f": {each.note}" if each.note else ""), overview.origin(each)]
-        for each in measurements
+        for each in run.measurements
     )
     yield from table(["measurement", "value", "unit", "limit", "outcome", "where from"], rows)
+    yield from ("", plain_text(f"change: {CHANGE_SEEN}"))
 
 
 def _marked(cell: overview.Cell) -> str:

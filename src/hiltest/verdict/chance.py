@@ -57,7 +57,7 @@ class Chance:
         """The tolerance with what noise moves, where runs do not share it."""
         if self.shared or self.noise is None or not self.noise.tested:
             return self.tolerance
-        return Tolerance(half_width(self.noise, self.share), 0.0)
+        return Tolerance(max(self.tolerance.absolute, half_width(self.noise, self.share)), self.tolerance.relative)
 
     @property
     def seen(self) -> float:
@@ -72,7 +72,8 @@ class Chance:
 def chance_of(pairs: Pairs, board: str, tolerances: Mapping[str, Tolerance]) -> Chance:
     """Return what chance makes of a measurement that is compared alone.
 
-    On a real board its noise takes the place of the catalogue's tolerance; one that a rig states decides alone there.
+    On a real board its noise takes the place of the catalogue's tolerance, where that is the smaller one: a harmless
+    change is lost in the noise then. A tolerance that a rig states decides alone there.
     """
     tolerance = of_flash(pairs.latest, pairs.tolerance or tolerance_of(pairs.name, tolerances))
     seeds = pairs.seeds
@@ -84,9 +85,12 @@ def chance_of(pairs: Pairs, board: str, tolerances: Mapping[str, Tolerance]) -> 
     if shared:
         return Chance(None if tolerance == EXACT else paired(moves(pairs.name, base, new)), tolerance, size, shared)
     noise = unpaired(*(pairs.runs or (base, new)), deviation_of(pairs.name))
-    if noise is None or tolerance != tolerance_of(pairs.name, {}):
-        return Chance(noise and replace(noise, tested=False), tolerance, size, shared)
-    return Chance(noise, EXACT, size, shared)
+    found = Chance(noise, tolerance, size, shared)
+    if noise is None:
+        return found
+    if tolerance != tolerance_of(pairs.name, {}):
+        return replace(found, noise=replace(noise, tested=False))
+    return found if noise.deviation <= found.floor else replace(found, tolerance=EXACT)
 
 
 def of_flash(latest: Measurement, tolerance: Tolerance) -> Tolerance:

@@ -6,13 +6,14 @@ from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import replace
 from statistics import fmean
 
-from hiltest.measurement import Measurement, Outcome, Tolerance, identify, is_compared
+from hiltest.measurement import Measurement, Outcome, Tolerance, identify, is_compared, is_direction
 from hiltest.record.comparison import BaseKind, Change, Comparison, Difference, Side
 from hiltest.record.failures import measured
+from hiltest.record.run import Run
 from hiltest.text import hundredths
 from hiltest.verdict.chance import Chance, chance_of
 from hiltest.verdict.difference import difference
-from hiltest.verdict.evidence import REAL, Evidence, Seed, as_one_run
+from hiltest.verdict.evidence import REAL, Evidence, Seed, as_one_run, evidence_of
 from hiltest.verdict.noise import FALSE_ALARMS
 from hiltest.verdict.obstacles import obstacles
 from hiltest.verdict.pairs import Pairs, number_of
@@ -62,10 +63,23 @@ def chances_of(pairs: Sequence[Pairs], board: str, tolerances: Mapping[str, Tole
     """
     found = {each.name: chance_of(each, board, tolerances) for each in pairs}
     sharing = sum(
-        each.noise is not None and each.noise.reaches(each.floor) and (each.shared or not identify(name).rms)
+        each.noise is not None and each.noise.reaches(each.floor) and (each.shared or not identify(name).decided_by)
         for name, each in found.items()
     )
     return {name: replace(each, share=FALSE_ALARMS / max(sharing, 1)) for name, each in found.items()}
+
+
+def changes_seen(run: Run) -> dict[str, float]:
+    """Return the smallest change of each measurement that is seen in 4 of 5 cases: by the comparison of the run.
+
+    Of a run that was compared with nothing, by a comparison with one more such run.
+    """
+    if run.comparison is not None:
+        return {each.name: each.seen for each in run.comparison.differences if each.seen is not None}
+    evidence = evidence_of(run)
+    board = evidence.conditions.board if evidence.conditions else ""
+    found = chances_of(pairs_of(evidence, evidence), board, evidence.tolerances)
+    return {name: each.seen for name, each in found.items() if not is_direction(name)}
 
 
 def not_compared(file: str, reason: str, new: Evidence) -> Comparison:
@@ -120,15 +134,15 @@ def _with_outcome(new: Evidence, outcome: Outcome) -> dict[str, dict[Seed, Measu
 
 
 def _informs(found: Difference, pairs: Pairs, names: Set[str], chances: Mapping[str, Chance]) -> Difference:
-    """Return a difference; between runs that share no noise the largest of many errors informs, and their rms decides.
+    """Return a difference; between runs that share no noise the largest of many errors informs: their rms decides.
 
     Unless it has left its limit, or the rig states its tolerance.
     """
-    chance, rms = chances[found.name], identify(found.name).rms
+    chance, decides = chances[found.name], identify(found.name).decided_by
     stated = chance.noise is not None and not chance.noise.tested
-    if chance.shared or stated or rms not in names or found.change not in _MOVED or pairs.newly_out:
+    if chance.shared or stated or decides not in names or found.change not in _MOVED or pairs.newly_out:
         return found
-    note = f"on a real board {rms} decides"
+    note = f"on a real board {decides} decides"
     return replace(found, change=Change.CHANGED, note="; ".join(filter(None, (found.note, note))))
 
 

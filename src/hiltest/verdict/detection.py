@@ -102,8 +102,10 @@ def detection(written: str, base: Evidence, new: Evidence | None = None) -> Dete
     tolerances = {name: base.in_force.get(name) or tolerance_of(name, base.tolerances) for name in numbers}
     floors = {name: max(each.absolute, each.relative * abs(fmean(numbers[name].values())))
               for name, each in tolerances.items()}  # fmt: skip
-    # As in a comparison: on a real board noise takes the place of the catalogue's tolerance.
-    replaced = {name: bool(deviations[name]) and each == tolerance_of(name, {}) for name, each in tolerances.items()}
+    # As in a comparison: on a real board noise takes the place of the catalogue's tolerance, where that is smaller.
+    replaced = {
+        name: deviations[name] > floors[name] and each == tolerance_of(name, {}) for name, each in tolerances.items()
+    }
     runs_share, seeds_share = (FALSE_ALARMS / max(count, 1) for count in (sharing, moving))
 
     def needed(name: str) -> Needed:
@@ -155,4 +157,4 @@ def _paired(base: Mapping[object, float], new: Mapping[object, float]) -> float 
 def _may_be_called(name: str, unit: str, base: Evidence) -> bool:
     """Say whether a measurement shares the false alarms: it has a better direction, and decides on a real board."""
     limit = next((each[name].limit for each in base.measurements.values() if name in each), None)
-    return better_of(name, limit, unit) is not Better.NEITHER and not identify(name).rms
+    return better_of(name, limit, unit) is not Better.NEITHER and not identify(name).decided_by

@@ -78,6 +78,16 @@ def held_to(tolerance: Tolerance, unit: str) -> str:
     return " and ".join(filter(None, (absolute, relative))) or "exact"
 
 
+def seen_from(difference: Difference) -> str:
+    """Return the smallest change in degrees that the comparison sees in 4 of 5 cases; empty for any other unit.
+
+    Examples
+    --------
+    ``seen from 0.0123 deg on``
+    """
+    return f"seen from {readable(difference.seen, 3)} deg on" if difference.seen and difference.unit == "deg" else ""
+
+
 def entry(difference: Difference) -> str:
     """Return a measurement's name and numbers."""
     return f"{difference.name} {numbers(difference)}"
