@@ -330,3 +330,70 @@ def test_what_is_no_baseline_is_never_overwritten_by_one(changed: Changed, tmp_p
     assert run.read_bytes() == before
     done = hiltest("baseline", "save", run, tmp_path / ("n" * 300))
     assert (done.returncode, "cannot write" in done.stderr) == (4, True), done.stderr
+
+
+def on_a_bench(changed: Changed, folder: str, values: dict[str, float]) -> Path:
+    """Write a run as a real board makes it: without a seed, and with noise of its own."""
+    return changed(folder, {"board.kind": "real", "seed": None}, values)
+
+
+def test_several_runs_of_a_bench_say_how_much_they_differ(changed: Changed, tmp_path: Path) -> None:
+    rms, largest, file = "heading.direct.rms", "heading.direct.max", tmp_path / "base.json"
+    noise = [0.00, 0.03, -0.04, 0.02, -0.03, 0.04, -0.005, -0.015]
+    runs = [on_a_bench(changed, f"run-{number}", {rms: 0.36 + each}) for number, each in enumerate(noise)]
+    saved = hiltest("baseline", "save", *runs, file)
+    assert saved.stdout.rstrip().endswith("8 runs"), saved.stderr
+    assert hiltest("compare", file, runs[0]).returncode == 0
+    worse = on_a_bench(changed, "worse", {rms: 0.66, largest: 1.7})
+    done = hiltest("compare", file, worse)
+    assert done.returncode == 21, done.stdout
+    (found,) = re.findall(rf"{re.escape(rms)} 0\.36 -> 0\.66 deg .*, seen from (\S+) deg on$", done.stdout, re.M)
+    assert 0.05 < float(found) < 0.3
+    # One run says nothing of its noise: the same change is three deviations of the default rig.
+    alone = hiltest("compare", runs[0], worse)
+    assert alone.returncode == 0
+    assert "hiltest baseline save RUN RUN ... FILE" in alone.stdout
+    twice = hiltest("baseline", "save", runs[0], runs[0], tmp_path / "twice.json")
+    assert twice.returncode == 4
+    assert "name each run once" in twice.stderr
+    accept = ("--accept", rms, "--because", "slower, on purpose")
+    few = hiltest("baseline", "update", file, worse, *accept)
+    assert few.returncode == 4
+    assert "is of 1, and the baseline of 8 runs; name as many" in few.stderr
+    assert hiltest("baseline", "update", file, *runs[:7], worse, *accept).returncode == 0
+
+
+def test_detect_says_how_many_runs_a_side_see_a_change(changed: Changed, tmp_path: Path) -> None:
+    baseline = Path(__file__).parents[2] / "hil" / "baselines" / "virtual-k64f.json"
+    done = hiltest("compare", "--detect", "0.05 deg", baseline)
+    assert done.returncode == 0, done.stderr
+    needed = {name: int(runs.replace(" ", "")) for name, runs in re.findall(
+        r"^(heading\.\S+) +\S+ +([\d ]+?) {2,}", done.stdout, re.M)}  # fmt: skip
+    assert 17 < needed["heading.direct.rms"] < 60, "17 at 5 % for this measurement alone"
+    assert 163 < needed["heading.direct.max"] < 600
+    assert 628 < needed["heading.dpi.max"] < 2500
+    assert re.search(r"^heading\.direct\.rms +\S+ +\d+ +1 +0\.01 *$", done.stdout, re.M), "one seed, paired"
+    programs = json.loads(hiltest("compare", "--json", "--detect", "0.05deg", baseline).stdout)
+    (found,) = (each for each in programs["detection"]["measurements"] if each["name"] == "heading.direct.rms")
+    assert (found["runs"], found["seeds"]) == (needed["heading.direct.rms"], 1)
+    with_new = hiltest("compare", "--detect", "0.05deg", changed("base"), changed("new"))
+    assert with_new.returncode == 0
+    assert "May be merged" in with_new.stdout
+    assert "heading.direct.rms" in with_new.stdout
+
+
+@pytest.mark.parametrize(
+    "size", ["", "deg", "0.05", "0deg", "-1deg", "nandeg", "infdeg", "1e999deg", "0.05furlong", "\u0660.5deg", "0x1deg",
+             "0.05deg\n", "1_0deg", "0.05deg; rm", "9" * 5000 + "deg", "\x1b[31mdeg"],
+)
+def test_a_size_that_is_none_is_a_usage_error_that_names_what_is_expected(size: str) -> None:
+    baseline = Path(__file__).parents[2] / "hil" / "baselines" / "virtual-k64f.json"
+    done = hiltest("compare", f"--detect={size}", baseline)
+    if size.strip() == "0.05deg":
+        assert done.returncode == 0
+        return
+    assert (done.returncode, done.stdout) == (4, "")
+    assert "expected a number above 0 and a unit" in done.stderr
+    assert "such as 0.05deg" in done.stderr
+    assert "\x1b" not in done.stderr
+    assert len(done.stderr) < 600

@@ -266,3 +266,21 @@ def test_a_test_that_one_of_several_runs_lacks_is_missed() -> None:
     assert compare(replace(runs, tests=ran), replace(runs, tests=ran)).evaluated
     comparison = compare(replace(runs, tests=ran), replace(runs, tests=skipped))
     assert comparison.obstacles[0].startswith("test missing: test_a.py::test_b passed before and is skipped now")
+
+
+def test_what_would_be_worse_alone_is_shown_among_many() -> None:
+    """0.30 deg between two single runs are three standard deviations: nothing to pass over, and no proof."""
+    names = [f"heading.{calibrator}.{what}" for calibrator in ("direct", "corrected", "dpi", "iterative")
+             for what in ("rms", "bias", "tilt_sensitivity")]  # fmt: skip
+    base = evidence([measurement(name, 0.4) for name in names], conditions=ON_A_BENCH)
+    new = evidence([measurement(name, 0.4 + 0.3 * (name == names[0])) for name in names], conditions=ON_A_BENCH)
+    (found,) = compare(base, new).of(Change.CHANGED)
+    assert found.name == names[0]
+    assert "not more than one of 12: compare more runs" in found.note
+    assert compare(bench(names[0], 0.4), bench(names[0], 0.7)).regression
+
+
+def test_a_bench_that_has_not_said_its_noise_is_told_how_to() -> None:
+    name = "heading.direct.rms"
+    assert "hiltest baseline save RUN RUN ... FILE" in compare(bench(name, 0.4), bench(name, 0.4)).remark
+    assert compare(bench(name, 0.4, 0.5, 0.4, 0.5, 0.6), bench(name, 0.4)).remark == ""

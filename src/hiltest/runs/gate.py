@@ -52,7 +52,7 @@ class Gate(NamedTuple):
             found = not_compared(self.file, self.reason, new)
         else:
             found = compare(self.base, new, together=self.in_one_session)
-        return replace(found, remark=remark)
+        return replace(found, remark=" ".join(filter(None, (remark, found.remark))))
 
     def describe(self) -> str:
         """Return the header line: the base that the run is compared with."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import replace
 from statistics import fmean
 
@@ -21,6 +21,10 @@ from hiltest.verdict.wording import entry, on_seeds, sentence
 
 _Measured = Mapping[Seed, Mapping[str, Measurement]]
 _MOVED = (Change.BETTER, Change.WORSE)
+_ASSUMED = (
+    "Too few runs to say how much they differ: this board is assumed to be as quiet as the default rig. Save five runs "
+    "or more of one firmware: hiltest baseline save RUN RUN ... FILE."
+)
 
 
 def compare(base: Evidence, new: Evidence, *, together: bool = False) -> Comparison:
@@ -52,7 +56,14 @@ def compare(base: Evidence, new: Evidence, *, together: bool = False) -> Compari
     )
     found = tuple(with_accuracy(each, base.measurements, new.measurements) for each in changes)
     kind = BaseKind.TOGETHER if together else BaseKind.BASELINE if base.is_baseline else BaseKind.RUN
-    return _comparison(base.side, new, found, obstacles(base, new, found, together=together), kind)
+    made = _comparison(base.side, new, found, obstacles(base, new, found, together=together), kind)
+    return replace(made, remark=_ASSUMED) if _noise_is_assumed(chances.values()) else made
+
+
+def _noise_is_assumed(chances: Iterable[Chance]) -> bool:
+    """Say whether runs that share no noise are too few to say how much they differ."""
+    noises = [each.noise for each in chances if each.noise is not None and not each.shared]
+    return bool(noises) and not any(each.of_these_runs for each in noises)
 
 
 def chances_of(pairs: Sequence[Pairs], board: str, tolerances: Mapping[str, Tolerance]) -> dict[str, Chance]:

@@ -21,7 +21,7 @@ from hiltest.measurement import (
 from hiltest.record.comparison import Change, Difference
 from hiltest.verdict.chance import Chance, chance_of, changes_of, moves, of_flash
 from hiltest.verdict.evidence import Seed
-from hiltest.verdict.noise import mean_interval, paired
+from hiltest.verdict.noise import FALSE_ALARMS, mean_interval, paired
 from hiltest.verdict.pairs import Pairs, has_number, is_out, values_of
 from hiltest.verdict.statistics import LARGEST, mean_value, moved_alone
 from hiltest.verdict.wording import held_to, on_seeds
@@ -142,7 +142,7 @@ def _in_the_mean(
         before, after = _costs(base, sense), _costs(new, sense)
         if _beyond(before, after, tolerance):
             if _may_be_chance(base, new, sense, chance):
-                return Change.UNCHANGED, f"within what {'these seeds differ' if chance.shared else 'runs differ'} by"
+                return _suspected(base, new, sense, chance)
             way = f"magnitude {fmean(before):.4g} -> {fmean(after):.4g}"
             remark = way if sense is Better.NEARER_ZERO and len(base) > 1 else ""
             return (Change.WORSE if fmean(after) > fmean(before) else Change.BETTER), remark
@@ -151,6 +151,17 @@ def _in_the_mean(
     if tolerance == EXACT and chance.shared and any(_beyond([a], [b], EXACT) for a, b in zip(base, new, strict=True)):
         return Change.CHANGED, "the same in the mean, not on every seed"
     return Change.UNCHANGED, ""
+
+
+def _suspected(
+    base: Sequence[float], new: Sequence[float], sense: Better, chance: Chance
+) -> tuple[Change, str]:
+    """Return what chance explains: unchanged, unless it would be called if nothing else were compared."""
+    alone = replace(chance, share=FALSE_ALARMS)
+    if _may_be_chance(base, new, sense, alone):
+        return Change.UNCHANGED, f"within what {'these seeds differ' if chance.shared else 'runs differ'} by"
+    many = round(FALSE_ALARMS / chance.share)
+    return Change.CHANGED, f"more than noise moves one measurement, not more than one of {many}: compare more runs"
 
 
 def _on_single_seeds(

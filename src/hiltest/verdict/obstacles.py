@@ -9,7 +9,7 @@ from shlex import quote
 from hiltest.record.comparison import Change, Difference
 from hiltest.record.outcomes import TestOutcome
 from hiltest.text import without_folders
-from hiltest.verdict.evidence import NO_BOARD, Conditions, Evidence, Seed
+from hiltest.verdict.evidence import NO_BOARD, REAL, Conditions, Evidence, Seed
 
 _NAMED_AT_MOST = 3
 _RENEW = "renew the baseline with `hiltest baseline save RUN FILE`"
@@ -51,7 +51,7 @@ def _of_sides(base: Evidence, new: Evidence, *, together: bool) -> Iterator[str]
         yield from _of_cycle_models(base, new, _or_renew(together=together))
         yield from () if together else _of_builds(base, new, was, now)
         yield from _of_choice(base, new)
-        yield from _of_seeds(base, new)
+        yield from _of_seeds(base, new) if now.board != REAL else ()
 
 
 def _of_conditions(base: Evidence, new: Evidence, was: Conditions, now: Conditions, renew: str) -> Iterator[str]:
