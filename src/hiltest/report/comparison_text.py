@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 
 from rich.console import Console
@@ -28,9 +28,16 @@ def print_comparison(console: Console, comparison: Comparison) -> None:
     say(console, f"{_described(comparison.base)} -> {_described(comparison.new)}")
     say(console, comparison.sentence, "" if comparison.answer is Answer.MAY else "bold red")
     print_changes(console, comparison)
-    if limited := [each for each in comparison.differences if each.limit is not None and seen_from(each)]:
-        say(console, "smallest changes that this comparison sees in 4 of 5 cases, where there is a limit [deg]")
-        _entries(console, [", ".join(f"{each.name} {readable(each.seen, 3)}" for each in limited)])
+    limited = [each for each in comparison.differences if each.limit is not None and seen_from(each)]
+    seen = {each.name: each.seen for each in limited if each.seen is not None}
+    print_smallest_changes(console, "smallest change that this comparison sees in 4 of 5 cases", seen)
+
+
+def print_smallest_changes(console: Console, what: str, seen: Mapping[str, float]) -> None:
+    """Print the smallest changes in degrees that a comparison sees, of what has a limit; nothing where none has."""
+    if seen:
+        say(console, f"{what}, where there is a limit [deg]")
+        _entries(console, [", ".join(f"{name} {readable(change, 2)}" for name, change in seen.items())])
 
 
 def print_changes(console: Console, comparison: Comparison, *, at_most: int | None = None) -> None:

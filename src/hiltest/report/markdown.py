@@ -123,7 +123,7 @@ def _measurements(run: Run) -> Iterator[str]:
         for each in run.measurements
     )
     yield from table(["measurement", "value", "unit", "limit", "outcome", "where from"], rows)
-    yield from ("", plain_text(f"change: {CHANGE_SEEN}"))
+    yield from ("", plain_text(f"Change: {CHANGE_SEEN}."))
 
 
 def _marked(cell: overview.Cell) -> str:

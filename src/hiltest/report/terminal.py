@@ -16,7 +16,7 @@ from hiltest.measurement import Measurement, Outcome
 from hiltest.record.failures import by_reason, tests_named
 from hiltest.record.files import REPORT_FILE
 from hiltest.record.run import Run
-from hiltest.report.comparison_text import print_changes, printable, say_how_to_keep
+from hiltest.report.comparison_text import print_changes, print_smallest_changes, printable, say_how_to_keep
 from hiltest.text import counted, number, readable, with_unit, without_folders
 from hiltest.verdict.compare import changes_seen
 from hiltest.verdict.summary import (
@@ -34,7 +34,7 @@ from hiltest.verdict.summary import (
 _STYLES = {Outcome.FAIL: "bold red", Outcome.UNSET: "yellow", Outcome.NOT_OFFERED: "dim"}
 _INDENT = "  "
 _CHANGES_AT_MOST = 5
-CHANGE_SEEN = "the smallest that a comparison with one such run sees in 4 of 5 cases"
+CHANGE_SEEN = "smallest change that a comparison of such a run sees in 4 of 5 cases"
 _WITHIN_NUMBER = re.compile(r"(?<=\d) (?=\d{3}\b)")
 _NO_BREAK = "\N{NO-BREAK SPACE}"
 
@@ -197,8 +197,10 @@ def _print_close(console: Console, found: Summary) -> None:
 def _print_everything(console: Console, run: Run) -> None:
     """Print every measurement, the uncertainty of every count, and what the calibrators cost."""
     console.print()
-    console.print(_measurements(run.measurements, changes_seen(run)))
-    _wrapped(console, f"change: {CHANGE_SEEN}")
+    console.print(_measurements(run.measurements))
+    seen = changes_seen(run)
+    limited = [each for each in run.measurements if each.limit and each.unit == "deg" and each.name in seen]
+    print_smallest_changes(console, CHANGE_SEEN, {each.name: seen[each.name] for each in limited})
     for each in run.measurements:
         if each.note and not _is_why(each):
             _wrapped(console, f"{each.name} {shown_value(each)}: {each.note}")
@@ -212,21 +214,20 @@ def _is_why(measurement: Measurement) -> bool:
     return measurement.outcome not in (Outcome.PASS, Outcome.INFORMATION)
 
 
-def _measurements(measurements: Sequence[Measurement], seen: Mapping[str, float]) -> Grid:
+def _measurements(measurements: Sequence[Measurement]) -> Grid:
     grid = _grid()
     grid.add_column("measurement", overflow="fold")
     grid.add_column("value", justify="right", no_wrap=True)
     grid.add_column("unit", no_wrap=True)
     grid.add_column("limit")
     grid.add_column("outcome", min_width=4)
-    grid.add_column("change", justify="right", no_wrap=True)
     for each in measurements:
         # Remarks stand below: here they would leave the names no room.
         outcome = shown_outcome(each).partition(";")[0]
         outcome += f" ({each.note})" if each.note and _is_why(each) else ""
         grid.add_row(
             escape(each.name), shown_value(each), escape(each.unit), shown_limit(each),
-            escape(outcome), shown_seen(each, seen), style=_STYLES.get(each.outcome),
+            escape(outcome), style=_STYLES.get(each.outcome),
         )
     return grid
 
