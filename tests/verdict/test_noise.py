@@ -284,3 +284,21 @@ def test_a_bench_that_has_not_said_its_noise_is_told_how_to() -> None:
     name = "heading.direct.rms"
     assert "hiltest baseline save RUN RUN ... FILE" in compare(bench(name, 0.4), bench(name, 0.4)).remark
     assert compare(bench(name, 0.4, 0.5, 0.4, 0.5, 0.6), bench(name, 0.4)).remark == ""
+
+
+def test_a_tolerance_is_kept_on_a_bench_that_is_quieter_and_gives_way_to_noise() -> None:
+    """0.1 deg of `dpi` stand for when its samples were taken, which is part of what runs of a bench differ by."""
+    quiet = [0.0001 * (-1.0) ** number for number in range(8)]
+    for moved, change in ((0.004, Change.UNCHANGED), (0.006, Change.WORSE)):
+        name = "fit.direct.rotation_left"
+        (found,) = compare(
+            bench(name, *(0.02 + each for each in quiet)), bench(name, *(0.02 + moved + each for each in quiet))
+        ).differences
+        assert found.change is change
+        assert found.tolerance.absolute == 0.005
+    loud = [0.12 * (-1.0) ** number for number in range(200)]
+    base, new = (bench("heading.dpi.rms", *(middle + each for each in loud)) for middle in (0.40, 0.47))
+    (found,) = compare(base, new).differences
+    assert found.change is Change.WORSE
+    assert found.seen is not None
+    assert found.seen < 0.07 < 0.1
