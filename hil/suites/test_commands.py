@@ -34,6 +34,9 @@ pytestmark = pytest.mark.hil
 FIRST = (np.diag([1.0, 2.0, 3.0]) + 0.25, [10.0, -20.0, 30.0])
 SECOND = (np.diag([3.0, 1.0, 2.0]) - 0.125, [-5.0, 15.0, 40.0])
 SPREAD = [4.0, 4.0, 4.0]
+# Counts of 1 g about each axis, not symmetric, and an offset.
+RESPONSE = COUNTS_PER_G * np.array([[1.02, 0.04, -0.05], [-0.03, 0.97, 0.06], [0.05, -0.02, 1.01]])
+OFFSET = np.array([160.0, -240.0, 80.0])
 
 
 def test_a_slot_answers_by_the_calibration_it_was_given_last(board: Board) -> None:
@@ -116,11 +119,23 @@ def test_turns_are_fitted_without_their_bias(board: Board) -> None:
 def faces(board: Board) -> list[StillPose]:
     """Return still poses of the six faces, and empty the board's buffer."""
     board.session.request(ClearPoses())
-    field = np.array([100.0, 200.0, 300.0])
     return [
-        StillPose(field, np.array(SPREAD), COUNTS_PER_G * np.array(face.gravity_g), np.array(SPREAD), 64, face)
+        StillPose(
+            np.array([100.0, 200.0, 300.0]), np.array(SPREAD), RESPONSE @ face.gravity_g + OFFSET, np.array(SPREAD), 64,
+            face,
+        )
         for face in FACES
     ]
+
+
+def test_six_faces_give_gain_and_offset(board: Board) -> None:
+    board.session.request(UploadPoses(0, faces(board)))
+    fit = board.session.request(FitAccelerometer(len(FACES), "six-position")).solution.fit
+    board.session.request(ClearPoses())
+    # float32: 1e-6 of 1 g.
+    off_g = np.abs(fit.gain @ RESPONSE - np.eye(3)).max()
+    assert off_g < 1e-5, f"the fitted gain is {off_g:.2g} off the response that the faces were made with"
+    assert np.abs(fit.offset - OFFSET).max() < 0.05, f"offset {fit.offset} of faces made with {OFFSET}"
 
 
 @pytest.mark.parametrize(
