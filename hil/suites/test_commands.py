@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hiltest.boards import Board
+from hiltest.calibration import REFERENCES
 from hiltest.calibration.accelerometer import COUNTS_PER_G, NOMINAL, AccelerometerStatus
 from hiltest.calibration.fit import FitStatus
 from hiltest.calibration.gyroscope import GyroscopeTurn, TurnsStatus
@@ -33,6 +34,10 @@ pytestmark = pytest.mark.hil
 
 FIRST = (np.diag([1.0, 2.0, 3.0]) + 0.25, [10.0, -20.0, 30.0])
 SECOND = (np.diag([3.0, 1.0, 2.0]) - 0.125, [-5.0, 15.0, 40.0])
+# An ellipsoid three times as long as it is thin.
+STRONG = np.array([[1.5, 0.3, -0.2], [0.3, 0.9, 0.25], [-0.2, 0.25, 0.6]])
+# Of the field: over eight such sets 5e-6 at most, and with the 16-bit sums of direct-fast 0.002.
+FLOAT32 = {"direct-fast": 0.01}
 SPREAD = [4.0, 4.0, 4.0]
 # Counts of 1 g about each axis, not symmetric, and an offset.
 RESPONSE = COUNTS_PER_G * np.array([[1.02, 0.04, -0.05], [-0.03, 0.97, 0.06], [0.05, -0.02, 1.01]])
@@ -75,6 +80,20 @@ def test_another_payload_is_another_request_whatever_its_sequence_number(board: 
     assert first is not None
     assert second is not None
     assert first.payload != second.payload, "another request with the same sequence number got the answer of the first"
+
+
+@pytest.mark.parametrize("noise_counts", [0.0, 12.0])
+def test_strongly_distorted_samples_are_fitted_as_in_float64(board: Board, noise_counts: float) -> None:
+    golden = golden_points(150)
+    noise = np.random.default_rng(0).normal(0.0, 1.0, golden.shape) * noise_counts
+    points = np.rint((golden - golden.mean(axis=0)) @ STRONG.T + [300.0, -200.0, 100.0] + noise).astype(np.int16)
+    upload_points(board, points)
+    for calibrator in sorted(REFERENCES.keys() & set(board.identity.calibrators)):
+        found = board.session.request(Calibrate(len(points), calibrator)).calibration
+        wanted = REFERENCES[calibrator](points)
+        there, here = ((points - each.hard_iron) @ each.soft_iron.reshape(3, 3).T for each in (found, wanted))
+        off = np.abs(there - here).max()
+        assert off < FLOAT32.get(calibrator, 2e-5), f"{calibrator} calibrates a sample {off:.2g} of the field off float64"
 
 
 @pytest.mark.parametrize(

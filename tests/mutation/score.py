@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from hiltest.record.exit_codes import ExitCode
 from hiltest.record.reader import read_record
 
 from ..end_to_end.firmware_edits import FirmwareCopy
@@ -37,7 +38,9 @@ class Found:
     @property
     def first(self) -> str:
         """What stands first: the first sentence of the verdict behind its word, and the first test not green."""
-        clause = (self.sentence.partition(". ")[2] or self.sentence).partition(". ")[0]
+        said = self.sentence.partition(". ")[2] or self.sentence
+        # What got worse is said behind what was reached.
+        clause = said if self.code == ExitCode.REGRESSION else said.partition(". ")[0]
         return f"{clause} [{self.first_test}]"
 
 
