@@ -37,6 +37,7 @@ from hiltest.procedures import (
     measure_turn,
     run_calibrators,
     run_streams,
+    see_axes,
     spread_poses,
     store_accelerometer,
     store_streams,
@@ -44,6 +45,7 @@ from hiltest.procedures import (
 )
 from hiltest.rig import Rig
 from hiltest.settings import Settings, resolve
+from hiltest.world import EarthField
 
 # What a later suite's numbers rest on comes first; suites of your own come last. A test of any
 # suite that needs the known angles waits for the heading suite: rest comes before they are taken.
@@ -85,6 +87,11 @@ def six_positions(board: Board, turntable: Turntable, rig: Rig, hil_progress: Pr
     run = measure_six_positions(
         board, turntable, uncertainty_deg=rig.faces.uncertainty_deg, progress=hil_progress,
         again=lambda error: turntable.again(str(error)),
+        see_axes=lambda: see_axes(
+            board, turntable, poses=rig.procedure.known_angle_poses("all")[::3],
+            field_ned_ut=EarthField(rig.field.strength_ut, rig.field.dip_deg).ned_ut,
+            mounting_yaw_deg=rig.mounting.yaw_deg if rig.mounting else 0.0,
+        ),
     )
     store_accelerometer(board, run.fit, [UNCALIBRATED_SLOT])
     return run

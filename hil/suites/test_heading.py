@@ -12,6 +12,7 @@ from hiltest.imu_calibration.on_board import NAME as CALIBRATION_FILE
 from hiltest.measurement import Limit
 from hiltest.procedures import DPI, UNCALIBRATED, CalibratorRun, KnownAngles, Tumble, float32_error_deg
 from hiltest.rig import Rig
+from hiltest.world import EarthField
 
 pytestmark = pytest.mark.hil
 
@@ -38,12 +39,12 @@ def test_every_calibrator_fits_the_points(calibrations: dict[str, CalibratorRun]
         measure(f"fit.{name}.coverage", run.coverage, "")
     measure.table(
         "calibration.results",
-        {"calibrator": "", "fit": "", "sphere": "", "iterations": ""}
-        | {f"soft_iron_{row}{column}": "1/count" for row in "xyz" for column in "xyz"}
+        {"calibrator": "", "fit": "", "sphere": "", "iterations": "", "points": ""}
+        | matrix("soft_iron", "1/count")
         | {f"hard_iron_{row}": "count" for row in "xyz"},
         [
             [
-                name, run.fit.name, run.is_sphere, run.iterations,
+                name, run.fit.name, run.is_sphere, run.iterations, run.n,
                 *run.soft_iron.ravel().tolist(), *run.hard_iron.tolist(),
             ]
             for name, run in calibrations.items()
@@ -101,6 +102,25 @@ def test_heading_at_known_angles(
         {f"{sensor}_{axis}": "count" for sensor in ("magnetometer", "accelerometer") for axis in "xyz"},
         np.hstack([known_angles.magnetometer, known_angles.accelerometer]).tolist(),
     )
+    # What the causes of a wrong heading are found from: what there is to read at each pose, and what is made of it.
+    field = EarthField(rig.field.strength_ut, rig.field.dip_deg)
+    known = known_angles.in_body(field.ned_ut), known_angles.in_body((0.0, 0.0, 1.0))
+    units = {"field": "uT", "gravity": "g"}
+    measure.table(
+        "heading.known", {f"{what}_{axis}": unit for what, unit in units.items() for axis in "xyz"},
+        np.hstack(known).tolist(),
+    )
+    measure.table(
+        "heading.calibrations",
+        {"calibration": ""} | matrix("soft_iron", "1/count") | {f"hard_iron_{axis}": "count" for axis in "xyz"}
+        | matrix("gain", "g/count") | {f"offset_{axis}": "count" for axis in "xyz"},
+        [
+            [name, *held.soft_iron.ravel().tolist(), *held.hard_iron.tolist(),
+             *known_angles.accelerometer_fits[name].gain.ravel().tolist(),
+             *known_angles.accelerometer_fits[name].offset.tolist()]
+            for name, held in known_angles.calibrations.items()
+        ],
+    )
 
 
 def test_the_boards_arithmetic_does_not_enter(
@@ -122,6 +142,11 @@ def test_headings_are_from_0_to_360(known_angles: KnownAngles) -> None:
 def test_heading_without_calibration(known_angles: KnownAngles, measure: Measure) -> None:
     measure("heading.uncalibrated.max_level", known_angles.max_level_deg(UNCALIBRATED), "deg")
     measure("heading.uncalibrated.max", known_angles.summary(UNCALIBRATED).max_deg, "deg")
+
+
+def matrix(name: str, unit: str) -> dict[str, str]:
+    """Return the columns of a matrix in a table, by rows."""
+    return {f"{name}_{row}{column}": unit for row in "xyz" for column in "xyz"}
 
 
 def or_nan(value: float | None) -> float:

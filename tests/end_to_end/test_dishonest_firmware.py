@@ -35,8 +35,8 @@ class Ended:
     measured: dict[str, Any]
 
 
-def run(elf: Path, folder: Path, suites: str, *, code: int = 1) -> Ended:
-    command = [sys.executable, "-m", "hiltest", "run", "--poses", "level", "--out", "out", "--firmware", str(elf)]
+def run(elf: Path, folder: Path, suites: str, *, poses: str = "level", code: int = 1) -> Ended:
+    command = [sys.executable, "-m", "hiltest", "run", "--poses", poses, "--out", "out", "--firmware", str(elf)]
     done = subprocess.run(
         [*command, "--", "-k", suites], capture_output=True, text=True, timeout=WALL_LIMIT_S, cwd=folder, check=False
     )
@@ -59,6 +59,23 @@ def test_headings_that_its_own_calibration_and_means_do_not_give(
     told = r"the firmware contradicts itself: it answers a heading of \d+\.\d{4} degrees under '[a-z-]+' at heading"
     assert re.search(told, ended.output), ended.output
     assert "heading.direct.max" not in ended.measured  # no wrong number is recorded
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("atan2f(side, ahead)", "atan2f(-b[1], b[0])", "tilt compensation is missing"),
+        ("ahead) * DEGREES_PER_RADIAN;", "ahead) * DEGREES_PER_RADIAN + 3.5f;", "a constant +3.5 degrees is added"),
+        ("atan2f(side, ahead)", "atan2f(-side, ahead)", "each heading is counted the wrong way round"),
+    ],
+    ids=["no tilt compensation", "a declination", "the wrong way round"],
+)
+def test_a_heading_that_another_computation_gives_names_that(
+    copy_of_the_firmware: FirmwareCopy, tmp_path: Path, old: str, new: str, told: str
+) -> None:
+    edit = Edit("orientation/tilt_heading.c", old, new)
+    ended = run(copy_of_the_firmware.build(edit, tmp_path / "edited.elf"), tmp_path, "identity or heading", poses="all")
+    assert re.search(rf"the firmware contradicts itself: .* degrees; {re.escape(told)}", ended.output), ended.output
 
 
 @pytest.mark.parametrize(

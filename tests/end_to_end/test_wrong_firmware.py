@@ -63,10 +63,73 @@ def test_three_degrees_added_to_every_heading_are_a_constant_offset(run_edited: 
     assert ended.values["heading.direct.bias"] == pytest.approx(3.0, abs=0.3)
 
 
-def test_a_swapped_magnetometer_axis_is_red(run_edited: RunEdited) -> None:
+def test_a_swapped_magnetometer_axis_is_red_and_named(run_edited: RunEdited) -> None:
     rows = "    body[0] = negated(sensor[{}]);\n    body[1] = negated(sensor[{}]);\n    body[2] = limited(sensor[2]);"
     ended = run_edited(Edit("sensors/axes.c", rows.format(1, 0), rows.format(0, 1)))
     assert ended.values["heading.direct.max"] > 45
+    assert "Likely cause: magnetometer: x and y are exchanged (left-handed" in ended.output
+
+
+OF_THE_ACCELEROMETER = (
+    "    body[0] = limited(sensor[1]);\n    body[1] = limited(sensor[0]);\n    body[2] = limited(sensor[2]);\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("axes", "told"),
+    [
+        ((1, 0, "negated", 2), "z is negated (left-handed"),
+        ((0, 1, "limited", 2), "x and y are exchanged (left-handed"),
+        ((0, 2, "limited", 1), "x, y and z are exchanged cyclically: x reads y, y reads z, z reads x"),
+    ],
+)
+def test_wrong_axes_of_the_accelerometer_are_named_where_a_face_is_another(
+    run_edited: RunEdited, axes: tuple[int, int, str, int], told: str
+) -> None:
+    x, y, sign, z = axes
+    read = (f"limited(sensor[{x}])", f"limited(sensor[{y}])", f"{sign}(sensor[{z}])")
+    made = "".join(f"    body[{axis}] = {value};\n" for axis, value in enumerate(read))
+    ended = run_edited(Edit("sensors/axes.c", OF_THE_ACCELEROMETER, made))
+    assert re.search(rf"\(accelerometer: {re.escape(told)}.*: asked for .*, and the board reads", ended.output)
+
+
+ADDED = "fit->hard_iron[axis] = (float)anchor[axis] + ellipsoid->centre[axis]"
+STORED_IN_A_SLOT = "    slots[slot].calibration = *calibration;\n"
+SCALED = """    for (int column = 0; column < 3; column++) {
+        slots[slot].calibration.soft_iron[column] *= 1.1f;
+    }
+"""
+OF_ANOTHER_SLOT = """    if (slot > 1u && slots[1].filled) {
+        slots[slot].calibration = slots[1].calibration;
+    }
+"""
+
+
+@pytest.mark.parametrize(
+    ("edit", "told"),
+    [
+        # 0.6 uT are 6 counts; seen through a soft iron within 3 % of the identity.
+        (Edit("calibration/closed_form.h", ADDED, f"{ADDED} + (axis == 0 ? 6.0f : 0.0f)"),
+         r"hard-iron error \(0\.(59|6\d) uT: x \+0\.(59|6\d), .* beside its fit in float64\)"),
+        (Edit("app/calibration_slots.c", STORED_IN_A_SLOT, STORED_IN_A_SLOT + SCALED),
+         r"wrong scale \(x \+10\.0 %, y \+0\.0 %, z \+0\.0 %, beside its fit in float64\)"),
+        (calibrations_turned(3.0, about="x"), r"rotation \(rotated by 3 deg about x, beside its fit in float64\)"),
+        (Edit("app/calibration_slots.c", STORED_IN_A_SLOT, STORED_IN_A_SLOT + OF_ANOTHER_SLOT),
+         r"stale calibration \(it is that of direct\)"),
+    ],
+    ids=["hard iron", "scale", "rotation", "stale"],
+)  # fmt: skip
+def test_a_mistake_in_a_calibration_is_named_with_its_size(run_edited: RunEdited, edit: Edit, told: str) -> None:
+    ended = run_edited(edit)
+    assert re.search(rf"Likely cause: {told}", ended.output), ended.output
+
+
+def test_a_dip_of_the_opposite_sign_is_the_firmwares_where_the_known_angles_show_it_right(
+    run_edited: RunEdited,
+) -> None:
+    ended = run_edited(Edit("app/dpi_commands.c", "sinf(dip_deg /", "-sinf(dip_deg /"))
+    assert "dpi of 300 rows: MIRRORED" in ended.output
+    assert "Likely cause: dpi refuses as MIRRORED what the known angles show to be right" in ended.output
 
 
 DPI_SUMS = "calibration/dpi_sums.c"

@@ -25,6 +25,7 @@ from hiltest.procedures.link_checks import LinkCheck, check_link
 from hiltest.procedures.open_table import open_table
 from hiltest.procedures.progress import Progress
 from hiltest.procedures.rest import AccelerometerRestResult, BoardMovedError, measure_accelerometer_rest, rest_gyroscope
+from hiltest.procedures.seen_axes import see_axes
 from hiltest.procedures.six_positions import (
     AccelerometerRun,
     fit_poses,
@@ -54,6 +55,6 @@ __all__ = [
     "largest_effort_within", "log_gyroscope", "measure_accelerometer_rest", "measure_cycles", "measure_dpi_cycles",
     "measure_fast_fit", "measure_fusion", "measure_known_angles", "measure_six_positions", "measure_turn",
     "open_grbl_turntable", "open_table", "open_turntable", "predicted_residual_percent", "rest_gyroscope",
-    "run_calibrators", "run_streams", "spread_poses", "store_accelerometer", "store_streams", "store_untrimmed",
-    "summarise", "upload_pairs", "upload_points",
+    "run_calibrators", "run_streams", "see_axes", "spread_poses", "store_accelerometer", "store_streams",
+    "store_untrimmed", "summarise", "upload_pairs", "upload_points",
 ]  # fmt: skip

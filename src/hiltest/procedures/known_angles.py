@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.angles import Pose, heading_error_deg, wrap_180, wrap_360
+from hiltest.angles import Pose, heading_error_deg, rotation_body_from_ned, wrap_180, wrap_360
 from hiltest.boards.board import Board
-from hiltest.calibration.accelerometer import AccelerometerFit
+from hiltest.calibration.accelerometer import NOMINAL, AccelerometerFit
 from hiltest.errors import DeviceError, FirmwareContradictionError
 from hiltest.link.accelerometer import GetAccelerometer
 from hiltest.link.messages import Average, GetCalibration
@@ -35,8 +36,10 @@ class KnownAngles:
     ----------
     poses : tuple of Pose
         As asked of the turntable.
+    attitudes : tuple of Pose
+        Of the board: what the turntable reached, and the declared mounting yaw.
     reference_deg : ndarray, shape (n,)
-        True heading of the board: what the turntable reached plus the declared mounting yaw.
+        Heading of these attitudes.
     uncertainty_deg : float
         Uncertainty of the turntable's angle.
     mounting_yaw_deg : float
@@ -53,9 +56,12 @@ class KnownAngles:
         Means that the board took at each pose [counts]; its headings are from these.
     accelerometer_fits : dict of str to AccelerometerFit
         The accelerometer calibration that the board holds beside each calibration.
+    calibrations : dict of str to CalibrationReply
+        The magnetometer calibrations that the board holds.
     """
 
     poses: tuple[Pose, ...]
+    attitudes: tuple[Pose, ...]
     reference_deg: Reals
     uncertainty_deg: float
     mounting_yaw_deg: float
@@ -68,6 +74,11 @@ class KnownAngles:
     magnetometer: Reals
     accelerometer: Reals
     accelerometer_fits: dict[str, AccelerometerFit]
+    calibrations: dict[str, CalibrationReply]
+
+    def in_body(self, vector_ned: Sequence[float]) -> Reals:
+        """Return what a vector of the earth frame is along the board's axes at each pose, shape (n, 3)."""
+        return np.array([rotation_body_from_ned(each) @ np.array(vector_ned) for each in self.attitudes])
 
     @property
     def level(self) -> NDArray[np.bool_]:
@@ -141,11 +152,13 @@ def measure_known_angles(
         for name, slot in slots.items():
             attitudes[name].append(_attitude(reply.headings[slot], name, pose))
     tell("known angles", len(poses), len(poses))
-    found = _known_angles(poses, achieved, answers, attitudes, mounting_yaw_deg, readings, {
-        name: board.session.request(GetAccelerometer(slot)) for name, slot in slots.items()
-    })
-    for name, slot in slots.items():
-        _check_arithmetic(found, name, board.session.request(GetCalibration(slot)))
+    found = _known_angles(
+        poses, achieved, answers, attitudes, mounting_yaw_deg, readings,
+        fits={name: board.session.request(GetAccelerometer(slot)) for name, slot in slots.items()},
+        calibrations={name: board.session.request(GetCalibration(slot)) for name, slot in slots.items()},
+    )
+    for name in slots:
+        _check_arithmetic(found, name)
     return found
 
 
@@ -179,34 +192,81 @@ def headings_deg(
     return np.array([tilt_heading(*pair).heading_deg for pair in pairs])
 
 
-def _check_arithmetic(found: KnownAngles, name: str, answered: CalibrationReply) -> None:
+def _check_arithmetic(found: KnownAngles, name: str) -> None:
     """Refuse headings that do not follow from the calibration and the means that the board answered."""
-    fit = found.accelerometer_fits[name]
-    calibration = (answered.soft_iron, answered.hard_iron)
-    for pose, heading, magnetometer, accelerometer in zip(
-        found.poses, found.heading_deg[name], found.magnetometer, found.accelerometer, strict=True
-    ):
+    for index, (pose, heading) in enumerate(zip(found.poses, found.heading_deg[name], strict=True)):
         try:
-            (computed,) = headings_deg(magnetometer[None], accelerometer[None], *calibration, fit)
+            (computed,) = _headings_under(found, found.calibrations[name], found.accelerometer_fits[name], index)
             told = f"its own calibration and means give {computed:.4f} degrees"
         except DegenerateFieldError as error:
             computed, told = math.inf, f"by its own calibration and means {error}"
         if not abs(wrap_180(heading - computed)) <= LARGEST_ROUNDING_DEG:
             raise FirmwareContradictionError(
                 f"the firmware contradicts itself: it answers a heading of {heading:.4f} degrees under {name!r} at "
-                f"{_place(pose)}, and {told}"
+                f"{_place(pose)}, and {told}{_mistake(found, name)}"
             )
+
+
+def _headings_under(
+    found: KnownAngles, calibration: CalibrationReply, fit: AccelerometerFit, index: int | None = None
+) -> Reals:
+    """Compute the headings of all poses, or of one, under two calibrations."""
+    rows = slice(None) if index is None else slice(index, index + 1)
+    return headings_deg(
+        found.magnetometer[rows], found.accelerometer[rows], calibration.soft_iron, calibration.hard_iron, fit
+    )
+
+
+def _mistake(found: KnownAngles, name: str) -> str:
+    """Name the mistake that gives all answered headings, to within rounding; empty where no known one does."""
+    try:
+        right = _headings_under(found, found.calibrations[name], found.accelerometer_fits[name])
+        added = wrap_180(found.heading_deg[name][0] - right[0])
+        mistakes: dict[str, Callable[[], Reals]] = {
+            f"a constant {added:+.3g} degrees is added to each heading": lambda: right + added,
+            "each heading is counted the wrong way round": lambda: -right,
+            **_mistaken_tilts(found, name),
+            **{
+                f"the calibration is stale, it is that of {other!r}": partial(
+                    _headings_under, found, calibration, found.accelerometer_fits[name]
+                )
+                for other, calibration in found.calibrations.items() if other != name
+            },
+        }
+        return next((f"; {words}" for words, headings in mistakes.items() if _same(headings, found, name)), "")
+    except DegenerateFieldError:
+        return ""
+
+
+def _mistaken_tilts(found: KnownAngles, name: str) -> dict[str, Callable[[], Reals]]:
+    calibration, fit = found.calibrations[name], found.accelerometer_fits[name]
+    level = replace(found, accelerometer=np.tile([0.0, 0.0, 1.0], (len(found.poses), 1)))
+    upwards = AccelerometerFit(-fit.gain, fit.offset)
+    return {
+        "tilt compensation is missing": partial(_headings_under, level, calibration, NOMINAL),
+        "the calibration of the accelerometer is left out": partial(_headings_under, found, calibration, NOMINAL),
+        "gravity has the opposite sign": partial(_headings_under, found, calibration, upwards),
+    }
+
+
+def _same(headings: Callable[[], Reals], found: KnownAngles, name: str) -> bool:
+    pairs = zip(found.heading_deg[name].tolist(), headings().tolist(), strict=True)
+    return all(abs(heading_error_deg(*pair)) <= LARGEST_ROUNDING_DEG for pair in pairs)
 
 
 def _known_angles(
     poses: Sequence[Pose], achieved: Sequence[Achieved], answers: Sequence[AverageReply],
-    attitudes: Mapping[str, Sequence[Pose]], mounting_yaw_deg: float, readings: int,
-    fits: dict[str, AccelerometerFit],
+    attitudes: Mapping[str, Sequence[Pose]], mounting_yaw_deg: float, readings: int, *,
+    fits: dict[str, AccelerometerFit], calibrations: dict[str, CalibrationReply],
 ) -> KnownAngles:
     references = [wrap_360(place.heading_deg + mounting_yaw_deg) for place in achieved]
     headings = {name: [attitude.heading_deg for attitude in each] for name, each in attitudes.items()}
     return KnownAngles(
         poses=tuple(poses),
+        attitudes=tuple(
+            Pose(reference, place.pitch_deg, place.roll_deg)
+            for reference, place in zip(references, achieved, strict=True)
+        ),
         reference_deg=np.array(references),
         uncertainty_deg=max(place.uncertainty_deg for place in achieved),
         mounting_yaw_deg=mounting_yaw_deg,
@@ -222,6 +282,7 @@ def _known_angles(
         magnetometer=np.array([answer.magnetometer.mean for answer in answers], dtype=np.float64),
         accelerometer=np.array([answer.accelerometer.mean for answer in answers], dtype=np.float64),
         accelerometer_fits=fits,
+        calibrations=calibrations,
     )
 
 

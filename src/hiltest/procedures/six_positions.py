@@ -80,7 +80,7 @@ class AccelerometerRun:
 
 def measure_six_positions(
     board: Board, turntable: Turntable, *, uncertainty_deg: float, progress: Progress | None = None,
-    again: Callable[[FaceError], bool] | None = None,
+    again: Callable[[FaceError], bool] | None = None, see_axes: Callable[[], object] | None = None,
 ) -> AccelerometerRun:
     """Put the board on each face for a second, and let it fit gain and offset to them.
 
@@ -93,6 +93,9 @@ def measure_six_positions(
         How true the faces are declared to be.
     again : callable, optional
         Asked when a face is refused, whether it is taken once more; those that were not at fault stay.
+    see_axes : callable, optional
+        Asked what is wrong with the sensors' axes, in words, when a board stays on another face than it should: a
+        table that turns by itself puts it where it is asked to, and then it is the axes.
 
     Raises
     ------
@@ -113,11 +116,18 @@ def measure_six_positions(
             _refuse_contradiction(run, uncertainty_deg)
         except FaceError as error:
             if again is None or not again(error):
+                wrong = str(see_axes()) if see_axes is not None and isinstance(error, _MisplacedError) else ""
+                if wrong:
+                    raise FaceError(f"{wrong}: {error}", faces=error.faces) from error
                 raise
             _forget(board, error.faces or FACES)
         else:
             turntable.rest()
             return run
+
+
+class _MisplacedError(FaceError):
+    """The board lies on another face than it should, or on none."""
 
 
 def _take_missing(board: Board, turntable: Turntable, tell: Progress) -> int:
@@ -213,9 +223,9 @@ def _take(board: Board, face: Face) -> int:
     taken = reply.average.accelerometer
     after = board.session.request(Average(READINGS_AFTER)).accelerometer
     if not is_on_face(taken.mean, face):
-        raise FaceError(
+        raise _MisplacedError(
             f"asked for {FACE_WORDS[face]}, and the board reads {_grams(taken.mean)}: it lies {_seen(taken.mean)}; "
-            "put it on the face that is asked for", faces=[face],
+            "put it on the face that is asked for, or look at the accelerometer's axes if it lies there", faces=[face],
         )
     moved = _movement(taken, after)
     if moved:

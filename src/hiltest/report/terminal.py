@@ -140,6 +140,9 @@ def _print_failures(console: Console, found: Summary, run: Run, folder: Path) ->
         cause = each.cause
     for reason, tests in by_reason(found.broken).items():
         _wrapped(console, f"{tests[0].outcome}: {tests_named(tests)}: {reason}", "red", _INDENT)
+    for words in found.causes:
+        if words not in {each.cause for each in found.failures}:
+            _wrapped(console, f"likely cause: {words}", indent=2 * _INDENT)
     for measurement in found.unset:
         _wrapped(console, f"not evaluated: {measurement.name}: {measurement.note}", "yellow", _INDENT)
     if found.unmeasured:

@@ -1,4 +1,4 @@
-"""Accuracy and cost of each calibrator of a run and, when its heading fails, the cause."""
+"""Accuracy and cost of each calibrator of a run."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from hiltest.calibration.fit import FitStatus
 from hiltest.measurement import KINDS, Measurement, Outcome, cannot_be_ranked
 from hiltest.record.run import Run
-from hiltest.verdict.causes import Cause, HeadingSymptoms, name_cause
 
 WORST_HEADING = KINDS["heading.{calibrator}.max"]
 MEAN_ERROR = KINDS["heading.{calibrator}.bias"]
@@ -17,16 +16,12 @@ UNCALIBRATED = "uncalibrated"
 
 @dataclass(frozen=True, slots=True)
 class CalibratorResult:
-    """Accuracy and cost of one calibrator and, when its heading fails, the cause."""
+    """Accuracy and cost of one calibrator."""
 
     name: str
     maximum: Measurement
     centred: Measurement | None
     cycles: Measurement | None
-    residual: Measurement | None
-    residual_predicted: Measurement | None
-    cause: Cause
-    fit: FitStatus = FitStatus.ELLIPSOID
 
 
 def calibrator_results(measurements: Sequence[Measurement]) -> tuple[CalibratorResult, ...]:
@@ -68,48 +63,13 @@ def cheapest_first(costs: Mapping[str, Measurement | None]) -> list[str]:
 def _calibrator_result(name: str, found: dict[str, Measurement]) -> CalibratorResult:
     return CalibratorResult(
         name, found[f"heading.{name}.max"], centred=found.get(f"heading.{name}.max_centred"),
-        cycles=found.get(f"cycles.{name}.total"), residual=found.get(f"fit.{name}.residual"),
-        residual_predicted=found.get(f"fit.{name}.residual_predicted"), cause=_cause(name, found),
-        fit=_fit_status(name, found),
+        cycles=found.get(f"cycles.{name}.total"),
     )
 
 
-def _cause(name: str, found: dict[str, Measurement]) -> Cause:
-    """Return the likely cause of a heading out of its limit."""
-    maximum, norm = found[f"heading.{name}.max"], found.get("accelerometer.norm_rms")
-    tilt, coverage = found.get("accelerometer.tilt_error"), value_of(found.get("tumble.coverage"))
-    centred, bias = found.get(f"heading.{name}.max_centred"), found.get(f"heading.{name}.bias")
-    residual = value_of(found.get(f"fit.{name}.residual"))
-    predicted = value_of(found.get(f"fit.{name}.residual_predicted"))
-    # With no mounting declared only the centred error can be compared with the limit.
-    checked = centred if maximum.outcome is Outcome.UNSET else maximum
-    max_deg = value_of(checked)
-    if max_deg is None or residual is None or predicted is None:
-        return Cause.NONE
-    return name_cause(HeadingSymptoms(
-        max_deg=max_deg, max_limit_deg=maximum_of(maximum), bias_deg=value_of(bias),
-        bias_limit_deg=None if bias is None or bias.outcome is Outcome.UNSET else maximum_of(bias),
-        max_centred_deg=value_of(centred), residual_percent=residual, residual_predicted_percent=predicted,
-        accelerometer_norm_rms_mg=value_of(norm) or 0.0, accelerometer_limit_mg=maximum_of(norm),
-        tilt_error_deg=value_of(tilt) or 0.0, tilt_limit_deg=maximum_of(tilt), fit=_fit_status(name, found),
-        coverage_percent=100.0 if coverage is None else coverage,
-    ))
-
-
-def _fit_status(name: str, found: dict[str, Measurement]) -> FitStatus:
+def fit_status(name: str, found: Mapping[str, Measurement]) -> FitStatus:
+    """Return the status of a calibrator's fit."""
     return FitStatus(int(value_of(found.get(f"fit.{name}.status")) or FitStatus.ELLIPSOID))
-
-
-def cause_in_words(result: CalibratorResult) -> str:
-    """Return why a calibrator's heading failed, with what the fit says of it; empty where it did not."""
-    if result.cause is Cause.NONE:
-        return ""
-    residual, predicted = value_of(result.residual), value_of(result.residual_predicted)
-    about_the_fit = result.cause in (Cause.GOOD_FIT_BAD_HEADING, Cause.POOR_COVERAGE, Cause.BAD_FIT)
-    if about_the_fit and residual is not None and predicted is not None:
-        sphere = "" if result.fit is FitStatus.ELLIPSOID else "only a sphere was fitted, "
-        return f"{result.cause} ({sphere}residual {residual:.2f} %, noise predicts {predicted:.2f} %)"
-    return str(result.cause)
 
 
 def has_no_number(measurement: Measurement) -> bool:

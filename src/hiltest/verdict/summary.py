@@ -18,8 +18,9 @@ from hiltest.measurement import (
 from hiltest.record.failures import failed_otherwise, out_of_limit
 from hiltest.record.run import Findings, Run, TestResult
 from hiltest.text import counted, listed, number, readable
-from hiltest.verdict.calibrators import CalibratorResult, calibrator_results, cause_in_words, value_of
-from hiltest.verdict.causes import ADVICE, Cause
+from hiltest.verdict.calibrators import CalibratorResult, calibrator_results, value_of
+from hiltest.verdict.causes import ADVICE
+from hiltest.verdict.diagnosis import Diagnosis, diagnose_run
 
 CLOSE = 0.05
 """A measurement is close to its limit from this part of it on."""
@@ -76,6 +77,8 @@ class Summary:
     ----------
     failures : tuple of Failure
         One of each calibrator first.
+    causes : tuple of str
+        Likely causes of all that failed: one of a kind, that of the first failure first.
     broken : tuple of TestResult
         Tests that are red for another reason than a limit.
     unset : tuple of Measurement
@@ -93,6 +96,7 @@ class Summary:
     """
 
     failures: tuple[Failure, ...]
+    causes: tuple[str, ...]
     broken: tuple[TestResult, ...]
     unset: tuple[Measurement, ...]
     unmeasured: tuple[Measurement, ...]
@@ -107,18 +111,23 @@ def summarise(run: Run | Findings) -> Summary:
     measurements = tuple(run.measurements.values()) if isinstance(run, Findings) else run.measurements
     results = calibrator_results(measurements)
     failed = out_of_limit(measurements)
-    causes = {each.name: cause_in_words(each) for each in results}
     reference = cost_reference(run, results)
     broken = tuple(failed_otherwise(run.tests, failed))
+    tables = run.tables if isinstance(run, Findings) else {each.name: each for each in run.tables}
+    named = [each.name for each in results]
+    causes = diagnose_run(named, measurements, tables, is_broken=bool(broken)) if failed or broken else {}
+    failures = [_failure(each, run, causes) for each in _in_order(failed, reference.name if reference else "")]
     unset = [each for each in measurements if each.outcome is Outcome.UNSET]
     unmeasured = [each for each in unset if broken and each.value is None and not each.test]
+    of_failures = [causes[each.measurement.subject] for each in failures if each.cause]
     return Summary(
-        failures=tuple(_failure(each, run, causes) for each in _in_order(failed, reference.name if reference else "")),
+        failures=tuple(failures),
+        causes=_one_of_a_kind([*of_failures, *causes.values()]),
         broken=broken,
         unset=tuple(each for each in unset if each not in unmeasured),
         unmeasured=tuple(unmeasured),
         advice=tuple(dict.fromkeys((
-            *(ADVICE[each.cause] for each in results if each.cause is not Cause.NONE),
+            *(ADVICE[each.cause] for each in causes.values()),
             *([_OF_CYCLES] if any(each.section is Section.CYCLES for each in failed) else []),
             *([_OF_UNSET] if unset and not failed and not broken else []),
         ))),
@@ -128,6 +137,12 @@ def summarise(run: Run | Findings) -> Summary:
         ),
         close=close_to_limit(measurements),
     )
+
+
+def _one_of_a_kind(causes: Sequence[Diagnosis]) -> tuple[str, ...]:
+    return tuple({each.cause: each.words for each in reversed(causes)}[kind] for kind in dict.fromkeys(
+        each.cause for each in causes
+    ))
 
 
 def unmeasured_in_words(unmeasured: Sequence[Measurement]) -> str:
@@ -218,11 +233,11 @@ def _in_order(failed: Sequence[Measurement], reference: str) -> list[Measurement
     return sorted(by_kind, key=rank)
 
 
-def _failure(measurement: Measurement, run: Run | Findings, causes: Mapping[str, str]) -> Failure:
+def _failure(measurement: Measurement, run: Run | Findings, causes: Mapping[str, Diagnosis]) -> Failure:
     differences = run.comparison.differences if run.comparison else ()
     was = next((each.base for each in differences if each.name == measurement.name), None)
-    cause = causes.get(measurement.subject, "") if measurement.section in _OF_CALIBRATORS else ""
-    return Failure(measurement, was, cause)
+    cause = causes.get(measurement.subject) if measurement.section in _OF_CALIBRATORS else None
+    return Failure(measurement, was, cause.words if cause else "")
 
 
 def _ratio(run: Run | Findings, result: CalibratorResult, reference: CalibratorResult | None) -> str:

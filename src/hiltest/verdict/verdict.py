@@ -101,7 +101,7 @@ def _sentence(findings: Findings, word: str, left_out: Sequence[str]) -> str:
     poses = findings.tables.get(POSES_TABLE)
     reached = "" if summary.failures or summary.broken else _reached(summary, len(poses.rows) if poses else 0)
     return " ".join(filter(None, (
-        f"{word}.", failures_in_words(summary.failures), tests_in_words(summary.broken),
+        f"{word}.", failures_in_words(summary.failures), tests_in_words(summary.broken), _likely(summary.causes),
         _not_evaluated(summary, findings, word), _sentence_of(unmeasured_in_words(summary.unmeasured)), reached,
         *(f"{each.outcome.capitalize()}: {each.reason.rstrip('.')}." for each in _stopped(findings)[:1]),
         _left_out_words(left_out), against_base,
@@ -152,7 +152,7 @@ def _against(other: CalibratorResult, lead: CalibratorResult) -> str:
 
 
 def failures_in_words(failures: Sequence[Failure]) -> str:
-    """Name the first measurements that failed, each with its limit and what it was in the baseline, and the cause."""
+    """Name the first measurements that failed, each with its limit and what it was in the baseline."""
     if not failures:
         return ""
     named = [
@@ -160,9 +160,11 @@ def failures_in_words(failures: Sequence[Failure]) -> str:
         + held_to(each.measurement, each.was)
         for each in failures
     ]
-    causes = list(dict.fromkeys(each.cause for each in failures if each.cause))
-    likely = f" Likely cause: {listed(causes, 1)}." if causes else ""
-    return f"{listed(named, _NAMED_AT_MOST)}.{likely}"
+    return f"{listed(named, _NAMED_AT_MOST)}."
+
+
+def _likely(causes: Sequence[str]) -> str:
+    return f"Likely cause: {listed(causes, 1)}." if causes else ""
 
 
 def _value(measurement: Measurement) -> str:
