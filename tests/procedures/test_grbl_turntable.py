@@ -17,6 +17,7 @@ from hiltest.boards.lines import PseudoTerminal
 from hiltest.boards.paced import PacedBench
 from hiltest.boards.simulated_grbl import GrblTable
 from hiltest.boards.table_axes import TableAxes
+from hiltest.calibration.dpi import fit_dpi
 from hiltest.calibration.still_pose import Face
 from hiltest.errors import TurntableError
 from hiltest.link import grbl
@@ -249,3 +250,18 @@ def test_a_tumble_shows_the_field_from_all_sides_without_winding_up_a_cable(dip_
     nearest = np.degrees(np.arccos(np.clip((directions @ np.array(seen).T).max(axis=1), -1.0, 1.0)))
     # Circles 30 degrees apart, points on them 5 degrees apart at most: half of both, at right angles.
     assert nearest.max() <= np.hypot(15.0, 2.5) + 0.1
+
+
+@given(st.floats(5.0, 70.0), st.sampled_from((-1.0, 1.0)), st.floats(-180.0, 180.0))
+def test_a_tumble_determines_the_magnetometer_against_gravity(dip: float, sign: float, yaw_deg: float) -> None:
+    dip_deg = sign * dip
+    poses = tumble_poses(dip_deg, mounting_yaw_deg=yaw_deg)
+    field, seen, gravity = np.array(EarthField(400.0, dip_deg).ned_ut), [], []
+    for begin, end in zip(poses[::2], poses[1::2], strict=True):
+        for share in np.linspace(0.0, 1.0, 50, endpoint=False):
+            roll_deg = begin.roll_deg + share * (end.roll_deg - begin.roll_deg)
+            to_body = rotation_body_from_ned(Pose(begin.heading_deg + yaw_deg, begin.pitch_deg, roll_deg))
+            seen.append(to_body @ field)
+            gravity.append(to_body @ [0.0, 0.0, 1.0])
+    # Tilts of 30 degrees at most give 38, and headings within the limit.
+    assert fit_dpi(seen, gravity).calibration.coverage < 38.0

@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from itertools import pairwise
 
-from hiltest.angles import Pose, wrap_180
+from hiltest.angles import Pose, sin_cos_deg, wrap_180
 from hiltest.boards.board import Board
 from hiltest.boards.real import SILICON
 from hiltest.calibration.still_pose import Face
@@ -31,6 +31,10 @@ _SETTLE_S = 0.25
 # Angles between the field and the roll axis at which a tumble rolls the board once round [deg]:
 # no direction of the sphere is further than 15 degrees from one of these circles.
 _CIRCLES_DEG = (15.0, 45.0, 75.0, 105.0, 135.0, 165.0)
+# How far the nose goes round the field from one circle to the next [deg], the golden angle. Were it always in the plane
+# of north and down, field and gravity would lie in one plane with the roll axis, and `dpi` could see no rotation about
+# that: its coverage was 350 at a dip of 62 degrees, where 100 is the limit; now it is 4, and 16 at 80 degrees.
+_ROUND_FIELD_DEG = 137.5
 # From the end of one move to the begin of the next, at most [s].
 _BETWEEN_MOVES_S = 0.1
 # Corners of a sway: headings, half a turn to one side and to the other, so that no cable is wound up, and tilts, again
@@ -211,14 +215,18 @@ def _refuse_contradiction(declared: str | None, told: str, rig: Rig) -> None:
 def tumble_poses(dip_deg: float, *, mounting_yaw_deg: float = 0.0) -> list[Pose]:
     """Return the poses between which a board is turned all round by moves of all axes, none beyond half a turn.
 
-    With the board's nose in the plane of north and down, the angle between field and roll axis is
-    pitch plus dip; a roll all round then shows the field from a circle of directions about the nose.
+    A roll all round shows the field from a circle of directions about the nose, as wide as the angle between the two.
     """
+    field_down, field_north = sin_cos_deg(dip_deg)
     poses = []
     for number, angle_deg in enumerate(_CIRCLES_DEG):
-        heading_deg, pitch_deg = -mounting_yaw_deg, wrap_180(angle_deg - dip_deg)
-        if abs(pitch_deg) > 90.0:  # a nose beyond the vertical is one that points the other way
-            heading_deg, pitch_deg = heading_deg + 180.0, wrap_180(180.0 - pitch_deg)
+        across, along = sin_cos_deg(angle_deg)
+        aside, above = sin_cos_deg(number * _ROUND_FIELD_DEG)
+        north = along * field_north + across * above * field_down
+        east = across * aside
+        down = along * field_down - across * above * field_north
+        heading_deg = math.degrees(math.atan2(east, north)) - mounting_yaw_deg
+        pitch_deg = -math.degrees(math.atan2(down, math.hypot(north, east)))
         begin_deg = -180.0 if number % 2 == 0 else 180.0
         poses += [Pose(wrap_180(heading_deg), pitch_deg, roll) for roll in (begin_deg, -begin_deg)]
     return poses
