@@ -50,7 +50,7 @@ class FaultyPort(VirtualPort):
         self.written, self.given = bytearray(), bytearray()
         self._dice = dice
         self._kinds = dice.sample(FAULTS, dice.choice((0, 1, 1, 2, 3, len(FAULTS))))
-        self._rate = dice.choice((0.02, 0.1, 0.3))
+        self._rate = dice.choice((0.01, 0.03, 0.1))
         self._late: list[tuple[float, bytes]] = []
         self._torn = False
 
