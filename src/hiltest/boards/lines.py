@@ -109,8 +109,10 @@ class _Openings:
         self._descriptor: int | None = None
         if sys.platform == "linux":
             system = ctypes.CDLL(None)
-            self._descriptor = system.inotify_init1(os.O_NONBLOCK | os.O_CLOEXEC)
-            system.inotify_add_watch(self._descriptor, os.fsencode(path), self._OPEN | self._CLOSE)
+            descriptor = system.inotify_init1(os.O_NONBLOCK | os.O_CLOEXEC)
+            if descriptor >= 0:  # else the system's lists are used up: then only a closed device is noticed
+                self._descriptor = descriptor
+                system.inotify_add_watch(descriptor, os.fsencode(path), self._OPEN | self._CLOSE)
 
     def reopened(self) -> bool:
         """Say whether it was opened after it had been closed, since the last look."""
