@@ -7,6 +7,8 @@ import re
 from collections.abc import Sequence
 from itertools import pairwise
 
+import numpy as np
+
 from hiltest.angles import Pose, sin_cos_deg, wrap_180
 from hiltest.boards.board import Board
 from hiltest.boards.real import SILICON
@@ -35,6 +37,8 @@ _CIRCLES_DEG = (15.0, 45.0, 75.0, 105.0, 135.0, 165.0)
 # of north and down, field and gravity would lie in one plane with the roll axis, and `dpi` could see no rotation about
 # that: its coverage was 350 at a dip of 62 degrees, where 100 is the limit; now it is 4, and 16 at 80 degrees.
 _ROUND_FIELD_DEG = 137.5
+# A table that turns its axes one after the other is further from the straight way than its resolution [deg].
+_OFF_THE_WAY_DEG = 1.0
 # From the end of one move to the begin of the next, at most [s].
 _BETWEEN_MOVES_S = 0.1
 # Corners of a sway: headings, half a turn to one side and to the other, so that no cable is wound up, and tilts, again
@@ -78,6 +82,7 @@ class GrblTurntable:
         self._dip_deg = dip_deg
         self._yaw_deg = mounting_yaw_deg
         self.uncertainty_deg = uncertainty_deg
+        self._way: _Way | None = None
         if line.status().state == "Alarm":
             line.ask("$H", moving=True)
         line.ask("G90")
@@ -111,11 +116,16 @@ class GrblTurntable:
     def tumble(self, duration_s: float) -> float:
         """Go to where a tumble begins, begin it, and return how long it takes: as long as the motors need."""
         poses = tumble_poses(self._dip_deg, mounting_yaw_deg=self._yaw_deg)
-        takes_s = self._seconds(poses)
+        self._way = _Way(poses)
         self.turn_to(poses[0])
+        takes_s = self._seconds(poses)  # settings are told by a table that stands only
         for pose in poses[1:]:
             self._line.ask(_rapid(pose))
         return max(duration_s, takes_s)
+
+    def tumbled(self) -> float | None:
+        """Return the part of the tumble's way that lies behind the position that the table reports."""
+        return self._way.part_at(self._line.status().position) if self._way else None
 
     def sway(self) -> float:
         """Begin to turn and tilt, and return how long it takes: `SWAY_S`, or as long as the motors need."""
@@ -168,6 +178,26 @@ class GrblTurntable:
                 longest_s = max(longest_s, abs(to - since) / rate_dps + ramp_s)
             total_s += longest_s + _BETWEEN_MOVES_S
         return total_s
+
+
+class _Way:
+    """The straight moves of a tumble, and how far along them the table is."""
+
+    def __init__(self, poses: Sequence[Pose]) -> None:
+        self._corners = [np.array(_angles(pose)) for pose in poses]
+        lengths = [float(np.abs(end - begin).max()) for begin, end in pairwise(self._corners)]
+        self._before = np.concatenate([[0.0], np.cumsum(lengths)]) / sum(lengths)
+        self._leg = 0
+
+    def part_at(self, position: Sequence[float]) -> float:
+        """Return the part of the way before a position, which is on the latest leg or a later one."""
+        for leg in range(self._leg, len(self._corners) - 1):
+            begin, way = self._corners[leg], self._corners[leg + 1] - self._corners[leg]
+            along = float(np.clip((position - begin) @ way / (way @ way), 0.0, 1.0))
+            if np.abs(begin + along * way - position).max() < _OFF_THE_WAY_DEG:
+                self._leg = leg
+                return float(self._before[leg] + along * (self._before[leg + 1] - self._before[leg]))
+        return float(self._before[self._leg])
 
 
 def open_grbl_turntable(board: Board, rig: Rig) -> GrblTurntable:
