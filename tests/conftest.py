@@ -47,9 +47,9 @@ _ONLY_IN_CI = {
     HERE / f"{each}.py" for each in (
         "boards/test_calibrate_at_a_terminal", "boards/test_operator_at_a_terminal", "boards/test_timing_measure",
         "end_to_end/test_against", "end_to_end/test_calibration_file", "end_to_end/test_dishonest_firmware",
-        "end_to_end/test_harsh_bench", "end_to_end/test_killed_run", "end_to_end/test_red_when_wrong",
-        "end_to_end/test_regressions", "end_to_end/test_untrimmed_accelerometer", "end_to_end/test_wrong_firmware",
-        "mutation/test_mutations",
+        "end_to_end/test_harsh_bench", "end_to_end/test_killed_run", "end_to_end/test_noisy_line",
+        "end_to_end/test_red_when_wrong", "end_to_end/test_regressions", "end_to_end/test_untrimmed_accelerometer",
+        "end_to_end/test_wrong_firmware", "mutation/test_mutations", "serve/test_main_job", "test_read_files",
     )
 }  # fmt: skip
 _FIXTURES_THAT_RUN = {"default_run", "pytester"}

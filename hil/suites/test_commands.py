@@ -93,7 +93,7 @@ def test_strongly_distorted_samples_are_fitted_as_in_float64(board: Board, noise
         wanted = REFERENCES[calibrator](points)
         there, here = ((points - each.hard_iron) @ each.soft_iron.reshape(3, 3).T for each in (found, wanted))
         off = np.abs(there - here).max()
-        assert off < FLOAT32.get(calibrator, 2e-5), f"{calibrator} calibrates a sample {off:.2g} of the field off float64"
+        assert off < FLOAT32.get(calibrator, 2e-5), f"{calibrator}: a sample is {off:.2g} of the field off float64"
 
 
 @pytest.mark.parametrize(

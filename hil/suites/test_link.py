@@ -14,10 +14,14 @@ pytestmark = pytest.mark.hil
 
 def test_the_link_keeps_its_word(board: Board, measure: Measure) -> None:
     check = check_link(board)
-    measure("link.echoed", check.echoed, "", limit=Limit(min=check.expected))
-    measure("link.damaged_uncounted", check.damaged_sent - check.damaged_counted, "", limit=Limit(min=0, max=0))
+    uncounted = check.damaged_sent - check.damaged_counted
+    # What is wrong ten times in a row is the firmware's. What was right in the end is not evaluated on a line that
+    # spoils frames, and neither is what the UART counts: bytes that came too fast, and bytes that came spoilt.
+    measure("link.echoed", check.echoed, "", limit=Limit(min=check.expected), not_checked=check.noise)
+    measure("link.damaged_uncounted", uncounted, "", limit=Limit(min=0, max=0))
     measure("link.damaged_answered", check.damaged_answered, "", limit=Limit(max=0))
-    measure("link.uart_overruns", check.uart_overruns, "", limit=Limit(max=0))
+    measure("link.uart_overruns", check.uart_overruns, "", limit=Limit(max=0), not_checked=check.noise)
+    assert not check.wrong, f"{check.wrong} payloads came to the board whole and were answered wrong"
     assert check.repeated_answered, "a repeated request got another answer"
     assert check.executed_once, "a repeated request was carried out twice"
 

@@ -60,7 +60,7 @@ def rig_file(start: Path, named: str | None) -> Path:
         bare = Path(named).name == named
         candidates = [start / named] + [folder / f"{Path(named).stem}.toml" for folder in folders if bare]
     for candidate in candidates:
-        if candidate.is_file():
+        if candidate.exists() and not candidate.is_dir():
             return candidate
     rigs = sorted({path.stem for folder in folders for path in folder.glob("*.toml")})
     raise ConfigError(f"no rig file {named or DEFAULT_RIG!r}; rigs here: {', '.join(rigs) or 'none'}")

@@ -79,12 +79,13 @@ class SyncError(BenchError):
 class DeviceTimeoutError(BenchError, TimeoutError):
     """The board did not answer a command before its deadline."""
 
-    def __init__(self, command: str, deadline_s: float, clock: str, found: str = "") -> None:
+    def __init__(self, command: str, deadline_s: float, clock: str, found: str = "", noise: str = "") -> None:
         self.command = command
         self.deadline_s = deadline_s
         self.clock = clock
         self.found = found
         reason = f": the firmware is {found}" if found else ""
+        reason += f". The line is noisy: {noise}. Check cable, ground and baud rate" if noise else ""
         super().__init__(f"no answer to {command} within {deadline_s:g} s ({clock} time){reason}")
 
 

@@ -66,13 +66,15 @@ def read_bounded(path: Path, *, largest_bytes: int, otherwise: str) -> bytes:
         If it cannot be read, is larger, or is a pipe or a device, which may never end.
     """
     try:
-        if not stat.S_ISREG(path.stat().st_mode):
-            raise ConfigError(f"{path}: not a regular file; {otherwise}")
-        with path.open("rb") as file:
-            content = file.read(largest_bytes + 1)
+        kept = path.stat()
+        if not stat.S_ISREG(kept.st_mode):
+            kind = "a folder" if stat.S_ISDIR(kept.st_mode) else "not a regular file"
+            raise ConfigError(f"{path}: {kind}; {otherwise}")
+        with path.open("rb") as file:  # one that is still written may have grown since
+            content = b"" if kept.st_size > largest_bytes else file.read(largest_bytes + 1)
     except (OSError, ValueError) as error:  # a name with a NUL is a ValueError
         raise ConfigError(f"{path}: {getattr(error, 'strerror', None) or error}; {otherwise}") from error
-    if len(content) > largest_bytes:
+    if max(len(content), kept.st_size) > largest_bytes:
         raise ConfigError(f"{path}: larger than {largest_bytes} bytes; {otherwise}")
     return content
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import select
 import socket
@@ -25,13 +26,13 @@ def line(request: pytest.FixtureRequest) -> Iterator[PseudoTerminal | TcpLine]:
     line.close()
 
 
-def until(line: PseudoTerminal | TcpLine, seen: Callable[[bytes], bool]) -> bytes:
+def until(line: PseudoTerminal | TcpLine, seen: Callable[[bytes], bool], *, limit: int = 100) -> bytes:
     """Look after a line, as the board's thread does, until `seen` is true of all that has come."""
     heard, ends_s = b"", time.monotonic() + WALL_LIMIT_S
     while not seen(heard):
         assert time.monotonic() < ends_s, heard
-        select.select(line.sources(reading=True), [], [], 0.002)
-        heard += line.receive(100)
+        select.select(line.sources(), [], [], 0.002)
+        heard += line.receive(limit)
     return heard
 
 
@@ -84,6 +85,45 @@ def test_a_client_that_reads_nothing_does_not_stop_the_line(line: PseudoTerminal
         assert line.connected
 
 
+def flood(url: str) -> int:
+    """Send until the system takes no more, and leave; return how many bytes it took."""
+    if not url.startswith("socket://"):
+        client = os.open(url, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        sent = 0
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                sent += os.write(client, bytes(4096))
+        os.close(client)
+        return sent
+    with socket.create_connection(("127.0.0.1", int(url.rpartition(":")[2]))) as client:
+        client.setblocking(False)
+        sent = 0
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                sent += client.send(bytes(100_000))
+    return sent
+
+
+def test_the_next_program_is_heard_after_a_flood_and_what_was_lost_is_counted(line: PseudoTerminal | TcpLine) -> None:
+    line.queue.kept = 10
+    sent = flood(line.url)
+    assert sent > 10_000
+    with serial.serial_for_url(line.url, timeout=WALL_LIMIT_S) as client:  # before anybody looked at the line
+        heard = line.receive(100)
+        client.write(b"me")
+        heard += until(line, lambda heard: heard.endswith(b"me"))
+    assert len(heard) < 10_000  # 100 at each look until the end of the flood was there, and what is kept
+    assert line.queue.lost == sent + 2 - len(heard)
+
+
+def test_what_a_program_sent_before_it_left_is_delivered_as_long_as_no_other_comes(
+    line: PseudoTerminal | TcpLine,
+) -> None:
+    sent = flood(line.url)
+    assert until(line, lambda heard: len(heard) == sent, limit=100_000) == bytes(sent)
+    assert line.queue.lost == 0
+
+
 def test_a_second_tcp_client_is_told_and_the_first_goes_on() -> None:
     line = TcpLine("127.0.0.1", 0)
     first = socket.create_connection(("127.0.0.1", line.port), timeout=WALL_LIMIT_S)
@@ -91,6 +131,7 @@ def test_a_second_tcp_client_is_told_and_the_first_goes_on() -> None:
     second = socket.create_connection(("127.0.0.1", line.port), timeout=WALL_LIMIT_S)
     first.sendall(b"still here")
     assert until(line, lambda heard: len(heard) == 10) == b"still here"
+    assert line.receive(100) == b""  # callers are looked after when the client has nothing more to say
     assert second.recv(100) == REFUSAL
     assert second.recv(100) == b""
     line.close()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -104,6 +105,14 @@ def test_the_truth_is_what_the_sensors_measure(rig: Rig) -> None:
 def test_a_virtual_board_without_its_shield_says_so(rig_without_shield: Rig) -> None:
     with open_board(rig_without_shield) as board, pytest.raises(SensorAbsentError, match="FRDM-FXS-MULTI-B"):
         board.sensor(SensorKind.GYROSCOPE)
+
+
+def test_a_sensor_that_the_firmware_does_not_know_is_refused_with_its_line(rig: Rig) -> None:
+    asked_for = replace(rig, sensors=replace(rig.sensors, magnetometer="BMM150"))
+    lines = enumerate(rig.path.read_text(encoding="utf-8").splitlines(), start=1)
+    (line,) = [number for number, text in lines if text.startswith("magnetometer = ")]
+    with pytest.raises(ConfigError, match=rf":{line}: sensors\.magnetometer: no magnetometer 'BMM150'; known: MAG"):
+        open_board(asked_for)
 
 
 def test_an_elf_for_another_processor_is_a_configuration_error(rig: Rig, tmp_path: Path) -> None:

@@ -1,6 +1,6 @@
 """Runs of the real commands, killed at random moments: what had finished is in the record, and nothing else is.
 
-How many are killed is in HILTEST_KILLS: 10, and 100 in tox's campaign.
+How many are killed is in HILTEST_KILLS: 10, and 50 in tox's reliability.
 """
 
 from __future__ import annotations

@@ -21,6 +21,11 @@ from hiltest.imu_calibration.contents import (
 
 @pytest.fixture
 def made() -> ImuCalibration:
+    return some_calibration()
+
+
+def some_calibration() -> ImuCalibration:
+    """Return a calibration of all three sensors."""
     return ImuCalibration(
         schema=SCHEMA, hiltest="0.1.0", made_utc="2026-02-03T04:05:06Z", frame=FRAME, temperature_degc=21.0,
         made_on=MadeOn("real", "hiltest-frdm-k64f", "0.1.0", "0123456789abcdef", "ab" * 16, "frdm-k64f", None),

@@ -116,7 +116,7 @@ def test_what_is_wrong_is_said_in_the_test(pytester: pytest.Pytester) -> None:
     result = pytester.runpytest_inprocess()
     result.assert_outcomes(failed=3)
     result.stdout.fnmatch_lines([
-        "*gone.elf: cannot read the firmware: No such file or directory",
+        "*gone.elf: No such file or directory; name the firmware's ELF*",
         "*no function 'crc3'; near: crc32",
         "*ValueError: x: a counted call brings its unit and its cycle model; leave both out",
     ])

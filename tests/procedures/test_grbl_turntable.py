@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hiltest.angles import Pose, rotation_body_from_ned
@@ -17,6 +18,7 @@ from hiltest.boards.lines import PseudoTerminal
 from hiltest.boards.paced import PacedBench
 from hiltest.boards.simulated_grbl import GrblTable
 from hiltest.boards.table_axes import TableAxes
+from hiltest.calibration.dpi import fit_dpi
 from hiltest.calibration.still_pose import Face
 from hiltest.errors import TurntableError
 from hiltest.link import grbl
@@ -91,7 +93,9 @@ def test_a_tumble_begins_at_its_first_pose_and_takes_about_as_long_as_it_says(
     poses = tumble_poses(62.0, mounting_yaw_deg=1.7)
     takes_s = table.tumble(5.6)
     assert bench.axes.busy
-    assert bench.axes.last_target_deg == (-1.7, 43.0, -180.0)
+    last = poses[-1]
+    # Angles travel with three decimals.
+    assert bench.axes.last_target_deg == pytest.approx((last.heading_deg, last.pitch_deg, last.roll_deg), abs=1e-3)
     table.rest()  # waits for what is under way
     # Power-on, to the first pose, over the two circles, and home.
     begins_s, ends_s = zip(*((move.start_s, move.end_s) for move in bench.world._segments), strict=True)
@@ -249,3 +253,38 @@ def test_a_tumble_shows_the_field_from_all_sides_without_winding_up_a_cable(dip_
     nearest = np.degrees(np.arccos(np.clip((directions @ np.array(seen).T).max(axis=1), -1.0, 1.0)))
     # Circles 30 degrees apart, points on them 5 degrees apart at most: half of both, at right angles.
     assert nearest.max() <= np.hypot(15.0, 2.5) + 0.1
+
+
+@given(st.floats(5.0, 70.0), st.sampled_from((-1.0, 1.0)), st.floats(-180.0, 180.0))
+def test_a_tumble_determines_the_magnetometer_against_gravity(dip: float, sign: float, yaw_deg: float) -> None:
+    dip_deg = sign * dip
+    poses = tumble_poses(dip_deg, mounting_yaw_deg=yaw_deg)
+    field, seen, gravity = np.array(EarthField(400.0, dip_deg).ned_ut), [], []
+    for begin, end in zip(poses[::2], poses[1::2], strict=True):
+        for share in np.linspace(0.0, 1.0, 50, endpoint=False):
+            roll_deg = begin.roll_deg + share * (end.roll_deg - begin.roll_deg)
+            to_body = rotation_body_from_ned(Pose(begin.heading_deg + yaw_deg, begin.pitch_deg, roll_deg))
+            seen.append(to_body @ field)
+            gravity.append(to_body @ [0.0, 0.0, 1.0])
+    # Tilts of 30 degrees at most give 38, and headings within the limit.
+    assert fit_dpi(seen, gravity).calibration.coverage < 38.0
+
+
+@settings(max_examples=20)
+@given(st.floats(-70.0, 70.0), st.integers(0, 2**32 - 1), st.floats(0.005, 0.05))
+def test_where_the_table_is_says_how_much_of_the_tumble_is_over(dip_deg: float, seed: int, step: float) -> None:
+    poses = tumble_poses(dip_deg)
+    corners = [np.array((pose.heading_deg, pose.pitch_deg, pose.roll_deg)) for pose in poses]
+    # On the axis that has furthest to go, as a motor table takes its time.
+    lengths = [np.abs(end - begin).max() for begin, end in pairwise(corners)]
+    ends = np.cumsum(lengths) / sum(lengths)
+    way, random = grbl_turntable._Way(poses), np.random.default_rng(seed)
+    part = 0.0
+    while part < 1.0:
+        leg = int(np.searchsorted(ends, part, side="right"))
+        along = (part - (ends[leg - 1] if leg else 0.0)) / (lengths[leg] / sum(lengths))
+        position = corners[leg] + along * (corners[leg + 1] - corners[leg])
+        # A position within a degree of the leg before counts as that leg's end.
+        assert way.part_at(tuple(position)) == pytest.approx(part, abs=2.0 / sum(lengths) * 2.0)
+        part += step * float(random.random())
+    assert way.part_at(tuple(corners[-1])) == pytest.approx(1.0)

@@ -327,6 +327,21 @@ def test_the_unit_of_a_known_kind_is_its_own(edited):
         edited('max = 0.75, unit = "deg"', 'max = 0.75, unit = "mrad"')
 
 
+@pytest.mark.parametrize(
+    ("kind", "known", "unknown", "hint"),
+    [
+        ("magnetometer", "MAG3110", "MAG3111", "did you mean 'MAG3110'?"),
+        ("magnetometer", "MAG3110", "FXAS21002C", "known: MAG3110, FXOS8700CQ magnetometer, on-board"),
+        ("accelerometer", "FXOS8700CQ accelerometer", "FXOS8700CQ acceleromter", "mean 'FXOS8700CQ accelerometer'?"),
+        ("gyroscope", "FXAS21002C", "", "known: FXAS21002C"),
+    ],
+)
+def test_a_sensor_that_no_simulated_world_has_is_refused_with_its_line(edited, kind, known, unknown, hint):
+    with pytest.raises(ConfigError, match=rf"\.toml:[1-9][0-9]*: sensors\.{kind}: no {kind} '{unknown}'; ") as caught:
+        edited(f'{kind} = "{known}"', f'{kind} = "{unknown}"')
+    assert hint in str(caught.value)
+
+
 @pytest.mark.parametrize("text", [b"name = ", b"\xff\xfe", b"[field\n"])
 def test_a_file_that_is_not_toml_is_named(tmp_path, text):
     path = tmp_path / "bench.toml"
@@ -336,7 +351,7 @@ def test_a_file_that_is_not_toml_is_named(tmp_path, text):
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path):
-    with pytest.raises(ConfigError, match=r"cannot read rig .*nowhere\.toml"):
+    with pytest.raises(ConfigError, match=r"nowhere\.toml: No such file or directory; name a rig"):
         load_rig(tmp_path / "nowhere.toml")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import select
@@ -17,6 +18,8 @@ import pytest
 import serial
 
 from hiltest.boards.lines import REFUSAL
+from hiltest.link.ports import open_port
+from hiltest.link.session import Session
 
 from .conftest import WALL_LIMIT_S, Serve, converse
 
@@ -51,6 +54,44 @@ def test_a_second_tcp_client_is_refused_while_the_first_goes_on(serve: Serve) ->
             assert second.makefile("rb").read() == REFUSAL  # to its end: and then hung up
         first.write(b"?")
         assert first.read_until(b">\r\n").startswith(b"<Idle|")
+
+
+def sent_until_full(url: str) -> None:
+    """Send as much as the system takes, and leave."""
+    if url.startswith("socket://"):
+        with socket.create_connection(("127.0.0.1", int(url.rpartition(":")[2]))) as client:
+            client.setblocking(False)
+            with contextlib.suppress(BlockingIOError):
+                for _ in range(1000):
+                    client.send(b"?G0 X" * 10_000)
+        return
+    terminal = os.open(url, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    with contextlib.suppress(BlockingIOError):
+        for _ in range(1000):
+            os.write(terminal, b"?G0 X" * 1000)
+    os.close(terminal)
+
+
+@pytest.mark.parametrize("arguments", [["--pty"], ["--tcp", "0"]], ids=["pty", "tcp"])
+def test_after_a_client_that_floods_a_port_and_leaves_the_next_is_served_at_once(
+    serve: Serve, arguments: list[str]
+) -> None:
+    served = serve(*arguments)
+    for _ in range(3):
+        sent_until_full(served.board)
+        sent_until_full(served.turntable)
+        began_s = time.monotonic()
+        session = Session(open_port(served.board))
+        session.synchronise()
+        # The next is served within a second; longer than that a session waits before it asks again.
+        assert time.monotonic() - began_s < 1.0
+        assert len(session.attempts) == 1
+        session.close()
+        with serial.serial_for_url(served.turntable, timeout=1.0) as table:
+            table.write(b"?")
+            assert b"<Idle|" in table.read_until(b">\r\n")
+    said = served.end()[1]
+    assert re.search(r"^board: \d{5,} bytes that a client had sent were lost$", said, re.MULTILINE)
 
 
 class Terminal:

@@ -224,6 +224,12 @@ def test_what_is_no_calibrator_of_the_firmware_is_unmet_for_another_reason(
     assert unmet.note == why
 
 
+def test_where_the_limit_of_a_calibrator_that_the_firmware_lacks_stands_is_said() -> None:
+    name = "heading.dirct.max"
+    (unmet,) = unmet_limits({name: Limit(max=2.0)}, {}, (), ["direct"], places={name: "bench.toml:47"})
+    assert unmet.note == "the board has no calibrator 'dirct', only direct; the limit is in bench.toml:47"
+
+
 def test_other_measurements_out_of_limit_are_named(findings: Make, good: list[Measurement]) -> None:
     bad = check("gyroscope.bias_error", 0.4, unit="dps", limit=Limit(max=0.1), test="t.py::test_rest")
     verdict = decide(findings(*good, bad, tests=(TestResult("t.py::test_rest", TestOutcome.FAILED, 1),)), pytest_exit=1)

@@ -11,8 +11,10 @@ from hiltest.boards.board import Board, BoardKind, Declared, Stage, Truth
 from hiltest.boards.real import RealBoard
 from hiltest.boards.virtual import VirtualBoard
 from hiltest.errors import ConfigError, PortNotFoundError
+from hiltest.link.replies import SensorKind
 from hiltest.link.transcript import Transcript
 from hiltest.rig import Rig
+from hiltest.rig.rig import refuse_unknown_sensors
 
 __all__ = [
     "Board", "BoardKind", "Declared", "RealBoard", "Stage", "Truth", "VirtualBench", "VirtualBoard",
@@ -59,13 +61,26 @@ def open_board(
         if firmware is not None:
             raise ConfigError(f"--hil-firmware is for the virtual board; flash {firmware} onto the board on {url}")
         try:
-            return RealBoard(url, baud=rig.link.baud, declared=declared, transcript=transcript)
+            board = RealBoard(url, baud=rig.link.baud, declared=declared, transcript=transcript)
         except PortNotFoundError as error:
             raise PortNotFoundError(error.wanted, error.seen, of_virtual_rig=rig.board.kind == "virtual") from error
+        return _of_known_sensors(board, rig)
     if url is not None and url.rstrip("/") != "hil:":
         raise ConfigError(f"{url}: a run takes rig, seed and firmware from its own options; give --hil-port hil://")
     if rig.board.kind == "replay":
         raise ConfigError(f"rig {rig.name} ({rig.path}): this version of hiltest cannot replay a recorded session yet")
     if url is None and rig.board.kind == "real":
         raise ConfigError(f"rig {rig.name} ({rig.path}) names no port: set board.port in it, or give --hil-port")
-    return VirtualBoard(VirtualBench(rig, firmware=firmware, seed=seed), declared=declared, transcript=transcript)
+    bench = VirtualBench(rig, firmware=firmware, seed=seed)
+    return _of_known_sensors(VirtualBoard(bench, declared=declared, transcript=transcript), rig)
+
+
+def _of_known_sensors(board: Board, rig: Rig) -> Board:
+    """Return the board, unless the rig names a sensor that its firmware has no driver of."""
+    names = {kind.name.lower(): [each.name for each in board.sensors if each.kind is kind] for kind in SensorKind}
+    try:
+        refuse_unknown_sensors(rig, names)
+    except ConfigError:
+        board.close()
+        raise
+    return board

@@ -1,17 +1,20 @@
 """Serial lines to other programs: pseudo-terminals and TCP ports, each with one program at its far end.
 
 Everything here is for one thread that must not wait: what cannot be sent at once is lost, as on
-a serial line without flow control; so is what is sent while no program is connected.
+a serial line without flow control; so is what is sent while no program is connected. What a program
+sends is read at once and waits here for the board, so that the end of the connection behind it is seen.
 """
 
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import errno
 import hashlib
 import os
 import select
 import socket
+import struct
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,6 +23,11 @@ from typing import Protocol
 from hiltest.errors import ConfigError
 
 REFUSAL = b"in use: this port serves one client at a time\r\n"
+# Read at a look [byte]: more than the system keeps of a terminal that was left.
+_AT_A_LOOK = 1 << 18
+_TERMINAL_READ = 4096  # Linux returns no more at once
+# What waits for the board at most [byte]: 24 minutes of a line at 115 200 baud, and 16 times its flash.
+_LONGEST_QUEUE = 1 << 24
 # A client whose machine is gone without a word is noticed after about this time [s].
 _DEAD_AFTER_S = 30
 
@@ -31,25 +39,96 @@ class PortLine(Protocol):
     ----------
     url : str
         What the program at the other end opens: a device, or a pyserial URL.
+    queue : Queue
+        What programs have sent and the board has not taken.
     """
 
     url: str
+    queue: Queue
 
     @property
     def connected(self) -> bool:
         """Whether a program had it open at the latest look."""
 
-    def sources(self, *, reading: bool) -> list[int]:
-        """Return the file descriptors on which something may happen; those of data only when `reading`."""
+    def sources(self) -> list[int]:
+        """Return the file descriptors on which something may happen."""
 
     def receive(self, limit: int) -> bytes:
-        """Accept and drop connections, and return at most `limit` bytes that have arrived."""
+        """Accept and drop connections, and return at most `limit` bytes of those that have arrived."""
 
     def send(self, data: bytes) -> None:
         """Send what fits now."""
 
     def close(self) -> None:
         """Close the line for good. Idempotent."""
+
+
+class Queue:
+    """Bytes on their way to the board.
+
+    Attributes
+    ----------
+    kept : int
+        How many of a program that left are still delivered when the next one comes: the newest ones, whose end is
+        the end of a line or a frame.
+    lost : int
+        How many were not delivered.
+    """
+
+    def __init__(self) -> None:
+        self.kept = 4096
+        self.lost = 0
+        self._bytes = bytearray()
+
+    def add(self, data: bytes) -> None:
+        """Append what arrived, as far as there is room."""
+        room = _LONGEST_QUEUE - len(self._bytes)
+        self._bytes += data[:room]
+        self.lost += max(0, len(data) - room)
+
+    def take(self, limit: int) -> bytes:
+        """Remove the oldest bytes, at most so many, and return them."""
+        data = bytes(self._bytes[:limit])
+        del self._bytes[:limit]
+        return data
+
+    def next_program(self) -> None:
+        """Drop what would keep the next program waiting."""
+        surplus = max(0, len(self._bytes) - self.kept)
+        del self._bytes[:surplus]
+        self.lost += surplus
+
+
+class _Openings:
+    """Notices that a device was closed and opened again, however fast: Linux keeps a list of both."""
+
+    _OPEN, _CLOSE = 0x20, 0x08 | 0x10  # IN_OPEN, IN_CLOSE
+    _EVENT = struct.Struct("iIII")
+
+    def __init__(self, path: str) -> None:
+        self._descriptor: int | None = None
+        if sys.platform == "linux":
+            system = ctypes.CDLL(None)
+            descriptor = system.inotify_init1(os.O_NONBLOCK | os.O_CLOEXEC)
+            if descriptor >= 0:  # else the system's lists are used up: then only a closed device is noticed
+                self._descriptor = descriptor
+                system.inotify_add_watch(descriptor, os.fsencode(path), self._OPEN | self._CLOSE)
+
+    def reopened(self) -> bool:
+        """Say whether it was opened after it had been closed, since the last look."""
+        closed = False
+        if self._descriptor is not None:
+            with contextlib.suppress(BlockingIOError):
+                for _watch, mask, _cookie, _length in self._EVENT.iter_unpack(os.read(self._descriptor, 1024)):
+                    if closed and mask & self._OPEN:
+                        return True
+                    closed = closed or bool(mask & self._CLOSE)
+        return False
+
+    def close(self) -> None:
+        """Look no more."""
+        if self._descriptor is not None:
+            os.close(self._descriptor)
 
 
 class PseudoTerminal:
@@ -75,24 +154,27 @@ class PseudoTerminal:
         os.set_blocking(self.board_end, False)
         self._events = select.poll()
         self._events.register(self.board_end, select.POLLIN)
+        self._openings = _Openings(self.path)
         self._plugged = True
         self.connected = False
+        self.queue = Queue()
 
-    def sources(self, *, reading: bool) -> list[int]:
+    def sources(self) -> list[int]:
         """Return the board's end while a program has it open; otherwise it would be ready all the time."""
-        return [self.board_end] if reading and self.connected else []
+        return [self.board_end] if self.connected else []
 
     def receive(self, limit: int) -> bytes:
-        """Accept and drop connections, and return the bytes that have arrived; their sender may have left since."""
+        """Accept and drop connections, and return bytes that have arrived; their sender may have left since."""
+        was_connected, reopened = self.connected, self._openings.reopened()
         happened = dict(self._events.poll(0)).get(self.board_end, 0)
-        if happened & select.POLLIN and limit:
-            self.connected = True
-            return os.read(self.board_end, limit)
-        left = bool(happened & select.POLLHUP)
-        if left and self.connected:
+        if happened & select.POLLIN:
+            self._read()
+        self.connected = not happened & select.POLLHUP
+        if was_connected and (reopened or not self.connected):
             self._drop_unread()
-        self.connected = not left
-        return b""
+        if reopened or (self.connected and not was_connected):
+            self.queue.next_program()
+        return self.queue.take(limit)
 
     def send(self, data: bytes) -> None:
         """Send what fits now."""
@@ -105,8 +187,15 @@ class PseudoTerminal:
         if self._plugged:
             self._plugged = self.connected = False
             os.close(self.board_end)
+            self._openings.close()
 
     close = unplug
+
+    def _read(self) -> None:
+        # BlockingIOError: no more; another OSError: no more, and nobody is there.
+        with contextlib.suppress(OSError):
+            for _ in range(_AT_A_LOOK // _TERMINAL_READ):
+                self.queue.add(os.read(self.board_end, _TERMINAL_READ))
 
     def _drop_unread(self) -> None:
         """Drop what the program that left has not read: the next one must not take it for its own."""
@@ -146,6 +235,7 @@ class TcpLine:
             raise ConfigError(f"cannot listen on {host} port {port}: {reason}. {advice}") from error
         self._listener.setblocking(False)
         self._client: socket.socket | None = None
+        self.queue = Queue()
         self.port: int = self._listener.getsockname()[1]
         self.url = f"socket://{f'[{host}]' if ':' in host else host}:{self.port}"
 
@@ -154,17 +244,16 @@ class TcpLine:
         """Whether a client is there."""
         return self._client is not None
 
-    def sources(self, *, reading: bool) -> list[int]:
+    def sources(self) -> list[int]:
         """Return the listening socket, and that of the client if there is one."""
-        return [self._listener.fileno(), *([self._client.fileno()] if reading and self._client else [])]
+        return [self._listener.fileno(), *([self._client.fileno()] if self._client else [])]
 
     def receive(self, limit: int) -> bytes:
-        """Accept and drop clients, and return the bytes that the client has sent."""
-        data = self._hear(limit)
+        """Accept and drop clients, and return bytes that clients have sent."""
         with contextlib.suppress(OSError):  # no other client is waiting, or it has left again
-            while True:
+            while self._client is None or not self._hear(self._client):
                 self._welcome(self._listener.accept()[0])
-        return data
+        return self.queue.take(limit)
 
     def send(self, data: bytes) -> None:
         """Send what fits now."""
@@ -182,18 +271,18 @@ class TcpLine:
         self._hang_up()
         self._listener.close()
 
-    def _hear(self, limit: int) -> bytes:
-        if self._client is None or not limit:
-            return b""
+    def _hear(self, client: socket.socket) -> bool:
+        """Read what has come; True where more may follow: whether the client has left is seen behind it only."""
         try:
-            data = self._client.recv(limit)
+            data = client.recv(_AT_A_LOOK)
         except BlockingIOError:
-            return b""
+            return False
         except OSError:
             data = b""
+        self.queue.add(data)
         if not data:
             self._hang_up()
-        return data
+        return bool(data)
 
     def _welcome(self, caller: socket.socket) -> None:
         caller.setblocking(False)
@@ -202,6 +291,7 @@ class TcpLine:
                 caller.send(REFUSAL)
             caller.close()
             return
+        self.queue.next_program()
         caller.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         caller.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         if sys.platform == "linux":

@@ -24,7 +24,9 @@ _STEP_S = 0.002
 # this long in virtual time, and shorter where that would take the host longer [s].
 _LONGEST_STEP_S = 0.02
 _SHORTEST_STEP_S = 0.0002
-_READ_BYTES = 4096
+# What a board's line takes at once, and what it still takes of a program that left when the next one comes [s]:
+# together with what is on the wire that one is heard well within a second.
+QUEUED_S = 0.25
 _BITS_A_BYTE = 10
 
 
@@ -48,9 +50,14 @@ class SerialPortOfBoard:
         self._machine = machine
         self._heard_by_s = 0.0  # virtual time at which everything taken so far will have arrived
 
+    @property
+    def bytes_queued(self) -> int:
+        """What the line brings in `QUEUED_S`."""
+        return max(1, round(QUEUED_S * self._machine.uart0.line_baud / _BITS_A_BYTE))
+
     def room(self) -> int:
         """A read at a time, as soon as the one before has nearly arrived."""
-        return _READ_BYTES if self._heard_by_s <= self._machine.time_s + _LONGEST_STEP_S else 0
+        return self.bytes_queued if self._heard_by_s <= self._machine.time_s + _LONGEST_STEP_S else 0
 
     def hear(self, data: bytes) -> None:
         """Put bytes on the line to the board."""
@@ -92,7 +99,9 @@ class PacedBench:
         self.fault: BoardFault | None = None
         self.behind_s = 0.0
         self._bench = bench
-        self._served: list[tuple[PortLine, Device]] = [(line, SerialPortOfBoard(bench.machine)), *others]
+        port = SerialPortOfBoard(bench.machine)
+        line.queue.kept = port.bytes_queued
+        self._served: list[tuple[PortLine, Device]] = [(line, port), *others]
         self._clock = threading.Condition()  # guards bench; notified after every step
         self._running = False
         self._longest_step_s = _LONGEST_STEP_S
@@ -193,7 +202,7 @@ class PacedBench:
 
     def _wait_for_bytes(self) -> None:
         """Wait until something comes on a line, but no longer than a step."""
-        sources = [each for line, device in self._served for each in line.sources(reading=device.room() > 0)]
+        sources = [each for line, _device in self._served for each in line.sources()]
         select.select(sources, [], [], _STEP_S)
 
     def _step(self, wall_s: float) -> None:

@@ -143,6 +143,7 @@ def _listening(paced: PacedBench, ending: list[int]) -> bool:
 def _watch(paced: PacedBench, lines: dict[str, PortLine], ending: list[int]) -> None:
     """Report changes, until a signal comes or the board ends."""
     told: dict[str, bool] = dict.fromkeys(lines, False)
+    told_lost: dict[str, int] = dict.fromkeys(lines, 0)
     pace = _pace()
     while not ending:
         time.sleep(_LOOK_EVERY_S)
@@ -150,6 +151,9 @@ def _watch(paced: PacedBench, lines: dict[str, PortLine], ending: list[int]) -> 
             if line.connected != told[name]:
                 told[name] = line.connected
                 _tell(f"{name}: client {'connected' if told[name] else 'gone'}")
+            if line.queue.lost > told_lost[name]:
+                _tell(f"{name}: {line.queue.lost - told_lost[name]} bytes that a client had sent were lost")
+                told_lost[name] = line.queue.lost
         pace(paced.behind_s)
         if not paced.running:
             if paced.fault is None:

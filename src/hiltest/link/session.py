@@ -199,12 +199,26 @@ class Session:
             payload = self._attempt(message, frame, number, allowed_s)
             if payload is not None:
                 return decode_reply(message, payload)
-        raise DeviceTimeoutError(message.command, allowed_s, self.clock, self._found())
+        raise DeviceTimeoutError(message.command, allowed_s, self.clock, self._found(), self.noise())
+
+    def noise(self, since: int = 0) -> str:
+        """Say what the line has lost or changed since an attempt: what was right when the same was sent again.
+
+        Firmware at fault fails the same way each time. Empty where nothing was.
+        """
+        attempts = self.attempts[since:]
+        again = sum(each.number > 1 and each.outcome is RequestOutcome.ANSWERED for each in attempts)
+        damaged = sum(each.damaged for each in attempts)
+        return f"{again} requests were answered when sent again, {damaged} damaged frames came" if again else ""
 
     def next_frame(self, message: Request[R]) -> Frame:
         """Return the frame of a request under the next sequence number, without sending it."""
+        return self.numbered(message.code, message.payload())
+
+    def numbered(self, code: int, payload: bytes) -> Frame:
+        """Return a frame under the next sequence number, without sending it."""
         self._sequence = (self._sequence + 1) % 256
-        return Frame(message.code, self._sequence, message.payload())
+        return Frame(code, self._sequence, payload)
 
     def send_raw(self, data: bytes) -> None:
         """Put bytes on the line as they are: damaged frames, for link checks."""
@@ -220,9 +234,13 @@ class Session:
         return None
 
     def exchange_raw(self, frame: Frame, *, deadline_s: float = REPLY_DEADLINE_S) -> Frame | None:
-        """Send one frame once and return the frame that comes back, None when none does."""
+        """Send one frame once and return the frame that comes back under its number, None when none does."""
         self._write(encode_frame(frame))
-        return self.listen(deadline_s)
+        end_s = self.now() + deadline_s
+        while (reply := self.listen(end_s - self.now())) is not None:
+            if reply.sequence == frame.sequence:
+                return reply
+        return None
 
     def _attempt(
         self, message: Request[R], frame: Frame, number: int, allowed_s: float, *, resync: bool = False

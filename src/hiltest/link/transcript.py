@@ -14,9 +14,11 @@ from enum import StrEnum
 from pathlib import Path
 
 from hiltest.errors import ConfigError
+from hiltest.strict_json import read_bounded
 
 SCHEMA = "hiltest.transcript/1"
 
+_LARGEST_BYTES = 256 << 20  # two bytes of text for one of the line: three hours at 115 200 baud, without a pause
 _ENTRY_BYTES = 8  # an entry's time, in what a transcript may hold: single bytes must not cost nothing
 
 
@@ -74,8 +76,9 @@ class Transcript:
         ConfigError
             When the file is no transcript; names file, line and what is wrong.
         """
-        lines = path.read_text(encoding="utf-8").splitlines()
+        content = read_bounded(path, largest_bytes=_LARGEST_BYTES, otherwise="name a transcript (JSON lines)")
         try:
+            lines = content.decode("utf-8").splitlines()
             header = json.loads(lines[0]) if lines else {}
             if header.get("schema") != SCHEMA:
                 raise ConfigError(f"{path}:1: schema is {header.get('schema')!r}, not {SCHEMA!r}")

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from hiltest.errors import ConfigError
 from hiltest.logs.imu_log import ImuLog
 from hiltest.logs.units import DEGREES_PER_SECOND, GRAVITIES
+from hiltest.strict_json import read_bounded
 
 Reals = NDArray[np.float64]
 
@@ -106,14 +107,9 @@ def listed_intervals(log: ImuLog, path: Path) -> Intervals:
     ConfigError
         When it is no such file, or a sample is not in the log.
     """
+    content = read_bounded(path, largest_bytes=_LARGEST_LIST_BYTES, otherwise="name a list of intervals (JSON)")
     try:
-        with path.open("rb") as file:
-            content = file.read(_LARGEST_LIST_BYTES + 1)
-        if len(content) > _LARGEST_LIST_BYTES:
-            raise ConfigError(f"{path}: larger than {_LARGEST_LIST_BYTES} bytes: no list of intervals")
         parsed = json.loads(content)
-    except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror or error}") from error
     except (ValueError, RecursionError) as error:
         raise ConfigError(f"{path}: no JSON: {error}") from error
     if not isinstance(parsed, dict) or not parsed:

@@ -8,10 +8,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from hiltest.boards.board import Board
-from hiltest.errors import PoorCoverageError
+from hiltest.errors import PoorCoverageError, TurntableError
 from hiltest.link.messages import MAX_POINTS_READ, ClearPoints, Collect, Points
 from hiltest.link.replies import SensorKind
 from hiltest.procedures.coverage import sphere_coverage
@@ -27,6 +27,13 @@ _RATE_HZ = 80.0
 _MARGIN = 1.5
 # Points of a slow table between two looks at the coverage: 1.5 s of a hand's tumble.
 _TOLD_EVERY = 10
+# A point of a motor table may be so late on its way: half a second of 24. Then it is left for another tumble, of which
+# a machine that needs more than these is none to measure with.
+_MISSED = 0.02
+_TUMBLES = 10
+_LOOK_S = 0.01
+# Times what the controller's own rates promise.
+_PATIENCE = 10.0
 _GOLDEN_SECTION = (math.sqrt(5.0) - 1.0) / 2.0
 
 
@@ -97,6 +104,8 @@ def collect_tumble(
     ------
     SensorAbsentError
         When the board has no magnetometer.
+    TurntableError
+        When ten tumbles of a motor table are not enough to take them all.
     PoorCoverageError
         When more points are asked for than the board can hold.
     """
@@ -110,6 +119,9 @@ def collect_tumble(
     collected = _Collected(board, points, progress or silent)
     wait = sleep or board.sleep
     began_s = board.now_s()
+    if slow and turntable.tumbled() is not None:
+        places = _collect_by_position(collected, turntable, takes_s, wait)
+        return _spread_over_time(board, collected.tumble(board.now_s() - began_s), places)
     while collected.stored < points:
         if slow:
             due_s = began_s + takes_s * collected.stored / points
@@ -118,7 +130,39 @@ def collect_tumble(
         if not slow or collected.stored % _TOLD_EVERY == 0 or collected.stored == points:
             collected.read_back()
     tumble = collected.tumble(board.now_s() - began_s)
-    return _spread_over_time(board, tumble) if slow else tumble
+    return _spread_over_time(board, tumble, tumble.taken) if slow else tumble
+
+
+def _collect_by_position(
+    collected: _Collected, turntable: Turntable, takes_s: float, wait: Callable[[float], None]
+) -> list[float]:
+    """Take the points at even places of the tumble's way, and return the places in the order in which they were taken.
+
+    The table says where it is: the clocks of a machine that is busy, of a board and of a table need not agree. What a
+    slow machine misses is for another tumble; points in a row would be of one place.
+    """
+    missing, places = [number / collected.wanted for number in range(collected.wanted)], []
+    for number in range(_TUMBLES):
+        if number:
+            takes_s = turntable.tumble(takes_s)
+        gives_up_s, later = collected.now_s() + _PATIENCE * takes_s, []
+        for place in missing:
+            while (at := turntable.tumbled() or 0.0) < place and collected.now_s() < gives_up_s:
+                wait(_LOOK_S)
+            if not place <= at <= place + _MISSED:
+                later.append(place)
+                continue
+            collected.add(1)
+            places.append(place)
+            if collected.stored % _TOLD_EVERY == 0 or collected.stored == collected.wanted:
+                collected.read_back()
+        missing = later
+        if not missing:
+            return places
+    raise TurntableError(
+        f"only {collected.stored} of {collected.wanted} points in {_TUMBLES} tumbles of {takes_s:.0f} s: the table "
+        "does not follow its way, or this machine or the line is too slow to take one point at a time"
+    )
 
 
 @contextmanager
@@ -138,7 +182,8 @@ class _Collected:
 
     def __init__(self, board: Board, points: int, tell: Progress) -> None:
         self.stored = self._overruns = self._back = 0
-        self._board, self._wanted, self._tell = board, points, tell
+        self.wanted, self.now_s = points, board.now_s
+        self._board, self._tell = board, tell
         self._magnetometer: list[Counts] = []
         self._accelerometer: list[Counts] = []
 
@@ -156,7 +201,7 @@ class _Collected:
             self._accelerometer.append(back.accelerometer)
         self._back = self.stored
         seen = sphere_coverage(np.concatenate(self._magnetometer), field_ut=self._board.declared.field_ut)
-        self._tell(f"tumble, {100 * seen:.0f} % of the sphere", self.stored, self._wanted)
+        self._tell(f"tumble, {100 * seen:.0f} % of the sphere", self.stored, self.wanted)
 
     def tumble(self, duration_s: float) -> Tumble:
         return Tumble(
@@ -171,9 +216,9 @@ def evenly_spread(n: int) -> NDArray[np.intp]:
     return np.argsort(np.argsort(np.arange(n) * _GOLDEN_SECTION % 1.0))
 
 
-def _spread_over_time(board: Board, tumble: Tumble) -> Tumble:
-    """Upload the points again, in an order whose every beginning is spread evenly over the whole."""
-    order = evenly_spread(len(tumble.points))
+def _spread_over_time(board: Board, tumble: Tumble, places: ArrayLike) -> Tumble:
+    """Upload the points again, in an order whose every beginning is spread evenly over the whole of their places."""
+    order = np.argsort(places, kind="stable")[evenly_spread(len(tumble.points))]
     spread = replace(tumble, points=tumble.points[order], accelerometer=tumble.accelerometer[order], taken=order)
     upload_pairs(board, spread.points, spread.accelerometer)
     return spread

@@ -75,6 +75,9 @@ class Turntable(Protocol):
             are then collected over all of its time.
         """
 
+    def tumbled(self) -> float | None:
+        """Return the part of the tumble that is over, by the table's position; None where a table does not know."""
+
     def sway(self) -> float:
         """Begin to turn and tilt the board from where `rest` leaves it, at tens of degrees a second; does not wait.
 
@@ -142,6 +145,9 @@ class SimulatedTurntable:
     def tumble(self, duration_s: float) -> float:
         """Go to the first pose of a tumble and begin it; the sensor sets its pace, unless the rig confines it."""
         return self._stage.tumble(duration_s)
+
+    def tumbled(self) -> None:
+        """Know no position: the clock is the simulation's own."""
 
     def sway(self) -> float:
         """Start the sway; return its duration [s]."""
@@ -224,6 +230,9 @@ class OperatorTurntable:
             "How much of the sphere is seen is shown. Enter to begin: "
         )
         return takes_s
+
+    def tumbled(self) -> None:
+        """Know no position: a hand has none."""
 
     def sway(self) -> float:
         """Ask the operator to turn and tilt the board, at the pace of a hand."""

@@ -21,11 +21,14 @@ from pydantic_core import ErrorDetails
 
 from hiltest.errors import ConfigError, UnknownKeyError
 from hiltest.measurement import Limit, Reference, Section, Tolerance, identify, is_direction, nearest_name
-from hiltest.rig import Rig
+from hiltest.rig.rig import Rig, refuse_unknown_sensors
 from hiltest.rig.tables import STRICT, RigValueError
+from hiltest.rig.world import SENSORS
+from hiltest.strict_json import read_bounded
 
 # Fields of a rig that no file may set.
-_MADE_HERE = frozenset({"path", "units", "full_only"})
+_MADE_HERE = frozenset({"path", "units", "full_only", "lines"})
+_LARGEST_BYTES = 1 << 20  # a hundred times the largest rig that ships
 #: Faces must be at least so true where a heading limit is at most so wide.
 TRUE_FACES_DEG = 0.2
 FINE_HEADING_DEG = 2.0
@@ -65,10 +68,8 @@ def load_rig(path: Path | str) -> Rig:
     """
     path = Path(path)
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_bounded(path, largest_bytes=_LARGEST_BYTES, otherwise="name a rig (TOML)").decode("utf-8")
         data = tomllib.loads(text)
-    except OSError as error:
-        raise ConfigError(f"cannot read rig {path}: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: not UTF-8 text at byte {error.start}; a rig is a TOML file") from error
     except tomllib.TOMLDecodeError as error:
@@ -90,12 +91,15 @@ def load_rig(path: Path | str) -> Rig:
         "tolerances": {
             name: {"absolute": entry.absolute, "relative": entry.relative} for name, entry in tolerances.items()
         },
+        "lines": {".".join(key): line for key, line in source.lines.items()},
         "full_only": [name for name, entry in read["limits"].items() if entry.suite == "full"],
     }
     rig: Rig = source.validate(TypeAdapter(Rig), {**data, **bounds, **derived}, Rig)
     _refuse_limits_within_uncertainty(rig, source)
     _refuse_tolerances_beyond_limits(rig, source)
     _refuse_coarse_faces(rig, source)
+    if rig.world is not None:
+        refuse_unknown_sensors(rig, SENSORS)
     return rig
 
 
@@ -104,14 +108,13 @@ class _Source:
 
     def __init__(self, path: Path, text: str) -> None:
         self._path = path
-        self._text = text
+        self.lines = dict(reversed([*_keys_by_line(text)]))
 
     def where(self, key: tuple[str, ...]) -> str:
         """Return ``file:line`` of a key, of the table it belongs in, or the file alone."""
-        lines = dict(reversed([*_keys_by_line(self._text)]))
         for depth in range(len(key), 0, -1):
-            if key[:depth] in lines:
-                return f"{self._path}:{lines[key[:depth]]}"
+            if key[:depth] in self.lines:
+                return f"{self._path}:{self.lines[key[:depth]]}"
         return str(self._path)
 
     def validate(self, adapter: TypeAdapter[Any], data: object, model: Any, prefix: tuple[str, ...] = ()) -> Any:

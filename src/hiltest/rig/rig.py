@@ -9,12 +9,15 @@ that need them.
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from dataclasses import field as dataclass_field
+from difflib import get_close_matches
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
+from hiltest.errors import ConfigError
 from hiltest.measurement import Limit, Tolerance
 from hiltest.rig.tables import (
     STRICT,
@@ -40,7 +43,7 @@ MOST_NOISE_RATIO = 2.0
 #: MAG3110 and FXOS8700CQ magnetometer words [counts/uT].
 COUNTS_PER_UT = 10.0
 # May be edited without a change of any number: names, and the limits and tolerances of numbers.
-_TEXTS = ("path", "name", "schema")
+_TEXTS = ("lines", "path", "name", "schema")
 _CHECKED_BY = ("limits", "information", "tolerances", "units", "full_only", "cycles")
 # Kept in the record beside the digest, because an option of the command line may change them.
 _KEPT_APART = ("seed",)
@@ -76,6 +79,8 @@ class Rig:
     cycles : dict of str to str
         Function of the firmware that each calibrator is, by the calibrator's name: a board that executes the firmware
         counts its calls. One that is not named is looked for as ``magnetometer_NAME``.
+    lines : dict of str to int
+        Line of the file on which a key stands, by its path with dots.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
@@ -98,6 +103,7 @@ class Rig:
     units: dict[str, str] = dataclass_field(default_factory=dict)
     full_only: frozenset[str] = frozenset()
     cycles: dict[str, str] = dataclass_field(default_factory=dict)
+    lines: dict[str, int] = dataclass_field(default_factory=dict, compare=False)
 
     def __post_init__(self) -> None:
         require((self.world is None) == (self.board.kind != "virtual"), "world",
@@ -123,6 +129,11 @@ class Rig:
                 f"{key} declares {declared:g} {unit}, and the world has {simulated:g}: they may differ by a factor of "
                 f"{MOST_NOISE_RATIO:g}; the residual of a fit is compared with the declared one")
 
+    def where(self, *key: str) -> str:
+        """Return ``file:line`` of a key, the file alone where it does not stand in it."""
+        line = self.lines.get(".".join(key))
+        return str(self.path) if line is None else f"{self.path}:{line}"
+
     def limits_of(self, suite: Literal["gate", "full"]) -> dict[str, Limit]:
         """Return the limits that a set of tests must measure."""
         excused = self.full_only if suite == "gate" else frozenset()
@@ -135,6 +146,28 @@ class Rig:
             return MAGNETOMETER_PARTS.get(self.sensors.magnetometer)
         fitted = self.world.fitted if self.world else ()
         return next((part for part in MAGNETOMETER_PARTS.values() if part in fitted), None)
+
+
+def refuse_unknown_sensors(rig: Rig, known: Mapping[str, Sequence[str]]) -> None:
+    """Refuse a name that is none of those that sensors of its kind have.
+
+    Parameters
+    ----------
+    rig : Rig
+    known : mapping of str to sequence of str
+        Names by the kind's key under ``[sensors]``: of all parts that can be simulated, or of those that firmware has.
+
+    Raises
+    ------
+    ConfigError
+        With file and line.
+    """
+    for kind, names in known.items():
+        given = getattr(rig.sensors, kind)
+        if given is not None and given not in names:
+            nearest = next(iter(get_close_matches(given, names, n=1)), None)
+            hint = f"did you mean {nearest!r}?" if nearest else f"known: {', '.join(names) or 'none'}"
+            raise ConfigError(f"{rig.where('sensors', kind)}: sensors.{kind}: no {kind} {given!r}; {hint}")
 
 
 @dataclass(frozen=True, slots=True)

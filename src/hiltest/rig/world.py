@@ -18,6 +18,13 @@ MAGNETOMETER_PARTS = {
     "on-board FXOS8700CQ magnetometer": "onboard-fxos8700cq",
 }
 
+#: Names of the sensors of a simulated world, by their kind, as the packaged firmware gives them.
+SENSORS = {
+    "magnetometer": tuple(MAGNETOMETER_PARTS),
+    "accelerometer": ("FXOS8700CQ accelerometer", "on-board FXOS8700CQ accelerometer"),
+    "gyroscope": ("FXAS21002C",),
+}
+
 FITTED_PARTS = ("mag3110", "fxos8700cq", "fxas21002c", "onboard-fxos8700cq")
 
 # Of the box that the rows of a soft iron span, beside one with the same edges at right angles.

@@ -137,6 +137,7 @@ class Recording:
         unmet = unmet_limits(
             rig.limits_of(findings.suite), rig.units, findings.measurements, calibrators,
             gate_only=bool(self._hil.choice.left_out.tests),
+            places={name: rig.where("limits", name) for name in rig.limits},
         )
         lost = any(each.outcome.is_of_bench for each in findings.tests)
         if left_out or lost:

@@ -213,7 +213,7 @@ def _red(findings: Findings) -> bool:
 
 def unmet_limits(
     limits: Mapping[str, Limit], units: Mapping[str, str], measured: Collection[str], calibrators: Sequence[str],
-    *, gate_only: bool = False,
+    *, gate_only: bool = False, places: Mapping[str, str] | None = None,
 ) -> list[Measurement]:
     """Return a measurement without a value for every limit of the rig that nothing was measured for.
 
@@ -227,16 +227,20 @@ def unmet_limits(
         Calibrators of the board; empty when no board answered.
     gate_only : bool, optional
         Whether there are tests that were left out because they are of the full set.
+    places : mapping, optional
+        Where each limit stands, ``file:line``.
     """
+    stands = places or {}
     return [
         Measurement(
-            name, None, units.get(name, ""), limit=limit, outcome=Outcome.UNSET, note=_why(name, calibrators, gate_only)
+            name, None, units.get(name, ""), limit=limit, outcome=Outcome.UNSET,
+            note=_why(name, calibrators, gate_only, stands.get(name, "")),
         )
         for name, limit in limits.items() if name not in measured
     ]
 
 
-def _why(name: str, calibrators: Sequence[str], gate_only: bool) -> str:
+def _why(name: str, calibrators: Sequence[str], gate_only: bool, place: str) -> str:
     named = identify(name)
     calibrator, _, points = named.subject.removesuffix(_UNTRIMMED).partition("@")
     waits = gate_only and calibrator == _OF_STILL_POSES
@@ -244,7 +248,8 @@ def _why(name: str, calibrators: Sequence[str], gate_only: bool) -> str:
         if calibrator in _OTHERWISE:
             return f"nothing measured it; {_OTHERWISE[calibrator]}"
         if calibrators and calibrator not in (*calibrators, UNCALIBRATED):
-            return f"the board has no calibrator {calibrator!r}, only {', '.join(calibrators)}"
+            asked = f"; the limit is in {place}" if place else ""
+            return f"the board has no calibrator {calibrator!r}, only {', '.join(calibrators)}{asked}"
     if points:
         return f"nothing measured it; procedure.further_calibrations names no {calibrator}@{points}, or its fit failed"
     return "nothing in the gate set measured it" if gate_only else "nothing measured it"

@@ -19,6 +19,7 @@ from typing import Any
 from elftools.elf.elffile import ELFFile
 
 from hiltest.errors import ConfigError
+from hiltest.strict_json import read_bounded
 
 # Values of the build attributes, from the addenda to the Arm ABI: profile M; v6-M, v6S-M, v7 and v7E-M code;
 # no floating-point instructions, or those of FPv4-SP. Newer ones the processor does not have.
@@ -26,6 +27,8 @@ _PROFILE_M = ord("M")
 _CORES = {0, 10, 11, 12, 13}
 _FLOATING_POINT = {0, 6}
 _HARD_FLOAT = 0x400  # EF_ARM_ABI_FLOAT_HARD, which the linker says of the whole
+# The chip has 1 MiB of flash; debug information of large firmware in C++ is a hundred times that.
+_LARGEST_BYTES = 256 << 20
 _IMAGES_KEPT = 8  # parsed; each is a few megabytes with its debug information
 _ASSEMBLER = 0x8001  # DW_LANG_Mips_Assembler, which every assembler says
 # Folders of the compiler's own libraries in the names of their units: which of them are linked in, the code decides.
@@ -93,10 +96,7 @@ def _parsed(name: str, content: bytes) -> FirmwareImage:
 
 
 def _read_file(path: Path) -> tuple[str, bytes]:
-    try:
-        return str(path), path.read_bytes()
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot read the firmware: {error.strerror}") from error
+    return str(path), read_bounded(path, largest_bytes=_LARGEST_BYTES, otherwise="name the firmware's ELF file")
 
 
 class FirmwareImage:

@@ -1,0 +1,256 @@
+"""Fuzzed inputs of every decoder and reader: each is read, or refused by an error that its docstring names.
+
+Inputs are seeded: valid ones, cut, flipped, doubled, spliced and sprinkled with what readers stumble over. How many
+is in HILTEST_FUZZED: 50 000, and 1 000 000 in tox's reliability.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import random
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from tests.imu_calibration.conftest import some_calibration
+from tests.link.test_trace_text import REQUESTS
+from tests.logs.recording import six_faces_and_turns, write
+
+from hiltest.bench_files import shipped
+from hiltest.boards import default_firmware
+from hiltest.boards.gcode import GcodeError, Modals, read_block
+from hiltest.errors import CalibrationError, ConfigError, DeviceError, FrameError, ProtocolError
+from hiltest.imu_calibration.file import load_calibration, to_json
+from hiltest.link import grbl
+from hiltest.link.framing import DamagedFrame, Frame, FrameDecoder, encode_frame, stuff, unstuff
+from hiltest.link.request import decode_reply
+from hiltest.link.request_reading import read_request
+from hiltest.link.trace_text import trace_lines
+from hiltest.link.transcript import Direction, Transcript
+from hiltest.logs.imu_log import read_imu_log
+from hiltest.logs.intervals import listed_intervals
+from hiltest.logs.rate_log import read_rate_log
+from hiltest.logs.samples import read_samples
+from hiltest.profiling.arguments import parse_argument
+from hiltest.record.reader import read_record
+from hiltest.rig.file import load_rig
+from hiltest.settings import file_name, label, seed
+from hiltest.strict_json import parse_json
+from hiltest.verdict.evidence_reader import read_evidence
+from hiltest.virtual.elf import FirmwareImage
+from hiltest.virtual.profile_file import load_profile, shipped_profiles
+
+INPUTS = int(os.environ.get("HILTEST_FUZZED", "50000"))
+BASELINES = Path(__file__).parents[1] / "hil" / "baselines"
+# What readers stumble over: ends, quotes, numbers that are none, words that mean something.
+TOKENS = (
+    *(bytes([each]) for each in b"\x7e\x7d\x00\xff\n\r\t,;\"'[]{}=:.-e0\\#GX$|<>"), b"\x7d\x5e", b"nan", b"-inf",
+    b"1e999", b"-1", b"99999999999999999999", b"null", b"true", b"\xef\xbb\xbf", b"\xff\xfe", b"\xf0\x9f\x99\x82",
+    b"\\u0000", b"//", b"[[", b"[world]", b"schema", b"G0",
+)  # fmt: skip
+
+
+def mutated(dice: random.Random, content: bytes, others: Sequence[bytes]) -> bytes:
+    """Return a valid input with a few things done to it."""
+    data = bytearray(content)
+    for _ in range(dice.choice((0, 1, 1, 2, 4, 16))):
+        at = dice.randrange(len(data) + 1)
+        kind = dice.randrange(8)
+        if kind == 0 and data:
+            data[at % len(data)] ^= 1 << dice.randrange(8)
+        elif kind == 1 and data:
+            data[at % len(data)] = dice.randrange(256)
+        elif kind == 2:
+            del data[at : at + dice.choice((1, 2, 7, 100))]
+        elif kind == 3:
+            data[at:at] = dice.choice(TOKENS)
+        elif kind == 4:
+            data[at:at] = data[at : at + dice.choice((1, 4, 40))]
+        elif kind == 5:
+            del data[at:]
+        elif kind == 6:
+            other = dice.choice(others)
+            where = dice.randrange(len(other) + 1)
+            data[at:] = other[where : where + 4000]
+        else:
+            data[at:at] = dice.randbytes(dice.choice((1, 4, 20)))
+    return bytes(data)
+
+
+@dataclass(frozen=True)
+class Reader:
+    """A reader under test.
+
+    Attributes
+    ----------
+    read : callable
+        Takes the bytes, or the file that they stand in.
+    refuses : tuple of type
+        What its docstring says it may raise.
+    corpus : sequence of bytes
+        Valid inputs.
+    share : float
+        Share of all inputs.
+    suffix : str
+        Of the file; without one it reads bytes.
+    """
+
+    read: Callable[..., object]
+    refuses: tuple[type[Exception], ...]
+    corpus: Sequence[bytes]
+    share: float
+    suffix: str | None = None
+
+
+def _frames(data: bytes) -> None:
+    """Decode a stream at once and byte by byte, which is the same; an intact frame is one that can be sent."""
+    decoder, pieces = FrameDecoder(), FrameDecoder()
+    found = decoder.feed(data)
+    assert found == [item for at in range(len(data)) for item in pieces.feed(data[at : at + 1])]
+    for item in found:
+        assert isinstance(item, Frame | DamagedFrame)
+        if isinstance(item, Frame):
+            assert FrameDecoder().feed(encode_frame(item)) == [item]
+
+
+def _unstuffed(data: bytes) -> None:
+    assert unstuff(stuff(data)) == data
+    unstuff(data)
+
+
+def _reply(data: bytes) -> object:
+    return decode_reply(REQUESTS[(data[0] if data else 0) % len(REQUESTS)], data[1:])
+
+
+def _request(data: bytes) -> object:
+    return read_request(Frame(data[0] & 0x7F if data else 0, 1, data[1:]))
+
+
+def _trace(data: bytes) -> None:
+    transcript = Transcript("virtual")
+    for number, piece in enumerate(data.split(b"\x55")):
+        transcript.add(0.1 * number, (Direction.TO_BOARD, Direction.TO_HOST, Direction.MARK)[number % 3], piece)
+    assert all(isinstance(line, str) for line in trace_lines(transcript))
+
+
+def _gcode(data: bytes) -> None:
+    read_block(data.decode("ascii", errors="replace").upper(), Modals())
+
+
+def _words(data: bytes) -> None:
+    text = data.decode("utf-8", errors="surrogateescape")
+    for parse in (seed, label, file_name):
+        try:
+            parse(text)
+        except argparse.ArgumentTypeError:
+            continue
+
+
+def _wires() -> list[bytes]:
+    return [encode_frame(Frame(each.code, number % 256, each.payload())) for number, each in enumerate(REQUESTS)]
+
+
+
+
+@pytest.fixture(scope="session")
+def readers(tmp_path_factory: pytest.TempPathFactory, default_run) -> dict[str, Reader]:
+    """Every decoder and reader, by name."""
+    folder = tmp_path_factory.mktemp("corpus")
+    write(folder / "imu.csv", *six_faces_and_turns().readings())
+    imu = (folder / "imu.csv").read_bytes()[:40_000].rpartition(b"\n")[0]
+    log = read_imu_log(folder / "imu.csv")
+    points = b"mx_uT,my_uT,mz_uT\n" + b"".join(b"%d,%d.5,-%d\n" % (n, 2 * n, n) for n in range(30))
+    rates = b"time_s,gyro_x_dps,gyro_y_dps,gyro_z_dps\n" + b"".join(
+        b"%.2f,0.%d,-%d,1e-3\n" % (n / 100, n % 9, n % 2) for n in range(300)
+    )
+    run = (default_run.folder / "run.json").read_bytes()
+    rigs = [each.read_bytes() for each in sorted((shipped() / "rigs").glob("*.toml"))]
+    profiles = [each.read_bytes() for each in shipped_profiles().values()]
+    replies = [bytes([number]) + bytes(size) for number in range(len(REQUESTS)) for size in (1, 2, 5, 17, 49, 62, 100)]
+    requests = [bytes([each.code]) + each.payload() for each in REQUESTS]
+    wires = _wires()
+    transcript = Transcript("virtual")
+    for wire in wires:
+        transcript.add(1.5, Direction.TO_BOARD, wire)
+    transcript.write(folder / "wire.jsonl")
+    intervals = b'{"x_p": {"start": 5, "end": 12}, "x_rot": {"start": 20, "end": 31}}'
+    config, data = (ConfigError,), (ConfigError, CalibrationError)
+    return {
+        "frames": Reader(_frames, (), wires, 0.27),
+        "stuffing": Reader(_unstuffed, (FrameError,), wires, 0.10),
+        "replies": Reader(_reply, (ProtocolError, DeviceError), replies, 0.25),
+        "requests": Reader(_request, (ProtocolError,), requests, 0.12),
+        "traces": Reader(_trace, (), [b"\x55".join(wires[n : n + 5]) for n in range(0, 25, 5)], 0.05),
+        "G-code": Reader(_gcode, (GcodeError,), [b"G0 X45 Y-10", b"G1F60X1", b"G91G0Z-1.5", b"N4 G4 P0.5"], 0.05),
+        "Grbl status": Reader(
+            lambda each: grbl._status(each.decode("ascii", errors="replace")), (),
+            [b"<Idle|MPos:1.000,-2.5,0|FS:0,0>", b"<Hold:1|MPos:1,2,3,4|F:0>"], 0.05,
+        ),
+        "options": Reader(_words, (), [b"4294967295", b"v1.2", b"hil-out/run.json"], 0.03),
+        "arguments": Reader(
+            lambda each: parse_argument(each.decode("utf-8", errors="replace")), config,
+            [b"f32:1,2.5,-3", b"zeros:i16:40", b"text:123", b"0x1F", b"1e-3"], 0.03,
+        ),
+        "JSON": Reader(parse_json, (ValueError,), [b'{"a": [1, 2.5e3, null, {"b": "c"}]}', intervals], 0.02),
+        "samples": Reader(read_samples, data, [points], 0.01, ".csv"),
+        "rate logs": Reader(read_rate_log, data, [rates], 0.005, ".csv"),
+        "IMU logs": Reader(read_imu_log, data, [imu], 0.002, ".csv"),
+        "intervals": Reader(lambda path: listed_intervals(log, path), config, [intervals], 0.002, ".json"),
+        "transcripts": Reader(Transcript.read, config, [(folder / "wire.jsonl").read_bytes()], 0.002, ".jsonl"),
+        "timing profiles": Reader(lambda path: load_profile(str(path)), config, profiles, 0.002, ".toml"),
+        "rigs": Reader(load_rig, config, rigs, 0.004, ".toml"),
+        "baselines": Reader(
+            read_evidence, config, [each.read_bytes() for each in BASELINES.glob("*.json")] + [run], 0.0005, ".json"
+        ),
+        "records": Reader(read_record, config, [run], 0.0005, ".json"),
+        "calibration files": Reader(load_calibration, config, [to_json(some_calibration()).encode()], 0.002, ".json"),
+        "ELF files": Reader(FirmwareImage, config, [default_firmware().read_bytes()], 0.0005),
+    }
+
+
+@pytest.fixture(scope="session", autouse=True)
+def totals(request: pytest.FixtureRequest) -> Iterator[Counter[str]]:
+    """Totals of all readers, printed at the end."""
+    counted: Counter[str] = Counter()
+    yield counted
+    with request.config.pluginmanager.getplugin("capturemanager").global_and_fixture_disabled():
+        print(f"\nfuzzed inputs, {sum(counted.values())} in all: {dict(sorted(counted.items()))}")
+
+
+NAMES = (
+    "ELF files", "G-code", "Grbl status", "IMU logs", "JSON", "arguments", "baselines", "calibration files", "frames",
+    "intervals", "options", "rate logs", "records", "replies", "requests", "rigs", "samples", "stuffing",
+    "timing profiles", "traces", "transcripts",
+)  # fmt: skip
+
+
+def test_every_reader_has_its_share(readers: dict[str, Reader]) -> None:
+    assert sorted(readers) == sorted(NAMES)
+    assert sum(each.share for each in readers.values()) >= 1.0
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_input_is_read_or_refused_as_documented(
+    readers: dict[str, Reader], totals: Counter[str], tmp_path: Path, name: str
+) -> None:
+    reader = readers[name]
+    path = tmp_path / f"fuzzed{reader.suffix}"
+    for number in range(max(20, round(INPUTS * reader.share))):
+        dice = random.Random(f"{name} {number}")
+        data = mutated(dice, dice.choice(reader.corpus), reader.corpus)
+        given: bytes | Path = data
+        if reader.suffix is not None:
+            path.write_bytes(data)
+            given = path
+        try:
+            reader.read(given)
+            totals[f"{name} read"] += 1
+        except reader.refuses:
+            totals[f"{name} refused"] += 1
+        except Exception as error:
+            error.add_note(f"{name} {number}: {data[:200]!r}")
+            raise
+    assert totals[f"{name} read"], "the corpus is none: nothing was read"

@@ -1,0 +1,128 @@
+"""Every option and argument that takes a file to read refuses at once what has no end, what is huge, and a folder."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import click
+import pytest
+from tests.finished_run import Finished
+from tests.logs.recording import six_faces_and_turns, write
+from tests.test_written_files import WRITING, run
+
+from hiltest.cli import commands
+
+pytestmark = pytest.mark.slow
+
+# What makes each of them read; {} is the file.
+READING = {
+    "allan log": ("allan", "{}"),
+    "baseline save run": ("baseline", "save", "{}", "new.json"),
+    "baseline update run": ("baseline", "update", "--accept", "*", "--because", "a test", "base.json", "{}"),
+    "calibrate --firmware": ("calibrate", "--firmware", "{}"),
+    "calibrate --rig": ("calibrate", "--rig", "{}"),
+    "compare base": ("compare", "{}", "run.json"),
+    "compare new": ("compare", "run.json", "{}"),
+    "export run": ("export", "{}", "--format", "bencher"),
+    "fit --firmware": ("fit", "points.csv", "--firmware", "{}"),
+    "fit log": ("fit", "{}"),
+    "fit-imu --gyroscope-log": ("fit-imu", "imu.csv", "--gyroscope-log", "{}"),
+    "fit-imu --intervals": ("fit-imu", "imu.csv", "--intervals", "{}"),
+    "fit-imu log": ("fit-imu", "{}"),
+    "log --firmware": ("log", "--seconds", "1", "--out", "log.csv", "--firmware", "{}"),
+    "log --rig": ("log", "--seconds", "1", "--out", "log.csv", "--rig", "{}"),
+    "profile --profile": ("profile", "shipped", "crc32", "text:123456789", "9", "--profile", "{}"),
+    "profile elf": ("profile", "{}", "crc32"),
+    "report record": ("report", "{}"),
+    "run --against": ("run", "--against", "{}"),
+    "run --baseline": ("run", "--baseline", "{}"),
+    "run --calibration": ("run", "--calibration", "{}"),
+    "run --firmware": ("run", "--firmware", "{}"),
+    "run --rig": ("run", "--rig", "{}"),
+    "serve --firmware": ("serve", "--firmware", "{}"),
+    "serve --rig": ("serve", "--rig", "{}"),
+    "timing measure --rig": ("timing", "measure", "--rig", "{}"),
+    "timing show --profile": ("timing", "show", "--profile", "{}"),
+}
+# As help calls what is a file and no click.Path.
+FILES = {"R", "ELF", "FILE", "NAME|FILE", "FILE|COLUMN"}
+# Files that end in this are taken for files, others for names of what ships.
+ENDS = {"fit-imu --intervals": ".json", "profile --profile": ".toml", "timing show --profile": ".toml"}
+# What takes a thousandth of a second for a file as it should be, and a start of Python besides.
+AT_ONCE_S = 10.0
+
+
+def options_that_read(command: click.Command, name: str = "") -> set[str]:
+    """Return the options and arguments of a command that are files, and that it does not write."""
+    if isinstance(command, click.Group):
+        context = click.Context(command)
+        each = {one: command.get_command(context, one) for one in command.list_commands(context)}
+        return set().union(*(options_that_read(one, f"{name} {word}".strip()) for word, one in each.items() if one))
+    taken = {
+        f"{name} {max(each.opts, key=len)}" for each in command.params
+        if (isinstance(each.type, click.Path) or each.metavar in FILES or each.name == "elf") and each.metavar != "DIR"
+    }
+    return taken - set(WRITING) - {"baseline save file", "baseline update file"}
+
+
+def test_all_of_them_are_tested_here() -> None:
+    assert options_that_read(commands) == set(READING)
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory: pytest.TempPathFactory, default_run: Finished) -> Path:
+    """A folder with what the commands read besides."""
+    folder = tmp_path_factory.mktemp("inputs")
+    (folder / "run.json").write_bytes((default_run.folder / "run.json").read_bytes())
+    assert run("baseline", "save", str(folder / "run.json"), str(folder / "base.json")) == 0
+    write(folder / "imu.csv", *six_faces_and_turns().readings())
+    (folder / "points.csv").write_text("mx_uT,my_uT,mz_uT\n1,2,3\n", encoding="utf-8")
+    return folder
+
+
+def make(kind: str, path: Path) -> None:
+    if kind == "without end":
+        path.symlink_to("/dev/zero")
+    elif kind == "sparse":
+        with path.open("wb") as file:
+            file.truncate(64 << 30)
+    elif kind == "folder":
+        path.mkdir()
+    else:
+        os.mkfifo(path)
+
+
+@pytest.mark.parametrize("kind", ["without end", "sparse", "folder"])
+@pytest.mark.parametrize("option", sorted(READING))
+def test_what_no_such_file_can_be_is_refused_at_once(option: str, kind: str, inputs: Path, tmp_path: Path) -> None:
+    path = tmp_path / f"hostile{ENDS.get(option, '')}"
+    make(kind, path)
+    words = [each.replace("{}", str(path)) for each in READING[option]]
+    began_s = time.monotonic()
+    done = subprocess.run(
+        [sys.executable, "-m", "hiltest", *words], cwd=inputs, capture_output=True, text=True, timeout=60.0, check=False
+    )
+    assert time.monotonic() - began_s < AT_ONCE_S
+    # A base that cannot be read is a comparison that was not evaluated.
+    assert done.returncode == (22 if option in {"run --baseline", "compare base"} else 4), done.stderr
+    assert "hostile" in done.stdout + done.stderr
+    assert "Traceback" not in done.stdout + done.stderr
+    if kind != "folder":
+        assert any(reason in done.stdout + done.stderr for reason in ("regular file", "larger than", "binary file"))
+
+
+@pytest.mark.parametrize("option", ["run --rig", "profile elf", "export run", "timing show --profile"])
+def test_a_pipe_is_refused_where_a_file_is_read_more_than_once(option: str, inputs: Path, tmp_path: Path) -> None:
+    path = tmp_path / f"hostile{ENDS.get(option, '')}"
+    make("pipe", path)
+    words = [each.replace("{}", str(path)) for each in READING[option]]
+    done = subprocess.run(
+        [sys.executable, "-m", "hiltest", *words], cwd=inputs, capture_output=True, text=True, timeout=AT_ONCE_S,
+        check=False,
+    )  # fmt: skip
+    assert done.returncode == 4
+    assert "not a regular file" in done.stderr
