@@ -26,6 +26,7 @@ from hiltest.link.messages import (
 )
 from hiltest.link.poses import ClearPoses, UploadPoses
 from hiltest.link.replies import Status
+from hiltest.link.streams import StreamFeed, StreamRemove, StreamReset, StreamState, StreamStateReply
 from hiltest.procedures import Turntable
 from hiltest.procedures.cycles import upload_points
 from hiltest.procedures.golden_points import golden_points
@@ -38,6 +39,7 @@ SECOND = (np.diag([3.0, 1.0, 2.0]) - 0.125, [-5.0, 15.0, 40.0])
 STRONG = np.array([[1.5, 0.3, -0.2], [0.3, 0.9, 0.25], [-0.2, 0.25, 0.6]])
 # Of the field: over eight such sets 5e-6 at most, and with the 16-bit sums of direct-fast 0.002.
 FLOAT32 = {"direct-fast": 0.01}
+STREAMED = 120
 SPREAD = [4.0, 4.0, 4.0]
 # Counts of 1 g about each axis, not symmetric, and an offset.
 RESPONSE = COUNTS_PER_G * np.array([[1.02, 0.04, -0.05], [-0.03, 0.97, 0.06], [0.05, -0.02, 1.01]])
@@ -113,6 +115,39 @@ def test_a_poor_distribution_of_samples_is_refused(board: Board, samples: str, s
     for calibrator in board.identity.calibrators:
         reply = board.session.request(Calibrate(len(points), calibrator))
         assert reply.fit in statuses, f"{calibrator} answers {reply.fit.name} to samples that are {samples}"
+
+
+def stream_state(board: Board, stream: str, *, first: int, given_back: int = 0) -> StreamStateReply | None:
+    """Return what a stream knows of points of the buffer, after the first ones were given back; None if it cannot."""
+    session = board.session
+    session.request(StreamReset(stream))
+    for at in range(first, STREAMED, 20):
+        session.request(StreamFeed(stream, at, 20))
+    if given_back:
+        try:
+            session.request(StreamRemove(stream, 0, given_back))
+        except DeviceError as error:
+            if error.status != Status.NOT_SUPPORTED.name:
+                raise
+            return None
+    state = session.request(StreamState(stream))
+    session.request(StreamReset(stream))
+    return state
+
+
+def test_points_that_a_stream_gives_back_leave_no_trace(board: Board) -> None:
+    upload_points(board, golden_points(STREAMED))
+    for stream in board.identity.stream_calibrators:
+        never_had = stream_state(board, stream, first=20)
+        gave_back = stream_state(board, stream, first=0, given_back=20)
+        if gave_back is None:
+            continue
+        assert never_had is not None
+        assert gave_back.held == never_had.held
+        wanted, found = never_had.calibration, gave_back.calibration
+        # float32, about other anchors: of counts of some hundred, and of a gain of 1/485.
+        assert np.abs(found.hard_iron - wanted.hard_iron).max() < 0.01, f"{stream} keeps something of points given back"
+        assert np.abs(found.soft_iron - wanted.soft_iron).max() < 1e-4 * np.abs(wanted.soft_iron).max()
 
 
 def test_turns_are_fitted_without_their_bias(board: Board) -> None:

@@ -30,9 +30,9 @@ from hiltest.rig import COUNTS_PER_UT, Rig
 pytestmark = pytest.mark.hil
 
 SIGMAS = 4.5  # a few dozen comparisons a run: beyond it once in 3000 runs
-PAIRS = 100
-LARGE = 512
-LONGEST_US = 10_000_000  # for 512 readings at 80 Hz, 6.4 s
+PAIRS = 60
+LARGE = 320
+LONGEST_US = 10_000_000  # for so many readings at 80 Hz, 4 s
 ROUNDING_COUNTS = math.sqrt(1.0 / 12.0)
 # 14 bits in steps of four counts.
 ACCELEROMETER_ROUNDING_COUNTS = 4.0 * ROUNDING_COUNTS
@@ -110,7 +110,7 @@ def test_the_gyroscope_has_the_bodys_axes(board: Board, stage: Stage, rig: Rig) 
 
 def test_offsets_that_an_earlier_firmware_left_in_the_sensors_do_not_enter(board: Board, stage: Stage) -> None:
     selected = {each.kind: each for each in board.sensors if each.selected and each.present}
-    before = board.session.request(Average(64))
+    before = board.session.request(Average(32))
     magnetometer, accelerometer = selected[SensorKind.MAGNETOMETER], selected[SensorKind.ACCELEROMETER]
     if magnetometer.name.startswith("MAG3110"):
         for axis in range(3):
@@ -121,7 +121,7 @@ def test_offsets_that_an_earlier_firmware_left_in_the_sensors_do_not_enter(board
         stage.write_sensor(accelerometer.bus, accelerometer.address, 0x2F + axis, 20)  # 40 mg
     for each in (magnetometer, accelerometer):
         board.session.request(Select(each.sensor_id))
-    after = board.session.request(Average(64))
+    after = board.session.request(Average(32))
     for name, most in (("magnetometer", 1.0 * COUNTS_PER_UT), ("accelerometer", 5e-3 / G_PER_COUNT)):
         moved = np.abs(getattr(after, name).mean - getattr(before, name).mean).max()
         assert moved < most, f"offsets in the {name}'s registers move its mean by {moved:.0f} counts"
@@ -196,8 +196,8 @@ def run_filter(board: Board, stage: Stage, rig: Rig, turn_deg: float) -> Filtere
     slot = board.identity.slots - 1
     board.session.request(SetCalibration(slot, np.eye(3) / (rig.field.strength_ut * COUNTS_PER_UT), np.zeros(3)))
     board.session.request(FusionStart(slot, 8, 16, 0.025, 1.0, 2.0, 0.1))
-    takes_s = stage.turn_round(turn_deg, rate_dps=90.0, after_s=0.2) if turn_deg else 2.0
-    summary = board.session.request(FusionRun(round(1e6 * (takes_s + 0.5))))
+    takes_s = stage.turn_round(turn_deg, rate_dps=90.0, after_s=0.2) if turn_deg else 1.0
+    summary = board.session.request(FusionRun(round(1e6 * (takes_s + 0.2))))
     first, last = (board.session.request(FusionRead(index, 1)) for index in (0, summary.records - 1))
     answered = board.session.request(Average(16, 1 << slot)).headings[slot].attitude
     board.session.request(ClearCalibration(slot))
@@ -209,7 +209,7 @@ def run_filter(board: Board, stage: Stage, rig: Rig, turn_deg: float) -> Filtere
 @pytest.mark.parametrize("turn_deg", [0.0, 90.0])
 def test_the_gyroscopes_bias_is_taken_off_its_rates(board: Board, stage: Stage, rig: Rig, turn_deg: float) -> None:
     for _ in range(2):  # each bias replaces the one before
-        rest_gyroscope(board, seconds=2.0, store=True)
+        rest_gyroscope(board, seconds=1.0, store=True)
     found = run_filter(board, stage, rig, turn_deg)
     began, ended = found.began, found.ended
     turned = wrap_180(ended.heading_deg - began.heading_deg - turn_deg)

@@ -101,6 +101,18 @@ def test_cycles_that_the_board_did_not_count(copy_of_the_firmware: FirmwareCopy,
     assert "cycles.direct.total" not in ended.measured
 
 
+def test_cycles_of_a_streams_steps_that_the_board_did_not_count(
+    copy_of_the_firmware: FirmwareCopy, tmp_path: Path
+) -> None:
+    step = "count_step_cycles(step, state, point, status);\n    cost.cycles = "
+    edit = Edit(TIMED, f"{step}total - cost.overhead_cycles;", f"{step}(total - cost.overhead_cycles) / 2u;")
+    ended = run(copy_of_the_firmware.build(edit, tmp_path / "edited.elf"), tmp_path, "test_cost_of_a_new_point")
+    told = re.search(r"it reports (\d+) cycles of direct-stream.add, and the board counted (\d+) in", ended.output)
+    assert told, ended.output
+    assert int(told[2]) > 1.5 * int(told[1])
+    assert not any(name.startswith("stream.") for name in ended.measured)
+
+
 def test_a_build_id_that_is_not_the_elfs(copy_of_the_firmware: FirmwareCopy, tmp_path: Path) -> None:
     edit = Edit("app/link_commands.c", "write_string(reply, build_id);", 'write_string(reply, "a83ff0fdb4eee047");')
     ended = run(copy_of_the_firmware.build(edit, tmp_path / "edited.elf"), tmp_path, "identity", code=23)

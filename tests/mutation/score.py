@@ -38,7 +38,7 @@ class Found:
     @property
     def first(self) -> str:
         """What stands first: the first sentence of the verdict behind its word, and the first test not green."""
-        said = self.sentence.partition(". ")[2] or self.sentence
+        said = re.sub(r"^[A-Z ]+[.:] ", "", self.sentence)
         # What got worse is said behind what was reached.
         clause = said if self.code == ExitCode.REGRESSION else said.partition(". ")[0]
         return f"{clause} [{self.first_test}]"

@@ -133,6 +133,18 @@ class CostedReply(Protocol):
 TimedReply = TypeVar("TimedReply", bound=CostedReply)
 
 
+class CostedSteps(Protocol):
+    """A reply that says what each of several calls has cost; None where the core counts no cycles."""
+
+    @property
+    def costs(self) -> tuple[RunCost, ...] | None:
+        """Cycles that the firmware reports."""
+
+
+CostedStepsReply = TypeVar("CostedStepsReply", bound=CostedSteps)
+R = TypeVar("R")
+
+
 class CallCounter(Protocol):
     """Counts the calls of one function of the firmware, whatever the firmware reports of them."""
 
@@ -280,18 +292,38 @@ class Board(ABC):
         FirmwareContradictionError
             When the board counted other cycles in the calibrator's function than the firmware reports.
         """
-        counter = self.call_counter(calibrator)
+        reply, counted = self._counted(request, calibrator)
+        if reply.cost is not None:
+            _refuse_other_cycles(calibrator, [reply.cost], counted)
+        return reply
+
+    def timed_each(self, request: Request[CostedStepsReply], work: str) -> CostedStepsReply:
+        """Send a request that runs a function again and again, and check the cycles that are reported of each call.
+
+        Parameters
+        ----------
+        request : Request
+            Its reply has `costs`, of the first calls; others may follow that were refused.
+        work : str
+            What is called: a stream calibrator's name and ``.add`` or ``.remove``.
+
+        Raises
+        ------
+        FirmwareContradictionError
+            When the board counted other cycles in these calls than the firmware reports.
+        """
+        reply, counted = self._counted(request, work)
+        if reply.costs:
+            _refuse_other_cycles(work, reply.costs, counted[: len(reply.costs)])
+        return reply
+
+    def _counted(self, request: Request[R], work: str) -> tuple[R, list[int]]:
+        """Send a request; return its reply, and the cycles of each call of a function, if they are seen."""
+        counter = self.call_counter(work)
         if counter is not None:
             counter.begin()
         reply = self.session.request(request)
-        if counter is not None and counter.cycles and reply.cost is not None:
-            counted, calls = sum(counter.cycles), len(counter.cycles)
-            if abs(counted - reply.cost.cycles) > CALL_CYCLES:
-                raise FirmwareContradictionError(
-                    f"the firmware contradicts the board: it reports {reply.cost.cycles} cycles of {calibrator}, and "
-                    f"the board counted {counted} in {'its call' if calls == 1 else f'{calls} calls'}"
-                )
-        return reply
+        return reply, list(counter.cycles) if counter is not None else []
 
     def unchecked(self, calibrator: str) -> str:
         """Say why the board cannot check the cycles that the firmware reports of the calibrator that just ran.
@@ -367,3 +399,13 @@ class Board(ABC):
                     self.session.request(Select(sensor.sensor_id))
                     break
         return self.session.request(Sensors())
+
+
+def _refuse_other_cycles(work: str, reported: Sequence[RunCost], counted: Sequence[int]) -> None:
+    """Raise a FirmwareContradictionError when calls took other cycles than were reported; without calls none does."""
+    total, calls = sum(each.cycles for each in reported), len(counted)
+    if calls and abs(sum(counted) - total) > CALL_CYCLES * len(reported):
+        raise FirmwareContradictionError(
+            f"the firmware contradicts the board: it reports {total} cycles of {work}, and "
+            f"the board counted {sum(counted)} in {'its call' if calls == 1 else f'{calls} calls'}"
+        )

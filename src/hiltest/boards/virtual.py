@@ -124,7 +124,9 @@ class VirtualBoard(Board):
 
     def call_counter(self, calibrator: str) -> FunctionWatch | None:
         """Return what counts the calls of a calibrator; None where the firmware has no function of its name."""
-        name = _FUNCTIONS.get(calibrator) or f"magnetometer_{calibrator.replace('-', '_')}"
+        of_a_stream = "." in calibrator  # as in direct-stream.add
+        own = calibrator.replace("-", "_").replace(".", "_")
+        name = _FUNCTIONS.get(calibrator) or (own if of_a_stream else f"magnetometer_{own}")
         function = self.declared.functions.get(calibrator, name)
         symbol = self._machine.image.symbols.get(function)
         if symbol is None:

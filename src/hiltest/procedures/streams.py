@@ -160,7 +160,7 @@ def feed(board: Board, name: str, first: int, count: int, steps: StepRecorder | 
     taken = 0
     costs: list[RunCost] | None = []
     for at in range(first, first + count, MAX_FEED):
-        reply = board.session.request(StreamFeed(name, at, min(MAX_FEED, first + count - at)))
+        reply = board.timed_each(StreamFeed(name, at, min(MAX_FEED, first + count - at)), f"{name}.add")
         taken += reply.taken
         costs = None if costs is None or reply.costs is None else costs + list(reply.costs)
         if steps and reply.costs:
@@ -172,7 +172,7 @@ def feed(board: Board, name: str, first: int, count: int, steps: StepRecorder | 
 
 def stage(board: Board, name: str, points: int) -> StreamStage:
     """Read the state of a streaming calibrator after so many points."""
-    state = board.session.request(StreamState(name))
+    state = board.timed(StreamState(name), f"{name}.report")
     return StreamStage(points, state, fit_of(state))
 
 
@@ -204,7 +204,7 @@ def _take_back(board: Board, name: str, count: int) -> NDArray[np.int64] | None:
     if not count:
         return None
     try:
-        reply = board.session.request(StreamRemove(name, 0, count))
+        reply = board.timed_each(StreamRemove(name, 0, count), f"{name}.remove")
     except DeviceError as error:
         if error.status != Status.NOT_SUPPORTED.name:
             raise
