@@ -77,8 +77,10 @@ def test_a_file_larger_than_its_bound_is_not_read(tmp_path: Path) -> None:
 
 def test_pipes_and_devices_may_never_end_and_are_refused(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
-    for path in (tmp_path / "pipe", Path("/dev/zero"), tmp_path):
-        with pytest.raises(ConfigError, match="not a regular file"):
+    for path, what in (
+        (tmp_path / "pipe", "not a regular file"), (Path("/dev/zero"), "not a regular file"), (tmp_path, "a folder"),
+    ):  # fmt: skip
+        with pytest.raises(ConfigError, match=what):
             read_bounded(path, largest_bytes=10, otherwise="")
 
 

@@ -188,7 +188,7 @@ def test_read_gives_every_sample_once(bench: Bench, sensor_id: int) -> None:
     rows = [struct.unpack_from("<Q3h", data, 1 + 14 * k) for k in range(count)]
     overruns, temperature_degc = struct.unpack_from("<Hb", data, 1 + 14 * count)
     assert overruns == 0
-    assert 20 <= temperature_degc <= 30  # the rig's 25 degC; the FXOS8700CQ's step is 0.96 degC
+    assert 32 <= temperature_degc <= 41  # the rig's course; the FXOS8700CQ's step is 0.96 degC
     # A look finds a sample at most 1/8 of a period and one transaction late: over the whole run none is missing.
     elapsed = rows[-1][0] - rows[0][0]
     assert abs(elapsed - (count - 1) * PERIODS_US[sensor_id]) < PERIODS_US[sensor_id] / 4

@@ -53,7 +53,8 @@ def test_the_stored_bias_is_taken_off_the_next_rest() -> None:
 def test_a_rest_says_when_it_was_and_how_long(bench: Bench) -> None:
     n = 400
     *_, degc, first_us, last_us, lost, still, _, _, _ = ask_rest(bench, n)
-    assert (degc, lost, still) == (25, 0, STILL)
+    assert (lost, still) == (0, STILL)
+    assert 33 <= degc <= 41  # the course of the rig
     # Both ends are found within a sixteenth of a period, and a transaction of 0.15 ms.
     assert last_us - first_us == pytest.approx((n - 1) * 5000, abs=5000 / 16 + 150)
 

@@ -38,7 +38,9 @@ def test_the_bias_of_a_first_rest_is_gone_in_a_second(virtual_board: Board, simu
 def test_a_bias_that_drifts_between_the_rests_is_not_gone(bench_rig: Rig) -> None:
     assert bench_rig.world is not None
     drift = TemperatureDrift(gyroscope_bias_dps_per_degc=(0.0, 0.3, 0.1))
-    warming = replace(bench_rig.world, temperature_end_degc=45.0, temperature_ramp_s=40.0, drift=drift)
+    warming = replace(
+        bench_rig.world, temperature_degc=25.0, temperature_end_degc=45.0, temperature_ramp_s=40.0, drift=drift
+    )
     with open_board(replace(bench_rig, world=warming)) as board:
         _, rest = two_rests(board)
     corrected_dps = DPS_PER_COUNT * rest.corrected_mean
