@@ -113,7 +113,9 @@ def test_turns_about_one_axis_do_not_calibrate(board: Board, table: Turntable) -
 def test_a_bias_that_drifts_in_a_straight_line_spoils_no_turn(bench_rig: Rig) -> None:
     assert bench_rig.world is not None
     drift = TemperatureDrift(gyroscope_bias_dps_per_degc=(0.0, 0.1, 0.3))
-    warming = replace(bench_rig.world, temperature_degc=25.0, temperature_end_degc=35.0, temperature_ramp_s=100.0, drift=drift)
+    warming = replace(
+        bench_rig.world, temperature_degc=25.0, temperature_end_degc=35.0, temperature_ramp_s=100.0, drift=drift
+    )
     with open_board(replace(bench_rig, world=warming)) as board:
         (turn,) = turns_about(board, open_turntable(board, uncertainty_deg=0.1), Axis.Z)
         truth = board.truth
