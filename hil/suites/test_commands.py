@@ -39,6 +39,8 @@ SECOND = (np.diag([3.0, 1.0, 2.0]) - 0.125, [-5.0, 15.0, 40.0])
 STRONG = np.array([[1.5, 0.3, -0.2], [0.3, 0.9, 0.25], [-0.2, 0.25, 0.6]])
 # Of the field: over eight such sets 5e-6 at most, and with the 16-bit sums of direct-fast 0.002.
 FLOAT32 = {"direct-fast": 0.01}
+# Flattens samples to a hundredth of their width, across (1, 1, 1).
+TILTED_PLANE = np.eye(3) - 0.99 * np.full((3, 3), 1.0 / 3.0)
 STREAMED = 120
 SPREAD = [4.0, 4.0, 4.0]
 # Counts of 1 g about each axis, not symmetric, and an offset.
@@ -84,7 +86,7 @@ def test_another_payload_is_another_request_whatever_its_sequence_number(board: 
     assert first.payload != second.payload, "another request with the same sequence number got the answer of the first"
 
 
-@pytest.mark.parametrize("noise_counts", [0.0, 12.0])
+@pytest.mark.parametrize("noise_counts", [0.0, 24.0])
 def test_strongly_distorted_samples_are_fitted_as_in_float64(board: Board, noise_counts: float) -> None:
     golden = golden_points(150)
     noise = np.random.default_rng(0).normal(0.0, 1.0, golden.shape) * noise_counts
@@ -103,18 +105,31 @@ def test_strongly_distorted_samples_are_fitted_as_in_float64(board: Board, noise
     [
         ("few", {FitStatus.TOO_FEW_POINTS}),
         ("on a plane", {FitStatus.POOR_COVERAGE, FitStatus.SINGULAR, FitStatus.NOT_AN_ELLIPSOID}),
+        ("about a tilted plane", {FitStatus.POOR_COVERAGE, FitStatus.SINGULAR, FitStatus.NOT_AN_ELLIPSOID}),
         ("all the same", {FitStatus.POOR_COVERAGE, FitStatus.SINGULAR, FitStatus.NOT_AN_ELLIPSOID}),
     ],
 )
 def test_a_poor_distribution_of_samples_is_refused(board: Board, samples: str, statuses: set[FitStatus]) -> None:
     points = {
         "few": golden_points(8), "on a plane": golden_points(100) * np.array([1, 1, 0], dtype=np.int16),
+        "about a tilted plane": np.rint(golden_points(100) @ TILTED_PLANE).astype(np.int16),
         "all the same": np.repeat(golden_points(1), 100, axis=0),
     }[samples]
     upload_points(board, points)
     for calibrator in board.identity.calibrators:
         reply = board.session.request(Calibrate(len(points), calibrator))
         assert reply.fit in statuses, f"{calibrator} answers {reply.fit.name} to samples that are {samples}"
+
+
+def test_a_calibrator_that_knows_its_coverage_refuses_a_cap(board: Board) -> None:
+    points = golden_points(300)
+    centred = points - points.mean(axis=0)
+    cap = points[centred[:, 2] > 0.7 * np.linalg.norm(centred, axis=1)]  # 45 degrees about an axis
+    upload_points(board, cap)
+    for calibrator in board.identity.calibrators:
+        reply = board.session.request(Calibrate(len(cap), calibrator))
+        if reply.coverage:
+            assert reply.fit is not FitStatus.ELLIPSOID, f"{calibrator} fits a cap, at a coverage of {reply.coverage:.0f}"
 
 
 def stream_state(board: Board, stream: str, *, first: int, given_back: int = 0) -> StreamStateReply | None:
