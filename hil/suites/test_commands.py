@@ -129,7 +129,7 @@ def test_a_calibrator_that_knows_its_coverage_refuses_a_cap(board: Board) -> Non
     for calibrator in board.identity.calibrators:
         reply = board.session.request(Calibrate(len(cap), calibrator))
         if reply.coverage:
-            assert reply.fit is not FitStatus.ELLIPSOID, f"{calibrator} fits a cap, at a coverage of {reply.coverage:.0f}"
+            assert reply.fit is not FitStatus.ELLIPSOID, f"{calibrator} fits a cap of coverage {reply.coverage:.0f}"
 
 
 def stream_state(board: Board, stream: str, *, first: int, given_back: int = 0) -> StreamStateReply | None:

@@ -37,11 +37,12 @@ class Found:
 
     @property
     def first(self) -> str:
-        """What stands first: the first sentence of the verdict behind its word, and the first test not green."""
+        """What stands first: the failures of the verdict with their likely cause, and the first test not green."""
         said = re.sub(r"^[A-Z ]+[.:] ", "", self.sentence)
         # What got worse is said behind what was reached.
-        clause = said if self.code == ExitCode.REGRESSION else said.partition(". ")[0]
-        return f"{clause} [{self.first_test}]"
+        clauses = said.split(". ")
+        first = [clause for clause in clauses if clause is clauses[0] or clause.startswith("Likely cause")]
+        return f"{said if self.code == ExitCode.REGRESSION else '. '.join(first)} [{self.first_test}]"
 
 
 def run_mutation(copy: FirmwareCopy, mutation: Mutation, folder: Path) -> Found:
