@@ -206,7 +206,11 @@ def test_a_limit_of_a_calibrator_that_the_board_has_not_is_not_judged(
     run = run_in(tmp_path, "--rig", rig, "--poses", "level")
     assert run.code == 22
     known = ", ".join(run.record["board"]["calibrators"])
-    assert f"heading.dirct.max (the board has no calibrator 'dirct', only {known})" in run.sentence
+    lines = (tmp_path / "edited.toml").read_text(encoding="utf-8").splitlines()
+    (line,) = (number for number, each in enumerate(lines, start=1) if "dirct" in each)
+    told = f"heading.dirct.max (the board has no calibrator 'dirct', only {known}; the limit is in "
+    assert told in run.sentence
+    assert f"edited.toml:{line})" in run.sentence
 
 
 def test_a_suite_that_is_gone_leaves_its_limits_unset(run_in, tmp_path: Path) -> None:

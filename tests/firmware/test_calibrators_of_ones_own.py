@@ -81,7 +81,7 @@ def test_a_run_judges_the_example_beside_the_others_and_says_what_it_is_worth(
     assert measured["heading.mid-range.max"]["outcome"] == "fail"
     assert {measured[f"heading.{name}.max"]["outcome"] for name in ("direct", "corrected", "iterative")} == {"pass"}
     assert measured["cycles.mid-range.total"]["value"] < measured["cycles.direct.total"]["value"]
-    # Only its heading is red, and the page tells the cause.
-    failed = {test["id"].rsplit("::")[-1] for test in record["tests"] if test["outcome"] != "passed"}
-    assert failed == {"test_heading_at_known_angles"}
+    # Its heading is red, and the page tells the cause; and it fits samples that no calibrator should.
+    failed = {test["id"].rsplit("::")[-1].partition("[")[0] for test in record["tests"] if test["outcome"] != "passed"}
+    assert failed == {"test_heading_at_known_angles", "test_a_poor_distribution_of_samples_is_refused"}
     assert re.search(r"heading\.mid-range\.max \S+ deg .* Likely cause: bad fit", record["verdict"]["sentence"])
