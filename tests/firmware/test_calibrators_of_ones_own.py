@@ -84,4 +84,4 @@ def test_a_run_judges_the_example_beside_the_others_and_says_what_it_is_worth(
     # Its heading is red, and the page tells the cause; and it fits samples that no calibrator should.
     failed = {test["id"].rsplit("::")[-1].partition("[")[0] for test in record["tests"] if test["outcome"] != "passed"}
     assert failed == {"test_heading_at_known_angles", "test_a_poor_distribution_of_samples_is_refused"}
-    assert re.search(r"heading\.mid-range\.max \S+ deg .* Likely cause: bad fit", record["verdict"]["sentence"])
+    assert re.search(r"heading\.mid-range\.max \S+ deg .* Likely cause: hard-iron error", record["verdict"]["sentence"])
