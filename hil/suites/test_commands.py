@@ -107,7 +107,8 @@ def test_strongly_distorted_samples_are_fitted_as_in_float64(board: Board, noise
         ("on a plane", {FitStatus.POOR_COVERAGE, FitStatus.SINGULAR, FitStatus.NOT_AN_ELLIPSOID}),
         ("about a tilted plane", {FitStatus.POOR_COVERAGE, FitStatus.SINGULAR, FitStatus.NOT_AN_ELLIPSOID}),
         ("all the same", {FitStatus.POOR_COVERAGE, FitStatus.SINGULAR, FitStatus.NOT_AN_ELLIPSOID}),
-    ],    ids=["few", "on a plane", "about a tilted plane", "all the same"],
+    ],
+    ids=["few", "on a plane", "about a tilted plane", "all the same"],
 )
 def test_a_poor_distribution_of_samples_is_refused(board: Board, samples: str, statuses: set[FitStatus]) -> None:
     points = {
@@ -216,7 +217,8 @@ def test_six_faces_give_gain_and_offset(board: Board) -> None:
         ("misplaced", AccelerometerStatus.MISPLACED_FACE),
         ("askew by 30 degrees", AccelerometerStatus.MISPLACED_FACE),
         ("moving", AccelerometerStatus.MOVED),
-    ],    ids=["none", "missing", "repeated", "misplaced", "askew", "moving"],
+    ],
+    ids=["none", "missing", "repeated", "misplaced", "askew", "moving"],
 )
 def test_a_face_that_is_wrong_is_refused(board: Board, wrong: str, status: AccelerometerStatus) -> None:
     poses = faces(board)
