@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import re
+import tty
 from pathlib import Path
 from typing import Any
 
@@ -127,14 +129,12 @@ def test_noise(board):
     assert not path.parent.exists()
 
 
-def test_a_board_that_never_answers_leaves_what_it_was_asked(pytester: pytest.Pytester) -> None:
-    pytester.makeconftest("""
-        import os, pytest, tty
-
-        master, slave = os.openpty()
-        tty.setraw(slave)
-        os.environ["HIL_PORT"] = os.ttyname(slave)
-    """)
+def test_a_board_that_never_answers_leaves_what_it_was_asked(
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _silent, slave = os.openpty()
+    tty.setraw(slave)
+    monkeypatch.setenv("HIL_PORT", os.ttyname(slave))
     pytester.makepyfile(test_line="def test_it(board):\n    pass\n")
     result = pytester.runpytest_inprocess()
     assert result.ret == 20
