@@ -82,10 +82,9 @@ class VirtualBench:
             self.firmware, i2c0=sensors["i2c0"], i2c1=sensors["i2c1"], profile=_timing_of(rig), strict=firmware is None
         )
         self._parts = {(bus, part.address): part for bus in (0, 1) for part in sensors[f"i2c{bus}"]}
-        for bus, parts in enumerate((sensors["i2c0"], sensors["i2c1"])):
-            for part in parts:
-                if pins := _INTERRUPT_PINS.get((bus, part.address)):
-                    self.machine.lead_interrupts(bus, part, int1=pins[0], int2=pins[1])
+        for (bus, address), part in self._parts.items():
+            if pins := _INTERRUPT_PINS.get((bus, address)):
+                self.machine.lead_interrupts(bus, part, int1=pins[0], int2=pins[1])
 
     @property
     def time_s(self) -> float:

@@ -76,7 +76,7 @@ class VirtualBoard(Board):
         self.seed = bench.seed
         self.truth = _truth(bench.rig)
         self.firmware_sha256 = hashlib.sha256(bench.firmware.read_bytes()).hexdigest()
-        image = load_image(bench.firmware)
+        image = bench.machine.image
         self.compiler_flags, self.elf_build_id = image.compiler_flags, image.build_id
         # Nothing is lost on a simulated line: what is not answered in time would not be answered the second time.
         session = Session(port, transcript=transcript, nonce_seed=bench.seed, attempts=1)
