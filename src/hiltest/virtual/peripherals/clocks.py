@@ -57,11 +57,18 @@ class ClockGenerator:
     def _pll_selected(self) -> bool:
         return bool(self._registers[5] & 0x40)
 
+    @property
+    def _pll_runs(self) -> bool:
+        """Whether PLLS or PLLCLKEN0 has it running; never in BLPI and BLPE."""
+        bypassed_at_low_power = self._source != 0 and self._registers[1] & 0x02
+        return not bypassed_at_low_power and (self._pll_selected or bool(self._registers[4] & 0x40))
+
     def _status(self) -> int:
         internal = bool(self._registers[0] & 0x04)
         clock = {0: 3 if self._pll_selected else 0, 1: 1}.get(self._source, 2)
-        pll = 0x60 if self._pll_selected else 0  # PLLST, LOCK0
-        return (0x10 if internal else 0) | pll | clock << 2 | 0x02  # OSCINIT0
+        selected = 0x20 if self._pll_selected else 0  # PLLST
+        locked = 0x40 if self._pll_runs else 0  # LOCK0
+        return (0x10 if internal else 0) | selected | locked | clock << 2 | 0x02  # OSCINIT0
 
     @property
     def output_hz(self) -> float:

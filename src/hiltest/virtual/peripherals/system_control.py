@@ -63,6 +63,8 @@ class SysTick:
                 self._cancel()
         elif offset == 0x14:
             self._reload = value & 0xFFFFFF
+            if self._control & 1 and self._event is None:  # it stands at zero: the reload value starts it
+                self._start(self._reload + 1)
         elif offset == 0x18:
             self._flag = False
             self._held = 0
