@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from hiltest.errors import BoardFault, ConfigError
 from hiltest.virtual.elf import FirmwareImage
-from hiltest.virtual.k64f import CORE_HZ, VirtualK64F
+from hiltest.virtual.k64f import VirtualK64F
 
 from .conftest import SHIPPED, Build
 
@@ -84,8 +84,8 @@ def test_a_fault_names_its_cause_and_place(build: Build, what: str, code: str, c
 def test_waiting_in_a_loop_for_interrupts_passes_time_and_is_no_hang(build: Build) -> None:
     board = VirtualK64F(build(HEAD + WAITS_FOR_TICKS + TAIL))
     board.run_until(0.1)
-    # 12 million cycles, a tick every thousand.
-    assert board.processor.registers.snapshot()["r7"] == pytest.approx(12_000, abs=2)
+    # A tick every thousand cycles, which are 2.1 million out of reset.
+    assert board.processor.registers.snapshot()["r7"] == pytest.approx(2_097, abs=2)
     assert board.position().startswith("hung, looping to itself in main (program.S:")
 
 
@@ -133,7 +133,8 @@ def test_an_image_for_a_neighbouring_core_is_refused(build: Build, flags: list[s
 
 
 @pytest.mark.parametrize(
-    ("position", "word"), [(0, 0), (0, 0x20030004), (4, 0), (4, 0x00000410), (4, 0x20000001)],
+    ("position", "word"),
+    [(0, 0), (0, 0x20030004), (4, 0), (4, 0x00000410), (4, 0x20000001)],
     ids=["no stack", "stack past SRAM", "no reset", "no Thumb bit", "reset in RAM"],
 )
 def test_a_vector_table_that_is_none_is_refused(build: Build, position: int, word: int) -> None:
@@ -169,4 +170,4 @@ def test_ctrl_c_stops_a_running_board_and_it_can_go_on(build: Build) -> None:
     stopped = board.cycles
     assert stopped > 0
     board.run_until(board.time_s + 0.001)
-    assert board.cycles - stopped == pytest.approx(0.001 * CORE_HZ, abs=10)  # and the block that passes it
+    assert board.cycles - stopped == pytest.approx(0.001 * board.clocks.core_hz, abs=10)  # and the block that passes it

@@ -7,7 +7,7 @@ import pytest
 from hiltest.virtual.accounting import AccountingFactory
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.i2c_bus import I2cBus
-from hiltest.virtual.k64f import CORE_HZ, VirtualK64F
+from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.nvic import FIRST_INTERRUPT
 from hiltest.virtual.peripherals.pit import PeriodicTimers
 from hiltest.virtual.peripherals.system_control import SysTick
@@ -57,8 +57,8 @@ def test_start_up_reaches_the_clocks_it_promises(booted: VirtualK64F) -> None:
 def test_the_processor_sleeps_while_nothing_is_to_do(booted: VirtualK64F) -> None:
     cycles, idle = booted.cycles, booted.processor.idle_cycles
     booted.run_until(1.2)
-    assert booted.cycles - cycles == pytest.approx(CORE_HZ, rel=1e-6)
-    assert booted.processor.idle_cycles - idle > 0.999 * CORE_HZ
+    assert booted.cycles - cycles == pytest.approx(120e6, rel=1e-6)
+    assert booted.processor.idle_cycles - idle > 0.999 * 120e6
 
 
 def test_running_until_a_time_reaches_it_whatever_the_rounding(booted: VirtualK64F) -> None:
@@ -178,8 +178,7 @@ def _idle_processor() -> Processor:
 
 
 def test_chained_timers_count_expiries() -> None:
-    board = VirtualK64F(SHIPPED)
-    timers = PeriodicTimers(board.processor, board.clocks)
+    board, timers = _timers()
     # Out of reset core and bus run from the same 20.97 MHz: one bus clock a cycle.
     timers.write(0x100, 4, 99)  # LDVAL0: expires every 100 bus clocks
     timers.write(0x110, 4, 0xFFFFFFFF)
@@ -192,7 +191,9 @@ def test_chained_timers_count_expiries() -> None:
 
 def _timers() -> tuple[VirtualK64F, PeriodicTimers]:
     board = VirtualK64F(SHIPPED)
-    return board, PeriodicTimers(board.processor, board.clocks)
+    timers = PeriodicTimers(board.processor, board.clocks)
+    timers.write(0x0, 4, 0)  # MCR: enables the module
+    return board, timers
 
 
 def _pass(board: VirtualK64F, cycles: int) -> None:
@@ -226,9 +227,47 @@ def test_a_chained_timer_interrupts_when_the_chain_has_run_down() -> None:
     assert timers.read(0x11C, 4) == 1
 
 
+def test_a_new_load_value_counts_from_the_next_expiry() -> None:
+    board, timers = _timers()
+    timers.write(0x100, 4, 99)
+    timers.write(0x108, 4, 1)
+    _pass(board, 50)
+    timers.write(0x100, 4, 9)
+    assert timers.read(0x104, 4) == 49
+    _pass(board, 50 + 3)
+    assert timers.read(0x104, 4) == 9 - 3
+
+
+def test_a_chained_timer_keeps_its_count_when_the_one_before_stops() -> None:
+    board, timers = _timers()
+    timers.write(0x100, 4, 99)
+    timers.write(0x110, 4, 1000)
+    timers.write(0x118, 4, 5)
+    timers.write(0x108, 4, 1)
+    _pass(board, 250)
+    timers.write(0x108, 4, 0)
+    _pass(board, 250)
+    assert timers.read(0x114, 4) == 1000 - 2
+
+
+def test_timers_stand_still_while_their_module_is_disabled() -> None:
+    board, timers = _timers()
+    timers.write(0x100, 4, 99)
+    timers.write(0x108, 4, 3)
+    _pass(board, 60)
+    timers.write(0x0, 4, 2)
+    _pass(board, 1000)
+    timers.write(0x0, 4, 0)
+    _pass(board, 39)
+    assert not timers.read(0x10C, 4)
+    _pass(board, 1)
+    assert timers.read(0x10C, 4)
+
+
 def test_systick_counts_down_and_flags_its_expiry() -> None:
-    processor = _idle_processor()
-    timer = SysTick(processor)
+    board = VirtualK64F(SHIPPED)
+    processor = board.processor
+    timer = SysTick(processor, board.clocks.core)
     timer.write(0x14, 999)
     timer.write(0x18, 0)
     timer.write(0x10, 5)

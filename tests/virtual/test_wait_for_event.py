@@ -51,12 +51,12 @@ def counting(request: pytest.FixtureRequest) -> AccountingFactory:
 
 @pytest.mark.parametrize("wait", ["wfe", "wfe.w"])
 def test_it_sleeps_from_interrupt_to_interrupt(build_c: Build, counting: AccountingFactory, wait: str) -> None:
-    elf = build_c(PROGRAM % f'tick_every(12000); for (;;) {{ __asm volatile("{wait}"); rounds++; }}')
+    elf = build_c(PROGRAM % f'tick_every(2097); for (;;) {{ __asm volatile("{wait}"); rounds++; }}')
     board = VirtualK64F(elf, accounting=counting)
     board.run_until(0.01)
-    assert word(board, "ticks") == 99  # the first is over 100 us after some start-up code
+    assert word(board, "ticks") == 99  # every 100 us at 20.97 MHz; the first comes after some start-up code
     assert 99 <= word(board, "rounds") <= 2 * 99  # a handler's entry is an event, and so is its return
-    assert board.processor.idle_cycles > 0.99 * board.cycles
+    assert board.processor.idle_cycles > 0.97 * board.cycles  # a tick takes 45 of its 2 097 cycles
 
 
 def test_an_event_that_was_sent_is_taken_once(build_c: Build, counting: AccountingFactory) -> None:

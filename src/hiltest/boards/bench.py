@@ -7,7 +7,7 @@ from pathlib import Path
 from hiltest.angles import Pose
 from hiltest.errors import ConfigError
 from hiltest.rig import Rig, build_sensors, build_world
-from hiltest.virtual.k64f import CORE_HZ, VirtualK64F
+from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.profile_file import DEFAULT_PROFILE, SUFFIX, place_of
 from hiltest.world.faces import askew
 from hiltest.world.motion import MOVE_GRID_S, MotionSegment
@@ -139,7 +139,7 @@ class VirtualBench:
     @property
     def firmware_clock_began_s(self) -> float:
         """Virtual time at which the firmware's clock, channel 0 of the PIT, began: soon after power-on or reset."""
-        return self.machine.timers.began_cycles(0) / CORE_HZ
+        return self.machine.timers.enabled_s(0)
 
     def attitude_at(self, board_us: int) -> Pose:
         """Return the board's true attitude at a time of the firmware's clock [us]."""

@@ -65,9 +65,7 @@ def join_pytest_benchmark(plugins: pytest.PytestPluginManager) -> None:
         plugins.register(sys.modules[__name__], "hiltest-cycle-benchmarks")
 
 
-def read_rounds(
-    cost: int | Counted | Iterable[int | Counted], cycle_model: str = ""
-) -> tuple[list[int], str]:
+def read_rounds(cost: int | Counted | Iterable[int | Counted], cycle_model: str = "") -> tuple[list[int], str]:
     """Return the cycles of each round, and what counted them.
 
     Raises
@@ -109,7 +107,11 @@ class BenchmarkCycles:
         self._called = False
 
     def __call__(
-        self, kernel: str, cost: int | Counted | Iterable[int | Counted], *, cycle_model: str = "",
+        self,
+        kernel: str,
+        cost: int | Counted | Iterable[int | Counted],
+        *,
+        cycle_model: str = "",
         from_float64_deg: float | None = None,
     ) -> None:
         """Show what a kernel cost, once in a test.
@@ -147,9 +149,7 @@ def benchmark_cycles(request: pytest.FixtureRequest, benchmark: BenchmarkFixture
     clock = request.node.stash.get(CLOCK, None)
     board = request.config.stash[SESSION].board if uses_board(request.node) else None
 
-    def show(
-        clock: DeviceClock, kernel: str, rounds: list[int], cycle_model: str, known: dict[str, float]
-    ) -> None:
+    def show(clock: DeviceClock, kernel: str, rounds: list[int], cycle_model: str, known: dict[str, float]) -> None:
         """Let pytest-benchmark time the rounds of a kernel by a clock that reads device cycles."""
         # The worst round stays when the data of every round does not: a budget holds for it.
         benchmark.extra_info |= {CYCLES: max(rounds), CYCLE_MODEL: cycle_model} | known
@@ -223,9 +223,9 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
 def _describe(board: Board | None) -> dict[str, Any]:
     """Say what counted: a board, or the virtual one that ``cycles(elf)`` makes for itself."""
     if board is None:
-        from hiltest.virtual.k64f import CORE_HZ
+        from hiltest.virtual.k64f import CALL_HZ
 
-        return {"kind": "virtual", "unique_id": None, CORE_CLOCK_HZ: CORE_HZ}
+        return {"kind": "virtual", "unique_id": None, CORE_CLOCK_HZ: CALL_HZ}
     identity = board.identity
     return {"kind": str(board.kind), "unique_id": identity.unique_id.hex(), CORE_CLOCK_HZ: identity.core_clock_hz}
 
@@ -236,6 +236,8 @@ def _firmware(board: Board | None) -> dict[str, Any]:
         return {}
     identity = board.identity
     return {
-        "firmware": f"{identity.name} {identity.version}", "build_id": identity.build_id,
-        "compiler": identity.compiler, "firmware_sha256": board.firmware_sha256,
+        "firmware": f"{identity.name} {identity.version}",
+        "build_id": identity.build_id,
+        "compiler": identity.compiler,
+        "firmware_sha256": board.firmware_sha256,
     }

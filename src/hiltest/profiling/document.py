@@ -14,7 +14,7 @@ from pydantic import TypeAdapter
 
 from hiltest.measurement import CycleRange
 from hiltest.virtual.buffers import Address, Structure
-from hiltest.virtual.k64f import CORE_HZ
+from hiltest.virtual.k64f import CALL_HZ
 from hiltest.virtual.procedure_call import Argument
 from hiltest.virtual.profiling import AddressCost, CallProfile, FunctionCost, LineCost, StackCost
 
@@ -94,7 +94,7 @@ def document(
     """
     return ProfileDocument(
         SCHEMA, str(elf), hashlib.sha256(elf.read_bytes()).hexdigest(), profile.function, tuple(texts), profile.value,
-        tuple(_buffers_left(given, left)), profile.cycles, profile.instructions, CORE_HZ, profile.cycle_model,
+        tuple(_buffers_left(given, left)), profile.cycles, profile.instructions, CALL_HZ, profile.cycle_model,
         tuple(_notes(profile)), tuple(shares(profile)), profile.functions, profile.lines, profile.addresses,
         profile.stacks, profile.band,
     )  # fmt: skip

@@ -13,6 +13,7 @@ from hiltest.virtual.cpu import RETURN_ADDRESS, Processor
 from hiltest.virtual.elf import LoadSegment, Signature
 from hiltest.virtual.memory import SRAM
 from hiltest.virtual.procedure_call import Argument, assign, result
+from hiltest.virtual.schedule import Event
 
 _SRAM_END = SRAM[0] + SRAM[1]
 _STACK_BYTES = 8192
@@ -116,7 +117,7 @@ def call_function(
     cycles, instructions = accounting.cycles, accounting.instructions
     delivered, processor.delivers_faults = processor.delivers_faults, False
     try:
-        if not processor.run(cycles + hang_cycles):
+        if not processor.run(Event(cycles + hang_cycles)):
             allowed = f"{hang_cycles} cycles (--timeout, timeout_s= give it more)"
             raise processor.fault(f"hang: {symbol} did not return within {allowed}", registers.pc.get())
         value = _result(processor, signature)
@@ -136,6 +137,8 @@ def call_function(
 def _result(processor: Processor, signature: Signature | None) -> int | float | None:
     registers = processor.registers
     return result(
-        signature.returns if signature else "unsigned", registers.arguments.read(), registers.floating.read(),
+        signature.returns if signature else "unsigned",
+        registers.arguments.read(),
+        registers.floating.read(),
         hard_float=processor.image.hard_float,
     )

@@ -29,7 +29,7 @@ from hiltest.virtual.memory import FLASH, SRAM, BoardMemory
 from hiltest.virtual.native import by_block
 from hiltest.virtual.nvic import SVCALL, SYSTICK, EventRegister, Nvic
 from hiltest.virtual.registers import CoreRegisters
-from hiltest.virtual.schedule import Schedule
+from hiltest.virtual.schedule import Event, Schedule
 from hiltest.virtual.timing import TimingProfile
 from hiltest.virtual.traps import Traps
 
@@ -264,13 +264,13 @@ class Processor:
 
     # -- running ------------------------------------------------------------------------------
 
-    def run(self, until_cycle: float, *, wake: Callable[[], bool] | None = None) -> bool:
+    def run(self, until: Event, *, wake: Callable[[], bool] | None = None) -> bool:
         """Run until virtual time, until `wake` answers true, or until a called function returns.
 
         Parameters
         ----------
-        until_cycle : float
-            Virtual time [cycles]; reached at the end of the block that passes it.
+        until : Event
+            Time when to stop; reached at the end of the block that passes it.
         wake : callable, optional
             Asked after every event.
 
@@ -289,12 +289,12 @@ class Processor:
             while True:
                 now = accounting.cycles
                 schedule.run_due(now)
-                if (wake is not None and wake()) or now >= until_cycle or interrupted():
+                if (wake is not None and wake()) or now >= until.at_cycle or interrupted():
                     return False
                 self._take_exception()
                 if self.sleeping:
-                    self._sleep(until_cycle)
-                elif self._execute(min(schedule.next_cycle, until_cycle, now + _SLICE_CYCLES)):
+                    self._sleep(until.at_cycle)
+                elif self._execute(min(schedule.next_cycle, until.at_cycle, now + _SLICE_CYCLES)):
                     return True
 
     def _take_exception(self) -> None:

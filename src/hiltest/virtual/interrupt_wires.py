@@ -6,8 +6,9 @@ import math
 from collections.abc import Callable
 from typing import Protocol
 
+from hiltest.virtual.clock import PICOSECONDS, Clock
 from hiltest.virtual.i2c_bus import I2cDevice
-from hiltest.virtual.schedule import Event, Schedule
+from hiltest.virtual.schedule import Event
 
 #: Told the new level of a pin, True is high.
 Wire = Callable[[bool], None]
@@ -37,25 +38,23 @@ class InterruptWires:
         The part.
     wires : (2,)
         Where INT1 and INT2 lead; None is not connected.
-    schedule : Schedule
-        The board's calendar.
-    core_hz : float
-        What a clock cycle of virtual time is worth [Hz].
+    time : Clock
+        Virtual time in picoseconds.
     """
 
-    def __init__(
-        self, source: InterruptSource, wires: tuple[Wire | None, Wire | None], schedule: Schedule, *, core_hz: float
-    ) -> None:
+    def __init__(self, source: InterruptSource, wires: tuple[Wire | None, Wire | None], time: Clock) -> None:
         self._source = source
         self._wires = wires
-        self._schedule = schedule
-        self._core_hz = core_hz
+        self._time = time
         self._levels: tuple[bool | None, bool | None] = (None, None)
         self._event: Event | None = None
 
-    def look(self, cycle: float) -> None:
-        """Take over the levels as they are at a cycle, and come back when they may change."""
-        time_s = cycle / self._core_hz
+    def look(self) -> None:
+        """Take over the levels as they are now, and come back when they may change."""
+        self._look_at(self._time.now())
+
+    def _look_at(self, ps: int) -> None:
+        time_s = ps / PICOSECONDS
         levels = self._source.interrupt_levels(time_s)
         before, self._levels = self._levels, levels
         for wire, level, old in zip(self._wires, levels, before, strict=True):
@@ -68,5 +67,5 @@ class InterruptWires:
             self._event.cancel()
             self._event = None
         if math.isfinite(time_s):
-            cycle = math.ceil(time_s * self._core_hz)
-            self._event = self._schedule.at(cycle, lambda: self.look(cycle))
+            ps = math.ceil(time_s * PICOSECONDS)
+            self._event = self._time.at(ps, lambda: self._look_at(ps))

@@ -5,12 +5,14 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Callable, Sequence
+from fractions import Fraction
 from pathlib import Path
 
 from hiltest.errors import BoardFault, ConfigError, place_of
 from hiltest.virtual.accounting import AccountingFactory
 from hiltest.virtual.calling import CallResult, call_function
 from hiltest.virtual.chip import mk64f12
+from hiltest.virtual.clock import PICOSECONDS
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.elf import load_image
 from hiltest.virtual.faults import FaultRecord
@@ -23,7 +25,8 @@ from hiltest.virtual.memory import SRAM
 from hiltest.virtual.memory_waits import MemoryAccounting
 from hiltest.virtual.native import by_block
 from hiltest.virtual.peripherals.bus import Peripheral, PeripheralBus, StoredRegisters
-from hiltest.virtual.peripherals.clocks import ClockGates, ClockGenerator
+from hiltest.virtual.peripherals.clock_generator import ClockGenerator
+from hiltest.virtual.peripherals.clocks import ClockGates
 from hiltest.virtual.peripherals.cycle_counter import CycleCounter
 from hiltest.virtual.peripherals.flash_control import FlashControl
 from hiltest.virtual.peripherals.i2c import I2c
@@ -36,9 +39,11 @@ from hiltest.virtual.peripherals.unmodelled import UnmodelledAccess, UnmodelledL
 from hiltest.virtual.peripherals.watchdog import Watchdog
 from hiltest.virtual.procedure_call import Argument
 from hiltest.virtual.profile_file import DEFAULT_PROFILE, load_profile
+from hiltest.virtual.schedule import Event
 from hiltest.virtual.timing import TimingProfile
 
-CORE_HZ = 120_000_000
+#: Core clock of functions that are called without boot [Hz].
+CALL_HZ = 120_000_000
 #: After so much virtual time a called function is taken to hang [s]: no function that is measured comes near, and
 #: the slowest way to count, with a profile, takes the host about a minute for it.
 HANG_S = 1.0
@@ -65,8 +70,8 @@ def _accounting_for(profile: TimingProfile) -> AccountingFactory:
 class VirtualK64F:
     """A board that runs an ELF, instruction by instruction, with a cycle count.
 
-    Virtual time counts cycles of 120 MHz from power-on; the few thousand that
-    start-up code spends on slower clocks are taken as if at 120 MHz too.
+    Virtual time follows the clocks that the firmware sets up: out of reset the core
+    runs at 20.97 MHz.
 
     Parameters
     ----------
@@ -108,10 +113,10 @@ class VirtualK64F:
         priced = load_profile(profile) if isinstance(profile, str) else profile
         self.processor = Processor(self.image, priced, accounting=accounting or _accounting_for(priced))
         generator = ClockGenerator()
-        self.clocks = ClockGates(generator)
-        self.uart0 = Uart(self.processor, self.clocks)
+        self.clocks = ClockGates(self.processor, generator)
+        self.uart0 = Uart(self.processor, self.clocks, self.clocks.core)
         self.timers = PeriodicTimers(self.processor, self.clocks)
-        self.watchdog = Watchdog(self.processor, self.clocks, core_hz=CORE_HZ, bite=self._bitten)
+        self.watchdog = Watchdog(self.clocks, bite=self._bitten)
         self._reset_control = ResetControl()
         self._bites = 0  # of the watchdog, since power-on
         self.cycle_counter = CycleCounter(self.processor)
@@ -125,7 +130,7 @@ class VirtualK64F:
         }
         self._peripherals: list[Peripheral] = [
             generator, self.clocks, self.watchdog, self._reset_control, self.uart0, self.cycle_counter,
-            SystemControlSpace(self.processor, self.cycle_counter, self._request_reset),
+            SystemControlSpace(self.processor, self.clocks.core, self.cycle_counter, self._request_reset),
             self.timers, *ports.values(), Gpio(list(ports.values())), FlashControl(self._flash_controller()),
             *self._i2c_masters(),
             *(StoredRegisters(name, base, chip.reset_bytes(base)) for name, base in _STORED.items()),
@@ -144,7 +149,7 @@ class VirtualK64F:
         self._ports = ports
         self._bus = PeripheralBus(self.processor, self._peripherals, chip.register_name)
         self.clocks.on_gates = self._bus.look_again
-        self._leds_and_buttons = LedsAndButtons(ports, lambda: self.processor.now() / CORE_HZ)
+        self._leds_and_buttons = LedsAndButtons(ports, self.clocks.time_s)
         self.events = self._leds_and_buttons.events
         self._booted = False
         self._load()
@@ -156,7 +161,7 @@ class VirtualK64F:
     def _i2c_masters(self) -> list[I2c]:
         modules = (("I2C0", 0x40066000, 24), ("I2C1", 0x40067000, 25))
         return [
-            I2c(self.processor, self.clocks, bus, core_hz=CORE_HZ, name=name, base=base, interrupt=interrupt)
+            I2c(self.processor, self.clocks, bus, name=name, base=base, interrupt=interrupt)
             for (name, base, interrupt), bus in zip(modules, self._i2c_buses, strict=True)
         ]
 
@@ -173,13 +178,9 @@ class VirtualK64F:
             Pins of the processor, such as ``PTB9``; None leaves one open.
         """
         pins = self._wire_to(int1), self._wire_to(int2)
-        wires = InterruptWires(part, pins, self.processor.schedule, core_hz=CORE_HZ)
-
-        def look() -> None:
-            wires.look(self.processor.now())
-
-        self._i2c_buses[bus].after_stop(part, look)
-        look()
+        wires = InterruptWires(part, pins, self.clocks.time)
+        self._i2c_buses[bus].after_stop(part, wires.look)
+        wires.look()
 
     def _wire_to(self, pin: str | None) -> Wire | None:
         if pin is None:
@@ -264,7 +265,7 @@ class VirtualK64F:
     @property
     def time_s(self) -> float:
         """Virtual time since power-on [s]."""
-        return self.processor.cycles / CORE_HZ
+        return self.clocks.time_s()
 
     @property
     def faults(self) -> Sequence[FaultRecord]:
@@ -333,21 +334,33 @@ class VirtualK64F:
         """
         if not self._booted:
             self.boot()
-        until = time_s * CORE_HZ
-        if math.isfinite(until):
-            until = math.ceil(until)
-            until += until / CORE_HZ < time_s  # rounding must not leave `time_s` of this board short of what was asked
-        while True:
-            try:
-                self.processor.run(until, wake=wake)
-                return
-            except _ResetRequested as request:
-                fault = self.processor.fault_log.first_cause
-                self._reset(request.source)
-                if fault is not None:
-                    raise fault.ended(str(request)) from None
+        until = self._moment(time_s)
+        try:
+            while True:
+                try:
+                    self.processor.run(until, wake=wake)
+                    return
+                except _ResetRequested as request:
+                    fault = self.processor.fault_log.first_cause
+                    self._reset(request.source)
+                    if fault is not None:
+                        raise fault.ended(str(request)) from None
+        finally:
+            until.cancel()
+
+    def _moment(self, time_s: float) -> Event:
+        """Return the event of reaching a time, whatever the clocks do until then."""
+        if not math.isfinite(time_s):
+            return Event(math.inf)
+        until = math.ceil(Fraction(time_s) * PICOSECONDS)
+        return self.clocks.time.at(until, lambda: None, wakes=False)
 
     # -- calling functions --------------------------------------------------------------------
+
+    @property
+    def call_hz(self) -> float:
+        """Core clock of a function that is called now [Hz]: as the firmware has set it up, 120 MHz without boot."""
+        return self.clocks.core_hz if self._booted else CALL_HZ
 
     def call(self, symbol: str, *arguments: Argument, timeout_s: float = HANG_S) -> CallResult:
         """Call one function of the image and count what it costs.
@@ -384,7 +397,7 @@ class VirtualK64F:
                 self.processor.memory.write(segment.run_address, segment.data + bytes(zeroed))
         try:
             return call_function(
-                self.processor, symbol, arguments, booted=self._booted, hang_cycles=round(timeout_s * CORE_HZ)
+                self.processor, symbol, arguments, booted=self._booted, hang_cycles=round(timeout_s * self.call_hz)
             )
         except _ResetRequested as request:
             by = "asked for" if request.source is ResetSource.SOFTWARE else "was ended by the watchdog with"

@@ -11,12 +11,16 @@ from collections.abc import Callable
 class Event:
     """One entry of the calendar; `cancel` takes it out."""
 
-    __slots__ = ("action", "at_cycle", "wakes")
+    __slots__ = ("action", "at_cycle", "replan", "wakes")
 
-    def __init__(self, at_cycle: float, action: Callable[[], None], wakes: bool) -> None:
+    def __init__(
+        self, at_cycle: float, action: Callable[[], None] | None = None, wakes: bool = False,
+        replan: Callable[[], float] | None = None,
+    ) -> None:  # fmt: skip
         self.at_cycle = at_cycle
         self.wakes = wakes
-        self.action: Callable[[], None] | None = action  # None once it was cancelled or has run
+        self.replan = replan
+        self.action = action  # None once it was cancelled or has run
 
     def cancel(self) -> None:
         """Make sure the action does not run (any more)."""
@@ -50,13 +54,37 @@ class Schedule:
         self._order = itertools.count()
         self.time: float = 0.0
 
-    def at(self, cycle: float, action: Callable[[], None], *, wakes: bool = True) -> Event:
-        """Call `action` when virtual time reaches `cycle`; `wakes`: firmware may wait for what it does."""
-        event = Event(cycle, action, wakes)
+    def at(
+        self, cycle: float, action: Callable[[], None], *, wakes: bool = True,
+        replan: Callable[[], float] | None = None,
+    ) -> Event:  # fmt: skip
+        """Call `action` when virtual time reaches a cycle.
+
+        Parameters
+        ----------
+        cycle : float
+            Cycle of the core.
+        action : callable
+        wakes : bool
+            Whether firmware may wait for what the action does.
+        replan : callable, optional
+            Answers the cycle anew after clocks have changed their rates.
+        """
+        event = Event(cycle, action, wakes, replan)
         heapq.heappush(self._heap, (cycle, next(self._order), event))
         if self._planned is not None:
             self._planned(cycle)
         return event
+
+    def replan(self) -> None:
+        """Find the cycles of all events anew: clocks have changed their rates."""
+        for _, _, event in self._heap:
+            if event.replan is not None:
+                event.at_cycle = event.replan()
+        self._heap = [(event.at_cycle, order, event) for _, order, event in self._heap]
+        heapq.heapify(self._heap)
+        if self._planned is not None:
+            self._planned(self.next_cycle)
 
     @property
     def next_cycle(self) -> float:

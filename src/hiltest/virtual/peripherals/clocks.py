@@ -1,86 +1,21 @@
-"""SIM, MCG and OSC: which clocks run, how fast, and which peripherals have one."""
+"""SIM: which clocks run, how fast, and which peripherals have one."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from fractions import Fraction
 
 from hiltest.virtual.chip import mk64f12
-from hiltest.virtual.peripherals.bus import Peripheral, StoredRegisters, read_by_bytes, write_by_bytes
+from hiltest.virtual.clock import PICOSECONDS, Clock
+from hiltest.virtual.cpu import Processor
+from hiltest.virtual.peripherals.bus import Peripheral, StoredRegisters
+from hiltest.virtual.peripherals.clock_generator import OSCILLATOR_HZ, RTC_HZ, ClockGenerator
 from hiltest.virtual.unique_id import VIRTUAL_UNIQUE_ID
 
-OSCILLATOR_HZ = 50_000_000  # the Ethernet PHY's clock on EXTAL0
-_SLOW_REFERENCE_HZ = 32_768
-_FAST_REFERENCE_HZ = 4_000_000
+_SOPT2, _CLKDIV1 = 0x004, 0x044
 _SCGC_FIRST, _SCGC_LAST = 0x028, 0x040  # SCGC1..SCGC7 in the page at 0x40048000
-_CLKDIV1 = 0x044
-
-
-class ClockGenerator:
-    """MCG: the multipurpose clock generator, locked as soon as it is set up."""
-
-    name = "MCG"
-    base = 0x40064000
-
-    def __init__(self) -> None:
-        self.clocked = True
-        self.on_change: Callable[[], None] = lambda: None
-        self.reset()
-
-    def reset(self) -> None:
-        """FEI: FLL on the internal reference."""
-        self._registers = bytearray(0x10)
-        self._registers[0] = 0x04  # C1: IREFS
-        self._registers[1] = 0x80  # C2: LOCRE0
-        self.on_change()
-
-    def read(self, offset: int, size: int) -> int:
-        """Answer a register; S follows from what was set up."""
-        if size > 1:
-            return read_by_bytes(self, offset, size)
-        if offset >= len(self._registers):
-            return 0
-        return self._status() if offset == 6 else self._registers[offset]
-
-    def write(self, offset: int, size: int, value: int) -> None:
-        """Take a byte; S is read-only."""
-        if size > 1:
-            write_by_bytes(self, offset, size, value)
-        elif offset < len(self._registers) and offset != 6:
-            self._registers[offset] = value
-            self.on_change()
-
-    @property
-    def _source(self) -> int:
-        return self._registers[0] >> 6
-
-    @property
-    def _pll_selected(self) -> bool:
-        return bool(self._registers[5] & 0x40)
-
-    @property
-    def _pll_runs(self) -> bool:
-        """Whether PLLS or PLLCLKEN0 has it running; never in BLPI and BLPE."""
-        bypassed_at_low_power = self._source != 0 and self._registers[1] & 0x02
-        return not bypassed_at_low_power and (self._pll_selected or bool(self._registers[4] & 0x40))
-
-    def _status(self) -> int:
-        internal = bool(self._registers[0] & 0x04)
-        clock = {0: 3 if self._pll_selected else 0, 1: 1}.get(self._source, 2)
-        selected = 0x20 if self._pll_selected else 0  # PLLST
-        locked = 0x40 if self._pll_runs else 0  # LOCK0
-        return (0x10 if internal else 0) | selected | locked | clock << 2 | 0x02  # OSCINIT0
-
-    @property
-    def output_hz(self) -> float:
-        """MCGOUTCLK [Hz]."""
-        if self._source == 1:
-            return _FAST_REFERENCE_HZ / 2 if self._registers[1] & 1 else _SLOW_REFERENCE_HZ
-        if self._source == 2:
-            return OSCILLATOR_HZ
-        if self._pll_selected:
-            divider = (self._registers[4] & 0x1F) + 1
-            return OSCILLATOR_HZ / divider * ((self._registers[5] & 0x1F) + 24)
-        return _SLOW_REFERENCE_HZ * 640
+_LOW_POWER_OSCILLATOR_HZ = 1000
+_IRC48M_HZ = 48_000_000
 
 
 class ClockGates(StoredRegisters):
@@ -88,20 +23,35 @@ class ClockGates(StoredRegisters):
 
     Parameters
     ----------
+    processor : Processor
+        Time.
     generator : ClockGenerator
         Where the core clock comes from.
 
     Attributes
     ----------
-    core_hz, bus_hz : float
-        Core and system clock, and bus clock [Hz].
+    core, bus, flexbus, flash : Clock
+        From MCGOUTCLK by the dividers.
+    pll_fll : Clock
+        MCGPLLCLK, MCGFLLCLK or IRC48M, as SOPT2 selects.
+    internal, fixed : Clock
+        MCGIRCLK and MCGFFCLK.
+    oscillator, rtc, low_power : Clock
+        OSCERCLK, 32.768 kHz, and the 1 kHz that always runs.
+    time : Clock
+        Virtual time in picoseconds since power-on.
     on_gates : callable
         Told that gates may have opened or closed.
     """
 
-    def __init__(self, generator: ClockGenerator) -> None:
+    def __init__(self, processor: Processor, generator: ClockGenerator) -> None:
+        self._processor = processor
         self._generator = generator
-        generator.on_change = self._divide
+        self.core, self.bus, self.flexbus, self.flash = self._clocks(4)
+        self.pll_fll, self.internal, self.fixed = self._clocks(3)
+        self.oscillator, self.rtc, self.low_power, self.time = self._clocks(4)
+        self._rates: dict[Clock, Fraction] = {}
+        generator.on_change = self._derive
         self._gated: list[tuple[Peripheral, list[tuple[int, int]]]] = []
         self.on_gates: Callable[[], None] = lambda: None
         # SDID of an MK64FN1M0VLL12: family K6x, subfamily K64, 100 pins.
@@ -109,6 +59,9 @@ class ClockGates(StoredRegisters):
         # UIDH, UIDMH, UIDML, UIDL: words in that order, each with its lowest byte first.
         unique = {0x054 + (index ^ 3): byte for index, byte in enumerate(VIRTUAL_UNIQUE_ID)}
         super().__init__("SIM", 0x40048000, mk64f12().reset_bytes(0x40048000) | identification | unique)
+
+    def _clocks(self, count: int) -> list[Clock]:
+        return [Clock(self._processor.schedule, self._processor.now) for _ in range(count)]
 
     def gate(self, peripheral: Peripheral, gates: Iterable[tuple[int, int]]) -> None:
         """Clock a peripheral while any of these bits of SCGC registers (1..7) is set; always, if there are none."""
@@ -120,23 +73,55 @@ class ClockGates(StoredRegisters):
     def reset(self) -> None:
         """Close every gate but those that are open out of reset."""
         super().reset()
-        self._divide()
+        self._derive()
         self._open_gates()
 
     def write(self, offset: int, size: int, value: int) -> None:
         """Keep the value; open and close gates."""
         super().write(offset, size, value)
-        self._divide()
         if _SCGC_FIRST <= offset <= _SCGC_LAST + 3:
             self._open_gates()
+        else:
+            self._derive()
 
     def _open_gates(self) -> None:
         for peripheral, bits in self._gated:
             peripheral.clocked = any(self.word(register) >> bit & 1 for register, bit in bits)
         self.on_gates()
 
-    def _divide(self) -> None:
-        # Looked up for every byte on the wires, changed a few times at start-up.
-        dividers = self.word(_CLKDIV1)
-        self.core_hz = self._generator.output_hz / ((dividers >> 28) + 1)
-        self.bus_hz = self._generator.output_hz / ((dividers >> 24 & 0xF) + 1)
+    # -- rates --------------------------------------------------------------------------------
+
+    @property
+    def core_hz(self) -> float:
+        """Core and system clock [Hz]."""
+        return float(self.core.hz)
+
+    @property
+    def bus_hz(self) -> float:
+        """Bus clock [Hz]."""
+        return float(self.bus.hz)
+
+    def time_s(self) -> float:
+        """Virtual time since power-on, inside a peripheral's access too [s]."""
+        return self.time.now() / PICOSECONDS
+
+    def _derive(self) -> None:
+        """Find every rate; those that have changed hold from now on."""
+        made, dividers, source = self._generator, self.word(_CLKDIV1), self.word(_SOPT2) >> 16 & 3
+        rates = {
+            divided: made.output_hz / ((dividers >> shift & 0xF) + 1)
+            for divided, shift in ((self.core, 28), (self.bus, 24), (self.flexbus, 20), (self.flash, 16))
+        }
+        rates |= {
+            self.pll_fll: {0: made.fll_hz, 1: made.pll_hz}.get(source, Fraction(_IRC48M_HZ)),
+            self.internal: made.internal_hz if made.internal_runs else Fraction(0),
+            self.fixed: made.reference_hz, self.oscillator: Fraction(OSCILLATOR_HZ), self.rtc: Fraction(RTC_HZ),
+            self.low_power: Fraction(_LOW_POWER_OSCILLATOR_HZ), self.time: Fraction(PICOSECONDS),
+        }  # fmt: skip
+        if rates == self._rates:
+            return
+        self._rates = rates
+        now = self._processor.now()
+        for clock, hz in rates.items():
+            clock.run_at(hz, rates[self.core], now)
+        self._processor.schedule.replan()

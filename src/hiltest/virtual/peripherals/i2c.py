@@ -29,28 +29,24 @@ class I2c:
     Parameters
     ----------
     processor : Processor
-        Time and interrupts.
+        Interrupts.
     clocks : ClockGates
-        The module clock is the bus clock.
+        Time; the module clock is the bus clock.
     bus : I2cBus
         The parts on the wires.
-    core_hz : float
-        What a clock cycle of virtual time is worth [Hz].
     name, base, interrupt
         Which of the chip's modules this is.
     """
 
     def __init__(
-        self, processor: Processor, clocks: ClockGates, bus: I2cBus, *, core_hz: float, name: str, base: int,
-        interrupt: int,
+        self, processor: Processor, clocks: ClockGates, bus: I2cBus, *, name: str, base: int, interrupt: int
     ) -> None:  # fmt: skip
         self.name = name
         self.base = base
         self.clocked = True
-        self._processor = processor
+        self._nvic = processor.nvic
         self._clocks = clocks
         self._bus = bus
-        self._core_hz = core_hz
         self._interrupt = interrupt
         self._transfer: Event | None = None
         self.reset()
@@ -66,11 +62,6 @@ class I2c:
         self._address_next = False
         self._receiving = False
 
-    def _byte_cycles(self, clocks: int) -> int:
-        frequency = self._registers[_F]
-        divider = _DIVIDERS[frequency & 0x3F] << (frequency >> 6)
-        return round(clocks * divider * self._clocks.core_hz / self._clocks.bus_hz)
-
     def read(self, offset: int, size: int) -> int:
         """Answer a byte register; reading D as receiver starts the next byte."""
         if size > 1:
@@ -83,9 +74,8 @@ class I2c:
         control = self._registers[_C1]
         if control & _MST and not control & _TX and self._transfer is None:
             self._receiving = True
-            now = self._processor.now()
-            self._data = self._bus.read(now / self._core_hz)
-            self._begin(now, _CLOCKS_A_BYTE)
+            self._data = self._bus.read(self._clocks.time_s())
+            self._begin(_CLOCKS_A_BYTE)
             # The byte that is under way can be read only when it is complete.
             self._arriving, self._data = self._data, value
         return value
@@ -115,7 +105,7 @@ class I2c:
             self._status |= _BUSY
             self._address_next = True
         elif before & _MST and not value & _MST:
-            self._bus.stop(self._processor.now() / self._core_hz)
+            self._bus.stop(self._clocks.time_s())
             self._status &= ~_BUSY
         self._drive()
 
@@ -124,19 +114,21 @@ class I2c:
         if not (control & _MST and control & _TX) or self._transfer is not None:
             return
         self._receiving = False
-        now = self._processor.now()
-        time_s = now / self._core_hz
+        time_s = self._clocks.time_s()
         if self._address_next:
             self._address_next = False
             self._acknowledged = self._bus.address(value, time_s)
-            self._begin(now, _CLOCKS_A_BYTE + _START_CLOCKS)
+            self._begin(_CLOCKS_A_BYTE + _START_CLOCKS)
         else:
             self._acknowledged = self._bus.write(value, time_s)
-            self._begin(now, _CLOCKS_A_BYTE)
+            self._begin(_CLOCKS_A_BYTE)
 
-    def _begin(self, now: int, clocks: int) -> None:
+    def _begin(self, clocks: int) -> None:
+        """Begin a byte that takes so many clocks of the wire."""
         self._status &= ~_TCF
-        self._transfer = self._processor.schedule.at(now + self._byte_cycles(clocks), self._complete)
+        frequency = self._registers[_F]
+        divider = _DIVIDERS[frequency & 0x3F] << (frequency >> 6)
+        self._transfer = self._clocks.bus.after(clocks * divider, self._complete)
 
     def _complete(self) -> None:
         self._transfer = None
@@ -151,4 +143,4 @@ class I2c:
 
     def _drive(self) -> None:
         requested = bool(self._status & _IICIF and self._registers[_C1] & _IICIE)
-        self._processor.nvic.set_line(self._interrupt, requested)
+        self._nvic.set_line(self._interrupt, requested)

@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.peripherals.clocks import ClockGates
 from hiltest.virtual.schedule import Event
 
-_FIRST_CHANNEL, _CHANNELS = 0x100, 4
+_MCR, _FIRST_CHANNEL, _CHANNELS = 0x0, 0x100, 4
 _LDVAL, _CVAL, _TCTRL, _TFLG = 0x0, 0x4, 0x8, 0xC
+_MDIS = 2
 _TEN, _TIE, _CHN = 1, 2, 4
 _FIRST_INTERRUPT = 48
 
 
+@dataclass(slots=True)
 class _Channel:
-    def __init__(self) -> None:
-        self.load = 0
-        self.control = 0
-        self.flag = False  # latched: what `_flag` adds are expiries that no interrupt has shown
-        self.started_at = 0  # in ticks of what it counts
-        self.cleared_at = 0  # in expiries since then
-        self.event: Event | None = None
+    load: int = 0  # LDVAL: taken over at the next expiry
+    reload: int = 0  # what this round began with
+    control: int = 0
+    flag: bool = False
+    began: int = 0  # of this round, in ticks of what it counts
+    expiries: int = 0
+    enabled_s: float = 0.0
+    event: Event | None = None
 
 
 class PeriodicTimers:
@@ -30,7 +34,7 @@ class PeriodicTimers:
     Parameters
     ----------
     processor : Processor
-        Time and interrupts.
+        Interrupts.
     clocks : ClockGates
         The module clock is the bus clock.
     """
@@ -40,43 +44,53 @@ class PeriodicTimers:
 
     def __init__(self, processor: Processor, clocks: ClockGates) -> None:
         self.clocked = True
-        self._processor = processor
+        self._nvic = processor.nvic
         self._clocks = clocks
         self._channels: list[_Channel] = []
         self.reset()
 
     def reset(self) -> None:
-        """Return to the state after reset: all timers disabled."""
+        """Return to the state after reset: the module and all timers disabled."""
         for channel in self._channels:
             if channel.event is not None:
                 channel.event.cancel()
         self._channels = [_Channel() for _ in range(_CHANNELS)]
         self._mcr = 0x06
+        self._held = 0  # ticks that have reached the timers, while the module is disabled
+        self._lost = 0  # ticks of the bus clock that never did
 
-    def began_cycles(self, index: int) -> float:
-        """Return when a channel that counts bus clocks was last enabled, in core cycles since power-on."""
-        return self._channels[index].started_at * self._core_cycles_a_tick
+    def enabled_s(self, index: int) -> float:
+        """Virtual time at which a channel was last enabled [s since power-on]."""
+        return self._channels[index].enabled_s
 
-    @property
-    def _core_cycles_a_tick(self) -> float:
-        return self._clocks.core_hz / self._clocks.bus_hz
+    # -- counting -----------------------------------------------------------------------------
 
-    def _ticks(self, index: int) -> int:
-        """Ticks that reach a channel up to now: bus clocks, or expiries of the channel before."""
-        channel = self._channels[index]
-        if channel.control & _CHN and index > 0:
-            return self._expiries(index - 1)
-        return int(self._processor.now() / self._core_cycles_a_tick)
+    def _ticks(self) -> int:
+        return self._held if self._mcr & _MDIS else self._clocks.bus.now() - self._lost
 
-    def _expiries(self, index: int) -> int:
+    def _advance(self, last: int) -> None:
+        """Count up to now, from the first channel to `last`: each may count the expiries of the one before."""
+        ticks = self._ticks()
+        for index, channel in enumerate(self._channels[: last + 1]):
+            if channel.control & _TEN:
+                elapsed = self._counted(index, ticks) - channel.began
+                if elapsed > channel.reload:
+                    more = (elapsed - channel.reload - 1) // (channel.load + 1)
+                    channel.began += channel.reload + 1 + more * (channel.load + 1)
+                    channel.expiries += 1 + more
+                    channel.reload = channel.load
+                    channel.flag = True
+
+    def _counted(self, index: int, ticks: int) -> int:
+        """Ticks of what a channel counts."""
+        chained = self._channels[index].control & _CHN and index > 0
+        return self._channels[index - 1].expiries if chained else ticks
+
+    def _value(self, index: int) -> int:
         channel = self._channels[index]
         if not channel.control & _TEN:
             return 0
-        return (self._ticks(index) - channel.started_at) // (channel.load + 1)
-
-    def _flag(self, index: int) -> bool:
-        channel = self._channels[index]
-        return channel.flag or self._expiries(index) > channel.cleared_at
+        return channel.reload - (self._counted(index, self._ticks()) - channel.began)
 
     def _period(self, index: int) -> float:
         """Bus clocks from one expiry of a channel to the next; infinite where nothing counts."""
@@ -88,34 +102,33 @@ class PeriodicTimers:
     def _until_expiry(self, index: int) -> float:
         """Bus clocks up to the next expiry of a channel."""
         channel = self._channels[index]
-        if not channel.control & _TEN:
+        if not channel.control & _TEN or self._mcr & _MDIS:
             return math.inf
         if channel.control & _CHN and index > 0:
-            return self._until_expiry(index - 1) + self._value(index) * self._period(index - 1)
+            rounds = self._value(index)  # of the channel before, behind the one that is under way
+            return self._until_expiry(index - 1) + (rounds * self._period(index - 1) if rounds else 0)
         return self._value(index) + 1
 
-    def _value(self, index: int) -> int:
-        channel = self._channels[index]
-        if not channel.control & _TEN:
-            return 0
-        return channel.load - (self._ticks(index) - channel.started_at) % (channel.load + 1)
+    # -- registers ----------------------------------------------------------------------------
 
     def read(self, offset: int, size: int) -> int:
         """Answer a word register."""
-        if offset == 0:
+        if offset == _MCR:
             return self._mcr
         index, register = divmod(offset - _FIRST_CHANNEL, 0x10)
         if not 0 <= index < _CHANNELS:
             return 0
+        self._advance(index)
         channel = self._channels[index]
         if register == _CVAL:
             return self._value(index)
-        return {_LDVAL: channel.load, _TCTRL: channel.control, _TFLG: int(self._flag(index))}.get(register, 0)
+        return {_LDVAL: channel.load, _TCTRL: channel.control, _TFLG: int(channel.flag)}.get(register, 0)
 
     def write(self, offset: int, size: int, value: int) -> None:
         """Take a word register."""
-        if offset == 0:
-            self._mcr = value
+        self._advance(_CHANNELS - 1)
+        if offset == _MCR:
+            self._enable_module(value)
             return
         index, register = divmod(offset - _FIRST_CHANNEL, 0x10)
         if not 0 <= index < _CHANNELS:
@@ -124,36 +137,46 @@ class PeriodicTimers:
         if register == _LDVAL:
             channel.load = value
         elif register == _TCTRL:
-            channel.flag = self._flag(index)
-            enabling = value & _TEN and not channel.control & _TEN
-            channel.control = value
-            if enabling:
-                channel.started_at = self._ticks(index)
-            channel.cleared_at = self._expiries(index)
-            for later in range(index, _CHANNELS):  # those chained to it begin or cease to count with it
-                self._plan(later)
+            self._control(index, value & 7)
         elif register == _TFLG and value & 1:
             channel.flag = False
-            channel.cleared_at = self._expiries(index)
+        self._plan()
         self._drive(index)
 
-    def _plan(self, index: int) -> None:
-        """Schedule the next expiry of a channel that interrupts; those of others are not seen."""
-        channel = self._channels[index]
-        if channel.event is not None:
-            channel.event.cancel()
-            channel.event = None
-        left = self._until_expiry(index) * self._core_cycles_a_tick
-        if channel.control & _TIE and left < math.inf:
-            channel.event = self._processor.schedule.at(self._processor.now() + left, lambda: self._expire(index))
+    def _enable_module(self, value: int) -> None:
+        ticks = self._ticks()
+        self._mcr = value & 3
+        self._held, self._lost = ticks, self._clocks.bus.now() - ticks
+        self._plan()
+
+    def _control(self, index: int, value: int) -> None:
+        channel, ticks = self._channels[index], self._ticks()
+        elapsed = self._counted(index, ticks) - channel.began
+        enabling = value & _TEN and not channel.control & _TEN
+        channel.control = value
+        if enabling:
+            channel.reload, elapsed = channel.load, 0
+            channel.enabled_s = self._clocks.time_s()
+        channel.began = self._counted(index, ticks) - elapsed
+
+    def _plan(self) -> None:
+        """Schedule the next expiry of each channel that interrupts; those of others are not seen."""
+        for index, channel in enumerate(self._channels):
+            if channel.event is not None:
+                channel.event.cancel()
+                channel.event = None
+            left = self._until_expiry(index) if channel.control & _TIE else math.inf
+            if left < math.inf:
+                self._plan_at(index, self._clocks.bus.now() + int(left))
+
+    def _plan_at(self, index: int, tick: int) -> None:
+        self._channels[index].event = self._clocks.bus.at(tick, lambda: self._expire(index))
 
     def _expire(self, index: int) -> None:
-        channel = self._channels[index]
-        channel.flag = True
-        channel.cleared_at = self._expiries(index)
+        self._advance(_CHANNELS - 1)
         self._drive(index)
-        self._plan(index)
+        self._plan()
 
     def _drive(self, index: int) -> None:
         channel = self._channels[index]
-        self._processor.nvic.set_line(_FIRST_INTERRUPT + index, bool(channel.control & _TIE) and self._flag(index))
+        self._nvic.set_line(_FIRST_INTERRUPT + index, bool(channel.control & _TIE) and channel.flag)

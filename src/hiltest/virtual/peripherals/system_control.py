@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from hiltest.virtual.clock import Clock
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.nvic import FIRST_INTERRUPT, INTERRUPTS, NMI, PENDSV, SYSTICK
 from hiltest.virtual.peripherals.cycle_counter import CycleCounter
@@ -18,31 +19,31 @@ _SCR_SLEEPONEXIT, _SCR_SEVONPEND = 1 << 1, 1 << 4
 _ICSR_SETS = {31: NMI, 28: PENDSV, 26: SYSTICK}  # the bit below the last two clears
 _FPU_FULL_ACCESS = 0xF << 20
 _TRCENA = 1 << 24
+_CLKSOURCE = 1 << 2  # of SysTick's CSR
 
 
 class SysTick:
-    """The 24-bit system timer on the core clock."""
+    """The 24-bit system timer; on this part it counts the core clock, whatever CLKSOURCE is written."""
 
-    def __init__(self, processor: Processor) -> None:
-        self._processor = processor
+    def __init__(self, processor: Processor, core: Clock) -> None:
+        self._nvic = processor.nvic
+        self._core = core
         self._event: Event | None = None
         self.reset()
 
     def reset(self) -> None:
         """Return to the state after reset: disabled."""
-        if self._event is not None:
-            self._event.cancel()
-        self._event = None
-        self._control = 0
+        self._cancel()
+        self._control = _CLKSOURCE
         self._reload = 0
-        self._expires_at = 0  # cycle at which it reaches zero, while enabled
-        self._held = 0  # the count while it is disabled
+        self._expires_at = 0  # tick behind that at which it is zero, while it counts
+        self._held = 0  # the count while it does not
         self._flag = False
 
     def _value(self) -> int:
-        if not self._control & 1:
+        if self._event is None:
             return self._held
-        return max(self._expires_at - self._processor.now() - 1, 0) & 0xFFFFFF
+        return max(self._expires_at - self._core.now() - 1, 0) & 0xFFFFFF
 
     def read(self, offset: int) -> int:
         """Answer CSR, RVR, CVR or CALIB; reading CSR clears COUNTFLAG."""
@@ -54,41 +55,45 @@ class SysTick:
     def write(self, offset: int, value: int) -> None:
         """Take CSR, RVR or CVR; any write to CVR clears the count."""
         if offset == 0x10:
-            held = self._value()
-            was_enabled, self._control = self._control & 1, value & 7
+            self._held = self._value()
+            was_enabled, self._control = self._control & 1, value & 3 | _CLKSOURCE
             if self._control & 1 and not was_enabled:
-                self._start(held if held else self._reload + 1)
-            elif was_enabled and not self._control & 1:
-                self._held = held
+                self._start(self._held)
+            elif not self._control & 1:
                 self._cancel()
         elif offset == 0x14:
             self._reload = value & 0xFFFFFF
-            if self._control & 1 and self._event is None:  # it stands at zero: the reload value starts it
-                self._start(self._reload + 1)
+            if self._control & 1 and self._event is None:  # it stands at zero
+                self._start(0)
         elif offset == 0x18:
             self._flag = False
             self._held = 0
             if self._control & 1:
-                self._start(self._reload + 1)
+                self._start(0)
 
     def _cancel(self) -> None:
         if self._event is not None:
             self._event.cancel()
             self._event = None
 
-    def _start(self, cycles: int) -> None:
+    def _start(self, held: int) -> None:
+        """Count on from a value, or from the reload value if that is zero; with none it stays at zero."""
         self._cancel()
-        if self._reload == 0:
-            return
-        self._expires_at = self._processor.now() + cycles
-        self._event = self._processor.schedule.at(self._expires_at, self._expire)
+        if held or self._reload:
+            self._expire_at(self._core.now() + (held or self._reload) + 1)
+
+    def _expire_at(self, tick: int) -> None:
+        self._expires_at = tick
+        self._event = self._core.at(tick, self._expire)
 
     def _expire(self) -> None:
         self._flag = True
+        self._event = None
+        self._held = 0
         if self._control & 2:
-            self._processor.nvic.pend(SYSTICK)
-        self._expires_at += self._reload + 1
-        self._event = self._processor.schedule.at(self._expires_at, self._expire) if self._reload else None
+            self._nvic.pend(SYSTICK)
+        if self._reload:
+            self._expire_at(self._expires_at + self._reload + 1)
 
 
 class SystemControlSpace:
@@ -98,6 +103,8 @@ class SystemControlSpace:
     ----------
     processor : Processor
         Processor that the registers belong to.
+    core : Clock
+        The core clock, which SysTick counts.
     counter : CycleCounter
         Is enabled by DEMCR.
     request_reset : callable
@@ -107,12 +114,14 @@ class SystemControlSpace:
     name = "SCS"
     base = 0xE000E000
 
-    def __init__(self, processor: Processor, counter: CycleCounter, request_reset: Callable[[], None]) -> None:
+    def __init__(
+        self, processor: Processor, core: Clock, counter: CycleCounter, request_reset: Callable[[], None]
+    ) -> None:
         self.clocked = True
         self._processor = processor
         self._counter = counter
         self._request_reset = request_reset
-        self._systick = SysTick(processor)
+        self._systick = SysTick(processor, core)
         self._faults = FaultRegisters(processor.exceptions, processor.nvic)
         self.reset()
 

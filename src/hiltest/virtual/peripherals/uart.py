@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 
+from hiltest.virtual.clock import PICOSECONDS, Clock
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.peripherals.bus import read_by_bytes, write_by_bytes
 from hiltest.virtual.peripherals.clocks import ClockGates
@@ -26,23 +27,26 @@ class Uart:
     Parameters
     ----------
     processor : Processor
-        Time and interrupts.
+        Interrupts.
     clocks : ClockGates
-        The module clock is the core clock.
+        Time.
+    clock : Clock
+        The module clock.
     name, base, interrupt
         Which of the chip's UARTs this is.
     """
 
     def __init__(
-        self, processor: Processor, clocks: ClockGates, *, name: str = "UART0", base: int = 0x4006A000,
+        self, processor: Processor, clocks: ClockGates, clock: Clock, *, name: str = "UART0", base: int = 0x4006A000,
         interrupt: int = 31,
     ) -> None:  # fmt: skip
         self.name = name
         self.base = base
         self.clocked = True
         self.line_baud = 115_200
-        self._processor = processor
-        self._clocks = clocks
+        self._nvic = processor.nvic
+        self._time = clocks.time
+        self._clock = clock
         self._interrupt = interrupt
         self._sent = bytearray()
         self._incoming: deque[int] = deque()
@@ -63,7 +67,7 @@ class Uart:
         self._shifting: int | None = None
         self._flags = 0  # IDLE, OR, FE
         self._flags_seen = 0
-        self._quiet_since = 0.0
+        self._quiet_since = 0  # picoseconds
         self._drive()
 
     # -- the far end of the wire --------------------------------------------------------------
@@ -73,7 +77,7 @@ class Uart:
         self._incoming.extend(data)
         if not self._arriving and self._incoming:
             self._arriving = True
-            self._processor.schedule.at(self._processor.cycles + self._line_byte_cycles(), self._arrive)
+            self._arrive_at(self._time.now() + self._line_byte_ps())
 
     @property
     def host_waiting(self) -> int:
@@ -88,22 +92,28 @@ class Uart:
 
     # -- timing -------------------------------------------------------------------------------
 
-    def _line_byte_cycles(self) -> int:
-        return round(_BITS_A_BYTE * self._clocks.core_hz / self.line_baud)
+    def _line_byte_ps(self) -> int:
+        return round(_BITS_A_BYTE * PICOSECONDS / self.line_baud)
+
+    def _divisor(self) -> int:
+        """Divide the module clock by a 32nd of this for 16 times the rate."""
+        return ((self._registers[_BDH] & 0x1F) << 8 | self._registers[_BDL]) * 32 + (self._registers[_C4] & 0x1F)
 
     @property
     def baud(self) -> float:
         """The rate the firmware has set up [bit/s]."""
-        divisor = (self._registers[_BDH] & 0x1F) << 8 | self._registers[_BDL]
-        fine = (self._registers[_C4] & 0x1F) / 32
-        return self._clocks.core_hz / (16 * (divisor + fine)) if divisor else 0.0
+        divisor = self._divisor()
+        return float(self._clock.hz) * 2 / divisor if divisor >= 32 else 0.0
 
     def _garbled(self) -> bool:
         return abs(self.baud / self.line_baud - 1) > _BAUD_TOLERANCE
 
     # -- receiving ----------------------------------------------------------------------------
 
-    def _arrive(self) -> None:
+    def _arrive_at(self, ps: int) -> None:
+        self._time.at(ps, lambda: self._arrive(ps))
+
+    def _arrive(self, ps: int) -> None:
         byte = self._incoming.popleft()
         if self.clocked and self._registers[_C2] & _RE:
             if self._garbled():
@@ -115,17 +125,16 @@ class Uart:
             else:
                 self._flags |= _OR
                 self._registers[_SFIFO] |= _RXOF
-        spacing = self._line_byte_cycles()
-        schedule = self._processor.schedule
-        self._quiet_since = schedule.time
+        next_ps = ps + self._line_byte_ps()
+        self._quiet_since = ps
         if self._incoming:
-            schedule.at(schedule.time + spacing, self._arrive)
+            self._arrive_at(next_ps)
         else:
             self._arriving = False
-            schedule.at(schedule.time + spacing, self._line_idle(self._quiet_since))
+            self._time.at(next_ps, self._line_idle(ps))
         self._drive()
 
-    def _line_idle(self, since: float) -> Callable[[], None]:
+    def _line_idle(self, since: int) -> Callable[[], None]:
         def idle() -> None:
             if self._quiet_since == since and not self._arriving:
                 self._flags |= _IDLE
@@ -137,20 +146,20 @@ class Uart:
 
     def _shift(self) -> None:
         if self._shifting is None and self._transmit:
-            self._shifting = self._transmit.popleft()
-            baud = self.baud
-            byte_cycles = round(_BITS_A_BYTE * self._clocks.core_hz / baud) if baud else 1
-            self._sending = self._processor.schedule.at(self._processor.now() + byte_cycles, self._shifted)
+            self._shift_at(self._clock.now())
 
-    def _shifted(self) -> None:
+    def _shift_at(self, tick: int) -> None:
+        """Put the next byte on the line at a tick of the module clock."""
+        self._shifting = self._transmit.popleft()
+        end = tick + _BITS_A_BYTE * self._divisor() // 2
+        self._sending = self._clock.at(end, lambda: self._shifted(end))
+
+    def _shifted(self, tick: int) -> None:
         if self._shifting is not None:
             self._sent.append(self._shifting ^ 0xFF if self._garbled() else self._shifting)
         self._shifting = None
         if self._transmit:
-            self._shifting = self._transmit.popleft()
-            byte_cycles = round(_BITS_A_BYTE * self._clocks.core_hz / self.baud)
-            schedule = self._processor.schedule
-            self._sending = schedule.at(schedule.time + byte_cycles, self._shifted)
+            self._shift_at(tick)
         self._drive()
 
     # -- registers ----------------------------------------------------------------------------
@@ -167,7 +176,7 @@ class Uart:
 
     def _drive(self) -> None:
         # C2's TIE, TCIE, RIE and ILIE stand where S1 has TDRE, TC, RDRF and IDLE.
-        nvic = self._processor.nvic
+        nvic = self._nvic
         nvic.set_line(self._interrupt, bool(self._status() & self._registers[_C2] & 0xF0))
         nvic.set_line(self._interrupt + 1, bool(self._flags & self._registers[_C3] & 0x0F))
 

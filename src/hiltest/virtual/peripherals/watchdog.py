@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from hiltest.virtual.chip import mk64f12
-from hiltest.virtual.cpu import Processor
+from hiltest.virtual.clock import Clock
 from hiltest.virtual.peripherals.bus import StoredRegisters
 from hiltest.virtual.peripherals.clocks import ClockGates
 from hiltest.virtual.schedule import Event
@@ -26,22 +27,14 @@ class Watchdog(StoredRegisters):
 
     Parameters
     ----------
-    processor : Processor
-        Time.
     clocks : ClockGates
         It counts the bus clock, or a low-power oscillator of 1 kHz.
-    core_hz : float
-        Cycles of virtual time in a second.
     bite : callable
         Called when its time is over; resets the part.
     """
 
-    def __init__(
-        self, processor: Processor, clocks: ClockGates, *, core_hz: float, bite: Callable[[], None]
-    ) -> None:
-        self._processor = processor
+    def __init__(self, clocks: ClockGates, *, bite: Callable[[], None]) -> None:
         self._clocks = clocks
-        self._core_hz = core_hz
         self._bite = bite
         self._event: Event | None = None
         super().__init__("WDOG", _BASE, mk64f12().reset_bytes(_BASE))
@@ -51,7 +44,7 @@ class Watchdog(StoredRegisters):
         super().reset()
         self._unlock: list[int] = []
         self._refresh: list[int] = []
-        self._since = 0.0
+        self._since = 0  # in ticks of the clock that it counts
         if self._event is not None:
             self._event.cancel()
             self._event = None
@@ -63,20 +56,14 @@ class Watchdog(StoredRegisters):
 
     def start(self) -> None:
         """Count from nothing again."""
-        self._count_from(self._processor.now())
-
-    def _count_from(self, cycle: float) -> None:
-        self._since = cycle
+        self._since = self._clock.now()
         # Served more often than it is due, it is not planned anew: `_look` comes too early then, and once again.
-        if self._event is not None and (self._event.at_cycle > self._due or not self.enabled):
-            self._event.cancel()
-            self._event = None
         if self.enabled and self._event is None:
             self._plan()
 
     def _plan(self) -> None:
         # Nothing waits for a watchdog: what sleeps for ever or loops to itself is a hang, reported at once.
-        self._event = self._processor.schedule.at(self._due, self._look, wakes=False)
+        self._event = self._clock.at(self._due, self._look, wakes=False)
 
     def write(self, offset: int, size: int, value: int) -> None:
         """Take a write; STCTRLH only after the unlock sequence."""
@@ -88,26 +75,35 @@ class Watchdog(StoredRegisters):
                 self.start()
         elif offset != _STCTRLH or self._unlock == _UNLOCKING:
             super().write(offset, size, value)
-            self._count_from(self._processor.now() + _WINDOW_BUS_CLOCKS * self._cycles_a_bus_clock)
+            self._set_up()
+
+    def _set_up(self) -> None:
+        """Count from the end of the window for setting up, by what counts now."""
+        if self._event is not None:
+            self._event.cancel()
+            self._event = None
+        bus = self._clocks.bus
+        opened_until = bus.cycle_of(bus.now() + _WINDOW_BUS_CLOCKS)
+        self._since = self._clock.ticks_at(int(opened_until)) if math.isfinite(opened_until) else self._clock.now()
+        if self.enabled:
+            self._plan()
 
     def _half(self, offset: int) -> int:
         return int.from_bytes(self._bytes[offset : offset + 2], "little")
 
     @property
-    def _due(self) -> float:
-        """End of its time-out, by the clocks as they are now [cycles]."""
-        ticks = (self._half(_TOVALH) << 16 | self._half(_TOVALL)) * ((self._half(_PRESC) >> 8 & 7) + 1)
-        by_bus_clock = self._bytes[_STCTRLH] & _CLKSRC
-        cycles_a_tick = self._cycles_a_bus_clock if by_bus_clock else self._core_hz / _LOW_POWER_OSCILLATOR_HZ
-        return self._since + ticks * cycles_a_tick
+    def _clock(self) -> Clock:
+        return self._clocks.bus if self._bytes[_STCTRLH] & _CLKSRC else self._clocks.low_power
 
     @property
-    def _cycles_a_bus_clock(self) -> float:
-        return self._clocks.core_hz / self._clocks.bus_hz
+    def _due(self) -> int:
+        """End of its time-out, in ticks of the clock that it counts."""
+        ticks = (self._half(_TOVALH) << 16 | self._half(_TOVALL)) * ((self._half(_PRESC) >> 8 & 7) + 1)
+        return self._since + ticks
 
     def _look(self) -> None:
         self._event = None
-        if self._due > self._processor.schedule.time:
+        if self._due > self._clock.now():
             self._plan()
         else:
             self._bite()

@@ -1,0 +1,73 @@
+"""Clocks of the part: how many ticks of each have passed, whatever their rates were meanwhile."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from fractions import Fraction
+
+from hiltest.virtual.schedule import Event, Schedule
+
+PICOSECONDS = 10**12  # in a second: ticks of the clock that keeps virtual time
+
+
+class Clock:
+    """One clock of the part; its ticks are counted since power-on.
+
+    Virtual time is counted in cycles of the core. Every clock has a rate against them, which changes
+    when firmware sets up its clocks anew; ticks that have passed stay passed.
+
+    Parameters
+    ----------
+    schedule : Schedule
+        Calendar in cycles of the core.
+    now : callable
+        Answers the cycle, inside a peripheral's access too.
+
+    Attributes
+    ----------
+    hz : Fraction
+        Rate now; 0 while it stands still.
+    """
+
+    def __init__(self, schedule: Schedule, now: Callable[[], int]) -> None:
+        self.hz = Fraction(0)
+        self._schedule = schedule
+        self._cycle = now
+        # Ticks at a cycle are (passed + (cycle - since) * numerator) // denominator: exact, in whole numbers.
+        self._since = 0
+        self._passed = 0
+        self._numerator = 0
+        self._denominator = 1
+
+    def now(self) -> int:
+        """Ticks since power-on."""
+        return self.ticks_at(self._cycle())
+
+    def ticks_at(self, cycle: int) -> int:
+        """Ticks that have passed by a cycle of the core."""
+        return (self._passed + (cycle - self._since) * self._numerator) // self._denominator
+
+    def cycle_of(self, tick: int) -> float:
+        """First cycle of the core at which so many ticks have passed; infinity while the clock stands still."""
+        if not self._numerator:
+            return self._since if tick * self._denominator <= self._passed else math.inf
+        return self._since - (self._passed - tick * self._denominator) // self._numerator
+
+    def at(self, tick: int, action: Callable[[], None], *, wakes: bool = True) -> Event:
+        """Call `action` when so many ticks have passed, at whatever rate; `wakes` as in `Schedule.at`."""
+        return self._schedule.at(self.cycle_of(tick), action, wakes=wakes, replan=lambda: self.cycle_of(tick))
+
+    def after(self, ticks: int, action: Callable[[], None], *, wakes: bool = True) -> Event:
+        """Call `action` so many ticks from now."""
+        return self.at(self.now() + ticks, action, wakes=wakes)
+
+    def run_at(self, hz: Fraction, core_hz: Fraction, cycle: int) -> None:
+        """Change the rate from a cycle on; whoever does so has the schedule `replan` afterwards."""
+        passed = Fraction(self._passed + (cycle - self._since) * self._numerator, self._denominator)
+        rate = hz / core_hz
+        self.hz = hz
+        self._since = cycle
+        self._denominator = math.lcm(rate.denominator, passed.denominator)
+        self._numerator = rate.numerator * (self._denominator // rate.denominator)
+        self._passed = passed.numerator * (self._denominator // passed.denominator)
