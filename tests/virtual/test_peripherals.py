@@ -191,7 +191,7 @@ def test_chained_timers_count_expiries() -> None:
 
 def _timers() -> tuple[VirtualK64F, PeriodicTimers]:
     board = VirtualK64F(SHIPPED)
-    timers = PeriodicTimers(board.processor, board.clocks)
+    timers = board.timers
     timers.write(0x0, 4, 0)  # MCR: enables the module
     return board, timers
 

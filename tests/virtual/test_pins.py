@@ -6,6 +6,7 @@ import pytest
 
 from hiltest.errors import ConfigError
 from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.chip import mk64f12
 from hiltest.virtual.nvic import FIRST_INTERRUPT, Nvic
 from hiltest.virtual.peripherals.pins import Gpio, Port
 
@@ -23,7 +24,8 @@ def nvic() -> Nvic:
 
 @pytest.fixture
 def port(nvic: Nvic) -> Port:
-    return Port("A", 0x40049000, 59, nvic, {})
+    (port_a,) = (module for module in mk64f12().peripherals if module.name == "PORTA")
+    return Port(port_a, nvic, {})
 
 
 def pending(nvic: Nvic) -> bool:

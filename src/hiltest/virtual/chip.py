@@ -1,7 +1,7 @@
-"""Peripherals and registers of the MK64F12 by name, for those that the virtual board does not model.
+"""Peripherals and registers of the MK64F12 by name.
 
-The tables in ``mk64f12/`` hold facts of the part (names, addresses, widths, values
-after reset, clock gates), as its reference manual lists them.
+The tables in ``mk64f12/`` hold facts of the part (names, addresses, widths, values after
+reset, clock gates, interrupts, sources of DMA requests), as its reference manual lists them.
 """
 
 from __future__ import annotations
@@ -35,6 +35,10 @@ class ChipPeripheral:
         Its addresses.
     gates : tuple of (int, int)
         Number of the SCGC register (1 to 7) and bit; any one that is set gives it a clock. Empty: it always has one.
+    interrupts : tuple of int
+        Its interrupts, in the order of the vector table.
+    requests : tuple of int
+        Its sources of the DMA multiplexer.
     """
 
     name: str
@@ -42,6 +46,8 @@ class ChipPeripheral:
     size: int
     gates: tuple[tuple[int, int], ...]
     registers: tuple[ChipRegister, ...]
+    interrupts: tuple[int, ...]
+    requests: tuple[int, ...]
 
 
 class Chip:
@@ -119,5 +125,6 @@ def mk64f12() -> Chip:
             for register, offset, size, reset in kinds[row["registers"]]
         )
         scgc = tuple((int(register), int(bit)) for register, bit in gates)
-        peripherals.append(ChipPeripheral(name, base, int(row["size"], 0), scgc, registers))
+        interrupts, requests = (tuple(map(int, row[column].split())) for column in ("interrupts", "requests"))
+        peripherals.append(ChipPeripheral(name, base, int(row["size"], 0), scgc, registers, interrupts, requests))
     return Chip(tuple(peripherals))

@@ -11,32 +11,20 @@ from pathlib import Path
 from hiltest.errors import BoardFault, ConfigError, place_of
 from hiltest.virtual.accounting import AccountingFactory
 from hiltest.virtual.calling import CallResult, call_function
-from hiltest.virtual.chip import mk64f12
 from hiltest.virtual.clock import PICOSECONDS
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.elf import load_image
 from hiltest.virtual.faults import FaultRecord
-from hiltest.virtual.flash_waits import FlashController
 from hiltest.virtual.frdm_k64f import LedsAndButtons
-from hiltest.virtual.i2c_bus import I2cBus, I2cDevice
+from hiltest.virtual.i2c_bus import I2cDevice
 from hiltest.virtual.instructions import decode
-from hiltest.virtual.interrupt_wires import InterruptSource, InterruptWires, Wire
+from hiltest.virtual.interrupt_wires import InterruptSource, InterruptWires
 from hiltest.virtual.memory import SRAM
 from hiltest.virtual.memory_waits import MemoryAccounting
+from hiltest.virtual.microcontroller import Microcontroller
 from hiltest.virtual.native import by_block
-from hiltest.virtual.peripherals.bus import Peripheral, PeripheralBus, StoredRegisters
-from hiltest.virtual.peripherals.clock_generator import ClockGenerator
-from hiltest.virtual.peripherals.clocks import ClockGates
-from hiltest.virtual.peripherals.cycle_counter import CycleCounter
-from hiltest.virtual.peripherals.flash_control import FlashControl
-from hiltest.virtual.peripherals.i2c import I2c
-from hiltest.virtual.peripherals.pins import Gpio, Port
-from hiltest.virtual.peripherals.pit import PeriodicTimers
-from hiltest.virtual.peripherals.reset_control import ResetControl, ResetSource
-from hiltest.virtual.peripherals.system_control import SystemControlSpace
-from hiltest.virtual.peripherals.uart import Uart
-from hiltest.virtual.peripherals.unmodelled import UnmodelledAccess, UnmodelledLog, UnmodelledPage
-from hiltest.virtual.peripherals.watchdog import Watchdog
+from hiltest.virtual.peripherals.reset_control import ResetRequested, ResetSource
+from hiltest.virtual.peripherals.unmodelled import UnmodelledAccess
 from hiltest.virtual.procedure_call import Argument
 from hiltest.virtual.profile_file import DEFAULT_PROFILE, load_profile
 from hiltest.virtual.schedule import Event
@@ -47,21 +35,6 @@ CALL_HZ = 120_000_000
 #: After so much virtual time a called function is taken to hang [s]: no function that is measured comes near, and
 #: the slowest way to count, with a profile, takes the host about a minute for it.
 HANG_S = 1.0
-
-# Registers that firmware sets up without an effect that it could see: not reported.
-_STORED = {
-    "SIM (SOPT)": 0x40047000, "OSC": 0x40065000, "SMC": 0x4007E000, "SYSMPU": 0x4000D000, "PMC": 0x4007D000,
-}  # fmt: skip
-_FIRST_PORT, _FIRST_PORT_INTERRUPT = 0x40049000, 59
-
-
-class _ResetRequested(Exception):
-    """Request to reset the part: by AIRCR, or by the watchdog."""
-
-    def __init__(self, source: ResetSource) -> None:
-        super().__init__("the watchdog reset it" if source is ResetSource.WATCHDOG else "the firmware reset itself")
-        self.source = source
-
 
 def _accounting_for(profile: TimingProfile) -> AccountingFactory:
     return MemoryAccounting if profile.memory else by_block
@@ -112,58 +85,13 @@ class VirtualK64F:
         self.image = load_image(Path(elf) if isinstance(elf, str) else elf)
         priced = load_profile(profile) if isinstance(profile, str) else profile
         self.processor = Processor(self.image, priced, accounting=accounting or _accounting_for(priced))
-        generator = ClockGenerator()
-        self.clocks = ClockGates(self.processor, generator)
-        self.uart0 = Uart(self.processor, self.clocks, self.clocks.core)
-        self.timers = PeriodicTimers(self.processor, self.clocks)
-        self.watchdog = Watchdog(self.clocks, bite=self._bitten)
-        self._reset_control = ResetControl()
-        self._bites = 0  # of the watchdog, since power-on
-        self.cycle_counter = CycleCounter(self.processor)
-        self._i2c_buses = (I2cBus(i2c0), I2cBus(i2c1))
-        chip = mk64f12()
-        nvic = self.processor.nvic
-        ports = {
-            letter: Port(letter, base, _FIRST_PORT_INTERRUPT + index, nvic, chip.reset_bytes(base))
-            for index, letter in enumerate("ABCDE")
-            for base in [_FIRST_PORT + 0x1000 * index]
-        }
-        self._peripherals: list[Peripheral] = [
-            generator, self.clocks, self.watchdog, self._reset_control, self.uart0, self.cycle_counter,
-            SystemControlSpace(self.processor, self.clocks.core, self.cycle_counter, self._request_reset),
-            self.timers, *ports.values(), Gpio(list(ports.values())), FlashControl(self._flash_controller()),
-            *self._i2c_masters(),
-            *(StoredRegisters(name, base, chip.reset_bytes(base)) for name, base in _STORED.items()),
-        ]  # fmt: skip
-        self._unmodelled = UnmodelledLog(self.processor, chip)
-        if not strict:
-            modelled = {peripheral.base >> 12 for peripheral in self._peripherals}
-            self._peripherals += [
-                UnmodelledPage(page << 12, peripherals, chip, self._unmodelled)
-                for page, peripherals in chip.pages.items()
-                if page not in modelled
-            ]
-        for peripheral in self._peripherals:
-            gates = {gate for entry in chip.pages.get(peripheral.base >> 12, ()) for gate in entry.gates}
-            self.clocks.gate(peripheral, gates)
-        self._ports = ports
-        self._bus = PeripheralBus(self.processor, self._peripherals, chip.register_name)
-        self.clocks.on_gates = self._bus.look_again
-        self._leds_and_buttons = LedsAndButtons(ports, self.clocks.time_s)
+        self._chip = chip = Microcontroller(self.processor, (i2c0, i2c1), strict=strict)
+        self.clocks, self.uart0, self.timers = chip.clocks, chip.uart0, chip.timers
+        self.watchdog, self.cycle_counter = chip.watchdog, chip.cycle_counter
+        self._leds_and_buttons = LedsAndButtons(chip.ports, self.clocks.time_s)
         self.events = self._leds_and_buttons.events
         self._booted = False
         self._load()
-
-    def _flash_controller(self) -> FlashController | None:
-        accounting = self.processor.accounting
-        return accounting.flash if isinstance(accounting, MemoryAccounting) else None
-
-    def _i2c_masters(self) -> list[I2c]:
-        modules = (("I2C0", 0x40066000, 24), ("I2C1", 0x40067000, 25))
-        return [
-            I2c(self.processor, self.clocks, bus, name=name, base=base, interrupt=interrupt)
-            for (name, base, interrupt), bus in zip(modules, self._i2c_buses, strict=True)
-        ]
 
     def lead_interrupts(self, bus: int, part: InterruptSource, *, int1: str | None, int2: str | None) -> None:
         """Connect the interrupt pins of a part.
@@ -177,16 +105,10 @@ class VirtualK64F:
         int1, int2 : str or None
             Pins of the processor, such as ``PTB9``; None leaves one open.
         """
-        pins = self._wire_to(int1), self._wire_to(int2)
+        pins = self._chip.wire_to(int1), self._chip.wire_to(int2)
         wires = InterruptWires(part, pins, self.clocks.time)
-        self._i2c_buses[bus].after_stop(part, wires.look)
+        self._chip.i2c_buses[bus].after_stop(part, wires.look)
         wires.look()
-
-    def _wire_to(self, pin: str | None) -> Wire | None:
-        if pin is None:
-            return None
-        port, number = self._ports[pin[2]], int(pin[3:])
-        return lambda high: port.drive(number, high)
 
     # -- memory and reset ---------------------------------------------------------------------
 
@@ -206,7 +128,7 @@ class VirtualK64F:
     def boot(self) -> None:
         """Power on: start the firmware from its vector table at the next `run_until`."""
         self._load()
-        self._bites = 0
+        self._chip.bites = 0
         self._reset(ResetSource.POWER_ON)
         self.processor.delivers_faults = True
         self._booted = True
@@ -216,10 +138,7 @@ class VirtualK64F:
         processor.nvic.reset()
         processor.exceptions.reset()
         processor.fault_log.forget_open()
-        for peripheral in self._peripherals:
-            peripheral.reset()
-        self._reset_control.reset_by(source)
-        self.watchdog.start()
+        self._chip.reset(source)
         processor.sleeping = False
         processor.accounting.forget_code()
         processor.accounting.flush_pipeline()
@@ -242,13 +161,6 @@ class VirtualK64F:
                 f"0x{entry:08x}); link the vectors to 0, the stack into SRAM, and handlers with the Thumb bit"
             )
         return stack, entry
-
-    def _request_reset(self) -> None:
-        self.processor.abort(_ResetRequested(ResetSource.SOFTWARE))
-
-    def _bitten(self) -> None:
-        self._bites += 1
-        raise _ResetRequested(ResetSource.WATCHDOG)  # the emulator stands still: nothing to abort
 
     # -- time ---------------------------------------------------------------------------------
 
@@ -275,7 +187,7 @@ class VirtualK64F:
     @property
     def unmodelled(self) -> Sequence[UnmodelledAccess]:
         """First access to each register that keeps what is written and does nothing; `str` of one is a sentence."""
-        return self._unmodelled.accesses
+        return self._chip.unmodelled.accesses
 
     def press(self, button: str) -> None:
         """Press ``SW2`` or ``SW3``, and keep it pressed."""
@@ -304,8 +216,8 @@ class VirtualK64F:
             return f"asleep in {place}"
         if self._loops_at(pc & ~1):
             return f"hung, looping to itself in {place}"
-        polled = self._unmodelled.polled
-        bitten = f", reset {self._bites} times by its watchdog" if self._bites else ""
+        polled = self._chip.unmodelled.polled
+        bitten = f", reset {self._chip.bites} times by its watchdog" if self._chip.bites else ""
         return f"executing {place}" + (f", polling {polled}, which is not modelled" if polled else "") + bitten
 
     def _loops_at(self, address: int) -> bool:
@@ -340,7 +252,7 @@ class VirtualK64F:
                 try:
                     self.processor.run(until, wake=wake)
                     return
-                except _ResetRequested as request:
+                except ResetRequested as request:
                     fault = self.processor.fault_log.first_cause
                     self._reset(request.source)
                     if fault is not None:
@@ -399,6 +311,6 @@ class VirtualK64F:
             return call_function(
                 self.processor, symbol, arguments, booted=self._booted, hang_cycles=round(timeout_s * self.call_hz)
             )
-        except _ResetRequested as request:
+        except ResetRequested as request:
             by = "asked for" if request.source is ResetSource.SOFTWARE else "was ended by the watchdog with"
             raise BoardFault(f"{symbol} {by} a system reset", pc=self.image.symbols[symbol].address) from None

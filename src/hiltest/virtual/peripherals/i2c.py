@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from hiltest.virtual.chip import ChipPeripheral
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.i2c_bus import I2cBus
 from hiltest.virtual.peripherals.bus import read_by_bytes, write_by_bytes
@@ -34,20 +35,18 @@ class I2c:
         Time; the module clock is the bus clock.
     bus : I2cBus
         The parts on the wires.
-    name, base, interrupt
+    module : ChipPeripheral
         Which of the chip's modules this is.
     """
 
-    def __init__(
-        self, processor: Processor, clocks: ClockGates, bus: I2cBus, *, name: str, base: int, interrupt: int
-    ) -> None:  # fmt: skip
-        self.name = name
-        self.base = base
+    def __init__(self, processor: Processor, clocks: ClockGates, bus: I2cBus, module: ChipPeripheral) -> None:
+        self.name = module.name
+        self.base = module.base
         self.clocked = True
         self._nvic = processor.nvic
         self._clocks = clocks
         self._bus = bus
-        self._interrupt = interrupt
+        (self._interrupt,) = module.interrupts
         self._transfer: Event | None = None
         self.reset()
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from hiltest.virtual.chip import ChipPeripheral
 from hiltest.virtual.nvic import Nvic
 from hiltest.virtual.peripherals.bus import StoredRegisters
 
@@ -21,10 +22,8 @@ class Port(StoredRegisters):
 
     Parameters
     ----------
-    letter : str
-        ``A`` to ``E``.
-    base, interrupt
-        Address and interrupt of the PORT module.
+    module : ChipPeripheral
+        The PORT module.
     nvic : Nvic
         Gets the port's interrupt.
     initial : dict of int to int
@@ -40,15 +39,15 @@ class Port(StoredRegisters):
         Told after levels or `driven_low` have changed.
     """
 
-    def __init__(self, letter: str, base: int, interrupt: int, nvic: Nvic, initial: dict[int, int]) -> None:
+    def __init__(self, module: ChipPeripheral, nvic: Nvic, initial: dict[int, int]) -> None:
         self._nvic = nvic
-        self._interrupt = interrupt
+        (self._interrupt,) = module.interrupts
         self._outside = 0  # pins that something outside the chip gives a level, and which
         self._outside_high = 0
         self.levels = 0
         self.driven_low = 0
         self.on_change: Callable[[Port], None] = lambda _port: None
-        super().__init__(f"PORT{letter}", base, initial)
+        super().__init__(module.name, module.base, initial)
 
     def reset(self) -> None:
         """Return to the state after a chip reset; what is outside stays as it is."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from hiltest.virtual.chip import ChipPeripheral
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.peripherals.clocks import ClockGates
 from hiltest.virtual.schedule import Event
@@ -13,7 +14,6 @@ _MCR, _FIRST_CHANNEL, _CHANNELS = 0x0, 0x100, 4
 _LDVAL, _CVAL, _TCTRL, _TFLG = 0x0, 0x4, 0x8, 0xC
 _MDIS = 2
 _TEN, _TIE, _CHN = 1, 2, 4
-_FIRST_INTERRUPT = 48
 
 
 @dataclass(slots=True)
@@ -37,13 +37,15 @@ class PeriodicTimers:
         Interrupts.
     clocks : ClockGates
         The module clock is the bus clock.
+    module : ChipPeripheral
+        Its addresses and interrupts.
     """
 
-    name = "PIT"
-    base = 0x40037000
-
-    def __init__(self, processor: Processor, clocks: ClockGates) -> None:
+    def __init__(self, processor: Processor, clocks: ClockGates, module: ChipPeripheral) -> None:
+        self.name = module.name
+        self.base = module.base
         self.clocked = True
+        self._interrupts = module.interrupts
         self._nvic = processor.nvic
         self._clocks = clocks
         self._channels: list[_Channel] = []
@@ -179,4 +181,4 @@ class PeriodicTimers:
 
     def _drive(self, index: int) -> None:
         channel = self._channels[index]
-        self._nvic.set_line(_FIRST_INTERRUPT + index, bool(channel.control & _TIE) and channel.flag)
+        self._nvic.set_line(self._interrupts[index], bool(channel.control & _TIE) and channel.flag)

@@ -15,6 +15,14 @@ class ResetSource(Enum):
     SOFTWARE = 0x0400
 
 
+class ResetRequested(Exception):
+    """Request to reset the part: by AIRCR, or by the watchdog."""
+
+    def __init__(self, source: ResetSource) -> None:
+        super().__init__("the watchdog reset it" if source is ResetSource.WATCHDOG else "the firmware reset itself")
+        self.source = source
+
+
 class ResetControl(StoredRegisters):
     """The module; of its registers only those that name the source do anything."""
 

@@ -1,10 +1,11 @@
-"""UART0: the serial port, bit-timed, with its FIFOs and interrupts."""
+"""UART: a serial port, bit-timed, with its FIFOs and interrupts."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
 
+from hiltest.virtual.chip import ChipPeripheral
 from hiltest.virtual.clock import PICOSECONDS, Clock
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.peripherals.bus import read_by_bytes, write_by_bytes
@@ -32,22 +33,19 @@ class Uart:
         Time.
     clock : Clock
         The module clock.
-    name, base, interrupt
+    module : ChipPeripheral
         Which of the chip's UARTs this is.
     """
 
-    def __init__(
-        self, processor: Processor, clocks: ClockGates, clock: Clock, *, name: str = "UART0", base: int = 0x4006A000,
-        interrupt: int = 31,
-    ) -> None:  # fmt: skip
-        self.name = name
-        self.base = base
+    def __init__(self, processor: Processor, clocks: ClockGates, clock: Clock, module: ChipPeripheral) -> None:
+        self.name = module.name
+        self.base = module.base
         self.clocked = True
         self.line_baud = 115_200
         self._nvic = processor.nvic
         self._time = clocks.time
         self._clock = clock
-        self._interrupt = interrupt
+        self._status_interrupt, self._error_interrupt = module.interrupts
         self._sent = bytearray()
         self._incoming: deque[int] = deque()
         self._arriving = False
@@ -177,8 +175,8 @@ class Uart:
     def _drive(self) -> None:
         # C2's TIE, TCIE, RIE and ILIE stand where S1 has TDRE, TC, RDRF and IDLE.
         nvic = self._nvic
-        nvic.set_line(self._interrupt, bool(self._status() & self._registers[_C2] & 0xF0))
-        nvic.set_line(self._interrupt + 1, bool(self._flags & self._registers[_C3] & 0x0F))
+        nvic.set_line(self._status_interrupt, bool(self._status() & self._registers[_C2] & 0xF0))
+        nvic.set_line(self._error_interrupt, bool(self._flags & self._registers[_C3] & 0x0F))
 
     def read(self, offset: int, size: int) -> int:
         """Answer a byte register."""
