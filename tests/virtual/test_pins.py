@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from hiltest.errors import ConfigError
-from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.chip import mk64f12
+from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.nvic import FIRST_INTERRUPT, Nvic
 from hiltest.virtual.peripherals.pins import Gpio, Port
 
