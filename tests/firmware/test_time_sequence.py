@@ -137,7 +137,7 @@ def test_a_supervisor_call_of_no_sequence_ends_as_every_unexpected_exception() -
 def test_the_flash_controller_forgets_what_it_held_before_a_run_and_is_switched_off_under_it_where_asked() -> None:
     bench = Bench()
     (controller,) = (
-        each for each in bench.board._peripherals if isinstance(each, StoredRegisters) and each.name == "FMC"
+        each for each in bench.board._chip._peripherals if isinstance(each, StoredRegisters) and each.name == "FMC"
     )
     written: list[tuple[int, int]] = []
     write = controller.write
