@@ -121,6 +121,13 @@ def test_a_build_id_that_is_not_the_elfs(copy_of_the_firmware: FirmwareCopy, tmp
     assert ended.measured == {}
 
 
+def test_a_core_clock_that_is_not_the_one_it_set_up(copy_of_the_firmware: FirmwareCopy, tmp_path: Path) -> None:
+    edit = Edit("app/link_commands.c", "write_u32(reply, board.core_clock_hz);", "write_u32(reply, 60000000u);")
+    ended = run(copy_of_the_firmware.build(edit, tmp_path / "edited.elf"), tmp_path, "identity", code=23)
+    assert "answers a core clock of 60 MHz, and the core runs at 120" in ended.output
+    assert ended.measured == {}
+
+
 def test_the_packaged_build_id_of_a_file_without_a_note(
     copy_of_the_firmware: FirmwareCopy, tmp_path: Path, require_tool: Callable[[str], str]
 ) -> None:

@@ -25,6 +25,7 @@ from hiltest.virtual.function_watch import FunctionWatch
 from hiltest.virtual.peripherals.cycle_counter import CycleCounter
 
 _ACCELEROMETER_RATE_HZ = 200.0  # the firmware's, of an FXOS8700CQ in hybrid mode
+_CLOCK_TOLERANCE = 0.005  # a clock is often stated in whole MHz: 20.97 as 21
 _ID_DIGITS = 8  # 32 bits: two builds of one person's never share them
 
 # What the calibrators are called that are not called as their name is on the link.
@@ -84,6 +85,7 @@ class VirtualBoard(Board):
         super().__init__(session, description=f"virtual FRDM-K64F, seed {bench.seed}", declared=declared)
         try:
             refuse_forged_build(self.identity.build_id, image)
+            refuse_wrong_clock(self.identity.core_clock_hz, bench.machine.clocks.core_hz)
         except ProtocolError:
             session.close()
             raise
@@ -165,6 +167,15 @@ def refuse_forged_build(answered: str, image: FirmwareImage) -> None:
         raise VersionMismatchError(
             f"{image.name}: the firmware answers build {answered}, the packaged one, and is another file; "
             "give each build an id of its own"
+        )
+
+
+def refuse_wrong_clock(answered_hz: int, core_hz: float) -> None:
+    """Raise a VersionMismatchError when the firmware answers another core clock than it has set up."""
+    if abs(answered_hz / core_hz - 1.0) > _CLOCK_TOLERANCE:
+        raise VersionMismatchError(
+            f"the firmware answers a core clock of {answered_hz / 1e6:g} MHz, and the core runs at {core_hz / 1e6:g}; "
+            "answer the clock that the MCG and the SIM's dividers make: times and budgets follow from it"
         )
 
 
