@@ -7,6 +7,7 @@ from pathlib import Path
 from hiltest.angles import Pose
 from hiltest.errors import ConfigError
 from hiltest.rig import Rig, build_sensors, build_world
+from hiltest.rig.parts import PARTS
 from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.profile_file import DEFAULT_PROFILE, SUFFIX, place_of
 from hiltest.world.faces import askew
@@ -15,14 +16,6 @@ from hiltest.world.sway import SWAY_S, Sway
 
 #: From power-on until the firmware listens and its sensors are set up [s]: the gyroscope alone boots for 60 ms.
 START_UP_S = 0.2
-
-# Where interrupt pins lead, by bus and address: on the shield as it is jumpered when it ships (its MAG3110 is not led
-# anywhere then) to D2, D4 and D5; on the board itself, where INT1 shares its pin with the button SW2.
-_INTERRUPT_PINS = {
-    (1, 0x1E): ("PTB9", "PTB23"),
-    (1, 0x20): ("PTA2", None),
-    (0, 0x1D): ("PTC6", "PTC13"),
-}
 
 
 def default_firmware() -> Path:
@@ -82,9 +75,11 @@ class VirtualBench:
             self.firmware, i2c0=sensors["i2c0"], i2c1=sensors["i2c1"], profile=_timing_of(rig), strict=firmware is None
         )
         self._parts = {(bus, part.address): part for bus in (0, 1) for part in sensors[f"i2c{bus}"]}
-        for (bus, address), part in self._parts.items():
-            if pins := _INTERRUPT_PINS.get((bus, address)):
-                self.machine.lead_interrupts(bus, part, int1=pins[0], int2=pins[1])
+        for described in (PARTS[name] for name in rig.world.fitted):
+            int1, int2 = described.pins
+            if int1 or int2:
+                part = self._parts[described.bus, described.address]
+                self.machine.lead_interrupts(described.bus, part, int1=int1, int2=int2)
 
     @property
     def time_s(self) -> float:

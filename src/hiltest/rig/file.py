@@ -21,9 +21,9 @@ from pydantic_core import ErrorDetails
 
 from hiltest.errors import ConfigError, UnknownKeyError
 from hiltest.measurement import Limit, Reference, Section, Tolerance, identify, is_direction, nearest_name
+from hiltest.rig.parts import sensor_names
 from hiltest.rig.rig import Rig, refuse_unknown_sensors
 from hiltest.rig.tables import STRICT, RigValueError
-from hiltest.rig.world import SENSORS
 from hiltest.strict_json import read_bounded
 
 # Fields of a rig that no file may set.
@@ -99,7 +99,7 @@ def load_rig(path: Path | str) -> Rig:
     _refuse_tolerances_beyond_limits(rig, source)
     _refuse_coarse_faces(rig, source)
     if rig.world is not None:
-        refuse_unknown_sensors(rig, SENSORS)
+        refuse_unknown_sensors(rig, sensor_names())
     return rig
 
 

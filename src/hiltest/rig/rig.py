@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from hiltest.errors import ConfigError
 from hiltest.measurement import Limit, Tolerance
+from hiltest.rig.parts import PARTS, scaled
 from hiltest.rig.tables import (
     STRICT,
     BoardPlace,
@@ -32,10 +33,10 @@ from hiltest.rig.tables import (
     TurntableSettings,
     require,
 )
-from hiltest.rig.world import MAGNETOMETER_PARTS, MAGNETOMETER_RANGE_UT, SimulatedWorld
+from hiltest.rig.world import SimulatedWorld
 
 if TYPE_CHECKING:
-    from hiltest.sensors import AccelerometerErrors, Drift, RegisterDevice
+    from hiltest.sensors import RegisterDevice
     from hiltest.world import EarthField, World
 
 # What a declared noise may differ from the simulated one by: data sheets give it to about that.
@@ -115,7 +116,8 @@ class Rig:
                 'is missing: procedure.accelerometer_calibration "six-position" needs to know how true they are')
         if self.world is not None and self.magnetometer_part is not None:
             part, world = self.magnetometer_part, self.world
-            reading_ut, range_ut = world.largest_reading_ut(part, self.field.strength_ut), MAGNETOMETER_RANGE_UT[part]
+            reading_ut = world.largest_reading_ut(part, self.field.strength_ut)
+            range_ut = PARTS[part].magnetometer_range_ut or 0.0
             require(reading_ut < range_ut, "world",
                     f"hard_iron_ut makes {part} read up to {reading_ut:.0f} uT; its axes stop at {range_ut:.0f}")
             self._check_noise("magnetometer_noise_ut", self.sensors.magnetometer_noise_ut, world.noise_ut(part), "uT")
@@ -141,11 +143,13 @@ class Rig:
 
     @property
     def magnetometer_part(self) -> str | None:
-        """The part of `FITTED_PARTS` of the magnetometer under test; None where it is no known one."""
-        if self.sensors.magnetometer is not None:
-            return MAGNETOMETER_PARTS.get(self.sensors.magnetometer)
-        fitted = self.world.fitted if self.world else ()
-        return next((part for part in MAGNETOMETER_PARTS.values() if part in fitted), None)
+        """The part of `PARTS` whose magnetometer is under test; None where it is no known one."""
+        named, fitted = self.sensors.magnetometer, self.world.fitted if self.world else ()
+        for name, part in PARTS.items():
+            magnetometer = part.sensors.get("magnetometer")
+            if magnetometer is not None and (name in fitted if named is None else named == magnetometer):
+                return name
+        return None
 
 
 def refuse_unknown_sensors(rig: Rig, known: Mapping[str, Sequence[str]]) -> None:
@@ -211,7 +215,7 @@ def world_truth(rig: Rig) -> WorldTruth | None:
         soft_iron=rig.world.soft_iron,
         hard_iron_counts=(COUNTS_PER_UT * x, COUNTS_PER_UT * y, COUNTS_PER_UT * z),
         accelerometer_response=rig.world.accelerometer_response,
-        accelerometer_offset_g=_scaled(rig.world.accelerometer_offset_mg, 1e-3),
+        accelerometer_offset_g=scaled(rig.world.accelerometer_offset_mg, 1e-3),
         gyroscope_bias_dps=rig.world.gyroscope_bias_dps,
         gyroscope_response=rig.world.gyroscope_response,
         mounting_yaw_deg=_true_yaw_deg(rig, rig.world),
@@ -256,43 +260,10 @@ def build_sensors(rig: Rig, world: World, seed: int) -> dict[str, list[RegisterD
     dict
         ``"i2c0"``: what is on the FRDM-K64F itself; ``"i2c1"``: the sensor shield.
     """
-    from hiltest.sensors import Fxas21002c, Fxos8700cq, Mag3110
-    from hiltest.world import MagneticDistortion
-
     truth = _simulated(rig)
-    drift = truth.drift
-    distortion = MagneticDistortion(truth.soft_iron, truth.hard_iron_ut)
-
-    def fxos8700cq(address: int, name: str) -> Fxos8700cq:
-        """Make one of the two: the shield's, or the one on the board itself."""
-        return Fxos8700cq(
-            world, MagneticDistortion(truth.soft_iron, truth.hard_iron_at_ut("fxos8700cq")), seed=seed,
-            address=address, name=name, errors=_accelerometer_errors(truth),
-            magnetometer_noise_ut=truth.fxos8700cq_noise_ut,
-            accelerometer_drift=_drift(offset=_scaled(drift.accelerometer_offset_mg_per_degc, 1e-3)),
-            magnetometer_drift=_drift(
-                offset=drift.fxos8700cq_zero_flux_ut_per_degc, gain_percent=drift.fxos8700cq_gain_percent_per_degc
-            ),
-        )
-
-    mag3110 = Mag3110(
-        world, distortion, seed=seed, noise_ut=truth.mag3110_noise_ut,
-        drift=_drift(gain_percent=drift.mag3110_gain_percent_per_degc),
-    )
-    fxas21002c = Fxas21002c(
-        world, seed=seed, bias_dps=truth.gyroscope_bias_dps, drift=_drift(offset=drift.gyroscope_bias_dps_per_degc),
-        noise_density=1e-3 * truth.gyroscope_noise_mdps_per_rthz, response=truth.gyroscope_response,
-    )
-    parts: dict[str, tuple[str, RegisterDevice]] = {
-        "mag3110": ("i2c1", mag3110),
-        "fxos8700cq": ("i2c1", fxos8700cq(0x1E, "shield")),
-        "fxas21002c": ("i2c1", fxas21002c),
-        "onboard-fxos8700cq": ("i2c0", fxos8700cq(0x1D, "onboard")),
-    }
     buses: dict[str, list[RegisterDevice]] = {"i2c0": [], "i2c1": []}
-    for name in truth.fitted:
-        bus, part = parts[name]
-        buses[bus].append(part)
+    for part in (PARTS[name] for name in truth.fitted):
+        buses[f"i2c{part.bus}"].append(part.make(world, truth, seed, part))
     return buses
 
 
@@ -312,29 +283,6 @@ def _true_yaw_deg(rig: Rig, world: SimulatedWorld) -> float:
     if world.mounting_yaw_deg is not None:
         return world.mounting_yaw_deg
     return rig.mounting.yaw_deg if rig.mounting else 0.0
-
-
-def _accelerometer_errors(truth: SimulatedWorld) -> AccelerometerErrors:
-    from hiltest.sensors import AccelerometerErrors
-
-    x, y, z = truth.accelerometer_offset_mg
-    gain_x, gain_y, gain_z = truth.accelerometer_gain_error_percent
-    row_x, row_y, row_z = truth.accelerometer_cross_axis_percent
-    return AccelerometerErrors(
-        (x / 1000.0, y / 1000.0, z / 1000.0), (gain_x / 100.0, gain_y / 100.0, gain_z / 100.0),
-        (_scaled(row_x, 1e-2), _scaled(row_y, 1e-2), _scaled(row_z, 1e-2)),
-    )
-
-
-def _drift(*, offset: Triple = (0.0, 0.0, 0.0), gain_percent: Triple = (0.0, 0.0, 0.0)) -> Drift:
-    from hiltest.sensors import Drift
-
-    return Drift(offset, _scaled(gain_percent, 1e-2))
-
-
-def _scaled(triple: Triple, factor: float) -> Triple:
-    x, y, z = triple
-    return (factor * x, factor * y, factor * z)
 
 
 def conditions_sha256(rig: Rig) -> str:

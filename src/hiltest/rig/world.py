@@ -6,26 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from hiltest.rig.parts import PARTS
 from hiltest.rig.tables import STRICT, Triple, require
-
-# Where an axis of a magnetometer stops [uT], data sheets: the MAG3110's words, its own zero-flux offset of up
-# to 1000 uT in them, at 20 000 counts; the FXOS8700CQ at its full scale.
-MAGNETOMETER_RANGE_UT = {"mag3110": 2000.0, "fxos8700cq": 1200.0, "onboard-fxos8700cq": 1200.0}
-# By the names that the packaged firmware gives them.
-MAGNETOMETER_PARTS = {
-    "MAG3110": "mag3110",
-    "FXOS8700CQ magnetometer": "fxos8700cq",
-    "on-board FXOS8700CQ magnetometer": "onboard-fxos8700cq",
-}
-
-#: Names of the sensors of a simulated world, by their kind, as the packaged firmware gives them.
-SENSORS = {
-    "magnetometer": tuple(MAGNETOMETER_PARTS),
-    "accelerometer": ("FXOS8700CQ accelerometer", "on-board FXOS8700CQ accelerometer"),
-    "gyroscope": ("FXAS21002C",),
-}
-
-FITTED_PARTS = ("mag3110", "fxos8700cq", "fxas21002c", "onboard-fxos8700cq")
 
 # Of the box that the rows of a soft iron span, beside one with the same edges at right angles.
 _SMALLEST_VOLUME = 1e-3
@@ -99,7 +81,7 @@ class SimulatedWorld:
     drift : TemperatureDrift
         What temperature does to the readings.
     fitted : tuple of str
-        Which parts are there: see `FITTED_PARTS`.
+        Which parts are there: see `PARTS`.
     mirrored : bool or None
         True where the soft iron is meant to mirror the field, as a wrong sign in its file does.
     """
@@ -123,7 +105,7 @@ class SimulatedWorld:
     temperature_ramp_s: float | None = None
     temperature_time_constant_s: float | None = None
     drift: TemperatureDrift = TemperatureDrift()
-    fitted: tuple[str, ...] = FITTED_PARTS
+    fitted: tuple[str, ...] = tuple(PARTS)
     mirrored: bool | None = None
 
     def __post_init__(self) -> None:
@@ -140,8 +122,8 @@ class SimulatedWorld:
                 "is singular: it maps every field into a plane, and no calibration can undo that")
         require(volume > 0.0 or bool(self.mirrored), "soft_iron",
                 "mirrors the field: its determinant is negative; write mirrored = true beside it if it is meant to")
-        strangers = [part for part in self.fitted if part not in FITTED_PARTS]
-        require(not strangers, "fitted", f"names {strangers}; known parts: {', '.join(FITTED_PARTS)}")
+        strangers = [part for part in self.fitted if part not in PARTS]
+        require(not strangers, "fitted", f"names {strangers}; known parts: {', '.join(PARTS)}")
 
     def _check_temperature(self) -> None:
         courses = {
@@ -168,14 +150,14 @@ class SimulatedWorld:
         return rows[0], rows[1], rows[2]
 
     def hard_iron_at_ut(self, part: str) -> Triple:
-        """Return the constant field at a magnetometer of `FITTED_PARTS`, its zero-flux offset included [uT]."""
+        """Return the constant field at a magnetometer of `PARTS`, its zero-flux offset included [uT]."""
         if part == "mag3110":
             return self.hard_iron_ut
         x, y, z = (hard + zero for hard, zero in zip(self.hard_iron_ut, self.fxos8700cq_zero_flux_ut, strict=True))
         return (x, y, z)
 
     def noise_ut(self, part: str) -> float:
-        """Return the rms noise of a magnetometer of `FITTED_PARTS` as the packaged firmware sets it [uT]."""
+        """Return the rms noise of a magnetometer of `PARTS` as the packaged firmware sets it [uT]."""
         return self.mag3110_noise_ut[0] if part == "mag3110" else math.sqrt(math.prod(self.fxos8700cq_noise_ut))
 
     def largest_reading_ut(self, part: str, strength_ut: float) -> float:

@@ -1,0 +1,131 @@
+"""The sensor parts of the bench: where each is on the buses, what the firmware calls it, and the model of it.
+
+Importing it is cheap: the models are imported when a board is built.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from hiltest.rig.tables import Triple
+
+if TYPE_CHECKING:
+    from hiltest.rig.world import SimulatedWorld
+    from hiltest.sensors import AccelerometerErrors, Drift, Fxos8700cq, RegisterDevice
+    from hiltest.world import World
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One part on an I2C bus.
+
+    Attributes
+    ----------
+    bus, address : int
+        I2C module, and the part's 7-bit address.
+    make : callable
+        Makes its model from the world, what the rig says of that, the noise seed, and this part.
+    sensors : mapping of str to str
+        What the packaged firmware calls each sensor in it, by kind.
+    pins : tuple of (str or None)
+        Pins of the processor that its INT1 and INT2 lead to.
+    magnetometer_range_ut : float or None
+        Where an axis of its magnetometer stops, data sheet.
+    """
+
+    bus: int
+    address: int
+    make: Callable[[World, SimulatedWorld, int, Part], RegisterDevice]
+    sensors: Mapping[str, str]
+    pins: tuple[str | None, str | None] = field(default=(None, None))
+    magnetometer_range_ut: float | None = None
+
+
+def _mag3110(world: World, truth: SimulatedWorld, seed: int, _part: Part) -> RegisterDevice:
+    from hiltest.sensors import Mag3110
+    from hiltest.world import MagneticDistortion
+
+    return Mag3110(
+        world, MagneticDistortion(truth.soft_iron, truth.hard_iron_ut), seed=seed, noise_ut=truth.mag3110_noise_ut,
+        drift=_drift(gain_percent=truth.drift.mag3110_gain_percent_per_degc),
+    )
+
+
+def _fxos8700cq(world: World, truth: SimulatedWorld, seed: int, part: Part) -> Fxos8700cq:
+    from hiltest.sensors import Fxos8700cq
+    from hiltest.world import MagneticDistortion
+
+    drift = truth.drift
+    return Fxos8700cq(
+        world, MagneticDistortion(truth.soft_iron, truth.hard_iron_at_ut("fxos8700cq")), seed=seed,
+        address=part.address, name="shield" if part.bus == 1 else "onboard", errors=_accelerometer_errors(truth),
+        magnetometer_noise_ut=truth.fxos8700cq_noise_ut,
+        accelerometer_drift=_drift(offset=scaled(drift.accelerometer_offset_mg_per_degc, 1e-3)),
+        magnetometer_drift=_drift(
+            offset=drift.fxos8700cq_zero_flux_ut_per_degc, gain_percent=drift.fxos8700cq_gain_percent_per_degc
+        ),
+    )
+
+
+def _fxas21002c(world: World, truth: SimulatedWorld, seed: int, _part: Part) -> RegisterDevice:
+    from hiltest.sensors import Fxas21002c
+
+    return Fxas21002c(
+        world, seed=seed, bias_dps=truth.gyroscope_bias_dps,
+        drift=_drift(offset=truth.drift.gyroscope_bias_dps_per_degc),
+        noise_density=1e-3 * truth.gyroscope_noise_mdps_per_rthz, response=truth.gyroscope_response,
+    )
+
+
+#: The parts by name, as a rig's ``world.fitted`` names them: those of the FRDM-FXS-MULTI-B shield on I2C1 as it is
+#: jumpered when it ships (its MAG3110's pin is led nowhere then), and the one on the board itself, on I2C0, whose
+#: INT1 shares its pin with the button SW2. A MAG3110's word holds its own zero-flux offset of up to 1000 uT too.
+PARTS: Mapping[str, Part] = {
+    "mag3110": Part(1, 0x0E, _mag3110, {"magnetometer": "MAG3110"}, magnetometer_range_ut=2000.0),
+    "fxos8700cq": Part(
+        1, 0x1E, _fxos8700cq,
+        {"magnetometer": "FXOS8700CQ magnetometer", "accelerometer": "FXOS8700CQ accelerometer"},
+        ("PTB9", "PTB23"), 1200.0,
+    ),
+    "fxas21002c": Part(1, 0x20, _fxas21002c, {"gyroscope": "FXAS21002C"}, ("PTA2", None)),
+    "onboard-fxos8700cq": Part(
+        0, 0x1D, _fxos8700cq,
+        {"magnetometer": "on-board FXOS8700CQ magnetometer", "accelerometer": "on-board FXOS8700CQ accelerometer"},
+        ("PTC6", "PTC13"), 1200.0,
+    ),
+}  # fmt: skip
+
+
+def sensor_names() -> dict[str, list[str]]:
+    """Return what the packaged firmware calls the sensors of all parts, by kind, such as ``magnetometer``."""
+    names: dict[str, list[str]] = {}
+    for part in PARTS.values():
+        for kind, name in part.sensors.items():
+            names.setdefault(kind, []).append(name)
+    return names
+
+
+def _accelerometer_errors(truth: SimulatedWorld) -> AccelerometerErrors:
+    from hiltest.sensors import AccelerometerErrors
+
+    x, y, z = truth.accelerometer_offset_mg
+    gain_x, gain_y, gain_z = truth.accelerometer_gain_error_percent
+    row_x, row_y, row_z = truth.accelerometer_cross_axis_percent
+    return AccelerometerErrors(
+        (x / 1000.0, y / 1000.0, z / 1000.0), (gain_x / 100.0, gain_y / 100.0, gain_z / 100.0),
+        (scaled(row_x, 1e-2), scaled(row_y, 1e-2), scaled(row_z, 1e-2)),
+    )
+
+
+def _drift(*, offset: Triple = (0.0, 0.0, 0.0), gain_percent: Triple = (0.0, 0.0, 0.0)) -> Drift:
+    from hiltest.sensors import Drift
+
+    return Drift(offset, scaled(gain_percent, 1e-2))
+
+
+def scaled(triple: Triple, factor: float) -> Triple:
+    """Multiply each of three numbers."""
+    x, y, z = triple
+    return (factor * x, factor * y, factor * z)
