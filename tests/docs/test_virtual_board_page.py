@@ -17,7 +17,7 @@ PAGE = (Path(__file__).parents[2] / "docs" / "virtual-board.md").read_text(encod
 EXAMPLES = re.findall(r"^```python\n(.*?)^```", PAGE, re.M | re.S)
 
 
-@pytest.mark.parametrize("example", EXAMPLES, ids=["call", "serial port", "LEDs and buttons", "not modelled"])
+@pytest.mark.parametrize("example", EXAMPLES, ids=["call", "serial port", "sensor", "LEDs and buttons", "not modelled"])
 def test_every_example_runs(example: str) -> None:
     exec(compile(example, "docs/virtual-board.md", "exec"), {})
 
