@@ -7,7 +7,7 @@ from itertools import groupby
 from pathlib import Path
 
 from hiltest.bench_files import shipped
-from hiltest.measurement import KINDS, Allowance, Better, Kind, Limit, Section, identify
+from hiltest.measurement import KINDS, NEXT_STEP, Allowance, Better, Kind, Limit, Section, identify
 from hiltest.measurement.deviations import DEVIATIONS
 from hiltest.rig.file import load_rig
 from hiltest.text import readable
@@ -31,6 +31,8 @@ limits of [the default rig](../hil/rigs/virtual-k64f.toml).
 - **Deviation** is the standard deviation of a measurement over seeds of the default rig, for each subject: what noise
   moves. On a real board, whose runs do not share their noise, it takes the place of the tolerance, until the bench has
   said how much its own runs differ: [compare.md](compare.md#on-a-real-board).
+- Above each table stands **what to do** about a measurement out of its limit where the run shows no cause; where it
+  shows one, that names its own next step: [gate.md](gate.md#the-likely-cause).
 """
 
 _BETTER = {Better.LOWER: "lower", Better.HIGHER: "higher", Better.NEARER_ZERO: "nearer zero", Better.NEITHER: ""}
@@ -48,7 +50,11 @@ def page() -> str:
 
 
 def _section(section: Section, kinds: list[Kind], limits: dict[str, Limit]) -> Iterator[str]:
-    yield from (f"## {section}", "")
+    yield from (f"## {section}", "", f"Out of its limit, with no known cause: {NEXT_STEP[section]}", "")
+    others = groupby(sorted((each for each in kinds if each.next_step), key=lambda each: each.next_step), _step)
+    for step, members in others:
+        yield f"- {', '.join(f'`{each.name}`' for each in members)}: {step}"
+    yield from [""] * any(each.next_step for each in kinds)
     yield "| measurement | unit | better | meaning | limit | tolerance | reason | deviation |"
     yield "| --- | --- | --- | --- | --- | --- | --- | --- |"
     for kind in kinds:
@@ -56,6 +62,10 @@ def _section(section: Section, kinds: list[Kind], limits: dict[str, Limit]) -> I
                  _tolerances(kind), kind.allowance.reason, _deviations(kind)]
         yield f"| {' | '.join(cells)} |"
     yield ""
+
+
+def _step(kind: Kind) -> str:
+    return kind.next_step
 
 
 def _limits(kind: Kind, limits: dict[str, Limit]) -> str:

@@ -13,6 +13,7 @@ import hiltest
 from hiltest.operator_prompt import ask
 from hiltest.session import SESSION, HilSession
 from hiltest.session.results import FOUND, Found
+from hiltest.session.selection import place_in_record
 from hiltest.settings import Settings
 
 if TYPE_CHECKING:
@@ -89,7 +90,7 @@ class Measure:
             unit, cycle_model, band = "cycle", value.cycle_model, getattr(value, "band", None)
             value = value.cycles
         caller = sys._getframe(1)
-        place = self._session.place_of(caller.f_code.co_filename, caller.f_lineno)
+        place = place_in_record(caller.f_code.co_filename, caller.f_lineno, self._session.config)
         measurement = self._session.check(
             name, value, unit=unit, limit=limit, not_checked=not_checked, not_offered=not_offered, volatile=volatile,
             cycle_model=cycle_model, band=band, note=note, place=place, test=self._session.test_id(self._item.nodeid),

@@ -29,12 +29,15 @@ from hiltest.runs.gate import NOT_EVALUATED
 from hiltest.session import SESSION, HilSession
 from hiltest.session.results import (
     CAUSE,
+    FAILED_LIMITS,
     FOUND,
     FOUND_AT_ITS_END,
     FOUND_HERE,
     GATING,
+    OUT_OF_LIMIT,
     REASON,
     TRACE,
+    WIRE_TRACE,
     carry_over,
     pack,
     unpack,
@@ -162,8 +165,9 @@ def _fail_out_of_limit(item: pytest.Item) -> None:
         return
     from hiltest.measurement import Outcome
 
-    if failed := [str(each) for each in gating if each.outcome is Outcome.FAIL]:
-        pytest.fail("; ".join(failed), pytrace=False)
+    if failed := [each for each in gating if each.outcome is Outcome.FAIL]:
+        item.stash[FAILED_LIMITS] = [each.name for each in failed]
+        pytest.fail("; ".join(map(str, failed)), pytrace=False)
 
 
 @pytest.hookimpl(wrapper=True)
@@ -179,6 +183,9 @@ def pytest_runtest_makereport(
         del item.stash[FOUND]
         if call.when == "teardown":
             item.stash[FOUND_AT_ITS_END] = found
+    if failed_limits := item.stash.get(FAILED_LIMITS, None):
+        del item.stash[FAILED_LIMITS]
+        setattr(report, OUT_OF_LIMIT, failed_limits)
     if report.failed and call.excinfo is not None:
         hil = item.config.stash[SESSION]
         trace = hil.keep_trace(hil.test_id(item.nodeid), report.when, call.excinfo.value)
@@ -187,7 +194,7 @@ def pytest_runtest_makereport(
         if trace:
             setattr(report, TRACE, trace)
             if first == item.nodeid:
-                report.sections.append(("wire trace", str(hil.folder.path / trace)))
+                report.sections.append((WIRE_TRACE, str(hil.folder.path / trace)))
         # A test that has nothing to do with hiltest fails as any other does, with its traceback.
         if uses_hiltest(item):
             from hiltest.errors import HiltestError

@@ -14,6 +14,7 @@ from hiltest.measurement import (
     KINDS,
     Better,
     Limit,
+    NamedKind,
     Tolerance,
     better_of,
     deviation_of,
@@ -22,6 +23,7 @@ from hiltest.measurement import (
     nearest_name,
     tolerance_of,
 )
+from hiltest.measurement import check as measured
 from hiltest.measurement.deviations import DEVIATIONS
 from hiltest.verdict.baseline_file import read_baseline
 
@@ -29,6 +31,15 @@ from hiltest.verdict.baseline_file import read_baseline
 def test_every_measurement_of_a_real_run_has_a_row(real_record: dict[str, Any]) -> None:
     compared = [each["name"] for each in real_record["measurements"] if not each["volatile"]]
     assert [name for name in compared if identify(name).kind is None] == []
+
+
+def test_every_kind_has_a_next_step_and_a_cost_that_of_costs() -> None:
+    steps = {name: NamedKind(kind).next_step for name, kind in KINDS.items()}
+    assert [name for name, step in steps.items() if not step] == []
+    costs = {step for name, step in steps.items() if KINDS[name].unit == "cycle"}
+    own = measured("crc.cost", 900, unit="cycle", cycle_model="silicon-dwt").next_step
+    assert costs == {own}
+    assert own != measured("crc.errors", 9, unit="").next_step != ""
 
 
 @pytest.mark.parametrize("name", ["heading.direct.maximum", "heading.direct", "link.lost", "compass.lag", ""])

@@ -91,7 +91,7 @@ def test_a_limit_of_the_full_set_holds_for_whoever_measures_it(bench: pytest.Pyt
     replace_in(bench, "test_lamp.py", "30.0", "3.0")
     result = bench.runpytest_inprocess()
     assert result.ret == 1
-    result.stdout.fnmatch_lines(["FAIL. lamp.life 3 h (limit at least 10)."])
+    result.stdout.fnmatch_lines(["  lamp.life 3 h (limit at least 10),*"])
 
 
 @pytest.mark.parametrize(

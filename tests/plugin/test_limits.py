@@ -97,7 +97,8 @@ def test_a_session_that_was_stopped_says_what_was_not_judged(pytester: pytest.Py
     result = pytester.runpytest_inprocess("-x")
     assert result.ret == 1
     result.stdout.fnmatch_lines([
-        "FAIL. lamp.current 9 mA (limit 3). Not evaluated: 1 limit of the rig: lamp.heat."
+        "FAIL. 1 measurement out of its limit. Not evaluated: 1 limit of the rig:*", "lamp.heat.",
+        "  lamp.current 9 mA (limit 3),*",
     ])
 
 
@@ -166,7 +167,7 @@ def test_the_rigs_limit_wins_over_the_suites(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(BOTH.replace('1.0, "mA"', '4.0, "mA", limit=Limit(max=100)'))
     result = pytester.runpytest_inprocess()
     assert result.ret == 1
-    result.stdout.fnmatch_lines(["lamp.current = 4 mA, limit at most 3: fail"])
+    result.stdout.fnmatch_lines(["  lamp.current 4 mA (limit 3),*"])
 
 
 @pytest.mark.parametrize(
@@ -183,7 +184,7 @@ def test_out_of_limit_is_red_whatever_the_test_does_then(pytester: pytest.Pytest
     pytester.makepyfile(HEAD + test)
     result = pytester.runpytest_inprocess()
     assert result.ret == 1
-    result.stdout.fnmatch_lines(["FAIL. x 3 V (limit 2)."])
+    result.stdout.fnmatch_lines(["  x 3 V (limit 2),*"])
 
 
 @pytest.mark.parametrize("mark", ["xfail", "xfail(strict=True)"])

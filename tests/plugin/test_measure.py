@@ -33,11 +33,34 @@ def test_two(measure):
     result = pytester.runpytest_inprocess()
     result.assert_outcomes(failed=1)
     assert result.ret == 1
-    result.stdout.fnmatch_lines(["first = 3 deg, limit at most 2: fail"])
+    result.stdout.fnmatch_lines(["FAIL. 1 measurement out of its limit.", "  first 3.00 deg (limit 2),*"])
     measured = measurements_of(pytester)
     assert measured["first"]["outcome"] == "fail"
     assert measured["second"]["outcome"] == "pass"
     assert measured["first"]["test"].endswith("::test_two")
+
+
+@pytest.mark.parametrize("options", [(), ("-n2",)], ids=["one process", "workers"])
+def test_a_failed_limit_is_said_once_with_its_place_from_where_pytest_was_started(
+    pytester: pytest.Pytester, options: tuple[str, ...]
+) -> None:
+    (pytester.mkdir("lamps") / "test_lamp.py").write_text(HEAD + """
+def test_limit(measure):
+    print("seen on the way")
+    measure("lamp.current", 3.125, "mA", limit=Limit(max=2))
+
+def test_word():
+    assert 1 == 2
+""")
+    result = pytester.runpytest_subprocess("--junit-xml=junit.xml", *options)
+    result.stdout.fnmatch_lines([
+        "  lamp.current 3.125 mA (limit 2), lamps/test_lamp.py:*", "*_ test_limit _*",
+        "out of limit, see above: lamp.current", "seen on the way",
+    ])
+    result.stdout.fnmatch_lines(["E*assert 1 == 2"])
+    assert result.stdout.str().count("3.125") == 1
+    assert "lamp.current = 3.125 mA, limit at most 2: fail" in (pytester.path / "junit.xml").read_text()
+    assert measurements_of(pytester)["lamp.current"]["place"].startswith("lamps/test_lamp.py:")
 
 
 def test_an_assertion_still_fails_as_itself(pytester: pytest.Pytester) -> None:
@@ -60,7 +83,7 @@ def test_it(measure):
     measure("cycles.direct.per_point", 200.0, "cycle", cycle_model="silicon-dwt")
 """)
     result = pytester.runpytest_inprocess("--hil-rig=mine.toml")
-    result.stdout.fnmatch_lines(["field.strength = 60 uT, limit 45 to 52: fail"])
+    result.stdout.fnmatch_lines(["  field.strength 60 uT (limit 45 to 52),*"])
     assert measurements_of(pytester)["cycles.direct.per_point"] | {"test": "", "place": ""} == {
         "name": "cycles.direct.per_point", "value": 200.0, "unit": "cycle", "limit": None,
         "information": {"min": None, "max": 168}, "outcome": "information", "volatile": False,

@@ -70,7 +70,7 @@ def test_off_the_line(board):
 
     shown = f"hil-out/{results_of(pytester)['test_bad']['trace']}"
     result.stdout.fnmatch_lines([
-        "  wire trace of test_line.py::test_bad:", f"*{shown}", "*- wire trace -*", f"*{shown}"
+        "  wire trace of 2 tests: hil-out/traces", "*- wire trace -*", f"*{shown}"
     ])
     for report in ("report.html", "report.md"):
         assert path.stem in (path.parents[1] / report).read_text(encoding="utf-8").replace("\\", "")

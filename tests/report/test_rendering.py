@@ -195,15 +195,19 @@ def test_a_failing_run_begins_with_what_failed_and_what_to_do_next(
     findings: Make, heading: Callable[..., list[Measurement]], tmp_path: Path
 ) -> None:
     bad = [replace(each, place="test_heading.py:74") for each in heading("direct", 6.3, limit=1.8, cycles=12_400)]
-    made = findings(*bad)
+    warm = check("gyroscope.bias_error", 0.4, unit="dps", limit=Limit(max=0.1), place="test_gyroscope.py:9")
+    made = findings(*bad, warm)
     text = summary(made.finish(decide(made, pytest_exit=1), ""), tmp_path, verbose=False, width=80, colour=False)
     lines = text.splitlines()
-    assert lines[0].startswith("FAIL. heading.direct.max 6.30 deg (limit 1.8)")
+    assert lines[0] == "FAIL. 3 measurements out of their limits."
     failed = lines.index("  heading.direct.max 6.30 deg (limit 1.8), test_heading.py:74")
     assert lines[failed + 1].startswith("    likely cause: good fit, bad heading")
     following = [index for index, line in enumerate(lines) if line.startswith("Next: ")]
     table = next(index for index, line in enumerate(lines) if line.startswith("calibrator "))
+    assert lines.index("  gyroscope.bias_error 0.4 dps (limit 0.1), test_gyroscope.py:9") < following[0]
     assert failed < following[0] < table
+    assert (text.count("heading.direct.max 6.30"), text.count("likely cause")) == (1, 1), "said once"
+    assert any("bias" in lines[index] for index in following), "without a known cause the kind has a next step"
 
 
 def test_markup_in_names_does_not_style_the_terminal(hostile: Run, tmp_path: Path) -> None:

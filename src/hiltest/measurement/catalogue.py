@@ -19,6 +19,7 @@ from itertools import product
 
 from hiltest.measurement.deviations import DEVIATIONS
 from hiltest.measurement.kind import (
+    COSTS_TOO_MUCH,
     EXACT,
     Allowance,
     Better,
@@ -42,6 +43,9 @@ _KERNEL = _allow(0, 0, "virtual cycles of one call are the same on every machine
 _PER_CALL_WHY = "of calls whose number depends on the data; half a percent is less than an instruction in a loop of 100"
 _LINE = "slope or intercept of a line through few sizes; one instruction a point is 1 % of the cheapest calibrator"
 _ROUNDING = "float32 in another order moved it by less than a hundredth of this"
+_IN_FLOAT64 = "Compare the firmware's arithmetic with the float64 reference: no sensor enters this difference."
+_ALL_ROUND = "Turn the board through more directions: the points of the tumble have to cover the sphere."
+_AT_REST = "Keep the board still while the gyroscope's bias is taken, and wait until its temperature is steady."
 _OF_PART = "of the simulated parts or of the rig: no firmware should move it"
 
 _LOWER, _HIGHER, _ZERO, _NEITHER = Better.LOWER, Better.HIGHER, Better.NEARER_ZERO, Better.NEITHER
@@ -84,14 +88,14 @@ def _heading() -> Iterator[Kind]:
     yield Kind("heading.{calibrator}.float32_error", "deg", _LOWER,
                _allow(5e-4, 0, "moved by 3.3e-5; a wrong kernel differs by far more"), Section.HEADING,
                "Largest difference between the board's heading and the same computed in float64 on the host",
-               {"dpi": _allow(5e-4, 0, f"moved by 1.2e-4; {_MOTION}")})
+               {"dpi": _allow(5e-4, 0, f"moved by 1.2e-4; {_MOTION}")}, next_step=_IN_FLOAT64)
     yield Kind("heading.uncalibrated.max_level", "deg", _NEITHER, raw, Section.HEADING,
                "Largest heading error without calibration over the level poses", reference=_MOUNTED)
     yield Kind("tumble.points", "", _HIGHER, _COUNTED, Section.HEADING,
-               "Calibration points that the board collected while it was tumbled")
+               "Calibration points that the board collected while it was tumbled", next_step=_ALL_ROUND)
     yield Kind("tumble.coverage", "%", _HIGHER,
                _allow(0.5, 0.01, "half a percent is a sixth of one of 300 directions"), Section.HEADING,
-               "Share of the sphere that the calibration points cover")
+               "Share of the sphere that the calibration points cover", next_step=_ALL_ROUND)
 
 
 def _cycles() -> Iterator[Kind]:
@@ -119,14 +123,16 @@ def _cycles() -> Iterator[Kind]:
                "Instructions of one sweep of an iterative solver")
     yield Kind("cycles.{calibrator}.float64_distance", "deg", _LOWER,
                _allow(5e-4, 0, "of golden points; as heading.{calibrator}.float32_error"), Section.CYCLES,
-               "rms angle between directions under the board's fit and under a float64 fit of the same points")
+               "rms angle between directions under the board's fit and under a float64 fit of the same points",
+               next_step=_IN_FLOAT64)
     yield Kind("cycles.fusion.{step}", "cycle", _LOWER, _KERNEL, Section.FUSION,
                "Most cycles of one prediction (predict) or correction (update) of the fusion filter",
-               accuracy="fusion.heading.max")
+               accuracy="fusion.heading.max", next_step=COSTS_TOO_MUCH)
     yield Kind("cycles.fusion.{step}.mean", "cycle", _LOWER, _allow(0.5, 0.005, _PER_CALL_WHY), Section.FUSION,
-               "Mean cycles of one prediction or correction of the fusion filter", accuracy="fusion.heading.max")
+               "Mean cycles of one prediction or correction of the fusion filter", accuracy="fusion.heading.max",
+               next_step=COSTS_TOO_MUCH)
     yield Kind("cycles.gyroscope-turns.total", "cycle", _LOWER, _KERNEL, Section.GYROSCOPE,
-               "Cycles of the fit of scale and axes to three turns")
+               "Cycles of the fit of scale and axes to three turns", next_step=COSTS_TOO_MUCH)
 
 
 def _streams() -> Iterator[Kind]:
@@ -145,7 +151,7 @@ def _streams() -> Iterator[Kind]:
     ):
         cost = unit == "cycle"
         yield Kind(f"stream.{{calibrator}}.{what}", unit, better, allowance, Section.STREAMS, meaning,
-                   accuracy=_WORST if cost else "",
+                   accuracy=_WORST if cost else "", next_step=COSTS_TOO_MUCH if cost else "",
                    decided_by="stream.{calibrator}.cycles_mean" if what in ("cycles_median", "cycles_max") else "")
 
 
@@ -204,7 +210,8 @@ def _imu() -> Iterator[Kind]:
         ("{fit}.cycles", "cycle", _LOWER, _KERNEL, "Cycles of the fit"),
     ):
         accuracy = "accelerometer.{fit}.norm_rms" if unit == "cycle" else ""
-        yield Kind(f"accelerometer.{name}", unit, better, allowance, Section.ACCELEROMETER, meaning, accuracy=accuracy)
+        yield Kind(f"accelerometer.{name}", unit, better, allowance, Section.ACCELEROMETER, meaning, accuracy=accuracy,
+                   next_step=COSTS_TOO_MUCH if unit == "cycle" else "")
     yield Kind("magnetometer.{fit}.norm_rms", "%", _LOWER, _allow(0.005, 0.01, _ROUNDING), Section.FIT,
                "rms deviation of the field strength under this calibration from its mean")
     yield from _gyroscope()
@@ -237,7 +244,8 @@ def _gyroscope() -> Iterator[Kind]:
         ("{fit}.largest_turn_error", "deg", _LOWER, turn,
          "Largest error of whole turns about all axes under this calibration"),
     ):
-        yield Kind(f"gyroscope.{name}", unit, better, allowance, Section.GYROSCOPE, meaning)
+        yield Kind(f"gyroscope.{name}", unit, better, allowance, Section.GYROSCOPE, meaning,
+                   next_step=_AT_REST if unit in ("dps", "degC") else "")
 
 
 def _fusion() -> Iterator[Kind]:

@@ -35,6 +35,25 @@ class Section(StrEnum):
     OWN = "Other measurements"
 
 
+COSTS_TOO_MUCH = "See which lines the cycles go to: hiltest profile ELF FUNCTION."
+
+NEXT_STEP = {
+    Section.HEADING: "Compare the heading errors of all calibrators: what all share is of the accelerometer, the "
+                     "mounting or the table, what one has alone is of its fit.",
+    Section.CYCLES: COSTS_TOO_MUCH,
+    Section.STREAMS: "See in the report how accuracy goes with the points received, and which points were refused.",
+    Section.FIT: "Look at the calibrated samples in the report: points all round that the model fits leave a small "
+                 "residual.",
+    Section.BUDGET: "Compare the cycles per point: cheaper points, or cheaper sweeps, buy more of them.",
+    Section.ACCELEROMETER: "Calibrate the accelerometer again on its six faces, and check how each face lies.",
+    Section.GYROSCOPE: "Check the table's angle and the rate of the gyroscope's samples: a turn is their sum.",
+    Section.FUSION: "Look first at heading, accelerometer and gyroscope alone: the filter mixes their errors.",
+    Section.BOARD: "Look at the wire trace, then at cable, ground and baud rate.",
+    Section.OWN: "For a measurement of your own, look at the line that measured it, which stands beside it.",
+}
+"""What to do about a measurement out of its limit whose cause is not known, where its kind does not say more."""
+
+
 class Reference(Enum):
     """Reference that a measured angle is compared with; a limit cannot be tighter than its uncertainty."""
 
@@ -130,6 +149,8 @@ class Kind:
     decided_by : str
         For the largest of many numbers, or their median: name of their rms or mean, with the same subject. Between runs
         that do not share their noise that decides: a largest error is several times as noisy, a median jumps.
+    next_step : str
+        What to do where it is out of its limit; by default `NEXT_STEP` of the section.
     """
 
     name: str
@@ -144,6 +165,7 @@ class Kind:
     compared: bool = True
     direction: bool = False
     decided_by: str = ""
+    next_step: str = ""
 
     def of(self, subject: str) -> str:
         """Return the name of the measurement of a subject."""
@@ -181,6 +203,11 @@ class NamedKind:
     def accuracy(self) -> str:
         """Name of the accuracy that a cost is shown beside; empty for what is no cost of a calibrator."""
         return _name(self.kind.accuracy, self.subject) if self.kind else ""
+
+    @property
+    def next_step(self) -> str:
+        """What to do about it where it is out of its limit and no cause is known."""
+        return (self.kind.next_step if self.kind else "") or NEXT_STEP[self.section]
 
     @property
     def decided_by(self) -> str:

@@ -13,7 +13,7 @@ from typing import Protocol, TypedDict, Unpack, runtime_checkable
 
 from hiltest.measurement.catalogue import better_of, identify
 from hiltest.measurement.cycle_range import CycleRange
-from hiltest.measurement.kind import Better, Kind, Section
+from hiltest.measurement.kind import COSTS_TOO_MUCH, Better, Kind, Section
 from hiltest.measurement.limit import Limit
 from hiltest.text import readable
 
@@ -86,7 +86,7 @@ class Measurement:
     test : str
         Node id of the test that measured it.
     place : str
-        File and line of the call that measured it: ``test_heading.py:81``.
+        File and line of the call that measured it: ``hil/suites/test_heading.py:81``.
     band : CycleRange or None
         For cycles of a virtual board: the uncertainty range that follows from the cycle model.
     """
@@ -118,6 +118,12 @@ class Measurement:
     def section(self) -> Section:
         """Section of the report that it belongs in."""
         return identify(self.name).section
+
+    @property
+    def next_step(self) -> str:
+        """What to do about it where it is out of its limit and no cause is known."""
+        own_cost = self.kind is None and self.unit == "cycle"
+        return COSTS_TOO_MUCH if own_cost else identify(self.name).next_step
 
     @property
     def better(self) -> Better:

@@ -30,6 +30,7 @@ from hiltest.verdict.summary import (
     summarise,
     unmeasured_in_words,
 )
+from hiltest.verdict.verdict import headline
 
 _STYLES = {Outcome.FAIL: "bold red", Outcome.UNSET: "yellow", Outcome.NOT_OFFERED: "dim"}
 _INDENT = "  "
@@ -64,7 +65,7 @@ def summary(
         highlight=False,
     )
     found = summarise(run)
-    _wrapped(console, run.verdict.sentence, "bold green" if run.verdict.exit_code == 0 else "bold red")
+    _wrapped(console, headline(run.verdict, found), "bold green" if run.verdict.exit_code == 0 else "bold red")
     _print_failures(console, found, run, folder)
     _print_calibrators(console, found)
     _print_close(console, found)
@@ -132,16 +133,16 @@ def _wrapped(console: Console, text: str, style: str = "", indent: str = "") -> 
 
 
 def _print_failures(console: Console, found: Summary, run: Run, folder: Path) -> None:
-    cause = ""
+    said: set[str] = set()
     for each in found.failures:
         _wrapped(console, failure_line(each), "red", _INDENT)
-        if each.cause and each.cause != cause:
+        if each.cause and each.cause not in said:
             _wrapped(console, f"likely cause: {each.cause}", indent=2 * _INDENT)
-        cause = each.cause
+        said.add(each.cause)
     for reason, tests in by_reason(found.broken).items():
         _wrapped(console, f"{tests[0].outcome}: {tests_named(tests)}: {reason}", "red", _INDENT)
     for words in found.causes:
-        if words not in {each.cause for each in found.failures}:
+        if words not in said:
             _wrapped(console, f"likely cause: {words}", indent=2 * _INDENT)
     for measurement in found.unset:
         _wrapped(console, f"not evaluated: {measurement.name}: {measurement.note}", "yellow", _INDENT)
@@ -150,10 +151,11 @@ def _print_failures(console: Console, found: Summary, run: Run, folder: Path) ->
     for test in run.tests:
         if test.outcome.is_of_bench:
             _wrapped(console, f"{test.outcome}: {test.id}: {test.reason}", "red", _INDENT)
-    traced = {test.trace: test for test in reversed(run.tests) if test.trace}
-    for trace, test in reversed(traced.items()):
-        line = f"wire trace of {without_folders(test.id)}: {shown_path(folder / trace)}"
-        _wrapped(console, line, indent=_INDENT)
+    if traces := {test.trace: test for test in run.tests if test.trace}:
+        (trace, test), *more = traces.items()
+        of = counted(len(traces), "test") if more else without_folders(test.id)
+        where = folder / trace
+        _wrapped(console, f"wire trace of {of}: {shown_path(where.parent if more else where)}", indent=_INDENT)
     for advice in found.advice:
         _wrapped(console, f"Next: {advice}")
 

@@ -17,7 +17,8 @@ from hiltest.rig.rig import conditions_sha256
 from hiltest.runs.gate import NOT_EVALUATED
 from hiltest.runs.older_firmware import remove_runs
 from hiltest.session import HilSession
-from hiltest.session.results import BENCH, FOUND_HERE, Found, TestLog
+from hiltest.session.results import BENCH, FOUND_HERE, OUT_OF_LIMIT, WIRE_TRACE, Found, TestLog
+from hiltest.text import listed
 
 if TYPE_CHECKING:
     from hiltest.boards import Board
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from hiltest.record.recorder import Recorder
     from hiltest.rig import Rig
 
+_NAMED_AT_MOST = 3
 _PHASES = ("setup", "call", "teardown")
 
 
@@ -153,6 +155,9 @@ class Recording:
     ) -> Generator[None, None, None]:
         """Print the verdict, what failed, the calibrators and where the report is."""
         self.print_summary(terminalreporter, config)
+        if self.run is not None:
+            for report in (*terminalreporter.getreports("failed"), *terminalreporter.getreports("error")):
+                _point_to_summary(report)
         return (yield)
 
     def print_summary(self, terminal: pytest.TerminalReporter, config: pytest.Config) -> None:
@@ -171,6 +176,16 @@ class Recording:
         if self._summary_remark:
             terminal.write_line(self._summary_remark)
         terminal.write(annotation(self.run.verdict))
+
+
+def _point_to_summary(report: pytest.TestReport) -> None:
+    """Leave values and the wire trace to the summary, of a test that only measurements out of their limits failed.
+
+    Reports that are written to files have their text already.
+    """
+    if names := getattr(report, OUT_OF_LIMIT, None):
+        report.longrepr = f"out of limit, see above: {listed(names, _NAMED_AT_MOST)}"
+        report.sections = [each for each in report.sections if each[0] != WIRE_TRACE]
 
 
 def _say(config: pytest.Config, line: str) -> None:

@@ -24,6 +24,10 @@ REASON = "hil_reason"
 """Fault of the bench or the firmware, in one line."""
 TRACE = "hil_trace"
 """The wire trace of a failed test, relative to the run's folder."""
+OUT_OF_LIMIT = "hil_out_of_limit"
+"""Names of the measurements that failed a test, where nothing else did."""
+WIRE_TRACE = "wire trace"
+"""Section of a report that says where its trace is."""
 FOUND_HERE = "hil_found"
 """Measurements and tables of one phase of a test."""
 BENCH = "hil_bench"
@@ -44,6 +48,8 @@ FOUND: pytest.StashKey[Found] = pytest.StashKey()
 FOUND_AT_ITS_END: pytest.StashKey[Found] = pytest.StashKey()
 """Findings that the report of a tear-down has taken."""
 GATING: pytest.StashKey[list[Measurement]] = pytest.StashKey()
+FAILED_LIMITS: pytest.StashKey[list[str]] = pytest.StashKey()
+"""Names of the measurements that have just failed the test."""
 
 
 def carry_over(item: pytest.Item) -> None:

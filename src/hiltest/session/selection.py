@@ -196,3 +196,15 @@ def id_in_record(nodeid: str, root: Path) -> str:
         if parts[index - 2 : index] in _SUITES:
             return "/".join(parts[index:]) + colons + rest
     return nodeid
+
+
+def place_in_record(file: str, line: int, config: pytest.Config) -> str:
+    """Return where a call stands, as seen from where pytest was started: ``hil/suites/test_heading.py:81``.
+
+    Of the packaged suites, which lie elsewhere on each machine, it is the name in the record: ``test_heading.py:81``.
+    """
+    root, start = config.rootpath, config.invocation_params.dir
+    stands = start / file
+    if stands.is_relative_to(start):
+        return f"{stands.relative_to(start).as_posix()}:{line}"
+    return f"{os.path.relpath(stands, start) if stands.is_relative_to(root) else id_in_record(file, root)}:{line}"

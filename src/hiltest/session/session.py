@@ -304,12 +304,6 @@ class HilSession:
         """Return the id of a test for the record: for a suite it does not depend on where pytest was started."""
         return id_in_record(nodeid, self.config.rootpath)
 
-    def place_of(self, file: str, line: int) -> str:
-        """Return where a call stands, by the file's name in the record: ``test_heading.py:81``."""
-        written = Path(id_in_record(file, self.config.rootpath))
-        root = self.config.rootpath
-        return f"{written.relative_to(root) if written.is_relative_to(root) else written}:{line}"
-
     def check(
         self, name: str, value: float | int | None, *, unit: str, limit: Limit | None = None, **more: Any
     ) -> Measurement:

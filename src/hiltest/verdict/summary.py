@@ -26,7 +26,6 @@ CLOSE = 0.05
 """A measurement is close to its limit from this part of it on."""
 CLOSE_AT_MOST = 5
 
-_OF_CYCLES = "See which lines the cycles go to: hiltest profile ELF FUNCTION."
 _OF_UNSET = "Run the tests that measure these limits, or take the limits out of the rig."
 
 _OF_CALIBRATORS = (Section.HEADING, Section.FIT)
@@ -128,7 +127,7 @@ def summarise(run: Run | Findings) -> Summary:
         unmeasured=tuple(unmeasured),
         advice=tuple(dict.fromkeys((
             *(ADVICE[each.cause] for each in causes.values()),
-            *([_OF_CYCLES] if any(each.section is Section.CYCLES for each in failed) else []),
+            *(each.measurement.next_step for each in failures if not each.cause),
             *([_OF_UNSET] if unset and not failed and not broken else []),
         ))),
         reference=reference.name if reference else "",

@@ -108,6 +108,29 @@ def _sentence(findings: Findings, word: str, left_out: Sequence[str]) -> str:
     )))
 
 
+def headline(verdict: Verdict, summary: Summary) -> str:
+    """Return the sentence of a verdict for above a list of the failures: it counts them where the sentence names them.
+
+    Parameters
+    ----------
+    verdict : Verdict
+    summary : Summary
+        Of the same run.
+    """
+    failures, broken = len(summary.failures), len(summary.broken)
+    out = f"{counted(failures, 'measurement')} out of {'its limit' if failures == 1 else 'their limits'}."
+    words = verdict.sentence
+    for named, instead in (
+        (failures_in_words(summary.failures), out),
+        (tests_in_words(summary.broken), f"{counted(broken, 'test')} failed."),
+        (_likely(summary.causes), ""),
+        (_sentence_of(unmeasured_in_words(summary.unmeasured)), ""),
+    ):
+        if named:
+            words = words.replace(f" {named}", f" {instead}".rstrip())
+    return words
+
+
 def _sentence_of(words: str) -> str:
     return f"{words[0].upper()}{words[1:]}." if words else ""
 
