@@ -18,6 +18,7 @@ import pytest
 from tests.imu_calibration.conftest import some_calibration
 from tests.link.test_trace_text import REQUESTS
 from tests.logs.recording import six_faces_and_turns, write
+from tests.totals import printed_totals
 
 from hiltest.bench_files import shipped
 from hiltest.boards import default_firmware
@@ -214,10 +215,7 @@ def readers(tmp_path_factory: pytest.TempPathFactory, default_run) -> dict[str, 
 @pytest.fixture(scope="session", autouse=True)
 def totals(request: pytest.FixtureRequest) -> Iterator[Counter[str]]:
     """Totals of all readers, printed at the end."""
-    counted: Counter[str] = Counter()
-    yield counted
-    with request.config.pluginmanager.getplugin("capturemanager").global_and_fixture_disabled():
-        print(f"\nfuzzed inputs, {sum(counted.values())} in all: {dict(sorted(counted.items()))}")
+    yield from printed_totals(request.config, "fuzzed inputs")
 
 
 NAMES = (
@@ -240,6 +238,7 @@ def test_every_input_is_read_or_refused_as_documented(
     path = tmp_path / f"fuzzed{reader.suffix}"
     for number in range(max(20, round(INPUTS * reader.share))):
         dice = random.Random(f"{name} {number}")
+        totals["inputs"] += 1
         data = mutated(dice, dice.choice(reader.corpus), reader.corpus)
         given: bytes | Path = data
         if reader.suffix is not None:

@@ -6,15 +6,14 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import click
 import pytest
+from tests.command_files import every_command, folder_of_inputs, run
 from tests.finished_run import Finished
-from tests.logs.recording import six_faces_and_turns, write
-from tests.test_written_files import WRITING, run
-
-from hiltest.cli import commands
+from tests.test_written_files import WRITING
 
 pytestmark = pytest.mark.slow
 
@@ -56,31 +55,25 @@ ENDS = {"fit-imu --intervals": ".json", "profile --profile": ".toml", "timing sh
 AT_ONCE_S = 10.0
 
 
-def options_that_read(command: click.Command, name: str = "") -> set[str]:
-    """Return the options and arguments of a command that are files, and that it does not write."""
-    if isinstance(command, click.Group):
-        context = click.Context(command)
-        each = {one: command.get_command(context, one) for one in command.list_commands(context)}
-        return set().union(*(options_that_read(one, f"{name} {word}".strip()) for word, one in each.items() if one))
-    taken = {
-        f"{name} {max(each.opts, key=len)}" for each in command.params
-        if (isinstance(each.type, click.Path) or each.metavar in FILES or each.name == "elf") and each.metavar != "DIR"
-    }
-    return taken - set(WRITING) - {"baseline save file", "baseline update file"}
+def options_that_read() -> Iterator[str]:
+    """Yield the options and arguments of all commands that are files."""
+    for name, command in every_command():
+        for each in command.params:
+            if (isinstance(each.type, click.Path) or each.metavar in FILES or each.name == "elf") \
+                    and each.metavar != "DIR":
+                yield f"{name} {max(each.opts, key=len)}"
 
 
 def test_all_of_them_are_tested_here() -> None:
-    assert options_that_read(commands) == set(READING)
+    written = {*WRITING, "baseline save file", "baseline update file"}
+    assert set(options_that_read()) - written == set(READING)
 
 
 @pytest.fixture(scope="module")
 def inputs(tmp_path_factory: pytest.TempPathFactory, default_run: Finished) -> Path:
     """A folder with what the commands read besides."""
-    folder = tmp_path_factory.mktemp("inputs")
-    (folder / "run.json").write_bytes((default_run.folder / "run.json").read_bytes())
+    folder = folder_of_inputs(tmp_path_factory, default_run, "1,2,3")
     assert run("baseline", "save", str(folder / "run.json"), str(folder / "base.json")) == 0
-    write(folder / "imu.csv", *six_faces_and_turns().readings())
-    (folder / "points.csv").write_text("mx_uT,my_uT,mz_uT\n1,2,3\n", encoding="utf-8")
     return folder
 
 

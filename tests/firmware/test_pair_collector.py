@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hiltest.angles import rotation_rows
 from hiltest.link.messages import Points
 from hiltest.link.request import decode_reply
-from hiltest.sensors.fxos8700cq import Fxos8700cq
+from hiltest.sensors.fxos8700cq import Fxos8700cq, Fxos8700cqNoise
 from hiltest.sensors.mag3110 import Mag3110
 from hiltest.world.distortion import MagneticDistortion
 from hiltest.world.earth_field import EarthField
@@ -31,7 +31,7 @@ def collected(count: int) -> tuple[Reals, Reals, float]:
     distortion = MagneticDistortion()
     parts = (
         Mag3110(world, distortion, seed=1, noise_ut=(0.0, 0.0, 0.0, 0.0)),
-        Fxos8700cq(world, distortion, seed=1, accelerometer_noise_density_g=0.0),
+        Fxos8700cq(world, distortion, seed=1, noise=Fxos8700cqNoise(0.0)),
     )
     bench = Bench(i2c1=parts)
     bench.board.run_until(0.3)

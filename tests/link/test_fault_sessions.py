@@ -12,6 +12,7 @@ from collections.abc import Iterator
 
 import pytest
 import serial
+from tests.totals import printed_totals
 
 from hiltest.bench_files import shipped
 from hiltest.boards import VirtualBench
@@ -125,10 +126,7 @@ def bench() -> VirtualBench:
 @pytest.fixture(scope="module", autouse=True)
 def totals(request: pytest.FixtureRequest) -> Iterator[Counter[str]]:
     """Totals of all parts, printed at the end."""
-    counted: Counter[str] = Counter()
-    yield counted
-    with request.config.pluginmanager.getplugin("capturemanager").global_and_fixture_disabled():
-        print(f"\nfault sessions: {dict(sorted(counted.items()))}")
+    yield from printed_totals(request.config, "fault sessions")
 
 
 class Model:

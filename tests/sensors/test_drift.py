@@ -6,7 +6,7 @@ import pytest
 from hiltest.angles import Pose
 from hiltest.sensors.drift import Drift
 from hiltest.sensors.fxas21002c import Fxas21002c
-from hiltest.sensors.fxos8700cq import Fxos8700cq
+from hiltest.sensors.fxos8700cq import AccelerometerErrors, Fxos8700cq
 from hiltest.sensors.mag3110 import Mag3110
 from hiltest.world.distortion import MagneticDistortion
 from hiltest.world.earth_field import EarthField
@@ -34,6 +34,10 @@ def mag3110(world, **options):
 def fxos8700cq(world, **options):
     part = Fxos8700cq(world, MagneticDistortion(hard_iron_ut=(5.0, 6.0, 7.0)), seed=1, **options)
     return active(part, (0x5B, 0x1F), (0x2A, 0x0D))
+
+
+def fxos8700cq_accelerometer(world, drift=Drift()):  # noqa: B008 - frozen, so it may be shared
+    return fxos8700cq(world, errors=AccelerometerErrors(drift=drift))
 
 
 def fxas21002c(world, **options):
@@ -66,7 +70,7 @@ def body_mag3110(part, time_s):
         (fxas21002c, "drift", body_gyroscope, 1 / 32, OFFSET),
         (mag3110, "drift", body_mag3110, 0.05, OFFSET),
         (fxos8700cq, "magnetometer_drift", body_magnetometer, 0.05, OFFSET),
-        (fxos8700cq, "accelerometer_drift", body_accelerometer, 1 / 8192, tuple(each / 100.0 for each in OFFSET)),
+        (fxos8700cq_accelerometer, "drift", body_accelerometer, 1 / 8192, tuple(each / 100.0 for each in OFFSET)),
     ],
 )
 def test_offset_and_sensitivity_follow_the_temperature_in_the_body_frame(make, argument, body, half_a_count, offset):

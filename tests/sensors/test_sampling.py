@@ -8,8 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hiltest.angles import Pose, rotation_body_from_ned
+from hiltest.sensors.drift import REFERENCE_DEGC
 from hiltest.sensors.fxas21002c import Fxas21002c
-from hiltest.sensors.fxos8700cq import AccelerometerErrors, Fxos8700cq, noise_at_oversampling, oversampling
+from hiltest.sensors.fxos8700cq import (
+    AccelerometerErrors,
+    Fxos8700cq,
+    Fxos8700cqNoise,
+    noise_at_oversampling,
+    oversampling,
+)
 from hiltest.sensors.mag3110 import Mag3110, output_rate_hz
 from hiltest.world.distortion import MagneticDistortion
 from hiltest.world.earth_field import EarthField
@@ -134,7 +141,7 @@ def test_through_the_shields_axis_map_every_part_sees_the_body_frame(heading, pi
     pose = Pose(heading, pitch, roll)
     world = World(FIELD, pose=pose)
     mag = active_mag3110(world, noise_ut=(0.0,) * 4)
-    fxos = active_fxos8700cq(world, accelerometer_noise_density_g=0.0, magnetometer_noise_ut=(0.0, 0.0))
+    fxos = active_fxos8700cq(world, noise=Fxos8700cqNoise(0.0, (0.0, 0.0)))
     gyroscope = active_fxas21002c(world, bias_dps=(1.0, -2.0, 3.0), noise_density=0.0)
     rotation = rotation_body_from_ned(pose)
     field_counts = 10.0 * rotation @ FIELD.ned_ut
@@ -157,9 +164,9 @@ def test_acceleration_words_are_left_justified_and_aligned_with_the_field(headin
 
 def test_accelerometer_offset_and_gain_act_in_the_body_frame():
     errors = AccelerometerErrors(offset_g=(0.01, -0.02, 0.03), gain_error=(0.5, 0.25, -0.125))
-    assert errors.apply((1.0, 0.0, 0.0)) == pytest.approx((1.51, -0.02, 0.03))
-    assert errors.apply((0.0, 1.0, 0.0)) == pytest.approx((0.01, 1.23, 0.03))
-    part = active_fxos8700cq(World(FIELD), errors=errors, accelerometer_noise_density_g=0.0)
+    assert errors.apply((1.0, 0.0, 0.0), REFERENCE_DEGC) == pytest.approx((1.51, -0.02, 0.03))
+    assert errors.apply((0.0, 1.0, 0.0), REFERENCE_DEGC) == pytest.approx((0.01, 1.23, 0.03))
+    part = active_fxos8700cq(World(FIELD), errors=errors, noise=Fxos8700cqNoise(0.0))
     x, y, z = words(read(part, 0.5, 0x01, 6))
     assert (y, x, z) == (80, -164, 7412)  # 4 round(2048 g): 20.48, -40.96, 2048 * 0.905 = 1853.44
 

@@ -8,7 +8,7 @@ import pytest
 
 from hiltest.angles import Pose
 from hiltest.sensors.fxas21002c import Fxas21002c
-from hiltest.sensors.fxos8700cq import Fxos8700cq
+from hiltest.sensors.fxos8700cq import Fxos8700cq, Fxos8700cqNoise
 from hiltest.sensors.mag3110 import Mag3110
 from hiltest.world.distortion import MagneticDistortion
 from hiltest.world.earth_field import EarthField
@@ -35,7 +35,7 @@ def test_registers_are_those_of_the_hand_computed_pose(case):
     heading, pitch, roll = case["pose"]
     world = World(FIELD, pose=Pose(heading - NORTH_DEG, pitch, roll))
     fxos8700cq = Fxos8700cq(
-        world, MagneticDistortion(), seed=1, accelerometer_noise_density_g=0.0, magnetometer_noise_ut=(0.0, 0.0)
+        world, MagneticDistortion(), seed=1, noise=Fxos8700cqNoise(0.0, (0.0, 0.0))
     )
     # The fixture's board turns; a bias of the same size says the same to a board that stands.
     gyroscope = Fxas21002c(world, seed=1, bias_dps=(1.0, -2.0, 3.0), noise_density=0.0)

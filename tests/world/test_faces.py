@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from hiltest.angles import Pose, rotation_body_from_ned
 from hiltest.calibration.still_pose import FACES, Face
+from hiltest.sensors.drift import REFERENCE_DEGC
 from hiltest.sensors.fxos8700cq import AccelerometerErrors
 from hiltest.world.faces import askew
 
@@ -46,6 +47,6 @@ def test_the_part_reads_of_each_axis_what_its_errors_say() -> None:
     errors = AccelerometerErrors(
         (0.01, 0.02, 0.03), (0.1, 0.2, 0.3), ((0.0, 0.001, 0.002), (0.003, 0.0, 0.004), (0.005, 0.006, 0.0))
     )
-    assert errors.apply((1.0, 0.0, 0.0)) == pytest.approx((1.11, 0.023, 0.035))
-    assert errors.apply((0.0, -1.0, 0.0)) == pytest.approx((0.009, -1.18, 0.024))
-    assert errors.apply((0.0, 0.0, 1.0)) == pytest.approx((0.012, 0.024, 1.33))
+    assert errors.apply((1.0, 0.0, 0.0), REFERENCE_DEGC) == pytest.approx((1.11, 0.023, 0.035))
+    assert errors.apply((0.0, -1.0, 0.0), REFERENCE_DEGC) == pytest.approx((0.009, -1.18, 0.024))
+    assert errors.apply((0.0, 0.0, 1.0), REFERENCE_DEGC) == pytest.approx((0.012, 0.024, 1.33))

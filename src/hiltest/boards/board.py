@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from hiltest.angles import Pose
 from hiltest.errors import FirmwareContradictionError, HiltestError, SensorAbsentError
 from hiltest.link.messages import Select, Sensors
-from hiltest.link.replies import DPS_PER_COUNT, Identity, RunCost, SensorInfo, SensorKind
+from hiltest.link.replies import DPS_PER_COUNT, CostedReply, CostedSteps, Identity, RunCost, SensorInfo, SensorKind
 from hiltest.link.request import Request
 from hiltest.link.session import Session
 from hiltest.measurement import CycleRange
@@ -122,25 +122,7 @@ class Declared:
         )
 
 
-class CostedReply(Protocol):
-    """A reply that says what the work it is of has cost; None where the core counts no cycles."""
-
-    @property
-    def cost(self) -> RunCost | None:
-        """Cycles that the firmware reports."""
-
-
 TimedReply = TypeVar("TimedReply", bound=CostedReply)
-
-
-class CostedSteps(Protocol):
-    """A reply that says what each of several calls has cost; None where the core counts no cycles."""
-
-    @property
-    def costs(self) -> tuple[RunCost, ...] | None:
-        """Cycles that the firmware reports."""
-
-
 CostedStepsReply = TypeVar("CostedStepsReply", bound=CostedSteps)
 R = TypeVar("R")
 

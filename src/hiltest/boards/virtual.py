@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import math
 
 import numpy as np
 
@@ -13,18 +12,17 @@ from hiltest.boards.board import Board, BoardKind, Declared, Truth
 from hiltest.boards.virtual_port import VirtualPort
 from hiltest.errors import ConfigError, ProtocolError, VersionMismatchError
 from hiltest.link.ports import READ_SLICE_S
-from hiltest.link.replies import RunCost
+from hiltest.link.replies import SAMPLE_RATE_HZ, RunCost
 from hiltest.link.session import Session
 from hiltest.link.transcript import Transcript
 from hiltest.measurement import CycleRange
 from hiltest.rig import COUNTS_PER_UT, Rig, world_truth
-from hiltest.sensors.fxos8700cq import DATA_SHEET_NOISE_DENSITY_G
+from hiltest.sensors.fxos8700cq import Fxos8700cqNoise
 from hiltest.virtual.cycle_range import TimedSteps, range_where_it_ran
 from hiltest.virtual.elf import FirmwareImage, load_image
 from hiltest.virtual.function_watch import FunctionWatch
 from hiltest.virtual.peripherals.cycle_counter import CycleCounter
 
-_ACCELEROMETER_RATE_HZ = 200.0  # the firmware's, of an FXOS8700CQ in hybrid mode
 _CLOCK_TOLERANCE = 0.005  # a clock is often stated in whole MHz: 20.97 as 21
 _ID_DIGITS = 8  # 32 bits: two builds of one person's never share them
 
@@ -189,7 +187,7 @@ def _truth(rig: Rig) -> Truth | None:
         field_ut=known.field.strength_ut,
         dip_deg=known.field.dip_deg,
         magnetometer_sigma_ut=rig.world.noise_ut(rig.magnetometer_part or "mag3110"),
-        accelerometer_sigma_g=DATA_SHEET_NOISE_DENSITY_G * math.sqrt(_ACCELEROMETER_RATE_HZ / 2.0),
+        accelerometer_sigma_g=Fxos8700cqNoise().accelerometer_g(SAMPLE_RATE_HZ),
         accelerometer_response=np.array(known.accelerometer_response),
         accelerometer_offset_g=np.array(known.accelerometer_offset_g),
         gyroscope_bias_dps=np.array(known.gyroscope_bias_dps),

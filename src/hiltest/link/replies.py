@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,8 @@ Counts = NDArray[np.int16]
 MICROTESLA_PER_COUNT = 0.1
 G_PER_COUNT = 1.0 / 8192.0
 DPS_PER_COUNT = 1.0 / 16.0
+SAMPLE_RATE_HZ = 200.0
+"""Output rate that the firmware sets up FXOS8700CQ (each of its two sensors) and FXAS21002C for."""
 
 
 class Status(IntEnum):
@@ -242,6 +245,22 @@ class RunCost:
         """Read the cost; None for an empty call of no cycles, as only a counter that is not there counts it."""
         cycles, overhead_cycles = fields.number("I", "cycles"), fields.number("I", "overhead cycles")
         return cls(cycles, overhead_cycles) if overhead_cycles else None
+
+
+class CostedReply(Protocol):
+    """A reply that says what the work it is of has cost; None where the core counts no cycles."""
+
+    @property
+    def cost(self) -> RunCost | None:
+        """Cycles that the firmware reports."""
+
+
+class CostedSteps(Protocol):
+    """A reply that says what each of several calls has cost; None where the core counts no cycles."""
+
+    @property
+    def costs(self) -> tuple[RunCost, ...] | None:
+        """Cycles that the firmware reports."""
 
 
 @dataclass(frozen=True, slots=True)

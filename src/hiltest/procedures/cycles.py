@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -105,6 +105,17 @@ class CycleCost:
         return "" if self.is_mostly_iterations else "its iterations are not most of what it costs"
 
 
+@dataclass(slots=True)
+class _Counted:
+    """Counts of one calibrator: by size and point set, and of single iterations by size."""
+
+    runs: dict[tuple[int, int], CountedRun] = field(default_factory=dict)
+    once: dict[int, int] = field(default_factory=dict)
+    instructions: int | None = None
+    band: CycleRange | None = None
+    per_iteration: float | None = None
+
+
 def fit_line(x: ArrayLike, y: ArrayLike) -> CostLine:
     """Fit a line by least squares.
 
@@ -172,31 +183,21 @@ def measure_cycles(
         raise no_cycle_counter()
     tell = progress or silent
     work = [(n, index) for index in range(point_sets)] + [(size, 0) for size in sizes if size != n]
-    runs: dict[tuple[int, int], dict[str, CountedRun]] = {}
-    once: dict[str, dict[int, int]] = {name: {} for name in calibrators}
-    instructions: dict[str, int | None] = {}
-    bands: dict[str, CycleRange | None] = {}
-    per_iteration: dict[str, float | None] = {}
+    counted = {name: _Counted() for name in calibrators}
     for done, (size, index) in enumerate(work):
         tell("cycles", done, len(work))
         upload_points(board, golden_points(size, index=index))
-        runs[size, index] = {}
-        for name in calibrators:
-            run = runs[size, index][name] = _count(board, size, name)
+        for name, found in counted.items():
+            run = found.runs[size, index] = _count(board, size, name)
             if (size, index) == (n, 0):
-                instructions[name] = instructions_of(board, run.cost)
-                bands[name] = board.cycle_range(run.cost, name)
-                per_iteration[name] = _per_iteration(board, size, name, run)
-            whole = runs[n, 0][name]
-            if index == 0 and _is_mostly_iterations(per_iteration[name], whole.iterations, whole.cost.cycles):
-                once[name][size] = _count(board, size, name, iterations=1).cost.cycles
+                found.instructions = instructions_of(board, run.cost)
+                found.band = board.cycle_range(run.cost, name)
+                found.per_iteration = _per_iteration(board, size, name, run)
+            whole = found.runs[n, 0]
+            if index == 0 and _is_mostly_iterations(found.per_iteration, whole.iterations, whole.cost.cycles):
+                found.once[size] = _count(board, size, name, iterations=1).cost.cycles
     tell("cycles", len(work), len(work))
-    return {
-        name: _cost(
-            board, name, n, point_sets, sizes, runs, once[name], instructions[name], bands[name], per_iteration[name]
-        )
-        for name in calibrators
-    }
+    return {name: _cost(board, name, n, sizes, found) for name, found in counted.items()}
 
 
 def _is_mostly_iterations(per_iteration: float | None, iterations: int, total: int) -> bool:
@@ -240,18 +241,15 @@ def instructions_of(board: Board, cost: RunCost) -> int | None:
     return None if whole is None or empty is None else whole - empty
 
 
-def _cost(
-    board: Board, name: str, n: int, point_sets: int, sizes: Sequence[int],
-    runs: dict[tuple[int, int], dict[str, CountedRun]], once: dict[int, int], instructions: int | None,
-    band: CycleRange | None, per_iteration: float | None,
-) -> CycleCost:
-    at_n = [runs[n, index][name].cost.cycles for index in range(point_sets)]
-    over_sizes = [runs[size, 0][name].cost.cycles for size in sizes]
-    if once and per_iteration is not None:
-        line = fit_line(sizes, [once[size] for size in sizes])
+def _cost(board: Board, name: str, n: int, sizes: Sequence[int], counted: _Counted) -> CycleCost:
+    runs, per_iteration = counted.runs, counted.per_iteration
+    at_n = [run.cost.cycles for (size, _), run in runs.items() if size == n]
+    over_sizes = [runs[size, 0].cost.cycles for size in sizes]
+    if counted.once and per_iteration is not None:
+        line = fit_line(sizes, [counted.once[size] for size in sizes])
         line = replace(line, intercept=line.intercept - per_iteration)
     else:
-        line = _line_where_steps_are_made(sizes, over_sizes, [runs[size, 0][name] for size in sizes], runs[n, 0][name])
+        line = _line_where_steps_are_made(sizes, over_sizes, [runs[size, 0] for size in sizes], runs[n, 0])
     return CycleCost(
         calibrator=name,
         model=board.cycle_model,
@@ -261,9 +259,9 @@ def _cost(
         fixed=line.intercept,
         regression_residual=line.residual,
         spread=max(at_n) - min(at_n),
-        instructions=instructions,
-        band=band,
-        iterations=runs[n, 0][name].iterations,
+        instructions=counted.instructions,
+        band=counted.band,
+        iterations=runs[n, 0].iterations,
         per_iteration=per_iteration,
         sizes=np.array(sizes),
         cycles=np.array(over_sizes),

@@ -20,7 +20,7 @@ from hiltest.link.fusion import (
     FusionStart,
     FusionSummary,
 )
-from hiltest.link.replies import SensorKind
+from hiltest.link.replies import SAMPLE_RATE_HZ, SensorKind
 from hiltest.measurement import CycleRange
 from hiltest.orientation.fusion import FusionNoise, heading_sigma_deg
 from hiltest.orientation.quaternions import Quaternion, from_pose, normalised, pose_of, rotation_ned_from_body
@@ -37,8 +37,6 @@ _RATE_DPS_RTHZ = 0.2
 _TILT_DEG = 0.3
 # No hand keeps gravity at 1 g; beyond this it is no gravity any more.
 _GATE_G = 0.1
-# Of the fastest magnetometer: the board has room for so many records, whichever is selected.
-_FASTEST_HZ = 200.0
 # No motion is followed for longer: a hand's sway, or a slow table's [s].
 _LONGEST_S = 30.0
 # Longer than the motion, so that the rest after it is seen as well.
@@ -161,7 +159,8 @@ def measure_fusion(
 def _run_through(
     board: Board, sway: Callable[[], float], *, slot: int, noise: FusionNoise, readings: int
 ) -> FusionSummary:
-    every = math.ceil(_FASTEST_HZ * (_LONGEST_S + _AFTER_S) / MAX_FUSION_RECORDS)
+    # At the rate of the fastest magnetometer: the board has room for so many records, whichever is selected.
+    every = math.ceil(SAMPLE_RATE_HZ * (_LONGEST_S + _AFTER_S) / MAX_FUSION_RECORDS)
     board.session.request(FusionStart(
         slot, every, readings, noise.rate_dps_rthz, noise.tilt_deg, noise.heading_deg, noise.gate_g
     ))  # fmt: skip

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from hiltest.boards.board import Board
 from hiltest.link.gyroscope import LogGyroscope
-from hiltest.link.replies import DPS_PER_COUNT, Counts, SensorKind
+from hiltest.link.replies import DPS_PER_COUNT, SAMPLE_RATE_HZ, Counts, SensorKind
 from hiltest.procedures.progress import Progress, silent
-from hiltest.procedures.rest import GYROSCOPE_RATE_HZ, SamplesLostError
+from hiltest.procedures.rest import SamplesLostError
 
 Reals = NDArray[np.float64]
 
@@ -80,12 +80,12 @@ def log_gyroscope(board: Board, *, seconds: float, progress: Progress | None = N
         When the board has no gyroscope.
     """
     tell = progress or silent
-    samples = math.ceil(seconds * GYROSCOPE_RATE_HZ)
+    samples = math.ceil(seconds * SAMPLE_RATE_HZ)
     chunks: list[LogChunk] = []
     for chunk in log_chunks(board, samples=samples):
         if chunk.lost:
             raise SamplesLostError(
-                f"samples of the gyroscope were lost {len(chunks) * CHUNK / GYROSCOPE_RATE_HZ:.1f} s into the log: the "
+                f"samples of the gyroscope were lost {len(chunks) * CHUNK / SAMPLE_RATE_HZ:.1f} s into the log: the "
                 "host did not ask in time. Run again on a quieter machine"
             )
         chunks.append(chunk)

@@ -12,13 +12,11 @@ from hiltest.boards.board import Board
 from hiltest.errors import CalibrationError
 from hiltest.link.gyroscope import Axis, GyroscopeRest, GyroscopeRestReply, StillnessKind
 from hiltest.link.messages import Average
-from hiltest.link.replies import DPS_PER_COUNT, G_PER_COUNT, SensorKind
+from hiltest.link.replies import DPS_PER_COUNT, G_PER_COUNT, SAMPLE_RATE_HZ, SensorKind
 from hiltest.procedures.progress import Progress, silent
 
 Reals = NDArray[np.float64]
 
-# The rate the firmware configures the FXAS21002C for.
-GYROSCOPE_RATE_HZ = 200.0
 # Samples in one window of the firmware's test of stillness.
 STILLNESS_WINDOW = 20
 
@@ -83,7 +81,7 @@ def noise_counts(board: Board) -> float:
 
     The declared density over half the sampling rate, and the rounding to whole counts beside it.
     """
-    white_dps = board.declared.gyroscope_density_dps * math.sqrt(0.5 * GYROSCOPE_RATE_HZ)
+    white_dps = board.declared.gyroscope_density_dps * math.sqrt(0.5 * SAMPLE_RATE_HZ)
     return math.hypot(white_dps / DPS_PER_COUNT, math.sqrt(1.0 / 12.0))
 
 
@@ -114,7 +112,7 @@ def rest_gyroscope(
     """
     tell = progress or silent
     board.sensor(SensorKind.GYROSCOPE)
-    n = math.ceil(seconds * GYROSCOPE_RATE_HZ)
+    n = math.ceil(seconds * SAMPLE_RATE_HZ)
     timeout_us = round(2e6 * seconds + 1e6)  # twice the time it should take, and a second
     tell("gyroscope at rest", 0, 1)
     reply = board.session.request(GyroscopeRest(n, store, noise_counts(board), timeout_us=timeout_us))
@@ -126,7 +124,7 @@ def rest_gyroscope(
 
 
 def _refuse_motion(reply: GyroscopeRestReply, seconds: float) -> None:
-    found, window_s = reply.stillness, STILLNESS_WINDOW / GYROSCOPE_RATE_HZ
+    found, window_s = reply.stillness, STILLNESS_WINDOW / SAMPLE_RATE_HZ
     if found.kind is StillnessKind.STILL:
         return
     if found.kind is StillnessKind.NOT_TESTED:
@@ -141,7 +139,7 @@ def _refuse_motion(reply: GyroscopeRestReply, seconds: float) -> None:
     else:
         what = f"{amount_dps:.2f} deg/s rms about its {axis} axis within {window_s:g} s"
     raise BoardMovedError(
-        found.first / GYROSCOPE_RATE_HZ, found.axis, what,
+        found.first / SAMPLE_RATE_HZ, found.axis, what,
         f"Leave it alone for {seconds:g} s and run again; where no one touched it, is the table shaken, or "
         "sensors.gyroscope_noise_mdps_per_rthz in the rig too small?",
     )

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from hiltest.boards.board import Board
 from hiltest.link.gyroscope import LogGyroscope
 from hiltest.link.messages import Read
-from hiltest.link.replies import DPS_PER_COUNT, G_PER_COUNT, MICROTESLA_PER_COUNT, SensorKind
+from hiltest.link.replies import DPS_PER_COUNT, G_PER_COUNT, MICROTESLA_PER_COUNT, SAMPLE_RATE_HZ, SensorKind
 from hiltest.procedures.gyroscope_log import log_chunks
-from hiltest.procedures.rest import GYROSCOPE_RATE_HZ
 
 # Of sensors that are read in turn: 0.05 s each, so that the gyroscope's FIFO, 0.16 s, does not run over meanwhile.
 _IN_TURN = {SensorKind.MAGNETOMETER: 4, SensorKind.ACCELEROMETER: 10}
@@ -71,7 +70,7 @@ def log_sensors(board: Board, kinds: Collection[SensorKind], *, seconds: float) 
 
 
 def _gyroscope_alone(board: Board, seconds: float) -> Iterator[LogPart]:
-    for chunk in log_chunks(board, samples=math.ceil(seconds * GYROSCOPE_RATE_HZ)):
+    for chunk in log_chunks(board, samples=math.ceil(seconds * SAMPLE_RATE_HZ)):
         timed = zip(chunk.times_s.tolist(), chunk.counts.tolist(), strict=True)
         rows = (_row(time_s, SensorKind.GYROSCOPE, counts, chunk.die_temperature_degc) for time_s, counts in timed)
         yield LogPart(tuple(rows), chunk.lost)
@@ -114,7 +113,7 @@ class _GyroscopeInTurn:
     def take(self) -> tuple[list[LogRow], bool]:
         """Return the samples since the last call, and whether others are lost."""
         reply = self._board.session.request(LogGyroscope(0, self._goes_on))
-        before_s = self.last_s if self._goes_on else reply.span.first_s - 1.0 / GYROSCOPE_RATE_HZ
+        before_s = self.last_s if self._goes_on else reply.span.first_s - 1.0 / SAMPLE_RATE_HZ
         step_s = (reply.span.last_s - before_s) / len(reply.samples)
         self._goes_on, self.last_s = True, reply.span.last_s
         rows = [

@@ -28,10 +28,10 @@ from hiltest.link.gyroscope import (
     IntegrateGyroscopeReply,
     SetGyroscope,
 )
-from hiltest.link.replies import DPS_PER_COUNT, RunCost
+from hiltest.link.replies import DPS_PER_COUNT, SAMPLE_RATE_HZ, RunCost
 from hiltest.measurement import CycleRange
 from hiltest.procedures.progress import Progress, silent
-from hiltest.procedures.rest import GYROSCOPE_RATE_HZ, noise_counts, rest_gyroscope
+from hiltest.procedures.rest import noise_counts, rest_gyroscope
 from hiltest.procedures.turntables import Turntable
 
 Reals = NDArray[np.float64]
@@ -162,7 +162,7 @@ def measure_turn(
     before = rest_gyroscope(board, seconds=rest_s, store=True)
     tell(what, 1, 3)
     takes_s = turntable.turn(axis, degrees, rate_dps=rate_dps)
-    n = math.ceil(takes_s * GYROSCOPE_RATE_HZ)
+    n = math.ceil(takes_s * SAMPLE_RATE_HZ)
     if takes_s > _LONGEST_S:
         raise TurnInvalidError(
             f"the turn about {axis.name.lower()} is invalid: the table takes {takes_s:.0f} s for it, and the board "

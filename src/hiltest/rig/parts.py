@@ -54,15 +54,14 @@ def _mag3110(world: World, truth: SimulatedWorld, seed: int, _part: Part) -> Reg
 
 
 def _fxos8700cq(world: World, truth: SimulatedWorld, seed: int, part: Part) -> Fxos8700cq:
-    from hiltest.sensors import Fxos8700cq
+    from hiltest.sensors import Fxos8700cq, Fxos8700cqNoise
     from hiltest.world import MagneticDistortion
 
     drift = truth.drift
     return Fxos8700cq(
         world, MagneticDistortion(truth.soft_iron, truth.hard_iron_at_ut("fxos8700cq")), seed=seed,
         address=part.address, name="shield" if part.bus == 1 else "onboard", errors=_accelerometer_errors(truth),
-        magnetometer_noise_ut=truth.fxos8700cq_noise_ut,
-        accelerometer_drift=_drift(offset=scaled(drift.accelerometer_offset_mg_per_degc, 1e-3)),
+        noise=Fxos8700cqNoise(magnetometer_ut=truth.fxos8700cq_noise_ut),
         magnetometer_drift=_drift(
             offset=drift.fxos8700cq_zero_flux_ut_per_degc, gain_percent=drift.fxos8700cq_gain_percent_per_degc
         ),
@@ -116,6 +115,7 @@ def _accelerometer_errors(truth: SimulatedWorld) -> AccelerometerErrors:
     return AccelerometerErrors(
         (x / 1000.0, y / 1000.0, z / 1000.0), (gain_x / 100.0, gain_y / 100.0, gain_z / 100.0),
         (scaled(row_x, 1e-2), scaled(row_y, 1e-2), scaled(row_z, 1e-2)),
+        _drift(offset=scaled(truth.drift.accelerometer_offset_mg_per_degc, 1e-3)),
     )
 
 

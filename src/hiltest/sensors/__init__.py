@@ -2,8 +2,8 @@
 
 from hiltest.sensors.drift import Drift
 from hiltest.sensors.fxas21002c import Fxas21002c
-from hiltest.sensors.fxos8700cq import AccelerometerErrors, Fxos8700cq
+from hiltest.sensors.fxos8700cq import AccelerometerErrors, Fxos8700cq, Fxos8700cqNoise
 from hiltest.sensors.mag3110 import Mag3110
 from hiltest.sensors.register_device import RegisterDevice
 
-__all__ = ["AccelerometerErrors", "Drift", "Fxas21002c", "Fxos8700cq", "Mag3110", "RegisterDevice"]
+__all__ = ["AccelerometerErrors", "Drift", "Fxas21002c", "Fxos8700cq", "Fxos8700cqNoise", "Mag3110", "RegisterDevice"]

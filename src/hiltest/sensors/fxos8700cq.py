@@ -51,10 +51,6 @@ _OVERSAMPLING = (
     (6.25, (4, 4, 8, 16, 32, 64, 128, 256)),
     (1.5625, (16, 16, 32, 64, 128, 256, 512, 1024)),
 )
-#: Accelerometer noise density, data sheet front page, 200 Hz bandwidth [g/sqrt(Hz)].
-DATA_SHEET_NOISE_DENSITY_G = 126e-6
-#: Rms noise at oversampling 2 and 32 [uT]; between them by a power law, above 32 no less.
-MAGNETOMETER_NOISE_UT = (1.5, 0.3)
 _MAGNETOMETER_LIMIT = 12_000  # +-1200 uT
 _COUNTS_PER_UT = 10.0
 _ACCELEROMETER_COUNTS_PER_G = 4096.0  # 14-bit counts at 2 g full scale
@@ -65,21 +61,43 @@ _RESET_S = 0.001
 
 @dataclass(frozen=True, slots=True)
 class AccelerometerErrors:
-    """Errors of the accelerometer, body frame: ``(I + diag(gain_error) + cross_axis) @ g + offset_g``."""
+    """Errors and drift of the accelerometer, body frame: ``(I + diag(gain_error) + cross_axis) @ g + offset_g``."""
 
     offset_g: Vector = (0.0, 0.0, 0.0)
     gain_error: Vector = (0.0, 0.0, 0.0)
     cross_axis: tuple[Vector, Vector, Vector] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    drift: Drift = Drift()  # noqa: RUF009 - frozen, so it may be shared
 
-    def apply(self, gravity_body_g: Vector) -> Vector:
-        """Return gravity as the part measures it [g]."""
+    def apply(self, gravity_body_g: Vector, temperature_degc: float) -> Vector:
+        """Return gravity as the part measures it at a temperature [g]."""
         x, y, z = gravity_body_g
         (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = self.cross_axis
-        return (
+        measured = (
             x + self.gain_error[0] * x + (xx * x + xy * y + xz * z) + self.offset_g[0],
             y + self.gain_error[1] * y + (yx * x + yy * y + yz * z) + self.offset_g[1],
             z + self.gain_error[2] * z + (zx * x + zy * y + zz * z) + self.offset_g[2],
         )
+        return self.drift.apply(measured, temperature_degc)
+
+
+@dataclass(frozen=True, slots=True)
+class Fxos8700cqNoise:
+    """Noise of the part, by default the data sheet's.
+
+    Attributes
+    ----------
+    accelerometer_density_g : float
+        Front page, at 200 Hz bandwidth [g/sqrt(Hz)].
+    magnetometer_ut : (2,)
+        Rms noise per axis at oversampling 2 and 32 [uT]; between them by a power law, above 32 no less.
+    """
+
+    accelerometer_density_g: float = 126e-6
+    magnetometer_ut: tuple[float, float] = (1.5, 0.3)
+
+    def accelerometer_g(self, rate_hz: float) -> float:
+        """Return the rms noise of one axis of the accelerometer [g]; the bandwidth is half the output rate."""
+        return self.accelerometer_density_g * math.sqrt(rate_hz / 2.0)
 
 
 class Fxos8700cq(RegisterDevice):
@@ -97,12 +115,9 @@ class Fxos8700cq(RegisterDevice):
         Distinguishes the noise of two such parts.
     errors : AccelerometerErrors
         Errors of the accelerometer.
-    accelerometer_drift, magnetometer_drift : Drift
-        Drift of the two readings, their offsets included [g], [uT].
-    accelerometer_noise_density_g : float
-        [g/sqrt(Hz)]; the bandwidth is half the output rate.
-    magnetometer_noise_ut : (2,)
-        Rms noise per axis at oversampling 2 and at 32 and above [uT].
+    magnetometer_drift : Drift
+        Drift of its reading, the offset included [uT].
+    noise : Fxos8700cqNoise
     """
 
     def __init__(
@@ -114,18 +129,15 @@ class Fxos8700cq(RegisterDevice):
         address: int = 0x1E,
         name: str = "fxos8700cq",
         errors: AccelerometerErrors = AccelerometerErrors(),
-        accelerometer_drift: Drift = Drift(),  # noqa: B008 - frozen, so it may be shared
-        magnetometer_drift: Drift = Drift(),  # noqa: B008
-        accelerometer_noise_density_g: float = DATA_SHEET_NOISE_DENSITY_G,
-        magnetometer_noise_ut: tuple[float, float] = MAGNETOMETER_NOISE_UT,
+        magnetometer_drift: Drift = Drift(),  # noqa: B008 - frozen, so it may be shared
+        noise: Fxos8700cqNoise = Fxos8700cqNoise(),
     ) -> None:
         super().__init__(address)
         self._world = world
         self._distortion = distortion
         self._errors = errors
-        self._accelerometer_drift = accelerometer_drift
         self._magnetometer_drift = magnetometer_drift
-        self._noise_density_g = accelerometer_noise_density_g
+        self._noise = noise
         tag = f"{name}@{address:02x}"
         self._accelerometer = SampledOutput(world, NoiseSource(seed, f"{tag}/accelerometer"), self._measure_gravity)
         self._magnetometer = SampledOutput(world, NoiseSource(seed, f"{tag}/magnetometer"), self._measure_field)
@@ -133,7 +145,6 @@ class Fxos8700cq(RegisterDevice):
         self._extremes = Extremes(self._magnetometer)
         self._registers = bytearray(_LAST_REGISTER + 1)
         self._answers_from_s = 0.0
-        self._noise_ut_at_2_and_32 = magnetometer_noise_ut
         self._sigma_ut = 0.0  # at the oversampling it was made active with
 
     def responds(self, time_s: float) -> bool:
@@ -272,7 +283,7 @@ class Fxos8700cq(RegisterDevice):
         self._fifo.begin(time_s)
         if mode in (1, 3):
             samples = oversampling(rate_hz, self._registers[M_CTRL_REG1] >> 2 & 7)
-            self._sigma_ut = noise_at_oversampling(samples, self._noise_ut_at_2_and_32)
+            self._sigma_ut = noise_at_oversampling(samples, self._noise.magnetometer_ut)
             self._magnetometer.begin(rate_hz, first_s=first_s)
             self._extremes.skip(time_s)
 
@@ -294,9 +305,8 @@ class Fxos8700cq(RegisterDevice):
         return word >> (0 if low else 8) & 0xFF
 
     def _measure_gravity(self, instant_s: float, noise: Vector) -> Counts:
-        gravity_g = self._errors.apply(self._world.at(instant_s).gravity_body_g)
-        x, y, z = self._accelerometer_drift.apply(gravity_g, self._world.temperature_degc(instant_s))
-        sigma_g = self._noise_density_g * math.sqrt(self._accelerometer.rate_hz / 2.0)
+        x, y, z = self._errors.apply(self._world.at(instant_s).gravity_body_g, self._world.temperature_degc(instant_s))
+        sigma_g = self._noise.accelerometer_g(self._accelerometer.rate_hz)
         # Part axes from body axes: the inverse of body = (y, x, z).
         return (
             self._gravity_word(y + sigma_g * noise[0], 0),

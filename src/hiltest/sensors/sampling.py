@@ -24,8 +24,8 @@ _TOLERANCE_TICKS = 1e-9
 _NO_SAMPLE: Counts = (0, 0, 0)
 
 
-class Noise(Protocol):
-    """Noise of one quantity."""
+class SampleNoise(Protocol):
+    """Noise of each sample of one quantity."""
 
     def sample(self, epoch: int, number: int) -> Vector:
         """Return the triple of sample `number`, counted from the start of `epoch`."""
@@ -38,13 +38,13 @@ class SampledOutput:
     ----------
     world : World
         Gives the noise epoch of an instant.
-    noise : Noise
+    noise : SampleNoise
         Noise of this quantity.
     measure : callable
         The part's conversion.
     """
 
-    def __init__(self, world: World, noise: Noise, measure: Measure) -> None:
+    def __init__(self, world: World, noise: SampleNoise, measure: Measure) -> None:
         self._world = world
         self._noise = noise
         self._measure = measure
