@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from functools import cache
 
 import numpy as np
 import pytest
@@ -15,7 +14,6 @@ from hiltest.calibration.quality import COUNTS_PER_UT, direction_error_rms_deg, 
 from ..instances import Instance, instance
 
 NOISE_UT = 2.5
-SEEDS = 2000
 
 
 def direction_error_deg(fit_of, drawn: Instance) -> float:
@@ -25,10 +23,9 @@ def direction_error_deg(fit_of, drawn: Instance) -> float:
     return direction_error_rms_deg(fit_of(drawn.points_counts), counts, directions)
 
 
-@cache
-def median_errors_deg(count: int, covered: tuple[float, float]) -> tuple[float, float]:
+def median_errors_deg(count: int, covered: tuple[float, float], seeds: int) -> tuple[float, float]:
     """Return the medians of `direct` and `corrected` over the thesis' generator, noise 2.5 uT."""
-    drawn = [instance(seed, count, noise_ut=NOISE_UT, covered=covered) for seed in range(SEEDS)]
+    drawn = [instance(seed, count, noise_ut=NOISE_UT, covered=covered) for seed in range(seeds)]
     direct, better = ([direction_error_deg(fit, each) for each in drawn] for fit in (fit_direct, fit_corrected))
     print(f"n = {count}, covered {covered}: direct {np.median(direct):.3f}, corrected {np.median(better):.3f} deg")
     return float(np.median(direct)), float(np.median(better))
@@ -36,13 +33,14 @@ def median_errors_deg(count: int, covered: tuple[float, float]) -> tuple[float, 
 
 def test_a_thousand_noisy_points_are_worth_half_a_degree() -> None:
     """The goal that the generator's published simulation sets: 0.46 degrees there, against 1.07 of `direct`."""
-    direct_deg, corrected_deg = median_errors_deg(1000, (0.5, 1.0))
+    direct_deg, corrected_deg = median_errors_deg(1000, (0.5, 1.0), 2000)
     assert corrected_deg <= 0.55
     assert corrected_deg <= direct_deg / 2.0
 
 
 def test_with_half_of_the_sphere_it_errs_by_a_quarter_of_direct() -> None:
-    direct_deg, corrected_deg = median_errors_deg(1000, (0.5, 0.5))
+    # An eighth: 1.18 of 9.33 degrees over 2000 seeds, so that 500 are enough to tell.
+    direct_deg, corrected_deg = median_errors_deg(1000, (0.5, 0.5), 500)
     assert corrected_deg <= direct_deg / 4.0
 
 

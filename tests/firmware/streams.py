@@ -34,6 +34,13 @@ class Report:
     accepted: int
     fit_error_percent: float
 
+    @property
+    def bits(self) -> tuple[object, ...]:
+        """All of it, to be compared to the last bit."""
+        fit = self.fit
+        return (fit.status, fit.is_sphere, fit.iterations, fit.soft_iron.tobytes(), fit.hard_iron.tobytes(),
+                fit.coverage, self.held, self.elements, self.is_solving, self.accepted, self.fit_error_percent)
+
 
 class Stream:
     """One stream calibrator and its state; subclasses know where both are."""

