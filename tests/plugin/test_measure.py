@@ -55,12 +55,15 @@ def test_word():
     result = pytester.runpytest_subprocess("--junit-xml=junit.xml", *options)
     result.stdout.fnmatch_lines([
         "  lamp.current 3.125 mA (limit 2), lamps/test_lamp.py:*", "*_ test_limit _*",
-        "out of limit, see above: lamp.current", "seen on the way",
+        "out of limit: lamp.current", "seen on the way",
     ])
     result.stdout.fnmatch_lines(["E*assert 1 == 2"])
     assert result.stdout.str().count("3.125") == 1
     assert "lamp.current = 3.125 mA, limit at most 2: fail" in (pytester.path / "junit.xml").read_text()
     assert measurements_of(pytester)["lamp.current"]["place"].startswith("lamps/test_lamp.py:")
+    assert {each["reason"] for each in run_of(pytester)["tests"]} == {"out of limit: lamp.current", "assert 1 == 2"}
+    page = (pytester.path / "hil-out" / "report.md").read_text()
+    assert page.count("3.125") == 3, "the verdict, the list of failures, and that of every measurement"
 
 
 def test_an_assertion_still_fails_as_itself(pytester: pytest.Pytester) -> None:

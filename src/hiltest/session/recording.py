@@ -17,8 +17,15 @@ from hiltest.rig.rig import conditions_sha256
 from hiltest.runs.gate import NOT_EVALUATED
 from hiltest.runs.older_firmware import remove_runs
 from hiltest.session import HilSession
-from hiltest.session.results import BENCH, FOUND_HERE, OUT_OF_LIMIT, WIRE_TRACE, Found, TestLog
-from hiltest.text import listed
+from hiltest.session.results import (
+    BENCH,
+    FOUND_HERE,
+    OUT_OF_LIMIT,
+    WIRE_TRACE,
+    Found,
+    TestLog,
+    out_of_limit_in_words,
+)
 
 if TYPE_CHECKING:
     from hiltest.boards import Board
@@ -26,7 +33,6 @@ if TYPE_CHECKING:
     from hiltest.record.recorder import Recorder
     from hiltest.rig import Rig
 
-_NAMED_AT_MOST = 3
 _PHASES = ("setup", "call", "teardown")
 
 
@@ -184,7 +190,7 @@ def _point_to_summary(report: pytest.TestReport) -> None:
     Reports that are written to files have their text already.
     """
     if names := getattr(report, OUT_OF_LIMIT, None):
-        report.longrepr = f"out of limit, see above: {listed(names, _NAMED_AT_MOST)}"
+        report.longrepr = out_of_limit_in_words(names)
         report.sections = [each for each in report.sections if each[0] != WIRE_TRACE]
 
 

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from hiltest.measurement import Measurement
     from hiltest.record.run import Table, TestResult
 
+_NAMED_AT_MOST = 3
+
 # Attributes of a report. They are plain data, but for FOUND_HERE, which `pack` makes plain on the way from a worker.
 CAUSE = "hil_cause"
 """Outcome of a test that the bench or the firmware ended."""
@@ -141,6 +143,13 @@ class TestLog:
         )
 
 
+def out_of_limit_in_words(names: Sequence[str]) -> str:
+    """Return why measurements failed a test; their values stand in the list of failures, and in it alone."""
+    from hiltest.text import listed
+
+    return f"out of limit: {listed(names, _NAMED_AT_MOST)}"
+
+
 def _outcome(report: pytest.TestReport) -> TestOutcome:
     outcome = TestOutcome(str(report.outcome))  # the others' too, such as pytest-rerunfailures'
     if outcome is TestOutcome.RERUN:
@@ -166,6 +175,8 @@ def _reason(report: pytest.TestReport) -> str:
         return ""
     if hasattr(report, REASON):
         return str(getattr(report, REASON))
+    if names := getattr(report, OUT_OF_LIMIT, None):
+        return out_of_limit_in_words(names)
     if report.skipped and isinstance(report.longrepr, tuple):
         return str(report.longrepr[2]).removeprefix("Skipped: ")
     crash = getattr(report.longrepr, "reprcrash", None)
