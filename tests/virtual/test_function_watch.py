@@ -71,9 +71,9 @@ def test_watching_changes_no_count(build_c: Build, counting: AccountingFactory) 
     counts = []
     for is_watched in (False, True):
         board = VirtualK64F(elf, accounting=counting)
-        board.run_until(0.0001)
-        watch = watched(board, "work") if is_watched else None  # the code is translated by now
         board.run_until(0.0002)
+        watch = watched(board, "work") if is_watched else None  # the code is translated by now
+        board.run_until(0.0005)
         counts.append((board.cycles, board.instructions))
         assert watch is None or watch.cycles
     assert counts[0] == counts[1]
