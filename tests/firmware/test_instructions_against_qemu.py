@@ -1,7 +1,7 @@
 """An independent emulator executes the kernels in the same number of instructions.
 
-All calibrators and streaming calibrators of the shipped firmware, `dpi`, the
-tilt-compensated heading and steps of the fusion filter. The fits of accelerometer and gyroscope are not among them.
+All calibrators and streaming calibrators of the shipped firmware, `dpi`, the tilt-compensated heading and steps of the
+fusion filter, and two programs of integers. The fits of accelerometer and gyroscope are not among them.
 """
 
 from __future__ import annotations
@@ -55,6 +55,8 @@ KERNELS = dict.fromkeys(CALIBRATORS, (3, "full_sphere")) | {
     "kernel_dpi": (300 * 59 * 2, PAIRS),
     "kernel_tilt_heading": (300 * 150, PAIRS),
     "kernel_fusion": (300 * 250, PAIRS),
+    "kernel_sort": (301 * 8 * 5, "odd_count"),  # a heap of 301 is 8 deep
+    "kernel_interpreter": (301 * 8, "odd_count"),
 }
 
 
@@ -90,7 +92,7 @@ def build_kernel(tmp_path: Path, require_tool: Callable[[str], str]) -> Callable
         cloud.write_text(cloud_source(KERNELS[kernel][1]))
         elf = tmp_path / f"{kernel}.elf"
         flags = [flag for flag in MANIFEST["flags"].split() if not flag.startswith(("-W", "-fstack", "-fcallgraph"))]
-        programs = [PROGRAMS / f"{name}.c" for name in ("one_kernel", "stream_kernels", "pair_kernels")]
+        programs = [PROGRAMS / f"{name}.c" for name in ("one_kernel", "stream_kernels", "pair_kernels", "integer_kernels")]
         firmware = [*(STUB / "calibration").glob("*.[cS]"), *(STUB / "orientation").glob("*.c")]
         subprocess.run(
             [compiler, *flags, f"-DKERNEL={kernel}", f"-I{STUB}", f"-I{STUB / 'calibration'}", "-nostartfiles",
