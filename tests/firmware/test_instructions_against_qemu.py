@@ -92,7 +92,8 @@ def build_kernel(tmp_path: Path, require_tool: Callable[[str], str]) -> Callable
         cloud.write_text(cloud_source(KERNELS[kernel][1]))
         elf = tmp_path / f"{kernel}.elf"
         flags = [flag for flag in MANIFEST["flags"].split() if not flag.startswith(("-W", "-fstack", "-fcallgraph"))]
-        programs = [PROGRAMS / f"{name}.c" for name in ("one_kernel", "stream_kernels", "pair_kernels", "integer_kernels")]
+        names = ("one_kernel", "stream_kernels", "pair_kernels", "integer_kernels")
+        programs = [PROGRAMS / f"{name}.c" for name in names]
         firmware = [*(STUB / "calibration").glob("*.[cS]"), *(STUB / "orientation").glob("*.c")]
         subprocess.run(
             [compiler, *flags, f"-DKERNEL={kernel}", f"-I{STUB}", f"-I{STUB / 'calibration'}", "-nostartfiles",
