@@ -40,6 +40,17 @@ def seed(text: str) -> int:
     return int(text)
 
 
+def address(text: str) -> int:
+    """Parse an address of 32 bits, in decimal or as ``0x8000``."""
+    try:
+        number = int(text, 0)
+    except ValueError:
+        number = -1
+    if not 0 <= number < 1 << 32:
+        raise argparse.ArgumentTypeError(f"{text!r} is no address: write it as 0x8000")
+    return number
+
+
 def poses(text: str) -> Literal["all", "level"]:
     """Parse which known angles are measured: ``all`` or ``level``."""
     if text not in _POSES:
@@ -118,7 +129,10 @@ class Option(NamedTuple):
 
 OPTIONS = (
     Option("rig", "FILE", file_name, None, "rig file or name (default: hil/rigs/virtual-k64f.toml, here or packaged)"),
-    Option("firmware", "ELF", file_name, None, "firmware for the virtual board (default: the packaged one)"),
+    Option("firmware", "FILE", file_name, None, "firmware for the virtual board (default: the packaged one)"),
+    Option(
+        "base", "ADDRESS", address, None, "the firmware is a raw binary that belongs there (default: 0, for a .bin)"
+    ),
     Option("port", "URL", file_name, None, "serial port of a real board: device or pyserial URL (default: the rig's)"),
     Option("out", "DIR", file_name, DEFAULT_OUT, f"folder for run.json and the reports (default: {DEFAULT_OUT})"),
     Option("seed", "N", seed, None, "seed of the simulated world (default: the rig's)"),
@@ -128,7 +142,7 @@ OPTIONS = (
     Option("label", "TEXT", label, None, "name of this run in reports and trends, such as a version"),
     Option("baseline", "FILE", file_name, None, "baseline or record of a run to compare this one with"),
 )
-_SAME_ON_ALL_SEEDS = ("rig", "firmware", "poses", "suite", "calibration", "label")
+_SAME_ON_ALL_SEEDS = ("rig", "firmware", "base", "poses", "suite", "calibration", "label")
 
 
 class Settings(NamedTuple):
@@ -136,6 +150,7 @@ class Settings(NamedTuple):
 
     rig: str | None
     firmware: Path | None
+    base: int | None
     port: str | None
     out: Path
     seed: int | None
@@ -206,6 +221,7 @@ def resolve(config: pytest.Config, environment: Mapping[str, str] = os.environ) 
     return Settings(
         rig=values["rig"],
         firmware=None if values["firmware"] is None else Path(values["firmware"]),
+        base=values["base"],
         port=values["port"],
         out=out if out.is_absolute() else config.invocation_params.dir / out,
         seed=values["seed"],

@@ -29,7 +29,7 @@ if _HANDLERS not in serial.protocol_handler_packages:
 
 def open_board(
     rig: Rig, *, firmware: Path | None = None, port: str | None = None, seed: int | None = None,
-    transcript: Transcript | None = None,
+    transcript: Transcript | None = None, base: int | None = None,
 ) -> Board:  # fmt: skip
     """Open the board of a rig: synchronised, identified, its sensors selected.
 
@@ -38,13 +38,15 @@ def open_board(
     rig : Rig
         Says which board.
     firmware : Path, optional
-        ELF for a virtual board.
+        ELF, Intel HEX or raw binary for a virtual board.
     port : str, optional
         Serial port of a real board; wins over the rig's.
     seed : int, optional
         Seed of a simulated world; by default the rig's.
     transcript : Transcript, optional
         Gets every byte, both ways.
+    base : int, optional
+        Address of a raw binary.
 
     Raises
     ------
@@ -71,7 +73,7 @@ def open_board(
         raise ConfigError(f"rig {rig.name} ({rig.path}): this version of hiltest cannot replay a recorded session yet")
     if url is None and rig.board.kind == "real":
         raise ConfigError(f"rig {rig.name} ({rig.path}) names no port: set board.port in it, or give --hil-port")
-    bench = VirtualBench(rig, firmware=firmware, seed=seed)
+    bench = VirtualBench(rig, firmware=firmware, seed=seed, base=base)
     return _of_known_sensors(VirtualBoard(bench, declared=declared, transcript=transcript), rig)
 
 

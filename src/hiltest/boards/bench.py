@@ -8,6 +8,7 @@ from hiltest.angles import Pose
 from hiltest.errors import ConfigError
 from hiltest.rig import Rig, build_sensors, build_world
 from hiltest.rig.parts import PARTS
+from hiltest.virtual.elf import load_image
 from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.profile_file import DEFAULT_PROFILE, SUFFIX, place_of
 from hiltest.world.faces import askew
@@ -43,9 +44,11 @@ class VirtualBench:
     rig : Rig
         Rig of a virtual board.
     firmware : Path, optional
-        ELF to run; by default the prebuilt one.
+        ELF, Intel HEX or raw binary to run; by default the prebuilt one.
     seed : int, optional
         Noise seed; by default the rig's.
+    base : int, optional
+        Address of a raw binary.
 
     Attributes
     ----------
@@ -59,7 +62,9 @@ class VirtualBench:
         When the rig has no simulated world, or the firmware cannot be loaded.
     """
 
-    def __init__(self, rig: Rig, *, firmware: Path | None = None, seed: int | None = None) -> None:
+    def __init__(
+        self, rig: Rig, *, firmware: Path | None = None, seed: int | None = None, base: int | None = None
+    ) -> None:
         if rig.world is None:
             raise ConfigError(
                 f"rig {rig.name} ({rig.path}) is of a {rig.board.kind} board: it has no world to simulate. "
@@ -72,8 +77,9 @@ class VirtualBench:
         sensors = build_sensors(rig, self._world, self.seed)
         # What the firmware that ships touches is modelled: anything else is a mistake, and found at once.
         self.machine = VirtualK64F(
-            self.firmware, i2c0=sensors["i2c0"], i2c1=sensors["i2c1"], profile=_timing_of(rig), strict=firmware is None
-        )
+            load_image(self.firmware, base=base), i2c0=sensors["i2c0"], i2c1=sensors["i2c1"], profile=_timing_of(rig),
+            strict=firmware is None,
+        )  # fmt: skip
         self._parts = {(bus, part.address): part for bus in (0, 1) for part in sensors[f"i2c{bus}"]}
         for described in (PARTS[name] for name in rig.world.fitted):
             int1, int2 = described.pins

@@ -20,7 +20,7 @@ from hiltest.runs.folders import folder_beside_complete, said_of_folder
 from hiltest.runs.older_firmware import OlderFirmware, base_of_environment
 from hiltest.session import SESSION
 from hiltest.session.selection import RUN_COMMAND, Choice, only_looks
-from hiltest.settings import DEFAULT_OUT, check_environment, file_name, label, seed
+from hiltest.settings import DEFAULT_OUT, address, check_environment, file_name, label, seed
 
 _JUNIT_FILE = "junit.xml"
 
@@ -113,8 +113,10 @@ class _Run(click.Command):
 @click.command(cls=_Run, epilog=EXIT_CODES)
 @click.option("--rig", metavar="R", callback=checked(file_name),
               help="Rig file, or name of a rig in hil/rigs.  [default: virtual-k64f]")
-@click.option("--firmware", metavar="ELF", callback=checked(file_name),
-              help="Firmware for the virtual board.  [default: the packaged one]")
+@click.option("--firmware", metavar="FILE", callback=checked(file_name),
+              help="Firmware for the virtual board: ELF, Intel HEX or raw binary.  [default: the packaged one]")
+@click.option("--base", metavar="ADDRESS", callback=checked(address),
+              help="The firmware is a raw binary that belongs there.  [default: 0, for a .bin]")
 @click.option("--hil-port", metavar="URL", callback=checked(file_name),
               help="Serial port of a real board: a device or a pyserial URL.")
 @click.option("--out", metavar="DIR", default=DEFAULT_OUT, show_default=True, callback=checked(file_name),
@@ -148,8 +150,8 @@ def run(
     from hiltest.runs.folders import sole_command
 
     check_environment()
-    names = {"rig": "--hil-rig", "firmware": "--hil-firmware", "hil_port": "--hil-port", "seed": "--hil-seed",
-             "poses": "--hil-poses", "suite": "--hil-suite", "calibration": "--hil-calibration",
+    names = {"rig": "--hil-rig", "firmware": "--hil-firmware", "base": "--hil-base", "hil_port": "--hil-port",
+             "seed": "--hil-seed", "poses": "--hil-poses", "suite": "--hil-suite", "calibration": "--hil-calibration",
              "label": "--hil-label"}
     baseline = given.pop("baseline")
     options = [f"{names[name]}={value}" for name, value in given.items() if value is not None]
@@ -165,7 +167,7 @@ def run(
         from hiltest.runs.campaign import run_seeds
 
         if against is not None:
-            _try_out(against, given["firmware"], given["rig"])
+            _try_out(against, given["firmware"], given["rig"], given["base"])
         base = baseline or base_of_environment()
         with sole_command(Path(out)):
             return run_seeds(seeds, options, Path(out), may_fail=may_fail, baseline=base, against=against)
@@ -187,7 +189,7 @@ def _check_against(base: str | None, port: str | None) -> None:
         raise ConfigError("--against runs two ELF files on the virtual board: it does not go with --hil-port")
 
 
-def _try_out(older: str, newer: str | None, rig: str | None) -> None:
+def _try_out(older: str, newer: str | None, rig: str | None, base: str | None) -> None:
     """Check both firmwares before the older one runs on every seed.
 
     Raises
@@ -201,7 +203,8 @@ def _try_out(older: str, newer: str | None, rig: str | None) -> None:
 
     bench = load_rig(rig_file(Path.cwd(), rig))
     VirtualBench(bench, firmware=Path(older))
-    open_board(bench, firmware=None if newer is None else Path(newer)).close()
+    at = None if base is None else address(base)
+    open_board(bench, firmware=None if newer is None else Path(newer), base=at).close()
 
 
 def run_suites(options: Sequence[str], out: Path, *, older: OlderFirmware | None = None) -> int:

@@ -19,7 +19,7 @@ from hiltest.boards.table_axes import TableAxes
 from hiltest.commands.options import checked
 from hiltest.errors import BenchError, ConfigError
 from hiltest.rig.file import load_rig
-from hiltest.settings import file_name, seed
+from hiltest.settings import address, file_name, seed
 
 _EXIT_CODES = """
 \b
@@ -49,14 +49,16 @@ _PORTS = click.IntRange(0, _LAST_PORT)
               help="With --pty: make PATH a symbolic link to the board's port, PATH-turntable to the turntable's.")
 @click.option("--rig", metavar="R", callback=checked(file_name),
               help="Rig file, or name of a rig in hil/rigs, of a virtual board.  [default: virtual-k64f]")
-@click.option("--firmware", metavar="ELF", callback=checked(file_name),
-              help="Any firmware for the MK64FN1M0.  [default: the packaged one]")
+@click.option("--firmware", metavar="FILE", callback=checked(file_name),
+              help="Any firmware for the MK64FN1M0: ELF, Intel HEX or raw binary.  [default: the packaged one]")
+@click.option("--base", metavar="ADDRESS", callback=checked(address),
+              help="The firmware is a raw binary that belongs there.  [default: 0, for a .bin]")
 @click.option("--seed", metavar="N", callback=checked(seed), help="Seed of the simulated world.  [default: the rig's]")
 @click.option("--baud", metavar="N", type=click.IntRange(min=1),
               help="Baud rate at the far end of the board's UART.  [default: the rig's]")
 def serve(
-    pty: bool, tcp: int | None, turntable_tcp: int | None, host: str, link: str | None, rig: str | None,
-    firmware: str | None, seed: str | None, baud: int | None,
+    pty: bool, tcp: int | None, turntable_tcp: int | None, host: str, link: str | None, baud: int | None,
+    **given: str | None,
 ) -> int:
     """Put the virtual board and its turntable on real ports.
 
@@ -69,16 +71,8 @@ def serve(
         raise ConfigError("--tcp goes neither with --pty nor with --link")
     if tcp == _LAST_PORT and turntable_tcp is None:
         raise ConfigError(f"--tcp {tcp} leaves no port above it for the turntable: name one with --turntable-tcp")
-    described = load_rig(rig_file(Path.cwd(), rig))
-    if described.world is None:
-        raise ConfigError(
-            f"rig {described.name} ({described.path}) is of a {described.board.kind} board: there is nothing to serve. "
-            "Choose a rig of a virtual board with --rig"
-        )
-    bench = VirtualBench(
-        described, firmware=Path(firmware) if firmware else None, seed=int(seed) if seed else None
-    )
-    bench.machine.uart0.line_baud = baud or described.link.baud
+    bench = _bench(**given)
+    bench.machine.uart0.line_baud = baud or bench.rig.link.baud
     with contextlib.ExitStack() as stack:
         ending = stack.enter_context(_signals_noted())
         lines = _open_lines(stack, tcp, turntable_tcp, host)
@@ -90,13 +84,26 @@ def serve(
         paced.power_on()
         if _listening(paced, ending):
             click.echo(f"board: {urls[0]}\nturntable: {urls[1]}")
-            _tell(f"serving {bench.firmware.name} in {described.name}, cycle model {model}; Ctrl-C ends it")
+            _tell(f"serving {bench.firmware.name} in {bench.rig.name}, cycle model {model}; Ctrl-C ends it")
             _watch(paced, dict(zip(("board", "turntable"), lines, strict=True)), ending)
     for access in bench.machine.unmodelled:
         _tell(str(access))
     if paced.fault is not None:
         raise paced.fault
     return 0
+
+
+def _bench(rig: str | None, firmware: str | None, base: str | None, seed: str | None) -> VirtualBench:
+    described = load_rig(rig_file(Path.cwd(), rig))
+    if described.world is None:
+        raise ConfigError(
+            f"rig {described.name} ({described.path}) is of a {described.board.kind} board: there is nothing to serve. "
+            "Choose a rig of a virtual board with --rig"
+        )
+    return VirtualBench(
+        described, firmware=Path(firmware) if firmware else None, seed=int(seed) if seed else None,
+        base=None if base is None else address(base),
+    )  # fmt: skip
 
 
 def _open_lines(

@@ -234,6 +234,7 @@ class HilSession:
                 self._board = open_board(
                     self.rig, firmware=self.settings.firmware, port=self.settings.port, seed=self.settings.seed,
                     transcript=self._traces.transcript,
+                    base=self.settings.base,
                 )
                 if self.calibration is not None:
                     refuse_another_board(self.calibration, self._board, self.rig)

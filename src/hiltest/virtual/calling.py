@@ -10,10 +10,11 @@ from typing import Any
 from hiltest.errors import ConfigError
 from hiltest.virtual.buffers import place
 from hiltest.virtual.cpu import RETURN_ADDRESS, Processor
-from hiltest.virtual.elf import LoadSegment, Signature
+from hiltest.virtual.elf import LoadSegment
 from hiltest.virtual.memory import SRAM
 from hiltest.virtual.procedure_call import Argument, assign, result
 from hiltest.virtual.schedule import Event
+from hiltest.virtual.signatures import Signature
 
 _SRAM_END = SRAM[0] + SRAM[1]
 _STACK_BYTES = 8192

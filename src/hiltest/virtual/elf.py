@@ -20,6 +20,8 @@ from elftools.elf.elffile import ELFFile
 
 from hiltest.errors import ConfigError
 from hiltest.strict_json import read_bounded
+from hiltest.virtual.image_formats import as_elf
+from hiltest.virtual.signatures import Signature, read_signature, read_subprograms
 
 # Values of the build attributes, from the addenda to the Arm ABI: profile M; v6-M, v6S-M, v7 and v7E-M code;
 # no floating-point instructions, or those of FPv4-SP. Newer ones the processor does not have.
@@ -30,20 +32,8 @@ _HARD_FLOAT = 0x400  # EF_ARM_ABI_FLOAT_HARD, which the linker says of the whole
 # The chip has 1 MiB of flash; debug information of large firmware in C++ is a hundred times that.
 _LARGEST_BYTES = 256 << 20
 _IMAGES_KEPT = 8  # parsed; each is a few megabytes with its debug information
-_ASSEMBLER = 0x8001  # DW_LANG_Mips_Assembler, which every assembler says
 # Folders of the compiler's own libraries in the names of their units: which of them are linked in, the code decides.
 _LIBRARIES = frozenset({"libgcc", "libstdc++-v3", "newlib", "picolibc"})
-_QUALIFIERS = frozenset(f"DW_TAG_{name}" for name in (
-    "typedef", "const_type", "volatile_type", "restrict_type", "atomic_type",
-))  # fmt: skip
-_POINTERS = frozenset({"DW_TAG_pointer_type", "DW_TAG_reference_type", "DW_TAG_rvalue_reference_type"})
-_FLOAT = 0x04  # DW_ATE_float
-# Behind it boolean, unsigned, unsigned_char and UTF, signed and signed_char; with their bytes, small ones as a word.
-_BASE_TYPES = {
-    (_FLOAT, 4): "float", (_FLOAT, 8): "double",
-    **{(encoding, 4): "unsigned" for encoding in (0x02, 0x07, 0x08, 0x10)}, (0x07, 8): "unsigned64",
-    **{(encoding, 4): "signed" for encoding in (0x05, 0x06)}, (0x05, 8): "signed64",
-}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,8 +68,15 @@ class Symbol:
     is_function: bool
 
 
-def load_image(source: Path | bytes) -> FirmwareImage:
-    """Parse an ELF; the same content under the same name is parsed once in a process.
+def load_image(source: Path | bytes, *, base: int | None = None) -> FirmwareImage:
+    """Parse an ELF, Intel HEX or raw binary; the same content under the same name is parsed once in a process.
+
+    Parameters
+    ----------
+    source : Path or bytes
+        The file, or its content.
+    base : int, optional
+        Address of a raw binary, and of its vector table; by default 0.
 
     Raises
     ------
@@ -87,12 +84,12 @@ def load_image(source: Path | bytes) -> FirmwareImage:
         As `FirmwareImage`.
     """
     name, content = ("firmware image", source) if isinstance(source, bytes) else _read_file(source)
-    return _parsed(name, content)
+    return _parsed(name, content, base)
 
 
 @lru_cache(maxsize=_IMAGES_KEPT)
-def _parsed(name: str, content: bytes) -> FirmwareImage:
-    return FirmwareImage(content, name=name)
+def _parsed(name: str, content: bytes, base: int | None) -> FirmwareImage:
+    return FirmwareImage(as_elf(name, content, base), name=name, vectors=base or 0)
 
 
 def _read_file(path: Path) -> tuple[str, bytes]:
@@ -108,6 +105,8 @@ class FirmwareImage:
         The file, or its content.
     name : str
         What messages call a content.
+    vectors : int
+        Where the vector table stands that it boots from.
 
     Raises
     ------
@@ -124,7 +123,8 @@ class FirmwareImage:
         Whether its functions take and return floats in float registers.
     """
 
-    def __init__(self, source: Path | bytes, *, name: str = "firmware image") -> None:
+    def __init__(self, source: Path | bytes, *, name: str = "firmware image", vectors: int = 0) -> None:
+        self.vectors = vectors
         self.name, content = (name, source) if isinstance(source, bytes) else _read_file(source)
         # Debug information is read when it is wanted, by whichever of the boards that share this image.
         self._reading = threading.RLock()
@@ -141,7 +141,7 @@ class FirmwareImage:
         except Exception as error:  # the parser raises whatever a damaged file makes it meet, struct.error to KeyError
             raise ConfigError(
                 f"{self.name}: not a whole ELF file ({str(error) or type(error).__name__}); "
-                "give the .elf that the linker wrote"
+                "give the .elf that the linker wrote, Intel HEX (.hex), or a raw binary (.bin, or --base ADDRESS)"
             ) from error
 
     def _check_processor(self) -> None:
@@ -290,20 +290,9 @@ class FirmwareImage:
     def _subprograms(self) -> dict[str, Any]:
         try:
             with self._reading:
-                return self._read_subprograms() if self._elf.has_dwarf_info() else {}
+                return read_subprograms(self._elf.get_dwarf_info()) if self._elf.has_dwarf_info() else {}
         except Exception:  # damaged debug information: functions are then called as without any
             return {}
-
-    def _read_subprograms(self) -> dict[str, Any]:
-        found: dict[str, Any] = {}
-        for unit in self._elf.get_dwarf_info().iter_CUs():
-            language = unit.get_top_DIE().attributes.get("DW_AT_language")
-            if language is not None and language.value == _ASSEMBLER:
-                continue  # it names functions and says nothing of what they take
-            for die in _functions_of(unit.get_top_DIE()):
-                if name := _symbol_name(die):
-                    found.setdefault(name, die)
-        return found
 
     def signature(self, function: str) -> Signature | None:
         """Read a function's parameter and return types from DWARF; None without them."""
@@ -314,65 +303,4 @@ class FirmwareImage:
 
     def _read_signature(self, function: str) -> Signature | None:
         die = self._subprograms.get(function)
-        if die is None:
-            return None
-        parameters = tuple(
-            _classify(_type_of(child)) for child in die.iter_children() if child.tag == "DW_TAG_formal_parameter"
-        )
-        return Signature(parameters, _classify(_type_of(_declared(die))))
-
-
-@dataclass(frozen=True, slots=True)
-class Signature:
-    """Signature of a function: how it takes and returns values.
-
-    "float" and "double", "signed" and "unsigned" (up to 32 bits), "signed64" and "unsigned64", "pointer", "void",
-    or "unsupported".
-    """
-
-    parameters: tuple[str, ...]
-    returns: str
-
-
-def _functions_of(scope: Any) -> Iterator[Any]:
-    """Yield the functions that a unit defines, also in namespaces; those of a class stand beside it."""
-    for die in scope.iter_children():
-        if die.tag == "DW_TAG_subprogram" and "DW_AT_declaration" not in die.attributes:
-            yield die
-        elif die.tag == "DW_TAG_namespace":
-            yield from _functions_of(die)
-
-
-def _declared(die: Any) -> Any:
-    """Return where a function's names and its type stand: what is declared in a class or namespace has them there."""
-    return die.get_DIE_from_attribute("DW_AT_specification") if "DW_AT_specification" in die.attributes else die
-
-
-def _symbol_name(die: Any) -> str:
-    """Return what the linker calls a function: its mangled name, if it has one; empty when it is not told."""
-    attributes = _declared(die).attributes
-    name = attributes.get("DW_AT_linkage_name") or attributes.get("DW_AT_name")
-    return name.value.decode(errors="replace") if name is not None else ""
-
-
-def _type_of(die: Any) -> Any:
-    """Follow typedefs and qualifiers to the type that decides how a value is passed."""
-    while die is not None and "DW_AT_type" in die.attributes:
-        die = die.get_DIE_from_attribute("DW_AT_type")
-        if die.tag not in _QUALIFIERS:
-            return die
-    return None
-
-
-def _classify(die: Any) -> str:
-    if die is None:
-        return "void"
-    if die.tag in _POINTERS:
-        return "pointer"
-    size = die.attributes["DW_AT_byte_size"].value if "DW_AT_byte_size" in die.attributes else 4
-    if die.tag == "DW_TAG_enumeration_type" and size <= 4:
-        return "unsigned"
-    if die.tag == "DW_TAG_base_type":
-        encoding = die.attributes["DW_AT_encoding"].value
-        return _BASE_TYPES.get((encoding, size if encoding == _FLOAT else max(size, 4)), "unsupported")
-    return "unsupported"
+        return None if die is None else read_signature(die)

@@ -13,7 +13,7 @@ from hiltest.virtual.accounting import AccountingFactory
 from hiltest.virtual.calling import CallResult, call_function
 from hiltest.virtual.clock import PICOSECONDS
 from hiltest.virtual.cpu import Processor
-from hiltest.virtual.elf import load_image
+from hiltest.virtual.elf import FirmwareImage, load_image
 from hiltest.virtual.faults import FaultRecord
 from hiltest.virtual.frdm_k64f import LedsAndButtons
 from hiltest.virtual.i2c_bus import I2cDevice
@@ -48,8 +48,9 @@ class VirtualK64F:
 
     Parameters
     ----------
-    elf : str, Path or bytes
-        File, or the content of one: firmware laid out for the MK64FN1M0.
+    elf : str, Path, bytes or FirmwareImage
+        File, or the content of one: firmware laid out for the MK64FN1M0, as ELF, Intel HEX or raw binary at 0. One that
+        belongs elsewhere: `load_image(path, base=0x8000)`.
     i2c0, i2c1 : sequence of I2cDevice
         Parts on the two buses.
     profile : str or TimingProfile
@@ -74,7 +75,7 @@ class VirtualK64F:
 
     def __init__(
         self,
-        elf: str | Path | bytes,
+        elf: str | Path | bytes | FirmwareImage,
         *,
         i2c0: Sequence[I2cDevice] = (),
         i2c1: Sequence[I2cDevice] = (),
@@ -82,7 +83,8 @@ class VirtualK64F:
         accounting: AccountingFactory | None = None,
         strict: bool = False,
     ) -> None:
-        self.image = load_image(Path(elf) if isinstance(elf, str) else elf)
+        source = Path(elf) if isinstance(elf, str) else elf
+        self.image = source if isinstance(source, FirmwareImage) else load_image(source)
         priced = load_profile(profile) if isinstance(profile, str) else profile
         self.processor = Processor(self.image, priced, accounting=accounting or _accounting_for(priced))
         self._chip = chip = Microcontroller(self.processor, (i2c0, i2c1), strict=strict)
@@ -143,6 +145,7 @@ class VirtualK64F:
         processor.accounting.forget_code()
         processor.accounting.flush_pipeline()
         stack, entry = self._vectors()
+        processor.exceptions.vector_table = self.image.vectors
         registers = processor.registers
         registers.xpsr.set(1 << 24)
         for register in (registers.control, registers.primask, registers.basepri, registers.faultmask):
@@ -151,13 +154,17 @@ class VirtualK64F:
 
     def _vectors(self) -> tuple[int, int]:
         """Read initial stack pointer and reset vector; the part would lock up on wrong ones."""
-        stack, entry = self.processor.memory.read_words(0, 2)
+        place = self.image.vectors
+        try:
+            stack, entry = self.processor.memory.read_words(place, 2)
+        except ValueError:
+            stack = entry = 0
         in_sram = SRAM[0] < stack <= SRAM[0] + SRAM[1] and stack % 4 == 0
         code = self.image.segments
         in_code = any(segment.address <= entry & ~1 < segment.address + len(segment.data) for segment in code)
         if not (in_sram and in_code and entry & 1):
             raise ConfigError(
-                f"{self.image.name}: what stands at address 0 is no vector table (stack 0x{stack:08x}, reset "
+                f"{self.image.name}: what stands at address 0x{place:x} is no vector table (stack 0x{stack:08x}, reset "
                 f"0x{entry:08x}); link the vectors to 0, the stack into SRAM, and handlers with the Thumb bit"
             )
         return stack, entry

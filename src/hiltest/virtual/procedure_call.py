@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from hiltest.errors import ConfigError
-from hiltest.virtual.elf import Signature
+from hiltest.virtual.signatures import Signature
 
 #: What stands for a value of a C type: a number, or a buffer that is passed by its address.
 Argument = int | float | bytes | bytearray | Any

@@ -13,11 +13,11 @@ from hiltest.boards.virtual_port import VirtualPort
 from hiltest.errors import HiltestError
 from hiltest.rig.file import load_rig
 
-_KEYS = ("firmware", "rig", "seed")
+_KEYS = ("base", "firmware", "rig", "seed")
 
 
 class Serial(VirtualPort):
-    """The port behind ``hil://?rig=R&seed=N&firmware=ELF``; every part may be left out.
+    """The port behind ``hil://?rig=R&seed=N&firmware=FILE&base=ADDRESS``; every part may be left out.
 
     The board is powered on when the port is opened. Its clock moves while the host reads.
     """
@@ -48,9 +48,10 @@ def _bench(url: str) -> VirtualBench:
     seed = first.get("seed")
     if seed is not None and not seed.isdigit():
         raise ValueError(f"seed={seed!r} is no whole number")
-    firmware = first.get("firmware")
+    firmware, base = first.get("firmware"), first.get("base")
     return VirtualBench(
         load_rig(rig_file(Path.cwd(), first.get("rig"))),
         firmware=Path(firmware) if firmware else None,
         seed=int(seed) if seed else None,
+        base=None if base is None else int(base, 0),
     )

@@ -1,0 +1,97 @@
+"""Signatures of functions, from DWARF."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+_ASSEMBLER = 0x8001  # DW_LANG_Mips_Assembler, which every assembler says
+_QUALIFIERS = frozenset(f"DW_TAG_{name}" for name in (
+    "typedef", "const_type", "volatile_type", "restrict_type", "atomic_type",
+))  # fmt: skip
+_POINTERS = frozenset({"DW_TAG_pointer_type", "DW_TAG_reference_type", "DW_TAG_rvalue_reference_type"})
+_FLOAT = 0x04  # DW_ATE_float
+# Behind it boolean, unsigned, unsigned_char and UTF, signed and signed_char; with their bytes, small ones as a word.
+_BASE_TYPES = {
+    (_FLOAT, 4): "float", (_FLOAT, 8): "double",
+    **{(encoding, 4): "unsigned" for encoding in (0x02, 0x07, 0x08, 0x10)}, (0x07, 8): "unsigned64",
+    **{(encoding, 4): "signed" for encoding in (0x05, 0x06)}, (0x05, 8): "signed64",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Signature:
+    """Signature of a function: how it takes and returns values.
+
+    "float" and "double", "signed" and "unsigned" (up to 32 bits), "signed64" and "unsigned64", "pointer", "void",
+    or "unsupported".
+    """
+
+    parameters: tuple[str, ...]
+    returns: str
+
+
+def read_subprograms(dwarf: Any) -> dict[str, Any]:
+    """Collect the entries of all functions that are defined, by what the linker calls them."""
+    found: dict[str, Any] = {}
+    for unit in dwarf.iter_CUs():
+        language = unit.get_top_DIE().attributes.get("DW_AT_language")
+        if language is not None and language.value == _ASSEMBLER:
+            continue  # it names functions and says nothing of what they take
+        for die in _functions_of(unit.get_top_DIE()):
+            if name := _symbol_name(die):
+                found.setdefault(name, die)
+    return found
+
+
+def read_signature(die: Any) -> Signature:
+    """Read the types of a function's entry."""
+    parameters = tuple(
+        _classify(_type_of(child)) for child in die.iter_children() if child.tag == "DW_TAG_formal_parameter"
+    )
+    return Signature(parameters, _classify(_type_of(_declared(die))))
+
+
+def _functions_of(scope: Any) -> Iterator[Any]:
+    """Yield the functions that a unit defines, also in namespaces; those of a class stand beside it."""
+    for die in scope.iter_children():
+        if die.tag == "DW_TAG_subprogram" and "DW_AT_declaration" not in die.attributes:
+            yield die
+        elif die.tag == "DW_TAG_namespace":
+            yield from _functions_of(die)
+
+
+def _declared(die: Any) -> Any:
+    """Return where a function's names and its type stand: what is declared in a class or namespace has them there."""
+    return die.get_DIE_from_attribute("DW_AT_specification") if "DW_AT_specification" in die.attributes else die
+
+
+def _symbol_name(die: Any) -> str:
+    """Return what the linker calls a function: its mangled name, if it has one; empty when it is not told."""
+    attributes = _declared(die).attributes
+    name = attributes.get("DW_AT_linkage_name") or attributes.get("DW_AT_name")
+    return name.value.decode(errors="replace") if name is not None else ""
+
+
+def _type_of(die: Any) -> Any:
+    """Follow typedefs and qualifiers to the type that decides how a value is passed."""
+    while die is not None and "DW_AT_type" in die.attributes:
+        die = die.get_DIE_from_attribute("DW_AT_type")
+        if die.tag not in _QUALIFIERS:
+            return die
+    return None
+
+
+def _classify(die: Any) -> str:
+    if die is None:
+        return "void"
+    if die.tag in _POINTERS:
+        return "pointer"
+    size = die.attributes["DW_AT_byte_size"].value if "DW_AT_byte_size" in die.attributes else 4
+    if die.tag == "DW_TAG_enumeration_type" and size <= 4:
+        return "unsigned"
+    if die.tag == "DW_TAG_base_type":
+        encoding = die.attributes["DW_AT_encoding"].value
+        return _BASE_TYPES.get((encoding, size if encoding == _FLOAT else max(size, 4)), "unsupported")
+    return "unsupported"

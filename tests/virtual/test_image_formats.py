@@ -1,0 +1,151 @@
+"""Intel HEX and raw binaries run as the ELF does that they were made from; what is damaged is named with its line."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hiltest.boards import default_firmware
+from hiltest.errors import BoardFault, ConfigError
+from hiltest.virtual.elf import load_image
+from hiltest.virtual.k64f import VirtualK64F
+
+COUNT_AND_WAIT = """
+volatile unsigned steps, *const pit = (volatile unsigned *)0x40037000;
+int main(void) { for (;;) { if (++steps == 1000) *(volatile unsigned *)0x60000000 = 1; } }
+"""
+
+
+def converted(elf: Path, kind: str, suffix: str) -> Path:
+    made = elf.with_suffix(suffix)
+    subprocess.run(["arm-none-eabi-objcopy", "-O", kind, str(elf), str(made)], check=True, timeout=60)
+    return made
+
+
+def outcome(board: VirtualK64F) -> tuple[str, int, int]:
+    with pytest.raises(BoardFault) as fault:
+        board.run_until(0.1)
+    return fault.value.cause, fault.value.pc, board.cycles
+
+
+@pytest.mark.parametrize(("kind", "suffix"), [("ihex", ".hex"), ("binary", ".bin")])
+def test_firmware_runs_as_its_elf_and_a_fault_names_the_address_without_a_function(build_c, kind, suffix):
+    elf = build_c(COUNT_AND_WAIT)
+    plain = VirtualK64F(converted(elf, kind, suffix))
+    named = VirtualK64F(elf)
+    assert outcome(plain) == outcome(named)
+    assert plain.cycles > 5000  # and not at the first instruction
+    pc = plain.faults[0].fault.pc
+    assert named.image.function_at(pc) is not None
+    assert plain.image.function_at(pc) is None
+    assert plain.image.location_at(pc) == ""
+
+
+def test_a_raw_binary_starts_from_the_vector_table_at_its_base(build, tmp_path):
+    program = """
+    .syntax unified
+    .cpu cortex-m4
+    .thumb
+    .section .vectors, "a"
+    .word 0x20030000
+    .word start + 1
+    .text
+    start: adr r0, start
+    ldr r1, =0xE000ED08
+    ldr r2, [r1]
+    b .
+    """
+    elf = build(program, "-Wl,-Ttext=0x8410", "-Wl,--section-start=.vectors=0x8000", with_start=False)
+    raw = converted(elf, "binary", ".img")
+    board = VirtualK64F(load_image(raw, base=0x8000))
+    with pytest.raises(BoardFault, match="loop to itself"):
+        board.run_until(0.1)
+    start, _, vector_table = board.processor.registers.general.read()[:3]
+    assert (start, vector_table) == (0x8410, 0x8000)
+    with pytest.raises(ConfigError, match="0x0 is no vector table"):
+        VirtualK64F(load_image(raw, base=0)).boot()
+
+
+def record(kind: int, offset: int, data: bytes = b"") -> str:
+    raw = bytes([len(data), offset >> 8, offset & 0xFF, kind]) + data
+    return f":{raw.hex()}{-sum(raw) & 0xFF:02X}\n"
+
+
+END = record(1, 0)
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "said"),
+    [
+        (record(0, 0, b"abcd")[:-3] + "00\n" + END, 1, "checksum is 0x00, and should be 0x"),
+        (record(0, 0, b"abcd"), 1, "without an end record"),
+        (record(0, 0, b"abcd") + record(0, 4, b"efgh")[:-5] + "\n" + END, 2, "says 4 bytes of data and has 2"),
+        (record(0, 0, b"abcd") + END + record(0, 4, b"efgh"), 3, "behind the end record"),
+        (record(0, 0, b"abcd") + "\n" + record(0, 3, b"e") + END, 3, "address 0x00000003 has data already"),
+        (record(6, 0) + END, 1, "record type 6 is unknown"),
+        (record(4, 0, b"\0") + END, 1, "record type 4 has 1 bytes, not 2"),
+        (record(2, 0, b"\x10\0") + record(0, 0xFFFE, b"abcd") + END, 2, "beyond the 64 KiB"),
+        (record(4, 0, b"\xff\xff") + record(0, 0xFFFE, b"abcd") + END, 2, "beyond the last address"),
+        (END + "hello\n", 2, "behind the end record"),
+        ("hello\n" + END, 1, "no record: a colon"),
+        (": 00 00 00 01 FF\n", 1, "no record: a colon"),
+    ],
+)  # fmt: skip
+def test_a_damaged_hex_file_is_refused_with_its_line(tmp_path, text, line, said):
+    path = tmp_path / "damaged.hex"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=f"damaged.hex, line {line}: .*{said}"):
+        load_image(path)
+
+
+def test_hex_of_both_kinds_of_address_is_placed_and_joined(tmp_path):
+    path = tmp_path / "parts.txt"  # known by its colon
+    path.write_text(
+        record(4, 0, b"\x1f\xff") + record(0, 0x10, b"cd") + record(2, 0, b"\x10\0") + record(0, 2, b"g")
+        + record(4, 0, b"\x1f\xff") + record(0, 0xE, b"ab") + record(5, 0, b"\0\0\4\1") + END
+    )  # fmt: skip
+    segments = [(each.address, each.data) for each in load_image(path).segments]
+    assert segments == [(0x10002, b"g"), (0x1FFF000E, b"abcd")]
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_called_hex_are_an_image_or_a_config_error(content):
+    for source in (b":" + content, b"::" + content, END.encode() + content):
+        with pytest.raises(ConfigError, match=r"line|nothing in it"):
+            load_image(source)
+
+
+def test_every_changed_digit_of_a_hex_file_is_found():
+    whole = (record(0, 0, bytes(range(16))) + record(0, 16, bytes(range(7))) + END).encode()
+    assert len(load_image(whole).segments) == 1
+    for place, digit in enumerate(whole):
+        if chr(digit) in "0123456789ABCDEFabcdef":
+            changed = bytearray(whole)
+            changed[place] = ord("3") if digit != ord("3") else ord("4")
+            with pytest.raises(ConfigError):
+                load_image(bytes(changed))
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "base", "said"),
+    [
+        ("empty.bin", b"", None, "empty.bin: empty"),
+        ("any.img", b"\0" * 8, 0xFFFFFFFC, "beyond the last address"),
+        ("text.img", b"no firmware", None, "not a whole ELF file"),
+        ("a.hex", END.encode(), 0x100, "Intel HEX says itself where it belongs"),
+    ],
+)
+def test_what_cannot_be_placed_is_refused(tmp_path, name, content, base, said):
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(ConfigError, match=said):
+        load_image(path, base=base)
+
+
+def test_an_elf_takes_no_base():
+    with pytest.raises(ConfigError, match="an ELF says itself where it belongs"):
+        load_image(default_firmware(), base=0)
