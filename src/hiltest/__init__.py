@@ -30,15 +30,20 @@ __getattr__ = when_used(__name__, {
 })  # fmt: skip
 
 
-def cycles(elf: str | Path | None = None, *, profile: str | None = None) -> ProfiledImage:
+def cycles(
+    elf: str | Path | None = None, *, profile: str | None = None, memory: str | None = None
+) -> ProfiledImage:
     """Open an ELF whose functions are to be counted, on a virtual board of its own.
 
     Parameters
     ----------
     elf : str or Path, optional
-        Any program linked for the MK64FN1M0; by default the packaged firmware.
+        Any program for a Cortex-M4; by default the packaged firmware.
     profile : str, optional
         Timing profile; by default ``cortex-m4-trm/1``.
+    memory : str, optional
+        Memories of a part other than the MK64FN1M0: ``flash=0x08000000:512K,ram=0x20000000:128K``. By default what the
+        ELF needs, where that is something else.
 
     Returns
     -------
@@ -54,4 +59,5 @@ def cycles(elf: str | Path | None = None, *, profile: str | None = None) -> Prof
     from hiltest.profiling.image import ProfiledImage
     from hiltest.virtual.profile_file import DEFAULT_PROFILE
 
-    return ProfiledImage(default_firmware() if elf is None else Path(elf), timing=profile or DEFAULT_PROFILE)
+    path = default_firmware() if elf is None else Path(elf)
+    return ProfiledImage(path, timing=profile or DEFAULT_PROFILE, memory=memory)

@@ -176,16 +176,20 @@ class Cycles:
     def __init__(self, session: HilSession) -> None:
         self._session = session
 
-    def __call__(self, elf: str | Path | None = None, *, profile: str | None = None) -> ProfiledImage:
+    def __call__(
+        self, elf: str | Path | None = None, *, profile: str | None = None, memory: str | None = None
+    ) -> ProfiledImage:
         """Return an ELF on a virtual board of its own.
 
         Parameters
         ----------
         elf : str or Path, optional
-            Any program linked for the MK64FN1M0, relative to pytest's root folder; by default the firmware
+            Any program for a Cortex-M4, relative to pytest's root folder; by default the firmware
             under test: that of ``--hil-firmware``, or the packaged one.
         profile : str, optional
             Timing profile; by default ``cortex-m4-trm/1``.
+        memory : str, optional
+            Memories of another part, as `hiltest.cycles` takes them.
 
         Raises
         ------
@@ -194,7 +198,7 @@ class Cycles:
         """
         session = self._session
         return hiltest.cycles(
-            session.settings.firmware if elf is None else session.config.rootpath / elf, profile=profile
+            session.settings.firmware if elf is None else session.config.rootpath / elf, profile=profile, memory=memory
         )
 
 

@@ -10,6 +10,7 @@ from hiltest.rig import Rig, build_sensors, build_world
 from hiltest.rig.parts import PARTS
 from hiltest.virtual.elf import load_image
 from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.memory import MK64FN1M0
 from hiltest.virtual.profile_file import DEFAULT_PROFILE, SUFFIX, place_of
 from hiltest.world.faces import askew
 from hiltest.world.motion import MOVE_GRID_S, MotionSegment
@@ -78,7 +79,7 @@ class VirtualBench:
         # What the firmware that ships touches is modelled: anything else is a mistake, and found at once.
         self.machine = VirtualK64F(
             load_image(self.firmware, base=base), i2c0=sensors["i2c0"], i2c1=sensors["i2c1"], profile=_timing_of(rig),
-            strict=firmware is None,
+            strict=firmware is None, memory=MK64FN1M0,
         )  # fmt: skip
         self._parts = {(bus, part.address): part for bus in (0, 1) for part in sensors[f"i2c{bus}"]}
         for described in (PARTS[name] for name in rig.world.fitted):

@@ -45,6 +45,8 @@ Exit codes:
               help="Write a flame graph (SVG).")
 @click.option("--profile", "timing", metavar="NAME|FILE",
               help="Timing profile, or a file of your own.  [default: cortex-m4-trm/1]")
+@click.option("--memory", metavar="MAP",
+              help="Memories of another part: flash=0x08000000:512K,ram=0x20000000:128K.  [default: as the ELF needs]")
 @click.option("--timeout", "timeout_s", metavar="S", type=click.IntRange(1, 100), default=1,
               show_default=True, help="Virtual seconds after which the function is taken to hang.")
 @click.argument("elf")
@@ -52,11 +54,11 @@ Exit codes:
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
 def profile(
     elf: str, function: str, arguments: tuple[str, ...], lines: int, instructions: int, as_json: bool,
-    folded: Path | None, flame_graph: Path | None, timing: str | None, timeout_s: int,
+    folded: Path | None, flame_graph: Path | None, timing: str | None, memory: str | None, timeout_s: int,
 ) -> int:
     """Call a function of any ELF and show where its cycles go.
 
-    ELF is any program linked for the MK64FN1M0; "shipped" is the firmware that comes with hiltest.
+    ELF is any program for a Cortex-M4; "shipped" is the firmware that comes with hiltest.
     """
     from hiltest.boards import default_firmware
     from hiltest.profiling import document as documents
@@ -68,10 +70,9 @@ def profile(
     path = default_firmware() if elf == SHIPPED else Path(elf)
     given = [parse_argument(text) for text in arguments]
     values = deepcopy(given)
-    called = ProfiledImage(path, timing=timing or DEFAULT_PROFILE).call(
-        function, *values, timeout_s=timeout_s
-    )
-    document = documents.document(called, path, arguments, given, values)
+    image = ProfiledImage(path, timing=timing or DEFAULT_PROFILE, memory=memory)
+    called = image.call(function, *values, timeout_s=timeout_s)
+    document = documents.document(called, path, arguments, given, values, memory=image.memory)
     if folded is not None:
         write_asked_for(folded, documents.folded(document))
     if flame_graph is not None:

@@ -15,6 +15,7 @@ from pydantic import TypeAdapter
 from hiltest.measurement import CycleRange
 from hiltest.virtual.buffers import Address, Structure
 from hiltest.virtual.k64f import CALL_HZ
+from hiltest.virtual.memory import MK64FN1M0, MemoryMap
 from hiltest.virtual.procedure_call import Argument
 from hiltest.virtual.profiling import AddressCost, CallProfile, FunctionCost, LineCost, StackCost
 
@@ -80,8 +81,9 @@ _ADAPTER = TypeAdapter(ProfileDocument)
 
 
 def document(
-    profile: CallProfile, elf: Path, texts: Sequence[str], given: Sequence[Argument], left: Sequence[Argument]
-) -> ProfileDocument:
+    profile: CallProfile, elf: Path, texts: Sequence[str], given: Sequence[Argument], left: Sequence[Argument],
+    *, memory: MemoryMap = MK64FN1M0,
+) -> ProfileDocument:  # fmt: skip
     """Make the document of a profile.
 
     Parameters
@@ -91,11 +93,13 @@ def document(
         Where the function came from.
     texts, given, left : sequence
         The arguments as they were written, as the function got them, and as it left them.
+    memory : MemoryMap
+        The part's.
     """
     return ProfileDocument(
         SCHEMA, str(elf), hashlib.sha256(elf.read_bytes()).hexdigest(), profile.function, tuple(texts), profile.value,
         tuple(_buffers_left(given, left)), profile.cycles, profile.instructions, CALL_HZ, profile.cycle_model,
-        tuple(_notes(profile)), tuple(shares(profile)), profile.functions, profile.lines, profile.addresses,
+        tuple(_notes(profile, memory)), tuple(shares(profile)), profile.functions, profile.lines, profile.addresses,
         profile.stacks, profile.band,
     )  # fmt: skip
 
@@ -128,15 +132,18 @@ def folded(content: ProfileDocument) -> str:
     return "".join(f"{';'.join(stack.functions)} {stack.cycles}\n" for stack in content.stacks)
 
 
-def _notes(profile: CallProfile) -> Iterator[str]:
+def _notes(profile: CallProfile, memory: MemoryMap) -> Iterator[str]:
     placement = profile.cycle_model.partition("@")[2]
+    if memory != MK64FN1M0:
+        yield f"called on {memory}, without peripherals"
     if profile.memory_cycles is not None:
         if profile.memory_cycles:
             yield "what memories add is in the total, and in no function, line or instruction"
     elif "flash" in placement:
+        counted = "; the profile cortex-m4-k64f/1 counts them" if memory == MK64FN1M0 else ""
         yield (
-            "code ran from flash, whose wait states are not modelled: none are assumed, and silicon takes more cycles; "
-            "the profile cortex-m4-k64f/1 counts them"
+            "code ran from flash, whose wait states are not modelled: none are assumed, and silicon takes more cycles"
+            f"{counted}"
         )
     if "sram_u" in placement and profile.memory_cycles is None:
         yield "code ran from SRAM_U, where it competes with data for the bus: silicon takes more cycles"

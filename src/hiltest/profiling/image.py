@@ -8,20 +8,23 @@ from pathlib import Path
 from hiltest.errors import ConfigError
 from hiltest.virtual.calling import CallResult
 from hiltest.virtual.k64f import HANG_S, VirtualK64F
+from hiltest.virtual.memory import MemoryMap
 from hiltest.virtual.procedure_call import Argument
 from hiltest.virtual.profile_file import DEFAULT_PROFILE, load_profile
 from hiltest.virtual.profiling import CallProfile, ProfilingAccounting, profile_call, with_memories
 
 
 class ProfiledImage:
-    """An ELF for the MK64FN1M0 on a virtual board of its own.
+    """An ELF on a virtual board of its own.
 
     Parameters
     ----------
     elf : Path
-        Any program linked for the part.
+        Any program for a Cortex-M4.
     timing : str
         Timing profile.
+    memory : str, optional
+        Memories of another part, see `hiltest.virtual.memory_map`.
 
     Raises
     ------
@@ -29,11 +32,16 @@ class ProfiledImage:
         If the ELF cannot be loaded, or there is no such timing profile.
     """
 
-    def __init__(self, elf: Path, *, timing: str = DEFAULT_PROFILE) -> None:
+    def __init__(self, elf: Path, *, timing: str = DEFAULT_PROFILE, memory: str | None = None) -> None:
         profile = load_profile(timing)
-        self._board = VirtualK64F(elf, profile=profile, accounting=ProfilingAccounting)
+        self._board = VirtualK64F(elf, profile=profile, accounting=ProfilingAccounting, memory=memory)
         # Blocks know nothing of what the memories add: the same call is counted once more, with them.
         self._with_memories = VirtualK64F(elf, profile=profile) if profile.memory else None
+
+    @property
+    def memory(self) -> MemoryMap:
+        """Where its memories are."""
+        return self._board.memory
 
     def call(self, function: str, *arguments: Argument, timeout_s: float = HANG_S) -> CallProfile:
         """Call a function with interrupts masked, without booting; its data is what the ELF says, each time.

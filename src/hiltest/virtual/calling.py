@@ -11,12 +11,10 @@ from hiltest.errors import ConfigError
 from hiltest.virtual.buffers import place
 from hiltest.virtual.cpu import RETURN_ADDRESS, Processor
 from hiltest.virtual.elf import LoadSegment
-from hiltest.virtual.memory import SRAM
 from hiltest.virtual.procedure_call import Argument, assign, result
 from hiltest.virtual.schedule import Event
 from hiltest.virtual.signatures import Signature
 
-_SRAM_END = SRAM[0] + SRAM[1]
 _STACK_BYTES = 8192
 
 
@@ -37,14 +35,14 @@ class CallResult:
     instructions: int
 
 
-def _largest_gap(segments: Sequence[LoadSegment], limit: int) -> tuple[int, int]:
-    """Return where the most RAM in one piece is that no segment uses, below `limit`.
+def _largest_gap(segments: Sequence[LoadSegment], first: int, limit: int) -> tuple[int, int]:
+    """Return where the most RAM in one piece is that no segment uses, from `first` to `limit`.
 
     Behind the last one there may be none: linker scripts give the heap all that is left.
     """
-    begin, gaps = SRAM[0], []
+    begin, gaps = first, []
     for segment in sorted(segments, key=lambda segment: segment.run_address):
-        if SRAM[0] <= segment.run_address < limit:
+        if first <= segment.run_address < limit:
             gaps.append((begin, segment.run_address))
             begin = max(begin, segment.run_address + segment.run_size)
     gaps.append((begin, limit))
@@ -56,7 +54,7 @@ class _Scratch:
 
     def __init__(self, processor: Processor, limit: int) -> None:
         self._memory = processor.memory
-        begin, self._limit = _largest_gap(processor.image.segments, limit)
+        begin, self._limit = _largest_gap(processor.image.segments, processor.memory.sram.base, limit)
         self._next = (begin + 7) & ~7
         self._written_back: list[tuple[int, memoryview]] = []
 
@@ -101,7 +99,7 @@ def call_function(
     saved = registers.general.read(), registers.floating_frame.read(), registers.primask.get(), processor.fpu_enabled
     control = registers.control.get()
     was_sleeping, processor.sleeping = processor.sleeping, False
-    stack = saved[0][13] if booted else _SRAM_END
+    stack = saved[0][13] if booted else processor.memory.sram.base + processor.memory.sram.size
     scratch = _Scratch(processor, stack - _STACK_BYTES)
     signature = processor.image.signature(symbol)
     core, floating = assign(symbol, signature, arguments, scratch.place, hard_float=processor.image.hard_float)

@@ -25,7 +25,7 @@ from hiltest.virtual.executions import Snapshot
 from hiltest.virtual.faults import Fault, FaultKind, FaultLog, Lockup
 from hiltest.virtual.instructions import Instruction
 from hiltest.virtual.interrupt import deferred_interrupt
-from hiltest.virtual.memory import FLASH, SRAM, BoardMemory
+from hiltest.virtual.memory import FLASH, MK64FN1M0, SRAM, BoardMemory, MemoryMap
 from hiltest.virtual.native import by_block
 from hiltest.virtual.nvic import SVCALL, SYSTICK, EventRegister, Nvic
 from hiltest.virtual.registers import CoreRegisters
@@ -51,6 +51,7 @@ class Processor:
         Prices instructions.
     accounting : AccountingFactory
         What counts.
+    memories : MemoryMap
 
     Attributes
     ----------
@@ -61,12 +62,13 @@ class Processor:
     """
 
     def __init__(
-        self, image: FirmwareImage, profile: TimingProfile, *, accounting: AccountingFactory = by_block
-    ) -> None:
+        self, image: FirmwareImage, profile: TimingProfile, *, accounting: AccountingFactory = by_block,
+        memories: MemoryMap = MK64FN1M0,
+    ) -> None:  # fmt: skip
         self.image = image
         self.profile = profile
         self.engine: Any = cortex_m4()
-        self.memory = BoardMemory(self.engine)
+        self.memory = BoardMemory(self.engine, memories)
         self.engine.mem_map(RETURN_ADDRESS, 0x1000, unicorn.UC_PROT_EXEC)
         self.registers = CoreRegisters(self.engine)
         self.schedule = Schedule(self._look_at)
@@ -101,8 +103,9 @@ class Processor:
             add_hook(self.engine, data, *self._data_hook, within=(FLASH[0], sum(SRAM) - 1))
         self._translation_hook = TRANSLATED_CALLBACK(self._on_translated)
         # Only RAM can be written to.
-        ram = (SRAM[0], sum(SRAM) - 1)
-        add_hook(self.engine, unicorn.UC_HOOK_EDGE_GENERATED, self._translation_hook, within=ram)
+        for base, size in self.memory.map.ram:
+            within = base, base + size - 1
+            add_hook(self.engine, unicorn.UC_HOOK_EDGE_GENERATED, self._translation_hook, within=within)
 
     def _on_translated(self, _engine: int, block: Any, _before: int, _data: int) -> None:
         try:

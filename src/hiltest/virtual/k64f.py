@@ -19,7 +19,9 @@ from hiltest.virtual.frdm_k64f import LedsAndButtons
 from hiltest.virtual.i2c_bus import I2cDevice
 from hiltest.virtual.instructions import decode
 from hiltest.virtual.interrupt_wires import InterruptSource, InterruptWires
-from hiltest.virtual.memory import SRAM
+from hiltest.virtual.loading import load_running, load_segments, vectors
+from hiltest.virtual.memory import MK64FN1M0, MemoryMap
+from hiltest.virtual.memory_map import memory_map
 from hiltest.virtual.memory_waits import MemoryAccounting
 from hiltest.virtual.microcontroller import Microcontroller
 from hiltest.virtual.native import by_block
@@ -61,6 +63,9 @@ class VirtualK64F:
     strict : bool
         Whether a peripheral that the chip has and this board does not model is a bus error. Otherwise its
         registers keep what is written, and `unmodelled` lists what was touched.
+    memory : str or MemoryMap, optional
+        Memories of another part, see `memory_map`, by default those that the image needs. With them functions are
+        called, no firmware starts, and of the peripherals there are the processor's own alone.
 
     Attributes
     ----------
@@ -82,18 +87,28 @@ class VirtualK64F:
         profile: str | TimingProfile = DEFAULT_PROFILE,
         accounting: AccountingFactory | None = None,
         strict: bool = False,
+        memory: str | MemoryMap | None = None,
     ) -> None:
         source = Path(elf) if isinstance(elf, str) else elf
         self.image = source if isinstance(source, FirmwareImage) else load_image(source)
         priced = load_profile(profile) if isinstance(profile, str) else profile
-        self.processor = Processor(self.image, priced, accounting=accounting or _accounting_for(priced))
+        self.memory = memory if isinstance(memory, MemoryMap) else memory_map(self.image, memory)
+        if priced.memory and self._is_foreign:
+            raise ConfigError(f"{priced.name} counts the K64F's memories, not {self.memory}; take {DEFAULT_PROFILE}")
+        self.processor = Processor(
+            self.image, priced, accounting=accounting or _accounting_for(priced), memories=self.memory
+        )
         self._chip = chip = Microcontroller(self.processor, (i2c0, i2c1), strict=strict)
         self.clocks, self.uart0, self.timers = chip.clocks, chip.uart0, chip.timers
         self.watchdog, self.cycle_counter = chip.watchdog, chip.cycle_counter
         self._leds_and_buttons = LedsAndButtons(chip.ports, self.clocks.time_s)
         self.events = self._leds_and_buttons.events
         self._booted = False
-        self._load()
+        load_segments(self.processor.memory, self.image)
+
+    @property
+    def _is_foreign(self) -> bool:
+        return self.memory != MK64FN1M0
 
     def lead_interrupts(self, bus: int, part: InterruptSource, *, int1: str | None, int2: str | None) -> None:
         """Connect the interrupt pins of a part.
@@ -112,24 +127,16 @@ class VirtualK64F:
         self._chip.i2c_buses[bus].after_stop(part, wires.look)
         wires.look()
 
-    # -- memory and reset ---------------------------------------------------------------------
-
-    def _load(self) -> None:
-        memory = self.processor.memory
-        memory.clear()
-        for segment in self.image.segments:
-            try:
-                memory.write(segment.address, segment.data)
-                memory.read(segment.run_address, segment.run_size)
-            except ValueError as error:
-                raise ConfigError(
-                    f"{self.image.name}: a segment does not fit the MK64FN1M0 ({error}); "
-                    "link for 1 MiB of flash at 0 and 256 KiB of SRAM at 0x1fff0000"
-                ) from error
+    # -- reset --------------------------------------------------------------------------------
 
     def boot(self) -> None:
         """Power on: start the firmware from its vector table at the next `run_until`."""
-        self._load()
+        if self._is_foreign:
+            raise ConfigError(
+                f"{self.image.name}: firmware starts on the MK64FN1M0 alone, and this is on {self.memory}: "
+                "functions of it can be called"
+            )
+        load_segments(self.processor.memory, self.image)
         self._chip.bites = 0
         self._reset(ResetSource.POWER_ON)
         self.processor.delivers_faults = True
@@ -144,7 +151,7 @@ class VirtualK64F:
         processor.sleeping = False
         processor.accounting.forget_code()
         processor.accounting.flush_pipeline()
-        stack, entry = self._vectors()
+        stack, entry = vectors(processor.memory, self.image)
         processor.exceptions.vector_table = self.image.vectors
         registers = processor.registers
         registers.xpsr.set(1 << 24)
@@ -152,22 +159,6 @@ class VirtualK64F:
             register.set(0)
         registers.general.write([0] * 13 + [stack, 0xFFFFFFFF, entry | 1, 1 << 24])
 
-    def _vectors(self) -> tuple[int, int]:
-        """Read initial stack pointer and reset vector; the part would lock up on wrong ones."""
-        place = self.image.vectors
-        try:
-            stack, entry = self.processor.memory.read_words(place, 2)
-        except ValueError:
-            stack = entry = 0
-        in_sram = SRAM[0] < stack <= SRAM[0] + SRAM[1] and stack % 4 == 0
-        code = self.image.segments
-        in_code = any(segment.address <= entry & ~1 < segment.address + len(segment.data) for segment in code)
-        if not (in_sram and in_code and entry & 1):
-            raise ConfigError(
-                f"{self.image.name}: what stands at address 0x{place:x} is no vector table (stack 0x{stack:08x}, reset "
-                f"0x{entry:08x}); link the vectors to 0, the stack into SRAM, and handlers with the Thumb bit"
-            )
-        return stack, entry
 
     # -- time ---------------------------------------------------------------------------------
 
@@ -311,9 +302,7 @@ class VirtualK64F:
             The function faulted or hung.
         """
         if not self._booted:
-            for segment in self.image.segments:
-                zeroed = segment.run_size - len(segment.data)
-                self.processor.memory.write(segment.run_address, segment.data + bytes(zeroed))
+            load_running(self.processor.memory, self.image)
         try:
             return call_function(
                 self.processor, symbol, arguments, booted=self._booted, hang_cycles=round(timeout_s * self.call_hz)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import struct
+from dataclasses import dataclass
 from typing import Any
 
 from unicorn import UC_PROT_EXEC, UC_PROT_READ, UC_PROT_WRITE
@@ -18,6 +19,35 @@ FLASH = (0x00000000, 0x100000)
 SRAM = (0x1FFF0000, 0x40000)  # SRAM_L 64 KiB, then SRAM_U 192 KiB from 0x20000000
 PERIPHERALS = (0x40000000, 0x100000)
 PRIVATE_PERIPHERALS = (0xE0000000, 0x100000)
+#: Where memories may be, first and last address: neither bit-band alias nor devices nor the processor's own registers.
+PLAIN = ((0x00000000, 0x21FFFFFF), (0x24000000, 0x3FFFFFFF), (0x60000000, 0xDFFFFFFF))
+
+Region = tuple[int, int]
+"""First address and size."""
+
+
+@dataclass(frozen=True, slots=True)
+class MemoryMap:
+    """Memories of a part; as text, as ``--memory`` takes them.
+
+    Attributes
+    ----------
+    flash, ram : tuple of Region
+    """
+
+    flash: tuple[Region, ...]
+    ram: tuple[Region, ...]
+
+    def __str__(self) -> str:
+        kinds = (("flash", self.flash), ("ram", self.ram))
+        return ",".join(f"{kind}=0x{base:08x}:{size >> 10}K" for kind, regions in kinds for base, size in regions)
+
+    def in_flash(self, address: int) -> bool:
+        """Whether flash is at an address."""
+        return any(base <= address < base + size for base, size in self.flash)
+
+
+MK64FN1M0 = MemoryMap((FLASH,), (SRAM,))
 
 
 class SharedMemory:
@@ -27,13 +57,12 @@ class SharedMemory:
     ----------
     engine : Uc
         The emulator.
-    region : tuple of int
-        First address and size.
+    region : Region
     permissions : int
         The emulator's ``UC_PROT_*`` bits.
     """
 
-    def __init__(self, engine: Any, region: tuple[int, int], permissions: int) -> None:
+    def __init__(self, engine: Any, region: Region, permissions: int) -> None:
         self.base, self.size = region
         self._buffer = ctypes.create_string_buffer(self.size + _PAGE)
         start = (ctypes.addressof(self._buffer) + _PAGE - 1) & ~(_PAGE - 1)
@@ -52,12 +81,21 @@ class BoardMemory:
     ----------
     engine : Uc
         The emulator.
+    regions : MemoryMap
+        Where they are.
+
+    Attributes
+    ----------
+    sram : SharedMemory
+        The RAM for stack and arguments of a called function: the largest.
     """
 
-    def __init__(self, engine: Any) -> None:
-        self.flash = SharedMemory(engine, FLASH, UC_PROT_READ | UC_PROT_EXEC)
-        self.sram = SharedMemory(engine, SRAM, UC_PROT_READ | UC_PROT_WRITE | UC_PROT_EXEC)
-        self._plain = (self.flash, self.sram)
+    def __init__(self, engine: Any, regions: MemoryMap = MK64FN1M0) -> None:
+        self.map = regions
+        self._flash = [SharedMemory(engine, each, UC_PROT_READ | UC_PROT_EXEC) for each in regions.flash]
+        self._ram = [SharedMemory(engine, each, UC_PROT_READ | UC_PROT_WRITE | UC_PROT_EXEC) for each in regions.ram]
+        self.sram = max(self._ram, key=lambda each: each.size)
+        self._plain = (*self._flash, *self._ram)
 
     def read(self, address: int, size: int) -> bytes:
         """Read flash or SRAM.
@@ -82,7 +120,7 @@ class BoardMemory:
 
     def holds_stack(self, address: int, size: int) -> bool:
         """Whether a range is RAM, where a stack may be."""
-        return self.sram.base <= address and address + size <= self.sram.base + self.sram.size
+        return any(each.base <= address and address + size <= each.base + each.size for each in self._ram)
 
     def read_words(self, address: int, count: int) -> tuple[int, ...]:
         """Read little-endian words."""
@@ -94,5 +132,7 @@ class BoardMemory:
 
     def clear(self) -> None:
         """Power-on content: flash erased, SRAM zero."""
-        self.flash.view[:] = b"\xff" * self.flash.size
-        self.sram.view[:] = bytes(self.sram.size)
+        for each in self._flash:
+            each.view[:] = b"\xff" * each.size
+        for each in self._ram:
+            each.view[:] = bytes(each.size)

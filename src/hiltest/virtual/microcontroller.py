@@ -8,6 +8,7 @@ from hiltest.virtual.chip import ChipPeripheral, mk64f12
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.flash_waits import FlashController
 from hiltest.virtual.i2c_bus import I2cBus, I2cDevice
+from hiltest.virtual.memory import MK64FN1M0
 from hiltest.virtual.memory_waits import MemoryAccounting
 from hiltest.virtual.peripherals.bus import Peripheral, PeripheralBus, StoredRegisters
 from hiltest.virtual.peripherals.clock_generator import ClockGenerator
@@ -61,17 +62,21 @@ class Microcontroller:
         self.bites = 0
         generator = ClockGenerator()
         self.clocks = ClockGates(processor, generator)
-        self._peripherals: list[Peripheral] = [generator, self.clocks, *self._core_modules(), *self._chip_modules()]
+        core = self._core_modules()
+        self._peripherals: list[Peripheral] = [generator, self.clocks, *core, *self._chip_modules()]
         self._peripherals += [StoredRegisters(name, self._base(name), self._initial(name)) for name in _STORED]
         sim = self._base("SIM")
         self._peripherals.append(StoredRegisters("SIM (SOPT)", sim, self._chip.reset_bytes(sim)))
         self.unmodelled = UnmodelledLog(processor, self._chip)
-        if not strict:
+        is_foreign = processor.memory.map != MK64FN1M0
+        if is_foreign:  # what is around the processor is of another part, and nothing here is
+            self._peripherals = core
+        elif not strict:
             self._store_the_rest()
         for peripheral in self._peripherals:
             gates = {gate for entry in self._chip.pages.get(peripheral.base >> 12, ()) for gate in entry.gates}
             self.clocks.gate(peripheral, gates)
-        self._bus = PeripheralBus(processor, self._peripherals, self._chip.register_name)
+        self._bus = PeripheralBus(processor, self._peripherals, None if is_foreign else self._chip.register_name)
         self.clocks.on_gates = self._bus.look_again
 
     def _base(self, name: str) -> int:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from hiltest.errors import ConfigError
-from hiltest.virtual.signatures import Signature
+from hiltest.virtual.signatures import Element, Pointed, Signature
 
 #: What stands for a value of a C type: a number, or a buffer that is passed by its address.
 Argument = int | float | bytes | bytearray | Any
@@ -17,6 +17,8 @@ Argument = int | float | bytes | bytearray | Any
 _FLOAT_REGISTERS = 16
 _WIDE = ("signed64", "unsigned64", "double")
 _UNSUPPORTED = "a struct or another type that cannot be passed by value here"
+_FLOATS = frozenset("efdg")  # as the struct module and numpy have them
+_CODES = _FLOATS | frozenset("?bBhHiIlLqQ")
 _BUFFERS = "bytes, a bytearray, a contiguous numpy array or a Structure"
 
 
@@ -91,14 +93,34 @@ def assign(
     if signature and signature.returns == "unsupported":
         raise ConfigError(f"{symbol} returns {_UNSUPPORTED}; call it through a function that returns none")
     registers = ArgumentRegisters(hard_float=hard_float)
+    pointed = signature.pointed if signature and signature.pointed else (None,) * len(kinds)
     for position, (kind, argument) in enumerate(zip(kinds, arguments, strict=True), start=1):
         where = f"argument {position} of {symbol}"
         if kind == "unsupported":
             raise ConfigError(f"{where} is {_UNSUPPORTED}; call it through a function that takes none")
+        _check_buffer(where, pointed[position - 1], argument)
         bits = _bits(where, kind, argument, place, typed=signature is not None)
         if not registers.put(kind, bits):
             raise ConfigError(f"{symbol} takes more floats than there are registers for; pass them in a buffer")
     return registers.core, registers.floating
+
+
+def _check_buffer(where: str, pointed: Pointed | None, argument: Argument) -> None:
+    """Refuse a buffer of numbers that are not those which the function will take them for; bytes may be anything."""
+    if pointed is None or not pointed.elements or isinstance(argument, int | float | bytes | bytearray | np.generic):
+        return
+    try:
+        view = memoryview(argument)
+    except (TypeError, ValueError):  # a Structure, or what is no buffer at all and refused when it is placed
+        return
+    code = view.format.lstrip("@=<>!Z")  # Z: complex, a pair of what follows
+    if code not in _CODES:
+        return
+    given = Element(code in _FLOATS, view.itemsize // (2 if "Z" in view.format else 1))
+    if given not in pointed.elements:
+        name = f"float{8 * given.size}" if given.is_float else f"{'u' if code.isupper() else ''}int{8 * given.size}"
+        wanted = " or ".join(sorted(map(str, pointed.elements)))
+        raise ConfigError(f"{where} is {pointed.text}, not an array of {name}: give {wanted}, or bytes")
 
 
 def _bits(where: str, kind: str, argument: Argument, place: Callable[[Any], int], *, typed: bool) -> int:

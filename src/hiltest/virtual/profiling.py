@@ -22,7 +22,7 @@ from hiltest.virtual.cycle_range import cycle_range, flash_range
 from hiltest.virtual.elf import FirmwareImage
 from hiltest.virtual.executions import between
 from hiltest.virtual.k64f import HANG_S, VirtualK64F
-from hiltest.virtual.memory import FLASH
+from hiltest.virtual.memory import MemoryMap
 from hiltest.virtual.procedure_call import Argument
 from hiltest.virtual.timing import TimingProfile
 
@@ -197,7 +197,7 @@ def profile_call(board: VirtualK64F, function: str, *arguments: Argument, timeou
     finally:
         accounting.tree = None
     executed = between(before, accounting.snapshot(0))
-    sums = _Sums(processor.profile, tree)
+    sums = _Sums(processor.profile, tree, processor.memory.map)
     counted = executed if not in_flash(sums.cycle_model) else None  # what flash waits for is of no row, and greater
     band = cycle_range(processor.profile, result.cycles, counted) if counted else None
     return sums.profile(board.image, function, result, band)
@@ -240,8 +240,9 @@ class _Tally:
 class _Sums:
     """Adds up what ran in every node of a call tree."""
 
-    def __init__(self, profile: TimingProfile, tree: CallTree) -> None:
+    def __init__(self, profile: TimingProfile, tree: CallTree, memories: MemoryMap) -> None:
         self._timing = profile
+        self._memories = memories
         self._root = tree.root
         self._costs: dict[tuple[int, bool], tuple[InstructionCost, ...]] = {}
         self.work: Counter[Work] = Counter(dict.fromkeys(Work, 0))
@@ -291,7 +292,7 @@ class _Sums:
         """Timing profile and the memories that the code ran from, the one with the most cycles first."""
         cycles: Counter[str] = Counter()
         for (_, address), (_, _, tally) in self.addresses.items():
-            in_flash = address < FLASH[0] + FLASH[1]
+            in_flash = self._memories.in_flash(address)
             cycles["flash" if in_flash else "sram" if address < _SRAM_U else "sram_u"] += tally.cycles
         return f"{self._timing.name}@{'+'.join(name for name, _ in cycles.most_common())}"
 

@@ -11,7 +11,8 @@ _QUALIFIERS = frozenset(f"DW_TAG_{name}" for name in (
     "typedef", "const_type", "volatile_type", "restrict_type", "atomic_type",
 ))  # fmt: skip
 _POINTERS = frozenset({"DW_TAG_pointer_type", "DW_TAG_reference_type", "DW_TAG_rvalue_reference_type"})
-_FLOAT = 0x04  # DW_ATE_float
+_STRUCTURES = frozenset({"DW_TAG_structure_type", "DW_TAG_class_type"})
+_COMPLEX, _FLOAT = 0x03, 0x04  # DW_ATE_complex_float, DW_ATE_float
 # Behind it boolean, unsigned, unsigned_char and UTF, signed and signed_char; with their bytes, small ones as a word.
 _BASE_TYPES = {
     (_FLOAT, 4): "float", (_FLOAT, 8): "double",
@@ -21,15 +22,48 @@ _BASE_TYPES = {
 
 
 @dataclass(frozen=True, slots=True)
+class Element:
+    """A number as it lies in memory; integers with and without sign lie alike."""
+
+    is_float: bool
+    size: int
+
+    def __str__(self) -> str:
+        return f"float{8 * self.size}" if self.is_float else f"{8 * self.size}-bit integers"
+
+
+@dataclass(frozen=True, slots=True)
+class Pointed:
+    """What a parameter points to.
+
+    Attributes
+    ----------
+    text : str
+        The parameter's type as C has it, ``const int16_t *``.
+    elements : frozenset of Element
+        The numbers that are there, of all members of a struct; empty where there may be anything.
+    """
+
+    text: str
+    elements: frozenset[Element]
+
+
+@dataclass(frozen=True, slots=True)
 class Signature:
     """Signature of a function: how it takes and returns values.
 
     "float" and "double", "signed" and "unsigned" (up to 32 bits), "signed64" and "unsigned64", "pointer", "void",
     or "unsupported".
+
+    Attributes
+    ----------
+    pointed : tuple of Pointed or None
+        For each parameter that is a pointer.
     """
 
     parameters: tuple[str, ...]
     returns: str
+    pointed: tuple[Pointed | None, ...] = ()
 
 
 def read_subprograms(dwarf: Any) -> dict[str, Any]:
@@ -47,10 +81,63 @@ def read_subprograms(dwarf: Any) -> dict[str, Any]:
 
 def read_signature(die: Any) -> Signature:
     """Read the types of a function's entry."""
-    parameters = tuple(
-        _classify(_type_of(child)) for child in die.iter_children() if child.tag == "DW_TAG_formal_parameter"
-    )
-    return Signature(parameters, _classify(_type_of(_declared(die))))
+    parameters = [child for child in die.iter_children() if child.tag == "DW_TAG_formal_parameter"]
+    kinds = tuple(_classify(_type_of(each)) for each in parameters)
+    return Signature(kinds, _classify(_type_of(_declared(die))), tuple(_pointed(each) for each in parameters))
+
+
+def _pointed(parameter: Any) -> Pointed | None:
+    pointer = _type_of(parameter)
+    if pointer is None or pointer.tag not in _POINTERS:
+        return None
+    elements = _elements(_type_of(pointer))
+    return Pointed(_written(_next(parameter)), frozenset(elements or ()))
+
+
+def _next(die: Any) -> Any:
+    """Return the type that an entry names, qualifiers and all; None for void."""
+    return die.get_DIE_from_attribute("DW_AT_type") if "DW_AT_type" in die.attributes else None
+
+
+def _elements(die: Any) -> set[Element] | None:
+    """Collect the numbers that lie in a type; None where there may be others."""
+    size = die.attributes["DW_AT_byte_size"].value if die is not None and "DW_AT_byte_size" in die.attributes else 4
+    if die is None:
+        return None
+    if die.tag == "DW_TAG_base_type":
+        encoding = die.attributes["DW_AT_encoding"].value
+        parts = 2 if encoding == _COMPLEX else 1
+        return {Element(encoding in (_FLOAT, _COMPLEX), size // parts)}
+    if die.tag in _POINTERS or die.tag == "DW_TAG_enumeration_type":
+        return {Element(False, size)}
+    if die.tag == "DW_TAG_array_type":
+        return _elements(_type_of(die))
+    if die.tag not in _STRUCTURES:
+        return None
+    found: set[Element] = set()
+    for member in die.iter_children():
+        inner = _elements(_type_of(member)) if member.tag in ("DW_TAG_member", "DW_TAG_inheritance") else set()
+        if inner is None:
+            return None
+        found |= inner
+    return found
+
+
+def _written(die: Any) -> str:
+    """Write a type as C does, but for what stands behind a name there."""
+    if die is None:
+        return "void"
+    if die.tag in _POINTERS:
+        return f"{_written(_next(die))} {'*' if die.tag == 'DW_TAG_pointer_type' else '&'}"
+    if die.tag in _QUALIFIERS and die.tag != "DW_TAG_typedef":
+        inner, word = _next(die), die.tag.removeprefix("DW_TAG_").removesuffix("_type")
+        behind = inner is not None and inner.tag in _POINTERS
+        return f"{_written(inner)} {word}" if behind else f"{word} {_written(inner)}"
+    if die.tag == "DW_TAG_array_type":
+        return f"{_written(_next(die))}[]"
+    name = die.attributes["DW_AT_name"].value.decode(errors="replace") if "DW_AT_name" in die.attributes else ""
+    kind = {"DW_TAG_structure_type": "struct ", "DW_TAG_union_type": "union ", "DW_TAG_enumeration_type": "enum "}
+    return f"{kind.get(die.tag, '')}{name}".strip() or "a type without a name"
 
 
 def _functions_of(scope: Any) -> Iterator[Any]:

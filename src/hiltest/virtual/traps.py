@@ -16,7 +16,7 @@ from hiltest.virtual.elf import FirmwareImage
 from hiltest.virtual.engine import add_hook
 from hiltest.virtual.faults import Fault, FaultKind
 from hiltest.virtual.instructions import Instruction
-from hiltest.virtual.memory import FLASH, SRAM, BoardMemory
+from hiltest.virtual.memory import PLAIN, BoardMemory
 from hiltest.virtual.registers import CoreRegisters
 
 _INTR_UNDEFINED, _INTR_SVC, _INTR_PREFETCH_ABORT, _INTR_DATA_ABORT = 1, 2, 3, 4
@@ -110,7 +110,8 @@ class Traps:
         unmapped = unicorn.UC_HOOK_MEM_UNMAPPED | unicorn.UC_HOOK_MEM_FETCH_PROT
         engine.hook_add(unmapped, self._on_invalid_memory)
         protected = unicorn.UC_HOOK_MEM_READ_PROT | unicorn.UC_HOOK_MEM_WRITE_PROT
-        engine.hook_add(protected, self._on_invalid_memory, begin=0, end=sum(SRAM) - 1)  # above: the bus
+        for first, last in PLAIN:  # elsewhere: the bus
+            engine.hook_add(protected, self._on_invalid_memory, begin=first, end=last)
         engine.hook_add(unicorn.UC_HOOK_INSN_INVALID, self._on_invalid_instruction)
 
     def clear(self) -> None:
@@ -155,7 +156,7 @@ class Traps:
             self._fetched(access, address, self.jumped_from() or pc)
             return False
         cause = _DATA_ACCESS.get(access, f"memory access {access} at")
-        if access == unicorn.UC_MEM_WRITE_PROT and address < sum(FLASH):
+        if access == unicorn.UC_MEM_WRITE_PROT and self._memory.map.in_flash(address):
             cause = "write to flash at address"
         self._found(FaultKind.DATA_BUS, f"{cause} 0x{address:08x} ({size} bytes)", pc, address)
         return False

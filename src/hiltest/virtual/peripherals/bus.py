@@ -116,12 +116,13 @@ class PeripheralBus:
     peripherals : iterable of Peripheral
         The blocks.
     register_name : callable
-        Names the register of the chip at an address; None where it has nothing.
+        Names the register of the chip at an address; None where it has nothing. None: the memories are another part's.
     """
 
     def __init__(
-        self, processor: Processor, peripherals: Iterable[Peripheral], register_name: Callable[[int], str | None]
-    ) -> None:
+        self, processor: Processor, peripherals: Iterable[Peripheral],
+        register_name: Callable[[int], str | None] | None,
+    ) -> None:  # fmt: skip
         self._processor = processor
         self._register_name = register_name
         self._pages: dict[int, Peripheral] = {}
@@ -241,6 +242,8 @@ class PeripheralBus:
         for page in {address >> 12, (address + size - 1) >> 12}:
             peripheral = self._pages.get(page)
             if peripheral is None:
+                if self._register_name is None:
+                    return f"0x{address:08x}, where nothing is modelled: the memories are another part's"
                 name = self._register_name(address)
                 if name is None or page != address >> 12:
                     return f"0x{address:08x}, where the chip has no peripheral"
