@@ -208,6 +208,24 @@ class PseudoTerminal:
             os.close(far_end)
 
 
+def listen(host: str, port: int) -> socket.socket:
+    """Return a socket that listens; port 0 is any free one.
+
+    Raises
+    ------
+    ConfigError
+        When the address cannot be listened on.
+    """
+    try:
+        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+        return socket.create_server((host, port), family=family)
+    except (OSError, OverflowError) as error:
+        reason = getattr(error, "strerror", None) or error
+        of_the_port = getattr(error, "errno", None) in (errno.EADDRINUSE, errno.EACCES)
+        advice = "Choose another port, or 0 for any free one." if of_the_port else "Is it this machine's address?"
+        raise ConfigError(f"cannot listen on {host} port {port}: {reason}. {advice}") from error
+
+
 class TcpLine:
     """A TCP port as a serial line: bytes as they are, one client; a second one is refused with a message.
 
@@ -225,14 +243,7 @@ class TcpLine:
     """
 
     def __init__(self, host: str, port: int) -> None:
-        try:
-            family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
-            self._listener = socket.create_server((host, port), family=family)
-        except (OSError, OverflowError) as error:
-            reason = getattr(error, "strerror", None) or error
-            of_the_port = getattr(error, "errno", None) in (errno.EADDRINUSE, errno.EACCES)
-            advice = "Choose another port, or 0 for any free one." if of_the_port else "Is it this machine's address?"
-            raise ConfigError(f"cannot listen on {host} port {port}: {reason}. {advice}") from error
+        self._listener = listen(host, port)
         self._listener.setblocking(False)
         self._client: socket.socket | None = None
         self.queue = Queue()

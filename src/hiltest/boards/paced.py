@@ -193,7 +193,8 @@ class PacedBench:
             while self._running:
                 self._wait_for_bytes()
                 with self._clock:
-                    self._step(time.monotonic() - began_s)
+                    # While a debugger holds the processor, the board's clock stands still, and does not fall behind.
+                    self._step(time.monotonic() - began_s - self._bench.machine.halted_s)
                     self._clock.notify_all()
         finally:
             with self._clock:

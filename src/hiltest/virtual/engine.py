@@ -38,7 +38,7 @@ def entrance(engine: Any, until: int) -> Callable[[int], int]:
     return lambda begin: _EMU_START(handle, begin, until, 0, 0)
 
 
-def add_hook(engine: Any, kind: int, function: Any, data: Any = None, within: tuple[int, int] = _EVERYWHERE) -> None:
+def add_hook(engine: Any, kind: int, function: Any, data: Any = None, within: tuple[int, int] = _EVERYWHERE) -> int:
     """Have a C function called; the emulator keeps only the pointers to it and to its data.
 
     Parameters
@@ -51,6 +51,18 @@ def add_hook(engine: Any, kind: int, function: Any, data: Any = None, within: tu
         What is called, as ctypes knows it, and what it is given.
     within : tuple of int, optional
         First and last address that it is called for.
+
+    Returns
+    -------
+    int
+        What `remove_hook` knows it by.
     """
     first, last = (ctypes.c_uint64(address) for address in within)
-    uclib.uc_hook_add(engine._uch, ctypes.byref(ctypes.c_size_t()), kind, function, data, first, last)
+    hook = ctypes.c_size_t()
+    uclib.uc_hook_add(engine._uch, ctypes.byref(hook), kind, function, data, first, last)
+    return hook.value
+
+
+def remove_hook(engine: Any, hook: int) -> None:
+    """Have a hook called no more; code that was translated with it must be translated anew."""
+    uclib.uc_hook_del(engine._uch, ctypes.c_size_t(hook))

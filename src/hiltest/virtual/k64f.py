@@ -71,6 +71,13 @@ class VirtualK64F:
     ----------
     events : list of BoardEvent
         What the LEDs and buttons did since power-on.
+    run_processor : callable
+        Runs the processor, as `Processor.run`: a debugger puts itself here.
+    debugged : bool
+        Whether one is connected.
+    halted_s : float
+        For how long it has been halted so far [s of wall time].
+    bus : PeripheralBus
 
     Raises
     ------
@@ -102,7 +109,10 @@ class VirtualK64F:
         self.clocks, self.uart0, self.timers = chip.clocks, chip.uart0, chip.timers
         self.watchdog, self.cycle_counter = chip.watchdog, chip.cycle_counter
         self._leds_and_buttons = LedsAndButtons(chip.ports, self.clocks.time_s)
+        self.bus = chip.bus
         self.events = self._leds_and_buttons.events
+        self.run_processor = self.processor.run
+        self.debugged, self.halted_s = False, 0.0
         self._booted = False
         load_segments(self.processor.memory, self.image)
 
@@ -142,6 +152,10 @@ class VirtualK64F:
         self.processor.delivers_faults = True
         self._booted = True
 
+    def reset(self) -> None:
+        """Press the reset button, and let it go: the firmware starts anew, time goes on."""
+        self._reset(ResetSource.PIN)
+
     def _reset(self, source: ResetSource) -> None:
         processor = self.processor
         processor.nvic.reset()
@@ -158,7 +172,6 @@ class VirtualK64F:
         for register in (registers.control, registers.primask, registers.basepri, registers.faultmask):
             register.set(0)
         registers.general.write([0] * 13 + [stack, 0xFFFFFFFF, entry | 1, 1 << 24])
-
 
     # -- time ---------------------------------------------------------------------------------
 
@@ -248,7 +261,7 @@ class VirtualK64F:
         try:
             while True:
                 try:
-                    self.processor.run(until, wake=wake)
+                    self.run_processor(until, wake=wake)
                     return
                 except ResetRequested as request:
                     fault = self.processor.fault_log.first_cause

@@ -50,6 +50,7 @@ class Microcontroller:
     ports : dict of str to Port
         By letter.
     unmodelled : UnmodelledLog
+    bus : PeripheralBus
     bites : int
         Resets by the watchdog since power-on.
     """
@@ -76,8 +77,8 @@ class Microcontroller:
         for peripheral in self._peripherals:
             gates = {gate for entry in self._chip.pages.get(peripheral.base >> 12, ()) for gate in entry.gates}
             self.clocks.gate(peripheral, gates)
-        self._bus = PeripheralBus(processor, self._peripherals, None if is_foreign else self._chip.register_name)
-        self.clocks.on_gates = self._bus.look_again
+        self.bus = PeripheralBus(processor, self._peripherals, None if is_foreign else self._chip.register_name)
+        self.clocks.on_gates = self.bus.look_again
 
     def _base(self, name: str) -> int:
         return self._modules[name].base

@@ -81,6 +81,8 @@ class Traps:
         Called after an SVC; answers whether its handler may run.
     jumped_from : callable
         Answers with the address of the latest branch, if it led nowhere.
+    at_breakpoint : callable
+        Called at a BKPT with its address; answers whether a debugger halts there.
     fpu_enabled, traps_division_by_zero : bool
         CPACR and CCR.DIV_0_TRP.
     """
@@ -97,6 +99,7 @@ class Traps:
         self.traps_division_by_zero = False
         self.supervisor_call: Callable[[], bool] = lambda: True
         self.jumped_from: Callable[[], int | None] = lambda: None
+        self.at_breakpoint: Callable[[int], bool] = lambda _address: False
         self._engine = engine
         self._registers = registers
         self._memory = memory
@@ -138,7 +141,8 @@ class Traps:
         elif number == _INTR_EXCEPTION_RETURN:
             self.exc_return = pc
         elif number == _INTR_BREAKPOINT:
-            self._found(FaultKind.BREAKPOINT, "breakpoint (BKPT) without a debugger", pc)
+            if not self.at_breakpoint(pc):
+                self._found(FaultKind.BREAKPOINT, "breakpoint (BKPT) without a debugger", pc)
         elif number == _INTR_PREFETCH_ABORT:
             self._fetched(unicorn.UC_MEM_FETCH_PROT, pc, self.jumped_from() or pc)
         elif number == _INTR_DATA_ABORT:

@@ -12,6 +12,7 @@ class ResetSource(Enum):
 
     POWER_ON = 0x0082  # with LVD, as the supply rises through it
     WATCHDOG = 0x0020
+    PIN = 0x0040
     SOFTWARE = 0x0400
 
 
