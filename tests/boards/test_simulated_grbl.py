@@ -41,7 +41,7 @@ class Table:
 
     def __init__(self) -> None:
         self.bench = Bench()
-        self.grbl = GrblTable(TableAxes(self.bench), about="a test")
+        self.grbl = GrblTable(TableAxes(self.bench), about="a test", reset=lambda: None)
         assert self.grbl.say() == BANNER.encode()
 
     def send(self, data: str | bytes) -> list[str]:

@@ -43,7 +43,7 @@ class Bench:
         stepped = VirtualBench(load_rig(shipped() / "rigs" / "virtual-k64f.toml"))
         self.world, self.machine = stepped._world, stepped.machine
         self.axes = TableAxes(stepped)
-        table = GrblTable(self.axes, about=f"virtual FRDM-K64F {MODEL}")
+        table = GrblTable(self.axes, about=f"virtual FRDM-K64F {MODEL}", reset=lambda: None)
         self.paced = PacedBench(stepped, self.board_line, (self.table_line, table))
         self.paced.start()
         served = load_rig(shipped() / "rigs" / "served-k64f.toml")

@@ -32,6 +32,8 @@ class Served:
     ----------
     board, turntable : str
         What it printed: where a serial program finds them.
+    gdb_port : int
+        With ``--gdb``.
     """
 
     def __init__(self, *arguments: str, folder: Path) -> None:
@@ -41,9 +43,11 @@ class Served:
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
         assert self.process.stdout is not None
-        printed = [self.process.stdout.readline().strip().partition(": ") for _ in range(2)]
-        assert [name for name, _, _ in printed] == ["board", "turntable"], self.process.communicate()[1]
-        self.board, self.turntable = (url for _, _, url in printed)
+        names = ["board", "turntable", *(["gdb"] if "--gdb" in arguments else [])]
+        printed = [self.process.stdout.readline().strip().partition(": ") for _ in names]
+        assert [name for name, _, _ in printed] == names, self.process.communicate()[1]
+        self.board, self.turntable, *gdb = (url for _, _, url in printed)
+        self.gdb_port = int(gdb[0].rpartition(":")[2]) if gdb else 0
 
     def end(self, number: signal.Signals = signal.SIGINT) -> tuple[int, str]:
         """Send a signal; return exit code and what was said on stderr."""

@@ -76,7 +76,7 @@ def sent_until_full(url: str) -> None:
 def test_after_a_client_that_floods_a_port_and_leaves_the_next_is_served_at_once(
     serve: Serve, arguments: list[str]
 ) -> None:
-    served = serve(*arguments)
+    served = serve("--no-wait", *arguments)
     for _ in range(3):
         sent_until_full(served.board)
         sent_until_full(served.turntable)

@@ -80,7 +80,7 @@ def test_registers_that_are_not_modelled_are_told_once(serve: Serve, foreign: Pa
     _, said = served.end()
     (told,) = [line for line in said.splitlines() if "not modelled" in line]
     assert told.startswith("LLWU_PE1 at 0x4007c000 is not modelled; write of 0x02 from 0x")
-    assert re.search(r" in \w+ \(upper_case\.c:\d+\) kept$", told)
+    assert re.search(r" in \w+ \(upper_case\.c:\d+\) kept; 1 access$", told)
 
 
 @pytest.mark.parametrize(

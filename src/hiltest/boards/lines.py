@@ -56,8 +56,8 @@ class PortLine(Protocol):
     def receive(self, limit: int) -> bytes:
         """Accept and drop connections, and return at most `limit` bytes of those that have arrived."""
 
-    def send(self, data: bytes) -> None:
-        """Send what fits now."""
+    def send(self, data: bytes) -> int:
+        """Send what fits now; return how much that was."""
 
     def close(self) -> None:
         """Close the line for good. Idempotent."""
@@ -73,15 +73,19 @@ class Queue:
         the end of a line or a frame.
     lost : int
         How many were not delivered.
+    used : bool
+        Whether anything has come so far.
     """
 
     def __init__(self) -> None:
         self.kept = 4096
         self.lost = 0
+        self.used = False
         self._bytes = bytearray()
 
     def add(self, data: bytes) -> None:
         """Append what arrived, as far as there is room."""
+        self.used = self.used or bool(data)
         room = _LONGEST_QUEUE - len(self._bytes)
         self._bytes += data[:room]
         self.lost += max(0, len(data) - room)
@@ -176,11 +180,12 @@ class PseudoTerminal:
             self.queue.next_program()
         return self.queue.take(limit)
 
-    def send(self, data: bytes) -> None:
-        """Send what fits now."""
+    def send(self, data: bytes) -> int:
+        """Send what fits now; return how much that was."""
         if self.connected and data:
             with contextlib.suppress(BlockingIOError):
-                os.write(self.board_end, data)
+                return os.write(self.board_end, data)
+        return 0
 
     def unplug(self) -> None:
         """Hang up, as a pulled cable does; what is open at `path` breaks. Idempotent."""
@@ -266,16 +271,16 @@ class TcpLine:
                 self._welcome(self._listener.accept()[0])
         return self.queue.take(limit)
 
-    def send(self, data: bytes) -> None:
-        """Send what fits now."""
-        if self._client is None or not data:
-            return
-        try:
-            self._client.send(data)
-        except BlockingIOError:
-            return
-        except OSError:
-            self._hang_up()
+    def send(self, data: bytes) -> int:
+        """Send what fits now; return how much that was."""
+        if self._client is not None and data:
+            try:
+                return self._client.send(data)
+            except BlockingIOError:
+                return 0
+            except OSError:
+                self._hang_up()
+        return 0
 
     def close(self) -> None:
         """Hang up on the client, and listen no more."""

@@ -6,9 +6,11 @@ program that opens a real serial port knows nothing of that: for it the board ha
 
 from __future__ import annotations
 
+import math
 import select
 import threading
 import time
+from collections.abc import Callable
 from types import TracebackType
 from typing import Protocol, Self
 
@@ -28,6 +30,11 @@ _SHORTEST_STEP_S = 0.0002
 # together with what is on the wire that one is heard well within a second.
 QUEUED_S = 0.25
 _BITS_A_BYTE = 10
+# A program that opens a port drops what is there already, a moment later: until then, or until it sends something,
+# nothing is sent to it [s].
+_OPENING_S = 0.25
+# What is kept for the first program on a line [byte]: 5 s of output at 115 200 baud.
+_KEPT_BYTES = 1 << 16
 
 
 class Device(Protocol):
@@ -56,7 +63,9 @@ class SerialPortOfBoard:
         return max(1, round(QUEUED_S * self._machine.uart0.line_baud / _BITS_A_BYTE))
 
     def room(self) -> int:
-        """A read at a time, as soon as the one before has nearly arrived."""
+        """A read at a time, as soon as the one before has nearly arrived; none before the firmware listens."""
+        if self._machine.time_s < START_UP_S:
+            return 0
         return self.bytes_queued if self._heard_by_s <= self._machine.time_s + _LONGEST_STEP_S else 0
 
     def hear(self, data: bytes) -> None:
@@ -70,6 +79,45 @@ class SerialPortOfBoard:
         """Fetch what the board has sent."""
         uart = self._machine.uart0
         return uart.host_read(uart.host_waiting) if uart.host_waiting else b""
+
+
+class _ServedLine:
+    """A line with the device at its end.
+
+    Parameters
+    ----------
+    line : PortLine
+    device : Device
+    keeps : bool
+        Whether what the device says before the first program is there is kept for it, or lost.
+    """
+
+    def __init__(self, line: PortLine, device: Device, *, keeps: bool) -> None:
+        self.line = line
+        self._keeps = keeps
+        self._device = device
+        self._kept = bytearray()
+        self._since_s = math.inf  # when the program that is there was first seen
+        self.came = False  # whether one has been there, and open for good
+
+    def look(self) -> None:
+        """See whether a program is there, and take what it has sent."""
+        data = self.line.receive(self._device.room())
+        now_s = time.monotonic()
+        self._since_s = min(self._since_s, now_s) if self.line.connected else math.inf
+        self.came = self.came or now_s - self._since_s >= _OPENING_S or self.line.queue.used
+        if data:
+            self._device.hear(data)
+
+    def answer(self) -> None:
+        """Send what the device has to say, behind what was kept."""
+        said = self._device.say()
+        if not self._keeps or (self.came and not self._kept):
+            self.line.send(said)
+            return
+        self._kept += said[: _KEPT_BYTES - len(self._kept)]
+        if self.came:
+            del self._kept[: self.line.send(bytes(self._kept))]
 
 
 class PacedBench:
@@ -86,6 +134,11 @@ class PacedBench:
         Line to the board's serial port. Its opener closes it, after `stop`.
     others : (PortLine, Device), optional
         What else is served in the same time, such as a turntable.
+    held : callable, optional
+        Whether the board is still kept in reset, besides for as long as no program has come to a line; asked over and
+        over. Without it the board starts at once.
+    until_s : float
+        Where its time ends [virtual s].
 
     Attributes
     ----------
@@ -93,15 +146,23 @@ class PacedBench:
         What ended the firmware. A board with a fault is silent and stays on its line.
     behind_s : float
         How far the board is behind wall time [s].
+    busy_s : float
+        For how long the host has emulated it [s].
     """
 
-    def __init__(self, bench: VirtualBench, line: PortLine, *others: tuple[PortLine, Device]) -> None:
+    def __init__(
+        self, bench: VirtualBench, line: PortLine, *others: tuple[PortLine, Device],
+        held: Callable[[], bool] | None = None, until_s: float = math.inf,
+    ) -> None:  # fmt: skip
         self.fault: BoardFault | None = None
-        self.behind_s = 0.0
+        self.behind_s = self.busy_s = 0.0
+        self._held, self._until_s = held, until_s
+        self._began_s = math.inf
+        self._took_s: float | None = None  # once it has ended
         self._bench = bench
         port = SerialPortOfBoard(bench.machine)
         line.queue.kept = port.bytes_queued
-        self._served: list[tuple[PortLine, Device]] = [(line, port), *others]
+        self._served = [_ServedLine(line, port, keeps=True), *(_ServedLine(*each, keeps=False) for each in others)]
         self._clock = threading.Condition()  # guards bench; notified after every step
         self._running = False
         self._longest_step_s = _LONGEST_STEP_S
@@ -120,6 +181,18 @@ class PacedBench:
     def time_s(self) -> float:
         """Virtual seconds since power-on."""
         return self._bench.machine.time_s
+
+    @property
+    def wall_s(self) -> float:
+        """For how long the board has run [s], without what a debugger held it."""
+        if self._took_s is not None:
+            return self._took_s
+        return max(0.0, time.monotonic() - self._began_s - self._bench.machine.halted_s)
+
+    @property
+    def over(self) -> bool:
+        """Whether its time has come to its end."""
+        return self.time_s >= self._until_s
 
     @property
     def running(self) -> bool:
@@ -149,6 +222,8 @@ class PacedBench:
             When the firmware has nothing to boot from.
         """
         self._bench.machine.boot()
+        for each in self._served:
+            each.answer()  # what a device says as it is switched on nobody hears
         self._running = True
         self._thread.start()
 
@@ -188,42 +263,55 @@ class PacedBench:
             raise self.fault or BenchError(f"the board was stopped before its {time_s:.2f} s were over")
 
     def _run(self) -> None:
-        began_s = time.monotonic()
         try:
+            while self._running and self._in_reset():
+                self._wait_for_bytes()
+            self._began_s = time.monotonic() - self._bench.machine.halted_s
             while self._running:
                 self._wait_for_bytes()
                 with self._clock:
-                    # While a debugger holds the processor, the board's clock stands still, and does not fall behind.
-                    self._step(time.monotonic() - began_s - self._bench.machine.halted_s)
+                    self._step()
                     self._clock.notify_all()
         finally:
             with self._clock:
+                self._took_s = self.wall_s
                 self._running = False
                 self._clock.notify_all()
 
+    def _in_reset(self) -> bool:
+        """Whether the board still waits for somebody to come."""
+        with self._clock:
+            for each in self._served:
+                each.look()
+                each.answer()
+            return self._held is not None and self._held() and not any(each.came for each in self._served)
+
     def _wait_for_bytes(self) -> None:
         """Wait until something comes on a line, but no longer than a step."""
-        sources = [each for line, _device in self._served for each in line.sources()]
+        sources = [each for served in self._served for each in served.line.sources()]
         select.select(sources, [], [], _STEP_S)
 
-    def _step(self, wall_s: float) -> None:
-        for line, device in self._served:
-            data = line.receive(device.room())
-            if data:
-                device.hear(data)
-        if wall_s > self.time_s:
+    def _step(self) -> None:
+        for each in self._served:
+            each.look()
+        if self.wall_s > self.time_s:
             try:
-                self._run_until(min(wall_s, self.time_s + self._longest_step_s))
+                self._run_until(min(self.wall_s, self.time_s + self._longest_step_s, self._until_s))
             except BoardFault as error:
                 self.fault = error
                 self._running = False
-        self.behind_s = max(0.0, wall_s - self.time_s)
-        for line, device in self._served:
-            line.send(device.say())
+        # While a debugger holds the processor, the board's clock stands still, and does not fall behind.
+        self.behind_s = max(0.0, self.wall_s - self.time_s)
+        for each in self._served:
+            each.answer()
+        if self.over:
+            self._running = False
 
     def _run_until(self, time_s: float) -> None:
         """Let the board run on, and measure how much of that the host can do at a time."""
-        since_s, began_s = self.time_s, time.monotonic()
+        since_s, began_s, halted_s = self.time_s, time.monotonic(), self._bench.machine.halted_s
         self._bench.machine.run_until(time_s)
-        share = _LONGEST_STEP_S / max(time.monotonic() - began_s, 1e-6)
+        took_s = time.monotonic() - began_s - (self._bench.machine.halted_s - halted_s)
+        self.busy_s += took_s
+        share = _LONGEST_STEP_S / max(took_s, 1e-6)
         self._longest_step_s = min(_LONGEST_STEP_S, max(_SHORTEST_STEP_S, share * (self.time_s - since_s)))

@@ -25,6 +25,7 @@ LINE_LENGTH, BUFFER_LENGTH = 80, 128
 _RESET, _STATUS, _HOLD, _RESUME = 0x18, ord("?"), ord("!"), ord("~")
 _ENDS = b"\r\n"
 _RESET_IN_MOTION = 3  # alarm number
+_COOLANT = {"M8": True, "M08": True, "M9": False, "M09": False}  # on, off
 _COMMENT = re.compile(r"\([^)]*\)?|;.*")
 _SETTINGS = [
     "$10=1", "$13=0", "$20=0", "$21=0", "$22=1",
@@ -41,6 +42,8 @@ class GrblTable:
     axes : TableAxes
     about : str
         What ``$I`` says of the board on the table.
+    reset : callable
+        Resets the board: the table's coolant output (M8) is led to its reset pin.
 
     Notes
     -----
@@ -48,8 +51,9 @@ class GrblTable:
     are over. A line that cannot be taken yet is answered when it is, and the lines behind it wait.
     """
 
-    def __init__(self, axes: TableAxes, *, about: str) -> None:
+    def __init__(self, axes: TableAxes, *, about: str, reset: Callable[[], None]) -> None:
         self._axes = axes
+        self._reset_board = reset
         self._about = about
         self._out = bytearray(BANNER.encode())
         self._alarm = False
@@ -126,6 +130,10 @@ class GrblTable:
             return self._system(line)
         if self._alarm:
             raise GcodeError(Refusal.LOCKED)
+        if line in _COOLANT:
+            if _COOLANT[line]:
+                self._reset_board()
+            return _at_once
         return self._move(line)
 
     def _move(self, line: str) -> Callable[[], bool]:

@@ -3,28 +3,32 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 
 from hiltest.bench_files import rig_file
 from hiltest.boards.bench import START_UP_S, VirtualBench
+from hiltest.boards.gdb_server import GdbServer
 from hiltest.boards.lines import PortLine, PseudoTerminal, TcpLine, port_link
 from hiltest.boards.paced import PacedBench
 from hiltest.boards.simulated_grbl import GrblTable
 from hiltest.boards.table_axes import TableAxes
-from hiltest.commands.options import checked
+from hiltest.commands.options import NumberRange, checked
 from hiltest.errors import BenchError, ConfigError
 from hiltest.rig.file import load_rig
 from hiltest.settings import address, file_name, seed
+from hiltest.virtual.k64f import VirtualK64F
 
 _EXIT_CODES = """
 \b
 Exit codes:
-  0   ended by Ctrl-C or another signal
+  0   ended by Ctrl-C, another signal or --until
   4   usage: an option, a port, a rig file or a firmware file is wrong
   20  the firmware faulted, or hung where no interrupt could end it
 """
@@ -56,54 +60,78 @@ _PORTS = click.IntRange(0, _LAST_PORT)
 @click.option("--seed", metavar="N", callback=checked(seed), help="Seed of the simulated world.  [default: the rig's]")
 @click.option("--baud", metavar="N", type=click.IntRange(min=1),
               help="Baud rate at the far end of the board's UART.  [default: the rig's]")
+@click.option("--no-wait", is_flag=True,
+              help="Start the board at once.  [default: it stays in reset until a program opens one of its ports]")
+@click.option("--until", metavar="S", type=NumberRange(min=0.0, min_open=True), default=math.inf,
+              help="End at this virtual time.  [default: never]")
+@click.option("--gdb", type=_PORTS, metavar="PORT",
+              help="Let GDB debug the firmware on this TCP port; 0 takes any free one. See docs/debug.md.")
 def serve(
-    pty: bool, tcp: int | None, turntable_tcp: int | None, host: str, link: str | None, baud: int | None,
-    **given: str | None,
+    pty: bool, tcp: int | None, turntable_tcp: int | None, host: str, link: str | None, no_wait: bool, until: float,
+    gdb: int | None, **described: Any,
 ) -> int:
     """Put the virtual board and its turntable on real ports.
 
     It prints the name of each port for a serial program to open. The board runs by itself, never ahead of
-    wall time. The turntable speaks Grbl: see docs/serve.md.
+    wall time. The turntable speaks Grbl, and its M8 resets the board: see docs/serve.md.
     """
-    if tcp is None and (turntable_tcp is not None or host != "127.0.0.1"):
+    if tcp is None and (turntable_tcp is not None or (host != "127.0.0.1" and gdb is None)):
         raise ConfigError("--turntable-tcp and --host go with --tcp PORT")
     if tcp is not None and (pty or link):
         raise ConfigError("--tcp goes neither with --pty nor with --link")
     if tcp == _LAST_PORT and turntable_tcp is None:
         raise ConfigError(f"--tcp {tcp} leaves no port above it for the turntable: name one with --turntable-tcp")
-    bench = _bench(**given)
-    bench.machine.uart0.line_baud = baud or bench.rig.link.baud
+    bench = _bench(**described)
     with contextlib.ExitStack() as stack:
         ending = stack.enter_context(_signals_noted())
         lines = _open_lines(stack, tcp, turntable_tcp, host)
         urls = _linked(stack, lines, link)
         model = bench.machine.processor.profile.name
-        table = GrblTable(TableAxes(bench), about=f"virtual FRDM-K64F {model}")
-        paced = PacedBench(bench, lines[0], (lines[1], table))
+        table = GrblTable(TableAxes(bench), about=f"virtual FRDM-K64F {model}", reset=bench.machine.reset)
+        bench.machine.boot()  # before GDB can come
+        debugger = None if gdb is None else GdbServer(bench.machine, gdb, host=host)
+        held = None if no_wait else lambda: debugger is None or not debugger.connected
+        paced = PacedBench(bench, lines[0], (lines[1], table), held=held, until_s=until)
         stack.callback(paced.stop)
+        if debugger is not None:
+            stack.callback(debugger.close)  # and lets the board's thread go, before it is waited for
         paced.power_on()
-        if _listening(paced, ending):
-            click.echo(f"board: {urls[0]}\nturntable: {urls[1]}")
-            _tell(f"serving {bench.firmware.name} in {bench.rig.name}, cycle model {model}; Ctrl-C ends it")
+        if held or _listening(paced, ending):
+            gdb_at = "" if debugger is None else f"\ngdb: {host}:{debugger.port}"
+            click.echo(f"board: {urls[0]}\nturntable: {urls[1]}{gdb_at}")
+            waits = ", in reset until a program opens a port" if held else ""
+            _tell(f"serving {bench.firmware.name} in {bench.rig.name}, cycle model {model}{waits}; Ctrl-C ends it")
             _watch(paced, dict(zip(("board", "turntable"), lines, strict=True)), ending)
-    for access in bench.machine.unmodelled:
-        _tell(str(access))
+    _sum_up(paced, bench.machine)
     if paced.fault is not None:
         raise paced.fault
     return 0
 
 
-def _bench(rig: str | None, firmware: str | None, base: str | None, seed: str | None) -> VirtualBench:
+def _sum_up(paced: PacedBench, machine: VirtualK64F) -> None:
+    """Tell what became of a board that has ended."""
+    for access in machine.unmodelled:
+        _tell(f"{access}; {access.accesses} access{'es' if access.accesses > 1 else ''}")
+    pace = f"{paced.time_s / paced.wall_s:.2f} x real time, " if paced.wall_s > 0.0 else ""
+    where = "" if paced.fault else f"; {machine.position()}"
+    _tell(f"board: {paced.time_s:.3f} s of virtual time, {pace}{paced.busy_s:.1f} s of it emulated{where}")
+
+
+def _bench(
+    rig: str | None, firmware: str | None, base: str | None, seed: str | None, baud: int | None
+) -> VirtualBench:
     described = load_rig(rig_file(Path.cwd(), rig))
     if described.world is None:
         raise ConfigError(
             f"rig {described.name} ({described.path}) is of a {described.board.kind} board: there is nothing to serve. "
             "Choose a rig of a virtual board with --rig"
         )
-    return VirtualBench(
+    bench = VirtualBench(
         described, firmware=Path(firmware) if firmware else None, seed=int(seed) if seed else None,
         base=None if base is None else address(base),
     )  # fmt: skip
+    bench.machine.uart0.line_baud = baud or described.link.baud
+    return bench
 
 
 def _open_lines(
@@ -163,9 +191,9 @@ def _watch(paced: PacedBench, lines: dict[str, PortLine], ending: list[int]) -> 
                 told_lost[name] = line.queue.lost
         pace(paced.behind_s)
         if not paced.running:
-            if paced.fault is None:
+            if paced.fault is None and not paced.over:
                 raise BenchError("the virtual board ended by itself; the lines above say why")
-            _tell("the firmware has ended: the ports are closed")
+            _tell("its time is over" if paced.over else "the firmware has ended: the ports are closed")
             return
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, replace
 
 from hiltest.virtual.chip import Chip, ChipPeripheral
 from hiltest.virtual.cpu import Processor
@@ -30,6 +31,8 @@ class UnmodelledAccess:
         Function and line of the instruction.
     cycle : int
         When [clock cycles since power-on].
+    accesses : int
+        How many there have been to the register so far.
     """
 
     register: str
@@ -38,6 +41,7 @@ class UnmodelledAccess:
     size: int
     place: str
     cycle: int
+    accesses: int = 1
 
     def __str__(self) -> str:
         if self.written is None:
@@ -62,13 +66,14 @@ class UnmodelledLog:
         self._processor = processor
         self._chip = chip
         self._first: dict[str, UnmodelledAccess] = {}
+        self._count: Counter[str] = Counter()
         self._last_read = 0
         self._reads = 0
 
     @property
     def accesses(self) -> tuple[UnmodelledAccess, ...]:
         """The first access to each register, in order."""
-        return tuple(self._first.values())
+        return tuple(replace(each, accesses=self._count[name]) for name, each in self._first.items())
 
     @property
     def polled(self) -> str:
@@ -82,6 +87,7 @@ class UnmodelledLog:
         self._reads = self._reads + 1 if written is None and address == self._last_read else 1
         self._last_read = address if written is None else 0
         name = self._chip.register_name(address) or f"0x{address:08x}"
+        self._count[name] += 1
         if name in self._first:
             return
         pc = self._processor.registers.pc.get()

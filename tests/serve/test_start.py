@@ -1,0 +1,115 @@
+"""A served board waits in reset for somebody, loses nothing of what it says then, and can be reset and ended."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import serial
+
+from ..boards.gdb_client import GdbClient
+from .conftest import FLAGS, HERE, START, WALL_LIMIT_S, Serve
+
+SAID = b"boot 0, RCM 82\r\n"
+
+
+@pytest.fixture
+def banner(tmp_path: Path, require_tool: Callable[[str], str]) -> Path:
+    """Build firmware that says hello at once, and goes to sleep."""
+    elf = tmp_path / "banner.elf"
+    sources = [START / "start.S", HERE / "programs" / "banner.c"]
+    command = [require_tool("arm-none-eabi-gcc"), *FLAGS, *map(str, sources), "-o", str(elf)]
+    subprocess.run(command, check=True, timeout=WALL_LIMIT_S)
+    return elf
+
+
+def summary(said: str) -> tuple[float, str]:
+    """Return the virtual seconds that the last line tells, and where the firmware was."""
+    told = re.fullmatch(
+        r"board: (\d+\.\d{3}) s of virtual time, (?:\d\.\d\d x real time, )?\d+\.\d s of it emulated; (.*)",
+        said.splitlines()[-1],
+    )
+    assert told is not None, said
+    return float(told[1]), told[2]
+
+
+@pytest.mark.parametrize("arguments", [["--pty"], ["--tcp", "0"], ["--no-wait"]], ids=["pty", "tcp", "no-wait"])
+def test_the_first_program_gets_what_the_board_says_first(serve: Serve, banner: Path, arguments: list[str]) -> None:
+    served = serve("--firmware", str(banner), *arguments)
+    time.sleep(1.0)
+    with serial.serial_for_url(served.board, timeout=WALL_LIMIT_S) as client:
+        assert client.read(len(SAID)) == SAID
+    assert served.end()[0] == 0
+
+
+def test_without_a_program_it_stays_in_reset(serve: Serve, banner: Path) -> None:
+    served = serve("--firmware", str(banner))
+    time.sleep(1.0)
+    code, said = served.end()
+    assert code == 0
+    assert "in reset until a program opens a port" in said
+    assert summary(said)[0] == 0.0
+
+
+def test_the_coolant_output_of_the_table_resets_the_board(serve: Serve, banner: Path) -> None:
+    served = serve("--firmware", str(banner))
+    with (
+        serial.serial_for_url(served.board, timeout=WALL_LIMIT_S) as client,
+        serial.serial_for_url(served.turntable, timeout=WALL_LIMIT_S) as table,
+    ):
+        assert client.read(len(SAID)) == SAID
+        for boot in (b"1", b"2"):
+            table.write(b"M8\nM9\n")
+            assert table.read_until(b"ok\r\nok\r\n") == b"ok\r\nok\r\n"
+            assert client.read(len(SAID)) == b"boot " + boot + b", RCM 40\r\n"  # the pin
+
+
+def test_it_ends_at_a_virtual_time_and_sums_up(serve: Serve, banner: Path) -> None:
+    served = serve("--firmware", str(banner), "--no-wait", "--until", "0.75")
+    code, said = served.ended()
+    assert code == 0
+    assert "its time is over" in said
+    time_s, where = summary(said)
+    assert time_s == 0.75
+    assert re.fullmatch(r"asleep in main \(banner\.c:\d+\)", where)
+    (told,) = [line for line in said.splitlines() if "not modelled" in line]
+    assert told.startswith("CMP0_CR0 at 0x40073000 is not modelled; write of 0x11 from 0x")
+    assert told.endswith("kept; 3 accesses")
+
+
+def test_gdb_finds_the_board_at_its_first_instruction(serve: Serve, banner: Path) -> None:
+    served = serve("--firmware", str(banner), "--gdb", "0", "--until", "3")
+    with serial.serial_for_url(served.board, timeout=WALL_LIMIT_S) as client:
+        assert client.read(len(SAID)) == SAID
+        with GdbClient(served.gdb_port) as gdb:
+            gdb.ask(b"?")
+            assert gdb.monitor("reset").startswith("reset, halted")
+            before = gdb.monitor("cycles")
+            time.sleep(0.5)
+            assert gdb.monitor("cycles") == before
+            gdb.send(b"c")
+            assert client.read(len(SAID)) == b"boot 1, RCM 40\r\n"
+            code, said = served.ended()
+    assert code == 0
+    assert summary(said)[0] == 3.0
+
+
+def test_gdb_alone_gets_the_board_out_of_reset(serve: Serve, banner: Path) -> None:
+    served = serve("--firmware", str(banner), "--gdb", "0")
+    with GdbClient(served.gdb_port) as gdb:
+        gdb.ask(b"?")
+        assert gdb.monitor("cycles").startswith("0 cycles, 0 instructions")
+        for _ in range(3):
+            gdb.ask(b"s")
+        assert re.match(r"\d+ cycles, 3 instructions", gdb.monitor("cycles"))
+        gdb.send(b"c")
+        with serial.serial_for_url(served.board, timeout=WALL_LIMIT_S) as client:
+            assert client.read(len(SAID)) == SAID
+        gdb.socket.sendall(b"\x03")
+        assert gdb.receive().startswith(b"T02")
+        code, _ = served.end()  # while it is halted
+    assert code == 0
