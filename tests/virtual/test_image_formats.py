@@ -146,6 +146,14 @@ def test_what_cannot_be_placed_is_refused(tmp_path, name, content, base, said):
         load_image(path, base=base)
 
 
+@pytest.mark.parametrize(("kind", "suffix"), [("ihex", ".hex"), ("binary", ".bin")])
+def test_a_build_is_known_by_its_note_in_every_format(tmp_path, require_tool, kind, suffix):
+    require_tool("arm-none-eabi-objcopy")
+    elf = tmp_path / "shipped.elf"
+    elf.write_bytes(default_firmware().read_bytes())
+    assert load_image(converted(elf, kind, suffix)).build_id == load_image(elf).build_id != ""
+
+
 def test_an_elf_takes_no_base():
     with pytest.raises(ConfigError, match="an ELF says itself where it belongs"):
         load_image(default_firmware(), base=0)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import bisect
 import io
+import re
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -31,6 +32,7 @@ _FLOATING_POINT = {0, 6}
 _HARD_FLOAT = 0x400  # EF_ARM_ABI_FLOAT_HARD, which the linker says of the whole
 # The chip has 1 MiB of flash; debug information of large firmware in C++ is a hundred times that.
 _LARGEST_BYTES = 256 << 20
+_BUILD_ID = re.compile(rb"\x04\0{3}([\x04-\x20])\0{3}\x03\0{3}GNU\0(.{4,32})", re.DOTALL)  # the note, by its header
 _IMAGES_KEPT = 8  # parsed; each is a few megabytes with its debug information
 # Folders of the compiler's own libraries in the names of their units: which of them are linked in, the code decides.
 _LIBRARIES = frozenset({"libgcc", "libstdc++-v3", "newlib", "picolibc"})
@@ -201,7 +203,10 @@ class FirmwareImage:
 
     @cached_property
     def build_id(self) -> str:
-        """Return the GNU build-id note in hexadecimal; empty without one."""
+        """Return the GNU build-id note in hexadecimal; empty without one. Other formats have it too: it is loaded."""
+        if not self._elf.num_sections():
+            found = (_BUILD_ID.search(segment.data) for segment in self.segments)
+            return next((match[2][: match[1][0]].hex() for match in found if match), "")
         try:
             section: Any = self._elf.get_section_by_name(".note.gnu.build-id")
             notes = section.iter_notes() if section is not None else ()
