@@ -141,7 +141,9 @@ def test_any_program_with_pyserial_can_open_the_board_by_its_url(monkeypatch: py
 @pytest.mark.parametrize(
     ("url", "message"),
     [
-        ("hil://?sead=3", "'sead' is not a part of a hil:// URL; known: firmware, rig, seed"),
+        ("hil://?sead=3", "'sead' is not a part of a hil:// URL; known: base, firmware, gdb, rig, seed"),
+        ("hil://?gdb=65536", "gdb='65536' is no TCP port"),
+        ("hil://?base=-4", "base='-4' is no address"),
         ("hil://?seed=x", "seed='x' is no whole number"),
         ("hil://?rig=no-such-rig", "no-such-rig"),
         ("hil://?firmware=no-such.elf", "no-such.elf"),

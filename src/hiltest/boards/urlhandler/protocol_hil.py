@@ -16,6 +16,7 @@ from hiltest.rig.file import load_rig
 
 _KEYS = ("base", "firmware", "gdb", "rig", "seed")
 _LAST_PORT = 65_535
+_LARGEST_WORD = (1 << 32) - 1
 
 
 class Serial(VirtualPort):
@@ -41,22 +42,27 @@ class Serial(VirtualPort):
         """
         try:
             given = _given(self.portstr or "hil://")
+            gdb = _number(given, "gdb", "TCP port", _LAST_PORT)
             bench = _bench(given)
             bench.machine.boot()
-            if "gdb" in given:
-                self.gdb = GdbServer(bench.machine, _port(given["gdb"]))
+            if gdb is not None:
+                self.gdb = GdbServer(bench.machine, gdb)
             bench.power_on()
             self.attach(bench.machine)
         except (HiltestError, ValueError) as error:
+            self._dismiss_gdb()
             raise serial.SerialException(f"cannot open {self.portstr}: {error}") from error
         super().open()
 
     def close(self) -> None:
         """Close the port, and send GDB away."""
+        self._dismiss_gdb()
+        super().close()
+
+    def _dismiss_gdb(self) -> None:
         if self.gdb is not None:
             self.gdb.close()
             self.gdb = None
-        super().close()
 
 
 def _given(url: str) -> dict[str, str]:
@@ -67,20 +73,24 @@ def _given(url: str) -> dict[str, str]:
     return {key: values[0] for key, values in given.items()}
 
 
-def _port(text: str) -> int:
-    if not text.isdigit() or int(text) > _LAST_PORT:
-        raise ValueError(f"gdb={text!r} is no TCP port")
-    return int(text)
+def _number(given: dict[str, str], key: str, what: str, most: int) -> int | None:
+    """Return a number of the URL, None without it."""
+    if key not in given:
+        return None
+    try:
+        number = int(given[key], 0)
+    except ValueError:
+        number = -1
+    if not 0 <= number <= most:
+        raise ValueError(f"{key}={given[key]!r} is no {what}")
+    return number
 
 
-def _bench(first: dict[str, str]) -> VirtualBench:
-    seed = first.get("seed")
-    if seed is not None and not seed.isdigit():
-        raise ValueError(f"seed={seed!r} is no whole number")
-    firmware, base = first.get("firmware"), first.get("base")
+def _bench(given: dict[str, str]) -> VirtualBench:
+    firmware = given.get("firmware")
     return VirtualBench(
-        load_rig(rig_file(Path.cwd(), first.get("rig"))),
+        load_rig(rig_file(Path.cwd(), given.get("rig"))),
         firmware=Path(firmware) if firmware else None,
-        seed=int(seed) if seed else None,
-        base=None if base is None else int(base, 0),
+        seed=_number(given, "seed", "whole number", _LARGEST_WORD),
+        base=_number(given, "base", "address", _LARGEST_WORD),
     )
