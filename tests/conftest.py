@@ -55,8 +55,8 @@ _ONLY_IN_CI = {
         "end_to_end/test_killed_run", "end_to_end/test_red_when_wrong", "end_to_end/test_regressions",
         "end_to_end/test_untrimmed_accelerometer", "end_to_end/test_wrong_firmware", "mutation/test_mutations",
         "record/test_killed_at_every_step", "runs/test_advice_for_a_campaign", "runs/test_campaign",
-        "runs/test_campaign_summary", "serve/test_clients", "serve/test_ending", "serve/test_main_job", "serve/test_start",
-        "test_read_files", "test_written_files",
+        "runs/test_campaign_summary", "serve/test_clients", "serve/test_ending", "serve/test_main_job",
+        "serve/test_start", "test_read_files", "test_written_files",
     )
 }  # fmt: skip
 _FIXTURES_THAT_RUN = {"default_run", "pytester"}

@@ -87,6 +87,11 @@ def test_a_peripheral_of_another_part_is_an_error_that_names_the_access(linked, 
     assert board.unmodelled == ()
 
 
+def test_a_board_that_is_to_boot_takes_no_image_of_another_part(linked):
+    with pytest.raises(ConfigError, match=r"does not fit the MK64FN1M0 .*; link for 1 MiB of flash at 0"):
+        VirtualK64F(linked(*PARTS["STM32F4"]), memory=MK64FN1M0)
+
+
 def test_named_memories_make_it_another_part_also_where_the_k64f_has_some(linked):
     elf = linked(*PARTS["K64F"])
     assert VirtualK64F(elf).call("port", 0x40047000).value is not None

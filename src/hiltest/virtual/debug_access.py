@@ -100,7 +100,8 @@ class DebugAccess:
         read = b""
         while len(read) < size:
             width = self._access(address + len(read), size - len(read))
-            read += self._machine.bus.read(address + len(read), width).to_bytes(4, "little")[:width]
+            with self._machine.unnoticed():
+                read += self._machine.bus.read(address + len(read), width).to_bytes(4, "little")[:width]
         return read
 
     def write(self, address: int, data: bytes) -> None:
@@ -118,7 +119,8 @@ class DebugAccess:
             return
         while data:
             width = self._access(address, len(data))
-            self._machine.bus.write(address, width, int.from_bytes(data[:width], "little"))
+            with self._machine.unnoticed():
+                self._machine.bus.write(address, width, int.from_bytes(data[:width], "little"))
             address, data = address + width, data[width:]
 
     def _is_device(self, address: int) -> bool:

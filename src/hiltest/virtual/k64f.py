@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
 
@@ -199,6 +199,15 @@ class VirtualK64F:
     def unmodelled(self) -> Sequence[UnmodelledAccess]:
         """First access to each register that keeps what is written and does nothing; `str` of one is a sentence."""
         return self._chip.unmodelled.accesses
+
+    @contextlib.contextmanager
+    def unnoticed(self) -> Iterator[None]:
+        """Leave accesses out of `unmodelled` that are not the firmware's, for the time of the context."""
+        self._chip.unmodelled.listens = False
+        try:
+            yield
+        finally:
+            self._chip.unmodelled.listens = True
 
     def press(self, button: str) -> None:
         """Press ``SW2`` or ``SW3``, and keep it pressed."""

@@ -60,9 +60,15 @@ class UnmodelledLog:
         Says who touches it, and when.
     chip : Chip
         Has the names.
+
+    Attributes
+    ----------
+    listens : bool
+        Whether accesses are noted: a debugger's are not.
     """
 
     def __init__(self, processor: Processor, chip: Chip) -> None:
+        self.listens = True
         self._processor = processor
         self._chip = chip
         self._first: dict[str, UnmodelledAccess] = {}
@@ -84,6 +90,8 @@ class UnmodelledLog:
 
     def note(self, address: int, size: int, written: int | None) -> None:
         """Take note of an access."""
+        if not self.listens:
+            return
         self._reads = self._reads + 1 if written is None and address == self._last_read else 1
         self._last_read = address if written is None else 0
         name = self._chip.register_name(address) or f"0x{address:08x}"
