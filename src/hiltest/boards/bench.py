@@ -72,8 +72,9 @@ class VirtualBench:
         sensors = build_sensors(rig, self._world, self.seed)
         # What the firmware that ships touches is modelled: anything else is a mistake, and found at once.
         self.machine = VirtualK64F(
-            self.firmware, i2c0=sensors["i2c0"], i2c1=sensors["i2c1"], profile=_timing_of(rig), strict=firmware is None
-        )
+            self.firmware, i2c0=sensors["i2c0"], i2c1=sensors["i2c1"], profile=_timing_of(rig),
+            strict=firmware is None, seed=self.seed,
+        )  # fmt: skip
         self._parts = {(bus, part.address): part for bus in (0, 1) for part in sensors[f"i2c{bus}"]}
         for described in (PARTS[name] for name in rig.world.fitted):
             int1, int2 = described.pins

@@ -60,6 +60,8 @@ class VirtualK64F:
     strict : bool
         Whether a peripheral that the chip has and this board does not model is a bus error. Otherwise its
         registers keep what is written, and `unmodelled` lists what was touched.
+    seed : int
+        Of the numbers that the chip's random number generator makes.
 
     Attributes
     ----------
@@ -81,11 +83,12 @@ class VirtualK64F:
         profile: str | TimingProfile = DEFAULT_PROFILE,
         accounting: AccountingFactory | None = None,
         strict: bool = False,
+        seed: int = 0,
     ) -> None:
         self.image = load_image(Path(elf) if isinstance(elf, str) else elf)
         priced = load_profile(profile) if isinstance(profile, str) else profile
         self.processor = Processor(self.image, priced, accounting=accounting or _accounting_for(priced))
-        self._chip = chip = Microcontroller(self.processor, (i2c0, i2c1), strict=strict)
+        self._chip = chip = Microcontroller(self.processor, (i2c0, i2c1), strict=strict, seed=seed)
         self.clocks, self.uart0, self.timers = chip.clocks, chip.uart0, chip.timers
         self.watchdog, self.cycle_counter = chip.watchdog, chip.cycle_counter
         self._leds_and_buttons = LedsAndButtons(chip.ports, self.clocks.time_s)

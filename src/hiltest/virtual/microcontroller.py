@@ -12,11 +12,13 @@ from hiltest.virtual.memory_waits import MemoryAccounting
 from hiltest.virtual.peripherals.bus import Peripheral, PeripheralBus, StoredRegisters
 from hiltest.virtual.peripherals.clock_generator import ClockGenerator
 from hiltest.virtual.peripherals.clocks import ClockGates
+from hiltest.virtual.peripherals.crc import CheckValue
 from hiltest.virtual.peripherals.cycle_counter import CycleCounter
 from hiltest.virtual.peripherals.flash_control import FlashControl
 from hiltest.virtual.peripherals.i2c import I2c
 from hiltest.virtual.peripherals.pins import Gpio, Port
 from hiltest.virtual.peripherals.pit import PeriodicTimers
+from hiltest.virtual.peripherals.random_number import RandomNumbers
 from hiltest.virtual.peripherals.reset_control import ResetControl, ResetRequested, ResetSource
 from hiltest.virtual.peripherals.system_control import SystemControlSpace
 from hiltest.virtual.peripherals.uart import Uart
@@ -37,6 +39,8 @@ class Microcontroller:
         Parts on I2C0 and I2C1.
     strict : bool
         Whether a peripheral that is not modelled is a bus error.
+    seed : int
+        Of random numbers.
 
     Attributes
     ----------
@@ -53,8 +57,11 @@ class Microcontroller:
         Resets by the watchdog since power-on.
     """
 
-    def __init__(self, processor: Processor, i2c: Sequence[Sequence[I2cDevice]], *, strict: bool = False) -> None:
+    def __init__(
+        self, processor: Processor, i2c: Sequence[Sequence[I2cDevice]], *, strict: bool = False, seed: int = 0
+    ) -> None:
         self._processor = processor
+        self._seed = seed
         self._chip = mk64f12()
         self._modules = {module.name: module for module in self._chip.peripherals}
         self.i2c_buses = tuple(I2cBus(parts) for parts in i2c)
@@ -100,6 +107,7 @@ class Microcontroller:
         return [
             self.uart0, self.timers, self.watchdog, self.reset_control, *self.ports.values(),
             Gpio(list(self.ports.values())), *masters, FlashControl(self._flash_controller()),
+            CheckValue(modules["CRC"]), RandomNumbers(processor, clocks.bus, modules["RNG"], self._seed),
         ]  # fmt: skip
 
     def _port(self, module: ChipPeripheral) -> Port:
