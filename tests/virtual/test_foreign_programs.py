@@ -46,6 +46,10 @@ PROGRAMS = [
     Program("sdk_rnga_random", 0.2, (
         (r"(Random\[\d\] = 0x[0-9A-F]+\s+){10}\s*Press any key", " "), (r"(Random\[\d\] = 0x[0-9A-F]+\s+){10}", ""),
     )),
+    says(
+        "sdk_flash_pflash", 0.2, "Flash is UNSECURE!", "Successfully Erased Sector 0xfe000 -> 0xff000",
+        "Successfully Programmed and Verified Location 0xfe000 -> 0xfe010", "End of PFlash Example",
+    ),
     Program("riot_hwrng", 1.0, (
         ("Press s to start test", "s\n"), (r"generating 3 random byte\(s\)\s+Got:( 0x[0-9a-f]{2}){3}\s", ""),
     )),

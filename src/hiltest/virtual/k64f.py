@@ -62,6 +62,8 @@ class VirtualK64F:
         registers keep what is written, and `unmodelled` lists what was touched.
     seed : int
         Of the numbers that the chip's random number generator makes.
+    flash_file : Path, optional
+        Holds the flash from run to run. At power-on it gives back the sectors that the image has nothing in.
 
     Attributes
     ----------
@@ -84,11 +86,14 @@ class VirtualK64F:
         accounting: AccountingFactory | None = None,
         strict: bool = False,
         seed: int = 0,
+        flash_file: Path | None = None,
     ) -> None:
         self.image = load_image(Path(elf) if isinstance(elf, str) else elf)
         priced = load_profile(profile) if isinstance(profile, str) else profile
         self.processor = Processor(self.image, priced, accounting=accounting or _accounting_for(priced))
-        self._chip = chip = Microcontroller(self.processor, (i2c0, i2c1), strict=strict, seed=seed)
+        self._chip = chip = Microcontroller(
+            self.processor, (i2c0, i2c1), strict=strict, seed=seed, flash_file=flash_file
+        )
         self.clocks, self.uart0, self.timers = chip.clocks, chip.uart0, chip.timers
         self.watchdog, self.cycle_counter = chip.watchdog, chip.cycle_counter
         self._leds_and_buttons = LedsAndButtons(chip.ports, self.clocks.time_s)
@@ -131,6 +136,7 @@ class VirtualK64F:
     def boot(self) -> None:
         """Power on: start the firmware from its vector table at the next `run_until`."""
         self._load()
+        self._chip.flash.power_on(self.image.segments)
         self._chip.bites = 0
         self._reset(ResetSource.POWER_ON)
         self.processor.delivers_faults = True

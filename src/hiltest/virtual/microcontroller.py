@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 from hiltest.virtual.chip import ChipPeripheral, mk64f12
 from hiltest.virtual.cpu import Processor
+from hiltest.virtual.flash_array import FlashArray
 from hiltest.virtual.flash_waits import FlashController
 from hiltest.virtual.i2c_bus import I2cBus, I2cDevice
 from hiltest.virtual.memory_waits import MemoryAccounting
@@ -15,6 +17,7 @@ from hiltest.virtual.peripherals.clocks import ClockGates
 from hiltest.virtual.peripherals.crc import CheckValue
 from hiltest.virtual.peripherals.cycle_counter import CycleCounter
 from hiltest.virtual.peripherals.flash_control import FlashControl
+from hiltest.virtual.peripherals.flash_memory import FlashMemory
 from hiltest.virtual.peripherals.i2c import I2c
 from hiltest.virtual.peripherals.pins import Gpio, Port
 from hiltest.virtual.peripherals.pit import PeriodicTimers
@@ -41,6 +44,8 @@ class Microcontroller:
         Whether a peripheral that is not modelled is a bus error.
     seed : int
         Of random numbers.
+    flash_file : Path, optional
+        Holds the flash from run to run.
 
     Attributes
     ----------
@@ -49,6 +54,7 @@ class Microcontroller:
     timers : PeriodicTimers
     watchdog : Watchdog
     cycle_counter : CycleCounter
+    flash : FlashArray
     i2c_buses : tuple of I2cBus
     ports : dict of str to Port
         By letter.
@@ -58,21 +64,23 @@ class Microcontroller:
     """
 
     def __init__(
-        self, processor: Processor, i2c: Sequence[Sequence[I2cDevice]], *, strict: bool = False, seed: int = 0
-    ) -> None:
+        self, processor: Processor, i2c: Sequence[Sequence[I2cDevice]], *, strict: bool = False, seed: int = 0,
+        flash_file: Path | None = None,
+    ) -> None:  # fmt: skip
         self._processor = processor
         self._seed = seed
+        self.flash = FlashArray(processor, flash_file)
         self._chip = mk64f12()
         self._modules = {module.name: module for module in self._chip.peripherals}
         self.i2c_buses = tuple(I2cBus(parts) for parts in i2c)
         self.bites = 0
+        self.unmodelled = UnmodelledLog(processor, self._chip)
         generator = ClockGenerator()
         self.clocks = ClockGates(processor, generator)
         self._peripherals: list[Peripheral] = [generator, self.clocks, *self._core_modules(), *self._chip_modules()]
         self._peripherals += [StoredRegisters(name, self._base(name), self._initial(name)) for name in _STORED]
         sim = self._base("SIM")
         self._peripherals.append(StoredRegisters("SIM (SOPT)", sim, self._chip.reset_bytes(sim)))
-        self.unmodelled = UnmodelledLog(processor, self._chip)
         if not strict:
             self._store_the_rest()
         for peripheral in self._peripherals:
@@ -108,6 +116,7 @@ class Microcontroller:
             self.uart0, self.timers, self.watchdog, self.reset_control, *self.ports.values(),
             Gpio(list(self.ports.values())), *masters, FlashControl(self._flash_controller()),
             CheckValue(modules["CRC"]), RandomNumbers(processor, clocks.bus, modules["RNG"], self._seed),
+            FlashMemory(processor, clocks.time, modules["FTFE"], self.flash, self.unmodelled),
         ]  # fmt: skip
 
     def _port(self, module: ChipPeripheral) -> Port:
