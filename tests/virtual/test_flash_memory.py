@@ -245,8 +245,8 @@ int main(void) {
     for (unsigned i = 0; i < 4; i++) {
         const unsigned *code = (const unsigned *)returns[i % 2];
         command(0x09090000u, 0, 0);
-        command(0x07090000u, code[0], code[1]);
-        got[i] = ((unsigned (*)(void))0x90001)();
+        command(0x07090020u, code[0], code[1]);
+        got[i] = ((unsigned (*)(void))0x90021)();
     }
     return 0;
 }

@@ -47,6 +47,10 @@ PROGRAMS = [
         (r"(Random\[\d\] = 0x[0-9A-F]+\s+){10}\s*Press any key", " "), (r"(Random\[\d\] = 0x[0-9A-F]+\s+){10}", ""),
     )),
     says(
+        "sdk_edma_memory_to_memory", 0.1, "Destination Buffer:\r\n0\t0\t0\t0", "transfer example finish.",
+        "Destination Buffer:\r\n1\t2\t3\t4",
+    ),
+    says(
         "sdk_flash_pflash", 0.2, "Flash is UNSECURE!", "Successfully Erased Sector 0xfe000 -> 0xff000",
         "Successfully Programmed and Verified Location 0xfe000 -> 0xfe010", "End of PFlash Example",
     ),

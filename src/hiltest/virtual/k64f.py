@@ -67,6 +67,8 @@ class VirtualK64F:
 
     Attributes
     ----------
+    uarts : tuple of Uart
+        UART0 to UART5, each with the far end of its wire: `host_write`, `host_read`, `line_baud`. `uart0` is the first.
     events : list of BoardEvent
         What the LEDs and buttons did since power-on.
 
@@ -94,7 +96,8 @@ class VirtualK64F:
         self._chip = chip = Microcontroller(
             self.processor, (i2c0, i2c1), strict=strict, seed=seed, flash_file=flash_file
         )
-        self.clocks, self.uart0, self.timers = chip.clocks, chip.uart0, chip.timers
+        self.clocks, self.uarts, self.timers = chip.clocks, chip.uarts, chip.timers
+        self.uart0 = chip.uart0
         self.watchdog, self.cycle_counter = chip.watchdog, chip.cycle_counter
         self._leds_and_buttons = LedsAndButtons(chip.ports, self.clocks.time_s)
         self.events = self._leds_and_buttons.events

@@ -16,6 +16,8 @@ from hiltest.virtual.peripherals.clock_generator import ClockGenerator
 from hiltest.virtual.peripherals.clocks import ClockGates
 from hiltest.virtual.peripherals.crc import CheckValue
 from hiltest.virtual.peripherals.cycle_counter import CycleCounter
+from hiltest.virtual.peripherals.dma import DmaController
+from hiltest.virtual.peripherals.dma_multiplexer import DmaMultiplexer
 from hiltest.virtual.peripherals.flash_control import FlashControl
 from hiltest.virtual.peripherals.flash_memory import FlashMemory
 from hiltest.virtual.peripherals.i2c import I2c
@@ -30,6 +32,7 @@ from hiltest.virtual.peripherals.watchdog import Watchdog
 
 # Firmware sets these up without an effect that it could see: their registers keep what is written, unreported.
 _STORED = ("OSC", "SMC", "SYSMPU", "PMC")
+_WITH_FIFO = 2  # UART0 and UART1 have FIFOs and the core clock
 
 
 class Microcontroller:
@@ -50,6 +53,8 @@ class Microcontroller:
     Attributes
     ----------
     clocks : ClockGates
+    uarts : tuple of Uart
+        UART0 to UART5.
     uart0 : Uart
     timers : PeriodicTimers
     watchdog : Watchdog
@@ -86,7 +91,7 @@ class Microcontroller:
         for peripheral in self._peripherals:
             gates = {gate for entry in self._chip.pages.get(peripheral.base >> 12, ()) for gate in entry.gates}
             self.clocks.gate(peripheral, gates)
-        self._bus = PeripheralBus(processor, self._peripherals, self._chip.register_name)
+        self._bus = self._dma.bus = PeripheralBus(processor, self._peripherals, self._chip.register_name)
         self.clocks.on_gates = self._bus.look_again
 
     def _base(self, name: str) -> int:
@@ -104,7 +109,8 @@ class Microcontroller:
     def _chip_modules(self) -> list[Peripheral]:
         """Make the peripherals that the part has around the processor."""
         processor, clocks, modules = self._processor, self.clocks, self._modules
-        self.uart0 = Uart(processor, clocks, clocks.core, modules["UART0"])
+        self.uarts = tuple(self._uart(number) for number in range(6))
+        self.uart0 = self.uarts[0]
         self.timers = PeriodicTimers(processor, clocks, modules["PIT"])
         self.watchdog = Watchdog(clocks, bite=self._bitten)
         self.reset_control = ResetControl()
@@ -112,12 +118,24 @@ class Microcontroller:
         masters = [
             I2c(processor, clocks, bus, modules[f"I2C{number}"]) for number, bus in enumerate(self.i2c_buses)
         ]
+        multiplexer = DmaMultiplexer(modules["DMAMUX"], self.timers)
+        self._dma = DmaController(processor, modules["DMA"], multiplexer)
+        for uart in self.uarts:
+            uart.on_request = multiplexer.set_request
+        for master in masters:
+            master.on_request = multiplexer.set_request
         return [
-            self.uart0, self.timers, self.watchdog, self.reset_control, *self.ports.values(),
+            *self.uarts, self.timers, self.watchdog, self.reset_control, *self.ports.values(),
             Gpio(list(self.ports.values())), *masters, FlashControl(self._flash_controller()),
             CheckValue(modules["CRC"]), RandomNumbers(processor, clocks.bus, modules["RNG"], self._seed),
             FlashMemory(processor, clocks.time, modules["FTFE"], self.flash, self.unmodelled),
+            multiplexer, self._dma, self._dma.descriptors,
         ]  # fmt: skip
+
+    def _uart(self, number: int) -> Uart:
+        clock = self.clocks.core if number < _WITH_FIFO else self.clocks.bus
+        depth = 8 if number < _WITH_FIFO else 1
+        return Uart(self._processor, self.clocks, clock, self._modules[f"UART{number}"], depth=depth)
 
     def _port(self, module: ChipPeripheral) -> Port:
         return Port(module, self._processor.nvic, self._chip.reset_bytes(module.base))
