@@ -319,7 +319,8 @@ def test_a_file_that_is_no_flash_is_refused(build_c: Build, tmp_path: Path) -> N
     elf = build_c(HEAD + COUNTING % 0)
     kept = tmp_path / "flash.bin"
     kept.write_bytes(b"something else")
-    for wrong, reason in ((kept, "14 bytes"), (tmp_path / "nowhere" / "flash.bin", "No such file"), (tmp_path, "Is a")):
+    nowhere = tmp_path / "nowhere" / "flash.bin"
+    for wrong, reason in ((kept, "14 bytes"), (nowhere, "No such file"), (tmp_path, "a folder")):
         with pytest.raises(ConfigError, match=reason):
             VirtualK64F(elf, flash_file=wrong).run_until(0.01)
     assert kept.read_bytes() == b"something else"

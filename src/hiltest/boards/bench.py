@@ -46,6 +46,8 @@ class VirtualBench:
         ELF to run; by default the prebuilt one.
     seed : int, optional
         Noise seed; by default the rig's.
+    flash_file : Path, optional
+        Holds the flash from run to run.
 
     Attributes
     ----------
@@ -59,7 +61,9 @@ class VirtualBench:
         When the rig has no simulated world, or the firmware cannot be loaded.
     """
 
-    def __init__(self, rig: Rig, *, firmware: Path | None = None, seed: int | None = None) -> None:
+    def __init__(
+        self, rig: Rig, *, firmware: Path | None = None, seed: int | None = None, flash_file: Path | None = None
+    ) -> None:
         if rig.world is None:
             raise ConfigError(
                 f"rig {rig.name} ({rig.path}) is of a {rig.board.kind} board: it has no world to simulate. "
@@ -73,7 +77,7 @@ class VirtualBench:
         # What the firmware that ships touches is modelled: anything else is a mistake, and found at once.
         self.machine = VirtualK64F(
             self.firmware, i2c0=sensors["i2c0"], i2c1=sensors["i2c1"], profile=_timing_of(rig),
-            strict=firmware is None, seed=self.seed,
+            strict=firmware is None, seed=self.seed, flash_file=flash_file,
         )  # fmt: skip
         self._parts = {(bus, part.address): part for bus in (0, 1) for part in sensors[f"i2c{bus}"]}
         for described in (PARTS[name] for name in rig.world.fitted):

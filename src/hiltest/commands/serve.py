@@ -13,9 +13,10 @@ import click
 from hiltest.bench_files import rig_file
 from hiltest.boards.bench import START_UP_S, VirtualBench
 from hiltest.boards.lines import PortLine, PseudoTerminal, TcpLine, port_link
-from hiltest.boards.paced import PacedBench
+from hiltest.boards.paced import PacedBench, SerialPortOfBoard
 from hiltest.boards.simulated_grbl import GrblTable
 from hiltest.boards.table_axes import TableAxes
+from hiltest.boards.uart_ports import opened_ports, uart_ports
 from hiltest.commands.options import checked
 from hiltest.errors import BenchError, ConfigError
 from hiltest.rig.file import load_rig
@@ -54,9 +55,14 @@ _PORTS = click.IntRange(0, _LAST_PORT)
 @click.option("--seed", metavar="N", callback=checked(seed), help="Seed of the simulated world.  [default: the rig's]")
 @click.option("--baud", metavar="N", type=click.IntRange(min=1),
               help="Baud rate at the far end of the board's UART.  [default: the rig's]")
+@click.option("--uart", "uarts", metavar="N[=WHERE]", multiple=True,
+              help="Serve UART1 to UART5 too: 3 on a pseudo-terminal, 3=PATH with a symbolic link to it, "
+              "3=tcp:PORT on a TCP port. May be given several times.")
+@click.option("--flash-file", metavar="FILE", callback=checked(file_name),
+              help="Keep the flash in FILE from run to run, but for the sectors that the firmware is loaded into.")
 def serve(
     pty: bool, tcp: int | None, turntable_tcp: int | None, host: str, link: str | None, rig: str | None,
-    firmware: str | None, seed: str | None, baud: int | None,
+    firmware: str | None, seed: str | None, baud: int | None, uarts: tuple[str, ...], flash_file: str | None,
 ) -> int:
     """Put the virtual board and its turntable on real ports.
 
@@ -69,6 +75,7 @@ def serve(
         raise ConfigError("--tcp goes neither with --pty nor with --link")
     if tcp == _LAST_PORT and turntable_tcp is None:
         raise ConfigError(f"--tcp {tcp} leaves no port above it for the turntable: name one with --turntable-tcp")
+    asked_for = uart_ports(uarts)
     described = load_rig(rig_file(Path.cwd(), rig))
     if described.world is None:
         raise ConfigError(
@@ -76,22 +83,30 @@ def serve(
             "Choose a rig of a virtual board with --rig"
         )
     bench = VirtualBench(
-        described, firmware=Path(firmware) if firmware else None, seed=int(seed) if seed else None
-    )
-    bench.machine.uart0.line_baud = baud or described.link.baud
+        described, firmware=Path(firmware) if firmware else None, seed=int(seed) if seed else None,
+        flash_file=Path(flash_file) if flash_file else None,
+    )  # fmt: skip
+    machine = bench.machine
+    for uart in machine.uarts:
+        uart.line_baud = baud or described.link.baud
     with contextlib.ExitStack() as stack:
         ending = stack.enter_context(_signals_noted())
         lines = _open_lines(stack, tcp, turntable_tcp, host)
         urls = _linked(stack, lines, link)
+        further = stack.enter_context(opened_ports(asked_for, host))
         model = bench.machine.processor.profile.name
         table = GrblTable(TableAxes(bench), about=f"virtual FRDM-K64F {model}")
-        paced = PacedBench(bench, lines[0], (lines[1], table))
+        devices = ((line, SerialPortOfBoard(machine, machine.uarts[port.number])) for port, line, _ in further)
+        paced = PacedBench(bench, lines[0], (lines[1], table), *devices)
         stack.callback(paced.stop)
         paced.power_on()
         if _listening(paced, ending):
             click.echo(f"board: {urls[0]}\nturntable: {urls[1]}")
+            for port, _, url in further:
+                click.echo(f"{port.name}: {url}")
             _tell(f"serving {bench.firmware.name} in {described.name}, cycle model {model}; Ctrl-C ends it")
-            _watch(paced, dict(zip(("board", "turntable"), lines, strict=True)), ending)
+            served = dict(zip(("board", "turntable"), lines, strict=True))
+            _watch(paced, served | {port.name: line for port, line, _ in further}, ending)
     for access in bench.machine.unmodelled:
         _tell(str(access))
     if paced.fault is not None:

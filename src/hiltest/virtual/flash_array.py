@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from hiltest.errors import ConfigError
+from hiltest.strict_json import read_bounded
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.elf import LoadSegment
 from hiltest.virtual.memory import FLASH
@@ -73,14 +74,14 @@ class FlashArray:
         """Take what the file holds, but for the sectors that a segment of the image is in: those are as loaded."""
         if self._file is None:
             return
-        try:
-            kept = self._file.read_bytes() if self._file.exists() else b""
-        except OSError as error:
-            raise ConfigError(f"{self._file}: {error.strerror}") from error
-        if kept and len(kept) != SIZE + len(self.once):
-            raise ConfigError(
-                f"{self._file} has {len(kept)} bytes and is no flash of an MK64FN1M0, of {SIZE + len(self.once)}"
+        kept = b""
+        if self._file.exists():
+            whole = SIZE + len(self.once)
+            kept = read_bounded(
+                self._file, largest_bytes=whole, otherwise="name a file that a board's flash was kept in"
             )
+            if len(kept) != whole:
+                raise ConfigError(f"{self._file} has {len(kept)} bytes; the flash and its records have {whole}")
         if kept:
             self._restore(kept, segments)
         try:
