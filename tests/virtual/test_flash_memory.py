@@ -194,10 +194,12 @@ def test_code_in_ram_erases_all_of_the_flash_and_no_record(build_c: Build) -> No
 
 
 @pytest.mark.parametrize(
-    ("command", "name"), [(0x46080000, "swap control"), (0x0B090000, "program section")], ids=["swap", "section"]
+    ("command", "second", "name"),
+    [(0x46080000, 0, "swap control"), (0x0B090000, 0, "program section"), (0x03000008, 1 << 24, "version ID")],
+    ids=["swap", "section", "version"],
 )
-def test_commands_that_are_left_out_are_reported_by_name(build_c: Build, command: int, name: str) -> None:
-    board, results = carried_out(build_c, [(command, 0, 0)])
+def test_commands_that_are_left_out_are_reported_by_name(build_c: Build, command: int, second: int, name: str) -> None:
+    board, results = carried_out(build_c, [(command, second, 0)])
     assert results[0][0] == DONE | ACCESS
     (told,) = [str(access) for access in board.unmodelled]
     assert told.startswith(

@@ -24,6 +24,7 @@ _REGIONS = 32  # each bit of FPROT protects a 32nd of the flash
 _IFR_BYTES, _SWAP_IFR, _ONCE_IN_IFR = 0x400, 0x40000, 0x3C0
 _LAST_MARGIN = 2
 _MICROSECOND = PICOSECONDS // 10**6
+_READ_RESOURCE = 0x03
 _LEFT_OUT = {0x0B: "program section", 0x45: "verify backdoor access key", 0x46: "swap control"}
 
 
@@ -40,8 +41,8 @@ class FlashMemory(StoredRegisters):
 
     A command takes its typical time by the data sheet, and changes the flash at the end of it. One that is
     launched by code in the block that it works on is a read collision; the code runs on, where the part would fetch
-    anything. The part is unsecured, as one is that a debugger has loaded. Swap control, program section and
-    the backdoor key are left out: they answer ACCERR, and are reported.
+    anything. The part is unsecured, as one is that a debugger has loaded. Swap control, program section, the version
+    ID and the backdoor key are left out: they answer ACCERR, and are reported.
 
     Parameters
     ----------
@@ -70,7 +71,7 @@ class FlashMemory(StoredRegisters):
             0x00: _Command(1200, self._refuse_block, lambda: self._verify(self._block, BLOCK)),
             0x01: _Command(100, self._refuse_section, lambda: self._verify(self._address, self._section_bytes)),
             0x02: _Command(95, self._refuse_check, self._check),
-            0x03: _Command(40, self._refuse_resource, self._read_resource),
+            _READ_RESOURCE: _Command(40, self._refuse_resource, self._read_resource),
             0x07: _Command(90, lambda: self._refuse_change(PHRASE, self._address, PHRASE), self._program),
             0x08: _Command(435_000, lambda: self._refuse_change(_SECTION, self._block, BLOCK), self._erase_block),
             0x09: _Command(15_000, lambda: self._refuse_change(_SECTION, self._sector, SECTOR), self._erase_sector),
@@ -149,10 +150,8 @@ class FlashMemory(StoredRegisters):
     def _launch(self) -> None:
         self._bytes[_FSTAT] &= ~_MGSTAT0
         code = self._byte(0)
-        if code in _LEFT_OUT:
-            self._log.note_command(
-                f"{self.name}_FCCOB0's {_LEFT_OUT[code]}", self.base + _FCCOB + 3, code, "got ACCERR"
-            )
+        if left_out := self._left_out(code):
+            self._log.note_command(f"{self.name}_FCCOB0's {left_out}", self.base + _FCCOB + 3, code, "got ACCERR")
         command = self._commands.get(code)
         errors = _ACCERR if command is None else command.refuse()
         if command is None or errors:
@@ -164,9 +163,15 @@ class FlashMemory(StoredRegisters):
             self._bytes[_FSTAT] |= _RDCOLERR
         self._running = self._time.after(command.duration_us * _MICROSECOND, lambda: self._finish(command))
 
+    def _left_out(self, code: int) -> str | None:
+        """Name a command of the part that is not carried out here."""
+        if code == _READ_RESOURCE and self._byte(4) == 1:
+            return "version ID"
+        return _LEFT_OUT.get(code)
+
     def _worked_on(self, code: int) -> int:
         """Return the block that a command keeps busy: the records are in the first."""
-        return 0 if code in (0x03, 0x41, 0x43) else self._block
+        return 0 if code in (_READ_RESOURCE, 0x41, 0x43) else self._block
 
     def _finish(self, command: _Command) -> None:
         self._running = None
