@@ -74,12 +74,13 @@ class DmaController:
         self._multiplexer = multiplexer
         self._active: _Transfer | None = None
         self._event: Event | None = None
+        self._driven = 0  # levels of the interrupt lines, a bit each
         self.descriptors = DescriptorRegisters(self, module)
         multiplexer.on_request = self.look
         self.reset()
 
     def reset(self) -> None:
-        """Return to the state after reset; descriptors, which the part leaves undefined, are zero."""
+        """Return to the state after reset."""
         if self._event is not None:
             self._event.cancel()
         self._active = self._event = None
@@ -145,9 +146,12 @@ class DmaController:
 
     def _drive(self) -> None:
         nvic, words = self._processor.nvic, self._words
-        for channel in range(CHANNELS):
-            nvic.set_line(self._interrupts[channel], bool(words[_INT] >> channel & 1))
-        nvic.set_line(self._interrupts[_ERROR_INTERRUPT], bool(words[_ERR] & words[_EEI]))
+        levels = words[_INT] | bool(words[_ERR] & words[_EEI]) << _ERROR_INTERRUPT
+        changed, self._driven = levels ^ self._driven, levels
+        while changed:
+            line = changed.bit_length() - 1
+            nvic.set_line(self._interrupts[line], bool(levels >> line & 1))
+            changed ^= 1 << line
 
     # -- which channel is next ----------------------------------------------------------------
 
@@ -171,16 +175,19 @@ class DmaController:
         self._plan(self._active, cycle + _BEGIN)
 
     def _next_channel(self) -> int | None:
-        wanted = [channel for channel in range(CHANNELS) if self._wanted(channel)]
+        started, enabled = self.descriptors.started, self._words[_ERQ]
+        if not (started or enabled):
+            return None
+        requests = self._multiplexer.requests
+        wanted = [
+            channel for channel in range(CHANNELS)
+            if started >> channel & 1 or (enabled >> channel & 1 and requests(channel))
+        ]  # fmt: skip
         if not wanted:
             return None
         if self._control & _ERCA:  # from high numbers to low, behind the one before
             return max(wanted, key=lambda channel: (channel < self._last, channel))
         return max(wanted, key=lambda channel: self._priorities[channel] & 0xF)
-
-    def _wanted(self, channel: int) -> bool:
-        requested = self._words[_ERQ] >> channel & 1 and self._multiplexer.requests(channel)
-        return bool(requested or self.descriptors.control(channel) & Control.START)
 
     def _error_before(self, descriptor: Descriptor) -> int:
         if not self._control & _ERCA and len({priority & 0xF for priority in self._priorities}) < CHANNELS:
@@ -337,11 +344,21 @@ class DescriptorRegisters(StoredRegisters):
         Looks at them when they are written.
     module : ChipPeripheral
         Its addresses.
+
+    Attributes
+    ----------
+    started : int
+        Channels whose START is set, a bit each.
     """
 
     def __init__(self, controller: DmaController, module: ChipPeripheral) -> None:
         self._controller = controller
         super().__init__(module.name, module.base + 0x1000)
+
+    def reset(self) -> None:
+        """Clear all of them; the part leaves them undefined."""
+        super().reset()
+        self.started = 0
 
     def write(self, offset: int, size: int, value: int) -> None:
         """Take a register; of CSR what the controller owns stays as it is."""
@@ -351,13 +368,14 @@ class DescriptorRegisters(StoredRegisters):
         before = self.control(channel)
         super().write(offset, size, value)
         written = self.control(channel)
-        if place + size > 0x1C and written != before:
-            owned = Control.ACTIVE | Control.DONE
-            kept = before & Control.ACTIVE | before & written & Control.DONE
-            if kept & Control.DONE:
-                written &= ~(Control.MAJORELINK | Control.ESG)
-            self._put_control(channel, written & ~owned | kept)
-        self._controller.look()
+        if place + size <= 0x1C:
+            return
+        kept = before & (Control.ACTIVE | written & Control.DONE)
+        if kept & Control.DONE:
+            written &= ~(Control.MAJORELINK | Control.ESG)
+        self._put_control(channel, written & ~(Control.ACTIVE | Control.DONE) | kept)
+        if self.started:
+            self._controller.look()
 
     def control(self, channel: int) -> int:
         """CSR of a channel."""
@@ -369,6 +387,7 @@ class DescriptorRegisters(StoredRegisters):
 
     def _put_control(self, channel: int, value: int) -> None:
         self._bytes[SIZE * channel + 0x1C : SIZE * channel + 0x1E] = value.to_bytes(2, "little")
+        self.started = self.started & ~(1 << channel) | (value & Control.START) << channel
 
     def get(self, channel: int, *, offsets: bool) -> Descriptor:
         """Read a channel's descriptor."""
@@ -377,3 +396,4 @@ class DescriptorRegisters(StoredRegisters):
     def put(self, channel: int, descriptor: Descriptor) -> None:
         """Write a channel's descriptor."""
         self._bytes[SIZE * channel : SIZE * (channel + 1)] = descriptor.pack()
+        self._put_control(channel, descriptor.csr)
