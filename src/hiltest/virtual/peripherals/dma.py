@@ -8,7 +8,8 @@ from hiltest.virtual.chip import ChipPeripheral
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.dma_descriptor import SIZE, Control, Descriptor, DescriptorError
 from hiltest.virtual.memory import PERIPHERALS
-from hiltest.virtual.peripherals.bus import PeripheralBus, StoredRegisters, read_by_bytes, write_by_bytes
+from hiltest.virtual.peripherals.bus import PeripheralBus, read_by_bytes, write_by_bytes
+from hiltest.virtual.peripherals.dma_descriptors import DescriptorRegisters
 from hiltest.virtual.peripherals.dma_multiplexer import CHANNELS, DmaMultiplexer
 from hiltest.virtual.schedule import Event
 
@@ -75,7 +76,7 @@ class DmaController:
         self._active: _Transfer | None = None
         self._event: Event | None = None
         self._driven = 0  # levels of the interrupt lines, a bit each
-        self.descriptors = DescriptorRegisters(self, module)
+        self.descriptors = DescriptorRegisters(module, self.look)
         multiplexer.on_request = self.look
         self.reset()
 
@@ -333,67 +334,3 @@ class DmaController:
 
 def _is_peripheral(address: int) -> bool:
     return PERIPHERALS[0] <= address < sum(PERIPHERALS)
-
-
-class DescriptorRegisters(StoredRegisters):
-    """The second page: a descriptor for each channel.
-
-    Parameters
-    ----------
-    controller : DmaController
-        Looks at them when they are written.
-    module : ChipPeripheral
-        Its addresses.
-
-    Attributes
-    ----------
-    started : int
-        Channels whose START is set, a bit each.
-    """
-
-    def __init__(self, controller: DmaController, module: ChipPeripheral) -> None:
-        self._controller = controller
-        super().__init__(module.name, module.base + 0x1000)
-
-    def reset(self) -> None:
-        """Clear all of them; the part leaves them undefined."""
-        super().reset()
-        self.started = 0
-
-    def write(self, offset: int, size: int, value: int) -> None:
-        """Take a register; of CSR what the controller owns stays as it is."""
-        channel, place = divmod(offset, SIZE)
-        if channel >= CHANNELS:
-            return
-        before = self.control(channel)
-        super().write(offset, size, value)
-        written = self.control(channel)
-        if place + size <= 0x1C:
-            return
-        kept = before & (Control.ACTIVE | written & Control.DONE)
-        if kept & Control.DONE:
-            written &= ~(Control.MAJORELINK | Control.ESG)
-        self._put_control(channel, written & ~(Control.ACTIVE | Control.DONE) | kept)
-        if self.started:
-            self._controller.look()
-
-    def control(self, channel: int) -> int:
-        """CSR of a channel."""
-        return int.from_bytes(self._bytes[SIZE * channel + 0x1C : SIZE * channel + 0x1E], "little")
-
-    def change_control(self, channel: int, *, clear: int, put: int) -> None:
-        """Clear and set bits of a channel's CSR."""
-        self._put_control(channel, self.control(channel) & ~clear | put)
-
-    def _put_control(self, channel: int, value: int) -> None:
-        self._bytes[SIZE * channel + 0x1C : SIZE * channel + 0x1E] = value.to_bytes(2, "little")
-        self.started = self.started & ~(1 << channel) | (value & Control.START) << channel
-
-    def get(self, channel: int, *, offsets: bool) -> Descriptor:
-        """Read a channel's descriptor."""
-        return Descriptor.unpack(bytes(self._bytes[SIZE * channel : SIZE * (channel + 1)]), offsets=offsets)
-
-    def put(self, channel: int, descriptor: Descriptor) -> None:
-        """Write a channel's descriptor."""
-        self._bytes[SIZE * channel : SIZE * (channel + 1)] = descriptor.pack()
-        self._put_control(channel, descriptor.csr)
