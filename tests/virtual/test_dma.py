@@ -245,6 +245,36 @@ def test_a_descriptor_brings_the_next_one_from_memory(bench: Bench) -> None:
     assert (bench.control(1), bench.read(INT)) == (INTMAJOR | DONE, 2)
 
 
+def test_a_start_while_the_channel_runs_is_another_one(bench: Bench) -> None:
+    bench.load(0, Loop(count=3))
+    bench.write(SSRT, 0, 1)
+    bench.write(SSRT, 0, 1)
+    assert bench.control(0) == ACTIVE | START
+    bench.run()
+    assert bench.addresses(0)[2] == 1
+
+
+def test_links_are_not_set_up_before_done_is_cleared_and_stay_when_they_were(bench: Bench) -> None:
+    write = bench.board._chip._bus.write
+    at = DESCRIPTORS + 0x1C
+    bench.load(0, Loop(csr=MAJORELINK | 6 << 8))
+    bench.write(SSRT, 0, 1)
+    bench.run()
+    write(at + 2, 2, 1)  # BITER
+    assert bench.control(0) == DONE | MAJORELINK | 6 << 8
+    write(at, 2, DONE | MAJORELINK | ESG)
+    assert bench.control(0) == DONE
+    write(at, 2, ACTIVE | MAJORELINK)  # ACTIVE is the controller's
+    assert bench.control(0) == MAJORELINK
+    write(at, 2, DONE)
+    assert bench.control(0) == 0
+    bench.write(SSRT, 0, 1)
+    bench.run()
+    assert bench.control(0) == DONE
+    bench.write(CDNE, 0, 1)
+    assert bench.control(0) == 0
+
+
 # Bits of ES, from the manual's table.
 DBE, SBE, SGE, NCE, DOE, DAE, SOE, SAE, CPE = (1 << bit for bit in (0, 1, 2, 3, 4, 5, 6, 7, 14))
 

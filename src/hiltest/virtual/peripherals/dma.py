@@ -284,7 +284,8 @@ class DmaController:
             link = self._end_major(channel, descriptor)
         elif descriptor.csr & Control.INTHALF and descriptor.count == descriptor.half:
             self._words[_INT] |= 1 << channel
-        descriptor.csr &= ~Control.ACTIVE
+        again = self.descriptors.control(channel) & Control.START  # set while it ran
+        descriptor.csr = descriptor.csr & ~Control.ACTIVE | again
         self.descriptors.put(channel, descriptor)
         if link is not None:
             self.descriptors.change_control(link, clear=0, put=Control.START)

@@ -45,7 +45,7 @@ class DescriptorRegisters(StoredRegisters):
         before = self.control(channel)
         super().write(offset, size, value)
         written = self.control(channel)
-        if place + size <= _CSR:
+        if place + size <= _CSR or place >= _CSR + 2:
             return
         kept = before & (Control.ACTIVE | written & Control.DONE)
         if kept & Control.DONE:
