@@ -297,7 +297,7 @@ def test_a_file_keeps_the_flash_from_run_to_run_but_for_what_the_image_loads(bui
     kept = tmp_path / "flash.bin"
     elf = build_c(HEAD + COUNTING % 0)
     for boots in (1, 2, 3):
-        board = VirtualK64F(elf, flash_file=kept)
+        board = VirtualK64F(elf, flash_file=str(kept))
         board.run_until(0.01)
         assert word(board, "first") == boots
     content = bytearray(kept.read_bytes())

@@ -23,7 +23,7 @@ class FlashArray:
     ----------
     processor : Processor
         Runs code from it.
-    file : Path, optional
+    file : str or Path, optional
         Holds the flash from run to run: its 1 MiB, then the records. It is made when it is not there.
 
     Attributes
@@ -32,11 +32,11 @@ class FlashArray:
         The records.
     """
 
-    def __init__(self, processor: Processor, file: Path | None = None) -> None:
+    def __init__(self, processor: Processor, file: str | Path | None = None) -> None:
         self.once = bytearray(ERASED * (PHRASE * RECORDS))
         self._processor = processor
         self._memory = processor.memory
-        self._file = file
+        self._file = None if file is None else Path(file)
 
     def read(self, address: int, size: int) -> bytes:
         """Read a part of it."""

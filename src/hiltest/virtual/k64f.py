@@ -62,7 +62,7 @@ class VirtualK64F:
         registers keep what is written, and `unmodelled` lists what was touched.
     seed : int
         Of the numbers that the chip's random number generator makes.
-    flash_file : Path, optional
+    flash_file : str or Path, optional
         Holds the flash from run to run. At power-on it gives back the sectors that the image has nothing in.
 
     Attributes
@@ -88,7 +88,7 @@ class VirtualK64F:
         accounting: AccountingFactory | None = None,
         strict: bool = False,
         seed: int = 0,
-        flash_file: Path | None = None,
+        flash_file: str | Path | None = None,
     ) -> None:
         self.image = load_image(Path(elf) if isinstance(elf, str) else elf)
         priced = load_profile(profile) if isinstance(profile, str) else profile

@@ -47,7 +47,7 @@ class Microcontroller:
         Whether a peripheral that is not modelled is a bus error.
     seed : int
         Of random numbers.
-    flash_file : Path, optional
+    flash_file : str or Path, optional
         Holds the flash from run to run.
 
     Attributes
@@ -70,7 +70,7 @@ class Microcontroller:
 
     def __init__(
         self, processor: Processor, i2c: Sequence[Sequence[I2cDevice]], *, strict: bool = False, seed: int = 0,
-        flash_file: Path | None = None,
+        flash_file: str | Path | None = None,
     ) -> None:  # fmt: skip
         self._processor = processor
         self._seed = seed
