@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import pytest
 
+from hiltest.boards.bench import VirtualBench
+from hiltest.rig.file import load_rig
 from hiltest.virtual.k64f import VirtualK64F
 
 from .conftest import Build
+from .foreign import RIG
 from .test_exceptions import word
 
 HEAD = """
@@ -37,6 +40,12 @@ def test_runs_with_one_seed_draw_the_same_words_and_others_do_not(build_c: Build
     assert not set(drawn) & set(words_of(VirtualK64F(elf, seed=1)))
     # Of 2048 fair bits so many are ones in all but one run of 10^9: six standard deviations of 22.6.
     assert sum(each.bit_count() for each in drawn) == pytest.approx(1024, abs=136)
+
+
+def test_a_bench_gives_its_seed_to_the_board(build_c: Build) -> None:
+    elf, rig = build_c(TAKING % ""), load_rig(RIG)
+    drawn = [words_of(VirtualBench(rig, firmware=elf, seed=seed).machine) for seed in (7, 7, 8)]
+    assert drawn[0] == drawn[1] != drawn[2]
 
 
 def test_entropy_from_the_firmware_changes_what_comes(build_c: Build) -> None:
