@@ -43,6 +43,7 @@ READING = {
     "run --firmware": ("run", "--firmware", "{}"),
     "run --rig": ("run", "--rig", "{}"),
     "serve --firmware": ("serve", "--firmware", "{}"),
+    "serve --flash-file": ("serve", "--flash-file", "{}"),
     "serve --rig": ("serve", "--rig", "{}"),
     "timing measure --rig": ("timing", "measure", "--rig", "{}"),
     "timing show --profile": ("timing", "show", "--profile", "{}"),

@@ -42,11 +42,14 @@ class Seen:
         Virtual time [s] and length of the output by then.
     toggles : dict of str to list of float
         Times at which each LED changed [s].
+    fault : str
+        What ended it, if something did.
     """
 
     output: bytearray = field(default_factory=bytearray)
     arrived: list[tuple[float, int]] = field(default_factory=list)
     toggles: dict[str, list[float]] = field(default_factory=dict)
+    fault: str = ""
 
     @property
     def text(self) -> str:
@@ -265,11 +268,14 @@ def watch(program: Program, machine: VirtualK64F, seconds: float | None = None) 
     """Run a program, type what it waits for, and note what it does."""
     seen, sends, now = Seen(), list(program.sends), 0.0
     end = program.seconds if seconds is None else seconds
-    while now < end:
+    while now < end and not seen.fault:
         now = min(now + _STEP_S, end)
         while sends and sends[0][0] <= now:
             machine.uart0.host_write(sends.pop(0)[1])
-        machine.run_until(now)
+        try:
+            machine.run_until(now)
+        except BoardFault as error:
+            seen.fault = str(error)
         if machine.uart0.host_waiting:
             seen.output += machine.uart0.host_read(machine.uart0.host_waiting)
             seen.arrived.append((now, len(seen.output)))
@@ -297,12 +303,10 @@ def run(program: Program) -> Result:
     """Run a program to its end and look at what it did."""
     machine = machine_for(program)
     began = time.monotonic()
-    try:
-        seen = watch(program, machine)
-    except BoardFault as error:
-        return Result(program, machine.time_s, time.monotonic() - began, (str(error),))
+    seen = watch(program, machine)
     wall_s = time.monotonic() - began
     wrong = [found for check in program.checks if (found := check(seen)) is not None]
+    wrong += [seen.fault] if seen.fault else []
     return Result(program, machine.time_s, wall_s, tuple(wrong))
 
 

@@ -227,6 +227,16 @@ def test_a_chained_timer_interrupts_when_the_chain_has_run_down() -> None:
     assert timers.read(0x11C, 4) == 1
 
 
+def test_an_expiry_that_a_write_to_another_timer_finds_interrupts_too() -> None:
+    board, timers = _timers()
+    timers.write(0x100, 4, 99)
+    timers.write(0x108, 4, 3)
+    board.processor.accounting.cycles += 105  # within a block of the firmware: events come behind it
+    timers.write(0x110, 4, 7)
+    _pass(board, 1)
+    assert FIRST_INTERRUPT + 48 in board.processor.nvic.pending
+
+
 def test_a_new_load_value_counts_from_the_next_expiry() -> None:
     board, timers = _timers()
     timers.write(0x100, 4, 99)

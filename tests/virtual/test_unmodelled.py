@@ -89,16 +89,6 @@ def test_a_status_bit_that_never_comes_is_named(build_c: Build) -> None:
     assert board.position().endswith(expected)
 
 
-def test_a_flash_command_is_over_when_its_driver_asks(build_c: Build) -> None:
-    # Clear the errors of the one before, name the command, start it, wait for CCIF.
-    command = "BYTE(0x40020000) = 0x70; BYTE(0x40020007) = 0x09; BYTE(0x40020000) = 0x80;"
-    waiting = "while (!(BYTE(0x40020000) & 0x80)) {}"
-    board = VirtualK64F(build_c(program(f"{waiting} {command} BYTE(0x40020000) = 0x30; {waiting} after = 1;")))
-    board.run_until(0.001)
-    assert word(board, "after") == 1
-    assert [access.register for access in board.unmodelled] == ["FTFE_FSTAT", "FTFE_FCCOB0"]
-
-
 def test_the_chips_tables_are_whole() -> None:
     chip = mk64f12()
     names = [entry.name for entry in chip.peripherals]

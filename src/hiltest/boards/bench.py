@@ -50,6 +50,8 @@ class VirtualBench:
         Noise seed; by default the rig's.
     base : int, optional
         Address of a raw binary.
+    flash_file : Path, optional
+        Holds the flash from run to run.
 
     Attributes
     ----------
@@ -64,8 +66,9 @@ class VirtualBench:
     """
 
     def __init__(
-        self, rig: Rig, *, firmware: Path | None = None, seed: int | None = None, base: int | None = None
-    ) -> None:
+        self, rig: Rig, *, firmware: Path | None = None, seed: int | None = None, base: int | None = None,
+        flash_file: Path | None = None,
+    ) -> None:  # fmt: skip
         if rig.world is None:
             raise ConfigError(
                 f"rig {rig.name} ({rig.path}) is of a {rig.board.kind} board: it has no world to simulate. "
@@ -79,7 +82,7 @@ class VirtualBench:
         # What the firmware that ships touches is modelled: anything else is a mistake, and found at once.
         self.machine = VirtualK64F(
             load_image(self.firmware, base=base), i2c0=sensors["i2c0"], i2c1=sensors["i2c1"], profile=_timing_of(rig),
-            strict=firmware is None, memory=MK64FN1M0,
+            strict=firmware is None, memory=MK64FN1M0, seed=self.seed, flash_file=flash_file,
         )  # fmt: skip
         self._parts = {(bus, part.address): part for bus in (0, 1) for part in sensors[f"i2c{bus}"]}
         for described in (PARTS[name] for name in rig.world.fitted):

@@ -19,6 +19,7 @@ from hiltest.boards.bench import START_UP_S, VirtualBench
 from hiltest.boards.lines import PortLine
 from hiltest.errors import BenchError, BoardFault
 from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.peripherals.uart import Uart
 
 # How often the board is let run on [s]: late by no more than a reply of 20 bytes takes on the line.
 _STEP_S = 0.002
@@ -51,16 +52,24 @@ class Device(Protocol):
 
 
 class SerialPortOfBoard:
-    """The board's UART as a device; takes bytes no faster than a serial line brings them."""
+    """A UART of the board as a device; takes bytes no faster than a serial line brings them.
 
-    def __init__(self, machine: VirtualK64F) -> None:
+    Parameters
+    ----------
+    machine : VirtualK64F
+    uart : Uart, optional
+        By default UART0.
+    """
+
+    def __init__(self, machine: VirtualK64F, uart: Uart | None = None) -> None:
         self._machine = machine
+        self._uart = uart or machine.uart0
         self._heard_by_s = 0.0  # virtual time at which everything taken so far will have arrived
 
     @property
     def bytes_queued(self) -> int:
         """What the line brings in `QUEUED_S`."""
-        return max(1, round(QUEUED_S * self._machine.uart0.line_baud / _BITS_A_BYTE))
+        return max(1, round(QUEUED_S * self._uart.line_baud / _BITS_A_BYTE))
 
     def room(self) -> int:
         """A read at a time, as soon as the one before has nearly arrived; none before the firmware listens."""
@@ -70,14 +79,14 @@ class SerialPortOfBoard:
 
     def hear(self, data: bytes) -> None:
         """Put bytes on the line to the board."""
-        uart = self._machine.uart0
+        uart = self._uart
         seconds = len(data) * _BITS_A_BYTE / uart.line_baud
         self._heard_by_s = max(self._heard_by_s, self._machine.time_s) + seconds
         uart.host_write(data)
 
     def say(self) -> bytes:
         """Fetch what the board has sent."""
-        uart = self._machine.uart0
+        uart = self._uart
         return uart.host_read(uart.host_waiting) if uart.host_waiting else b""
 
 

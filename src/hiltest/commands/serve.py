@@ -16,9 +16,10 @@ from hiltest.bench_files import rig_file
 from hiltest.boards.bench import START_UP_S, VirtualBench
 from hiltest.boards.gdb_server import GdbServer
 from hiltest.boards.lines import PortLine, PseudoTerminal, TcpLine, port_link
-from hiltest.boards.paced import PacedBench
+from hiltest.boards.paced import PacedBench, SerialPortOfBoard
 from hiltest.boards.simulated_grbl import GrblTable
 from hiltest.boards.table_axes import TableAxes
+from hiltest.boards.uart_ports import opened_ports, uart_ports
 from hiltest.commands.options import NumberRange, checked
 from hiltest.errors import BenchError, ConfigError
 from hiltest.rig.file import load_rig
@@ -60,6 +61,11 @@ _PORTS = click.IntRange(0, _LAST_PORT)
 @click.option("--seed", metavar="N", callback=checked(seed), help="Seed of the simulated world.  [default: the rig's]")
 @click.option("--baud", metavar="N", type=click.IntRange(min=1),
               help="Baud rate at the far end of the board's UART.  [default: the rig's]")
+@click.option("--uart", "uarts", metavar="N[=WHERE]", multiple=True,
+              help="Serve UART1 to UART5 too: 3 on a pseudo-terminal, 3=PATH with a symbolic link to it, "
+              "3=tcp:PORT on a TCP port. May be given several times.")
+@click.option("--flash-file", metavar="FILE", callback=checked(file_name),
+              help="Keep the flash in FILE from run to run, but for the sectors that the firmware is loaded into.")
 @click.option("--no-wait", is_flag=True,
               help="Start the board at once.  [default: it stays in reset until a program opens one of its ports]")
 @click.option("--until", metavar="S", type=NumberRange(min=0.0, min_open=True), default=math.inf,
@@ -67,8 +73,8 @@ _PORTS = click.IntRange(0, _LAST_PORT)
 @click.option("--gdb", type=_PORTS, metavar="PORT",
               help="Let GDB debug the firmware on this TCP port; 0 takes any free one. See docs/debug.md.")
 def serve(
-    pty: bool, tcp: int | None, turntable_tcp: int | None, host: str, link: str | None, no_wait: bool, until: float,
-    gdb: int | None, **described: Any,
+    pty: bool, tcp: int | None, turntable_tcp: int | None, host: str, link: str | None, uarts: tuple[str, ...],
+    no_wait: bool, until: float, gdb: int | None, **described: Any,
 ) -> int:
     """Put the virtual board and its turntable on real ports.
 
@@ -81,28 +87,36 @@ def serve(
         raise ConfigError("--tcp goes neither with --pty nor with --link")
     if tcp == _LAST_PORT and turntable_tcp is None:
         raise ConfigError(f"--tcp {tcp} leaves no port above it for the turntable: name one with --turntable-tcp")
+    asked_for = uart_ports(uarts)
     bench = _bench(**described)
+    machine = bench.machine
     with contextlib.ExitStack() as stack:
         ending = stack.enter_context(_signals_noted())
         lines = _open_lines(stack, tcp, turntable_tcp, host)
         urls = _linked(stack, lines, link)
-        model = bench.machine.processor.profile.name
-        table = GrblTable(TableAxes(bench), about=f"virtual FRDM-K64F {model}", reset=bench.machine.reset)
-        bench.machine.boot()  # before GDB can come
-        debugger = None if gdb is None else GdbServer(bench.machine, gdb, host=host)
+        further = stack.enter_context(opened_ports(asked_for, host))
+        model = machine.processor.profile.name
+        table = GrblTable(TableAxes(bench), about=f"virtual FRDM-K64F {model}", reset=machine.reset)
+        machine.boot()  # before GDB can come
+        debugger = None if gdb is None else GdbServer(machine, gdb, host=host)
         held = None if no_wait else lambda: debugger is None or not debugger.connected
-        paced = PacedBench(bench, lines[0], (lines[1], table), held=held, until_s=until)
+        devices = ((line, SerialPortOfBoard(machine, machine.uarts[port.number])) for port, line, _ in further)
+        paced = PacedBench(bench, lines[0], (lines[1], table), *devices, held=held, until_s=until)
         stack.callback(paced.stop)
         if debugger is not None:
             stack.callback(debugger.close)  # and lets the board's thread go, before it is waited for
         paced.power_on()
         if held or _listening(paced, ending):
-            gdb_at = "" if debugger is None else f"\ngdb: {host}:{debugger.port}"
-            click.echo(f"board: {urls[0]}\nturntable: {urls[1]}{gdb_at}")
+            click.echo(f"board: {urls[0]}\nturntable: {urls[1]}")
+            for port, _, url in further:
+                click.echo(f"{port.name}: {url}")
+            if debugger is not None:
+                click.echo(f"gdb: {host}:{debugger.port}")
             waits = ", in reset until a program opens a port" if held else ""
             _tell(f"serving {bench.firmware.name} in {bench.rig.name}, cycle model {model}{waits}; Ctrl-C ends it")
-            _watch(paced, dict(zip(("board", "turntable"), lines, strict=True)), ending)
-    _sum_up(paced, bench.machine)
+            served = dict(zip(("board", "turntable"), lines, strict=True))
+            _watch(paced, served | {port.name: line for port, line, _ in further}, ending)
+    _sum_up(paced, machine)
     if paced.fault is not None:
         raise paced.fault
     return 0
@@ -118,8 +132,9 @@ def _sum_up(paced: PacedBench, machine: VirtualK64F) -> None:
 
 
 def _bench(
-    rig: str | None, firmware: str | None, base: str | None, seed: str | None, baud: int | None
-) -> VirtualBench:
+    rig: str | None, firmware: str | None, base: str | None, seed: str | None, baud: int | None,
+    flash_file: str | None,
+) -> VirtualBench:  # fmt: skip
     described = load_rig(rig_file(Path.cwd(), rig))
     if described.world is None:
         raise ConfigError(
@@ -128,9 +143,10 @@ def _bench(
         )
     bench = VirtualBench(
         described, firmware=Path(firmware) if firmware else None, seed=int(seed) if seed else None,
-        base=None if base is None else address(base),
+        base=None if base is None else address(base), flash_file=Path(flash_file) if flash_file else None,
     )  # fmt: skip
-    bench.machine.uart0.line_baud = baud or described.link.baud
+    for uart in bench.machine.uarts:
+        uart.line_baud = baud or described.link.baud
     return bench
 
 

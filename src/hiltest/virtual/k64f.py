@@ -66,9 +66,15 @@ class VirtualK64F:
     memory : str or MemoryMap, optional
         Memories of another part, see `memory_map`, by default those that the image needs. With them functions are
         called, no firmware starts, and of the peripherals there are the processor's own alone.
+    seed : int
+        Of the numbers that the chip's random number generator makes.
+    flash_file : str or Path, optional
+        Holds the flash from run to run. At power-on it gives back the sectors that the image has nothing in.
 
     Attributes
     ----------
+    uarts : tuple of Uart
+        UART0 to UART5, each with the far end of its wire: `host_write`, `host_read`, `line_baud`. `uart0` is the first.
     events : list of BoardEvent
         What the LEDs and buttons did since power-on.
     run_processor : callable
@@ -95,6 +101,8 @@ class VirtualK64F:
         accounting: AccountingFactory | None = None,
         strict: bool = False,
         memory: str | MemoryMap | None = None,
+        seed: int = 0,
+        flash_file: str | Path | None = None,
     ) -> None:
         source = Path(elf) if isinstance(elf, str) else elf
         self.image = source if isinstance(source, FirmwareImage) else load_image(source)
@@ -105,8 +113,11 @@ class VirtualK64F:
         self.processor = Processor(
             self.image, priced, accounting=accounting or _accounting_for(priced), memories=self.memory
         )
-        self._chip = chip = Microcontroller(self.processor, (i2c0, i2c1), strict=strict)
-        self.clocks, self.uart0, self.timers = chip.clocks, chip.uart0, chip.timers
+        self._chip = chip = Microcontroller(
+            self.processor, (i2c0, i2c1), strict=strict, seed=seed, flash_file=flash_file
+        )
+        self.clocks, self.uarts, self.timers = chip.clocks, chip.uarts, chip.timers
+        self.uart0 = chip.uart0
         self.watchdog, self.cycle_counter = chip.watchdog, chip.cycle_counter
         self._leds_and_buttons = LedsAndButtons(chip.ports, self.clocks.time_s)
         self.bus = chip.bus
@@ -147,6 +158,7 @@ class VirtualK64F:
                 "functions of it can be called"
             )
         load_segments(self.processor.memory, self.image)
+        self._chip.flash.power_on(self.image.segments)
         self._chip.bites = 0
         self._reset(ResetSource.POWER_ON)
         self.processor.delivers_faults = True

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 from hiltest.virtual.chip import ChipPeripheral, mk64f12
 from hiltest.virtual.cpu import Processor
+from hiltest.virtual.flash_array import FlashArray
 from hiltest.virtual.flash_waits import FlashController
 from hiltest.virtual.i2c_bus import I2cBus, I2cDevice
 from hiltest.virtual.memory import MK64FN1M0
@@ -13,11 +15,16 @@ from hiltest.virtual.memory_waits import MemoryAccounting
 from hiltest.virtual.peripherals.bus import Peripheral, PeripheralBus, StoredRegisters
 from hiltest.virtual.peripherals.clock_generator import ClockGenerator
 from hiltest.virtual.peripherals.clocks import ClockGates
+from hiltest.virtual.peripherals.crc import CheckValue
 from hiltest.virtual.peripherals.cycle_counter import CycleCounter
+from hiltest.virtual.peripherals.dma import DmaController
+from hiltest.virtual.peripherals.dma_multiplexer import DmaMultiplexer
 from hiltest.virtual.peripherals.flash_control import FlashControl
+from hiltest.virtual.peripherals.flash_memory import FlashMemory
 from hiltest.virtual.peripherals.i2c import I2c
 from hiltest.virtual.peripherals.pins import Gpio, Port
 from hiltest.virtual.peripherals.pit import PeriodicTimers
+from hiltest.virtual.peripherals.random_number import RandomNumbers
 from hiltest.virtual.peripherals.reset_control import ResetControl, ResetRequested, ResetSource
 from hiltest.virtual.peripherals.system_control import SystemControlSpace
 from hiltest.virtual.peripherals.uart import Uart
@@ -26,6 +33,7 @@ from hiltest.virtual.peripherals.watchdog import Watchdog
 
 # Firmware sets these up without an effect that it could see: their registers keep what is written, unreported.
 _STORED = ("OSC", "SMC", "SYSMPU", "PMC")
+_WITH_FIFO = 2  # UART0 and UART1 have FIFOs and the core clock
 
 
 class Microcontroller:
@@ -38,14 +46,21 @@ class Microcontroller:
         Parts on I2C0 and I2C1.
     strict : bool
         Whether a peripheral that is not modelled is a bus error.
+    seed : int
+        Of random numbers.
+    flash_file : str or Path, optional
+        Holds the flash from run to run.
 
     Attributes
     ----------
     clocks : ClockGates
+    uarts : tuple of Uart
+        UART0 to UART5.
     uart0 : Uart
     timers : PeriodicTimers
     watchdog : Watchdog
     cycle_counter : CycleCounter
+    flash : FlashArray
     i2c_buses : tuple of I2cBus
     ports : dict of str to Port
         By letter.
@@ -55,12 +70,18 @@ class Microcontroller:
         Resets by the watchdog since power-on.
     """
 
-    def __init__(self, processor: Processor, i2c: Sequence[Sequence[I2cDevice]], *, strict: bool = False) -> None:
+    def __init__(
+        self, processor: Processor, i2c: Sequence[Sequence[I2cDevice]], *, strict: bool = False, seed: int = 0,
+        flash_file: str | Path | None = None,
+    ) -> None:  # fmt: skip
         self._processor = processor
+        self._seed = seed
+        self.flash = FlashArray(processor, flash_file)
         self._chip = mk64f12()
         self._modules = {module.name: module for module in self._chip.peripherals}
         self.i2c_buses = tuple(I2cBus(parts) for parts in i2c)
         self.bites = 0
+        self.unmodelled = UnmodelledLog(processor, self._chip)
         generator = ClockGenerator()
         self.clocks = ClockGates(processor, generator)
         core = self._core_modules()
@@ -68,7 +89,6 @@ class Microcontroller:
         self._peripherals += [StoredRegisters(name, self._base(name), self._initial(name)) for name in _STORED]
         sim = self._base("SIM")
         self._peripherals.append(StoredRegisters("SIM (SOPT)", sim, self._chip.reset_bytes(sim)))
-        self.unmodelled = UnmodelledLog(processor, self._chip)
         is_foreign = processor.memory.map != MK64FN1M0
         if is_foreign:  # what is around the processor is of another part, and nothing here is
             self._peripherals = core
@@ -77,7 +97,9 @@ class Microcontroller:
         for peripheral in self._peripherals:
             gates = {gate for entry in self._chip.pages.get(peripheral.base >> 12, ()) for gate in entry.gates}
             self.clocks.gate(peripheral, gates)
-        self.bus = PeripheralBus(processor, self._peripherals, None if is_foreign else self._chip.register_name)
+        self.bus = self._dma.bus = PeripheralBus(
+            processor, self._peripherals, None if is_foreign else self._chip.register_name
+        )
         self.clocks.on_gates = self.bus.look_again
 
     def _base(self, name: str) -> int:
@@ -95,7 +117,8 @@ class Microcontroller:
     def _chip_modules(self) -> list[Peripheral]:
         """Make the peripherals that the part has around the processor."""
         processor, clocks, modules = self._processor, self.clocks, self._modules
-        self.uart0 = Uart(processor, clocks, clocks.core, modules["UART0"])
+        self.uarts = tuple(self._uart(number) for number in range(6))
+        self.uart0 = self.uarts[0]
         self.timers = PeriodicTimers(processor, clocks, modules["PIT"])
         self.watchdog = Watchdog(clocks, bite=self._bitten)
         self.reset_control = ResetControl()
@@ -103,10 +126,24 @@ class Microcontroller:
         masters = [
             I2c(processor, clocks, bus, modules[f"I2C{number}"]) for number, bus in enumerate(self.i2c_buses)
         ]
+        multiplexer = DmaMultiplexer(modules["DMAMUX"], self.timers)
+        self._dma = DmaController(processor, modules["DMA"], multiplexer)
+        for uart in self.uarts:
+            uart.on_request = multiplexer.set_request
+        for master in masters:
+            master.on_request = multiplexer.set_request
         return [
-            self.uart0, self.timers, self.watchdog, self.reset_control, *self.ports.values(),
+            *self.uarts, self.timers, self.watchdog, self.reset_control, *self.ports.values(),
             Gpio(list(self.ports.values())), *masters, FlashControl(self._flash_controller()),
+            CheckValue(modules["CRC"]), RandomNumbers(processor, clocks.bus, modules["RNG"], self._seed),
+            FlashMemory(processor, clocks.time, modules["FTFE"], self.flash, self.unmodelled),
+            multiplexer, self._dma, self._dma.descriptors,
         ]  # fmt: skip
+
+    def _uart(self, number: int) -> Uart:
+        clock = self.clocks.core if number < _WITH_FIFO else self.clocks.bus
+        depth = 8 if number < _WITH_FIFO else 1
+        return Uart(self._processor, self.clocks, clock, self._modules[f"UART{number}"], depth=depth)
 
     def _port(self, module: ChipPeripheral) -> Port:
         return Port(module, self._processor.nvic, self._chip.reset_bytes(module.base))

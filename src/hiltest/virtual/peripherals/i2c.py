@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from hiltest.virtual.chip import ChipPeripheral
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.i2c_bus import I2cBus
@@ -10,7 +12,7 @@ from hiltest.virtual.peripherals.clocks import ClockGates
 from hiltest.virtual.schedule import Event
 
 _A1, _F, _C1, _S, _D, _C2, _FLT = range(7)
-_IICEN, _IICIE, _MST, _TX, _TXAK, _RSTA = 0x80, 0x40, 0x20, 0x10, 0x08, 0x04
+_IICEN, _IICIE, _MST, _TX, _TXAK, _RSTA, _DMAEN = 0x80, 0x40, 0x20, 0x10, 0x08, 0x04, 0x01
 _TCF, _BUSY, _ARBL, _IICIF, _RXAK = 0x80, 0x20, 0x10, 0x02, 0x01
 _CLOCKS_A_BYTE = 9
 _START_CLOCKS = 1  # START or repeated START, set-up and hold
@@ -37,6 +39,11 @@ class I2c:
         The parts on the wires.
     module : ChipPeripheral
         Which of the chip's modules this is.
+
+    Attributes
+    ----------
+    on_request : callable
+        Told the level of its source of DMA requests: from the end of a byte to the next access to D.
     """
 
     def __init__(self, processor: Processor, clocks: ClockGates, bus: I2cBus, module: ChipPeripheral) -> None:
@@ -47,6 +54,8 @@ class I2c:
         self._clocks = clocks
         self._bus = bus
         (self._interrupt,) = module.interrupts
+        (self._request,) = module.requests
+        self.on_request: Callable[[int, bool], None] = lambda _source, _level: None
         self._transfer: Event | None = None
         self.reset()
 
@@ -60,6 +69,8 @@ class I2c:
         self._data = 0
         self._address_next = False
         self._receiving = False
+        self._byte_asks = False
+        self._drive()
 
     def read(self, offset: int, size: int) -> int:
         """Answer a byte register; reading D as receiver starts the next byte."""
@@ -70,6 +81,7 @@ class I2c:
         if offset != _D:
             return self._registers[offset] if offset < len(self._registers) else 0
         value = self._data
+        self._accessed()
         control = self._registers[_C1]
         if control & _MST and not control & _TX and self._transfer is None:
             self._receiving = True
@@ -90,13 +102,19 @@ class I2c:
             self._status &= ~(value & (_IICIF | _ARBL))
             self._drive()
         elif offset == _D:
+            self._accessed()
             self._send(value)
         elif offset < len(self._registers):
             self._registers[offset] = value
 
+    def _accessed(self) -> None:
+        self._byte_asks = False
+        self._drive()
+
     def _control(self, value: int) -> None:
         before = self._registers[_C1]
         self._registers[_C1] = value & ~_RSTA
+        self._byte_asks &= bool(value & _DMAEN)
         if not value & _IICEN:
             self.reset()
             self._registers[_C1] = value & ~_RSTA
@@ -131,6 +149,7 @@ class I2c:
 
     def _complete(self) -> None:
         self._transfer = None
+        self._byte_asks = bool(self._registers[_C1] & _DMAEN)
         self._status |= _TCF | _IICIF
         if self._receiving:
             self._data = self._arriving
@@ -143,3 +162,4 @@ class I2c:
     def _drive(self) -> None:
         requested = bool(self._status & _IICIF and self._registers[_C1] & _IICIE)
         self._nvic.set_line(self._interrupt, requested)
+        self.on_request(self._request, self._byte_asks)

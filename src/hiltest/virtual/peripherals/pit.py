@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from hiltest.virtual.chip import ChipPeripheral
@@ -39,9 +40,16 @@ class PeriodicTimers:
         The module clock is the bus clock.
     module : ChipPeripheral
         Its addresses and interrupts.
+
+    Attributes
+    ----------
+    on_expiry : callable
+        Told which channel has expired, of those that are heard.
     """
 
     def __init__(self, processor: Processor, clocks: ClockGates, module: ChipPeripheral) -> None:
+        self.on_expiry: Callable[[int], None] = lambda _channel: None
+        self._heard: frozenset[int] = frozenset()
         self.name = module.name
         self.base = module.base
         self.clocked = True
@@ -60,6 +68,18 @@ class PeriodicTimers:
         self._mcr = 0x06
         self._held = 0  # ticks that have reached the timers, while the module is disabled
         self._lost = 0  # ticks of the bus clock that never did
+
+    @property
+    def heard(self) -> frozenset[int]:
+        """Channels whose expiries something else on the chip waits for."""
+        return self._heard
+
+    @heard.setter
+    def heard(self, channels: frozenset[int]) -> None:
+        if channels != self._heard:
+            self._advance(_CHANNELS - 1)
+            self._heard = channels
+            self._plan()
 
     def enabled_s(self, index: int) -> float:
         """Virtual time at which a channel was last enabled [s since power-on]."""
@@ -82,6 +102,8 @@ class PeriodicTimers:
                     channel.expiries += 1 + more
                     channel.reload = channel.load
                     channel.flag = True
+                    if index in self._heard:
+                        self.on_expiry(index)
 
     def _counted(self, index: int, ticks: int) -> int:
         """Ticks of what a channel counts."""
@@ -143,13 +165,14 @@ class PeriodicTimers:
         elif register == _TFLG and value & 1:
             channel.flag = False
         self._plan()
-        self._drive(index)
+        self._drive()
 
     def _enable_module(self, value: int) -> None:
         ticks = self._ticks()
         self._mcr = value & 3
         self._held, self._lost = ticks, self._clocks.bus.now() - ticks
         self._plan()
+        self._drive()
 
     def _control(self, index: int, value: int) -> None:
         channel, ticks = self._channels[index], self._ticks()
@@ -162,23 +185,21 @@ class PeriodicTimers:
         channel.began = self._counted(index, ticks) - elapsed
 
     def _plan(self) -> None:
-        """Schedule the next expiry of each channel that interrupts; those of others are not seen."""
+        """Schedule the next expiry of each channel that interrupts or is heard; those of others are not seen."""
         for index, channel in enumerate(self._channels):
             if channel.event is not None:
                 channel.event.cancel()
                 channel.event = None
-            left = self._until_expiry(index) if channel.control & _TIE else math.inf
+            seen = channel.control & _TIE or index in self._heard
+            left = self._until_expiry(index) if seen else math.inf
             if left < math.inf:
-                self._plan_at(index, self._clocks.bus.now() + int(left))
+                channel.event = self._clocks.bus.after(int(left), self._expire)
 
-    def _plan_at(self, index: int, tick: int) -> None:
-        self._channels[index].event = self._clocks.bus.at(tick, lambda: self._expire(index))
-
-    def _expire(self, index: int) -> None:
+    def _expire(self) -> None:
         self._advance(_CHANNELS - 1)
-        self._drive(index)
+        self._drive()
         self._plan()
 
-    def _drive(self, index: int) -> None:
-        channel = self._channels[index]
-        self._nvic.set_line(self._interrupts[index], bool(channel.control & _TIE) and channel.flag)
+    def _drive(self) -> None:
+        for channel, interrupt in zip(self._channels, self._interrupts, strict=True):
+            self._nvic.set_line(interrupt, bool(channel.control & _TIE) and channel.flag)

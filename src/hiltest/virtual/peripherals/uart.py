@@ -12,18 +12,17 @@ from hiltest.virtual.peripherals.bus import read_by_bytes, write_by_bytes
 from hiltest.virtual.peripherals.clocks import ClockGates
 from hiltest.virtual.schedule import Event
 
-_BDH, _BDL, _C2, _S1, _C3, _D, _C4 = 0x0, 0x1, 0x3, 0x4, 0x6, 0x7, 0xA
+_BDH, _BDL, _C2, _S1, _C3, _D, _C4, _C5 = 0x0, 0x1, 0x3, 0x4, 0x6, 0x7, 0xA, 0xB
 _PFIFO, _CFIFO, _SFIFO, _TWFIFO, _TCFIFO, _RWFIFO, _RCFIFO = 0x10, 0x11, 0x12, 0x13, 0x14, 0x15, 0x16
 _TDRE, _TC, _RDRF, _IDLE, _OR, _FE = 0x80, 0x40, 0x20, 0x10, 0x08, 0x02
 _TE, _RE = 0x08, 0x04
 _RXUF, _TXOF, _RXOF = 0x01, 0x02, 0x04
 _BITS_A_BYTE = 10
-_DEPTH = 8
 _BAUD_TOLERANCE = 0.03  # beyond this the last bits of a byte are sampled in their neighbours
 
 
 class Uart:
-    """A Kinetis UART with eight-byte FIFOs.
+    """A Kinetis UART.
 
     Parameters
     ----------
@@ -35,13 +34,28 @@ class Uart:
         The module clock.
     module : ChipPeripheral
         Which of the chip's UARTs this is.
+    depth : int
+        Bytes that its FIFOs hold: 8, or 1 where it has none.
+
+    Attributes
+    ----------
+    line_baud : int
+        Rate at the far end of the wire.
+    on_request : callable
+        Told the level of a source of DMA requests.
     """
 
-    def __init__(self, processor: Processor, clocks: ClockGates, clock: Clock, module: ChipPeripheral) -> None:
+    def __init__(
+        self, processor: Processor, clocks: ClockGates, clock: Clock, module: ChipPeripheral, *, depth: int = 8
+    ) -> None:
         self.name = module.name
         self.base = module.base
         self.clocked = True
         self.line_baud = 115_200
+        self.on_request: Callable[[int, bool], None] = lambda _source, _level: None
+        self._requests = module.requests
+        self._depth = depth
+        self._sizes = 0x22 if depth == 8 else 0  # of both FIFOs, as PFIFO codes them
         self._nvic = processor.nvic
         self._time = clocks.time
         self._clock = clock
@@ -58,7 +72,7 @@ class Uart:
             self._sending.cancel()
         self._registers = bytearray(0x20)
         self._registers[_BDL] = 0x04
-        self._registers[_PFIFO] = 0x22  # both FIFOs hold eight
+        self._registers[_PFIFO] = self._sizes
         self._registers[_RWFIFO] = 1
         self._receive: deque[int] = deque()
         self._transmit: deque[int] = deque()
@@ -117,7 +131,7 @@ class Uart:
             if self._garbled():
                 byte ^= 0xFF
                 self._flags |= _FE
-            depth = _DEPTH if self._registers[_PFIFO] & 0x08 else 1
+            depth = self._depth if self._registers[_PFIFO] & 0x08 else 1
             if len(self._receive) < depth:
                 self._receive.append(byte)
             else:
@@ -173,10 +187,17 @@ class Uart:
         return status
 
     def _drive(self) -> None:
-        # C2's TIE, TCIE, RIE and ILIE stand where S1 has TDRE, TC, RDRF and IDLE.
-        nvic = self._nvic
-        nvic.set_line(self._status_interrupt, bool(self._status() & self._registers[_C2] & 0xF0))
+        # C2's TIE, TCIE, RIE and ILIE stand where S1 has TDRE, TC, RDRF and IDLE, and so do C5's TDMAS and RDMAS, which
+        # make DMA requests of TDRE and RDRF.
+        nvic, wanted = self._nvic, self._status() & self._registers[_C2] & 0xF0
+        requested = wanted & self._registers[_C5] & (_TDRE | _RDRF)
+        nvic.set_line(self._status_interrupt, bool(wanted & ~requested))
         nvic.set_line(self._error_interrupt, bool(self._flags & self._registers[_C3] & 0x0F))
+        if len(self._requests) == 1:  # for both directions
+            self.on_request(self._requests[0], bool(requested))
+        else:
+            for source, flag in zip(self._requests, (_RDRF, _TDRE), strict=True):
+                self.on_request(source, bool(requested & flag))
 
     def read(self, offset: int, size: int) -> int:
         """Answer a byte register."""
@@ -225,7 +246,7 @@ class Uart:
         elif offset == _SFIFO:
             self._registers[_SFIFO] &= ~value & 0x07
         elif offset == _PFIFO:
-            self._registers[_PFIFO] = value & 0x88 | 0x22
+            self._registers[_PFIFO] = value & 0x88 | self._sizes
         elif offset not in (_S1, _TCFIFO, _RCFIFO) and offset < len(self._registers):
             self._registers[offset] = value
         self._drive()
@@ -233,7 +254,7 @@ class Uart:
     def _write_data(self, value: int) -> None:
         if not self._registers[_C2] & _TE:
             return
-        depth = _DEPTH if self._registers[_PFIFO] & 0x80 else 1
+        depth = self._depth if self._registers[_PFIFO] & 0x80 else 1
         if len(self._transmit) >= depth:
             self._registers[_SFIFO] |= _TXOF
             return

@@ -9,8 +9,6 @@ from hiltest.virtual.chip import Chip, ChipPeripheral
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.peripherals.bus import StoredRegisters
 
-# FTFE_FSTAT's CCIF: every flash command is over. A driver waits for it, whatever it has written there.
-_ALWAYS_SET = {0x40020000: 0x80}
 _POLLED_READS = 1000  # reads of one register in a row, with no write between: more than any driver needs for its value
 
 
@@ -33,6 +31,8 @@ class UnmodelledAccess:
         When [clock cycles since power-on].
     accesses : int
         How many there have been to the register so far.
+    outcome : str
+        What came of a write.
     """
 
     register: str
@@ -42,12 +42,13 @@ class UnmodelledAccess:
     place: str
     cycle: int
     accesses: int = 1
+    outcome: str = "kept"
 
     def __str__(self) -> str:
         if self.written is None:
             what = f"read from {self.place} got what it holds"
         else:
-            what = f"write of 0x{self.written:0{2 * self.size}x} from {self.place} kept"
+            what = f"write of 0x{self.written:0{2 * self.size}x} from {self.place} {self.outcome}"
         return f"{self.register} at 0x{self.address:08x} is not modelled; {what}"
 
 
@@ -95,12 +96,18 @@ class UnmodelledLog:
         self._reads = self._reads + 1 if written is None and address == self._last_read else 1
         self._last_read = address if written is None else 0
         name = self._chip.register_name(address) or f"0x{address:08x}"
+        self._add(name, address, written, size, "kept")
+
+    def note_command(self, name: str, address: int, code: int, outcome: str) -> None:
+        """Take note of a command that a modelled peripheral does not carry out."""
+        self._add(name, address, code, 1, outcome)
+
+    def _add(self, name: str, address: int, written: int | None, size: int, outcome: str) -> None:
         self._count[name] += 1
         if name in self._first:
             return
-        pc = self._processor.registers.pc.get()
-        place = self._processor.place(pc)
-        self._first[name] = UnmodelledAccess(name, address, written, size, place, self._processor.now())
+        place = self._processor.place(self._processor.registers.pc.get())
+        self._first[name] = UnmodelledAccess(name, address, written, size, place, self._processor.now(), outcome=outcome)
 
 
 class UnmodelledPage(StoredRegisters):
@@ -125,7 +132,7 @@ class UnmodelledPage(StoredRegisters):
         """Answer what was written last, or the value after reset."""
         address = self.base + offset
         self._log.note(address, size, None)
-        return super().read(offset, size) | _ALWAYS_SET.get(address, 0)
+        return super().read(offset, size)
 
     def write(self, offset: int, size: int, value: int) -> None:
         """Keep what is written."""

@@ -1,0 +1,84 @@
+"""Ports for UART1 to UART5 of a board that is served, where they are asked for."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from hiltest.boards.lines import PortLine, PseudoTerminal, TcpLine, port_link
+from hiltest.errors import ConfigError
+
+_LAST_PORT = 65_535
+_TCP = "tcp:"
+
+
+@dataclass(frozen=True, slots=True)
+class UartPort:
+    """A port that is asked for: TCP where it has a number, else a pseudo-terminal, with a link to it if it has a path.
+
+    Attributes
+    ----------
+    number : int
+        Of the UART.
+    tcp : int or None
+        0 takes any free port.
+    link : Path or None
+    """
+
+    number: int
+    tcp: int | None = None
+    link: Path | None = None
+
+    @property
+    def name(self) -> str:
+        """What the server calls it."""
+        return f"uart{self.number}"
+
+
+def uart_port(text: str) -> UartPort:
+    """Parse ``3``, ``3=PATH`` or ``3=tcp:PORT``.
+
+    Raises
+    ------
+    ConfigError
+        If it is anything else.
+    """
+    number, equals, where = text.partition("=")
+    if number not in {"1", "2", "3", "4", "5"} or (equals and not where):
+        raise ConfigError(f"--uart {text} is none of N, N=PATH and N=tcp:PORT, with N from 1 to 5")
+    if not where.startswith(_TCP):
+        return UartPort(int(number), link=Path(where) if where else None)
+    port = where.removeprefix(_TCP)
+    if not port.isascii() or not port.isdigit() or int(port) > _LAST_PORT:
+        raise ConfigError(f"--uart {text}: a port is a number from 0 to {_LAST_PORT}")
+    return UartPort(int(number), tcp=int(port))
+
+
+def uart_ports(texts: Sequence[str]) -> tuple[UartPort, ...]:
+    """Parse what was asked for, each UART at most once.
+
+    Raises
+    ------
+    ConfigError
+        If one is wrong, or asked for twice.
+    """
+    ports = tuple(uart_port(text) for text in texts)
+    if len({port.number for port in ports}) < len(ports):
+        raise ConfigError("--uart: a UART has one port")
+    return ports
+
+
+@contextlib.contextmanager
+def opened_ports(ports: Sequence[UartPort], host: str) -> Iterator[list[tuple[UartPort, PortLine, str]]]:
+    """Open ports; yield each with its line and what a program opens, and close them in the end."""
+    with contextlib.ExitStack() as stack:
+        opened: list[tuple[UartPort, PortLine, str]] = []
+        for port in ports:
+            line = PseudoTerminal() if port.tcp is None else TcpLine(host, port.tcp)
+            stack.callback(line.close)
+            if port.link is not None:
+                stack.enter_context(port_link(port.link, line.url))
+            opened.append((port, line, line.url if port.link is None else str(port.link)))
+        yield opened
