@@ -25,6 +25,7 @@ from hiltest.virtual.memory_map import memory_map
 from hiltest.virtual.memory_waits import MemoryAccounting
 from hiltest.virtual.microcontroller import Microcontroller
 from hiltest.virtual.native import by_block
+from hiltest.virtual.peripherals.pins import Port
 from hiltest.virtual.peripherals.reset_control import ResetRequested, ResetSource
 from hiltest.virtual.peripherals.unmodelled import UnmodelledAccess
 from hiltest.virtual.procedure_call import Argument
@@ -220,6 +221,21 @@ class VirtualK64F:
     def is_on(self, what: str) -> bool:
         """Whether an LED (``LED red``, ``LED green``, ``LED blue``) is lit, or a button is pressed."""
         return self._leds_and_buttons.is_on(what)
+
+    def drive(self, pin: str, high: bool) -> None:
+        """Give a pin such as ``PTC5`` a level from outside."""
+        self._pin(pin)[0].drive(self._pin(pin)[1], high)
+
+    def level(self, pin: str) -> bool:
+        """Level of a pin such as ``PTC5``, whoever gives it; low while it is analog."""
+        port, number = self._pin(pin)
+        return bool(port.levels >> number & 1)
+
+    def _pin(self, name: str) -> tuple[Port, int]:
+        port = self._chip.ports.get(name[2:3])
+        if port is None or not (name.startswith("PT") and name[3:].isdecimal() and int(name[3:]) < 32):
+            raise ConfigError(f"the MK64FN1M0 has no pin {name!r}; write PTA0 to PTE31")
+        return port, int(name[3:])
 
     def position(self) -> str:
         """Say where the firmware is: sleeping, or executing which line, and in which fault's handler."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from hiltest.virtual.chip import ChipPeripheral, mk64f12
 from hiltest.virtual.cpu import Processor
@@ -16,13 +16,16 @@ from hiltest.virtual.peripherals.clocks import ClockGates
 from hiltest.virtual.peripherals.cycle_counter import CycleCounter
 from hiltest.virtual.peripherals.flash_control import FlashControl
 from hiltest.virtual.peripherals.i2c import I2c
+from hiltest.virtual.peripherals.low_power_timer import LowPowerTimer
 from hiltest.virtual.peripherals.pins import Gpio, Port
 from hiltest.virtual.peripherals.pit import PeriodicTimers
+from hiltest.virtual.peripherals.real_time_clock import BatteryRegisters, RealTimeClock
 from hiltest.virtual.peripherals.reset_control import ResetControl, ResetRequested, ResetSource
 from hiltest.virtual.peripherals.system_control import SystemControlSpace
 from hiltest.virtual.peripherals.uart import Uart
 from hiltest.virtual.peripherals.unmodelled import UnmodelledLog, UnmodelledPage
 from hiltest.virtual.peripherals.watchdog import Watchdog
+from hiltest.virtual.pin_signals import PinSignal
 
 # Firmware sets these up without an effect that it could see: their registers keep what is written, unreported.
 _STORED = ("OSC", "SMC", "SYSMPU", "PMC")
@@ -65,9 +68,10 @@ class Microcontroller:
         self.clocks = ClockGates(processor, generator)
         core = self._core_modules()
         self._peripherals: list[Peripheral] = [generator, self.clocks, *core, *self._chip_modules()]
+        self._peripherals += self._slow_modules()
         self._peripherals += [StoredRegisters(name, self._base(name), self._initial(name)) for name in _STORED]
-        sim = self._base("SIM")
-        self._peripherals.append(StoredRegisters("SIM (SOPT)", sim, self._chip.reset_bytes(sim)))
+        self._peripherals.append(self.clocks.options)
+        self._lead_pins(self.low_power_timer.signals)
         self.unmodelled = UnmodelledLog(processor, self._chip)
         is_foreign = processor.memory.map != MK64FN1M0
         if is_foreign:  # what is around the processor is of another part, and nothing here is
@@ -108,6 +112,21 @@ class Microcontroller:
             Gpio(list(self.ports.values())), *masters, FlashControl(self._flash_controller()),
         ]  # fmt: skip
 
+    def _slow_modules(self) -> list[Peripheral]:
+        """Make what counts while the processor is stopped, and what a battery keeps."""
+        processor, clocks, modules = self._processor, self.clocks, self._modules
+        self.low_power_timer = LowPowerTimer(processor, clocks, modules["LPTMR0"])
+        self.real_time_clock = RealTimeClock(processor, clocks, modules["RTC"])
+        files = [BatteryRegisters(modules[name]) for name in ("RFVBAT", "RFSYS")]
+        self._kept: list[RealTimeClock | BatteryRegisters] = [self.real_time_clock, *files]
+        return [self.low_power_timer, *self._kept]
+
+    def _lead_pins(self, signals: Mapping[str, PinSignal]) -> None:
+        """Connect the modules' signals to the pins that may carry them."""
+        for pin in self._chip.pins:
+            if pin.signal in signals:
+                self.ports[pin.port].lead(pin.number, pin.function, signals[pin.signal])
+
     def _port(self, module: ChipPeripheral) -> Port:
         return Port(module, self._processor.nvic, self._chip.reset_bytes(module.base))
 
@@ -128,6 +147,9 @@ class Microcontroller:
 
     def reset(self, source: ResetSource) -> None:
         """Bring every peripheral to its state after a reset of the chip."""
+        if source is ResetSource.POWER_ON:
+            for kept in self._kept:
+                kept.power_on()
         for peripheral in self._peripherals:
             peripheral.reset()
         self.reset_control.reset_by(source)
