@@ -15,6 +15,7 @@ from hiltest.virtual.peripherals.clock_generator import ClockGenerator
 from hiltest.virtual.peripherals.clocks import ClockGates
 from hiltest.virtual.peripherals.cycle_counter import CycleCounter
 from hiltest.virtual.peripherals.flash_control import FlashControl
+from hiltest.virtual.peripherals.flex_timer import FlexTimer
 from hiltest.virtual.peripherals.i2c import I2c
 from hiltest.virtual.peripherals.low_power_timer import LowPowerTimer
 from hiltest.virtual.peripherals.pins import Gpio, Port
@@ -25,7 +26,7 @@ from hiltest.virtual.peripherals.system_control import SystemControlSpace
 from hiltest.virtual.peripherals.uart import Uart
 from hiltest.virtual.peripherals.unmodelled import UnmodelledLog, UnmodelledPage
 from hiltest.virtual.peripherals.watchdog import Watchdog
-from hiltest.virtual.pin_signals import PinSignal
+from hiltest.virtual.pin_signals import PinSignal, PulseCounter
 
 # Firmware sets these up without an effect that it could see: their registers keep what is written, unreported.
 _STORED = ("OSC", "SMC", "SYSMPU", "PMC")
@@ -64,6 +65,7 @@ class Microcontroller:
         self._modules = {module.name: module for module in self._chip.peripherals}
         self.i2c_buses = tuple(I2cBus(parts) for parts in i2c)
         self.bites = 0
+        self.unmodelled = UnmodelledLog(processor, self._chip)
         generator = ClockGenerator()
         self.clocks = ClockGates(processor, generator)
         core = self._core_modules()
@@ -77,6 +79,7 @@ class Microcontroller:
         if is_foreign:  # what is around the processor is of another part, and nothing here is
             self._peripherals = core
         elif not strict:
+        self._peripherals += [*self._slow_modules(), *self._flex_timers()]
             self._store_the_rest()
         for peripheral in self._peripherals:
             gates = {gate for entry in self._chip.pages.get(peripheral.base >> 12, ()) for gate in entry.gates}
@@ -120,6 +123,21 @@ class Microcontroller:
         files = [BatteryRegisters(modules[name]) for name in ("RFVBAT", "RFSYS")]
         self._kept: list[RealTimeClock | BatteryRegisters] = [self.real_time_clock, *files]
         return [self.low_power_timer, *self._kept]
+
+    def _flex_timers(self) -> list[FlexTimer]:
+        """Make the timers with channels, and lead those to their pins."""
+        inputs = {f"FTM_CLKIN{number}": PulseCounter() for number in range(2)}
+        self._lead_pins(inputs)
+        timers = [
+            FlexTimer(
+                self._processor, self.clocks, list(inputs.values()), self._modules[f"FTM{number}"],
+                self.unmodelled.note,
+            )
+            for number in range(4)
+        ]  # fmt: skip
+        for timer in timers:
+            self._lead_pins(timer.signals)
+        return timers
 
     def _lead_pins(self, signals: Mapping[str, PinSignal]) -> None:
         """Connect the modules' signals to the pins that may carry them."""
