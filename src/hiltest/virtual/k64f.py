@@ -79,6 +79,9 @@ class VirtualK64F:
     halted_s : float
         For how long it has been halted so far [s of wall time].
     bus : PeripheralBus
+    adc_volts : dict of (int, int) to float
+        Voltages of the converters' inputs by converter and channel, such as ``adc_volts[0, 12] = 1.2``; of a
+        differential channel between its pins. Others have 0 V.
 
     Raises
     ------
@@ -109,6 +112,7 @@ class VirtualK64F:
         self._chip = chip = Microcontroller(self.processor, (i2c0, i2c1), strict=strict)
         self.clocks, self.uart0, self.timers = chip.clocks, chip.uart0, chip.timers
         self.watchdog, self.cycle_counter = chip.watchdog, chip.cycle_counter
+        self.adc_volts = chip.adc_volts
         self._leds_and_buttons = LedsAndButtons(chip.ports, self.clocks.time_s)
         self.bus = chip.bus
         self.events = self._leds_and_buttons.events
@@ -137,6 +141,10 @@ class VirtualK64F:
         wires = InterruptWires(part, pins, self.clocks.time)
         self._chip.i2c_buses[bus].after_stop(part, wires.look)
         wires.look()
+
+    def warm_by(self, temperature_degc: Callable[[], float]) -> None:
+        """Say what answers the chip's temperature, which is 25 degC otherwise."""
+        self._chip.temperature_degc = temperature_degc
 
     # -- reset --------------------------------------------------------------------------------
 

@@ -13,6 +13,7 @@ from hiltest.virtual.memory_waits import MemoryAccounting
 from hiltest.virtual.peripherals.bus import Peripheral, PeripheralBus, StoredRegisters
 from hiltest.virtual.peripherals.clock_generator import ClockGenerator
 from hiltest.virtual.peripherals.clocks import ClockGates
+from hiltest.virtual.peripherals.converter import Converter
 from hiltest.virtual.peripherals.cycle_counter import CycleCounter
 from hiltest.virtual.peripherals.flash_control import FlashControl
 from hiltest.virtual.peripherals.flex_timer import FlexTimer
@@ -30,6 +31,8 @@ from hiltest.virtual.pin_signals import PinSignal, PulseCounter
 
 # Firmware sets these up without an effect that it could see: their registers keep what is written, unreported.
 _STORED = ("OSC", "SMC", "SYSMPU", "PMC")
+
+ROOM_DEGC = 25.0
 
 
 class Microcontroller:
@@ -55,6 +58,10 @@ class Microcontroller:
         By letter.
     unmodelled : UnmodelledLog
     bus : PeripheralBus
+    adc_volts : dict of (int, int) to float
+        Voltages of the converters' inputs, by converter and channel; 0 V where there is none.
+    temperature_degc : callable
+        Answers the temperature of the chip.
     bites : int
         Resets by the watchdog since power-on.
     """
@@ -70,16 +77,14 @@ class Microcontroller:
         self.clocks = ClockGates(processor, generator)
         core = self._core_modules()
         self._peripherals: list[Peripheral] = [generator, self.clocks, *core, *self._chip_modules()]
-        self._peripherals += self._slow_modules()
+        self._peripherals += [*self._slow_modules(), *self._flex_timers(), *self._converters()]
         self._peripherals += [StoredRegisters(name, self._base(name), self._initial(name)) for name in _STORED]
         self._peripherals.append(self.clocks.options)
         self._lead_pins(self.low_power_timer.signals)
-        self.unmodelled = UnmodelledLog(processor, self._chip)
         is_foreign = processor.memory.map != MK64FN1M0
         if is_foreign:  # what is around the processor is of another part, and nothing here is
             self._peripherals = core
         elif not strict:
-        self._peripherals += [*self._slow_modules(), *self._flex_timers()]
             self._store_the_rest()
         for peripheral in self._peripherals:
             gates = {gate for entry in self._chip.pages.get(peripheral.base >> 12, ()) for gate in entry.gates}
@@ -138,6 +143,20 @@ class Microcontroller:
         for timer in timers:
             self._lead_pins(timer.signals)
         return timers
+
+    def _converters(self) -> list[Converter]:
+        """Make the converters, and lead to them what they convert."""
+        self.adc_volts: dict[tuple[int, int], float] = {}
+        self.temperature_degc: Callable[[], float] = lambda: ROOM_DEGC
+
+        def make(number: int) -> Converter:
+            module = self._modules[f"ADC{number}"]
+            converter = Converter(self._processor, self.clocks, module, self.unmodelled.note)
+            converter.volts = lambda channel: self.adc_volts.get((number, channel), 0.0)
+            converter.temperature_degc = lambda: self.temperature_degc()
+            return converter
+
+        return [make(0), make(1)]
 
     def _lead_pins(self, signals: Mapping[str, PinSignal]) -> None:
         """Connect the modules' signals to the pins that may carry them."""

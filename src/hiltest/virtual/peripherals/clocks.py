@@ -15,7 +15,7 @@ from hiltest.virtual.unique_id import VIRTUAL_UNIQUE_ID
 _SOPT1, _SOPT2, _CLKDIV1 = 0x000, 0x004, 0x044
 _SCGC_FIRST, _SCGC_LAST = 0x028, 0x040  # SCGC1..SCGC7 in the page at 0x40048000
 _LOW_POWER_OSCILLATOR_HZ = 1000
-_IRC48M_HZ = 48_000_000
+IRC48M_HZ = 48_000_000
 
 
 class ClockGates(StoredRegisters):
@@ -133,7 +133,7 @@ class ClockGates(StoredRegisters):
             for divided, shift in ((self.core, 28), (self.bus, 24), (self.flexbus, 20), (self.flash, 16))
         }
         rates |= {
-            self.pll_fll: {0: made.fll_hz, 1: made.pll_hz}.get(source, Fraction(_IRC48M_HZ)),
+            self.pll_fll: {0: made.fll_hz, 1: made.pll_hz}.get(source, Fraction(IRC48M_HZ)),
             self.internal: made.internal_hz if made.internal_runs else Fraction(0),
             self.fixed: made.reference_hz, self.oscillator: Fraction(OSCILLATOR_HZ),
             self.rtc: Fraction(RTC_HZ if self._crystal_runs else 0),
