@@ -7,6 +7,7 @@ import pytest
 from hiltest.errors import BoardFault
 from hiltest.virtual.chip import mk64f12
 from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.peripherals.unmodelled import UnmodelledWarning
 
 from .conftest import SHIPPED, Build
 from .test_exceptions import word
@@ -82,10 +83,50 @@ def test_either_of_two_gates_opens_a_peripheral(build_c: Build) -> None:
 
 def test_a_status_bit_that_never_comes_is_named(build_c: Build) -> None:
     board = VirtualK64F(build_c(program(f"{PDB0_ON} while (!(WORD(0x40036000) & 0x40)) {{}}")))
+    board.tell(lambda _line: None)
     board.run_until(0.002)
     expected = ", polling PDB0_SC at 0x40036000, which is not modelled"
     assert board.position().startswith("executing timer_init (program.c:")
     assert board.position().endswith(expected)
+
+
+WAITS = f"{PDB0_ON} while (!(WORD(0x40036000) & 0x40)) {{ after = WORD(0x40036008); }}"
+
+
+def test_who_waits_for_a_register_that_is_not_modelled_is_told_so_once(build_c: Build) -> None:
+    board = VirtualK64F(build_c(program(WAITS)))
+    told: list[str] = []
+    board.tell(told.append)
+    board.run_until(0.02)
+    told.sort()
+    assert len(told) == 2  # the one that it waits for, and the one that it reads meanwhile
+    assert told[1].startswith("firmware waits for PDB0_SC at 0x40036000, which is not modelled, at 0x")
+    assert " in timer_init (program.c:" in told[1]
+
+
+def test_without_anyone_to_tell_it_is_a_warning(build_c: Build) -> None:
+    board = VirtualK64F(build_c(program(f"{PDB0_ON} while (!(WORD(0x40036000) & 0x40)) {{}}")))
+    with pytest.warns(UnmodelledWarning, match=r"waits for PDB0_SC at 0x40036000, which is not modelled, at .*timer_"):
+        board.run_until(0.02)
+
+
+def test_a_called_function_that_waits_for_one_says_so(build_c: Build) -> None:
+    board = VirtualK64F(build_c(program(WAITS)))
+    board.tell(lambda _line: None)
+    board.run_until(0.001)
+    polling = r"did not return within .*, polling PDB0_.*, which is not modelled at .*timer_init"
+    with pytest.raises(BoardFault, match=polling):
+        board.call("timer_init", timeout_s=0.01)
+
+
+def test_reading_a_register_again_after_writing_is_no_wait(build_c: Build) -> None:
+    body = f"{PDB0_ON} for (int i = 0; i < 4000; i++) {{ after = WORD(0x40036000); WORD(0x40036004) = i; }}"
+    board = VirtualK64F(build_c(program(body)))
+    told: list[str] = []
+    board.tell(told.append)
+    board.run_until(0.02)
+    assert told == []
+    assert word(board, "after") == 0
 
 
 def test_a_flash_command_is_over_when_its_driver_asks(build_c: Build) -> None:

@@ -130,6 +130,7 @@ def _bench(
         described, firmware=Path(firmware) if firmware else None, seed=int(seed) if seed else None,
         base=None if base is None else address(base),
     )  # fmt: skip
+    bench.machine.tell(_tell)
     bench.machine.uart0.line_baud = baud or described.link.baud
     return bench
 

@@ -59,6 +59,11 @@ class Processor:
         What was delivered to the firmware's fault handlers.
     delivers_faults : bool
         Whether faults enter those handlers; otherwise each ends the run.
+    may_rest : bool
+        Whether firmware that ends in a loop to itself, in thread mode and without a fault before, is at rest;
+        otherwise that is a hang.
+    waits_for : callable
+        Answers the register that is not modelled and is read over and over, if one is, else nothing.
     """
 
     def __init__(
@@ -76,6 +81,9 @@ class Processor:
         self.exceptions = ExceptionUnit(self.registers, self.memory, self.nvic)
         self.fault_log = FaultLog()
         self.delivers_faults = False
+        self.may_rest = True
+        self.waits_for: Callable[[], str] = lambda: ""
+        self._ends = False  # whether this run has a time when it stops
         self.event_register = EventRegister(self.nvic)
         self.sleeping = False
         self._waits_for_event = False  # asleep in WFE
@@ -192,7 +200,7 @@ class Processor:
             return False
         if suspects:
             self.look_soon()  # what counts must not take it from this block that the next ones are good
-        if block.loops_to_itself and not self._can_leave_loop():
+        if block.loops_to_itself and not (self._rests() or self._can_leave_loop()):
             self._error = self._hang("a loop to itself that no interrupt can end", block.address)
             return False
         if block.sends_event:
@@ -212,6 +220,14 @@ class Processor:
 
     def _misaligned(self, block: CodeBlock) -> bool:
         return any(value & 3 for value in self.registers.cores(block.alignment.registers).read())
+
+    @property
+    def in_thread(self) -> bool:
+        """Whether no handler runs, and no fault's handler ever began that has not returned."""
+        return not self.nvic.active and self.fault_log.first_cause is None
+
+    def _rests(self) -> bool:
+        return self.may_rest and self.delivers_faults and self._ends and self.in_thread
 
     def _can_leave_loop(self) -> bool:
         ceiling = self.exceptions.ceiling()
@@ -288,6 +304,7 @@ class Processor:
             The processor met a fault or hung.
         """
         schedule, accounting = self.schedule, self.accounting
+        self._ends = math.isfinite(until.at_cycle)
         with deferred_interrupt(self.look_soon) as interrupted:
             while True:
                 now = accounting.cycles

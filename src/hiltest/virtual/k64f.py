@@ -125,6 +125,22 @@ class VirtualK64F:
     def _is_foreign(self) -> bool:
         return self.memory != MK64FN1M0
 
+    @property
+    def may_rest(self) -> bool:
+        """Whether firmware that ends in a loop to itself, without a fault, is at rest, and no hang."""
+        return self.processor.may_rest
+
+    @may_rest.setter
+    def may_rest(self, may: bool) -> None:
+        self.processor.may_rest = may
+
+    def tell(self, told: Callable[[str], None]) -> None:
+        """Say who is told, in a line, of a register that firmware waits for and that is not modelled.
+
+        Otherwise that is an `UnmodelledWarning`.
+        """
+        self._chip.unmodelled.told = told
+
     def lead_interrupts(self, bus: int, part: InterruptSource, *, int1: str | None, int2: str | None) -> None:
         """Connect the interrupt pins of a part.
 
@@ -259,10 +275,10 @@ class VirtualK64F:
         if self.processor.sleeping:
             return f"asleep in {place}"
         if self._loops_at(pc & ~1):
-            return f"hung, looping to itself in {place}"
-        polled = self._chip.unmodelled.polled
+            rests = self.processor.may_rest and self.processor.in_thread
+            return f"{'at rest' if rests else 'hung'}, looping to itself in {place}"
         bitten = f", reset {self._chip.bites} times by its watchdog" if self._chip.bites else ""
-        return f"executing {place}" + (f", polling {polled}, which is not modelled" if polled else "") + bitten
+        return f"executing {place}{self.processor.waits_for()}{bitten}"
 
     def _loops_at(self, address: int) -> bool:
         """Whether a branch to itself stands there; what stands there may be the end of a memory, or nothing."""

@@ -73,6 +73,7 @@ class Microcontroller:
         self.i2c_buses = tuple(I2cBus(parts) for parts in i2c)
         self.bites = 0
         self.unmodelled = UnmodelledLog(processor, self._chip)
+        processor.waits_for = lambda: self.unmodelled.polled
         generator = ClockGenerator()
         self.clocks = ClockGates(processor, generator)
         core = self._core_modules()
