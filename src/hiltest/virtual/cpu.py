@@ -59,6 +59,8 @@ class Processor:
         What was delivered to the firmware's fault handlers.
     delivers_faults : bool
         Whether faults enter those handlers; otherwise each ends the run.
+    on_sleep : callable
+        Told that WFI or WFE begins to sleep, and that it ends.
     may_rest : bool
         Whether firmware that ends in a loop to itself, in thread mode and without a fault before, is at rest;
         otherwise that is a hang.
@@ -85,7 +87,10 @@ class Processor:
         self.waits_for: Callable[[], str] = lambda: ""
         self._ends = False  # whether this run has a time when it stops
         self.event_register = EventRegister(self.nvic)
-        self.sleeping = False
+        self.on_sleep: Callable[[bool], None] = lambda _begins: None
+        self.sleeps_deeply = False  # SCR.SLEEPDEEP
+        self.gated = False  # in a sleep that no interrupt ends
+        self._sleeping = False
         self._waits_for_event = False  # asleep in WFE
         self.sleeps_on_exit = False  # SCR.SLEEPONEXIT
         self.idle_cycles = 0
@@ -120,6 +125,17 @@ class Processor:
             self.accounting.translated(block.contents.pc, block.contents.size)
         except BaseException as error:  # re-raised by `run`; ctypes would print and drop it
             self.abort(error)
+
+    @property
+    def sleeping(self) -> bool:
+        """Whether it is in WFI or WFE."""
+        return self._sleeping
+
+    @sleeping.setter
+    def sleeping(self, sleeps: bool) -> None:
+        if sleeps is not self._sleeping:
+            self._sleeping = sleeps
+            self.on_sleep(sleeps)
 
     # -- time ---------------------------------------------------------------------------------
 
@@ -321,6 +337,8 @@ class Processor:
         self.nvic.changed = False
         if not self.nvic.pending:
             return
+        if self.gated:
+            return
         ceiling, ceiling_asleep = self.exceptions.ceilings()
         if self.sleeping and (
             self.nvic.next_exception(ceiling=ceiling if self._waits_for_event else ceiling_asleep) is not None
@@ -340,7 +358,8 @@ class Processor:
         ceiling, ceiling_asleep = self.exceptions.ceilings()
         ceiling = ceiling if self._waits_for_event else ceiling_asleep
         possible = self.nvic.preempts(SYSTICK, ceiling) or self.nvic.can_ever_wake(ceiling)
-        forever = math.isinf(until_cycle) and not self.schedule.wakes_ever
+        forever = math.isinf(target) or (math.isinf(until_cycle) and not self.schedule.wakes_ever)
+        possible |= self.gated
         if forever or not (possible or (self._waits_for_event and self.event_register.on_pend)):
             name = "WFE" if self._waits_for_event else "WFI"
             raise self._hang(f"{name} with nothing that could wake the processor", self.registers.pc.get())

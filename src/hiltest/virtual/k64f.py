@@ -273,7 +273,7 @@ class VirtualK64F:
         function = self.image.function_at(pc)
         place = f"{function.name if function else hex(pc)} ({self.image.location_at(pc) or 'no line known'})"
         if self.processor.sleeping:
-            return f"asleep in {place}"
+            return f"asleep{self._chip.modes.describe()} in {place}"
         if self._loops_at(pc & ~1):
             rests = self.processor.may_rest and self.processor.in_thread
             return f"{'at rest' if rests else 'hung'}, looping to itself in {place}"

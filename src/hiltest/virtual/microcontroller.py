@@ -8,7 +8,7 @@ from hiltest.virtual.chip import ChipPeripheral, mk64f12
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.flash_waits import FlashController
 from hiltest.virtual.i2c_bus import I2cBus, I2cDevice
-from hiltest.virtual.memory import MK64FN1M0
+from hiltest.virtual.memory import MK64FN1M0, SRAM
 from hiltest.virtual.memory_waits import MemoryAccounting
 from hiltest.virtual.peripherals.bus import Peripheral, PeripheralBus, StoredRegisters
 from hiltest.virtual.peripherals.clock_generator import ClockGenerator
@@ -21,6 +21,7 @@ from hiltest.virtual.peripherals.i2c import I2c
 from hiltest.virtual.peripherals.low_power_timer import LowPowerTimer
 from hiltest.virtual.peripherals.pins import Gpio, Port
 from hiltest.virtual.peripherals.pit import PeriodicTimers
+from hiltest.virtual.peripherals.power_modes import PowerManagement, SystemModes, WakeUpUnit
 from hiltest.virtual.peripherals.real_time_clock import BatteryRegisters, RealTimeClock
 from hiltest.virtual.peripherals.reset_control import ResetControl, ResetRequested, ResetSource
 from hiltest.virtual.peripherals.system_control import SystemControlSpace
@@ -30,9 +31,10 @@ from hiltest.virtual.peripherals.watchdog import Watchdog
 from hiltest.virtual.pin_signals import PinSignal, PulseCounter
 
 # Firmware sets these up without an effect that it could see: their registers keep what is written, unreported.
-_STORED = ("OSC", "SMC", "SYSMPU", "PMC")
+_STORED = ("SYSMPU",)
 
 ROOM_DEGC = 25.0
+_VLLS3 = 3  # it keeps RAM; those below it lose all, VLLS2 here too
 
 
 class Microcontroller:
@@ -127,8 +129,20 @@ class Microcontroller:
         self.low_power_timer = LowPowerTimer(processor, clocks, modules["LPTMR0"])
         self.real_time_clock = RealTimeClock(processor, clocks, modules["RTC"])
         files = [BatteryRegisters(modules[name]) for name in ("RFVBAT", "RFSYS")]
-        self._kept: list[RealTimeClock | BatteryRegisters] = [self.real_time_clock, *files]
-        return [self.low_power_timer, *self._kept]
+        self._kept: list[LowPowerTimer | RealTimeClock | BatteryRegisters]
+        self._kept = [self.low_power_timer, self.real_time_clock, *files]
+        return [*self._kept, *self._power_modules()]
+
+    def _power_modules(self) -> list[Peripheral]:
+        """Make what sleep depends on."""
+        modules = self._modules
+        oscillator = StoredRegisters("OSC", self._base("OSC"), self._initial("OSC"))
+        self._power = PowerManagement("PMC", self._base("PMC"), self._initial("PMC"))
+        self._wake_up_unit = WakeUpUnit(modules["LLWU"], self._processor, self.ports)
+        self.modes = SystemModes(
+            modules["SMC"], self._processor, self.clocks, oscillator, self._wake_up_unit, self._wake_up
+        )
+        return [oscillator, self._power, self._wake_up_unit, self.modes]
 
     def _flex_timers(self) -> list[FlexTimer]:
         """Make the timers with channels, and lead those to their pins."""
@@ -188,8 +202,11 @@ class Microcontroller:
         if source is ResetSource.POWER_ON:
             for kept in self._kept:
                 kept.power_on()
+        self._wake_up_unit.keeps = source is ResetSource.WAKE_UP
         for peripheral in self._peripherals:
             peripheral.reset()
+        if source is ResetSource.WAKE_UP:
+            self._power.isolate()
         self.reset_control.reset_by(source)
         self.watchdog.start()
 
@@ -199,6 +216,16 @@ class Microcontroller:
     def _bitten(self) -> None:
         self.bites += 1
         raise ResetRequested(ResetSource.WATCHDOG)  # the emulator stands still: nothing to abort
+
+    def _wake_up(self, vlls: int) -> None:
+        """Reset the part at the end of a VLLS mode, as soon as it runs."""
+
+        def wake() -> None:
+            if vlls < _VLLS3:
+                self._processor.memory.write(SRAM[0], bytes(SRAM[1]))
+            raise ResetRequested(ResetSource.WAKE_UP)
+
+        self._processor.schedule.at(self._processor.cycles, wake)
 
     # -- what is outside the chip -------------------------------------------------------------
 

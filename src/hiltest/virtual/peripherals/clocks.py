@@ -54,8 +54,10 @@ class ClockGates(StoredRegisters):
         self.oscillator, self.rtc, self.low_power, self.time = self._clocks(4)
         self._none = self._clocks(1)[0]
         self._rates: dict[Clock, Fraction] = {}
+        self._made_core_hz = Fraction(0)
         self.options = StoredRegisters("SIM (SOPT)", 0x40047000, mk64f12().reset_bytes(0x40047000))
         self._crystal_runs = False
+        self._stopped: set[Clock] = set()
         generator.on_change = self._derive
         self._gated: list[tuple[Peripheral, list[tuple[int, int]]]] = []
         self.on_gates: Callable[[], None] = lambda: None
@@ -77,6 +79,7 @@ class ClockGates(StoredRegisters):
 
     def reset(self) -> None:
         """Close every gate but those that are open out of reset."""
+        self._stopped = set()
         super().reset()
         self._derive()
         self._open_gates()
@@ -120,6 +123,19 @@ class ClockGates(StoredRegisters):
         self._crystal_runs = runs
         self._derive()
 
+    def stop(self, *, external_runs: bool) -> None:
+        """Let core, bus and all that the generator makes stand still, as in STOP; OSCERCLK as OSC_CR says."""
+        self._stopped = {self.core, self.bus, self.flexbus, self.flash, self.pll_fll, self.fixed}
+        self._stopped |= set() if self._generator.internal_runs_in_stop else {self.internal}
+        self._stopped |= set() if external_runs else {self.oscillator}
+        self._derive()
+
+    def go_on(self, *, from_stop: bool) -> None:
+        """Let all clocks run again; the PLL has lost its lock, unless it was kept in STOP."""
+        self._stopped = set()
+        self._generator.leave_stop(keeps_pll=from_stop)
+        self._derive()
+
     @property
     def slow_external(self) -> Clock:
         """ERCLK32K, as SOPT1 selects; the system oscillator's 50 MHz are not for it."""
@@ -139,10 +155,13 @@ class ClockGates(StoredRegisters):
             self.rtc: Fraction(RTC_HZ if self._crystal_runs else 0),
             self.low_power: Fraction(_LOW_POWER_OSCILLATOR_HZ), self.time: Fraction(PICOSECONDS),
         }  # fmt: skip
-        if rates == self._rates:
+        made_core_hz = rates[self.core]  # time is counted in its cycles, also while it stands still
+        rates |= dict.fromkeys(self._stopped, Fraction(0))
+        if rates == self._rates and made_core_hz == self._made_core_hz:
             return
+        self._made_core_hz = made_core_hz
         self._rates = rates
         now = self._processor.now()
         for clock, hz in rates.items():
-            clock.run_at(hz, rates[self.core], now)
+            clock.run_at(hz, made_core_hz, now)
         self._processor.schedule.replan()

@@ -16,7 +16,7 @@ _COUNTS = 1 << 16
 
 
 class LowPowerTimer:
-    """The LPTMR module.
+    """The LPTMR module; it goes on through every reset but power-on.
 
     As a counter of pulses it has no glitch filter: what PSR.PRESCALE says of it changes nothing.
 
@@ -44,10 +44,14 @@ class LowPowerTimer:
         self._clocks = clocks
         self._event: Event | None = None
         self.inputs = {select: PulseCounter() for select in (1, 2)}
-        self.reset()
+        self.power_on()
 
     def reset(self) -> None:
-        """Return to the state after reset: disabled."""
+        """Of a reset of the chip only the interrupt line notices anything."""
+        self._drive()
+
+    def power_on(self) -> None:
+        """State after power-on: disabled."""
         self._cancel()
         self._control = self._prescale = self._compare = 0
         self._latched = 0  # CNR: the count when it was last written

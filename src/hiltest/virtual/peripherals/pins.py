@@ -38,6 +38,8 @@ class Port(StoredRegisters):
         Pins that the processor pulls low.
     on_change : callable
         Told after levels or `driven_low` have changed.
+    on_levels : callable
+        Told which pins rose and which fell.
     """
 
     def __init__(self, module: ChipPeripheral, nvic: Nvic, initial: dict[int, int]) -> None:
@@ -48,6 +50,7 @@ class Port(StoredRegisters):
         self.levels = 0
         self.driven_low = 0
         self.on_change: Callable[[Port], None] = lambda _port: None
+        self.on_levels: Callable[[int, int], None] = lambda _rose, _fell: None
         self._signals: dict[tuple[int, int], PinSignal] = {}  # by pin and what its multiplexer selects
         self._carried: dict[int, PinSignal] = {}  # by pin
         super().__init__(module.name, module.base, initial)
@@ -153,6 +156,8 @@ class Port(StoredRegisters):
         self._nvic.set_line(self._interrupt, bool(self._flags))
         if rose or fell or self.driven_low != driven_before:
             self.on_change(self)
+        if rose or fell:
+            self.on_levels(rose, fell)
         for pin, signal in self._carried.items():
             if signal.driven is None and (rose | fell) >> pin & 1:
                 signal.on_level(bool(rose >> pin & 1))
