@@ -27,11 +27,12 @@ from hiltest.virtual.instructions import Instruction
 from hiltest.virtual.interrupt import deferred_interrupt
 from hiltest.virtual.memory import FLASH, MK64FN1M0, SRAM, BoardMemory, MemoryMap
 from hiltest.virtual.native import by_block
-from hiltest.virtual.nvic import SVCALL, SYSTICK, EventRegister, Nvic
+from hiltest.virtual.nvic import SVCALL, EventRegister, Nvic
 from hiltest.virtual.registers import CoreRegisters
 from hiltest.virtual.schedule import Event, Schedule
 from hiltest.virtual.timing import TimingProfile
 from hiltest.virtual.traps import Traps
+from hiltest.virtual.waiting import Waiting
 
 RETURN_ADDRESS = 0x1FFEF000  # where a called function returns to: an executable page that the part does not have
 _SLICE_CYCLES = 4_000_000  # the longest stretch without looking at the wall clock or Ctrl-C
@@ -59,11 +60,6 @@ class Processor:
         What was delivered to the firmware's fault handlers.
     delivers_faults : bool
         Whether faults enter those handlers; otherwise each ends the run.
-    on_sleep : callable
-        Told that WFI or WFE begins to sleep, and that it ends.
-    may_rest : bool
-        Whether firmware that ends in a loop to itself, in thread mode and without a fault before, is at rest;
-        otherwise that is a hang.
     waits_for : callable
         Answers the register that is not modelled and is read over and over, if one is, else nothing.
     """
@@ -83,16 +79,10 @@ class Processor:
         self.exceptions = ExceptionUnit(self.registers, self.memory, self.nvic)
         self.fault_log = FaultLog()
         self.delivers_faults = False
-        self.may_rest = True
         self.waits_for: Callable[[], str] = lambda: ""
         self._ends = False  # whether this run has a time when it stops
         self.event_register = EventRegister(self.nvic)
-        self.on_sleep: Callable[[bool], None] = lambda _begins: None
-        self.sleeps_deeply = False  # SCR.SLEEPDEEP
-        self.gated = False  # in a sleep that no interrupt ends
-        self._sleeping = False
-        self._waits_for_event = False  # asleep in WFE
-        self.sleeps_on_exit = False  # SCR.SLEEPONEXIT
+        self.waiting = Waiting(self.exceptions, self.nvic, self.event_register, self.schedule, self.fault_log)
         self.idle_cycles = 0
         self.traps = Traps(self.engine, self.registers, self.memory, stop=self._stop, abort=self.abort)
         self._error: BaseException | None = None
@@ -129,13 +119,11 @@ class Processor:
     @property
     def sleeping(self) -> bool:
         """Whether it is in WFI or WFE."""
-        return self._sleeping
+        return self.waiting.sleeping
 
     @sleeping.setter
     def sleeping(self, sleeps: bool) -> None:
-        if sleeps is not self._sleeping:
-            self._sleeping = sleeps
-            self.on_sleep(sleeps)
+        self.waiting.sleeping = sleeps
 
     # -- time ---------------------------------------------------------------------------------
 
@@ -216,7 +204,7 @@ class Processor:
             return False
         if suspects:
             self.look_soon()  # what counts must not take it from this block that the next ones are good
-        if block.loops_to_itself and not (self._rests() or self._can_leave_loop()):
+        if block.loops_to_itself and not (self._rests() or self.waiting.can_leave_loop()):
             self._error = self._hang("a loop to itself that no interrupt can end", block.address)
             return False
         if block.sends_event:
@@ -237,18 +225,8 @@ class Processor:
     def _misaligned(self, block: CodeBlock) -> bool:
         return any(value & 3 for value in self.registers.cores(block.alignment.registers).read())
 
-    @property
-    def in_thread(self) -> bool:
-        """Whether no handler runs, and no fault's handler ever began that has not returned."""
-        return not self.nvic.active and self.fault_log.first_cause is None
-
     def _rests(self) -> bool:
-        return self.may_rest and self.delivers_faults and self._ends and self.in_thread
-
-    def _can_leave_loop(self) -> bool:
-        ceiling = self.exceptions.ceiling()
-        timed = self.schedule.wakes_ever and self.nvic.preempts(SYSTICK, ceiling)
-        return timed or self.nvic.can_ever_wake(ceiling)
+        return self.waiting.may_rest and self.delivers_faults and self._ends and self.waiting.in_thread
 
     def _call_supervisor(self) -> bool:
         if not self.nvic.preempts(SVCALL, self.exceptions.ceiling()):
@@ -337,14 +315,11 @@ class Processor:
         self.nvic.changed = False
         if not self.nvic.pending:
             return
-        if self.gated:
+        if self.waiting.gated:
             return
         ceiling, ceiling_asleep = self.exceptions.ceilings()
-        if self.sleeping and (
-            self.nvic.next_exception(ceiling=ceiling if self._waits_for_event else ceiling_asleep) is not None
-            or (self._waits_for_event and self.event_register.take())
-        ):
-            self.sleeping = False
+        if self.sleeping:
+            self.waiting.wake(ceiling, ceiling_asleep)
         active = len(self.nvic.active)
         fault = self.exceptions.take(ceiling)
         if len(self.nvic.active) > active:
@@ -354,15 +329,10 @@ class Processor:
 
     def _sleep(self, until_cycle: float) -> None:
         """Stay in WFI or WFE: jump to the next event, or to where the run ends."""
+        if self.waiting.is_endless(until_cycle):
+            cause = f"{self.waiting.instruction} with nothing that could wake the processor"
+            raise self._hang(cause, self.registers.pc.get())
         target = min(self.schedule.next_cycle, until_cycle)
-        ceiling, ceiling_asleep = self.exceptions.ceilings()
-        ceiling = ceiling if self._waits_for_event else ceiling_asleep
-        possible = self.nvic.preempts(SYSTICK, ceiling) or self.nvic.can_ever_wake(ceiling)
-        forever = math.isinf(target) or (math.isinf(until_cycle) and not self.schedule.wakes_ever)
-        possible |= self.gated
-        if forever or not (possible or (self._waits_for_event and self.event_register.on_pend)):
-            name = "WFE" if self._waits_for_event else "WFI"
-            raise self._hang(f"{name} with nothing that could wake the processor", self.registers.pc.get())
         jump = math.ceil(target) - self.cycles
         if jump > 0:
             self.idle_cycles += jump
@@ -404,8 +374,8 @@ class Processor:
                 self._deliver(Fault(FaultKind.INSTRUCTION_BUS, cause, branch))
             return not self.delivers_faults
         # Nothing asked it to stop: only WFI leaves the emulator by itself.
-        self._waits_for_event = self.traps.waits_for_event
-        self.sleeping = self._waits_for_event or not (self._stopped or self.accounting.stopped)
+        self.waiting.for_event = self.traps.waits_for_event
+        self.sleeping = self.waiting.for_event or not (self._stopped or self.accounting.stopped)
         return False
 
     def _settle(self, fault: Fault, pc: int) -> None:
@@ -426,7 +396,7 @@ class Processor:
         active = len(self.nvic.active)
         self.fault_log.returned(active)
         self.event_register.send()
-        self.sleeping = self.sleeps_on_exit and active == 0
-        self._waits_for_event = False
+        self.waiting.for_event = False
+        self.sleeping = self.waiting.sleeps_on_exit and active == 0
         self.accounting.cycles += self.profile.exception_return
         self.accounting.flush_pipeline()

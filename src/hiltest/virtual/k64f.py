@@ -128,11 +128,11 @@ class VirtualK64F:
     @property
     def may_rest(self) -> bool:
         """Whether firmware that ends in a loop to itself, without a fault, is at rest, and no hang."""
-        return self.processor.may_rest
+        return self.processor.waiting.may_rest
 
     @may_rest.setter
     def may_rest(self, may: bool) -> None:
-        self.processor.may_rest = may
+        self.processor.waiting.may_rest = may
 
     def tell(self, told: Callable[[str], None]) -> None:
         """Say who is told, in a line, of a register that firmware waits for and that is not modelled.
@@ -275,7 +275,7 @@ class VirtualK64F:
         if self.processor.sleeping:
             return f"asleep{self._chip.modes.describe()} in {place}"
         if self._loops_at(pc & ~1):
-            rests = self.processor.may_rest and self.processor.in_thread
+            rests = self.may_rest and self.processor.waiting.in_thread
             return f"{'at rest' if rests else 'hung'}, looping to itself in {place}"
         bitten = f", reset {self._chip.bites} times by its watchdog" if self._chip.bites else ""
         return f"executing {place}{self.processor.waits_for()}{bitten}"

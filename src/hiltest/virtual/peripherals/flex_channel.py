@@ -51,6 +51,12 @@ class FlexChannel:
         self.buffered = None
         self.flag = self.flag_seen = self.high = False
 
+    def write_control(self, value: int) -> None:
+        """Take CnSC; a zero clears a flag that was read."""
+        if not value & CHF and self.flag_seen:
+            self.flag = False
+        self.control = value & 0x7F
+
     def raise_flag(self) -> None:
         """Set CHF; to be cleared it must be read again."""
         self.flag, self.flag_seen = True, False

@@ -115,15 +115,12 @@ class FlexTimer:
         external = self._inputs[self._clocks.word(_SOPT4) >> 24 + int(self.name[-1]) & 1]
         return (None, self._clocks.bus, self._clocks.fixed, external)[selected]
 
-    def _ticks(self, source: Clock | PulseCounter) -> int:
-        return source.now() - self._origin >> (self._registers[_SC] & 7)
-
     def _advance(self) -> None:
         """Count up to now: flags, and values that are taken over on the way."""
         source = self._source
         if source is None:
             return
-        now, counter = self._ticks(source), self._counter
+        now, counter = source.now() - self._origin >> (self._registers[_SC] & 7), self._counter
         while self._seen < now:
             until = now
             if self._may_load:
@@ -230,7 +227,7 @@ class FlexTimer:
         if not channel.control & wanted:
             return
         self._advance()
-        channel.value = self._count()
+        channel.value = self._counter.value(self._phase_now())
         channel.raise_flag()
         if channel.control & ICRST:
             self._restart()
@@ -266,9 +263,6 @@ class FlexTimer:
 
     def _phase_now(self) -> int:
         return self._phase if self._source is None else (self._seen - self._counter.began) % self._counter.period
-
-    def _count(self) -> int:
-        return self._counter.value(self._phase_now())
 
     def _next_ticks(self) -> list[int]:
         """When something happens that is seen without being looked at."""
@@ -335,7 +329,7 @@ class FlexTimer:
                 return channel.value
             channel.flag_seen = channel.flag
             return channel.control | (CHF if channel.flag else 0)
-        live = {_CNT: self._count(), _MOD: self._counter.modulo, _CNTIN: self._counter.initial}
+        live = {_CNT: self._counter.value(self._phase_now()), _MOD: self._counter.modulo, _CNTIN: self._counter.initial}
         return live.get(offset, self._registers.get(offset, 0))
 
     def write(self, offset: int, size: int, value: int) -> None:
@@ -386,9 +380,7 @@ class FlexTimer:
     def _write_channel(self, index: int, is_value: bool, value: int) -> None:
         channel = self._channels[index]
         if not is_value:
-            if not value & CHF and channel.flag_seen:
-                channel.flag = False
-            channel.control = value & 0x7F
+            channel.write_control(value)
             return
         kind = self._kind(index)
         if kind is ChannelKind.CAPTURE:

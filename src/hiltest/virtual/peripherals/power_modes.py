@@ -202,7 +202,7 @@ class SystemModes(StoredRegisters):
         self._wake_up = wake_up
         self.asleep_in: SleepMode | None = None
         unit.on_wake = self._woken
-        processor.on_sleep = self._sleep
+        processor.waiting.on_sleep = self._sleep
         super().__init__(
             module.name, module.base, {register.address - module.base: register.reset for register in module.registers}
         )
@@ -232,7 +232,7 @@ class SystemModes(StoredRegisters):
     def _mode(self) -> SleepMode:
         """What WFI leads to now."""
         low = self._bytes[_PMSTAT] == 0x04
-        if not self._processor.sleeps_deeply:
+        if not self._processor.waiting.sleeps_deeply:
             return SleepMode.VLPW if low else SleepMode.WAIT
         chosen = {_VLPS: SleepMode.VLPS, _LLS: SleepMode.LLS, _VLLS: SleepMode.VLLS}
         return chosen.get(self._bytes[_PMCTRL] & 7, SleepMode.VLPS if low else SleepMode.STOP)
@@ -243,17 +243,17 @@ class SystemModes(StoredRegisters):
         if begins and self.asleep_in not in (SleepMode.WAIT, SleepMode.VLPW):
             external = bool(self._oscillator.word(0) & _EREFSTEN)
             self._clocks.stop(external_runs=external and self.asleep_in is not SleepMode.VLLS)
-            self._processor.gated = self.asleep_in is not None and self.asleep_in.gated
-            if self._processor.gated:
+            self._processor.waiting.gated = self.asleep_in is not None and self.asleep_in.gated
+            if self._processor.waiting.gated:
                 self._unit.sleep()
         elif before not in (None, SleepMode.WAIT, SleepMode.VLPW):
-            self._processor.gated = self._unit.asleep = False
+            self._processor.waiting.gated = self._unit.asleep = False
             self._clocks.go_on(from_stop=before is SleepMode.STOP)
 
     def _woken(self) -> None:
         if self.asleep_in is SleepMode.VLLS:
             self._wake_up(self._bytes[_VLLSCTRL] & 7)
-        self._processor.gated = False
+        self._processor.waiting.gated = False
         self._processor.look_soon()
 
     def describe(self) -> str:

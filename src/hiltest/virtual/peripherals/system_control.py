@@ -130,7 +130,8 @@ class SystemControlSpace:
         self._systick.reset()
         self._stored: dict[int, int] = {_CCR: _CCR_STKALIGN}
         self._processor.fpu_enabled = False
-        self._processor.sleeps_on_exit = self._processor.sleeps_deeply = False
+        waiting = self._processor.waiting
+        waiting.sleeps_on_exit = waiting.sleeps_deeply = False
         self._processor.event_register.reset()
         self._processor.trap_division_by_zero(False)
 
@@ -232,8 +233,8 @@ class SystemControlSpace:
                 processor.fpu_enabled = value & _FPU_FULL_ACCESS == _FPU_FULL_ACCESS
                 processor.look_soon()  # what counts may not ask again before each block that uses it
             elif offset == _SCR:
-                processor.sleeps_on_exit = bool(value & _SCR_SLEEPONEXIT)
-                processor.sleeps_deeply = bool(value & _SCR_SLEEPDEEP)
+                processor.waiting.sleeps_on_exit = bool(value & _SCR_SLEEPONEXIT)
+                processor.waiting.sleeps_deeply = bool(value & _SCR_SLEEPDEEP)
                 processor.event_register.on_pend = bool(value & _SCR_SEVONPEND)
             elif offset == _CCR:
                 processor.exceptions.base_thread_enabled = bool(value & _CCR_NONBASETHRDENA)
