@@ -254,7 +254,12 @@ def test_a_counter_that_is_stopped_keeps_its_count_and_a_write_restarts_it(build
 
 @pytest.mark.parametrize(
     ("body", "register"),
-    [("FTM(QDCTRL) = 1;", "FTM0_QDCTRL"), ("FTM(MODE) = 0x64;", "FTM0_MODE"), ("FTM(SYNC) = 0x10;", "FTM0_SYNC")],
+    [
+        ("FTM(QDCTRL) = 1;", "FTM0_QDCTRL"),
+        ("FTM(C0SC) = 0x51;", "FTM0_C0SC"),
+        ("FTM(MODE) = 0x64;", "FTM0_MODE"),
+        ("FTM(SYNC) = 0x10;", "FTM0_SYNC"),
+    ],
 )
 def test_what_is_not_modelled_is_named_when_it_is_asked_for(build_c: Build, body: str, register: str) -> None:
     board = board_of(build_c, f"FTM(QDCTRL) = 0; FTM(MODE) = 4; {body}")

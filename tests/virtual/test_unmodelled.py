@@ -33,11 +33,11 @@ def test_the_shipped_firmware_touches_nothing_that_is_not_modelled(strict: bool)
 
 def test_a_register_is_told_once_by_name_value_and_place(build_c: Build) -> None:
     body = f"{PDB0_ON} before = WORD(0x40036008); for (int i = 8; i < 40; i++) WORD(0x40036000) = i;"
-    body += "after = WORD(0x40036000); BYTE(0x40073003) = 0x80; WORD(0x4007C0FC) = 5;"
+    body += "after = WORD(0x40036000); BYTE(0x40073003) = 0x80; WORD(0x400040FC) = 5;"
     board = VirtualK64F(build_c(program("WORD(0x40048034) |= 1u << 19;" + body)))
     board.run_until(0.001)
     told = [str(access) for access in board.unmodelled]
-    assert [access.register for access in board.unmodelled] == ["PDB0_CNT", "PDB0_SC", "CMP0_SCR", "LLWU+0x0FC"]
+    assert [access.register for access in board.unmodelled] == ["PDB0_CNT", "PDB0_SC", "CMP0_SCR", "AXBS+0x0FC"]
     assert told[0].startswith("PDB0_CNT at 0x40036008 is not modelled; read from 0x0000")
     assert "PDB0_SC at 0x40036000 is not modelled; write of 0x00000008 from 0x" in told[1]
     assert "in timer_init (program.c:" in told[1]

@@ -14,7 +14,7 @@ from hiltest.virtual.schedule import Event
 REFERENCE_V = 3.3  # VREFH of the FRDM-K64F
 _SC1A, _SC1B, _CFG1, _CFG2, _RA, _RB, _CV1, _CV2, _SC2, _SC3 = 0x0, 0x4, 0x8, 0xC, 0x10, 0x14, 0x18, 0x1C, 0x20, 0x24
 _COCO, _AIEN, _DIFF, _CHANNEL = 0x80, 0x40, 0x20, 0x1F
-_ADACT, _ADTRG, _ACFE, _ACFGT, _ACREN = 0x80, 0x40, 0x20, 0x10, 0x08
+_ADACT, _ADTRG, _ACFE, _ACFGT, _ACREN, _DMAEN = 0x80, 0x40, 0x20, 0x10, 0x08, 0x04
 _CAL, _CALF, _ADCO, _AVGE = 0x80, 0x40, 0x08, 0x04
 _TEMPERATURE, _BANDGAP, _VREFH, _VREFL, _OFF = 26, 27, 29, 30, 31
 _BANDGAP_V = 1.0
@@ -51,7 +51,11 @@ class Converter:
         Answers the voltage of a channel; of a differential one between its pins.
     temperature_degc : callable
         Answers the temperature of the chip.
+    on_request : callable
+        Told the level of its source of DMA requests.
     """
+
+    steady = frozenset(range(0x1000)) - frozenset(range(_RA, _RB + 4))
 
     def __init__(
         self, processor: Processor, clocks: ClockGates, module: ChipPeripheral, note: Callable[[int, int, int], None]
@@ -62,6 +66,8 @@ class Converter:
         (self._interrupt,) = module.interrupts
         self.volts: Callable[[int], float] = lambda _channel: 0.0
         self.temperature_degc: Callable[[], float] = lambda: _SENSOR_DEGC
+        self.on_request: Callable[[int, bool], None] = lambda _source, _level: None
+        (self._request,) = module.requests
         self._nvic = processor.nvic
         self._clocks = clocks
         self._note = note
@@ -219,6 +225,7 @@ class Converter:
 
     def _drive(self) -> None:
         done = self._registers[_SC1A]
+        self.on_request(self._request, bool(done & _COCO and self._registers[_SC2] & _DMAEN))
         self._nvic.set_line(self._interrupt, bool(done & _COCO and done & _AIEN))
 
 

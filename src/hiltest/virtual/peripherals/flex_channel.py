@@ -78,6 +78,16 @@ class FlexChannel:
         return bool(self.control & EDGES) and self.signal.pins > 0
 
     @property
+    def status(self) -> int:
+        """CnSC with its flag."""
+        return self.control | (CHF if self.flag else 0)
+
+    @property
+    def awaited(self) -> bool:
+        """Whether its next match interrupts."""
+        return bool(self.control & CHIE) and not self.flag
+
+    @property
     def interrupts(self) -> bool:
         """Whether it asks for an interrupt; with DMA it asks for a transfer instead."""
         return self.flag and self.control & (CHIE | DMA) == CHIE

@@ -8,18 +8,7 @@ from hiltest.virtual.chip import ChipPeripheral
 from hiltest.virtual.clock import Clock
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.peripherals.clocks import ClockGates
-from hiltest.virtual.peripherals.flex_channel import (
-    CHF,
-    CHIE,
-    EDGES,
-    ELSA,
-    ELSB,
-    ICRST,
-    MSA,
-    MSB,
-    ChannelKind,
-    FlexChannel,
-)  # fmt: skip
+from hiltest.virtual.peripherals.flex_channel import DMA, EDGES, ELSA, ELSB, ICRST, MSA, MSB, ChannelKind, FlexChannel
 from hiltest.virtual.peripherals.flex_counter import FlexCounter
 from hiltest.virtual.pin_signals import PinSignal, PulseCounter
 from hiltest.virtual.schedule import Event
@@ -44,7 +33,7 @@ _UNMODELLED = {
 class FlexTimer:
     """One FTM module.
 
-    Quadrature, faults, dead time, dual capture, hardware triggers, inversion and a common time base are
+    DMA requests, quadrature, faults, dead time, dual capture, hardware triggers, inversion and a common time base are
     not modelled, and noted where firmware asks for them. Capture has no filter and no delay.
 
     Parameters
@@ -275,7 +264,7 @@ class FlexTimer:
             if kind in (ChannelKind.NOTHING, ChannelKind.CAPTURE):
                 continue
             shown = channel.takes_pin
-            if shown or (channel.control & CHIE and not channel.flag):
+            if shown or channel.awaited:
                 ticks += [counter.next_tick(phase, seen) for phase in counter.matches(channel.value)]
             if shown and kind is ChannelKind.PULSE_WIDTH:
                 ticks += [counter.next_tick(0, seen), overflow]
@@ -328,15 +317,16 @@ class FlexTimer:
             if (offset - _FIRST_CHANNEL) % 8:
                 return channel.value
             channel.flag_seen = channel.flag
-            return channel.control | (CHF if channel.flag else 0)
+            return channel.status
         live = {_CNT: self._counter.value(self._phase_now()), _MOD: self._counter.modulo, _CNTIN: self._counter.initial}
         return live.get(offset, self._registers.get(offset, 0))
 
     def write(self, offset: int, size: int, value: int) -> None:
         """Take a word register."""
         self._advance()
-        asked = value & _UNMODELLED.get(offset, 0)
-        if asked:
+        is_channel = _FIRST_CHANNEL <= offset < _FIRST_CHANNEL + 8 * len(self._channels)
+        is_control = is_channel and (offset - _FIRST_CHANNEL) % 8 == 0
+        if value & (DMA if is_control else _UNMODELLED.get(offset, 0)):
             self._note(self.base + offset, size, value)
         if offset == _SC:
             self._write_control(value)
@@ -347,8 +337,10 @@ class FlexTimer:
         elif offset == _STATUS:
             for index, channel in enumerate(self._channels):
                 channel.flag &= bool(value >> index & 1) or not channel.flag_seen
-        elif _FIRST_CHANNEL <= offset < _FIRST_CHANNEL + 8 * len(self._channels):
-            self._write_channel((offset - _FIRST_CHANNEL) // 8, bool((offset - _FIRST_CHANNEL) % 8), value)
+        elif is_control:
+            self._channels[(offset - _FIRST_CHANNEL) // 8].write_control(value)
+        elif is_channel:
+            self._write_value((offset - _FIRST_CHANNEL) // 8, value & 0xFFFF)
         elif offset in self._registers:
             self._write_common(offset, value)
         self._settle()
@@ -377,15 +369,11 @@ class FlexTimer:
         elif not self._registers[_MODE] & _FTMEN:
             self._take_over((), modulo=False, first=True)
 
-    def _write_channel(self, index: int, is_value: bool, value: int) -> None:
-        channel = self._channels[index]
-        if not is_value:
-            channel.write_control(value)
-            return
-        kind = self._kind(index)
+    def _write_value(self, index: int, value: int) -> None:
+        channel, kind = self._channels[index], self._kind(index)
         if kind is ChannelKind.CAPTURE:
             return  # read-only
-        channel.buffered = value & 0xFFFF
+        channel.buffered = value
         synchronised = self._registers[_MODE] & _FTMEN and self._pair(index) & _SYNCEN
         if self._source is None or (kind is not ChannelKind.PULSE_WIDTH and not synchronised):
             self._take_over([channel], modulo=False, first=False)

@@ -35,6 +35,8 @@ class LowPowerTimer:
         Pins that it may count, by CSR.TPS.
     """
 
+    steady = range(0x1000)
+
     def __init__(self, processor: Processor, clocks: ClockGates, module: ChipPeripheral) -> None:
         self.name = module.name
         self.base = module.base

@@ -80,6 +80,8 @@ class WakeUpUnit:
         By letter: where its pins are.
     """
 
+    steady = range(0x1000)
+
     def __init__(self, module: ChipPeripheral, processor: Processor, ports: Mapping[str, Port]) -> None:
         self.name = module.name
         self.base = module.base

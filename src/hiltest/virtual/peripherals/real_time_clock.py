@@ -34,6 +34,8 @@ class RealTimeClock:
         Its addresses and interrupts: of flags and alarm, and of each second.
     """
 
+    steady = frozenset(range(0x1000)) - frozenset(range(_TPR, _TPR + 4))
+
     def __init__(self, processor: Processor, clocks: ClockGates, module: ChipPeripheral) -> None:
         self.name = module.name
         self.base = module.base
