@@ -190,9 +190,9 @@ PROGRAMS = (
         (says("Starting channel No.0"), says_every("Channel No.0 interrupt is occurred", 1.0)),
     ),
     Program("sdk_lptmr", "LPTMR interrupts every second", 5.5, (says_every(r"LPTMR interrupt No\.\d+", 1.0),)),
-    Program("sdk_ftm_timer", "- and a bar in turn, one a second", 5.5, (says_every(r"[-|]", 1.0),)),
+    Program("sdk_ftm_timer", "- and a bar in turn, one a second", 5.5, (says_every(r"(?<=[\n|-])[-|]", 1.0),)),
     Program(
-        "sdk_wdog", "refreshes a watchdog, is reset by it, ends at rest", 2.0,
+        "sdk_wdog", "refreshes a watchdog, is reset by it, ends at rest", 15.0,
         (says("[Qq]uick test", "[Ww]indow mode", r"End of Wdog example!"),),
     ),
     Program("sdk_uart_interrupt", "echoes by interrupt", 0.5, (says("abcdefgh"),), _typed("abcdefgh", 0.1)),

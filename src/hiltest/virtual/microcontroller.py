@@ -129,9 +129,9 @@ class Microcontroller:
         self.low_power_timer = LowPowerTimer(processor, clocks, modules["LPTMR0"])
         self.real_time_clock = RealTimeClock(processor, clocks, modules["RTC"])
         files = [BatteryRegisters(modules[name]) for name in ("RFVBAT", "RFSYS")]
-        self._kept: list[LowPowerTimer | RealTimeClock | BatteryRegisters]
-        self._kept = [self.low_power_timer, self.real_time_clock, *files]
-        return [*self._kept, *self._power_modules()]
+        self._kept: list[LowPowerTimer | RealTimeClock | BatteryRegisters | Watchdog]
+        self._kept = [self.watchdog, self.low_power_timer, self.real_time_clock, *files]
+        return [*self._kept[1:], *self._power_modules()]
 
     def _power_modules(self) -> list[Peripheral]:
         """Make what sleep depends on."""
