@@ -226,6 +226,14 @@ def test_values_are_taken_over_at_the_end_of_a_round(build_c: Build, mode: int, 
     assert (period_s * BUS_HZ, share) == pytest.approx((expected[0] * BUS_HZ, expected[1]), rel=0.01)
 
 
+def test_a_trigger_leaves_the_channels_of_a_pair_that_is_not_synchronised(build_c: Build) -> None:
+    board = board_of(build_c, "FTM(MODE) = 5; FTM(MOD) = 9999; FTM(C0SC) = 0x28; FTM(C0V) = 2000; FTM(SC) = 8;"
+                              "FTM(MOD) = 4999; FTM(C0V) = 3000; FTM(SYNCONF) = 0x280; FTM(SYNC) = 0x81;")  # fmt: skip
+    board.run_until(0.002)
+    period_s, share = shares(board, "PTC1")
+    assert (period_s * BUS_HZ, share) == pytest.approx((5000, 0.4), rel=0.01)
+
+
 def test_a_trigger_that_restarts_the_counter_takes_over_at_once(build_c: Build) -> None:
     board = board_of(build_c, "FTM(MODE) = 5; FTM(MOD) = 9999; FTM(SC) = 8; while (FTM(CNT) < 2000) {}"
                               "FTM(MOD) = 77; FTM(SYNCONF) = 0x380; FTM(SYNC) = 0x80; first = FTM(CNT);"

@@ -117,6 +117,31 @@ def test_lls_ends_by_what_its_unit_watches_and_by_nothing_else(build_c: Build) -
     assert (word(board, "woken"), word(board, "unit"), word(board, "source")) == (1, 1, 0x400)
 
 
+def test_while_it_runs_the_unit_notes_nothing(build_c: Build) -> None:
+    board = board_of(build_c, "BYTE(0x4007C002) = 2 << 4; for (;;) { source = BYTE(0x4007C006); }")
+    board.run_until(0.001)
+    board.press("SW2")
+    board.run_until(0.002)
+    assert (word(board, "port"), word(board, "unit"), word(board, "source")) == (1, 0, 0)
+
+
+@pytest.mark.parametrize(("keeps", "woken"), [(0x20, 1), (0x00, 0)])
+def test_the_oscillator_goes_on_in_a_stop_where_it_is_told_to(build_c: Build, keeps: int, woken: int) -> None:
+    timer = "WORD(0x40040004) = 3 | 15u << 3; WORD(0x40040008) = 7; WORD(0x40040000) = 0x41;"  # 8 times 1.3 ms
+    board = board_of(build_c, f"BYTE(0x40065000) = {0x80 | keeps}; {timer} sleep(STOP);")
+    board.run_until(0.1)
+    assert word(board, "woken") == woken
+
+
+def test_vlls_ends_in_a_handler_too(build_c: Build) -> None:
+    handler = "void SVC_Handler(void) { BYTE(0x4007C004) = 1; alarm(20); sleep(VLLS); }"
+    start = "begin(); status = BYTE(0x4007F000); if (status & 0x80) { __asm__(\"svc 0\"); }"
+    program = f"#define PLLSTEN 0\n{HEAD}{handler} int main(void) {{ (void)to_pee; {start} return 0; }}"
+    board = VirtualK64F(build_c(program))
+    board.run_until(0.021)
+    assert (word(board, "status"), word(board, "woken")) == (1, 0)
+
+
 def test_the_low_power_timer_ends_lls_where_its_unit_watches_it(build_c: Build) -> None:
     board = board_of(build_c, "BYTE(0x4007C004) = 1; alarm(20); sleep(LLS);")
     board.run_until(0.019)
