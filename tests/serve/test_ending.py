@@ -69,9 +69,10 @@ def test_firmware_that_faults_is_named_and_ends_it_with_20(serve: Serve, foreign
 
 def test_firmware_that_ends_in_a_loop_is_at_rest_and_its_port_stays_open(serve: Serve, foreign: Path) -> None:
     served = serve("--firmware", str(foreign), "--baud", "9600")
-    with serial.serial_for_url(served.board, timeout=0.5) as client:
+    with serial.serial_for_url(served.board, timeout=WALL_LIMIT_S) as client:
         client.write(b"alive.")
         assert client.read(5) == b"ALIVE"
+        client.timeout = 0.5
         client.write(b"unheard")
         assert client.read(1) == b""  # and no error: half a second later it is still there
         code, said = served.end()
@@ -82,8 +83,10 @@ def test_firmware_that_waits_for_a_register_that_is_not_modelled_is_told_while_i
     serve: Serve, foreign: Path
 ) -> None:
     served = serve("--firmware", str(foreign), "--baud", "9600")
-    with serial.serial_for_url(served.board, timeout=0.5) as client:
-        client.write(b"?")
+    with serial.serial_for_url(served.board, timeout=WALL_LIMIT_S) as client:
+        client.write(b"a?")
+        assert client.read(1) == b"A"
+        client.timeout = 0.5
         assert client.read(1) == b""
     _, said = served.end()
     (told,) = [line for line in said.splitlines() if "waits for" in line]

@@ -80,7 +80,6 @@ class Processor:
         self.fault_log = FaultLog()
         self.delivers_faults = False
         self.waits_for: Callable[[], str] = lambda: ""
-        self._ends = False  # whether this run has a time when it stops
         self.event_register = EventRegister(self.nvic)
         self.waiting = Waiting(self.exceptions, self.nvic, self.event_register, self.schedule, self.fault_log)
         self.idle_cycles = 0
@@ -204,7 +203,7 @@ class Processor:
             return False
         if suspects:
             self.look_soon()  # what counts must not take it from this block that the next ones are good
-        if block.loops_to_itself and not (self._rests() or self.waiting.can_leave_loop()):
+        if block.loops_to_itself and not (self.waiting.rests(self.delivers_faults) or self.waiting.can_leave_loop()):
             self._error = self._hang("a loop to itself that no interrupt can end", block.address)
             return False
         if block.sends_event:
@@ -224,9 +223,6 @@ class Processor:
 
     def _misaligned(self, block: CodeBlock) -> bool:
         return any(value & 3 for value in self.registers.cores(block.alignment.registers).read())
-
-    def _rests(self) -> bool:
-        return self.waiting.may_rest and self.delivers_faults and self._ends and self.waiting.in_thread
 
     def _call_supervisor(self) -> bool:
         if not self.nvic.preempts(SVCALL, self.exceptions.ceiling()):
@@ -298,7 +294,7 @@ class Processor:
             The processor met a fault or hung.
         """
         schedule, accounting = self.schedule, self.accounting
-        self._ends = math.isfinite(until.at_cycle)
+        self.waiting.has_end = math.isfinite(until.at_cycle)
         with deferred_interrupt(self.look_soon) as interrupted:
             while True:
                 now = accounting.cycles

@@ -27,6 +27,8 @@ class Waiting:
     may_rest : bool
         Whether firmware that ends in a loop to itself, in thread mode and without a fault before, is at rest;
         otherwise that is a hang.
+    has_end : bool
+        Whether this run has a time when it stops.
     for_event : bool
         Whether it sleeps in WFE.
     sleeps_on_exit, sleeps_deeply : bool
@@ -41,6 +43,7 @@ class Waiting:
         self, exceptions: ExceptionUnit, nvic: Nvic, events: EventRegister, schedule: Schedule, fault_log: FaultLog
     ) -> None:
         self.may_rest = True
+        self.has_end = False
         self.for_event = self.sleeps_on_exit = self.sleeps_deeply = self.gated = False
         self.on_sleep: Callable[[bool], None] = lambda _begins: None
         self._sleeping = False
@@ -70,6 +73,10 @@ class Waiting:
     def in_thread(self) -> bool:
         """Whether no handler runs, and no fault's handler has begun that has not returned."""
         return not self._nvic.active and self._fault_log.first_cause is None
+
+    def rests(self, booted: bool) -> bool:
+        """Whether a loop to itself is rest, of firmware that was booted."""
+        return booted and self.has_end and self.may_rest and self.in_thread
 
     def can_leave_loop(self) -> bool:
         """Whether any interrupt could end a loop to itself."""
