@@ -119,6 +119,21 @@ def test_a_function_that_faults_says_where(capsys: pytest.CaptureFixture[str]) -
     assert "in crc32" in err
 
 
+def test_a_function_that_waits_for_a_register_that_is_not_modelled_says_so(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, require_tool: Callable[[str], str]
+) -> None:
+    source, elf = tmp_path / "waits.c", tmp_path / "waits.elf"
+    loop = "for (int turn = 0; turn < 2000 && (*(volatile unsigned *)0x40004010 & 1) == 0; turn++) {}"
+    source.write_text(f"void waits(void) {{\n    {loop}\n}}\n")
+    options = ["-mcpu=cortex-m4", "-mthumb", "-O1", "-g", "-nostdlib", "-Wl,-e,waits,-Ttext=0x1000"]
+    subprocess.run([require_tool("arm-none-eabi-gcc"), *options, str(source), "-o", str(elf)], check=True)
+    code, _, err = profile(capsys, str(elf), "waits")
+    assert code == 0
+    (told,) = err.splitlines()
+    assert told.startswith("firmware waits for AXBS_CRS0 at 0x40004010, which is not modelled, at 0x")
+    assert told.endswith(" in waits (waits.c:2)")
+
+
 def test_a_nan_is_null_for_machines_and_nan_for_people(capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ("shipped", "memset", "float32:1", "255", "4")
     assert document(capsys, *arguments).buffers[0].values == (None,)

@@ -55,21 +55,43 @@ def test_a_client_sees_the_end_at_once(serve: Serve) -> None:
         serial.serial_for_url(served.board)
 
 
-@pytest.mark.parametrize(
-    ("last_byte", "reason"), [(b"!", "undefined instruction"), (b".", "hang: a loop to itself")], ids=["fault", "hang"]
-)
-def test_firmware_that_faults_or_hangs_is_named_and_ends_it_with_20(
-    serve: Serve, foreign: Path, last_byte: bytes, reason: str
-) -> None:
+def test_firmware_that_faults_is_named_and_ends_it_with_20(serve: Serve, foreign: Path) -> None:
     served = serve("--firmware", str(foreign), "--baud", "9600")
     with serial.serial_for_url(served.board, timeout=WALL_LIMIT_S) as client:
         client.write(b"alive")
         assert client.read(5) == b"ALIVE"
-        client.write(last_byte)
+        client.write(b"!")
         code, said = served.ended()
     assert code == 20
-    assert re.search(rf"ERROR: .*{reason}.* in main \(upper_case\.c:\d+\)", said)
+    assert re.search(r"ERROR: .*undefined instruction.* in main \(upper_case\.c:\d+\)", said)
     assert "Traceback" not in said
+
+
+def test_firmware_that_ends_in_a_loop_is_at_rest_and_its_port_stays_open(serve: Serve, foreign: Path) -> None:
+    served = serve("--firmware", str(foreign), "--baud", "9600")
+    with serial.serial_for_url(served.board, timeout=WALL_LIMIT_S) as client:
+        client.write(b"alive.")
+        assert client.read(5) == b"ALIVE"
+        client.timeout = 0.5
+        client.write(b"unheard")
+        assert client.read(1) == b""  # and no error: half a second later it is still there
+        code, said = served.end()
+    assert (code, "ERROR" in said) == (0, False)
+
+
+def test_firmware_that_waits_for_a_register_that_is_not_modelled_is_told_while_it_does(
+    serve: Serve, foreign: Path
+) -> None:
+    served = serve("--firmware", str(foreign), "--baud", "9600")
+    with serial.serial_for_url(served.board, timeout=WALL_LIMIT_S) as client:
+        client.write(b"a?")
+        assert client.read(1) == b"A"
+        client.timeout = 0.5
+        assert client.read(1) == b""
+    _, said = served.end()
+    (told,) = [line for line in said.splitlines() if "waits for" in line]
+    assert told.startswith("firmware waits for AXBS_CRS0 at 0x40004010, which is not modelled, at 0x")
+    assert re.search(r" in main \(upper_case\.c:\d+\)$", told)
 
 
 def test_registers_that_are_not_modelled_are_told_once(serve: Serve, foreign: Path) -> None:
@@ -79,7 +101,7 @@ def test_registers_that_are_not_modelled_are_told_once(serve: Serve, foreign: Pa
         assert client.read(5) == b"ALIVE"
     _, said = served.end()
     (told,) = [line for line in said.splitlines() if "not modelled" in line]
-    assert told.startswith("LLWU_PE1 at 0x4007c000 is not modelled; write of 0x02 from 0x")
+    assert told.startswith("AXBS_PRS0 at 0x40004000 is not modelled; write of 0x00000002 from 0x")
     assert re.search(r" in \w+ \(upper_case\.c:\d+\) kept; 1 access$", told)
 
 

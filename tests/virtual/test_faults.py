@@ -72,6 +72,7 @@ CASES = [
 @pytest.mark.parametrize(("what", "code", "cause"), CASES, ids=[case[0] for case in CASES])
 def test_a_fault_names_its_cause_and_place(build: Build, what: str, code: str, cause: str) -> None:
     board = VirtualK64F(build(HEAD + "    " + code + TAIL))
+    board.may_rest = False
     with pytest.raises(BoardFault, match=cause) as caught:
         # A hang must be found at once, not when the time is up: an hour would take minutes to execute.
         board.run_until(3600.0 if "sleep" not in what else float("inf"))
@@ -86,7 +87,33 @@ def test_waiting_in_a_loop_for_interrupts_passes_time_and_is_no_hang(build: Buil
     board.run_until(0.1)
     # A tick every thousand cycles, which are 2.1 million out of reset.
     assert board.processor.registers.snapshot()["r7"] == pytest.approx(2_097, abs=2)
-    assert board.position().startswith("hung, looping to itself in main (program.S:")
+    assert board.position().startswith("at rest, looping to itself in main (program.S:")
+
+
+TICKS_AT_THE_END = WAITS_FOR_TICKS.replace("wait:\n", "    cpsid i\nwait:\n")
+
+
+def test_a_program_that_ends_in_a_loop_rests_and_the_board_goes_on(build: Build) -> None:
+    board = VirtualK64F(build(HEAD + "wait: b wait" + TAIL))
+    board.run_until(0.004)
+    assert board.time_s == pytest.approx(0.004, abs=1e-6)
+    assert board.instructions == pytest.approx(0.004 * 20_971_520 / 2, rel=0.01)  # two cycles a turn
+    with pytest.raises(BoardFault, match="hang: a loop to itself"):
+        board.run_until(float("inf"))  # nothing will ever happen
+    masked = VirtualK64F(build(HEAD + TICKS_AT_THE_END + TAIL))
+    masked.run_until(0.1)
+    assert masked.position().startswith("at rest, looping to itself in main")
+
+
+def test_in_a_handler_a_loop_is_no_rest(build: Build) -> None:
+    loops = ".global HardFault_Handler\n.thumb_func\nHardFault_Handler: b ."
+    board = VirtualK64F(build(HEAD + "udf #1" + TAIL.replace(".ltorg", f".ltorg\n{loops}")))
+    with pytest.raises(BoardFault, match=r"hang at 0x.*: a loop to itself .*after: undefined instruction"):
+        board.run_until(0.01)
+    svc = loops.replace("HardFault", "SVC")
+    board = VirtualK64F(build(HEAD + "svc 0" + TAIL.replace(".ltorg", f".ltorg\n{svc}")))
+    with pytest.raises(BoardFault, match="hang: a loop to itself"):
+        board.run_until(0.01)
 
 
 def test_a_called_function_that_never_returns_is_a_hang(build: Build) -> None:

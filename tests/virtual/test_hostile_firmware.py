@@ -58,6 +58,7 @@ CASES = {
 def test_it_is_a_fault_that_says_what_happened(build: Build, block_hook: AccountingFactory, what: str) -> None:
     code, ending = CASES[what]
     board = VirtualK64F(build(HEAD.replace("culprit:", "") + code + TAIL), accounting=block_hook)
+    board.may_rest = False
     with pytest.raises(BoardFault, match=ending):
         board.run_until(0.01)
     board.position()  # whoever waits for the board says where it is

@@ -62,6 +62,7 @@ def test_a_raw_binary_starts_from_the_vector_table_at_its_base(build, tmp_path):
     elf = build(program, "-Wl,-Ttext=0x8410", "-Wl,--section-start=.vectors=0x8000", with_start=False)
     raw = converted(elf, "binary", ".img")
     board = VirtualK64F(load_image(raw, base=0x8000))
+    board.may_rest = False
     with pytest.raises(BoardFault, match="loop to itself"):
         board.run_until(0.1)
     start, _, vector_table = board.processor.registers.general.read()[:3]

@@ -95,6 +95,7 @@ words: .word words, 7
 
 def counted(elf: object, hook: AccountingFactory) -> tuple[int, int, list[int]]:
     board = VirtualK64F(elf, accounting=hook)  # type: ignore[arg-type]
+    board.may_rest = False
     with pytest.raises(BoardFault, match="hang: a loop to itself"):
         board.run_until(0.01)
     registers = board.processor.registers.snapshot()

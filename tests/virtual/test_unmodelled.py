@@ -7,11 +7,12 @@ import pytest
 from hiltest.errors import BoardFault
 from hiltest.virtual.chip import mk64f12
 from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.peripherals.unmodelled import UnmodelledWarning
 
 from .conftest import SHIPPED, Build
 from .test_exceptions import word
 
-FTM0_ON = "*(volatile unsigned *)0x4004803C |= 1u << 24;"
+PDB0_ON = "*(volatile unsigned *)0x4004803C |= 1u << 22;"
 HEAD = """
 #define WORD(address) (*(volatile unsigned *)(address))
 #define BYTE(address) (*(volatile unsigned char *)(address))
@@ -31,14 +32,14 @@ def test_the_shipped_firmware_touches_nothing_that_is_not_modelled(strict: bool)
 
 
 def test_a_register_is_told_once_by_name_value_and_place(build_c: Build) -> None:
-    body = f"{FTM0_ON} before = WORD(0x40038008); for (int i = 8; i < 40; i++) WORD(0x40038000) = i;"
-    body += "after = WORD(0x40038000); BYTE(0x40073003) = 0x80; WORD(0x4007C0FC) = 5;"
+    body = f"{PDB0_ON} before = WORD(0x40036008); for (int i = 8; i < 40; i++) WORD(0x40036000) = i;"
+    body += "after = WORD(0x40036000); BYTE(0x40073003) = 0x80; WORD(0x400040FC) = 5;"
     board = VirtualK64F(build_c(program("WORD(0x40048034) |= 1u << 19;" + body)))
     board.run_until(0.001)
     told = [str(access) for access in board.unmodelled]
-    assert [access.register for access in board.unmodelled] == ["FTM0_MOD", "FTM0_SC", "CMP0_SCR", "LLWU+0x0FC"]
-    assert told[0].startswith("FTM0_MOD at 0x40038008 is not modelled; read from 0x0000")
-    assert "FTM0_SC at 0x40038000 is not modelled; write of 0x00000008 from 0x" in told[1]
+    assert [access.register for access in board.unmodelled] == ["PDB0_CNT", "PDB0_SC", "CMP0_SCR", "AXBS+0x0FC"]
+    assert told[0].startswith("PDB0_CNT at 0x40036008 is not modelled; read from 0x0000")
+    assert "PDB0_SC at 0x40036000 is not modelled; write of 0x00000008 from 0x" in told[1]
     assert "in timer_init (program.c:" in told[1]
     assert told[1].endswith(" kept")
     assert told[2].startswith("CMP0_SCR at 0x40073003 is not modelled; write of 0x80 from")
@@ -46,14 +47,14 @@ def test_a_register_is_told_once_by_name_value_and_place(build_c: Build) -> None
 
 
 def test_registers_begin_with_their_values_after_reset(build_c: Build) -> None:
-    board = VirtualK64F(build_c(program("WORD(0x4004803C) |= 1u << 27; before = WORD(0x4003B000);")))
+    board = VirtualK64F(build_c(program(f"{PDB0_ON} before = WORD(0x40036004);")))
     board.run_until(0.001)
-    assert word(board, "before") == 0x1F  # ADC0_SC1A: no channel
+    assert word(board, "before") == 0xFFFF  # PDB0_MOD
 
 
 def test_a_strict_board_faults_by_name(build_c: Build) -> None:
-    board = VirtualK64F(build_c(program(f"{FTM0_ON} WORD(0x40038000) = 8;")), strict=True)
-    with pytest.raises(BoardFault, match="write to FTM0_SC at 0x40038000, which is not modelled") as caught:
+    board = VirtualK64F(build_c(program(f"{PDB0_ON} WORD(0x40036000) = 8;")), strict=True)
+    with pytest.raises(BoardFault, match="write to PDB0_SC at 0x40036000, which is not modelled") as caught:
         board.run_until(0.001)
     assert caught.value.function == "timer_init"
 
@@ -61,9 +62,9 @@ def test_a_strict_board_faults_by_name(build_c: Build) -> None:
 @pytest.mark.parametrize(
     ("body", "cause"),
     [
-        ("WORD(0x40038000) = 8;", "write to FTM0 while its clock gate in the SIM is closed"),
+        ("WORD(0x40036000) = 8;", "write to PDB0 while its clock gate in the SIM is closed"),
         ("WORD(0x40010000) = 8;", "write to 0x40010000, where the chip has no peripheral"),
-        (f"{FTM0_ON} WORD(0x40038000) = 8; WORD(0x4004803C) = 1; WORD(0x40038000) = 8;", "while its clock gate"),
+        (f"{PDB0_ON} WORD(0x40036000) = 8; WORD(0x4004803C) = 1; WORD(0x40036000) = 8;", "while its clock gate"),
     ],
     ids=["gate never opened", "nothing there", "gate closed again"],
 )
@@ -75,18 +76,57 @@ def test_what_cannot_answer_is_a_bus_error(build_c: Build, body: str, cause: str
 
 def test_either_of_two_gates_opens_a_peripheral(build_c: Build) -> None:
     for gate in ("WORD(0x40048030) |= 1u << 24;", "WORD(0x4004803C) |= 1u << 26;"):  # FTM2: SCGC3 or SCGC6
-        board = VirtualK64F(build_c(program(f"{gate} WORD(0x4003A000) = 8;")))
+        board = VirtualK64F(build_c(program(f"{gate} WORD(0x4003A008) = 8; after = WORD(0x4003A008);")))
         board.run_until(0.001)
-        assert [access.register for access in board.unmodelled] == ["FTM2_SC"]
+        assert word(board, "after") == 8
 
 
 def test_a_status_bit_that_never_comes_is_named(build_c: Build) -> None:
-    open_gate = "WORD(0x4004803C) |= 1u << 27;"
-    board = VirtualK64F(build_c(program(f"{open_gate} while (!(WORD(0x4003B000) & 0x80)) {{}}")))
+    board = VirtualK64F(build_c(program(f"{PDB0_ON} while (!(WORD(0x40036000) & 0x40)) {{}}")))
+    board.tell(lambda _line: None)
     board.run_until(0.002)
-    expected = ", polling ADC0_SC1A at 0x4003b000, which is not modelled"
+    expected = ", polling PDB0_SC at 0x40036000, which is not modelled"
     assert board.position().startswith("executing timer_init (program.c:")
     assert board.position().endswith(expected)
+
+
+WAITS = f"{PDB0_ON} while (!(WORD(0x40036000) & 0x40)) {{ after = WORD(0x40036008); }}"
+
+
+def test_who_waits_for_a_register_that_is_not_modelled_is_told_so_once(build_c: Build) -> None:
+    board = VirtualK64F(build_c(program(WAITS)))
+    told: list[str] = []
+    board.tell(told.append)
+    board.run_until(0.02)
+    told.sort()
+    assert len(told) == 2  # the one that it waits for, and the one that it reads meanwhile
+    assert told[1].startswith("firmware waits for PDB0_SC at 0x40036000, which is not modelled, at 0x")
+    assert " in timer_init (program.c:" in told[1]
+
+
+def test_without_anyone_to_tell_it_is_a_warning(build_c: Build) -> None:
+    board = VirtualK64F(build_c(program(f"{PDB0_ON} while (!(WORD(0x40036000) & 0x40)) {{}}")))
+    with pytest.warns(UnmodelledWarning, match=r"waits for PDB0_SC at 0x40036000, which is not modelled, at .*timer_"):
+        board.run_until(0.02)
+
+
+def test_a_called_function_that_waits_for_one_says_so(build_c: Build) -> None:
+    board = VirtualK64F(build_c(program(WAITS)))
+    board.tell(lambda _line: None)
+    board.run_until(0.001)
+    polling = r"did not return within .*, polling PDB0_.*, which is not modelled at .*timer_init"
+    with pytest.raises(BoardFault, match=polling):
+        board.call("timer_init", timeout_s=0.01)
+
+
+def test_reading_a_register_again_after_writing_is_no_wait(build_c: Build) -> None:
+    body = f"{PDB0_ON} for (int i = 0; i < 4000; i++) {{ after = WORD(0x40036000); WORD(0x40036004) = i; }}"
+    board = VirtualK64F(build_c(program(body)))
+    told: list[str] = []
+    board.tell(told.append)
+    board.run_until(0.02)
+    assert told == []
+    assert word(board, "after") == 0
 
 
 def test_the_chips_tables_are_whole() -> None:

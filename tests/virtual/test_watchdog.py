@@ -71,6 +71,33 @@ def test_one_that_is_handled_wrongly_does(build_c: Build, body: str) -> None:
     assert word(board, "starts") == 2
 
 
+def test_a_test_counts_the_bus_clock(build_c: Build) -> None:
+    board = board_of(build_c, "unlock(); TOVALH = 1; TOVALL = 0; PRESC = 0; STCTRLH = 0x0411u;")
+    board.run_until(65_000 / OUT_OF_RESET_HZ)
+    assert word(board, "starts") == 1
+    board.run_until(67_000 / OUT_OF_RESET_HZ)
+    assert word(board, "starts") == 2
+
+
+@pytest.mark.parametrize(("after", "resets"), [(40, True), (60, False)])
+def test_serving_it_before_its_window_opens_is_a_reset(build_c: Build, after: int, resets: bool) -> None:
+    window = "HALF(0x40052008) = 0; HALF(0x4005200A) = 50; STCTRLH = 0x01D9u;"  # of 100 ms, by the oscillator of 1 kHz
+    wait = f"while (HALF(0x40052012) < {after}) {{}} refresh(); while (HALF(0x40052012) > 10) {{}}"
+    board = board_of(build_c, f"unlock(); TOVALH = 0; TOVALL = 100; PRESC = 0; {window} {wait}")
+    board.run_until(0.065)
+    assert word(board, "starts") == (2 if resets else 1)
+
+
+def test_it_counts_how_often_it_has_reset_the_part(build_c: Build) -> None:
+    counting = "TOVALH = 0; TOVALL = 5; PRESC = 0; STCTRLH = 0x01D1u; if (HALF(0x40052014) == 3) HALF(0x40052014) = 3;"
+    board = board_of(build_c, f"unlock(); sources = HALF(0x40052014); {counting}")
+    seen = []
+    for turn in range(5):
+        board.run_until((turn + 0.5) * 0.005)
+        seen.append(word(board, "sources"))
+    assert seen == [0, 1, 2, 3, 1]
+
+
 def test_its_time_and_clock_are_what_firmware_sets(build_c: Build) -> None:
     # 25 ticks of the oscillator of 1 kHz, not divided: 25 ms after it was set up.
     board = board_of(build_c, "unlock(); TOVALH = 0; TOVALL = 25; PRESC = 0; STCTRLH = 0x01D1u;")

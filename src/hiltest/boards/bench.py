@@ -84,6 +84,7 @@ class VirtualBench:
             load_image(self.firmware, base=base), i2c0=sensors["i2c0"], i2c1=sensors["i2c1"], profile=_timing_of(rig),
             strict=firmware is None, memory=MK64FN1M0, seed=self.seed, flash_file=flash_file,
         )  # fmt: skip
+        self.machine.warm_by(lambda: self.temperature_degc)
         self._parts = {(bus, part.address): part for bus in (0, 1) for part in sensors[f"i2c{bus}"]}
         for described in (PARTS[name] for name in rig.world.fitted):
             int1, int2 = described.pins

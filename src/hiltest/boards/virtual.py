@@ -64,6 +64,7 @@ class VirtualBoard(Board):
                     f"{bench.rig.path}: cycles.{calibrator} names {function!r}, and {bench.machine.image.name} has no "
                     "such function; name one of its symbols"
                 )
+        bench.machine.may_rest = False  # an answer is awaited: what no longer can come is said at once
         bench.power_on()
         port = _Port()
         port.port = "hil://"

@@ -71,6 +71,7 @@ def profile(
     given = [parse_argument(text) for text in arguments]
     values = deepcopy(given)
     image = ProfiledImage(path, timing=timing or DEFAULT_PROFILE, memory=memory)
+    image.tell(lambda line: click.echo(line, err=True))
     called = image.call(function, *values, timeout_s=timeout_s)
     document = documents.document(called, path, arguments, given, values, memory=image.memory)
     if folded is not None:

@@ -145,6 +145,7 @@ def _bench(
         described, firmware=Path(firmware) if firmware else None, seed=int(seed) if seed else None,
         base=None if base is None else address(base), flash_file=Path(flash_file) if flash_file else None,
     )  # fmt: skip
+    bench.machine.tell(_tell)
     for uart in bench.machine.uarts:
         uart.line_baud = baud or described.link.baud
     return bench

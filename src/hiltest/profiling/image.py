@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from copy import deepcopy
 from pathlib import Path
 
@@ -42,6 +43,10 @@ class ProfiledImage:
     def memory(self) -> MemoryMap:
         """Where its memories are."""
         return self._board.memory
+
+    def tell(self, told: Callable[[str], None]) -> None:
+        """Say who is told of a register that the function waits for and that is not modelled."""
+        self._board.tell(told)
 
     def call(self, function: str, *arguments: Argument, timeout_s: float = HANG_S) -> CallProfile:
         """Call a function with interrupts masked, without booting; its data is what the ELF says, each time.

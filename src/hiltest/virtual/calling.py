@@ -118,7 +118,8 @@ def call_function(
     try:
         if not processor.run(Event(cycles + hang_cycles)):
             allowed = f"{hang_cycles} cycles (--timeout, timeout_s= give it more)"
-            raise processor.fault(f"hang: {symbol} did not return within {allowed}", registers.pc.get())
+            cause = f"hang: {symbol} did not return within {allowed}{processor.waits_for()}"
+            raise processor.fault(cause, registers.pc.get())
         value = _result(processor, signature)
         scratch.fetch()
     finally:

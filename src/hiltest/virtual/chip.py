@@ -50,16 +50,29 @@ class ChipPeripheral:
     requests: tuple[int, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class ChipPin:
+    """One signal of a pin such as ``PTC5``, and the function of its multiplexer that selects it."""
+
+    port: str
+    number: int
+    function: int
+    signal: str
+
+
 class Chip:
     """The part's peripherals.
 
     Parameters
     ----------
     peripherals : tuple of ChipPeripheral
+    pins : tuple of ChipPin
+        Signals that pins may carry: of the timers, on the pins that the FRDM-K64F's headers have.
     """
 
-    def __init__(self, peripherals: tuple[ChipPeripheral, ...]) -> None:
+    def __init__(self, peripherals: tuple[ChipPeripheral, ...], pins: tuple[ChipPin, ...]) -> None:
         self.peripherals = peripherals
+        self.pins = pins
         self._registers = {
             address: register
             for peripheral in peripherals
@@ -127,4 +140,7 @@ def mk64f12() -> Chip:
         scgc = tuple((int(register), int(bit)) for register, bit in gates)
         interrupts, requests = (tuple(map(int, row[column].split())) for column in ("interrupts", "requests"))
         peripherals.append(ChipPeripheral(name, base, int(row["size"], 0), scgc, registers, interrupts, requests))
-    return Chip(tuple(peripherals))
+    pins = (
+        ChipPin(row["pin"][2], int(row["pin"][3:]), int(row["function"]), row["signal"]) for row in _rows("pins.csv")
+    )
+    return Chip(tuple(peripherals), tuple(pins))

@@ -27,11 +27,12 @@ from hiltest.virtual.instructions import Instruction
 from hiltest.virtual.interrupt import deferred_interrupt
 from hiltest.virtual.memory import FLASH, MK64FN1M0, SRAM, BoardMemory, MemoryMap
 from hiltest.virtual.native import by_block
-from hiltest.virtual.nvic import SVCALL, SYSTICK, EventRegister, Nvic
+from hiltest.virtual.nvic import SVCALL, EventRegister, Nvic
 from hiltest.virtual.registers import CoreRegisters
 from hiltest.virtual.schedule import Event, Schedule
 from hiltest.virtual.timing import TimingProfile
 from hiltest.virtual.traps import Traps
+from hiltest.virtual.waiting import Waiting
 
 RETURN_ADDRESS = 0x1FFEF000  # where a called function returns to: an executable page that the part does not have
 _SLICE_CYCLES = 4_000_000  # the longest stretch without looking at the wall clock or Ctrl-C
@@ -59,6 +60,8 @@ class Processor:
         What was delivered to the firmware's fault handlers.
     delivers_faults : bool
         Whether faults enter those handlers; otherwise each ends the run.
+    waits_for : callable
+        Answers the register that is not modelled and is read over and over, if one is, else nothing.
     """
 
     def __init__(
@@ -76,10 +79,9 @@ class Processor:
         self.exceptions = ExceptionUnit(self.registers, self.memory, self.nvic)
         self.fault_log = FaultLog()
         self.delivers_faults = False
+        self.waits_for: Callable[[], str] = lambda: ""
         self.event_register = EventRegister(self.nvic)
-        self.sleeping = False
-        self._waits_for_event = False  # asleep in WFE
-        self.sleeps_on_exit = False  # SCR.SLEEPONEXIT
+        self.waiting = Waiting(self.exceptions, self.nvic, self.event_register, self.schedule, self.fault_log)
         self.idle_cycles = 0
         self.traps = Traps(self.engine, self.registers, self.memory, stop=self._stop, abort=self.abort)
         self._error: BaseException | None = None
@@ -112,6 +114,15 @@ class Processor:
             self.accounting.translated(block.contents.pc, block.contents.size)
         except BaseException as error:  # re-raised by `run`; ctypes would print and drop it
             self.abort(error)
+
+    @property
+    def sleeping(self) -> bool:
+        """Whether it is in WFI or WFE."""
+        return self.waiting.sleeping
+
+    @sleeping.setter
+    def sleeping(self, sleeps: bool) -> None:
+        self.waiting.sleeping = sleeps
 
     # -- time ---------------------------------------------------------------------------------
 
@@ -192,7 +203,7 @@ class Processor:
             return False
         if suspects:
             self.look_soon()  # what counts must not take it from this block that the next ones are good
-        if block.loops_to_itself and not self._can_leave_loop():
+        if block.loops_to_itself and not (self.waiting.rests(self.delivers_faults) or self.waiting.can_leave_loop()):
             self._error = self._hang("a loop to itself that no interrupt can end", block.address)
             return False
         if block.sends_event:
@@ -212,11 +223,6 @@ class Processor:
 
     def _misaligned(self, block: CodeBlock) -> bool:
         return any(value & 3 for value in self.registers.cores(block.alignment.registers).read())
-
-    def _can_leave_loop(self) -> bool:
-        ceiling = self.exceptions.ceiling()
-        timed = self.schedule.wakes_ever and self.nvic.preempts(SYSTICK, ceiling)
-        return timed or self.nvic.can_ever_wake(ceiling)
 
     def _call_supervisor(self) -> bool:
         if not self.nvic.preempts(SVCALL, self.exceptions.ceiling()):
@@ -288,6 +294,7 @@ class Processor:
             The processor met a fault or hung.
         """
         schedule, accounting = self.schedule, self.accounting
+        self.waiting.has_end = math.isfinite(until.at_cycle)
         with deferred_interrupt(self.look_soon) as interrupted:
             while True:
                 now = accounting.cycles
@@ -304,12 +311,11 @@ class Processor:
         self.nvic.changed = False
         if not self.nvic.pending:
             return
+        if self.waiting.gated:
+            return
         ceiling, ceiling_asleep = self.exceptions.ceilings()
-        if self.sleeping and (
-            self.nvic.next_exception(ceiling=ceiling if self._waits_for_event else ceiling_asleep) is not None
-            or (self._waits_for_event and self.event_register.take())
-        ):
-            self.sleeping = False
+        if self.sleeping:
+            self.waiting.wake(ceiling, ceiling_asleep)
         active = len(self.nvic.active)
         fault = self.exceptions.take(ceiling)
         if len(self.nvic.active) > active:
@@ -319,14 +325,10 @@ class Processor:
 
     def _sleep(self, until_cycle: float) -> None:
         """Stay in WFI or WFE: jump to the next event, or to where the run ends."""
+        if self.waiting.is_endless(until_cycle):
+            cause = f"{self.waiting.instruction} with nothing that could wake the processor"
+            raise self._hang(cause, self.registers.pc.get())
         target = min(self.schedule.next_cycle, until_cycle)
-        ceiling, ceiling_asleep = self.exceptions.ceilings()
-        ceiling = ceiling if self._waits_for_event else ceiling_asleep
-        possible = self.nvic.preempts(SYSTICK, ceiling) or self.nvic.can_ever_wake(ceiling)
-        forever = math.isinf(until_cycle) and not self.schedule.wakes_ever
-        if forever or not (possible or (self._waits_for_event and self.event_register.on_pend)):
-            name = "WFE" if self._waits_for_event else "WFI"
-            raise self._hang(f"{name} with nothing that could wake the processor", self.registers.pc.get())
         jump = math.ceil(target) - self.cycles
         if jump > 0:
             self.idle_cycles += jump
@@ -368,8 +370,8 @@ class Processor:
                 self._deliver(Fault(FaultKind.INSTRUCTION_BUS, cause, branch))
             return not self.delivers_faults
         # Nothing asked it to stop: only WFI leaves the emulator by itself.
-        self._waits_for_event = self.traps.waits_for_event
-        self.sleeping = self._waits_for_event or not (self._stopped or self.accounting.stopped)
+        self.waiting.for_event = self.traps.waits_for_event
+        self.sleeping = self.waiting.for_event or not (self._stopped or self.accounting.stopped)
         return False
 
     def _settle(self, fault: Fault, pc: int) -> None:
@@ -390,7 +392,7 @@ class Processor:
         active = len(self.nvic.active)
         self.fault_log.returned(active)
         self.event_register.send()
-        self.sleeping = self.sleeps_on_exit and active == 0
-        self._waits_for_event = False
+        self.waiting.for_event = False
+        self.sleeping = self.waiting.sleeps_on_exit and active == 0
         self.accounting.cycles += self.profile.exception_return
         self.accounting.flush_pipeline()

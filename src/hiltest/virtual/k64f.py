@@ -25,6 +25,7 @@ from hiltest.virtual.memory_map import memory_map
 from hiltest.virtual.memory_waits import MemoryAccounting
 from hiltest.virtual.microcontroller import Microcontroller
 from hiltest.virtual.native import by_block
+from hiltest.virtual.peripherals.pins import Port
 from hiltest.virtual.peripherals.reset_control import ResetRequested, ResetSource
 from hiltest.virtual.peripherals.unmodelled import UnmodelledAccess
 from hiltest.virtual.procedure_call import Argument
@@ -84,6 +85,9 @@ class VirtualK64F:
     halted_s : float
         For how long it has been halted so far [s of wall time].
     bus : PeripheralBus
+    adc_volts : dict of (int, int) to float
+        Voltages of the converters' inputs by converter and channel, such as ``adc_volts[0, 12] = 1.2``; of a
+        differential channel between its pins. Others have 0 V.
 
     Raises
     ------
@@ -119,6 +123,7 @@ class VirtualK64F:
         self.clocks, self.uarts, self.timers = chip.clocks, chip.uarts, chip.timers
         self.uart0 = chip.uart0
         self.watchdog, self.cycle_counter = chip.watchdog, chip.cycle_counter
+        self.adc_volts = chip.adc_volts
         self._leds_and_buttons = LedsAndButtons(chip.ports, self.clocks.time_s)
         self.bus = chip.bus
         self.events = self._leds_and_buttons.events
@@ -130,6 +135,22 @@ class VirtualK64F:
     @property
     def _is_foreign(self) -> bool:
         return self.memory != MK64FN1M0
+
+    @property
+    def may_rest(self) -> bool:
+        """Whether firmware that ends in a loop to itself, without a fault, is at rest, and no hang."""
+        return self.processor.waiting.may_rest
+
+    @may_rest.setter
+    def may_rest(self, may: bool) -> None:
+        self.processor.waiting.may_rest = may
+
+    def tell(self, told: Callable[[str], None]) -> None:
+        """Say who is told, in a line, of a register that firmware waits for and that is not modelled.
+
+        Otherwise that is an `UnmodelledWarning`.
+        """
+        self._chip.unmodelled.told = told
 
     def lead_interrupts(self, bus: int, part: InterruptSource, *, int1: str | None, int2: str | None) -> None:
         """Connect the interrupt pins of a part.
@@ -147,6 +168,10 @@ class VirtualK64F:
         wires = InterruptWires(part, pins, self.clocks.time)
         self._chip.i2c_buses[bus].after_stop(part, wires.look)
         wires.look()
+
+    def warm_by(self, temperature_degc: Callable[[], float]) -> None:
+        """Say what answers the chip's temperature, which is 25 degC otherwise."""
+        self._chip.temperature_degc = temperature_degc
 
     # -- reset --------------------------------------------------------------------------------
 
@@ -233,6 +258,21 @@ class VirtualK64F:
         """Whether an LED (``LED red``, ``LED green``, ``LED blue``) is lit, or a button is pressed."""
         return self._leds_and_buttons.is_on(what)
 
+    def drive(self, pin: str, high: bool) -> None:
+        """Give a pin such as ``PTC5`` a level from outside."""
+        self._pin(pin)[0].drive(self._pin(pin)[1], high)
+
+    def level(self, pin: str) -> bool:
+        """Level of a pin such as ``PTC5``, whoever gives it; low while it is analog."""
+        port, number = self._pin(pin)
+        return bool(port.levels >> number & 1)
+
+    def _pin(self, name: str) -> tuple[Port, int]:
+        port = self._chip.ports.get(name[2:3])
+        if port is None or not (name.startswith("PT") and name[3:].isdecimal() and int(name[3:]) < 32):
+            raise ConfigError(f"the MK64FN1M0 has no pin {name!r}; write PTA0 to PTE31")
+        return port, int(name[3:])
+
     def position(self) -> str:
         """Say where the firmware is: sleeping, or executing which line, and in which fault's handler."""
         fault = self.processor.fault_log.first_cause
@@ -245,12 +285,12 @@ class VirtualK64F:
         function = self.image.function_at(pc)
         place = f"{function.name if function else hex(pc)} ({self.image.location_at(pc) or 'no line known'})"
         if self.processor.sleeping:
-            return f"asleep in {place}"
+            return f"asleep{self._chip.modes.describe()} in {place}"
         if self._loops_at(pc & ~1):
-            return f"hung, looping to itself in {place}"
-        polled = self._chip.unmodelled.polled
+            rests = self.may_rest and self.processor.waiting.in_thread
+            return f"{'at rest' if rests else 'hung'}, looping to itself in {place}"
         bitten = f", reset {self._chip.bites} times by its watchdog" if self._chip.bites else ""
-        return f"executing {place}" + (f", polling {polled}, which is not modelled" if polled else "") + bitten
+        return f"executing {place}{self.processor.waits_for()}{bitten}"
 
     def _loops_at(self, address: int) -> bool:
         """Whether a branch to itself stands there; what stands there may be the end of a memory, or nothing."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from hiltest.virtual.chip import ChipPeripheral, mk64f12
@@ -10,30 +10,39 @@ from hiltest.virtual.cpu import Processor
 from hiltest.virtual.flash_array import FlashArray
 from hiltest.virtual.flash_waits import FlashController
 from hiltest.virtual.i2c_bus import I2cBus, I2cDevice
-from hiltest.virtual.memory import MK64FN1M0
+from hiltest.virtual.memory import MK64FN1M0, SRAM
 from hiltest.virtual.memory_waits import MemoryAccounting
 from hiltest.virtual.peripherals.bus import Peripheral, PeripheralBus, StoredRegisters
 from hiltest.virtual.peripherals.clock_generator import ClockGenerator
 from hiltest.virtual.peripherals.clocks import ClockGates
+from hiltest.virtual.peripherals.converter import Converter
 from hiltest.virtual.peripherals.crc import CheckValue
 from hiltest.virtual.peripherals.cycle_counter import CycleCounter
 from hiltest.virtual.peripherals.dma import DmaController
 from hiltest.virtual.peripherals.dma_multiplexer import DmaMultiplexer
 from hiltest.virtual.peripherals.flash_control import FlashControl
 from hiltest.virtual.peripherals.flash_memory import FlashMemory
+from hiltest.virtual.peripherals.flex_timer import FlexTimer
 from hiltest.virtual.peripherals.i2c import I2c
+from hiltest.virtual.peripherals.low_power_timer import LowPowerTimer
 from hiltest.virtual.peripherals.pins import Gpio, Port
 from hiltest.virtual.peripherals.pit import PeriodicTimers
+from hiltest.virtual.peripherals.power_modes import PowerManagement, SystemModes, WakeUpUnit
 from hiltest.virtual.peripherals.random_number import RandomNumbers
+from hiltest.virtual.peripherals.real_time_clock import BatteryRegisters, RealTimeClock
 from hiltest.virtual.peripherals.reset_control import ResetControl, ResetRequested, ResetSource
 from hiltest.virtual.peripherals.system_control import SystemControlSpace
 from hiltest.virtual.peripherals.uart import Uart
 from hiltest.virtual.peripherals.unmodelled import UnmodelledLog, UnmodelledPage
 from hiltest.virtual.peripherals.watchdog import Watchdog
+from hiltest.virtual.pin_signals import PinSignal, PulseCounter
 
 # Firmware sets these up without an effect that it could see: their registers keep what is written, unreported.
-_STORED = ("OSC", "SMC", "SYSMPU", "PMC")
+_STORED = ("SYSMPU",)
 _WITH_FIFO = 2  # UART0 and UART1 have FIFOs and the core clock
+
+ROOM_DEGC = 25.0
+_VLLS3 = 3  # it keeps RAM; those below it lose all, VLLS2 here too
 
 
 class Microcontroller:
@@ -66,6 +75,10 @@ class Microcontroller:
         By letter.
     unmodelled : UnmodelledLog
     bus : PeripheralBus
+    adc_volts : dict of (int, int) to float
+        Voltages of the converters' inputs, by converter and channel; 0 V where there is none.
+    temperature_degc : callable
+        Answers the temperature of the chip.
     bites : int
         Resets by the watchdog since power-on.
     """
@@ -82,13 +95,15 @@ class Microcontroller:
         self.i2c_buses = tuple(I2cBus(parts) for parts in i2c)
         self.bites = 0
         self.unmodelled = UnmodelledLog(processor, self._chip)
+        processor.waits_for = lambda: self.unmodelled.polled
         generator = ClockGenerator()
         self.clocks = ClockGates(processor, generator)
         core = self._core_modules()
         self._peripherals: list[Peripheral] = [generator, self.clocks, *core, *self._chip_modules()]
+        self._peripherals += [*self._slow_modules(), *self._flex_timers(), *self._converters()]
         self._peripherals += [StoredRegisters(name, self._base(name), self._initial(name)) for name in _STORED]
-        sim = self._base("SIM")
-        self._peripherals.append(StoredRegisters("SIM (SOPT)", sim, self._chip.reset_bytes(sim)))
+        self._peripherals.append(self.clocks.options)
+        self._lead_pins(self.low_power_timer.signals)
         is_foreign = processor.memory.map != MK64FN1M0
         if is_foreign:  # what is around the processor is of another part, and nothing here is
             self._peripherals = core
@@ -126,7 +141,7 @@ class Microcontroller:
         masters = [
             I2c(processor, clocks, bus, modules[f"I2C{number}"]) for number, bus in enumerate(self.i2c_buses)
         ]
-        multiplexer = DmaMultiplexer(modules["DMAMUX"], self.timers)
+        self._multiplexer = multiplexer = DmaMultiplexer(modules["DMAMUX"], self.timers)
         self._dma = DmaController(processor, modules["DMA"], multiplexer)
         for uart in self.uarts:
             uart.on_request = multiplexer.set_request
@@ -144,6 +159,63 @@ class Microcontroller:
         clock = self.clocks.core if number < _WITH_FIFO else self.clocks.bus
         depth = 8 if number < _WITH_FIFO else 1
         return Uart(self._processor, self.clocks, clock, self._modules[f"UART{number}"], depth=depth)
+
+    def _slow_modules(self) -> list[Peripheral]:
+        """Make what counts while the processor is stopped, and what a battery keeps."""
+        processor, clocks, modules = self._processor, self.clocks, self._modules
+        self.low_power_timer = LowPowerTimer(processor, clocks, modules["LPTMR0"])
+        self.real_time_clock = RealTimeClock(processor, clocks, modules["RTC"])
+        files = [BatteryRegisters(modules[name]) for name in ("RFVBAT", "RFSYS")]
+        self._kept: list[LowPowerTimer | RealTimeClock | BatteryRegisters | Watchdog]
+        self._kept = [self.watchdog, self.low_power_timer, self.real_time_clock, *files]
+        return [*self._kept[1:], *self._power_modules()]
+
+    def _power_modules(self) -> list[Peripheral]:
+        """Make what sleep depends on."""
+        modules = self._modules
+        oscillator = StoredRegisters("OSC", self._base("OSC"), self._initial("OSC"))
+        self._power = PowerManagement("PMC", self._base("PMC"), self._initial("PMC"))
+        self._wake_up_unit = WakeUpUnit(modules["LLWU"], self._processor, self.ports)
+        self.modes = SystemModes(
+            modules["SMC"], self._processor, self.clocks, oscillator, self._wake_up_unit, self._wake_up
+        )
+        return [oscillator, self._power, self._wake_up_unit, self.modes]
+
+    def _flex_timers(self) -> list[FlexTimer]:
+        """Make the timers with channels, and lead those to their pins."""
+        inputs = {f"FTM_CLKIN{number}": PulseCounter() for number in range(2)}
+        self._lead_pins(inputs)
+        timers = [
+            FlexTimer(
+                self._processor, self.clocks, list(inputs.values()), self._modules[f"FTM{number}"],
+                self.unmodelled.note,
+            )
+            for number in range(4)
+        ]  # fmt: skip
+        for timer in timers:
+            self._lead_pins(timer.signals)
+        return timers
+
+    def _converters(self) -> list[Converter]:
+        """Make the converters, and lead to them what they convert."""
+        self.adc_volts: dict[tuple[int, int], float] = {}
+        self.temperature_degc: Callable[[], float] = lambda: ROOM_DEGC
+
+        def make(number: int) -> Converter:
+            module = self._modules[f"ADC{number}"]
+            converter = Converter(self._processor, self.clocks, module, self.unmodelled.note)
+            converter.volts = lambda channel: self.adc_volts.get((number, channel), 0.0)
+            converter.temperature_degc = lambda: self.temperature_degc()
+            converter.on_request = self._multiplexer.set_request
+            return converter
+
+        return [make(0), make(1)]
+
+    def _lead_pins(self, signals: Mapping[str, PinSignal]) -> None:
+        """Connect the modules' signals to the pins that may carry them."""
+        for pin in self._chip.pins:
+            if pin.signal in signals:
+                self.ports[pin.port].lead(pin.number, pin.function, signals[pin.signal])
 
     def _port(self, module: ChipPeripheral) -> Port:
         return Port(module, self._processor.nvic, self._chip.reset_bytes(module.base))
@@ -165,8 +237,14 @@ class Microcontroller:
 
     def reset(self, source: ResetSource) -> None:
         """Bring every peripheral to its state after a reset of the chip."""
+        if source is ResetSource.POWER_ON:
+            for kept in self._kept:
+                kept.power_on()
+        self._wake_up_unit.keeps = source is ResetSource.WAKE_UP
         for peripheral in self._peripherals:
             peripheral.reset()
+        if source is ResetSource.WAKE_UP:
+            self._power.isolate()
         self.reset_control.reset_by(source)
         self.watchdog.start()
 
@@ -176,6 +254,16 @@ class Microcontroller:
     def _bitten(self) -> None:
         self.bites += 1
         raise ResetRequested(ResetSource.WATCHDOG)  # the emulator stands still: nothing to abort
+
+    def _wake_up(self, vlls: int) -> None:
+        """Reset the part at the end of a VLLS mode, as soon as it runs."""
+
+        def wake() -> None:
+            if vlls < _VLLS3:
+                self._processor.memory.write(SRAM[0], bytes(SRAM[1]))
+            raise ResetRequested(ResetSource.WAKE_UP)
+
+        self._processor.schedule.at(self._processor.cycles, wake)
 
     # -- what is outside the chip -------------------------------------------------------------
 

@@ -6,6 +6,8 @@ SVCall, 14 PendSV, 15 SysTick, 16 + n external interrupt n.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 NMI, HARD_FAULT, MEM_MANAGE, BUS_FAULT, USAGE_FAULT = 2, 3, 4, 5, 6
 SVCALL, PENDSV, SYSTICK, FIRST_INTERRUPT = 11, 14, 15, 16
 INTERRUPTS = 86  # MK64F12
@@ -40,11 +42,14 @@ class Nvic:
         Exceptions being handled, the one that runs last.
     changed : bool
         Set when something may have become deliverable; the processor clears it.
+    on_line : callable
+        Told an external interrupt whose line goes high.
     newly_pending : bool
         Set when an exception becomes pending; whom that wakes clears it.
     """
 
     def __init__(self) -> None:
+        self.on_line: Callable[[int], None] = lambda _interrupt: None
         self.reset()
 
     def reset(self) -> None:
@@ -76,6 +81,7 @@ class Nvic:
             self.lines[interrupt] = level
             if level:
                 self.pend(FIRST_INTERRUPT + interrupt)
+                self.on_line(interrupt)
 
     def pend(self, exception: int) -> None:
         """Make an exception pending."""

@@ -1,7 +1,7 @@
 /*
  * Somebody else's firmware: no interrupts, no sleep, 9600 baud from the reset clock, a protocol of
  * its own. Answers each byte in upper case; '!' ends in an undefined instruction, '.' in a loop that
- * nothing can end.
+ * nothing can end, '?' in one that waits for a register.
  */
 #include <stdint.h>
 
@@ -23,7 +23,7 @@ static void set_up(void)
     BYTE(UART0 + 0x1) = 136u;
     BYTE(UART0 + 0xA) = 17u;
     BYTE(UART0 + 0x3) = 0x0Cu;
-    BYTE(0x4007C000) = 0x02u; /* LLWU_PE1: nothing here depends on it */
+    WORD(0x40004000) = 0x02u; /* AXBS_PRS0: nothing here depends on it */
 }
 
 static void send(uint8_t byte)
@@ -47,6 +47,8 @@ int main(void)
         if (byte == '.') {
             for (;;) {
             }
+        }
+        while (byte == '?' && (WORD(0x40004010) & 1u) == 0u) { /* AXBS_CRS0 */
         }
         send((byte >= 'a' && byte <= 'z') ? (uint8_t)(byte - 0x20u) : byte);
     }

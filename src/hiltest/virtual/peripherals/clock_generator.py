@@ -111,6 +111,17 @@ class ClockGenerator(StoredRegisters):
         return bool(self._bytes[_C1] & 2) or self.mode in (ClockMode.FBI, ClockMode.BLPI)
 
     @property
+    def internal_runs_in_stop(self) -> bool:
+        """Whether MCGIRCLK goes on in STOP: IREFSTEN."""
+        return self._bytes[_C1] & 3 == 3
+
+    def leave_stop(self, *, keeps_pll: bool) -> None:
+        """Go on from a stop: from PEE in PBE, unless PLLSTEN0 kept the PLL in one that allows it."""
+        if self.mode is ClockMode.PEE and not (keeps_pll and self._bytes[_C5] & 0x20):
+            self._bytes[_C1] = self._bytes[_C1] & 0x3F | 0x80
+            self._follow()
+
+    @property
     def _pll_runs(self) -> bool:
         enabled = self._bytes[_C6] & 0x40 or self._bytes[_C5] & 0x40  # PLLS, PLLCLKEN0
         return bool(enabled) and self.mode not in (ClockMode.BLPI, ClockMode.BLPE)

@@ -12,10 +12,10 @@ from hiltest.virtual.peripherals.bus import Peripheral, StoredRegisters
 from hiltest.virtual.peripherals.clock_generator import OSCILLATOR_HZ, RTC_HZ, ClockGenerator
 from hiltest.virtual.unique_id import VIRTUAL_UNIQUE_ID
 
-_SOPT2, _CLKDIV1 = 0x004, 0x044
+_SOPT1, _SOPT2, _CLKDIV1 = 0x000, 0x004, 0x044
 _SCGC_FIRST, _SCGC_LAST = 0x028, 0x040  # SCGC1..SCGC7 in the page at 0x40048000
 _LOW_POWER_OSCILLATOR_HZ = 1000
-_IRC48M_HZ = 48_000_000
+IRC48M_HZ = 48_000_000
 
 
 class ClockGates(StoredRegisters):
@@ -40,6 +40,8 @@ class ClockGates(StoredRegisters):
         OSCERCLK, 32.768 kHz, and the 1 kHz that always runs.
     time : Clock
         Virtual time in picoseconds since power-on.
+    options : StoredRegisters
+        SIM, first page.
     on_gates : callable
         Told that gates may have opened or closed.
     """
@@ -50,7 +52,12 @@ class ClockGates(StoredRegisters):
         self.core, self.bus, self.flexbus, self.flash = self._clocks(4)
         self.pll_fll, self.internal, self.fixed = self._clocks(3)
         self.oscillator, self.rtc, self.low_power, self.time = self._clocks(4)
+        self._none = self._clocks(1)[0]
         self._rates: dict[Clock, Fraction] = {}
+        self._made_core_hz = Fraction(0)
+        self.options = StoredRegisters("SIM (SOPT)", 0x40047000, mk64f12().reset_bytes(0x40047000))
+        self._crystal_runs = False
+        self._stopped: set[Clock] = set()
         generator.on_change = self._derive
         self._gated: list[tuple[Peripheral, list[tuple[int, int]]]] = []
         self.on_gates: Callable[[], None] = lambda: None
@@ -72,6 +79,7 @@ class ClockGates(StoredRegisters):
 
     def reset(self) -> None:
         """Close every gate but those that are open out of reset."""
+        self._stopped = set()
         super().reset()
         self._derive()
         self._open_gates()
@@ -105,6 +113,34 @@ class ClockGates(StoredRegisters):
         """Virtual time since power-on, inside a peripheral's access too [s]."""
         return self.time.now() / PICOSECONDS
 
+    @property
+    def crystal_runs(self) -> bool:
+        """Whether the RTC has switched its oscillator on."""
+        return self._crystal_runs
+
+    @crystal_runs.setter
+    def crystal_runs(self, runs: bool) -> None:
+        self._crystal_runs = runs
+        self._derive()
+
+    def stop(self, *, external_runs: bool) -> None:
+        """Let core, bus and all that the generator makes stand still, as in STOP; OSCERCLK as OSC_CR says."""
+        self._stopped = {self.core, self.bus, self.flexbus, self.flash, self.pll_fll, self.fixed}
+        self._stopped |= set() if self._generator.internal_runs_in_stop else {self.internal}
+        self._stopped |= set() if external_runs else {self.oscillator}
+        self._derive()
+
+    def go_on(self, *, from_stop: bool) -> None:
+        """Let all clocks run again; the PLL has lost its lock, unless it was kept in STOP."""
+        self._stopped = set()
+        self._generator.leave_stop(keeps_pll=from_stop)
+        self._derive()
+
+    @property
+    def slow_external(self) -> Clock:
+        """ERCLK32K, as SOPT1 selects; the system oscillator's 50 MHz are not for it."""
+        return {2: self.rtc, 3: self.low_power}.get(self.options.word(_SOPT1) >> 18 & 3, self._none)
+
     def _derive(self) -> None:
         """Find every rate; those that have changed hold from now on."""
         made, dividers, source = self._generator, self.word(_CLKDIV1), self.word(_SOPT2) >> 16 & 3
@@ -113,15 +149,19 @@ class ClockGates(StoredRegisters):
             for divided, shift in ((self.core, 28), (self.bus, 24), (self.flexbus, 20), (self.flash, 16))
         }
         rates |= {
-            self.pll_fll: {0: made.fll_hz, 1: made.pll_hz}.get(source, Fraction(_IRC48M_HZ)),
+            self.pll_fll: {0: made.fll_hz, 1: made.pll_hz}.get(source, Fraction(IRC48M_HZ)),
             self.internal: made.internal_hz if made.internal_runs else Fraction(0),
-            self.fixed: made.reference_hz, self.oscillator: Fraction(OSCILLATOR_HZ), self.rtc: Fraction(RTC_HZ),
+            self.fixed: made.reference_hz, self.oscillator: Fraction(OSCILLATOR_HZ),
+            self.rtc: Fraction(RTC_HZ if self._crystal_runs else 0),
             self.low_power: Fraction(_LOW_POWER_OSCILLATOR_HZ), self.time: Fraction(PICOSECONDS),
         }  # fmt: skip
-        if rates == self._rates:
+        made_core_hz = rates[self.core]  # time is counted in its cycles, also while it stands still
+        rates |= dict.fromkeys(self._stopped, Fraction(0))
+        if rates == self._rates and made_core_hz == self._made_core_hz:
             return
+        self._made_core_hz = made_core_hz
         self._rates = rates
         now = self._processor.now()
         for clock, hz in rates.items():
-            clock.run_at(hz, rates[self.core], now)
+            clock.run_at(hz, made_core_hz, now)
         self._processor.schedule.replan()

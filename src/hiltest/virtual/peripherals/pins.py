@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from hiltest.virtual.chip import ChipPeripheral
 from hiltest.virtual.nvic import Nvic
 from hiltest.virtual.peripherals.bus import StoredRegisters
+from hiltest.virtual.pin_signals import PinSignal
 
 _GPCLR, _GPCHR, _ISFR = 0x80, 0x84, 0xA0
 _PDOR, _PSOR, _PCOR, _PTOR, _PDIR, _PDDR = range(0, 0x18, 4)
@@ -34,9 +35,11 @@ class Port(StoredRegisters):
     levels : int
         Bit n is the level of pin n.
     driven_low : int
-        Pins that the processor, as GPIO, pulls low.
+        Pins that the processor pulls low.
     on_change : callable
         Told after levels or `driven_low` have changed.
+    on_levels : callable
+        Told which pins rose and which fell.
     """
 
     def __init__(self, module: ChipPeripheral, nvic: Nvic, initial: dict[int, int]) -> None:
@@ -47,6 +50,9 @@ class Port(StoredRegisters):
         self.levels = 0
         self.driven_low = 0
         self.on_change: Callable[[Port], None] = lambda _port: None
+        self.on_levels: Callable[[int, int], None] = lambda _rose, _fell: None
+        self._signals: dict[tuple[int, int], PinSignal] = {}  # by pin and what its multiplexer selects
+        self._carried: dict[int, PinSignal] = {}  # by pin
         super().__init__(module.name, module.base, initial)
 
     def reset(self) -> None:
@@ -64,6 +70,11 @@ class Port(StoredRegisters):
         self._outside |= 1 << pin
         self._outside_high = self._outside_high & ~(1 << pin) | high << pin
         self._settle()
+
+    def lead(self, pin: int, function: int, signal: PinSignal) -> None:
+        """Connect a signal of a peripheral to a pin, for when its multiplexer selects that function."""
+        self._signals[pin, function] = signal
+        signal.settle.append(self._settle)
 
     # -- PORT ---------------------------------------------------------------------------------
 
@@ -108,21 +119,48 @@ class Port(StoredRegisters):
             self._edge_down |= bit if condition in (_IRQC_FALLING, _IRQC_EITHER) else 0
             self._at_low |= bit if condition == _IRQC_LOW else 0
             self._at_high |= bit if condition == _IRQC_HIGH else 0
+        self._connect()
         self._settle()
+
+    def _connect(self) -> None:
+        """Carry the signals that the multiplexers select."""
+        before = self._carried
+        self._carried = {
+            pin: signal
+            for (pin, function), signal in self._signals.items()
+            if self.word(4 * pin) >> 8 & 7 == function
+        }
+        for pin, signal in before.items():
+            if self._carried.get(pin) is not signal:
+                signal.pins -= 1
+                signal.on_pins()
+        for pin, signal in self._carried.items():
+            if before.get(pin) is not signal:
+                signal.pins += 1
+                signal.on_pins()
 
     def _settle(self) -> None:
         """Find every pin's level, and what follows from it."""
         before, driven_before = self.levels, self.driven_low
-        driving = self._direction & self._gpio
+        driving, output = self._direction & self._gpio, self._output
+        for pin, signal in self._carried.items():
+            if signal.driven is not None:
+                driving |= 1 << pin
+                output = output & ~(1 << pin) | signal.driven << pin
         resting = self._outside & self._outside_high | ~self._outside & self._pull_up
-        self.levels = (driving & self._output | ~driving & resting) & self._digital
-        self.driven_low = driving & ~self._output
+        self.levels = (driving & output | ~driving & resting) & self._digital
+        self.driven_low = driving & ~output
         rose, fell = self.levels & ~before, before & ~self.levels
         self._flags |= rose & self._edge_up | fell & self._edge_down
         self._flags |= (self.levels & self._at_high | ~self.levels & self._at_low) & self._digital
         self._nvic.set_line(self._interrupt, bool(self._flags))
         if rose or fell or self.driven_low != driven_before:
             self.on_change(self)
+        if rose or fell:
+            self.on_levels(rose, fell)
+        for pin, signal in self._carried.items():
+            if signal.driven is None and (rose | fell) >> pin & 1:
+                signal.on_level(bool(rose >> pin & 1))
 
     # -- GPIO ---------------------------------------------------------------------------------
 

@@ -14,13 +14,15 @@ class ResetSource(Enum):
     WATCHDOG = 0x0020
     PIN = 0x0040
     SOFTWARE = 0x0400
+    WAKE_UP = 0x0001
 
 
 class ResetRequested(Exception):
-    """Request to reset the part: by AIRCR, or by the watchdog."""
+    """Request to reset the part: by AIRCR, by the watchdog, or by what ends VLLS."""
 
     def __init__(self, source: ResetSource) -> None:
-        super().__init__("the watchdog reset it" if source is ResetSource.WATCHDOG else "the firmware reset itself")
+        by = {ResetSource.WATCHDOG: "the watchdog reset it", ResetSource.WAKE_UP: "a wake-up from VLLS reset it"}
+        super().__init__(by.get(source, "the firmware reset itself"))
         self.source = source
 
 

@@ -15,7 +15,7 @@ _CPUID = 0x410FC241  # Cortex-M4 r0p1
 _ICSR, _VTOR, _AIRCR, _SCR, _CCR, _SHPR1, _CPACR = 0xD04, 0xD08, 0xD0C, 0xD10, 0xD14, 0xD18, 0xD88
 _DEMCR, _STIR, _FPCCR, _FPCAR = 0xDFC, 0xF00, 0xF34, 0xF38
 _CCR_STKALIGN, _CCR_DIV_0_TRP, _CCR_NONBASETHRDENA = 1 << 9, 1 << 4, 1 << 0
-_SCR_SLEEPONEXIT, _SCR_SEVONPEND = 1 << 1, 1 << 4
+_SCR_SLEEPONEXIT, _SCR_SLEEPDEEP, _SCR_SEVONPEND = 1 << 1, 1 << 2, 1 << 4
 _ICSR_SETS = {31: NMI, 28: PENDSV, 26: SYSTICK}  # the bit below the last two clears
 _FPU_FULL_ACCESS = 0xF << 20
 _TRCENA = 1 << 24
@@ -130,7 +130,8 @@ class SystemControlSpace:
         self._systick.reset()
         self._stored: dict[int, int] = {_CCR: _CCR_STKALIGN}
         self._processor.fpu_enabled = False
-        self._processor.sleeps_on_exit = False
+        waiting = self._processor.waiting
+        waiting.sleeps_on_exit = waiting.sleeps_deeply = False
         self._processor.event_register.reset()
         self._processor.trap_division_by_zero(False)
 
@@ -232,7 +233,8 @@ class SystemControlSpace:
                 processor.fpu_enabled = value & _FPU_FULL_ACCESS == _FPU_FULL_ACCESS
                 processor.look_soon()  # what counts may not ask again before each block that uses it
             elif offset == _SCR:
-                processor.sleeps_on_exit = bool(value & _SCR_SLEEPONEXIT)
+                processor.waiting.sleeps_on_exit = bool(value & _SCR_SLEEPONEXIT)
+                processor.waiting.sleeps_deeply = bool(value & _SCR_SLEEPDEEP)
                 processor.event_register.on_pend = bool(value & _SCR_SEVONPEND)
             elif offset == _CCR:
                 processor.exceptions.base_thread_enabled = bool(value & _CCR_NONBASETHRDENA)

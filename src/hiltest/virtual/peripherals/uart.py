@@ -127,7 +127,7 @@ class Uart:
 
     def _arrive(self, ps: int) -> None:
         byte = self._incoming.popleft()
-        if self.clocked and self._registers[_C2] & _RE:
+        if self.clocked and self._clock.hz and self._registers[_C2] & _RE:  # it stands still in STOP
             if self._garbled():
                 byte ^= 0xFF
                 self._flags |= _FE

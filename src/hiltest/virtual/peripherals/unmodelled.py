@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import warnings
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from hiltest.virtual.chip import Chip, ChipPeripheral
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.peripherals.bus import StoredRegisters
 
-_POLLED_READS = 1000  # reads of one register in a row, with no write between: more than any driver needs for its value
+_POLLED_READS = 1000  # reads of one register by one instruction, with no write between: more than any driver needs
+
+
+class UnmodelledWarning(UserWarning):
+    """Firmware waits for a register that is not modelled."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +59,7 @@ class UnmodelledAccess:
 
 
 class UnmodelledLog:
-    """Accesses to unmodelled registers, each register once, and the one that is being polled.
+    """Accesses to unmodelled registers, each register once, and the one that firmware waits for.
 
     Parameters
     ----------
@@ -66,16 +72,20 @@ class UnmodelledLog:
     ----------
     listens : bool
         Whether accesses are noted: a debugger's are not.
+    told : callable
+        Told, in a line and once for each place, what firmware waits for.
     """
 
     def __init__(self, processor: Processor, chip: Chip) -> None:
         self.listens = True
+        self.told: Callable[[str], None] = lambda line: warnings.warn(line, UnmodelledWarning, stacklevel=2)
         self._processor = processor
         self._chip = chip
         self._first: dict[str, UnmodelledAccess] = {}
         self._count: Counter[str] = Counter()
-        self._last_read = 0
-        self._reads = 0
+        self._reads: dict[tuple[int, int], int] = {}  # since anything was written, by address and instruction
+        self._last = 0, 0
+        self._known: set[tuple[int, int]] = set()
 
     @property
     def accesses(self) -> tuple[UnmodelledAccess, ...]:
@@ -84,17 +94,21 @@ class UnmodelledLog:
 
     @property
     def polled(self) -> str:
-        """The register that is read over and over, if one is, else nothing."""
-        if self._reads < _POLLED_READS:
+        """Words on the register that is read over and over, if one is, else nothing."""
+        if self._reads.get(self._last, 0) < _POLLED_READS:
             return ""
-        return f"{self._chip.register_name(self._last_read)} at 0x{self._last_read:08x}"
+        address = self._last[0]
+        return f", polling {self._chip.register_name(address)} at 0x{address:08x}, which is not modelled"
 
     def note(self, address: int, size: int, written: int | None) -> None:
         """Take note of an access."""
         if not self.listens:
             return
-        self._reads = self._reads + 1 if written is None and address == self._last_read else 1
-        self._last_read = address if written is None else 0
+        self._last = address, self._processor.registers.pc.get()
+        if written is None:
+            self._add_reads(1)
+        else:
+            self._reads.clear()
         name = self._chip.register_name(address) or f"0x{address:08x}"
         self._add(name, address, written, size, "kept")
 
@@ -107,7 +121,17 @@ class UnmodelledLog:
         if name in self._first:
             return
         place = self._processor.place(self._processor.registers.pc.get())
-        self._first[name] = UnmodelledAccess(name, address, written, size, place, self._processor.now(), outcome=outcome)
+        now = self._processor.now()
+        self._first[name] = UnmodelledAccess(name, address, written, size, place, now, outcome=outcome)
+
+    def _add_reads(self, reads: int) -> None:
+        """Take note of reads by the instruction that read last; those that show that firmware waits are told."""
+        address, pc = self._last
+        self._reads[self._last] = self._reads.get(self._last, 0) + reads
+        if self._reads[self._last] >= _POLLED_READS and self._last not in self._known:
+            self._known.add(self._last)
+            name, place = self._chip.register_name(address), self._processor.place(pc)
+            self.told(f"firmware waits for {name} at 0x{address:08x}, which is not modelled, at {place}")
 
 
 class UnmodelledPage(StoredRegisters):

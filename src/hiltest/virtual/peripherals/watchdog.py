@@ -12,8 +12,9 @@ from hiltest.virtual.peripherals.clocks import ClockGates
 from hiltest.virtual.schedule import Event
 
 _BASE = 0x40052000
-_STCTRLH, _TOVALH, _TOVALL, _REFRESH, _UNLOCK, _PRESC = 0x00, 0x04, 0x06, 0x0C, 0x0E, 0x16
-_WDOGEN, _CLKSRC = 1, 2
+_STCTRLH, _TOVALH, _TOVALL, _WINH, _WINL, _REFRESH, _UNLOCK = 0x00, 0x04, 0x06, 0x08, 0x0A, 0x0C, 0x0E
+_TMROUTH, _TMROUTL, _RSTCNT, _PRESC = 0x10, 0x12, 0x14, 0x16
+_WDOGEN, _CLKSRC, _WINEN, _TESTWDOG = 1, 2, 8, 0x400
 _UNLOCKING, _REFRESHING = [0xC520, 0xD928], [0xA602, 0xB480]
 _LOW_POWER_OSCILLATOR_HZ = 1000
 _WINDOW_BUS_CLOCKS = 256  # WCT: so long may be set up, register by register; then all of it counts
@@ -22,8 +23,9 @@ _WINDOW_BUS_CLOCKS = 256  # WCT: so long may be set up, register by register; th
 class Watchdog(StoredRegisters):
     """The watchdog timer.
 
-    It is not as strict as the part: its windows (for set-up, for the second word of a sequence, WINEN) are
-    open all the time, a wrong word is no reset, and there is no interrupt before the reset (IRQRSTEN).
+    It is not as strict as the part: its windows for set-up and for the second word of a sequence are open all
+    the time, a wrong word is no reset, there is no interrupt before the reset (IRQRSTEN), and a test of its
+    bytes takes as long as the quick test.
 
     Parameters
     ----------
@@ -37,7 +39,12 @@ class Watchdog(StoredRegisters):
         self._clocks = clocks
         self._bite = bite
         self._event: Event | None = None
+        self._resets = 0
         super().__init__("WDOG", _BASE, mk64f12().reset_bytes(_BASE))
+
+    def power_on(self) -> None:
+        """Forget how often it has reset the part."""
+        self._resets = 0
 
     def reset(self) -> None:
         """Return to the state after a chip reset, not counting yet."""
@@ -65,6 +72,13 @@ class Watchdog(StoredRegisters):
         # Nothing waits for a watchdog: what sleeps for ever or loops to itself is a hang, reported at once.
         self._event = self._clock.at(self._due, self._look, wakes=False)
 
+    def read(self, offset: int, size: int) -> int:
+        """Answer registers; TMROUT is the count now, RSTCNT how often it has reset the part."""
+        if offset in (_TMROUTH, _TMROUTL):
+            count = self._count if self.enabled else 0
+            return count >> 16 if offset == _TMROUTH else count & 0xFFFF
+        return self._resets if offset == _RSTCNT else super().read(offset, size)
+
     def write(self, offset: int, size: int, value: int) -> None:
         """Take a write; STCTRLH only after the unlock sequence."""
         if offset == _UNLOCK:
@@ -72,10 +86,23 @@ class Watchdog(StoredRegisters):
         elif offset == _REFRESH:
             self._refresh = [*self._refresh[-1:], value]
             if self._refresh == _REFRESHING:
-                self.start()
+                self._serve()
+        elif offset == _RSTCNT:
+            self._resets &= ~value
         elif offset != _STCTRLH or self._unlock == _UNLOCKING:
             super().write(offset, size, value)
             self._set_up()
+
+    def _serve(self) -> None:
+        """Begin again; where there is a window, before it opens that is a reset."""
+        opens_at = self._half(_WINH) << 16 | self._half(_WINL)
+        if self.enabled and self._bytes[_STCTRLH] & _WINEN and self._count < opens_at:
+            self._end()
+        self.start()
+
+    def _end(self) -> None:
+        self._resets += 1
+        self._bite()
 
     def _set_up(self) -> None:
         """Count from the end of the window for setting up, by what counts now."""
@@ -93,17 +120,26 @@ class Watchdog(StoredRegisters):
 
     @property
     def _clock(self) -> Clock:
-        return self._clocks.bus if self._bytes[_STCTRLH] & _CLKSRC else self._clocks.low_power
+        fast = self._half(_STCTRLH) & (_CLKSRC | _TESTWDOG)  # a test counts the bus clock too
+        return self._clocks.bus if fast else self._clocks.low_power
+
+    @property
+    def _divider(self) -> int:
+        return (self._half(_PRESC) >> 8 & 7) + 1
+
+    @property
+    def _count(self) -> int:
+        """Divided ticks since it was served."""
+        return max(self._clock.now() - self._since, 0) // self._divider
 
     @property
     def _due(self) -> int:
         """End of its time-out, in ticks of the clock that it counts."""
-        ticks = (self._half(_TOVALH) << 16 | self._half(_TOVALL)) * ((self._half(_PRESC) >> 8 & 7) + 1)
-        return self._since + ticks
+        return self._since + (self._half(_TOVALH) << 16 | self._half(_TOVALL)) * self._divider
 
     def _look(self) -> None:
         self._event = None
         if self._due > self._clock.now():
             self._plan()
         else:
-            self._bite()
+            self._end()

@@ -1,0 +1,295 @@
+"""FTM: rounds of the counter, pulse widths and compares on pins, captures of pins, and when values are taken over."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.peripherals.flex_counter import FlexCounter
+
+from .conftest import Build
+from .test_exceptions import word
+
+BUS_HZ = 640 * 32_768  # out of reset
+HEAD = """
+#define WORD(address) (*(volatile unsigned *)(address))
+#define FTM(offset) WORD(0x40038000 + (offset))
+enum {
+    SC, CNT = 4, MOD = 8, C0SC = 12, C0V = 16, C1SC = 20, C1V = 24, CNTIN = 0x4C, STATUS = 0x50, MODE = 0x54,
+    SYNC = 0x58, OUTINIT = 0x5C, OUTMASK = 0x60, COMBINE = 0x64, POL = 0x70, QDCTRL = 0x80, CONF = 0x84,
+    SYNCONF = 0x8C, PWMLOAD = 0x98
+};
+volatile unsigned fired, seen, first, second, third;
+void Interrupt42_Handler(void) {
+    fired++; seen = FTM(STATUS);
+    FTM(SC) &= ~0x80u; FTM(STATUS) = 0;
+}
+static void begin(void) {
+    *(volatile unsigned short *)0x4005200E = 0xC520; *(volatile unsigned short *)0x4005200E = 0xD928;
+    *(volatile unsigned short *)0x40052000 = 0x1D2;
+    WORD(0x4004803C) |= 1u << 24; WORD(0x40048038) |= 0x1Fu << 9;
+    WORD(0x4004B004) = 4u << 8; WORD(0x4004B008) = 4u << 8; /* PTC1 and PTC2: FTM0_CH0 and FTM0_CH1 */
+    WORD(0xE000E104) = 1u << 10;
+}
+"""
+SLEEP = ' for (;;) { __asm__("wfi"); }'
+
+
+def board_of(build_c: Build, body: str) -> VirtualK64F:
+    return VirtualK64F(build_c(f"{HEAD}int main(void) {{ begin(); {body} {SLEEP} }}"))
+
+
+@pytest.mark.parametrize(
+    ("set_up", "control", "period_s"),
+    [
+        ("FTM(MOD) = 9999;", 0x48, 10_000 / BUS_HZ),
+        ("FTM(MOD) = 9999;", 0x4B, 80_000 / BUS_HZ),
+        ("FTM(MOD) = 99;", 0x50, 100 / 32_768),
+        ("FTM(MOD) = 5000;", 0x68, 10_000 / BUS_HZ),
+        ("FTM(MOD) = 5000; FTM(CNTIN) = 1000;", 0x68, 8000 / BUS_HZ),
+        ("FTM(CNTIN) = 0xFF00; FTM(MOD) = 0x00FF;", 0x4B, 512 * 8 / BUS_HZ),
+        ("", 0x48, 65_536 / BUS_HZ),
+        ("FTM(MOD) = 999; FTM(CONF) = 4;", 0x48, 5000 / BUS_HZ),
+    ],
+    ids=["up", "up, by 8", "fixed clock", "up and down", "from CNTIN and back", "from below zero", "free", "NUMTOF"],
+)
+def test_it_interrupts_once_a_round(build_c: Build, set_up: str, control: int, period_s: float) -> None:
+    board = board_of(build_c, f"{set_up} FTM(SC) = {control};")
+    board.run_until(0.005)
+    before, began_s, rounds = word(board, "fired"), board.time_s, 40
+    board.run_until(began_s + (rounds - 0.02) * period_s)
+    assert rounds - 1 <= word(board, "fired") - before <= rounds
+    board.run_until(began_s + (rounds + 0.02) * period_s)
+    assert rounds <= word(board, "fired") - before <= rounds + 1
+    board.run_until(board.time_s + 100 * period_s)
+    assert 139 <= word(board, "fired") - before <= 141
+    assert board.unmodelled == ()
+
+
+def test_it_counts_a_clock_that_comes_from_a_pin(build_c: Build) -> None:
+    # PTB16 as FTM_CLKIN0
+    board = board_of(build_c, "WORD(0x4004A040) = 4u << 8; FTM(MOD) = 2; FTM(SC) = 0x58;")
+    board.run_until(0.001)
+    fired = []
+    for _ in range(9):
+        board.drive("PTB16", True)
+        board.drive("PTB16", False)
+        board.run_until(board.time_s + 1e-4)
+        fired.append(word(board, "fired"))
+    assert fired == [0, 0, 1, 1, 1, 2, 2, 2, 3]
+
+
+def edges(board: VirtualK64F, pin: str, duration_s: float) -> list[tuple[float, bool]]:
+    """Step by microseconds; return when a pin had changed, and to what."""
+    found, before, end_s = [], board.level(pin), board.time_s + duration_s
+    while board.time_s < end_s:
+        board.run_until(board.time_s + 1e-6)
+        if board.level(pin) != before:
+            before = not before
+            found.append((board.time_s, before))
+    return found
+
+
+def shares(board: VirtualK64F, pin: str) -> tuple[float, float]:
+    """Period and share of the time high of a pin, of five rounds of at most a millisecond."""
+    found = edges(board, pin, 0.006)
+    if len(found) < 4:
+        return 0.0, float(board.level(pin))
+    rises = [at for at, high in found if high]
+    falls = [at for at, high in found if not high and at > rises[0]]
+    period_s = (rises[-1] - rises[0]) / (len(rises) - 1)
+    return period_s, sum(fall - rise for rise, fall in zip(rises, falls, strict=False)) / len(falls) / period_s
+
+
+@pytest.mark.parametrize(
+    ("set_up", "share"),
+    [
+        ("FTM(C0SC) = 0x28; FTM(C0V) = 2500;", 0.25),
+        ("FTM(C0SC) = 0x24; FTM(C0V) = 2500;", 0.75),
+        ("FTM(C0SC) = 0x28; FTM(C0V) = 0;", 0.0),
+        ("FTM(C0SC) = 0x28; FTM(C0V) = 10000;", 1.0),
+        ("FTM(C0SC) = 0x28; FTM(C0V) = 2500; FTM(POL) = 1;", 0.75),
+        ("FTM(C0SC) = 0x28; FTM(C0V) = 2500; FTM(OUTMASK) = 1;", 0.0),
+        ("FTM(C0SC) = 0x20; FTM(C0V) = 2500;", 0.0),
+        ("FTM(C0SC) = FTM(C1SC) = 0x28; FTM(C0V) = 1000; FTM(C1V) = 4000; FTM(COMBINE) = 1;", 0.3),
+    ],
+    ids=["high", "low", "never", "always", "polarity", "masked", "no output", "combined"],
+)
+def test_a_pulse_width_is_on_its_pin(build_c: Build, set_up: str, share: float) -> None:
+    board = board_of(build_c, f"FTM(MOD) = 9999; {set_up} FTM(SC) = 8;")
+    board.run_until(0.002)
+    period_s, found = shares(board, "PTC1")
+    assert found == pytest.approx(share, abs=0.003)
+    if 0 < share < 1:
+        assert period_s == pytest.approx(10_000 / BUS_HZ, abs=1e-6)
+
+
+def test_a_pulse_of_a_centre_aligned_width_grows_to_both_sides(build_c: Build) -> None:
+    board = board_of(build_c, "FTM(MOD) = 5000; FTM(C0SC) = FTM(C1SC) = 0x28; FTM(C0V) = 1000; FTM(C1V) = 2500;"
+                              "FTM(SC) = 0x28;")  # fmt: skip
+    board.run_until(0.002)
+    assert shares(board, "PTC1") == pytest.approx((10_000 / BUS_HZ, 0.2), abs=0.003)
+    narrow = edges(board, "PTC1", 0.0011)
+    wide = edges(board, "PTC2", 0.0011)
+
+    def centre(found: list[tuple[float, bool]]) -> float:
+        rise = next(at for at, high in found if high)
+        return (rise + next(at for at, high in found if not high and at > rise)) / 2
+
+    rounds = (centre(wide) - centre(narrow)) * BUS_HZ / 10_000
+    assert rounds == pytest.approx(round(rounds), abs=0.005)
+
+
+def test_the_other_of_a_complementary_pair_is_its_opposite(build_c: Build) -> None:
+    board = board_of(build_c, "FTM(MOD) = 9999; FTM(C0SC) = FTM(C1SC) = 0x28; FTM(C0V) = 2500; FTM(COMBINE) = 2;"
+                              "FTM(SC) = 8;")  # fmt: skip
+    board.run_until(0.002)
+    for _ in range(50):
+        board.run_until(board.time_s + 1.7e-5)
+        assert board.level("PTC1") != board.level("PTC2")
+
+
+@pytest.mark.parametrize(("edge", "levels"), [(4, [False, True, False, True]), (8, [False] * 4), (12, [True] * 4)])
+def test_a_compare_acts_on_its_pin(build_c: Build, edge: int, levels: list[bool]) -> None:
+    initial = int(not levels[0])
+    board = board_of(build_c, f"FTM(OUTINIT) = {initial}; FTM(MODE) = 6; FTM(MOD) = 9999; FTM(C0SC) = {0x10 | edge};"
+                              "FTM(C0V) = 5000; FTM(SC) = 8;")  # fmt: skip
+    board.run_until(4000 / BUS_HZ)
+    assert board.level("PTC1") == bool(initial)
+    seen = []
+    for turn in range(4):
+        board.run_until((turn * 10_000 + 7000) / BUS_HZ)
+        seen.append(board.level("PTC1"))
+    assert seen == levels
+
+
+def test_a_channel_interrupts_at_its_value(build_c: Build) -> None:
+    board = board_of(build_c, "FTM(MOD) = 9999; FTM(C1SC) = 0x50; FTM(C1V) = 5000; FTM(SC) = 8;")
+    board.run_until(4900 / BUS_HZ)
+    assert word(board, "fired") == 0
+    board.run_until(5500 / BUS_HZ)
+    assert (word(board, "fired"), word(board, "seen")) == (1, 2)
+    board.run_until(25_500 / BUS_HZ)
+    assert word(board, "fired") == 3
+
+
+@pytest.mark.parametrize(("edge", "captured"), [(4, [0, 2]), (8, [1, 3]), (12, [0, 1, 2, 3])])
+def test_edges_of_a_pin_are_captured(build_c: Build, edge: int, captured: list[int]) -> None:
+    board = board_of(build_c, f"FTM(C0SC) = {0x40 | edge}; FTM(SC) = 8;")
+    board.run_until(0.001)
+    found = []
+    for turn in range(4):
+        before = word(board, "fired")
+        board.drive("PTC1", turn % 2 == 0)
+        board.run_until(board.time_s + 1e-4)
+        if word(board, "fired") > before:
+            found.append(turn)
+    assert found == captured
+
+
+def test_a_captured_count_is_the_time_of_its_edge(build_c: Build) -> None:
+    read = "while (!(FTM(C0SC) & 0x80)) {} first = FTM(C0V); FTM(C0SC) &= ~0x80u; while (!(FTM(C0SC) & 0x80)) {}"
+    board = board_of(build_c, f"FTM(C0SC) = 12; FTM(SC) = 8; {read} second = FTM(C0V); third = FTM(CNT);")
+    board.run_until(0.001)
+    board.drive("PTC1", True)
+    board.run_until(board.time_s + 12_345 / BUS_HZ)
+    board.drive("PTC1", False)
+    board.run_until(board.time_s + 0.001)
+    assert (word(board, "second") - word(board, "first")) % 65536 == pytest.approx(12_345, abs=12)  # a block of code
+    assert (word(board, "third") - word(board, "second")) % 65536 < 60
+
+
+@pytest.mark.parametrize(
+    ("mode", "release", "changes"),
+    [
+        (4, "", True),
+        (5, "", False),
+        (5, "FTM(SYNCONF) = 0x280; FTM(SYNC) = 0x81;", True),
+        (5, "FTM(SYNCONF) = 0x80; FTM(SYNC) = 0x81;", False),
+        (5, "FTM(SYNCONF) = 0x280; FTM(SYNC) = 0x80;", False),
+        (5, "FTM(PWMLOAD) = 0x200;", True),
+    ],
+    ids=["FTMEN = 0", "FTMEN", "software trigger", "not for buffers", "no loading point", "LDOK"],
+)
+def test_values_are_taken_over_at_the_end_of_a_round(build_c: Build, mode: int, release: str, changes: bool) -> None:
+    wait = "while (FTM(CNT) < 2000) {}"
+    write = "FTM(MOD) = 4999; FTM(C0V) = 2500;"
+    board = board_of(build_c, f"FTM(MODE) = {mode}; FTM(MOD) = 9999; FTM(C0SC) = 0x28; FTM(C0V) = 8000;"
+                              f"FTM(COMBINE) = 0x20; FTM(SC) = 8; {wait} {write} first = FTM(MOD); second = FTM(C0V);"
+                              f"{release} third = FTM(MOD);")  # fmt: skip
+    board.run_until(3000 / BUS_HZ)
+    assert [word(board, name) for name in ("first", "second", "third")] == [9999, 8000, 9999]
+    period_s, share = shares(board, "PTC1")
+    expected = (5000 / BUS_HZ, 0.5) if changes else (10_000 / BUS_HZ, 0.8)
+    assert (period_s * BUS_HZ, share) == pytest.approx((expected[0] * BUS_HZ, expected[1]), rel=0.01)
+
+
+def test_a_trigger_leaves_the_channels_of_a_pair_that_is_not_synchronised(build_c: Build) -> None:
+    board = board_of(build_c, "FTM(MODE) = 5; FTM(MOD) = 9999; FTM(C0SC) = 0x28; FTM(C0V) = 2000; FTM(SC) = 8;"
+                              "FTM(MOD) = 4999; FTM(C0V) = 3000; FTM(SYNCONF) = 0x280; FTM(SYNC) = 0x81;")  # fmt: skip
+    board.run_until(0.002)
+    period_s, share = shares(board, "PTC1")
+    assert (period_s * BUS_HZ, share) == pytest.approx((5000, 0.4), rel=0.01)
+
+
+def test_a_trigger_that_restarts_the_counter_takes_over_at_once(build_c: Build) -> None:
+    board = board_of(build_c, "FTM(MODE) = 5; FTM(MOD) = 9999; FTM(SC) = 8; while (FTM(CNT) < 2000) {}"
+                              "FTM(MOD) = 77; FTM(SYNCONF) = 0x380; FTM(SYNC) = 0x80; first = FTM(CNT);"
+                              "second = FTM(MOD); third = FTM(SYNC);")  # fmt: skip
+    board.run_until(0.001)
+    assert word(board, "first") < 78
+    assert (word(board, "second"), word(board, "third")) == (77, 0)
+
+
+def test_a_flag_is_cleared_by_a_zero_after_it_was_read(build_c: Build) -> None:
+    board = board_of(build_c, "FTM(MOD) = 999; FTM(SC) = 8; for (volatile int i = 0; i < 1000; i++) {}"
+                              "FTM(SC) = 0; first = FTM(SC); FTM(SC) = 0x80; second = FTM(SC); FTM(SC) = 0;"
+                              "third = FTM(SC);")  # fmt: skip
+    board.run_until(0.005)
+    assert [word(board, name) for name in ("first", "second", "third")] == [0x80, 0x80, 0]
+
+
+def test_a_counter_that_is_stopped_keeps_its_count_and_a_write_restarts_it(build_c: Build) -> None:
+    board = board_of(build_c, "FTM(SC) = 8; for (volatile int i = 0; i < 100; i++) {} FTM(SC) = 0;"
+                              "first = FTM(CNT); for (volatile int i = 0; i < 100; i++) {} second = FTM(CNT);"
+                              "FTM(CNTIN) = 7; FTM(CNT) = 55; third = FTM(CNT);")  # fmt: skip
+    board.run_until(0.005)
+    assert word(board, "first") == word(board, "second") > 100
+    assert word(board, "third") == 7
+
+
+@pytest.mark.parametrize(
+    ("body", "register"),
+    [
+        ("FTM(QDCTRL) = 1;", "FTM0_QDCTRL"),
+        ("FTM(C0SC) = 0x51;", "FTM0_C0SC"),
+        ("FTM(MODE) = 0x64;", "FTM0_MODE"),
+        ("FTM(SYNC) = 0x10;", "FTM0_SYNC"),
+    ],
+)
+def test_what_is_not_modelled_is_named_when_it_is_asked_for(build_c: Build, body: str, register: str) -> None:
+    board = board_of(build_c, f"FTM(QDCTRL) = 0; FTM(MODE) = 4; {body}")
+    board.run_until(0.001)
+    assert [access.register for access in board.unmodelled] == [register]
+
+
+@given(
+    st.integers(0, 40), st.integers(0, 40), st.booleans(), st.integers(0, 45), st.integers(0, 50), st.integers(0, 200)
+)
+def test_matches_are_as_many_as_a_counter_that_steps_would_find(
+    initial: int, steps: int, up_down: bool, value: int, after: int, span: int
+) -> None:
+    counter = FlexCounter(initial, initial + steps + (initial == 0), up_down)
+    walked, count, direction = [], initial, 1
+    for _ in range(after + span + 1):
+        walked.append(count)
+        if up_down:
+            direction = -1 if count == counter.modulo else 1 if count == initial else direction
+            count += direction if steps + (initial == 0) else 0
+        else:
+            count = initial if count == counter.modulo else count + 1
+    assert [counter.value(tick % counter.period) for tick in range(len(walked))] == walked
+    found = sum(counter.times(phase, after, after + span) for phase in counter.matches(value))
+    assert found == walked[after + 1 :].count(value)
