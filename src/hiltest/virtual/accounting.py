@@ -39,6 +39,9 @@ class Accounting(Protocol):
     ----------
     per_instruction : bool
         Whether `begins` wants every instruction rather than every block.
+    passes_waits : bool
+        Whether turns of loops that only wait are passed over at once, where this way of counting can do that; to be
+        set before anything runs.
     stopped : bool
         Set by `settle`: whether the emulator was stopped without the `stop` that was given.
     """
@@ -47,6 +50,7 @@ class Accounting(Protocol):
     cycles: int
     instructions: int
     deadline: float
+    passes_waits: bool
     stopped: bool
 
     def hook(self, outside: int, abort: Callable[[BaseException], None]) -> CodeHook:
@@ -88,6 +92,14 @@ class Accounting(Protocol):
         """Return how often every block has run before the instruction at `pc`; None where it is not counted."""
         ...
 
+    def end_watch(self) -> None:
+        """Take the turn of a loop that runs for one that does more than wait."""
+        ...
+
+    def steady_until(self, cycle: float) -> None:
+        """Take note that what was read of a peripheral changes by itself, at that cycle."""
+        ...
+
     def flush_pipeline(self) -> None:
         """Empty the pipeline: nothing overlaps across an exception."""
         ...
@@ -126,6 +138,7 @@ class _Totals:
         self._read_code = read_code
         self._attend = attend
         self._stop = stop
+        self.passes_waits = False
         self.stopped = False
 
     def begins(self, address: int, size: int) -> None:
@@ -139,6 +152,12 @@ class _Totals:
 
     def translated(self, address: int, size: int) -> None:
         """Do nothing: no code is cached."""
+
+    def end_watch(self) -> None:
+        """Do nothing: no loop is watched."""
+
+    def steady_until(self, cycle: float) -> None:
+        """Do nothing, as above."""
 
     def hook(self, outside: int, abort: Callable[[BaseException], None]) -> CodeHook:
         """Return a callback that calls `begins`, and `abort` with whatever that raises."""

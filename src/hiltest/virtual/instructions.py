@@ -14,6 +14,11 @@ _PC_BIT = 1 << 15
 _ALWAYS = -1  # where a register comes from that is always a multiple of four
 
 
+# Rows of instructions that may stand in a loop that only waits, unless they begin so.
+_WAITING_ROWS = {"data", "load", "multiple_base", "divide", "branch", "table_branch", "barrier", "it"}
+_NOT_WAITING = ("st", "push", "udf", ".", "mcr", "mrc", "cdp", "ldc")
+
+
 @dataclass(frozen=True, slots=True)
 class Instruction:
     """One decoded instruction.
@@ -69,6 +74,17 @@ class Instruction:
     def jumps_to(self, address: int) -> bool:
         """Whether it is an unconditional branch to `address`."""
         return self.transfer == "direct" and not self.conditional and self.text.endswith(f"#{address:#x}")
+
+    def jumps_back(self, address: int) -> bool:
+        """Whether it is a branch, conditional or not, to `address` or to what stands before it; calls are none."""
+        mnemonic, _, target = self.text.partition(" #")
+        return self.transfer == "direct" and mnemonic != "bl" and bool(target) and int(target, 16) <= address
+
+    @property
+    def may_wait(self) -> bool:
+        """Whether it changes nothing but core registers and flags: it stores nothing, and is no system instruction."""
+        mnemonic = self.text.partition(" ")[0]
+        return self.row in _WAITING_ROWS and not self.uses_fpu and not mnemonic.startswith(_NOT_WAITING)
 
 
 _SINGLE_LOADS = {

@@ -79,6 +79,7 @@ class Microcontroller:
             self.clocks.gate(peripheral, gates)
         self.bus = PeripheralBus(processor, self._peripherals, None if is_foreign else self._chip.register_name)
         self.clocks.on_gates = self.bus.look_again
+        self.bus.on_passed = self.unmodelled.passed
 
     def _base(self, name: str) -> int:
         return self._modules[name].base

@@ -3,16 +3,19 @@
  *
  * Python prices blocks and puts them into a table that it owns; this finds them again. Python is asked when a
  * block is not in the table, and when the processor must look at one before it runs. The emulator's functions
- * come as pointers, so this is linked with nothing, and it uses nothing of Python.
+ * come as pointers, so this is linked with nothing but the C library, and it uses nothing of Python.
  */
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <string.h>
 
 enum {
     NEUTRAL = 0, /* entry of a block that no pipeline state is left to */
     CORE_REGISTERS = 15,
+    STATE_REGISTERS = CORE_REGISTERS + 1, /* XPSR has the flags */
     PAGE_BITS = 12,
+    PAGE_BYTES = 1 << PAGE_BITS,
 };
 
 static const uint32_t IT_STATE = 0x0600FC00u; /* in XPSR */
@@ -23,6 +26,24 @@ enum {
     ALIGNMENT_INSIDE = 1 << 1,
     CHANGES_MASKS = 1 << 2, /* or sends an event */
     LOOPS_TO_ITSELF = 1 << 3,
+    WATCHED = 1 << 4, /* every block, while a loop is watched */
+    MAY_WAIT = 1 << 5, /* not a reason: it changes nothing but core registers and flags */
+};
+
+/* How a loop is watched. */
+enum {
+    NO_HEAD = -1,
+    MOST_BLOCKS = 96, /* of a turn */
+    MOST_READS = 24,  /* of peripherals' registers, in a turn */
+    MOST_TURNS = 3,   /* compared with the first; the state of the second replaces that of the first, as it settles */
+    LONGEST_WAIT = 8192,       /* turns between two attempts: what an attempt costs is some hundred instructions, */
+    LONGEST_WAIT_READING = 32, /* or less than one read of a register */
+};
+
+/* What a peripheral declares of a byte of its registers. */
+enum {
+    STEADY = 1 << 0,  /* reading changes nothing, and only events of the schedule change what is read */
+    COUNTED = 1 << 1, /* it wants to know of reads that were passed over */
 };
 
 /*
@@ -41,6 +62,28 @@ struct block {
     uint32_t aligned; /* registers that must be multiples of four when it begins, bit n for r(n) */
     uint32_t kept;    /* registers that are multiples of four behind it if they were before */
     uint32_t number;  /* by which Python knows it */
+    uint32_t patience; /* jumps backward from its end until a loop is watched; 0: none is */
+    uint32_t wait;     /* patience to begin with, the next time */
+};
+
+/*
+ * A loop that may only wait. Where a turn comes back to its head with the same core registers and flags, has stored
+ * nothing and read only what is steady, the next turn is the same, and so on until something happens from outside.
+ */
+struct watch {
+    int64_t head; /* number of the block where turns begin, or NO_HEAD */
+    int64_t cycles;
+    int64_t instructions; /* totals when the turn began */
+    int64_t until;         /* what was read is steady up to here [cycles] */
+    struct block *trigger; /* whose jump began it */
+    uint32_t turns;       /* that came back and were compared */
+    uint32_t blocks;      /* of the turn, in `ran` */
+    uint32_t reads;       /* of the turn, in `read` */
+    uint32_t counted;     /* whether any of them is of what is COUNTED */
+    uint32_t end;         /* of the last block in `ran` */
+    uint32_t registers[STATE_REGISTERS]; /* when the turn began */
+    uint32_t ran[MOST_BLOCKS];           /* twice the number of each block, and one more if it jumped away */
+    uint32_t read[MOST_READS];           /* addresses */
 };
 
 struct counter {
@@ -57,11 +100,14 @@ struct counter {
     uint32_t known_aligned; /* registers known to be multiples of four */
     uint32_t outside;       /* address that is no code of the firmware */
     int32_t stopped;        /* whether the emulator was stopped from here */
-    int32_t registers[CORE_REGISTERS]; /* the emulator's numbers of r0 to r14 */
+    int32_t registers[STATE_REGISTERS]; /* the emulator's numbers of r0 to r14, and of XPSR */
     int (*stop)(void *engine);
     int (*read_register)(void *engine, int number, void *value);
+    int (*read_registers)(void *engine, const int *numbers, void **values, int count);
     int (*price)(uint32_t address, uint32_t size, uint32_t state); /* puts a block into the table; 0: it cannot */
     int (*attend)(uint32_t number);                                /* 0: the block must not run */
+    void (*passed)(int64_t turns);                                 /* so often all in `watch.read` was passed over */
+    struct watch watch;
 };
 
 /* A range of addresses with peripherals. */
@@ -72,6 +118,8 @@ struct window {
     int (*read_register)(void *engine, int number, const void *value);
     int (*write_register)(void *engine, int number, const void *value);
     int32_t xpsr; /* the emulator's number of it */
+    const uint8_t *const *steady; /* for each page what is declared of its bytes, or NULL: nothing */
+    struct counter *counter;      /* that watches loops; NULL: none does */
 };
 
 /* The source that this was built from; what is newer or older does not fit accounting in Python. */
@@ -95,6 +143,56 @@ static void forget_condition(const struct window *window, void *engine)
     }
 }
 
+static void end_watch(struct counter *counter, uint32_t wait)
+{
+    struct watch *watch = &counter->watch;
+
+    if (watch->trigger != NULL) {
+        watch->trigger->wait = wait;
+        watch->trigger->patience = wait;
+        watch->trigger = NULL;
+    }
+    watch->head = NO_HEAD;
+    counter->reasons &= ~(uint32_t)WATCHED;
+}
+
+/* The turn that runs is not to be compared. */
+void hiltest_end_watch(struct counter *counter)
+{
+    end_watch(counter, counter->watch.trigger != NULL ? counter->watch.trigger->wait : 0);
+}
+
+/* The loop does more than wait, now at least: try again after twice as many turns. */
+static void give_up(struct counter *counter)
+{
+    const struct watch *watch = &counter->watch;
+    uint32_t longest = watch->reads != 0 ? LONGEST_WAIT_READING : LONGEST_WAIT;
+    uint32_t wait = watch->trigger != NULL ? 2 * watch->trigger->wait : 1;
+
+    end_watch(counter, wait < longest ? wait : longest);
+}
+
+/* Take note of an access to a peripheral, and whether what it reads is steady. */
+static void note_access(const struct window *window, uint64_t address, int size)
+{
+    struct counter *counter = window->counter;
+    struct watch *watch = &counter->watch;
+    uint64_t offset = address - window->base;
+    const uint8_t *steady = window->steady[offset >> PAGE_BITS];
+    uint32_t declared = STEADY | COUNTED;
+
+    for (int byte = 0; byte < size; byte++) {
+        declared &= steady == NULL ? 0 : steady[(offset + (uint64_t)byte) % PAGE_BYTES];
+    }
+    if ((declared & STEADY) == 0 || watch->reads == MOST_READS) {
+        watch->reads++; /* there was one: `give_up` looks */
+        give_up(counter);
+        return;
+    }
+    watch->read[watch->reads++] = (uint32_t)address;
+    watch->counted |= declared & COUNTED;
+}
+
 /*
  * Whether an access finds a peripheral with a clock. Pages that are known to be open pass; the emulator looks up the
  * exact instruction before it asks, which is why it is made to.
@@ -105,8 +203,16 @@ bool hiltest_permit(void *engine, int access, uint64_t address, int size, int64_
     uint64_t page = (address - window->base) >> PAGE_BITS;
     uint64_t last = (address - window->base + (uint64_t)size - 1) >> PAGE_BITS;
 
+    bool watched = window->counter != NULL && window->counter->watch.head != NO_HEAD;
+
     if (page != last || window->opened[page] == 0) { /* an access may straddle two pages */
+        if (watched) {
+            give_up(window->counter);
+        }
         return window->ask(engine, access, address, size, value, NULL);
+    }
+    if (watched) {
+        note_access(window, address, size);
     }
     forget_condition(window, engine);
     return true;
@@ -140,7 +246,7 @@ void hiltest_add_block(struct counter *counter, const struct block *block)
 /* Add the block that ran; `next` is where execution goes on. */
 static void finish(struct counter *counter, uint32_t next)
 {
-    const struct block *block = counter->running;
+    struct block *block = counter->running;
 
     if (block == NULL) {
         return;
@@ -156,6 +262,10 @@ static void finish(struct counter *counter, uint32_t next)
         counter->cycles += block->taken;
         counter->state = NEUTRAL;
         counter->runs[block->number][1]++;
+        if (block->patience != 0 && --block->patience == 0) { /* it jumped backward often enough */
+            counter->watch.trigger = block;
+            counter->reasons |= WATCHED;
+        }
     }
 }
 
@@ -166,6 +276,7 @@ int hiltest_settle(struct counter *counter, uint32_t next)
 
     counter->stopped = 0;
     finish(counter, next);
+    hiltest_end_watch(counter);
     counter->running_number = -1;
     /* What happens now may write registers, save the floating-point state or switch the FPU off. */
     counter->known_aligned = 0;
@@ -199,7 +310,7 @@ static bool any_misaligned(const struct counter *counter, void *engine, uint32_t
 static bool may_run(struct counter *counter, void *engine, struct block *block)
 {
     uint32_t unknown = block->aligned & ~counter->known_aligned;
-    bool ask = (block->reasons & counter->reasons) != 0;
+    bool ask = (block->reasons & counter->reasons & ~(uint32_t)WATCHED) != 0;
 
     ask = ask || (unknown != 0 && any_misaligned(counter, engine, unknown));
     if (ask && !counter->attend(block->number)) {
@@ -220,6 +331,99 @@ static void pass_rounds(struct counter *counter, const struct block *block)
     counter->cycles += rounds * block->taken;
     counter->instructions += rounds;
     counter->runs[block->number][1] += rounds;
+}
+
+static void read_state(struct counter *counter, void *engine, uint32_t *values)
+{
+    void *places[STATE_REGISTERS];
+
+    for (int number = 0; number < STATE_REGISTERS; number++) {
+        places[number] = &values[number];
+    }
+    (void)counter->read_registers(engine, counter->registers, places, STATE_REGISTERS);
+}
+
+static void begin_turn(struct counter *counter, const struct block *block)
+{
+    struct watch *watch = &counter->watch;
+
+    watch->head = block->number;
+    watch->cycles = counter->cycles;
+    watch->instructions = counter->instructions;
+    watch->blocks = 0;
+    watch->reads = 0;
+    watch->counted = 0;
+    watch->until = INT64_MAX;
+}
+
+/* The turn that ended changed nothing: pass as many more as end before the next event. */
+static void pass_turns(struct counter *counter)
+{
+    const struct watch *watch = &counter->watch;
+    int64_t period = counter->cycles - watch->cycles;
+    int64_t until = counter->deadline < watch->until ? counter->deadline : watch->until;
+    int64_t turns = period > 0 ? (until - 1 - counter->cycles) / period : 0;
+
+    if (turns <= 0) {
+        return;
+    }
+    counter->instructions += turns * (counter->instructions - watch->instructions);
+    counter->cycles += turns * period;
+    for (uint32_t place = 0; place < watch->blocks; place++) {
+        counter->runs[watch->ran[place] >> 1][watch->ran[place] & 1] += turns;
+    }
+    if (watch->counted != 0) {
+        counter->passed(turns);
+    }
+}
+
+/* Compare what a turn came back with; says whether the watch goes on. */
+static bool comes_back(struct counter *counter, void *engine, const struct block *block)
+{
+    struct watch *watch = &counter->watch;
+    uint32_t registers[STATE_REGISTERS] = {0};
+
+    read_state(counter, engine, registers);
+    if (memcmp(registers, watch->registers, sizeof registers) == 0) {
+        pass_turns(counter);
+        end_watch(counter, 1);
+        return false;
+    }
+    watch->turns++;
+    if (watch->turns == MOST_TURNS) {
+        give_up(counter);
+        return false;
+    }
+    if (watch->turns == 1) {
+        memcpy(watch->registers, registers, sizeof registers);
+        begin_turn(counter, block);
+    }
+    return true;
+}
+
+/* A block is about to run while a loop is watched, or is to be watched from here on. */
+static void watch_block(struct counter *counter, void *engine, const struct block *block)
+{
+    struct watch *watch = &counter->watch;
+
+    if (watch->head == NO_HEAD) {
+        watch->turns = 0;
+        begin_turn(counter, block);
+        if ((block->reasons & MAY_WAIT) != 0) {
+            read_state(counter, engine, watch->registers);
+        }
+    } else {
+        watch->ran[watch->blocks - 1] |= block->address != watch->end;
+        if (block->number == watch->head && !comes_back(counter, engine, block)) {
+            return;
+        }
+    }
+    if ((block->reasons & MAY_WAIT) == 0 || watch->blocks == MOST_BLOCKS) {
+        give_up(counter);
+        return;
+    }
+    watch->ran[watch->blocks++] = 2 * block->number;
+    watch->end = block->address + block->size;
 }
 
 /* The emulator is about to run a block: its block hook. */
@@ -258,6 +462,9 @@ void hiltest_block_begins(void *engine, uint64_t address64, uint32_t size, void 
         }
         if ((block->reasons & LOOPS_TO_ITSELF) != 0) {
             pass_rounds(counter, block);
+        }
+        if ((counter->reasons & WATCHED) != 0) {
+            watch_block(counter, engine, block);
         }
     }
     counter->state = NEUTRAL;

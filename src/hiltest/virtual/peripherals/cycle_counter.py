@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.executions import Executions, Snapshot, between, in_all
+from hiltest.virtual.peripherals.bus import ALL_STEADY
 
 _READINGS = 400
 """Number of readings kept: four for each of the steps that one command times, 80 at most, and some."""
@@ -43,6 +44,7 @@ class CycleCounter:
 
     name = "DWT"
     base = 0xE0001000
+    steady = frozenset(ALL_STEADY) - frozenset(range(4, 8))  # CYCCNT
 
     def __init__(self, processor: Processor) -> None:
         self.clocked = True

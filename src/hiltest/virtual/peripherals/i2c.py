@@ -5,7 +5,7 @@ from __future__ import annotations
 from hiltest.virtual.chip import ChipPeripheral
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.i2c_bus import I2cBus
-from hiltest.virtual.peripherals.bus import read_by_bytes, write_by_bytes
+from hiltest.virtual.peripherals.bus import ALL_STEADY, read_by_bytes, write_by_bytes
 from hiltest.virtual.peripherals.clocks import ClockGates
 from hiltest.virtual.schedule import Event
 
@@ -38,6 +38,8 @@ class I2c:
     module : ChipPeripheral
         Which of the chip's modules this is.
     """
+
+    steady = frozenset(ALL_STEADY) - {_D}
 
     def __init__(self, processor: Processor, clocks: ClockGates, bus: I2cBus, module: ChipPeripheral) -> None:
         self.name = module.name

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 from hiltest.virtual.chip import ChipPeripheral
 from hiltest.virtual.nvic import Nvic
-from hiltest.virtual.peripherals.bus import StoredRegisters
+from hiltest.virtual.peripherals.bus import ALL_STEADY, StoredRegisters
 
 _GPCLR, _GPCHR, _ISFR = 0x80, 0x84, 0xA0
 _PDOR, _PSOR, _PCOR, _PTOR, _PDIR, _PDDR = range(0, 0x18, 4)
@@ -38,6 +38,8 @@ class Port(StoredRegisters):
     on_change : callable
         Told after levels or `driven_low` have changed.
     """
+
+    steady = ALL_STEADY
 
     def __init__(self, module: ChipPeripheral, nvic: Nvic, initial: dict[int, int]) -> None:
         self._nvic = nvic
@@ -156,6 +158,7 @@ class Gpio:
 
     name = "GPIO"
     base = 0x400FF000
+    steady = ALL_STEADY
 
     def __init__(self, ports: Sequence[Port]) -> None:
         self.clocked = True

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from hiltest.virtual.clock import Clock
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.nvic import FIRST_INTERRUPT, INTERRUPTS, NMI, PENDSV, SYSTICK
+from hiltest.virtual.peripherals.bus import ALL_STEADY
 from hiltest.virtual.peripherals.cycle_counter import CycleCounter
 from hiltest.virtual.peripherals.fault_registers import CFSR, HFSR, FaultRegisters
 from hiltest.virtual.schedule import Event
@@ -27,6 +28,7 @@ class SysTick:
 
     def __init__(self, processor: Processor, core: Clock) -> None:
         self._nvic = processor.nvic
+        self._accounting = processor.accounting
         self._core = core
         self._event: Event | None = None
         self.reset()
@@ -49,6 +51,8 @@ class SysTick:
         """Answer CSR, RVR, CVR or CALIB; reading CSR clears COUNTFLAG."""
         if offset == 0x10:
             flag, self._flag = self._flag, False
+            if flag:
+                self._accounting.end_watch()
             return self._control | (1 << 16 if flag else 0)
         return {0x14: self._reload, 0x18: self._value()}.get(offset, 0xC0000000)
 
@@ -113,6 +117,7 @@ class SystemControlSpace:
 
     name = "SCS"
     base = 0xE000E000
+    steady = frozenset(ALL_STEADY) - frozenset(range(0x18, 0x1C))  # SysTick's count
 
     def __init__(
         self, processor: Processor, core: Clock, counter: CycleCounter, request_reset: Callable[[], None]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from hiltest.virtual.chip import Chip, ChipPeripheral
 from hiltest.virtual.cpu import Processor
-from hiltest.virtual.peripherals.bus import StoredRegisters
+from hiltest.virtual.peripherals.bus import ALL_STEADY, StoredRegisters
 
 # FTFE_FSTAT's CCIF: every flash command is over. A driver waits for it, whatever it has written there.
 _ALWAYS_SET = {0x40020000: 0x80}
@@ -88,6 +88,11 @@ class UnmodelledLog:
             return ""
         return f"{self._chip.register_name(self._last_read)} at 0x{self._last_read:08x}"
 
+    def passed(self, addresses: list[int], turns: int) -> None:
+        """Take note of turns of a loop that were passed over, in each of which these addresses are read."""
+        if set(addresses) == {self._last_read}:
+            self._reads += turns * len(addresses)
+
     def note(self, address: int, size: int, written: int | None) -> None:
         """Take note of an access."""
         if not self.listens:
@@ -116,6 +121,9 @@ class UnmodelledPage(StoredRegisters):
         Has their values after reset.
     log : UnmodelledLog
     """
+
+    steady = ALL_STEADY
+    counts_reads = True
 
     def __init__(self, base: int, peripherals: list[ChipPeripheral], chip: Chip, log: UnmodelledLog) -> None:
         self._log = log
