@@ -21,6 +21,7 @@ from hiltest.virtual.blocks import CodeBlock, ReadCode, conditions_at, price_blo
 from hiltest.virtual.executions import NO_BLOCK, Entered, Snapshot
 from hiltest.virtual.instructions import Instruction, decode
 from hiltest.virtual.timing import NEUTRAL, PipelineState, TimingProfile
+from hiltest.virtual.turn import PassOver
 
 CODE_CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_uint64, ctypes.c_uint32, ctypes.c_void_p)
 
@@ -42,6 +43,8 @@ class Accounting(Protocol):
     passes_waits : bool
         Whether turns of loops that only wait are passed over at once, where this way of counting can do that; to be
         set before anything runs.
+    pass_over : PassOver
+        Asked about turns of a loop that changes something, where this way of counting asks.
     stopped : bool
         Set by `settle`: whether the emulator was stopped without the `stop` that was given.
     """
@@ -51,6 +54,7 @@ class Accounting(Protocol):
     instructions: int
     deadline: float
     passes_waits: bool
+    pass_over: PassOver
     stopped: bool
 
     def hook(self, outside: int, abort: Callable[[BaseException], None]) -> CodeHook:
@@ -139,6 +143,7 @@ class _Totals:
         self._attend = attend
         self._stop = stop
         self.passes_waits = False
+        self.pass_over: PassOver = lambda _turn: 0
         self.stopped = False
 
     def begins(self, address: int, size: int) -> None:

@@ -18,7 +18,7 @@ from hiltest.errors import ConfigError
 from hiltest.virtual.accounting import Accounting, BlockAccounting
 from hiltest.virtual.blocks import CodeBlock, ReadCode
 from hiltest.virtual.native.accounting import NativeBlockAccounting, TellPassed
-from hiltest.virtual.native.library import COUNTED, STEADY, Window, library, missing_because
+from hiltest.virtual.native.library import COUNTED, COUNTS, STEADY, Window, library, missing_because
 from hiltest.virtual.registers import register_number
 from hiltest.virtual.timing import TimingProfile
 
@@ -53,19 +53,21 @@ def by_block(
 
 
 @cache
-def declared_steady(offsets: Offsets, *, counted: bool) -> ctypes.Array[ctypes.c_uint8]:
+def declared_registers(steady: Offsets, counters: Offsets, *, counted: bool) -> ctypes.Array[ctypes.c_uint8]:
     """Return what is declared of each byte of a page, as the hook in C wants it: kept for good, as are its users.
 
     Parameters
     ----------
-    offsets : range or frozenset of int
-        Bytes of registers that are steady between events.
+    steady, counters : range or frozenset of int
+        Bytes of registers that are steady between events, and of those that count with time.
     counted : bool
         Whether the page wants to know of reads that were passed over.
     """
     declared = (ctypes.c_uint8 * PAGE_BYTES)()
-    for offset in offsets:
+    for offset in steady:
         declared[offset] = STEADY | (COUNTED if counted else 0)
+    for offset in counters:
+        declared[offset] = COUNTS
     return declared
 
 
@@ -83,7 +85,7 @@ def native_permission(
     ask : memory hook
         Decides about the others.
     steady : array of c_void_p
-        For each page where what is declared of each of its bytes stands, or None: see `declared_steady`.
+        For each page where what is declared of each of its bytes stands, or None: see `declared_registers`.
     accounting : Accounting
         Its watch over loops that only wait, where it has one, takes note of accesses.
     tell_passed : callable

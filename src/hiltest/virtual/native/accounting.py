@@ -17,6 +17,7 @@ from hiltest.virtual.instructions import Instruction
 from hiltest.virtual.native import library as native
 from hiltest.virtual.registers import register_number
 from hiltest.virtual.timing import NEUTRAL, PipelineState, TimingProfile
+from hiltest.virtual.turn import PassOver, Turn
 
 _PLACES = 4096  # of the table at first: the shipped firmware has about a thousand blocks
 _NEVER = (1 << 63) - 1
@@ -46,6 +47,7 @@ def _reasons_and_registers(
         | (native.CHANGES_MASKS if block.changes_masks or block.sends_event else 0)
         | (native.LOOPS_TO_ITSELF if block.loops_to_itself else 0)
         | (native.MAY_WAIT if all(each.may_wait for each in block.instructions) else 0)
+        | (native.MAY_BE_PROVED if all(each.may_be_proved for each in block.instructions) else 0)
         | native.WATCHED
     )
     aligned = sum(1 << register for register in block.alignment.registers)
@@ -71,6 +73,7 @@ class NativeBlockAccounting:
     ) -> None:
         self.stopped = False
         self.passes_waits = True
+        self.pass_over: PassOver = lambda _turn: 0
         self._tell_passed: TellPassed = lambda _addresses, _turns: None
         self._profile = profile
         self._read_code = read_code
@@ -85,7 +88,7 @@ class NativeBlockAccounting:
             read_register=ctypes.cast(uclib.uc_reg_read, ctypes.c_void_p),
             read_registers=ctypes.cast(uclib.uc_reg_read_batch, ctypes.c_void_p),
             price=native.PRICE(self._on_price), attend=native.ATTEND(self._on_attend),
-            passed=native.PASSED(self._on_passed),
+            passed=native.PASSED(self._on_passed), prove=native.PROVE(self._on_prove),
         )  # fmt: skip
         self._address = ctypes.addressof(self._counter)
         self._words = memoryview(self._counter).cast("B").cast("q")
@@ -155,6 +158,17 @@ class NativeBlockAccounting:
             self._tell_passed(watch.read[: watch.reads], turns)
         except BaseException as error:  # as above
             self._abort(error)
+
+    def _on_prove(self) -> int:
+        counter = self._counter
+        watch = counter.watch
+        blocks = [(self._entered[ran >> 1].block, bool(ran & 1)) for ran in watch.ran[: watch.blocks]]
+        until = min(counter.deadline, watch.until)
+        try:
+            return self.pass_over(Turn(blocks, counter.cycles, counter.cycles - watch.cycles, until))
+        except BaseException as error:  # as above
+            self._abort(error)
+            return 0
 
     # -- the table of blocks ------------------------------------------------------------------
 

@@ -18,6 +18,8 @@ enum {
     PAGE_BYTES = 1 << PAGE_BITS,
 };
 
+enum { WRITE_NOT_PERMITTED = 22 }; /* the emulator's UC_MEM_WRITE_PROT */
+
 static const uint32_t IT_STATE = 0x0600FC00u; /* in XPSR */
 
 /* Why the processor must look at a block before it runs. */
@@ -28,6 +30,7 @@ enum {
     LOOPS_TO_ITSELF = 1 << 3,
     WATCHED = 1 << 4, /* every block, while a loop is watched */
     MAY_WAIT = 1 << 5, /* not a reason: it changes nothing but core registers and flags */
+    MAY_BE_PROVED = 1 << 6, /* nor this: Python may know what it changes */
 };
 
 /* How a loop is watched. */
@@ -38,12 +41,19 @@ enum {
     MOST_TURNS = 3,   /* compared with the first; the state of the second replaces that of the first, as it settles */
     LONGEST_WAIT = 8192,       /* turns between two attempts: what an attempt costs is some hundred instructions, */
     LONGEST_WAIT_READING = 32, /* or less than one read of a register */
+    PROVED_FROM = 8192,        /* with so long a wait Python is asked: a proof takes a tenth of a millisecond or more */
+    PROVED_FROM_READING = 8,
+    FEWEST_CYCLES_PROVED = 65536, /* before the next event, or as the host is concerned: */
+    FEWEST_READS_PROVED = 100,
+    LONGEST_REST = 31,         /* turns watched between two proofs of too few turns */
+    LONGEST_REST_AFTER_NONE = 1023,
 };
 
 /* What a peripheral declares of a byte of its registers. */
 enum {
     STEADY = 1 << 0,  /* reading changes nothing, and only events of the schedule change what is read */
     COUNTED = 1 << 1, /* it wants to know of reads that were passed over */
+    COUNTS = 1 << 2,  /* reading changes nothing, and what is read counts with time */
 };
 
 /*
@@ -64,6 +74,9 @@ struct block {
     uint32_t number;  /* by which Python knows it */
     uint32_t patience; /* jumps backward from its end until a loop is watched; 0: none is */
     uint32_t wait;     /* patience to begin with, the next time */
+    uint32_t rest;     /* turns to watch until a proof is tried */
+    uint32_t rests;    /* rest to begin with, the next time */
+    uint32_t proved;   /* whether the last proof succeeded */
 };
 
 /*
@@ -80,6 +93,7 @@ struct watch {
     uint32_t blocks;      /* of the turn, in `ran` */
     uint32_t reads;       /* of the turn, in `read` */
     uint32_t counted;     /* whether any of them is of what is COUNTED */
+    uint32_t changes;     /* whether it may come back with another state, and go on all the same: Python can tell */
     uint32_t end;         /* of the last block in `ran` */
     uint32_t registers[STATE_REGISTERS]; /* when the turn began */
     uint32_t ran[MOST_BLOCKS];           /* twice the number of each block, and one more if it jumped away */
@@ -107,6 +121,8 @@ struct counter {
     int (*price)(uint32_t address, uint32_t size, uint32_t state); /* puts a block into the table; 0: it cannot */
     int (*attend)(uint32_t number);                                /* 0: the block must not run */
     void (*passed)(int64_t turns);                                 /* so often all in `watch.read` was passed over */
+    /* How many turns like the one in `watch` follow, what they change being changed already; -1: it cannot tell. */
+    int64_t (*prove)(void);
     struct watch watch;
 };
 
@@ -167,30 +183,35 @@ static void give_up(struct counter *counter)
 {
     const struct watch *watch = &counter->watch;
     uint32_t longest = watch->reads != 0 ? LONGEST_WAIT_READING : LONGEST_WAIT;
-    uint32_t wait = watch->trigger != NULL ? 2 * watch->trigger->wait : 1;
+    uint32_t wait = 1;
 
+    if (watch->trigger != NULL) {
+        wait = 2 * watch->trigger->wait;
+        watch->trigger->rest -= watch->trigger->rest != 0;
+    }
     end_watch(counter, wait < longest ? wait : longest);
 }
 
 /* Take note of an access to a peripheral, and whether what it reads is steady. */
-static void note_access(const struct window *window, uint64_t address, int size)
+static void note_access(const struct window *window, bool is_write, uint64_t address, int size)
 {
     struct counter *counter = window->counter;
     struct watch *watch = &counter->watch;
     uint64_t offset = address - window->base;
     const uint8_t *steady = window->steady[offset >> PAGE_BITS];
-    uint32_t declared = STEADY | COUNTED;
+    uint32_t declared = STEADY | COUNTED | COUNTS;
 
     for (int byte = 0; byte < size; byte++) {
         declared &= steady == NULL ? 0 : steady[(offset + (uint64_t)byte) % PAGE_BYTES];
     }
-    if ((declared & STEADY) == 0 || watch->reads == MOST_READS) {
+    if ((declared & (STEADY | COUNTS)) == 0 || watch->reads == MOST_READS || is_write) {
         watch->reads++; /* there was one: `give_up` looks */
         give_up(counter);
         return;
     }
     watch->read[watch->reads++] = (uint32_t)address;
     watch->counted |= declared & COUNTED;
+    watch->changes |= declared & COUNTS;
 }
 
 /*
@@ -212,7 +233,7 @@ bool hiltest_permit(void *engine, int access, uint64_t address, int size, int64_
         return window->ask(engine, access, address, size, value, NULL);
     }
     if (watched) {
-        note_access(window, address, size);
+        note_access(window, access == WRITE_NOT_PERMITTED, address, size);
     }
     forget_condition(window, engine);
     return true;
@@ -263,8 +284,12 @@ static void finish(struct counter *counter, uint32_t next)
         counter->state = NEUTRAL;
         counter->runs[block->number][1]++;
         if (block->patience != 0 && --block->patience == 0) { /* it jumped backward often enough */
-            counter->watch.trigger = block;
-            counter->reasons |= WATCHED;
+            if (counter->watch.trigger == NULL) {
+                counter->watch.trigger = block;
+                counter->reasons |= WATCHED;
+            } else {
+                block->patience = 1; /* an outer loop is being watched */
+            }
         }
     }
 }
@@ -353,20 +378,16 @@ static void begin_turn(struct counter *counter, const struct block *block)
     watch->blocks = 0;
     watch->reads = 0;
     watch->counted = 0;
+    watch->changes = 0;
     watch->until = INT64_MAX;
 }
 
-/* The turn that ended changed nothing: pass as many more as end before the next event. */
-static void pass_turns(struct counter *counter)
+/* Count turns like the one that ended. */
+static void pass_turns(struct counter *counter, int64_t turns)
 {
     const struct watch *watch = &counter->watch;
     int64_t period = counter->cycles - watch->cycles;
-    int64_t until = counter->deadline < watch->until ? counter->deadline : watch->until;
-    int64_t turns = period > 0 ? (until - 1 - counter->cycles) / period : 0;
 
-    if (turns <= 0) {
-        return;
-    }
     counter->instructions += turns * (counter->instructions - watch->instructions);
     counter->cycles += turns * period;
     for (uint32_t place = 0; place < watch->blocks; place++) {
@@ -377,20 +398,76 @@ static void pass_turns(struct counter *counter)
     }
 }
 
+/* How many more turns like the one that ended end before the next event. */
+static int64_t turns_left(const struct counter *counter)
+{
+    int64_t until = counter->deadline < counter->watch.until ? counter->deadline : counter->watch.until;
+    int64_t period = counter->cycles - counter->watch.cycles;
+
+    return period > 0 && until > counter->cycles ? (until - 1 - counter->cycles) / period : 0;
+}
+
+/* Whether a proof takes the host less than to execute the turns that are left. */
+static bool is_worth_a_proof(const struct counter *counter)
+{
+    const struct watch *watch = &counter->watch;
+    const struct block *trigger = watch->trigger;
+    int64_t left = turns_left(counter);
+    int64_t fewest = watch->reads != 0 ? FEWEST_READS_PROVED : FEWEST_CYCLES_PROVED;
+    uint32_t from = watch->reads != 0 ? PROVED_FROM_READING : PROVED_FROM;
+
+    left *= watch->reads != 0 ? watch->reads : counter->cycles - watch->cycles;
+    return trigger != NULL && trigger->rest == 0 && watch->counted == 0 && left >= fewest &&
+           (trigger->proved != 0 || trigger->wait >= from);
+}
+
+/* The turn that ended changed something: have Python prove how many follow that are like it; says whether any do. */
+static bool pass_proved_turns(struct counter *counter, const struct block *block)
+{
+    struct watch *watch = &counter->watch;
+    struct block *trigger = watch->trigger;
+    uint32_t longest;
+    int64_t turns;
+
+    if (!is_worth_a_proof(counter)) {
+        return false;
+    }
+    counter->running_number = -1; /* it is now when the block begins */
+    turns = counter->prove();
+    counter->running_number = block->number;
+    trigger->proved = turns > 0;
+    if (turns <= 0) {
+        longest = turns < 0 ? LONGEST_REST_AFTER_NONE : LONGEST_REST;
+        trigger->rests = 2 * trigger->rests + 1 < longest ? 2 * trigger->rests + 1 : longest;
+        trigger->rest = trigger->rests;
+        return false;
+    }
+    trigger->rests = 0;
+    pass_turns(counter, turns);
+    counter->known_aligned = 0; /* registers have been written */
+    end_watch(counter, 1);
+    return true;
+}
+
 /* Compare what a turn came back with; says whether the watch goes on. */
 static bool comes_back(struct counter *counter, void *engine, const struct block *block)
 {
     struct watch *watch = &counter->watch;
     uint32_t registers[STATE_REGISTERS] = {0};
 
-    read_state(counter, engine, registers);
-    if (memcmp(registers, watch->registers, sizeof registers) == 0) {
-        pass_turns(counter);
-        end_watch(counter, 1);
-        return false;
+    if (watch->changes == 0) {
+        read_state(counter, engine, registers);
+        if (memcmp(registers, watch->registers, sizeof registers) == 0) {
+            pass_turns(counter, turns_left(counter));
+            end_watch(counter, 1);
+            return false;
+        }
     }
     watch->turns++;
-    if (watch->turns == MOST_TURNS) {
+    if ((watch->changes != 0 || watch->turns > 1) && pass_proved_turns(counter, block)) {
+        return false;
+    }
+    if (watch->changes != 0 || watch->turns == MOST_TURNS) {
         give_up(counter);
         return false;
     }
@@ -418,7 +495,10 @@ static void watch_block(struct counter *counter, void *engine, const struct bloc
             return;
         }
     }
-    if ((block->reasons & MAY_WAIT) == 0 || watch->blocks == MOST_BLOCKS) {
+    if ((block->reasons & MAY_WAIT) == 0) {
+        watch->changes = 1;
+    }
+    if ((block->reasons & (MAY_WAIT | MAY_BE_PROVED)) == 0 || watch->blocks == MOST_BLOCKS) {
         give_up(counter);
         return;
     }

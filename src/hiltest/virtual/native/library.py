@@ -9,11 +9,14 @@ from functools import cache
 from hiltest.virtual.native.build import LIBRARY, source_sha256
 
 PASSED = ctypes.CFUNCTYPE(None, ctypes.c_int64)
+PROVE = ctypes.CFUNCTYPE(ctypes.c_int64)
 PRICE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_uint32, ctypes.c_uint32, ctypes.c_uint32)
 ATTEND = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_uint32)
 NEUTRAL_ENTRY = 0
-USES_FPU, ALIGNMENT_INSIDE, CHANGES_MASKS, LOOPS_TO_ITSELF, WATCHED, MAY_WAIT = (1 << bit for bit in range(6))
-STEADY, COUNTED = 1, 2  # of a byte of registers
+USES_FPU, ALIGNMENT_INSIDE, CHANGES_MASKS, LOOPS_TO_ITSELF, WATCHED, MAY_WAIT, MAY_BE_PROVED = (
+    1 << bit for bit in range(7)
+)
+STEADY, COUNTED, COUNTS = 1, 2, 4  # of a byte of registers
 CORE_REGISTERS = 15
 NO_HEAD = -1
 _MOST_BLOCKS, _MOST_READS = 96, 24
@@ -26,7 +29,7 @@ class PricedBlock(ctypes.Structure):
         (name, ctypes.c_uint32)
         for name in (
             "address", "size", "entry", "leaves", "count", "through", "taken", "reasons", "aligned", "kept", "number",
-            "patience", "wait",
+            "patience", "wait", "rest", "rests", "proved",
         )
     )  # fmt: skip
 
@@ -44,6 +47,7 @@ class Watch(ctypes.Structure):
         ("blocks", ctypes.c_uint32),
         ("reads", ctypes.c_uint32),
         ("counted", ctypes.c_uint32),
+        ("changes", ctypes.c_uint32),
         ("end", ctypes.c_uint32),
         ("registers", ctypes.c_uint32 * (CORE_REGISTERS + 1)),
         ("ran", ctypes.c_uint32 * _MOST_BLOCKS),
@@ -75,6 +79,7 @@ class Counter(ctypes.Structure):
         ("price", PRICE),
         ("attend", ATTEND),
         ("passed", PASSED),
+        ("prove", PROVE),
         ("watch", Watch),
     )
 

@@ -12,8 +12,9 @@ from unicorn.unicorn_py3.unicorn import uclib
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.engine import add_hook
 from hiltest.virtual.memory import PERIPHERALS, PRIVATE_PERIPHERALS
-from hiltest.virtual.native import PAGE_BYTES, Offsets, declared_steady, native_permission
+from hiltest.virtual.native import PAGE_BYTES, Offsets, declared_registers, native_permission
 from hiltest.virtual.peripherals.bit_band import PERIPHERAL_ALIAS, SRAM_ALIAS, AliasedSram, BitBandAlias
+from hiltest.virtual.turn import Counting
 
 _READ_CALLBACK = ctypes.CFUNCTYPE(ctypes.c_uint64, ctypes.c_void_p, ctypes.c_uint64, ctypes.c_uint, ctypes.c_void_p)
 _WRITE_CALLBACK = ctypes.CFUNCTYPE(
@@ -46,7 +47,8 @@ class Peripheral(Protocol):
     a write, and whose reading changes nothing. A loop that reads nothing else, and changes nothing, is passed over up
     to the next event. Where it depends on more than the offset, `read` tells the processor's accounting: `end_watch`,
     where this reading changed something, and `steady_until`, where what was read changes without an event.
-    Nothing is steady of a block that does not say so. One that sets `counts_reads` is told of reads passed over.
+    Nothing is steady of a block that does not say so. One that declares `counters`, bytes of registers that count with
+    time, has `counting(offset)`, which returns a `Counting`. One that sets `counts_reads` is told of reads passed over.
     """
 
     name: str
@@ -261,8 +263,9 @@ class PeripheralBus:
         for page in range(len(pages)):
             peripheral = self._pages.get((base >> 12) + page)
             steady: Offsets = getattr(peripheral, "steady", NONE_STEADY)
-            if len(steady) > 0:
-                declared = declared_steady(steady, counted=_counts_reads(peripheral))
+            counters: Offsets = getattr(peripheral, "counters", NONE_STEADY)
+            if len(steady) + len(counters) > 0:
+                declared = declared_registers(steady, counters, counted=_counts_reads(peripheral))
                 pages[page] = ctypes.addressof(declared)
         return pages
 
@@ -282,6 +285,14 @@ class PeripheralBus:
         self._pages[address >> 12].write(address & 0xFFF, size, value)
         if self._processor.nvic.changed:
             self._notice()
+
+    def counting(self, address: int) -> Counting | None:
+        """Return how the register at an address counts; None for one that is steady."""
+        peripheral = self._pages[address >> 12]
+        if address & 0xFFF not in getattr(peripheral, "counters", ()):
+            return None
+        counting: Counting = peripheral.counting(address & 0xFFF)  # type: ignore[attr-defined]
+        return counting
 
     def reason_against(self, address: int, size: int) -> str | None:
         """Say why an access is a bus error, if it is: every byte of it needs a peripheral with a clock."""

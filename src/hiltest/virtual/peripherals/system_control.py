@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from hiltest.virtual.clock import Clock
@@ -11,6 +12,7 @@ from hiltest.virtual.peripherals.bus import ALL_STEADY
 from hiltest.virtual.peripherals.cycle_counter import CycleCounter
 from hiltest.virtual.peripherals.fault_registers import CFSR, HFSR, FaultRegisters
 from hiltest.virtual.schedule import Event
+from hiltest.virtual.turn import Counting
 
 _CPUID = 0x410FC241  # Cortex-M4 r0p1
 _ICSR, _VTOR, _AIRCR, _SCR, _CCR, _SHPR1, _CPACR = 0xD04, 0xD08, 0xD0C, 0xD10, 0xD14, 0xD18, 0xD88
@@ -43,9 +45,16 @@ class SysTick:
         self._flag = False
 
     def _value(self) -> int:
+        return self._value_at(self._core.now())
+
+    def _value_at(self, tick: int) -> int:
         if self._event is None:
             return self._held
-        return max(self._expires_at - self._core.now() - 1, 0) & 0xFFFFFF
+        return max(self._expires_at - tick - 1, 0) & 0xFFFFFF
+
+    def counting(self) -> Counting:
+        """Return how CVR counts: down to zero, which is an event."""
+        return Counting(lambda cycle: self._value_at(self._core.ticks_at(cycle)), rises=False, until=math.inf)
 
     def read(self, offset: int) -> int:
         """Answer CSR, RVR, CVR or CALIB; reading CSR clears COUNTFLAG."""
@@ -117,7 +126,8 @@ class SystemControlSpace:
 
     name = "SCS"
     base = 0xE000E000
-    steady = frozenset(ALL_STEADY) - frozenset(range(0x18, 0x1C))  # SysTick's count
+    counters = frozenset(range(0x18, 0x1C))  # SysTick's CVR
+    steady = frozenset(ALL_STEADY) - counters
 
     def __init__(
         self, processor: Processor, core: Clock, counter: CycleCounter, request_reset: Callable[[], None]
@@ -143,6 +153,10 @@ class SystemControlSpace:
         """Answer a register; byte access is for priorities."""
         word = self._read_word(offset & ~3)
         return word >> 8 * (offset & 3)
+
+    def counting(self, _offset: int) -> Counting:
+        """Return how SysTick counts."""
+        return self._systick.counting()
 
     def _read_word(self, offset: int) -> int:
         nvic = self._processor.nvic
