@@ -41,12 +41,13 @@ def test_the_shipped_firmware_runs_the_same() -> None:
 @pytest.mark.parametrize("loop", ["poll_status", "two_registers", "wait_count_flag", "wait_unmodelled"])
 def test_a_wait_for_a_register_takes_the_host_a_fraction_of_the_time(build: Build, loop: str) -> None:
     elf = build(WAITS, "-O2", f"-DLOOP={loop}")
-    took_s = []
-    for passes_waits in (True, False):
+    took_s = {}
+    for passes_waits in (False, True):
+        outcome(elf, 0.001, passes_waits=passes_waits)  # decodes, once for both
         began_s = time.process_time()
-        outcome(elf, 0.02, passes_waits=passes_waits)
-        took_s.append(time.process_time() - began_s)
-    assert took_s[0] < took_s[1] / 2  # 5 to 10 times less; twice as much as that where the machine is disturbed
+        outcome(elf, 0.2, passes_waits=passes_waits)
+        took_s[passes_waits] = time.process_time() - began_s
+    assert took_s[True] < took_s[False] / 2  # 4 times less or better; the machine may be disturbed
 
 
 @pytest.mark.slow
