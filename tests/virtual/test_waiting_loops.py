@@ -11,6 +11,7 @@ import pytest
 
 from .both_ways import assert_same_both_ways, outcome
 from .conftest import PROGRAMS, SHIPPED, Build
+from .random_loops import random_program
 
 WAITS = PROGRAMS / "waits.c"
 LOOPS = re.findall(r"^static void (\w+)\(void\)", WAITS.read_text(), re.MULTILINE)
@@ -26,6 +27,12 @@ pytestmark = pytest.mark.usefixtures("native_hook")
 def test_a_loop_ends_at_the_same_cycle_with_the_same_state(build: Build, loop: str, level: str) -> None:
     elf = build(WAITS, level, f"-DLOOP={loop}")
     assert_same_both_ways(elf, 0.004, [(0.0011, b"x"), (0.0017, b"yz"), (0.0029, bytes(range(9)))])
+
+
+@pytest.mark.parametrize("first", range(0, 40, 10))
+def test_random_loops_run_the_same(build: Build, first: int) -> None:
+    for seed in range(first, first + 10):
+        assert_same_both_ways(build(random_program(seed)), 0.01)
 
 
 @pytest.mark.parametrize("name", ["exceptions", "pins", "priorities"])

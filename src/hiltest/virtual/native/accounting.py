@@ -185,7 +185,7 @@ class NativeBlockAccounting:
         self._entered.append(Entered(block, NO_BLOCK if entry == native.NEUTRAL_ENTRY else entry - 1))
         priced = native.PricedBlock(
             address, len(code), entry, leaves, block.count, block.through, block.taken, reasons, aligned, kept, number,
-            *((_FIRST_WAIT, _FIRST_WAIT) if self.passes_waits and block.instructions[-1].jumps_back(address) else ()),
+            _FIRST_WAIT, _FIRST_WAIT if self.passes_waits and block.instructions[-1].jumps_back(address) else _NEVER,
         )
         self._priced.append(priced)
         if 2 * len(self._entered) > len(self._table):

@@ -39,14 +39,14 @@ enum {
     MOST_BLOCKS = 96, /* of a turn */
     MOST_READS = 24,  /* of peripherals' registers, in a turn */
     MOST_TURNS = 3,   /* compared with the first; the state of the second replaces that of the first, as it settles */
-    LONGEST_WAIT = 8192,       /* turns between two attempts: what an attempt costs is some hundred instructions, */
-    LONGEST_WAIT_READING = 32, /* or less than one read of a register */
+    LONGEST_WAIT = 1 << 16,    /* turns between two watches: one costs the host some microseconds, */
+    LONGEST_WAIT_READING = 32, /* as one read of a register does */
     PROVED_FROM = 8192,        /* with so long a wait Python is asked: a proof takes a tenth of a millisecond or more */
     PROVED_FROM_READING = 8,
     FEWEST_CYCLES_PROVED = 65536, /* before the next event, or as the host is concerned: */
     FEWEST_READS_PROVED = 100,
-    LONGEST_REST = 31,         /* turns watched between two proofs of too few turns */
-    LONGEST_REST_AFTER_NONE = 1023,
+    LONGEST_REST = 1023,       /* watches between two proofs that were not worth it */
+    LONGEST_REST_READING = 31, /* the same where it could be followed */
 };
 
 /* What a peripheral declares of a byte of its registers. */
@@ -72,11 +72,11 @@ struct block {
     uint32_t aligned; /* registers that must be multiples of four when it begins, bit n for r(n) */
     uint32_t kept;    /* registers that are multiples of four behind it if they were before */
     uint32_t number;  /* by which Python knows it */
-    uint32_t patience; /* jumps backward from its end until a loop is watched; 0: none is */
-    uint32_t wait;     /* patience to begin with, the next time */
-    uint32_t rest;     /* turns to watch until a proof is tried */
-    uint32_t rests;    /* rest to begin with, the next time */
-    uint32_t proved;   /* whether the last proof succeeded */
+    uint32_t wait;    /* jumps away between two watches of the loop that it jumps back in */
+    int64_t next;     /* jumps away, in all, at which the next watch begins */
+    uint16_t rest;    /* watches to pass until a proof is tried */
+    uint16_t rests;   /* rest to begin with, the next time */
+    uint32_t proved;  /* whether the last proof was worth it */
 };
 
 /*
@@ -165,7 +165,7 @@ static void end_watch(struct counter *counter, uint32_t wait)
 
     if (watch->trigger != NULL) {
         watch->trigger->wait = wait;
-        watch->trigger->patience = wait;
+        watch->trigger->next = counter->runs[watch->trigger->number][1] + wait;
         watch->trigger = NULL;
     }
     watch->head = NO_HEAD;
@@ -187,7 +187,9 @@ static void give_up(struct counter *counter)
 
     if (watch->trigger != NULL) {
         wait = 2 * watch->trigger->wait;
-        watch->trigger->rest -= watch->trigger->rest != 0;
+        if (watch->trigger->rest != 0) {
+            watch->trigger->rest--;
+        }
     }
     end_watch(counter, wait < longest ? wait : longest);
 }
@@ -282,14 +284,9 @@ static void finish(struct counter *counter, uint32_t next)
     } else {
         counter->cycles += block->taken;
         counter->state = NEUTRAL;
-        counter->runs[block->number][1]++;
-        if (block->patience != 0 && --block->patience == 0) { /* it jumped backward often enough */
-            if (counter->watch.trigger == NULL) {
-                counter->watch.trigger = block;
-                counter->reasons |= WATCHED;
-            } else {
-                block->patience = 1; /* an outer loop is being watched */
-            }
+        if (++counter->runs[block->number][1] >= block->next && counter->watch.trigger == NULL) {
+            counter->watch.trigger = block;
+            counter->reasons |= WATCHED;
         }
     }
 }
@@ -407,18 +404,15 @@ static int64_t turns_left(const struct counter *counter)
     return period > 0 && until > counter->cycles ? (until - 1 - counter->cycles) / period : 0;
 }
 
-/* Whether a proof takes the host less than to execute the turns that are left. */
-static bool is_worth_a_proof(const struct counter *counter)
+/* Whether a proof takes the host less than to execute so many turns. */
+static bool is_worth_a_proof(const struct counter *counter, int64_t turns)
 {
     const struct watch *watch = &counter->watch;
-    const struct block *trigger = watch->trigger;
-    int64_t left = turns_left(counter);
-    int64_t fewest = watch->reads != 0 ? FEWEST_READS_PROVED : FEWEST_CYCLES_PROVED;
-    uint32_t from = watch->reads != 0 ? PROVED_FROM_READING : PROVED_FROM;
 
-    left *= watch->reads != 0 ? watch->reads : counter->cycles - watch->cycles;
-    return trigger != NULL && trigger->rest == 0 && watch->counted == 0 && left >= fewest &&
-           (trigger->proved != 0 || trigger->wait >= from);
+    if (watch->reads != 0) {
+        return turns * watch->reads >= FEWEST_READS_PROVED;
+    }
+    return turns * (counter->cycles - watch->cycles) >= FEWEST_CYCLES_PROVED;
 }
 
 /* The turn that ended changed something: have Python prove how many follow that are like it; says whether any do. */
@@ -426,26 +420,31 @@ static bool pass_proved_turns(struct counter *counter, const struct block *block
 {
     struct watch *watch = &counter->watch;
     struct block *trigger = watch->trigger;
-    uint32_t longest;
+    uint32_t from = watch->reads != 0 ? PROVED_FROM_READING : PROVED_FROM;
+    int longest;
     int64_t turns;
 
-    if (!is_worth_a_proof(counter)) {
+    if (trigger == NULL || trigger->rest != 0 || (trigger->proved == 0 && trigger->wait < from) ||
+        watch->counted != 0 || !is_worth_a_proof(counter, turns_left(counter))) {
         return false;
     }
     counter->running_number = -1; /* it is now when the block begins */
     turns = counter->prove();
     counter->running_number = block->number;
-    trigger->proved = turns > 0;
-    if (turns <= 0) {
-        longest = turns < 0 ? LONGEST_REST_AFTER_NONE : LONGEST_REST;
-        trigger->rests = 2 * trigger->rests + 1 < longest ? 2 * trigger->rests + 1 : longest;
+    trigger->proved = is_worth_a_proof(counter, turns);
+    if (trigger->proved != 0) {
+        trigger->rests = 0;
+    } else {
+        longest = turns < 0 || watch->reads == 0 ? LONGEST_REST : LONGEST_REST_READING;
+        trigger->rests = (uint16_t)(2 * trigger->rests + 1 < longest ? 2 * trigger->rests + 1 : longest);
         trigger->rest = trigger->rests;
+    }
+    if (turns <= 0) {
         return false;
     }
-    trigger->rests = 0;
     pass_turns(counter, turns);
     counter->known_aligned = 0; /* registers have been written */
-    end_watch(counter, 1);
+    end_watch(counter, trigger->proved != 0 ? 1 : trigger->wait);
     return true;
 }
 

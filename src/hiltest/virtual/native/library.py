@@ -25,12 +25,12 @@ _MOST_BLOCKS, _MOST_READS = 96, 24
 class PricedBlock(ctypes.Structure):
     """``struct block`` of block_hook.c."""
 
-    _fields_ = tuple(
-        (name, ctypes.c_uint32)
-        for name in (
+    _fields_ = (
+        *((name, ctypes.c_uint32) for name in (
             "address", "size", "entry", "leaves", "count", "through", "taken", "reasons", "aligned", "kept", "number",
-            "patience", "wait", "rest", "rests", "proved",
-        )
+            "wait",
+        )),
+        ("next", ctypes.c_int64), ("rest", ctypes.c_uint16), ("rests", ctypes.c_uint16), ("proved", ctypes.c_uint32),
     )  # fmt: skip
 
 

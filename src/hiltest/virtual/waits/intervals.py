@@ -78,20 +78,18 @@ def subtract(first: Value, second: Value) -> Value:
 
 def conjunction(first: Value, second: Value) -> Value:
     """Return first AND second."""
-    if first.is_known and second.is_known:
-        return Value(first.low & second.low)
-    if first.is_known:
+    if first.is_known and not second.is_known:
         first, second = second, first
     if not second.is_known:
         return anything(first, second)
     mask = second.low
     low, high = first.unsigned
     if mask & mask + 1 == 0:  # ones in the lowest places alone
-        if high <= mask and (low, high) == (first.low, first.low + first.width):
+        if first.low + first.width <= mask:
             return first
         if low & ~mask == high & ~mask:
-            return Value(low & mask, first.width, stale=first.stale)
-    return anything(first, most=mask)
+            return Value(low & mask, high - low, stale=first.stale)
+    return Value(low & mask) if first.is_known else anything(first, most=mask)
 
 
 def disjunction(first: Value, second: Value) -> Value:

@@ -146,6 +146,12 @@ class _Now:
         """Whether a peripheral answers there."""
         return address >= PERIPHERALS[0]
 
+    def is_code(self, place: Place) -> bool:
+        """Whether a place is where the turn's own instructions are."""
+        return isinstance(place, tuple) and any(
+            place[0] < block.end and block.address < sum(place) for block, _ in self._turn.blocks
+        )
+
     def read(self, address: int, size: int, cycle: int, turns: int) -> Value:
         """Return what a register answers in the turns: an interval for one that counts."""
         counting = self._bus.counting(address)
@@ -193,6 +199,8 @@ def _prove(operations: list[tuple[int, Operation]], now: _Now, turns: int) -> Pr
         return None
     rewritten = [place for place in begun_with if place not in steps]
     if any(state.written[place].stale for place in rewritten) or any(place in _MASKS for place in begun_with):
+        raise NotProvable
+    if any(now.is_code(place) for place in state.written):
         raise NotProvable
     return Proof(turns, steps)
 
