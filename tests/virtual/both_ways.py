@@ -10,6 +10,8 @@ from pathlib import Path
 from hiltest.errors import BoardFault
 from hiltest.virtual.k64f import VirtualK64F
 
+from .test_peripherals import Part
+
 Sending = tuple[float, bytes]  # when [s], and what
 
 
@@ -30,6 +32,7 @@ class Outcome:
     idle_cycles: int
     sent: list[tuple[int, bytes]]
     events: list[str]
+    on_i2c: list[tuple[str, int, float]]
     executed: dict[tuple[object, ...], tuple[int, int]]
     registers: dict[str, int]
     memory: str
@@ -39,8 +42,12 @@ class Outcome:
 
 
 def outcome(elf: Path, until_s: float, *, passes_waits: bool, sendings: Sequence[Sending] = ()) -> Outcome:
-    """Run a program until a virtual time; SW2 is pressed for the third quarter of it."""
-    board = VirtualK64F(elf, passes_waits=passes_waits)
+    """Run a program until a virtual time; SW2 is pressed for the third quarter of it.
+
+    The board has its FXOS8700CQ, or what answers at its address.
+    """
+    part = Part(0x1D)
+    board = VirtualK64F(elf, i2c0=[part], passes_waits=passes_waits)
     sent: list[tuple[int, bytes]] = []
 
     def look() -> bool:
@@ -67,7 +74,7 @@ def outcome(elf: Path, until_s: float, *, passes_waits: bool, sendings: Sequence
         before = executed.get(key, (0, 0))
         executed[key] = before[0] + on, before[1] + away
     return Outcome(
-        board.cycles, board.instructions, processor.idle_cycles, sent, [str(event) for event in board.events], executed,
+        board.cycles, board.instructions, processor.idle_cycles, sent, [str(event) for event in board.events], part.seen, executed,
         processor.registers.snapshot(), hashlib.sha256(processor.memory.sram.view).hexdigest(), board.position(),
         [str(access) for access in board.unmodelled], ended,
     )  # fmt: skip
@@ -75,8 +82,6 @@ def outcome(elf: Path, until_s: float, *, passes_waits: bool, sendings: Sequence
 
 def assert_same_both_ways(elf: Path, until_s: float, sendings: Sequence[Sending] = ()) -> Outcome:
     """Run both ways, compare, and return the outcome."""
-    passed, executed = (
-        outcome(elf, until_s, passes_waits=passes, sendings=sendings) for passes in (True, False)
-    )
+    passed, executed = (outcome(elf, until_s, passes_waits=passes, sendings=sendings) for passes in (True, False))
     assert passed == executed
     return passed

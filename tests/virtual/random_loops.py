@@ -90,7 +90,8 @@ def _step(chance: random.Random) -> str:
     condition = chance.choice(CONDITIONS)
     plain = [
         f"adds {one}, {other}, {third}", f"subs {one}, {other}, {third}", f"adds {one}, #{small}",
-        f"mov {one}, {other}", f"subs {one}, #{small}", f"bic {one}, {other}, #0xFF000000", f"ands {one}, {other}", f"lsrs {one}, {other}, #3",
+        f"mov {one}, {other}", f"subs {one}, #{small}", f"bic {one}, {other}, #0xFF000000",
+        f"ands {one}, {other}", f"lsrs {one}, {other}, #3",
         f"uxth {one}, {other}", f"uxtb {one}, {other}", f"ubfx {one}, {other}, #4, #12", f"lsls {one}, {other}, #2",
         f"rsb {one}, {other}, #{small}", f"orr {one}, {other}, #{small}", f"eor {one}, {other}, {third}",
         f"cmp {one}, #{small}", f"asrs {one}, {other}, #2", f"mul {one}, {other}, {third}", f"mvn {one}, {other}",

@@ -41,6 +41,12 @@ def test_other_programs_run_the_same(build: Build, name: str) -> None:
     assert_same_both_ways(build(PROGRAMS / f"{name}.c", *grouping), 0.02)
 
 
+def test_a_sensor_is_polled_and_printed_the_same(build: Build) -> None:
+    found = assert_same_both_ways(build(PROGRAMS / "polls_fxos8700.c"), 0.03)
+    assert len(found.sent) > 50
+    assert len(found.on_i2c) > 50
+
+
 def test_the_shipped_firmware_runs_the_same() -> None:
     assert assert_same_both_ways(SHIPPED, 0.3, [(0.2, b"\x7e\x11\x07\x00\x00\x7e")]).cycles > 35e6
 
