@@ -74,7 +74,8 @@ def outcome(elf: Path, until_s: float, *, passes_waits: bool, sendings: Sequence
         before = executed.get(key, (0, 0))
         executed[key] = before[0] + on, before[1] + away
     return Outcome(
-        board.cycles, board.instructions, processor.idle_cycles, sent, [str(event) for event in board.events], part.seen, executed,
+        board.cycles, board.instructions, processor.idle_cycles, sent, [str(event) for event in board.events],
+        part.seen, executed,
         processor.registers.snapshot(), hashlib.sha256(processor.memory.sram.view).hexdigest(), board.position(),
         [str(access) for access in board.unmodelled], ended,
     )  # fmt: skip
