@@ -53,6 +53,7 @@ static void prepare(void)
     WORD(0x4004803Cu) |= 1u << 23 | 1u << 27;    /* PIT, ADC0 */
     WORD(0x4004B018u) = 1u << 8 | 3u;            /* PTC6, pulled up */
     BYTE(0x4006A001u) = 10u;
+    BYTE(0x4006A010u) = 0x08u;
     BYTE(0x4006A003u) = 0x0Cu;
     WORD(0xE000EDFCu) |= 1u << 24;
     WORD(0xE0001000u) |= 1u;
@@ -108,6 +109,22 @@ static void read_what_changes(void)
         }
     }
     keep(seen);
+}
+
+/* The same byte again and again is not the same reading: each takes one out of the FIFO. */
+static void read_data(void)
+{
+    uint32_t reads = 0;
+    while (RCFIFO < 6u && ticks < 5u) {
+    }
+    do {
+        reads += CYCCNT & 1u;
+    } while (D == 'a');
+    keep(RCFIFO + reads);
+    do {
+        __asm volatile("" ::: "memory");
+    } while (D == 'b');
+    keep(RCFIFO);
 }
 
 static void wait_idle(void)
@@ -273,6 +290,65 @@ static void wait_count_flag(void)
     while (!(ICSR & 1u << 26) && !(SYST_CSR & 1u << 16)) {
     }
     keep(ticks);
+}
+
+/* The turn that clears the flag takes longer, and changes nothing else. */
+static void clear_count_flag(void)
+{
+    uint32_t status;
+    for (uint32_t turns = 0; turns < 3; turns++) {
+        __asm volatile(
+            "1: ldr %0, [%1]\n tst %0, #0x10000\n beq 2f\n nop\n nop\n nop\n"
+            "2: movs %0, #0\n ldr %0, [%2]\n cmp %0, %3\n bls 1b\n"
+            : "=&r"(status) : "r"(0xE000E010u), "r"(&expiries), "r"(expiries + 1u) : "cc");
+    }
+    keep(CYCCNT);
+}
+
+/* What is left behind is of the turn before, and of the one before that. */
+static void sliding(void)
+{
+    uint32_t last = 0, now = 0, before;
+    do {
+        before = last;
+        last = now;
+        now = SYST_CVR;
+    } while (now > 1000u);
+    keep(before);
+    keep(last);
+    while (SYST_CVR <= 1000u) {
+    }
+}
+
+/* Where an interrupt comes between the two readings it finds one of this turn and one of the turn before. */
+static void two_counters(void)
+{
+    uint32_t first, second;
+    __asm volatile(
+        "1: ldr %0, [%2, #8]\n cmp %0, #1000\n bls 2f\n"
+        "ldr %1, [%3, #4]\n cmp %1, #0\n bne 1b\n"
+        "2:\n"
+        : "=&r"(first), "=&r"(second) : "r"(0xE000E010u), "r"(0xE0001000u) : "cc");
+    keep(first + second);
+    while (SYST_CVR <= 1000u) {
+    }
+}
+
+/* Something happens every few turns, within a turn too. */
+static void crowded(void)
+{
+    uint32_t rounds = 0;
+    PIT(2, LDVAL) = 37u;
+    PIT(2, TCTRL) = 3u;
+    D = 'j';
+    do {
+        while (!(PIT(2, TFLG) & 1u) && (PDIR_C & SW2) == (PDIR_C & SW2)) {
+        }
+        PIT(2, TFLG) = 1u;
+        rounds++;
+    } while (!(S1 & TC));
+    PIT(2, TCTRL) = 0u;
+    keep(rounds + CYCCNT);
 }
 
 static void wait_timer(void)

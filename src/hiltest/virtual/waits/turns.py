@@ -59,7 +59,7 @@ class LoopProver:
     for many turns at once, one is walked through with intervals for what changes from turn to turn: of a counter all
     that it shows in those turns, of a place that a turn adds to all that it holds. Where a branch does not go one
     way for a whole interval, fewer turns are tried. What else changes must be written in a turn before it is read:
-    the last turn before the clock stops is always executed, and leaves it as it would have been.
+    the last turn that is proved to go this way is always executed, and leaves it as it would have been.
     """
 
     def __init__(self, processor: Processor, bus: Registers) -> None:
@@ -73,7 +73,7 @@ class LoopProver:
         Negative where the turn does what cannot be followed.
         """
         operations = self._operations(turn)
-        most = (turn.until - 1 - turn.began) // turn.period - 1
+        most = (turn.until - 1 - turn.began) // turn.period
         if operations is None or most < _FEWEST:
             return -1 if operations is None else 0
         surroundings = _Now(self._processor, self._bus, turn)
@@ -83,9 +83,10 @@ class LoopProver:
             return -1
         if proof is None or proof.turns < _FEWEST:
             return 0
+        passed = proof.turns - 1
         for place, step in proof.steps.items():
-            surroundings.write(place, surroundings.held(place) + step * proof.turns & MASK)
-        return proof.turns
+            surroundings.write(place, surroundings.held(place) + step * passed & MASK)
+        return passed
 
     def _operations(self, turn: Turn) -> list[tuple[int, Operation]] | None:
         """Return what a turn does, with the cycle of each instruction in it; None where it cannot be followed."""
