@@ -77,7 +77,7 @@ def outcome(elf: Path, until_s: float, *, passes_waits: bool, sendings: Sequence
         board.cycles, board.instructions, processor.idle_cycles, sent, [str(event) for event in board.events],
         part.seen, executed,
         processor.registers.snapshot(), hashlib.sha256(processor.memory.sram.view).hexdigest(), board.position(),
-        [str(access) for access in board.unmodelled], ended,
+        [f"{access}, {access.accesses} times" for access in board.unmodelled], ended,
     )  # fmt: skip
 
 

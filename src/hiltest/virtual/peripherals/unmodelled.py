@@ -90,6 +90,8 @@ class UnmodelledLog:
 
     def passed(self, addresses: list[int], turns: int) -> None:
         """Take note of turns of a loop that were passed over, in each of which these addresses are read."""
+        for address in addresses:
+            self._count[self._chip.register_name(address) or f"0x{address:08x}"] += turns
         if set(addresses) == {self._last_read}:
             self._reads += turns * len(addresses)
 
