@@ -10,6 +10,7 @@ from hiltest.boards import default_firmware
 from hiltest.virtual.accounting import AccountingFactory, BlockAccounting, CodeHook
 from hiltest.virtual.cpu import RETURN_ADDRESS
 from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.schedule import Event
 
 _POINTS, _ARGUMENT, _FIT, _CODE, _STACK = 0x20020000, 0x20028000, 0x20028100, 0x20029000, 0x20030000
 _N = 100
@@ -64,7 +65,7 @@ class KernelLoop:
             [*[0] * 4, *variables, *[0] * 5, _STACK, RETURN_ADDRESS | 1, _CODE | 1, _XPSR]
         )
         before = processor.cycles
-        if not processor.run(before + _FOREVER):
+        if not processor.run(Event(before + _FOREVER)):
             raise AssertionError("the loop did not come to its end")
         return processor.cycles - before
 

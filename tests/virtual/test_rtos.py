@@ -15,6 +15,7 @@ from hiltest.virtual.accounting import AccountingFactory
 from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.native import by_block
 
+from .both_ways import assert_same_both_ways
 from .conftest import FLAGS, PROGRAMS
 from .test_exceptions import word
 from .test_peripherals import Part
@@ -71,6 +72,11 @@ def run(elf: Path, accounting: AccountingFactory = by_block) -> tuple[VirtualK64
         memory.read_words(symbols["first_result"].address, 2), memory.read_words(symbols["disturbed"].address, 2),
     )  # fmt: skip
     return board, seen
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_it_runs_the_same_where_waits_are_passed_over(build_rtos: BuildRtos, level: str) -> None:
+    assert_same_both_ways(build_rtos(level), 0.05, [(5 * TICK_S, TEXT)])
 
 
 def series(factor: float) -> int:

@@ -21,6 +21,7 @@ from hiltest.virtual.blocks import CodeBlock, ReadCode, conditions_at, price_blo
 from hiltest.virtual.executions import NO_BLOCK, Entered, Snapshot
 from hiltest.virtual.instructions import Instruction, decode
 from hiltest.virtual.timing import NEUTRAL, PipelineState, TimingProfile
+from hiltest.virtual.turn import PassOver
 
 CODE_CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_uint64, ctypes.c_uint32, ctypes.c_void_p)
 
@@ -39,6 +40,11 @@ class Accounting(Protocol):
     ----------
     per_instruction : bool
         Whether `begins` wants every instruction rather than every block.
+    passes_waits : bool
+        Whether turns of loops that only wait are passed over at once, where this way of counting can do that; to be
+        set before anything runs.
+    pass_over : PassOver
+        Asked about turns of a loop that changes something, where this way of counting asks.
     stopped : bool
         Set by `settle`: whether the emulator was stopped without the `stop` that was given.
     """
@@ -47,6 +53,8 @@ class Accounting(Protocol):
     cycles: int
     instructions: int
     deadline: float
+    passes_waits: bool
+    pass_over: PassOver
     stopped: bool
 
     def hook(self, outside: int, abort: Callable[[BaseException], None]) -> CodeHook:
@@ -88,6 +96,14 @@ class Accounting(Protocol):
         """Return how often every block has run before the instruction at `pc`; None where it is not counted."""
         ...
 
+    def end_watch(self) -> None:
+        """Take the turn of a loop that runs for one that does more than wait."""
+        ...
+
+    def steady_until(self, cycle: float) -> None:
+        """Take note that what was read of a peripheral changes by itself, at that cycle."""
+        ...
+
     def flush_pipeline(self) -> None:
         """Empty the pipeline: nothing overlaps across an exception."""
         ...
@@ -126,6 +142,8 @@ class _Totals:
         self._read_code = read_code
         self._attend = attend
         self._stop = stop
+        self.passes_waits = False
+        self.pass_over: PassOver = lambda _turn: 0
         self.stopped = False
 
     def begins(self, address: int, size: int) -> None:
@@ -139,6 +157,12 @@ class _Totals:
 
     def translated(self, address: int, size: int) -> None:
         """Do nothing: no code is cached."""
+
+    def end_watch(self) -> None:
+        """Do nothing: no loop is watched."""
+
+    def steady_until(self, cycle: float) -> None:
+        """Do nothing, as above."""
 
     def hook(self, outside: int, abort: Callable[[BaseException], None]) -> CodeHook:
         """Return a callback that calls `begins`, and `abort` with whatever that raises."""

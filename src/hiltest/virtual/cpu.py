@@ -52,6 +52,8 @@ class Processor:
         Prices instructions.
     accounting : AccountingFactory
         What counts.
+    passes_waits : bool
+        Whether turns of loops that only wait may be passed over.
     memories : MemoryMap
 
     Attributes
@@ -66,7 +68,7 @@ class Processor:
 
     def __init__(
         self, image: FirmwareImage, profile: TimingProfile, *, accounting: AccountingFactory = by_block,
-        memories: MemoryMap = MK64FN1M0,
+        memories: MemoryMap = MK64FN1M0, passes_waits: bool = True,
     ) -> None:  # fmt: skip
         self.image = image
         self.profile = profile
@@ -89,6 +91,7 @@ class Processor:
         self._to_watch: CodeBlock | None = None
         self._chores: list[Callable[[], None]] = []
         self.accounting: Accounting = accounting(profile, self._read_code, self._attend, self._stop)
+        self.accounting.passes_waits &= passes_waits
         self.traps.supervisor_call = self._call_supervisor
         self.traps.take_event = self.event_register.take
         self.traps.jumped_from = lambda: self.accounting.jumped_from

@@ -78,6 +78,7 @@ class FunctionWatch:
     def _hook(self, address: int, function: Callable[[], None]) -> None:
         def called(_engine: int, _address: int, _size: int, _data: int) -> None:
             try:
+                self._processor.accounting.end_watch()  # each call is seen
                 function()
             except BaseException as error:  # re-raised by the processor; ctypes would print and drop it
                 self._processor.abort(error)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -12,6 +13,14 @@ from capstone import arm_const as arm
 
 _PC_BIT = 1 << 15
 _ALWAYS = -1  # where a register comes from that is always a multiple of four
+
+
+# Stores, and what masks interrupts: such a loop may only wait all the same, see `hiltest.virtual.waits`.
+_PROVABLE_ROWS = {"store", "store_register_offset"}
+_PROVABLE_SYSTEM = ("nop", "cps", "mrs", "msr")
+# Rows of instructions that may stand in a loop that only waits, unless they begin so.
+_WAITING_ROWS = {"data", "load", "multiple_base", "divide", "branch", "table_branch", "barrier", "it"}
+_NOT_WAITING = ("st", "push", "udf", ".", "mcr", "mrc", "cdp", "ldc")
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +79,24 @@ class Instruction:
         """Whether it is an unconditional branch to `address`."""
         return self.transfer == "direct" and not self.conditional and self.text.endswith(f"#{address:#x}")
 
+    def jumps_back(self, address: int) -> bool:
+        """Whether it is a branch, conditional or not, to `address` or to what stands before it; calls are none."""
+        mnemonic, _, target = self.text.partition(" #")
+        return self.transfer == "direct" and mnemonic != "bl" and bool(target) and int(target, 16) <= address
+
+    @property
+    def may_wait(self) -> bool:
+        """Whether it changes nothing but core registers and flags: it stores nothing, and is no system instruction."""
+        mnemonic = self.text.partition(" ")[0]
+        return self.row in _WAITING_ROWS and not self.uses_fpu and not mnemonic.startswith(_NOT_WAITING)
+
+    @property
+    def may_be_proved(self) -> bool:
+        """Whether it may stand in a loop of which many turns are proved to go alike."""
+        if self.row in ("system", "multiple_base"):
+            return not self.uses_fpu and self.text.startswith((*_PROVABLE_SYSTEM, "push", "st", "pop", "ld"))
+        return self.may_wait or self.row in _PROVABLE_ROWS
+
 
 _SINGLE_LOADS = {
     arm.ARM_INS_LDR, arm.ARM_INS_LDRB, arm.ARM_INS_LDRH, arm.ARM_INS_LDRSB, arm.ARM_INS_LDRSH,
@@ -114,6 +141,12 @@ def _disassembler() -> Any:
     engine = capstone.Cs(capstone.CS_ARCH_ARM, capstone.CS_MODE_THUMB | capstone.CS_MODE_MCLASS)
     engine.detail = True
     return engine
+
+
+def disassemble(address: int, code: bytes) -> Iterator[Any]:
+    """Return capstone's instructions of some code, as far as it knows them."""
+    instructions: Iterator[Any] = _disassembler().disasm(code, address)
+    return instructions
 
 
 @cache

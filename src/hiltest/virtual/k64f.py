@@ -61,6 +61,9 @@ class VirtualK64F:
     accounting : AccountingFactory, optional
         What counts; by default by block, in C where that is there, and with a profile that has memory rows by
         instruction, with them. `InstructionAccounting` is slow, and the reference.
+    passes_waits : bool
+        Whether loops that only wait are passed over by whole turns, up to the next event, where counting is in C.
+        Nothing but the time that the host needs depends on it.
     strict : bool
         Whether a peripheral that the chip has and this board does not model is a bus error. Otherwise its
         registers keep what is written, and `unmodelled` lists what was touched.
@@ -103,6 +106,7 @@ class VirtualK64F:
         i2c1: Sequence[I2cDevice] = (),
         profile: str | TimingProfile = DEFAULT_PROFILE,
         accounting: AccountingFactory | None = None,
+        passes_waits: bool = True,
         strict: bool = False,
         memory: str | MemoryMap | None = None,
         seed: int = 0,
@@ -115,7 +119,8 @@ class VirtualK64F:
         if priced.memory and self._is_foreign:
             raise ConfigError(f"{priced.name} counts the K64F's memories, not {self.memory}; take {DEFAULT_PROFILE}")
         self.processor = Processor(
-            self.image, priced, accounting=accounting or _accounting_for(priced), memories=self.memory
+            self.image, priced, accounting=accounting or _accounting_for(priced), memories=self.memory,
+            passes_waits=passes_waits,
         )
         self._chip = chip = Microcontroller(
             self.processor, (i2c0, i2c1), strict=strict, seed=seed, flash_file=flash_file

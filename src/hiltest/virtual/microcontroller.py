@@ -36,6 +36,7 @@ from hiltest.virtual.peripherals.uart import Uart
 from hiltest.virtual.peripherals.unmodelled import UnmodelledLog, UnmodelledPage
 from hiltest.virtual.peripherals.watchdog import Watchdog
 from hiltest.virtual.pin_signals import PinSignal, PulseCounter
+from hiltest.virtual.waits.turns import LoopProver
 
 # Firmware sets these up without an effect that it could see: their registers keep what is written, unreported.
 _STORED = ("SYSMPU",)
@@ -116,6 +117,8 @@ class Microcontroller:
             processor, self._peripherals, None if is_foreign else self._chip.register_name
         )
         self.clocks.on_gates = self.bus.look_again
+        self.bus.on_passed = self.unmodelled.passed
+        processor.accounting.pass_over = LoopProver(processor, self.bus).pass_over
 
     def _base(self, name: str) -> int:
         return self._modules[name].base

@@ -17,9 +17,12 @@ from hiltest.virtual.instructions import Instruction
 from hiltest.virtual.native import library as native
 from hiltest.virtual.registers import register_number
 from hiltest.virtual.timing import NEUTRAL, PipelineState, TimingProfile
+from hiltest.virtual.turn import PassOver, Turn
 
 _PLACES = 4096  # of the table at first: the shipped firmware has about a thousand blocks
 _NEVER = (1 << 63) - 1
+_FIRST_WAIT = 2  # jumps backward from a block before a loop is watched
+_ASKED_ABOUT = native.USES_FPU | native.ALIGNMENT_INSIDE | native.CHANGES_MASKS | native.LOOPS_TO_ITSELF
 _CYCLES, _INSTRUCTIONS, _DEADLINE, _RUNNING = range(4)  # words at the start of the counter
 
 
@@ -43,9 +46,15 @@ def _reasons_and_registers(
         | (native.ALIGNMENT_INSIDE if block.alignment.inside else 0)
         | (native.CHANGES_MASKS if block.changes_masks or block.sends_event else 0)
         | (native.LOOPS_TO_ITSELF if block.loops_to_itself else 0)
+        | (native.MAY_WAIT if all(each.may_wait for each in block.instructions) else 0)
+        | (native.MAY_BE_PROVED if all(each.may_be_proved for each in block.instructions) else 0)
+        | native.WATCHED
     )
     aligned = sum(1 << register for register in block.alignment.registers)
     return block, reasons, aligned, _kept(block.instructions)
+
+
+TellPassed = Callable[[Sequence[int], int], None]
 
 
 class NativeBlockAccounting:
@@ -63,17 +72,23 @@ class NativeBlockAccounting:
         self, profile: TimingProfile, read_code: ReadCode, attend: Callable[[CodeBlock], bool], stop: Callable[[], None]
     ) -> None:
         self.stopped = False
+        self.passes_waits = True
+        self.pass_over: PassOver = lambda _turn: 0
+        self._tell_passed: TellPassed = lambda _addresses, _turns: None
         self._profile = profile
         self._read_code = read_code
         self._attend = attend
         self._abort: Callable[[BaseException], None] = lambda _error: stop()
         self._library = native.library()
         self._counter = native.Counter(
-            running_number=-1, reasons=0xFFFFFFFF,
-            registers=tuple(register_number(f"R{number}") for number in range(native.CORE_REGISTERS)),
+            running_number=-1, reasons=_ASKED_ABOUT,
+            registers=(*(register_number(f"R{number}") for number in range(native.CORE_REGISTERS)),
+                       register_number("XPSR")),
             stop=ctypes.cast(uclib.uc_emu_stop, ctypes.c_void_p),
             read_register=ctypes.cast(uclib.uc_reg_read, ctypes.c_void_p),
+            read_registers=ctypes.cast(uclib.uc_reg_read_batch, ctypes.c_void_p),
             price=native.PRICE(self._on_price), attend=native.ATTEND(self._on_attend),
+            passed=native.PASSED(self._on_passed), prove=native.PROVE(self._on_prove),
         )  # fmt: skip
         self._address = ctypes.addressof(self._counter)
         self._words = memoryview(self._counter).cast("B").cast("q")
@@ -137,6 +152,24 @@ class NativeBlockAccounting:
             self._abort(error)
             return 0
 
+    def _on_passed(self, turns: int) -> None:
+        watch = self._counter.watch
+        try:
+            self._tell_passed(watch.read[: watch.reads], turns)
+        except BaseException as error:  # as above
+            self._abort(error)
+
+    def _on_prove(self) -> int:
+        counter = self._counter
+        watch = counter.watch
+        blocks = [(self._entered[ran >> 1].block, bool(ran & 1)) for ran in watch.ran[: watch.blocks]]
+        until = min(counter.deadline, watch.until)
+        try:
+            return self.pass_over(Turn(blocks, counter.cycles, counter.cycles - watch.cycles, until))
+        except BaseException as error:  # as above
+            self._abort(error)
+            return 0
+
     # -- the table of blocks ------------------------------------------------------------------
 
     def _add(self, address: int, code: bytes, entry: int) -> None:
@@ -151,7 +184,8 @@ class NativeBlockAccounting:
         leaves = native.NEUTRAL_ENTRY if block.instructions[-1].transfer else number + 1
         self._entered.append(Entered(block, NO_BLOCK if entry == native.NEUTRAL_ENTRY else entry - 1))
         priced = native.PricedBlock(
-            address, len(code), entry, leaves, block.count, block.through, block.taken, reasons, aligned, kept, number
+            address, len(code), entry, leaves, block.count, block.through, block.taken, reasons, aligned, kept, number,
+            _FIRST_WAIT, _FIRST_WAIT if self.passes_waits and block.instructions[-1].jumps_back(address) else _NEVER,
         )
         self._priced.append(priced)
         if 2 * len(self._entered) > len(self._table):
@@ -167,6 +201,7 @@ class NativeBlockAccounting:
         self._counter.table = ctypes.addressof(self._table)
         self._counter.runs = ctypes.addressof(runs)
         self._counter.places_mask = places - 1
+        self._counter.watch.trigger = None  # it was a place of the other table
         for priced in self._priced:
             self._library.hiltest_add_block(self._address, ctypes.addressof(priced))
 
@@ -184,6 +219,8 @@ class NativeBlockAccounting:
         self._priced: list[native.PricedBlock] = []
         self._priced_code: dict[tuple[int, int], bytes] = {}
         self._runs = (ctypes.c_int64 * 0)()
+        counter.watch.trigger = None  # it will be no place of the table
+        self.end_watch()
         if running is not None:
             self._last = native.PricedBlock.from_buffer_copy(native.PricedBlock.from_address(counter.running))
             self._last.number, self._last.leaves = 0, min(self._last.leaves, 1)
@@ -196,6 +233,27 @@ class NativeBlockAccounting:
         self._spread(_PLACES)
 
     # -- where execution is -------------------------------------------------------------------
+
+    def permission_counter(self, tell_passed: TellPassed) -> int:
+        """Return the address of the counter, for hooks that take note of accesses to peripherals.
+
+        Parameters
+        ----------
+        tell_passed : callable
+            Told the addresses of registers that were read in a turn of a loop, and how many such turns were passed
+            over, where one of the registers is counted.
+        """
+        self._tell_passed = tell_passed
+        return self._address
+
+    def end_watch(self) -> None:
+        """Take the turn of a loop that runs for one that does more than wait."""
+        self._library.hiltest_end_watch(self._address)
+
+    def steady_until(self, cycle: float) -> None:
+        """Take note that what was read of a peripheral changes by itself, at that cycle."""
+        watch = self._counter.watch
+        watch.until = min(watch.until, math.floor(cycle))
 
     @property
     def _running(self) -> CodeBlock | None:

@@ -3,17 +3,22 @@
  *
  * Python prices blocks and puts them into a table that it owns; this finds them again. Python is asked when a
  * block is not in the table, and when the processor must look at one before it runs. The emulator's functions
- * come as pointers, so this is linked with nothing, and it uses nothing of Python.
+ * come as pointers, so this is linked with nothing but the C library, and it uses nothing of Python.
  */
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <string.h>
 
 enum {
     NEUTRAL = 0, /* entry of a block that no pipeline state is left to */
     CORE_REGISTERS = 15,
+    STATE_REGISTERS = CORE_REGISTERS + 1, /* XPSR has the flags */
     PAGE_BITS = 12,
+    PAGE_BYTES = 1 << PAGE_BITS,
 };
+
+enum { WRITE_NOT_PERMITTED = 22 }; /* the emulator's UC_MEM_WRITE_PROT */
 
 static const uint32_t IT_STATE = 0x0600FC00u; /* in XPSR */
 
@@ -23,6 +28,32 @@ enum {
     ALIGNMENT_INSIDE = 1 << 1,
     CHANGES_MASKS = 1 << 2, /* or sends an event */
     LOOPS_TO_ITSELF = 1 << 3,
+    WATCHED = 1 << 4, /* every block, while a loop is watched */
+    MAY_WAIT = 1 << 5, /* not a reason: it changes nothing but core registers and flags */
+    MAY_BE_PROVED = 1 << 6, /* nor this: Python may know what it changes */
+};
+
+/* How a loop is watched. */
+enum {
+    NO_HEAD = -1,
+    MOST_BLOCKS = 96, /* of a turn */
+    MOST_READS = 24,  /* of peripherals' registers, in a turn */
+    MOST_TURNS = 3,   /* compared with the first; the state of the second replaces that of the first, as it settles */
+    LONGEST_WAIT = 1 << 16,    /* turns between two watches: one costs the host some microseconds, */
+    LONGEST_WAIT_READING = 32, /* as one read of a register does */
+    PROVED_FROM = 8192,        /* with so long a wait Python is asked: a proof takes a tenth of a millisecond or more */
+    PROVED_FROM_READING = 8,
+    FEWEST_CYCLES_PROVED = 65536, /* before the next event, or as the host is concerned: */
+    FEWEST_READS_PROVED = 100,
+    LONGEST_REST = 1023,       /* watches between two proofs that were not worth it */
+    LONGEST_REST_READING = 31, /* the same where it could be followed */
+};
+
+/* What a peripheral declares of a byte of its registers. */
+enum {
+    STEADY = 1 << 0,  /* reading changes nothing, and only events of the schedule change what is read */
+    COUNTED = 1 << 1, /* it wants to know of reads that were passed over */
+    COUNTS = 1 << 2,  /* reading changes nothing, and what is read counts with time */
 };
 
 /*
@@ -41,6 +72,32 @@ struct block {
     uint32_t aligned; /* registers that must be multiples of four when it begins, bit n for r(n) */
     uint32_t kept;    /* registers that are multiples of four behind it if they were before */
     uint32_t number;  /* by which Python knows it */
+    uint32_t wait;    /* jumps away between two watches of the loop that it jumps back in */
+    int64_t next;     /* jumps away, in all, at which the next watch begins */
+    uint16_t rest;    /* watches to pass until a proof is tried */
+    uint16_t rests;   /* rest to begin with, the next time */
+    uint32_t proved;  /* whether the last proof was worth it */
+};
+
+/*
+ * A loop that may only wait. Where a turn comes back to its head with the same core registers and flags, has stored
+ * nothing and read only what is steady, the next turn is the same, and so on until something happens from outside.
+ */
+struct watch {
+    int64_t head; /* number of the block where turns begin, or NO_HEAD */
+    int64_t cycles;
+    int64_t instructions; /* totals when the turn began */
+    int64_t until;         /* what was read is steady up to here [cycles] */
+    struct block *trigger; /* whose jump began it */
+    uint32_t turns;       /* that came back and were compared */
+    uint32_t blocks;      /* of the turn, in `ran` */
+    uint32_t reads;       /* of the turn, in `read` */
+    uint32_t counted;     /* whether any of them is of what is COUNTED */
+    uint32_t changes;     /* whether it may come back with another state, and go on all the same: Python can tell */
+    uint32_t end;         /* of the last block in `ran` */
+    uint32_t registers[STATE_REGISTERS]; /* when the turn began */
+    uint32_t ran[MOST_BLOCKS];           /* twice the number of each block, and one more if it jumped away */
+    uint32_t read[MOST_READS];           /* addresses */
 };
 
 struct counter {
@@ -57,11 +114,16 @@ struct counter {
     uint32_t known_aligned; /* registers known to be multiples of four */
     uint32_t outside;       /* address that is no code of the firmware */
     int32_t stopped;        /* whether the emulator was stopped from here */
-    int32_t registers[CORE_REGISTERS]; /* the emulator's numbers of r0 to r14 */
+    int32_t registers[STATE_REGISTERS]; /* the emulator's numbers of r0 to r14, and of XPSR */
     int (*stop)(void *engine);
     int (*read_register)(void *engine, int number, void *value);
+    int (*read_registers)(void *engine, const int *numbers, void **values, int count);
     int (*price)(uint32_t address, uint32_t size, uint32_t state); /* puts a block into the table; 0: it cannot */
     int (*attend)(uint32_t number);                                /* 0: the block must not run */
+    void (*passed)(int64_t turns);                                 /* so often all in `watch.read` was passed over */
+    /* How many turns like the one in `watch` follow, what they change being changed already; -1: it cannot tell. */
+    int64_t (*prove)(void);
+    struct watch watch;
 };
 
 /* A range of addresses with peripherals. */
@@ -72,6 +134,8 @@ struct window {
     int (*read_register)(void *engine, int number, const void *value);
     int (*write_register)(void *engine, int number, const void *value);
     int32_t xpsr; /* the emulator's number of it */
+    const uint8_t *const *steady; /* for each page what is declared of its bytes, or NULL: nothing */
+    struct counter *counter;      /* that watches loops; NULL: none does */
 };
 
 /* The source that this was built from; what is newer or older does not fit accounting in Python. */
@@ -95,6 +159,63 @@ static void forget_condition(const struct window *window, void *engine)
     }
 }
 
+static void end_watch(struct counter *counter, uint32_t wait)
+{
+    struct watch *watch = &counter->watch;
+
+    if (watch->trigger != NULL) {
+        watch->trigger->wait = wait;
+        watch->trigger->next = counter->runs[watch->trigger->number][1] + wait;
+        watch->trigger = NULL;
+    }
+    watch->head = NO_HEAD;
+    counter->reasons &= ~(uint32_t)WATCHED;
+}
+
+/* The turn that runs is not to be compared. */
+void hiltest_end_watch(struct counter *counter)
+{
+    end_watch(counter, counter->watch.trigger != NULL ? counter->watch.trigger->wait : 0);
+}
+
+/* The loop does more than wait, now at least: try again after twice as many turns. */
+static void give_up(struct counter *counter)
+{
+    const struct watch *watch = &counter->watch;
+    uint32_t longest = watch->reads != 0 ? LONGEST_WAIT_READING : LONGEST_WAIT;
+    uint32_t wait = 1;
+
+    if (watch->trigger != NULL) {
+        wait = 2 * watch->trigger->wait;
+        if (watch->trigger->rest != 0) {
+            watch->trigger->rest--;
+        }
+    }
+    end_watch(counter, wait < longest ? wait : longest);
+}
+
+/* Take note of an access to a peripheral, and whether what it reads is steady. */
+static void note_access(const struct window *window, bool is_write, uint64_t address, int size)
+{
+    struct counter *counter = window->counter;
+    struct watch *watch = &counter->watch;
+    uint64_t offset = address - window->base;
+    const uint8_t *steady = window->steady[offset >> PAGE_BITS];
+    uint32_t declared = STEADY | COUNTED | COUNTS;
+
+    for (int byte = 0; byte < size; byte++) {
+        declared &= steady == NULL ? 0 : steady[(offset + (uint64_t)byte) % PAGE_BYTES];
+    }
+    if ((declared & (STEADY | COUNTS)) == 0 || watch->reads == MOST_READS || is_write) {
+        watch->reads++; /* there was one: `give_up` looks */
+        give_up(counter);
+        return;
+    }
+    watch->read[watch->reads++] = (uint32_t)address;
+    watch->counted |= declared & COUNTED;
+    watch->changes |= declared & COUNTS;
+}
+
 /*
  * Whether an access finds a peripheral with a clock. Pages that are known to be open pass; the emulator looks up the
  * exact instruction before it asks, which is why it is made to.
@@ -105,8 +226,16 @@ bool hiltest_permit(void *engine, int access, uint64_t address, int size, int64_
     uint64_t page = (address - window->base) >> PAGE_BITS;
     uint64_t last = (address - window->base + (uint64_t)size - 1) >> PAGE_BITS;
 
+    bool watched = window->counter != NULL && window->counter->watch.head != NO_HEAD;
+
     if (page != last || window->opened[page] == 0) { /* an access may straddle two pages */
+        if (watched) {
+            give_up(window->counter);
+        }
         return window->ask(engine, access, address, size, value, NULL);
+    }
+    if (watched) {
+        note_access(window, access == WRITE_NOT_PERMITTED, address, size);
     }
     forget_condition(window, engine);
     return true;
@@ -140,7 +269,7 @@ void hiltest_add_block(struct counter *counter, const struct block *block)
 /* Add the block that ran; `next` is where execution goes on. */
 static void finish(struct counter *counter, uint32_t next)
 {
-    const struct block *block = counter->running;
+    struct block *block = counter->running;
 
     if (block == NULL) {
         return;
@@ -155,7 +284,10 @@ static void finish(struct counter *counter, uint32_t next)
     } else {
         counter->cycles += block->taken;
         counter->state = NEUTRAL;
-        counter->runs[block->number][1]++;
+        if (++counter->runs[block->number][1] >= block->next && counter->watch.trigger == NULL) {
+            counter->watch.trigger = block;
+            counter->reasons |= WATCHED;
+        }
     }
 }
 
@@ -166,6 +298,7 @@ int hiltest_settle(struct counter *counter, uint32_t next)
 
     counter->stopped = 0;
     finish(counter, next);
+    hiltest_end_watch(counter);
     counter->running_number = -1;
     /* What happens now may write registers, save the floating-point state or switch the FPU off. */
     counter->known_aligned = 0;
@@ -199,7 +332,7 @@ static bool any_misaligned(const struct counter *counter, void *engine, uint32_t
 static bool may_run(struct counter *counter, void *engine, struct block *block)
 {
     uint32_t unknown = block->aligned & ~counter->known_aligned;
-    bool ask = (block->reasons & counter->reasons) != 0;
+    bool ask = (block->reasons & counter->reasons & ~(uint32_t)WATCHED) != 0;
 
     ask = ask || (unknown != 0 && any_misaligned(counter, engine, unknown));
     if (ask && !counter->attend(block->number)) {
@@ -220,6 +353,156 @@ static void pass_rounds(struct counter *counter, const struct block *block)
     counter->cycles += rounds * block->taken;
     counter->instructions += rounds;
     counter->runs[block->number][1] += rounds;
+}
+
+static void read_state(struct counter *counter, void *engine, uint32_t *values)
+{
+    void *places[STATE_REGISTERS];
+
+    for (int number = 0; number < STATE_REGISTERS; number++) {
+        places[number] = &values[number];
+    }
+    (void)counter->read_registers(engine, counter->registers, places, STATE_REGISTERS);
+}
+
+static void begin_turn(struct counter *counter, const struct block *block)
+{
+    struct watch *watch = &counter->watch;
+
+    watch->head = block->number;
+    watch->cycles = counter->cycles;
+    watch->instructions = counter->instructions;
+    watch->blocks = 0;
+    watch->reads = 0;
+    watch->counted = 0;
+    watch->changes = 0;
+    watch->until = INT64_MAX;
+}
+
+/* Count turns like the one that ended. */
+static void pass_turns(struct counter *counter, int64_t turns)
+{
+    const struct watch *watch = &counter->watch;
+    int64_t period = counter->cycles - watch->cycles;
+
+    counter->instructions += turns * (counter->instructions - watch->instructions);
+    counter->cycles += turns * period;
+    for (uint32_t place = 0; place < watch->blocks; place++) {
+        counter->runs[watch->ran[place] >> 1][watch->ran[place] & 1] += turns;
+    }
+    if (watch->counted != 0) {
+        counter->passed(turns);
+    }
+}
+
+/* How many more turns like the one that ended end before the next event. */
+static int64_t turns_left(const struct counter *counter)
+{
+    int64_t until = counter->deadline < counter->watch.until ? counter->deadline : counter->watch.until;
+    int64_t period = counter->cycles - counter->watch.cycles;
+
+    return period > 0 && until > counter->cycles ? (until - 1 - counter->cycles) / period : 0;
+}
+
+/* Whether a proof takes the host less than to execute so many turns. */
+static bool is_worth_a_proof(const struct counter *counter, int64_t turns)
+{
+    const struct watch *watch = &counter->watch;
+
+    if (watch->reads != 0) {
+        return turns * watch->reads >= FEWEST_READS_PROVED;
+    }
+    return turns * (counter->cycles - watch->cycles) >= FEWEST_CYCLES_PROVED;
+}
+
+/* The turn that ended changed something: have Python prove how many follow that are like it; says whether any do. */
+static bool pass_proved_turns(struct counter *counter, const struct block *block)
+{
+    struct watch *watch = &counter->watch;
+    struct block *trigger = watch->trigger;
+    uint32_t from = watch->reads != 0 ? PROVED_FROM_READING : PROVED_FROM;
+    int longest;
+    int64_t turns;
+
+    if (trigger == NULL || trigger->rest != 0 || (trigger->proved == 0 && trigger->wait < from) ||
+        watch->counted != 0 || !is_worth_a_proof(counter, turns_left(counter))) {
+        return false;
+    }
+    counter->running_number = -1; /* it is now when the block begins */
+    turns = counter->prove();
+    counter->running_number = block->number;
+    trigger->proved = is_worth_a_proof(counter, turns);
+    if (trigger->proved != 0) {
+        trigger->rests = 0;
+    } else {
+        longest = turns < 0 || watch->reads == 0 ? LONGEST_REST : LONGEST_REST_READING;
+        trigger->rests = (uint16_t)(2 * trigger->rests + 1 < longest ? 2 * trigger->rests + 1 : longest);
+        trigger->rest = trigger->rests;
+    }
+    if (turns <= 0) {
+        return false;
+    }
+    pass_turns(counter, turns);
+    counter->known_aligned = 0; /* registers have been written */
+    end_watch(counter, trigger->proved != 0 ? 1 : trigger->wait);
+    return true;
+}
+
+/* Compare what a turn came back with; says whether the watch goes on. */
+static bool comes_back(struct counter *counter, void *engine, const struct block *block)
+{
+    struct watch *watch = &counter->watch;
+    uint32_t registers[STATE_REGISTERS] = {0};
+
+    if (watch->changes == 0) {
+        read_state(counter, engine, registers);
+        if (memcmp(registers, watch->registers, sizeof registers) == 0) {
+            pass_turns(counter, turns_left(counter));
+            end_watch(counter, 1);
+            return false;
+        }
+    }
+    watch->turns++;
+    if ((watch->changes != 0 || watch->turns > 1) && pass_proved_turns(counter, block)) {
+        return false;
+    }
+    if (watch->changes != 0 || watch->turns == MOST_TURNS) {
+        give_up(counter);
+        return false;
+    }
+    if (watch->turns == 1) {
+        memcpy(watch->registers, registers, sizeof registers);
+        begin_turn(counter, block);
+    }
+    return true;
+}
+
+/* A block is about to run while a loop is watched, or is to be watched from here on. */
+static void watch_block(struct counter *counter, void *engine, const struct block *block)
+{
+    struct watch *watch = &counter->watch;
+
+    if (watch->head == NO_HEAD) {
+        watch->turns = 0;
+        begin_turn(counter, block);
+        if ((block->reasons & MAY_WAIT) != 0) {
+            read_state(counter, engine, watch->registers);
+        }
+    } else {
+        watch->ran[watch->blocks - 1] |= block->address != watch->end;
+        if (block->number == watch->head && !comes_back(counter, engine, block)) {
+            return;
+        }
+    }
+    if ((block->reasons & MAY_WAIT) == 0) {
+        watch->changes = 1;
+    }
+    if ((block->reasons & (MAY_WAIT | MAY_BE_PROVED)) == 0 || watch->blocks == MOST_BLOCKS) {
+        give_up(counter);
+        return;
+    }
+    watch->ran[watch->blocks++] = 2 * block->number;
+    watch->end = block->address + block->size;
 }
 
 /* The emulator is about to run a block: its block hook. */
@@ -258,6 +541,9 @@ void hiltest_block_begins(void *engine, uint64_t address64, uint32_t size, void 
         }
         if ((block->reasons & LOOPS_TO_ITSELF) != 0) {
             pass_rounds(counter, block);
+        }
+        if ((counter->reasons & WATCHED) != 0) {
+            watch_block(counter, engine, block);
         }
     }
     counter->state = NEUTRAL;

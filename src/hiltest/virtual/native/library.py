@@ -8,22 +8,51 @@ from functools import cache
 
 from hiltest.virtual.native.build import LIBRARY, source_sha256
 
+PASSED = ctypes.CFUNCTYPE(None, ctypes.c_int64)
+PROVE = ctypes.CFUNCTYPE(ctypes.c_int64)
 PRICE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_uint32, ctypes.c_uint32, ctypes.c_uint32)
 ATTEND = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_uint32)
 NEUTRAL_ENTRY = 0
-USES_FPU, ALIGNMENT_INSIDE, CHANGES_MASKS, LOOPS_TO_ITSELF = 1, 2, 4, 8
+USES_FPU, ALIGNMENT_INSIDE, CHANGES_MASKS, LOOPS_TO_ITSELF, WATCHED, MAY_WAIT, MAY_BE_PROVED = (
+    1 << bit for bit in range(7)
+)
+STEADY, COUNTED, COUNTS = 1, 2, 4  # of a byte of registers
 CORE_REGISTERS = 15
+NO_HEAD = -1
+_MOST_BLOCKS, _MOST_READS = 96, 24
 
 
 class PricedBlock(ctypes.Structure):
     """``struct block`` of block_hook.c."""
 
-    _fields_ = tuple(
-        (name, ctypes.c_uint32)
-        for name in (
+    _fields_ = (
+        *((name, ctypes.c_uint32) for name in (
             "address", "size", "entry", "leaves", "count", "through", "taken", "reasons", "aligned", "kept", "number",
-        )
+            "wait",
+        )),
+        ("next", ctypes.c_int64), ("rest", ctypes.c_uint16), ("rests", ctypes.c_uint16), ("proved", ctypes.c_uint32),
     )  # fmt: skip
+
+
+class Watch(ctypes.Structure):
+    """``struct watch`` of block_hook.c."""
+
+    _fields_ = (
+        ("head", ctypes.c_int64),
+        ("cycles", ctypes.c_int64),
+        ("instructions", ctypes.c_int64),
+        ("until", ctypes.c_int64),
+        ("trigger", ctypes.c_void_p),
+        ("turns", ctypes.c_uint32),
+        ("blocks", ctypes.c_uint32),
+        ("reads", ctypes.c_uint32),
+        ("counted", ctypes.c_uint32),
+        ("changes", ctypes.c_uint32),
+        ("end", ctypes.c_uint32),
+        ("registers", ctypes.c_uint32 * (CORE_REGISTERS + 1)),
+        ("ran", ctypes.c_uint32 * _MOST_BLOCKS),
+        ("read", ctypes.c_uint32 * _MOST_READS),
+    )
 
 
 class Counter(ctypes.Structure):
@@ -43,11 +72,15 @@ class Counter(ctypes.Structure):
         ("known_aligned", ctypes.c_uint32),
         ("outside", ctypes.c_uint32),
         ("stopped", ctypes.c_int32),
-        ("registers", ctypes.c_int32 * CORE_REGISTERS),
+        ("registers", ctypes.c_int32 * (CORE_REGISTERS + 1)),
         ("stop", ctypes.c_void_p),
         ("read_register", ctypes.c_void_p),
+        ("read_registers", ctypes.c_void_p),
         ("price", PRICE),
         ("attend", ATTEND),
+        ("passed", PASSED),
+        ("prove", PROVE),
+        ("watch", Watch),
     )
 
 
@@ -61,6 +94,8 @@ class Window(ctypes.Structure):
         ("read_register", ctypes.c_void_p),
         ("write_register", ctypes.c_void_p),
         ("xpsr", ctypes.c_int32),
+        ("steady", ctypes.c_void_p),
+        ("counter", ctypes.c_void_p),
     )
 
 
@@ -91,6 +126,8 @@ def _load() -> tuple[ctypes.PyDLL | None, str]:
     if built_from != source_sha256().encode():
         return None, f"{LIBRARY} was built from another block_hook.c"
     library.hiltest_settle.argtypes = (ctypes.c_void_p, ctypes.c_uint32)
+    library.hiltest_end_watch.argtypes = (ctypes.c_void_p,)
+    library.hiltest_end_watch.restype = None
     library.hiltest_add_block.argtypes = (ctypes.c_void_p, ctypes.c_void_p)
     library.hiltest_add_block.restype = None
     library.hiltest_block_begins.argtypes = (ctypes.c_void_p, ctypes.c_uint64, ctypes.c_uint32, ctypes.c_void_p)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Protocol
 
 import unicorn
@@ -12,14 +12,17 @@ from unicorn.unicorn_py3.unicorn import uclib
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.engine import add_hook
 from hiltest.virtual.memory import PERIPHERALS, PRIVATE_PERIPHERALS
-from hiltest.virtual.native import native_permission
+from hiltest.virtual.native import PAGE_BYTES, Offsets, declared_registers, native_permission
 from hiltest.virtual.peripherals.bit_band import PERIPHERAL_ALIAS, SRAM_ALIAS, AliasedSram, BitBandAlias
+from hiltest.virtual.turn import Counting
 
 _READ_CALLBACK = ctypes.CFUNCTYPE(ctypes.c_uint64, ctypes.c_void_p, ctypes.c_uint64, ctypes.c_uint, ctypes.c_void_p)
 _WRITE_CALLBACK = ctypes.CFUNCTYPE(
     None, ctypes.c_void_p, ctypes.c_uint64, ctypes.c_uint, ctypes.c_uint64, ctypes.c_void_p
 )
-_PAGE = 4096
+_PAGE = PAGE_BYTES
+ALL_STEADY: Offsets = range(_PAGE)
+NONE_STEADY: Offsets = range(0)
 _PERMISSION_CALLBACK = ctypes.CFUNCTYPE(
     ctypes.c_bool, ctypes.c_void_p, ctypes.c_int, ctypes.c_uint64, ctypes.c_int, ctypes.c_int64, ctypes.c_void_p
 )
@@ -37,6 +40,15 @@ class Peripheral(Protocol):
     clocked : bool
         Whether its clock gate is open. An access with a closed gate is a bus
         fault on the part, and a `BoardFault` here.
+
+    Notes
+    -----
+    A block may declare `steady`: offsets of the bytes that only an event of the schedule changes, or the firmware by
+    a write, and whose reading changes nothing. A loop that reads nothing else, and changes nothing, is passed over up
+    to the next event. Where it depends on more than the offset, `read` tells the processor's accounting: `end_watch`,
+    where this reading changed something, and `steady_until`, where what was read changes without an event.
+    Nothing is steady of a block that does not say so. One that declares `counters`, bytes of registers that count with
+    time, has `counting(offset)`, which returns a `Counting`. One that sets `counts_reads` is told of reads passed over.
     """
 
     name: str
@@ -93,6 +105,11 @@ class StoredRegisters:
         for offset, value in self._initial.items():
             self._bytes[offset] = value
 
+    @property
+    def steady(self) -> Offsets:
+        """Offsets of steady bytes: all, unless a class that answers reads in another way says nothing of it."""
+        return ALL_STEADY if type(self).read is StoredRegisters.read else NONE_STEADY
+
     def word(self, offset: int) -> int:
         """The 32-bit register at an offset."""
         return int.from_bytes(self._bytes[offset : offset + 4], "little")
@@ -106,6 +123,10 @@ class StoredRegisters:
         self._bytes[offset : offset + size] = value.to_bytes(size, "little")
 
 
+def _counts_reads(peripheral: Peripheral | None) -> bool:
+    return bool(getattr(peripheral, "counts_reads", False))
+
+
 class PeripheralBus:
     """Connects the processor's loads and stores to peripherals.
 
@@ -116,7 +137,16 @@ class PeripheralBus:
     peripherals : iterable of Peripheral
         The blocks.
     register_name : callable
+<<<<<<< HEAD
         Names the register of the chip at an address; None where it has nothing. None: the memories are another part's.
+=======
+        Names the register of the chip at an address; None where it has nothing.
+
+    Attributes
+    ----------
+    on_passed : callable
+        Told the addresses that a turn of a loop read from blocks that count reads, and how many turns were passed over.
+>>>>>>> 95f7cf1 (virtual: loops that only wait for a peripheral or a flag are passed over)
     """
 
     def __init__(
@@ -126,6 +156,7 @@ class PeripheralBus:
         self._processor = processor
         self._register_name = register_name
         self._pages: dict[int, Peripheral] = {}
+        self.on_passed: Callable[[list[int], int], None] = lambda _addresses, _turns: None
         for peripheral in peripherals:
             self._pages[peripheral.base >> 12] = peripheral
         self._open: dict[int, ctypes.Array[ctypes.c_uint8]] = {}  # by window: pages that need no look
@@ -214,14 +245,32 @@ class PeripheralBus:
                 return False
 
         ask = _PERMISSION_CALLBACK(on_access)
-        permit, data = native_permission(base, opened, ask) or (ask, None)
-        self._callbacks.append((read, write, ask, permit, data))  # the emulator keeps only the pointers
+        steady = self._steady_pages(base, size)
+        permit, data = native_permission(
+            base, opened, ask, steady, processor.accounting, self._tell_passed
+        ) or (ask, None)
+        self._callbacks.append((read, write, ask, permit, data, steady))  # the emulator keeps only the pointers
         engine = processor.engine._uch
         first, length = ctypes.c_uint64(base), ctypes.c_size_t(size)
         uclib.uc_mmio_map(engine, first, length, read, None, write, None)
         uclib.uc_mem_protect(engine, first, length, ctypes.c_uint32(unicorn.UC_PROT_NONE))
         protected = unicorn.UC_HOOK_MEM_READ_PROT | unicorn.UC_HOOK_MEM_WRITE_PROT
         add_hook(processor.engine, protected, permit, data, within=(base, base + size - 1))
+
+    def _steady_pages(self, base: int, size: int) -> Any:
+        """Make the table of what the blocks of a window declare, page by page; nothing of an alias is steady."""
+        pages = (ctypes.c_void_p * (size // _PAGE))()
+        for page in range(len(pages)):
+            peripheral = self._pages.get((base >> 12) + page)
+            steady: Offsets = getattr(peripheral, "steady", NONE_STEADY)
+            counters: Offsets = getattr(peripheral, "counters", NONE_STEADY)
+            if len(steady) + len(counters) > 0:
+                declared = declared_registers(steady, counters, counted=_counts_reads(peripheral))
+                pages[page] = ctypes.addressof(declared)
+        return pages
+
+    def _tell_passed(self, addresses: Sequence[int], turns: int) -> None:
+        self.on_passed([each for each in addresses if _counts_reads(self._pages[each >> 12])], turns)
 
     def _notice(self) -> None:
         self._processor.nvic.changed = False
@@ -236,6 +285,14 @@ class PeripheralBus:
         self._pages[address >> 12].write(address & 0xFFF, size, value)
         if self._processor.nvic.changed:
             self._notice()
+
+    def counting(self, address: int) -> Counting | None:
+        """Return how the register at an address counts; None for one that is steady."""
+        peripheral = self._pages[address >> 12]
+        if address & 0xFFF not in getattr(peripheral, "counters", ()):
+            return None
+        counting: Counting = peripheral.counting(address & 0xFFF)  # type: ignore[attr-defined]
+        return counting
 
     def reason_against(self, address: int, size: int) -> str | None:
         """Say why an access is a bus error, if it is: every byte of it needs a peripheral with a clock."""

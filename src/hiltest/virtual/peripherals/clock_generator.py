@@ -7,7 +7,7 @@ from enum import Enum
 from fractions import Fraction
 
 from hiltest.virtual.chip import mk64f12
-from hiltest.virtual.peripherals.bus import StoredRegisters
+from hiltest.virtual.peripherals.bus import ALL_STEADY, StoredRegisters
 
 _C1, _C2, _C4, _C5, _C6, _S, _SC, _C7 = 0x0, 0x1, 0x3, 0x4, 0x5, 0x6, 0x8, 0xC
 OSCILLATOR_HZ = 50_000_000  # the Ethernet PHY's clock on EXTAL0
@@ -59,6 +59,8 @@ class ClockGenerator(StoredRegisters):
     on_change : callable
         Told that a clock may have another rate.
     """
+
+    steady = ALL_STEADY  # a mode is reached at once
 
     def __init__(self) -> None:
         self.on_change: Callable[[], None] = lambda: None

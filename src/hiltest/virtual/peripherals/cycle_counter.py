@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.executions import Executions, Snapshot, between, in_all
+from hiltest.virtual.peripherals.bus import ALL_STEADY
+from hiltest.virtual.turn import Counting
 
 _READINGS = 400
 """Number of readings kept: four for each of the steps that one command times, 80 at most, and some."""
@@ -43,6 +46,8 @@ class CycleCounter:
 
     name = "DWT"
     base = 0xE0001000
+    counters = frozenset(range(4, 8))  # CYCCNT
+    steady = frozenset(ALL_STEADY) - counters
 
     def __init__(self, processor: Processor) -> None:
         self.clocked = True
@@ -87,6 +92,11 @@ class CycleCounter:
             )
             return count
         return 0
+
+    def counting(self, _offset: int) -> Counting:
+        """Return how CYCCNT counts."""
+        count, since, runs = self._count, self._counted_from, self._running
+        return Counting(lambda cycle: count + (cycle - since) * runs & 0xFFFFFFFF, rises=True, until=math.inf)
 
     def write(self, offset: int, size: int, value: int) -> None:
         """Take CTRL or CYCCNT."""

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from hiltest.virtual.chip import ChipPeripheral
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.i2c_bus import I2cBus
-from hiltest.virtual.peripherals.bus import read_by_bytes, write_by_bytes
+from hiltest.virtual.peripherals.bus import ALL_STEADY, read_by_bytes, write_by_bytes
 from hiltest.virtual.peripherals.clocks import ClockGates
 from hiltest.virtual.schedule import Event
 
@@ -45,6 +45,8 @@ class I2c:
     on_request : callable
         Told the level of its source of DMA requests: from the end of a byte to the next access to D.
     """
+
+    steady = frozenset(ALL_STEADY) - {_D}
 
     def __init__(self, processor: Processor, clocks: ClockGates, bus: I2cBus, module: ChipPeripheral) -> None:
         self.name = module.name

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 from hiltest.virtual.chip import ChipPeripheral
 from hiltest.virtual.nvic import Nvic
-from hiltest.virtual.peripherals.bus import StoredRegisters
+from hiltest.virtual.peripherals.bus import ALL_STEADY, StoredRegisters
 from hiltest.virtual.pin_signals import PinSignal
 
 _GPCLR, _GPCHR, _ISFR = 0x80, 0x84, 0xA0
@@ -41,6 +41,8 @@ class Port(StoredRegisters):
     on_levels : callable
         Told which pins rose and which fell.
     """
+
+    steady = ALL_STEADY
 
     def __init__(self, module: ChipPeripheral, nvic: Nvic, initial: dict[int, int]) -> None:
         self._nvic = nvic
@@ -194,6 +196,7 @@ class Gpio:
 
     name = "GPIO"
     base = 0x400FF000
+    steady = ALL_STEADY
 
     def __init__(self, ports: Sequence[Port]) -> None:
         self.clocked = True

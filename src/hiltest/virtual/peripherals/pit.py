@@ -8,13 +8,19 @@ from dataclasses import dataclass
 
 from hiltest.virtual.chip import ChipPeripheral
 from hiltest.virtual.cpu import Processor
+from hiltest.virtual.peripherals.bus import ALL_STEADY
 from hiltest.virtual.peripherals.clocks import ClockGates
 from hiltest.virtual.schedule import Event
+from hiltest.virtual.turn import Counting
 
 _MCR, _FIRST_CHANNEL, _CHANNELS = 0x0, 0x100, 4
 _LDVAL, _CVAL, _TCTRL, _TFLG = 0x0, 0x4, 0x8, 0xC
 _MDIS = 2
 _TEN, _TIE, _CHN = 1, 2, 4
+
+
+def _register(index: int, offset: int) -> int:
+    return _FIRST_CHANNEL + 0x10 * index + offset
 
 
 @dataclass(slots=True)
@@ -47,6 +53,11 @@ class PeriodicTimers:
         Told which channel has expired, of those that are heard.
     """
 
+    counters = frozenset(
+        byte for index in range(_CHANNELS) for byte in range(_register(index, _CVAL), _register(index, _CVAL) + 4)
+    )
+    steady = frozenset(ALL_STEADY) - counters
+
     def __init__(self, processor: Processor, clocks: ClockGates, module: ChipPeripheral) -> None:
         self.on_expiry: Callable[[int], None] = lambda _channel: None
         self._heard: frozenset[int] = frozenset()
@@ -55,6 +66,7 @@ class PeriodicTimers:
         self.clocked = True
         self._interrupts = module.interrupts
         self._nvic = processor.nvic
+        self._accounting = processor.accounting
         self._clocks = clocks
         self._channels: list[_Channel] = []
         self.reset()
@@ -133,6 +145,27 @@ class PeriodicTimers:
             return self._until_expiry(index - 1) + (rounds * self._period(index - 1) if rounds else 0)
         return self._value(index) + 1
 
+    def _expires_at(self, index: int) -> float:
+        """Return the cycle of the core at which a channel expires next."""
+        left = self._until_expiry(index)
+        return self._clocks.bus.cycle_of(self._clocks.bus.now() + int(left)) if left < math.inf else math.inf
+
+    def counting(self, offset: int) -> Counting:
+        """Return how a channel counts: down, until it expires."""
+        index = (offset - _FIRST_CHANNEL) // 0x10
+        self._advance(index)
+        channel, bus, lost = self._channels[index], self._clocks.bus, self._lost
+        if not channel.control & _TEN or self._mcr & _MDIS or channel.control & _CHN:
+            value = self._value(index)  # one that is chained stands still until that before it expires
+            return Counting(lambda _cycle: value, rises=False, until=self._chain_moves_at(index))
+        start = channel.reload + channel.began + lost
+        return Counting(lambda cycle: start - bus.ticks_at(cycle), rises=False, until=self._expires_at(index))
+
+    def _chain_moves_at(self, index: int) -> float:
+        """Return the cycle at which a channel that counts another's expiries counts one."""
+        chained = self._channels[index].control & _CHN and index > 0
+        return self._expires_at(index - 1) if chained else math.inf
+
     # -- registers ----------------------------------------------------------------------------
 
     def read(self, offset: int, size: int) -> int:
@@ -146,6 +179,8 @@ class PeriodicTimers:
         channel = self._channels[index]
         if register == _CVAL:
             return self._value(index)
+        if register == _TFLG and not channel.flag:
+            self._accounting.steady_until(self._expires_at(index))
         return {_LDVAL: channel.load, _TCTRL: channel.control, _TFLG: int(channel.flag)}.get(register, 0)
 
     def write(self, offset: int, size: int, value: int) -> None:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from hiltest.virtual.clock import Clock
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.nvic import FIRST_INTERRUPT, INTERRUPTS, NMI, PENDSV, SYSTICK
+from hiltest.virtual.peripherals.bus import ALL_STEADY
 from hiltest.virtual.peripherals.cycle_counter import CycleCounter
 from hiltest.virtual.peripherals.fault_registers import CFSR, HFSR, FaultRegisters
 from hiltest.virtual.schedule import Event
+from hiltest.virtual.turn import Counting
 
 _CPUID = 0x410FC241  # Cortex-M4 r0p1
 _ICSR, _VTOR, _AIRCR, _SCR, _CCR, _SHPR1, _CPACR = 0xD04, 0xD08, 0xD0C, 0xD10, 0xD14, 0xD18, 0xD88
@@ -27,6 +30,7 @@ class SysTick:
 
     def __init__(self, processor: Processor, core: Clock) -> None:
         self._nvic = processor.nvic
+        self._accounting = processor.accounting
         self._core = core
         self._event: Event | None = None
         self.reset()
@@ -41,14 +45,23 @@ class SysTick:
         self._flag = False
 
     def _value(self) -> int:
+        return self._value_at(self._core.now())
+
+    def _value_at(self, tick: int) -> int:
         if self._event is None:
             return self._held
-        return max(self._expires_at - self._core.now() - 1, 0) & 0xFFFFFF
+        return max(self._expires_at - tick - 1, 0) & 0xFFFFFF
+
+    def counting(self) -> Counting:
+        """Return how CVR counts: down to zero, which is an event."""
+        return Counting(lambda cycle: self._value_at(self._core.ticks_at(cycle)), rises=False, until=math.inf)
 
     def read(self, offset: int) -> int:
         """Answer CSR, RVR, CVR or CALIB; reading CSR clears COUNTFLAG."""
         if offset == 0x10:
             flag, self._flag = self._flag, False
+            if flag:
+                self._accounting.end_watch()
             return self._control | (1 << 16 if flag else 0)
         return {0x14: self._reload, 0x18: self._value()}.get(offset, 0xC0000000)
 
@@ -113,6 +126,8 @@ class SystemControlSpace:
 
     name = "SCS"
     base = 0xE000E000
+    counters = frozenset(range(0x18, 0x1C))  # SysTick's CVR
+    steady = frozenset(ALL_STEADY) - counters
 
     def __init__(
         self, processor: Processor, core: Clock, counter: CycleCounter, request_reset: Callable[[], None]
@@ -139,6 +154,10 @@ class SystemControlSpace:
         """Answer a register; byte access is for priorities."""
         word = self._read_word(offset & ~3)
         return word >> 8 * (offset & 3)
+
+    def counting(self, _offset: int) -> Counting:
+        """Return how SysTick counts."""
+        return self._systick.counting()
 
     def _read_word(self, offset: int) -> int:
         nvic = self._processor.nvic

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 from hiltest.virtual.chip import Chip, ChipPeripheral
 from hiltest.virtual.cpu import Processor
-from hiltest.virtual.peripherals.bus import StoredRegisters
+from hiltest.virtual.peripherals.bus import ALL_STEADY, StoredRegisters
 
 _POLLED_READS = 1000  # reads of one register by one instruction, with no write between: more than any driver needs
 
@@ -100,6 +100,13 @@ class UnmodelledLog:
         address = self._last[0]
         return f", polling {self._chip.register_name(address)} at 0x{address:08x}, which is not modelled"
 
+    def passed(self, addresses: list[int], turns: int) -> None:
+        """Take note of turns of a loop that were passed over, in each of which these addresses are read."""
+        for address in addresses:
+            self._count[self._chip.register_name(address) or f"0x{address:08x}"] += turns
+        if self._last[0] in addresses:
+            self._add_reads(turns)
+
     def note(self, address: int, size: int, written: int | None) -> None:
         """Take note of an access."""
         if not self.listens:
@@ -147,6 +154,9 @@ class UnmodelledPage(StoredRegisters):
         Has their values after reset.
     log : UnmodelledLog
     """
+
+    steady = ALL_STEADY
+    counts_reads = True
 
     def __init__(self, base: int, peripherals: list[ChipPeripheral], chip: Chip, log: UnmodelledLog) -> None:
         self._log = log

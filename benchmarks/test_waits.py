@@ -1,0 +1,129 @@
+"""How fast virtual time passes while firmware waits by polling, and what it costs to try where it does not wait."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from pytest_benchmark.fixture import BenchmarkFixture
+
+from hiltest.boards.bench import VirtualBench
+from hiltest.rig import Rig
+from hiltest.virtual.accounting import AccountingFactory
+from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.native.accounting import NativeBlockAccounting
+from hiltest.virtual.native.library import missing_because
+
+from .conftest import Report
+from .kernel_loop import KernelLoop
+
+ROOT = Path(__file__).parents[1]
+PROGRAMS = ROOT / "tests" / "virtual" / "programs"
+FOREIGN = ROOT.parent / "shared" / "data" / "foreign"
+FLAGS = (
+    "-mcpu=cortex-m4", "-mthumb", "-O2", "-nostdlib", "-ffreestanding", "-Wl,--build-id=none",
+    f"-Wl,-T,{PROGRAMS / 'flash.ld'}",
+)  # fmt: skip
+START_S = 0.5  # what programs set up first is not counted
+CRC = """
+static const unsigned char bytes[256] = {1, 2, 3};
+volatile unsigned sum;
+int main(void)
+{
+    for (;;) {
+        unsigned crc = ~0u;
+        for (int i = 0; i < 256; i++) {
+            crc ^= bytes[i];
+            for (int bit = 0; bit < 8; bit++) crc = crc >> 1 ^ (0xEDB88320u & -(crc & 1));
+        }
+        sum = crc;
+    }
+}
+"""
+
+
+@pytest.fixture
+def build(tmp_path: Path) -> Callable[[Path], Path]:
+    """Return a function that compiles a program for the board."""
+    compiler = shutil.which("arm-none-eabi-gcc")
+    if compiler is None:
+        pytest.skip("arm-none-eabi-gcc is not installed")
+
+    def compile_program(source: Path) -> Path:
+        elf = tmp_path / f"{source.stem}.elf"
+        sources = [str(PROGRAMS / "start.S"), str(source)]
+        subprocess.run([compiler, *FLAGS, *sources, "-lgcc", "-o", str(elf)], check=True, timeout=60)
+        return elf
+
+    return compile_program
+
+
+def _ratio(benchmark: BenchmarkFixture, board: VirtualK64F, run_s: float) -> float:
+    board.run_until(START_S)
+    began_s = board.time_s
+    benchmark.pedantic(board.run_until, args=(began_s + run_s,), rounds=1)
+    return (board.time_s - began_s) / benchmark.stats.stats.min
+
+
+@pytest.mark.benchmark(timer=time.process_time)
+@pytest.mark.parametrize(
+    ("program", "run_s", "aim"),
+    [("nxp_hello_world", 100.0, 100.0), ("sdk_uart_polling", 100.0, 100.0), ("nxp_sensor_fusion", 2.0, 1.5)],
+)
+def test_foreign_firmware(
+    benchmark: BenchmarkFixture, report: Report, rig: Rig, program: str, run_s: float, aim: float
+) -> None:
+    elf = FOREIGN / f"{program}.elf"
+    if not elf.exists():
+        pytest.skip(f"{elf} is not there")
+    ratio = _ratio(benchmark, VirtualBench(rig, firmware=elf).machine, run_s)
+    report(f"{program}: virtual time against processor time", ratio, "x real time", f"at least {aim}")
+
+
+@pytest.mark.benchmark(timer=time.process_time)
+def test_polling_a_sensor_and_printing(
+    benchmark: BenchmarkFixture, report: Report, rig: Rig, build: Callable[[Path], Path]
+) -> None:
+    machine = VirtualBench(rig, firmware=build(PROGRAMS / "polls_fxos8700.c")).machine
+    ratio = _ratio(benchmark, machine, 2.0)
+    assert machine.uart0.host_waiting > 1000
+    report("FXOS8700CQ polled over I2C and printed", ratio, "x real time", "at least 2.0")
+
+
+class Executing(NativeBlockAccounting):
+    """Counts in C, and passes over nothing."""
+
+    passes_waits = property(lambda _self: False, lambda _self, _value: None)  # type: ignore[assignment]
+
+
+@pytest.mark.benchmark(timer=time.process_time)
+@pytest.mark.parametrize("kernel", ["magnetometer_direct", "crc"])
+def test_what_it_costs_to_try(
+    benchmark: BenchmarkFixture, report: Report, tmp_path: Path, build: Callable[[Path], Path], kernel: str
+) -> None:
+    if reason := missing_because():
+        pytest.skip(reason)
+    if kernel == "crc":
+        source = tmp_path / "crc.c"
+        source.write_text(CRC)
+        elf = build(source)
+        boards = [VirtualK64F(elf, passes_waits=passes) for passes in (True, False)]
+        tries, executes = (lambda board=board: board.run_until(board.time_s + 1.0) for board in boards)
+    else:
+        ways: tuple[AccountingFactory, ...] = NativeBlockAccounting, Executing
+        tries, executes = (KernelLoop(kernel, 200, way).run for way in ways)
+    executed_s = []
+
+    def execute() -> None:
+        # Between the others, so that both meet the same machine.
+        began = time.process_time()
+        executes()
+        executed_s.append(time.process_time() - began)
+
+    benchmark.pedantic(tries, setup=execute, rounds=30, warmup_rounds=1)
+    report(f"{kernel}, which waits for nothing: trying to pass over its loops against not trying",
+           benchmark.stats.stats.min / min(executed_s), "x time", "at most 1.05")  # fmt: skip

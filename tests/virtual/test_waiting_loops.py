@@ -1,0 +1,77 @@
+"""Loops that only wait are passed over, and nothing but the host's time shows it."""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+from pathlib import Path
+
+import pytest
+
+from .both_ways import assert_same_both_ways, outcome
+from .conftest import PROGRAMS, SHIPPED, Build
+from .random_loops import random_program
+
+WAITS = PROGRAMS / "waits.c"
+LOOPS = re.findall(r"^static void (\w+)\(void\)", WAITS.read_text(), re.MULTILINE)
+LOOPS.remove("prepare")
+FOREIGN = Path(__file__).parents[3] / "shared" / "data" / "foreign"
+FOREIGN_S = float(os.environ.get("HILTEST_FOREIGN_S", "0.3"))  # how much of each foreign program is compared [s]
+
+pytestmark = pytest.mark.usefixtures("native_hook")
+
+
+@pytest.mark.parametrize("loop", LOOPS)
+@pytest.mark.parametrize("level", ["-O0", "-O2", "-Os"])
+def test_a_loop_ends_at_the_same_cycle_with_the_same_state(build: Build, loop: str, level: str) -> None:
+    elf = build(WAITS, level, f"-DLOOP={loop}")
+    assert_same_both_ways(elf, 0.004, [(0.0005, b"x"), (0.0009, b"aaaaabb"), (0.0029, bytes(range(9)))])
+
+
+@pytest.mark.parametrize("first", range(0, 40, 10))
+def test_random_loops_run_the_same(build: Build, first: int) -> None:
+    for seed in range(first, first + 10):
+        assert_same_both_ways(build(random_program(seed)), 0.01)
+
+
+@pytest.mark.parametrize("name", ["exceptions", "pins", "priorities"])
+def test_other_programs_run_the_same(build: Build, name: str) -> None:
+    grouping = ("-DGROUPING=0u", "-DURGENT=0x40") if name == "priorities" else ()
+    assert_same_both_ways(build(PROGRAMS / f"{name}.c", *grouping), 0.02)
+
+
+def test_a_sensor_is_polled_and_printed_the_same(build: Build) -> None:
+    found = assert_same_both_ways(build(PROGRAMS / "polls_fxos8700.c"), 0.03)
+    assert len(found.sent) > 50
+    assert len(found.on_i2c) > 50
+
+
+def test_the_shipped_firmware_runs_the_same() -> None:
+    assert assert_same_both_ways(SHIPPED, 0.3, [(0.2, b"\x7e\x11\x07\x00\x00\x7e")]).cycles > 35e6
+
+
+@pytest.mark.parametrize("loop", ["poll_status", "two_registers", "wait_count_flag", "wait_unmodelled", "wait_systick"])
+def test_a_wait_for_a_register_takes_the_host_a_fraction_of_the_time(build: Build, loop: str) -> None:
+    elf = build(WAITS, "-O2", f"-DLOOP={loop}")
+    took_s = {}
+    for passes_waits in (False, True):
+        outcome(elf, 0.001, passes_waits=passes_waits)  # decodes, once for both
+        began_s = time.process_time()
+        outcome(elf, 0.2, passes_waits=passes_waits)
+        took_s[passes_waits] = time.process_time() - began_s
+    assert took_s[True] < took_s[False] / 2  # 4 times less or better; the machine may be disturbed
+
+
+@pytest.mark.slow
+@pytest.mark.ci
+@pytest.mark.parametrize("elf", sorted(FOREIGN.glob("*.elf")), ids=lambda elf: elf.stem)
+def test_foreign_firmware_runs_the_same(elf: Path) -> None:
+    assert_same_both_ways(elf, FOREIGN_S, [(FOREIGN_S / 3, b"s\r\n"), (FOREIGN_S / 2, b"help\r\n")])
+
+
+def test_there_is_foreign_firmware_where_tools_are_required() -> None:
+    if not FOREIGN.is_dir():
+        assert not os.environ.get("HILTEST_REQUIRE_TOOLS"), f"{FOREIGN} is missing"
+        pytest.skip(f"{FOREIGN} is not there")
+    assert len(list(FOREIGN.glob("*.elf"))) >= 28
