@@ -44,43 +44,42 @@ def decode(source: str, csv_file: Path | None, seconds: float | None, baud: int)
     FILE holds the bytes as they came, PORT is a serial device or a pyserial URL. Packets of releases 4.22, 5.00 and 7
     are known: see docs/decode.md.
     """
-    from hiltest.device.packet_summary import StreamSummary
-
-    summary = StreamSummary()
-    if _is_port(source):
-        _listen(source, summary, csv_file, seconds, baud)
-    else:
-        _read(source, summary, csv_file)
+    summary = _listen(source, csv_file, seconds, baud) if _is_port(source) else _read(source, csv_file)
     return 0 if summary.kinds else 1
 
 
-def _read(source: str, summary: StreamSummary, csv_file: Path | None) -> None:
+def _read(source: str, csv_file: Path | None) -> StreamSummary:
     from hiltest.device.packet_stream import batches
+    from hiltest.device.packet_summary import summary_of
     from hiltest.strict_json import read_bounded
 
     data = read_bounded(Path(source), largest_bytes=_LARGEST_BYTES, otherwise="give a recording of the packets")
-    for batch in batches(data):
-        summary.add(batch)
+    summary, release = summary_of(data)
     if csv_file is not None:
-        _write(csv_file, summary.kinds, batches(data))
+        _write(csv_file, summary.kinds, batches(data, release))
     _show(source, summary)
+    return summary
 
 
-def _listen(source: str, summary: StreamSummary, csv_file: Path | None, seconds: float | None, baud: int) -> None:
+def _listen(source: str, csv_file: Path | None, seconds: float | None, baud: int) -> StreamSummary:
     import hiltest.boards  # noqa: F401  hil:// is a port too
-    from hiltest.device.packet_stream import heard
+    from hiltest.device.packet_stream import PacketDecoder, heard
+    from hiltest.device.packet_summary import StreamSummary
     from hiltest.device.packets import KINDS
     from hiltest.link.ports import open_port
+
+    summary, decoder = StreamSummary(), PacketDecoder()
 
     def counted(came: Iterator[PacketBatch]) -> Iterator[PacketBatch]:
         for batch in came:
             summary.add(batch)
+            decoder.release = summary.release()
             yield batch
 
     port = open_port(source, baud=baud)
     try:
         with asked_to_end() as ending:
-            came = counted(heard(port, seconds=seconds, ended=lambda: bool(ending)))
+            came = counted(heard(port, decoder, seconds=seconds, ended=lambda: bool(ending)))
             if csv_file is not None:
                 _write(csv_file, KINDS, came)
             else:
@@ -92,6 +91,7 @@ def _listen(source: str, summary: StreamSummary, csv_file: Path | None, seconds:
     finally:
         port.close()
     _show(source, summary)
+    return summary
 
 
 def _write(csv_file: Path, kinds: Sequence[type[Packet]], came: Iterator[PacketBatch]) -> None:
@@ -110,7 +110,7 @@ def _show(source: str, summary: StreamSummary) -> None:
     from hiltest.text import counted, readable
 
     packets = sum(summary.counts.values())
-    releases = " or ".join(map(str, summary.releases())) or ("no single release" if packets else "")
+    releases = " or ".join(map(str, summary.releases()))
     click.echo(f"{source}: {counted(packets, 'packet')}" + (f" of release {releases}" if releases else "")
                + (f", firmware {summary.firmware / 100:.2f}" if summary.firmware is not None else "")
                + (f", {summary.clock.elapsed_us / 1e6:.1f} s by the board's clock" if summary.clock.elapsed_us else ""))

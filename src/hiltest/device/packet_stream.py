@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,7 @@ import serial
 from numpy.typing import NDArray
 
 from hiltest.device.packet_fields import Packet, layout, per_kind, scaled, sent_fields, unpack
-from hiltest.device.packets import KINDS
+from hiltest.device.packets import KINDS, Release
 from hiltest.errors import FrameError, LinkLostError
 from hiltest.link.framing import DELIMITER, ESCAPE, unstuff
 from hiltest.link.ports import SerialPort
@@ -99,6 +99,12 @@ class PacketDecoder:
     It begins at the first delimiter, and starts afresh at every one: no bytes whatever stop it. The packets
     have no check value, so damage that leaves type and length as they were is not seen.
 
+    Attributes
+    ----------
+    release : Release or None
+        The one whose packets are found; may be set when it is known. None: packets of all. A packet of one release
+        that loses two bytes may be one of another.
+
     Examples
     --------
     >>> decoder = PacketDecoder()
@@ -107,7 +113,8 @@ class PacketDecoder:
     ([DebugPacket(number=5, firmware=724, ticks=1000)], 1)
     """
 
-    def __init__(self) -> None:
+    def __init__(self, release: Release | None = None) -> None:
+        self.release = release
         self._rest = b""
         self._rest_at = 0
         self._in_step = False
@@ -128,7 +135,9 @@ class PacketDecoder:
             starts = np.concatenate([[0] if self._in_step else [], marks[:-1] + 1]).astype(np.int64)
             stops = marks if self._in_step else marks[1:]
             lost = 0 if self._in_step else int(marks[0])
-            tables, of_packets = _tables(data, array, starts, stops, self._rest_at)
+            kinds = self.release.value if self.release else KINDS
+            pieces = _Pieces(data, array, starts, stops)
+            tables, of_packets = _tables(pieces, kinds, self._rest_at)
             lost += int((stops - starts).sum()) - of_packets
             self._in_step = True
         lost += self._keep(data, int(marks[-1]) + 1 if marks.size else 0)
@@ -146,22 +155,26 @@ class PacketDecoder:
         return lost
 
 
-def batches(data: bytes) -> Iterator[PacketBatch]:
-    """Yield what a recording holds, in pieces; bytes after its last delimiter are lost."""
-    decoder = PacketDecoder()
+def batches(data: bytes, release: Release | None = None) -> Iterator[PacketBatch]:
+    """Yield what a recording of a release holds, in pieces; bytes after its last delimiter are lost."""
+    decoder = PacketDecoder(release)
     for begin in range(0, len(data), PIECE):
         yield decoder.feed(data[begin : begin + PIECE])
     if decoder.unfinished:
         yield PacketBatch((), decoder.unfinished)
 
 
-def heard(port: SerialPort, *, seconds: float | None, ended: Callable[[], bool]) -> Iterator[PacketBatch]:
+def heard(
+    port: SerialPort, decoder: PacketDecoder, *, seconds: float | None, ended: Callable[[], bool]
+) -> Iterator[PacketBatch]:
     """Yield what comes over a port, several times a second.
 
     Parameters
     ----------
     port : SerialPort
         Open; a port with a clock of its own counts the seconds by that.
+    decoder : PacketDecoder
+        Gets the bytes.
     seconds : float or None
         How long to listen; None: until `ended`.
     ended : callable
@@ -172,7 +185,6 @@ def heard(port: SerialPort, *, seconds: float | None, ended: Callable[[], bool])
     LinkLostError
         When the port breaks.
     """
-    decoder = PacketDecoder()
     now: Callable[[], float] = getattr(port, "now", None) or time.monotonic
     end_s = now() + seconds if seconds is not None else math.inf
     while now() < end_s and not ended():
@@ -187,42 +199,54 @@ def heard(port: SerialPort, *, seconds: float | None, ended: Callable[[], bool])
         yield PacketBatch((), decoder.unfinished)
 
 
-def _tables(
-    data: bytes, array: NDArray[np.uint8], starts: NDArray[np.int64], stops: NDArray[np.int64], offset: int
-) -> tuple[list[PacketTable], int]:
-    """Return the packets between the delimiters, and how many bytes they are on the line."""
-    full = (stops - starts >= 2) & (stops - starts <= _LONGEST_STUFFED)
-    starts, stops = starts[full], stops[full]
-    escapes = np.flatnonzero(array == ESCAPE)
-    escaped = np.searchsorted(escapes, stops) - np.searchsorted(escapes, starts)
+@dataclass(frozen=True, slots=True)
+class _Pieces:
+    """What stands between delimiters: places in bytes, and in the same bytes as NumPy has them."""
+
+    data: bytes
+    array: NDArray[np.uint8]
+    starts: NDArray[np.int64]
+    stops: NDArray[np.int64]
+
+    def __getitem__(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> _Pieces:
+        """Return some of them."""
+        return _Pieces(self.data, self.array, self.starts[which], self.stops[which])
+
+    @property
+    def sizes(self) -> NDArray[np.int64]:
+        """Number of bytes of each."""
+        return self.stops - self.starts
+
+
+def _tables(pieces: _Pieces, kinds: Sequence[type[Packet]], offset: int) -> tuple[list[PacketTable], int]:
+    """Return the packets among the pieces, and how many bytes they are on the line."""
+    pieces = pieces[(pieces.sizes >= 2) & (pieces.sizes <= _LONGEST_STUFFED)]
+    escapes = np.flatnonzero(pieces.array == ESCAPE)
+    escaped = np.searchsorted(escapes, pieces.stops) - np.searchsorted(escapes, pieces.starts)
     # An escape takes a byte of its own; that each is a right one is seen when they are undone.
-    types, lengths = array[starts], stops - starts - escaped
+    types, lengths = pieces.array[pieces.starts], pieces.sizes - escaped
     tables, taken = [], 0
-    for kind in KINDS:
-        mine = np.flatnonzero((types == kind.type) & (lengths == layout(kind).size))
-        if not mine.size:
-            continue
-        bodies, good = _bodies(data, array, starts[mine], stops[mine], layout(kind).size)
-        mine = mine[good]
-        if mine.size:
-            taken += int((stops[mine] - starts[mine]).sum())
+    for kind in kinds:
+        mine = pieces[np.flatnonzero((types == kind.type) & (lengths == layout(kind).size))]
+        bodies, good = _bodies(mine, layout(kind).size)
+        if good.any():
             rows = np.ascontiguousarray(bodies[good]).view(row_type(kind))[:, 0]
-            tables.append(PacketTable(kind, starts[mine] + offset, rows))
+            tables.append(PacketTable(kind, mine.starts[good] + offset, rows))
+            taken += int(mine.sizes[good].sum())
     return tables, taken
 
 
-def _bodies(
-    data: bytes, array: NDArray[np.uint8], starts: NDArray[np.int64], stops: NDArray[np.int64], size: int
-) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+def _bodies(pieces: _Pieces, size: int) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
     """Return the bodies without their escapes, and which of them had none but right ones."""
-    good = np.ones(len(starts), np.bool_)
-    plain = stops - starts == size
-    bodies = np.zeros((len(starts), size), np.uint8)
+    good = np.ones(len(pieces.starts), np.bool_)
+    plain = pieces.sizes == size
+    bodies = np.zeros((len(good), size), np.uint8)
     if plain.any():
-        bodies[plain] = np.lib.stride_tricks.sliding_window_view(array, size)[starts[plain]]
+        bodies[plain] = np.lib.stride_tricks.sliding_window_view(pieces.array, size)[pieces.starts[plain]]
     for index in np.flatnonzero(~plain):
         try:
-            bodies[index] = np.frombuffer(unstuff(data[starts[index] : stops[index]]), np.uint8)
+            body = unstuff(pieces.data[pieces.starts[index] : pieces.stops[index]])
+            bodies[index] = np.frombuffer(body, np.uint8)
         except FrameError:
             good[index] = False
     return bodies, good

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from hiltest.device.packet_fields import Packet, TimedPacket
-from hiltest.device.packet_stream import PacketBatch, PacketTable
+from hiltest.device.packet_stream import PacketBatch, PacketTable, batches
 from hiltest.device.packets import KINDS, DebugPacket, Release
 
 _US_PER_S = 1_000_000
@@ -104,8 +104,14 @@ class StreamSummary:
         return (self.counts[kind] - 1) / elapsed_s if elapsed_s and self.counts[kind] > 1 else None
 
     def releases(self) -> list[Release]:
-        """Return the releases that send every kind of packet that came."""
-        return [each for each in Release if self.kinds and set(self.kinds) <= set(each.value)]
+        """Return the releases that send most of what came: more than one where their kinds are the same."""
+        sent = {each: sum(self.counts[kind] for kind in each.value) for each in Release}
+        return [each for each, count in sent.items() if count and count == max(sent.values())]
+
+    def release(self) -> Release | None:
+        """Return the release, None while what came does not tell it."""
+        releases = self.releases()
+        return releases[0] if len(releases) == 1 else None
 
     def _count_missing(self, batch: PacketBatch) -> None:
         numbers = batch.numbers().astype(np.int64)
@@ -117,6 +123,24 @@ class StreamSummary:
             numbers[places + 1] = numbers[places] + 1
             self.missing += int(((np.diff(numbers) - 1) % 256).sum())
             self._last_number = int(numbers[-1]) % 256
+
+
+def summary_of(data: bytes) -> tuple[StreamSummary, Release | None]:
+    """Return the summary of a recording, and its release where the packets tell it.
+
+    Kinds that another release sends are damage then, and counted as lost.
+    """
+    summary = _summed(data, None)
+    release = summary.release()
+    foreign = release is not None and not set(summary.kinds) <= set(release.value)
+    return (_summed(data, release) if foreign else summary), release
+
+
+def _summed(data: bytes, release: Release | None) -> StreamSummary:
+    summary = StreamSummary()
+    for batch in batches(data, release):
+        summary.add(batch)
+    return summary
 
 
 def _stamps(batch: PacketBatch) -> Iterator[int]:
