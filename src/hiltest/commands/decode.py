@@ -23,6 +23,7 @@ _EXIT_CODES = """
 Exit codes:
   0   decoded; a port: for as long as was asked, or until Ctrl-C
   1   no packet came
+  2   interrupted
   4   usage: an option, a file or a port is wrong
   20  connection lost; what came before is printed and written
 """
@@ -32,12 +33,27 @@ _LARGEST_BYTES = 512 << 20
 
 @click.command(epilog=_EXIT_CODES)
 @click.argument("source", metavar="FILE|PORT", callback=checked(file_name))
-@click.option("--csv", "csv_file", metavar="FILE", type=click.Path(dir_okay=False, path_type=Path),
-              help="Write a CSV file with a row a packet.")
-@click.option("--seconds", metavar="N", type=NumberRange(min=0.0, max=1e9, min_open=True),
-              help="Of a port: how long to listen.  [default: until Ctrl-C]")
-@click.option("--baud", metavar="N", type=click.IntRange(min=1), default=115_200, show_default=True,
-              help="Of a port: speed of the line.")
+@click.option(
+    "--csv",
+    "csv_file",
+    metavar="FILE",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Write a CSV file with a row a packet.",
+)
+@click.option(
+    "--seconds",
+    metavar="N",
+    type=NumberRange(min=0.0, max=1e9, min_open=True),
+    help="Of a port: how long to listen.  [default: until Ctrl-C]",
+)
+@click.option(
+    "--baud",
+    metavar="N",
+    type=click.IntRange(min=1),
+    default=115_200,
+    show_default=True,
+    help="Of a port: speed of the line.",
+)
 def decode(source: str, csv_file: Path | None, seconds: float | None, baud: int) -> int:
     """Show the packets of NXP's sensor fusion in a recording.
 
@@ -111,9 +127,12 @@ def _show(source: str, summary: StreamSummary) -> None:
 
     packets = sum(summary.counts.values())
     releases = " or ".join(map(str, summary.releases()))
-    click.echo(f"{source}: {counted(packets, 'packet')}" + (f" of release {releases}" if releases else "")
-               + (f", firmware {summary.firmware / 100:.2f}" if summary.firmware is not None else "")
-               + (f", {summary.clock.elapsed_us / 1e6:.1f} s by the board's clock" if summary.clock.elapsed_us else ""))
+    click.echo(
+        f"{source}: {counted(packets, 'packet')}"
+        + (f" of release {releases}" if releases else "")
+        + (f", firmware {summary.firmware / 100:.2f}" if summary.firmware is not None else "")
+        + (f", {summary.clock.elapsed_us / 1e6:.1f} s by the board's clock" if summary.clock.elapsed_us else "")
+    )
     if packets:
         click.echo(f"type  {'':<25}  {'packets':>11}  per second")
     for kind in summary.kinds:
