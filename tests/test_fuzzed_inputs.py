@@ -234,7 +234,7 @@ def totals(request: pytest.FixtureRequest) -> Iterator[Counter[str]]:
 
 NAMES = (
     "ELF files", "G-code", "Grbl status", "IMU logs", "JSON", "arguments", "baselines", "calibration files", "frames",
-    "intervals", "options", "rate logs", "records", "replies", "requests", "rigs", "samples", "stuffing",
+    "intervals", "options", "packets", "rate logs", "records", "replies", "requests", "rigs", "samples", "stuffing",
     "timing profiles", "traces", "transcripts",
 )  # fmt: skip
 
