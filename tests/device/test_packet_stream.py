@@ -63,6 +63,17 @@ def test_lost_bytes_cost_the_packets_that_they_belong_to_and_no_other(at: int, l
     assert all(type(packet) in kinds for packet in came), "none was made of parts of two"
 
 
+@pytest.mark.parametrize("at", [at for at, byte in enumerate(RECORDING) if byte == 0x7D])
+@pytest.mark.parametrize("byte", [0x00, 0x7D])
+def test_a_packet_with_a_wrong_escape_is_lost_with_its_bytes(at: int, byte: int) -> None:
+    damaged = bytearray(RECORDING)
+    damaged[at + 1] = byte
+    (hit,) = (place for place, begin in enumerate(BEGINS[:-1]) if begin <= at < BEGINS[place + 1])
+    (batch,) = batches(bytes(damaged))
+    assert batch.packets() == STREAM[:hit] + STREAM[hit + 1 :]
+    assert batch.lost_bytes == len(WIRES[hit]) - 2
+
+
 @given(packets=st.lists(ANY_PACKET, max_size=12), sizes=st.lists(st.integers(1, 60), min_size=1, max_size=9))
 def test_pieces_of_any_size_give_the_same_packets(packets: list[Packet], sizes: list[int]) -> None:
     wire = b"".join(map(encode, packets))
@@ -106,6 +117,7 @@ def test_text_before_the_first_packet_is_skipped_and_counted() -> None:
 @pytest.mark.parametrize("byte", [0x00, 0x7D, 0x7E])
 def test_a_line_that_repeats_one_byte_for_ever_keeps_nothing(byte: int) -> None:
     decoder = PacketDecoder()
+    assert decoder.feed(RECORDING).packets() == STREAM
     for _ in range(20):
         assert decoder.feed(bytes([byte]) * 10_000).tables == ()
         assert decoder.unfinished < 100
