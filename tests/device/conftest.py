@@ -1,8 +1,9 @@
-"""Packets of every kind and release, whatever is in them, and the recording of another encoder."""
+"""Packets of every kind and release, whatever is in them, and what others made."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
@@ -12,19 +13,24 @@ from hypothesis import strategies as st
 from hiltest.device.packet_fields import Packet, Sent, sent_fields
 from hiltest.device.packets import KINDS, Release
 
-RECORDINGS = Path(__file__).parents[3] / "shared" / "data" / "nxp_packets"
+DATA = Path(__file__).parents[3] / "shared" / "data"
 KINDS_OF_RELEASES = [(release, kind) for release in Release for kind in release.value]
 BITS = {"b": 8, "h": 16, "i": 32}
 
 
 @pytest.fixture(scope="session")
-def recordings() -> Path:
-    """The folder with what NXP's encoder made of known integers."""
-    if not RECORDINGS.is_dir():
-        if os.environ.get("HILTEST_REQUIRE_TOOLS"):
-            pytest.fail(f"{RECORDINGS} is missing, and HILTEST_REQUIRE_TOOLS is set", pytrace=False)
-        pytest.skip(f"{RECORDINGS} is missing")
-    return RECORDINGS
+def shared_data() -> Callable[[str], Path]:
+    """Return a function that finds what others made, and skips the test where that is not beside the project."""
+
+    def find(name: str) -> Path:
+        path = DATA / name
+        if not path.exists():
+            if os.environ.get("HILTEST_REQUIRE_TOOLS"):
+                pytest.fail(f"{path} is missing, and HILTEST_REQUIRE_TOOLS is set", pytrace=False)
+            pytest.skip(f"{path} is missing")
+        return path
+
+    return find
 
 
 def numbers(sent: Sent) -> st.SearchStrategy[int]:

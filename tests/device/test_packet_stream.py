@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Callable
 from itertools import accumulate
 from pathlib import Path
 
@@ -133,10 +134,10 @@ def test_bodies_that_are_longer_than_a_piece_of_the_recording_apart_come_in_orde
     assert places.tolist() == [len(RECORDING) * time + at + 1 for time in range(again) for at in BEGINS[:-1]]
 
 
-def test_every_integer_of_the_truth_comes_out_of_the_recording(recordings: Path) -> None:
-    with (recordings / "imu.truth.csv").open(encoding="ascii") as file:
+def test_every_integer_of_the_truth_comes_out_of_the_recording(shared_data: Callable[[str], Path]) -> None:
+    with shared_data("nxp_packets/imu.truth.csv").open(encoding="ascii") as file:
         truth = [[int(cell) for cell in row] for row in list(csv.reader(file))[1:]]
-    found = list(batches((recordings / "imu.bin").read_bytes()))
+    found = list(batches(shared_data("nxp_packets/imu.bin").read_bytes()))
     assert sum(batch.lost_bytes for batch in found) == 0
     rows = np.concatenate([table.rows for batch in found for table in batch.tables if table.kind is MainPacket])
     assert np.hstack([rows["acceleration"], rows["field"], rows["rate"]]).tolist() == [row[2:] for row in truth]
