@@ -17,13 +17,18 @@ import pytest
 from tests.command_files import run
 from tests.device.test_packet_stream import RECORDING
 
+from hiltest.device.packet_csv import PacketRows
+from hiltest.device.packet_stream import batches
 from hiltest.device.packets import (
+    KINDS,
     AnglesPacket,
     DebugPacket,
     MagneticPacket7,
     MainPacket,
     encode,
 )
+from hiltest.logs.rate_log import read_rate_log
+from hiltest.logs.samples import read_samples
 
 BURSTS = 41
 
@@ -73,7 +78,7 @@ def test_the_table_has_a_row_a_packet_with_units_in_its_columns(recording: Path,
     assert main == {
         "time_s": "0.025000", "type": "1", "number": "3", "flags": "8", "board": "69",
         "accelerometer_x_g": "1", "accelerometer_y_g": "0", "accelerometer_z_g": "-0.5",
-        "calibrated_field_x_uT": "30.1", "calibrated_field_y_uT": "0.7", "calibrated_field_z_uT": "12.6",
+        "field_x_uT": "30.1", "field_y_uT": "0.7", "field_z_uT": "12.6",
         "gyroscope_x_dps": "0.05", "gyroscope_y_dps": "-2", "gyroscope_z_dps": "0",
         "q0": "1", "q1": "0", "q2": "0", "q3": "0",
     }  # fmt: skip
@@ -87,14 +92,15 @@ def test_the_table_has_a_row_a_packet_with_units_in_its_columns(recording: Path,
     assert "firmware_release" not in rows[0], "kinds that did not come have no column"
 
 
-def test_the_firmware_buffer_is_read_as_points_by_fit(
-    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    from hiltest.logs.samples import read_samples
-
-    assert run("decode", str(recording), "--csv", str(tmp_path / "out.csv")) == 0
-    read = read_samples(tmp_path / "out.csv")
-    assert read.points.shape == (BURSTS, 3)
+def test_fit_and_allan_find_their_sensors_among_the_columns_of_all_kinds(tmp_path: Path) -> None:
+    rows = PacketRows(KINDS)
+    path = tmp_path / "port.csv"
+    path.write_text(rows.header() + "".join(rows.lines(batch) for batch in batches(STREAM)), encoding="utf-8")
+    points = read_samples(path).points  # of the buffer
+    assert points[1:].tolist() == [[n / 10, n / 5, -n / 10] for n in range(1, BURSTS)]
+    rates = read_rate_log(path)
+    assert rates.rates.tolist() == [[n / 20, -2.0, 0.0] for n in range(BURSTS)]
+    assert (rates.rate_hz, rates.gaps) == (pytest.approx(40.0), 0)
 
 
 def test_a_file_without_a_packet_ends_with_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

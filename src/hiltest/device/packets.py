@@ -3,6 +3,9 @@
 A packet is ``7E body 7E`` with the byte stuffing of `hiltest.link.framing`; the body is ``u8 type, u8 number``
 and the fields, little-endian. It has no length and no check value: type and length of the body together say
 what it is, in every release.
+
+Columns of a table have names of their own, by which readers of logs find one magnetometer and one gyroscope, the
+uncalibrated ones.
 """
 
 from __future__ import annotations
@@ -89,7 +92,7 @@ class MainPacket(TimedPacket):
     board: UInt8
 
     acceleration_g = ScaledVector("acceleration", 8192, *axes("accelerometer", "g"))
-    field_ut = ScaledVector("field", 10, *axes("calibrated_field", "uT"))
+    field_ut = ScaledVector("field", 10, *axes("field", "uT"))
     rate_dps = ScaledVector("rate", 20, *axes("gyroscope", "dps"))
     rotation = ScaledVector("quaternion", 30_000, "q0", "q1", "q2", "q3")
 
@@ -136,7 +139,7 @@ class RatePacket(TimedPacket):
     title = "angular rate"
     rate: Vector
 
-    rate_dps = ScaledVector("rate", 20, *axes("rate", "dps"))
+    rate_dps = ScaledVector("rate", 20, *axes("turn", "dps"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -281,8 +284,8 @@ class KalmanPacket422(Packet):
     gyroscope_offset_error: Vector
 
     orientation_error_deg = ScaledVector("orientation_error", 1000, *axes("orientation_error", "deg"))
-    gyroscope_offset_dps = ScaledVector("gyroscope_offset", 1000, *axes("gyroscope_offset", "dps"))
-    gyroscope_offset_error_dps = ScaledVector("gyroscope_offset_error", 10_000, *axes("gyroscope_offset_error", "dps"))
+    gyroscope_offset_dps = ScaledVector("gyroscope_offset", 1000, *axes("turn_offset", "dps"))
+    gyroscope_offset_error_dps = ScaledVector("gyroscope_offset_error", 10_000, *axes("turn_offset_error", "dps"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -310,11 +313,11 @@ class KalmanPacket500(Packet):
 
     gravity_residual_parts = ScaledVector("gravity_residual", 30_000, *axes("gravity_residual"))
     gravity_error_parts = ScaledVector("gravity_error", 30_000, *axes("gravity_error"))
-    magnetic_residual_parts = ScaledVector("magnetic_residual", 30_000, *axes("magnetic_residual"))
-    magnetic_error_parts = ScaledVector("magnetic_error", 30_000, *axes("magnetic_error"))
-    gyroscope_offset_dps = ScaledVector("gyroscope_offset", 1000, *axes("gyroscope_offset", "dps"))
+    magnetic_residual_parts = ScaledVector("magnetic_residual", 30_000, *axes("field_residual"))
+    magnetic_error_parts = ScaledVector("magnetic_error", 30_000, *axes("field_error"))
+    gyroscope_offset_dps = ScaledVector("gyroscope_offset", 1000, *axes("turn_offset", "dps"))
     inclination_deg = ScaledNumber("inclination", 100, "filter_inclination_deg")
-    linear_acceleration_g = ScaledVector("linear_acceleration", 8192, *axes("linear_acceleration", "g"))
+    linear_acceleration_g = ScaledVector("linear_acceleration", 8192, *axes("motion", "g"))
     displacement_m = ScaledVector("displacement", 100, *axes("displacement", "m"))
 
 
@@ -340,8 +343,8 @@ class AccelerometerPacket(Packet):
     rotation_diagonal: Vector
     rotation_others: Sextuple
 
-    stored_g = ScaledVector("stored", 8192, *axes("stored_acceleration", "g"))
-    offset_g = ScaledVector("offset", 32_768, *axes("accelerometer_offset", "g"))
+    stored_g = ScaledVector("stored", 8192, *axes("stored_gravity", "g"))
+    offset_g = ScaledVector("offset", 32_768, *axes("zero_g_offset", "g"))
     inverse_gain_less_1 = ScaledVector("gain", 10_000, *axes("inverse_gain_less_1", names=("xx", "yy", "zz")))
     inverse_gain_cross = ScaledVector("cross", 10_000, *axes("inverse_gain", names=("xy", "xz", "yz")))
     rotation_diagonal_parts = ScaledVector("rotation_diagonal", 10_000, *axes("rotation", names=("xx", "yy", "zz")))
