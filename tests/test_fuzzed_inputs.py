@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from tests.device.test_packet_stream import RECORDING, WIRES
 from tests.imu_calibration.conftest import some_calibration
 from tests.link.test_trace_text import REQUESTS
 from tests.logs.recording import six_faces_and_turns, write
@@ -23,6 +24,10 @@ from tests.totals import printed_totals
 from hiltest.bench_files import shipped
 from hiltest.boards import default_firmware
 from hiltest.boards.gcode import GcodeError, Modals, read_block
+from hiltest.device.packet_csv import PacketRows
+from hiltest.device.packet_stream import batches
+from hiltest.device.packet_summary import summary_of
+from hiltest.device.packets import KINDS
 from hiltest.errors import CalibrationError, ConfigError, DeviceError, FrameError, ProtocolError
 from hiltest.imu_calibration.file import load_calibration, to_json
 from hiltest.link import grbl
@@ -130,6 +135,14 @@ def _request(data: bytes) -> object:
     return read_request(Frame(data[0] & 0x7F if data else 0, 1, data[1:]))
 
 
+def _packets(data: bytes) -> None:
+    summary, release = summary_of(data)
+    rows = PacketRows(KINDS)
+    for batch in batches(data, release):
+        assert rows.lines(batch).count("\n") == len(batch.packets())
+    assert sum(summary.counts.values()) <= data.count(b"\x7e")
+
+
 def _trace(data: bytes) -> None:
     transcript = Transcript("virtual")
     for number, piece in enumerate(data.split(b"\x55")):
@@ -180,7 +193,8 @@ def readers(tmp_path_factory: pytest.TempPathFactory, default_run) -> dict[str, 
     intervals = b'{"x_p": {"start": 5, "end": 12}, "x_rot": {"start": 20, "end": 31}}'
     config, data = (ConfigError,), (ConfigError, CalibrationError)
     return {
-        "frames": Reader(_frames, (), wires, 0.27),
+        "frames": Reader(_frames, (), wires, 0.22),
+        "packets": Reader(_packets, (), [*WIRES, RECORDING], 0.05),
         "stuffing": Reader(_unstuffed, (FrameError,), wires, 0.10),
         "replies": Reader(_reply, (ProtocolError, DeviceError), replies, 0.25),
         "requests": Reader(_request, (ProtocolError,), requests, 0.12),
@@ -220,7 +234,7 @@ def totals(request: pytest.FixtureRequest) -> Iterator[Counter[str]]:
 
 NAMES = (
     "ELF files", "G-code", "Grbl status", "IMU logs", "JSON", "arguments", "baselines", "calibration files", "frames",
-    "intervals", "options", "rate logs", "records", "replies", "requests", "rigs", "samples", "stuffing",
+    "intervals", "options", "packets", "rate logs", "records", "replies", "requests", "rigs", "samples", "stuffing",
     "timing profiles", "traces", "transcripts",
 )  # fmt: skip
 

@@ -26,6 +26,7 @@ READING = {
     "calibrate --rig": ("calibrate", "--rig", "{}"),
     "compare base": ("compare", "{}", "run.json"),
     "compare new": ("compare", "run.json", "{}"),
+    "decode source": ("decode", "{}"),
     "export run": ("export", "{}", "--format", "bencher"),
     "fit --firmware": ("fit", "points.csv", "--firmware", "{}"),
     "fit log": ("fit", "{}"),
@@ -49,7 +50,7 @@ READING = {
     "timing show --profile": ("timing", "show", "--profile", "{}"),
 }
 # As help calls what is a file and no click.Path.
-FILES = {"R", "ELF", "FILE", "NAME|FILE", "FILE|COLUMN"}
+FILES = {"R", "ELF", "FILE", "NAME|FILE", "FILE|COLUMN", "FILE|PORT"}
 # Files that end in this are taken for files, others for names of what ships.
 ENDS = {"fit-imu --intervals": ".json", "profile --profile": ".toml", "timing show --profile": ".toml"}
 # What takes a thousandth of a second for a file as it should be, and a start of Python besides.

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from tests.calibration.synthetic_rates import white
 from tests.command_files import every_command, folder_of_inputs, run
+from tests.device.test_packet_stream import RECORDING
 from tests.finished_run import Finished
 
 from hiltest.procedures.golden_points import golden_points
@@ -28,6 +29,7 @@ WRITING = {
     "baseline save FILE": BASE,
     "baseline update FILE": ("baseline", "update", "--accept", "*", "--because", "a test"),
     "calibrate --out": ("calibrate", "--out"),
+    "decode --csv": ("decode", "packets.bin", "--csv"),
     "export --out": ("export", "run.json", "--format", "bencher", "--out"),
     "fit --export-header": ("fit", "points.csv", "--on", "host", "--export-header"),
     "fit --export-json": ("fit", "points.csv", "--on", "host", "--export-json"),
@@ -64,6 +66,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory, default_run: Finished) -> P
     record = default_run.record
     next(each for each in record["measurements"] if each["name"] == "cycles.direct.total")["value"] += 1
     (folder / "dearer.json").write_text(json.dumps(record), encoding="utf-8")
+    (folder / "packets.bin").write_bytes(RECORDING)
     random = np.random.default_rng(1)
     rates = [white(random, 4000, rate_hz=100.0, angle_random_walk=0.01) for _axis in "xyz"]
     table = np.column_stack([np.arange(4000) / 100.0, *rates])

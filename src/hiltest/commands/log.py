@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import signal
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -12,8 +10,7 @@ from typing import TYPE_CHECKING, TextIO
 import click
 
 from hiltest.bench_files import rig_file
-from hiltest.commands.options import ErrorOutput, NumberRange, checked
-from hiltest.errors import ConfigError
+from hiltest.commands.options import ErrorOutput, NumberRange, asked_to_end, checked, opened
 from hiltest.settings import file_name, seed
 
 if TYPE_CHECKING:
@@ -65,9 +62,9 @@ def log(
 
     kinds = [SensorKind[name.upper()] for name in dict.fromkeys(sensors)]
     described = load_rig(rig_file(Path.cwd(), rig))
-    with _asked_to_end() as ending, open_board(
+    with asked_to_end() as ending, open_board(
         described, firmware=Path(firmware) if firmware else None, port=hil_port, seed=int(seed) if seed else None
-    ) as board, _opened(out) as file:
+    ) as board, opened(out) as file:
         counts = _write(file, board, kinds, log_sensors(board, kinds, seconds=seconds), seconds, ending)
     told = ", ".join(f"{counts[kind]} of the {kind.name.lower()}" for kind in kinds)
     click.echo(f"{out}: {told}" + (f"; {counts[None]} times samples were lost" if counts[None] else ""))
@@ -102,29 +99,3 @@ def _write(
         if ending:
             break
     return counts
-
-
-@contextlib.contextmanager
-def _opened(out: Path) -> Iterator[TextIO]:
-    try:
-        file = out.open("w", encoding="utf-8", newline="")
-    except OSError as error:
-        raise ConfigError(f"cannot write {out}: {error.strerror or error}") from error
-    with file:
-        yield file
-
-
-@contextlib.contextmanager
-def _asked_to_end() -> Iterator[list[int]]:
-    """Return a list that gets Ctrl-C instead of its breaking in; a second one does."""
-    came: list[int] = []
-
-    def note(number: int, _frame: object) -> None:
-        came.append(number)
-        signal.signal(signal.SIGINT, before)
-
-    before = signal.signal(signal.SIGINT, note)
-    try:
-        yield came
-    finally:
-        signal.signal(signal.SIGINT, before)

@@ -1,13 +1,18 @@
-"""Options that several commands share, and the exit codes."""
+"""What several commands share: options, exit codes, files to write, and an end by Ctrl-C."""
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import math
-from collections.abc import Callable
-from typing import Any
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, TextIO
 
 import click
+
+from hiltest.errors import ConfigError
 
 EXIT_CODES = """
 \b
@@ -60,3 +65,30 @@ class ErrorOutput:
     def write(self, msg: str, *, flush: bool = False) -> None:
         """Write a text."""
         click.echo(msg, nl=False, err=True)
+
+
+@contextlib.contextmanager
+def opened(out: Path) -> Iterator[TextIO]:
+    """Open a text file to write, or refuse its name."""
+    try:
+        file = out.open("w", encoding="utf-8", newline="")
+    except OSError as error:
+        raise ConfigError(f"cannot write {out}: {error.strerror or error}") from error
+    with file:
+        yield file
+
+
+@contextlib.contextmanager
+def asked_to_end() -> Iterator[list[int]]:
+    """Return a list that gets Ctrl-C instead of its breaking in; a second one does."""
+    came: list[int] = []
+
+    def note(number: int, _frame: object) -> None:
+        came.append(number)
+        signal.signal(signal.SIGINT, before)
+
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield came
+    finally:
+        signal.signal(signal.SIGINT, before)

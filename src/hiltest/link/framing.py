@@ -18,7 +18,7 @@ from hiltest.errors import FrameError
 DELIMITER = 0x7E
 ESCAPE = 0x7D
 MAX_PAYLOAD = 1024
-_STUFFED = {0x5E: DELIMITER, 0x5D: ESCAPE}
+_ESCAPED_DELIMITER, _ESCAPED_ESCAPE = b"\x7d\x5e", b"\x7d\x5d"
 _HEADER = struct.Struct("<BBH")
 _CHECK = struct.Struct("<I")
 _OVERHEAD = _HEADER.size + _CHECK.size
@@ -59,7 +59,7 @@ def stuff(body: bytes) -> bytes:
     >>> stuff(bytes([1, 0x7E, 0x7D])).hex()
     '017d5e7d5d'
     """
-    return body.replace(b"\x7d", b"\x7d\x5d").replace(b"\x7e", b"\x7d\x5e")
+    return body.replace(b"\x7d", _ESCAPED_ESCAPE).replace(b"\x7e", _ESCAPED_DELIMITER)
 
 
 def unstuff(data: bytes) -> bytes:
@@ -71,22 +71,22 @@ def unstuff(data: bytes) -> bytes:
         When an escape is followed by anything but 5D or 5E, or by nothing, or
         when a delimiter stands inside.
     """
-    body = bytearray()
-    position = 0
-    while position < len(data):
-        value = data[position]
-        if value == DELIMITER:
-            raise FrameError(f"delimiter inside a frame at byte {position}")
-        if value == ESCAPE:
-            position += 1
-            if position == len(data):
-                raise FrameError(f"frame ends in an escape at byte {position - 1}")
-            if data[position] not in _STUFFED:
-                raise FrameError(f"escape followed by 0x{data[position]:02x} at byte {position}")
-            value = _STUFFED[data[position]]
-        body.append(value)
-        position += 1
-    return bytes(body)
+    escapes = data.count(_ESCAPED_DELIMITER) + data.count(_ESCAPED_ESCAPE)
+    if data.count(ESCAPE) != escapes or DELIMITER in data:
+        raise FrameError(_why_no_body(data))
+    return data.replace(_ESCAPED_DELIMITER, b"\x7e").replace(_ESCAPED_ESCAPE, b"\x7d")
+
+
+def _why_no_body(data: bytes) -> str:
+    for position in range(len(data)):
+        if data[position] == DELIMITER:
+            return f"delimiter inside a frame at byte {position}"
+        if data[position] == ESCAPE:
+            if position + 1 == len(data):
+                return f"frame ends in an escape at byte {position}"
+            if data[position + 1] not in (0x5E, 0x5D):
+                return f"escape followed by 0x{data[position + 1]:02x} at byte {position + 1}"
+    raise AssertionError("the escapes are right")
 
 
 def encode_frame(frame: Frame) -> bytes:

@@ -1,0 +1,168 @@
+"""``hiltest decode``: packets of NXP's sensor fusion, counted or as CSV."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from hiltest.commands.options import NumberRange, asked_to_end, checked, opened
+from hiltest.errors import BenchError, ConfigError
+from hiltest.settings import file_name
+
+if TYPE_CHECKING:
+    from hiltest.device.packet_fields import Packet
+    from hiltest.device.packet_stream import PacketBatch
+    from hiltest.device.packet_summary import StreamSummary
+
+_EXIT_CODES = """
+\b
+Exit codes:
+  0   decoded; a port: for as long as was asked, or until Ctrl-C
+  1   no packet came
+  2   interrupted
+  4   usage: an option, a file or a port is wrong
+  20  connection lost; what came before is printed and written
+"""
+# Half a day of the line's 11.5 kB/s.
+_LARGEST_BYTES = 512 << 20
+
+
+@click.command(epilog=_EXIT_CODES)
+@click.argument("source", metavar="FILE|PORT", callback=checked(file_name))
+@click.option(
+    "--csv",
+    "csv_file",
+    metavar="FILE",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Write a CSV file with a row a packet.",
+)
+@click.option(
+    "--seconds",
+    metavar="N",
+    type=NumberRange(min=0.0, max=1e9, min_open=True),
+    help="Of a port: how long to listen.  [default: until Ctrl-C]",
+)
+@click.option(
+    "--baud",
+    metavar="N",
+    type=click.IntRange(min=1),
+    default=115_200,
+    show_default=True,
+    help="Of a port: speed of the line.",
+)
+def decode(source: str, csv_file: Path | None, seconds: float | None, baud: int) -> int:
+    """Show the packets of NXP's sensor fusion in a recording.
+
+    FILE holds the bytes as they came, PORT is a serial device or a pyserial URL. Packets of releases 4.22, 5.00 and 7
+    are known: see docs/decode.md.
+    """
+    summary = _listen(source, csv_file, seconds, baud) if _is_port(source) else _read(source, csv_file)
+    return 0 if summary.kinds else 1
+
+
+def _read(source: str, csv_file: Path | None) -> StreamSummary:
+    from hiltest.device.packet_stream import batches
+    from hiltest.device.packet_summary import summary_of
+    from hiltest.strict_json import read_bounded
+
+    data = read_bounded(Path(source), largest_bytes=_LARGEST_BYTES, otherwise="give a recording of the packets")
+    summary, release = summary_of(data)
+    if csv_file is not None:
+        _write(csv_file, summary.kinds, batches(data, release))
+    _show(source, summary)
+    return summary
+
+
+def _listen(source: str, csv_file: Path | None, seconds: float | None, baud: int) -> StreamSummary:
+    import hiltest.boards  # noqa: F401  hil:// is a port too
+    from hiltest.device.packet_stream import PacketDecoder, heard
+    from hiltest.device.packet_summary import StreamSummary
+    from hiltest.device.packets import KINDS
+    from hiltest.link.ports import open_port
+
+    summary, decoder = StreamSummary(), PacketDecoder()
+
+    def counted(came: Iterator[PacketBatch]) -> Iterator[PacketBatch]:
+        for batch in came:
+            summary.add(batch)
+            decoder.release = summary.release()
+            yield batch
+
+    port = open_port(source, baud=baud)
+    try:
+        with asked_to_end() as ending:
+            came = counted(heard(port, decoder, seconds=seconds, ended=lambda: bool(ending)))
+            if csv_file is not None:
+                _write(csv_file, KINDS, came)
+            else:
+                for _ in came:
+                    pass
+    except BenchError:
+        _show(source, summary)
+        raise
+    finally:
+        port.close()
+    _show(source, summary)
+    return summary
+
+
+def _write(csv_file: Path, kinds: Sequence[type[Packet]], came: Iterator[PacketBatch]) -> None:
+    from hiltest.device.packet_csv import PacketRows
+
+    rows = PacketRows(kinds)
+    with opened(csv_file) as file:
+        file.write(rows.header())
+        for batch in came:
+            file.write(rows.lines(batch))
+            file.flush()
+
+
+def _show(source: str, summary: StreamSummary) -> None:
+    """Print what came."""
+    from hiltest.text import counted, readable
+
+    packets = sum(summary.counts.values())
+    releases = " or ".join(map(str, summary.releases()))
+    click.echo(
+        f"{source}: {counted(packets, 'packet')}"
+        + (f" of release {releases}" if releases else "")
+        + (f", firmware {summary.firmware / 100:.2f}" if summary.firmware is not None else "")
+        + (f", {summary.clock.elapsed_us / 1e6:.1f} s by the board's clock" if summary.clock.elapsed_us else "")
+    )
+    if packets:
+        click.echo(f"type  {'':<25}  {'packets':>11}  per second")
+    for kind in summary.kinds:
+        rate_hz = summary.rate_hz(kind)
+        rate = "-" if rate_hz is None else f"{rate_hz:.1f}"
+        click.echo(f"{kind.type:>4}  {kind.title:<25}  {readable(summary.counts[kind]):>11}  {rate:>10}")
+    click.echo(
+        f"{counted(summary.lost_bytes, 'byte')} in no packet, {counted(summary.missing, 'packet')} missing by the "
+        f"packets' numbers, {counted(summary.clock.resets, 'reset')} of the board's clock"
+    )
+
+
+def _is_port(source: str) -> bool:
+    """Say whether a name is that of a port: a URL, a device of this machine, or a terminal."""
+    from hiltest.link.ports import list_ports
+
+    if "://" in source or source in list_ports():
+        return True
+    path = Path(source)
+    if not path.exists():
+        raise ConfigError(
+            f"{source}: no such file, and no serial port; ports on this machine: {', '.join(list_ports()) or 'none'}"
+        )
+    if not path.is_char_device():
+        return False
+    try:
+        number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY)
+    except OSError:
+        return False  # reading it as a file says why not
+    try:
+        return os.isatty(number)
+    finally:
+        os.close(number)
