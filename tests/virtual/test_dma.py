@@ -83,22 +83,22 @@ class Bench:
         self.memory = self.board.processor.memory
 
     def write(self, offset: int, value: int, size: int = 4) -> None:
-        self.board._chip._bus.write(DMA + offset, size, value)
+        self.board._chip.bus.write(DMA + offset, size, value)
 
     def read(self, offset: int, size: int = 4) -> int:
-        return self.board._chip._bus.read(DMA + offset, size)
+        return self.board._chip.bus.read(DMA + offset, size)
 
     def load(self, channel: int, loop: Loop) -> None:
         words = struct.unpack("<8I", loop.registers())
         for index, value in enumerate(words):
-            self.board._chip._bus.write(DESCRIPTORS + 32 * channel + 4 * index, 4, value)
+            self.board._chip.bus.write(DESCRIPTORS + 32 * channel + 4 * index, 4, value)
 
     def control(self, channel: int) -> int:
-        return self.board._chip._bus.read(DESCRIPTORS + 32 * channel + 0x1C, 2)
+        return self.board._chip.bus.read(DESCRIPTORS + 32 * channel + 0x1C, 2)
 
     def addresses(self, channel: int) -> tuple[int, int, int]:
         """SADDR, DADDR and CITER."""
-        read = self.board._chip._bus.read
+        read = self.board._chip.bus.read
         return tuple(read(DESCRIPTORS + 32 * channel + at, size) for at, size in ((0, 4), (0x10, 4), (0x16, 2)))  # type: ignore[return-value]
 
     def run(self, seconds: float = 0.0002) -> None:
@@ -255,7 +255,7 @@ def test_a_start_while_the_channel_runs_is_another_one(bench: Bench) -> None:
 
 
 def test_links_are_not_set_up_before_done_is_cleared_and_stay_when_they_were(bench: Bench) -> None:
-    write = bench.board._chip._bus.write
+    write = bench.board._chip.bus.write
     at = DESCRIPTORS + 0x1C
     bench.load(0, Loop(csr=MAJORELINK | 6 << 8))
     bench.write(SSRT, 0, 1)
@@ -345,9 +345,9 @@ def test_the_channel_that_is_next_is_chosen_by_priority_or_in_turn(
     bench: Bench, control: int, priorities: dict[int, int], order: str
 ) -> None:
     uart = bench.board.uarts[1]
-    bench.board._chip._bus.write(0x40048034, 4, 1 << 11 | 0xF0100030)
-    bench.board._chip._bus.write(0x4006B010, 1, 0x88)  # FIFOs
-    bench.board._chip._bus.write(0x4006B003, 1, 0x08)
+    bench.board._chip.bus.write(0x40048034, 4, 1 << 11 | 0xF0100030)
+    bench.board._chip.bus.write(0x4006B010, 1, 0x88)  # FIFOs
+    bench.board._chip.bus.write(0x4006B003, 1, 0x08)
     uart.line_baud = round(uart.baud)
     bench.memory.write(RAM, b"abcd")
     bench.write(CR, control | 1 << 5)  # halted, until all want

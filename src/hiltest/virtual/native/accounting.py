@@ -252,8 +252,9 @@ class NativeBlockAccounting:
 
     def steady_until(self, cycle: float) -> None:
         """Take note that what was read of a peripheral changes by itself, at that cycle."""
-        watch = self._counter.watch
-        watch.until = min(watch.until, math.floor(cycle))
+        if cycle < _NEVER:  # a clock that stands still brings no change
+            watch = self._counter.watch
+            watch.until = min(watch.until, math.floor(cycle))
 
     @property
     def _running(self) -> CodeBlock | None:
