@@ -119,3 +119,18 @@ def test_a_reset_by_firmware_is_told_apart(build_c: Build) -> None:
     board = board_of(build_c, "if (starts == 1) { *(volatile unsigned *)0xE000ED0C = 0x05FA0004u; }")
     board.run_until(0.001)
     assert word(board, "sources") == 0x0082_0400  # SRS1: SW
+
+
+@pytest.mark.parametrize("count", [20, 70_000], ids=["the lower half alone", "both halves"])
+def test_waiting_for_its_count_is_passed_over_exactly(build_c: Build, count: int) -> None:
+    body = (
+        "unlock(); TOVALH = 0x10; TOVALL = 0; PRESC = 0; STCTRLH = 0x01D3u;"
+        f"while (((unsigned)HALF(0x40052010) << 16 | HALF(0x40052012)) < {count}u) {{}} sources = 1;"
+    )
+    ends = []
+    for passes_waits in (True, False):
+        board = VirtualK64F(build_c(program(f"(void)refresh; {body}")), passes_waits=passes_waits)
+        board.run_until(0.006)
+        ends.append((board.cycles, board.instructions, board.processor.registers.general.read()))
+        assert word(board, "sources") == 1
+    assert ends[0] == ends[1]

@@ -47,8 +47,11 @@ class Counting:
         Whether it counts upward.
     until : float
         Up to this cycle it only rises, or only falls, and by less than 2**32; not farther.
+    size : int
+        Width of the register in bytes.
     """
 
     at: Callable[[int], int]
     rises: bool
     until: float
+    size: int = 4

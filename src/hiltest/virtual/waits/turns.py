@@ -160,7 +160,7 @@ class _Now:
             return Value(self._bus.read(address, size) & (1 << 8 * size) - 1)
         first = self._turn.began + cycle
         last = first + (turns - 1) * self._turn.period
-        if size != 4 or address & 3:
+        if size != counting.size or address % size:
             raise NotProvable
         if last >= counting.until:
             raise NotUniform
