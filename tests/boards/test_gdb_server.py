@@ -291,6 +291,7 @@ def test_when_gdb_leaves_the_board_runs_on_and_another_gdb_may_come(debugged: De
 
 
 def test_a_fault_is_shown_before_it_ends_the_firmware(debugged: Debugged) -> None:
+    debugged.machine.may_rest = False  # as under `hiltest run`
     with started(debugged) as client:
         client.ask(b"M%x,4:02000000" % debugged.at["beyond"])
         console = client.ask(b"c")

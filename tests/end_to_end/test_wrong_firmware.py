@@ -67,7 +67,7 @@ def test_a_swapped_magnetometer_axis_is_red_and_named(run_edited: RunEdited) -> 
     rows = "    body[0] = negated(sensor[{}]);\n    body[1] = negated(sensor[{}]);\n    body[2] = limited(sensor[2]);"
     ended = run_edited(Edit("sensors/axes.c", rows.format(1, 0), rows.format(0, 1)))
     assert ended.values["heading.direct.max"] > 45
-    assert "Likely cause: magnetometer: x and y are exchanged (left-handed" in ended.output
+    assert "likely cause: magnetometer: x and y are exchanged (left-handed" in ended.output
 
 
 OF_THE_ACCELEROMETER = (
@@ -121,7 +121,7 @@ OF_ANOTHER_SLOT = """    if (slot > 1u && slots[1].filled) {
 )  # fmt: skip
 def test_a_mistake_in_a_calibration_is_named_with_its_size(run_edited: RunEdited, edit: Edit, told: str) -> None:
     ended = run_edited(edit)
-    assert re.search(rf"Likely cause: {told}", ended.output), ended.output
+    assert re.search(rf"likely cause: {told}", ended.output), ended.output
 
 
 def test_a_dip_of_the_opposite_sign_is_the_firmwares_where_the_known_angles_show_it_right(
@@ -129,7 +129,7 @@ def test_a_dip_of_the_opposite_sign_is_the_firmwares_where_the_known_angles_show
 ) -> None:
     ended = run_edited(Edit("app/dpi_commands.c", "sinf(dip_deg /", "-sinf(dip_deg /"))
     assert "dpi of 300 rows: MIRRORED" in ended.output
-    assert "Likely cause: dpi refuses as MIRRORED what the known angles show to be right" in ended.output
+    assert "likely cause: dpi refuses as MIRRORED what the known angles show to be right" in ended.output
 
 
 DPI_SUMS = "calibration/dpi_sums.c"
