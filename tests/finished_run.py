@@ -39,9 +39,13 @@ class Finished:
 
     @property
     def sentence(self) -> str:
-        """The verdict of the record, which the output must have too, folded at the width of the terminal."""
+        """The verdict of the record; the output has it too, a failed run's as a list with the likely cause."""
         sentence: str = self.record["verdict"]["sentence"]
-        assert " ".join(sentence.split()) in " ".join(self.output.split())
+        output = " ".join(self.output.split())
+        if self.code == 0:
+            assert " ".join(sentence.split()) in output
+        cause = sentence.partition("Likely cause: ")[2].partition(".")[0]
+        assert f"likely cause: {cause}".lower() in output.lower() or not cause
         return sentence
 
 
