@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.boards.uart_ports import UartPort, opened_ports, uart_ports
+from hiltest.boards.uart_ports import ServedUart, opened_ports, uart_ports
 from hiltest.errors import ConfigError
 
 
 def test_what_is_asked_for_is_understood() -> None:
     asked = uart_ports(("3", "1=bench/uart", "5=tcp:6470"))
-    assert asked == (UartPort(3), UartPort(1, link=Path("bench/uart")), UartPort(5, tcp=6470))
+    assert asked == (ServedUart(3), ServedUart(1, link=Path("bench/uart")), ServedUart(5, tcp=6470))
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ _TCP = "tcp:"
 
 
 @dataclass(frozen=True, slots=True)
-class UartPort:
+class ServedUart:
     """A port that is asked for: TCP where it has a number, else a pseudo-terminal, with a link to it if it has a path.
 
     Attributes
@@ -37,7 +37,7 @@ class UartPort:
         return f"uart{self.number}"
 
 
-def uart_port(text: str) -> UartPort:
+def uart_port(text: str) -> ServedUart:
     """Parse ``3``, ``3=PATH`` or ``3=tcp:PORT``.
 
     Raises
@@ -49,14 +49,14 @@ def uart_port(text: str) -> UartPort:
     if number not in {"1", "2", "3", "4", "5"} or (equals and not where):
         raise ConfigError(f"--uart {text} is none of N, N=PATH and N=tcp:PORT, with N from 1 to 5")
     if not where.startswith(_TCP):
-        return UartPort(int(number), link=Path(where) if where else None)
+        return ServedUart(int(number), link=Path(where) if where else None)
     port = where.removeprefix(_TCP)
     if not port.isascii() or not port.isdigit() or int(port) > _LAST_PORT:
         raise ConfigError(f"--uart {text}: a port is a number from 0 to {_LAST_PORT}")
-    return UartPort(int(number), tcp=int(port))
+    return ServedUart(int(number), tcp=int(port))
 
 
-def uart_ports(texts: Sequence[str]) -> tuple[UartPort, ...]:
+def uart_ports(texts: Sequence[str]) -> tuple[ServedUart, ...]:
     """Parse what was asked for, each UART at most once.
 
     Raises
@@ -71,10 +71,10 @@ def uart_ports(texts: Sequence[str]) -> tuple[UartPort, ...]:
 
 
 @contextlib.contextmanager
-def opened_ports(ports: Sequence[UartPort], host: str) -> Iterator[list[tuple[UartPort, PortLine, str]]]:
+def opened_ports(ports: Sequence[ServedUart], host: str) -> Iterator[list[tuple[ServedUart, PortLine, str]]]:
     """Open ports; yield each with its line and what a program opens, and close them in the end."""
     with contextlib.ExitStack() as stack:
-        opened: list[tuple[UartPort, PortLine, str]] = []
+        opened: list[tuple[ServedUart, PortLine, str]] = []
         for port in ports:
             line = PseudoTerminal() if port.tcp is None else TcpLine(host, port.tcp)
             stack.callback(line.close)

@@ -9,13 +9,12 @@ from hiltest.virtual.chip import mk64f12
 from hiltest.virtual.clock import PICOSECONDS, Clock
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.peripherals.bus import Peripheral, StoredRegisters
-from hiltest.virtual.peripherals.clock_generator import OSCILLATOR_HZ, RTC_HZ, ClockGenerator
+from hiltest.virtual.peripherals.clock_generator import IRC48M_HZ, OSCILLATOR_HZ, RTC_HZ, ClockGenerator
 from hiltest.virtual.unique_id import VIRTUAL_UNIQUE_ID
 
 _SOPT1, _SOPT2, _CLKDIV1 = 0x000, 0x004, 0x044
 _SCGC_FIRST, _SCGC_LAST = 0x028, 0x040  # SCGC1..SCGC7 in the page at 0x40048000
 _LOW_POWER_OSCILLATOR_HZ = 1000
-IRC48M_HZ = 48_000_000
 
 
 class ClockGates(StoredRegisters):

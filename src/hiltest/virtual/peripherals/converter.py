@@ -8,7 +8,8 @@ from collections.abc import Callable
 from hiltest.virtual.chip import ChipPeripheral
 from hiltest.virtual.clock import PICOSECONDS, Clock
 from hiltest.virtual.cpu import Processor
-from hiltest.virtual.peripherals.clocks import IRC48M_HZ, ClockGates
+from hiltest.virtual.peripherals.clock_generator import IRC48M_HZ
+from hiltest.virtual.peripherals.clocks import ClockGates
 from hiltest.virtual.schedule import Event
 
 REFERENCE_V = 3.3  # VREFH of the FRDM-K64F
