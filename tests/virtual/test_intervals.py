@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from hiltest.virtual.waits import intervals as of
@@ -55,6 +55,7 @@ UNARY: dict[str, tuple[Callable[[Value], Value], Callable[[int], int]]] = {
 
 @pytest.mark.parametrize("operation", BINARY)
 @given(first=members(), second=members())
+@example(first=(Value(1), 1), second=(Value(0x80000000, 0x80000000), 0x80000001))  # around the wrap, by one
 def test_of_two(operation: str, first: tuple[Value, int], second: tuple[Value, int]) -> None:
     compute, exact = BINARY[operation]
     assert has(compute(first[0], second[0]), int(exact(first[1], second[1])) & MASK)

@@ -112,9 +112,10 @@ def product(first: Value, second: Value) -> Value:
     """Multiply."""
     if first.is_known:
         first, second = second, first
-    if not second.is_known or first.unsigned[1] * second.low > MASK:
+    low, high = first.unsigned
+    if not second.is_known or high * second.low > MASK:
         return anything(first, second)
-    return Value(first.unsigned[0] * second.low, first.width * second.low, stale=first.stale)
+    return Value(low * second.low, (high - low) * second.low, stale=first.stale)
 
 
 def quotient(first: Value, second: Value) -> Value:
