@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 from hiltest.boards import Board
 from hiltest.calibration.accelerometer import NOMINAL, AccelerometerFit
+from hiltest.errors import ConfigError
 from hiltest.imu_calibration import ImuCalibration
 from hiltest.imu_calibration.on_board import store_calibration
 from hiltest.link.gyroscope import Axis
@@ -44,6 +46,7 @@ from hiltest.procedures import (
     store_untrimmed,
 )
 from hiltest.rig import Rig
+from hiltest.session import SESSION
 from hiltest.settings import Settings, resolve
 from hiltest.world import EarthField
 
@@ -59,8 +62,14 @@ STILL_POSES = 40
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Leave out the suite of a calibration file where none is named."""
-    of_a_file = collection_path == Path(__file__).with_name("test_calibration_file.py")
+    """Leave out the suites of another language than the firmware's, and that of a calibration file without one."""
+    here = Path(__file__).parent
+    of_a_compass = collection_path == here / "compass"
+    if of_a_compass or (collection_path.parent == here and collection_path.stem in ORDER):
+        with suppress(ConfigError):  # which the session says itself
+            if of_a_compass != (config.stash[SESSION].rig.own_language is not None):
+                return True
+    of_a_file = collection_path == here / "test_calibration_file.py"
     return True if of_a_file and resolve(config).calibration is None else None
 
 

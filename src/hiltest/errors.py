@@ -209,8 +209,13 @@ class UnknownKeyError(ConfigError):
     def __init__(self, key: str, *, where: str, known: Sequence[str]) -> None:
         self.key = key
         self.nearest = next(iter(get_close_matches(key, known, n=1, cutoff=0.5)), None)
-        hint = f"did you mean {self.nearest!r}?" if self.nearest else f"known keys: {', '.join(sorted(known))}"
-        super().__init__(f"{where}: unknown key {key!r}; {hint}")
+        super().__init__(f"{where}: unknown key {key!r}; {nearest_hint(key, known, 'known keys')}")
+
+
+def nearest_hint(name: str, known: Sequence[str], those: str = "known") -> str:
+    """Return what helps who gave a wrong name: the nearest known one, or all of them."""
+    nearest = next(iter(get_close_matches(name, known, n=1, cutoff=0.5)), None)
+    return f"did you mean {nearest!r}?" if nearest else f"{those}: {', '.join(sorted(known)) or 'none'}"
 
 
 def board_is_gone(error: BenchError | ProtocolError) -> bool:

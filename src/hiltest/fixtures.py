@@ -17,7 +17,7 @@ from hiltest.session.selection import place_in_record
 from hiltest.settings import Settings
 
 if TYPE_CHECKING:
-    from hiltest.boards import Board
+    from hiltest.boards import Board, CompassBoard
     from hiltest.cycle_benchmarks.hooks import BenchmarkCycles
     from hiltest.imu_calibration import ImuCalibration
     from hiltest.measurement import Counted, CycleRange, Limit, Measurement
@@ -144,15 +144,35 @@ def rig(request: pytest.FixtureRequest) -> Rig:
 @pytest.fixture(scope="session")
 def board(request: pytest.FixtureRequest) -> Board:
     """The board, synchronised and identified. The same one for the whole session."""
-    return _session(request).connect()
+    from hiltest.boards import Board
+    from hiltest.errors import ConfigError
+
+    opened = _session(request).connect()
+    if not isinstance(opened, Board):
+        raise ConfigError(f"{opened.rig.where('device', 'kind')}: this firmware speaks its own language: a test of it "
+                          "asks for the fixture compass, not for board")
+    return opened
 
 
 @pytest.fixture(scope="session")
-def turntable(request: pytest.FixtureRequest, board: Board, rig: Rig) -> Iterator[Turntable]:
+def compass(request: pytest.FixtureRequest) -> CompassBoard:
+    """The board whose firmware speaks its own language, as the rig's ``[device]`` says."""
+    from hiltest.boards import CompassBoard
+    from hiltest.errors import ConfigError
+
+    opened = _session(request).connect()
+    if not isinstance(opened, CompassBoard):
+        raise ConfigError(f"rig {_session(request).rig.path} has no [device] table: its firmware speaks hiltest's "
+                          "protocol, and a test of it asks for the fixture board, not for compass")
+    return opened
+
+
+@pytest.fixture(scope="session")
+def turntable(request: pytest.FixtureRequest, rig: Rig) -> Iterator[Turntable]:
     """The turntable: simulated on a virtual board, an operator or motors on a real one."""
     from hiltest.procedures import open_table
 
-    table = open_table(board, rig, prompt=lambda text: _ask(request.config, text))
+    table = open_table(_session(request).connect(), rig, prompt=lambda text: _ask(request.config, text))
     yield table
     table.close()
 

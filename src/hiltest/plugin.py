@@ -16,6 +16,7 @@ from hiltest import hookspecs
 from hiltest.fixtures import (
     benchmark_cycles,
     board,
+    compass,
     cycles,
     hil_calibration,
     hil_progress,
@@ -46,7 +47,7 @@ from hiltest.session.selection import MARKER, leave_out_full, only_looks, uses_b
 from hiltest.settings import add_options, resolve
 
 __all__ = [
-    "benchmark_cycles", "board", "cycles", "hil_calibration", "hil_progress", "hil_settings", "measure", "rig",
+    "benchmark_cycles", "board", "compass", "cycles", "hil_calibration", "hil_progress", "hil_settings", "measure", "rig",
     "turntable",
 ]  # fmt: skip
 

@@ -71,8 +71,8 @@ def bench() -> Iterator[Bench]:
 
 @pytest.fixture
 def table(bench: Bench) -> Iterator[GrblTurntable]:
-    with open_board(bench.rig) as board:
-        table = open_grbl_turntable(board, bench.rig)
+    with open_board(bench.rig):
+        table = open_grbl_turntable(bench.rig)
         yield table
         table.close()
 
@@ -169,26 +169,26 @@ def test_a_table_that_cannot_tilt_so_far_says_so(table: GrblTurntable, monkeypat
 
 
 def test_a_table_that_is_locked_is_sent_home_first(bench: Bench) -> None:
-    with open_board(bench.rig) as board:
-        table = open_grbl_turntable(board, bench.rig)
+    with open_board(bench.rig):
+        table = open_grbl_turntable(bench.rig)
         table._line.ask("G0 X170")
         table._line._write(b"\x18")
         table.close()
-        table = open_grbl_turntable(board, bench.rig)
+        table = open_grbl_turntable(bench.rig)
         assert bench.pose == Pose(1.7, 0.0, 0.0)
         table.close()
 
 
 def test_a_rig_that_the_table_contradicts_is_refused(bench: Bench) -> None:
     wrong = replace(bench.rig, board=replace(bench.rig.board, cycle_model="cortex-m4-trm/0"))
-    with open_board(wrong) as board, pytest.raises(
+    with open_board(wrong), pytest.raises(
         TurntableError, match=rf'is cortex-m4-trm/0, the turntable that it is {MODEL}\. Write cycle_model = "{MODEL}"'
     ):
-        open_grbl_turntable(board, wrong)
+        open_grbl_turntable(wrong)
     undeclared = replace(bench.rig, board=replace(bench.rig.board, cycle_model=None))
     with open_board(undeclared) as board:
         assert board.cycle_model == "undeclared@sram"
-        open_grbl_turntable(board, undeclared).close()
+        open_grbl_turntable(undeclared).close()
 
 
 def test_every_wait_has_an_end_and_says_what_to_do(
@@ -212,13 +212,13 @@ def test_a_port_where_nobody_or_somebody_else_answers_is_no_turntable(
 ) -> None:
     monkeypatch.setattr(grbl, "_START_S", 1.0)
     silent = PseudoTerminal()
-    with open_board(bench.rig) as board:
+    with open_board(bench.rig):
         wrong = replace(bench.rig, turntable=replace(bench.rig.turntable, port=silent.path))
         with pytest.raises(TurntableError, match=r"nothing answered '\?' as Grbl 1\.1 does within 1 s"):
-            open_grbl_turntable(board, wrong)
+            open_grbl_turntable(wrong)
         gone = replace(bench.rig, turntable=replace(bench.rig.turntable, port="/dev/ttyNOSUCH7"))
         with pytest.raises(TurntableError, match=r"turntable\.port in .*served-k64f\.toml: no serial port"):
-            open_grbl_turntable(board, gone)
+            open_grbl_turntable(gone)
     silent.close()
 
 

@@ -8,6 +8,7 @@ import serial
 
 from hiltest.boards.bench import VirtualBench, default_firmware
 from hiltest.boards.board import Board, BoardKind, Declared, Stage, Truth
+from hiltest.boards.compass import CompassBoard, open_compass
 from hiltest.boards.real import RealBoard
 from hiltest.boards.virtual import VirtualBoard
 from hiltest.errors import ConfigError, PortNotFoundError
@@ -17,8 +18,8 @@ from hiltest.rig import Rig
 from hiltest.rig.rig import refuse_unknown_sensors
 
 __all__ = [
-    "Board", "BoardKind", "Declared", "RealBoard", "Stage", "Truth", "VirtualBench", "VirtualBoard",
-    "default_firmware", "open_board",
+    "Board", "BoardKind", "CompassBoard", "Declared", "RealBoard", "Stage", "Truth", "VirtualBench", "VirtualBoard",
+    "default_firmware", "open_board", "open_compass",
 ]  # fmt: skip
 
 # Makes hil:// a URL that any program using pyserial in this process can open.

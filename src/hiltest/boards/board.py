@@ -13,7 +13,7 @@ from typing import ClassVar, Protocol, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.angles import Pose
+from hiltest.angles import Pose, rotation_body_from_ned
 from hiltest.errors import FirmwareContradictionError, HiltestError, SensorAbsentError
 from hiltest.link.messages import Select, Sensors
 from hiltest.link.replies import DPS_PER_COUNT, CostedReply, CostedSteps, Identity, RunCost, SensorInfo, SensorKind
@@ -21,6 +21,7 @@ from hiltest.link.request import Request
 from hiltest.link.session import Session
 from hiltest.measurement import CycleRange
 from hiltest.rig import Rig
+from hiltest.world import EarthField
 
 _SHIELD_HINT = (
     "Put the FRDM-FXS-MULTI-B shield on the board, or name sensors that are there in the rig file. "
@@ -72,6 +73,11 @@ class Truth:
     accelerometer_offset_g: NDArray[np.float64]
     gyroscope_bias_dps: NDArray[np.float64]
     gyroscope_response: NDArray[np.float64]
+
+    def read_ut(self, attitude: Pose) -> NDArray[np.float64]:
+        """Return what the magnetometer reads in an attitude of the board, without noise, shape (3,) [uT]."""
+        field_ned_ut = np.array(EarthField(self.field_ut, self.dip_deg).ned_ut)
+        return np.asarray(self.soft_iron @ rotation_body_from_ned(attitude) @ field_ned_ut + self.hard_iron_ut)
 
     @property
     def gyroscope_matrix(self) -> NDArray[np.float64]:
@@ -230,6 +236,16 @@ class Board(ABC):
     def sleep(self, seconds: float) -> None:
         """Wait, by the board's clock [s]."""
         time.sleep(seconds)
+
+    @property
+    def firmware_line(self) -> str:
+        """Name, version and build of the firmware, for people."""
+        return f"{self.identity.name} {self.identity.version} build {self.identity.build_id}"
+
+    @property
+    def core_clock_hz(self) -> int:
+        """Clock of the core, as the firmware answers it."""
+        return self.identity.core_clock_hz
 
     @property
     @abstractmethod

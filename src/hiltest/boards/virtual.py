@@ -74,7 +74,7 @@ class VirtualBoard(Board):
         port.open()
         self.stage = bench
         self.seed = bench.seed
-        self.truth = _truth(bench.rig)
+        self.truth = truth_of(bench.rig)
         self.firmware_sha256 = hashlib.sha256(bench.firmware.read_bytes()).hexdigest()
         image = bench.machine.image
         self.compiler_flags, self.elf_build_id = image.compiler_flags, image.build_id
@@ -178,7 +178,7 @@ def refuse_wrong_clock(answered_hz: int, core_hz: float) -> None:
         )
 
 
-def _truth(rig: Rig) -> Truth | None:
+def truth_of(rig: Rig) -> Truth | None:
     known = world_truth(rig)
     if known is None or rig.world is None:
         return None

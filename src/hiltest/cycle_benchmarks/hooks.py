@@ -31,8 +31,9 @@ from hiltest.session.selection import is_benchmark, uses_board
 if TYPE_CHECKING:
     from pytest_benchmark.fixture import BenchmarkFixture
 
-    from hiltest.boards import Board
     from hiltest.measurement import Counted
+    from hiltest.record.run import BoardRecord
+    from hiltest.session import HilSession
 
 _BOARD = "board"
 
@@ -147,7 +148,7 @@ class BenchmarkCycles:
 def benchmark_cycles(request: pytest.FixtureRequest, benchmark: BenchmarkFixture) -> Iterator[BenchmarkCycles]:
     """Show a kernel's cycles in its own table: ``benchmark_cycles("fn", cycles("app.elf").call("fn", 3))``."""
     clock = request.node.stash.get(CLOCK, None)
-    board = request.config.stash[SESSION].board if uses_board(request.node) else None
+    board = _board_of(request.config.stash[SESSION]) if uses_board(request.node) else None
 
     def show(clock: DeviceClock, kernel: str, rounds: list[int], cycle_model: str, known: dict[str, float]) -> None:
         """Let pytest-benchmark time the rounds of a kernel by a clock that reads device cycles."""
@@ -193,7 +194,7 @@ def pytest_benchmark_group_stats(benchmarks: Sequence[Row]) -> Generator[None, G
 def pytest_benchmark_update_machine_info(config: pytest.Config, machine_info: dict[str, Any]) -> None:
     """Name the board whose cycles were counted."""
     if SHOWN in config.stash:
-        machine_info[_BOARD] = _describe(config.stash[SESSION].board)
+        machine_info[_BOARD] = _describe(_board_of(config.stash[SESSION]))
 
 
 # First: pytest-benchmark compares while it starts, when it is not known yet which board this session will use.
@@ -211,7 +212,7 @@ def pytest_benchmark_compare_machine_info(config: pytest.Config, compared_benchm
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
     """Warn when saved cycles are of another board."""
-    board = _describe(config.stash[SESSION].board) if SHOWN in config.stash else {}
+    board = _describe(_board_of(config.stash[SESSION])) if SHOWN in config.stash else {}
     for saved in config.stash.get(SAVED_BOARDS, []) if board else []:
         differs = [
             f"{name} {saved.get(name)}, now {value}" for name, value in board.items() if saved.get(name) != value
@@ -220,24 +221,26 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
             terminalreporter.write_line(f"the saved cycles are of another board: {'; '.join(differs)}", yellow=True)
 
 
-def _describe(board: Board | None) -> dict[str, Any]:
+def _board_of(hil: HilSession) -> BoardRecord | None:
+    from hiltest.session.recording import board_record
+
+    return board_record(hil.board) if hil.board else None
+
+
+def _describe(board: BoardRecord | None) -> dict[str, Any]:
     """Say what counted: a board, or the virtual one that ``cycles(elf)`` makes for itself."""
     if board is None:
         from hiltest.virtual.k64f import CALL_HZ
 
         return {"kind": "virtual", "unique_id": None, CORE_CLOCK_HZ: CALL_HZ}
-    identity = board.identity
-    return {"kind": str(board.kind), "unique_id": identity.unique_id.hex(), CORE_CLOCK_HZ: identity.core_clock_hz}
+    return {"kind": board.kind, "unique_id": board.unique_id, CORE_CLOCK_HZ: board.core_clock_hz}
 
 
-def _firmware(board: Board | None) -> dict[str, Any]:
+def _firmware(board: BoardRecord | None) -> dict[str, Any]:
     """Name the firmware; as a part of the machine every build would be another machine."""
     if board is None:
         return {}
-    identity = board.identity
     return {
-        "firmware": f"{identity.name} {identity.version}",
-        "build_id": identity.build_id,
-        "compiler": identity.compiler,
-        "firmware_sha256": board.firmware_sha256,
+        "firmware": f"{board.firmware} {board.version}".strip(), "build_id": board.build_id,
+        "compiler": board.compiler, "firmware_sha256": board.firmware_sha256,
     }

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum, StrEnum
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,6 +88,7 @@ class Observation:
     error: str = ""
 
 
+@runtime_checkable
 class StreamInterface(Protocol):
     """Understands what firmware sends on its line.
 
@@ -109,6 +110,7 @@ class StreamInterface(Protocol):
         """Take bytes that have arrived by a time, however they are cut; return what they complete."""
 
 
+@runtime_checkable
 class PolledInterface(Protocol):
     """Reads from the outside what firmware knows.
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from hashlib import sha256
 
-from hiltest.boards import Board
+from hiltest.boards import Board, CompassBoard
 from hiltest.errors import ConfigError
 from hiltest.imu_calibration.contents import ImuCalibration, MadeOn
 from hiltest.imu_calibration.file import CalibrationFile
@@ -35,7 +35,7 @@ def world_sha256(rig: Rig) -> str | None:
     return sha256(json.dumps([asdict(rig.world), asdict(rig.field)], sort_keys=True).encode()).hexdigest()
 
 
-def refuse_another_board(file: CalibrationFile, board: Board, rig: Rig) -> None:
+def refuse_another_board(file: CalibrationFile, board: Board | CompassBoard, rig: Rig) -> None:
     """Check that a calibration is of this board and of the sensors that it uses.
 
     Raises
@@ -43,6 +43,9 @@ def refuse_another_board(file: CalibrationFile, board: Board, rig: Rig) -> None:
     ConfigError
         If it is not; says in what they differ, and what to do.
     """
+    if isinstance(board, CompassBoard):
+        raise ConfigError(f"{file.path}: a calibration is stored by hiltest's protocol, and the firmware of rig "
+                          f"{rig.name} speaks its own language: leave the calibration out")
     other = next(_differences(file.calibration, board, rig), None)
     if other is not None:
         raise ConfigError(

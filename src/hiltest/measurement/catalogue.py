@@ -60,6 +60,7 @@ def _kinds() -> Iterator[Kind]:
     yield from _fit()
     yield from _imu()
     yield from _fusion()
+    yield from _own_language()
     yield from _board()
 
 
@@ -263,6 +264,18 @@ def _fusion() -> Iterator[Kind]:
                        decided_by=rms)
     yield Kind("fusion.left_out", "", _LOWER, _COUNTED, Section.FUSION, "Samples lost and corrections refused")
     yield Kind("fusion.corrections", "", _NEITHER, _COUNTED, Section.FUSION, "Corrections that the filter took")
+
+
+def _own_language() -> Iterator[Kind]:
+    """Of firmware that speaks its own language."""
+    waited = _allow(1, 0.05, "found in steps of a window, a second unless the rig says otherwise")
+    for name, unit, better, allowance, meaning in (
+        ("settle_time", "s", _LOWER, waited, "Longest time until a heading at rest stood still"),
+        ("unsettled", "", _LOWER, _COUNTED, "Known angles at which the heading still moved at the end of the wait"),
+        ("calibrated_after", "s", _LOWER, waited, "Time of turning until the firmware said that it is calibrated"),
+        ("not_understood", "", _LOWER, _COUNTED, "Bytes or lines from the firmware that were not understood"),
+    ):
+        yield Kind(f"device.{name}", unit, better, allowance, Section.HEADING, meaning)
 
 
 def _board() -> Iterator[Kind]:

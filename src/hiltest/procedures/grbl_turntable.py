@@ -10,7 +10,6 @@ from itertools import pairwise
 import numpy as np
 
 from hiltest.angles import Pose, sin_cos_deg, wrap_180
-from hiltest.boards.board import Board
 from hiltest.boards.real import SILICON
 from hiltest.calibration.still_pose import Face
 from hiltest.errors import HiltestError, TurntableError
@@ -200,13 +199,11 @@ class _Way:
         return float(self._before[self._leg])
 
 
-def open_grbl_turntable(board: Board, rig: Rig) -> GrblTurntable:
+def open_grbl_turntable(rig: Rig) -> GrblTurntable:
     """Open the port of a rig's motor table and wait for its controller.
 
     Parameters
     ----------
-    board : Board
-        On the table.
     rig : Rig
         Rig with a turntable of kind ``grbl``.
 
@@ -226,7 +223,7 @@ def open_grbl_turntable(board: Board, rig: Rig) -> GrblTurntable:
             line, uncertainty_deg=rig.turntable.uncertainty_deg, dip_deg=rig.field.dip_deg,
             mounting_yaw_deg=rig.mounting.yaw_deg if rig.mounting else 0.0,
         )
-        _refuse_contradiction(board.declared.cycle_model, table.board_model or SILICON, rig)
+        _refuse_contradiction(rig.board.cycle_model, table.board_model or SILICON, rig)
     except TurntableError:
         line.close()
         raise

@@ -5,17 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from hiltest.boards.board import Board
+from hiltest.boards.compass import CompassBoard
 from hiltest.procedures.grbl_turntable import open_grbl_turntable
 from hiltest.procedures.turntables import Turntable, open_turntable
 from hiltest.rig import Rig
 
 
-def open_table(board: Board, rig: Rig, *, prompt: Callable[[str], str] | None = None) -> Turntable:
+def open_table(board: Board | CompassBoard, rig: Rig, *, prompt: Callable[[str], str] | None = None) -> Turntable:
     """Return what turns the board: motors, the simulated table of a virtual board, or an operator.
 
     Parameters
     ----------
-    board : Board
+    board : Board or CompassBoard
     rig : Rig
     prompt : callable, optional
         Shows a text to the operator and returns the line that was typed, as `input` does.
@@ -28,7 +29,7 @@ def open_table(board: Board, rig: Rig, *, prompt: Callable[[str], str] | None = 
         When the motors do not answer.
     """
     if rig.turntable.kind == "grbl":
-        return open_grbl_turntable(board, rig)
+        return open_grbl_turntable(rig)
     return open_turntable(
         board, uncertainty_deg=rig.turntable.uncertainty_deg, prompt=prompt, tumble_s=rig.turntable.tumble_s
     )

@@ -9,6 +9,7 @@ from typing import Protocol
 
 from hiltest.angles import Pose
 from hiltest.boards.board import Board, Stage
+from hiltest.boards.compass import CompassBoard
 from hiltest.calibration.still_pose import FACES, Face
 from hiltest.errors import OperatorAbsentError
 from hiltest.link.gyroscope import Axis
@@ -284,14 +285,14 @@ class OperatorTurntable:
 
 
 def open_turntable(
-    board: Board, *, uncertainty_deg: float, prompt: Callable[[str], str] | None = None,
+    board: Board | CompassBoard, *, uncertainty_deg: float, prompt: Callable[[str], str] | None = None,
     tumble_s: float = HAND_TUMBLE_S,
 ) -> Turntable:
     """Return the turntable of a board: simulated for a virtual one, an operator otherwise.
 
     Parameters
     ----------
-    board : Board
+    board : Board or CompassBoard
     uncertainty_deg : float
         Declared uncertainty of its angle.
     prompt : callable, optional

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from hiltest.errors import ConfigError
 from hiltest.measurement import Limit, Tolerance
+from hiltest.rig.device import Device
 from hiltest.rig.parts import PARTS, scaled
 from hiltest.rig.tables import (
     STRICT,
@@ -63,6 +64,8 @@ class Rig:
         None when it is not declared: only centred heading errors can then be checked.
     faces : Faces or None
         None when they are not declared: gravity on a face is then no reference.
+    device : Device or None
+        How firmware is understood that does not speak hiltest's protocol; None for firmware that does.
     seed : int
         Noise seed, when the command line gives none.
     world : SimulatedWorld or None
@@ -96,6 +99,7 @@ class Rig:
     mounting: Mounting | None = None
     faces: Faces | None = None
     link: LinkSettings = dataclass_field(default_factory=LinkSettings)
+    device: Device | None = None
     seed: int = 1
     world: SimulatedWorld | None = None
     limits: dict[str, Limit] = dataclass_field(default_factory=dict)
@@ -130,6 +134,11 @@ class Rig:
         require(agrees, "sensors",
                 f"{key} declares {declared:g} {unit}, and the world has {simulated:g}: they may differ by a factor of "
                 f"{MOST_NOISE_RATIO:g}; the residual of a fit is compared with the declared one")
+
+    @property
+    def own_language(self) -> Device | None:
+        """How the firmware is understood where it does not speak hiltest's protocol; None where it does."""
+        return None if self.device is None or self.device.speaks_our_protocol else self.device
 
     def where(self, *key: str) -> str:
         """Return ``file:line`` of a key, the file alone where it does not stand in it."""
@@ -293,6 +302,7 @@ def conditions_sha256(rig: Rig) -> str:
     timing profile: cycles carry that.
     """
     content = asdict(rig)
+    content["link"]["mode"] = "stub"  # a key that is gone: without it no digest would be what it was
     for key in (*_TEXTS, *_CHECKED_BY, *_KEPT_APART):
         del content[key]
     for table, keys in _KEPT_APART_OF.items():

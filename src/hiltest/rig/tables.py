@@ -78,7 +78,6 @@ class LinkSettings:
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     baud: int = 115_200
-    mode: Literal["stub", "fsflk"] = "stub"
 
     def __post_init__(self) -> None:
         require(self.baud > 0, "baud", "must be above 0")

@@ -28,7 +28,7 @@ from hiltest.session.results import (
 )
 
 if TYPE_CHECKING:
-    from hiltest.boards import Board
+    from hiltest.boards import Board, CompassBoard
     from hiltest.imu_calibration.file import CalibrationFile
     from hiltest.record.recorder import Recorder
     from hiltest.rig import Rig
@@ -218,8 +218,18 @@ def calibration_record(file: CalibrationFile | None) -> CalibrationRecord | None
     return CalibrationRecord(str(file.path), file.sha256, file.calibration.made_utc) if file else None
 
 
-def board_record(board: Board) -> BoardRecord:
+def board_record(board: Board | CompassBoard) -> BoardRecord:
     """Return the record of a board."""
+    from hiltest.boards import CompassBoard
+
+    if isinstance(board, CompassBoard):
+        return BoardRecord(
+            kind=str(board.kind), description=board.description, firmware=board.firmware or "not offered", version="",
+            protocol_version=0, build_id=board.elf_build_id, unique_id="", firmware_sha256=board.firmware_sha256,
+            compiler="", placement="", core_clock_hz=board.core_clock_hz, cycle_model=board.cycle_model,
+            clock=board.clock, calibrators=(), sensors=(), compiler_flags=board.compiler_flags,
+            elf_build_id=board.elf_build_id,
+        )
     identity = board.identity
     return BoardRecord(
         kind=str(board.kind), description=board.description, firmware=identity.name, version=identity.version,

@@ -130,7 +130,7 @@ def leave_out_full(config: pytest.Config, items: list[pytest.Item], candidates: 
     return left_out
 
 
-_BOARD_FIXTURES = frozenset({"board", "turntable"})
+_BOARD_FIXTURES = frozenset({"board", "compass", "turntable"})
 _FIXTURES = _BOARD_FIXTURES | {"measure", "rig"}
 _FIXTURE_MODULES = frozenset({"hiltest.fixtures", "hiltest.cycle_benchmarks.hooks"})
 

@@ -32,7 +32,7 @@ from hiltest.session.selection import (
 from hiltest.settings import Settings, check_environment
 
 if TYPE_CHECKING:
-    from hiltest.boards import Board
+    from hiltest.boards import Board, CompassBoard
     from hiltest.errors import BenchError, ProtocolError
     from hiltest.imu_calibration.file import CalibrationFile
     from hiltest.measurement import Limit, Measurement
@@ -78,7 +78,7 @@ class HilSession:
         self.calibration: CalibrationFile | None = None
         self.measured_by: dict[str, str] = {}
         self._rig: Rig | None = None
-        self._board: Board | None = None
+        self._board: Board | CompassBoard | None = None
         self._opened_s = 0.0
         self.asked_for = False
         self._needs_rig = False
@@ -212,8 +212,8 @@ class HilSession:
 
         return self.settings.rig is not None or has_own_rig(self.config.invocation_params.dir)
 
-    def connect(self) -> Board:
-        """Return the board, opened and identified.
+    def connect(self) -> Board | CompassBoard:
+        """Return the board, opened and identified, or speaking.
 
         Raises
         ------
@@ -223,7 +223,7 @@ class HilSession:
         if self.trouble is not None:
             raise self.trouble
         if self._board is None:
-            from hiltest.boards import open_board
+            from hiltest.boards import open_board, open_compass
             from hiltest.errors import BenchError, ProtocolError
             from hiltest.imu_calibration.owner import refuse_another_board
             from hiltest.runs.wire_traces import WireTraces
@@ -231,13 +231,14 @@ class HilSession:
             self._opened_s = time.monotonic()
             self._traces = WireTraces(self.folder.path)
             try:
-                self._board = open_board(
+                opening = open_compass if self.rig.own_language else open_board
+                opened: Board | CompassBoard = opening(
                     self.rig, firmware=self.settings.firmware, port=self.settings.port, seed=self.settings.seed,
-                    transcript=self._traces.transcript,
-                    base=self.settings.base,
+                    transcript=self._traces.transcript, base=self.settings.base,
                 )
+                self._board = opened
                 if self.calibration is not None:
-                    refuse_another_board(self.calibration, self._board, self.rig)
+                    refuse_another_board(self.calibration, opened, self.rig)
             except (BenchError, ProtocolError) as error:
                 self.trouble = error
                 self.keep_trace("the first words to the board", "set-up", error)
@@ -257,7 +258,7 @@ class HilSession:
         self._opened_s = time.monotonic()
 
     @property
-    def board(self) -> Board | None:
+    def board(self) -> Board | CompassBoard | None:
         """The board, if it is open."""
         return self._board
 
@@ -382,10 +383,10 @@ class HilSession:
             return [f"hiltest: {self.trouble}", f"rig {self._rig_line()}", *base]
         if self._board is None:
             return base
-        board, identity = self._board, self._board.identity
+        board = self._board
         return [
-            f"{board.description}; {identity.name} {identity.version} build {identity.build_id}",
-            f"rig {self._rig_line()}; cycles by {board.cycle_model} at {identity.core_clock_hz / 1e6:g} MHz",
+            f"{board.description}; {board.firmware_line}",
+            f"rig {self._rig_line()}; cycles by {board.cycle_model} at {board.core_clock_hz / 1e6:g} MHz",
             *base,
         ]
 

@@ -1,0 +1,35 @@
+"""The known-angle procedure with firmware that speaks its own language, step by step; each step is done once."""
+
+from __future__ import annotations
+
+import pytest
+
+from hiltest.boards import CompassBoard
+from hiltest.procedures import Progress, Turntable
+from hiltest.procedures.compass import CompassHeadings, SelfCalibration, measure_headings, tumble_until_calibrated
+from hiltest.rig import Rig
+from hiltest.settings import Settings
+
+
+@pytest.fixture(scope="session")
+def before(compass: CompassBoard, turntable: Turntable, rig: Rig, hil_progress: Progress) -> CompassHeadings:
+    """Headings of the level poses, before the firmware has seen the board turned all round."""
+    return measure_headings(compass, turntable, rig.procedure.known_angle_poses("level"), progress=hil_progress)
+
+
+@pytest.fixture(scope="session")
+def self_calibration(
+    before: CompassHeadings, compass: CompassBoard, turntable: Turntable, hil_progress: Progress
+) -> SelfCalibration:
+    """The board turned all round, until the firmware has calibrated itself."""
+    return tumble_until_calibrated(compass, turntable, progress=hil_progress)
+
+
+@pytest.fixture(scope="session")
+def after(
+    self_calibration: SelfCalibration, compass: CompassBoard, turntable: Turntable, rig: Rig, hil_settings: Settings,
+    hil_progress: Progress,
+) -> CompassHeadings:
+    """Headings of the known angles afterwards."""
+    poses = rig.procedure.known_angle_poses(hil_settings.poses)
+    return measure_headings(compass, turntable, poses, progress=hil_progress)

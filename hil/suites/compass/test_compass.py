@@ -1,0 +1,92 @@
+"""Firmware that speaks its own language: its headings at known angles, and what it believes of its sensors."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from hiltest.boards import CompassBoard
+from hiltest.calibration.quality import offset_error_ut, rotation_left_deg
+from hiltest.device.quantities import StreamInterface
+from hiltest.fixtures import Measure
+from hiltest.measurement import Limit
+from hiltest.procedures.compass import FIRMWARE, CompassHeadings, SelfCalibration
+from hiltest.rig import Rig
+
+pytestmark = pytest.mark.hil
+
+# The thesis' goal for a compass heading, where the rig gives no limit.
+GOAL = Limit(max=2.0)
+
+
+def test_heading_before_calibration(before: CompassHeadings, measure: Measure) -> None:
+    measure("heading.uncalibrated.max_level", before.summary(FIRMWARE).max_deg, "deg")
+
+
+def test_the_firmware_calibrates_itself(
+    self_calibration: SelfCalibration, after: CompassHeadings, compass: CompassBoard, measure: Measure
+) -> None:
+    after_s = self_calibration.calibrated_after_s
+    measure("device.calibrated_after", after_s, "s", not_offered=not_said(after_s))
+    believed, truth = after.belief, compass.truth
+    measure("fit.firmware.residual", believed.fit_error_percent, "%", not_offered=not_said(believed.fit_error_percent))
+    measure("fit.firmware.strength", believed.field_strength_ut, "uT", not_offered=not_said(believed.field_strength_ut))
+    measure("fit.firmware.dip", believed.dip_deg, "deg", not_offered=not_said(believed.dip_deg))
+    offset_ut = rotation_deg = None
+    if believed.fit is not None and truth is not None:
+        offset_ut = offset_error_ut(believed.fit, truth.hard_iron_ut)
+        rotation_deg = rotation_left_deg(believed.fit, truth.soft_iron)
+    measure("fit.firmware.offset_error", offset_ut, "uT", not_offered=not_said(believed.fit))
+    measure("fit.firmware.rotation_left", rotation_deg, "deg", not_offered=not_said(believed.fit))
+    bias_dps = None
+    if believed.gyroscope_bias_dps is not None and truth is not None:
+        bias_dps = float(np.linalg.norm(believed.gyroscope_bias_dps - truth.gyroscope_bias_dps))
+    measure("gyroscope.firmware.bias_error", bias_dps, "dps", not_offered=not_said(believed.gyroscope_bias_dps))
+
+
+def test_heading_at_known_angles(after: CompassHeadings, rig: Rig, measure: Measure) -> None:
+    not_checked = "" if rig.mounting else "the rig declares no mounting"
+    for source in after.error_deg:
+        errors = after.summary(source)
+        limit = GOAL if source == FIRMWARE and f"heading.{source}.max" not in rig.information else None
+        measure(f"heading.{source}.max", errors.max_deg, "deg", limit=limit, not_checked=not_checked)
+        measure(f"heading.{source}.rms", errors.rms_deg, "deg", not_checked=not_checked)
+        measure(f"heading.{source}.bias", or_nan(errors.bias_deg), "deg", not_checked=not_checked)
+        measure(f"heading.{source}.max_centred", or_nan(errors.max_centred_deg), "deg")
+        measure(f"heading.{source}.worst_sector", errors.worst_sector.start_deg, "deg")
+        measure(f"heading.{source}.tilt_sensitivity", errors.tilt_sensitivity_deg, "deg")
+    measure.table(
+        "heading.poses",
+        {"heading": "deg", "pitch": "deg", "roll": "deg", "level": "", "reference": "deg", "settled": ""}
+        | {f"answered.{source}": "deg" for source in after.heading_deg}
+        | {f"error.{source}": "deg" for source in after.error_deg},
+        [
+            [each.pose.heading_deg, each.pose.pitch_deg, each.pose.roll_deg, bool(level), *numbers,
+             each.settled.is_settled, *answers]
+            for each, level, numbers, *answers in zip(
+                after.held, after.level, ([float(each)] for each in after.reference_deg),
+                *(headings.tolist() for headings in after.heading_deg.values()),
+                *(errors.tolist() for errors in after.error_deg.values()), strict=True,
+            )
+        ],
+    )
+
+
+def test_headings_settle(after: CompassHeadings, compass: CompassBoard, measure: Measure) -> None:
+    measure("device.settle_time", float(after.settle_s.max()), "s")
+    measure("device.unsettled", after.unsettled, "")
+    streams = [each for each in compass.interfaces.values() if isinstance(each, StreamInterface)]
+    if streams:
+        measure("device.not_understood", min(each.not_understood for each in streams), "")
+
+
+def not_said(believed: object) -> str:
+    """Return why there is no number."""
+    return "" if believed is not None else "the firmware does not say it"
+
+
+def or_nan(value: float | None) -> float:
+    """Errors that cancel all round have no mean: that is a failure, not something left out."""
+    return math.nan if value is None else value

@@ -1,0 +1,289 @@
+"""A board whose firmware speaks its own language: it is listened to, or read from outside, and never asked."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+import serial
+from numpy.typing import NDArray
+
+from hiltest.boards.bench import VirtualBench
+from hiltest.boards.board import BoardKind, Stage, Truth
+from hiltest.boards.virtual import truth_of
+from hiltest.boards.virtual_port import VirtualPort
+from hiltest.device.kinds import Interface, open_interfaces, sources_of
+from hiltest.device.quantities import Moment, Observation, Quantity, StreamInterface
+from hiltest.errors import DeviceTimeoutError, LinkLostError, VersionMismatchError
+from hiltest.link.ports import open_port
+from hiltest.link.transcript import Direction, Transcript
+from hiltest.rig import Rig
+from hiltest.rig.device import Device
+
+# How long one read listens: values that are read from outside are read as often.
+_SLICE_S = 0.1
+_MOST_BYTES = 1 << 16
+# Longest that the firmware may stay silent behind its declared start, before it is given up.
+_SILENT_S = 5.0
+_SHOWN_BYTES = 48
+
+
+class CompassBoard:
+    """A board of which the firmware says, by its own words, where it points.
+
+    Parameters
+    ----------
+    port : serial port
+        Open; the board closes it. One with a ``now()`` has a clock of its own.
+    rig : Rig
+        With a ``[device]`` table.
+    kind : BoardKind
+    description : str
+        One line for people.
+    transcript : Transcript, optional
+        Gets every byte, both ways.
+
+    Attributes
+    ----------
+    offers : frozenset of Quantity
+        What the firmware may say.
+    latest : dict of Quantity to ndarray
+        What it said last of each.
+    stage : Stage or None
+        None where an operator or motors turn the board.
+    truth : Truth or None
+        None where it is unknown: "not offered".
+    seed : int or None
+        Seed of a simulated world.
+    firmware : str
+        Name of the file that runs, empty where there is none.
+    firmware_sha256, compiler_flags, elf_build_id : str or None, str, str
+        Of that file.
+    """
+
+    stage: Stage | None = None
+    truth: Truth | None = None
+    seed: int | None = None
+    firmware: str = ""
+    firmware_sha256: str | None = None
+    compiler_flags: str = ""
+    elf_build_id: str = ""
+
+    def __init__(
+        self, port: Any, rig: Rig, *, kind: BoardKind, description: str, transcript: Transcript | None = None
+    ) -> None:
+        assert rig.device is not None
+        self.rig = rig
+        self.device: Device = rig.device
+        self.kind = kind
+        self.description = description
+        self._port = port
+        own_clock: Callable[[], float] | None = getattr(port, "now", None)
+        self.clock = "virtual" if own_clock else "wall"
+        self.now_s: Callable[[], float] = own_clock or time.monotonic
+        self._transcript = transcript
+        if transcript is not None and not transcript.clock:
+            transcript.clock = self.clock
+        self.interfaces: Mapping[str, Interface] = open_interfaces(rig)
+        self._sources = sources_of(rig, self.interfaces)
+        self.offers = frozenset(self._sources)
+        self.latest: dict[Quantity, NDArray[np.float64]] = {}
+        self._heard = 0
+        self._first = b""
+
+    def begin(self) -> None:
+        """Wait until the firmware speaks, and send what is to be sent then.
+
+        Raises
+        ------
+        DeviceTimeoutError
+            When nothing comes.
+        VersionMismatchError
+            When nothing of what comes is understood.
+        """
+        self.observe(self.device.start_s)
+        self.send(Moment.START)
+        began_s = self.now_s()
+        while not any(each.values for each in self.observe(_SLICE_S)):
+            if self.now_s() < began_s + _SILENT_S:
+                continue
+            waited = f"the firmware's first words to [device] kind {', '.join(self.interfaces)}"
+            if not self._heard:
+                raise DeviceTimeoutError(waited, self.device.start_s + _SILENT_S, self.clock, self.position())
+            raise VersionMismatchError(
+                f"{self._heard} bytes came, and none is understood by [device] kind {', '.join(self.interfaces)}; they "
+                f"begin with {self._first[:_SHOWN_BYTES]!r}. Is it that firmware, and the baud rate "
+                f"{self.rig.link.baud} right? See hiltest device try"
+            )
+
+    def observe(self, seconds: float) -> list[Observation]:
+        """Listen for a time of the board's clock [s]; return what the firmware said.
+
+        Raises
+        ------
+        LinkLostError
+            When the port breaks.
+        BoardFault
+            When the firmware of a virtual board faults, or hangs.
+        """
+        end_s = self.now_s() + seconds
+        said: list[Observation] = []
+        while (left_s := end_s - self.now_s()) > 1e-9:
+            data = self._read(min(_SLICE_S, left_s))
+            now_s = self.now_s()
+            for kind, interface in self.interfaces.items():
+                observations: Sequence[Observation]
+                if isinstance(interface, StreamInterface):
+                    observations = interface.feed(data, now_s) if data else ()
+                else:
+                    observations = [interface.read(now_s)]
+                said += (self._of_source(kind, each) for each in observations)
+        for each in said:
+            self.latest.update(each.values)
+        return said
+
+    def send(self, moment: Moment) -> None:
+        """Send the commands of a moment."""
+        for interface in self.interfaces.values():
+            command = interface.commands(moment) if isinstance(interface, StreamInterface) else b""
+            if command:
+                self._note(Direction.TO_BOARD, command)
+                self._port.write(command)
+
+    def sleep(self, seconds: float) -> None:
+        """Wait, by the board's clock [s]; what the firmware says meanwhile is dropped."""
+        self.observe(seconds)
+
+    def position(self) -> str:
+        """Say what the firmware is doing; empty where that is unknown."""
+        position: Callable[[], str] | None = getattr(self._port, "position", None)
+        return position() if position else ""
+
+    @property
+    def virtual_seconds(self) -> float | None:
+        """Virtual time since power-on; None where time is not virtual."""
+        return self.now_s() if self.clock == "virtual" else None
+
+    @property
+    def firmware_line(self) -> str:
+        """Name and build of the firmware, and how it is understood, for people."""
+        build = f" build {self.elf_build_id[:16]}" if self.elf_build_id else ""
+        return f"{self.firmware or 'its firmware'}{build}, understood by {', '.join(self.interfaces)}"
+
+    @property
+    def core_clock_hz(self) -> int:
+        """Clock of the core now; 0 where it is unknown."""
+        return 0
+
+    @property
+    def cycle_model(self) -> str:
+        """Cycle model of counted functions; ``none`` where nothing counts."""
+        return "none"
+
+    def close(self) -> None:
+        """Give the port back."""
+        self._port.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _read(self, seconds: float) -> bytes:
+        self._port.timeout = seconds
+        try:
+            data = bytes(self._port.read(_MOST_BYTES))
+        except (serial.SerialException, OSError) as error:
+            raise LinkLostError(str(self._port.name), str(error)) from error
+        if data:
+            self._note(Direction.TO_HOST, data)
+            self._heard += len(data)
+            self._first += data[: _SHOWN_BYTES - len(self._first)]
+        return data
+
+    def _note(self, direction: Direction, data: bytes) -> None:
+        if self._transcript is not None:
+            self._transcript.add(self.now_s(), direction, data)
+
+    def _of_source(self, kind: str, observation: Observation) -> Observation:
+        values = {
+            quantity: numbers for quantity, numbers in observation.values.items() if self._sources[quantity] == kind
+        }
+        return Observation(observation.time_s, values, observation.error)
+
+
+class VirtualCompass(CompassBoard):
+    """A virtual board whose firmware speaks its own language, in stepped time.
+
+    Parameters
+    ----------
+    bench : VirtualBench
+        Board, sensors and world.
+    transcript : Transcript, optional
+        Gets every byte, both ways.
+    """
+
+    def __init__(self, bench: VirtualBench, *, transcript: Transcript | None = None) -> None:
+        self._machine = bench.machine
+        port = VirtualPort()
+        port.port = "hil://"
+        port.attach(bench.machine)
+        port.open()
+        super().__init__(
+            port, bench.rig, kind=BoardKind.VIRTUAL, description=f"virtual FRDM-K64F, seed {bench.seed}",
+            transcript=transcript,
+        )
+        self.stage, self.seed, self.truth = bench, bench.seed, truth_of(bench.rig)
+        image = bench.machine.image
+        self.firmware = bench.firmware.name
+        self.firmware_sha256 = hashlib.sha256(Path(bench.firmware).read_bytes()).hexdigest()
+        self.compiler_flags, self.elf_build_id = image.compiler_flags, image.build_id
+
+    @property
+    def core_clock_hz(self) -> int:
+        """Clock of the core now."""
+        return round(self._machine.clocks.core_hz)
+
+    @property
+    def cycle_model(self) -> str:
+        """Timing profile of the virtual board."""
+        return self._machine.processor.profile.name
+
+
+def open_compass(
+    rig: Rig, *, firmware: Path | None, port: str | None, seed: int | None, transcript: Transcript | None,
+    base: int | None,
+) -> CompassBoard:
+    """Open the board of a rig whose firmware speaks its own language.
+
+    Raises
+    ------
+    BenchError
+        When the port cannot be opened, nothing comes, or the firmware faults.
+    VersionMismatchError
+        When what comes is not understood.
+    """
+    board: CompassBoard
+    if port is None or port.startswith("hil:"):
+        board = VirtualCompass(VirtualBench(rig, firmware=firmware, seed=seed, base=base), transcript=transcript)
+    else:
+        board = CompassBoard(
+            open_port(port, baud=rig.link.baud), rig, kind=BoardKind.REAL, description=f"board on {port}",
+            transcript=transcript,
+        )
+    try:
+        board.begin()
+    except BaseException:
+        with suppress(OSError):
+            board.close()
+        raise
+    return board

@@ -1,0 +1,78 @@
+"""The kinds of device interface by name: those of hiltest, and a user's own by entry point."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from importlib.metadata import entry_points
+
+from hiltest.device.fsflk import FsflkInterface
+from hiltest.device.packets import Release
+from hiltest.device.quantities import PolledInterface, Quantity, StreamInterface
+from hiltest.errors import ConfigError, nearest_hint
+from hiltest.rig.device import Device
+from hiltest.rig.rig import Rig
+
+#: Group of entry points: each names a callable that takes the rig and returns an interface.
+GROUP = "hiltest.device"
+
+Interface = StreamInterface | PolledInterface
+
+
+def _fsflk(rig: Rig) -> Interface:
+    device = _device(rig)
+    releases = {str(release): release for release in Release}
+    return FsflkInterface(releases[device.fsflk.release], device.fsflk.algorithm)
+
+
+_KINDS: Mapping[str, Callable[[Rig], Interface]] = {"fsflk": _fsflk}
+
+
+def open_interfaces(rig: Rig) -> dict[str, Interface]:
+    """Return the interfaces of a rig by their kind, in its order.
+
+    Raises
+    ------
+    ConfigError
+        When no kind has the name, or a source gives no such quantity.
+    """
+    device = _device(rig)
+    own = {each.name: each for each in entry_points(group=GROUP)}
+    interfaces: dict[str, Interface] = {}
+    for kind in device.kinds:
+        if kind not in _KINDS and kind not in own:
+            raise ConfigError(
+                f"{rig.where('device', 'kind')}: device.kind: no kind {kind!r}; {nearest_hint(kind, [*_KINDS, *own])}"
+            )
+        interfaces[kind] = _KINDS[kind](rig) if kind in _KINDS else own[kind].load()(rig)
+    return interfaces
+
+
+def sources_of(rig: Rig, interfaces: Mapping[str, Interface]) -> dict[Quantity, str]:
+    """Return the kind that gives each quantity.
+
+    Raises
+    ------
+    ConfigError
+        When the rig names a quantity that there is not, or a kind that does not offer it.
+    """
+    sources: dict[Quantity, str] = {}
+    for kind, interface in interfaces.items():
+        for quantity in interface.offers:
+            sources.setdefault(quantity, kind)
+    for key, kind in _device(rig).sources.items():
+        where = f"{rig.where('device', 'sources', key)}: device.sources.{key}"
+        try:
+            quantity = Quantity.named(key)
+        except KeyError:
+            raise ConfigError(f"{where}: {nearest_hint(key, [each.key for each in Quantity])}") from None
+        if quantity not in interfaces[kind].offers:
+            raise ConfigError(f"{where}: {kind} does not offer it; it offers "
+                              f"{', '.join(sorted(each.key for each in interfaces[kind].offers))}")
+        sources[quantity] = kind
+    return sources
+
+
+def _device(rig: Rig) -> Device:
+    if rig.device is None:
+        raise ValueError(f"rig {rig.name} has no device table")
+    return rig.device

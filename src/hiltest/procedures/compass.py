@@ -1,0 +1,285 @@
+"""The known-angle procedure with firmware that speaks its own language: turn it, wait, and hear where it points."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hiltest.angles import Pose, heading_error_deg, wrap_360
+from hiltest.boards.compass import CompassBoard
+from hiltest.calibration.fit import FitStatus, MagnetometerFit
+from hiltest.device.frames import FRAMES, Frame
+from hiltest.device.quantities import Moment, Observation, Quantity
+from hiltest.errors import PoorCoverageError
+from hiltest.orientation import DegenerateFieldError, tilt_heading
+from hiltest.procedures.heading_statistics import HeadingSummary, summarise
+from hiltest.procedures.progress import Progress, silent
+from hiltest.procedures.settling import Settled, wait_until_settled
+from hiltest.procedures.turntables import Turntable
+from hiltest.rig import COUNTS_PER_UT, Rig
+
+Reals = NDArray[np.float64]
+
+FIRMWARE = "firmware"
+"""The heading that the firmware itself says, its filter and all."""
+ECOMPASS = "ecompass"
+"""A heading computed from the field and the gravity that the firmware has calibrated, without its filter."""
+CALIBRATION = "calibration"
+"""A heading computed by the firmware's calibration from the field as the magnetometer reads it."""
+UNCALIBRATED = "uncalibrated"
+
+#: Which of two accelerometer quantities is gravity: the calibrated one where there is one.
+_GRAVITY = (Quantity.ACCELEROMETER_CALIBRATED, Quantity.ACCELEROMETER)
+# Between two looks at whether the firmware has calibrated itself [s].
+_LOOK_S = 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Belief:
+    """What the firmware believes of its magnetometer and gyroscope, in hiltest's axes; None where it does not say.
+
+    Attributes
+    ----------
+    hard_iron_ut : ndarray, shape (3,)
+    inverse_soft_iron : ndarray, shape (3, 3)
+        calibrated = inverse_soft_iron @ (read - hard_iron)
+    gyroscope_bias_dps : ndarray, shape (3,)
+    field_strength_ut, dip_deg, fit_error_percent : float
+    """
+
+    hard_iron_ut: Reals | None = None
+    inverse_soft_iron: Reals | None = None
+    gyroscope_bias_dps: Reals | None = None
+    field_strength_ut: float | None = None
+    dip_deg: float | None = None
+    fit_error_percent: float | None = None
+
+    @property
+    def fit(self) -> MagnetometerFit | None:
+        """Its magnetometer calibration; None without a hard iron. Without a soft iron that is the identity."""
+        if self.hard_iron_ut is None:
+            return None
+        inverse = np.eye(3) if self.inverse_soft_iron is None else self.inverse_soft_iron
+        return MagnetometerFit(FitStatus.ELLIPSOID, False, 0, inverse, COUNTS_PER_UT * self.hard_iron_ut)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeldPose:
+    """What was heard at one known angle.
+
+    Attributes
+    ----------
+    pose, attitude : Pose
+        As asked of the turntable; and of the board: what the table reached, with the declared mounting.
+    settled : Settled
+    field_ut, gravity_g : ndarray, shape (3,), or None
+        Means of what the firmware has calibrated, in hiltest's axes.
+    read_ut : ndarray, shape (3,), or None
+        Mean of what its magnetometer reads.
+    """
+
+    pose: Pose
+    attitude: Pose
+    settled: Settled
+    field_ut: Reals | None
+    gravity_g: Reals | None
+    read_ut: Reals | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CompassHeadings:
+    """Headings at known angles, by where they come from.
+
+    Attributes
+    ----------
+    held : tuple of HeldPose
+    reference_deg : ndarray, shape (n,)
+        Heading of the board at each.
+    heading_deg, error_deg : dict of str to ndarray, shape (n,)
+        Heading, and heading minus reference in (-180, 180], by source: `FIRMWARE` and others.
+    belief : Belief
+        At the end.
+    """
+
+    held: tuple[HeldPose, ...]
+    reference_deg: Reals
+    heading_deg: Mapping[str, Reals]
+    error_deg: Mapping[str, Reals]
+    belief: Belief
+
+    @property
+    def level(self) -> NDArray[np.bool_]:
+        """Mask of the level poses, shape (n,)."""
+        return np.array([each.pose.pitch_deg == 0.0 and each.pose.roll_deg == 0.0 for each in self.held])
+
+    def summary(self, source: str) -> HeadingSummary:
+        """Return the statistics of one source."""
+        return summarise(self.error_deg[source], self.reference_deg, level=self.level)
+
+    @property
+    def settle_s(self) -> Reals:
+        """How long each pose was waited for [s], shape (n,)."""
+        return np.array([each.settled.took_s for each in self.held])
+
+    @property
+    def unsettled(self) -> int:
+        """At how many poses the heading still moved when the time was over."""
+        return sum(not each.settled.is_settled for each in self.held)
+
+
+@dataclass(frozen=True, slots=True)
+class SelfCalibration:
+    """How the firmware calibrated itself while the board was turned all round.
+
+    Attributes
+    ----------
+    duration_s : float
+        All tumbles together.
+    calibrated_after_s : float or None
+        From the first tumble's beginning until the firmware said that it is calibrated; None when it never did, or
+        does not say.
+    """
+
+    duration_s: float
+    calibrated_after_s: float | None
+
+
+def frame_of(rig: Rig) -> Frame:
+    """Return the convention of the firmware's axes and angles, as the rig declares it."""
+    assert rig.device is not None
+    frame = FRAMES[rig.device.frame]
+    return frame if rig.device.heading is None else replace(frame, clockwise=rig.device.heading == "clockwise")
+
+
+def tumble_until_calibrated(
+    board: CompassBoard, turntable: Turntable, *, progress: Progress | None = None
+) -> SelfCalibration:
+    """Turn the board all round as often as the rig says, and lie still behind it; the firmware calibrates itself.
+
+    Raises
+    ------
+    PoorCoverageError
+        When the firmware says whether it is calibrated, and is not.
+    """
+    device, tell = board.device, progress or silent
+    turntable.rest()
+    board.sleep(device.converge_s)
+    board.send(Moment.BEFORE_TUMBLE)
+    began_s, after_s = board.now_s(), None
+    for _ in range(device.tumbles):
+        end_s = board.now_s() + turntable.tumble(device.tumble_s)
+        while (left_s := end_s - board.now_s()) > 1e-9:
+            said = board.observe(min(_LOOK_S, left_s))
+            if after_s is None and is_calibrated(said):
+                after_s = board.now_s() - began_s
+            tell("tumble [s]", round(board.now_s() - began_s), round(device.tumbles * device.tumble_s))
+    duration_s = board.now_s() - began_s
+    board.send(Moment.AFTER_TUMBLE)
+    turntable.rest()
+    said = board.observe(max(device.converge_s, device.window_s))
+    if after_s is None and is_calibrated(said):
+        after_s = board.now_s() - began_s
+    if after_s is None and Quantity.CALIBRATED in board.offers:
+        raise PoorCoverageError(
+            f"the firmware has not calibrated its magnetometer in {device.tumbles} tumbles of {device.tumble_s:g} s; "
+            "give it more under [device]: tumbles, tumble_s"
+        )
+    return SelfCalibration(duration_s, after_s)
+
+
+def is_calibrated(said: Sequence[Observation]) -> bool:
+    """Say whether the firmware says that it is calibrated."""
+    return any(float(each.values[Quantity.CALIBRATED][0]) != 0.0 for each in said if Quantity.CALIBRATED in each.values)
+
+
+def measure_headings(
+    board: CompassBoard, turntable: Turntable, poses: Sequence[Pose], *, progress: Progress | None = None
+) -> CompassHeadings:
+    """Turn the board to each pose, wait until its heading has settled, and compare it with the table's angle.
+
+    Parameters
+    ----------
+    board : CompassBoard
+    turntable : Turntable
+    poses : sequence of Pose
+        Of the table.
+    """
+    frame, tell = frame_of(board.rig), progress or silent
+    yaw_deg = board.rig.mounting.yaw_deg if board.rig.mounting else 0.0
+    held: list[HeldPose] = []
+    for index, pose in enumerate(poses):
+        there = turntable.turn_to(pose, known_angle=index)
+        board.send(Moment.POSE)
+        settled = wait_until_settled(board, frame)
+        attitude = Pose(wrap_360(there.heading_deg + yaw_deg), there.pitch_deg, there.roll_deg)
+        held.append(HeldPose(
+            pose, attitude, settled, field_ut=_mean(settled, Quantity.MAGNETOMETER_CALIBRATED, frame.vector),
+            gravity_g=_mean(settled, _gravity(board), frame.gravity),
+            read_ut=_mean(settled, Quantity.MAGNETOMETER, frame.vector),
+        ))  # fmt: skip
+        tell("known angles", index + 1, len(poses))
+    return _headings(tuple(held), _belief(board.latest, frame), board)
+
+
+def _headings(held: tuple[HeldPose, ...], belief: Belief, board: CompassBoard) -> CompassHeadings:
+    reference_deg = np.array([each.attitude.heading_deg for each in held])
+    answered = {FIRMWARE: [each.settled.heading_deg for each in held]}
+    own = [_heading(each.gravity_g, each.field_ut) for each in held]
+    if None not in own:
+        answered[ECOMPASS] = [each for each in own if each is not None]
+    applied = [_heading(each.gravity_g, _calibrated(each, belief, board)) for each in held]
+    if None not in applied:
+        answered[CALIBRATION] = [each for each in applied if each is not None]
+    error_deg = {
+        source: np.array([heading_error_deg(*pair) for pair in zip(headings, reference_deg.tolist(), strict=True)])
+        for source, headings in answered.items()
+    }
+    return CompassHeadings(
+        held, reference_deg, {source: np.array(each) for source, each in answered.items()}, error_deg, belief
+    )
+
+
+def _heading(gravity_g: Reals | None, field_ut: Reals | None) -> float | None:
+    if gravity_g is None or field_ut is None:
+        return None
+    try:
+        return tilt_heading(gravity_g, field_ut).heading_deg
+    except DegenerateFieldError:
+        return None
+
+
+def _calibrated(held: HeldPose, belief: Belief, board: CompassBoard) -> Reals | None:
+    """Return the field by the firmware's calibration: of what its magnetometer reads, or would without noise."""
+    if belief.fit is None:
+        return None
+    read_ut = held.read_ut
+    if read_ut is None and board.truth is not None:
+        read_ut = board.truth.read_ut(held.attitude)
+    return None if read_ut is None else belief.fit.corrected(COUNTS_PER_UT * read_ut)
+
+
+def _gravity(board: CompassBoard) -> Quantity:
+    return next((each for each in _GRAVITY if each in board.offers), _GRAVITY[0])
+
+
+def _mean(settled: Settled, quantity: Quantity, converted: Callable[[Reals], Reals]) -> Reals | None:
+    vectors = [each.values[quantity] for each in settled.window if quantity in each.values]
+    return converted(np.mean(vectors, axis=0)) if vectors else None
+
+
+def _belief(latest: Mapping[Quantity, Reals], frame: Frame) -> Belief:
+    def number(quantity: Quantity) -> float | None:
+        return float(latest[quantity][0]) if quantity in latest else None
+
+    def vector(quantity: Quantity) -> Reals | None:
+        return frame.vector(latest[quantity]) if quantity in latest else None
+
+    inverse = latest.get(Quantity.INVERSE_SOFT_IRON)
+    return Belief(
+        vector(Quantity.HARD_IRON), None if inverse is None else frame.matrix(inverse),
+        vector(Quantity.GYROSCOPE_BIAS), number(Quantity.FIELD_STRENGTH), number(Quantity.DIP),
+        number(Quantity.FIT_ERROR),
+    )

@@ -1,0 +1,100 @@
+"""The ``[device]`` table of a rig: how firmware that does not speak hiltest's protocol is understood."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Literal
+
+from hiltest.rig.tables import STRICT, require
+
+#: Axes and heading of the firmware: see docs/compass.md.
+FrameName = Literal["ned", "enu", "android", "windows"]
+
+
+@dataclass(frozen=True, slots=True)
+class FsflkDevice:
+    """Packets of NXP's sensor fusion.
+
+    Attributes
+    ----------
+    release : {"4.22", "5.00", "7"}
+        Whose packets they are.
+    algorithm : str
+        Command of the Sensor Fusion Toolbox that is sent at the start, such as ``"Q9"``; empty leaves it as it is.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
+    release: Literal["4.22", "5.00", "7"] = "7"
+    algorithm: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Device:
+    """How the firmware under test is understood, and how long it is waited for.
+
+    Attributes
+    ----------
+    kind : str or tuple of str
+        One kind, or several, each of which gives some quantities: ``hiltest``, ``fsflk``, or the name of an entry point
+        of one's own.
+    frame : str
+        Convention of the firmware's axes and angles.
+    heading : {"clockwise", "counterclockwise"} or None
+        Way in which its heading grows, seen from above; by default the frame's own.
+    start_s : float
+        From power-on until the firmware is expected to speak.
+    converge_s : float
+        How long the board lies still, level, before it is tumbled, and again behind: a filter finds the gyroscope's
+        offset then.
+    tumbles, tumble_s : int, float
+        How often the board is turned all round, and for how long.
+    window_s : float
+        Length of a window: two in a row whose mean headings agree are a settled heading.
+    settle_s : float
+        Longest that is waited for that at each pose.
+    sources : dict of str to str
+        With several kinds: the kind that gives a quantity, by the quantity's name. The first of the kinds that offer it
+        gives one that is not named.
+    fsflk : FsflkDevice
+        Of the kind of that name.
+    options : dict
+        For a kind of one's own.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
+    kind: str | tuple[str, ...]
+    frame: FrameName = "ned"
+    heading: Literal["clockwise", "counterclockwise"] | None = None
+    start_s: float = 1.0
+    converge_s: float = 0.0
+    tumbles: int = 1
+    tumble_s: float = 20.0
+    window_s: float = 1.0
+    settle_s: float = 10.0
+    sources: dict[str, str] = field(default_factory=dict)
+    fsflk: FsflkDevice = field(default_factory=FsflkDevice)
+    options: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        require(bool(self.kinds), "kind", 'names no kind; write kind = "fsflk" or another')
+        require("hiltest" not in self.kinds or self.kinds == ("hiltest",), "kind",
+                '"hiltest" goes with no other kind: firmware that speaks its protocol offers all by that')
+        for key, seconds in (("start_s", self.start_s), ("converge_s", self.converge_s)):
+            require(0.0 <= seconds <= 600.0, key, "must be 0 to 600")
+        require(1 <= self.tumbles <= 10, "tumbles", "must be 1 to 10")
+        require(1.0 <= self.tumble_s <= 600.0, "tumble_s", "must be 1 to 600")
+        require(0.1 <= self.window_s <= 60.0, "window_s", "must be 0.1 to 60")
+        require(2.0 * self.window_s <= self.settle_s <= 600.0, "settle_s",
+                "must be two windows at least, and at most 600")
+        strangers = sorted(set(self.sources.values()) - set(self.kinds))
+        require(not strangers, "sources", f"names {', '.join(strangers)}, which is not among kind")
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """The kinds, always several."""
+        return (self.kind,) if isinstance(self.kind, str) else self.kind
+
+    @property
+    def speaks_our_protocol(self) -> bool:
+        """Whether the firmware answers requests of hiltest's own protocol."""
+        return self.kinds == ("hiltest",)
