@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -20,7 +20,7 @@ from hiltest.boards.virtual import truth_of
 from hiltest.boards.virtual_port import VirtualPort
 from hiltest.device.kinds import Interface, open_interfaces, sources_of
 from hiltest.device.quantities import Moment, Observation, Quantity, StreamInterface
-from hiltest.errors import DeviceTimeoutError, LinkLostError, VersionMismatchError
+from hiltest.errors import ConfigError, DeviceTimeoutError, LinkLostError, VersionMismatchError
 from hiltest.link.ports import open_port
 from hiltest.link.transcript import Direction, Transcript
 from hiltest.rig import Rig
@@ -43,6 +43,8 @@ class CompassBoard:
         Open; the board closes it. One with a ``now()`` has a clock of its own.
     rig : Rig
         With a ``[device]`` table.
+    interfaces : mapping of str to interface
+        What understands the firmware, by kind.
     kind : BoardKind
     description : str
         One line for people.
@@ -76,8 +78,9 @@ class CompassBoard:
     elf_build_id: str = ""
 
     def __init__(
-        self, port: Any, rig: Rig, *, kind: BoardKind, description: str, transcript: Transcript | None = None
-    ) -> None:
+        self, port: Any, rig: Rig, interfaces: Mapping[str, Interface], *, kind: BoardKind, description: str,
+        transcript: Transcript | None = None,
+    ) -> None:  # fmt: skip
         assert rig.device is not None
         self.rig = rig
         self.device: Device = rig.device
@@ -90,8 +93,8 @@ class CompassBoard:
         self._transcript = transcript
         if transcript is not None and not transcript.clock:
             transcript.clock = self.clock
-        self.interfaces: Mapping[str, Interface] = open_interfaces(rig)
-        self._sources = sources_of(rig, self.interfaces)
+        self.interfaces = interfaces
+        self._sources = sources_of(rig, interfaces)
         self.offers = frozenset(self._sources)
         self.latest: dict[Quantity, NDArray[np.float64]] = {}
         self._heard = 0
@@ -154,7 +157,8 @@ class CompassBoard:
             command = interface.commands(moment) if isinstance(interface, StreamInterface) else b""
             if command:
                 self._note(Direction.TO_BOARD, command)
-                self._port.write(command)
+                with self._broken_is_lost():
+                    self._port.write(command)
 
     def sleep(self, seconds: float) -> None:
         """Wait, by the board's clock [s]; what the firmware says meanwhile is dropped."""
@@ -199,16 +203,22 @@ class CompassBoard:
         self.close()
 
     def _read(self, seconds: float) -> bytes:
-        self._port.timeout = seconds
-        try:
+        with self._broken_is_lost():
+            if self._port.timeout != seconds:  # which sets up a real port anew
+                self._port.timeout = seconds
             data = bytes(self._port.read(_MOST_BYTES))
-        except (serial.SerialException, OSError) as error:
-            raise LinkLostError(str(self._port.name), str(error)) from error
         if data:
             self._note(Direction.TO_HOST, data)
             self._heard += len(data)
             self._first += data[: _SHOWN_BYTES - len(self._first)]
         return data
+
+    @contextmanager
+    def _broken_is_lost(self) -> Iterator[None]:
+        try:
+            yield
+        except (serial.SerialException, OSError) as error:
+            raise LinkLostError(str(self._port.name), str(error)) from error
 
     def _note(self, direction: Direction, data: bytes) -> None:
         if self._transcript is not None:
@@ -228,18 +238,22 @@ class VirtualCompass(CompassBoard):
     ----------
     bench : VirtualBench
         Board, sensors and world.
+    interfaces : mapping of str to interface
+        What understands the firmware, by kind.
     transcript : Transcript, optional
         Gets every byte, both ways.
     """
 
-    def __init__(self, bench: VirtualBench, *, transcript: Transcript | None = None) -> None:
+    def __init__(
+        self, bench: VirtualBench, interfaces: Mapping[str, Interface], *, transcript: Transcript | None = None
+    ) -> None:
         self._machine = bench.machine
         port = VirtualPort()
         port.port = "hil://"
         port.attach(bench.machine)
         port.open()
         super().__init__(
-            port, bench.rig, kind=BoardKind.VIRTUAL, description=f"virtual FRDM-K64F, seed {bench.seed}",
+            port, bench.rig, interfaces, kind=BoardKind.VIRTUAL, description=f"virtual FRDM-K64F, seed {bench.seed}",
             transcript=transcript,
         )
         self.stage, self.seed, self.truth = bench, bench.seed, truth_of(bench.rig)
@@ -272,13 +286,19 @@ def open_compass(
     VersionMismatchError
         When what comes is not understood.
     """
+    interfaces = open_interfaces(rig)
+    sources_of(rig, interfaces)  # what is wrong with them is said before a port is opened
+    url = port or rig.board.port
     board: CompassBoard
-    if port is None or port.startswith("hil:"):
-        board = VirtualCompass(VirtualBench(rig, firmware=firmware, seed=seed, base=base), transcript=transcript)
+    if rig.board.kind == "virtual" and (url is None or url.startswith("hil:")):
+        bench = VirtualBench(rig, firmware=firmware, seed=seed, base=base)
+        board = VirtualCompass(bench, interfaces, transcript=transcript)
+    elif url is None:
+        raise ConfigError(f"rig {rig.name} ({rig.path}) names no port: set board.port in it, or give --hil-port")
     else:
+        opened = open_port(url, baud=rig.link.baud)
         board = CompassBoard(
-            open_port(port, baud=rig.link.baud), rig, kind=BoardKind.REAL, description=f"board on {port}",
-            transcript=transcript,
+            opened, rig, interfaces, kind=BoardKind.REAL, description=f"board on {url}", transcript=transcript
         )
     try:
         board.begin()

@@ -27,7 +27,7 @@ FIRMWARE = "firmware"
 """The heading that the firmware itself says, its filter and all."""
 ECOMPASS = "ecompass"
 """A heading computed from the field and the gravity that the firmware has calibrated, without its filter."""
-CALIBRATION = "calibration"
+CALIBRATED = "calibrated"
 """A heading computed by the firmware's calibration from the field as the magnetometer reads it."""
 UNCALIBRATED = "uncalibrated"
 
@@ -232,7 +232,7 @@ def _headings(held: tuple[HeldPose, ...], belief: Belief, board: CompassBoard) -
         answered[ECOMPASS] = [each for each in own if each is not None]
     applied = [_heading(each.gravity_g, _calibrated(each, belief, board)) for each in held]
     if None not in applied:
-        answered[CALIBRATION] = [each for each in applied if each is not None]
+        answered[CALIBRATED] = [each for each in applied if each is not None]
     error_deg = {
         source: np.array([heading_error_deg(*pair) for pair in zip(headings, reference_deg.tolist(), strict=True)])
         for source, headings in answered.items()

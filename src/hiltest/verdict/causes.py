@@ -32,6 +32,11 @@ class Cause(StrEnum):
     ROTATION = "rotation"
     GOOD_FIT_BAD_HEADING = "good fit, bad heading"
     BAD_FIT = "bad fit"
+    # Of firmware that speaks its own language.
+    FRAME = "another frame than the declared one"
+    NOT_SETTLED = "filter not settled"
+    FILTER = "its filter"
+    OWN_CALIBRATION = "its own calibration"
 
 
 ADVICE = {
@@ -46,6 +51,10 @@ ADVICE = {
     Cause.ROTATION: "Compare the rows and columns of the soft iron with those that the same points give in float64.",
     Cause.GOOD_FIT_BAD_HEADING: "A fit of norms cannot see a rotated soft iron: calibrate against gravity (dpi).",
     Cause.BAD_FIT: "Look at the calibrated samples in the report: the model does not fit them.",
+    Cause.FRAME: "Correct frame or heading under [device] in the rig, or the firmware's convention.",
+    Cause.NOT_SETTLED: "Let its filter converge: a longer converge_s or settle_s under [device], or a faster filter.",
+    Cause.FILTER: "Compare its heading with the one of its calibrated vectors: what differs is made by its filter.",
+    Cause.OWN_CALIBRATION: "Turn the board through more directions (tumbles, tumble_s), or look at its fit.",
 }
 """The next step for each cause."""
 

@@ -15,6 +15,7 @@ from hiltest.record.run import Table
 from hiltest.verdict.calibrators import fit_status, maximum_of, value_of
 from hiltest.verdict.causes import GOOD_FIT_FACTOR, OF_SOURCE, Cause, HeadingSymptoms, name_cause
 from hiltest.verdict.heading_evidence import CALIBRATION_FILE, HeadingEvidence, read_heading_evidence
+from hiltest.verdict.own_language import FIRMWARE, diagnose_firmware
 
 # The firmware's own arithmetic is the cause where it makes at least half of the largest error.
 _MAKES_MOST = 0.5
@@ -60,6 +61,9 @@ def diagnose_run(
     found, evidence = {each.name: each for each in measurements}, read_heading_evidence(tables)
     axes = None if evidence is None else evidence.axes()
     causes = {name: diagnose(name, found, evidence, axes) for name in names}
+    if FIRMWARE in causes and any(_fails(found.get(f"heading.{FIRMWARE}.{each}")) for each in _OF_HEADINGS):
+        cause, details = diagnose_firmware(found, tables)
+        causes[FIRMWARE] = Diagnosis(cause, _with(cause, details))
     if axes is not None and is_broken and not any(each.cause is Cause.AXES for each in causes.values()):
         mirrored = value_of(found.get("fit.dpi.status")) == FitStatus.MIRRORED
         words = str(axes) or (_REFUSED if mirrored and axes.are_as_declared else "")

@@ -1,0 +1,176 @@
+"""A board whose firmware speaks its own language, on a real serial line: heard, or said to be silent or strange."""
+
+from __future__ import annotations
+
+import os
+import threading
+import tty
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from hiltest.boards import open_compass
+from hiltest.device.packets import AnglesPacket, MainPacket, encode
+from hiltest.device.quantities import Quantity
+from hiltest.errors import ConfigError, DeviceTimeoutError, LinkLostError, VersionMismatchError
+from hiltest.link.transcript import Direction, Transcript
+from hiltest.procedures.compass import frame_of
+from hiltest.procedures.settling import wait_until_settled
+from hiltest.rig import Rig
+from hiltest.rig.file import load_rig
+
+RIG = """
+schema = 1
+name = "desk"
+[board]
+kind = "real"
+[device]
+kind = "fsflk"
+start_s = 0.1
+window_s = 0.2
+settle_s = 1.0
+[device.fsflk]
+algorithm = "Q9"
+[field]
+strength_ut = 48.5
+dip_deg = 62.0
+[turntable]
+kind = "operator"
+uncertainty_deg = 1.0
+[sensors]
+magnetometer_noise_ut = 0.7
+[procedure]
+headings_deg = [0, 90, 180, 270]
+tilts_deg = [[0, 0]]
+"""
+
+
+class FarEnd:
+    """A serial line at whose other end something is said again and again."""
+
+    def __init__(self, say: Callable[[int], bytes]) -> None:
+        self.master, slave = os.openpty()
+        tty.setraw(slave)
+        self.port = os.ttyname(slave)
+        self.heard = bytearray()
+        self._slave, self._say, self._ends = slave, say, threading.Event()
+        os.set_blocking(self.master, False)
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self) -> None:
+        number = 0
+        while not self._ends.wait(0.02):
+            number += 1
+            with suppress(OSError):
+                os.write(self.master, self._say(number))
+            with suppress(OSError):
+                self.heard += os.read(self.master, 100)
+
+    def end(self) -> None:
+        self._ends.set()
+        self._thread.join()
+        for each in (self.master, self._slave):
+            with suppress(OSError):
+                os.close(each)
+
+
+@pytest.fixture
+def far_end() -> Iterator[Callable[[Callable[[int], bytes]], FarEnd]]:
+    ends: list[FarEnd] = []
+
+    def begin(say: Callable[[int], bytes]) -> FarEnd:
+        ends.append(FarEnd(say))
+        return ends[-1]
+
+    yield begin
+    for each in ends:
+        each.end()
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Rig:
+    file = tmp_path / "desk.toml"
+    file.write_text(RIG, encoding="utf-8")
+    return load_rig(file)
+
+
+def angles(heading_deg: float) -> bytes:
+    gravity = encode(MainPacket(1, 0, (0, 0, 8192), (228, 0, 428), (0, 0, 0), (30_000, 0, 0, 0), 8, 5))
+    return gravity + encode(AnglesPacket(1, 25_000, 0, 0, round(10 * heading_deg) % 3600))
+
+
+def test_it_is_heard_and_told_its_algorithm(far_end: Callable[..., FarEnd], rig: Rig) -> None:
+    other, transcript = far_end(lambda number: angles(123.4)), Transcript()
+    with open_compass(rig, firmware=None, port=other.port, seed=None, transcript=transcript, base=None) as board:
+        settled = wait_until_settled(board, frame_of(rig))
+        assert settled.is_settled
+        assert settled.heading_deg == pytest.approx(123.4)
+        assert settled.took_s < 0.7, "two windows of 0.2 s, and what the line takes"
+        assert board.latest[Quantity.MAGNETOMETER_CALIBRATED].tolist() == [22.8, 0.0, 42.8]
+        assert board.truth is None
+    assert bytes(other.heard) == b"Q9  "
+    assert {entry.direction for entry in transcript.entries} == {Direction.TO_BOARD, Direction.TO_HOST}
+
+
+def test_a_heading_that_goes_on_moving_is_not_settled(far_end: Callable[..., FarEnd], rig: Rig) -> None:
+    other = far_end(lambda number: angles(number % 3600 / 10))  # 5 degrees a second
+    with open_compass(rig, firmware=None, port=other.port, seed=None, transcript=None, base=None) as board:
+        settled = wait_until_settled(board, frame_of(rig))
+    assert not settled.is_settled
+    assert settled.took_s == pytest.approx(1.0, abs=0.25), "the longest, in windows of 0.2 s"
+
+
+def test_a_silent_board_is_said_to_be_silent(
+    far_end: Callable[..., FarEnd], rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hiltest.boards.compass._SILENT_S", 0.5)
+    other = far_end(lambda number: b"")
+    with pytest.raises(DeviceTimeoutError, match=r"no answer to the firmware's first words .* within 0\.6 s"):
+        open_compass(rig, firmware=None, port=other.port, seed=None, transcript=None, base=None)
+
+
+def test_words_that_are_not_understood_are_shown(
+    far_end: Callable[..., FarEnd], rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hiltest.boards.compass._SILENT_S", 0.5)
+    other = far_end(lambda number: b"heading=12.3\r\n")
+    with pytest.raises(VersionMismatchError, match=r"bytes came, and none is understood .* begin with b.*eading=12\.3"):
+        open_compass(rig, firmware=None, port=other.port, seed=None, transcript=None, base=None)
+
+
+def test_a_line_that_breaks_is_lost(far_end: Callable[..., FarEnd], rig: Rig) -> None:
+    other = far_end(lambda number: angles(10.0))
+    board = open_compass(rig, firmware=None, port=other.port, seed=None, transcript=None, base=None)
+    other.end()
+    with pytest.raises(LinkLostError, match="Check cable and power"):
+        board.observe(2.0)
+    board.close()
+
+
+def test_a_kind_that_there_is_not_is_refused_with_file_and_line(tmp_path: Path) -> None:
+    file = tmp_path / "desk.toml"
+    file.write_text(RIG.replace('"fsflk"', '"fsflkk"', 1), encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"desk\.toml:7: device\.kind: no kind 'fsflkk'; did you mean 'fsflk'\?"):
+        open_compass(load_rig(file), firmware=None, port="/dev/null", seed=None, transcript=None, base=None)
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ('sources = { heding = "fsflk" }', r"device\.sources\.heding: did you mean 'heading'\?"),
+        ('sources = { magnetometer = "fsflk" }', "fsflk does not offer it; it offers .*heading"),
+        ('sources = { heading = "text" }', "names text, which is not among kind"),
+        ("settle_s = 0.1", "settle_s.* must be two windows at least"),
+        ('kind = ["hiltest", "fsflk"]', '"hiltest" goes with no other kind'),
+    ],
+)
+def test_a_device_table_that_contradicts_itself_is_refused(tmp_path: Path, line: str, words: str) -> None:
+    file, key = tmp_path / "desk.toml", line.partition(" ")[0]
+    kept = "\n".join(each for each in RIG.splitlines() if not (each.startswith(key) and key in ("settle_s",)))
+    kept = kept.replace('[device]\nkind = "fsflk"', "[device]" if key == "kind" else '[device]\nkind = "fsflk"')
+    file.write_text(kept.replace("[device]", f"[device]\n{line}"), encoding="utf-8")
+    with pytest.raises(ConfigError, match=words):
+        open_compass(load_rig(file), firmware=None, port="/dev/null", seed=None, transcript=None, base=None)

@@ -1,0 +1,33 @@
+"""When a heading stands still: two windows agree, by a tenth of a degree or by their noise."""
+
+from __future__ import annotations
+
+import random
+
+from hiltest.procedures.settling import agree
+
+
+def around(mean_deg: float, noise_deg: float, n: int = 40, seed: int = 1) -> list[float]:
+    of = random.Random(seed)
+    return [(mean_deg + of.gauss(0.0, noise_deg)) % 360.0 for _ in range(n)]
+
+
+def test_windows_without_noise_agree_within_a_tenth_of_a_degree() -> None:
+    assert agree([10.0, 10.0], [10.09, 10.09])
+    assert not agree([10.0, 10.0], [10.11, 10.11])
+
+
+def test_noise_widens_what_agrees_and_more_readings_narrow_it() -> None:
+    # Of 40 readings with 3 degrees two means differ by 0.67 rms; of 4 000 by 0.067.
+    assert agree(around(0.0, 3.0), around(1.0, 3.0, seed=2))
+    assert not agree(around(0.0, 3.0, 4000), around(1.0, 3.0, 4000, seed=2))
+
+
+def test_north_is_no_edge() -> None:
+    assert agree([359.97, 359.99], [0.02, 0.04])
+    assert not agree([359.0, 359.0], [1.0, 1.0])
+
+
+def test_a_single_reading_has_no_noise_to_excuse_it() -> None:
+    assert agree([5.0], [5.05])
+    assert not agree([5.0], [5.2])
