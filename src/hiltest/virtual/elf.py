@@ -240,6 +240,27 @@ class FirmwareImage:
         return found
 
     @cached_property
+    def functions(self) -> tuple[Symbol, ...]:
+        """Return all functions; static ones of several files may share a name."""
+        return tuple(symbol for symbol in self._all_symbols if symbol.is_function)
+
+    @cached_property
+    def objects(self) -> tuple[Symbol, ...]:
+        """Return all objects, as `functions`."""
+        return tuple(symbol for symbol in self._all_symbols if not symbol.is_function)
+
+    def debug_information(self) -> Any:
+        """Return the DWARF as pyelftools reads it, the caller's own; None without any.
+
+        Raises
+        ------
+        Exception
+            Of the parser, when it is damaged.
+        """
+        with self._reading:
+            return self._elf.get_dwarf_info() if self._elf.has_dwarf_info() else None
+
+    @cached_property
     def _functions_by_address(self) -> tuple[list[int], list[Symbol]]:
         functions = sorted((s for s in self._all_symbols if s.is_function), key=lambda s: (s.address, s.size > 0))
         return [s.address for s in functions], functions

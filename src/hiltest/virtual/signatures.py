@@ -6,12 +6,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from hiltest.virtual.debug_entries import (
+    POINTERS,
+    STRUCTURES,
+    children,
+    next_type,
+    without_qualifiers,
+    written_type,
+)
+
 _ASSEMBLER = 0x8001  # DW_LANG_Mips_Assembler, which every assembler says
-_QUALIFIERS = frozenset(f"DW_TAG_{name}" for name in (
-    "typedef", "const_type", "volatile_type", "restrict_type", "atomic_type",
-))  # fmt: skip
-_POINTERS = frozenset({"DW_TAG_pointer_type", "DW_TAG_reference_type", "DW_TAG_rvalue_reference_type"})
-_STRUCTURES = frozenset({"DW_TAG_structure_type", "DW_TAG_class_type"})
 _COMPLEX, _FLOAT = 0x03, 0x04  # DW_ATE_complex_float, DW_ATE_float
 # Behind it boolean, unsigned, unsigned_char and UTF, signed and signed_char; with their bytes, small ones as a word.
 _BASE_TYPES = {
@@ -81,22 +85,17 @@ def read_subprograms(dwarf: Any) -> dict[str, Any]:
 
 def read_signature(die: Any) -> Signature:
     """Read the types of a function's entry."""
-    parameters = [child for child in die.iter_children() if child.tag == "DW_TAG_formal_parameter"]
+    parameters = [child for child in children(die) if child.tag == "DW_TAG_formal_parameter"]
     kinds = tuple(_classify(_type_of(each)) for each in parameters)
     return Signature(kinds, _classify(_type_of(_declared(die))), tuple(_pointed(each) for each in parameters))
 
 
 def _pointed(parameter: Any) -> Pointed | None:
     pointer = _type_of(parameter)
-    if pointer is None or pointer.tag not in _POINTERS:
+    if pointer is None or pointer.tag not in POINTERS:
         return None
     elements = _elements(_type_of(pointer))
-    return Pointed(_written(_next(parameter)), frozenset(elements or ()))
-
-
-def _next(die: Any) -> Any:
-    """Return the type that an entry names, qualifiers and all; None for void."""
-    return die.get_DIE_from_attribute("DW_AT_type") if "DW_AT_type" in die.attributes else None
+    return Pointed(written_type(next_type(parameter)), frozenset(elements or ()))
 
 
 def _elements(die: Any) -> set[Element] | None:
@@ -108,14 +107,14 @@ def _elements(die: Any) -> set[Element] | None:
         encoding = die.attributes["DW_AT_encoding"].value
         parts = 2 if encoding == _COMPLEX else 1
         return {Element(encoding in (_FLOAT, _COMPLEX), size // parts)}
-    if die.tag in _POINTERS or die.tag == "DW_TAG_enumeration_type":
+    if die.tag in POINTERS or die.tag == "DW_TAG_enumeration_type":
         return {Element(False, size)}
     if die.tag == "DW_TAG_array_type":
         return _elements(_type_of(die))
-    if die.tag not in _STRUCTURES:
+    if die.tag not in STRUCTURES:
         return None
     found: set[Element] = set()
-    for member in die.iter_children():
+    for member in children(die):
         inner = _elements(_type_of(member)) if member.tag in ("DW_TAG_member", "DW_TAG_inheritance") else set()
         if inner is None:
             return None
@@ -123,26 +122,9 @@ def _elements(die: Any) -> set[Element] | None:
     return found
 
 
-def _written(die: Any) -> str:
-    """Write a type as C does, but for what stands behind a name there."""
-    if die is None:
-        return "void"
-    if die.tag in _POINTERS:
-        return f"{_written(_next(die))} {'*' if die.tag == 'DW_TAG_pointer_type' else '&'}"
-    if die.tag in _QUALIFIERS and die.tag != "DW_TAG_typedef":
-        inner, word = _next(die), die.tag.removeprefix("DW_TAG_").removesuffix("_type")
-        behind = inner is not None and inner.tag in _POINTERS
-        return f"{_written(inner)} {word}" if behind else f"{word} {_written(inner)}"
-    if die.tag == "DW_TAG_array_type":
-        return f"{_written(_next(die))}[]"
-    name = die.attributes["DW_AT_name"].value.decode(errors="replace") if "DW_AT_name" in die.attributes else ""
-    kind = {"DW_TAG_structure_type": "struct ", "DW_TAG_union_type": "union ", "DW_TAG_enumeration_type": "enum "}
-    return f"{kind.get(die.tag, '')}{name}".strip() or "a type without a name"
-
-
 def _functions_of(scope: Any) -> Iterator[Any]:
     """Yield the functions that a unit defines, also in namespaces; those of a class stand beside it."""
-    for die in scope.iter_children():
+    for die in children(scope):
         if die.tag == "DW_TAG_subprogram" and "DW_AT_declaration" not in die.attributes:
             yield die
         elif die.tag == "DW_TAG_namespace":
@@ -162,18 +144,14 @@ def _symbol_name(die: Any) -> str:
 
 
 def _type_of(die: Any) -> Any:
-    """Follow typedefs and qualifiers to the type that decides how a value is passed."""
-    while die is not None and "DW_AT_type" in die.attributes:
-        die = die.get_DIE_from_attribute("DW_AT_type")
-        if die.tag not in _QUALIFIERS:
-            return die
-    return None
+    """Follow typedefs and qualifiers to the type that decides how a value is passed; None for void."""
+    return without_qualifiers(die.get_DIE_from_attribute("DW_AT_type")) if "DW_AT_type" in die.attributes else None
 
 
 def _classify(die: Any) -> str:
     if die is None:
         return "void"
-    if die.tag in _POINTERS:
+    if die.tag in POINTERS:
         return "pointer"
     size = die.attributes["DW_AT_byte_size"].value if "DW_AT_byte_size" in die.attributes else 4
     if die.tag == "DW_TAG_enumeration_type" and size <= 4:

@@ -1,0 +1,271 @@
+"""Variables of firmware by name, from its debug information: where each lies, or why it lies nowhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import cached_property
+from pathlib import PurePosixPath
+from typing import Any, NoReturn
+
+from hiltest.device.c_types import read_type, size_of
+from hiltest.device.variable_path import VariablePath
+from hiltest.errors import ConfigError
+from hiltest.virtual.debug_entries import children, name_of, next_type, origin_of
+from hiltest.virtual.elf import Symbol
+
+# DWARF operations that a location begins or ends with.
+_ADDRESS, _PLUS_CONSTANT, _REGISTER, _REGISTER_X = 0x03, 0x23, range(0x50, 0x70), 0x90
+_THREAD_LOCAL = {0x9B, 0xE0}
+_REMOVED = {0, 0xFFFFFFFF}  # what linkers write in place of the address of what they left out
+_MOST_NAMED = 8
+
+
+@dataclass(frozen=True, slots=True)
+class FoundVariable:
+    """A variable at an address.
+
+    Attributes
+    ----------
+    type_entry : object
+        Entry of its type.
+    file : str
+        Source file.
+    """
+
+    address: int
+    type_entry: Any
+    file: str
+
+
+class _NoPlaceError(Exception):
+    """A variable lies nowhere in memory; the text says why."""
+
+
+class VariableIndex:
+    """All variables of a file's debug information.
+
+    Parameters
+    ----------
+    dwarf : object
+        As pyelftools reads it.
+    objects : sequence of Symbol
+        Variables of the symbol table: one at address 0 that is not there was left out by the linker, and a variable
+        whose place only the table knows, as after optimising at link time or from an assembler source, is found there.
+    """
+
+    def __init__(self, dwarf: Any, objects: Sequence[Symbol]) -> None:
+        self._objects = objects
+        self._units = [unit.get_top_DIE() for unit in dwarf.iter_CUs()]
+
+    @cached_property
+    def _by_name(self) -> dict[str, list[tuple[Any, str]]]:
+        """Entries with the file of each, by name, behind its namespaces."""
+        found: dict[str, list[tuple[Any, str]]] = {}
+        for top in self._units:
+            for scope, entry in _within_namespaces(top, ""):
+                if entry.tag == "DW_TAG_variable":
+                    found.setdefault(scope + name_of(entry), []).append((entry, _file_of(entry)))
+        return found
+
+    def find(self, path: VariablePath) -> FoundVariable | None:
+        """Return the variable that a path begins with; None where the debug information has none of its name.
+
+        Raises
+        ------
+        ConfigError
+            Where there are several, or it lies nowhere in memory.
+        """
+        entries = self._entries(path)
+        if path.file and entries:
+            files = sorted({file for _, file in entries})
+            entries = [(entry, file) for entry, file in entries if _same_file(path.file, file)]
+            if not entries:
+                raise ConfigError(f"{path.text}: {path.name} is not of {path.file}; it is in {', '.join(files)}")
+        found: dict[int, FoundVariable] = {}
+        reasons: list[str] = []
+        for entry, file in entries:
+            try:
+                address = self._address(entry)
+                found.setdefault(address, FoundVariable(address, next_type(entry), file))
+            except _NoPlaceError as reason:
+                reasons.append(str(reason))
+        if len(found) > 1:
+            places = sorted(f"{each.file} (0x{each.address:08x})" for each in found.values())
+            example = PurePosixPath(min(each.file for each in found.values())).name
+            raise ConfigError(
+                f"{path.text}: {len(found)} variables are called {path.name}: {', '.join(places)}; "
+                f"say which: {example}:{path.name}"
+            )
+        if not found and reasons:
+            return self._by_symbol(path.name, *entries[0]) or _refuse(f"{path.text}: {path.name} {reasons[0]}")
+        return next(iter(found.values()), None)
+
+    def _by_symbol(self, name: str, entry: Any, file: str) -> FoundVariable | None:
+        """Return a variable at the one symbol of its name and size."""
+        symbols = [each for each in self._objects if each.name == name]
+        kind = next_type(entry)
+        if len(symbols) != 1 or symbols[0].size != size_of(read_type(kind)):
+            return None
+        return FoundVariable(symbols[0].address, kind, file)
+
+    def _entries(self, path: VariablePath) -> list[tuple[Any, str]]:
+        full = f"{path.scope}::{path.name}" if path.scope else path.name
+        entries = self._by_name.get(full, [])
+        if path.scope and not entries:
+            return [
+                (entry, file) for function, entry, file in self._statics
+                if function == path.scope and name_of(entry) == path.name
+            ]  # fmt: skip
+        return entries
+
+    @cached_property
+    def _statics(self) -> list[tuple[str, Any, str]]:
+        """Static variables within functions: the function, the entry and its file."""
+        return [
+            (name_of(function), entry, _file_of(entry))
+            for top in self._units
+            for _, function in _within_namespaces(top, "") if function.tag == "DW_TAG_subprogram"
+            for entry in _inside(function) if entry.tag == "DW_TAG_variable" and "DW_AT_location" in entry.attributes
+            and _operations(entry)[:1] in ([_ADDRESS], [])
+        ]  # fmt: skip
+
+    def functions_with(self, name: str) -> list[str]:
+        """Return the functions that have a static variable of a name."""
+        return sorted({function for function, entry, _ in self._statics if name_of(entry) == name and function})
+
+    def nearest(self, name: str) -> str:
+        """Return the names that are most like one, as the end of a sentence."""
+        return nearest_names(name, [each for each in self._by_name if each])
+
+    def enumerator(self, name: str) -> int:
+        """Return the value of an enumerator.
+
+        Raises
+        ------
+        ConfigError
+            Where there is none, or several of different values.
+        """
+        values = self._enumerators.get(name, set())
+        if len(values) == 1:
+            return next(iter(values))
+        if values:
+            listed = ", ".join(map(str, sorted(values)))
+            raise ConfigError(f"{name} is an enumerator of several enums, with the values {listed}; write a number")
+        raise ConfigError(
+            f"[{name}]: no enum has {name}; what #define makes, and an enum that no code uses, is not in the debug "
+            "information: write its number"
+        )
+
+    @cached_property
+    def _enumerators(self) -> dict[str, set[int]]:
+        found: dict[str, set[int]] = {}
+        for top in self._units:
+            for _, entry in _within_namespaces(top, ""):
+                for child in children(entry) if entry.tag == "DW_TAG_enumeration_type" else ():
+                    if child.tag == "DW_TAG_enumerator":
+                        found.setdefault(name_of(child), set()).add(child.attributes["DW_AT_const_value"].value)
+        return found
+
+    def definition(self, record: Any) -> Any:
+        """Return the definition of a struct of which a unit has the name only; the entry itself where there is none."""
+        name = name_of(record)
+        for top in self._units if name else ():
+            for _, entry in _within_namespaces(top, ""):
+                if entry.tag == record.tag and "DW_AT_declaration" not in entry.attributes and name_of(entry) == name:
+                    return entry
+        return record
+
+    def _address(self, entry: Any) -> int:
+        """Read where a variable lies.
+
+        Raises
+        ------
+        _NoPlaceError
+            Where it lies nowhere in memory.
+        """
+        attributes = entry.attributes
+        if "DW_AT_location" not in attributes:
+            if "DW_AT_const_value" in attributes:
+                raise _NoPlaceError("is not in memory: the compiler has put its constant value into the code")
+            if "DW_AT_declaration" in attributes:
+                raise _NoPlaceError("is declared, and nothing in this firmware defines it")
+            raise _NoPlaceError(f"is not in memory: the compiler has optimised it away; {_VOLATILE}")
+        if attributes["DW_AT_location"].form in _LISTS:
+            raise _NoPlaceError(f"moves between registers and memory; {_VOLATILE}")
+        operations = _operations(entry)
+        first = operations[0] if operations else -1
+        if first == -1:
+            raise _NoPlaceError(f"is not in memory: the compiler has optimised it away; {_VOLATILE}")
+        if _THREAD_LOCAL & {first, operations[-1]}:
+            raise _NoPlaceError("is thread-local: each thread has its own; copy the value into a plain static variable")
+        if first in _REGISTER or first == _REGISTER_X:
+            raise _NoPlaceError(f"is in a register only; {_VOLATILE}")
+        address = _plain_address(operations)
+        if address is None:
+            raise _NoPlaceError(f"is in pieces or computed, at no address of its own; {_VOLATILE}")
+        if address in _REMOVED and all(each.address != address for each in self._objects):
+            raise _NoPlaceError("is not in this firmware: the linker has left it out, because nothing uses it")
+        return address
+
+
+def _refuse(message: str) -> NoReturn:
+    raise ConfigError(message)
+
+
+_VOLATILE = "declare it volatile to have it in memory"
+_LISTS = {"DW_FORM_sec_offset", "DW_FORM_loclistx", "DW_FORM_data4", "DW_FORM_data8"}
+
+
+def _operations(entry: Any) -> list[int]:
+    place = entry.attributes["DW_AT_location"]
+    return [] if place.form in _LISTS else list(place.value)
+
+
+def _plain_address(operations: list[int]) -> int | None:
+    """Return the address of a location that is one, with a constant added or not."""
+    if operations[0] != _ADDRESS or len(operations) < 5:
+        return None
+    address, rest = int.from_bytes(bytes(operations[1:5]), "little"), operations[5:]
+    if rest and rest[0] != _PLUS_CONSTANT:
+        return None
+    return address + sum((byte & 0x7F) << 7 * number for number, byte in enumerate(rest[1:])) & 0xFFFFFFFF
+
+
+def _within_namespaces(scope: Any, prefix: str) -> Iterator[tuple[str, Any]]:
+    """Yield what a unit has at its top, and in namespaces with their names before it."""
+    for entry in children(scope):
+        if entry.tag == "DW_TAG_namespace":
+            yield from _within_namespaces(entry, f"{prefix}{name_of(entry)}::")
+        else:
+            yield prefix, entry
+
+
+def _inside(entry: Any) -> Iterator[Any]:
+    """Yield all entries within one, whatever is between."""
+    for child in children(entry):
+        yield child
+        yield from _inside(child)
+
+
+def _file_of(entry: Any) -> str:
+    """Return the source file in whose unit an entry stands; of one that was optimised at link time, the one before."""
+    return name_of(origin_of(entry).cu.get_top_DIE()) or "a file without a name"
+
+
+def _same_file(written: str, file: str) -> bool:
+    wanted = PurePosixPath(written).parts
+    return PurePosixPath(file).parts[-len(wanted) :] == wanted
+
+
+def nearest_names(name: str, names: list[str]) -> str:
+    """Return the names most like one, or some where none is, as the end of a sentence."""
+    lower = {each.lower(): each for each in names}
+    close = [lower[each] for each in get_close_matches(name.lower(), lower, n=3)]
+    if close:
+        return f"nearest: {', '.join(close)}"
+    if not names:
+        return "there is none"
+    listed = ", ".join(sorted(names)[:_MOST_NAMED])
+    return f"there are: {listed}" + (f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else "")

@@ -1,0 +1,100 @@
+"""Paths to variables as a rig has them: ``sfg.MagCal.fV[0]``, ``filter->state[CHX]``, ``magnetic.c:last``."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from hiltest.errors import ConfigError
+
+_LONGEST = 512
+_NAME = r"[A-Za-z_$][A-Za-z0-9_$]*"
+# A file has a dot in its name, a scope (a function or a namespace) has none and two colons behind it.
+_BEGIN = re.compile(rf"(?:(?P<file>[^:\[\]*]*\.[A-Za-z0-9+]+):(?!:))?(?P<scope>(?:{_NAME}::)*)(?P<name>{_NAME})")
+_NUMBER = r"-?(?:0[xX][0-9a-fA-F]+|[0-9]+)"
+_STEP = re.compile(
+    rf"\s*(?:(?P<access>\.|->)\s*(?P<member>{_NAME})"
+    rf"|\[\s*(?:(?P<number>{_NUMBER})|(?P<word>{_NAME}))\s*\])"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class MemberStep:
+    """A member of a struct or union; of what a pointer points to with ``->``."""
+
+    name: str
+    by_pointer: bool
+
+
+@dataclass(frozen=True, slots=True)
+class IndexStep:
+    """An element by its number, or by the name of an enumerator."""
+
+    index: int | str
+
+
+@dataclass(frozen=True, slots=True)
+class DereferenceStep:
+    """What a pointer points to."""
+
+
+Step: TypeAlias = MemberStep | IndexStep | DereferenceStep
+
+
+@dataclass(frozen=True, slots=True)
+class VariablePath:
+    """A variable, and the way from it to a value.
+
+    Attributes
+    ----------
+    text : str
+        As it was written.
+    file : str
+        Source file of a static variable; empty when it is not named.
+    scope : str
+        Function whose static variable it is, or namespace; empty for neither.
+    """
+
+    text: str
+    file: str
+    scope: str
+    name: str
+    steps: tuple[Step, ...]
+
+
+def read_path(text: str) -> VariablePath:
+    """Parse a path.
+
+    Raises
+    ------
+    ConfigError
+        Where it is none.
+    """
+    written = text.strip()
+    bare = written.lstrip("* ")
+    stars = written[: len(written) - len(bare)].count("*")
+    begin = _BEGIN.match(bare) if len(bare) <= _LONGEST else None
+    if begin is None:
+        raise ConfigError(f"{text[:80]!r} is no path to a variable; write one as in C: {_EXAMPLES}")
+    at, steps = begin.end(), []
+    while at < len(bare):
+        step = _STEP.match(bare, at)
+        if step is None:
+            raise ConfigError(f"{text!r}: {bare[at:]!r} is not understood; write paths as in C: {_EXAMPLES}")
+        steps.append(_step(step))
+        at = step.end()
+    dereferences = [DereferenceStep()] * stars  # they bind weaker than what stands behind a name
+    scope = begin["scope"].removesuffix("::")
+    return VariablePath(text, begin["file"] or "", scope, begin["name"], (*steps, *dereferences))
+
+
+_EXAMPLES = "sfg.MagCal.fV[0], filter->state[CHX], *latest, magnetic.c:last, read_sensor::count"
+
+
+def _step(match: re.Match[str]) -> Step:
+    if match["member"] is not None:
+        return MemberStep(match["member"], match["access"] == "->")
+    if match["word"] is not None:
+        return IndexStep(match["word"])
+    return IndexStep(int(match["number"], 16 if "x" in match["number"].lower() else 10))

@@ -1,0 +1,388 @@
+"""Values of firmware by their paths: where they lie, and what the bytes there mean."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import PurePosixPath
+from typing import TypeAlias
+
+from hiltest.device.c_types import (
+    POINTER_BYTES,
+    ArrayType,
+    BitField,
+    CType,
+    Member,
+    NumberType,
+    PointerType,
+    RecordType,
+    decoded,
+    read_type,
+    size_of,
+    stated_type,
+)
+from hiltest.device.variable_index import VariableIndex, nearest_names
+from hiltest.device.variable_path import DereferenceStep, IndexStep, MemberStep, Step, VariablePath, read_path
+from hiltest.errors import ConfigError
+from hiltest.virtual.debug_entries import without_qualifiers
+from hiltest.virtual.elf import FirmwareImage, Symbol
+
+_MOST_NUMBERS = 1024  # of one path; a matrix of 9 is the largest that anything here wants
+_DEEPEST = 16  # anonymous members within each other
+
+ReadMemory: TypeAlias = Callable[[int, int], bytes]
+
+
+class NullPointer(Exception):
+    """A pointer on the way to a value is 0 now."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scalar:
+    """A number within what a path leads to.
+
+    Attributes
+    ----------
+    offset : int
+        Bytes from its beginning, to the first byte that has bits of it.
+    size : int
+        Bytes to read.
+    """
+
+    offset: int
+    size: int
+    kind: NumberType
+    bits: BitField | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a path leads: an address, through pointers that are read when the value is, and the numbers there.
+
+    Attributes
+    ----------
+    path : str
+    type_text : str
+        Type of the value as C has it.
+    address : int
+        Of the value, or of the first pointer.
+    beyond : tuple of int
+        For every pointer, the bytes to add to what it holds.
+    scalars : tuple of Scalar
+    """
+
+    path: str
+    type_text: str
+    address: int
+    beyond: tuple[int, ...]
+    scalars: tuple[Scalar, ...]
+
+    def read(self, memory: ReadMemory) -> bytes:
+        """Return the bytes of the value, from the first number to the last.
+
+        Raises
+        ------
+        NullPointer
+            When a pointer on the way is 0.
+        """
+        address = self.address
+        for offset in self.beyond:
+            pointer = int.from_bytes(memory(address, POINTER_BYTES), "little")
+            if pointer == 0:
+                raise NullPointer(f"{self.path}: the pointer at 0x{address:08x} is 0 now")
+            address = pointer + offset & 0xFFFFFFFF
+        first = self._first
+        return memory(address + first & 0xFFFFFFFF, max(each.offset + each.size for each in self.scalars) - first)
+
+    def numbers(self, data: bytes) -> tuple[float, ...]:
+        """Return the numbers in the bytes that `read` gave; integers stay integers."""
+        return tuple(
+            decoded(each.kind, data[each.offset - self._first :][: each.size], each.bits) for each in self.scalars
+        )
+
+    def shown(self, data: bytes) -> str:
+        """Write the numbers, an enum's with their names."""
+        written = [
+            f"{each.kind.labels[int(number)]} ({number})" if number in each.kind.labels else f"{number:g}"
+            for each, number in zip(self.scalars, self.numbers(data), strict=True)
+        ]
+        return ", ".join(written)
+
+    @property
+    def _first(self) -> int:
+        return min(each.offset for each in self.scalars)
+
+
+@dataclass(frozen=True, slots=True)
+class _At:
+    """How far a path has been followed; an offset counts from what the last pointer holds."""
+
+    kind: CType
+    written: str
+    address: int
+    beyond: tuple[int, ...] = ()
+    bits: BitField | None = None
+
+    def moved(self, by: int, kind: CType, written: str, bits: BitField | None = None) -> _At:
+        """Return a place so many bytes further on."""
+        moved = replace(self, kind=kind, written=self.written + written, bits=bits)
+        if self.beyond:
+            return replace(moved, beyond=(*self.beyond[:-1], self.beyond[-1] + by))
+        return replace(moved, address=self.address + by)
+
+    def followed(self, by: int, kind: CType, written: str) -> _At:
+        """Return what a pointer here leads to, so many bytes further on."""
+        return replace(self, kind=kind, written=self.written + written, beyond=(*self.beyond, by), bits=None)
+
+
+class Variables:
+    """Variables of a firmware image.
+
+    Parameters
+    ----------
+    image : FirmwareImage
+    """
+
+    def __init__(self, image: FirmwareImage) -> None:
+        self._image = image
+
+    def place(self, path: str, *, type_: str | None = None) -> Place:
+        """Find where a path leads.
+
+        Parameters
+        ----------
+        path : str
+        type_ : str, optional
+            Type of the variable, ``float[3]``, where only the symbol table knows it.
+
+        Raises
+        ------
+        ConfigError
+            Where it leads nowhere, with the nearest names, or the debug information is damaged.
+        """
+        try:
+            read = read_path(path)
+            at = self._variable(read, type_)
+            for step in read.steps:
+                at = self._follow(at, step)
+            if isinstance(at.kind, NumberType) and at.bits is not None:
+                scalars = [_scalar(at.kind, 0, at.bits)]
+            else:
+                scalars = list(self._numbers(at.kind, 0, at.written))
+        except ConfigError as error:
+            raise ConfigError(f"{self._image.name}: {error}") from error
+        except Exception as error:  # the parser raises whatever damaged debug information makes it meet
+            raise ConfigError(
+                f"{self._image.name}: {path}: the debug information is damaged ({str(error) or type(error).__name__}); "
+                'link again with -g, or name a symbol and state its type: type = "float[3]"'
+            ) from error
+        return Place(path, at.kind.text, at.address & 0xFFFFFFFF, at.beyond, tuple(scalars))
+
+    @cached_property
+    def _index(self) -> VariableIndex | None:
+        dwarf = self._image.debug_information()
+        return None if dwarf is None else VariableIndex(dwarf, self._image.objects)
+
+    def _variable(self, path: VariablePath, type_: str | None) -> _At:
+        if type_ is not None:
+            return self._stated(path, stated_type(type_))
+        index = self._index
+        found = index.find(path) if index is not None else None
+        if found is not None:
+            return _At(self._read(found.type_entry), path.name, found.address)
+        symbols = self._objects(path.name)
+        if symbols:
+            raise ConfigError(
+                f"{path.text}: there is no debug information about {path.name}, of {symbols[0].size} bytes; compile "
+                'with -g, or state its type: type = "float[3]"'
+            )
+        within = index.functions_with(path.name) if index is not None else []
+        if within:
+            raise ConfigError(f"{path.text}: {path.name} is within a function; write {within[0]}::{path.name}")
+        names = [each.name for each in self._image.objects]
+        hint = index.nearest(path.name) if index is not None else nearest_names(path.name, names)
+        raise ConfigError(f"{path.text}: no variable {path.name}; {hint}")
+
+    def _objects(self, name: str) -> list[Symbol]:
+        return [each for each in self._image.objects if each.name == name]
+
+    def _stated(self, path: VariablePath, kind: CType) -> _At:
+        symbols, size = self._objects(path.name), size_of(kind)
+        if not symbols:
+            names = [each.name for each in self._image.objects]
+            raise ConfigError(f"{path.text}: no symbol {path.name}; {nearest_names(path.name, names)}")
+        if len(symbols) > 1:
+            places = ", ".join(f"0x{each.address:08x}" for each in symbols)
+            raise ConfigError(
+                f"{path.text}: {len(symbols)} symbols are called {path.name} ({places}), and their debug information "
+                "is not there to choose; compile with -g"
+            )
+        if symbols[0].size != size:
+            raise ConfigError(
+                f"{path.text}: {kind.text} has {size} bytes, and the symbol {path.name} has {symbols[0].size}; "
+                "state the type of all of it"
+            )
+        return _At(kind, path.name, symbols[0].address)
+
+    def _read(self, entry: object) -> CType:
+        """Read a type; a struct that its unit only declares is taken from where it is defined."""
+        kind = read_type(entry)
+        if isinstance(kind, RecordType) and kind.size is None and self._index is not None:
+            return read_type(self._index.definition(without_qualifiers(entry)))
+        return kind
+
+    # -- steps --------------------------------------------------------------------------------
+
+    def _follow(self, at: _At, step: Step) -> _At:
+        if isinstance(step, DereferenceStep):
+            return self._dereferenced(at)
+        if isinstance(step, IndexStep):
+            return self._element(at, step)
+        return self._member(at, step)
+
+    def _dereferenced(self, at: _At) -> _At:
+        if isinstance(at.kind, ArrayType):
+            return at.moved(0, at.kind.element, "[0]")
+        if not isinstance(at.kind, PointerType):
+            raise ConfigError(f"{at.written} is {at.kind.text}, no pointer; leave out the *")
+        return replace(at.followed(0, self._target(at), ""), written=f"*{at.written}")
+
+    def _target(self, at: _At) -> CType:
+        assert isinstance(at.kind, PointerType)
+        if at.kind.target is None:
+            raise ConfigError(f"{at.written} is {at.kind.text}: what it points to is not said; it has no value")
+        return self._read(at.kind.target)
+
+    def _element(self, at: _At, step: IndexStep) -> _At:
+        if not isinstance(at.kind, ArrayType | PointerType):
+            raise ConfigError(f"{at.written} is {at.kind.text}, no array; leave out [{step.index}]")
+        index = step.index if isinstance(step.index, int) else self._enumerator(step.index)
+        element = at.kind.element if isinstance(at.kind, ArrayType) else self._target(at)
+        size = size_of(element)
+        if size is None:
+            raise ConfigError(f"{at.written}: the size of {element.text} is not known; it cannot be indexed")
+        if isinstance(at.kind, PointerType):
+            return at.followed(index * size, element, f"[{step.index}]")
+        if index < 0 or (at.kind.count is not None and index >= at.kind.count):
+            most = "" if at.kind.count is None else f" to {at.kind.count - 1}"
+            raise ConfigError(f"{at.written}[{step.index}]: {at.kind.text} has the elements 0{most}")
+        return at.moved(index * size, element, f"[{step.index}]")
+
+    def _enumerator(self, name: str) -> int:
+        if self._index is None:
+            raise ConfigError(f"[{name}]: without debug information no enum is known; write a number")
+        return self._index.enumerator(name)
+
+    def _member(self, at: _At, step: MemberStep) -> _At:
+        sign = "->" if step.by_pointer else "."
+        if isinstance(at.kind, ArrayType):
+            raise ConfigError(f"{at.written} is {at.kind.text}; name an element, {at.written}[0]{sign}{step.name}")
+        if isinstance(at.kind, PointerType) and not step.by_pointer:
+            raise ConfigError(f"{at.written} is {at.kind.text}, a pointer; write {at.written}->{step.name}")
+        if step.by_pointer:
+            if not isinstance(at.kind, PointerType):
+                raise ConfigError(f"{at.written} is {at.kind.text}, no pointer; write {at.written}.{step.name}")
+            at = at.followed(0, self._target(at), "")
+        record = at.kind
+        if not isinstance(record, RecordType):
+            raise ConfigError(f"{at.written} is {record.text}, no struct: it has no {step.name}")
+        if record.size is None:
+            raise ConfigError(f"{at.written}: this firmware has no definition of {record.text}, only its name")
+        members = dict(self._members_by_name(record, 0))
+        if step.name not in members:
+            raise ConfigError(
+                f"{at.written}: {record.text} has no member {step.name}; {nearest_names(step.name, list(members))}"
+            )
+        offset, member = members[step.name]
+        bits = member.bits and BitField(member.bits.first % 8, member.bits.bits)
+        by = offset + (member.bits.first // 8 if member.bits else member.offset)
+        return at.moved(by, self._read(member.type_entry), sign + step.name, bits)
+
+    def _members_by_name(self, record: RecordType, depth: int) -> Iterator[tuple[str, tuple[int, Member]]]:
+        """Yield the members by name, each with the offset of the struct it stands in; of anonymous ones theirs."""
+        if depth > _DEEPEST:
+            raise ValueError("structs within themselves")
+        for member in record.members:
+            inner = read_type(member.type_entry) if not member.name else None
+            if isinstance(inner, RecordType):
+                for name, (offset, each) in self._members_by_name(inner, depth + 1):
+                    yield name, (member.offset + offset, each)
+            elif member.name:
+                yield member.name, (0, member)
+
+    # -- numbers ------------------------------------------------------------------------------
+
+    def _numbers(self, kind: CType, offset: int, written: str) -> Iterator[Scalar]:
+        """Yield the numbers that lie in a value, in their order in memory.
+
+        Raises
+        ------
+        ConfigError
+            Where it is not numbers alone, or too many.
+        """
+        if isinstance(kind, NumberType):
+            yield _scalar(kind, offset)
+        elif isinstance(kind, ArrayType):
+            yield from self._numbers_of_array(kind, offset, written)
+        elif isinstance(kind, RecordType) and not kind.is_union and kind.size is not None:
+            for member in kind.members:
+                inner, name = self._read(member.type_entry), f"{written}.{member.name}" if member.name else written
+                if member.bits is not None and isinstance(inner, NumberType):
+                    yield _scalar(inner, offset, member.bits)
+                else:
+                    yield from self._numbers(inner, offset + member.offset, name)
+        else:
+            raise ConfigError(f"{written} is {_refused(kind, written)}")
+
+    def _numbers_of_array(self, kind: ArrayType, offset: int, written: str) -> Iterator[Scalar]:
+        size = size_of(kind.element)
+        if kind.count is None or size is None:
+            raise ConfigError(f"{written} is {kind.text}: its length is not known; name its elements")
+        first = list(self._numbers(kind.element, 0, f"{written}[0]"))
+        if kind.count * len(first) > _MOST_NUMBERS:
+            raise ConfigError(f"{written} is {kind.count * len(first)} numbers; name the elements that are meant")
+        for number in range(kind.count):
+            for each in first:
+                yield replace(each, offset=offset + number * size + each.offset)
+
+
+def function_address(image: FirmwareImage, written: str) -> int:
+    """Return where a function begins: ``name``, or ``file.c:name`` for one of several.
+
+    Raises
+    ------
+    ConfigError
+        Where there is none of this name, or several.
+    """
+    file, _, name = written.rpartition(":")
+    found = {each.address: image.location_at(each.address).partition(":")[0]
+             for each in image.functions if each.name == name}  # fmt: skip
+    chosen = [address for address, place in found.items() if not file or place == PurePosixPath(file).name]
+    if len(chosen) == 1:
+        return chosen[0]
+    if found:
+        places = ", ".join(f"{place or 'unknown file'} (0x{address:08x})" for address, place in found.items())
+        example = next((place for place in found.values() if place), "file.c")
+        raise ConfigError(f"{image.name}: {written}: {name} is in {places}; say which: {example}:{name}")
+    names = [each.name for each in image.functions]
+    raise ConfigError(
+        f"{image.name}: no function {written}; {nearest_names(name, names)}. One that the compiler has put into its "
+        "callers has no return of its own: declare it noinline"
+    )
+
+
+def _scalar(kind: NumberType, offset: int, bits: BitField | None = None) -> Scalar:
+    if bits is None:
+        return Scalar(offset, kind.size, kind)
+    return Scalar(offset + bits.first // 8, (bits.first % 8 + bits.bits + 7) // 8, kind, bits)
+
+
+def _refused(kind: CType, written: str) -> str:
+    if isinstance(kind, PointerType):
+        return f"{kind.text}, a pointer: write what it points to, *{written} or {written}[0]"
+    if isinstance(kind, RecordType):
+        what = "a union" if kind.is_union else "of unknown size"
+        names = ", ".join(each.name for each in kind.members[:6] if each.name)
+        return f"{kind.text}, {what}: name a member of it" + (f" ({names})" if names else "")
+    return f"{kind.text}, which has no value to read"
