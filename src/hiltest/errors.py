@@ -89,6 +89,15 @@ class DeviceTimeoutError(BenchError, TimeoutError):
         super().__init__(f"no answer to {command} within {deadline_s:g} s ({clock} time){reason}")
 
 
+class DebugServerError(BenchError):
+    """The GDB server of a board cannot be reached, is gone, or answers nonsense."""
+
+    def __init__(self, server: str, reason: str) -> None:
+        self.server = server
+        self.reason = reason
+        super().__init__(f"debug server {server}: {reason}")
+
+
 class SensorAbsentError(BenchError):
     """A sensor that a procedure needs does not answer; what needs no sensor still runs."""
 

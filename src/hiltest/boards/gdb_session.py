@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
-from hiltest.boards.gdb_packets import ACKNOWLEDGED, AGAIN, INTERRUPT, LONGEST, PacketReader, packet
 from hiltest.boards.gdb_target import memory_description, target_description
+from hiltest.link.gdb_packets import ACKNOWLEDGED, AGAIN, INTERRUPT, LONGEST, PacketReader, packet
 from hiltest.virtual.debug_access import DebugAccess
 from hiltest.virtual.debugger import Debugger, Stop, StopReason, Watch
 from hiltest.virtual.k64f import VirtualK64F
@@ -65,6 +65,11 @@ class GdbSession:
         machine.debugged = True
         with debugger.halted():
             pass
+
+    @property
+    def awaits_halt(self) -> bool:
+        """Whether GDB has let the processor go, and waits until it halts."""
+        return self._goes
 
     def feed(self, data: bytes) -> bytes:
         """Take what GDB has sent; return what to send."""

@@ -10,20 +10,29 @@ LONGEST = 1 << 14
 INTERRUPT = b"\x03"
 ACKNOWLEDGED, AGAIN = b"+", b"-"
 _ESCAPE = 0x7D
+_RUN = 0x2A
+_NO_RUN = 29  # a count is written as a printable character: this much more than it is
 _RESERVED = b"#$}*"
 
 
 def packet(data: bytes) -> bytes:
-    """Frame an answer."""
+    """Frame a command or an answer."""
     escaped = b"".join(bytes((_ESCAPE, each ^ 0x20)) if each in _RESERVED else bytes((each,)) for each in data)
     return b"$%s#%02x" % (escaped, sum(escaped) & 0xFF)
 
 
 class PacketReader:
-    """Finds packets in a stream of bytes, whatever else is in it."""
+    """Finds packets in a stream of bytes, whatever else is in it.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    runs : bool
+        Whether a byte may stand for several, as in what a server answers.
+    """
+
+    def __init__(self, *, runs: bool = False) -> None:
         self._kept = bytearray()
+        self._runs = runs
 
     def feed(self, data: bytes) -> Iterator[bytes | None]:
         """Yield the content of every packet that is complete, `INTERRUPT`, `AGAIN`, or None for a damaged packet."""
@@ -43,14 +52,20 @@ class PacketReader:
             begin = self._kept.rfind(b"$", 0, end) + 1  # within a packet it is escaped: one was broken off
             body, check = bytes(self._kept[begin:end]), bytes(self._kept[end + 1 : end + 3])
             del self._kept[: end + 3]
-            yield _unescaped(body) if check.lower() == b"%02x" % (sum(body) & 0xFF) else None
+            yield _plain(body, self._runs) if check.lower() == b"%02x" % (sum(body) & 0xFF) else None
 
 
-def _unescaped(body: bytes) -> bytes:
-    if _ESCAPE not in body:
+def _plain(body: bytes, runs: bool) -> bytes:
+    """Undo escapes, and runs: behind a byte, ``*`` and how often it stands there again."""
+    if _ESCAPE not in body and not (runs and _RUN in body):
         return body
     plain = bytearray()
     bytes_left = iter(body)
     for each in bytes_left:
-        plain.append(next(bytes_left, 0) ^ 0x20 if each == _ESCAPE else each)
+        if each == _ESCAPE:
+            plain.append(next(bytes_left, 0) ^ 0x20)
+        elif each == _RUN and runs:
+            plain += plain[-1:] * max(next(bytes_left, 0) - _NO_RUN, 0)
+        else:
+            plain.append(each)
     return bytes(plain)

@@ -1,0 +1,121 @@
+"""Reading variables of a board: over the in-process GDB session of a virtual one, or through a real one's server."""
+
+from __future__ import annotations
+
+from typing import NoReturn
+
+from hiltest.boards.gdb_session import GdbSession
+from hiltest.device.gdb_client import GdbClient
+from hiltest.device.gdb_wire import TcpWire, Wire
+from hiltest.device.memory import MemoryInterface, read_descriptions
+from hiltest.device.variables import Variables, function_address
+from hiltest.errors import ConfigError
+from hiltest.rig import Rig
+from hiltest.rig.memory_device import MemoryDevice
+from hiltest.virtual.debugger import Debugger
+from hiltest.virtual.elf import FirmwareImage
+from hiltest.virtual.k64f import VirtualK64F
+
+
+class _Halted(Exception):
+    """The processor has halted; it leaves the run that it was in."""
+
+
+class BoardWire:
+    """Bytes to a virtual board's GDB session and back, in one thread: the board runs while an answer is waited for.
+
+    Its clock is the board's, which moves only while the processor runs. Between two readings the board is anybody's, as
+    if nobody were there.
+
+    Parameters
+    ----------
+    machine : VirtualK64F
+        Not running.
+    """
+
+    name = "of the virtual board"
+
+    def __init__(self, machine: VirtualK64F) -> None:
+        self._machine = machine
+        self._session = GdbSession(machine, Debugger(machine, on_stop=_leave))
+        machine.debugged = False  # a fault is the firmware's, as without anybody who reads
+        self._said = b""
+
+    def now(self) -> float:
+        """Return virtual time [s]."""
+        return self._machine.time_s
+
+    def send(self, data: bytes) -> None:
+        """Have the session answer, which takes no virtual time."""
+        self._said += self._session.feed(data)
+
+    def receive(self, timeout_s: float) -> bytes:
+        """Return what the session has said; let the board run when it has to halt before it says something.
+
+        Raises
+        ------
+        BoardFault
+            When the firmware faults, or hangs.
+        """
+        if not self._said and self._session.awaits_halt:
+            try:
+                self._machine.run_until(self._machine.time_s + timeout_s)
+            except _Halted:
+                self._said += self._session.stopped()
+        said, self._said = self._said, b""
+        return said
+
+    def close(self) -> None:
+        """Let the board run on alone. Idempotent."""
+        self._session.close()
+
+
+def _leave() -> NoReturn:
+    raise _Halted
+
+
+def open_memory(rig: Rig, device: MemoryDevice, image: FirmwareImage, machine: VirtualK64F | None) -> MemoryInterface:
+    """Connect to a board's memory, and find the variables that a rig names.
+
+    Parameters
+    ----------
+    rig : Rig
+        Says where its keys stand.
+    device : MemoryDevice
+        Its ``[device.memory]`` table.
+    image : FirmwareImage
+        The ELF that runs on the board.
+    machine : VirtualK64F or None
+        The virtual board; None for a real one.
+
+    Raises
+    ------
+    ConfigError
+        When a variable or function is not there, or no server is named for a real board.
+    DebugServerError
+        When the server cannot be reached.
+    """
+    keys = ("device", "memory")
+    readings = read_descriptions(
+        device.values, Variables(image), lambda name: _place(rig, *keys, "values", name)
+    )  # fmt: skip
+    try:
+        entry = None if device.at_return_of is None else function_address(image, device.at_return_of)
+    except ConfigError as error:
+        raise ConfigError(f"{_place(rig, *keys, 'at_return_of')}: {error}") from error
+    return MemoryInterface(GdbClient(_wire(rig, device, machine)), readings, at_return_of=entry)
+
+
+def _wire(rig: Rig, device: MemoryDevice, machine: VirtualK64F | None) -> Wire:
+    place = _place(rig, "device", "memory", "server")
+    if machine is not None:
+        if device.server is not None:
+            raise ConfigError(f"{place}: a virtual board needs no server; leave it out")
+        return BoardWire(machine)
+    if device.address is None:
+        raise ConfigError(f'{place} is missing: name the GDB server of the board\'s probe, such as "localhost:3333"')
+    return TcpWire(*device.address)
+
+
+def _place(rig: Rig, *key: str) -> str:
+    return f"{rig.where(*key)}: {'.'.join(key)}"

@@ -1,0 +1,108 @@
+"""Bytes to a GDB server and back: over TCP here; a virtual board brings its own."""
+
+from __future__ import annotations
+
+import socket
+import time
+from typing import Protocol
+
+from hiltest.errors import DebugServerError
+
+_CONNECT_S = 5.0
+_SEND_S = 5.0
+_AT_A_LOOK = 1 << 16
+_SHORTEST_S = 1e-3  # no time at all would mean for ever, or not at all
+
+
+class Wire(Protocol):
+    """A connection to a GDB server.
+
+    Attributes
+    ----------
+    name : str
+        What messages call the server.
+    """
+
+    name: str
+
+    def now(self) -> float:
+        """Return the time that timeouts are counted in [s]."""
+
+    def send(self, data: bytes) -> None:
+        """Send bytes."""
+
+    def receive(self, timeout_s: float) -> bytes:
+        """Return what has come; empty when nothing has for so long."""
+
+    def close(self) -> None:
+        """Hang up. Idempotent."""
+
+
+class TcpWire:
+    """A GDB server at a TCP port.
+
+    Parameters
+    ----------
+    host : str
+    port : int
+
+    Raises
+    ------
+    DebugServerError
+        When nothing listens there.
+    """
+
+    def __init__(self, host: str, port: int) -> None:
+        self.name = f"{host}:{port}"
+        try:
+            self._socket = socket.create_connection((host, port), timeout=_CONNECT_S)
+        except OSError as error:
+            raise DebugServerError(
+                self.name, f"cannot be reached ({error.strerror or error}); start OpenOCD, pyOCD (pyocd gdbserver), a "
+                "J-Link GDB server, or hiltest serve --gdb, and name its port under [device.memory] server"
+            ) from error  # fmt: skip
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    def now(self) -> float:
+        """Return wall time [s]."""
+        return time.monotonic()
+
+    def send(self, data: bytes) -> None:
+        """Send bytes.
+
+        Raises
+        ------
+        DebugServerError
+            When the server is gone or takes nothing.
+        """
+        try:
+            self._socket.settimeout(_SEND_S)
+            self._socket.sendall(data)
+        except OSError as error:
+            raise self._gone(str(error)) from error
+
+    def receive(self, timeout_s: float) -> bytes:
+        """Return what has come; empty when nothing has for so long.
+
+        Raises
+        ------
+        DebugServerError
+            When the server is gone.
+        """
+        try:
+            self._socket.settimeout(max(timeout_s, _SHORTEST_S))
+            data = self._socket.recv(_AT_A_LOOK)
+        except TimeoutError:
+            return b""
+        except OSError as error:
+            raise self._gone(str(error)) from error
+        if not data:
+            raise self._gone("it has closed the connection")
+        return data
+
+    def close(self) -> None:
+        """Hang up. Idempotent."""
+        self._socket.close()
+
+    def _gone(self, reason: str) -> DebugServerError:
+        return DebugServerError(self.name, f"is gone: {reason}. See what it printed, start it again, then run again")

@@ -1,0 +1,247 @@
+"""Quantities read from a running board's memory, by the names of the firmware's variables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hiltest.device.function_return import halt_at_return
+from hiltest.device.gdb_client import GdbClient, MemoryRefusedError
+from hiltest.device.quantities import Observation, Quantity
+from hiltest.device.variable_index import nearest_names
+from hiltest.device.variables import NullPointer, Place, Variables
+from hiltest.errors import ConfigError, HiltestError
+
+#: Time that the firmware runs between two readings that are compared [s]: no longer than values of 100 Hz stand still.
+APART_S = 0.002
+#: Readings until what has changed in each of them is taken to move all the time.
+MOVES_AFTER = 3
+_MOST_READINGS = 8
+_CALL_WITHIN_S = 1.0
+
+# What a unit is worth in a quantity's own.
+_RADIAN_DEG, _STANDARD_GRAVITY = 57.29577951308232, 9.80665
+_UNITS: Mapping[str, Mapping[str, float]] = {
+    "deg": {"deg": 1.0, "rad": _RADIAN_DEG},
+    "uT": {"uT": 1.0, "nT": 1e-3, "mT": 1e3, "T": 1e6, "G": 100.0, "mG": 0.1},
+    "g": {"g": 1.0, "mg": 1e-3, "m/s2": 1.0 / _STANDARD_GRAVITY},
+    "dps": {"dps": 1.0, "mdps": 1e-3, "deg/s": 1.0, "rad/s": _RADIAN_DEG},
+    "degC": {"degC": 1.0},
+    "%": {"%": 1.0, "1": 100.0},
+    "": {"": 1.0, "1": 1.0},
+}
+
+
+class Described(Protocol):
+    """A quantity's variables as a rig describes them: `hiltest.rig.memory_device.MemoryValue`."""
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """One of all numbers, or one for each."""
+
+    @property
+    def unit(self) -> str | None:
+        """Unit of the variable times `scale`; None for the quantity's own, where it has none."""
+
+    @property
+    def scale(self) -> float:
+        """What the variable is multiplied by."""
+
+    @property
+    def type(self) -> str | None:
+        """Type of the variables, where only the symbol table has them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """Where the numbers of a quantity lie, and what they are multiplied by to be in its unit."""
+
+    places: tuple[Place, ...]
+    factor: float
+
+    def take(self, client: GdbClient) -> tuple[bytes, ...]:
+        """Read the bytes of all places."""
+        return tuple(place.read(client.read) for place in self.places)
+
+    def numbers(self, taken: tuple[bytes, ...]) -> NDArray[np.float64]:
+        """Return what the bytes mean, in the quantity's unit."""
+        found = [place.numbers(data) for place, data in zip(self.places, taken, strict=True)]
+        return np.array([number for each in found for number in each], dtype=np.float64) * self.factor
+
+
+def read_description(quantity: Quantity, described: Described, variables: Variables) -> Reading:
+    """Find the variables of a quantity.
+
+    Raises
+    ------
+    ConfigError
+        When a path leads nowhere, the unit is none of the quantity's, or these are not as many numbers as it has.
+    """
+    units = _UNITS[quantity.unit]
+    if described.unit is None and quantity.unit:
+        raise ConfigError(f"unit is missing; write the firmware's own, one of {', '.join(units)}")
+    if (unit := described.unit or "") not in units:
+        known = ", ".join(each for each in units if each) or "none"
+        raise ConfigError(f"unit {unit!r} is no unit of {quantity.key}; write one of: {known}")
+    places = tuple(variables.place(path, type_=described.type) for path in described.paths)
+    count = sum(len(place.scalars) for place in places)
+    if count != quantity.size:
+        found = ", ".join(f"{place.path} is {place.type_text}" for place in places)
+        raise ConfigError(f"{quantity.key} is {quantity.size} numbers, and these are {count} ({found})")
+    return Reading(places, described.scale * units[unit])
+
+
+@dataclass(frozen=True, slots=True)
+class _Snapshot:
+    """The bytes of all quantities in one halt, and why some have none."""
+
+    taken: Mapping[Quantity, tuple[bytes, ...]]
+    absent: Mapping[Quantity, str] = field(default_factory=dict)
+
+    def changed(self, since: _Snapshot) -> frozenset[Quantity]:
+        """Return what has another value than in an earlier one."""
+        return frozenset(each for each in self.taken if self.taken[each] != since.taken.get(each))
+
+
+class MemoryInterface:
+    """Reads variables of a running board through its debug server.
+
+    All values are read in one halt. With a function named, that is at the return of its next call. Without, or when it
+    is not called in time, the firmware may have been in the midst of writing them: they are read again after it has run
+    on, until two readings agree in everything but what changes every time.
+
+    Parameters
+    ----------
+    client : GdbClient
+        Halted; the firmware runs when this has been made.
+    readings : mapping of Quantity to Reading
+    at_return_of : int, optional
+        Address of a function.
+    call_within_s : float
+        Longest that a call is waited for.
+
+    Attributes
+    ----------
+    offers : frozenset of Quantity
+    reads : int
+        Number of readings that were made.
+    moving : dict of Quantity to int
+        In how many of them a value never stood still: it is that of the last halt.
+    not_called : int
+        In how many the function was not called in time.
+    absent : mapping of Quantity to str
+        Why a quantity had no value in the latest: a pointer on the way was not set.
+    """
+
+    def __init__(
+        self, client: GdbClient, readings: Mapping[Quantity, Reading], *, at_return_of: int | None = None,
+        call_within_s: float = _CALL_WITHIN_S,
+    ) -> None:  # fmt: skip
+        self.offers = frozenset(readings)
+        self.reads = self.not_called = 0
+        self.moving: dict[Quantity, int] = {}
+        self.absent: Mapping[Quantity, str] = {}
+        self._client, self._readings = client, readings
+        self._entry, self._call_within_s = at_return_of, call_within_s
+        client.go_on()
+
+    def read(self, time_s: float) -> Observation:
+        """Read all quantities.
+
+        Raises
+        ------
+        DebugServerError
+            When the debug server is gone, or does not read what it should.
+        """
+        client, began_s = self._client, self._client.now()
+        try:
+            client.halt()
+            snapshot = self._whole()
+        except BaseException:
+            with suppress(HiltestError):  # the first error is what counts
+                self._release()
+            raise
+        took_s = client.now() - began_s
+        self._release()
+        self.reads += 1
+        self.absent = snapshot.absent
+        values = {each: self._readings[each].numbers(taken) for each, taken in snapshot.taken.items()}
+        return Observation(time_s + took_s, values)
+
+    def close(self) -> None:
+        """Hang up; the firmware runs on. Idempotent."""
+        self._client.close()
+
+    def _release(self) -> None:
+        if not self._client.running:
+            self._client.go_on()
+
+    def _whole(self) -> _Snapshot:
+        if self._entry is None:
+            return self._steady()
+        if halt_at_return(self._client, self._entry, self._call_within_s):
+            return self._snapshot()
+        self.not_called += 1
+        return self._steady()
+
+    def _steady(self) -> _Snapshot:
+        """Read until two readings in a row agree, but for what changes in all of them."""
+        latest, always = self._snapshot(), self.offers
+        for count in range(1, _MOST_READINGS):
+            self._client.run_for(APART_S)
+            before, latest = latest, self._snapshot()
+            changed = latest.changed(before)
+            always &= changed
+            if not changed or (count >= MOVES_AFTER and changed == always):
+                break
+        for quantity in changed:
+            self.moving[quantity] = self.moving.get(quantity, 0) + 1
+        return latest
+
+    def _snapshot(self) -> _Snapshot:
+        taken: dict[Quantity, tuple[bytes, ...]] = {}
+        absent: dict[Quantity, str] = {}
+        for quantity, reading in self._readings.items():
+            try:
+                taken[quantity] = reading.take(self._client)
+            except NullPointer as reason:
+                absent[quantity] = str(reason)
+            except MemoryRefusedError as refused:
+                if not any(place.beyond for place in reading.places):
+                    raise
+                absent[quantity] = f"a pointer leads nowhere: {refused.reason}"
+        return _Snapshot(taken, absent)
+
+
+def read_descriptions(
+    values: Mapping[str, Described], variables: Variables, where: Callable[[str], str]
+) -> dict[Quantity, Reading]:
+    """Find the variables of all quantities of a rig, by their names.
+
+    Parameters
+    ----------
+    values : mapping of str to Described
+    variables : Variables
+    where : callable
+        Returns file, line and key of a quantity's entry.
+
+    Raises
+    ------
+    ConfigError
+        With the place in the rig, when there is no such quantity, or as `read_description`.
+    """
+    readings: dict[Quantity, Reading] = {}
+    for name, described in values.items():
+        try:
+            readings[Quantity.named(name)] = read_description(Quantity.named(name), described, variables)
+        except KeyError:
+            hint = nearest_names(name, [each.key for each in Quantity])
+            raise ConfigError(f"{where(name)}: there is no quantity {name!r}; {hint}") from None
+        except ConfigError as error:
+            raise ConfigError(f"{where(name)}: {error}") from error
+    return readings

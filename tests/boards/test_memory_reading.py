@@ -1,0 +1,106 @@
+"""Memory of a board, by what a rig names: of a virtual one without a server, of any other through its server."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from hiltest.bench_files import rig_file
+from hiltest.boards.memory_reading import open_memory
+from hiltest.device.memory import MemoryInterface
+from hiltest.device.quantities import Quantity
+from hiltest.errors import ConfigError, DebugServerError
+from hiltest.rig import Rig
+from hiltest.rig.file import load_rig
+from hiltest.rig.memory_device import MemoryDevice, MemoryValue
+from hiltest.virtual.elf import FirmwareImage, load_image
+from hiltest.virtual.k64f import VirtualK64F
+
+from ..device.compiled import compile_c
+from ..device.test_gdb_client import SOURCE, WALL_LIMIT_S, own_server, qemu_server
+
+VALUES = {"hard_iron": MemoryValue("calibration.hard_iron", unit="uT"),
+          "heading": MemoryValue("heading_rad", unit="rad")}  # fmt: skip
+LINES = {"device.memory.values.hard_iron": 41, "device.memory.at_return_of": 42, "device.memory.server": 43}
+
+
+@pytest.fixture(scope="module")
+def elf(tmp_path_factory: pytest.TempPathFactory, require_tool: Callable[[str], str]) -> Path:
+    return compile_c(require_tool("arm-none-eabi-gcc"), tmp_path_factory.mktemp("moving"), SOURCE)
+
+
+@pytest.fixture(scope="module")
+def image(elf: Path) -> FirmwareImage:
+    return load_image(elf)
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    rig = load_rig(rig_file(Path(__file__).parent, None))
+    return replace(rig, lines=LINES, path=Path("mine.toml"))
+
+
+def test_a_virtual_board_is_read_without_a_server(rig: Rig, image: FirmwareImage) -> None:
+    machine = VirtualK64F(image)
+    memory = open_memory(rig, MemoryDevice(values=VALUES, at_return_of="update_calibration"), image, machine)
+    for solution in (1, 2, 3):
+        values = memory.read(machine.time_s).values
+        assert values[Quantity.HARD_IRON].tolist() == [solution] * 3
+    memory.close()
+    machine.run_until(machine.time_s + 0.1)
+    assert int.from_bytes(machine.processor.memory.read(image.symbols["rounds"].address, 4), "little") > 40
+
+
+@pytest.mark.parametrize("server", ["own", pytest.param("qemu", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("at_return_of", ["update_calibration", None])
+def test_any_other_board_is_read_through_its_server(
+    rig: Rig, elf: Path, image: FirmwareImage, server: str, at_return_of: str | None,
+    require_tool: Callable[[str], str],
+) -> None:  # fmt: skip
+    served = own_server(elf) if server == "own" else qemu_server(elf, require_tool("qemu-system-arm"))
+    with served as port:
+        device = MemoryDevice(values=VALUES, server=f"localhost:{port}", at_return_of=at_return_of)
+        memory = opened_soon(rig, device, image)
+        read = [memory.read(each) for each in range(5)]
+        memory.close()
+    assert all(after.time_s >= before for before, after in enumerate(read))
+    solutions = [values.values[Quantity.HARD_IRON].tolist() for values in read]
+    assert solutions == sorted(solutions)
+    if at_return_of:
+        assert all(len(set(each)) == 1 for each in solutions)
+        assert len({each[0] for each in solutions}) == 5
+
+
+def opened_soon(rig: Rig, device: MemoryDevice, image: FirmwareImage) -> MemoryInterface:
+    """Connect, as soon as something listens."""
+    deadline_s = time.monotonic() + WALL_LIMIT_S
+    while True:
+        try:
+            return open_memory(rig, device, image, None)
+        except DebugServerError:
+            assert time.monotonic() < deadline_s
+            time.sleep(0.05)
+
+
+@pytest.mark.parametrize(("device", "reason"), [
+    (MemoryDevice(values={"hard_iron": MemoryValue("calibration.hard_irn", unit="uT")}),
+     r"^mine\.toml:41: device\.memory\.values\.hard_iron: .*nearest: hard_iron"),
+    (MemoryDevice(values=VALUES, at_return_of="update"),
+     r"^mine\.toml:42: device\.memory\.at_return_of: .*no function update"),
+    (MemoryDevice(values=VALUES, server="localhost:3333"),
+     r"^mine\.toml:43: device\.memory\.server: a virtual board needs no server; leave it out"),
+])  # fmt: skip
+def test_a_mistake_is_refused_with_its_place_in_the_rig(
+    rig: Rig, image: FirmwareImage, device: MemoryDevice, reason: str
+) -> None:
+    with pytest.raises(ConfigError, match=reason):
+        open_memory(rig, device, image, VirtualK64F(image))
+
+
+def test_a_real_board_needs_a_server(rig: Rig, image: FirmwareImage) -> None:
+    with pytest.raises(ConfigError, match=r"^mine\.toml:43: device\.memory\.server is missing: name the GDB server"):
+        open_memory(rig, MemoryDevice(values=VALUES), image, None)
