@@ -108,7 +108,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module", params=["-gdwarf-5 -O0", "-gdwarf-4 -O2", "-gdwarf-3 -O1", "-gdwarf-2 -gstrict-dwarf",
-                                        "-gdwarf-5 -O2 -flto", "-g3 -Os -fdata-sections -gz"])  # fmt: skip
+                                        "-gdwarf-5 -O2 -flto", "-gdwarf-4 -O2 -fdebug-types-section",
+                                        "-g3 -Os -fdata-sections -gz"])  # fmt: skip
 def image(request: pytest.FixtureRequest, folder: Path, require_tool: Callable[[str], str]) -> FirmwareImage:
     """The program, with debug information of every version."""
     place = folder / request.param.replace(" ", "")
@@ -272,6 +273,54 @@ def test_a_struct_that_one_file_only_declares_is_read_where_another_defines_it(
     image = load_image(elf)
     place = Variables(image).place("known->b")
     assert place.numbers(place.read(InitialMemory(image))) == (-7,)
+
+
+CPP = """
+namespace nav {
+namespace filter {
+volatile float heading = 1.5f;
+struct Base { int first = 3; };
+struct State : Base { float gains[2] = { 1, 2 }; static int count; };
+State state;
+}
+static volatile int ticks = 9;
+}
+int nav::filter::State::count = 4;
+namespace { volatile int hidden = 5; }
+enum class Axis : unsigned char { X, Y, Z };
+volatile Axis axis = Axis::Y;
+template <typename T> struct Vector { T v[3]; };
+Vector<float> field = {{ 1, 2, 3 }};
+struct Compass { nav::filter::State &state; } compass = { nav::filter::state };
+extern "C" int main()
+{
+    for (;;) {
+        __asm volatile("" :: "r"(&compass), "r"(&field), "r"(&nav::filter::State::count), "r"(&axis) : "memory");
+        nav::ticks = nav::ticks + hidden;
+    }
+}
+"""
+
+
+@pytest.mark.parametrize("version", ["-gdwarf-4", "-gdwarf-5", "-gdwarf-4 -fdebug-types-section"])
+def test_variables_of_cpp_are_named_with_their_namespaces_and_classes(
+    version: str, tmp_path: Path, require_tool: Callable[[str], str]
+) -> None:
+    compiler = require_tool("arm-none-eabi-g++")
+    image = load_image(compile_c(compiler, tmp_path, {"program.cpp": CPP}, *version.split(), "-fno-exceptions"))
+    variables, memory = Variables(image), InitialMemory(image)
+    expected = {
+        "nav::filter::heading": (1.5,), "nav::filter::state": (3, 1, 2), "nav::filter::state.first": (3,),
+        "nav::filter::State::count": (4,), "nav::ticks": (9,), "hidden": (5,), "axis": (1,), "field.v": (1, 2, 3),
+        "field.v[Z]": (3,), "compass.state->gains": (1, 2),
+    }  # fmt: skip
+    read = {}
+    for path in expected:
+        place = variables.place(path)
+        read[path] = place.numbers(place.read(memory))
+    assert read == expected
+    with pytest.raises(ConfigError, match="no variable heading; nearest: nav::filter::heading"):
+        variables.place("heading")
 
 
 def test_without_debug_information_a_symbol_is_read_by_the_type_that_the_rig_states(

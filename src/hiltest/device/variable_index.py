@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 from hiltest.device.c_types import read_type, size_of
 from hiltest.device.variable_path import VariablePath
 from hiltest.errors import ConfigError
-from hiltest.virtual.debug_entries import children, name_of, next_type, origin_of
+from hiltest.virtual.debug_entries import STRUCTURES, children, name_of, next_type, origin_of
 from hiltest.virtual.elf import Symbol
 
 # DWARF operations that a location begins or ends with.
@@ -20,6 +20,7 @@ _ADDRESS, _PLUS_CONSTANT, _REGISTER, _REGISTER_X = 0x03, 0x23, range(0x50, 0x70)
 _THREAD_LOCAL = {0x9B, 0xE0}
 _REMOVED = {0, 0xFFFFFFFF}  # what linkers write in place of the address of what they left out
 _MOST_NAMED = 8
+_CPP = {0x04, 0x1A, 0x21, 0x2B}  # DW_LANG_C_plus_plus, and those of 11, 14 and 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,15 +59,19 @@ class VariableIndex:
     def __init__(self, dwarf: Any, objects: Sequence[Symbol]) -> None:
         self._objects = objects
         self._units = [unit.get_top_DIE() for unit in dwarf.iter_CUs()]
+        self._types = [unit.get_top_DIE() for unit in dwarf.iter_TUs()]  # of -fdebug-types-section
 
     @cached_property
     def _by_name(self) -> dict[str, list[tuple[Any, str]]]:
-        """Entries with the file of each, by name, behind its namespaces."""
+        """Entries with the file of each, by name, behind its namespaces and class."""
+        scoped = [(scope, entry) for top in self._units for scope, entry in _scoped(top)]
+        # In C++ a definition stands beside its namespace or class, and only its declaration within.
+        declared = {entry.offset: scope for scope, entry in scoped if scope}
         found: dict[str, list[tuple[Any, str]]] = {}
-        for top in self._units:
-            for scope, entry in _within_namespaces(top, ""):
-                if entry.tag == "DW_TAG_variable":
-                    found.setdefault(scope + name_of(entry), []).append((entry, _file_of(entry)))
+        for scope, entry in scoped:
+            if entry.tag == "DW_TAG_variable":
+                name = declared.get(origin_of(entry).offset, scope) + name_of(entry)
+                found.setdefault(name, []).append((entry, _file_of(entry)))
         return found
 
     def find(self, path: VariablePath) -> FoundVariable | None:
@@ -126,7 +131,7 @@ class VariableIndex:
         return [
             (name_of(function), entry, _file_of(entry))
             for top in self._units
-            for _, function in _within_namespaces(top, "") if function.tag == "DW_TAG_subprogram"
+            for _, function in _scoped(top) if function.tag == "DW_TAG_subprogram"
             for entry in _inside(function) if entry.tag == "DW_TAG_variable" and "DW_AT_location" in entry.attributes
             and _operations(entry)[:1] in ([_ADDRESS], [])
         ]  # fmt: skip
@@ -161,8 +166,8 @@ class VariableIndex:
     @cached_property
     def _enumerators(self) -> dict[str, set[int]]:
         found: dict[str, set[int]] = {}
-        for top in self._units:
-            for _, entry in _within_namespaces(top, ""):
+        for top in [*self._units, *self._types]:
+            for _, entry in _scoped(top):
                 for child in children(entry) if entry.tag == "DW_TAG_enumeration_type" else ():
                     if child.tag == "DW_TAG_enumerator":
                         found.setdefault(name_of(child), set()).add(child.attributes["DW_AT_const_value"].value)
@@ -172,7 +177,7 @@ class VariableIndex:
         """Return the definition of a struct of which a unit has the name only; the entry itself where there is none."""
         name = name_of(record)
         for top in self._units if name else ():
-            for _, entry in _within_namespaces(top, ""):
+            for _, entry in _scoped(top):
                 if entry.tag == record.tag and "DW_AT_declaration" not in entry.attributes and name_of(entry) == name:
                     return entry
         return record
@@ -233,13 +238,15 @@ def _plain_address(operations: list[int]) -> int | None:
     return address + sum((byte & 0x7F) << 7 * number for number, byte in enumerate(rest[1:])) & 0xFFFFFFFF
 
 
-def _within_namespaces(scope: Any, prefix: str) -> Iterator[tuple[str, Any]]:
-    """Yield what a unit has at its top, and in namespaces with their names before it."""
+def _scoped(scope: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield what a unit has at its top, and in namespaces, and in classes of C++, with their names before it."""
+    in_cpp = scope.cu.get_top_DIE().attributes.get("DW_AT_language")
+    classes = STRUCTURES if in_cpp is not None and in_cpp.value in _CPP else frozenset()
     for entry in children(scope):
-        if entry.tag == "DW_TAG_namespace":
-            yield from _within_namespaces(entry, f"{prefix}{name_of(entry)}::")
-        else:
-            yield prefix, entry
+        if entry.tag == "DW_TAG_namespace" or (entry.tag in classes and name_of(entry)):
+            name = name_of(entry)
+            yield from _scoped(entry, f"{prefix}{name}::" if name else prefix)
+        yield prefix, entry
 
 
 def _inside(entry: Any) -> Iterator[Any]:
@@ -262,7 +269,8 @@ def _same_file(written: str, file: str) -> bool:
 def nearest_names(name: str, names: list[str]) -> str:
     """Return the names most like one, or some where none is, as the end of a sentence."""
     lower = {each.lower(): each for each in names}
-    close = [lower[each] for each in get_close_matches(name.lower(), lower, n=3)]
+    scoped = [each for each in names if each.endswith(f"::{name}")]
+    close = scoped[:3] or [lower[each] for each in get_close_matches(name.lower(), lower, n=3)]
     if close:
         return f"nearest: {', '.join(close)}"
     if not names:

@@ -12,6 +12,7 @@ POINTERS = frozenset({"DW_TAG_pointer_type", "DW_TAG_reference_type", "DW_TAG_rv
 STRUCTURES = frozenset({"DW_TAG_structure_type", "DW_TAG_class_type"})
 # Where an entry that repeats another one says which.
 _REPEATED = ("DW_AT_specification", "DW_AT_abstract_origin")
+_ELSEWHERE = "DW_AT_signature"  # of a type that has a unit of its own
 _LONGEST_CHAIN = 64  # of typedefs and qualifiers; a person writes a handful
 
 
@@ -81,9 +82,12 @@ def next_type(entry: Any) -> Any:
 def without_qualifiers(entry: Any) -> Any:
     """Follow typedefs and qualifiers to the type that decides how a value lies; None for void."""
     for _ in range(_LONGEST_CHAIN):
-        if entry is None or entry.tag not in QUALIFIERS:
+        if entry is not None and _ELSEWHERE in entry.attributes:
+            entry = entry.get_DIE_from_attribute(_ELSEWHERE)
+        elif entry is None or entry.tag not in QUALIFIERS:
             return entry
-        entry = next_type(entry)
+        else:
+            entry = next_type(entry)
     raise ValueError("typedefs in a circle")
 
 
