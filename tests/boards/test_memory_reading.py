@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from hiltest.bench_files import rig_file
-from hiltest.boards.memory_reading import open_memory
+from hiltest.boards.compass import open_compass
+from hiltest.boards.memory_reading import memory_kind, open_memory
 from hiltest.device.memory import MemoryInterface
 from hiltest.device.quantities import Quantity
 from hiltest.errors import ConfigError, DebugServerError
@@ -104,3 +105,64 @@ def test_a_mistake_is_refused_with_its_place_in_the_rig(
 def test_a_real_board_needs_a_server(rig: Rig, image: FirmwareImage) -> None:
     with pytest.raises(ConfigError, match=r"^mine\.toml:43: device\.memory\.server is missing: name the GDB server"):
         open_memory(rig, MemoryDevice(values=VALUES), image, None)
+
+
+MEMORY = """
+[device.memory]
+at_return_of = "fRun_9DOF_GBY_KALMAN"
+[device.memory.values]
+hard_iron = { path = "sfg.MagCal.fV", unit = "uT" }
+heading = { path = "sfg.SV_9DOF_GBY_KALMAN.fRhoPl", unit = "deg" }
+gyroscope_bias = { path = "sfg.SV_9DOF_GBY_KALMAN.fbPl", unit = "deg/s" }
+"""
+
+
+@pytest.fixture
+def both_kinds(tmp_path: Path) -> Callable[[str], Path]:
+    """Return a function that writes the rig of NXP's fusion with its packets, and with a table for its memory."""
+
+    def write(memory: str) -> Path:
+        shipped = rig_file(Path(__file__).parent, "nxp-fusion-agm01").read_text(encoding="utf-8")
+        kinds = 'kind = ["fsflk", "memory"]\nsources = { heading = "memory" }'
+        path = tmp_path / "mine.toml"
+        path.write_text(shipped.replace('kind = "fsflk"', kinds) + memory, encoding="utf-8")
+        return path
+
+    return write
+
+
+@pytest.mark.slow
+def test_a_rig_takes_one_quantity_from_packets_and_another_from_memory(
+    both_kinds: Callable[[str], Path], shared_data: Callable[[str], Path]
+) -> None:
+    rig = load_rig(both_kinds(MEMORY))
+    with open_compass(rig, firmware=shared_data("foreign/nxp_sensor_fusion.elf"), port=None, seed=1, transcript=None,
+                      base=None) as board:  # fmt: skip
+        assert {Quantity.HEADING, Quantity.HARD_IRON, Quantity.GYROSCOPE_BIAS, Quantity.QUATERNION} <= board.offers
+        said = board.observe(1.0)
+    read = [each for each in said if Quantity.HEADING in each.values]
+    assert 5 <= len(read) <= 10  # one in 0.1 s, and what the function takes to be called
+    # The first of the kinds that offer a quantity gives it, unless the rig says another.
+    assert all(each.values.keys() == {Quantity.HEADING} for each in read)
+    packets = [each for each in said if Quantity.QUATERNION in each.values]
+    assert len(packets) >= 30
+    assert not any(Quantity.HEADING in each.values for each in packets)
+
+
+@pytest.mark.parametrize(("memory", "reason"), [
+    ("", r'device\.memory: names the variables of kind "memory", and only of that'),
+    (MEMORY.replace("unit", "units"), r"mine\.toml:\d+: unknown key 'units'; did you mean 'unit'"),
+    (MEMORY.replace("at_return_of", "server"), r"mine\.toml:\d+: device\.memory\.server: is host:port of a GDB server"),
+    (MEMORY.replace("[device.memory.values]", "[device.memory.value]"), r"unknown key 'value'; did you mean 'values'"),
+    (MEMORY.replace('"uT"', '"uT", scale = 0'), r"mine\.toml:\d+: device\.memory\.values\.hard_iron\.scale: must"),
+    (MEMORY.replace('"sfg.MagCal.fV"', "5"), r"mine\.toml:\d+: device\.memory\.values\.hard_iron\.path: .*, not 5"),
+])  # fmt: skip
+def test_a_wrong_table_is_refused_with_its_line(both_kinds: Callable[[str], Path], memory: str, reason: str) -> None:
+    with pytest.raises(ConfigError, match=reason):
+        load_rig(both_kinds(memory))
+
+
+def test_a_real_board_needs_the_elf_whose_variables_are_read(both_kinds: Callable[[str], Path]) -> None:
+    rig = load_rig(both_kinds(MEMORY))
+    with pytest.raises(ConfigError, match=r"mine\.toml:\d+: device\.kind: memory needs the ELF .* name it with --fir"):
+        memory_kind(None, None)(rig)

@@ -16,15 +16,18 @@ from numpy.typing import NDArray
 
 from hiltest.boards.bench import VirtualBench
 from hiltest.boards.board import BoardKind, Stage, Truth
+from hiltest.boards.memory_reading import memory_kind
 from hiltest.boards.virtual import truth_of
 from hiltest.boards.virtual_port import VirtualPort
 from hiltest.device.kinds import Interface, open_interfaces, sources_of
+from hiltest.device.memory import MemoryInterface
 from hiltest.device.quantities import Moment, Observation, Quantity, StreamInterface
 from hiltest.errors import ConfigError, DeviceTimeoutError, LinkLostError, VersionMismatchError
 from hiltest.link.ports import open_port
 from hiltest.link.transcript import Direction, Transcript
 from hiltest.rig import Rig
 from hiltest.rig.device import Device
+from hiltest.virtual.elf import load_image
 
 # How long one read listens: values that are read from outside are read as often.
 _SLICE_S = 0.1
@@ -191,7 +194,8 @@ class CompassBoard:
         return "none"
 
     def close(self) -> None:
-        """Give the port back."""
+        """Give the port back, and the debug server."""
+        _hang_up(self.interfaces)
         self._port.close()
 
     def __enter__(self) -> Self:
@@ -286,20 +290,26 @@ def open_compass(
     VersionMismatchError
         When what comes is not understood.
     """
-    interfaces = open_interfaces(rig)
-    sources_of(rig, interfaces)  # what is wrong with them is said before a port is opened
     url = port or rig.board.port
+    virtual = rig.board.kind == "virtual" and (url is None or url.startswith("hil:"))
+    bench = VirtualBench(rig, firmware=firmware, seed=seed, base=base) if virtual else None
+    image = bench.machine.image if bench else load_image(firmware, base=base) if firmware else None
+    interfaces = open_interfaces(rig, {"memory": memory_kind(image, bench.machine if bench else None)})
     board: CompassBoard
-    if rig.board.kind == "virtual" and (url is None or url.startswith("hil:")):
-        bench = VirtualBench(rig, firmware=firmware, seed=seed, base=base)
-        board = VirtualCompass(bench, interfaces, transcript=transcript)
-    elif url is None:
-        raise ConfigError(f"rig {rig.name} ({rig.path}) names no port: set board.port in it, or give --hil-port")
-    else:
-        opened = open_port(url, baud=rig.link.baud)
-        board = CompassBoard(
-            opened, rig, interfaces, kind=BoardKind.REAL, description=f"board on {url}", transcript=transcript
-        )
+    try:
+        sources_of(rig, interfaces)  # what is wrong with them is said before a port is opened
+        if bench is not None:
+            board = VirtualCompass(bench, interfaces, transcript=transcript)
+        elif url is None:
+            raise ConfigError(f"rig {rig.name} ({rig.path}) names no port: set board.port in it, or give --hil-port")
+        else:
+            opened = open_port(url, baud=rig.link.baud)
+            board = CompassBoard(
+                opened, rig, interfaces, kind=BoardKind.REAL, description=f"board on {url}", transcript=transcript
+            )
+    except BaseException:
+        _hang_up(interfaces)
+        raise
     try:
         board.begin()
     except BaseException:
@@ -307,3 +317,9 @@ def open_compass(
             board.close()
         raise
     return board
+
+
+def _hang_up(interfaces: Mapping[str, Interface]) -> None:
+    for interface in interfaces.values():
+        if isinstance(interface, MemoryInterface):
+            interface.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NoReturn
 
 from hiltest.boards.gdb_session import GdbSession
@@ -72,6 +73,21 @@ class BoardWire:
 
 def _leave() -> NoReturn:
     raise _Halted
+
+
+def memory_kind(image: FirmwareImage | None, machine: VirtualK64F | None) -> Callable[[Rig], MemoryInterface]:
+    """Return what opens the interface of kind ``memory`` of a rig; arguments as of `open_memory`."""
+
+    def opened(rig: Rig) -> MemoryInterface:
+        assert rig.device is not None
+        assert rig.device.memory is not None
+        if image is None:
+            raise ConfigError(
+                f"{_place(rig, 'device', 'kind')}: memory needs the ELF that runs on the board: name it with --firmware"
+            )
+        return open_memory(rig, rig.device.memory, image, machine)
+
+    return opened
 
 
 def open_memory(rig: Rig, device: MemoryDevice, image: FirmwareImage, machine: VirtualK64F | None) -> MemoryInterface:

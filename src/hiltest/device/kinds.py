@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from importlib.metadata import entry_points
+from types import MappingProxyType
 
 from hiltest.device.fsflk import FsflkInterface
 from hiltest.device.packets import Release
@@ -16,6 +17,7 @@ from hiltest.rig.rig import Rig
 GROUP = "hiltest.device"
 
 Interface = StreamInterface | PolledInterface
+Opener = Callable[[Rig], Interface]
 
 
 def _fsflk(rig: Rig) -> Interface:
@@ -24,11 +26,17 @@ def _fsflk(rig: Rig) -> Interface:
     return FsflkInterface(releases[device.fsflk.release], device.fsflk.algorithm)
 
 
-_KINDS: Mapping[str, Callable[[Rig], Interface]] = {"fsflk": _fsflk}
+_KINDS: Mapping[str, Opener] = {"fsflk": _fsflk}
 
 
-def open_interfaces(rig: Rig) -> dict[str, Interface]:
+def open_interfaces(rig: Rig, of_the_board: Mapping[str, Opener] = MappingProxyType({})) -> dict[str, Interface]:
     """Return the interfaces of a rig by their kind, in its order.
+
+    Parameters
+    ----------
+    rig : Rig
+    of_the_board : mapping of str to callable
+        Kinds that need more than the rig.
 
     Raises
     ------
@@ -37,13 +45,14 @@ def open_interfaces(rig: Rig) -> dict[str, Interface]:
     """
     device = _device(rig)
     own = {each.name: each for each in entry_points(group=GROUP)}
+    kinds = {**_KINDS, **of_the_board}
     interfaces: dict[str, Interface] = {}
     for kind in device.kinds:
-        if kind not in _KINDS and kind not in own:
+        if kind not in kinds and kind not in own:
             raise ConfigError(
-                f"{rig.where('device', 'kind')}: device.kind: no kind {kind!r}; {nearest_hint(kind, [*_KINDS, *own])}"
+                f"{rig.where('device', 'kind')}: device.kind: no kind {kind!r}; {nearest_hint(kind, [*kinds, *own])}"
             )
-        interfaces[kind] = _KINDS[kind](rig) if kind in _KINDS else own[kind].load()(rig)
+        interfaces[kind] = kinds[kind](rig) if kind in kinds else own[kind].load()(rig)
     return interfaces
 
 

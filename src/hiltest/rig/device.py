@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
+from hiltest.rig.memory_device import MemoryDevice
 from hiltest.rig.tables import STRICT, require
 
 #: Axes and heading of the firmware: see docs/compass.md.
@@ -35,8 +36,8 @@ class Device:
     Attributes
     ----------
     kind : str or tuple of str
-        One kind, or several, each of which gives some quantities: ``hiltest``, ``fsflk``, or the name of an entry point
-        of one's own.
+        One kind, or several, each of which gives some quantities: ``hiltest``, ``fsflk``, ``memory``, or the name of an
+        entry point of one's own.
     frame : str
         Convention of the firmware's axes and angles.
     heading : {"clockwise", "counterclockwise"} or None
@@ -57,6 +58,8 @@ class Device:
         gives one that is not named.
     fsflk : FsflkDevice
         Of the kind of that name.
+    memory : MemoryDevice or None
+        Of the kind of that name, and only with it.
     options : dict
         For a kind of one's own.
     """
@@ -73,12 +76,15 @@ class Device:
     settle_s: float = 10.0
     sources: dict[str, str] = field(default_factory=dict)
     fsflk: FsflkDevice = field(default_factory=FsflkDevice)
+    memory: MemoryDevice | None = None
     options: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         require(bool(self.kinds), "kind", 'names no kind; write kind = "fsflk" or another')
         require("hiltest" not in self.kinds or self.kinds == ("hiltest",), "kind",
                 '"hiltest" goes with no other kind: firmware that speaks its protocol offers all by that')
+        require(("memory" in self.kinds) == (self.memory is not None), "memory",
+                'names the variables of kind "memory", and only of that')
         for key, seconds in (("start_s", self.start_s), ("converge_s", self.converge_s)):
             require(0.0 <= seconds <= 600.0, key, "must be 0 to 600")
         require(1 <= self.tumbles <= 10, "tumbles", "must be 1 to 10")

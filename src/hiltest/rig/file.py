@@ -28,6 +28,8 @@ from hiltest.strict_json import read_bounded
 
 # Fields of a rig that no file may set.
 _MADE_HERE = frozenset({"path", "units", "full_only", "lines"})
+# What pydantic puts behind a key that may be a text or several: no part of the key.
+_ALTERNATIVE = re.compile(r"str|tuple\[.*\]")
 _LARGEST_BYTES = 1 << 20  # a hundred times the largest rig that ships
 #: Faces must be at least so true where a heading limit is at most so wide.
 TRUE_FACES_DEG = 0.2
@@ -128,7 +130,7 @@ class _Source:
             raise self._as_error(details[0], model, prefix) from error
 
     def _as_error(self, detail: ErrorDetails, model: Any, prefix: tuple[str, ...]) -> ConfigError:
-        key = tuple(str(part) for part in detail["loc"] if isinstance(part, str))
+        key = tuple(part for part in detail["loc"] if isinstance(part, str) and not _ALTERNATIVE.fullmatch(part))
         kind = detail["type"]
         if kind in ("unexpected_keyword_argument", "extra_forbidden"):
             return UnknownKeyError(key[-1], where=self.where(prefix + key), known=_known_keys(model, key[:-1]))
