@@ -74,6 +74,11 @@ class Reading:
         return np.array([number for each in found for number in each], dtype=np.float64) * self.factor
 
 
+def units_of(quantity: Quantity) -> Mapping[str, float]:
+    """Return the units that a quantity may be in, and what each is worth in its own."""
+    return _UNITS[quantity.unit]
+
+
 def read_description(quantity: Quantity, described: Described, variables: Variables) -> Reading:
     """Find the variables of a quantity.
 
@@ -82,7 +87,7 @@ def read_description(quantity: Quantity, described: Described, variables: Variab
     ConfigError
         When a path leads nowhere, the unit is none of the quantity's, or these are not as many numbers as it has.
     """
-    units = _UNITS[quantity.unit]
+    units = units_of(quantity)
     if described.unit is None and quantity.unit:
         raise ConfigError(f"unit is missing; write the firmware's own, one of {', '.join(units)}")
     if (unit := described.unit or "") not in units:

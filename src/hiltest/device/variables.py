@@ -380,7 +380,10 @@ def _scalar(kind: NumberType, offset: int, bits: BitField | None = None) -> Scal
 
 def _refused(kind: CType, written: str) -> str:
     if isinstance(kind, PointerType):
-        return f"{kind.text}, a pointer: write what it points to, *{written} or {written}[0]"
+        target = read_type(kind.target)
+        names = [each.name for each in target.members if each.name] if isinstance(target, RecordType) else []
+        example = f"{written}->{names[0]}" if names else f"*{written} or {written}[0]"
+        return f"{kind.text}, a pointer: write what it points to, {example}"
     if isinstance(kind, RecordType):
         what = "a union" if kind.is_union else "of unknown size"
         names = ", ".join(each.name for each in kind.members[:6] if each.name)

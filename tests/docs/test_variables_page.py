@@ -1,0 +1,59 @@
+"""The page about variables: its example prints what it shows, its rig is one, and its table has every unit."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from hiltest.bench_files import rig_file
+from hiltest.device.memory import read_descriptions, units_of
+from hiltest.device.quantities import Quantity
+from hiltest.device.variables import Variables, function_address
+from hiltest.rig.file import load_rig
+from hiltest.virtual.elf import load_image
+
+from ..device.conftest import shared_data  # noqa: F401  # a fixture
+
+PAGE = (Path(__file__).parents[2] / "docs" / "variables.md").read_text(encoding="utf-8")
+ALONE, BESIDE = re.findall(r"^```toml\n(.*?)^```", PAGE, re.M | re.S)
+(EXAMPLE,) = re.findall(r"^```python\n(.*?)^```", PAGE, re.M | re.S)
+(SHOWN,) = re.findall(r"^```text\n(.*?)^```", PAGE, re.M | re.S)
+
+
+def test_the_example_prints_what_the_page_shows(capsys: pytest.CaptureFixture[str]) -> None:
+    exec(EXAMPLE, {})
+    assert capsys.readouterr().out == SHOWN
+
+
+@pytest.fixture
+def written(tmp_path: Path) -> Path:
+    """The rig of NXP's fusion with the page's tables in place of its own."""
+    shipped = rig_file(Path(__file__).parent, "nxp-fusion-agm01").read_text(encoding="utf-8")
+    others = re.sub(r"^\[device.*?(?=^\[(?!device))", "", shipped, flags=re.M | re.S)
+    path = tmp_path / "mine.toml"
+    path.write_text(others + ALONE, encoding="utf-8")
+    return path
+
+
+def test_its_rig_reads_variables_that_are_there(written: Path, shared_data: Callable[[str], Path]) -> None:  # noqa: F811
+    memory = load_rig(written).device.memory
+    image = load_image(shared_data("foreign/nxp_sensor_fusion.elf"))
+    found = read_descriptions(memory.values, Variables(image), str)
+    assert {quantity.key for quantity in found} == memory.values.keys()
+    assert function_address(image, memory.at_return_of)
+
+
+def test_the_second_table_names_sources_of_its_kinds() -> None:
+    device = tomllib.loads(BESIDE)["device"]
+    assert set(device["sources"].values()) <= set(device["kind"])
+
+
+def test_the_table_has_every_unit_and_names_what_has_none() -> None:
+    row = next(line for line in PAGE.splitlines() if line.startswith("| `unit` |"))
+    named = set(re.findall(r"`([^`]+)`", row))
+    units = {unit for quantity in Quantity for unit in units_of(quantity) if unit}
+    assert named == units | {"unit"} | {quantity.key for quantity in Quantity if not quantity.unit}
