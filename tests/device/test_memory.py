@@ -8,12 +8,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from hiltest.bench_files import rig_file
 from hiltest.boards import VirtualBench
 from hiltest.boards.memory_reading import BoardWire
 from hiltest.device.gdb_client import GdbClient
 from hiltest.device.memory import MemoryInterface, read_description, read_descriptions
+from hiltest.device.memory_ranges import ReadAhead, together
 from hiltest.device.quantities import PolledInterface, Quantity
 from hiltest.device.variables import Variables
 from hiltest.errors import BoardFault, ConfigError
@@ -162,6 +165,35 @@ def test_a_pointer_that_is_not_set_yet_leaves_its_quantity_out_and_says_why(mach
     machine.run_until(0.2)
     assert set(interface.read(0.0).values) == interface.offers
     assert interface.absent == {}
+
+
+class CountingWire(BoardWire):
+    """Counts the packets that ask for memory."""
+
+    asked = 0
+
+    def send(self, data: bytes) -> None:
+        self.asked += data.startswith(b"$m")
+        super().send(data)
+
+
+def test_what_lies_together_is_asked_for_at_once(machine: VirtualK64F) -> None:
+    wire = CountingWire(machine)
+    values = {name: ALL[name] for name in ALL if name != "gyroscope_bias"}
+    readings = read_descriptions(values, Variables(machine.image), lambda name: name)
+    interface = MemoryInterface(GdbClient(wire), readings, at_return_of=machine.image.symbols["depth"].address)
+    interface.read(0.0)
+    assert wire.asked <= 2  # seven variables: those with a value at first lie apart from those without
+
+
+@given(st.lists(st.tuples(st.integers(0, 4000), st.integers(1, 300)), max_size=12))
+def test_ranges_that_are_read_together_have_every_byte_that_is_wanted(ranges: list[tuple[int, int]]) -> None:
+    def memory(address: int, size: int) -> bytes:
+        return bytes(each % 251 for each in range(address, address + size))
+
+    ahead = ReadAhead(memory, together(ranges))
+    for address, size in [*ranges, (5000, 3)]:
+        assert ahead(address, size) == memory(address, size)
 
 
 def state(machine: VirtualK64F) -> tuple[object, ...]:

@@ -6,6 +6,7 @@ Every wait has an end, and whatever a server sends ends in an answer or a `Debug
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Self
@@ -103,7 +104,10 @@ class GdbClient:
         return self._wire.now()
 
     def close(self) -> None:
-        """Hang up. Idempotent."""
+        """Let the processor run, and hang up. Idempotent."""
+        if not self.running:
+            with suppress(DebugServerError):
+                self.go_on()
         self._wire.close()
 
     # -- packets ------------------------------------------------------------------------------

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from hiltest.device.function_return import halt_at_return
 from hiltest.device.gdb_client import GdbClient, MemoryRefusedError
+from hiltest.device.memory_ranges import ReadAhead, together
 from hiltest.device.quantities import Observation, Quantity
 from hiltest.device.variable_index import nearest_names
-from hiltest.device.variables import NullPointer, Place, Variables
+from hiltest.device.variables import NullPointer, Place, ReadMemory, Variables
 from hiltest.errors import ConfigError, HiltestError
 
 #: Time that the firmware runs between two readings that are compared [s]: no longer than values of 100 Hz stand still.
@@ -64,9 +65,9 @@ class Reading:
     places: tuple[Place, ...]
     factor: float
 
-    def take(self, client: GdbClient) -> tuple[bytes, ...]:
+    def take(self, memory: ReadMemory) -> tuple[bytes, ...]:
         """Read the bytes of all places."""
-        return tuple(place.read(client.read) for place in self.places)
+        return tuple(place.read(memory) for place in self.places)
 
     def numbers(self, taken: tuple[bytes, ...]) -> NDArray[np.float64]:
         """Return what the bytes mean, in the quantity's unit."""
@@ -152,6 +153,7 @@ class MemoryInterface:
         self.moving: dict[Quantity, int] = {}
         self.absent: Mapping[Quantity, str] = {}
         self._client, self._readings = client, readings
+        self._ranges = together(place.extent for reading in readings.values() for place in reading.places)
         self._entry, self._call_within_s = at_return_of, call_within_s
         client.go_on()
 
@@ -211,9 +213,10 @@ class MemoryInterface:
     def _snapshot(self) -> _Snapshot:
         taken: dict[Quantity, tuple[bytes, ...]] = {}
         absent: dict[Quantity, str] = {}
+        memory = ReadAhead(self._client.read, self._ranges)
         for quantity, reading in self._readings.items():
             try:
-                taken[quantity] = reading.take(self._client)
+                taken[quantity] = reading.take(memory)
             except NullPointer as reason:
                 absent[quantity] = str(reason)
             except MemoryRefusedError as refused:

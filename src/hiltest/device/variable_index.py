@@ -274,6 +274,6 @@ def nearest_names(name: str, names: list[str]) -> str:
     if close:
         return f"nearest: {', '.join(close)}"
     if not names:
-        return "there is none"
+        return "the file names none at all; give the ELF as the linker wrote it, with -g"
     listed = ", ".join(sorted(names)[:_MOST_NAMED])
     return f"there are: {listed}" + (f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else "")

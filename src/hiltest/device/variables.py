@@ -92,8 +92,12 @@ class Place:
             if pointer == 0:
                 raise NullPointer(f"{self.path}: the pointer at 0x{address:08x} is 0 now")
             address = pointer + offset & 0xFFFFFFFF
-        first = self._first
-        return memory(address + first & 0xFFFFFFFF, max(each.offset + each.size for each in self.scalars) - first)
+        return memory(address + self._first & 0xFFFFFFFF, self._size)
+
+    @property
+    def extent(self) -> tuple[int, int]:
+        """Address and size of what is read first: the value, or the first pointer on the way to it."""
+        return (self.address, POINTER_BYTES) if self.beyond else (self.address + self._first, self._size)
 
     def numbers(self, data: bytes) -> tuple[float, ...]:
         """Return the numbers in the bytes that `read` gave; integers stay integers."""
@@ -112,6 +116,10 @@ class Place:
     @property
     def _first(self) -> int:
         return min(each.offset for each in self.scalars)
+
+    @property
+    def _size(self) -> int:
+        return max(each.offset + each.size for each in self.scalars) - self._first
 
 
 @dataclass(frozen=True, slots=True)
@@ -381,8 +389,8 @@ def _scalar(kind: NumberType, offset: int, bits: BitField | None = None) -> Scal
 def _refused(kind: CType, written: str) -> str:
     if isinstance(kind, PointerType):
         target = read_type(kind.target)
-        names = [each.name for each in target.members if each.name] if isinstance(target, RecordType) else []
-        example = f"{written}->{names[0]}" if names else f"*{written} or {written}[0]"
+        inner = [each.name for each in target.members if each.name] if isinstance(target, RecordType) else []
+        example = f"{written}->{inner[0]}" if inner else f"*{written} or {written}[0]"
         return f"{kind.text}, a pointer: write what it points to, {example}"
     if isinstance(kind, RecordType):
         what = "a union" if kind.is_union else "of unknown size"
