@@ -353,6 +353,17 @@ class Quiet:
         self.session = GdbSession(self.machine, self.debugger)
 
 
+def test_a_notice_of_a_halt_that_comes_when_the_processor_runs_again_says_nothing(elf: Path) -> None:
+    quiet = Quiet(elf)
+    quiet.session.feed(b"$QStartNoAckMode#b0")
+    assert quiet.session.feed(b"$c#63") == b""
+    assert quiet.session.feed(b"\x03").startswith(b"$T02")
+    assert quiet.session.feed(b"$c#63") == b""
+    assert quiet.session.stopped() == b""
+    assert quiet.session.awaits_halt
+    assert quiet.session.feed(b"\x03").startswith(b"$T02")
+
+
 framed = st.sampled_from(HOSTILE) | st.binary(max_size=40) | st.builds(
     lambda letter, rest: letter + rest,
     st.sampled_from([b"m", b"M", b"X", b"p", b"P", b"Z", b"z", b"q", b"v", b"vCont;", b"H", b"T", b"c", b"s", b"\x03"]),

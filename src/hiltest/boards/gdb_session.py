@@ -89,8 +89,8 @@ class GdbSession:
         return answers
 
     def stopped(self) -> bytes:
-        """Return what to send when the processor has halted."""
-        if not self._goes:
+        """Return what to send when the processor has halted; nothing where a notice comes late, and it runs again."""
+        if not (self._goes and self._debugger.is_halted):
             return b""
         self._goes = False
         fault = self._debugger.latest.fault

@@ -216,6 +216,12 @@ class Debugger:
 
     # -- from the other thread ----------------------------------------------------------------
 
+    @property
+    def is_halted(self) -> bool:
+        """Whether the processor stands still until it is let go."""
+        with self._turn:
+            return self._halt
+
     @contextmanager
     def halted(self) -> Iterator[None]:
         """Keep the processor halted, and the board's thread out, for the time of the context."""
