@@ -14,7 +14,7 @@ from hiltest.boards.compass import open_compass
 from hiltest.boards.memory_reading import memory_kind, open_memory
 from hiltest.device.memory import MemoryInterface
 from hiltest.device.quantities import Quantity
-from hiltest.errors import ConfigError, DebugServerError
+from hiltest.errors import ConfigError, DebugServerError, VersionMismatchError
 from hiltest.rig import Rig
 from hiltest.rig.file import load_rig
 from hiltest.rig.memory_device import MemoryDevice, MemoryValue
@@ -74,6 +74,19 @@ def test_any_other_board_is_read_through_its_server(
     if at_return_of:
         assert all(len(set(each)) == 1 for each in solutions)
         assert len({each[0] for each in solutions}) == 5
+
+
+def test_variables_of_another_build_than_the_boards_are_not_read(
+    rig: Rig, elf: Path, tmp_path: Path, require_tool: Callable[[str], str]
+) -> None:
+    other = compile_c(require_tool("arm-none-eabi-gcc"), tmp_path, SOURCE.replace("0.001f", "0.002f"))
+    with own_server(elf) as port:
+        device = MemoryDevice(values=VALUES, server=f"localhost:{port}")
+        with pytest.raises(VersionMismatchError, match=r"is not what runs on the board of .*: at 0x0000\w+ it has 0x"):
+            opened_soon(rig, device, load_image(other))
+        memory = opened_soon(rig, device, load_image(elf))
+        assert memory.read(0.0).values.keys() == memory.offers
+        memory.close()
 
 
 def opened_soon(rig: Rig, device: MemoryDevice, image: FirmwareImage) -> MemoryInterface:
@@ -166,3 +179,25 @@ def test_a_real_board_needs_the_elf_whose_variables_are_read(both_kinds: Callabl
     rig = load_rig(both_kinds(MEMORY))
     with pytest.raises(ConfigError, match=r"mine\.toml:\d+: device\.kind: memory needs the ELF .* name it with --fir"):
         memory_kind(None, None)(rig)
+
+
+def test_a_real_board_is_understood_by_its_variables_alone(tmp_path: Path, elf: Path) -> None:
+    shipped = rig_file(Path(__file__).parent, "frdm-k64f").read_text(encoding="utf-8")
+    with own_server(elf) as port:
+        path = tmp_path / "mine.toml"
+        path.write_text(f"""{shipped}
+[device]
+kind = "memory"
+start_s = 0.1
+[device.memory]
+server = "localhost:{port}"
+at_return_of = "update_calibration"
+[device.memory.values]
+heading = {{ path = "heading_rad", unit = "rad" }}
+hard_iron = {{ path = "calibration.hard_iron", unit = "uT" }}
+""", encoding="utf-8")  # fmt: skip
+        with open_compass(load_rig(path), firmware=elf, port="loop://", seed=None, transcript=None, base=None) as board:
+            assert board.offers == {Quantity.HEADING, Quantity.HARD_IRON}
+            hard_iron = board.latest[Quantity.HARD_IRON]
+            assert len(set(hard_iron)) == 1
+            assert hard_iron[0] >= 1

@@ -10,12 +10,15 @@ from hiltest.device.gdb_client import GdbClient
 from hiltest.device.gdb_wire import TcpWire, Wire
 from hiltest.device.memory import MemoryInterface, read_descriptions
 from hiltest.device.variables import Variables, function_address
-from hiltest.errors import ConfigError
+from hiltest.errors import ConfigError, VersionMismatchError
 from hiltest.rig import Rig
 from hiltest.rig.memory_device import MemoryDevice
 from hiltest.virtual.debugger import Debugger
 from hiltest.virtual.elf import FirmwareImage
 from hiltest.virtual.k64f import VirtualK64F
+
+_RAM = range(0x1C00_0000, 0x4000_0000)
+_SECURITY_BYTES = range(0x400, 0x410)  # of the flash, which some programmers do not write
 
 
 class _Halted(Exception):
@@ -110,6 +113,8 @@ def open_memory(rig: Rig, device: MemoryDevice, image: FirmwareImage, machine: V
         When a variable or function is not there, or no server is named for a real board.
     DebugServerError
         When the server cannot be reached.
+    VersionMismatchError
+        When another build runs on a real board.
     """
     keys = ("device", "memory")
     readings = read_descriptions(
@@ -119,7 +124,36 @@ def open_memory(rig: Rig, device: MemoryDevice, image: FirmwareImage, machine: V
         entry = None if device.at_return_of is None else function_address(image, device.at_return_of)
     except ConfigError as error:
         raise ConfigError(f"{_place(rig, *keys, 'at_return_of')}: {error}") from error
-    return MemoryInterface(GdbClient(_wire(rig, device, machine)), readings, at_return_of=entry)
+    client = GdbClient(_wire(rig, device, machine))
+    try:
+        if machine is None:
+            refuse_other_firmware(client, image)
+        return MemoryInterface(client, readings, at_return_of=entry)
+    except BaseException:
+        client.close()
+        raise
+
+
+def refuse_other_firmware(client: GdbClient, image: FirmwareImage) -> None:
+    """Compare a board's flash with an ELF, by whose addresses its memory is read.
+
+    Raises
+    ------
+    VersionMismatchError
+        Where they differ.
+    """
+    for segment in image.segments:
+        if segment.address in _RAM:
+            continue  # may have been written since
+        read = client.read(segment.address, len(segment.data))
+        for offset, (there, here) in enumerate(zip(read, segment.data, strict=True)):
+            if there != here and segment.address + offset not in _SECURITY_BYTES:
+                at = segment.address + offset
+                raise VersionMismatchError(
+                    f"{image.name} is not what runs on the board of debug server {client.name}: at 0x{at:08x} it has "
+                    f"0x{here:02x}, and the flash has 0x{there:02x}. Name that build's ELF with --firmware, or flash "
+                    "this one"
+                )
 
 
 def _wire(rig: Rig, device: MemoryDevice, machine: VirtualK64F | None) -> Wire:
