@@ -382,7 +382,7 @@ def with_runs(content: bytes) -> bytes:
 
 
 def test_runs_are_written_out() -> None:
-    assert list(PacketReader(runs=True).feed(b"$0* #7a$a*\"b*#6b")) == [b"0000", None]
+    assert list(PacketReader(runs=True).feed(b'$0* #7a$a*"b#0f$a*#8b')) == [b"0000", b"aaaaaab", b"a"]
     assert list(PacketReader(runs=True).feed(packet(b"}*#$"))) == [b"}*#$"]
 
 

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.device.variables import NullPointer, Variables, function_address
+from hiltest.device.places import NullPointer
+from hiltest.device.variables import Variables, function_address
 from hiltest.errors import ConfigError
 from hiltest.virtual.elf import FirmwareImage, load_image
 
@@ -350,7 +351,7 @@ def test_without_debug_information_a_symbol_is_read_by_the_type_that_the_rig_sta
 
 
 def test_paths_into_firmware_that_others_wrote_are_found_in_its_debug_information(
-    shared_data: Callable[[str], Path]
+    shared_data: Callable[[str], Path],
 ) -> None:
     variables = Variables(load_image(shared_data("foreign/nxp_sensor_fusion.elf")))
     assert [(len(variables.place(path).scalars), variables.place(path).type_text) for path in (

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from hiltest.device.function_return import halt_at_return
 from hiltest.device.gdb_client import GdbClient, MemoryRefusedError
 from hiltest.device.memory_ranges import ReadAhead, together
+from hiltest.device.places import NullPointer, Place, ReadMemory
 from hiltest.device.quantities import Observation, Quantity
 from hiltest.device.variable_index import nearest_names
-from hiltest.device.variables import NullPointer, Place, ReadMemory, Variables
+from hiltest.device.variables import Variables
 from hiltest.errors import ConfigError, HiltestError
 
 #: Time that the firmware runs between two readings that are compared [s]: no longer than values of 100 Hz stand still.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from hiltest.device.variables import ReadMemory
+from hiltest.device.places import ReadMemory
 
 # What lies so near is read together [bytes]: a packet more costs more than these.
 _NEAR = 128

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cached_property
 from pathlib import PurePosixPath
-from typing import Any, NoReturn
+from typing import Any
 
 from hiltest.device.c_types import read_type, size_of
 from hiltest.device.variable_path import VariablePath
@@ -19,6 +19,9 @@ from hiltest.virtual.elf import Symbol
 _ADDRESS, _PLUS_CONSTANT, _REGISTER, _REGISTER_X = 0x03, 0x23, range(0x50, 0x70), 0x90
 _THREAD_LOCAL = {0x9B, 0xE0}
 _REMOVED = {0, 0xFFFFFFFF}  # what linkers write in place of the address of what they left out
+# Forms of a location that differs from place to place in the code.
+_LISTS = {"DW_FORM_sec_offset", "DW_FORM_loclistx", "DW_FORM_data4", "DW_FORM_data8"}
+_VOLATILE = "declare it volatile to have it in memory"
 _MOST_NAMED = 8
 _CPP = {0x04, 0x1A, 0x21, 0x2B}  # DW_LANG_C_plus_plus, and those of 11, 14 and 20
 
@@ -104,7 +107,10 @@ class VariableIndex:
                 f"say which: {example}:{path.name}"
             )
         if not found and reasons:
-            return self._by_symbol(path.name, *entries[0]) or _refuse(f"{path.text}: {path.name} {reasons[0]}")
+            by_symbol = self._by_symbol(path.name, *entries[0])
+            if by_symbol is None:
+                raise ConfigError(f"{path.text}: {path.name} {reasons[0]}")
+            return by_symbol
         return next(iter(found.values()), None)
 
     def _by_symbol(self, name: str, entry: Any, file: str) -> FoundVariable | None:
@@ -213,14 +219,6 @@ class VariableIndex:
         if address in _REMOVED and all(each.address != address for each in self._objects):
             raise _NoPlaceError("is not in this firmware: the linker has left it out, because nothing uses it")
         return address
-
-
-def _refuse(message: str) -> NoReturn:
-    raise ConfigError(message)
-
-
-_VOLATILE = "declare it volatile to have it in memory"
-_LISTS = {"DW_FORM_sec_offset", "DW_FORM_loclistx", "DW_FORM_data4", "DW_FORM_data8"}
 
 
 def _operations(entry: Any) -> list[int]:

@@ -1,15 +1,13 @@
-"""Values of firmware by their paths: where they lie, and what the bytes there mean."""
+"""Variables of firmware by their paths: each step of a path leads on to a place, or is refused with a reason."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import PurePosixPath
-from typing import TypeAlias
 
 from hiltest.device.c_types import (
-    POINTER_BYTES,
     ArrayType,
     BitField,
     CType,
@@ -17,11 +15,11 @@ from hiltest.device.c_types import (
     NumberType,
     PointerType,
     RecordType,
-    decoded,
     read_type,
     size_of,
     stated_type,
 )
+from hiltest.device.places import Place, Scalar, scalar
 from hiltest.device.variable_index import VariableIndex, nearest_names
 from hiltest.device.variable_path import DereferenceStep, IndexStep, MemberStep, Step, VariablePath, read_path
 from hiltest.errors import ConfigError
@@ -30,96 +28,6 @@ from hiltest.virtual.elf import FirmwareImage, Symbol
 
 _MOST_NUMBERS = 1024  # of one path; a matrix of 9 is the largest that anything here wants
 _DEEPEST = 16  # anonymous members within each other
-
-ReadMemory: TypeAlias = Callable[[int, int], bytes]
-
-
-class NullPointer(Exception):
-    """A pointer on the way to a value is 0 now."""
-
-
-@dataclass(frozen=True, slots=True)
-class Scalar:
-    """A number within what a path leads to.
-
-    Attributes
-    ----------
-    offset : int
-        Bytes from its beginning, to the first byte that has bits of it.
-    size : int
-        Bytes to read.
-    """
-
-    offset: int
-    size: int
-    kind: NumberType
-    bits: BitField | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Place:
-    """Where a path leads: an address, through pointers that are read when the value is, and the numbers there.
-
-    Attributes
-    ----------
-    path : str
-    type_text : str
-        Type of the value as C has it.
-    address : int
-        Of the value, or of the first pointer.
-    beyond : tuple of int
-        For every pointer, the bytes to add to what it holds.
-    scalars : tuple of Scalar
-    """
-
-    path: str
-    type_text: str
-    address: int
-    beyond: tuple[int, ...]
-    scalars: tuple[Scalar, ...]
-
-    def read(self, memory: ReadMemory) -> bytes:
-        """Return the bytes of the value, from the first number to the last.
-
-        Raises
-        ------
-        NullPointer
-            When a pointer on the way is 0.
-        """
-        address = self.address
-        for offset in self.beyond:
-            pointer = int.from_bytes(memory(address, POINTER_BYTES), "little")
-            if pointer == 0:
-                raise NullPointer(f"{self.path}: the pointer at 0x{address:08x} is 0 now")
-            address = pointer + offset & 0xFFFFFFFF
-        return memory(address + self._first & 0xFFFFFFFF, self._size)
-
-    @property
-    def extent(self) -> tuple[int, int]:
-        """Address and size of what is read first: the value, or the first pointer on the way to it."""
-        return (self.address, POINTER_BYTES) if self.beyond else (self.address + self._first, self._size)
-
-    def numbers(self, data: bytes) -> tuple[float, ...]:
-        """Return the numbers in the bytes that `read` gave; integers stay integers."""
-        return tuple(
-            decoded(each.kind, data[each.offset - self._first :][: each.size], each.bits) for each in self.scalars
-        )
-
-    def shown(self, data: bytes) -> str:
-        """Write the numbers, an enum's with their names."""
-        written = [
-            f"{each.kind.labels[int(number)]} ({number})" if number in each.kind.labels else f"{number:g}"
-            for each, number in zip(self.scalars, self.numbers(data), strict=True)
-        ]
-        return ", ".join(written)
-
-    @property
-    def _first(self) -> int:
-        return min(each.offset for each in self.scalars)
-
-    @property
-    def _size(self) -> int:
-        return max(each.offset + each.size for each in self.scalars) - self._first
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,7 +83,7 @@ class Variables:
             for step in read.steps:
                 at = self._follow(at, step)
             if isinstance(at.kind, NumberType) and at.bits is not None:
-                scalars = [_scalar(at.kind, 0, at.bits)]
+                scalars = [scalar(at.kind, 0, at.bits)]
             else:
                 scalars = list(self._numbers(at.kind, 0, at.written))
         except ConfigError as error:
@@ -330,14 +238,14 @@ class Variables:
             Where it is not numbers alone, or too many.
         """
         if isinstance(kind, NumberType):
-            yield _scalar(kind, offset)
+            yield scalar(kind, offset)
         elif isinstance(kind, ArrayType):
             yield from self._numbers_of_array(kind, offset, written)
         elif isinstance(kind, RecordType) and not kind.is_union and kind.size is not None:
             for member in kind.members:
                 inner, name = self._read(member.type_entry), f"{written}.{member.name}" if member.name else written
                 if member.bits is not None and isinstance(inner, NumberType):
-                    yield _scalar(inner, offset, member.bits)
+                    yield scalar(inner, offset, member.bits)
                 else:
                     yield from self._numbers(inner, offset + member.offset, name)
         else:
@@ -378,12 +286,6 @@ def function_address(image: FirmwareImage, written: str) -> int:
         f"{image.name}: no function {written}; {nearest_names(name, names)}. One that the compiler has put into its "
         "callers has no return of its own: declare it noinline"
     )
-
-
-def _scalar(kind: NumberType, offset: int, bits: BitField | None = None) -> Scalar:
-    if bits is None:
-        return Scalar(offset, kind.size, kind)
-    return Scalar(offset + bits.first // 8, (bits.first % 8 + bits.bits + 7) // 8, kind, bits)
 
 
 def _refused(kind: CType, written: str) -> str:
