@@ -89,6 +89,7 @@ def test_at_the_return_of_a_function_what_it_writes_is_whole(machine: VirtualK64
         read.append(numbers[0])
     assert sorted(set(read)) == read
     assert (interface.moving, interface.not_called, interface.reads) == ({}, 0, 29)
+    assert interface.remarks() == ()
 
 
 def test_a_single_halt_would_have_read_it_half_written(machine: VirtualK64F) -> None:
@@ -141,6 +142,8 @@ def test_without_a_function_it_is_read_until_it_stands_still_but_for_what_never_
     assert torn > 2
     assert headings == sorted(set(headings))
     assert interface.moving == {Quantity.HEADING: interface.reads}
+    (remark,) = interface.remarks()
+    assert remark.startswith("heading never stood still in 79 of 79 readings: it is that of one halt")
 
 
 def test_a_function_that_is_not_called_in_time_is_counted_and_the_values_are_read_all_the_same(
@@ -150,6 +153,8 @@ def test_a_function_that_is_not_called_in_time_is_counted_and_the_values_are_rea
     for _ in range(2):
         assert interface.read(0.0).values[Quantity.MAGNETOMETER].tolist() == [20, -1, 43]
     assert (interface.not_called, interface.moving) == (2, {})
+    (remark,) = interface.remarks()
+    assert remark.startswith("in 2 of 2 readings the function of at_return_of was not called within 0.01 s")
 
 
 def test_a_pointer_that_is_not_set_yet_leaves_its_quantity_out_and_says_why(machine: VirtualK64F) -> None:
@@ -158,6 +163,7 @@ def test_a_pointer_that_is_not_set_yet_leaves_its_quantity_out_and_says_why(mach
     assert set(interface.read(0.0).values) == {Quantity.MAGNETOMETER}
     assert re.fullmatch(r"newest->hard_iron: the pointer at 0x2\w+ is 0 now",
                         interface.absent[Quantity.GYROSCOPE_BIAS])  # fmt: skip
+    assert interface.remarks()[0].startswith("gyroscope_bias has no value: newest->hard_iron: the pointer at")
     pointer = machine.image.symbols["newest"].address
     machine.processor.memory.write(pointer, (0xF0000000).to_bytes(4, "little"))
     assert set(interface.read(0.0).values) == {Quantity.MAGNETOMETER}

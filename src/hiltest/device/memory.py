@@ -181,6 +181,18 @@ class MemoryInterface:
         values = {each: self._readings[each].numbers(taken) for each, taken in snapshot.taken.items()}
         return Observation(time_s + took_s, values)
 
+    def remarks(self) -> tuple[str, ...]:
+        """Return what a reader of the values should know of how they were read; empty where all is plain."""
+        said = [
+            f"{quantity.key} never stood still in {count} of {self.reads} readings: it is that of one halt, beside the "
+            "others; name the function that writes it under at_return_of"
+            for quantity, count in self.moving.items()
+        ]
+        if self.not_called:
+            said.append(f"in {self.not_called} of {self.reads} readings the function of at_return_of was not called "
+                        f"within {self._call_within_s:g} s: what it writes was read without it")  # fmt: skip
+        return (*said, *(f"{quantity.key} has no value: {reason}" for quantity, reason in self.absent.items()))
+
     def close(self) -> None:
         """Hang up; the firmware runs on. Idempotent."""
         self._client.close()
