@@ -167,18 +167,22 @@ def _grid() -> Grid:
 def _print_calibrators(console: Console, found: Summary) -> None:
     if not found.calibrators:
         return
+    counted_cycles = any(each.result.cycles for each in found.calibrators)
+    headings = ["worst \\[deg]", "limit"]
+    if counted_cycles:
+        headings += ["cycles", "uncertainty range", "limit", *([f"of {found.reference}"] if found.reference else [])]
     grid = _grid()
-    grid.add_column("calibrator", no_wrap=True)
-    headings = ["worst \\[deg]", "limit", "cycles", "uncertainty range", "limit"]
-    for heading in [*headings, *([f"of {found.reference}"] if found.reference else [])]:
+    grid.add_column("calibrator" if counted_cycles else "heading", no_wrap=True)
+    for heading in headings:
         grid.add_column(heading, justify="right", no_wrap=True)
     for each in found.calibrators:
         maximum, cycles = each.result.maximum, each.result.cycles
-        grid.add_row(
+        cells = [
             escape(each.name), shown_value(maximum), _most(maximum), number(cycles.value) if cycles else "",
-            str(cycles.band or "") if cycles else "", _most(cycles), *([each.ratio] if found.reference else []),
-            style="red" if maximum.gates or (cycles and cycles.gates) else "",
-        )
+            str(cycles.band or "") if cycles else "", _most(cycles), each.ratio,
+        ]
+        style = "red" if maximum.gates or (cycles and cycles.gates) else ""
+        grid.add_row(*cells[: len(headings) + 1], style=style)
     console.print()
     console.print(grid)
 

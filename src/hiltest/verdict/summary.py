@@ -21,6 +21,7 @@ from hiltest.text import counted, listed, number, readable
 from hiltest.verdict.calibrators import CalibratorResult, calibrator_results, value_of
 from hiltest.verdict.causes import ADVICE
 from hiltest.verdict.diagnosis import Diagnosis, diagnose_run
+from hiltest.verdict.own_language import FIRMWARE
 
 CLOSE = 0.05
 """A measurement is close to its limit from this part of it on."""
@@ -132,7 +133,8 @@ def summarise(run: Run | Findings) -> Summary:
         ))),
         reference=reference.name if reference else "",
         calibrators=tuple(
-            CalibratorLine(each, _ratio(run, each, reference)) for each in results if each.maximum.limit or each.cycles
+            CalibratorLine(each, _ratio(run, each, reference)) for each in results
+            if each.maximum.limit or each.cycles or FIRMWARE in named
         ),
         close=close_to_limit(measurements),
     )
