@@ -12,9 +12,13 @@ from hiltest.settings import Settings
 
 
 @pytest.fixture(scope="session")
-def before(compass: CompassBoard, turntable: Turntable, rig: Rig, hil_progress: Progress) -> CompassHeadings:
-    """Headings of the level poses, before the firmware has seen the board turned all round."""
-    return measure_headings(compass, turntable, rig.procedure.known_angle_poses("level"), progress=hil_progress)
+def before(
+    compass: CompassBoard, turntable: Turntable, rig: Rig, hil_settings: Settings, hil_progress: Progress
+) -> CompassHeadings:
+    """Headings of the known angles before the firmware has seen the board turned all round: not waited for long."""
+    poses = rig.procedure.known_angle_poses(hil_settings.poses)
+    longest_s = 2.0 * compass.device.window_s
+    return measure_headings(compass, turntable, poses, longest_s=longest_s, progress=hil_progress)
 
 
 @pytest.fixture(scope="session")

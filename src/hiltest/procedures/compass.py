@@ -119,6 +119,10 @@ class CompassHeadings:
         """Return the statistics of one source."""
         return summarise(self.error_deg[source], self.reference_deg, level=self.level)
 
+    def max_level_deg(self, source: str) -> float:
+        """Return the largest error of a source over the level poses."""
+        return summarise(self.error_deg[source][self.level], self.reference_deg[self.level]).max_deg
+
     @property
     def settle_s(self) -> Reals:
         """How long each pose was waited for [s], shape (n,)."""
@@ -196,7 +200,8 @@ def is_calibrated(said: Sequence[Observation]) -> bool:
 
 
 def measure_headings(
-    board: CompassBoard, turntable: Turntable, poses: Sequence[Pose], *, progress: Progress | None = None
+    board: CompassBoard, turntable: Turntable, poses: Sequence[Pose], *, longest_s: float | None = None,
+    progress: Progress | None = None,
 ) -> CompassHeadings:
     """Turn the board to each pose, wait until its heading has settled, and compare it with the table's angle.
 
@@ -206,6 +211,8 @@ def measure_headings(
     turntable : Turntable
     poses : sequence of Pose
         Of the table.
+    longest_s : float, optional
+        Longest that a heading is waited for; by default the rig's.
     """
     frame, tell = frame_of(board.rig), progress or silent
     yaw_deg = board.rig.mounting.yaw_deg if board.rig.mounting else 0.0
@@ -213,7 +220,7 @@ def measure_headings(
     for index, pose in enumerate(poses):
         there = turntable.turn_to(pose, known_angle=index)
         board.send(Moment.POSE)
-        settled = wait_until_settled(board, frame)
+        settled = wait_until_settled(board, frame, longest_s)
         attitude = Pose(wrap_360(there.heading_deg + yaw_deg), there.pitch_deg, there.roll_deg)
         held.append(HeldPose(
             pose, attitude, settled, field_ut=_mean(settled, Quantity.MAGNETOMETER_CALIBRATED, frame.vector),

@@ -40,8 +40,8 @@ class Settled:
     window: Sequence[Observation]
 
 
-def wait_until_settled(board: CompassBoard, frame: Frame) -> Settled:
-    """Listen until two windows in a row agree in their mean heading, or the rig's longest time is over.
+def wait_until_settled(board: CompassBoard, frame: Frame, longest_s: float | None = None) -> Settled:
+    """Listen until two windows in a row agree in their mean heading, or the longest time is over.
 
     Parameters
     ----------
@@ -49,6 +49,8 @@ def wait_until_settled(board: CompassBoard, frame: Frame) -> Settled:
         Standing still; it offers a heading.
     frame : Frame
         In which its headings are.
+    longest_s : float, optional
+        By default the rig's.
 
     Raises
     ------
@@ -56,6 +58,7 @@ def wait_until_settled(board: CompassBoard, frame: Frame) -> Settled:
         When a whole window brings no heading.
     """
     device, began_s = board.device, board.now_s()
+    longest_s = device.settle_s if longest_s is None else longest_s
     before: list[float] = []
     while True:
         window = board.observe(device.window_s)
@@ -67,7 +70,7 @@ def wait_until_settled(board: CompassBoard, frame: Frame) -> Settled:
             raise DeviceTimeoutError("a heading", device.window_s, board.clock, board.position())
         took_s = board.now_s() - began_s
         settled = bool(before) and agree(before, headings_deg)
-        if settled or took_s + device.window_s > device.settle_s:
+        if settled or took_s + device.window_s > longest_s:
             return Settled(circular_mean_deg(headings_deg), settled, took_s, window)
         before = headings_deg
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import groupby
+from itertools import compress, groupby
 
 from hiltest.measurement import Measurement, Outcome, Section
-from hiltest.record.run import Run
+from hiltest.record.run import BoardRecord, Run
 from hiltest.report.terminal import shown_limit, shown_value
 from hiltest.text import readable, without_folders
 from hiltest.verdict.calibrators import UNCALIBRATED, CalibratorCost, calibrator_costs
@@ -76,11 +76,17 @@ class Group:
 
 
 def accuracy_and_cost(run: Run) -> AccuracyAndCost:
-    """Return the table of all calibrators, cheapest first, streams after the others, without calibration last."""
+    """Return the table of all calibrators, cheapest first, streams after the others, without calibration last.
+
+    A column that nothing was measured for is left out.
+    """
     rows = [CalibratorRow(each.name, _cells(run, each)) for each in calibrator_costs(run)]
     if run.measurement(f"heading.{UNCALIBRATED}.max"):
         rows.append(CalibratorRow(UNCALIBRATED, _cells(run, CalibratorCost(UNCALIBRATED, None))))
-    return AccuracyAndCost(HEADINGS, tuple(rows))
+    told = [any(row.cells[place].text for row in rows) for place in range(len(HEADINGS))]
+    return AccuracyAndCost(
+        tuple(compress(HEADINGS, told)), tuple(replace(row, cells=tuple(compress(row.cells, told))) for row in rows)
+    )
 
 
 def groups(run: Run) -> list[Group]:
@@ -117,7 +123,7 @@ def board_line(run: Run) -> str:
     """Return the board, its firmware and the rig in one line."""
     parts = []
     if run.board:
-        parts += [run.board.description, f"{run.board.firmware} {run.board.version} build {run.board.build_id}"]
+        parts += [run.board.description, _firmware(run.board)]
     else:
         parts.append("no board answered")
     if run.rig:
@@ -125,16 +131,25 @@ def board_line(run: Run) -> str:
     return " · ".join([*filter(None, [*parts, revision(run.revision)]), run.started_utc])
 
 
+def _firmware(board: BoardRecord) -> str:
+    build = f"build {board.build_id}" if board.build_id else ""
+    return " ".join(filter(None, (board.firmware, board.version, build)))
+
+
 def provenance(run: Run) -> Iterator[tuple[str, str]]:
-    """Yield name and text of everything that the numbers depend on."""
+    """Yield name and text of everything that the numbers depend on, as far as it is known."""
+    yield from ((name, text) for name, text in _provenance(run) if text)
+
+
+def _provenance(run: Run) -> Iterator[tuple[str, str]]:
     if run.revision:
-        named = {"label": run.revision.label, "commit": run.revision.commit, "branch": run.revision.branch}
-        yield from ((name, text) for name, text in named.items() if text)
+        yield from (("label", run.revision.label), ("commit", run.revision.commit), ("branch", run.revision.branch))
     if run.board:
         board = run.board
         yield "board", board.description
         yield "unique id", board.unique_id
-        yield "firmware", f"{board.firmware} {board.version}, build {board.build_id}, protocol {board.protocol_version}"
+        protocol = f", protocol {board.protocol_version}" if board.protocol_version else ""
+        yield "firmware", _firmware(board) + protocol
         yield "build id in the ELF", board.elf_build_id or "not offered"
         yield "firmware SHA-256", board.firmware_sha256 or "not offered by this board"
         yield "compiler", board.compiler
