@@ -25,6 +25,27 @@ def default_firmware() -> Path:
     return Path(__file__).parents[1] / "firmware" / "hiltest-frdm-k64f.elf"
 
 
+def firmware_of(rig: Rig) -> Path:
+    """Return the firmware of a rig: the file that it names, beside it or among those that ship, or hiltest's own.
+
+    Raises
+    ------
+    ConfigError
+        When there is no such file.
+    """
+    named, shipped = rig.board.firmware, default_firmware().parent
+    if named is None:
+        return default_firmware()
+    for file in (rig.path.parent / named, shipped / named):
+        if file.is_file():
+            return file
+    ours = ", ".join(sorted(each.name for each in shipped.glob("*.elf")))
+    raise ConfigError(
+        f"{rig.where('board', 'firmware')}: board.firmware: no file {named!r} beside the rig, and none of that name "
+        f"comes with hiltest: {ours}"
+    )
+
+
 def _timing_of(rig: Rig) -> str:
     """Return the name of the timing profile, or its file: a relative one is beside the rig's."""
     named = rig.board.timing or DEFAULT_PROFILE
@@ -45,7 +66,7 @@ class VirtualBench:
     rig : Rig
         Rig of a virtual board.
     firmware : Path, optional
-        ELF, Intel HEX or raw binary to run; by default the prebuilt one.
+        ELF, Intel HEX or raw binary to run; by default the rig's, or the prebuilt one.
     seed : int, optional
         Noise seed; by default the rig's.
     base : int, optional
@@ -75,14 +96,14 @@ class VirtualBench:
                 "Name its port with --hil-port, or choose a rig of a virtual board."
             )
         self.rig = rig
-        self.firmware = firmware or default_firmware()
+        self.firmware = firmware or firmware_of(rig)
         self.seed = rig.seed if seed is None else seed
         self._world = build_world(rig)
         sensors = build_sensors(rig, self._world, self.seed)
         # What the firmware that ships touches is modelled: anything else is a mistake, and found at once.
         self.machine = VirtualK64F(
             load_image(self.firmware, base=base), i2c0=sensors["i2c0"], i2c1=sensors["i2c1"], profile=_timing_of(rig),
-            strict=firmware is None, memory=MK64FN1M0, seed=self.seed, flash_file=flash_file,
+            strict=self.firmware == default_firmware(), memory=MK64FN1M0, seed=self.seed, flash_file=flash_file,
         )  # fmt: skip
         self.machine.warm_by(lambda: self.temperature_degc)
         self._parts = {(bus, part.address): part for bus in (0, 1) for part in sensors[f"i2c{bus}"]}

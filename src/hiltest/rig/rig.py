@@ -49,7 +49,7 @@ _TEXTS = ("lines", "path", "name", "schema")
 _CHECKED_BY = ("limits", "information", "tolerances", "units", "full_only", "cycles")
 # Kept in the record beside the digest, because an option of the command line may change them.
 _KEPT_APART = ("seed",)
-_KEPT_APART_OF = {"procedure": ("poses", "cost_reference"), "board": ("port", "timing")}
+_KEPT_APART_OF = {"procedure": ("poses", "cost_reference"), "board": ("port", "timing", "firmware")}
 
 
 @dataclass(frozen=True, slots=True)

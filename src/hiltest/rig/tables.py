@@ -53,6 +53,9 @@ class BoardPlace:
     timing : str or None
         What a virtual board counts by: the name of a timing profile, or a file, relative to the rig's, that ends in
         ``.toml``. None is the default profile.
+    firmware : str or None
+        What a virtual board runs when the command line names nothing: a file, relative to the rig's, or the name of one
+        that comes with hiltest. None is hiltest's own.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
@@ -61,9 +64,11 @@ class BoardPlace:
     transcript: str | None = None
     cycle_model: str | None = None
     timing: str | None = None
+    firmware: str | None = None
 
     def __post_init__(self) -> None:
         require(self.kind == "virtual" or self.timing is None, "timing", 'belongs to a board of kind "virtual"')
+        require(self.kind == "virtual" or self.firmware is None, "firmware", 'belongs to a board of kind "virtual"')
         require(self.kind == "real" or self.port is None, "port", 'belongs to a board of kind "real"')
         require(self.kind == "real" or self.cycle_model is None, "cycle_model", 'belongs to a board of kind "real"')
         require(self.cycle_model is None or re.fullmatch(r"[a-z0-9/.+-]+", self.cycle_model) is not None, "cycle_model",
