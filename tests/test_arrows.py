@@ -21,7 +21,7 @@ PAGE = (Path(__file__).parents[1] / "docs" / "architecture.md").read_text(encodi
 (ARROWS,) = re.findall(r"^```arrows\n(.*?)^```", PAGE, re.M | re.S)
 APPLICATION = frozenset({"commands", "cycle_benchmarks", "runs", "session"})
 # Numbers in, numbers out: beside themselves and the standard library, only these.
-PURE = frozenset({"errors", "text", "angles", "measurement", "calibration", "orientation", "world", "sensors"})
+PURE = frozenset({"errors", "text", "units", "angles", "measurement", "calibration", "orientation", "world", "sensors"})
 NUMERICAL = frozenset({"numpy", "scipy"})
 
 

@@ -11,7 +11,7 @@ from hiltest.commands.options import RATE_UNITS
 from hiltest.errors import ConfigError
 from hiltest.logs.columns import seconds_of
 from hiltest.logs.rate_log import read_rate_log
-from hiltest.logs.units import DEGREES_PER_SECOND, RATE_WORDS, RateUnit
+from hiltest.units import DEGREES_PER_SECOND, RATE_WORDS, RateUnit
 
 
 def written(folder: Path, *lines: str) -> Path:

@@ -42,7 +42,7 @@ def allan(
     from hiltest.calibration.allan import allan_curve
     from hiltest.logs.allan_page import headline, table, to_json, write_page
     from hiltest.logs.rate_log import read_rate_log
-    from hiltest.logs.units import RATE_WORDS
+    from hiltest.units import RATE_WORDS
 
     read = read_rate_log(log, columns=columns, unit=RATE_WORDS[unit] if unit else None, time=time, rate_hz=rate_hz)
     curve = allan_curve(read.rates, rate_hz=read.rate_hz)

@@ -73,9 +73,9 @@ def fit_imu(**given: Any) -> int:
     """
     from hiltest.logs import AccelerationUnit, LogColumns, read_imu_log
     from hiltest.logs.imu_fit import fit_imu_log, print_fit, to_header, to_json
-    from hiltest.logs.units import RATE_WORDS
     from hiltest.record.files import write_asked_for
     from hiltest.report.console import standard_output
+    from hiltest.units import RATE_WORDS
 
     options = _Options(**given)
     listed = options.intervals if options.intervals and Path(options.intervals).suffix == ".json" else None

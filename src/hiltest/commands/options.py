@@ -29,7 +29,7 @@ Exit codes:
   23  wrong firmware, or another protocol version
 """
 
-#: Of `hiltest.logs.units.RATE_WORDS`, which commands import when they run.
+#: Of `hiltest.units.RATE_WORDS`, which commands import when they run.
 RATE_UNITS = ("deg/s", "dps", "mdps", "rad/s", "deg/h", "counts")
 
 

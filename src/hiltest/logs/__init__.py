@@ -7,7 +7,7 @@ from hiltest.logs.counts import CountScale, thinned
 from hiltest.logs.imu_log import ImuLog, LogColumns, read_imu_log
 from hiltest.logs.intervals import Interval, Intervals, found_intervals, labelled_intervals, listed_intervals
 from hiltest.logs.samples import Samples, read_samples
-from hiltest.logs.units import AccelerationUnit, RateUnit
+from hiltest.units import AccelerationUnit, RateUnit
 
 __all__ = [
     "AccelerationUnit", "CountScale", "ImuLog", "Interval", "Intervals", "LogColumns", "RateUnit", "Samples", "Unit",

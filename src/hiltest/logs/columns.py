@@ -9,7 +9,7 @@ from enum import StrEnum
 from typing import TypeVar
 
 from hiltest.errors import ConfigError
-from hiltest.logs.units import RATE_WORDS, AccelerationUnit, RateUnit
+from hiltest.units import RATE_WORDS, AccelerationUnit, RateUnit
 
 _U = TypeVar("_U", AccelerationUnit, RateUnit)
 

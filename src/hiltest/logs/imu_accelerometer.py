@@ -19,7 +19,7 @@ from hiltest.calibration.accelerometer import (
 from hiltest.calibration.still_pose import FACES, Face, StillPose
 from hiltest.logs.imu_log import ImuLog
 from hiltest.logs.intervals import Interval
-from hiltest.logs.units import GRAVITIES
+from hiltest.units import GRAVITIES
 
 Reals = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from hiltest.calibration.accelerometer import AccelerometerFit
 from hiltest.calibration.gyroscope import MAX_TURNS, GyroscopeFit, GyroscopeTurn, TurnsStatus, fit_turns
 from hiltest.logs.imu_log import ImuLog
 from hiltest.logs.intervals import Interval, Intervals
-from hiltest.logs.units import DEGREES_PER_SECOND
+from hiltest.units import DEGREES_PER_SECOND
 
 Reals = NDArray[np.float64]
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from hiltest.errors import ConfigError
 from hiltest.logs.imu_log import ImuLog
-from hiltest.logs.units import DEGREES_PER_SECOND, GRAVITIES
 from hiltest.strict_json import read_bounded
+from hiltest.units import DEGREES_PER_SECOND, GRAVITIES
 
 Reals = NDArray[np.float64]
 

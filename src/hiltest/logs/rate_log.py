@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from hiltest.errors import ConfigError
 from hiltest.logs.columns import axis_triples, column_index, name_and_unit, seconds_of
 from hiltest.logs.table import TableRow, check_width, is_number, read_rows, shown
-from hiltest.logs.units import DEGREES_PER_SECOND, RATE_WORDS, RateUnit
+from hiltest.units import DEGREES_PER_SECOND, RATE_WORDS, RateUnit
 
 Reals = NDArray[np.float64]
 

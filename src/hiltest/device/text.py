@@ -1,0 +1,139 @@
+"""Firmware that prints lines: what it says of itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hiltest.device.quantities import Moment, Observation, Quantity
+from hiltest.device.text_forms import Form
+from hiltest.device.text_lines import LONGEST_LINE, LineSplitter, Pattern
+from hiltest.device.text_values import ValueSource
+from hiltest.text import legible
+
+_LONGEST_ERROR = 200
+_READY = np.ones(1)
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What was understood of a line.
+
+    Attributes
+    ----------
+    line : str
+        As it came.
+    values : mapping of Quantity to ndarray
+    error : str
+        What the firmware reports to be wrong.
+    remark : str
+        What the line is instead, or what was not understood of it.
+    understood : bool
+        It has a meaning, be it without a value.
+    """
+
+    line: str
+    values: Mapping[Quantity, NDArray[np.float64]] = field(default_factory=dict)
+    error: str = ""
+    remark: str = ""
+    understood: bool = False
+
+
+class TextInterface:
+    """A `StreamInterface` that understands lines.
+
+    The first line may be the end of one, so its values are not taken; what it says of errors is.
+
+    Parameters
+    ----------
+    form : Form
+        Where fields stand in a line.
+    sources : sequence of ValueSource
+        Which fields are which quantity.
+    patterns : sequence of Pattern, optional
+        Those of the form.
+    ready, error : Pattern, optional
+        Of lines that say that the magnetometer is calibrated, and that something is wrong: the group ``error``, or
+        the whole line.
+    commands : mapping of Moment to bytes, optional
+        What is sent when.
+
+    Attributes
+    ----------
+    offers : frozenset of Quantity
+    not_understood : int
+        Lines without a meaning, the first one's values aside.
+    """
+
+    def __init__(
+        self, form: Form, sources: Sequence[ValueSource], *, patterns: Sequence[Pattern] = (),
+        ready: Pattern | None = None, error: Pattern | None = None, commands: Mapping[Moment, bytes] | None = None,
+    ) -> None:  # fmt: skip
+        self.offers = frozenset({each.quantity for each in sources} | ({Quantity.CALIBRATED} if ready else set()))
+        self.not_understood = 0
+        self._patterns = [*patterns, *(each for each in (ready, error) if each is not None)]
+        self._form = form
+        self._sources = sources
+        self._ready = ready
+        self._error = error
+        self._commands = commands or {}
+        self._splitter = LineSplitter()
+        self._begun = False
+
+    @property
+    def given_up(self) -> tuple[str, ...]:
+        """Regular expressions that took too long in a line, and find nothing any more."""
+        return tuple(each.text for each in self._patterns if each.given_up)
+
+    def commands(self, moment: Moment) -> bytes:
+        """Return what is to be sent at a moment; may be empty."""
+        return self._commands.get(moment, b"")
+
+    def feed(self, data: bytes, time_s: float) -> list[Observation]:
+        """Take bytes that have arrived by a time, however they are cut; return what their lines say."""
+        said = [each for each in self.readings(data) if each.values or each.error]
+        return [Observation(time_s, each.values, each.error) for each in said]
+
+    def readings(self, data: bytes) -> list[Reading]:
+        """Take bytes; return every line that they complete, understood or not."""
+        readings = [self._read(line) for line in self._splitter.feed(data)]
+        self.not_understood += sum(not each.understood for each in readings)
+        return readings
+
+    def _read(self, line: str | None) -> Reading:
+        if line is None:
+            self._begun = True
+            return Reading("", remark=f"longer than {LONGEST_LINE} bytes")
+        found = self._form.find(line)
+        values, complaints = self._values(found.fields)
+        if not self._begun:
+            values, complaints = {}, ["the first line may have lost its beginning"]
+            self._begun = True
+        if self._ready is not None and self._ready.search(line):
+            values[Quantity.CALIBRATED] = _READY
+        error = self._error_in(line)
+        understood = bool(values or error or found.is_header)
+        remarks = complaints or ([] if values or error else [found.remark])
+        return Reading(line, values, error, "; ".join(remarks), understood)
+
+    def _values(self, fields: Mapping[str, Sequence[str]]) -> tuple[dict[Quantity, NDArray[np.float64]], list[str]]:
+        """Return the values in the fields of a line, and what is wrong with others."""
+        values: dict[Quantity, NDArray[np.float64]] = {}
+        complaints = []
+        for source in self._sources:
+            value = source.value(fields)
+            if isinstance(value, str):
+                complaints.append(f"{source.quantity.key}: {value}")
+            elif value is not None:
+                values[source.quantity] = value
+        return values, complaints
+
+    def _error_in(self, line: str) -> str:
+        match = self._error.search(line) if self._error else None
+        if match is None:
+            return ""
+        text = match.groupdict().get("error") or line
+        return legible(text.strip())[:_LONGEST_ERROR] or "an empty line"

@@ -1,0 +1,86 @@
+"""Lines in a stream of bytes, and patterns that are searched in them: neither takes for ever."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+import regex
+
+# NMEA 0183 allows 82; a line of JSON with every quantity has some 600.
+LONGEST_LINE = 1024
+_LINE_END = re.compile(rb"[\r\n]")
+# A search that is no mistake takes microseconds; the host may be busy meanwhile.
+_LONGEST_SEARCH_S = 1.0
+
+
+class LineSplitter:
+    r"""Find lines in bytes that come in pieces; they end with ``\n``, ``\r\n`` or ``\r``.
+
+    Examples
+    --------
+    >>> splitter = LineSplitter()
+    >>> list(splitter.feed(b"a\r\nb")), list(splitter.feed(b"c\n\nd"))
+    (['a'], ['bc'])
+
+    Attributes
+    ----------
+    unfinished : bytearray
+        What came since the last end: all of it, or as much as shows that it is too long.
+    """
+
+    def __init__(self) -> None:
+        self.unfinished = bytearray()
+
+    def feed(self, data: bytes) -> Iterator[str | None]:
+        """Yield the lines that bytes complete, without those that are empty; None for one that is too long."""
+        *ended, rest = _LINE_END.split(data)
+        for piece in ended:
+            self._keep(piece)
+            if self.unfinished:
+                yield self._line()
+            self.unfinished.clear()
+        self._keep(rest)
+
+    def _keep(self, piece: bytes) -> None:
+        self.unfinished += piece[: LONGEST_LINE + 1 - len(self.unfinished)]
+
+    def _line(self) -> str | None:
+        return None if len(self.unfinished) > LONGEST_LINE else self.unfinished.decode("utf-8", errors="replace")
+
+
+class Pattern:
+    """A regular expression that is given up once a search has taken too long.
+
+    Raises
+    ------
+    ValueError
+        When it is none.
+
+    Attributes
+    ----------
+    text : str
+    groups : frozenset of str
+        Names of its groups.
+    given_up : bool
+        It finds nothing any more.
+    """
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+        try:
+            self._compiled = regex.compile(text)
+        except (regex.error, OverflowError, RecursionError) as error:
+            raise ValueError(f"{text!r} is no regular expression: {error}") from error
+        self.groups = frozenset(self._compiled.groupindex)
+        self.given_up = False
+
+    def search(self, line: str) -> regex.Match[str] | None:
+        """Return the first match in a line."""
+        if self.given_up:
+            return None
+        try:
+            return self._compiled.search(line, timeout=_LONGEST_SEARCH_S)
+        except TimeoutError:
+            self.given_up = True
+            return None

@@ -1,0 +1,124 @@
+"""What a rig's table ``[device.text]`` means: an interface, or a mistake by file, line and key."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from difflib import get_close_matches
+
+from hiltest.device.quantities import Moment, Quantity
+from hiltest.device.text import TextInterface
+from hiltest.device.text_forms import ColumnForm, Form, JsonForm, PatternForm
+from hiltest.device.text_lines import Pattern
+from hiltest.device.text_values import ValueSource, component_names
+from hiltest.errors import ConfigError
+from hiltest.rig.tables import RigValueError, require
+from hiltest.rig.text_device import COUNTS, TextDevice, TextValue
+from hiltest.units import Conversion, conversion, unit_words
+
+
+def text_interface(table: TextDevice, where: Callable[[str], str]) -> TextInterface:
+    """Return what understands the lines.
+
+    Parameters
+    ----------
+    table : TextDevice
+    where : callable
+        Returns ``file:line`` of a key below the table, with dots: ``values.heading.unit``.
+
+    Raises
+    ------
+    ConfigError
+        When the table contradicts itself.
+    """
+    try:
+        patterns = [_pattern(text, "patterns") for text in table.patterns]
+        sources = [*_sources(table, frozenset().union(*(each.groups for each in patterns)))]
+        for pattern in patterns:
+            _refuse_unknown_groups(pattern, sources)
+        ready = _pattern(table.ready, "ready") if table.ready is not None else None
+        error = _pattern(table.error, "error") if table.error is not None else None
+    except RigValueError as wrong:
+        raise ConfigError(f"{where(wrong.key)}: device.text.{wrong.key}: {wrong}") from wrong
+    commands = {moment: getattr(table.commands, moment.value).encode("latin-1") for moment in Moment}
+    return TextInterface(
+        _form(table, patterns, sources), sources, patterns=patterns, ready=ready, error=error, commands=commands
+    )
+
+
+def _form(table: TextDevice, patterns: Sequence[Pattern], sources: Sequence[ValueSource]) -> Form:
+    if table.format == "lines":
+        return PatternForm(patterns)
+    wanted = [name for source in sources for name in source.fields]
+    return JsonForm(wanted) if table.format == "json" else ColumnForm(wanted, table.columns, table.separator)
+
+
+def _sources(table: TextDevice, groups: frozenset[str]) -> Iterator[ValueSource]:
+    """Yield where each quantity is: those of ``values``, and those that groups are named after."""
+    by_key = {each.key: each for each in Quantity}
+    for key in table.values:
+        require(key in by_key, f"values.{key}", f"is no quantity; {_nearest(key, by_key)}")
+    for quantity in Quantity:
+        if quantity.key in table.values or groups & {quantity.key, *component_names(quantity)}:
+            value = table.values.get(quantity.key, TextValue())
+            names = value.names or _named_after(quantity, table, groups)
+            _check_names(quantity, names, table, groups)
+            yield ValueSource(quantity, names, _conversion(quantity, value))
+
+
+def _named_after(quantity: Quantity, table: TextDevice, groups: frozenset[str]) -> tuple[str, ...]:
+    """Return the fields of a quantity's name."""
+    components = component_names(quantity)
+    known = {"lines": groups, "json": {quantity.key}, "csv": set(table.columns) or set(components)}[table.format]
+    if quantity.key in known:
+        return (quantity.key,)
+    missing = [name for name in components if name not in known]
+    place = "patterns" if table.format == "lines" else f"values.{quantity.key}"
+    require(not missing, place, f"{quantity.key} has no {', '.join(missing)}: name its fields, or add them")
+    return components
+
+
+def _check_names(quantity: Quantity, names: Sequence[str], table: TextDevice, groups: frozenset[str]) -> None:
+    """Refuse fields that no line can have."""
+    place = f"values.{quantity.key}.fields"
+    require(len(names) in (1, quantity.size), place, f"are {len(names)}, and it has {quantity.size} numbers")
+    for name in names:
+        if table.format == "csv" and name.isdecimal():
+            within = 1 <= int(name) <= (len(table.columns) or int(name))
+            require(within, place, f"has no column {name}; the first is 1")
+        elif table.format == "lines" or table.columns:
+            known = dict.fromkeys(groups if table.format == "lines" else table.columns)
+            require(name in known, place, f"{name!r} is in no line; {_nearest(name, known)}")
+
+
+def _refuse_unknown_groups(pattern: Pattern, sources: Sequence[ValueSource]) -> None:
+    used = {name for source in sources for name in source.fields}
+    names = [name for each in Quantity for name in (each.key, *component_names(each))]
+    require(bool(pattern.groups), "patterns", f"{pattern.text!r} has no named group, such as (?P<heading>[-0-9.]+)")
+    for unknown in sorted(pattern.groups - used):
+        raise RigValueError("patterns", f"{pattern.text!r} has the group {unknown!r}, which is no quantity; "
+                                        f"{_nearest(unknown, dict.fromkeys([*used, *names]))}")
+
+
+def _pattern(text: str, key: str) -> Pattern:
+    try:
+        return Pattern(text)
+    except ValueError as error:
+        raise RigValueError(key, str(error)) from error
+
+
+def _conversion(quantity: Quantity, value: TextValue) -> Conversion:
+    """Return what takes the printed numbers of a quantity to its unit."""
+    scale = 1.0 if value.scale is None else value.scale
+    if value.unit is None or value.unit.lower() in COUNTS:
+        return Conversion(scale)
+    found = conversion(value.unit, quantity.unit)
+    if found is None:
+        known = ", ".join([*unit_words(quantity.unit), "count"])
+        raise RigValueError(f"values.{quantity.key}.unit", f"{value.unit!r} is no unit of it; known: {known}")
+    return Conversion(scale * found.factor, found.offset)
+
+
+def _nearest(name: str, known: Mapping[str, object]) -> str:
+    """Return which of the known names was meant, or what they are."""
+    near = next(iter(get_close_matches(name, known, n=1, cutoff=0.5)), None)
+    return f"did you mean {near!r}?" if near else f"known: {', '.join(known)}"

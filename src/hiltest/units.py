@@ -1,0 +1,107 @@
+"""Units as headers of tables, options of commands and rigs name them, and what one is in another."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class RateUnit(StrEnum):
+    """Unit of gyroscope samples; the scale of counts is unknown."""
+
+    DPS = "deg/s"
+    MDPS = "mdps"
+    RAD_S = "rad/s"
+    DEG_H = "deg/h"
+    COUNTS = "counts"
+
+
+#: What one of a unit is in deg/s; None where that is unknown.
+DEGREES_PER_SECOND: dict[RateUnit, float | None] = {
+    RateUnit.DPS: 1.0, RateUnit.MDPS: 1e-3, RateUnit.RAD_S: math.degrees(1.0), RateUnit.DEG_H: 1.0 / 3600.0,
+    RateUnit.COUNTS: None,
+}  # fmt: skip
+
+#: In lower case.
+RATE_WORDS = {
+    **dict.fromkeys(("deg/s", "dps", "°/s", "degs", "deg"), RateUnit.DPS),
+    "mdps": RateUnit.MDPS,
+    **dict.fromkeys(("rad/s", "rads", "rad", "si"), RateUnit.RAD_S),
+    "deg/h": RateUnit.DEG_H,
+    **dict.fromkeys(("counts", "count", "lsb"), RateUnit.COUNTS),
+}
+
+
+class AccelerationUnit(StrEnum):
+    """Unit of accelerometer samples; scale and zero of counts are unknown."""
+
+    G = "g"
+    MG = "mg"
+    MS2 = "m/s2"
+    COUNTS = "counts"
+
+
+#: What one of a unit is in g; None where that is unknown.
+GRAVITIES: dict[AccelerationUnit, float | None] = {
+    AccelerationUnit.G: 1.0, AccelerationUnit.MG: 1e-3, AccelerationUnit.MS2: 1.0 / 9.80665,
+    AccelerationUnit.COUNTS: None,
+}  # fmt: skip
+
+ACCELERATION_WORDS = {
+    "g": AccelerationUnit.G, "mg": AccelerationUnit.MG,
+    **dict.fromkeys(("m/s2", "m/s^2", "m/s²", "ms2", "si"), AccelerationUnit.MS2),
+    **dict.fromkeys(("counts", "count", "lsb"), AccelerationUnit.COUNTS),
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Conversion:
+    """What takes a number of one unit to another: ``factor * number + offset``."""
+
+    factor: float = 1.0
+    offset: float = 0.0
+
+
+def _of(factors: Mapping[str, float | None]) -> dict[str, Conversion]:
+    """Return conversions by word; a unit whose size is unknown has none."""
+    return {word: Conversion(factor) for word, factor in factors.items() if factor is not None}
+
+
+# By the unit that is converted to; the words are in lower case. Of the micro sign there are two.
+_CONVERSIONS: dict[str, dict[str, Conversion]] = {
+    "deg": _of({"deg": 1.0, "°": 1.0, "rad": math.degrees(1.0), "mrad": math.degrees(1e-3)}),
+    "dps": _of({word: DEGREES_PER_SECOND[unit] for word, unit in RATE_WORDS.items()}),
+    "g": _of({word: GRAVITIES[unit] for word, unit in ACCELERATION_WORDS.items()}),
+    "uT": _of({
+        "ut": 1.0, "µt": 1.0, "μt": 1.0, "nt": 1e-3, "mt": 1e3, "t": 1e6, "gauss": 100.0, "gs": 100.0, "mgauss": 0.1,
+    }),
+    "degC": {
+        "degc": Conversion(), "°c": Conversion(), "c": Conversion(), "k": Conversion(offset=-273.15),
+        "degf": Conversion(5.0 / 9.0, -160.0 / 9.0),
+    },
+    "%": {"%": Conversion(), "1": Conversion(100.0)},
+    "": {"": Conversion(), "1": Conversion()},
+}  # fmt: skip
+# Of a field, with the capital; in lower case these are the g of accelerometers.
+_GAUSS = {"G": "gauss", "mG": "mgauss"}
+
+
+def conversion(word: str, unit: str) -> Conversion | None:
+    """Return what takes numbers of a unit, as people write it, to one of deg, dps, g, uT, degC and %.
+
+    None when they do not convert.
+
+    Examples
+    --------
+    >>> conversion("mG", "uT"), conversion("K", "degC"), conversion("uT", "deg")
+    (Conversion(factor=0.1, offset=0.0), Conversion(factor=1.0, offset=-273.15), None)
+    """
+    written = _GAUSS.get(word.strip(), word.strip()) if unit == "uT" else word.strip()
+    return _CONVERSIONS[unit].get(written.lower())
+
+
+def unit_words(unit: str) -> list[str]:
+    """Return the words from which `conversion` leads to a unit."""
+    return [each for each in _CONVERSIONS[unit] if each.isascii() and each]
