@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Build the firmware and put the ELF, with a manifest of what it was built from, where the package ships it.
+"""Build the firmware and the sample compass, and put the ELFs, each with a manifest, where the package ships them.
 
-    python firmware_stub/build.py              build, check, and replace the shipped ELF
+    python firmware_stub/build.py              build, check, and replace the shipped ELFs
     python firmware_stub/build.py --out DIR    the same into another folder
 
 A copy of this folder outside hiltest's repository always needs --out, and is built in a temporary folder.
@@ -27,6 +27,9 @@ FIRMWARE = Path(__file__).resolve().parent
 REPOSITORY = FIRMWARE.parent
 SHIPPED = REPOSITORY / "src" / "hiltest" / "firmware"
 NAME = "hiltest-frdm-k64f"
+# Firmware of its own in a folder of its own, which is no source of the one above: its ELFs by what they send.
+COMPASS = "compass"
+COMPASSES = ("compass-lines", "compass-packets")
 SOURCE_SUFFIXES = {".c", ".h", ".S", ".ld", ".cmake", ".txt"}
 COMPILER = "arm-none-eabi-gcc"
 DEBIAN_PACKAGES = "gcc-arm-none-eabi libnewlib-arm-none-eabi cmake ninja-build"
@@ -36,25 +39,27 @@ IN_REPOSITORY = FIRMWARE.name == "firmware_stub" and (SHIPPED.parent / "__init__
 STACK_LIMIT_BYTES = 8 * 1024  # what the linker script keeps free at least
 
 
-def source_files(root: Path = FIRMWARE) -> list[Path]:
-    """List every file that decides what is built, in a fixed order."""
+def source_files(root: Path = FIRMWARE, *, compass: bool = False) -> list[Path]:
+    """List every file that decides what is built, in a fixed order; the compass is built from those of both."""
     files = (path for path in root.rglob("*") if path.is_file() and path.suffix in SOURCE_SUFFIXES)
-    return sorted(files, key=lambda path: path.relative_to(root).as_posix())
+    wanted = (path for path in files if compass or path.relative_to(root).parts[0] != COMPASS)
+    return sorted(wanted, key=lambda path: path.relative_to(root).as_posix())
 
 
-def source_hash(root: Path = FIRMWARE) -> str:
+def source_hash(root: Path = FIRMWARE, *, compass: bool = False) -> str:
     """Hash names and contents of all sources; compiler flags are among them, in the CMake files."""
     digest = hashlib.sha256()
-    for path in source_files(root):
+    for path in source_files(root, compass=compass):
         content = path.read_bytes()
         digest.update(f"{path.relative_to(root).as_posix()}\0{len(content)}\0".encode())
         digest.update(content)
     return digest.hexdigest()
 
 
-def build_id(sources: str) -> str:
-    """Identify what these sources become: another compiler makes another firmware of them."""
-    return hashlib.sha256(f"{sources}\n{compiler_version()}\n".encode()).hexdigest()[:16]
+def build_id(sources: str, *more: str) -> str:
+    """Identify what these sources become: another compiler, or another name, makes another firmware of them."""
+    made_of = (sources, compiler_version(), *more)
+    return hashlib.sha256("".join(f"{each}\n" for each in made_of).encode()).hexdigest()[:16]
 
 
 def compiler_version() -> str:
@@ -92,13 +97,24 @@ def remove_build(build: Path, source: Path) -> None:
 
 def compile_firmware(build: Path, digest: str, *, source: Path = FIRMWARE) -> Path:
     """Configure and build in an empty folder; return the ELF."""
+    _compile(source, build, f"-DHILTEST_BUILD_ID={build_id(digest)}", toolchains=source)
+    return build / f"{NAME}.elf"
+
+
+def compile_compass(build: Path, digest: str, *, source: Path = FIRMWARE) -> list[Path]:
+    """Configure and build the compass in an empty folder; return its ELFs."""
+    ids = [f"-D{name.upper().replace('-', '_')}_BUILD_ID={build_id(digest, name)}" for name in COMPASSES]
+    _compile(source / COMPASS, build, *ids, toolchains=source)
+    return [build / f"{name}.elf" for name in COMPASSES]
+
+
+def _compile(source: Path, build: Path, *definitions: str, toolchains: Path) -> None:
     remove_build(build, source)
     generator = "Ninja" if shutil.which("ninja") else "Unix Makefiles"
-    toolchain = source / "cmake" / "arm-none-eabi.cmake"
-    run("cmake", "-G", generator, "-S", source, "-B", build, f"-DCMAKE_TOOLCHAIN_FILE={toolchain}",
-        f"-DHILTEST_BUILD_ID={build_id(digest)}", "-DCMAKE_EXPORT_COMPILE_COMMANDS=ON")  # fmt: skip
+    toolchain = toolchains / "cmake" / "arm-none-eabi.cmake"
+    run("cmake", "-G", generator, "-S", source, "-B", build, f"-DCMAKE_TOOLCHAIN_FILE={toolchain}", *definitions,
+        "-DCMAKE_EXPORT_COMPILE_COMMANDS=ON")  # fmt: skip
     run("cmake", "--build", build)
-    return build / f"{NAME}.elf"
 
 
 def section_sizes(elf: Path) -> dict[str, int]:
@@ -112,7 +128,7 @@ def section_sizes(elf: Path) -> dict[str, int]:
 def compile_flags(build: Path, source: Path) -> str:
     """The flags of an ordinary source file, without folders and without what belongs to the file."""
     commands = json.loads((build / "compile_commands.json").read_text())
-    command = next(entry["command"] for entry in commands if entry["file"].endswith("app/server.c"))
+    command = next(entry["command"] for entry in commands if entry["file"].endswith("/main.c"))
     flags = command.split()[1:]
     kept = [flag for flag in flags[: flags.index("-o")] if str(source) not in flag and str(build) not in flag]
     return " ".join(kept)
@@ -124,7 +140,7 @@ def manifest(elf: Path, build: Path, digest: str, *, source: Path = FIRMWARE) ->
         "schema": "hiltest.firmware/1",
         "elf": elf.name,
         "elf_sha256": hashlib.sha256(elf.read_bytes()).hexdigest(),
-        "build_id": build_id(digest),
+        "build_id": build_id(digest, *(name for name in COMPASSES if name == elf.stem)),
         "source_sha256": digest,
         "compiler": compiler_version(),
         "flags": compile_flags(build, source),
@@ -163,13 +179,20 @@ def main() -> None:
 
 
 def install(build: Path, out: Path) -> None:
-    """Build in one folder, and put ELF and manifest into another."""
+    """Build in one folder, and put ELFs and manifests into another."""
     digest = source_hash()
-    built = compile_firmware(build, digest)
-    out.mkdir(parents=True, exist_ok=True)
-    elf = Path(shutil.copyfile(built, out / built.name))
+    ship(compile_firmware(build, digest), build, digest, out / "manifest.json")
+    digest = source_hash(compass=True)
+    for elf in compile_compass(build / COMPASS, digest):
+        ship(elf, build / COMPASS, digest, out / f"{elf.stem}.json")
+
+
+def ship(built: Path, build: Path, digest: str, described: Path) -> None:
+    """Put an ELF beside its manifest."""
+    described.parent.mkdir(parents=True, exist_ok=True)
+    elf = Path(shutil.copyfile(built, described.with_name(built.name)))
     facts = manifest(elf, build, digest)
-    (out / "manifest.json").write_text(json.dumps(facts, indent=2) + "\n")
+    described.write_text(json.dumps(facts, indent=2) + "\n")
     print(f"{elf}: build {facts['build_id']}, {facts['section_bytes']}, stack {facts['deepest_stack_bytes']}")
 
 

@@ -1,4 +1,4 @@
-"""The shipped ELF: built from these sources, byte for byte, and nothing in it that a bare board must not have."""
+"""The shipped ELFs: built from these sources, byte for byte, and nothing in them that a bare board must not have."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 from elftools.elf.elffile import ELFFile
@@ -21,7 +22,8 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[2]
 FIRMWARE = ROOT / "firmware_stub"
 SHIPPED = ROOT / "src" / "hiltest" / "firmware" / "hiltest-frdm-k64f.elf"
-MANIFEST = json.loads(SHIPPED.with_name("manifest.json").read_text())
+COMPASSES = [SHIPPED.with_name(f"compass-{output}.elf") for output in ("lines", "packets")]
+MANIFESTS = {SHIPPED: SHIPPED.with_name("manifest.json"), **{elf: elf.with_suffix(".json") for elf in COMPASSES}}
 FLASH = range(0x0000_0000, 0x0010_0000)
 SRAM_L = range(0x1FFF_0000, 0x2000_0000)
 SRAM_U = range(0x2000_0000, 0x2003_0000)
@@ -48,18 +50,34 @@ def loadable(elf: Path) -> list[tuple[int, int, int, bytes]]:
         return [(part["p_paddr"], part["p_vaddr"], part["p_memsz"], part.data()) for part in segments]
 
 
-@pytest.fixture(scope="module")
-def symbols() -> dict[str, tuple[int, int]]:
+def manifest_of(elf: Path) -> dict[str, Any]:
+    manifest: dict[str, Any] = json.loads(MANIFESTS[elf].read_text())
+    return manifest
+
+
+def symbols_of(elf: Path) -> dict[str, tuple[int, int]]:
     """Address and size by name."""
-    with SHIPPED.open("rb") as stream:
+    with elf.open("rb") as stream:
         table = ELFFile(stream).get_section_by_name(".symtab")
         assert isinstance(table, SymbolTableSection)
         return {symbol.name: (symbol["st_value"] & ~1, symbol["st_size"]) for symbol in table.iter_symbols()}
 
 
 @pytest.fixture(scope="module")
+def symbols() -> dict[str, tuple[int, int]]:
+    return symbols_of(SHIPPED)
+
+
+@pytest.fixture(params=MANIFESTS, ids=lambda elf: elf.stem)
+def shipped(request: pytest.FixtureRequest) -> Path:
+    """Each of the ELFs that ship."""
+    elf: Path = request.param
+    return elf
+
+
+@pytest.fixture(scope="module")
 def rebuilt(tmp_path_factory: pytest.TempPathFactory, require_tool: Callable[[str], str]) -> Path:
-    """Build folder of the same sources at another place."""
+    """Build folder of the same sources at another place; the compass is in a folder there."""
     for tool in ("arm-none-eabi-gcc", "cmake"):
         require_tool(tool)
     folder = tmp_path_factory.mktemp("somewhere else")
@@ -67,18 +85,44 @@ def rebuilt(tmp_path_factory: pytest.TempPathFactory, require_tool: Callable[[st
     shutil.copytree(FIRMWARE, source, ignore=shutil.ignore_patterns("__pycache__"))
     build = load_script("build")
     build.compile_firmware(folder / "build", build.source_hash(source), source=source)
+    build.compile_compass(folder / "build of compass", build.source_hash(source, compass=True), source=source)
     return folder / "build"
 
 
-def test_the_manifest_is_of_these_sources() -> None:
-    assert MANIFEST["source_sha256"] == load_script("build").source_hash(), "run firmware_stub/build.py and commit"
+def build_folder(rebuilt: Path, shipped: Path) -> Path:
+    """Where an ELF was built."""
+    return rebuilt if shipped == SHIPPED else rebuilt.with_name("build of compass")
 
 
-def test_the_manifest_is_of_this_elf() -> None:
-    assert MANIFEST["elf_sha256"] == hashlib.sha256(SHIPPED.read_bytes()).hexdigest()
-    identity = f"{MANIFEST['source_sha256']}\n{MANIFEST['compiler']}\n"
-    assert hashlib.sha256(identity.encode()).hexdigest().startswith(MANIFEST["build_id"])
-    assert MANIFEST["build_id"].encode() in SHIPPED.read_bytes()
+def test_the_manifest_is_of_these_sources(shipped: Path) -> None:
+    digest = load_script("build").source_hash(compass=shipped != SHIPPED)
+    assert manifest_of(shipped)["source_sha256"] == digest, "run firmware_stub/build.py and commit"
+
+
+def test_the_manifest_is_of_this_elf(shipped: Path) -> None:
+    manifest = manifest_of(shipped)
+    assert manifest["elf_sha256"] == hashlib.sha256(shipped.read_bytes()).hexdigest()
+    identity = f"{manifest['source_sha256']}\n{manifest['compiler']}\n" + f"{shipped.stem}\n" * (shipped != SHIPPED)
+    assert hashlib.sha256(identity.encode()).hexdigest().startswith(manifest["build_id"])
+    with shipped.open("rb") as stream:
+        (note,) = ELFFile(stream).get_section_by_name(".note.gnu.build-id").iter_notes()
+    assert note["n_desc"] == manifest["build_id"]
+
+
+def test_the_firmwares_build_says_its_own_name() -> None:
+    assert manifest_of(SHIPPED)["build_id"].encode() in SHIPPED.read_bytes()
+
+
+def test_the_compass_is_no_source_of_the_firmware_but_the_firmware_is_of_the_compass(tmp_path: Path) -> None:
+    source_hash = load_script("build").source_hash
+    (tmp_path / "compass").mkdir()
+    (tmp_path / "a.c").write_text("int a;\n")
+    before = source_hash(tmp_path), source_hash(tmp_path, compass=True)
+    (tmp_path / "compass" / "main.c").write_text("int b;\n")
+    assert source_hash(tmp_path) == before[0]
+    assert source_hash(tmp_path, compass=True) != before[1]
+    (tmp_path / "a.c").write_text("int c;\n")
+    assert source_hash(tmp_path, compass=True) not in before
 
 
 def test_a_changed_or_renamed_source_changes_the_hash(tmp_path: Path) -> None:
@@ -91,8 +135,8 @@ def test_a_changed_or_renamed_source_changes_the_hash(tmp_path: Path) -> None:
     assert len({first, second, source_hash(tmp_path)}) == 3
 
 
-def test_a_rebuild_elsewhere_gives_the_same_bytes(rebuilt: Path) -> None:
-    assert loadable(rebuilt / SHIPPED.name) == loadable(SHIPPED)
+def test_a_rebuild_elsewhere_gives_the_same_bytes(rebuilt: Path, shipped: Path) -> None:
+    assert loadable(build_folder(rebuilt, shipped) / shipped.name) == loadable(shipped)
 
 
 @pytest.fixture
@@ -116,9 +160,9 @@ def test_a_copy_is_built_without_touching_its_neighbours(copied: Path, require_t
     out = copied.parent / "elf"
     done = run_build(copied, "--out", out)
     assert done.returncode == 0, done.stderr
-    assert loadable(out / SHIPPED.name) == loadable(SHIPPED)
+    assert all(loadable(out / elf.name) == loadable(elf) for elf in MANIFESTS)
     after = {path for path in copied.parent.rglob("*") if path.is_file() and path.suffix != ".pyc"}
-    assert after - files == {out / SHIPPED.name, out / "manifest.json"}
+    assert after - files == {out / path.name for each in MANIFESTS.items() for path in each}
     assert files <= after
 
 
@@ -142,14 +186,14 @@ def test_only_an_earlier_build_of_the_same_sources_is_removed(copied: Path, cach
     assert not build.exists()
 
 
-def test_no_folder_of_a_machine_is_in_the_elf(rebuilt: Path) -> None:
-    assert str(rebuilt.parent).encode() not in (rebuilt / SHIPPED.name).read_bytes()
-    assert str(ROOT).encode() not in SHIPPED.read_bytes()
+def test_no_folder_of_a_machine_is_in_the_elf(rebuilt: Path, shipped: Path) -> None:
+    assert str(rebuilt.parent).encode() not in (build_folder(rebuilt, shipped) / shipped.name).read_bytes()
+    assert str(ROOT).encode() not in shipped.read_bytes()
 
 
-def test_the_stack_is_bounded_and_nothing_recurses(rebuilt: Path) -> None:
-    depth = load_script("stack_check").stack_bytes(rebuilt)
-    assert depth == MANIFEST["deepest_stack_bytes"]
+def test_the_stack_is_bounded_and_nothing_recurses(rebuilt: Path, shipped: Path) -> None:
+    depth = load_script("stack_check").stack_bytes(build_folder(rebuilt, shipped))
+    assert depth == manifest_of(shipped)["deepest_stack_bytes"]
     assert depth <= load_script("build").STACK_LIMIT_BYTES
 
 
@@ -164,16 +208,16 @@ def test_the_stack_check_sees_recursion_and_unknown_pointers() -> None:
         check.deepest("b", frames, {"b": {"__indirect_call"}})
 
 
-def test_every_segment_lies_in_one_memory_and_is_loaded_from_flash() -> None:
-    for flash_address, address, size, data in loadable(SHIPPED):
+def test_every_segment_lies_in_one_memory_and_is_loaded_from_flash(shipped: Path) -> None:
+    for flash_address, address, size, data in loadable(shipped):
         if data:
             assert flash_address in FLASH
             assert flash_address + len(data) - 1 in FLASH
         assert any(address in memory and address + size - 1 in memory for memory in (FLASH, SRAM_L, SRAM_U))
 
 
-def test_the_flash_configuration_field_leaves_the_chip_unsecured() -> None:
-    (field,) = [data for _, address, _, data in loadable(SHIPPED) if address == 0x400]
+def test_the_flash_configuration_field_leaves_the_chip_unsecured(shipped: Path) -> None:
+    (field,) = [data for _, address, _, data in loadable(shipped) if address == 0x400]
     assert field == bytes.fromhex("ffffffff ffffffff ffffffff feffffff")
 
 
@@ -201,12 +245,12 @@ def test_calibrators_and_what_times_them_run_from_sram(symbols: dict[str, tuple[
     assert [name for name, (address, _) in symbols.items() if name.endswith("_veneer") and address in SRAM_L] == []
 
 
-def test_there_is_no_heap_and_no_double_arithmetic(symbols: dict[str, tuple[int, int]]) -> None:
+def test_there_is_no_heap_and_no_double_arithmetic(shipped: Path) -> None:
     heap = {"malloc", "free", "realloc", "calloc", "_malloc_r", "_sbrk"}
     double = {"__aeabi_dadd", "__aeabi_dsub", "__aeabi_dmul", "__aeabi_ddiv", "__aeabi_f2d", "__aeabi_d2f"}
-    assert (heap | double).isdisjoint(symbols)
+    assert (heap | double).isdisjoint(symbols_of(shipped))
 
 
-def test_the_elf_stays_small_enough_to_ship() -> None:
+def test_the_elf_stays_small_enough_to_ship(shipped: Path) -> None:
     # Debug information included, nine tenths of it; a wheel holds it compressed, to less than half.
-    assert SHIPPED.stat().st_size < 800_000
+    assert shipped.stat().st_size < (800_000 if shipped == SHIPPED else 300_000)
