@@ -11,7 +11,7 @@
 #include "calibration/point_range.h"
 #include "compass.h"
 
-#define SPACING 120.0f           /* [counts] 12 uT: 14 degrees in a field of 48 uT, and some 100 points on the sphere */
+#define SPACING 120.0f           /* [counts] 12 uT: 14 degrees in a field of 48 uT, and some 120 points on the sphere */
 #define RENEW_AFTER 4800u        /* [samples] a minute: iron may change, and old points must not outlive that for ever */
 #define POINTS_FOR_A_FIT 30u
 #define CHANGES_FOR_A_FIT 8u     /* a fit takes 0.1 ms, so it may come often */
@@ -30,8 +30,7 @@ static bool keep(background_t *background, const int16_t sample[3])
             near++;
         }
     }
-    const bool is_young = near == 1u && background->samples - background->taken_at[place] < RENEW_AFTER;
-    if (near > 1u || is_young || place == BACKGROUND_POINTS) {
+    if (near > 1u || place == POINTS_KEPT || (near == 1u && background->samples < background->taken_at[place] + RENEW_AFTER)) {
         return false;
     }
     memcpy(background->points[place], sample, sizeof background->points[place]);

@@ -6,7 +6,7 @@
 #include <stdint.h>
 
 #define UT_PER_COUNT 0.1f
-#define BACKGROUND_POINTS 128u
+#define POINTS_KEPT 256u /* more than lie apart in the strongest field, 67 uT */
 
 /** What is known of the iron nearby: `field = soft_iron * (counts - hard_iron)`, in counts too. */
 typedef struct {
@@ -18,9 +18,9 @@ typedef struct {
 
 /** The calibration and the points that it is made from. */
 typedef struct {
-    int16_t points[BACKGROUND_POINTS][3]; /**< [counts] */
-    uint32_t taken_at[BACKGROUND_POINTS]; /**< number of the sample that each is */
-    uint32_t count, changes, samples;     /**< points; how many came or were renewed since the last fit; all samples */
+    int16_t points[POINTS_KEPT][3];   /**< [counts] */
+    uint32_t taken_at[POINTS_KEPT];   /**< number of the sample that each is */
+    uint32_t count, changes, samples; /**< points; how many came or were renewed since the last fit; all samples */
     iron_t iron;
 } background_t;
 

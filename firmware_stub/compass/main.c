@@ -12,7 +12,6 @@
 
 #define SHIELD 1u         /* I2C bus */
 #define SAMPLES_A_STATE 8 /* of 80 a second; their mean has a third of the noise */
-#define COUNTS_PER_G 8192.0f
 
 static const sensor_t magnetometer = {"MAG3110", &mag3110_driver, SHIELD, 0x0E};
 static const sensor_t accelerometer = {"FXOS8700CQ", &fxos8700_accelerometer_driver, SHIELD, 0x1E};
@@ -34,7 +33,7 @@ static void say(const int32_t field[3], const int32_t gravity[3])
     compass_state_t state = {.time_us = (uint32_t)time_us()};
     for (uint32_t axis = 0; axis < 3u; axis++) {
         state.raw[axis] = (float)field[axis] / (float)SAMPLES_A_STATE;
-        state.gravity[axis] = (float)gravity[axis] / (COUNTS_PER_G * (float)SAMPLES_A_STATE);
+        state.gravity[axis] = (float)gravity[axis] / (8192.0f * (float)SAMPLES_A_STATE); /* counts a g */
     }
     iron_remove(&background.iron, state.raw, state.field);
     state.has_heading = tilt_heading(state.gravity, state.field, &state.heading_deg, &state.pitch_deg, &state.roll_deg) == TILT_OK;

@@ -6,7 +6,7 @@
 #include "boards/uart.h"
 #include "compass.h"
 
-static char line[160]; /* the longest has some 120 */
+static char line[200]; /* the longest has some 140 */
 static uint32_t length;
 
 static void put(const char *text)
@@ -59,8 +59,11 @@ void output_state(const compass_state_t *state, const background_t *background)
     const iron_t *const iron = &background->iron;
     if (iron->strength > 0.0f && memcmp(&told, iron, sizeof told) != 0) {
         put_number("CALIBRATED points=", (float)background->count, 0);
-        put_vector(" hard_iron=", iron->hard_iron, UT_PER_COUNT, 2);
-        put_number(" strength=", iron->strength * UT_PER_COUNT, 2);
+        put_vector(" hard=", iron->hard_iron, UT_PER_COUNT, 2);
+        put_vector(" soft=", &iron->soft_iron[0], 1.0f, 4);
+        put_vector(",", &iron->soft_iron[3], 1.0f, 4);
+        put_vector(",", &iron->soft_iron[6], 1.0f, 4);
+        put_number(" field=", iron->strength * UT_PER_COUNT, 2);
         put_number(" error=", iron->error_percent, 2);
         send();
         told = *iron;

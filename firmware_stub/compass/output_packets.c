@@ -35,8 +35,7 @@ static float dip_deg(const compass_state_t *state)
 {
     const float *const g = state->gravity, *const b = state->field;
     const float lengths = (g[0] * g[0] + g[1] * g[1] + g[2] * g[2]) * (b[0] * b[0] + b[1] * b[1] + b[2] * b[2]);
-    const float sine = (g[0] * b[0] + g[1] * b[1] + g[2] * b[2]) / sqrtf(lengths);
-    return 0.5f * asinf(fminf(fmaxf(sine, -1.0f), 1.0f)) / HALF_A_DEGREE;
+    return 0.5f / HALF_A_DEGREE * asinf(fminf(fmaxf((g[0] * b[0] + g[1] * b[1] + g[2] * b[2]) / sqrtf(lengths), -1.0f), 1.0f));
 }
 
 static void add_main(const compass_state_t *state)
