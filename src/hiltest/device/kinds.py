@@ -9,6 +9,7 @@ from types import MappingProxyType
 from hiltest.device.fsflk import FsflkInterface
 from hiltest.device.packets import Release
 from hiltest.device.quantities import PolledInterface, Quantity, StreamInterface
+from hiltest.device.text_table import text_interface
 from hiltest.errors import ConfigError, nearest_hint
 from hiltest.rig.device import Device
 from hiltest.rig.rig import Rig
@@ -26,7 +27,20 @@ def _fsflk(rig: Rig) -> Interface:
     return FsflkInterface(releases[device.fsflk.release], device.fsflk.algorithm)
 
 
-_KINDS: Mapping[str, Opener] = {"fsflk": _fsflk}
+def _text(rig: Rig) -> Interface:
+    table = _device(rig).text
+    assert table is not None  # the rig is refused without it
+
+    def where(key: str) -> str:
+        """Return the place of a key of the table, or of what it would stand in."""
+        parts = ("device", "text", *key.split("."))
+        known = (parts[:depth] for depth in range(len(parts), 0, -1) if ".".join(parts[:depth]) in rig.lines)
+        return rig.where(*next(known, parts))
+
+    return text_interface(table, where)
+
+
+_KINDS: Mapping[str, Opener] = {"fsflk": _fsflk, "text": _text}
 
 
 def open_interfaces(rig: Rig, of_the_board: Mapping[str, Opener] = MappingProxyType({})) -> dict[str, Interface]:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from difflib import get_close_matches
+from collections.abc import Callable, Iterator, Sequence
 
 from hiltest.device.quantities import Moment, Quantity
 from hiltest.device.text import TextInterface
 from hiltest.device.text_forms import ColumnForm, Form, JsonForm, PatternForm
 from hiltest.device.text_lines import Pattern
 from hiltest.device.text_values import ValueSource, component_names
-from hiltest.errors import ConfigError
+from hiltest.errors import ConfigError, nearest_hint
 from hiltest.rig.tables import RigValueError, require
 from hiltest.rig.text_device import COUNTS, TextDevice, TextValue
 from hiltest.units import Conversion, conversion, unit_words
@@ -56,7 +55,7 @@ def _sources(table: TextDevice, groups: frozenset[str]) -> Iterator[ValueSource]
     """Yield where each quantity is: those of ``values``, and those that groups are named after."""
     by_key = {each.key: each for each in Quantity}
     for key in table.values:
-        require(key in by_key, f"values.{key}", f"is no quantity; {_nearest(key, by_key)}")
+        require(key in by_key, f"values.{key}", f"is no quantity; {nearest_hint(key, [*by_key])}")
     for quantity in Quantity:
         if quantity.key in table.values or groups & {quantity.key, *component_names(quantity)}:
             value = table.values.get(quantity.key, TextValue())
@@ -86,17 +85,17 @@ def _check_names(quantity: Quantity, names: Sequence[str], table: TextDevice, gr
             within = 1 <= int(name) <= (len(table.columns) or int(name))
             require(within, place, f"has no column {name}; the first is 1")
         elif table.format == "lines" or table.columns:
-            known = dict.fromkeys(groups if table.format == "lines" else table.columns)
-            require(name in known, place, f"{name!r} is in no line; {_nearest(name, known)}")
+            known = groups if table.format == "lines" else table.columns
+            require(name in known, place, f"{name!r} is in no line; {nearest_hint(name, [*known])}")
 
 
 def _refuse_unknown_groups(pattern: Pattern, sources: Sequence[ValueSource]) -> None:
     used = {name for source in sources for name in source.fields}
     names = [name for each in Quantity for name in (each.key, *component_names(each))]
-    require(bool(pattern.groups), "patterns", f"{pattern.text!r} has no named group, such as (?P<heading>[-0-9.]+)")
+    require(bool(pattern.groups), "patterns", f"'{pattern.text}' has no named group, such as (?P<heading>[-0-9.]+)")
     for unknown in sorted(pattern.groups - used):
-        raise RigValueError("patterns", f"{pattern.text!r} has the group {unknown!r}, which is no quantity; "
-                                        f"{_nearest(unknown, dict.fromkeys([*used, *names]))}")
+        raise RigValueError("patterns", f"'{pattern.text}' has the group {unknown!r}, which is no quantity; "
+                                        f"{nearest_hint(unknown, [*used, *names])}")
 
 
 def _pattern(text: str, key: str) -> Pattern:
@@ -116,9 +115,3 @@ def _conversion(quantity: Quantity, value: TextValue) -> Conversion:
         known = ", ".join([*unit_words(quantity.unit), "count"])
         raise RigValueError(f"values.{quantity.key}.unit", f"{value.unit!r} is no unit of it; known: {known}")
     return Conversion(scale * found.factor, found.offset)
-
-
-def _nearest(name: str, known: Mapping[str, object]) -> str:
-    """Return which of the known names was meant, or what they are."""
-    near = next(iter(get_close_matches(name, known, n=1, cutoff=0.5)), None)
-    return f"did you mean {near!r}?" if near else f"known: {', '.join(known)}"

@@ -7,6 +7,7 @@ from typing import Any, ClassVar, Literal
 
 from hiltest.rig.memory_device import MemoryDevice
 from hiltest.rig.tables import STRICT, require
+from hiltest.rig.text_device import TextDevice
 
 #: Axes and heading of the firmware: see docs/compass.md.
 FrameName = Literal["ned", "enu", "android", "windows"]
@@ -36,8 +37,8 @@ class Device:
     Attributes
     ----------
     kind : str or tuple of str
-        One kind, or several, each of which gives some quantities: ``hiltest``, ``fsflk``, ``memory``, or the name of an
-        entry point of one's own.
+        One kind, or several, each of which gives some quantities: ``hiltest``, ``fsflk``, ``text``, ``memory``, or the
+        name of an entry point of one's own.
     frame : str
         Convention of the firmware's axes and angles.
     heading : {"clockwise", "counterclockwise"} or None
@@ -58,8 +59,8 @@ class Device:
         gives one that is not named.
     fsflk : FsflkDevice
         Of the kind of that name.
-    memory : MemoryDevice or None
-        Of the kind of that name, and only with it.
+    text, memory : TextDevice, MemoryDevice or None
+        Of the kinds of these names, and only with them.
     options : dict
         For a kind of one's own.
     """
@@ -76,6 +77,7 @@ class Device:
     settle_s: float = 10.0
     sources: dict[str, str] = field(default_factory=dict)
     fsflk: FsflkDevice = field(default_factory=FsflkDevice)
+    text: TextDevice | None = None
     memory: MemoryDevice | None = None
     options: dict[str, Any] = field(default_factory=dict)
 
@@ -83,6 +85,8 @@ class Device:
         require(bool(self.kinds), "kind", 'names no kind; write kind = "fsflk" or another')
         require("hiltest" not in self.kinds or self.kinds == ("hiltest",), "kind",
                 '"hiltest" goes with no other kind: firmware that speaks its protocol offers all by that')
+        require(("text" in self.kinds) == (self.text is not None), "text",
+                'goes with kind = "text", and only with it: the table [device.text] says what its lines mean')
         require(("memory" in self.kinds) == (self.memory is not None), "memory",
                 'names the variables of kind "memory", and only of that')
         for key, seconds in (("start_s", self.start_s), ("converge_s", self.converge_s)):
