@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import csv
-import fcntl
 import os
-import pty
 import signal
-import threading
-import time
-import tty
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from tests.command_files import run
 from tests.device.test_packet_stream import RECORDING
+from tests.serial_line import Line
 
 from hiltest.device.packet_csv import PacketRows
 from hiltest.device.packet_stream import batches
@@ -113,45 +109,6 @@ def test_a_file_without_a_packet_ends_with_1(tmp_path: Path, capsys: pytest.Capt
 def test_a_name_that_is_neither_file_nor_port_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("decode", str(tmp_path / "gone.bin")) == 4
     assert "gone.bin: no such file, and no serial port; ports on this machine: " in capsys.readouterr().err
-
-
-class Line:
-    """A pseudo-terminal whose far end sends."""
-
-    def __init__(self) -> None:
-        self.far, self.near = pty.openpty()
-        tty.setraw(self.near)
-        self.name = os.ttyname(self.near)
-
-    def send(self, data: bytes, then: signal.Signals | None = None, *, unplugged: bool = False) -> threading.Thread:
-        """Send in the background once the port is open, and end the command or the line half a second later."""
-
-        def sending() -> None:
-            while not self.is_open():
-                time.sleep(0.05)
-            time.sleep(0.5)  # it drops what came before
-            os.write(self.far, data)
-            time.sleep(0.5)
-            if unplugged:
-                os.close(self.far)
-                self.far = -1
-            elif then is not None:
-                os.kill(os.getpid(), then)
-
-        os.close(self.near)
-        thread = threading.Thread(target=sending)
-        thread.start()
-        return thread
-
-    def is_open(self) -> bool:
-        """Say whether this process has the near end open to read and write, as a port is."""
-        for each in Path("/proc/self/fd").iterdir():
-            try:
-                if os.readlink(each) == self.name and fcntl.fcntl(int(each.name), fcntl.F_GETFL) & os.O_RDWR:
-                    return True
-            except OSError:
-                continue  # closed since
-        return False
 
 
 @pytest.fixture

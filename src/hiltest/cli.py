@@ -22,7 +22,7 @@ _SAID_OF_OUTPUT = {errno.ENOSPC: "cannot write the output", errno.ENAMETOOLONG: 
 _GROUPS = {
     "Run and judge": ("run", "compare", "baseline", "trend", "report", "export"),
     "Firmware": ("profile", "timing"),
-    "Bench": ("init", "serve", "calibrate", "log"),
+    "Bench": ("init", "device", "serve", "calibrate", "log"),
     "Recordings": ("fit", "fit-imu", "allan", "decode"),
 }
 _COMMANDS = tuple(name for names in _GROUPS.values() for name in names)

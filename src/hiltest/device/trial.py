@@ -1,0 +1,101 @@
+"""What is understood of a line's bytes, for people: piece by piece, and summed up."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hiltest.device.quantities import Quantity, StreamInterface
+from hiltest.device.text import Reading, TextInterface
+from hiltest.text import counted, legible, readable
+
+_MOST_REASONS = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """One thing that came.
+
+    Attributes
+    ----------
+    line : str
+        As it came, legible; empty for what is no line.
+    meaning : str
+        What was understood of it, or why nothing was.
+    understood : bool
+    """
+
+    line: str
+    meaning: str
+    understood: bool
+
+
+class Trial:
+    """Counts what interfaces understand.
+
+    Parameters
+    ----------
+    interfaces : mapping of str to StreamInterface
+        By their kind.
+
+    Attributes
+    ----------
+    values : Counter of Quantity
+        How often each was said.
+    """
+
+    def __init__(self, interfaces: Mapping[str, StreamInterface]) -> None:
+        self._interfaces = interfaces
+        self._understood = 0
+        self._reasons: Counter[str] = Counter()
+        self.values: Counter[Quantity] = Counter()
+
+    def take(self, data: bytes, time_s: float) -> Iterator[Heard]:
+        """Yield what bytes complete."""
+        for interface in self._interfaces.values():
+            for each in _readings(interface, data, time_s):
+                self.values.update(each.values.keys())
+                self._understood += each.understood
+                if not each.understood:
+                    self._reasons[each.remark] += 1
+                said = [_in_words(each.values), each.error and f"error: {each.error}", each.remark]
+                yield Heard(legible(each.line), "; ".join(filter(None, said)), each.understood)
+
+    def summary(self, seconds: float) -> list[str]:
+        """Return lines that sum up what came in a time."""
+        lost = sum(each.not_understood for each in self._interfaces.values())
+        rows = [f"{'quantity':<24}{'values':>8}{'per second':>13}"]
+        for quantity, count in sorted(self.values.items(), key=lambda item: list(Quantity).index(item[0])):
+            rows.append(f"{quantity.key:<24}{readable(count):>8}{count / seconds:>13.1f}")
+        unseen = [each.key for each in Quantity if each not in self.values and self._offered(each)]
+        return [
+            f"{readable(self._understood)} understood, {readable(lost)} not, in {seconds:.1f} s",
+            *(rows if self.values else []),
+            *([f"not seen: {', '.join(unseen)}"] if unseen else []),
+            *(f"not understood, {counted(count, 'time')}: {reason}"
+              for reason, count in self._reasons.most_common(_MOST_REASONS)),
+            *(f"given up, since it took more than a second in a line: {text}"
+              for each in self._interfaces.values() if isinstance(each, TextInterface) for text in each.given_up),
+        ]  # fmt: skip
+
+    def _offered(self, quantity: Quantity) -> bool:
+        return any(quantity in each.offers for each in self._interfaces.values())
+
+
+def _readings(interface: StreamInterface, data: bytes, time_s: float) -> Sequence[Reading]:
+    """Return what bytes complete; what is not sent as lines, without them."""
+    if isinstance(interface, TextInterface):
+        return interface.readings(data)
+    return [Reading("", each.values, each.error, understood=True) for each in interface.feed(data, time_s)]
+
+
+def _in_words(values: Mapping[Quantity, NDArray[np.float64]]) -> str:
+    """Return values with names and units."""
+    return ", ".join(
+        f"{quantity.key} {' '.join(readable(float(each), 5) for each in value)} {quantity.unit}".rstrip()
+        for quantity, value in values.items()
+    )

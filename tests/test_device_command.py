@@ -1,0 +1,93 @@
+"""``hiltest device try`` as it is typed: what is understood of each line, and of all."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from tests.command_files import run
+from tests.serial_line import Line
+
+ROOT = Path(__file__).parents[1]
+RIG = ROOT / "hil" / "rigs" / "text-compass.toml"
+ELF = ROOT / "src" / "hiltest" / "firmware" / "compass-lines.elf"
+LINES = b"T=3\r\nCAL=1 HDG=90.50 PIT=1.00 ROL=-2.00\r\nhello \x1b[2J\r\nERROR MAG3110\r\nCAL=1 HDG=nan PIT=1 ROL=2\r\n"
+
+
+@pytest.fixture
+def line() -> Iterator[Line]:
+    """A line to a board."""
+    made = Line()
+    yield made
+    if made.far >= 0:
+        os.close(made.far)
+
+
+def test_each_line_is_shown_with_what_is_understood_of_it(line: Line, capsys: pytest.CaptureFixture[str]) -> None:
+    sender = line.send(LINES)
+    assert run("device", "try", "--rig", str(RIG), "--hil-port", line.name, "--for", "2") == 0
+    sender.join()
+    said = capsys.readouterr().out
+    assert "  CAL=1 HDG=90.50 PIT=1.00 ROL=-2.00\n    heading 90.5 deg, pitch 1 deg, roll -2 deg, cal" in said
+    assert "? hello ⟨U+001B⟩[2J\n    no pattern matches\n" in said
+    assert "  ERROR MAG3110\n    error: MAG3110\n" in said
+    assert "    pitch 1 deg, roll 2 deg, calibrated 1; heading: 'nan' is no number\n" in said
+    summary = said[said.index("\n3 understood, 2 not") :].splitlines()
+    assert [row.split()[:2] for row in summary if row.startswith(("heading ", "pitch ", "calibrated "))] == [
+        ["heading", "1"], ["pitch", "2"], ["calibrated", "2"]
+    ]  # fmt: skip
+    assert any(row.startswith("not seen: magnetometer, ") for row in summary)
+    assert "not understood, 1 time: no pattern matches" in summary
+
+
+def test_ctrl_c_ends_it_with_the_summary(line: Line, capsys: pytest.CaptureFixture[str]) -> None:
+    sender = line.send(LINES, signal.SIGINT)
+    assert run("device", "try", "--rig", str(RIG), "--hil-port", line.name) == 0
+    sender.join()
+    assert "3 understood, 2 not" in capsys.readouterr().out
+
+
+def test_nothing_understood_ends_with_1_and_a_lost_line_with_20(
+    line: Line, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sender = line.send(b"?\n?\n", unplugged=True)
+    assert run("device", "try", "--rig", str(RIG), "--hil-port", line.name) == 20
+    sender.join()
+    said = capsys.readouterr()
+    assert "0 understood, 2 not" in said.out
+    assert f"lost {line.name}: " in said.err
+
+
+@pytest.mark.slow
+def test_the_virtual_board_is_listened_to_by_its_own_clock(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("device", "try", "--rig", str(RIG), "--firmware", str(ELF), "--for", "2") == 0
+    (summary,) = [row for row in capsys.readouterr().out.splitlines() if row.startswith("heading ")]
+    # Ten lines a second from 0.17 s after power-on, of which the first is not taken.
+    assert int(summary.split()[1]) in (17, 18)
+
+
+@pytest.mark.slow
+def test_firmware_that_prints_something_else_is_not_understood(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("device", "try", "--rig", str(RIG), "--firmware", str(ELF.with_name("compass-packets.elf")),
+               "--for", "2") == 1  # fmt: skip
+    assert "\n0 understood, " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (("--rig", "virtual-k64f"), "its firmware speaks hiltest's protocol"),
+        (("--rig", "no-such-rig"), "no-such-rig"),
+        (("--rig", str(RIG), "--firmware", str(ELF), "--hil-port", "/dev/null"), "--firmware is for the virtual board"),
+        (("--rig", str(RIG), "--hil-port", "/dev/no-such-port"), "no serial port '/dev/no-such-port'"),
+        (("--rig", str(RIG), "--firmware", "no.elf"), "no.elf"),
+    ],
+)
+def test_a_wrong_option_ends_with_4(
+    arguments: tuple[str, ...], complaint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("device", "try", *arguments, "--for", "1") == 4
+    assert complaint in capsys.readouterr().err
