@@ -32,7 +32,7 @@ class Reading:
     remark : str
         What the line is instead, or what was not understood of it.
     understood : bool
-        It has a meaning, be it without a value.
+        It has a meaning, be it without a value; or it is the first, of which that is not known.
     """
 
     line: str
@@ -65,7 +65,7 @@ class TextInterface:
     ----------
     offers : frozenset of Quantity
     not_understood : int
-        Lines without a meaning, the first one's values aside.
+        Lines without a meaning; the first one is not among them.
     """
 
     def __init__(
@@ -107,15 +107,15 @@ class TextInterface:
         if line is None:
             self._begun = True
             return Reading("", remark=f"longer than {LONGEST_LINE} bytes")
+        is_first, self._begun = not self._begun, True
         found = self._form.find(line)
         values, complaints = self._values(found.fields)
-        if not self._begun:
+        if is_first:
             values, complaints = {}, ["the first line may have lost its beginning"]
-            self._begun = True
         if self._ready is not None and self._ready.search(line):
             values[Quantity.CALIBRATED] = _READY
         error = self._error_in(line)
-        understood = bool(values or error or found.is_header)
+        understood = bool(values or error or found.is_header or is_first)
         remarks = complaints or ([] if values or error else [found.remark])
         return Reading(line, values, error, "; ".join(remarks), understood)
 

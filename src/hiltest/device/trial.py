@@ -53,12 +53,16 @@ class Trial:
         self._understood = 0
         self._reasons: Counter[str] = Counter()
         self.values: Counter[Quantity] = Counter()
+        self._first_s: dict[Quantity, float] = {}
+        self._last_s: dict[Quantity, float] = {}
 
     def take(self, data: bytes, time_s: float) -> Iterator[Heard]:
         """Yield what bytes complete."""
         for interface in self._interfaces.values():
             for each in _readings(interface, data, time_s):
                 self.values.update(each.values.keys())
+                self._last_s.update(dict.fromkeys(each.values, time_s))
+                self._first_s = dict.fromkeys(each.values, time_s) | self._first_s
                 self._understood += each.understood
                 if not each.understood:
                     self._reasons[each.remark] += 1
@@ -70,7 +74,9 @@ class Trial:
         lost = sum(each.not_understood for each in self._interfaces.values())
         rows = [f"{'quantity':<24}{'values':>8}{'per second':>13}"]
         for quantity, count in sorted(self.values.items(), key=lambda item: list(Quantity).index(item[0])):
-            rows.append(f"{quantity.key:<24}{readable(count):>8}{count / seconds:>13.1f}")
+            over_s = self._last_s[quantity] - self._first_s[quantity]
+            rate = f"{(count - 1) / over_s:.1f}" if over_s > 0.0 else "-"
+            rows.append(f"{quantity.key:<24}{readable(count):>8}{rate:>13}")
         unseen = [each.key for each in Quantity if each not in self.values and self._offered(each)]
         return [
             f"{readable(self._understood)} understood, {readable(lost)} not, in {seconds:.1f} s",
