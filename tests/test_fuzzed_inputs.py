@@ -16,6 +16,7 @@ from pathlib import Path
 
 import pytest
 from tests.device.test_packet_stream import RECORDING, WIRES
+from tests.device.test_text import SAMPLES, opened
 from tests.imu_calibration.conftest import some_calibration
 from tests.link.test_trace_text import REQUESTS
 from tests.logs.recording import six_faces_and_turns, write
@@ -28,6 +29,7 @@ from hiltest.device.packet_csv import PacketRows
 from hiltest.device.packet_stream import batches
 from hiltest.device.packet_summary import summary_of
 from hiltest.device.packets import KINDS
+from hiltest.device.trial import Trial
 from hiltest.errors import CalibrationError, ConfigError, DeviceError, FrameError, ProtocolError
 from hiltest.imu_calibration.file import load_calibration, to_json
 from hiltest.link import grbl
@@ -143,6 +145,16 @@ def _packets(data: bytes) -> None:
     assert sum(summary.counts.values()) <= data.count(b"\x7e")
 
 
+def _text(data: bytes) -> None:
+    """Read lines in every form, and as a trial shows them."""
+    for table, _ in SAMPLES.values():
+        interface = opened(table)
+        for observation in interface.feed(b"\n.\n" + data + b"\n", 0.0):
+            assert observation.error or observation.values.keys() <= interface.offers
+        for heard in Trial({"text": interface}).take(data + b"\n", 1.0):
+            assert not {"\n", "\r", "\0", "\x1b"} & set(heard.line)
+
+
 def _trace(data: bytes) -> None:
     transcript = Transcript("virtual")
     for number, piece in enumerate(data.split(b"\x55")):
@@ -195,6 +207,7 @@ def readers(tmp_path_factory: pytest.TempPathFactory, default_run) -> dict[str, 
     return {
         "frames": Reader(_frames, (), wires, 0.22),
         "packets": Reader(_packets, (), [*WIRES, RECORDING], 0.05),
+        "lines of text": Reader(_text, (), ["\r\n".join(lines).encode() for _, lines in SAMPLES.values()], 0.02),
         "stuffing": Reader(_unstuffed, (FrameError,), wires, 0.10),
         "replies": Reader(_reply, (ProtocolError, DeviceError), replies, 0.25),
         "requests": Reader(_request, (ProtocolError,), requests, 0.12),
@@ -234,8 +247,8 @@ def totals(request: pytest.FixtureRequest) -> Iterator[Counter[str]]:
 
 NAMES = (
     "ELF files", "G-code", "Grbl status", "IMU logs", "JSON", "arguments", "baselines", "calibration files", "frames",
-    "intervals", "options", "packets", "rate logs", "records", "replies", "requests", "rigs", "samples", "stuffing",
-    "timing profiles", "traces", "transcripts",
+    "intervals", "lines of text", "options", "packets", "rate logs", "records", "replies", "requests", "rigs",
+    "samples", "stuffing", "timing profiles", "traces", "transcripts",
 )  # fmt: skip
 
 
