@@ -61,6 +61,21 @@ def test_nothing_understood_ends_with_1_and_a_lost_line_with_20(
     assert f"lost {line.name}: " in said.err
 
 
+def test_what_is_read_from_memory_needs_no_line(line: Line, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    variables = '\n[device.memory.values]\ndip = { path = "dip", unit = "deg" }\n\n[field]'
+    text = RIG.read_text().replace("\n[field]", variables)
+    both, memory = tmp_path / "both.toml", tmp_path / "memory.toml"
+    both.write_text(text.replace('kind = "text"', 'kind = ["text", "memory"]'))
+    begin, end = text.index("[device.text]"), text.index("[device.memory.values]")
+    memory.write_text((text[:begin] + text[end:]).replace('kind = "text"', 'kind = "memory"'))
+    sender = line.send(LINES)
+    assert run("device", "try", "--rig", str(both), "--hil-port", line.name, "--for", "2") == 0
+    sender.join()
+    assert "4 understood, 1 not" in capsys.readouterr().out
+    assert run("device", "try", "--rig", str(memory), "--hil-port", line.name, "--for", "2") == 4
+    assert "nothing of it comes over a line" in capsys.readouterr().err
+
+
 @pytest.mark.slow
 def test_the_virtual_board_is_listened_to_by_its_own_clock(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("device", "try", "--rig", str(RIG), "--firmware", str(ELF), "--for", "2") == 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -70,9 +71,13 @@ def _interfaces(rig: Rig) -> dict[str, StreamInterface]:
     from hiltest.device.kinds import open_interfaces
     from hiltest.device.quantities import StreamInterface
 
-    if rig.own_language is None:
+    table = rig.own_language
+    if table is None:
         raise ConfigError(f"{rig.path}: its firmware speaks hiltest's protocol; a table [device] says otherwise")
-    opened = {kind: each for kind, each in open_interfaces(rig).items() if isinstance(each, StreamInterface)}
+    of_a_line = tuple(kind for kind in table.kinds if kind != "memory")
+    spoken = replace(rig, device=replace(table, kind=of_a_line, memory=None, sources={})) if of_a_line else None
+    interfaces = open_interfaces(spoken) if spoken else {}
+    opened = {kind: each for kind, each in interfaces.items() if isinstance(each, StreamInterface)}
     if not opened:
         raise ConfigError(f"{rig.where('device', 'kind')}: device.kind: nothing of it comes over a line")
     return opened
