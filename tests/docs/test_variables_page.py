@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 
 from hiltest.bench_files import rig_file
-from hiltest.device.memory import read_descriptions, units_of
+from hiltest.device.memory import read_descriptions
 from hiltest.device.quantities import Quantity
+from hiltest.units import conversion
 from hiltest.device.variables import Variables, function_address
 from hiltest.rig.file import load_rig
 from hiltest.virtual.elf import load_image
@@ -52,8 +53,11 @@ def test_the_second_table_names_sources_of_its_kinds() -> None:
     assert set(device["sources"].values()) <= set(device["kind"])
 
 
-def test_the_table_has_every_unit_and_names_what_has_none() -> None:
+def test_every_unit_of_the_table_is_known_and_every_quantity_with_one_has_some() -> None:
     row = next(line for line in PAGE.splitlines() if line.startswith("| `unit` |"))
-    named = set(re.findall(r"`([^`]+)`", row))
-    units = {unit for quantity in Quantity for unit in units_of(quantity) if unit}
-    assert named == units | {"unit"} | {quantity.key for quantity in Quantity if not quantity.unit}
+    without = {quantity.key for quantity in Quantity if not quantity.unit}
+    named = set(re.findall(r"`([^`]+)`", row)) - {"unit"}
+    assert without <= named
+    found = {word: [unit for unit in {each.unit for each in Quantity} if conversion(word, unit)] for word in named - without}
+    assert all(found.values())
+    assert {unit for units in found.values() for unit in units} >= {each.unit for each in Quantity if each.unit}

@@ -18,6 +18,7 @@ from hiltest.device.quantities import Observation, Quantity
 from hiltest.device.variable_index import nearest_names
 from hiltest.device.variables import Variables
 from hiltest.errors import ConfigError, HiltestError
+from hiltest.units import conversion, unit_words
 
 #: Time that the firmware runs between two readings that are compared [s]: no longer than values of 100 Hz stand still.
 APART_S = 0.002
@@ -25,18 +26,6 @@ APART_S = 0.002
 MOVES_AFTER = 3
 _MOST_READINGS = 8
 _CALL_WITHIN_S = 1.0
-
-# What a unit is worth in a quantity's own.
-_RADIAN_DEG, _STANDARD_GRAVITY = 57.29577951308232, 9.80665
-_UNITS: Mapping[str, Mapping[str, float]] = {
-    "deg": {"deg": 1.0, "rad": _RADIAN_DEG},
-    "uT": {"uT": 1.0, "nT": 1e-3, "mT": 1e3, "T": 1e6, "G": 100.0, "mG": 0.1},
-    "g": {"g": 1.0, "mg": 1e-3, "m/s2": 1.0 / _STANDARD_GRAVITY},
-    "dps": {"dps": 1.0, "mdps": 1e-3, "deg/s": 1.0, "rad/s": _RADIAN_DEG},
-    "degC": {"degC": 1.0},
-    "%": {"%": 1.0, "1": 100.0},
-    "": {"": 1.0, "1": 1.0},
-}
 
 
 class Described(Protocol):
@@ -61,10 +50,11 @@ class Described(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """Where the numbers of a quantity lie, and what they are multiplied by to be in its unit."""
+    """Where the numbers of a quantity lie; times `factor` and with `offset` they are in its unit."""
 
     places: tuple[Place, ...]
     factor: float
+    offset: float = 0.0
 
     def take(self, memory: ReadMemory) -> tuple[bytes, ...]:
         """Read the bytes of all places."""
@@ -73,12 +63,7 @@ class Reading:
     def numbers(self, taken: tuple[bytes, ...]) -> NDArray[np.float64]:
         """Return what the bytes mean, in the quantity's unit."""
         found = [place.numbers(data) for place, data in zip(self.places, taken, strict=True)]
-        return np.array([number for each in found for number in each], dtype=np.float64) * self.factor
-
-
-def units_of(quantity: Quantity) -> Mapping[str, float]:
-    """Return the units that a quantity may be in, and what each is worth in its own."""
-    return _UNITS[quantity.unit]
+        return np.array([number for each in found for number in each], dtype=np.float64) * self.factor + self.offset
 
 
 def read_description(quantity: Quantity, described: Described, variables: Variables) -> Reading:
@@ -89,18 +74,18 @@ def read_description(quantity: Quantity, described: Described, variables: Variab
     ConfigError
         When a path leads nowhere, the unit is none of the quantity's, or these are not as many numbers as it has.
     """
-    units = units_of(quantity)
+    known = ", ".join(unit_words(quantity.unit)) or "none"
     if described.unit is None and quantity.unit:
-        raise ConfigError(f"unit is missing; write the firmware's own, one of {', '.join(units)}")
-    if (unit := described.unit or "") not in units:
-        known = ", ".join(each for each in units if each) or "none"
-        raise ConfigError(f"unit {unit!r} is no unit of {quantity.key}; write one of: {known}")
+        raise ConfigError(f"unit is missing; write the firmware's own, one of {known}")
+    unit = conversion(described.unit or "", quantity.unit)
+    if unit is None:
+        raise ConfigError(f"unit {described.unit!r} is no unit of {quantity.key}; write one of: {known}")
     places = tuple(variables.place(path, type_=described.type) for path in described.paths)
     count = sum(len(place.scalars) for place in places)
     if count != quantity.size:
         found = ", ".join(f"{place.path} is {place.type_text}" for place in places)
         raise ConfigError(f"{quantity.key} is {quantity.size} numbers, and these are {count} ({found})")
-    return Reading(places, described.scale * units[unit])
+    return Reading(places, described.scale * unit.factor, unit.offset)
 
 
 @dataclass(frozen=True, slots=True)

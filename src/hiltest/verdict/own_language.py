@@ -14,6 +14,7 @@ from hiltest.verdict.causes import Cause
 #: Subjects of such firmware's headings: its own, that of its calibrated vectors, and that of its calibration alone.
 FIRMWARE, ECOMPASS, CALIBRATED = "firmware", "ecompass", "calibrated"
 
+_PARTS = {ECOMPASS: "without its filter", CALIBRATED: "its calibration alone"}
 # Headings in another frame differ by whole quarters of a turn, or grow the other way: errors of tens of degrees, which
 # are gone but for these few once the frame is the right one.
 _LEFT_DEG = 10.0
@@ -56,6 +57,14 @@ def diagnose_firmware(found: Mapping[str, Measurement], tables: Mapping[str, Tab
     if rotation_deg is not None:
         details.append(f"residual rotation {rotation_deg:.2f} deg")
     return (Cause.OWN_CALIBRATION if details else Cause.NONE), details
+
+
+def parts_in_words(worst_deg: Mapping[str, float | None]) -> str:
+    """Return how far the firmware's calibrated vectors and its calibration alone err, in a sentence; may be empty."""
+    parts = [
+        f"{words} {value:.2f} deg" for name, words in _PARTS.items() if (value := worst_deg.get(name)) is not None
+    ]
+    return f"Of that, {', '.join(parts)}." if parts else ""
 
 
 def _within(measurement: Measurement | None, limit_deg: float | None) -> bool:

@@ -133,7 +133,8 @@ def summarise(run: Run | Findings) -> Summary:
         ))),
         reference=reference.name if reference else "",
         calibrators=tuple(
-            CalibratorLine(each, _ratio(run, each, reference)) for each in results
+            CalibratorLine(each, _ratio(run, each, reference))
+            for each in sorted(results, key=lambda each: each.name != FIRMWARE)
             if each.maximum.limit or each.cycles or FIRMWARE in named
         ),
         close=close_to_limit(measurements),
