@@ -12,9 +12,9 @@ import pytest
 from hiltest.bench_files import rig_file
 from hiltest.device.memory import read_descriptions
 from hiltest.device.quantities import Quantity
-from hiltest.units import conversion
 from hiltest.device.variables import Variables, function_address
 from hiltest.rig.file import load_rig
+from hiltest.units import conversion
 from hiltest.virtual.elf import load_image
 
 from ..device.conftest import shared_data  # noqa: F401  # a fixture
@@ -58,6 +58,7 @@ def test_every_unit_of_the_table_is_known_and_every_quantity_with_one_has_some()
     without = {quantity.key for quantity in Quantity if not quantity.unit}
     named = set(re.findall(r"`([^`]+)`", row)) - {"unit"}
     assert without <= named
-    found = {word: [unit for unit in {each.unit for each in Quantity} if conversion(word, unit)] for word in named - without}
+    units = {each.unit for each in Quantity}
+    found = {word: [unit for unit in units if conversion(word, unit)] for word in named - without}
     assert all(found.values())
     assert {unit for units in found.values() for unit in units} >= {each.unit for each in Quantity if each.unit}
