@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -18,9 +19,10 @@ from hiltest.link.transcript import Transcript
 from hiltest.measurement import CycleRange
 from hiltest.rig import COUNTS_PER_UT, Rig, world_truth
 from hiltest.sensors.fxos8700cq import Fxos8700cqNoise
+from hiltest.virtual.call_summary import Call
+from hiltest.virtual.call_watch import CallWatch
 from hiltest.virtual.cycle_range import TimedSteps, range_where_it_ran
 from hiltest.virtual.elf import FirmwareImage, load_image
-from hiltest.virtual.function_watch import FunctionWatch
 from hiltest.virtual.peripherals.cycle_counter import CycleCounter
 
 _CLOCK_TOLERANCE = 0.005  # a clock is often stated in whole MHz: 20.97 as 21
@@ -39,6 +41,24 @@ class _Port(VirtualPort):
         """Send bytes; they arrive while the host reads."""
         self.counter.forget()
         return super().write(data)
+
+
+class _CallCounter:
+    """Counts as the firmware does, which reads CYCCNT before and behind a call: exceptions included."""
+
+    def __init__(self, watch: CallWatch, function: str) -> None:
+        self._watch, self._function = watch, function
+        self.begin = watch.begin
+
+    @property
+    def calls(self) -> Sequence[Call]:
+        """Calls since `begin`."""
+        return self._watch.calls(self._function)
+
+    @property
+    def cycles(self) -> Sequence[int]:
+        """Cycles of each."""
+        return [each.elapsed for each in self.calls]
 
 
 class VirtualBoard(Board):
@@ -80,7 +100,7 @@ class VirtualBoard(Board):
         self.compiler_flags, self.elf_build_id = image.compiler_flags, image.build_id
         # Nothing is lost on a simulated line: what is not answered in time would not be answered the second time.
         session = Session(port, transcript=transcript, nonce_seed=bench.seed, attempts=1)
-        self._watches: dict[str, FunctionWatch] = {}  # the emulator goes on calling those that it once was given
+        self._counters: dict[str, _CallCounter] = {}
         super().__init__(session, description=f"virtual FRDM-K64F, seed {bench.seed}", declared=declared)
         try:
             refuse_forged_build(self.identity.build_id, image)
@@ -123,26 +143,25 @@ class VirtualBoard(Board):
         """True: it emulates the processor."""
         return True
 
-    def call_counter(self, calibrator: str) -> FunctionWatch | None:
+    def call_counter(self, calibrator: str) -> _CallCounter | None:
         """Return what counts the calls of a calibrator; None where the firmware has no function of its name."""
         of_a_stream = "." in calibrator  # as in direct-stream.add
         own = calibrator.replace("-", "_").replace(".", "_")
         name = _FUNCTIONS.get(calibrator) or (own if of_a_stream else f"magnetometer_{own}")
         function = self.declared.functions.get(calibrator, name)
-        symbol = self._machine.image.symbols.get(function)
-        if symbol is None:
+        if function not in self._machine.image.symbols:
             return None
-        if function not in self._watches:
-            self._watches[function] = FunctionWatch(self._machine.processor, symbol.address)
-        return self._watches[function]
+        if function not in self._counters:
+            self._counters[function] = _CallCounter(self._machine.watch_calls([function]), function)
+        return self._counters[function]
 
     def cycle_range(self, cost: RunCost | None, calibrator: str = "") -> CycleRange | None:
         """Price what ran between two readings of CYCCNT again, with each row of the timing profile moved."""
         if cost is None:
             return None
         counter, profile = self._machine.cycle_counter, self._machine.processor.profile
-        watch = self.call_counter(calibrator) if calibrator else None
-        call = (watch.calls[-1].entered, watch.calls[-1].returned) if watch and watch.calls else None
+        calls = each.calls if calibrator and (each := self.call_counter(calibrator)) else ()
+        call = (calls[-1].entered, calls[-1].returned) if calls else None
         executed = counter.executed_in(cost.cycles, cost.overhead_cycles, call)
         return range_where_it_ran(profile, self.cycle_model, cost.cycles, executed)
 

@@ -47,6 +47,8 @@ class Accounting(Protocol):
         Asked about turns of a loop that changes something, where this way of counting asks.
     stopped : bool
         Set by `settle`: whether the emulator was stopped without the `stop` that was given.
+    before : CodeBlock or None
+        What ran before the block (or instruction) that runs, or last, while nothing does.
     """
 
     per_instruction: ClassVar[bool]
@@ -56,6 +58,9 @@ class Accounting(Protocol):
     passes_waits: bool
     pass_over: PassOver
     stopped: bool
+
+    @property
+    def before(self) -> CodeBlock | None: ...
 
     def hook(self, outside: int, abort: Callable[[BaseException], None]) -> CodeHook:
         """Return the hook for the emulator where code begins, except at the address `outside`."""
@@ -145,6 +150,7 @@ class _Totals:
         self.passes_waits = False
         self.pass_over: PassOver = lambda _turn: 0
         self.stopped = False
+        self.before: CodeBlock | None = None
 
     def begins(self, address: int, size: int) -> None:
         raise NotImplementedError
@@ -225,6 +231,7 @@ class BlockAccounting(_Totals):
         """Add the block that runs; `address` is where execution goes on."""
         block = self._running
         assert block is not None
+        self.before = block
         self.instructions += block.count
         if address == block.end:
             self.cycles += block.through
@@ -282,8 +289,11 @@ class BlockAccounting(_Totals):
 
     def settle(self, pc: int) -> None:
         """Add the block that just ended; `pc` is where execution goes on."""
-        if self._running is not None:
+        before, begun = self.before, self._running
+        if begun is not None:
             self._finish(pc & ~1)
+            if pc & ~1 == begun.address:  # it was stopped before its first instruction
+                self.before = before
         self._running = None
 
     def flush_pipeline(self) -> None:
@@ -314,6 +324,7 @@ class InstructionAccounting(_Totals):
     ) -> None:
         super().__init__(profile, read_code, attend, stop)
         self._last: Instruction | None = None
+        self._runs: CodeBlock | None = None  # the same, as a block
         self._state = NEUTRAL
 
     def begins(self, address: int, size: int) -> None:
@@ -326,7 +337,7 @@ class InstructionAccounting(_Totals):
         if block.needs_attention and not self._attend(block):
             self._stop()
             return
-        self._last = block.instructions[0]
+        self._last, self._runs = block.instructions[0], block
 
     def _look(self, address: int, size: int) -> CodeBlock:
         return price_block(self._profile, decode(address, self._read_code(address, size))[:1], self._state)
@@ -335,6 +346,8 @@ class InstructionAccounting(_Totals):
         last, self._last = self._last, None
         if last is None:
             return
+        if next_address != last.address:  # else it was stopped before it ran
+            self.before = self._runs
         self._add(last)
         end = last.address + last.size
         if last.transfer:

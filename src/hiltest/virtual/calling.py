@@ -10,7 +10,7 @@ from typing import Any
 from hiltest.errors import ConfigError
 from hiltest.virtual.buffers import place
 from hiltest.virtual.cpu import RETURN_ADDRESS, Processor
-from hiltest.virtual.elf import LoadSegment
+from hiltest.virtual.elf import FirmwareImage, LoadSegment, Symbol
 from hiltest.virtual.procedure_call import Argument, assign, result
 from hiltest.virtual.schedule import Event
 from hiltest.virtual.signatures import Signature
@@ -49,6 +49,28 @@ def _largest_gap(segments: Sequence[LoadSegment], first: int, limit: int) -> tup
     return max(gaps, key=lambda gap: gap[1] - gap[0])
 
 
+def function_named(image: FirmwareImage, name: str) -> Symbol:
+    """Return a function of an image.
+
+    Raises
+    ------
+    ConfigError
+        There is none of that name; says which are near.
+    """
+    function = image.symbols.get(name)
+    if function is not None and function.is_function:
+        return function
+    names = [known for known, entry in image.symbols.items() if entry.is_function]
+    plain = name.rpartition("::")[2]
+    made_of_it = [each for each in names if each.startswith(f"{name}.")]  # as fit.constprop.0
+    mangled = [each for each in names if each.startswith("_Z") and f"{len(plain)}{plain}" in each]
+    near = (made_of_it + mangled)[:3] or get_close_matches(name, names, n=3)
+    hint = f"; near: {', '.join(near)}" if near else ""
+    if not names:
+        hint = ", nor any other: its symbols are stripped; give the ELF as it was linked"
+    raise ConfigError(f"{image.name}: no function {name!r}{hint}")
+
+
 class _Scratch:
     """RAM that the image does not use, handed out from low to high."""
 
@@ -84,16 +106,7 @@ def call_function(
     processor: Processor, symbol: str, arguments: Sequence[Argument], *, booted: bool, hang_cycles: int
 ) -> CallResult:
     """Call a function; see `VirtualK64F.call`."""
-    function = processor.image.symbols.get(symbol)
-    if function is None or not function.is_function:
-        names = [name for name, entry in processor.image.symbols.items() if entry.is_function]
-        plain = symbol.rpartition("::")[2]
-        mangled = [name for name in names if name.startswith("_Z") and f"{len(plain)}{plain}" in name]
-        near = mangled[:3] or get_close_matches(symbol, names, n=3)
-        hint = f"; near: {', '.join(near)}" if near else ""
-        if not names:
-            hint = ", nor any other: its symbols are stripped; give the ELF as it was linked"
-        raise ConfigError(f"{processor.image.name}: no function {symbol!r}{hint}")
+    function = function_named(processor.image, symbol)
     registers, accounting = processor.registers, processor.accounting
     processor.exceptions.floating_point_runs()  # what an interrupted handler has not saved yet is not this function's
     saved = registers.general.read(), registers.floating_frame.read(), registers.primask.get(), processor.fpu_enabled

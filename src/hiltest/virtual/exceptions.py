@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager, nullcontext
+from typing import Protocol
+
 from hiltest.virtual.faults import Fault, FaultKind, FaultStatus, Lockup
 from hiltest.virtual.memory import BoardMemory
 from hiltest.virtual.nvic import HARD_FAULT, NMI, Nvic
@@ -16,6 +19,26 @@ _CONTROL_NPRIV, _CONTROL_SPSEL, _CONTROL_FPCA = 1, 2, 4
 _FPCCR_ASPEN, _FPCCR_LSPEN = 1 << 31, 1 << 30
 _NO_FRAME = 0
 _RETURNS = {0xFFFFFFE1, 0xFFFFFFE9, 0xFFFFFFED, 0xFFFFFFF1, 0xFFFFFFF9, 0xFFFFFFFD}
+
+
+class Follower(Protocol):
+    """Is told of every exception that is entered and left, before the cycles of that are counted."""
+
+    def reset(self) -> None:
+        """Take note of a processor reset."""
+        ...
+
+    def paused(self) -> AbstractContextManager[None]:
+        """Look away from what runs in the context: it is not the firmware's doing."""
+        ...
+
+    def entered(self, frame: tuple[bool, int], *, from_thread: bool) -> None:
+        """Take note of an entry; `frame` says whether registers were put on the process stack, and where."""
+        ...
+
+    def left(self, frame: tuple[bool, int], *, to_thread: bool) -> None:
+        """Take note of a return, and of where the registers were taken from."""
+        ...
 
 
 class ExceptionUnit:
@@ -34,6 +57,7 @@ class ExceptionUnit:
         CCR.NONBASETHRDENA: thread mode may be returned to while exceptions are active.
     floating_control : int
         FPCCR: ASPEN makes frames hold floating-point state, LSPEN makes that lazy.
+    follower : Follower or None
     """
 
     def __init__(self, registers: CoreRegisters, memory: BoardMemory, nvic: Nvic) -> None:
@@ -41,6 +65,7 @@ class ExceptionUnit:
         self._memory = memory
         self._nvic = nvic
         self.status = FaultStatus()
+        self.follower: Follower | None = None
         self.reset()
 
     def reset(self) -> None:
@@ -50,6 +75,12 @@ class ExceptionUnit:
         self.status.reset()
         self.floating_control = _FPCCR_ASPEN | _FPCCR_LSPEN
         self._lazy_frame = _NO_FRAME  # where the floating-point state belongs while it is not yet saved
+        if self.follower is not None:
+            self.follower.reset()
+
+    def unfollowed(self) -> AbstractContextManager[None]:
+        """Have the follower look away from what runs in the context."""
+        return nullcontext() if self.follower is None else self.follower.paused()
 
     def floating_point_runs(self) -> None:
         """Prepare for a floating-point instruction: save lazily stacked state first."""
@@ -141,6 +172,8 @@ class ExceptionUnit:
         control &= _CONTROL_NPRIV
         registers.entry.write([base, 0, xpsr, control, exc_return, vector])
         self._nvic.enter(exception)
+        if self.follower is not None:
+            self.follower.entered((uses_psp, base), from_thread=not from_handler)
         if exception == HARD_FAULT and problem is not None and problem.kind is FaultKind.STACKING:
             self.status.record(problem, forced=False)  # nothing is more urgent: the handler runs without a frame
             return None
@@ -202,6 +235,8 @@ class ExceptionUnit:
         frame[7] &= ~_XPSR_REALIGNED
         control = control & _CONTROL_NPRIV | (_CONTROL_SPSEL if uses_psp else 0) | (_CONTROL_FPCA if extended else 0)
         registers.resumed.write([0, frame[7], control, end, *frame])
+        if self.follower is not None:
+            self.follower.left((uses_psp, base), to_thread=to_thread)
         if not frame[7] & _THUMB:
             return Fault(FaultKind.INVALID_STATE, f"stacked xPSR 0x{frame[7]:08x} has no Thumb bit", frame[6] & ~1)
         return None

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
 
 from hiltest.errors import BoardFault, ConfigError, place_of
 from hiltest.virtual.accounting import AccountingFactory
+from hiltest.virtual.call_watch import CallWatch
 from hiltest.virtual.calling import CallResult, call_function
 from hiltest.virtual.clock import PICOSECONDS
 from hiltest.virtual.cpu import Processor
@@ -344,6 +345,16 @@ class VirtualK64F:
         until = math.ceil(Fraction(time_s) * PICOSECONDS)
         return self.clocks.time.at(until, lambda: None, wakes=False)
 
+    def watch_calls(self, functions: Iterable[str]) -> CallWatch:
+        """Count the calls of functions from now on, while firmware runs.
+
+        Raises
+        ------
+        ConfigError
+            No such function.
+        """
+        return CallWatch(self.processor, functions)
+
     # -- calling functions --------------------------------------------------------------------
 
     @property
@@ -383,9 +394,10 @@ class VirtualK64F:
         if not self._booted:
             load_running(self.processor.memory, self.image)
         try:
-            return call_function(
-                self.processor, symbol, arguments, booted=self._booted, hang_cycles=round(timeout_s * self.call_hz)
-            )
+            with self.processor.exceptions.unfollowed():
+                return call_function(
+                    self.processor, symbol, arguments, booted=self._booted, hang_cycles=round(timeout_s * self.call_hz)
+                )
         except ResetRequested as request:
             by = "asked for" if request.source is ResetSource.SOFTWARE else "was ended by the watchdog with"
             raise BoardFault(f"{symbol} {by} a system reset", pc=self.image.symbols[symbol].address) from None

@@ -23,7 +23,7 @@ _PLACES = 4096  # of the table at first: the shipped firmware has about a thousa
 _NEVER = (1 << 63) - 1
 _FIRST_WAIT = 2  # jumps backward from a block before a loop is watched
 _ASKED_ABOUT = native.USES_FPU | native.ALIGNMENT_INSIDE | native.CHANGES_MASKS | native.LOOPS_TO_ITSELF
-_CYCLES, _INSTRUCTIONS, _DEADLINE, _RUNNING = range(4)  # words at the start of the counter
+_CYCLES, _INSTRUCTIONS, _DEADLINE, _RUNNING, _BEFORE = range(5)  # words at the start of the counter
 
 
 def _kept(instructions: Sequence[Instruction]) -> int:
@@ -81,7 +81,7 @@ class NativeBlockAccounting:
         self._abort: Callable[[BaseException], None] = lambda _error: stop()
         self._library = native.library()
         self._counter = native.Counter(
-            running_number=-1, reasons=_ASKED_ABOUT,
+            running_number=-1, before_number=-1, reasons=_ASKED_ABOUT,
             registers=(*(register_number(f"R{number}") for number in range(native.CORE_REGISTERS)),
                        register_number("XPSR")),
             stop=ctypes.cast(uclib.uc_emu_stop, ctypes.c_void_p),
@@ -94,6 +94,7 @@ class NativeBlockAccounting:
         self._words = memoryview(self._counter).cast("B").cast("q")
         self._settle = self._library.hiltest_settle
         self._runs = (ctypes.c_int64 * 0)()
+        self._ran_before: CodeBlock | None = None  # of code that was forgotten
         self.forget_code()
 
     # -- totals, which the hook writes --------------------------------------------------------
@@ -214,6 +215,7 @@ class NativeBlockAccounting:
     def forget_code(self) -> None:
         """Drop cached blocks, but not the one that is not over: its end is to be counted, or what it leaves is."""
         running, counter = self._running, self._counter
+        self._ran_before, self._words[_BEFORE] = self.before, -1
         fallen_out_of = None if counter.state == native.NEUTRAL_ENTRY else self._entered[counter.state - 1].block
         self._entered: list[Entered] = []
         self._priced: list[native.PricedBlock] = []
@@ -260,6 +262,12 @@ class NativeBlockAccounting:
     def _running(self) -> CodeBlock | None:
         number = self._words[_RUNNING]
         return None if number < 0 else self._entered[number].block
+
+    @property
+    def before(self) -> CodeBlock | None:
+        """What ran before the block that runs, or last, while none does."""
+        number = self._words[_BEFORE]
+        return self._ran_before if number < 0 else self._entered[number].block
 
     @property
     def jumped_from(self) -> int | None:

@@ -105,6 +105,7 @@ struct counter {
     int64_t instructions;
     int64_t deadline;
     int64_t running_number; /* of the block that runs, or -1 */
+    int64_t before_number;  /* of the block that ended last, or -1 */
     struct block *running;
     struct block *table;
     int64_t (*runs)[2];     /* how often each block ran, by number: went on behind its end, jumped away */
@@ -275,6 +276,7 @@ static void finish(struct counter *counter, uint32_t next)
         return;
     }
     counter->running = NULL;
+    counter->before_number = block->number;
     counter->instructions += block->count;
     counter->known_aligned &= block->kept;
     if (next == block->address + block->size) {
@@ -295,9 +297,14 @@ static void finish(struct counter *counter, uint32_t next)
 int hiltest_settle(struct counter *counter, uint32_t next)
 {
     int stopped = counter->stopped;
+    int64_t before = counter->before_number;
+    bool begun = counter->running != NULL && counter->running->address == next;
 
     counter->stopped = 0;
     finish(counter, next);
+    if (begun) { /* it was stopped before its first instruction */
+        counter->before_number = before;
+    }
     hiltest_end_watch(counter);
     counter->running_number = -1;
     /* What happens now may write registers, save the floating-point state or switch the FPU off. */

@@ -63,6 +63,7 @@ class Counter(ctypes.Structure):
         ("instructions", ctypes.c_int64),
         ("deadline", ctypes.c_int64),
         ("running_number", ctypes.c_int64),
+        ("before_number", ctypes.c_int64),
         ("running", ctypes.c_void_p),
         ("table", ctypes.c_void_p),
         ("runs", ctypes.c_void_p),

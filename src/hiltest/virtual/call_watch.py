@@ -1,0 +1,69 @@
+"""Cycles of named functions while firmware runs, not instrumented."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from hiltest.virtual.call_summary import Call, CallSummary, summarised
+from hiltest.virtual.calling import function_named
+from hiltest.virtual.cpu import Processor
+from hiltest.virtual.running_calls import RunningCalls
+
+_COLD = ".cold"  # the part of a function that the compiler moves away because it hardly ever runs
+
+
+class CallWatch:
+    """Counts the calls of some functions; made by `VirtualK64F.watch_calls`.
+
+    Parameters
+    ----------
+    processor : Processor
+        The emulator must not be running.
+    functions : iterable of str
+        Names.
+
+    Raises
+    ------
+    ConfigError
+        No such function.
+    """
+
+    def __init__(self, processor: Processor, functions: Iterable[str]) -> None:
+        self._image = processor.image
+        self._running = RunningCalls.of(processor)
+        symbols = [function_named(self._image, name) for name in functions]
+        self._functions = {symbol.name: self._running.watch(symbol.address) for symbol in symbols}
+        self.begin()
+
+    def begin(self) -> None:
+        """Leave the calls out that began before now."""
+        self._began = self._running.now()
+        self._before = {
+            name: (len(each.calls), each.abandoned, each.came_back) for name, each in self._functions.items()
+        }
+
+    @property
+    def cycles(self) -> int:
+        """Cycles that have passed since `begin`, asleep or not."""
+        return self._running.now() - self._began
+
+    def calls(self, function: str) -> Sequence[Call]:
+        """Return the calls of a function that began and returned since `begin`, in the order of their return."""
+        first, _, _ = self._before[function]
+        return [each for each in self._functions[function].calls[first:] if each.entered >= self._began]
+
+    def summary(self, function: str) -> CallSummary:
+        """Return what the calls of a function since `begin` come to."""
+        watched, (_, abandoned, came_back) = self._functions[function], self._before[function]
+        calls = self.calls(function)
+        return summarised(
+            function, calls, self.cycles, abandoned=watched.abandoned - abandoned, open_calls=watched.open,
+            came_back=watched.came_back - came_back, ended_in=self._ended_in(function, calls),
+        )  # fmt: skip
+
+    def _ended_in(self, function: str, calls: Sequence[Call]) -> tuple[str, ...]:
+        """Name the other functions that returned in the place of one."""
+        own = self._functions[function].address
+        found = {self._image.function_at(place) for place in {each.ended_in for each in calls}}
+        names = {each.name for each in found if each is not None and each.address != own}
+        return tuple(sorted(name for name in names if name.partition(_COLD)[0] != function))

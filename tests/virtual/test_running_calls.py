@@ -1,0 +1,226 @@
+"""Calls of functions while firmware runs: each counts what the function takes alone, whatever interrupts it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import cycle
+
+import pytest
+
+from hiltest.errors import ConfigError
+from hiltest.virtual.accounting import AccountingFactory, BlockAccounting, InstructionAccounting
+from hiltest.virtual.call_summary import Call
+from hiltest.virtual.k64f import VirtualK64F
+
+from .conftest import PROGRAMS, Build
+
+SMALL = """
+#include <stdint.h>
+volatile uint32_t sum, done;
+__attribute__((noinline)) uint32_t work(uint32_t n)
+{
+    uint32_t i = 0;
+    do {
+        sum += i;
+    } while (++i < n);
+    return sum;
+}
+__attribute__((noinline)) uint32_t levels(uint32_t n)
+{
+    return n == 0u ? work(3u) : levels(n - 1u) + 1u;
+}
+__attribute__((noinline, naked)) void nothing(void)
+{
+    __asm volatile("bx lr");
+}
+int main(void)
+{
+    for (;;) {
+        %s
+        done++;
+        for (volatile uint32_t i = 0; i < 500u; i++) {
+        }
+    }
+}
+"""
+FLOOD = ("-DSYSTICK=611u", "-DTIMER=433u")
+FLOODED = ("integers", "floats", "straight", "masked", "levels")
+ARGUMENTS = 7  # of the program's functions: 0 to 6, in turn
+LEVELS = ("-O0", "-O2", "-Os")
+
+
+@pytest.fixture(params=["python", "native", "instruction"])
+def counting(request: pytest.FixtureRequest) -> AccountingFactory:
+    """Each way of counting."""
+    if request.param == "native":
+        hook: AccountingFactory = request.getfixturevalue("native_hook")
+        return hook
+    return BlockAccounting if request.param == "python" else InstructionAccounting
+
+
+def cycles_of(calls: Sequence[Call]) -> list[int]:
+    return [each.cycles for each in calls]
+
+
+def test_each_call_takes_what_the_function_takes_when_it_is_called_alone(
+    build_c: Build, counting: AccountingFactory
+) -> None:
+    elf = build_c(SMALL % "work(7u); work(40u); nothing();", "-O2")
+    board = VirtualK64F(elf, accounting=counting)
+    watch = board.watch_calls(["work", "nothing"])
+    board.run_until(0.0005)
+    alone = [VirtualK64F(elf).call("work", n).cycles for n in (7, 40)]
+    assert cycles_of(watch.calls("work"))[:2] == alone
+    assert watch.calls("nothing")[0].cycles == VirtualK64F(elf).call("nothing").cycles
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_interrupts_are_counted_apart_and_each_call_takes_what_it_takes_alone(
+    build: Build, block_hook: AccountingFactory, level: str
+) -> None:
+    elf = build(PROGRAMS / "watched.c", *FLOOD, level)
+    board = VirtualK64F(elf, accounting=block_hook)
+    watch = board.watch_calls(FLOODED)
+    board.run_until(0.04)
+    for function in FLOODED:
+        first = (0.75,) if function == "floats" else ()
+        alone = cycle([VirtualK64F(elf).call(function, *first, n).cycles for n in range(ARGUMENTS)])
+        calls = [each for each in watch.calls(function) if each.outermost]
+        if function == "integers":  # it is called by another one too, in turn
+            calls = calls[::2]
+        assert len(calls) >= 60
+        assert [(each.cycles, each.interrupted > 0) for each in calls] == [(next(alone), True) for _ in calls]
+
+
+def test_counting_by_instruction_interrupts_within_blocks_and_counts_the_same(build: Build) -> None:
+    elf = build(PROGRAMS / "watched.c", *FLOOD, "-O2")
+    board = VirtualK64F(elf, accounting=InstructionAccounting)
+    watch = board.watch_calls(["straight", "masked"])
+    board.run_until(0.002)
+    for function in ("straight", "masked"):
+        alone = VirtualK64F(elf).call(function, 0).cycles
+        calls = watch.calls(function)
+        assert [(each.cycles, each.interrupted > 0) for each in calls] == [(alone, True)] * len(calls)
+        assert len(calls) > 5
+
+
+def test_watching_changes_no_count(build: Build, counting: AccountingFactory) -> None:
+    elf = build(PROGRAMS / "watched.c", *FLOOD, "-O2")
+    counts = []
+    for is_watched in (False, True):
+        board = VirtualK64F(elf, accounting=counting)
+        board.run_until(0.0005)
+        watch = board.watch_calls([*FLOODED, "handled"]) if is_watched else None  # the code is translated by now
+        board.run_until(0.002)
+        counts.append((board.cycles, board.instructions, board.processor.registers.snapshot()))
+        assert watch is None or watch.calls("integers")
+    assert counts[0] == counts[1]
+
+
+def test_a_handler_is_watched_like_any_function_and_what_interrupts_it_is_apart(build: Build) -> None:
+    elf = build(PROGRAMS / "watched.c", *FLOOD, "-O2")
+    board = VirtualK64F(elf)
+    watch = board.watch_calls(["SysTick_Handler", "Interrupt48_Handler", "handled"])
+    board.run_until(0.01)
+    assert set(cycles_of(watch.calls("SysTick_Handler"))) == {VirtualK64F(elf).call("SysTick_Handler").cycles}
+    assert len(set(cycles_of(watch.calls("Interrupt48_Handler")))) == 1
+    nested = [each for each in watch.calls("SysTick_Handler") if each.interrupted]
+    assert nested
+    # Nothing is more urgent than the timer's own.
+    assert not any(each.interrupted for each in watch.calls("Interrupt48_Handler"))
+    assert len(watch.calls("handled")) == len(watch.calls("SysTick_Handler"))
+
+
+def test_interrupts_nested_in_others_count_once(build: Build) -> None:
+    board = VirtualK64F(build(PROGRAMS / "watched.c", *FLOOD, "-O2"))
+    watch = board.watch_calls(["integers", "SysTick_Handler", "Interrupt48_Handler"])
+    board.run_until(0.01)
+    for call in watch.calls("integers"):
+        assert call.elapsed == call.cycles + call.interrupts
+        within = [
+            each for handler in ("SysTick_Handler", "Interrupt48_Handler") for each in watch.calls(handler)
+            if call.entered <= each.entered and each.returned <= call.returned
+        ]  # fmt: skip
+        handlers = sum(each.cycles for each in within)
+        profile = board.processor.profile
+        around = profile.exception_entry + profile.exception_return
+        # The handlers, entries and returns; and the few cycles by which pipelines that were emptied cost more or less.
+        assert call.interrupts == pytest.approx(handlers + len(within) * around, abs=3 * len(within))
+
+
+def test_a_function_that_calls_itself_has_a_call_for_each_level_and_the_share_has_the_outermost(build_c: Build) -> None:
+    board = VirtualK64F(build_c(SMALL % "levels(3u);", "-O1", "-fno-optimize-sibling-calls"))
+    watch = board.watch_calls(["levels"])
+    board.run_until(0.0005)
+    inner, *outer = watch.calls("levels")[:4]
+    assert [inner.cycles < each.cycles for each in outer] == [True] * 3
+    assert cycles_of(outer) == sorted(cycles_of(outer))
+    assert [each.outermost for each in outer] == [False, False, True]
+    outermost = [each.cycles for each in watch.calls("levels") if each.outermost]
+    assert watch.summary("levels").share == sum(outermost) / watch.cycles
+
+
+def test_what_began_before_is_left_out(build_c: Build) -> None:
+    board = VirtualK64F(build_c(SMALL % "work(2000u);", "-O2"))
+    first = board.watch_calls(["work"])
+    board.run_until(0.0002)  # in the middle of the first call
+    assert not first.calls("work")
+    assert first.summary("work").open == 1
+    second = board.watch_calls(["work"])
+    board.run_until(0.002)
+    assert len(second.calls("work")) == len(first.calls("work")) - 1
+    first.begin()
+    assert first.calls("work") == []
+    assert first.summary("work").least is None
+
+
+def test_a_loop_that_waits_is_passed_over_no_further_than_its_calls_allow(build_c: Build) -> None:
+    source = """
+    #include <stdint.h>
+    #define WORD(address) (*(volatile uint32_t *)(address))
+    volatile uint32_t ticks;
+    void SysTick_Handler(void) { ticks++; }
+    __attribute__((noinline)) uint32_t now(void) { return ticks; }
+    __attribute__((noinline)) void wait(uint32_t until) { while (now() < until) { } }
+    __attribute__((noinline)) void spin(uint32_t until) { while (ticks < until) { } }
+    int main(void)
+    {
+        WORD(0xE000E014u) = 20000u; WORD(0xE000E010u) = 7u;
+        for (;;) { wait(ticks + 3u); spin(ticks + 3u); }
+    }
+    """
+    elf = build_c(source, "-O2")
+    seen = []
+    for passes in (True, False):
+        board = VirtualK64F(elf, passes_waits=passes)
+        watch = board.watch_calls(["now", "wait", "spin"])
+        board.run_until(0.02)
+        seen.append([tuple(watch.calls(each)) for each in ("now", "wait", "spin")])
+        assert len(seen[-1][0]) > 1000
+        assert len(seen[-1][2]) > 2
+    assert seen[0] == seen[1]
+
+
+def test_a_call_by_the_host_in_the_middle_is_not_the_firmwares(build_c: Build) -> None:
+    elf = build_c(SMALL % "work(2000u); levels(2u);", "-O2")
+    alone = cycles_of_run(elf, host_calls=False)
+    assert cycles_of_run(elf, host_calls=True) == alone
+
+
+def cycles_of_run(elf: object, *, host_calls: bool) -> list[int]:
+    """Run in small steps, with or without calls by the host between them."""
+    board = VirtualK64F(elf)  # type: ignore[arg-type]
+    watch = board.watch_calls(["work", "levels"])
+    while len(watch.calls("work")) < 8:
+        board.run_until(board.time_s + 0.00005)
+        if host_calls:
+            board.call("levels", 3)
+    return cycles_of(watch.calls("work")[:8]) + cycles_of(watch.calls("levels")[:4])
+
+
+def test_an_unknown_function_is_refused_with_those_near(build_c: Build) -> None:
+    board = VirtualK64F(build_c(SMALL % "work(7u);", "-O2"))
+    with pytest.raises(ConfigError, match=r"no function 'wrok'; near: work"):
+        board.watch_calls(["wrok"])
+    with pytest.raises(ConfigError, match="no function 'sum'"):
+        board.watch_calls(["sum"])
