@@ -22,7 +22,15 @@ _RETURNS = {0xFFFFFFE1, 0xFFFFFFE9, 0xFFFFFFED, 0xFFFFFFF1, 0xFFFFFFF9, 0xFFFFFF
 
 
 class Follower(Protocol):
-    """Is told of every exception that is entered and left, before the cycles of that are counted."""
+    """Is told of exceptions that are entered and left, before the cycles of that are counted.
+
+    Attributes
+    ----------
+    listens : bool
+        Whether it wants to know now.
+    """
+
+    listens: bool
 
     def reset(self) -> None:
         """Take note of a processor reset."""
@@ -172,7 +180,7 @@ class ExceptionUnit:
         control &= _CONTROL_NPRIV
         registers.entry.write([base, 0, xpsr, control, exc_return, vector])
         self._nvic.enter(exception)
-        if self.follower is not None:
+        if self.follower is not None and self.follower.listens:
             self.follower.entered((uses_psp, base), from_thread=not from_handler)
         if exception == HARD_FAULT and problem is not None and problem.kind is FaultKind.STACKING:
             self.status.record(problem, forced=False)  # nothing is more urgent: the handler runs without a frame
@@ -235,7 +243,7 @@ class ExceptionUnit:
         frame[7] &= ~_XPSR_REALIGNED
         control = control & _CONTROL_NPRIV | (_CONTROL_SPSEL if uses_psp else 0) | (_CONTROL_FPCA if extended else 0)
         registers.resumed.write([0, frame[7], control, end, *frame])
-        if self.follower is not None:
+        if self.follower is not None and self.follower.listens:
             self.follower.left((uses_psp, base), to_thread=to_thread)
         if not frame[7] & _THUMB:
             return Fault(FaultKind.INVALID_STATE, f"stacked xPSR 0x{frame[7]:08x} has no Thumb bit", frame[6] & ~1)

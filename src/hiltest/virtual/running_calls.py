@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 
 import unicorn
@@ -61,13 +61,8 @@ class WatchedFunction:
     looks: Callable[[], int] = int
 
 
-@dataclass(slots=True)
-class _Apart:
-    """What a thread was interrupted by so far."""
-
-    interrupted: int = 0
-    interrupts: int = 0
-    elsewhere: int = 0
+# What a thread was interrupted by so far: how often, cycles of that, cycles elsewhere; see `Call`.
+_Apart = tuple[int, int, int]
 
 
 @dataclass(slots=True)
@@ -90,7 +85,6 @@ class _Thread:
     ----------
     open : list of _Open
         Innermost last.
-    apart : _Apart
     given_up : dict
         Calls whose stack was given up, by return address and stack pointer.
     left_at : int
@@ -104,13 +98,12 @@ class _Thread:
     """
 
     open: list[_Open] = field(default_factory=list)
-    apart: _Apart = field(default_factory=_Apart)
     given_up: dict[tuple[int, int], WatchedFunction] = field(default_factory=dict)
+    apart: _Apart = (0, 0, 0)
     left_at: int = 0
     before: CodeBlock | None = None
     state: PipelineState = NEUTRAL
     resumed_behind: int = -1
-
 
 class RunningCalls:
     """Sees the calls of functions while firmware runs.
@@ -122,6 +115,8 @@ class RunningCalls:
 
     Notes
     -----
+    While no call is under way it does not want to know of exceptions.
+
     A function that is inlined is never entered. One that calls itself has a call for each level.
 
     A call that ends in a tail call returns where that does, and contains it. One is abandoned when the stack pointer
@@ -138,8 +133,12 @@ class RunningCalls:
         self._is_paused = False
         self._paused_cycles = 0
         self._thread = _Thread()
-        self._interrupted: list[_Thread] = []  # by exceptions that are active, the innermost last
+        self._interrupted: list[_Thread | None] = []  # by exceptions that are active, the innermost last
         self._suspended: dict[tuple[bool, int], _Thread] = {}
+        self._spare: _Thread | None = None
+        self._open_calls = 0
+        self.listens = False
+        self._return_cycles = processor.profile.exception_return
 
     @classmethod
     def of(cls, processor: Processor) -> RunningCalls:
@@ -158,7 +157,8 @@ class RunningCalls:
     def reset(self) -> None:
         """Abandon all calls under way."""
         for thread in (self._thread, *self._interrupted, *self._suspended.values()):
-            self._abandon(thread, 0)
+            if thread is not None:
+                self._abandon(thread, 0)
         self._thread = _Thread()
         self._interrupted.clear()
         self._suspended.clear()
@@ -177,12 +177,11 @@ class RunningCalls:
         finally:
             self._is_paused = False
             thread.resumed_behind = self._accounting.instructions
-            lost = self._lost(self._processor.registers.pc.get() & ~1, thread.state)
-            self._paused_cycles += self._processor.cycles - began + lost
+            self._paused_cycles += self._processor.cycles - began + self._lost(thread.state)
 
     def now(self) -> int:
         """Cycles since power-on without those that were paused, while nothing runs."""
-        return self._processor.cycles - self._paused_cycles
+        return self._accounting.cycles - self._paused_cycles
 
     # -- called by the emulator ---------------------------------------------------------------
 
@@ -197,77 +196,96 @@ class RunningCalls:
         if self._is_paused:
             return
         try:
-            self._accounting.end_watch()  # each call is seen
+            accounting, thread = self._accounting, self._thread
+            accounting.end_watch()  # each call is seen
             stack, link = self._stack_and_link.read()
-            now = self._accounting.now(address)
-            begins_block = now == self._accounting.cycles
-            before = self._before() if begins_block else None
-            last = None if before is None else before.instructions[-1]
-            now -= self._paused_cycles
-            self._arrives(address, stack, now, last)
+            cycles = accounting.now(address)
+            begins_block = cycles == accounting.cycles
+            if thread.open or thread.given_up:
+                self._arrives(address, stack, cycles - self._paused_cycles, begins_block=begins_block)
             function = self._functions.get(address)
             if function is not None:
-                self._enters(function, stack, link & ~1, now, last)
+                self._enters(function, stack, link & ~1, cycles - self._paused_cycles, begins_block=begins_block)
         except BaseException as error:  # re-raised by the processor; ctypes would print and drop it
             self._processor.abort(error)
 
-    def _before(self) -> CodeBlock | None:
-        """Return what ran last in this thread."""
+    def _last(self, *, begins_block: bool) -> Instruction | None:
+        """Return what this thread executed last, if it ended a block."""
         thread, accounting = self._thread, self._accounting
-        return thread.before if accounting.instructions == thread.resumed_behind else accounting.before
+        before = thread.before if accounting.instructions == thread.resumed_behind else accounting.before
+        return before.instructions[-1] if before is not None and begins_block else None
 
     def _enters(
-        self, function: WatchedFunction, stack: int, return_address: int, now: int, last: Instruction | None
+        self, function: WatchedFunction, stack: int, return_address: int, now: int, *, begins_block: bool
     ) -> None:
         thread = self._thread
-        is_called = last is not None and _calls(last)
-        for index, each in enumerate(thread.open):
-            if each.stack != stack:
-                continue
+        calls = thread.open
+        for index in range(self._first_with(stack), len(calls)):
+            each, last = calls[index], self._last(begins_block=begins_block)
+            is_called = last is not None and _calls(last)
             if each.function is function and (each.entered == now or not is_called):
                 return  # the emulator was stopped there and comes to it again, or it jumps to its own beginning
             if is_called and (each.function is function or each.return_address == return_address):
                 self._abandon(thread, index)
                 break
-        outermost = all(each.function is not function for each in thread.open)
-        thread.given_up.pop((return_address, stack), None)
-        thread.open.append(_Open(function, now, stack, return_address, outermost, replace(thread.apart)))
-        function.open += 1
+        outermost = not function.open or all(each.function is not function for each in calls)
+        if thread.given_up:
+            thread.given_up.pop((return_address, stack), None)
+        calls.append(_Open(function, now, stack, return_address, outermost, thread.apart))
+        self._count(function, 1)
         if return_address not in self._hooked and return_address < _EXC_RETURN:
             self._processor.between_blocks(partial(self._hook, return_address))
 
-    def _arrives(self, address: int, stack: int, now: int, last: Instruction | None) -> None:
+    def _first_with(self, stack: int) -> int:
+        """Return the index of the first call that began with a stack pointer; no call is below it."""
+        calls = self._thread.open
+        first = len(calls)
+        while first and calls[first - 1].stack == stack:
+            first -= 1
+        return first
+
+    def _arrives(self, address: int, stack: int, now: int, *, begins_block: bool) -> None:
         """Take note of an instruction that calls return to, or that begins a function."""
         thread = self._thread
         calls = thread.open
         while calls and calls[-1].stack < stack:
             thread.given_up[calls[-1].return_address, calls[-1].stack] = calls[-1].function
             self._abandon(thread, len(calls) - 1)
-        has_returned = last is not None and _may_return(last)
-        first = next((at for at, each in enumerate(calls) if (each.return_address, each.stack) == (address, stack)), -1)
-        if first < 0 and has_returned and (address, stack) in thread.given_up:
+        first = self._first_with(stack)
+        while first < len(calls) and calls[first].return_address != address:
+            first += 1
+        if first == len(calls) and (address, stack) not in thread.given_up:
+            return
+        last = self._last(begins_block=begins_block)
+        place = last.address if last is not None and _may_return(last) else None
+        if place is not None and first == len(calls):
             thread.given_up.pop((address, stack)).came_back += 1
-        elif first >= 0:
-            for each in calls[first:]:  # otherwise, where the call would have returned to was jumped to
-                if has_returned and last is not None and each.return_address == address:
-                    self._close(each, now, last.address)
-                else:
-                    each.function.abandoned += 1
-                each.function.open -= 1
-            del calls[first:]
+        for each in calls[first:]:
+            if place is not None and each.return_address == address:
+                self._close(each, now, place)
+            else:  # where the call would have returned to was jumped to
+                each.function.abandoned += 1
+            self._count(each.function, -1)
+        del calls[first:]
+
+    def _count(self, function: WatchedFunction, more: int) -> None:
+        function.open += more
+        self._open_calls += more
+        self.listens = self._open_calls > 0
 
     def _close(self, call: _Open, now: int, place: int) -> None:
-        before, apart = call.apart, self._thread.apart
+        times, interrupts, elsewhere = self._thread.apart
+        times_before, interrupts_before, elsewhere_before = call.apart
         call.function.calls.append(Call(
-            call.entered, now, apart.interrupted - before.interrupted, apart.interrupts - before.interrupts,
-            apart.elsewhere - before.elsewhere, call.outermost, place, call.function.looks(),
+            call.entered, now, times - times_before, interrupts - interrupts_before, elsewhere - elsewhere_before,
+            call.outermost, place, call.function.looks(),
         ))  # fmt: skip
 
     def _abandon(self, thread: _Thread, first: int) -> None:
         """Close calls from an index on that will not return."""
         for each in thread.open[first:]:
-            each.function.open -= 1
             each.function.abandoned += 1
+            self._count(each.function, -1)
         del thread.open[first:]
 
     # -- called by the processor between blocks -----------------------------------------------
@@ -277,54 +295,65 @@ class RunningCalls:
         if self._is_paused:
             return
         thread = self._thread
-        self._leave(thread)
         if from_thread:
             self._interrupted.clear()
-            if frame in self._suspended:
-                self._abandon(self._suspended[frame], 0)
+            if frame in self._suspended:  # its stack is another's now
+                self._abandon(self._suspended.pop(frame), 0)
+        if not thread.open:  # there is nothing to keep: the handler takes it over
+            self._interrupted.append(None)
+            return
+        self._leave(thread)
+        if from_thread:
             self._suspended[frame] = thread
         self._interrupted.append(thread)
-        self._thread = _Thread()
+        self._thread = self._spare or _Thread()
+        self._spare = None
 
     def left(self, frame: tuple[bool, int], *, to_thread: bool) -> None:
         """Take note of a return from an exception."""
         if self._is_paused:
             return
-        self._end_handler()
-        interrupted = self._interrupted.pop() if self._interrupted else _Thread()
-        thread = interrupted
-        if to_thread:  # one that is not known begins
-            thread = self._suspended.pop(frame) if frame in self._suspended else _Thread(left_at=self.now())
-        gone = self.now() + self._processor.profile.exception_return - thread.left_at
-        gone += self._lost(self._processor.registers.pc.get() & ~1, thread.state)
-        if thread is interrupted:
-            thread.apart.interrupted += 1
-            thread.apart.interrupts += gone
-        else:
-            thread.apart.elsewhere += gone
-        thread.resumed_behind = self._accounting.instructions
-        self._thread = thread
+        handler = self._thread
+        if handler.open:
+            self._end_handler()
+        interrupted = self._interrupted.pop() if self._interrupted else None
+        thread = self._suspended.pop(frame, None) if to_thread else interrupted
+        if thread is None:  # one without calls, or that begins
+            return
+        accounting = self._accounting
+        gone = accounting.cycles - self._paused_cycles + self._return_cycles - thread.left_at
+        if thread.state is not NEUTRAL:
+            gone += self._lost(thread.state)
+        times, interrupts, elsewhere = thread.apart
+        is_back = thread is interrupted
+        thread.apart = (times + 1, interrupts + gone, elsewhere) if is_back else (times, interrupts, elsewhere + gone)
+        thread.resumed_behind = accounting.instructions
+        handler.given_up.clear()
+        self._thread, self._spare = thread, handler
 
     def _leave(self, thread: _Thread) -> None:
         """Keep what a thread needs to go on."""
-        has_run = self._accounting.instructions != thread.resumed_behind
-        thread.before, thread.left_at = self._before(), self.now()
-        # A thread that is left again before it ran has lost nothing more.
-        fell = thread.before is not None and has_run and not thread.before.transfers
-        thread.state = thread.before.exit_state if thread.before is not None and fell else NEUTRAL
+        accounting = self._accounting
+        thread.left_at = accounting.cycles - self._paused_cycles
+        thread.state = NEUTRAL
+        if accounting.instructions != thread.resumed_behind:  # else it was left before it ran, and loses nothing more
+            before = thread.before = accounting.before
+            if before is not None and not before.transfers:
+                thread.state = before.exit_state
 
     def _end_handler(self) -> None:
         """Close the calls of an exception: of its handler, and of what that tail-called."""
         calls, before = self._thread.open, self._accounting.before
         while calls and calls[-1].return_address >= _EXC_RETURN:
             call = calls.pop()
-            call.function.open -= 1
+            self._count(call.function, -1)
             self._close(call, self.now(), before.instructions[-1].address if before is not None else 0)
         self._abandon(self._thread, 0)
 
-    def _lost(self, pc: int, state: PipelineState) -> int:
-        """Return how much longer the code at `pc` takes because a pipeline was emptied of `state`."""
+    def _lost(self, state: PipelineState) -> int:
+        """Return how much longer the code at the PC takes because a pipeline was emptied of `state`."""
         lost, emptied, profile = 0, NEUTRAL, self._processor.profile
+        pc = self._processor.registers.pc.get() & ~1
         while state != emptied:
             instruction = decode(pc, self._processor.memory.read(pc, 4))[0]
             cycles, emptied = profile.step(instruction, emptied)
