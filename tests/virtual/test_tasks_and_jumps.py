@@ -1,0 +1,226 @@
+"""Calls that do not simply return: tail calls, longjmp, tasks that are switched, stacks that are."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from hiltest.virtual.accounting import AccountingFactory, BlockAccounting, InstructionAccounting
+from hiltest.virtual.k64f import VirtualK64F
+
+from .conftest import FLAGS, PROGRAMS, Build
+from .foreign import PROGRAMS as FOREIGN
+from .foreign import machine_for
+from .foreign import watch as run_for
+from .test_peripherals import Part
+from .test_rtos import TEXT, TICK_S, BuildRtos, build_rtos  # noqa: F401 (a fixture)
+
+TAILS = """
+#include <stdint.h>
+#define APART __attribute__((noinline, noclone))
+volatile uint32_t sum;
+APART uint32_t worked(uint32_t n) { uint32_t i = 0; do { sum += i; } while (++i < n); return sum; }
+APART uint32_t tails(uint32_t n) { sum += n; return worked(n + 1u); }
+APART uint32_t by_pointer(uint32_t (*f)(uint32_t), uint32_t n) { sum += n; return f(n); }
+APART uint32_t loops(uint32_t n) { uint32_t i = n; do { sum ^= i; } while (--i); return sum; }
+__attribute__((naked, noinline)) uint32_t falls(uint32_t n) { __asm volatile("adds r0, #1\\n movs r1, #2"); }
+__attribute__((naked, noinline)) uint32_t into(uint32_t n) { __asm volatile("adds r0, #2\\n bx lr"); }
+int main(void)
+{
+    for (;;) {
+        tails(5u); by_pointer(worked, 3u); loops(9u); falls(1u);
+    }
+}
+"""
+
+
+@pytest.fixture(params=["python", "native", "instruction"])
+def counting(request: pytest.FixtureRequest) -> AccountingFactory:
+    """Each way of counting."""
+    if request.param == "native":
+        hook: AccountingFactory = request.getfixturevalue("native_hook")
+        return hook
+    return BlockAccounting if request.param == "python" else InstructionAccounting
+
+
+def test_a_call_that_ends_in_a_tail_call_contains_it_and_says_so(build_c: Build, counting: AccountingFactory) -> None:
+    elf = build_c(TAILS, "-O2", "-fno-reorder-functions", "-fno-toplevel-reorder")
+    board = VirtualK64F(elf, accounting=counting)
+    watch = board.watch_calls(["tails", "worked", "by_pointer", "loops", "falls", "into"])
+    board.run_until(0.0002)
+    tails, worked = watch.calls("tails")[0], watch.calls("worked")[0]
+    assert tails.cycles == VirtualK64F(elf).call("tails", 5).cycles
+    assert tails.entered < worked.entered
+    assert tails.returned == worked.returned
+    for function, ended_in in (
+        ("tails", ("worked",)), ("by_pointer", ("worked",)), ("worked", ()), ("loops", ()), ("falls", ("into",)),
+    ):  # fmt: skip
+        summary = watch.summary(function)
+        assert (summary.ended_in, summary.abandoned) == (ended_in, 0), function
+    # A loop that begins at the first instruction is one call.
+    assert watch.calls("loops")[0].cycles == VirtualK64F(elf).call("loops", 9).cycles
+    assert watch.calls("falls")[0].cycles == VirtualK64F(elf).call("falls", 1).cycles
+
+
+JUMPS = """
+#include <setjmp.h>
+#include <stdint.h>
+#define APART __attribute__((noinline, noclone))
+volatile uint32_t sum, rounds;
+static jmp_buf back;
+APART void leaves(uint32_t n) { sum += n; if (n) longjmp(back, 1); }
+APART void passes(uint32_t n) { volatile uint32_t kept[4] = {n}; leaves(kept[0]); sum += kept[1]; }
+APART void simple(uint32_t n) { sum += n; }
+int main(void)
+{
+    for (;;) {
+        rounds++;
+        if (setjmp(back) == 0) {
+            passes(rounds % 3u);
+        }
+        simple(1u);
+    }
+}
+"""
+
+
+@pytest.mark.parametrize("level", ["-O0", "-O2"])
+def test_calls_that_longjmp_leaves_are_abandoned_and_do_not_count(
+    tmp_path: Path, require_tool: Callable[[str], str], counting: AccountingFactory, level: str
+) -> None:
+    source, elf = tmp_path / "program.c", tmp_path / "program.elf"
+    source.write_text(JUMPS)
+    flags = [flag for flag in FLAGS if flag not in ("-O1", "-nostdlib")]
+    command = [require_tool("arm-none-eabi-gcc"), *flags, level, "-nostartfiles", str(PROGRAMS / "start.S"),
+               str(source), "-o", str(elf)]  # fmt: skip
+    subprocess.run(command, check=True, timeout=60)
+    board = VirtualK64F(elf, accounting=counting)
+    watch = board.watch_calls(["leaves", "passes", "simple"])
+    board.run_until(0.0004)
+    rounds = len(watch.calls("simple"))
+    assert rounds > 20
+    alone = VirtualK64F(elf).call("passes", 0).cycles
+    for function in ("leaves", "passes"):
+        summary = watch.summary(function)
+        # Two of three rounds are left by longjmp; the last is under way, or given up and not yet noticed.
+        assert abs(summary.abandoned - 2 * rounds / 3) <= 2, function
+        assert abs(summary.calls - rounds / 3) <= 2
+        assert summary.open <= 1
+        assert summary.refusal == ""
+    assert watch.summary("passes").most == watch.summary("passes").least == alone
+
+
+COROUTINES = """
+#include <stdint.h>
+#define APART __attribute__((noinline, noclone))
+volatile uint32_t sum;
+static uint32_t stacks[2][64], *saved[2];
+__attribute__((naked, noinline)) void change(uint32_t **from, uint32_t **to)
+{
+    __asm volatile("push {r4-r11, lr}\\n str sp, [r0]\\n ldr sp, [r1]\\n pop {r4-r11, pc}");
+}
+APART void works(uint32_t me) { sum += me; change(&saved[me], &saved[1u - me]); sum ^= me; }
+APART void plain(uint32_t n) { sum += n; }
+void first(void) { for (;;) { works(0u); plain(1u); } }
+void second(void) { for (;;) { works(1u); plain(2u); } }
+int main(void)
+{
+    uint32_t *here;
+    stacks[0][63] = (uint32_t)first;
+    stacks[1][63] = (uint32_t)second;
+    saved[0] = &stacks[0][63 - 8];
+    saved[1] = &stacks[1][63 - 8];
+    change(&here, &saved[0]);
+}
+"""
+
+
+def test_stacks_that_are_switched_without_an_exception_are_refused_by_name(build_c: Build) -> None:
+    board = VirtualK64F(build_c(COROUTINES, "-O2"))
+    watch = board.watch_calls(["works", "plain"])
+    board.run_until(0.0005)
+    refused = watch.summary("works")
+    assert "works" in refused.refusal
+    assert (refused.least, refused.median, refused.most, refused.share) == (None, None, None, None)
+    plain = watch.summary("plain")
+    assert (plain.refusal, plain.least) == ("", plain.most)
+
+
+@pytest.mark.parametrize("level", ["-O0", "-O2"])
+def test_a_call_in_a_task_does_not_count_what_other_tasks_do(
+    build_rtos: BuildRtos, block_hook: AccountingFactory, level: str  # noqa: F811 (the fixture)
+) -> None:
+    elf = build_rtos(level, "-fno-inline")
+    board = VirtualK64F(elf, i2c0=[Part(0x0E)], accounting=block_hook)
+    watch = board.watch_calls(["series", "kernel_switch", "SysTick_Handler", "PendSV_Handler"])
+    board.run_until(5 * TICK_S)
+    board.uart0.host_write(TEXT)
+    board.run_until(43.5 * TICK_S)
+    calls = watch.calls("series")
+    switched = [each for each in calls if each.elsewhere]
+    assert len(calls) > 100
+    assert len(switched) > 5
+    # The same work each time, in either task: what is left of a call is the same whoever ran in between.
+    assert len({each.cycles for each in calls}) == 1
+    assert watch.summary("series").abandoned == 0
+    assert max(each.elsewhere for each in switched) > calls[0].cycles
+    assert watch.summary("PendSV_Handler").calls > 10
+    assert watch.summary("PendSV_Handler").abandoned == 0
+
+
+def foreign_board(name: str) -> VirtualK64F:
+    """Return the board of another's program."""
+    program = next(each for each in FOREIGN if each.name == name)
+    if not program.path.is_file():
+        assert not os.environ.get("HILTEST_REQUIRE_TOOLS"), f"{program.path} is missing"
+        pytest.skip(f"{program.path} is not there")
+    return machine_for(program)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "seconds", "functions", "at_least"),
+    [
+        # Two threads that send each other messages, each send a switch to the other.
+        ("riot_msg_pingpong", 0.15, ("msg_send", "msg_receive"), 1000),
+        ("z_synchronization", 1.2, ("z_impl_k_sleep",), 2),
+    ],
+)
+def test_a_switch_of_tasks_in_a_kernel_of_others_is_not_its_callers_time(
+    name: str, seconds: float, functions: tuple[str, ...], at_least: int
+) -> None:
+    board = foreign_board(name)
+    watch = board.watch_calls(functions)
+    run_for(next(each for each in FOREIGN if each.name == name), board, seconds)
+    for function in functions:
+        calls = watch.calls(function)
+        assert len(calls) >= at_least
+        assert len({each.cycles for each in calls}) == 1
+        assert all(each.elsewhere > 0 for each in calls)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name",
+    ["sdk_freertos_hello", "sdk_freertos_swtimer", "z_synchronization", "riot_thread_cooperation", "riot_ztimer_msg"],
+)
+def test_every_function_of_a_kernel_of_others_can_be_watched_at_once(name: str) -> None:
+    program = next(each for each in FOREIGN if each.name == name)
+    plain, board = foreign_board(name), foreign_board(name)
+    symbols = board.image.symbols.values()
+    functions = [each.name for each in symbols if each.is_function and each.size]
+    watch = board.watch_calls(functions)
+    seconds = min(program.seconds, 0.5)
+    said = [run_for(program, each, seconds).text for each in (board, plain)]
+    assert said[0] == said[1]
+    assert board.cycles == plain.cycles
+    summaries = [watch.summary(each) for each in functions]
+    assert sum(each.calls for each in summaries) > 100
+    assert {each.function: each.refusal for each in summaries if each.refusal} == {}
+    assert all(each.least > 0 for each in summaries if each.least is not None)
+    # What a kernel starts from on a stack that it gives up then.
+    assert sum(each.abandoned for each in summaries) <= 2
