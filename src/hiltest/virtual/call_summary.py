@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from statistics import median_low
 from typing import NamedTuple
@@ -125,4 +125,84 @@ def summarised(
         within / passed if passed > 0 and not refusal else None,
         sum(each.interrupted > 0 for each in calls), sum(each.interrupts for each in calls),
         sum(each.elsewhere for each in calls), abandoned, open_calls, ended_in, refusal or "",
+    )  # fmt: skip
+
+
+class Solution(NamedTuple):
+    """Slices that came to a solution.
+
+    Attributes
+    ----------
+    cycles, longest : int
+        Of all slices, and of the longest.
+    slices : int
+    """
+
+    cycles: int
+    longest: int
+    slices: int
+
+
+@dataclass(frozen=True, slots=True)
+class SolutionSummary:
+    """What a function that works in slices takes for a solution.
+
+    Attributes
+    ----------
+    solutions : int
+        How many began and ended.
+    least, median, most : int or None
+        Cycles of a solution's slices together, without exceptions and other tasks; None without a solution.
+    fewest_slices, most_slices : int or None
+    longest_slice : int or None
+        Most cycles of a slice.
+    """
+
+    solutions: int
+    least: int | None
+    median: int | None
+    most: int | None
+    fewest_slices: int | None
+    most_slices: int | None
+    longest_slice: int | None
+
+
+def solved(slices: Sequence[Call], ends: Callable[[Call, int], bool], *, before: int, is_whole: bool) -> list[Solution]:
+    """Sum up slices by the solution that they came to.
+
+    Parameters
+    ----------
+    slices : sequence of Call
+        In the order of their entry; one within another counts with that one.
+    ends : callable
+        Whether a slice was the last of a solution, by the slice and by what the one before it left.
+    before : int
+        What was left before the first.
+    is_whole : bool
+        Whether the first slice is the first of a solution; otherwise its solution is left out.
+    """
+    found: list[Solution] = []
+    cycles: list[int] = []
+    outer_returned = -1
+    for each in slices:
+        if each.entered < outer_returned:
+            continue
+        outer_returned = each.returned
+        cycles.append(each.cycles)
+        if ends(each, before):
+            if is_whole:
+                found.append(Solution(sum(cycles), max(cycles), len(cycles)))
+            cycles, is_whole = [], True
+        before = each.left
+    return found
+
+
+def solutions_summarised(solutions: Sequence[Solution]) -> SolutionSummary:
+    """Sum up solutions."""
+    if not solutions:
+        return SolutionSummary(0, None, None, None, None, None, None)
+    cycles, slices = (sorted(column) for column in ([s.cycles for s in solutions], [s.slices for s in solutions]))
+    return SolutionSummary(
+        len(solutions), cycles[0], median_low(cycles), cycles[-1], slices[0], slices[-1],
+        max(each.longest for each in solutions),
     )  # fmt: skip

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+from hiltest.errors import ConfigError
 from hiltest.virtual.call_summary import Call, CallSummary, summarised
 from hiltest.virtual.calling import function_named
 from hiltest.virtual.cpu import Processor
@@ -22,6 +23,11 @@ class CallWatch:
     functions : iterable of str
         Names.
 
+    Attributes
+    ----------
+    began : int
+        Cycle of the latest `begin`.
+
     Raises
     ------
     ConfigError
@@ -37,20 +43,33 @@ class CallWatch:
 
     def begin(self) -> None:
         """Leave the calls out that began before now."""
-        self._began = self._running.now()
+        self.began = self._running.now()
         self._before = {
             name: (len(each.calls), each.abandoned, each.came_back) for name, each in self._functions.items()
         }
 
+    def look_at(self, address: int, size: int) -> None:
+        """Have `Call.left` say what memory holds at each return.
+
+        Raises
+        ------
+        ConfigError
+            It says what another place holds already.
+        """
+        for name, each in self._functions.items():
+            if each.looks_at not in (None, (address, size)):
+                raise ConfigError(f"{name} is watched for another word already; one word ends its solutions")
+            each.looks_at = address, size
+
     @property
     def cycles(self) -> int:
         """Cycles that have passed since `begin`, asleep or not."""
-        return self._running.now() - self._began
+        return self._running.now() - self.began
 
     def calls(self, function: str) -> Sequence[Call]:
         """Return the calls of a function that began and returned since `begin`, in the order of their return."""
         first, _, _ = self._before[function]
-        return [each for each in self._functions[function].calls[first:] if each.entered >= self._began]
+        return [each for each in self._functions[function].calls[first:] if each.entered >= self.began]
 
     def summary(self, function: str) -> CallSummary:
         """Return what the calls of a function since `begin` come to."""

@@ -32,6 +32,7 @@ from hiltest.virtual.peripherals.unmodelled import UnmodelledAccess
 from hiltest.virtual.procedure_call import Argument
 from hiltest.virtual.profile_file import DEFAULT_PROFILE, load_profile
 from hiltest.virtual.schedule import Event
+from hiltest.virtual.solution_watch import SolutionEnd, SolutionWatch
 from hiltest.virtual.timing import TimingProfile
 
 #: Core clock of functions that are called without boot [Hz].
@@ -354,6 +355,10 @@ class VirtualK64F:
             No such function.
         """
         return CallWatch(self.processor, functions)
+
+    def watch_solutions(self, functions: Iterable[str], end: SolutionEnd) -> SolutionWatch:
+        """Sum up the calls of functions that work in slices, by solution, from now on."""
+        return SolutionWatch(self.processor, functions, end)
 
     # -- calling functions --------------------------------------------------------------------
 

@@ -12,7 +12,7 @@ itself: a thread that was interrupted goes on when registers are taken from wher
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
@@ -49,8 +49,8 @@ class WatchedFunction:
     came_back : int
         How many returned though their stack had been given up: something switches stacks without an exception, and
         whose cycles are whose cannot be told.
-    looks : callable
-        Asked at each return for `Call.left`.
+    looks_at : tuple of (int, int), optional
+        Address and size of what `Call.left` tells.
     """
 
     address: int
@@ -58,7 +58,7 @@ class WatchedFunction:
     abandoned: int = 0
     open: int = 0
     came_back: int = 0
-    looks: Callable[[], int] = int
+    looks_at: tuple[int, int] | None = None
 
 
 # What a thread was interrupted by so far: how often, cycles of that, cycles elsewhere; see `Call`.
@@ -278,8 +278,13 @@ class RunningCalls:
         times_before, interrupts_before, elsewhere_before = call.apart
         call.function.calls.append(Call(
             call.entered, now, times - times_before, interrupts - interrupts_before, elsewhere - elsewhere_before,
-            call.outermost, place, call.function.looks(),
+            call.outermost, place, self._left_by(call.function),
         ))  # fmt: skip
+
+    def _left_by(self, function: WatchedFunction) -> int:
+        if function.looks_at is None:
+            return 0
+        return int.from_bytes(self._processor.memory.read(*function.looks_at), "little")
 
     def _abandon(self, thread: _Thread, first: int) -> None:
         """Close calls from an index on that will not return."""

@@ -1,0 +1,114 @@
+"""Functions that work in slices are summed by solution, and a solution that was not seen whole is none."""
+
+from __future__ import annotations
+
+import pytest
+
+from hiltest.errors import ConfigError
+from hiltest.virtual.call_summary import Call, solutions_summarised, solved, summarised
+from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.solution_watch import EndsWhen, SolutionEnd
+
+from .conftest import Build
+
+SLICES = """
+#include <stdint.h>
+#define APART __attribute__((noinline, noclone))
+volatile uint32_t sum;
+struct fit { uint32_t kind; uint8_t progress, other; uint16_t done; } volatile fit;
+APART void work(uint32_t n) { for (uint32_t i = 0; i < n; i++) sum += i; }
+APART void begin_slice(void) { work(10u); fit.progress = 1u; }
+APART void fit_slice(void)
+{
+    work(20u * fit.progress);
+    if (++fit.progress == 5u) { fit.progress = 0u; fit.done++; }
+}
+int main(void)
+{
+    for (;;) {
+        if (fit.progress == 0u) begin_slice(); else fit_slice();
+        work(3u);
+    }
+}
+"""
+ZERO = SolutionEnd("fit+4", size=1)
+CHANGED = SolutionEnd("fit + 0x6", EndsWhen.CHANGED, size=2)
+
+
+def test_slices_of_two_functions_make_a_solution(build_c: Build) -> None:
+    board = VirtualK64F(build_c(SLICES, "-O2"))
+    functions = ["begin_slice", "fit_slice"]
+    watch, calls = board.watch_solutions(functions, ZERO), board.watch_calls(functions)
+    board.run_until(0.01)
+    summary = watch.summary
+    assert summary.solutions > 10
+    assert (summary.fewest_slices, summary.most_slices) == (5, 5)
+    slices = calls.calls("begin_slice")[:1] + calls.calls("fit_slice")[:4]
+    assert summary.median == sum(each.cycles for each in slices)
+    assert (summary.least, summary.most) == (summary.median, summary.median)
+    assert summary.longest_slice == max(each.cycles for each in slices)
+
+
+def test_a_count_of_solutions_that_changes_ends_one_as_well(build_c: Build) -> None:
+    elf = build_c(SLICES, "-O2")
+    summaries = []
+    for end in (ZERO, CHANGED):
+        board = VirtualK64F(elf)
+        watch = board.watch_solutions(["begin_slice", "fit_slice"], end)
+        board.run_until(0.01)
+        summaries.append(watch.summary)
+    assert summaries[0] == summaries[1]
+
+
+@pytest.mark.parametrize("end", [ZERO, CHANGED])
+def test_a_solution_that_had_begun_before_is_left_out(build_c: Build, end: SolutionEnd) -> None:
+    board = VirtualK64F(build_c(SLICES, "-O2"))
+    calls = board.watch_calls(["fit_slice"])
+    while len(calls.calls("fit_slice")) < 2:  # in the middle of the first solution
+        board.run_until(board.time_s + 2e-6)
+    watch = board.watch_solutions(["begin_slice", "fit_slice"], end)
+    board.run_until(0.01)
+    assert watch.summary.fewest_slices == watch.summary.most_slices == 5
+    watch.begin()
+    assert watch.summary.solutions == 0
+    assert watch.summary.least is None
+
+
+def test_a_word_that_is_none_is_refused(build_c: Build) -> None:
+    board = VirtualK64F(build_c(SLICES, "-O2"))
+    for word, said in (
+        ("fitt", "'fitt' is no variable"), ("main", "'main' is no variable"), ("fit-1", "is no variable"),
+        ("fit+6", "4 bytes at fit"),
+    ):  # fmt: skip
+        with pytest.raises(ConfigError, match=said):
+            board.watch_solutions(["fit_slice"], SolutionEnd(word))
+    board.watch_solutions(["fit_slice"], ZERO)
+    with pytest.raises(ConfigError, match="another word"):
+        board.watch_solutions(["fit_slice"], CHANGED)
+
+
+def call(entered: int, cycles: int, left: int = 0, **more: int) -> Call:
+    return Call(entered, entered + cycles + sum(more.values()), left=left, **more)
+
+
+def test_a_slice_within_another_counts_with_that_one() -> None:
+    slices = [call(0, 50, 1), call(10, 20, 1), call(100, 30, 0), call(200, 7, 1)]
+    found = solved(slices, lambda each, _before: each.left == 0, before=0, is_whole=True)
+    assert [(each.cycles, each.slices, each.longest) for each in found] == [(80, 2, 50)]
+    assert solutions_summarised(found).most == 80
+    assert solved(slices, lambda each, _before: each.left == 0, before=1, is_whole=False) == []
+
+
+def test_a_summary_counts_what_is_apart_and_nothing_of_no_calls() -> None:
+    calls = [call(0, 40), call(100, 10, interrupts=25)._replace(interrupted=2), call(200, 30, elsewhere=500),
+             call(210, 5)._replace(outermost=False)]  # fmt: skip
+    summary = summarised("fit", calls, 1000, abandoned=3, open_calls=1, ended_in=("g",))
+    assert (summary.calls, summary.least, summary.median, summary.most) == (4, 5, 10, 40)
+    assert summary.share == pytest.approx(0.08)
+    assert (summary.interrupted, summary.interrupts, summary.elsewhere) == (1, 25, 500)
+    assert (summary.abandoned, summary.open, summary.ended_in, summary.refusal) == (3, 1, ("g",), "")
+    none = summarised("fit", [], 1000)
+    assert (none.calls, none.least, none.median, none.most, none.share) == (0, None, None, None, 0.0)
+    refused = summarised("fit", calls, 1000, came_back=2)
+    assert (refused.least, refused.share) == (None, None)
+    assert "fit: 2 calls returned" in refused.refusal
