@@ -10,10 +10,12 @@ from pathlib import Path
 import pytest
 
 from hiltest.angles import Pose
+from hiltest.boards.board import Declared
 from hiltest.calibration.dpi import PAIRS_MINIMUM
 from hiltest.errors import ConfigError, UnknownKeyError
 from hiltest.measurement import Limit
 from hiltest.rig import build_sensors, build_world, world_truth
+from hiltest.rig.cycles import CountedFunctions
 from hiltest.rig.file import load_rig, reference_uncertainty_deg
 from hiltest.rig.tables import DPI_PAIRS_MINIMUM, CoveredPart, RigValueError, TurntableSettings
 from hiltest.sensors.fxos8700cq import noise_at_oversampling, oversampling
@@ -247,6 +249,11 @@ def test_every_table_knows_its_keys(edited, old, new, nearest):
          "tolerances.heading.direct.bias", "within ±0.7"),
         ("[limits]", '[tolerances]\n"cycles.direct.total" = { absolute = 0, relative = 1.0, unit = "cycle" }\n[limits]',
          "tolerances.cycles.direct.total", "at most 12 000"),
+        ("[limits]", "[cycles]\nfit = 3\n[limits]", "cycles.fit", "not 3"),
+        ("[limits]", "[cycles]\nfit = { functions = [] }\n[limits]", "cycles.fit.functions", "name one at least"),
+        ("[limits]", '[cycles]\nfit = { functions = ["a", "b"] }\n[limits]', "cycles.fit.ends", "word in memory"),
+        ("[limits]", '[cycles]\nfit = { functions = ["a"], ends = "n", ends_when = "done" }\n[limits]',
+         "cycles.fit.ends_when", "'zero' or 'changed'"),
     ],
 )
 def test_a_wrong_value_is_named_with_key_file_and_line(edited, old, new, key, words):
@@ -255,6 +262,16 @@ def test_a_wrong_value_is_named_with_key_file_and_line(edited, old, new, key, wo
     assert f": {key}" in str(caught.value)
     assert words in str(caught.value)
     assert "bench.toml" in str(caught.value)
+
+
+def test_a_function_to_count_is_named_alone_or_with_the_word_that_ends_its_solutions(edited):
+    written = 'direct = "fit"\nslices = { functions = ["a", "b"], ends = "state+0x10", ends_bytes = 1 }\n'
+    rig = edited("[limits]", f"[cycles]\n{written}[limits]")
+    assert rig.cycles["direct"] == CountedFunctions(("fit",))
+    assert rig.cycles["slices"] == CountedFunctions(("a", "b"), "state+0x10", "zero", 1)
+    assert Declared.of(rig).functions == {"direct": "fit"}
+    with pytest.raises(UnknownKeyError, match="ends_when"):
+        edited("[limits]", '[cycles]\nfit = { functions = ["a"], end_when = "zero" }\n[limits]')
 
 
 def test_a_mirroring_soft_iron_that_is_meant_and_a_world_without_noise_are_taken(edited):

@@ -124,7 +124,8 @@ class Declared:
         wanted = {kind: name for kind, name in named.items() if name is not None}
         return cls(
             rig.field.strength_ut, rig.sensors.magnetometer_noise_ut, wanted, rig.board.cycle_model,
-            1e-3 * rig.sensors.gyroscope_noise_mdps_per_rthz, rig.cycles,
+            1e-3 * rig.sensors.gyroscope_noise_mdps_per_rthz,
+            {name: each.functions[0] for name, each in rig.cycles.items() if each.ends is None},
         )
 
 

@@ -21,6 +21,7 @@ from pydantic_core import ErrorDetails
 
 from hiltest.errors import ConfigError, UnknownKeyError
 from hiltest.measurement import Limit, Reference, Section, Tolerance, identify, is_direction, nearest_name
+from hiltest.rig.cycles import as_tables
 from hiltest.rig.parts import sensor_names
 from hiltest.rig.rig import Rig, refuse_unknown_sensors
 from hiltest.rig.tables import STRICT, RigValueError
@@ -83,6 +84,8 @@ def load_rig(path: Path | str) -> Rig:
         raise ConfigError(f"{path}:1: schema is missing; write `schema = 1` above the first table")
     tables = {name: data.pop(name, {}) for name in ("limits", "information")}
     read = {name: _checked_limits(source, name, table) for name, table in tables.items()}
+    if "cycles" in data:
+        data["cycles"] = as_tables(data["cycles"])
     tolerances = _checked_tolerances(source, data.pop("tolerances", {}))
     bounds = {
         table: {name: {"min": entry.min, "max": entry.max} for name, entry in entries.items()}

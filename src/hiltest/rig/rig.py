@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from hiltest.errors import ConfigError
 from hiltest.measurement import Limit, Tolerance
+from hiltest.rig.cycles import CountedFunctions
 from hiltest.rig.device import Device
 from hiltest.rig.parts import PARTS, scaled
 from hiltest.rig.tables import (
@@ -80,7 +81,7 @@ class Rig:
         Units of limits, information and tolerances, by measurement name.
     full_only : frozenset of str
         Names of the limits that only the full set of tests measures.
-    cycles : dict of str to str
+    cycles : dict of str to CountedFunctions
         Function of the firmware that each calibrator is, by the calibrator's name: a board that executes the firmware
         counts its calls. One that is not named is looked for as ``magnetometer_NAME``.
     lines : dict of str to int
@@ -107,7 +108,7 @@ class Rig:
     tolerances: dict[str, Tolerance] = dataclass_field(default_factory=dict)
     units: dict[str, str] = dataclass_field(default_factory=dict)
     full_only: frozenset[str] = frozenset()
-    cycles: dict[str, str] = dataclass_field(default_factory=dict)
+    cycles: dict[str, CountedFunctions] = dataclass_field(default_factory=dict)
     lines: dict[str, int] = dataclass_field(default_factory=dict, compare=False)
 
     def __post_init__(self) -> None:
