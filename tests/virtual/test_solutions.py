@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import os
+
 import pytest
 
+from hiltest.boards.bench import VirtualBench
 from hiltest.errors import ConfigError
+from hiltest.rig.file import load_rig
 from hiltest.virtual.call_summary import Call, solutions_summarised, solved, summarised
 from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.solution_watch import EndsWhen, SolutionEnd
 
 from .conftest import Build
+from .foreign import PROGRAMS as FOREIGN
+from .foreign import RIG
 
 SLICES = """
 #include <stdint.h>
@@ -85,6 +91,21 @@ def test_a_word_that_is_none_is_refused(build_c: Build) -> None:
     board.watch_solutions(["fit_slice"], ZERO)
     with pytest.raises(ConfigError, match="another word"):
         board.watch_solutions(["fit_slice"], CHANGED)
+
+
+@pytest.mark.slow
+def test_slices_of_anothers_calibration_are_as_many_as_its_source_says() -> None:
+    program = next(each for each in FOREIGN if each.name == "nxp_sensor_fusion")
+    if not program.path.is_file():
+        assert not os.environ.get("HILTEST_REQUIRE_TOOLS"), f"{program.path} is missing"
+        pytest.skip(f"{program.path} is not there")
+    bench = VirtualBench(load_rig(RIG), firmware=program.path)
+    # sfg.MagCal.iCalInProgress: how many elements are being fitted, or 0.
+    watch = bench.machine.watch_solutions(["fUpdateMagCalibration4Slice"], SolutionEnd("sfg+0xa80", size=1))
+    bench.machine.run_until(0.3)
+    bench.tumble(20.0)
+    bench.machine.run_until(6.5)
+    assert (watch.summary.solutions, watch.summary.most_slices) == (1, 17)
 
 
 def call(entered: int, cycles: int, left: int = 0, **more: int) -> Call:
