@@ -95,7 +95,7 @@ class CallSummary:
 
 def summarised(
     function: str, calls: Sequence[Call], passed: int, *, abandoned: int = 0, open_calls: int = 0, came_back: int = 0,
-    ended_in: tuple[str, ...] = (),
+    lost: int = 0, ended_in: tuple[str, ...] = (),
 ) -> CallSummary:  # fmt: skip
     """Sum up calls.
 
@@ -110,13 +110,19 @@ def summarised(
         Calls that never returned, and that are under way.
     came_back : int
         Calls that returned after their stack had been given up.
+    lost : int
+        Calls that there was no room for.
     ended_in : tuple of str
         Other functions that returned for it.
     """
-    refusal = came_back and (
-        f"{function}: {came_back} calls returned on a stack that had been left without an exception (coroutines?), so "
-        "whose cycles are whose cannot be told; watch functions that do not switch stacks"
-    )
+    refusal = ""
+    if came_back:
+        refusal = (
+            f"{function}: {came_back} calls returned on a stack that had been left without an exception (coroutines?), "
+            "so whose cycles are whose cannot be told; watch functions that do not switch stacks"
+        )
+    elif lost:
+        refusal = f"{function}: {lost} calls were made with too many under way (256 in a task, 32 tasks); watch fewer"
     cycles = sorted(each.cycles for each in calls) if not refusal else []
     within = sum(each.cycles for each in calls if each.outermost)
     return CallSummary(
@@ -124,7 +130,7 @@ def summarised(
         cycles[0] if cycles else None, median_low(cycles) if cycles else None, cycles[-1] if cycles else None,
         within / passed if passed > 0 and not refusal else None,
         sum(each.interrupted > 0 for each in calls), sum(each.interrupts for each in calls),
-        sum(each.elsewhere for each in calls), abandoned, open_calls, ended_in, refusal or "",
+        sum(each.elsewhere for each in calls), abandoned, open_calls, ended_in, refusal,
     )  # fmt: skip
 
 

@@ -8,9 +8,25 @@ from hiltest.errors import ConfigError
 from hiltest.virtual.call_summary import Call, CallSummary, summarised
 from hiltest.virtual.calling import function_named
 from hiltest.virtual.cpu import Processor
+from hiltest.virtual.native.accounting import NativeBlockAccounting
+from hiltest.virtual.native.running_calls import NativeRunningCalls
 from hiltest.virtual.running_calls import RunningCalls
 
 _COLD = ".cold"  # the part of a function that the compiler moves away because it hardly ever runs
+
+
+def _running_calls(processor: Processor) -> RunningCalls | NativeRunningCalls:
+    """Return what sees the calls of a processor; there is one, in C where that counts."""
+    known, accounting = processor.exceptions.follower, processor.accounting
+    if isinstance(known, RunningCalls | NativeRunningCalls):
+        return known
+    seen: RunningCalls | NativeRunningCalls
+    if isinstance(accounting, NativeBlockAccounting):
+        seen = NativeRunningCalls(processor, accounting)
+    else:
+        seen = RunningCalls(processor)
+    processor.exceptions.follower = seen
+    return seen
 
 
 class CallWatch:
@@ -36,13 +52,14 @@ class CallWatch:
 
     def __init__(self, processor: Processor, functions: Iterable[str]) -> None:
         self._image = processor.image
-        self._running = RunningCalls.of(processor)
+        self._running = _running_calls(processor)
         symbols = [function_named(self._image, name) for name in functions]
         self._functions = {symbol.name: self._running.watch(symbol.address) for symbol in symbols}
         self.begin()
 
     def begin(self) -> None:
         """Leave the calls out that began before now."""
+        self._running.settle()
         self.began = self._running.now()
         self._before = {
             name: (len(each.calls), each.abandoned, each.came_back) for name, each in self._functions.items()
@@ -59,7 +76,7 @@ class CallWatch:
         for name, each in self._functions.items():
             if each.looks_at not in (None, (address, size)):
                 raise ConfigError(f"{name} is watched for another word already; one word ends its solutions")
-            each.looks_at = address, size
+            self._running.look_at(each, address, size)
 
     @property
     def cycles(self) -> int:
@@ -68,16 +85,17 @@ class CallWatch:
 
     def calls(self, function: str) -> Sequence[Call]:
         """Return the calls of a function that began and returned since `begin`, in the order of their return."""
+        self._running.settle()
         first, _, _ = self._before[function]
         return [each for each in self._functions[function].calls[first:] if each.entered >= self.began]
 
     def summary(self, function: str) -> CallSummary:
         """Return what the calls of a function since `begin` come to."""
-        watched, (_, abandoned, came_back) = self._functions[function], self._before[function]
         calls = self.calls(function)
+        watched, (_, abandoned, came_back) = self._functions[function], self._before[function]
         return summarised(
             function, calls, self.cycles, abandoned=watched.abandoned - abandoned, open_calls=watched.open,
-            came_back=watched.came_back - came_back, ended_in=self._ended_in(function, calls),
+            came_back=watched.came_back - came_back, lost=watched.lost, ended_in=self._ended_in(function, calls),
         )  # fmt: skip
 
     def _ended_in(self, function: str, calls: Sequence[Call]) -> tuple[str, ...]:

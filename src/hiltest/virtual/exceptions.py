@@ -18,19 +18,17 @@ _EXCEPTION_NUMBER = 0x1FF
 _CONTROL_NPRIV, _CONTROL_SPSEL, _CONTROL_FPCA = 1, 2, 4
 _FPCCR_ASPEN, _FPCCR_LSPEN = 1 << 31, 1 << 30
 _NO_FRAME = 0
+ON_PROCESS_STACK = 1 << 32
 _RETURNS = {0xFFFFFFE1, 0xFFFFFFE9, 0xFFFFFFED, 0xFFFFFFF1, 0xFFFFFFF9, 0xFFFFFFFD}
 
 
 class Follower(Protocol):
-    """Is told of exceptions that are entered and left, before the cycles of that are counted.
+    """Is told of exceptions that are entered and left, before the cycles of that are counted."""
 
-    Attributes
-    ----------
-    listens : bool
-        Whether it wants to know now.
-    """
-
-    listens: bool
+    @property
+    def listens(self) -> bool:
+        """Whether it wants to know now."""
+        ...
 
     def reset(self) -> None:
         """Take note of a processor reset."""
@@ -40,11 +38,11 @@ class Follower(Protocol):
         """Look away from what runs in the context: it is not the firmware's doing."""
         ...
 
-    def entered(self, frame: tuple[bool, int], *, from_thread: bool) -> None:
-        """Take note of an entry; `frame` says whether registers were put on the process stack, and where."""
+    def entered(self, frame: int, from_thread: bool, /) -> object:
+        """Take note of an entry; `frame` is where registers were put, plus `ON_PROCESS_STACK` if they were on that."""
         ...
 
-    def left(self, frame: tuple[bool, int], *, to_thread: bool) -> None:
+    def left(self, frame: int, to_thread: bool, /) -> object:
         """Take note of a return, and of where the registers were taken from."""
         ...
 
@@ -181,7 +179,7 @@ class ExceptionUnit:
         registers.entry.write([base, 0, xpsr, control, exc_return, vector])
         self._nvic.enter(exception)
         if self.follower is not None and self.follower.listens:
-            self.follower.entered((uses_psp, base), from_thread=not from_handler)
+            self.follower.entered(base | ON_PROCESS_STACK if uses_psp else base, not from_handler)
         if exception == HARD_FAULT and problem is not None and problem.kind is FaultKind.STACKING:
             self.status.record(problem, forced=False)  # nothing is more urgent: the handler runs without a frame
             return None
@@ -244,7 +242,7 @@ class ExceptionUnit:
         control = control & _CONTROL_NPRIV | (_CONTROL_SPSEL if uses_psp else 0) | (_CONTROL_FPCA if extended else 0)
         registers.resumed.write([0, frame[7], control, end, *frame])
         if self.follower is not None and self.follower.listens:
-            self.follower.left((uses_psp, base), to_thread=to_thread)
+            self.follower.left(base | ON_PROCESS_STACK if uses_psp else base, to_thread)
         if not frame[7] & _THUMB:
             return Fault(FaultKind.INVALID_STATE, f"stacked xPSR 0x{frame[7]:08x} has no Thumb bit", frame[6] & ~1)
         return None

@@ -12,6 +12,7 @@ import capstone
 from capstone import arm_const as arm
 
 _PC_BIT = 1 << 15
+_LINK_BIT = 1 << 14
 _ALWAYS = -1  # where a register comes from that is always a multiple of four
 
 
@@ -83,6 +84,16 @@ class Instruction:
         """Whether it is a branch, conditional or not, to `address` or to what stands before it; calls are none."""
         mnemonic, _, target = self.text.partition(" #")
         return self.transfer == "direct" and mnemonic != "bl" and bool(target) and int(target, 16) <= address
+
+    @property
+    def calls(self) -> bool:
+        """Whether it is a call, if it transfers control."""
+        return bool(self.transfer and self.core_writes & _LINK_BIT)
+
+    @property
+    def may_return(self) -> bool:
+        """Whether it may be a return, if it transfers control."""
+        return self.transfer == "indirect" and self.row != "table_branch" and not self.calls
 
     @property
     def may_wait(self) -> bool:

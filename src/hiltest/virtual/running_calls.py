@@ -28,7 +28,6 @@ from hiltest.virtual.instructions import Instruction, decode
 from hiltest.virtual.timing import NEUTRAL, PipelineState
 
 _STACK_AND_LINK = (13, 14)
-_LINK_REGISTER = 1 << 14
 _EXC_RETURN = 0xFFFFFFE0  # a return address from here on ends an exception
 
 
@@ -49,6 +48,8 @@ class WatchedFunction:
     came_back : int
         How many returned though their stack had been given up: something switches stacks without an exception, and
         whose cycles are whose cannot be told.
+    lost : int
+        How many there was no room for.
     looks_at : tuple of (int, int), optional
         Address and size of what `Call.left` tells.
     """
@@ -58,6 +59,7 @@ class WatchedFunction:
     abandoned: int = 0
     open: int = 0
     came_back: int = 0
+    lost: int = 0
     looks_at: tuple[int, int] | None = None
 
 
@@ -134,18 +136,11 @@ class RunningCalls:
         self._paused_cycles = 0
         self._thread = _Thread()
         self._interrupted: list[_Thread | None] = []  # by exceptions that are active, the innermost last
-        self._suspended: dict[tuple[bool, int], _Thread] = {}
+        self._suspended: dict[int, _Thread] = {}
         self._spare: _Thread | None = None
         self._open_calls = 0
         self.listens = False
         self._return_cycles = processor.profile.exception_return
-
-    @classmethod
-    def of(cls, processor: Processor) -> RunningCalls:
-        """Return what sees the calls of a processor; there is one."""
-        if not isinstance(processor.exceptions.follower, cls):
-            processor.exceptions.follower = cls(processor)
-        return processor.exceptions.follower
 
     def watch(self, address: int) -> WatchedFunction:
         """Watch the function at an address from now on; one that is watched already stays the same."""
@@ -153,6 +148,13 @@ class RunningCalls:
             self._functions[address] = WatchedFunction(address)
             self._hook(address)
         return self._functions[address]
+
+    def look_at(self, function: WatchedFunction, address: int, size: int) -> None:
+        """Have `Call.left` say what memory holds at each return of a function."""
+        function.looks_at = address, size
+
+    def settle(self) -> None:
+        """Do nothing: the functions are up to date."""
 
     def reset(self) -> None:
         """Abandon all calls under way."""
@@ -177,7 +179,8 @@ class RunningCalls:
         finally:
             self._is_paused = False
             thread.resumed_behind = self._accounting.instructions
-            self._paused_cycles += self._processor.cycles - began + self._lost(thread.state)
+            self._paused_cycles += self._processor.cycles - began
+            self._paused_cycles += emptied_pipeline_costs(self._processor, thread.state)
 
     def now(self) -> int:
         """Cycles since power-on without those that were paused, while nothing runs."""
@@ -222,7 +225,7 @@ class RunningCalls:
         calls = thread.open
         for index in range(self._first_with(stack), len(calls)):
             each, last = calls[index], self._last(begins_block=begins_block)
-            is_called = last is not None and _calls(last)
+            is_called = last is not None and last.calls
             if each.function is function and (each.entered == now or not is_called):
                 return  # the emulator was stopped there and comes to it again, or it jumps to its own beginning
             if is_called and (each.function is function or each.return_address == return_address):
@@ -257,7 +260,7 @@ class RunningCalls:
         if first == len(calls) and (address, stack) not in thread.given_up:
             return
         last = self._last(begins_block=begins_block)
-        place = last.address if last is not None and _may_return(last) else None
+        place = last.address if last is not None and last.may_return else None
         if place is not None and first == len(calls):
             thread.given_up.pop((address, stack)).came_back += 1
         for each in calls[first:]:
@@ -295,7 +298,7 @@ class RunningCalls:
 
     # -- called by the processor between blocks -----------------------------------------------
 
-    def entered(self, frame: tuple[bool, int], *, from_thread: bool) -> None:
+    def entered(self, frame: int, from_thread: bool, /) -> None:
         """Take note of an exception."""
         if self._is_paused:
             return
@@ -314,7 +317,7 @@ class RunningCalls:
         self._thread = self._spare or _Thread()
         self._spare = None
 
-    def left(self, frame: tuple[bool, int], *, to_thread: bool) -> None:
+    def left(self, frame: int, to_thread: bool, /) -> None:
         """Take note of a return from an exception."""
         if self._is_paused:
             return
@@ -327,8 +330,7 @@ class RunningCalls:
             return
         accounting = self._accounting
         gone = accounting.cycles - self._paused_cycles + self._return_cycles - thread.left_at
-        if thread.state is not NEUTRAL:
-            gone += self._lost(thread.state)
+        gone += emptied_pipeline_costs(self._processor, thread.state)
         times, interrupts, elsewhere = thread.apart
         is_back = thread is interrupted
         thread.apart = (times + 1, interrupts + gone, elsewhere) if is_back else (times, interrupts, elsewhere + gone)
@@ -355,24 +357,17 @@ class RunningCalls:
             self._close(call, self.now(), before.instructions[-1].address if before is not None else 0)
         self._abandon(self._thread, 0)
 
-    def _lost(self, state: PipelineState) -> int:
-        """Return how much longer the code at the PC takes because a pipeline was emptied of `state`."""
-        lost, emptied, profile = 0, NEUTRAL, self._processor.profile
-        pc = self._processor.registers.pc.get() & ~1
-        while state != emptied:
-            instruction = decode(pc, self._processor.memory.read(pc, 4))[0]
-            cycles, emptied = profile.step(instruction, emptied)
-            overlapping, state = profile.step(instruction, state)
-            lost += cycles - overlapping
-            pc += instruction.size
-        return lost
 
-
-def _calls(instruction: Instruction) -> bool:
-    """Whether it was a call that went from there."""
-    return bool(instruction.transfer and instruction.core_writes & _LINK_REGISTER)
-
-
-def _may_return(instruction: Instruction) -> bool:
-    """Whether it may have been a return that went from there."""
-    return instruction.transfer == "indirect" and instruction.row != "table_branch" and not _calls(instruction)
+def emptied_pipeline_costs(processor: Processor, state: PipelineState) -> int:
+    """Return how much longer the code at the PC takes because a pipeline was emptied of `state`."""
+    if state is NEUTRAL:
+        return 0
+    lost, emptied, profile = 0, NEUTRAL, processor.profile
+    pc = processor.registers.pc.get() & ~1
+    while state != emptied:
+        instruction = decode(pc, processor.memory.read(pc, 4))[0]
+        cycles, emptied = profile.step(instruction, emptied)
+        overlapping, state = profile.step(instruction, state)
+        lost += cycles - overlapping
+        pc += instruction.size
+    return lost

@@ -93,7 +93,7 @@ class NativeBlockAccounting:
         self._address = ctypes.addressof(self._counter)
         self._words = memoryview(self._counter).cast("B").cast("q")
         self._settle = self._library.hiltest_settle
-        self._runs = (ctypes.c_int64 * 0)()
+        self._runs, self._ends = (ctypes.c_int64 * 0)(), (ctypes.c_uint32 * 0)()
         self._ran_before: CodeBlock | None = None  # of code that was forgotten
         self.forget_code()
 
@@ -193,12 +193,20 @@ class NativeBlockAccounting:
             self._spread(2 * len(self._table))
         else:
             self._library.hiltest_add_block(self._address, ctypes.addressof(priced))
+        self._note_end(number, block.instructions[-1])
+
+    def _note_end(self, number: int, last: Instruction) -> None:
+        does = (native.CALLS if last.calls else 0) | (native.RETURNS if last.may_return else 0)
+        self._ends[2 * number : 2 * number + 2] = [last.address, does]
 
     def _spread(self, places: int) -> None:
         """Put every block into a table of that many places, and count on."""
         runs = (ctypes.c_int64 * places)()  # two for each block, of which the table has half as many as places
         ctypes.memmove(runs, self._runs, ctypes.sizeof(self._runs))
-        self._table, self._runs = (native.PricedBlock * places)(), runs
+        ends = (ctypes.c_uint32 * places)()
+        ctypes.memmove(ends, self._ends, ctypes.sizeof(self._ends))
+        self._table, self._runs, self._ends = (native.PricedBlock * places)(), runs, ends
+        self._counter.ends = ctypes.addressof(ends)
         self._counter.table = ctypes.addressof(self._table)
         self._counter.runs = ctypes.addressof(runs)
         self._counter.places_mask = places - 1
@@ -220,7 +228,7 @@ class NativeBlockAccounting:
         self._entered: list[Entered] = []
         self._priced: list[native.PricedBlock] = []
         self._priced_code: dict[tuple[int, int], bytes] = {}
-        self._runs = (ctypes.c_int64 * 0)()
+        self._runs, self._ends = (ctypes.c_int64 * 0)(), (ctypes.c_uint32 * 0)()
         counter.watch.trigger = None  # it will be no place of the table
         self.end_watch()
         if running is not None:
@@ -233,6 +241,17 @@ class NativeBlockAccounting:
         if kept := running or fallen_out_of:
             self._entered.append(Entered(kept, NO_BLOCK))
         self._spread(_PLACES)
+        if kept:
+            self._note_end(0, kept.instructions[-1])
+
+    def words(self, field: str) -> int:
+        """Return where a field of the counter is, for other hooks in C."""
+        return self._address + int(getattr(native.Counter, field).offset)
+
+    def left_by(self, entry: int) -> PipelineState:
+        """Return the pipeline state that an entry of the table stands for."""
+        known = native.NEUTRAL_ENTRY < entry <= len(self._entered)
+        return self._entered[entry - 1].block.exit_state if known else NEUTRAL
 
     # -- where execution is -------------------------------------------------------------------
 

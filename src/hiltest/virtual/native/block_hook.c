@@ -109,6 +109,7 @@ struct counter {
     struct block *running;
     struct block *table;
     int64_t (*runs)[2];     /* how often each block ran, by number: went on behind its end, jumped away */
+    uint32_t (*ends)[2];    /* the last instruction of each, and what it may have done: see running_calls.c */
     uint32_t places_mask;   /* places of the table, a power of two, less one */
     uint32_t state;         /* entry of the next block, while no block runs */
     uint32_t reasons;       /* those for which the processor still wants to look */

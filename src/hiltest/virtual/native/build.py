@@ -1,4 +1,4 @@
-"""Builds the block hook in C, where there is a compiler.
+"""Builds the hooks in C, where there is a compiler.
 
 Only the standard library, and no import from the package: the build hook runs
 this file before the package is installed.
@@ -14,19 +14,19 @@ import shutil
 import subprocess
 from pathlib import Path
 
-SOURCE = Path(__file__).with_name("block_hook.c")
+SOURCES = tuple(Path(__file__).with_name(name) for name in ("block_hook.c", "running_calls.c"))
 LIBRARY = Path(__file__).with_name("block_hook.so")
 _FLAGS = ("-std=c11", "-O2", "-shared", "-fPIC")
 _TIMEOUT_S = 120.0
 
 
 def source_sha256() -> str:
-    """Return the hash of the C source, which is compiled into the library."""
-    return hashlib.sha256(SOURCE.read_bytes()).hexdigest()
+    """Return the hash of the C sources, which is compiled into the library."""
+    return hashlib.sha256(b"".join(source.read_bytes() for source in SOURCES)).hexdigest()
 
 
 def compile_library(*flags: str) -> str:
-    """Compile the library beside its source.
+    """Compile the library beside its sources.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def _compile(flags: tuple[str, ...]) -> str:
         return f"there is no C compiler ({' '.join(compiler) or 'CC is empty'})"
     fresh = LIBRARY.with_name(f".{LIBRARY.name}.{os.getpid()}")
     macro = f'-DHILTEST_SOURCE_SHA256="{source_sha256()}"'
-    command = [*compiler, *_FLAGS, *flags, macro, str(SOURCE), "-o", str(fresh)]
+    command = [*compiler, *_FLAGS, *flags, macro, *map(str, SOURCES), "-o", str(fresh)]
     try:
         result = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=_TIMEOUT_S)
         if result.returncode:

@@ -17,6 +17,7 @@ USES_FPU, ALIGNMENT_INSIDE, CHANGES_MASKS, LOOPS_TO_ITSELF, WATCHED, MAY_WAIT, M
     1 << bit for bit in range(7)
 )
 STEADY, COUNTED, COUNTS = 1, 2, 4  # of a byte of registers
+CALLS, RETURNS = 1, 2  # of the last instruction of a block
 CORE_REGISTERS = 15
 NO_HEAD = -1
 _MOST_BLOCKS, _MOST_READS = 96, 24
@@ -67,6 +68,7 @@ class Counter(ctypes.Structure):
         ("running", ctypes.c_void_p),
         ("table", ctypes.c_void_p),
         ("runs", ctypes.c_void_p),
+        ("ends", ctypes.c_void_p),
         ("places_mask", ctypes.c_uint32),
         ("state", ctypes.c_uint32),
         ("reasons", ctypes.c_uint32),
@@ -126,6 +128,14 @@ def _load() -> tuple[ctypes.PyDLL | None, str]:
         return None, f"{LIBRARY} cannot be loaded ({error})"
     if built_from != source_sha256().encode():
         return None, f"{LIBRARY} was built from another block_hook.c"
+    library.hiltest_calls_size.restype = ctypes.c_size_t
+    for name, *arguments in (
+        ("note", ctypes.c_uint32, ctypes.c_int32), ("reset",), ("leave",), ("resume", ctypes.c_int64),
+        ("entered", ctypes.c_uint64, ctypes.c_int32), ("left", ctypes.c_uint64, ctypes.c_int32),
+    ):  # fmt: skip
+        function = getattr(library, f"hiltest_calls_{name}")
+        function.argtypes = (ctypes.c_void_p, *arguments)
+        function.restype = ctypes.c_uint32 if name == "leave" else None
     library.hiltest_settle.argtypes = (ctypes.c_void_p, ctypes.c_uint32)
     library.hiltest_end_watch.argtypes = (ctypes.c_void_p,)
     library.hiltest_end_watch.restype = None
