@@ -92,6 +92,21 @@ def test_interrupts_are_counted_apart_and_each_call_takes_what_it_takes_alone(
         assert [(each.cycles, each.interrupted > 0) for each in calls] == [(next(alone), True) for _ in calls]
 
 
+def test_both_hooks_see_the_same_calls(build: Build, native_hook: AccountingFactory) -> None:
+    elf = build(PROGRAMS / "watched.c", *FLOOD, "-O2")
+    functions = [*FLOODED, "handled", "SysTick_Handler", "main"]
+    seen = []
+    for accounting in (native_hook, BlockAccounting):
+        board = VirtualK64F(elf, accounting=accounting)
+        watch = board.watch_calls(functions)
+        board.run_until(0.01)
+        board.reset()
+        board.run_until(0.03)
+        seen.append([(watch.calls(each), watch.summary(each)) for each in functions])
+    assert seen[0] == seen[1]
+    assert seen[0][-1][1].abandoned == 1  # main, by the reset
+
+
 def test_counting_by_instruction_interrupts_within_blocks_and_counts_the_same(build: Build) -> None:
     elf = build(PROGRAMS / "watched.c", *FLOOD, "-O2")
     board = VirtualK64F(elf, accounting=InstructionAccounting)

@@ -18,7 +18,7 @@ _EXCEPTION_NUMBER = 0x1FF
 _CONTROL_NPRIV, _CONTROL_SPSEL, _CONTROL_FPCA = 1, 2, 4
 _FPCCR_ASPEN, _FPCCR_LSPEN = 1 << 31, 1 << 30
 _NO_FRAME = 0
-ON_PROCESS_STACK = 1 << 32
+ON_PROCESS_STACK, OF_THREAD = 1, 2  # a frame lies at a multiple of eight
 _RETURNS = {0xFFFFFFE1, 0xFFFFFFE9, 0xFFFFFFED, 0xFFFFFFF1, 0xFFFFFFF9, 0xFFFFFFFD}
 
 
@@ -38,11 +38,11 @@ class Follower(Protocol):
         """Look away from what runs in the context: it is not the firmware's doing."""
         ...
 
-    def entered(self, frame: int, from_thread: bool, /) -> object:
-        """Take note of an entry; `frame` is where registers were put, plus `ON_PROCESS_STACK` if they were on that."""
+    def entered(self, frame: int, /) -> object:
+        """Take note of an entry: where registers were put, with `ON_PROCESS_STACK` and `OF_THREAD` where that holds."""
         ...
 
-    def left(self, frame: int, to_thread: bool, /) -> object:
+    def left(self, frame: int, /) -> object:
         """Take note of a return, and of where the registers were taken from."""
         ...
 
@@ -179,7 +179,7 @@ class ExceptionUnit:
         registers.entry.write([base, 0, xpsr, control, exc_return, vector])
         self._nvic.enter(exception)
         if self.follower is not None and self.follower.listens:
-            self.follower.entered(base | ON_PROCESS_STACK if uses_psp else base, not from_handler)
+            self.follower.entered(base | (uses_psp and ON_PROCESS_STACK) | (0 if from_handler else OF_THREAD))
         if exception == HARD_FAULT and problem is not None and problem.kind is FaultKind.STACKING:
             self.status.record(problem, forced=False)  # nothing is more urgent: the handler runs without a frame
             return None
@@ -242,7 +242,7 @@ class ExceptionUnit:
         control = control & _CONTROL_NPRIV | (_CONTROL_SPSEL if uses_psp else 0) | (_CONTROL_FPCA if extended else 0)
         registers.resumed.write([0, frame[7], control, end, *frame])
         if self.follower is not None and self.follower.listens:
-            self.follower.left(base | ON_PROCESS_STACK if uses_psp else base, to_thread)
+            self.follower.left(base | (uses_psp and ON_PROCESS_STACK) | (to_thread and OF_THREAD))
         if not frame[7] & _THUMB:
             return Fault(FaultKind.INVALID_STATE, f"stacked xPSR 0x{frame[7]:08x} has no Thumb bit", frame[6] & ~1)
         return None

@@ -24,6 +24,7 @@ from hiltest.virtual.blocks import CodeBlock
 from hiltest.virtual.call_summary import Call
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.engine import add_hook
+from hiltest.virtual.exceptions import OF_THREAD
 from hiltest.virtual.instructions import Instruction, decode
 from hiltest.virtual.timing import NEUTRAL, PipelineState
 
@@ -298,11 +299,11 @@ class RunningCalls:
 
     # -- called by the processor between blocks -----------------------------------------------
 
-    def entered(self, frame: int, from_thread: bool, /) -> None:
+    def entered(self, frame: int, /) -> None:
         """Take note of an exception."""
         if self._is_paused:
             return
-        thread = self._thread
+        thread, from_thread = self._thread, frame & OF_THREAD
         if from_thread:
             self._interrupted.clear()
             if frame in self._suspended:  # its stack is another's now
@@ -317,7 +318,7 @@ class RunningCalls:
         self._thread = self._spare or _Thread()
         self._spare = None
 
-    def left(self, frame: int, to_thread: bool, /) -> None:
+    def left(self, frame: int, /) -> None:
         """Take note of a return from an exception."""
         if self._is_paused:
             return
@@ -325,7 +326,7 @@ class RunningCalls:
         if handler.open:
             self._end_handler()
         interrupted = self._interrupted.pop() if self._interrupted else None
-        thread = self._suspended.pop(frame, None) if to_thread else interrupted
+        thread = self._suspended.pop(frame, None) if frame & OF_THREAD else interrupted
         if thread is None:  # one without calls, or that begins
             return
         accounting = self._accounting

@@ -131,7 +131,6 @@ def _load() -> tuple[ctypes.PyDLL | None, str]:
     library.hiltest_calls_size.restype = ctypes.c_size_t
     for name, *arguments in (
         ("note", ctypes.c_uint32, ctypes.c_int32), ("reset",), ("leave",), ("resume", ctypes.c_int64),
-        ("entered", ctypes.c_uint64, ctypes.c_int32), ("left", ctypes.c_uint64, ctypes.c_int32),
     ):  # fmt: skip
         function = getattr(library, f"hiltest_calls_{name}")
         function.argtypes = (ctypes.c_void_p, *arguments)

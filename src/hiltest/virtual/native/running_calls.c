@@ -17,6 +17,8 @@ enum {
     NONE = -1,
 };
 
+enum { OF_THREAD = 2 }; /* flag of a frame: an exception entered from thread mode, or returns to it */
+
 /* What the last instruction of a block may have done. */
 enum { CALLS = 1 << 0, RETURNS = 1 << 1 };
 
@@ -60,7 +62,7 @@ struct given_up {
 struct thread {
     bool used;
     bool suspended;
-    uint64_t frame;
+    uint32_t frame; /* where its registers are, with flags */
     int64_t left_at;
     int64_t resumed_behind;
     struct apart apart;
@@ -423,7 +425,7 @@ void hiltest_calls_resume(struct calls *calls, int64_t cycles)
     calls->threads[calls->current].resumed_behind = *calls->instructions;
 }
 
-static struct thread *suspended_at(struct calls *calls, uint64_t frame)
+static struct thread *suspended_at(struct calls *calls, uint32_t frame)
 {
     for (int at = 0; at < MOST_THREADS; at++) {
         if (calls->threads[at].used && calls->threads[at].suspended && calls->threads[at].frame == frame) {
@@ -441,15 +443,16 @@ static void push(struct calls *calls, int32_t thread)
 }
 
 /* An exception was entered, before the cycles of that are counted. */
-void hiltest_calls_entered(struct calls *calls, uint64_t frame, int32_t from_thread)
+int hiltest_calls_entered(struct calls *calls, uint32_t frame)
 {
+    bool from_thread = (frame & OF_THREAD) != 0;
     struct thread *thread = &calls->threads[calls->current];
     struct thread *handler;
 
     if (calls->is_paused != 0) {
-        return;
+        return 0;
     }
-    if (from_thread != 0) {
+    if (from_thread) {
         struct thread *old = suspended_at(calls, frame);
 
         while (calls->nested > 0) { /* none of them goes on */
@@ -467,7 +470,7 @@ void hiltest_calls_entered(struct calls *calls, uint64_t frame, int32_t from_thr
     }
     if (thread->open_calls == 0) { /* there is nothing to keep: the handler takes it over */
         push(calls, NONE);
-        return;
+        return 0;
     }
     handler = new_thread(calls);
     if (handler == NULL) { /* no room: these calls are lost, and said to be */
@@ -476,13 +479,14 @@ void hiltest_calls_entered(struct calls *calls, uint64_t frame, int32_t from_thr
         }
         abandon(calls, thread, 0);
         push(calls, NONE);
-        return;
+        return 0;
     }
     (void)hiltest_calls_leave(calls);
-    thread->suspended = from_thread != 0;
+    thread->suspended = from_thread;
     thread->frame = frame;
     push(calls, calls->current);
     calls->current = (int32_t)(handler - calls->threads);
+    return 0;
 }
 
 static void end_handler(struct calls *calls, struct thread *handler)
@@ -498,16 +502,16 @@ static void end_handler(struct calls *calls, struct thread *handler)
     abandon(calls, handler, 0);
 }
 
-static struct thread *goes_on(struct calls *calls, uint64_t frame, bool to_thread, int32_t interrupted)
+static struct thread *goes_on(struct calls *calls, uint32_t frame, int32_t interrupted)
 {
-    if (to_thread) {
+    if ((frame & OF_THREAD) != 0) {
         return suspended_at(calls, frame);
     }
     return interrupted == NONE ? NULL : &calls->threads[interrupted];
 }
 
 /* An exception was left, before the cycles of that are counted. */
-void hiltest_calls_left(struct calls *calls, uint64_t frame, int32_t to_thread)
+int hiltest_calls_left(struct calls *calls, uint32_t frame)
 {
     struct thread *handler = &calls->threads[calls->current];
     struct thread *thread;
@@ -515,15 +519,15 @@ void hiltest_calls_left(struct calls *calls, uint64_t frame, int32_t to_thread)
     int64_t gone;
 
     if (calls->is_paused != 0) {
-        return;
+        return 0;
     }
     interrupted = calls->nested > 0 ? calls->interrupted[--calls->nested] : NONE;
     if (handler->open_calls > 0) {
         end_handler(calls, handler);
     }
-    thread = goes_on(calls, frame, to_thread != 0, interrupted);
+    thread = goes_on(calls, frame, interrupted);
     if (thread == NULL) { /* one without calls, or that begins */
-        return;
+        return 0;
     }
     gone = now_of(calls) + calls->return_cycles - thread->left_at;
     if (thread->state != 0) {
@@ -539,4 +543,5 @@ void hiltest_calls_left(struct calls *calls, uint64_t frame, int32_t to_thread)
     thread->suspended = false;
     handler->used = false;
     calls->current = (int32_t)(thread - calls->threads);
+    return 0;
 }

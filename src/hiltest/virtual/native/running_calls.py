@@ -23,7 +23,6 @@ _CYCLES = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_uint32)
 _RETURNS_TO = ctypes.CFUNCTYPE(None, ctypes.c_uint32)
 _FULL = ctypes.CFUNCTYPE(None)
 _MOST_DONE, _MOST_FUNCTIONS, _MOST_ADDRESSES = 4096, 4096, 8192
-_FRAME_OF_PROCESS = 1 << 32
 
 
 class _Function(ctypes.Structure):
@@ -84,8 +83,10 @@ class NativeRunningCalls:
         self._set_up()
         self._library.hiltest_calls_reset(self._address)
         self.listens = True
-        self.entered: Callable[[int, bool], object] = partial(self._library.hiltest_calls_entered, self._address)
-        self.left: Callable[[int, bool], object] = partial(self._library.hiltest_calls_left, self._address)
+        # By item: functions of their own without declared arguments, of which each would cost as much as the call.
+        here = ctypes.c_void_p(self._address)
+        self.entered = partial(self._library["hiltest_calls_entered"], here)
+        self.left = partial(self._library["hiltest_calls_left"], here)
 
     def _set_up(self) -> None:
         calls, accounting = self._calls, self._accounting
