@@ -47,8 +47,6 @@ class Accounting(Protocol):
         Asked about turns of a loop that changes something, where this way of counting asks.
     stopped : bool
         Set by `settle`: whether the emulator was stopped without the `stop` that was given.
-    before : CodeBlock or None
-        What ran before the block (or instruction) that runs, or last, while nothing does.
     """
 
     per_instruction: ClassVar[bool]
@@ -60,7 +58,8 @@ class Accounting(Protocol):
     stopped: bool
 
     @property
-    def before(self) -> CodeBlock | None: ...
+    def before(self) -> CodeBlock | None:
+        """What ran before the block (or instruction) that runs, or last, while nothing does."""
 
     def hook(self, outside: int, abort: Callable[[BaseException], None]) -> CodeHook:
         """Return the hook for the emulator where code begins, except at the address `outside`."""
@@ -289,11 +288,10 @@ class BlockAccounting(_Totals):
 
     def settle(self, pc: int) -> None:
         """Add the block that just ended; `pc` is where execution goes on."""
-        before, begun = self.before, self._running
-        if begun is not None:
+        if (running := self._running) is not None:
+            before = self.before if pc & ~1 == running.address else running  # it may not have begun
             self._finish(pc & ~1)
-            if pc & ~1 == begun.address:  # it was stopped before its first instruction
-                self.before = before
+            self.before = before
         self._running = None
 
     def flush_pipeline(self) -> None:

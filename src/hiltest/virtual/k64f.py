@@ -347,13 +347,7 @@ class VirtualK64F:
         return self.clocks.time.at(until, lambda: None, wakes=False)
 
     def watch_calls(self, functions: Iterable[str]) -> CallWatch:
-        """Count the calls of functions from now on, while firmware runs.
-
-        Raises
-        ------
-        ConfigError
-            No such function.
-        """
+        """Count the calls of functions from now on, while firmware runs."""
         return CallWatch(self.processor, functions)
 
     def watch_solutions(self, functions: Iterable[str], end: SolutionEnd) -> SolutionWatch:
@@ -399,10 +393,9 @@ class VirtualK64F:
         if not self._booted:
             load_running(self.processor.memory, self.image)
         try:
+            hang_cycles = round(timeout_s * self.call_hz)
             with self.processor.exceptions.unfollowed():
-                return call_function(
-                    self.processor, symbol, arguments, booted=self._booted, hang_cycles=round(timeout_s * self.call_hz)
-                )
+                return call_function(self.processor, symbol, arguments, booted=self._booted, hang_cycles=hang_cycles)
         except ResetRequested as request:
             by = "asked for" if request.source is ResetSource.SOFTWARE else "was ended by the watchdog with"
             raise BoardFault(f"{symbol} {by} a system reset", pc=self.image.symbols[symbol].address) from None
