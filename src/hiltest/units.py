@@ -69,21 +69,24 @@ def _of(factors: Mapping[str, float | None]) -> dict[str, Conversion]:
     return {word: Conversion(factor) for word, factor in factors.items() if factor is not None}
 
 
-# By the unit that is converted to; the words are in lower case. Of the micro sign there are two.
+# By the unit that is converted to; the words as people write them, in whatever case. Of the micro sign there are two.
 _CONVERSIONS: dict[str, dict[str, Conversion]] = {
     "deg": _of({"deg": 1.0, "°": 1.0, "rad": math.degrees(1.0), "mrad": math.degrees(1e-3)}),
     "dps": _of({word: DEGREES_PER_SECOND[unit] for word, unit in RATE_WORDS.items()}),
     "g": _of({word: GRAVITIES[unit] for word, unit in ACCELERATION_WORDS.items()}),
     "uT": _of({
-        "ut": 1.0, "µt": 1.0, "μt": 1.0, "nt": 1e-3, "mt": 1e3, "t": 1e6, "gauss": 100.0, "gs": 100.0, "mgauss": 0.1,
+        "uT": 1.0, "µT": 1.0, "μT": 1.0, "nT": 1e-3, "mT": 1e3, "T": 1e6, "gauss": 100.0, "Gs": 100.0, "mgauss": 0.1,
     }),
     "degC": {
-        "degc": Conversion(), "°c": Conversion(), "c": Conversion(), "k": Conversion(offset=-273.15),
-        "degf": Conversion(5.0 / 9.0, -160.0 / 9.0),
+        "degC": Conversion(), "°C": Conversion(), "C": Conversion(), "K": Conversion(offset=-273.15),
+        "degF": Conversion(5.0 / 9.0, -160.0 / 9.0),
     },
     "%": {"%": Conversion(), "1": Conversion(100.0)},
     "": {"": Conversion(), "1": Conversion()},
 }  # fmt: skip
+_BY_LOWER = {
+    unit: {word.lower(): found for word, found in words.items()} for unit, words in _CONVERSIONS.items()
+}
 # Of a field, with the capital; in lower case these are the g of accelerometers.
 _GAUSS = {"G": "gauss", "mG": "mgauss"}
 
@@ -99,7 +102,7 @@ def conversion(word: str, unit: str) -> Conversion | None:
     (Conversion(factor=0.1, offset=0.0), Conversion(factor=1.0, offset=-273.15), None)
     """
     written = _GAUSS.get(word.strip(), word.strip()) if unit == "uT" else word.strip()
-    return _CONVERSIONS[unit].get(written.lower())
+    return _BY_LOWER[unit].get(written.lower())
 
 
 def unit_words(unit: str) -> list[str]:
