@@ -47,6 +47,11 @@ def test_the_firmware_calibrates_itself(
     measure("gyroscope.firmware.bias_error", bias_dps, "dps", not_offered=not_said(believed.gyroscope_bias_dps))
 
 
+def test_pitch_and_roll_at_known_angles(after: CompassHeadings, measure: Measure) -> None:
+    why = "" if after.tilt_error_deg is not None else "the firmware does not say pitch and roll in frame ned"
+    measure("accelerometer.tilt_error", after.tilt_error_deg, "deg", not_offered=why)
+
+
 def test_heading_at_known_angles(after: CompassHeadings, rig: Rig, measure: Measure) -> None:
     not_checked = "" if rig.mounting else "the rig declares no mounting"
     for source in after.error_deg:
@@ -81,6 +86,33 @@ def test_headings_settle(after: CompassHeadings, compass: CompassBoard, measure:
     streams = [each for each in compass.interfaces.values() if isinstance(each, StreamInterface)]
     if streams:
         measure("device.not_understood", min(each.not_understood for each in streams), "")
+
+
+def test_cycles_of_the_functions_that_the_rig_names(
+    after: CompassHeadings, compass: CompassBoard, rig: Rig, measure: Measure
+) -> None:
+    if not rig.cycles:
+        pytest.skip("the rig names no function under [cycles]")
+    if compass.costs is None:
+        pytest.skip("this board does not execute the firmware where it could be seen")
+    model = compass.cycle_model
+    for name, calls in compass.costs.calls().items():
+        why = calls.refusal or ("" if calls.calls else f"{calls.function} was not called")
+        note = f"it ends in {', '.join(calls.ended_in)}" if calls.ended_in else ""
+        measure(f"cycles.{name}.calls", calls.calls, "", note=note)
+        for what, cycles in (("least", calls.least), ("median", calls.median), ("most", calls.most)):
+            measure(f"cycles.{name}.{what}", cycles, "cycle", cycle_model=model, not_offered=why)
+        share = None if calls.share is None else 100.0 * calls.share
+        measure(f"cycles.{name}.share", share, "%", not_offered=why)
+        measure(f"cycles.{name}.interrupted", calls.interrupted, "")
+    for name, solved in compass.costs.solutions().items():
+        why = "" if solved.solutions else "no solution was begun and completed"
+        measure(f"cycles.{name}.solutions", solved.solutions, "")
+        for what, cycles in (
+            ("solution_median", solved.median), ("solution_most", solved.most), ("slice_most", solved.longest_slice),
+        ):
+            measure(f"cycles.{name}.{what}", cycles, "cycle", cycle_model=model, not_offered=why)
+        measure(f"cycles.{name}.slices", solved.most_slices, "", not_offered=why)
 
 
 def not_said(believed: object) -> str:

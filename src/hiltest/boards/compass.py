@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from hiltest.boards.bench import VirtualBench
 from hiltest.boards.board import BoardKind, Stage, Truth
+from hiltest.boards.function_costs import FunctionCosts
 from hiltest.boards.memory_reading import memory_kind
 from hiltest.boards.virtual import truth_of
 from hiltest.boards.virtual_port import VirtualPort
@@ -60,6 +61,8 @@ class CompassBoard:
         What the firmware may say.
     latest : dict of Quantity to ndarray
         What it said last of each.
+    costs : FunctionCosts or None
+        Of the functions that the rig names; None where the board cannot see them.
     stage : Stage or None
         None where an operator or motors turn the board.
     truth : Truth or None
@@ -72,6 +75,7 @@ class CompassBoard:
         Of that file.
     """
 
+    costs: FunctionCosts | None = None
     stage: Stage | None = None
     truth: Truth | None = None
     seed: int | None = None
@@ -260,6 +264,7 @@ class VirtualCompass(CompassBoard):
             port, bench.rig, interfaces, kind=BoardKind.VIRTUAL, description=f"virtual FRDM-K64F, seed {bench.seed}",
             transcript=transcript,
         )
+        self.costs = FunctionCosts(bench.machine, bench.rig)
         self.stage, self.seed, self.truth = bench, bench.seed, truth_of(bench.rig)
         image = bench.machine.image
         self.firmware = bench.firmware.name

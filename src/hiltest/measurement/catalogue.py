@@ -276,6 +276,24 @@ def _own_language() -> Iterator[Kind]:
         ("not_understood", "", _LOWER, _COUNTED, "Bytes or lines from the firmware that were not understood"),
     ):
         yield Kind(f"device.{name}", unit, better, allowance, Section.HEADING, meaning)
+    each = _allow(1, 0.005, _PER_CALL_WHY)
+    number = _allow(0, 0.02, "as often as the firmware has data and time")
+    for name, unit, better, allowance, meaning in (
+        ("calls", "", _NEITHER, number, "Calls of a function while the firmware ran"),
+        ("least", "cycle", _LOWER, each, "Fewest cycles of a call, without interrupts"),
+        ("median", "cycle", _LOWER, each, "Median cycles of a call, without interrupts"),
+        ("most", "cycle", _LOWER, each, "Most cycles of a call, without interrupts"),
+        ("share", "%", _LOWER, _allow(0.05, 0.01, _PER_CALL_WHY), "Share of the processor's time in the function"),
+        ("interrupted", "", _NEITHER, number, "Calls that an interrupt entered"),
+        ("solutions", "", _NEITHER, number, "Solutions of a function that works in slices"),
+        ("solution_median", "cycle", _LOWER, each, "Median cycles of all slices of a solution"),
+        ("solution_most", "cycle", _LOWER, each, "Most cycles of all slices of a solution"),
+        ("slices", "", _NEITHER, number, "Most slices of a solution"),
+        ("slice_most", "cycle", _LOWER, each, "Most cycles of a slice"),
+    ):
+        cost = unit == "cycle"
+        yield Kind(f"cycles.{{function}}.{name}", unit, better, allowance, Section.CYCLES, meaning,
+                   next_step=COSTS_TOO_MUCH if cost else "")
 
 
 def _board() -> Iterator[Kind]:

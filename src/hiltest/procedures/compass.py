@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.angles import Pose, heading_error_deg, wrap_360
+from hiltest.angles import Pose, circular_mean_deg, heading_error_deg, wrap_360
 from hiltest.boards.compass import CompassBoard
 from hiltest.calibration.fit import FitStatus, MagnetometerFit
 from hiltest.device.frames import FRAMES, Frame
@@ -102,6 +102,9 @@ class CompassHeadings:
         Heading, and heading minus reference in (-180, 180], by source: `FIRMWARE` and others.
     belief : Belief
         At the end.
+    tilt_error_deg : float or None
+        Largest error of the firmware's pitch and roll; None where it does not say them, or in another frame than NED,
+        whose pitch and roll are other angles.
     """
 
     held: tuple[HeldPose, ...]
@@ -109,6 +112,7 @@ class CompassHeadings:
     heading_deg: Mapping[str, Reals]
     error_deg: Mapping[str, Reals]
     belief: Belief
+    tilt_error_deg: float | None
 
     @property
     def level(self) -> NDArray[np.bool_]:
@@ -245,8 +249,27 @@ def _headings(held: tuple[HeldPose, ...], belief: Belief, board: CompassBoard) -
         for source, headings in answered.items()
     }
     return CompassHeadings(
-        held, reference_deg, {source: np.array(each) for source, each in answered.items()}, error_deg, belief
+        held, reference_deg, {source: np.array(each) for source, each in answered.items()}, error_deg, belief,
+        _tilt_error_deg(held, board),
     )
+
+
+def _tilt_error_deg(held: tuple[HeldPose, ...], board: CompassBoard) -> float | None:
+    if board.device.frame != "ned" or not {Quantity.PITCH, Quantity.ROLL} <= board.offers:
+        return None
+    said = [(_angle(each.settled, Quantity.PITCH), _angle(each.settled, Quantity.ROLL)) for each in held]
+    errors = [
+        abs(heading_error_deg(angle, known))
+        for (pitch, roll), each in zip(said, held, strict=True)
+        for angle, known in ((pitch, each.attitude.pitch_deg), (roll, each.attitude.roll_deg)) if angle is not None
+    ]
+    return max(errors, default=None)
+
+
+def _angle(settled: Settled, quantity: Quantity) -> float | None:
+    """Return the mean of an angle over the last window."""
+    angles = [float(each.values[quantity][0]) for each in settled.window if quantity in each.values]
+    return circular_mean_deg(angles) if angles else None
 
 
 def _heading(gravity_g: Reals | None, field_ut: Reals | None) -> float | None:
