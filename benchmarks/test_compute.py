@@ -11,7 +11,7 @@ import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from hiltest.virtual.accounting import AccountingFactory, BlockAccounting
-from hiltest.virtual.k64f import CALL_HZ
+from hiltest.virtual.call_clock import CALL_HZ
 from hiltest.virtual.native.accounting import NativeBlockAccounting
 from hiltest.virtual.native.library import missing_because
 

@@ -31,8 +31,9 @@ __getattr__ = when_used(__name__, {
 
 
 def cycles(
-    elf: str | Path | None = None, *, profile: str | None = None, memory: str | None = None
-) -> ProfiledImage:
+    elf: str | Path | None = None, *, profile: str | None = None, memory: str | None = None,
+    clock_hz: float | None = None,
+) -> ProfiledImage:  # fmt: skip
     """Open an ELF whose functions are to be counted, on a virtual board of its own.
 
     Parameters
@@ -44,6 +45,8 @@ def cycles(
     memory : str, optional
         Memories of a part other than the MK64FN1M0: ``flash=0x08000000:512K,ram=0x20000000:128K``. By default what the
         ELF needs, where that is something else.
+    clock_hz : float, optional
+        Core clock that the functions are called at [Hz], by default 120 MHz: cycles do not depend on it, seconds do.
 
     Returns
     -------
@@ -53,11 +56,13 @@ def cycles(
     Raises
     ------
     ConfigError
-        If the ELF cannot be loaded, or there is no such timing profile.
+        If the ELF cannot be loaded, or there is no such timing profile or clock.
     """
     from hiltest.boards import default_firmware
     from hiltest.profiling.image import ProfiledImage
+    from hiltest.virtual.call_clock import CALL_HZ
     from hiltest.virtual.profile_file import DEFAULT_PROFILE
 
     path = default_firmware() if elf is None else Path(elf)
-    return ProfiledImage(path, timing=profile or DEFAULT_PROFILE, memory=memory)
+    at_hz = CALL_HZ if clock_hz is None else clock_hz
+    return ProfiledImage(path, timing=profile or DEFAULT_PROFILE, memory=memory, clock_hz=at_hz)

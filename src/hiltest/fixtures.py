@@ -197,8 +197,9 @@ class Cycles:
         self._session = session
 
     def __call__(
-        self, elf: str | Path | None = None, *, profile: str | None = None, memory: str | None = None
-    ) -> ProfiledImage:
+        self, elf: str | Path | None = None, *, profile: str | None = None, memory: str | None = None,
+        clock_hz: float | None = None,
+    ) -> ProfiledImage:  # fmt: skip
         """Return an ELF on a virtual board of its own.
 
         Parameters
@@ -210,16 +211,17 @@ class Cycles:
             Timing profile; by default ``cortex-m4-trm/1``.
         memory : str, optional
             Memories of another part, as `hiltest.cycles` takes them.
+        clock_hz : float, optional
+            Core clock that the functions are called at [Hz], by default 120 MHz.
 
         Raises
         ------
         ConfigError
-            If the ELF cannot be loaded, or there is no such timing profile.
+            If the ELF cannot be loaded, or there is no such timing profile or clock.
         """
         session = self._session
-        return hiltest.cycles(
-            session.settings.firmware if elf is None else session.config.rootpath / elf, profile=profile, memory=memory
-        )
+        path = session.settings.firmware if elf is None else session.config.rootpath / elf
+        return hiltest.cycles(path, profile=profile, memory=memory, clock_hz=clock_hz)
 
 
 @pytest.fixture(scope="session")

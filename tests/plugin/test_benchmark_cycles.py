@@ -107,6 +107,30 @@ def test_the_json_holds_cycles_their_model_the_firmware_and_the_board(pytester: 
     assert "build_id" not in called["extra_info"], "cycles(elf) may call into any ELF"
 
 
+def test_times_are_of_the_clock_that_a_function_was_called_at_and_two_clocks_share_no_table(
+    pytester: pytest.Pytester,
+) -> None:
+    pytester.makepyfile("""
+        import pytest
+
+        @pytest.mark.parametrize("mhz", [48, 96])
+        def test_call(benchmark_cycles, cycles, mhz):
+            benchmark_cycles("empty", cycles(clock_hz=mhz * 1e6).call("magnetometer_empty", 0, 0))
+
+        def test_both(benchmark_cycles, cycles):
+            called = [cycles(clock_hz=hz).call("magnetometer_empty", 0, 0) for hz in (48e6, 96e6)]
+            with pytest.raises(ValueError, match="at clocks of 48 and 96 MHz"):
+                benchmark_cycles("empty", called)
+    """)
+    result = pytester.runpytest_inprocess("--benchmark-columns=min", "--benchmark-time-unit=ns")
+    assert result.ret == 0
+    title = f"benchmark 'empty, cycles of {MODEL}, at {{}} MHz': 1 tests"
+    assert tables(result.stdout.str()) == {
+        title.format(48): ["Name (time in ns) Min", "test_call[48] 62.5000"],  # 3 cycles
+        title.format(96): ["Name (time in ns) Min", "test_call[96] 31.2500"],
+    }
+
+
 def test_a_calibrator_s_cycles_are_shown_with_its_accuracy_there_and_when_they_are_compared(
     pytester: pytest.Pytester,
 ) -> None:

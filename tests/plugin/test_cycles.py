@@ -76,6 +76,23 @@ def test_a_function_gets_a_limit_in_one_line_and_turns_red_when_it_gets_slower(
     result.stdout.fnmatch_lines([f"  cycles.sum {readable(after)} cycles (limit {readable(before)}),*"])
 
 
+def test_a_function_is_called_at_the_core_clock_of_its_part(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile("""
+        import pytest
+        from hiltest.errors import ConfigError
+
+        def test_clock(cycles):
+            usual = cycles().call("crc32", b"123456789", 9)
+            slower = cycles(clock_hz=48_000_000).call("crc32", b"123456789", 9)
+            assert slower.cycles == usual.cycles
+            assert slower.microseconds == pytest.approx(2.5 * usual.microseconds, rel=1e-12)  # float64
+            for wrong in (0, -1, 48, 2e9, 48e6 + 0.5, float("nan")):
+                with pytest.raises(ConfigError, match="from 1 kHz to 1 GHz"):
+                    cycles(clock_hz=wrong)
+    """)
+    pytester.runpytest_inprocess().assert_outcomes(passed=1)
+
+
 def test_the_firmware_under_test_needs_no_name_and_code_in_sram_says_so(pytester: pytest.Pytester) -> None:
     pytester.makepyfile("""
         def test_default(cycles, measure):

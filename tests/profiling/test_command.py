@@ -59,6 +59,32 @@ def test_json_is_of_the_shipped_schema_and_its_shares_add_up(capsys: pytest.Capt
     assert SCHEMA_FILE.read_text(encoding="utf-8") == schema_text()
 
 
+@pytest.mark.parametrize(
+    ("written", "hz", "shown"),
+    [
+        ("48MHz", 48_000_000, "48 MHz"), ("48_000_000", 48_000_000, "48 MHz"), ("20.97 mhz", 20_970_000, "20.97 MHz"),
+        ("32.768kHz", 32_768, "0.032768 MHz"), ("1GHz", 1_000_000_000, "1000 MHz"), ("6e7", 60_000_000, "60 MHz"),
+    ],
+)
+def test_microseconds_are_of_the_clock_that_was_named(
+    capsys: pytest.CaptureFixture[str], written: str, hz: int, shown: str
+) -> None:
+    usual, found = document(capsys, *CRC), document(capsys, *CRC, "--clock", written)
+    assert (found.cycles, found.core_clock_hz, usual.core_clock_hz) == (usual.cycles, hz, 120_000_000)
+    microseconds = f"{found.cycles / hz * 1e6:.2f} us at {shown}"
+    assert microseconds in " ".join(profile(capsys, *CRC, "--clock", written)[1].split())
+
+
+def test_waits_for_flash_are_said_to_be_of_the_timing_profile_at_another_clock(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    counted = (*CRC, "--profile", "cortex-m4-k64f/1")
+    usual, slower = document(capsys, *counted), document(capsys, *counted, "--clock", "48MHz")
+    assert slower.cycles == usual.cycles
+    (note,) = set(slower.notes) - set(usual.notes)
+    assert "whatever the core clock" in note
+
+
 def test_code_in_sram_carries_its_placement_and_no_note(capsys: pytest.CaptureFixture[str]) -> None:
     found = document(capsys, "shipped", "magnetometer_empty", "0", "0")
     assert (found.cycle_model, found.notes, found.returned) == ("cortex-m4-trm/1@sram", (), None)
@@ -100,6 +126,14 @@ def test_folded_stacks_and_the_flame_graph_hold_every_cycle(
         ((*CRC, "--profile", "cortex-m7"), "no timing profile 'cortex-m7'; known: cortex-m4-k64f/1, cortex-m4-trm/1"),
         ((*CRC, "--folded", "gone/stacks"), "cannot write gone/stacks: No such file or directory"),
         ((*CRC, "--lines", "-1"), "-1 is not in the range x>=0"),
+        ((*CRC, "--clock", "fast"), "--clock: 'fast' is no core clock from 1 kHz to 1 GHz; write it as 48MHz"),
+        ((*CRC, "--clock", "0"), "'0' is no core clock"),
+        ((*CRC, "--clock", "120"), "'120' is no core clock"),  # MHz were meant
+        ((*CRC, "--clock=-48MHz"), "'-48MHz' is no core clock"),
+        ((*CRC, "--clock", "4_8_MHz"), "'4_8_MHz' is no core clock"),
+        ((*CRC, "--clock", "1e12"), "'1e12' is no core clock"),
+        ((*CRC, "--clock", "nan"), "'nan' is no core clock"),
+        ((*CRC, "--clock", "1000.5"), "'1000.5' is no core clock"),
     ],
 )
 def test_a_wrong_command_line_is_a_usage_error(

@@ -142,3 +142,21 @@ def test_buffers_find_room_where_the_heap_gets_all_that_is_left(tmp_path: Path, 
 def test_a_function_that_waits_for_ever_ends_after_the_virtual_time_that_it_was_given(board: VirtualK64F) -> None:
     with pytest.raises(BoardFault, match="hang: poll did not return within 120000 cycles"):
         board.call("poll", timeout_s=0.001)
+
+
+CLOCKED = """
+int main(void) { for (;;) { } }
+int negative(int a) { return a < 0; }
+int poll(void) { while (!*(volatile unsigned *)0x20000100) { } return 1; }
+"""
+
+
+def test_a_call_takes_its_time_at_the_clock_that_was_named_and_at_the_firmwares_once_it_runs(build_c: Build) -> None:
+    board = VirtualK64F(build_c(CLOCKED))
+    assert (board.call("negative", 1).clock_hz, board.call("negative", 1, clock_hz=48e6).clock_hz) == (120e6, 48e6)
+    with pytest.raises(BoardFault, match="poll did not return within 480000 cycles"):
+        board.call("poll", timeout_s=0.01, clock_hz=48e6)
+    board.run_until(0.001)
+    assert board.call("negative", 1).clock_hz == board.clocks.core_hz == pytest.approx(20.97152e6)
+    with pytest.raises(ConfigError, match=r"this firmware has set up 20\.9715 MHz"):
+        board.call("negative", 1, clock_hz=48e6)

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from copy import deepcopy
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
+
+if TYPE_CHECKING:
+    from hiltest.profiling.image import ProfiledImage
 
 SHIPPED = "shipped"
 
@@ -47,6 +51,7 @@ Exit codes:
               help="Timing profile, or a file of your own.  [default: cortex-m4-trm/1]")
 @click.option("--memory", metavar="MAP",
               help="Memories of another part: flash=0x08000000:512K,ram=0x20000000:128K.  [default: as the ELF needs]")
+@click.option("--clock", metavar="HZ", help="Core clock of the part, as 48MHz or 48_000_000.  [default: 120 MHz]")
 @click.option("--timeout", "timeout_s", metavar="S", type=click.IntRange(1, 100), default=1,
               show_default=True, help="Virtual seconds after which the function is taken to hang.")
 @click.argument("elf")
@@ -54,7 +59,7 @@ Exit codes:
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
 def profile(
     elf: str, function: str, arguments: tuple[str, ...], lines: int, instructions: int, as_json: bool,
-    folded: Path | None, flame_graph: Path | None, timing: str | None, memory: str | None, timeout_s: int,
+    folded: Path | None, flame_graph: Path | None, timeout_s: int, **counted: str | None,
 ) -> int:
     """Call a function of any ELF and show where its cycles go.
 
@@ -63,14 +68,12 @@ def profile(
     from hiltest.boards import default_firmware
     from hiltest.profiling import document as documents
     from hiltest.profiling.arguments import parse_argument
-    from hiltest.profiling.image import ProfiledImage
     from hiltest.record.files import write_asked_for
-    from hiltest.virtual.profile_file import DEFAULT_PROFILE
 
     path = default_firmware() if elf == SHIPPED else Path(elf)
     given = [parse_argument(text) for text in arguments]
     values = deepcopy(given)
-    image = ProfiledImage(path, timing=timing or DEFAULT_PROFILE, memory=memory)
+    image = _image(path, **counted)
     image.tell(lambda line: click.echo(line, err=True))
     called = image.call(function, *values, timeout_s=timeout_s)
     document = documents.document(called, path, arguments, given, values, memory=image.memory)
@@ -88,3 +91,12 @@ def profile(
 
     print_profile(standard_output(), document, lines=lines, instructions=instructions)
     return 0
+
+
+def _image(path: Path, *, timing: str | None, memory: str | None, clock: str | None) -> ProfiledImage:
+    from hiltest.profiling.image import ProfiledImage
+    from hiltest.virtual.call_clock import CALL_HZ, parse_clock
+    from hiltest.virtual.profile_file import DEFAULT_PROFILE
+
+    clock_hz = CALL_HZ if clock is None else parse_clock(clock)
+    return ProfiledImage(path, timing=timing or DEFAULT_PROFILE, memory=memory, clock_hz=clock_hz)

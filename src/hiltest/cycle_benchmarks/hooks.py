@@ -66,14 +66,16 @@ def join_pytest_benchmark(plugins: pytest.PytestPluginManager) -> None:
         plugins.register(sys.modules[__name__], "hiltest-cycle-benchmarks")
 
 
-def read_rounds(cost: int | Counted | Iterable[int | Counted], cycle_model: str = "") -> tuple[list[int], str]:
-    """Return the cycles of each round, and what counted them.
+def read_rounds(
+    cost: int | Counted | Iterable[int | Counted], cycle_model: str = ""
+) -> tuple[list[int], str, dict[str, float]]:
+    """Return the cycles of each round, what counted them, and the core clock [Hz] where they bring one.
 
     Raises
     ------
     ValueError
         If there is no round, one is not a whole number of cycles, nothing says what counted them, or they were
-        counted by more than one model: such numbers are never compared.
+        counted by more than one model or at more than one clock: such numbers are never compared.
     """
     from numbers import Integral
 
@@ -90,7 +92,10 @@ def read_rounds(cost: int | Counted | Iterable[int | Counted], cycle_model: str 
     if len(models) != 1:
         named = f"these were counted by {' and '.join(sorted(models))}" if models else "nothing says what counted these"
         raise ValueError(f"cycles need one cycle model, or they could be compared with another's; {named}")
-    return [int(one) for one in rounds], models.pop()
+    clocks = {one.clock_hz for one in each if hasattr(one, "clock_hz")}
+    if len(clocks) > 1:
+        raise ValueError(f"these were called at clocks of {' and '.join(f'{hz / 1e6:g}' for hz in sorted(clocks))} MHz")
+    return [int(one) for one in rounds], models.pop(), dict(zip((CORE_CLOCK_HZ,), clocks, strict=False))
 
 
 class BenchmarkCycles:
@@ -137,10 +142,11 @@ class BenchmarkCycles:
         """
         if self._called:
             raise ValueError(f"{kernel}: a test shows one kernel, as pytest-benchmark has it; parametrize it for more")
-        rounds, model = read_rounds(cost, cycle_model)
+        rounds, model, known = read_rounds(cost, cycle_model)
         self._called = True
         if self._show is not None:
-            known = {} if from_float64_deg is None else {FROM_FLOAT64_DEG: float(from_float64_deg)}
+            if from_float64_deg is not None:
+                known[FROM_FLOAT64_DEG] = float(from_float64_deg)
             self._show(kernel, rounds, model, known)
 
 
@@ -153,8 +159,8 @@ def benchmark_cycles(request: pytest.FixtureRequest, benchmark: BenchmarkFixture
     def show(clock: DeviceClock, kernel: str, rounds: list[int], cycle_model: str, known: dict[str, float]) -> None:
         """Let pytest-benchmark time the rounds of a kernel by a clock that reads device cycles."""
         # The worst round stays when the data of every round does not: a budget holds for it.
-        benchmark.extra_info |= {CYCLES: max(rounds), CYCLE_MODEL: cycle_model} | known
-        benchmark.extra_info |= {CORE_CLOCK_HZ: _describe(board)[CORE_CLOCK_HZ]} | _firmware(board)
+        benchmark.extra_info |= {CYCLES: max(rounds), CYCLE_MODEL: cycle_model}
+        benchmark.extra_info |= {CORE_CLOCK_HZ: _describe(board)[CORE_CLOCK_HZ]} | known | _firmware(board)
         benchmark.group = group_name(kernel, cycle_model)
         request.config.stash[SHOWN] = True
         next_round = endlessly(rounds)
@@ -230,7 +236,7 @@ def _board_of(hil: HilSession) -> BoardRecord | None:
 def _describe(board: BoardRecord | None) -> dict[str, Any]:
     """Say what counted: a board, or the virtual one that ``cycles(elf)`` makes for itself."""
     if board is None:
-        from hiltest.virtual.k64f import CALL_HZ
+        from hiltest.virtual.call_clock import CALL_HZ
 
         return {"kind": "virtual", "unique_id": None, CORE_CLOCK_HZ: CALL_HZ}
     return {"kind": board.kind, "unique_id": board.unique_id, CORE_CLOCK_HZ: board.core_clock_hz}

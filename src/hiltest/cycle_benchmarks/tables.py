@@ -66,19 +66,21 @@ def scale_cycles(
 
 
 def split_by_cycle_model(groups: Groups) -> list[tuple[str | None, list[Row]]]:
-    """Give the device cycles of each model a table of their own, however the rows were grouped.
+    """Give the device cycles of each model, at each core clock, a table of their own, however the rows were grouped.
 
     Its title says how far the rows are from float64, where they know: speed is never shown without accuracy.
     """
     tables: list[tuple[str | None, list[Row]]] = []
     for name, rows in groups:
-        of_model: dict[str, list[Row]] = defaultdict(list)
+        of_model: dict[tuple[str, float], list[Row]] = defaultdict(list)
         for row in rows:
-            of_model[cycle_model_of(row)].append(row)
-        for model, those in sorted(of_model.items()):
+            of_model[cycle_model_of(row), _extra_info(row).get(CORE_CLOCK_HZ, 0.0)].append(row)
+        clocks = {clock_hz for _, clock_hz in of_model if clock_hz}
+        for (model, clock_hz), those in sorted(of_model.items()):
             # A conftest.py and the plugin may both have a turn.
             named_already = not model or group_name(None, model) in (name or "")
             title, accuracy = name if named_already else group_name(name, model), _accuracy(those)
+            title = f"{title}, at {clock_hz / 1e6:g} MHz" if clock_hz and len(clocks) > 1 else title
             tables.append((title if accuracy in (title or "") else f"{title}; {accuracy}", those))
     return tables
 

@@ -14,7 +14,7 @@ from pydantic import TypeAdapter
 
 from hiltest.measurement import CycleRange
 from hiltest.virtual.buffers import Address, Structure
-from hiltest.virtual.k64f import CALL_HZ
+from hiltest.virtual.call_clock import CALL_HZ
 from hiltest.virtual.memory import MK64FN1M0, MemoryMap
 from hiltest.virtual.procedure_call import Argument
 from hiltest.virtual.profiling import AddressCost, CallProfile, FunctionCost, LineCost, StackCost
@@ -98,9 +98,9 @@ def document(
     """
     return ProfileDocument(
         SCHEMA, str(elf), hashlib.sha256(elf.read_bytes()).hexdigest(), profile.function, tuple(texts), profile.value,
-        tuple(_buffers_left(given, left)), profile.cycles, profile.instructions, CALL_HZ, profile.cycle_model,
-        tuple(_notes(profile, memory)), tuple(shares(profile)), profile.functions, profile.lines, profile.addresses,
-        profile.stacks, profile.band,
+        tuple(_buffers_left(given, left)), profile.cycles, profile.instructions, round(profile.clock_hz),
+        profile.cycle_model, tuple(_notes(profile, memory)), tuple(shares(profile)), profile.functions, profile.lines,
+        profile.addresses, profile.stacks, profile.band,
     )  # fmt: skip
 
 
@@ -139,6 +139,8 @@ def _notes(profile: CallProfile, memory: MemoryMap) -> Iterator[str]:
     if profile.memory_cycles is not None:
         if profile.memory_cycles:
             yield "what memories add is in the total, and in no function, line or instruction"
+        if profile.clock_hz != CALL_HZ:
+            yield "flash makes the core wait as many clocks as the timing profile says, whatever the core clock"
     elif "flash" in placement:
         counted = "; the profile cortex-m4-k64f/1 counts them" if memory == MK64FN1M0 else ""
         yield (

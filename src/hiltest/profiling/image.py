@@ -7,6 +7,7 @@ from copy import deepcopy
 from pathlib import Path
 
 from hiltest.errors import ConfigError
+from hiltest.virtual.call_clock import CALL_HZ, checked_clock
 from hiltest.virtual.calling import CallResult
 from hiltest.virtual.k64f import HANG_S, VirtualK64F
 from hiltest.virtual.memory import MemoryMap
@@ -26,14 +27,19 @@ class ProfiledImage:
         Timing profile.
     memory : str, optional
         Memories of another part, see `hiltest.virtual.memory_map`.
+    clock_hz : float
+        Core clock, which makes seconds of cycles [Hz].
 
     Raises
     ------
     ConfigError
-        If the ELF cannot be loaded, or there is no such timing profile.
+        If the ELF cannot be loaded, or there is no such timing profile or clock.
     """
 
-    def __init__(self, elf: Path, *, timing: str = DEFAULT_PROFILE, memory: str | None = None) -> None:
+    def __init__(
+        self, elf: Path, *, timing: str = DEFAULT_PROFILE, memory: str | None = None, clock_hz: float = CALL_HZ
+    ) -> None:
+        self._clock_hz = checked_clock(clock_hz)
         profile = load_profile(timing)
         self._board = VirtualK64F(elf, profile=profile, accounting=ProfilingAccounting, memory=memory)
         # Blocks know nothing of what the memories add: the same call is counted once more, with them.
@@ -63,7 +69,7 @@ class ProfiledImage:
         Returns
         -------
         CallProfile
-            ``.value``, ``.cycles``, ``.instructions``, ``.cycle_model``, and where the cycles went.
+            ``.value``, ``.cycles``, ``.instructions``, ``.microseconds``, ``.cycle_model``, and where the cycles went.
 
         Raises
         ------
@@ -74,10 +80,10 @@ class ProfiledImage:
             The function faulted or hung.
         """
         again = deepcopy(arguments)
-        profile = profile_call(self._board, function, *arguments, timeout_s=timeout_s)
+        profile = profile_call(self._board, function, *arguments, timeout_s=timeout_s, clock_hz=self._clock_hz)
         if self._with_memories is None:
             return profile
-        counted = self._with_memories.call(function, *again, timeout_s=timeout_s)
+        counted = self._with_memories.call(function, *again, timeout_s=timeout_s, clock_hz=self._clock_hz)
         _check_same(profile, counted)
         return with_memories(profile, counted.cycles, self._with_memories.processor.profile)
 

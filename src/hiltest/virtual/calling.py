@@ -28,11 +28,19 @@ class CallResult:
         Value of the function's type; r0 without debug information, None for void.
     cycles, instructions : int
         From its first instruction to its return, both included.
+    clock_hz : float
+        Core clock that it was called at [Hz].
     """
 
     value: int | float | None
     cycles: int
     instructions: int
+    clock_hz: float
+
+    @property
+    def microseconds(self) -> float:
+        """Time of the cycles at that clock [us]."""
+        return self.cycles / self.clock_hz * 1e6
 
 
 def _largest_gap(segments: Sequence[LoadSegment], first: int, limit: int) -> tuple[int, int]:
@@ -103,8 +111,9 @@ class _Scratch:
 
 
 def call_function(
-    processor: Processor, symbol: str, arguments: Sequence[Argument], *, booted: bool, hang_cycles: int
-) -> CallResult:
+    processor: Processor, symbol: str, arguments: Sequence[Argument], *, booted: bool, clock_hz: float,
+    timeout_s: float,
+) -> CallResult:  # fmt: skip
     """Call a function; see `VirtualK64F.call`."""
     function = function_named(processor.image, symbol)
     registers, accounting = processor.registers, processor.accounting
@@ -127,6 +136,7 @@ def call_function(
     registers.floating.write(floating)
     accounting.flush_pipeline()
     cycles, instructions = accounting.cycles, accounting.instructions
+    hang_cycles = round(timeout_s * clock_hz)
     delivered, processor.delivers_faults = processor.delivers_faults, False
     try:
         if not processor.run(Event(cycles + hang_cycles)):
@@ -144,7 +154,7 @@ def call_function(
         processor.fpu_enabled, processor.sleeping = saved[3], was_sleeping
         processor.delivers_faults = delivered
         accounting.flush_pipeline()
-    return CallResult(value, accounting.cycles - cycles, accounting.instructions - instructions)
+    return CallResult(value, accounting.cycles - cycles, accounting.instructions - instructions, clock_hz)
 
 
 def _result(processor: Processor, signature: Signature | None) -> int | float | None:

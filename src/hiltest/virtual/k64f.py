@@ -10,6 +10,7 @@ from pathlib import Path
 
 from hiltest.errors import BoardFault, ConfigError, place_of
 from hiltest.virtual.accounting import AccountingFactory
+from hiltest.virtual.call_clock import CALL_HZ, checked_clock
 from hiltest.virtual.call_watch import CallWatch
 from hiltest.virtual.calling import CallResult, call_function
 from hiltest.virtual.clock import PICOSECONDS
@@ -35,8 +36,6 @@ from hiltest.virtual.schedule import Event
 from hiltest.virtual.solution_watch import SolutionEnd, SolutionWatch
 from hiltest.virtual.timing import TimingProfile
 
-#: Core clock of functions that are called without boot [Hz].
-CALL_HZ = 120_000_000
 #: After so much virtual time a called function is taken to hang [s]: no function that is measured comes near, and
 #: the slowest way to count, with a profile, takes the host about a minute for it.
 HANG_S = 1.0
@@ -356,12 +355,19 @@ class VirtualK64F:
 
     # -- calling functions --------------------------------------------------------------------
 
-    @property
-    def call_hz(self) -> float:
-        """Core clock of a function that is called now [Hz]: as the firmware has set it up, 120 MHz without boot."""
-        return self.clocks.core_hz if self._booted else CALL_HZ
+    def _call_hz(self, asked_hz: float | None) -> float:
+        if not self._booted:
+            return CALL_HZ if asked_hz is None else checked_clock(asked_hz)
+        if asked_hz is not None:
+            raise ConfigError(
+                f"clock_hz={asked_hz} is for functions called without boot; this firmware has set up "
+                f"{self.clocks.core_hz / 1e6:g} MHz"
+            )
+        return self.clocks.core_hz
 
-    def call(self, symbol: str, *arguments: Argument, timeout_s: float = HANG_S) -> CallResult:
+    def call(
+        self, symbol: str, *arguments: Argument, timeout_s: float = HANG_S, clock_hz: float | None = None
+    ) -> CallResult:
         """Call one function of the image and count what it costs.
 
         Works without booting; on a running board the processor's state is put
@@ -377,25 +383,29 @@ class VirtualK64F:
             the function left there.
         timeout_s : float
             Virtual time after which it is taken to hang [s].
+        clock_hz : float, optional
+            Core clock without boot [Hz], by default 120 MHz; a running board has the one that its firmware made.
 
         Returns
         -------
         CallResult
-            ``.value``, ``.cycles`` and ``.instructions``.
+            ``.value``, ``.cycles``, ``.instructions`` and ``.microseconds``.
 
         Raises
         ------
         ConfigError
-            No such function, or arguments that do not fit it.
+            No such function, arguments that do not fit it, or no such clock.
         BoardFault
             The function faulted or hung.
         """
+        clock_hz = self._call_hz(clock_hz)
         if not self._booted:
             load_running(self.processor.memory, self.image)
         try:
-            hang_cycles = round(timeout_s * self.call_hz)
             with self.processor.exceptions.unfollowed():
-                return call_function(self.processor, symbol, arguments, booted=self._booted, hang_cycles=hang_cycles)
+                return call_function(
+                    self.processor, symbol, arguments, booted=self._booted, clock_hz=clock_hz, timeout_s=timeout_s
+                )
         except ResetRequested as request:
             by = "asked for" if request.source is ResetSource.SOFTWARE else "was ended by the watchdog with"
             raise BoardFault(f"{symbol} {by} a system reset", pc=self.image.symbols[symbol].address) from None

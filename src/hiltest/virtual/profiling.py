@@ -164,7 +164,9 @@ class CallProfile(CallResult):
         return 100.0 * cycles / self.cycles
 
 
-def profile_call(board: VirtualK64F, function: str, *arguments: Argument, timeout_s: float = HANG_S) -> CallProfile:
+def profile_call(
+    board: VirtualK64F, function: str, *arguments: Argument, timeout_s: float = HANG_S, clock_hz: float | None = None
+) -> CallProfile:
     """Call one function of an image and find out where its cycles go.
 
     Parameters
@@ -173,7 +175,7 @@ def profile_call(board: VirtualK64F, function: str, *arguments: Argument, timeou
         Made with ``accounting=ProfilingAccounting``.
     function : str
         Its name.
-    *arguments, timeout_s
+    *arguments, timeout_s, clock_hz
         As `VirtualK64F.call` takes them.
 
     Raises
@@ -193,7 +195,7 @@ def profile_call(board: VirtualK64F, function: str, *arguments: Argument, timeou
     accounting.follow(tree)
     before = accounting.snapshot(0)
     try:
-        result = board.call(function, *arguments, timeout_s=timeout_s)
+        result = board.call(function, *arguments, timeout_s=timeout_s, clock_hz=clock_hz)
     finally:
         accounting.tree = None
     executed = between(before, accounting.snapshot(0))
@@ -279,7 +281,7 @@ class _Sums:
         """Make the tables."""
         addresses = tuple(sorted(self._address_costs(image), key=lambda each: (-each.cycles, each.address)))
         return CallProfile(
-            result.value, result.cycles, result.instructions, function, self.cycle_model,
+            result.value, result.cycles, result.instructions, result.clock_hz, function, self.cycle_model,
             self.work, self.stalls, sum(node.asleep_cycles for node in self.nodes),
             functions=tuple(sorted(self._function_costs(), key=lambda each: (-each.self_cycles, each.name))),
             lines=tuple(sorted(_line_costs(addresses), key=lambda each: (-each.cycles, each.location))),

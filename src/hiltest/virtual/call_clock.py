@@ -1,0 +1,46 @@
+"""Core clock at which functions are called without boot: what makes seconds of their cycles."""
+
+from __future__ import annotations
+
+import re
+from fractions import Fraction
+
+from hiltest.errors import ConfigError
+
+#: Without a word from the user [Hz]: the fastest of the MK64FN1M0.
+CALL_HZ = 120_000_000
+_SLOWEST_HZ, _FASTEST_HZ = 1_000, 1_000_000_000
+_UNITS = {"": 1, "k": 1_000, "m": 1_000_000, "g": 1_000_000_000}
+_WRITTEN = re.compile(r"([0-9][0-9_]*(?:\.[0-9]+)?(?:e[0-9]{1,2})?) ?([kmg]?)(?:hz)?", re.IGNORECASE)
+
+
+def checked_clock(hz: float) -> int:
+    """Return a core clock [Hz], if it can be one.
+
+    Raises
+    ------
+    ConfigError
+        If it is no whole number of Hz from 1 kHz to 1 GHz.
+    """
+    if not (_SLOWEST_HZ <= hz <= _FASTEST_HZ and hz == int(hz)):
+        raise ConfigError(f"a core clock of {hz} Hz: give a whole number of Hz from 1 kHz to 1 GHz, such as 48_000_000")
+    return int(hz)
+
+
+def parse_clock(text: str) -> int:
+    """Parse a core clock: ``48MHz``, ``32.768 kHz`` or ``48_000_000`` [Hz].
+
+    Raises
+    ------
+    ConfigError
+        If it is none.
+    """
+    written = _WRITTEN.fullmatch(text.strip())
+    try:
+        number = Fraction(written[1]) if written else Fraction(0)
+    except ValueError:  # underscores that do not stand between two digits
+        number = Fraction(0)
+    hz = number * _UNITS[written[2].lower()] if written else number
+    if not (_SLOWEST_HZ <= hz <= _FASTEST_HZ and hz.denominator == 1):
+        raise ConfigError(f"--clock: {text!r} is no core clock from 1 kHz to 1 GHz; write it as 48MHz or 48_000_000")
+    return int(hz)
