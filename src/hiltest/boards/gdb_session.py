@@ -8,14 +8,14 @@ from collections.abc import Callable
 from hiltest.boards.gdb_target import memory_description, target_description
 from hiltest.link.gdb_packets import ACKNOWLEDGED, AGAIN, INTERRUPT, LONGEST, PacketReader, packet
 from hiltest.virtual.debug_access import DebugAccess
-from hiltest.virtual.debugger import Debugger, Stop, StopReason, Watch
+from hiltest.virtual.debugger import Debugger, Stop, StopReason, WatchKind
 from hiltest.virtual.k64f import VirtualK64F
 
 _OK, _UNKNOWN, _REFUSED = b"OK", b"", b"E01"
 _SIGNALS = {StopReason.ASKED: 2, StopReason.FAULT: 11}  # SIGINT, SIGSEGV; else SIGTRAP
 _TRAP = 5
-_WATCHES = {b"2": Watch.WRITE, b"3": Watch.READ, b"4": Watch.ACCESS}
-_WATCH_NAMES = {Watch.WRITE: b"watch", Watch.READ: b"rwatch", Watch.ACCESS: b"awatch"}
+_WATCHES = {b"2": WatchKind.WRITE, b"3": WatchKind.READ, b"4": WatchKind.ACCESS}
+_WATCH_NAMES = {WatchKind.WRITE: b"watch", WatchKind.READ: b"rwatch", WatchKind.ACCESS: b"awatch"}
 _MOST_POINTS = 256  # breakpoints and watchpoints; a person has a dozen
 _LONGEST_WATCH = 4096
 _MONITOR = "reset: start the firmware anew, halted\nhalt\ncycles: clock cycles and instructions since power-on\n"

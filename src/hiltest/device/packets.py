@@ -48,7 +48,7 @@ class Algorithm(IntEnum):
     NINE_AXES = 8
 
 
-class Frame(IntEnum):
+class AxisConvention(IntEnum):
     """Convention of axes and angles."""
 
     NED = 0
@@ -102,9 +102,9 @@ class MainPacket(TimedPacket):
         return Algorithm(self.flags & 15) if self.flags & 15 in list(Algorithm) else None
 
     @property
-    def frame(self) -> Frame | None:
+    def frame(self) -> AxisConvention | None:
         """The convention of axes, None for a number that is none."""
-        return Frame(self.flags >> 4 & 3) if self.flags >> 4 & 3 in list(Frame) else None
+        return AxisConvention(self.flags >> 4 & 3) if self.flags >> 4 & 3 in list(AxisConvention) else None
 
     @property
     def board_number(self) -> int:

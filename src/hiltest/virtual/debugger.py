@@ -31,7 +31,7 @@ _LOOK_AGAIN_S = 0.02  # a request to halt that came while the emulator was being
 _BKPT = 0xBE  # high byte of the instruction
 
 
-class Watch(Enum):
+class WatchKind(Enum):
     """What a watchpoint looks for."""
 
     WRITE = unicorn.UC_HOOK_MEM_WRITE
@@ -55,7 +55,7 @@ class Stop:
 
     Attributes
     ----------
-    watch : Watch, optional
+    watch : WatchKind, optional
         Kind of the watchpoint that was hit.
     address : int
         Data that it was hit by.
@@ -64,7 +64,7 @@ class Stop:
     """
 
     reason: StopReason
-    watch: Watch | None = None
+    watch: WatchKind | None = None
     address: int = 0
     fault: BoardFault | None = None
 
@@ -108,7 +108,7 @@ class Debugger:
         self._steps = False
         self._hit: Stop | None = None  # by the instruction that runs
         self._breakpoints: dict[int, tuple[int, object]] = {}  # hook of the emulator, and its callback
-        self._watchpoints: dict[tuple[Watch, int, int], tuple[int, object]] = {}
+        self._watchpoints: dict[tuple[WatchKind, int, int], tuple[int, object]] = {}
         self._looks: tuple[int, object] | None = None  # the hook of every instruction
         machine.run_processor = self.run
         self._processor.traps.at_breakpoint = self._at_instruction
@@ -203,7 +203,7 @@ class Debugger:
             self._processor.abort(error)
 
     def _on_data(
-        self, watch: Watch, _engine: int, _access: int, address: int, _size: int, _value: int, _data: int
+        self, watch: WatchKind, _engine: int, _access: int, address: int, _size: int, _value: int, _data: int
     ) -> None:
         self._hit = Stop(StopReason.WATCHPOINT, watch, address)
         self._processor.registers.forget_condition()
@@ -268,7 +268,7 @@ class Debugger:
                 remove_hook(self._processor.engine, hook)
                 self._forget(address)
 
-    def set_watchpoint(self, watch: Watch, address: int, size: int) -> None:
+    def set_watchpoint(self, watch: WatchKind, address: int, size: int) -> None:
         """Halt behind an instruction that accesses one of `size` bytes."""
         with self.halted():
             if (watch, address, size) not in self._watchpoints:
@@ -278,7 +278,7 @@ class Debugger:
                 self._watchpoints[watch, address, size] = hook, callback
                 self._processor.engine.ctl_flush_tb()
 
-    def clear_watchpoint(self, watch: Watch, address: int, size: int) -> None:
+    def clear_watchpoint(self, watch: WatchKind, address: int, size: int) -> None:
         """Forget a watchpoint, if it is there."""
         with self.halted():
             hook, _callback = self._watchpoints.pop((watch, address, size), (None, None))

@@ -9,7 +9,7 @@ from hiltest.virtual.blocks import CodeBlock
 
 
 @dataclass(frozen=True, slots=True)
-class Turn:
+class LoopTurn:
     """A turn that has just run, from a block to its next run.
 
     Attributes
@@ -32,7 +32,7 @@ class Turn:
 
 #: Returns how many turns that follow may be passed over; what they change is changed when it returns. Negative where it
 #: cannot tell.
-PassOver = Callable[[Turn], int]
+PassOver = Callable[[LoopTurn], int]
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from hiltest.virtual.instructions import Instruction
 from hiltest.virtual.native import library as native
 from hiltest.virtual.registers import register_number
 from hiltest.virtual.timing import NEUTRAL, PipelineState, TimingProfile
-from hiltest.virtual.turn import PassOver, Turn
+from hiltest.virtual.turn import LoopTurn, PassOver
 
 _PLACES = 4096  # of the table at first: the shipped firmware has about a thousand blocks
 _NEVER = (1 << 63) - 1
@@ -166,7 +166,7 @@ class NativeBlockAccounting:
         blocks = [(self._entered[ran >> 1].block, bool(ran & 1)) for ran in watch.ran[: watch.blocks]]
         until = min(counter.deadline, watch.until)
         try:
-            return self.pass_over(Turn(blocks, counter.cycles, counter.cycles - watch.cycles, until))
+            return self.pass_over(LoopTurn(blocks, counter.cycles, counter.cycles - watch.cycles, until))
         except BaseException as error:  # as above
             self._abort(error)
             return 0

@@ -35,7 +35,7 @@ class PricedBlock(ctypes.Structure):
     )  # fmt: skip
 
 
-class Watch(ctypes.Structure):
+class LoopWatch(ctypes.Structure):
     """``struct watch`` of block_hook.c."""
 
     _fields_ = (
@@ -83,7 +83,7 @@ class Counter(ctypes.Structure):
         ("attend", ATTEND),
         ("passed", PASSED),
         ("prove", PROVE),
-        ("watch", Watch),
+        ("watch", LoopWatch),
     )
 
 

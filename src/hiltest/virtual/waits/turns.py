@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.memory import PERIPHERALS
-from hiltest.virtual.turn import Counting, Turn
+from hiltest.virtual.turn import Counting, LoopTurn
 from hiltest.virtual.waits.intervals import MASK, Place, Value
 from hiltest.virtual.waits.operations import Operation, compiled
 from hiltest.virtual.waits.state import NotProvable, NotUniform, TurnState
@@ -65,9 +65,9 @@ class LoopProver:
     def __init__(self, processor: Processor, bus: Registers) -> None:
         self._processor = processor
         self._bus = bus
-        self._compiled: dict[tuple[tuple[int, bool], ...], tuple[Turn, list[tuple[int, Operation]] | None]] = {}
+        self._compiled: dict[tuple[tuple[int, bool], ...], tuple[LoopTurn, list[tuple[int, Operation]] | None]] = {}
 
-    def pass_over(self, turn: Turn) -> int:
+    def pass_over(self, turn: LoopTurn) -> int:
         """Return how many turns may be passed over; what they add to registers and RAM is added already.
 
         Negative where the turn does what cannot be followed.
@@ -88,7 +88,7 @@ class LoopProver:
             surroundings.write(place, surroundings.held(place) + step * passed & MASK)
         return passed
 
-    def _operations(self, turn: Turn) -> list[tuple[int, Operation]] | None:
+    def _operations(self, turn: LoopTurn) -> list[tuple[int, Operation]] | None:
         """Return what a turn does, with the cycle of each instruction in it; None where it cannot be followed."""
         key = tuple((id(block.instructions), jumped) for block, jumped in turn.blocks)
         if key not in self._compiled:
@@ -99,7 +99,7 @@ class LoopProver:
             self._compiled[key] = turn, operations  # with the turn, so that its blocks stay what they are
         return self._compiled[key][1]
 
-    def _compile(self, turn: Turn) -> list[tuple[int, Operation]]:
+    def _compile(self, turn: LoopTurn) -> list[tuple[int, Operation]]:
         operations: list[tuple[int, Operation]] = []
         cycle = 0
         nexts = [block.address for block, _ in (*turn.blocks[1:], turn.blocks[0])]
@@ -116,7 +116,7 @@ class LoopProver:
 class _Now:
     """What places hold, and registers answer, when the next turn begins."""
 
-    def __init__(self, processor: Processor, bus: Registers, turn: Turn) -> None:
+    def __init__(self, processor: Processor, bus: Registers, turn: LoopTurn) -> None:
         self._processor = processor
         self._bus = bus
         self._turn = turn
