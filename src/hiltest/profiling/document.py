@@ -15,7 +15,8 @@ from pydantic import TypeAdapter
 from hiltest.measurement import CycleRange
 from hiltest.virtual.buffers import Address, Structure
 from hiltest.virtual.call_clock import CALL_HZ
-from hiltest.virtual.memory import MK64FN1M0, MemoryMap
+from hiltest.virtual.chip import MemoryMap
+from hiltest.virtual.memory import MK64FN1M0
 from hiltest.virtual.procedure_call import Argument
 from hiltest.virtual.profiling import AddressCost, CallProfile, FunctionCost, LineCost, StackCost
 

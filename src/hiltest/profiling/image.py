@@ -9,8 +9,8 @@ from pathlib import Path
 from hiltest.errors import ConfigError
 from hiltest.virtual.call_clock import CALL_HZ, checked_clock
 from hiltest.virtual.calling import CallResult
+from hiltest.virtual.chip import MemoryMap
 from hiltest.virtual.k64f import HANG_S, VirtualK64F
-from hiltest.virtual.memory import MemoryMap
 from hiltest.virtual.procedure_call import Argument
 from hiltest.virtual.profile_file import DEFAULT_PROFILE, load_profile
 from hiltest.virtual.profiling import CallProfile, ProfilingAccounting, profile_call, with_memories

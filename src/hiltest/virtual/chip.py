@@ -1,4 +1,4 @@
-"""Peripherals and registers of the MK64F12 by name.
+"""The part as its tables have it: memories, peripherals, registers and pins of the MK64FN1M0.
 
 The tables in ``mk64f12/`` hold facts of the part (names, addresses, widths, values after
 reset, clock gates, interrupts, sources of DMA requests), as its reference manual lists them.
@@ -7,12 +7,40 @@ reset, clock gates, interrupts, sources of DMA requests), as its reference manua
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 
+from hiltest.errors import ConfigError
+
 _PAGE = 4096
+_PORTS, _PINS = "ABCDE", range(32)
+
+Region = tuple[int, int]
+"""First address and size."""
+
+
+@dataclass(frozen=True, slots=True)
+class MemoryMap:
+    """Memories of a part; as text, as ``--memory`` takes them.
+
+    Attributes
+    ----------
+    flash, ram : tuple of Region
+    """
+
+    flash: tuple[Region, ...]
+    ram: tuple[Region, ...]
+
+    def __str__(self) -> str:
+        kinds = (("flash", self.flash), ("ram", self.ram))
+        return ",".join(f"{kind}=0x{base:08x}:{size >> 10}K" for kind, regions in kinds for base, size in regions)
+
+    def in_flash(self, address: int) -> bool:
+        """Whether flash is at an address."""
+        return any(base <= address < base + size for base, size in self.flash)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +86,21 @@ class ChipPin:
     number: int
     function: int
     signal: str
+
+
+def pin_place(name: str) -> tuple[str, int]:
+    """Return the letter of the port and the number of a pin such as ``PTC5``.
+
+    Raises
+    ------
+    ConfigError
+        If the part has no such pin.
+    """
+    letter, number = name[2:3], name[3:]
+    if not (name.startswith("PT") and letter and letter in _PORTS and re.fullmatch("0|[1-9][0-9]?", number)
+            and int(number) in _PINS):  # fmt: skip
+        raise ConfigError(f"the MK64FN1M0 has no pin {name!r}; write PTA0 to PTE31")
+    return letter, int(number)
 
 
 class Chip:
@@ -109,7 +152,8 @@ class Chip:
         return dict(self._reset_bytes.get(base // _PAGE, {}))
 
 
-def _rows(name: str) -> Iterator[dict[str, str]]:
+def table(name: str) -> Iterator[dict[str, str]]:
+    """Yield the rows of one of the part's tables."""
     with (resources.files("hiltest.virtual") / "mk64f12" / name).open(encoding="ascii") as file:
         yield from csv.DictReader(file)
 
@@ -120,17 +164,27 @@ def _copies(row: dict[str, str]) -> list[str]:
     return [str(index) for index in range(int(copies))] if copies.isdigit() else copies.split() or [""]
 
 
+def memories() -> MemoryMap:
+    """Read which memories the part has."""
+    rows = list(table("memories.csv"))
+    flash, ram = (
+        tuple((int(row["base"], 0), int(row["size"], 0)) for row in rows if row["kind"] == kind)
+        for kind in ("flash", "ram")
+    )
+    return MemoryMap(flash, ram)
+
+
 @cache
 def mk64f12() -> Chip:
-    """Read the tables of the part."""
+    """Read the tables of the part's peripherals and pins."""
     kinds: dict[str, list[tuple[str, int, int, int]]] = {}
-    for row in _rows("registers.csv"):
+    for row in table("registers.csv"):
         for index, copy in enumerate(_copies(row)):
             offset = int(row["offset"], 0) + index * int(row["step"] or "0", 0)
             entry = row["name"].replace("#", copy), offset, int(row["bytes"]), int(row["reset"] or "0", 0)
             kinds.setdefault(row["kind"], []).append(entry)
     peripherals = []
-    for row in _rows("peripherals.csv"):
+    for row in table("peripherals.csv"):
         name, base = row["name"], int(row["base"], 0)
         gates = (gate.removeprefix("SCGC").split(".") for gate in row["gates"].split())
         registers = tuple(
@@ -140,7 +194,5 @@ def mk64f12() -> Chip:
         scgc = tuple((int(register), int(bit)) for register, bit in gates)
         interrupts, requests = (tuple(map(int, row[column].split())) for column in ("interrupts", "requests"))
         peripherals.append(ChipPeripheral(name, base, int(row["size"], 0), scgc, registers, interrupts, requests))
-    pins = (
-        ChipPin(row["pin"][2], int(row["pin"][3:]), int(row["function"]), row["signal"]) for row in _rows("pins.csv")
-    )
+    pins = (ChipPin(*pin_place(row["pin"]), int(row["function"]), row["signal"]) for row in table("pins.csv"))
     return Chip(tuple(peripherals), tuple(pins))

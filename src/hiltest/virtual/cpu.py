@@ -18,6 +18,7 @@ from unicorn import unicorn_py3
 from hiltest.errors import BoardFault, place_of
 from hiltest.virtual.accounting import Accounting, AccountingFactory
 from hiltest.virtual.blocks import CodeBlock
+from hiltest.virtual.chip import MemoryMap
 from hiltest.virtual.elf import FirmwareImage
 from hiltest.virtual.engine import TRANSLATED_CALLBACK, add_hook, cortex_m4, entrance
 from hiltest.virtual.exceptions import ExceptionUnit
@@ -25,7 +26,7 @@ from hiltest.virtual.executions import Snapshot
 from hiltest.virtual.faults import Fault, FaultKind, FaultLog, Lockup
 from hiltest.virtual.instructions import Instruction
 from hiltest.virtual.interrupt import deferred_interrupt
-from hiltest.virtual.memory import FLASH, MK64FN1M0, SRAM, BoardMemory, MemoryMap
+from hiltest.virtual.memory import FLASH, MK64FN1M0, SRAM, BoardMemory
 from hiltest.virtual.native import by_block
 from hiltest.virtual.nvic import SVCALL, EventRegister, Nvic
 from hiltest.virtual.registers import CoreRegisters
@@ -52,8 +53,6 @@ class Processor:
         Prices instructions.
     accounting : AccountingFactory
         What counts.
-    passes_waits : bool
-        Whether turns of loops that only wait may be passed over.
     memories : MemoryMap
 
     Attributes
@@ -68,7 +67,7 @@ class Processor:
 
     def __init__(
         self, image: FirmwareImage, profile: TimingProfile, *, accounting: AccountingFactory = by_block,
-        memories: MemoryMap = MK64FN1M0, passes_waits: bool = True,
+        memories: MemoryMap = MK64FN1M0,
     ) -> None:  # fmt: skip
         self.image = image
         self.profile = profile
@@ -91,7 +90,6 @@ class Processor:
         self._to_watch: CodeBlock | None = None
         self._chores: list[Callable[[], None]] = []
         self.accounting: Accounting = accounting(profile, self._read_code, self._attend, self._stop)
-        self.accounting.passes_waits &= passes_waits
         self.traps.supervisor_call = self._call_supervisor
         self.traps.take_event = self.event_register.take
         self.traps.jumped_from = lambda: self.accounting.jumped_from

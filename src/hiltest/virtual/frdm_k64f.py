@@ -6,10 +6,16 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from hiltest.errors import ConfigError
+from hiltest.virtual.chip import pin_place, table
 from hiltest.virtual.peripherals.pins import Port
 
-LEDS = {"LED red": ("B", 22), "LED green": ("E", 26), "LED blue": ("B", 21)}  # lit when the pin is low
-BUTTONS = {"SW2": ("C", 6), "SW3": ("A", 4)}  # to ground when pressed; the board pulls them up
+
+def _pins(kind: str) -> dict[str, tuple[str, int]]:
+    return {row["name"]: pin_place(row["pin"]) for row in table("frdm_k64f.csv") if row["kind"] == kind}
+
+
+LEDS = _pins("led")  # lit when the pin is low
+BUTTONS = _pins("button")  # to ground when pressed; the board pulls them up
 
 
 @dataclass(frozen=True, slots=True)

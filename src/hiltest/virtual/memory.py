@@ -8,47 +8,20 @@ from __future__ import annotations
 
 import ctypes
 import struct
-from dataclasses import dataclass
 from typing import Any
 
 from unicorn import UC_PROT_EXEC, UC_PROT_READ, UC_PROT_WRITE
 
+from hiltest.virtual.chip import MemoryMap, Region, memories
+
 _PAGE = 4096
 
-FLASH = (0x00000000, 0x100000)
-SRAM = (0x1FFF0000, 0x40000)  # SRAM_L 64 KiB, then SRAM_U 192 KiB from 0x20000000
+MK64FN1M0 = memories()
+(FLASH,), (SRAM,) = MK64FN1M0.flash, MK64FN1M0.ram  # SRAM_L ends, and SRAM_U begins, at 0x20000000
 PERIPHERALS = (0x40000000, 0x100000)
 PRIVATE_PERIPHERALS = (0xE0000000, 0x100000)
 #: Where memories may be, first and last address: neither bit-band alias nor devices nor the processor's own registers.
 PLAIN = ((0x00000000, 0x21FFFFFF), (0x24000000, 0x3FFFFFFF), (0x60000000, 0xDFFFFFFF))
-
-Region = tuple[int, int]
-"""First address and size."""
-
-
-@dataclass(frozen=True, slots=True)
-class MemoryMap:
-    """Memories of a part; as text, as ``--memory`` takes them.
-
-    Attributes
-    ----------
-    flash, ram : tuple of Region
-    """
-
-    flash: tuple[Region, ...]
-    ram: tuple[Region, ...]
-
-    def __str__(self) -> str:
-        kinds = (("flash", self.flash), ("ram", self.ram))
-        return ",".join(f"{kind}=0x{base:08x}:{size >> 10}K" for kind, regions in kinds for base, size in regions)
-
-    def in_flash(self, address: int) -> bool:
-        """Whether flash is at an address."""
-        return any(base <= address < base + size for base, size in self.flash)
-
-
-MK64FN1M0 = MemoryMap((FLASH,), (SRAM,))
-
 
 class SharedMemory:
     """A range of target addresses backed by a buffer of ours.

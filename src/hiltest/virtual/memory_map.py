@@ -7,9 +7,10 @@ import re
 from collections.abc import Iterable
 
 from hiltest.errors import ConfigError
+from hiltest.virtual.chip import MemoryMap, Region
 from hiltest.virtual.cpu import RETURN_ADDRESS
 from hiltest.virtual.elf import FirmwareImage
-from hiltest.virtual.memory import MK64FN1M0, PLAIN, MemoryMap, Region
+from hiltest.virtual.memory import MK64FN1M0, PLAIN
 
 _ITEM = re.compile(r"(flash|ram)=(0x[0-9a-f]{1,8}|\d{1,10}):(0x[0-9a-f]{1,8}|\d{1,10})([kKmM]?)", re.IGNORECASE)
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20}

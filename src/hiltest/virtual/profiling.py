@@ -17,12 +17,12 @@ from hiltest.virtual.accounting import BlockAccounting
 from hiltest.virtual.blocks import CodeBlock
 from hiltest.virtual.call_tree import CallNode, CallTree
 from hiltest.virtual.calling import CallResult
+from hiltest.virtual.chip import MemoryMap
 from hiltest.virtual.cost_classes import InstructionCost, Stall, Work, instruction_costs
 from hiltest.virtual.cycle_range import cycle_range, flash_range
 from hiltest.virtual.elf import FirmwareImage
 from hiltest.virtual.executions import between
 from hiltest.virtual.k64f import HANG_S, VirtualK64F
-from hiltest.virtual.memory import MemoryMap
 from hiltest.virtual.procedure_call import Argument
 from hiltest.virtual.timing import TimingProfile
 

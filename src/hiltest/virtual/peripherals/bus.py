@@ -137,16 +137,12 @@ class PeripheralBus:
     peripherals : iterable of Peripheral
         The blocks.
     register_name : callable
-<<<<<<< HEAD
         Names the register of the chip at an address; None where it has nothing. None: the memories are another part's.
-=======
-        Names the register of the chip at an address; None where it has nothing.
 
     Attributes
     ----------
     on_passed : callable
         Told the addresses that a turn of a loop read from blocks that count reads, and how many turns were passed over.
->>>>>>> 95f7cf1 (virtual: loops that only wait for a peripheral or a flag are passed over)
     """
 
     def __init__(

@@ -60,11 +60,9 @@ class ClockGates(StoredRegisters):
         generator.on_change = self._derive
         self._gated: list[tuple[Peripheral, list[tuple[int, int]]]] = []
         self.on_gates: Callable[[], None] = lambda: None
-        # SDID of an MK64FN1M0VLL12: family K6x, subfamily K64, 100 pins.
-        identification = {0x024: 0x08, 0x025: 0x03, 0x026: 0x00, 0x027: 0x64}
         # UIDH, UIDMH, UIDML, UIDL: words in that order, each with its lowest byte first.
         unique = {0x054 + (index ^ 3): byte for index, byte in enumerate(VIRTUAL_UNIQUE_ID)}
-        super().__init__("SIM", 0x40048000, mk64f12().reset_bytes(0x40048000) | identification | unique)
+        super().__init__("SIM", 0x40048000, mk64f12().reset_bytes(0x40048000) | unique)
 
     def _clocks(self, count: int) -> list[Clock]:
         return [Clock(self._processor.schedule, self._processor.now) for _ in range(count)]
