@@ -15,7 +15,7 @@ from hiltest.boards.bench import VirtualBench
 from hiltest.rig import Rig
 from hiltest.virtual.accounting import AccountingFactory
 from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.native.accounting import NativeBlockAccounting
+from hiltest.virtual.native import by_block, every_turn
 from hiltest.virtual.native.library import missing_because
 
 from .conftest import Report
@@ -94,12 +94,6 @@ def test_polling_a_sensor_and_printing(
     report("FXOS8700CQ polled over I2C and printed", ratio, "x real time", "at least 2.0")
 
 
-class Executing(NativeBlockAccounting):
-    """Counts in C, and passes over nothing."""
-
-    passes_waits = property(lambda _self: False, lambda _self, _value: None)  # type: ignore[assignment]
-
-
 @pytest.mark.benchmark(timer=time.process_time)
 @pytest.mark.parametrize("kernel", ["magnetometer_direct", "crc"])
 def test_what_it_costs_to_try(
@@ -111,10 +105,10 @@ def test_what_it_costs_to_try(
         source = tmp_path / "crc.c"
         source.write_text(CRC)
         elf = build(source)
-        boards = [VirtualK64F(elf, passes_waits=passes) for passes in (True, False)]
+        boards = [VirtualK64F(elf, accounting=accounting) for accounting in (by_block, every_turn)]
         tries, executes = (lambda board=board: board.run_until(board.time_s + 1.0) for board in boards)
     else:
-        ways: tuple[AccountingFactory, ...] = NativeBlockAccounting, Executing
+        ways: tuple[AccountingFactory, ...] = by_block, every_turn
         tries, executes = (KernelLoop(kernel, 200, way).run for way in ways)
     executed_s = []
 

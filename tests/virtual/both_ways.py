@@ -9,6 +9,7 @@ from pathlib import Path
 
 from hiltest.errors import BoardFault
 from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.native import by_block, every_turn
 
 from .test_peripherals import Part
 
@@ -47,7 +48,7 @@ def outcome(elf: Path, until_s: float, *, passes_waits: bool, sendings: Sequence
     The board has its FXOS8700CQ, or what answers at its address.
     """
     part = Part(0x1D)
-    board = VirtualK64F(elf, i2c0=[part], passes_waits=passes_waits)
+    board = VirtualK64F(elf, i2c0=[part], accounting=by_block if passes_waits else every_turn)
     sent: list[tuple[int, bytes]] = []
 
     def look() -> bool:

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from hiltest.errors import BoardFault, ConfigError
 from hiltest.virtual.elf import FirmwareImage
 from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.native import every_turn
 
 from .conftest import SHIPPED, Build
 
@@ -189,7 +190,7 @@ def test_a_handler_without_the_thumb_bit_is_a_fault(build: Build) -> None:
 
 def test_ctrl_c_stops_a_running_board_and_it_can_go_on(build: Build) -> None:
     # Every turn is executed: an hour that was passed over would be over before the signal comes.
-    board = VirtualK64F(build(HEAD + "1:  adds r7, #1\n    nop\n    b 1b" + TAIL), passes_waits=False)
+    board = VirtualK64F(build(HEAD + "1:  adds r7, #1\n    nop\n    b 1b" + TAIL), accounting=every_turn)
 
     def run_with_ctrl_c() -> None:
         threading.Timer(0.03, signal.raise_signal, [signal.SIGINT]).start()

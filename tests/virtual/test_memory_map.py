@@ -15,6 +15,7 @@ from hiltest.virtual.memory import MK64FN1M0
 from hiltest.virtual.memory_map import memory_map
 
 from .conftest import FLAGS, PROGRAMS
+from .test_peripherals import Part
 
 SOURCE = """
 #include <stdint.h>
@@ -28,6 +29,12 @@ int dot(const int16_t *a, int n) {
 }
 uint32_t port(uint32_t address) { return *(volatile uint32_t *)address; }
 void drive(uint32_t address) { *(volatile uint32_t *)address = 1; }
+uint32_t ticks(uint32_t count) {
+    volatile uint32_t *systick = (volatile uint32_t *)0xE000E010;
+    systick[1] = count - 1; systick[2] = 0; systick[0] = 5;
+    while (!(systick[0] >> 16 & 1)) { }
+    return systick[1];
+}
 int main(void) { return 0; }
 """
 SCRIPT = """
@@ -85,6 +92,43 @@ def test_a_peripheral_of_another_part_is_an_error_that_names_the_access(linked, 
             board.call("drive", address)
     assert board.call("port", 0xE000ED00).value == 0x410FC241  # the core's own: CPUID
     assert board.unmodelled == ()
+
+
+@pytest.mark.parametrize(
+    "asks",
+    [
+        lambda board: board.uart0.host_read(1), lambda board: board.uarts, lambda board: board.press("SW2"),
+        lambda board: board.level("PTC5"), lambda board: board.drive("PTC5", True), lambda board: board.events,
+        lambda board: board.time_s, lambda board: board.warm_by(lambda: 20.0), lambda board: board.adc_volts,
+        lambda board: board.seed,
+    ],
+)  # fmt: skip
+def test_nothing_of_the_k64f_is_around_the_processor_of_another_part(linked, asks):
+    board = VirtualK64F(linked(*PARTS["STM32F4"]))
+    with pytest.raises(ConfigError, match="the memories are another part's, and nothing is known of what is around"):
+        asks(board)
+
+
+def test_the_chip_tells_which_part_and_how_much_memory_it_is(linked):
+    board = VirtualK64F(linked(*PARTS["K64F"]))
+    identification = board.call("port", 0x40048024).value
+    assert (identification >> 28, identification >> 24 & 0xF, identification & 0xF) == (6, 4, 8)  # K6x, K64, 100 pins
+    assert str(board.memory) == "flash=0x00000000:1024K,ram=0x1fff0000:256K"
+    assert board.call("port", 0x2002FFFC).value == 0
+    with pytest.raises(BoardFault, match="read of unmapped address 0x20030000"):
+        board.call("port", 0x20030000)
+
+
+@pytest.mark.parametrize("given", [{"i2c0": [Part(0x1D)]}, {"i2c1": [Part(0x1D)]}, {"flash_file": "flash.bin"}])
+def test_what_only_the_k64f_has_is_refused_for_another_part(linked, given):
+    with pytest.raises(ConfigError, match="i2c0, i2c1 and flash_file are of the MK64FN1M0"):
+        VirtualK64F(linked(*PARTS["STM32F4"]), **given)
+
+
+def test_the_core_of_another_part_waits_for_its_systick_as_the_k64fs_does(linked):
+    home, away = (VirtualK64F(linked(*PARTS[part])).call("ticks", 100_000) for part in ("K64F", "STM32F4"))
+    assert away == home
+    assert 100_000 < home.cycles < 100_100
 
 
 def test_a_board_that_is_to_boot_takes_no_image_of_another_part(linked):

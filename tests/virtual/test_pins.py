@@ -5,10 +5,12 @@ from __future__ import annotations
 import pytest
 
 from hiltest.errors import ConfigError
+from hiltest.sensors import Fxos8700cq
 from hiltest.virtual.chip import mk64f12
 from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.nvic import FIRST_INTERRUPT, Nvic
 from hiltest.virtual.peripherals.pins import Gpio, Port
+from hiltest.world import EarthField, MagneticDistortion, World
 
 from .conftest import PROGRAMS, Build
 from .test_exceptions import word
@@ -140,3 +142,15 @@ def test_many_pins_are_configured_by_one_write(port: Port) -> None:
     port.write(GPCHR, 4, 0x0002 << 16 | GPIO | 3)
     configured = {pin: port.read(4 * pin, 4) for pin in range(32) if port.read(4 * pin, 4)}
     assert configured == {0: GPIO, 15: GPIO, 17: GPIO | 3}
+
+
+@pytest.mark.parametrize("name", ["PTF0", "PTC32", "PTC", "PT", "", "C5", "PTC05", "PTC\u0665", "ptc5", "PTCB5"])
+def test_a_pin_that_is_none_is_refused_wherever_it_is_named(build: Build, name: str) -> None:
+    part = Fxos8700cq(World(EarthField(48.5, 62.0)), MagneticDistortion(), seed=1)
+    board = VirtualK64F(build(PROGRAMS / "pins.c"), i2c0=[part])
+    for ask in (
+        lambda: board.level(name), lambda: board.drive(name, True),
+        lambda: board.lead_interrupts(0, part, int1=None, int2=name),
+    ):
+        with pytest.raises(ConfigError, match=r"the MK64FN1M0 has no pin .*; write PTA0 to PTE31"):
+            ask()

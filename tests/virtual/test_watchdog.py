@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.native import by_block, every_turn
 
 from .conftest import Build
 from .test_exceptions import word
@@ -128,8 +129,8 @@ def test_waiting_for_its_count_is_passed_over_exactly(build_c: Build, count: int
         f"while (((unsigned)HALF(0x40052010) << 16 | HALF(0x40052012)) < {count}u) {{}} sources = 1;"
     )
     ends = []
-    for passes_waits in (True, False):
-        board = VirtualK64F(build_c(program(f"(void)refresh; {body}")), passes_waits=passes_waits)
+    for accounting in (by_block, every_turn):
+        board = VirtualK64F(build_c(program(f"(void)refresh; {body}")), accounting=accounting)
         board.run_until(0.006)
         ends.append((board.cycles, board.instructions, board.processor.registers.general.read()))
         assert word(board, "sources") == 1

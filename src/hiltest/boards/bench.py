@@ -103,8 +103,9 @@ class VirtualBench:
         # What the firmware that ships touches is modelled: anything else is a mistake, and found at once.
         self.machine = VirtualK64F(
             load_image(self.firmware, base=base), i2c0=sensors["i2c0"], i2c1=sensors["i2c1"], profile=_timing_of(rig),
-            strict=self.firmware == default_firmware(), memory=MK64FN1M0, seed=self.seed, flash_file=flash_file,
+            strict=self.firmware == default_firmware(), memory=MK64FN1M0, flash_file=flash_file,
         )  # fmt: skip
+        self.machine.seed = self.seed
         self.machine.warm_by(lambda: self.temperature_degc)
         self._parts = {(bus, part.address): part for bus in (0, 1) for part in sensors[f"i2c{bus}"]}
         for described in (PARTS[name] for name in rig.world.fitted):

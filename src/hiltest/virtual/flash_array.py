@@ -9,7 +9,7 @@ from hiltest.errors import ConfigError
 from hiltest.strict_json import read_bounded
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.elf import LoadSegment
-from hiltest.virtual.memory import FLASH, MK64FN1M0
+from hiltest.virtual.memory import FLASH
 
 SECTOR, BLOCK, SIZE = 0x1000, 0x80000, FLASH[1]
 PHRASE, RECORDS = 8, 8
@@ -39,8 +39,8 @@ class FlashArray:
         self._file = None if file is None else Path(file)
 
     def read(self, address: int, size: int) -> bytes:
-        """Read a part of it; of the memories of another part, where this controller is on no bus, as erased."""
-        return self._memory.read(address, size) if self._memory.map == MK64FN1M0 else ERASED * size
+        """Read a part of it."""
+        return self._memory.read(address, size)
 
     def is_erased(self, address: int, size: int) -> bool:
         """Whether every bit of a part is one."""

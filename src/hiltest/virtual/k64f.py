@@ -4,32 +4,31 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction
 from pathlib import Path
 
 from hiltest.errors import BoardFault, ConfigError, place_of
 from hiltest.virtual.accounting import AccountingFactory
+from hiltest.virtual.bare_part import BarePart
+from hiltest.virtual.board_parts import BoardParts
 from hiltest.virtual.call_clock import CALL_HZ, checked_clock
 from hiltest.virtual.call_watch import CallWatch
 from hiltest.virtual.calling import CallResult, call_function
+from hiltest.virtual.chip import MemoryMap
 from hiltest.virtual.clock import PICOSECONDS
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.elf import FirmwareImage, load_image
 from hiltest.virtual.faults import FaultRecord
-from hiltest.virtual.frdm_k64f import LedsAndButtons
 from hiltest.virtual.i2c_bus import I2cDevice
 from hiltest.virtual.instructions import decode
-from hiltest.virtual.interrupt_wires import InterruptSource, InterruptWires
 from hiltest.virtual.loading import load_running, load_segments, vectors
-from hiltest.virtual.memory import MK64FN1M0, MemoryMap
+from hiltest.virtual.memory import MK64FN1M0
 from hiltest.virtual.memory_map import memory_map
 from hiltest.virtual.memory_waits import MemoryAccounting
 from hiltest.virtual.microcontroller import Microcontroller
 from hiltest.virtual.native import by_block
-from hiltest.virtual.peripherals.pins import Port
 from hiltest.virtual.peripherals.reset_control import ResetRequested, ResetSource
-from hiltest.virtual.peripherals.unmodelled import UnmodelledAccess
 from hiltest.virtual.procedure_call import Argument
 from hiltest.virtual.profile_file import DEFAULT_PROFILE, load_profile
 from hiltest.virtual.schedule import Event
@@ -44,7 +43,7 @@ def _accounting_for(profile: TimingProfile) -> AccountingFactory:
     return MemoryAccounting if profile.memory else by_block
 
 
-class VirtualK64F:
+class VirtualK64F(BoardParts):
     """A board that runs an ELF, instruction by instruction, with a cycle count.
 
     Virtual time follows the clocks that the firmware sets up: out of reset the core
@@ -61,42 +60,30 @@ class VirtualK64F:
         Name of a profile, or of a user's own file (``.toml``), see `hiltest.virtual.profile_file`.
     accounting : AccountingFactory, optional
         What counts; by default by block, in C where that is there, and with a profile that has memory rows by
-        instruction, with them. `InstructionAccounting` is slow, and the reference.
-    passes_waits : bool
-        Whether loops that only wait are passed over by whole turns, up to the next event, where counting is in C.
-        Nothing but the time that the host needs depends on it.
+        instruction, with them. `InstructionAccounting` is slow, and the reference. `every_turn` passes over no turn
+        of a loop that only waits, as the default does where it counts in C; nothing but the host's time depends on it.
     strict : bool
         Whether a peripheral that the chip has and this board does not model is a bus error. Otherwise its
         registers keep what is written, and `unmodelled` lists what was touched.
     memory : str or MemoryMap, optional
         Memories of another part, see `memory_map`, by default those that the image needs. With them functions are
         called, no firmware starts, and of the peripherals there are the processor's own alone.
-    seed : int
-        Of the numbers that the chip's random number generator makes.
     flash_file : str or Path, optional
         Holds the flash from run to run. At power-on it gives back the sectors that the image has nothing in.
 
     Attributes
     ----------
-    uarts : tuple of Uart
-        UART0 to UART5, each with the far end of its wire: `host_write`, `host_read`, `line_baud`. `uart0` is the first.
-    events : list of BoardEvent
-        What the LEDs and buttons did since power-on.
     run_processor : callable
         Runs the processor, as `Processor.run`: a debugger puts itself here.
     debugged : bool
         Whether one is connected.
     halted_s : float
         For how long it has been halted so far [s of wall time].
-    bus : PeripheralBus
-    adc_volts : dict of (int, int) to float
-        Voltages of the converters' inputs by converter and channel, such as ``adc_volts[0, 12] = 1.2``; of a
-        differential channel between its pins. Others have 0 V.
 
     Raises
     ------
     ConfigError
-        If the ELF is not for this processor or does not fit its memories.
+        If the ELF is not for this processor or does not fit its memories, or what is given is not of such a part.
     """
 
     def __init__(
@@ -107,10 +94,8 @@ class VirtualK64F:
         i2c1: Sequence[I2cDevice] = (),
         profile: str | TimingProfile = DEFAULT_PROFILE,
         accounting: AccountingFactory | None = None,
-        passes_waits: bool = True,
         strict: bool = False,
         memory: str | MemoryMap | None = None,
-        seed: int = 0,
         flash_file: str | Path | None = None,
     ) -> None:
         source = Path(elf) if isinstance(elf, str) else elf
@@ -121,18 +106,13 @@ class VirtualK64F:
             raise ConfigError(f"{priced.name} counts the K64F's memories, not {self.memory}; take {DEFAULT_PROFILE}")
         self.processor = Processor(
             self.image, priced, accounting=accounting or _accounting_for(priced), memories=self.memory,
-            passes_waits=passes_waits,
         )
-        self._chip = chip = Microcontroller(
-            self.processor, (i2c0, i2c1), strict=strict, seed=seed, flash_file=flash_file
-        )
-        self.clocks, self.uarts, self.timers = chip.clocks, chip.uarts, chip.timers
-        self.uart0 = chip.uart0
-        self.watchdog, self.cycle_counter = chip.watchdog, chip.cycle_counter
-        self.adc_volts = chip.adc_volts
-        self._leds_and_buttons = LedsAndButtons(chip.ports, self.clocks.time_s)
-        self.bus = chip.bus
-        self.events = self._leds_and_buttons.events
+        if self._is_foreign and (i2c0 or i2c1 or flash_file):
+            raise ConfigError(f"{self.image.name} is on {self.memory}: i2c0, i2c1 and flash_file are of the MK64FN1M0")
+        super().__init__(
+            BarePart(self.processor) if self._is_foreign
+            else Microcontroller(self.processor, (i2c0, i2c1), strict=strict, flash_file=flash_file)
+        )  # fmt: skip
         self.run_processor = self.processor.run
         self.debugged, self.halted_s = False, 0.0
         self._booted = False
@@ -150,34 +130,6 @@ class VirtualK64F:
     @may_rest.setter
     def may_rest(self, may: bool) -> None:
         self.processor.waiting.may_rest = may
-
-    def tell(self, told: Callable[[str], None]) -> None:
-        """Say who is told, in a line, of a register that firmware waits for and that is not modelled.
-
-        Otherwise that is an `UnmodelledWarning`.
-        """
-        self._chip.unmodelled.told = told
-
-    def lead_interrupts(self, bus: int, part: InterruptSource, *, int1: str | None, int2: str | None) -> None:
-        """Connect the interrupt pins of a part.
-
-        Parameters
-        ----------
-        bus : int
-            Which I2C bus the part is on: 0 or 1.
-        part : InterruptSource
-            One of the parts given for that bus.
-        int1, int2 : str or None
-            Pins of the processor, such as ``PTB9``; None leaves one open.
-        """
-        pins = self._chip.wire_to(int1), self._chip.wire_to(int2)
-        wires = InterruptWires(part, pins, self.clocks.time)
-        self._chip.i2c_buses[bus].after_stop(part, wires.look)
-        wires.look()
-
-    def warm_by(self, temperature_degc: Callable[[], float]) -> None:
-        """Say what answers the chip's temperature, which is 25 degC otherwise."""
-        self._chip.temperature_degc = temperature_degc
 
     # -- reset --------------------------------------------------------------------------------
 
@@ -238,47 +190,6 @@ class VirtualK64F:
         """Faults that the firmware's handlers got since power-on: the first thousand."""
         return tuple(self.processor.fault_log.records)
 
-    @property
-    def unmodelled(self) -> Sequence[UnmodelledAccess]:
-        """First access to each register that keeps what is written and does nothing; `str` of one is a sentence."""
-        return self._chip.unmodelled.accesses
-
-    @contextlib.contextmanager
-    def unnoticed(self) -> Iterator[None]:
-        """Leave accesses out of `unmodelled` that are not the firmware's, for the time of the context."""
-        self._chip.unmodelled.listens = False
-        try:
-            yield
-        finally:
-            self._chip.unmodelled.listens = True
-
-    def press(self, button: str) -> None:
-        """Press ``SW2`` or ``SW3``, and keep it pressed."""
-        self._leds_and_buttons.push(button, True)
-
-    def release(self, button: str) -> None:
-        """Release a button."""
-        self._leds_and_buttons.push(button, False)
-
-    def is_on(self, what: str) -> bool:
-        """Whether an LED (``LED red``, ``LED green``, ``LED blue``) is lit, or a button is pressed."""
-        return self._leds_and_buttons.is_on(what)
-
-    def drive(self, pin: str, high: bool) -> None:
-        """Give a pin such as ``PTC5`` a level from outside."""
-        self._pin(pin)[0].drive(self._pin(pin)[1], high)
-
-    def level(self, pin: str) -> bool:
-        """Level of a pin such as ``PTC5``, whoever gives it; low while it is analog."""
-        port, number = self._pin(pin)
-        return bool(port.levels >> number & 1)
-
-    def _pin(self, name: str) -> tuple[Port, int]:
-        port = self._chip.ports.get(name[2:3])
-        if port is None or not (name.startswith("PT") and name[3:].isdecimal() and int(name[3:]) < 32):
-            raise ConfigError(f"the MK64FN1M0 has no pin {name!r}; write PTA0 to PTE31")
-        return port, int(name[3:])
-
     def position(self) -> str:
         """Say where the firmware is: sleeping, or executing which line, and in which fault's handler."""
         fault = self.processor.fault_log.first_cause
@@ -291,11 +202,11 @@ class VirtualK64F:
         function = self.image.function_at(pc)
         place = f"{function.name if function else hex(pc)} ({self.image.location_at(pc) or 'no line known'})"
         if self.processor.sleeping:
-            return f"asleep{self._chip.modes.describe()} in {place}"
+            return f"asleep{self._part.describe_sleep()} in {place}"
         if self._loops_at(pc & ~1):
             rests = self.may_rest and self.processor.waiting.in_thread
             return f"{'at rest' if rests else 'hung'}, looping to itself in {place}"
-        bitten = f", reset {self._chip.bites} times by its watchdog" if self._chip.bites else ""
+        bitten = f", reset {self._part.bites} times by its watchdog" if self._part.bites else ""
         return f"executing {place}{self.processor.waits_for()}{bitten}"
 
     def _loops_at(self, address: int) -> bool:

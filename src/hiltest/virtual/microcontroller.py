@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from hiltest.virtual.chip import ChipPeripheral, mk64f12
+from hiltest.virtual.bare_part import connected, private_peripherals
+from hiltest.virtual.chip import ChipPeripheral, mk64f12, pin_place
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.flash_array import FlashArray
 from hiltest.virtual.flash_waits import FlashController
 from hiltest.virtual.i2c_bus import I2cBus, I2cDevice
-from hiltest.virtual.memory import MK64FN1M0, SRAM
+from hiltest.virtual.memory import SRAM
 from hiltest.virtual.memory_waits import MemoryAccounting
-from hiltest.virtual.peripherals.bus import Peripheral, PeripheralBus, StoredRegisters
+from hiltest.virtual.peripherals.bus import Peripheral, StoredRegisters
 from hiltest.virtual.peripherals.clock_generator import ClockGenerator
 from hiltest.virtual.peripherals.clocks import ClockGates
 from hiltest.virtual.peripherals.converter import Converter
 from hiltest.virtual.peripherals.crc import CheckValue
-from hiltest.virtual.peripherals.cycle_counter import CycleCounter
 from hiltest.virtual.peripherals.dma import DmaController
 from hiltest.virtual.peripherals.dma_multiplexer import DmaMultiplexer
 from hiltest.virtual.peripherals.flash_control import FlashControl
@@ -31,12 +31,10 @@ from hiltest.virtual.peripherals.power_modes import PowerManagement, SystemModes
 from hiltest.virtual.peripherals.random_number import RandomNumbers
 from hiltest.virtual.peripherals.real_time_clock import BatteryRegisters, RealTimeClock
 from hiltest.virtual.peripherals.reset_control import ResetControl, ResetRequested, ResetSource
-from hiltest.virtual.peripherals.system_control import SystemControlSpace
 from hiltest.virtual.peripherals.uart import Uart
 from hiltest.virtual.peripherals.unmodelled import UnmodelledLog, UnmodelledPage
 from hiltest.virtual.peripherals.watchdog import Watchdog
 from hiltest.virtual.pin_signals import PinSignal, PulseCounter
-from hiltest.virtual.waits.turns import LoopProver
 
 # Firmware sets these up without an effect that it could see: their registers keep what is written, unreported.
 _STORED = ("SYSMPU",)
@@ -56,8 +54,6 @@ class Microcontroller:
         Parts on I2C0 and I2C1.
     strict : bool
         Whether a peripheral that is not modelled is a bus error.
-    seed : int
-        Of random numbers.
     flash_file : str or Path, optional
         Holds the flash from run to run.
 
@@ -69,6 +65,7 @@ class Microcontroller:
     uart0 : Uart
     timers : PeriodicTimers
     watchdog : Watchdog
+    random_numbers : RandomNumbers
     cycle_counter : CycleCounter
     flash : FlashArray
     i2c_buses : tuple of I2cBus
@@ -85,11 +82,10 @@ class Microcontroller:
     """
 
     def __init__(
-        self, processor: Processor, i2c: Sequence[Sequence[I2cDevice]], *, strict: bool = False, seed: int = 0,
+        self, processor: Processor, i2c: Sequence[Sequence[I2cDevice]], *, strict: bool = False,
         flash_file: str | Path | None = None,
     ) -> None:  # fmt: skip
         self._processor = processor
-        self._seed = seed
         self.flash = FlashArray(processor, flash_file)
         self._chip = mk64f12()
         self._modules = {module.name: module for module in self._chip.peripherals}
@@ -99,38 +95,27 @@ class Microcontroller:
         processor.waits_for = lambda: self.unmodelled.polled
         generator = ClockGenerator()
         self.clocks = ClockGates(processor, generator)
-        core = self._core_modules()
-        self._peripherals: list[Peripheral] = [generator, self.clocks, *core, *self._chip_modules()]
+        self.cycle_counter, control = private_peripherals(processor, self.clocks.core)
+        self._peripherals: list[Peripheral] = [generator, self.clocks, self.cycle_counter, control]
+        self._peripherals += self._chip_modules()
         self._peripherals += [*self._slow_modules(), *self._flex_timers(), *self._converters()]
         self._peripherals += [StoredRegisters(name, self._base(name), self._initial(name)) for name in _STORED]
         self._peripherals.append(self.clocks.options)
         self._lead_pins(self.low_power_timer.signals)
-        is_foreign = processor.memory.map != MK64FN1M0
-        if is_foreign:  # what is around the processor is of another part, and nothing here is
-            self._peripherals = core
-        elif not strict:
+        if not strict:
             self._store_the_rest()
         for peripheral in self._peripherals:
             gates = {gate for entry in self._chip.pages.get(peripheral.base >> 12, ()) for gate in entry.gates}
             self.clocks.gate(peripheral, gates)
-        self.bus = self._dma.bus = PeripheralBus(
-            processor, self._peripherals, None if is_foreign else self._chip.register_name
-        )
+        self.bus = self._dma.bus = connected(processor, self._peripherals, self._chip.register_name)
         self.clocks.on_gates = self.bus.look_again
         self.bus.on_passed = self.unmodelled.passed
-        processor.accounting.pass_over = LoopProver(processor, self.bus).pass_over
 
     def _base(self, name: str) -> int:
         return self._modules[name].base
 
     def _initial(self, name: str) -> dict[int, int]:
         return self._chip.reset_bytes(self._base(name))
-
-    def _core_modules(self) -> list[Peripheral]:
-        """Make the processor's private peripherals."""
-        self.cycle_counter = CycleCounter(self._processor)
-        control = SystemControlSpace(self._processor, self.clocks.core, self.cycle_counter, self._request_reset)
-        return [self.cycle_counter, control]
 
     def _chip_modules(self) -> list[Peripheral]:
         """Make the peripherals that the part has around the processor."""
@@ -141,6 +126,7 @@ class Microcontroller:
         self.watchdog = Watchdog(clocks, bite=self._bitten)
         self.reset_control = ResetControl()
         self.ports = {letter: self._port(modules[f"PORT{letter}"]) for letter in "ABCDE"}
+        self.random_numbers = RandomNumbers(processor, clocks.bus, modules["RNG"])
         masters = [
             I2c(processor, clocks, bus, modules[f"I2C{number}"]) for number, bus in enumerate(self.i2c_buses)
         ]
@@ -153,7 +139,7 @@ class Microcontroller:
         return [
             *self.uarts, self.timers, self.watchdog, self.reset_control, *self.ports.values(),
             Gpio(list(self.ports.values())), *masters, FlashControl(self._flash_controller()),
-            CheckValue(modules["CRC"]), RandomNumbers(processor, clocks.bus, modules["RNG"], self._seed),
+            CheckValue(modules["CRC"]), self.random_numbers,
             FlashMemory(processor, clocks.time, modules["FTFE"], self.flash, self.unmodelled),
             multiplexer, self._dma, self._dma.descriptors,
         ]  # fmt: skip
@@ -251,9 +237,6 @@ class Microcontroller:
         self.reset_control.reset_by(source)
         self.watchdog.start()
 
-    def _request_reset(self) -> None:
-        self._processor.abort(ResetRequested(ResetSource.SOFTWARE))
-
     def _bitten(self) -> None:
         self.bites += 1
         raise ResetRequested(ResetSource.WATCHDOG)  # the emulator stands still: nothing to abort
@@ -270,9 +253,24 @@ class Microcontroller:
 
     # -- what is outside the chip -------------------------------------------------------------
 
+    def pin(self, name: str) -> tuple[Port, int]:
+        """Return the port of a pin such as ``PTB9``, and its number there.
+
+        Raises
+        ------
+        ConfigError
+            If the part has no such pin.
+        """
+        letter, number = pin_place(name)
+        return self.ports[letter], number
+
     def wire_to(self, pin: str | None) -> Callable[[bool], None] | None:
         """Return what sets the level of a pin such as ``PTB9`` from outside; None for no pin."""
         if pin is None:
             return None
-        port, number = self.ports[pin[2]], int(pin[3:])
+        port, number = self.pin(pin)
         return lambda high: port.drive(number, high)
+
+    def describe_sleep(self) -> str:
+        """Say in which mode the processor sleeps."""
+        return self.modes.describe()

@@ -52,6 +52,15 @@ def by_block(
     return kind(profile, read_code, attend, stop)
 
 
+def every_turn(
+    profile: TimingProfile, read_code: ReadCode, attend: Callable[[CodeBlock], bool], stop: Callable[[], None]
+) -> Accounting:
+    """Return the accounting by block that passes over no turn of a loop."""
+    accounting = by_block(profile, read_code, attend, stop)
+    accounting.passes_waits = False
+    return accounting
+
+
 @cache
 def declared_registers(steady: Offsets, counters: Offsets, *, counted: bool) -> ctypes.Array[ctypes.c_uint8]:
     """Return what is declared of each byte of a page, as the hook in C wants it: kept for good, as are its users.

@@ -31,18 +31,21 @@ class RandomNumbers:
         The module clock.
     module : ChipPeripheral
         Its address and interrupt.
+
+    Attributes
+    ----------
     seed : int
-        The run's.
+        The run's; 0 until it is set.
     """
 
-    def __init__(self, processor: Processor, clock: Clock, module: ChipPeripheral, seed: int) -> None:
+    def __init__(self, processor: Processor, clock: Clock, module: ChipPeripheral) -> None:
         self.name = module.name
         self.base = module.base
         self.clocked = True
         self._nvic = processor.nvic
         self._clock = clock
         (self._interrupt,) = module.interrupts
-        self._seed = seed
+        self.seed = 0
         self._words = 0
         self._entropy = b""
         self._making: Event | None = None
@@ -65,7 +68,7 @@ class RandomNumbers:
 
     def _make(self) -> None:
         self._making = None
-        text = f"{self._seed} {self._words} ".encode() + self._entropy
+        text = f"{self.seed} {self._words} ".encode() + self._entropy
         self._ready = int.from_bytes(hashlib.sha256(text).digest()[:4], "little")
         self._words += 1
 
