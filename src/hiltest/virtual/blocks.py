@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 from hiltest.errors import BoardFault
-from hiltest.virtual.instructions import Alignment, Instruction, conditions_left, decode, required_alignment
+from hiltest.virtual.alignment import Alignment, required_alignment
+from hiltest.virtual.instructions import Instruction, conditions_left, decode
 from hiltest.virtual.timing import PipelineState, TimingProfile
 
 ReadCode = Callable[[int, int], bytes]  # raises BoardFault where there is no memory

@@ -8,8 +8,9 @@ from typing import NamedTuple, Protocol
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.memory import PERIPHERALS
 from hiltest.virtual.turn import Counting, LoopTurn
+from hiltest.virtual.waits.decoded import Operation
 from hiltest.virtual.waits.intervals import MASK, Place, Value
-from hiltest.virtual.waits.operations import Operation, compiled
+from hiltest.virtual.waits.operations import compiled
 from hiltest.virtual.waits.state import NotProvable, NotUniform, TurnState
 
 _FEWEST = 4  # turns that are worth the proof
