@@ -19,12 +19,19 @@
 #define TCTRL 0x8u
 #define TFLG 0xCu
 #define UNMODELLED WORD(0x4003B008u) /* ADC0 */
+#define RNG(offset) WORD(0x40029000u + (offset)) /* CR, SR, ER, OR */
+#define CRC(offset) WORD(0x40032000u + (offset)) /* DATA, GPOLY, CTRL */
+#define DMA_INT WORD(0x40008024u)
+#define DMA_CINT BYTE(0x4000801Fu)
+#define TCD(offset) WORD(0x40009000u + (offset))
+#define TCD_CSR (*(volatile uint16_t *)0x4000901Cu)
 
 enum { TDRE = 0x80, TC = 0x40, RDRF = 0x20, IDLE = 0x10, SW2 = 1u << 6 };
 
 volatile uint32_t ticks, expiries, flag, words[4];
 volatile float sum;
 uint32_t results[64], done;
+volatile uint32_t source[256], moved[256];
 
 void SysTick_Handler(void)
 {
@@ -50,7 +57,7 @@ static void prepare(void)
     __asm volatile("dsb\n isb" ::: "memory");
     WORD(0x40048034u) |= 1u << 10;               /* UART0 */
     WORD(0x40048038u) |= 1u << 11;               /* PORTC */
-    WORD(0x4004803Cu) |= 1u << 23 | 1u << 27;    /* PIT, ADC0 */
+    WORD(0x4004803Cu) |= 1u << 1 | 1u << 9 | 1u << 18 | 1u << 23 | 1u << 27; /* DMAMUX, RNG, CRC, PIT, ADC0 */
     WORD(0x4004B018u) = 1u << 8 | 3u;            /* PTC6, pulled up */
     BYTE(0x4006A001u) = 10u;
     BYTE(0x4006A010u) = 0x08u;
@@ -362,12 +369,146 @@ static void wait_timer(void)
     keep(PIT(1, CVAL));
 }
 
+/* Every reading takes a byte, and each comes back with the same. */
+static void drain(void)
+{
+    uint32_t state;
+    while (RCFIFO < 7u && ticks < 7u) {
+    }
+    SFIFO = 1u;
+    __asm volatile(
+        "1: ldrb %0, [%1, #7]\n ldrb %0, [%1, #0x12]\n tst %0, #1\n beq 1b\n"
+        : "=&r"(state) : "r"(0x4006A000u) : "cc", "memory");
+    keep(CYCCNT + state);
+}
+
+/* What was read of the counter is gone when a turn is over. */
+static void forget_counter(void)
+{
+    uint32_t value;
+    __asm volatile(
+        "1: ldr %0, [%1, #8]\n cmp %0, #1000\n mov.w %0, #0\n bhi 1b\n"
+        : "=&r"(value) : "r"(0xE000E010u) : "cc");
+    keep(CYCCNT);
+    while (SYST_CVR <= 1000u) {
+    }
+}
+
+static void start_move(uint32_t control)
+{
+    source[255] = done + 1u;
+    moved[255] = 0u;
+    TCD(0x00) = (uint32_t)source;
+    TCD(0x04) = 0x02020004u; /* words, the next one each */
+    TCD(0x08) = sizeof source;
+    TCD(0x10) = (uint32_t)moved;
+    TCD(0x14) = 0x00010004u;
+    TCD(0x1C) = 0x00010000u | control;
+}
+
+static void wait_dma(void)
+{
+    start_move(1u);
+    while (!(TCD_CSR & 0x80u)) {
+    }
+    keep(CYCCNT);
+    start_move(3u);
+    while (!(DMA_INT & 1u)) {
+    }
+    DMA_CINT = 0u;
+    keep(CYCCNT);
+}
+
+static void wait_for_what_dma_moves(void)
+{
+    start_move(1u);
+    while (!moved[255]) {
+    }
+    keep(CYCCNT + moved[255]);
+}
+
+/* The DMA sends: a byte a request of the UART. */
+static void wait_dma_sending(void)
+{
+    TCD(0x00) = (uint32_t)"nine char";
+    TCD(0x04) = 1u; /* bytes */
+    TCD(0x08) = 1u;
+    TCD(0x0C) = 0u;
+    TCD(0x10) = 0x4006A007u;
+    TCD(0x14) = 9u << 16;
+    TCD(0x1C) = 9u << 16 | 0xAu; /* DREQ, INTMAJOR */
+    BYTE(0x40021000u) = 0x80u | 3u;
+    BYTE(0x4006A00Bu) = 0x80u;
+    BYTE(0x4006A003u) = 0x8Cu;
+    BYTE(0x4000801Bu) = 0u; /* SERQ */
+    while (!(DMA_INT & 1u)) {
+    }
+    DMA_CINT = 0u;
+    BYTE(0x4006A003u) = 0x0Cu;
+    keep(CYCCNT);
+    while (!(S1 & TC)) {
+    }
+}
+
+static void wait_random(void)
+{
+    RNG(0x0) = 1u;
+    for (uint32_t words_taken = 0; words_taken < 3; words_taken++) {
+        while (!(RNG(0x4) >> 8 & 0xFFu)) {
+        }
+        keep(CYCCNT ^ RNG(0xC));
+    }
+}
+
+/* Each reading of an empty OR is an error, which the first reading of SR forgets. */
+static void take_random(void)
+{
+    uint32_t word, turns = 0;
+    RNG(0x0) = 1u;
+    do {
+        word = RNG(0xC);
+    } while (!word);
+    keep(word + RNG(0x4));
+    (void)RNG(0xC);
+    while (!(RNG(0x4) & 4u) && turns < 9u) {
+        turns++;
+    }
+    keep(turns + CYCCNT);
+    while (RNG(0xC) == 0u || RNG(0x4) & 4u) {
+    }
+    keep(CYCCNT + RNG(0x4));
+    RNG(0x0) = 1u << 3;
+}
+
+static void poll_crc(void)
+{
+    uint32_t began = ticks;
+    CRC(0x8) = 0u;
+    CRC(0x0) = began + 1u;
+    while ((CRC(0x0) & 0xFFFFu) && ticks == began) {
+    }
+    keep(CRC(0x0) + CYCCNT);
+}
+
 static void wait_unmodelled(void)
 {
     uint32_t began = ticks;
     while (!(UNMODELLED & 1u) && ticks - began < 2u) {
     }
     keep(ticks);
+}
+
+/* What changes from turn to turn is the carry alone. */
+static void toggle_carry(void)
+{
+    uint32_t status, carry;
+    D = 'k';
+    __asm volatile(
+        "1: ldrb %0, [%2]\n and %0, %0, #0x40\n ite cs\n cmpcs %3, %4\n cmpcc %4, %3\n"
+        "cbnz %0, 2f\n b 1b\n"
+        "2: ite cs\n movcs %1, #1\n movcc %1, #0\n"
+        : "=&l"(status), "=&r"(carry) : "r"(0x4006A004u), "l"(1u), "l"(2u) : "cc");
+    keep(carry + ticks);
 }
 
 static void toggling(void)

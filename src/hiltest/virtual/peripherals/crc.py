@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from hiltest.virtual.chip import ChipPeripheral
+from hiltest.virtual.peripherals.bus import ALL_STEADY
 
 _DATA, _GPOLY, _CTRL = 0x0, 0x4, 0x8
 _TOT, _TOTR = 30, 28  # two bits each: bit 1 turns the bytes round in some way, see `_transposed`
@@ -30,6 +31,8 @@ class CheckValue:
     module : ChipPeripheral
         Its address.
     """
+
+    steady = ALL_STEADY  # only a write changes anything
 
     def __init__(self, module: ChipPeripheral) -> None:
         self.name = module.name

@@ -8,7 +8,7 @@ from hiltest.virtual.chip import ChipPeripheral
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.dma_descriptor import SIZE, Control, Descriptor, DescriptorError
 from hiltest.virtual.memory import PERIPHERALS
-from hiltest.virtual.peripherals.bus import PeripheralBus, read_by_bytes, write_by_bytes
+from hiltest.virtual.peripherals.bus import ALL_STEADY, PeripheralBus, read_by_bytes, write_by_bytes
 from hiltest.virtual.peripherals.dma_descriptors import DescriptorRegisters
 from hiltest.virtual.peripherals.dma_multiplexer import CHANNELS, DmaMultiplexer
 from hiltest.virtual.schedule import Event
@@ -64,6 +64,8 @@ class DmaController:
     bus : PeripheralBus or None
         Where the peripherals are.
     """
+
+    steady = ALL_STEADY  # what it moves and reports, and who requests it, changes at events
 
     def __init__(self, processor: Processor, module: ChipPeripheral, multiplexer: DmaMultiplexer) -> None:
         self.name = module.name

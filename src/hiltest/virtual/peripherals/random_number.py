@@ -7,6 +7,7 @@ import hashlib
 from hiltest.virtual.chip import ChipPeripheral
 from hiltest.virtual.clock import Clock
 from hiltest.virtual.cpu import Processor
+from hiltest.virtual.peripherals.bus import ALL_STEADY
 from hiltest.virtual.schedule import Event
 
 _CR, _SR, _ER, _OR = 0x0, 0x4, 0x8, 0xC
@@ -38,11 +39,14 @@ class RandomNumbers:
         The run's; 0 until it is set.
     """
 
+    steady = frozenset(ALL_STEADY) - frozenset(range(_OR, _OR + 4))  # a word is ready at an event, and is read once
+
     def __init__(self, processor: Processor, clock: Clock, module: ChipPeripheral) -> None:
         self.name = module.name
         self.base = module.base
         self.clocked = True
         self._nvic = processor.nvic
+        self._accounting = processor.accounting
         self._clock = clock
         (self._interrupt,) = module.interrupts
         self.seed = 0
@@ -76,7 +80,9 @@ class RandomNumbers:
         """Answer a word register; OR is read once."""
         if offset == _SR:
             status = self._flags | _ONE_WORD | (self._ready is not None) << _LEVEL
-            self._flags &= ~_ORU
+            if self._flags & _ORU:
+                self._flags &= ~_ORU
+                self._accounting.end_watch()
             return status | (_STATUS_SLP if self._control & _SLP else 0)
         if offset == _OR:
             return self._take()
