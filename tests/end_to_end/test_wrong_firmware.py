@@ -233,14 +233,22 @@ def in_tilt_heading(statement: str) -> Edit:
     return Edit("orientation/tilt_heading.c", "    float g[3], b[3];", f"    float g[3], b[3];\n    {statement}")
 
 
+PDB0_BY_ITS_STATUS = """*(volatile unsigned *)0x4004803C |= 1u << 22;
+    while (!(*(volatile unsigned *)0x40036000 & 0x40u)) {
+    }"""
+
+
 @pytest.mark.parametrize(
     ("edit", "told"),
     [
         (in_tilt_heading("for (;;) {\n    }"), ("the firmware is hung", "in tilt_heading (tilt_heading.c:")),
         (in_tilt_heading("*(volatile int *)0x30000000 = 1;"),
          ("write to unmapped address 0x30000000", "tilt_heading.c:")),
+        (in_tilt_heading(PDB0_BY_ITS_STATUS),
+         ("no answer to AVERAGE within", "executing tilt_heading (tilt_heading.c:",
+          ", polling PDB0_SC at 0x40036000, which is not modelled")),
     ],
-    ids=["hangs", "faults"],
+    ids=["hangs", "faults", "waits for what is not modelled"],
 )  # fmt: skip
 def test_firmware_that_stops_is_a_lost_bench_that_says_where_and_keeps_what_was_measured(
     run_edited: RunEdited, edit: Edit, told: tuple[str, ...]
