@@ -39,6 +39,7 @@ class Outcome:
     memory: str
     position: str
     unmodelled: list[str]
+    told: list[str]
     ended: str
 
 
@@ -50,6 +51,8 @@ def outcome(elf: Path, until_s: float, *, passes_waits: bool, sendings: Sequence
     part = Part(0x1D)
     board = VirtualK64F(elf, i2c0=[part], accounting=by_block if passes_waits else every_turn)
     sent: list[tuple[int, bytes]] = []
+    told: list[str] = []
+    board.tell(told.append)
 
     def look() -> bool:
         if board.uart0.host_waiting:
@@ -78,7 +81,7 @@ def outcome(elf: Path, until_s: float, *, passes_waits: bool, sendings: Sequence
         board.cycles, board.instructions, processor.idle_cycles, sent, [str(event) for event in board.events],
         part.seen, executed,
         processor.registers.snapshot(), hashlib.sha256(processor.memory.sram.view).hexdigest(), board.position(),
-        [f"{access}, {access.accesses} times" for access in board.unmodelled], ended,
+        [f"{access}, {access.accesses} times" for access in board.unmodelled], told, ended,
     )  # fmt: skip
 
 

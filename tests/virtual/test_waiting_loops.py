@@ -9,9 +9,14 @@ from pathlib import Path
 
 import pytest
 
+from hiltest.virtual.function_watch import FunctionWatch
+from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.native import by_block, every_turn
+
 from .both_ways import assert_same_both_ways, outcome
 from .conftest import PROGRAMS, SHIPPED, Build
 from .random_loops import random_program
+from .test_exceptions import word
 
 WAITS = PROGRAMS / "waits.c"
 LOOPS = re.findall(r"^static void (\w+)\(void\)", WAITS.read_text(), re.MULTILINE)
@@ -65,6 +70,57 @@ def test_a_wait_for_a_register_takes_the_host_a_fraction_of_the_time(build: Buil
         outcome(elf, 0.2, passes_waits=passes_waits)
         took_s[passes_waits] = time.process_time() - began_s
     assert took_s[True] < took_s[False] / 2  # 4 times less or better; the machine may be disturbed
+
+
+TIMED = """
+#define WORD(address) (*(volatile unsigned *)(address))
+#define CYCCNT WORD(0xE0001004)
+volatile unsigned sum, overhead, cost, done;
+static void poll(unsigned cycles) { unsigned began = CYCCNT; while (CYCCNT - began < cycles) {} }
+__attribute__((noinline)) void work(unsigned n) { %s while (n--) sum += n; }
+int main(void) {
+    WORD(0xE000EDFC) |= 1u << 24;
+    WORD(0xE0001000) = 1;
+    poll(20000);
+    unsigned first = CYCCNT, second = CYCCNT, third = CYCCNT;
+    work(20);
+    unsigned fourth = CYCCNT;
+    overhead = second - first;
+    cost = fourth - third - overhead;
+    poll(%s);
+    done = 1;
+    for (;;) {}
+}
+"""
+
+
+@pytest.mark.parametrize(
+    ("inside", "behind", "is_found"),
+    [("", "10", True), ("", "900", True), ("", "30000", False), ("poll(30000);", "10", False)],
+    ids=["few readings behind", "more behind", "hundreds behind, which take its place", "between them"],
+)
+def test_a_timed_function_is_found_among_the_readings_of_the_counter_as_if_every_turn_had_run(
+    build_c: Build, inside: str, behind: str, is_found: bool
+) -> None:
+    elf = build_c(TIMED % (inside, behind), "-O2")
+    found = []
+    for accounting in (by_block, every_turn):
+        board = VirtualK64F(elf, accounting=accounting)
+        watch = FunctionWatch(board.processor, board.image.symbols["work"].address)
+        board.run_until(0.006)
+        words = [word(board, name) for name in ("cost", "overhead", "done")]
+        counter, (call,) = board.cycle_counter, watch.calls
+        executed = counter.executed_in(words[0], words[1], (call.entered, call.returned))
+        ran = executed and [
+            (sorted((each.entered[number].block.address, *rest) for number, *rest in each.times), each.parts)
+            for each in executed
+        ]
+        steps = counter.executed_in_steps([words[0]], words[1]) is not None
+        between = counter.instructions_between(sum(words[:2]))
+        found.append((words, call.cycles, ran, steps, between, len(counter.readings)))
+    assert found[0] == found[1]
+    assert found[0][0][2] == 1
+    assert (found[0][2] is not None, found[0][4] is not None) == (is_found, is_found)
 
 
 @pytest.mark.slow

@@ -109,7 +109,6 @@ class Microcontroller:
             self.clocks.gate(peripheral, gates)
         self.bus = self._dma.bus = connected(processor, self._peripherals, self._chip.register_name)
         self.clocks.on_gates = self.bus.look_again
-        self.bus.on_passed = self.unmodelled.passed
 
     def _base(self, name: str) -> int:
         return self._modules[name].base

@@ -18,7 +18,7 @@
 #define CVAL 0x4u
 #define TCTRL 0x8u
 #define TFLG 0xCu
-#define UNMODELLED WORD(0x4003B008u) /* ADC0 */
+#define UNMODELLED WORD(0x40036000u) /* PDB0 */
 #define RNG(offset) WORD(0x40029000u + (offset)) /* CR, SR, ER, OR */
 #define CRC(offset) WORD(0x40032000u + (offset)) /* DATA, GPOLY, CTRL */
 #define DMA_INT WORD(0x40008024u)
@@ -57,7 +57,7 @@ static void prepare(void)
     __asm volatile("dsb\n isb" ::: "memory");
     WORD(0x40048034u) |= 1u << 10;               /* UART0 */
     WORD(0x40048038u) |= 1u << 11;               /* PORTC */
-    WORD(0x4004803Cu) |= 1u << 1 | 1u << 9 | 1u << 18 | 1u << 23 | 1u << 27; /* DMAMUX, RNG, CRC, PIT, ADC0 */
+    WORD(0x4004803Cu) |= 1u << 1 | 1u << 9 | 1u << 18 | 1u << 22 | 1u << 23; /* DMAMUX, RNG, CRC, PDB, PIT */
     WORD(0x4004B018u) = 1u << 8 | 3u;            /* PTC6, pulled up */
     BYTE(0x4006A001u) = 10u;
     BYTE(0x4006A010u) = 0x08u;

@@ -76,7 +76,7 @@ def declared_registers(steady: Offsets, counters: Offsets, *, counted: bool) -> 
     for offset in steady:
         declared[offset] = STEADY | (COUNTED if counted else 0)
     for offset in counters:
-        declared[offset] = COUNTS
+        declared[offset] = COUNTS | (COUNTED if counted else 0)
     return declared
 
 

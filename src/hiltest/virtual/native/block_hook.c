@@ -214,7 +214,9 @@ static void note_access(const struct window *window, bool is_write, uint64_t add
         return;
     }
     watch->read[watch->reads++] = (uint32_t)address;
-    watch->counted |= declared & COUNTED;
+    if ((declared & COUNTED) != 0) {
+        watch->counted |= declared;
+    }
     watch->changes |= declared & COUNTS;
 }
 
@@ -433,7 +435,7 @@ static bool pass_proved_turns(struct counter *counter, const struct block *block
     int64_t turns;
 
     if (trigger == NULL || trigger->rest != 0 || (trigger->proved == 0 && trigger->wait < from) ||
-        watch->counted != 0 || !is_worth_a_proof(counter, turns_left(counter))) {
+        (watch->counted & STEADY) != 0 || !is_worth_a_proof(counter, turns_left(counter))) {
         return false;
     }
     counter->running_number = -1; /* it is now when the block begins */

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import unicorn
 from unicorn.unicorn_py3.unicorn import uclib
@@ -48,7 +48,7 @@ class Peripheral(Protocol):
     to the next event. Where it depends on more than the offset, `read` tells the processor's accounting: `end_watch`,
     where this reading changed something, and `steady_until`, where what was read changes without an event.
     Nothing is steady of a block that does not say so. One that declares `counters`, bytes of registers that count with
-    time, has `counting(offset)`, which returns a `Counting`. One that sets `counts_reads` is told of reads passed over.
+    time, has `counting(offset)`, which returns a `Counting`. One that has `passed` is told of reads passed over.
     """
 
     name: str
@@ -123,8 +123,13 @@ class StoredRegisters:
         self._bytes[offset : offset + size] = value.to_bytes(size, "little")
 
 
-def _counts_reads(peripheral: Peripheral | None) -> bool:
-    return bool(getattr(peripheral, "counts_reads", False))
+@runtime_checkable
+class CountsReads(Protocol):
+    """A block that wants to know of reads that were passed over."""
+
+    def passed(self, addresses: Sequence[int], turns: int) -> None:
+        """Take note of turns of a loop that were passed over, in each of which these addresses of it are read."""
+        ...
 
 
 class PeripheralBus:
@@ -138,11 +143,6 @@ class PeripheralBus:
         The blocks.
     register_name : callable
         Names the register of the chip at an address; None where it has nothing. None: the memories are another part's.
-
-    Attributes
-    ----------
-    on_passed : callable
-        Told the addresses that a turn of a loop read from blocks that count reads, and how many turns were passed over.
     """
 
     def __init__(
@@ -152,7 +152,6 @@ class PeripheralBus:
         self._processor = processor
         self._register_name = register_name
         self._pages: dict[int, Peripheral] = {}
-        self.on_passed: Callable[[list[int], int], None] = lambda _addresses, _turns: None
         for peripheral in peripherals:
             self._pages[peripheral.base >> 12] = peripheral
         self._open: dict[int, ctypes.Array[ctypes.c_uint8]] = {}  # by window: pages that need no look
@@ -261,12 +260,19 @@ class PeripheralBus:
             steady: Offsets = getattr(peripheral, "steady", NONE_STEADY)
             counters: Offsets = getattr(peripheral, "counters", NONE_STEADY)
             if len(steady) + len(counters) > 0:
-                declared = declared_registers(steady, counters, counted=_counts_reads(peripheral))
+                declared = declared_registers(steady, counters, counted=isinstance(peripheral, CountsReads))
                 pages[page] = ctypes.addressof(declared)
         return pages
 
     def _tell_passed(self, addresses: Sequence[int], turns: int) -> None:
-        self.on_passed([each for each in addresses if _counts_reads(self._pages[each >> 12])], turns)
+        """Tell blocks that count reads which addresses a turn of a loop read, and how many turns were passed over."""
+        read: dict[int, list[int]] = {}
+        for address in addresses:
+            read.setdefault(address >> 12, []).append(address)
+        for page, those in read.items():
+            peripheral = self._pages[page]
+            if isinstance(peripheral, CountsReads):
+                peripheral.passed(those, turns)
 
     def _notice(self) -> None:
         self._processor.nvic.changed = False

@@ -40,8 +40,9 @@ class CycleCounter:
     ----------
     present : bool
         Set to False for a part without the counter (NOCYCCNT).
-    readings : deque of CounterReading
-        The last few times that the firmware read it, oldest first; `forget` begins anew.
+    readings : deque of CounterReading or None
+        The last few times that the firmware read it, oldest first; `forget` begins anew. None is a reading in a turn of
+        a loop that was passed over: nothing is successive across it, and it takes the place of others as any does.
     """
 
     name = "DWT"
@@ -53,7 +54,7 @@ class CycleCounter:
         self.clocked = True
         self._processor = processor
         self.present = True
-        self.readings: deque[CounterReading] = deque(maxlen=_READINGS)
+        self.readings: deque[CounterReading | None] = deque(maxlen=_READINGS)
         self.reset()
 
     def reset(self) -> None:
@@ -93,6 +94,11 @@ class CycleCounter:
             return count
         return 0
 
+    def passed(self, addresses: Sequence[int], turns: int) -> None:
+        """Take note of turns of a loop that were passed over, in each of which CYCCNT was read."""
+        readings = turns * sum(address == self.base + 4 for address in addresses)
+        self.readings.extend([None] * min(readings, _READINGS))
+
     def counting(self, _offset: int) -> Counting:
         """Return how CYCCNT counts."""
         count, since, runs = self._count, self._counted_from, self._running
@@ -119,7 +125,7 @@ class CycleCounter:
         """
         readings = list(self.readings)
         for before, behind in zip(readings[-2::-1], readings[:0:-1], strict=True):
-            if behind.cycles_since(before) == cycles:
+            if before is not None and behind is not None and behind.cycles_since(before) == cycles:
                 return behind.instructions - before.instructions
         return None
 
@@ -139,7 +145,10 @@ class CycleCounter:
             Cycles since power-on when what was timed was entered and left: the readings must be those around it.
         """
         readings = list(self.readings)
-        for four in zip(readings[-4::-1], readings[-3::-1], readings[-2::-1], readings[::-1], strict=False):
+        for place in range(len(readings) - 4, -1, -1):
+            four = _known(readings[place : place + 4])
+            if not four:
+                continue
             if call is not None and not four[2].at <= call[0] <= call[1] <= four[3].at:
                 continue
             spans = four[1].cycles_since(four[0]), four[3].cycles_since(four[2])
@@ -157,7 +166,7 @@ class CycleCounter:
         readings = list(self.readings)
         for end in (len(readings), len(readings) - 4):
             begin = end - 4 * len(cycles)
-            steps = [readings[at : at + 4] for at in range(begin, end, 4)] if begin >= 0 else []
+            steps = [_known(readings[at : at + 4]) for at in range(begin, end, 4)] if begin >= 0 else []
             if steps and all(_are_of(four, each, overhead_cycles) for four, each in zip(steps, cycles, strict=True)):
                 whole = in_all([(four[2].executed, four[3].executed) for four in steps])
                 empty = in_all([(four[0].executed, four[1].executed) for four in steps])
@@ -165,7 +174,15 @@ class CycleCounter:
         return None
 
 
+def _known(readings: Sequence[CounterReading | None]) -> list[CounterReading]:
+    """Return successive readings; nothing where one was passed over."""
+    known = [each for each in readings if each is not None]
+    return known if len(known) == len(readings) else []
+
+
 def _are_of(four: Sequence[CounterReading], cycles: int, overhead_cycles: int) -> bool:
     """Say whether readings are those of a step and of the empty call before it."""
+    if not four:
+        return False
     spans = four[1].cycles_since(four[0]), four[3].cycles_since(four[2])
     return spans == (overhead_cycles, cycles + overhead_cycles)

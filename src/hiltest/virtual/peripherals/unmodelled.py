@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from hiltest.virtual.chip import Chip, ChipPeripheral
@@ -100,7 +100,7 @@ class UnmodelledLog:
         address = self._last[0]
         return f", polling {self._chip.register_name(address)} at 0x{address:08x}, which is not modelled"
 
-    def passed(self, addresses: list[int], turns: int) -> None:
+    def passed(self, addresses: Sequence[int], turns: int) -> None:
         """Take note of turns of a loop that were passed over, in each of which these addresses are read."""
         for address in addresses:
             self._count[self._chip.register_name(address) or f"0x{address:08x}"] += turns
@@ -156,11 +156,14 @@ class UnmodelledPage(StoredRegisters):
     """
 
     steady = ALL_STEADY
-    counts_reads = True
 
     def __init__(self, base: int, peripherals: list[ChipPeripheral], chip: Chip, log: UnmodelledLog) -> None:
         self._log = log
         super().__init__(", ".join(entry.name for entry in peripherals), base, chip.reset_bytes(base))
+
+    def passed(self, addresses: Sequence[int], turns: int) -> None:
+        """Take note of turns of a loop that were passed over, in each of which these addresses are read."""
+        self._log.passed(addresses, turns)
 
     def read(self, offset: int, size: int) -> int:
         """Answer what was written last, or the value after reset."""
