@@ -504,10 +504,9 @@ static void toggle_carry(void)
     uint32_t status, carry;
     D = 'k';
     __asm volatile(
-        "1: ldrb %0, [%2]\n and %0, %0, #0x40\n ite cs\n cmpcs %3, %4\n cmpcc %4, %3\n"
-        "cbnz %0, 2f\n b 1b\n"
-        "2: ite cs\n movcs %1, #1\n movcc %1, #0\n"
-        : "=&l"(status), "=&r"(carry) : "r"(0x4006A004u), "l"(1u), "l"(2u) : "cc");
+        "1: adc %0, %3, %3\n rsbs %0, %0, #0\n ldrb %0, [%2]\n and %0, %0, #0x40\n cbnz %0, 2f\n b 1b\n"
+        "2: adc %1, %3, %3\n"
+        : "=&l"(status), "=&r"(carry) : "r"(0x4006A004u), "r"(0u) : "cc");
     keep(carry + ticks);
 }
 

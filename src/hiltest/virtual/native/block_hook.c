@@ -92,7 +92,7 @@ struct watch {
     uint32_t turns;       /* that came back and were compared */
     uint32_t blocks;      /* of the turn, in `ran` */
     uint32_t reads;       /* of the turn, in `read` */
-    uint32_t counted;     /* whether any of them is of what is COUNTED */
+    uint32_t counted;     /* what is declared of those that are COUNTED */
     uint32_t changes;     /* whether it may come back with another state, and go on all the same: Python can tell */
     uint32_t end;         /* of the last block in `ran` */
     uint32_t registers[STATE_REGISTERS]; /* when the turn began */
