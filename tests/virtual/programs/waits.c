@@ -227,6 +227,19 @@ static void wait_masked(void)
     keep(expiries + ticks);
 }
 
+/* What changes from turn to turn is BASEPRI alone. */
+static void toggle_mask(void)
+{
+    uint32_t mask;
+    D = 'm';
+    do {
+        __asm volatile(
+            "mrs %0, basepri\n eor %0, %0, #0x40\n msr basepri, %0\n mov.w %0, #0\n" : "=&r"(mask) : : "memory");
+    } while (!(S1 & TC));
+    __asm volatile("mrs %0, basepri" : "=r"(mask) : : "memory");
+    keep(mask + ticks);
+}
+
 static __attribute__((noinline)) uint32_t ready(uint32_t mask)
 {
     return S1 & mask;
@@ -259,6 +272,19 @@ static void wait_exclusive(void)
     } while (!old || failed);
     flag = 0;
     keep(expiries);
+}
+
+/* What a turn counts is in RAM alone when it is over. */
+static void count_exclusively(void)
+{
+    uint32_t counted, failed;
+    D = 'l';
+    do {
+        __asm volatile(
+            "ldrex %0, [%2]\n add %0, %0, #1\n strex %1, %0, [%2]\n mov.w %0, #0\n"
+            : "=&r"(counted), "=&r"(failed) : "r"(&words[1]) : "memory");
+    } while (!(S1 & TC));
+    keep(words[1]);
 }
 
 static void wait_counter(void)
@@ -305,7 +331,7 @@ static void clear_count_flag(void)
     uint32_t status;
     for (uint32_t turns = 0; turns < 3; turns++) {
         __asm volatile(
-            "1: ldr %0, [%1]\n tst %0, #0x10000\n beq 2f\n nop\n nop\n nop\n"
+            "1: ldr %0, [%1]\n tst %0, #0x10000\n beq 2f\n mov %0, %0\n mov %0, %0\n mov %0, %0\n"
             "2: movs %0, #0\n ldr %0, [%2]\n cmp %0, %3\n bls 1b\n"
             : "=&r"(status) : "r"(0xE000E010u), "r"(&expiries), "r"(expiries + 1u) : "cc");
     }
@@ -337,6 +363,83 @@ static void two_counters(void)
         "2:\n"
         : "=&r"(first), "=&r"(second) : "r"(0xE000E010u), "r"(0xE0001000u) : "cc");
     keep(first + second);
+    while (SYST_CVR <= 1000u) {
+    }
+}
+
+/* What the turn before the last has left stays: the last one ends before it writes that. */
+static void sliding_count(void)
+{
+    for (uint32_t limit = 200; limit < 1200; limit += 77) {
+        uint32_t left = limit, kept = 0, status;
+        __asm volatile(
+            "1: subs %0, %0, #1\n beq 2f\n mov %1, %0\n ldrb %2, [%3]\n b 1b\n"
+            "2:\n"
+            : "+r"(left), "+r"(kept), "=&r"(status) : "r"(0x4006A004u) : "cc");
+        keep(kept);
+    }
+}
+
+/* The timer begins anew, without an event, while the loop waits. */
+static void wait_reload(void)
+{
+    PIT(3, LDVAL) = 1999u;
+    PIT(3, TCTRL) = 1u;
+    while (PIT(3, CVAL) <= 1500u) {
+    }
+    keep(CYCCNT);
+    while (PIT(3, CVAL) > 500u) {
+    }
+    keep(CYCCNT);
+}
+
+static void wait_for_byte_of_counter(void)
+{
+    while (BYTE(0xE000E019u) > 5u) {
+    }
+    keep(CYCCNT);
+    while (BYTE(0xE000E019u) <= 5u) {
+    }
+}
+
+/* A byte of the word that every turn stores, and the byte that a turn stores of a word. */
+static void store_and_read_a_part(void)
+{
+    for (uint32_t begin = 0x1000; begin < 0x9000; begin += 0x1357) {
+        uint32_t count = begin, part, status;
+        __asm volatile(
+            "1: adds %0, #1\n str %0, [%3]\n ldrb %1, [%3]\n ldrb %2, [%4]\n cmp %1, #0x30\n bne 1b\n"
+            : "+r"(count), "=&r"(part), "=&r"(status) : "r"(words), "r"(0x4006A004u) : "cc", "memory");
+        keep(count);
+        __asm volatile(
+            "1: adds %0, #1\n strb %0, [%3, #4]\n ldrb %1, [%3, #4]\n ldrb %2, [%4]\n cmp %1, #0x20\n bne 1b\n"
+            : "+r"(count), "=&r"(part), "=&r"(status) : "r"(words), "r"(0x4006A004u) : "cc", "memory");
+        keep(count);
+    }
+}
+
+static void read_a_part_with_its_sign(void)
+{
+    for (uint32_t begin = 0x1FE00; begin < 0x1FF00; begin += 0x35) {
+        uint32_t count = begin, part, status;
+        __asm volatile(
+            "1: adds %0, #1\n strh %0, [%3]\n ldrsh %1, [%3]\n ldrb %2, [%4]\n cmn %1, #5\n bne 1b\n"
+            : "+r"(count), "=&r"(part), "=&r"(status) : "r"(words), "r"(0x4006A004u) : "cc", "memory");
+        keep(count);
+    }
+}
+
+/* The turn goes on by a jump that a condition skips. */
+static void jump_by_register(void)
+{
+    uint32_t value;
+    __asm volatile(
+        "adr r3, 2f\n orr r3, r3, #1\n"
+        "1: ldr %0, [%1, #8]\n cmp %0, #1000\n it hi\n bxhi r3\n b 3f\n .balign 4\n"
+        "2: b 1b\n"
+        "3:\n"
+        : "=&l"(value) : "l"(0xE000E010u) : "r3", "cc");
+    keep(CYCCNT + value);
     while (SYST_CVR <= 1000u) {
     }
 }
