@@ -11,6 +11,7 @@ from hiltest.errors import ConfigError
 from hiltest.virtual.accounting import AccountingFactory, BlockAccounting, InstructionAccounting
 from hiltest.virtual.call_summary import Call
 from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.native import by_block, every_turn
 
 from .conftest import PROGRAMS, Build
 
@@ -207,7 +208,7 @@ def test_a_loop_that_waits_is_passed_over_no_further_than_its_calls_allow(build_
     elf = build_c(source, "-O2")
     seen = []
     for passes in (True, False):
-        board = VirtualK64F(elf, passes_waits=passes)
+        board = VirtualK64F(elf, accounting=by_block if passes else every_turn)
         watch = board.watch_calls(["now", "wait", "spin"])
         board.run_until(0.02)
         seen.append([tuple(watch.calls(each)) for each in ("now", "wait", "spin")])

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.virtual.function_watch import FunctionWatch
 from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.native import by_block, every_turn
 
@@ -106,10 +105,10 @@ def test_a_timed_function_is_found_among_the_readings_of_the_counter_as_if_every
     found = []
     for accounting in (by_block, every_turn):
         board = VirtualK64F(elf, accounting=accounting)
-        watch = FunctionWatch(board.processor, board.image.symbols["work"].address)
+        watch = board.watch_calls(["work"])
         board.run_until(0.006)
         words = [word(board, name) for name in ("cost", "overhead", "done")]
-        counter, (call,) = board.cycle_counter, watch.calls
+        counter, (call,) = board.cycle_counter, watch.calls("work")
         executed = counter.executed_in(words[0], words[1], (call.entered, call.returned))
         ran = executed and [
             (sorted((each.entered[number].block.address, *rest) for number, *rest in each.times), each.parts)
