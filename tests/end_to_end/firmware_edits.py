@@ -76,5 +76,12 @@ class FirmwareCopy:
             return Path(shutil.copyfile(self._build / "hiltest-frdm-k64f.elf", elf))
 
 
+    def build_compass(self, edit: Edit, elf: Path) -> Path:
+        """Build the sample compass that prints lines with an edit, into a file."""
+        with edit.made(self._sources):
+            _run("cmake", "--build", self._build / "compass")
+            return Path(shutil.copyfile(self._build / "compass" / "compass-lines.elf", elf))
+
+
 def _run(*command: str | Path) -> None:
     subprocess.run([str(each) for each in command], check=True, capture_output=True, timeout=BUILD_LIMIT_S)
