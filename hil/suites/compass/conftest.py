@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import pytest
 
-from hiltest.boards import CompassBoard
+from hiltest.bench_files import DEFAULT_RIG, shipped
+from hiltest.boards import Board, CompassBoard, open_board
 from hiltest.procedures import Progress, Turntable
 from hiltest.procedures.compass import CompassHeadings, SelfCalibration, measure_headings, tumble_until_calibrated
 from hiltest.rig import Rig
+from hiltest.rig.file import load_rig
 from hiltest.settings import Settings
 
 
@@ -37,3 +41,10 @@ def after(
     """Headings of the known angles afterwards."""
     poses = rig.procedure.known_angle_poses(hil_settings.poses)
     return measure_headings(compass, turntable, poses, progress=hil_progress)
+
+
+@pytest.fixture(scope="session")
+def ours() -> Iterator[Board]:
+    """hiltest's own firmware on a virtual board beside: its calibrators get the samples of the firmware under test."""
+    with open_board(load_rig(shipped() / "rigs" / DEFAULT_RIG)) as board:
+        yield board

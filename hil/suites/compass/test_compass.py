@@ -7,18 +7,23 @@ import math
 import numpy as np
 import pytest
 
-from hiltest.boards import CompassBoard
+from hiltest.boards import Board, CompassBoard
 from hiltest.calibration.quality import offset_error_ut, rotation_left_deg
 from hiltest.device.quantities import StreamInterface
 from hiltest.fixtures import Measure
 from hiltest.measurement import Limit
-from hiltest.procedures.compass import FIRMWARE, CompassHeadings, SelfCalibration
+from hiltest.procedures import upload_points
+from hiltest.procedures.calibrate import calibrate_once
+from hiltest.procedures.compass import FIRMWARE, CompassHeadings, SelfCalibration, samples_of
 from hiltest.rig import Rig
 
 pytestmark = pytest.mark.hil
 
 # The thesis' goal for a compass heading, where the rig gives no limit.
 GOAL = Limit(max=2.0)
+# Calibrators of hiltest's own firmware that are shown beside; with fewer samples there is no ellipsoid.
+OURS = ("direct", "corrected", "iterative")
+FEWEST_SAMPLES = 50
 
 
 def test_heading_before_calibration(before: CompassHeadings, measure: Measure) -> None:
@@ -113,6 +118,28 @@ def test_cycles_of_the_functions_that_the_rig_names(
         ):
             measure(f"cycles.{name}.{what}", cycles, "cycle", cycle_model=model, not_offered=why)
         measure(f"cycles.{name}.slices", solved.most_slices, "", not_offered=why)
+
+
+def test_our_calibrators_on_the_same_samples(
+    after: CompassHeadings, compass: CompassBoard, ours: Board, measure: Measure
+) -> None:
+    points = samples_of(compass)
+    if len(points) < FEWEST_SAMPLES or compass.costs is None:
+        pytest.skip("the firmware does not show the samples that it calibrated itself from, or its cycles are not seen")
+    solved = [each for each in compass.costs.solutions().values() if each.solutions]
+    if solved:  # by the last solver of the rig that came to one
+        measure("cycles.calibrated.total", solved[-1].median, "cycle", cycle_model=compass.cycle_model,
+                note=f"its own fit, in {solved[-1].most_slices} slices")
+    upload_points(ours, points.astype(np.int16))
+    for name in OURS:
+        fit, cost = calibrate_once(ours, name, len(points))
+        errors = after.under(fit) if fit.has_fit else None
+        if errors is None or cost is None:
+            continue
+        measure(f"heading.{name}.max", errors.max_deg, "deg")
+        measure(f"heading.{name}.rms", errors.rms_deg, "deg")
+        measure(f"cycles.{name}.total", cost.cycles, "cycle", cycle_model=ours.cycle_model,
+                band=ours.cycle_range(cost, name), note=f"of the same {len(points)} samples")
 
 
 def not_said(believed: object) -> str:

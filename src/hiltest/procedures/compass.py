@@ -78,7 +78,8 @@ class HeldPose:
     field_ut, gravity_g : ndarray, shape (3,), or None
         Means of what the firmware has calibrated, in hiltest's axes.
     read_ut : ndarray, shape (3,), or None
-        Mean of what its magnetometer reads.
+        Mean of what its magnetometer reads; in a simulated world what it would read without noise, where the firmware
+        does not say it.
     """
 
     pose: Pose
@@ -119,6 +120,15 @@ class CompassHeadings:
         """Mask of the level poses, shape (n,)."""
         return np.array([each.pose.pitch_deg == 0.0 and each.pose.roll_deg == 0.0 for each in self.held])
 
+    def under(self, fit: MagnetometerFit) -> HeadingSummary | None:
+        """Return the statistics of another calibration of the same readings; None where they are unknown."""
+        headings = [_heading(each.gravity_g, _corrected(each, fit)) for each in self.held]
+        known = [each for each in headings if each is not None]
+        if len(known) < len(headings):
+            return None
+        errors = [heading_error_deg(*pair) for pair in zip(known, self.reference_deg.tolist(), strict=True)]
+        return summarise(errors, self.reference_deg, level=self.level)
+
     def summary(self, source: str) -> HeadingSummary:
         """Return the statistics of one source."""
         return summarise(self.error_deg[source], self.reference_deg, level=self.level)
@@ -153,6 +163,16 @@ class SelfCalibration:
 
     duration_s: float
     calibrated_after_s: float | None
+
+
+def samples_of(board: CompassBoard) -> Reals:
+    """Return the samples that the firmware has calibrated itself from, in hiltest's axes, shape (n, 3) [counts].
+
+    Empty where it does not say them.
+    """
+    frame = frame_of(board.rig)
+    held = [counts for each in board.interfaces.values() for counts in getattr(each, "buffer", {}).values()]
+    return np.array([frame.vector(counts) for counts in held], dtype=np.float64).reshape(-1, 3)
 
 
 def frame_of(rig: Rig) -> Frame:
@@ -229,7 +249,7 @@ def measure_headings(
         held.append(HeldPose(
             pose, attitude, settled, field_ut=_mean(settled, Quantity.MAGNETOMETER_CALIBRATED, frame.vector),
             gravity_g=_mean(settled, _gravity(board), frame.gravity),
-            read_ut=_mean(settled, Quantity.MAGNETOMETER, frame.vector),
+            read_ut=_read_ut(board, settled, attitude, frame),
         ))  # fmt: skip
         tell("known angles", index + 1, len(poses))
     return _headings(tuple(held), _belief(board.latest, frame), board)
@@ -241,7 +261,7 @@ def _headings(held: tuple[HeldPose, ...], belief: Belief, board: CompassBoard) -
     own = [_heading(each.gravity_g, each.field_ut) for each in held]
     if None not in own:
         answered[ECOMPASS] = [each for each in own if each is not None]
-    applied = [_heading(each.gravity_g, _calibrated(each, belief, board)) for each in held]
+    applied = [_heading(each.gravity_g, _corrected(each, belief.fit)) for each in held]
     if None not in applied:
         answered[CALIBRATED] = [each for each in applied if each is not None]
     error_deg = {
@@ -281,14 +301,13 @@ def _heading(gravity_g: Reals | None, field_ut: Reals | None) -> float | None:
         return None
 
 
-def _calibrated(held: HeldPose, belief: Belief, board: CompassBoard) -> Reals | None:
-    """Return the field by the firmware's calibration: of what its magnetometer reads, or would without noise."""
-    if belief.fit is None:
-        return None
-    read_ut = held.read_ut
-    if read_ut is None and board.truth is not None:
-        read_ut = board.truth.read_ut(held.attitude)
-    return None if read_ut is None else belief.fit.corrected(COUNTS_PER_UT * read_ut)
+def _read_ut(board: CompassBoard, settled: Settled, attitude: Pose, frame: Frame) -> Reals | None:
+    said = _mean(settled, Quantity.MAGNETOMETER, frame.vector)
+    return board.truth.read_ut(attitude) if said is None and board.truth is not None else said
+
+
+def _corrected(held: HeldPose, fit: MagnetometerFit | None) -> Reals | None:
+    return None if fit is None or held.read_ut is None else fit.corrected(COUNTS_PER_UT * held.read_ut)
 
 
 def _gravity(board: CompassBoard) -> Quantity:
