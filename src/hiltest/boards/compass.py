@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -22,7 +23,7 @@ from hiltest.boards.virtual import truth_of
 from hiltest.boards.virtual_port import VirtualPort
 from hiltest.device.kinds import Interface, open_interfaces, sources_of
 from hiltest.device.memory import MemoryInterface
-from hiltest.device.quantities import Moment, Observation, Quantity, StreamInterface
+from hiltest.device.quantities import Moment, Observation, PolledInterface, Quantity, StreamInterface
 from hiltest.errors import ConfigError, DeviceTimeoutError, LinkLostError, VersionMismatchError
 from hiltest.link.ports import open_port
 from hiltest.link.transcript import Direction, Transcript
@@ -104,6 +105,7 @@ class CompassBoard:
         self._sources = sources_of(rig, interfaces)
         self.offers = frozenset(self._sources)
         self.latest: dict[Quantity, NDArray[np.float64]] = {}
+        self._read_at_s: dict[str, float] = {}
         self._heard = 0
         self._first = b""
 
@@ -152,11 +154,19 @@ class CompassBoard:
                 if isinstance(interface, StreamInterface):
                     observations = interface.feed(data, now_s) if data else ()
                 else:
-                    observations = [interface.read(now_s)]
+                    observations = [interface.read(now_s)] if self._is_due(kind, interface, now_s) else ()
                 said += (self._of_source(kind, each) for each in observations)
         for each in said:
             self.latest.update(each.values)
         return said
+
+    def _is_due(self, kind: str, interface: PolledInterface, now_s: float) -> bool:
+        """Say whether to read now: what gives the heading in every slice, what the firmware believes once a window."""
+        every_s = 0.0 if self._sources.get(Quantity.HEADING) == kind else self.device.window_s
+        if now_s < self._read_at_s.get(kind, -math.inf) + every_s - _SLICE_S / 2.0:
+            return False
+        self._read_at_s[kind] = now_s
+        return True
 
     def send(self, moment: Moment) -> None:
         """Send the commands of a moment."""
