@@ -123,6 +123,14 @@ def test_a_heading_that_goes_on_moving_is_not_settled(far_end: Callable[..., Far
     assert settled.took_s == pytest.approx(1.0, abs=0.25), "the longest, in windows of 0.2 s"
 
 
+def test_a_heading_that_the_line_has_changed_does_not_count(far_end: Callable[..., FarEnd], rig: Rig) -> None:
+    other = far_end(lambda number: angles(123.4 if number % 5 else 20.0))
+    with open_compass(rig, firmware=None, port=other.port, seed=None, transcript=None, base=None) as board:
+        settled = wait_until_settled(board, frame_of(rig))
+    assert settled.heading_deg == pytest.approx(123.4)
+    assert settled.unconfirmed >= 2, "one in five of two windows of ten"
+
+
 def test_a_silent_board_is_said_to_be_silent(
     far_end: Callable[..., FarEnd], rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import random
 
-from hiltest.procedures.settling import agree
+import pytest
+
+from hiltest.procedures.settling import agree, confirmed
 
 
 def around(mean_deg: float, noise_deg: float, n: int = 40, seed: int = 1) -> list[float]:
@@ -31,3 +33,15 @@ def test_north_is_no_edge() -> None:
 def test_a_single_reading_has_no_noise_to_excuse_it() -> None:
     assert agree([5.0], [5.05])
     assert not agree([5.0], [5.2])
+
+
+@pytest.mark.parametrize(
+    ("said", "kept"),
+    [
+        ([10.0, 10.5, 200.0, 10.2, 10.1], [10.0, 10.5, 10.2, 10.1]), ([359.0, 1.0, 180.0], [359.0, 1.0]),
+        ([10.0, 60.0, 110.0], []), ([10.0], []), ([], []),
+        ([10.0, 200.0, 10.0], []),  # which of them is right nothing says
+    ],
+)  # fmt: skip
+def test_a_heading_counts_where_a_neighbour_confirms_it(said: list[float], kept: list[float]) -> None:
+    assert confirmed(said) == kept

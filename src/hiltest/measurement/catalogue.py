@@ -273,6 +273,7 @@ def _own_language() -> Iterator[Kind]:
         ("settle_time", "s", _LOWER, waited, "Longest time until a heading at rest stood still"),
         ("unsettled", "", _LOWER, _COUNTED, "Known angles at which the heading still moved at the end of the wait"),
         ("calibrated_after", "s", _LOWER, waited, "Time of turning until the firmware said that it is calibrated"),
+        ("unconfirmed", "", _LOWER, _COUNTED, "Headings from a serial line that no neighbour confirmed, and left out"),
         ("not_understood", "", _LOWER, _COUNTED, "Bytes or lines from the firmware that were not understood"),
     ):
         yield Kind(f"device.{name}", unit, better, allowance, Section.HEADING, meaning)

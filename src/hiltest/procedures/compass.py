@@ -147,6 +147,11 @@ class CompassHeadings:
         """At how many poses the heading still moved when the time was over."""
         return sum(not each.settled.is_settled for each in self.held)
 
+    @property
+    def unconfirmed(self) -> int:
+        """How many headings were left out, since their neighbours contradict them."""
+        return sum(each.settled.unconfirmed for each in self.held)
+
 
 @dataclass(frozen=True, slots=True)
 class SelfCalibration:

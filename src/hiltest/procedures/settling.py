@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from hiltest.angles import circular_mean_deg, wrap_180
+from hiltest.boards.board import BoardKind
 from hiltest.boards.compass import CompassBoard
 from hiltest.device.frames import Frame
 from hiltest.device.quantities import Observation, Quantity
@@ -16,6 +18,8 @@ SETTLED_DEG = 0.1
 """Headings of two windows that are so near are one heading."""
 STANDARD_ERRORS = 2.0
 """Or so near by their own noise."""
+NEIGHBOURS_DEG = 5.0
+"""Two headings in a row at rest are so near: noise of 0.7 uT in 20 makes 2 degrees, a changed high byte 25.6 or more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,12 +36,15 @@ class Settled:
         From the beginning to the end of the last window.
     window : sequence of Observation
         All that was said in it.
+    unconfirmed : int
+        Headings of all windows that were left out, since the one before and the one behind contradict them.
     """
 
     heading_deg: float
     is_settled: bool
     took_s: float
     window: Sequence[Observation]
+    unconfirmed: int = 0
 
 
 def wait_until_settled(board: CompassBoard, frame: Frame, longest_s: float | None = None) -> Settled:
@@ -56,23 +63,40 @@ def wait_until_settled(board: CompassBoard, frame: Frame, longest_s: float | Non
     ------
     DeviceTimeoutError
         When a whole window brings no heading.
+
+    Notes
+    -----
+    Neither lines nor packets have a check value, and a serial line may change a byte: over one a heading counts only
+    where a neighbour confirms it.
     """
     device, began_s = board.device, board.now_s()
     longest_s = device.settle_s if longest_s is None else longest_s
     before: list[float] = []
+    unconfirmed = 0
     while True:
         window = board.observe(device.window_s)
         headings_deg = [
             frame.heading_deg(float(each.values[Quantity.HEADING][0]))
             for each in window if Quantity.HEADING in each.values
         ]  # fmt: skip
+        if board.kind is BoardKind.REAL:
+            said, headings_deg = len(headings_deg), confirmed(headings_deg)
+            unconfirmed += said - len(headings_deg)
         if not headings_deg:
-            raise DeviceTimeoutError("a heading", device.window_s, board.clock, board.position())
+            wanted = "a heading" + " that a neighbour confirms" * bool(unconfirmed)
+            raise DeviceTimeoutError(wanted, device.window_s, board.clock, board.position())
         took_s = board.now_s() - began_s
         settled = bool(before) and agree(before, headings_deg)
         if settled or took_s + device.window_s > longest_s:
-            return Settled(circular_mean_deg(headings_deg), settled, took_s, window)
+            return Settled(circular_mean_deg(headings_deg), settled, took_s, window, unconfirmed)
         before = headings_deg
+
+
+def confirmed(headings_deg: Sequence[float]) -> list[float]:
+    """Return the headings that are near the one before or the one behind; a single one has none."""
+    near = [abs(wrap_180(after - one)) <= NEIGHBOURS_DEG for one, after in pairwise(headings_deg)]
+    beside = [before or behind for before, behind in zip([False, *near], [*near, False], strict=True)]
+    return [heading for heading, is_near in zip(headings_deg, beside, strict=False) if is_near]
 
 
 def agree(first_deg: Sequence[float], second_deg: Sequence[float]) -> bool:
