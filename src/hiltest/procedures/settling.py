@@ -19,7 +19,7 @@ SETTLED_DEG = 0.1
 STANDARD_ERRORS = 2.0
 """Or so near by their own noise."""
 NEIGHBOURS_DEG = 5.0
-"""Two headings in a row at rest are so near: noise of 0.7 uT in 20 makes 2 degrees, a changed high byte 25.6 or more."""
+"""Two headings in a row at rest are so near: noise of 0.7 uT in 20 makes 2 degrees, a changed high byte 25."""
 
 
 @dataclass(frozen=True, slots=True)
