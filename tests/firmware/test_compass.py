@@ -16,7 +16,7 @@ from hiltest.angles import Pose, circular_mean_deg, heading_error_deg
 from hiltest.boards.bench import VirtualBench
 from hiltest.device.packet_fields import Packet
 from hiltest.device.packet_stream import PacketDecoder
-from hiltest.device.packets import Algorithm, AnglesPacket, Frame, MagneticPacket7, MainPacket, Release, Shown
+from hiltest.device.packets import Algorithm, AnglesPacket, AxisConvention, MagneticPacket7, MainPacket, Release, Shown
 from hiltest.device.quantities import Observation, Quantity
 from hiltest.device.text import TextInterface
 from hiltest.device.text_table import text_interface
@@ -189,7 +189,8 @@ def test_every_state_is_three_packets_of_release_7(sent: Sent) -> None:
     assert [each.type for each in sent.first[:6]] == [1, 4, 6, 1, 4, 6]
     assert len(sent.last_of(MainPacket)) in (9, 10, 11)
     main = sent.last_of(MainPacket)[0]
-    assert (main.algorithm, main.frame, main.board_number) == (Algorithm.ACCELEROMETER_MAGNETOMETER, Frame.NED, 5)
+    assert main.algorithm is Algorithm.ACCELEROMETER_MAGNETOMETER
+    assert (main.frame, main.board_number) == (AxisConvention.NED, 5)
 
 
 def test_the_packets_point_to_where_the_lines_do(sent: Sent) -> None:
