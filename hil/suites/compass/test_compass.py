@@ -86,7 +86,7 @@ def test_heading_at_known_angles(after: CompassHeadings, rig: Rig, measure: Meas
 
 
 def test_headings_settle(after: CompassHeadings, compass: CompassBoard, measure: Measure) -> None:
-    measure("device.settle_time", float(after.settle_s.max()), "s")
+    measure("device.settle_time", float(after.settle_s.max()), "s", note="; ".join(compass.remarks()))
     measure("device.unsettled", after.unsettled, "")
     measure("device.unconfirmed", after.unconfirmed, "")
     streams = [each for each in compass.interfaces.values() if isinstance(each, StreamInterface)]

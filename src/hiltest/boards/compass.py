@@ -24,6 +24,7 @@ from hiltest.boards.virtual_port import VirtualPort
 from hiltest.device.kinds import Interface, open_interfaces, sources_of
 from hiltest.device.memory import MemoryInterface
 from hiltest.device.quantities import Moment, Observation, PolledInterface, Quantity, StreamInterface
+from hiltest.device.text import TextInterface
 from hiltest.errors import ConfigError, DeviceTimeoutError, LinkLostError, VersionMismatchError
 from hiltest.link.ports import open_port
 from hiltest.link.transcript import Direction, Transcript
@@ -180,6 +181,13 @@ class CompassBoard:
     def sleep(self, seconds: float) -> None:
         """Wait, by the board's clock [s]; what the firmware says meanwhile is dropped."""
         self.observe(seconds)
+
+    def remarks(self) -> tuple[str, ...]:
+        """Return what a reader should know of how the firmware was understood; empty where all is plain."""
+        return tuple(
+            each for interface in self.interfaces.values() if isinstance(interface, MemoryInterface | TextInterface)
+            for each in interface.remarks()
+        )  # fmt: skip
 
     def position(self) -> str:
         """Say what the firmware is doing; empty where that is unknown."""

@@ -88,6 +88,10 @@ class TextInterface:
         """Regular expressions that took too long in a line, and find nothing any more."""
         return tuple(each.text for each in self._patterns if each.given_up)
 
+    def remarks(self) -> tuple[str, ...]:
+        """Return what a reader of the values should know; empty where all is plain."""
+        return tuple(f"given up, since it took more than a second in a line: {text}" for text in self.given_up)
+
     def commands(self, moment: Moment) -> bytes:
         """Return what is to be sent at a moment; may be empty."""
         return self._commands.get(moment, b"")

@@ -84,8 +84,7 @@ class Trial:
             *([f"not seen: {', '.join(unseen)}"] if unseen else []),
             *(f"not understood, {counted(count, 'time')}: {reason}"
               for reason, count in self._reasons.most_common(_MOST_REASONS)),
-            *(f"given up, since it took more than a second in a line: {text}"
-              for each in self._interfaces.values() if isinstance(each, TextInterface) for text in each.given_up),
+            *(said for each in self._interfaces.values() if isinstance(each, TextInterface) for said in each.remarks()),
         ]  # fmt: skip
 
     def _offered(self, quantity: Quantity) -> bool:
