@@ -14,7 +14,7 @@ from hiltest.verdict.causes import Cause
 #: Subjects of such firmware's headings: its own, that of its calibrated vectors, and that of its calibration alone.
 FIRMWARE, ECOMPASS, CALIBRATED = "firmware", "ecompass", "calibrated"
 
-_PARTS = {ECOMPASS: "without its filter", CALIBRATED: "its calibration alone"}
+_PARTS = {ECOMPASS: "without its filter", CALIBRATED: "by its calibration alone"}
 # Headings in another frame differ by whole quarters of a turn, or grow the other way: errors of tens of degrees, which
 # are gone but for these few once the frame is the right one.
 _LEFT_DEG = 10.0
@@ -64,7 +64,8 @@ def parts_in_words(worst_deg: Mapping[str, float | None]) -> str:
     parts = [
         f"{words} {value:.2f} deg" for name, words in _PARTS.items() if (value := worst_deg.get(name)) is not None
     ]
-    return f"Of that, {', '.join(parts)}." if parts else ""
+    words = ", ".join(parts)
+    return f"{words[0].upper()}{words[1:]}." if words else ""
 
 
 def _within(measurement: Measurement | None, limit_deg: float | None) -> bool:
