@@ -6,6 +6,8 @@ import fcntl
 import os
 import pty
 import signal
+import sys
+import termios
 import threading
 import time
 import tty
@@ -26,8 +28,9 @@ class Line:
         def sending() -> None:
             while not self.is_open():
                 time.sleep(0.05)
-            time.sleep(0.5)  # it drops what came before
+            time.sleep(1.0)  # it drops what came before
             os.write(self.far, data)
+            self.wait_until_read()
             time.sleep(0.5)
             if unplugged:
                 os.close(self.far)
@@ -39,6 +42,21 @@ class Line:
         thread = threading.Thread(target=sending)
         thread.start()
         return thread
+
+    def wait_until_read(self) -> None:
+        """Wait until nothing that was sent is left in the line: what is left when it is unplugged is lost."""
+        near = os.open(self.name, os.O_RDONLY | os.O_NOCTTY)
+        until_s = time.monotonic() + 10.0
+        try:
+            while time.monotonic() < until_s and self.unread(near):
+                time.sleep(0.05)
+        finally:
+            os.close(near)
+
+    @staticmethod
+    def unread(near: int) -> int:
+        """Return how many bytes lie in the line."""
+        return int.from_bytes(fcntl.ioctl(near, termios.FIONREAD, bytes(4)), sys.byteorder)
 
     def is_open(self) -> bool:
         """Say whether this process has the near end open to read and write, as a port is."""

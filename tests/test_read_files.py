@@ -27,6 +27,8 @@ READING = {
     "compare base": ("compare", "{}", "run.json"),
     "compare new": ("compare", "run.json", "{}"),
     "decode source": ("decode", "{}"),
+    "device try --firmware": ("device", "try", "--rig", "text-compass", "--firmware", "{}"),
+    "device try --rig": ("device", "try", "--rig", "{}"),
     "export run": ("export", "{}", "--format", "bencher"),
     "fit --firmware": ("fit", "points.csv", "--firmware", "{}"),
     "fit log": ("fit", "{}"),

@@ -89,6 +89,20 @@ class DeviceTimeoutError(BenchError, TimeoutError):
         super().__init__(f"no answer to {command} within {deadline_s:g} s ({clock} time){reason}")
 
 
+class DeviceSilentError(BenchError, TimeoutError):
+    """Firmware that is listened to says nothing."""
+
+    def __init__(self, seconds: float, clock: str, found: str = "") -> None:
+        self.seconds = seconds
+        self.clock = clock
+        self.found = found
+        doing = f"; it is {found}" if found else ""
+        super().__init__(
+            f"the firmware said nothing in {seconds:g} s ({clock} time){doing}. Does it print on this port, without "
+            "being asked? hiltest's own firmware waits for requests: that is a rig without a [device] table"
+        )
+
+
 class DebugServerError(BenchError):
     """The GDB server of a board cannot be reached, is gone, or answers nonsense."""
 

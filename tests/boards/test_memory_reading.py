@@ -136,9 +136,10 @@ def both_kinds(tmp_path: Path) -> Callable[[str], Path]:
 
     def write(memory: str) -> Path:
         shipped = rig_file(Path(__file__).parent, "nxp-fusion-agm01").read_text(encoding="utf-8")
-        kinds = 'kind = ["fsflk", "memory"]\nsources = { heading = "memory" }'
+        begin, end = shipped.index("[device.sources]"), shipped.index("[field]")
+        sources = '[device.sources]\nheading = "memory"\n\n'
         path = tmp_path / "mine.toml"
-        path.write_text(shipped.replace('kind = "fsflk"', kinds) + memory, encoding="utf-8")
+        path.write_text(shipped[:begin] + sources + shipped[end:] + memory, encoding="utf-8")
         return path
 
     return write
@@ -163,7 +164,7 @@ def test_a_rig_takes_one_quantity_from_packets_and_another_from_memory(
 
 
 @pytest.mark.parametrize(("memory", "reason"), [
-    ("", r'device\.memory: names the variables of kind "memory", and only of that'),
+    ("", r'device\.kind: "memory" needs a table \[device\.memory\] that says its variables'),
     (MEMORY.replace("unit", "units"), r"mine\.toml:\d+: unknown key 'units'; did you mean 'unit'"),
     (MEMORY.replace("at_return_of", "server"), r"mine\.toml:\d+: device\.memory\.server: is host:port of a GDB server"),
     (MEMORY.replace("[device.memory.values]", "[device.memory.value]"), r"unknown key 'value'; did you mean 'values'"),

@@ -149,7 +149,10 @@ def test_lines_without_a_meaning_are_counted() -> None:
 
 def test_why_a_line_means_nothing_is_said() -> None:
     remarks = [each.remark for each in opened(LINES).readings(b"\n.\nhdg=x\nmag=1 2 3e9\nb\n")]
-    assert remarks[1:] == ["heading: 'x' is no number", "magnetometer: 3e+09 uT is beyond 100000", "no pattern matches"]
+    assert remarks[1:] == [
+        "heading: 'x' is no number", "magnetometer: 3e+09 uT is beyond 100000; look at its unit and scale",
+        "no pattern matches",
+    ]  # fmt: skip
     assert [each.remark for each in opened(JSON).readings(b".\n{\n{}\n")][1:] == [
         "no JSON", "nothing at att.yaw, mag, a.0, a.1, a.2, w, ok"
     ]  # fmt: skip
@@ -157,6 +160,12 @@ def test_why_a_line_means_nothing_is_said() -> None:
     assert [each.remark for each in rows][1:] == [
         "no line with the names cal, gx, gy, gz, yaw came yet", "names of the columns", "2 columns, not 5"
     ]  # fmt: skip
+
+
+def test_values_that_are_not_taken_are_summed_up() -> None:
+    interface = opened(LINES)
+    interface.readings(b"hdg=9000\n" + b"hdg=5000\n" * 3 + b"mag=1 2 3\n")
+    assert interface.remarks() == ("heading not taken 3 times: 5000 deg is beyond 720; look at its unit and scale",)
 
 
 def test_commands_are_the_bytes_of_their_characters() -> None:

@@ -92,7 +92,7 @@ def test_a_red_seed_is_in_the_summary_and_the_campaign_is_annotated_once(bench: 
 
 
 def test_two_firmwares_have_one_summary_that_compares_them(bench: Path) -> None:
-    (elf,) = FIRMWARE.glob("*.elf")
+    elf = FIRMWARE / "hiltest-frdm-k64f.elf"
     code, said, page = run(bench, "--against", str(elf))
     assert code == 0, said
     assert said.count("The packaged firmware was compared: name yours with --firmware ELF") == 1
@@ -103,7 +103,7 @@ def test_two_firmwares_have_one_summary_that_compares_them(bench: Path) -> None:
 
 @pytest.mark.parametrize("named", [False, True])
 def test_a_campaign_of_the_packaged_firmware_says_so_where_nobody_named_it(bench: Path, named: bool) -> None:
-    (elf,) = FIRMWARE.glob("*.elf")
+    elf = FIRMWARE / "hiltest-frdm-k64f.elf"
     newer = ("--firmware", str(elf)) if named else ()
     code, said, page = run(bench, "--seeds", "1..1", "--against", str(elf), *newer)
     assert code == 0, said

@@ -2,61 +2,60 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import pytest
 
-from hiltest.angles import wrap_180, wrap_360
 from hiltest.measurement import Limit, Measurement, check
 from hiltest.record.run import Column, Table
 from hiltest.verdict.causes import Cause
 from hiltest.verdict.diagnosis import diagnose_run
 
-REFERENCE = [heading + 1.7 for heading in range(0, 360, 30)]
+LIMITS = {"heading.firmware.max": 2.0, "heading.ecompass.max": 5.0, "heading.calibrated.max": 5.0}
 
 
 def measured(**values: float) -> list[Measurement]:
     units = {"bias_error": "dps", "offset_error": "uT", "unsettled": ""}
+    limited = {name.replace("__", "."): value for name, value in values.items()}
     return [
-        check(name.replace("__", "."), value, unit=units.get(name.rpartition("__")[2], "deg"),
-              limit=Limit(max=2.0) if name == "heading__firmware__max" else None)
-        for name, value in values.items()
+        check(name, value, unit=units.get(name.rpartition(".")[2], "deg"),
+              limit=Limit(max=LIMITS[name]) if name in LIMITS else None)
+        for name, value in limited.items()
     ]  # fmt: skip
 
 
-def poses(answer: Callable[[float], float]) -> dict[str, Table]:
-    rows = tuple((reference, wrap_360(answer(reference))) for reference in REFERENCE)
-    columns = Column("reference", "deg"), Column("answered.firmware", "deg")
-    return {"heading.poses": Table("heading.poses", columns, rows)}
+def contradictions(**said: str) -> dict[str, Table]:
+    name = "heading.contradictions"
+    return {name: Table(name, (Column("of"), Column("said")), tuple(said.items()))}
 
 
-def cause(answer: Callable[[float], float], **values: float) -> tuple[Cause, str]:
-    worst = max(abs(wrap_180(answer(each) - each)) for each in REFERENCE)
-    found = diagnose_run(
-        ["firmware"], measured(heading__firmware__max=worst, **values), poses(answer), is_broken=False
-    )
-    return (found["firmware"].cause, found["firmware"].words) if found else (Cause.NONE, "")
+def cause(of: str = "firmware", said: dict[str, str] | None = None, **values: float) -> tuple[Cause, str]:
+    measurements = measured(**values)
+    names = [each.name.split(".")[1] for each in measurements if each.name.endswith(".max")]
+    found = diagnose_run(names, measurements, contradictions(**(said or {})), is_broken=False)
+    return (found[of].cause, found[of].words) if of in found else (Cause.NONE, "")
 
 
 def test_a_filter_that_lags_behind_a_right_calibration() -> None:
     found, words = cause(
-        lambda reference: reference + 4.0, heading__calibrated__max=0.8, heading__ecompass__max=0.9,
-        device__unsettled=0.0, gyroscope__firmware__bias_error=1.36,
+        heading__firmware__max=4.0, heading__firmware__max_centred=0.3, heading__calibrated__max=0.8,
+        heading__ecompass__max=0.9, device__unsettled=0.0, gyroscope__firmware__bias_error=1.36,
     )
     assert found is Cause.FILTER
     assert words == "its filter (calibration right (0.80 deg), gyroscope offset wrong by 1.36 dps)"
 
 
 def test_headings_that_still_move_are_not_settled_and_not_wrong() -> None:
-    found, words = cause(lambda reference: reference + 4.0, heading__calibrated__max=0.8, device__unsettled=7.0)
+    found, words = cause(
+        heading__firmware__max=4.0, heading__firmware__max_centred=0.3, heading__ecompass__max=4.1,
+        heading__calibrated__max=0.8, device__unsettled=7.0,
+    )
     assert found is Cause.NOT_SETTLED
     assert words == "filter not settled (calibration right (0.80 deg), not settled at 7 known angles)"
 
 
 def test_a_calibration_that_is_wrong_itself() -> None:
     found, words = cause(
-        lambda reference: reference + 4.0, heading__calibrated__max=3.9, heading__ecompass__max=4.1,
-        fit__firmware__offset_error=2.5, fit__firmware__rotation_left=0.2,
+        heading__firmware__max=4.0, heading__firmware__max_centred=3.9, heading__calibrated__max=3.9,
+        heading__ecompass__max=4.1, fit__firmware__offset_error=2.5, fit__firmware__rotation_left=0.2,
     )
     assert found is Cause.OWN_CALIBRATION
     assert "alone errs by 3.90 deg" in words
@@ -64,24 +63,47 @@ def test_a_calibration_that_is_wrong_itself() -> None:
 
 
 @pytest.mark.parametrize(
-    ("answer", "words"),
+    ("others", "words"),
     [
-        (lambda reference: -reference, "counterclockwise from north"),
-        (lambda reference: 90.0 - reference + 1.5, "counterclockwise from east"),
-        (lambda reference: reference - 90.0, "clockwise from east"),
-        (lambda reference: reference + 180.0, "clockwise from south"),
+        ({"heading__calibrated__max": 8.7, "heading__ecompass__max": 8.7}, "constant offset (-8.30 deg)"),
+        ({"heading__calibrated__max": 0.4}, "constant offset (-8.30 deg, calibration right (0.40 deg))"),
     ],
 )
-def test_a_frame_that_is_declared_wrong_is_named(answer: Callable[[float], float], words: str) -> None:
-    found, said = cause(answer, heading__calibrated__max=0.8)
-    assert found is Cause.FRAME
-    assert f"grow {words}" in said
+def test_an_error_that_is_the_same_everywhere_is_no_matter_of_calibration(
+    others: dict[str, float], words: str
+) -> None:
+    found, said = cause(
+        heading__firmware__max=8.7, heading__firmware__bias=-8.3, heading__firmware__max_centred=0.4, **others
+    )
+    assert (found, said) == (Cause.CONSTANT_OFFSET, words)
 
 
-def test_an_error_that_no_frame_explains_is_no_frame() -> None:
-    found, _ = cause(lambda reference: 45.0, heading__calibrated__max=0.8)
-    assert found is Cause.FILTER
+def test_a_convention_that_is_declared_wrong_is_named() -> None:
+    found, words = cause(
+        said={"heading": "they grow the other way"}, heading__firmware__max=177.0, heading__calibrated__max=0.8
+    )
+    assert (found, words) == (Cause.FRAME, "another frame than the declared one (they grow the other way)")
+
+
+def test_a_frame_of_vectors_and_of_headings_is_one_cause() -> None:
+    values = {"heading__firmware__max": 177.0, "heading__ecompass__max": 153.0, "heading__calibrated__max": 153.0}
+    said = {"heading": "they grow the other way", "vectors": "in frame ned"}
+    assert {cause(of, said, **values) for of in ("firmware", "ecompass", "calibrated")} == {
+        (Cause.FRAME, "another frame than the declared one (in frame ned)")
+    }
+
+
+def test_vectors_in_another_frame_are_named_beside_a_right_heading() -> None:
+    values = {"heading__firmware__max": 0.4, "heading__ecompass__max": 153.0}
+    assert cause("ecompass", {"vectors": "in frame ned"}, **values)[0] is Cause.FRAME
+    assert cause("ecompass", {}, **values)[0] is Cause.NOT_TOGETHER
+    assert cause("firmware", {}, **values)[0] is Cause.NONE
+
+
+def test_a_heading_that_does_not_follow_the_board_is_named_before_all_else() -> None:
+    found, words = cause(said={"still": "they cover 0.0 deg"}, heading__firmware__max=178.0, device__unsettled=3.0)
+    assert (found, words) == (Cause.STILL, "a heading that does not follow the board (they cover 0.0 deg)")
 
 
 def test_a_heading_within_its_limit_has_no_cause() -> None:
-    assert cause(lambda reference: reference + 1.0, heading__calibrated__max=5.0) == (Cause.NONE, "")
+    assert cause(heading__firmware__max=1.0, heading__calibrated__max=4.9) == (Cause.NONE, "")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -25,11 +26,19 @@ from hiltest.device.kinds import Interface, open_interfaces, sources_of
 from hiltest.device.memory import MemoryInterface
 from hiltest.device.quantities import Moment, Observation, PolledInterface, Quantity, StreamInterface
 from hiltest.device.text import TextInterface
-from hiltest.errors import ConfigError, DeviceTimeoutError, LinkLostError, VersionMismatchError
+from hiltest.errors import (
+    ConfigError,
+    DeviceSilentError,
+    DeviceTimeoutError,
+    HiltestError,
+    LinkLostError,
+    VersionMismatchError,
+)
 from hiltest.link.ports import open_port
 from hiltest.link.transcript import Direction, Transcript
 from hiltest.rig import Rig
 from hiltest.rig.device import Device
+from hiltest.text import legible, listed
 from hiltest.virtual.elf import load_image
 
 # How long one read listens: values that are read from outside are read as often.
@@ -63,6 +72,8 @@ class CompassBoard:
         What the firmware may say.
     latest : dict of Quantity to ndarray
         What it said last of each.
+    errors : Counter of str
+        What it reported to be wrong, and how often.
     costs : FunctionCosts or None
         Of the functions that the rig names; None where the board cannot see them.
     stage : Stage or None
@@ -106,8 +117,10 @@ class CompassBoard:
         self._sources = sources_of(rig, interfaces)
         self.offers = frozenset(self._sources)
         self.latest: dict[Quantity, NDArray[np.float64]] = {}
+        self.errors: Counter[str] = Counter()
         self._read_at_s: dict[str, float] = {}
         self._heard = 0
+        self._heard_at_s = -math.inf
         self._first = b""
 
     def begin(self) -> None:
@@ -115,7 +128,7 @@ class CompassBoard:
 
         Raises
         ------
-        DeviceTimeoutError
+        DeviceSilentError
             When nothing comes.
         VersionMismatchError
             When nothing of what comes is understood.
@@ -126,14 +139,33 @@ class CompassBoard:
         while not any(each.values for each in self.observe(_SLICE_S)):
             if self.now_s() < began_s + _SILENT_S:
                 continue
-            waited = f"the firmware's first words to [device] kind {', '.join(self.interfaces)}"
             if not self._heard:
-                raise DeviceTimeoutError(waited, self.device.start_s + _SILENT_S, self.clock, self.position())
-            raise VersionMismatchError(
-                f"{self._heard} bytes came, and none is understood by [device] kind {', '.join(self.interfaces)}; they "
-                f"begin with {self._first[:_SHOWN_BYTES]!r}. Is it that firmware, and the baud rate "
-                f"{self.rig.link.baud} right? See hiltest device try"
-            )
+                raise DeviceSilentError(self.device.start_s + _SILENT_S, self.clock, self.position())
+            raise VersionMismatchError(self._not_understood(f"{self._heard} bytes came, and nothing was understood"))
+
+    def heading_missing(self, seconds: float, window: Sequence[Observation]) -> HiltestError:
+        """Return why a time brought no heading: the firmware fell silent, or what it says is none.
+
+        Parameters
+        ----------
+        seconds : float
+        window : sequence of Observation
+            What was said in it.
+        """
+        if self.now_s() - self._heard_at_s > seconds - _SLICE_S:
+            return DeviceTimeoutError("a heading", seconds, self.clock, self.position())
+        others = sorted({quantity.key for each in window for quantity in each.values})
+        return VersionMismatchError(self._not_understood(
+            f"the firmware speaks, and no heading was understood in {seconds:g} s"
+            + (f", only {listed(others, 3)}" if others else "")
+        ))
+
+    def _not_understood(self, found: str) -> str:
+        """Return what a reader needs to see why."""
+        said = [f"it reports {text!r}" for text in self.errors] + list(self.remarks())
+        return "; ".join([
+            f"{found} by [device] kind {', '.join(self.interfaces)}", *said, f"it began with {self._first_words()}",
+        ]) + f". Is it that firmware, and its baud rate {self.rig.link.baud}? hiltest device try shows what it says"
 
     def observe(self, seconds: float) -> list[Observation]:
         """Listen for a time of the board's clock [s]; return what the firmware said.
@@ -159,6 +191,7 @@ class CompassBoard:
                 said += (self._of_source(kind, each) for each in observations)
         for each in said:
             self.latest.update(each.values)
+        self.errors.update(each.error for each in said if each.error)
         return said
 
     def _is_due(self, kind: str, interface: PolledInterface, now_s: float) -> bool:
@@ -235,7 +268,7 @@ class CompassBoard:
             data = bytes(self._port.read(_MOST_BYTES))
         if data:
             self._note(Direction.TO_HOST, data)
-            self._heard += len(data)
+            self._heard, self._heard_at_s = self._heard + len(data), self.now_s()
             self._first += data[: _SHOWN_BYTES - len(self._first)]
         return data
 
@@ -245,6 +278,12 @@ class CompassBoard:
             yield
         except (serial.SerialException, OSError) as error:
             raise LinkLostError(str(self._port.name), str(error)) from error
+
+    def _first_words(self) -> str:
+        """Return the first bytes: as text where they are one."""
+        text = self._first.decode("utf-8", errors="replace")
+        is_text = all(each.isprintable() or each.isspace() for each in text[:-1])
+        return repr(legible(text)) if is_text else f"{self._first.hex(' ')} (hex)"
 
     def _note(self, direction: Direction, data: bytes) -> None:
         if self._transcript is not None:
@@ -320,7 +359,11 @@ def open_compass(
     interfaces = open_interfaces(rig, {"memory": memory_kind(image, bench.machine if bench else None)})
     board: CompassBoard
     try:
-        sources_of(rig, interfaces)  # what is wrong with them is said before a port is opened
+        if Quantity.HEADING not in sources_of(rig, interfaces):  # all that is wrong is said before a port is opened
+            raise ConfigError(
+                f"{rig.where('device', 'kind')}: device.kind: {', '.join(interfaces)} offers no heading here, and that "
+                "is what is judged; name it in the rig (docs/compass.md)"
+            )
         if bench is not None:
             board = VirtualCompass(bench, interfaces, transcript=transcript)
         elif url is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -12,7 +13,7 @@ from hiltest.device.quantities import Moment, Observation, Quantity
 from hiltest.device.text_forms import Form
 from hiltest.device.text_lines import LONGEST_LINE, LineSplitter, Pattern
 from hiltest.device.text_values import ValueSource
-from hiltest.text import legible
+from hiltest.text import counted, legible
 
 _LONGEST_ERROR = 200
 _READY = np.ones(1)
@@ -82,6 +83,8 @@ class TextInterface:
         self._commands = commands or {}
         self._splitter = LineSplitter()
         self._begun = False
+        self._refused: Counter[Quantity] = Counter()
+        self._why_refused: dict[Quantity, str] = {}
 
     @property
     def given_up(self) -> tuple[str, ...]:
@@ -90,7 +93,12 @@ class TextInterface:
 
     def remarks(self) -> tuple[str, ...]:
         """Return what a reader of the values should know; empty where all is plain."""
-        return tuple(f"given up, since it took more than a second in a line: {text}" for text in self.given_up)
+        slow = (f"given up, since it took more than a second in a line: {text}" for text in self.given_up)
+        refused = (
+            f"{quantity.key} not taken {counted(times, 'time')}: {self._why_refused[quantity]}"
+            for quantity, times in self._refused.most_common()
+        )
+        return (*slow, *refused)
 
     def commands(self, moment: Moment) -> bytes:
         """Return what is to be sent at a moment; may be empty."""
@@ -113,9 +121,13 @@ class TextInterface:
             return Reading("", remark=f"longer than {LONGEST_LINE} bytes")
         is_first, self._begun = not self._begun, True
         found = self._form.find(line)
-        values, complaints = self._values(found.fields)
+        values, refused = self._values(found.fields)
+        complaints = [f"{quantity.key}: {why}" for quantity, why in refused.items()]
         if is_first:
             values, complaints = {}, ["the first line may have lost its beginning"]
+        else:
+            self._refused.update(refused.keys())
+            self._why_refused = refused | self._why_refused
         if self._ready is not None and self._ready.search(line):
             values[Quantity.CALIBRATED] = _READY
         error = self._error_in(line)
@@ -123,17 +135,19 @@ class TextInterface:
         remarks = complaints or ([] if values or error else [found.remark])
         return Reading(line, values, error, "; ".join(remarks), understood)
 
-    def _values(self, fields: Mapping[str, Sequence[str]]) -> tuple[dict[Quantity, NDArray[np.float64]], list[str]]:
+    def _values(
+        self, fields: Mapping[str, Sequence[str]]
+    ) -> tuple[dict[Quantity, NDArray[np.float64]], dict[Quantity, str]]:
         """Return the values in the fields of a line, and what is wrong with others."""
         values: dict[Quantity, NDArray[np.float64]] = {}
-        complaints = []
+        refused: dict[Quantity, str] = {}
         for source in self._sources:
             value = source.value(fields)
             if isinstance(value, str):
-                complaints.append(f"{source.quantity.key}: {value}")
+                refused[source.quantity] = value
             elif value is not None:
                 values[source.quantity] = value
-        return values, complaints
+        return values, refused
 
     def _error_in(self, line: str) -> str:
         match = self._error.search(line) if self._error else None

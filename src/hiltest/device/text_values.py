@@ -76,5 +76,5 @@ class ValueSource:
             return f"{text[:20]!r} is no number"
         largest = _LARGEST[self.quantity.unit]
         if not abs(converted) <= largest:
-            return f"{converted:g} {self.quantity.unit} is beyond {largest:g}"
+            return f"{converted:g} {self.quantity.unit} is beyond {largest:g}; look at its unit and scale"
         return converted

@@ -269,14 +269,21 @@ def _fusion() -> Iterator[Kind]:
 def _own_language() -> Iterator[Kind]:
     """Of firmware that speaks its own language."""
     waited = _allow(1, 0.05, "found in steps of a window, a second unless the rig says otherwise")
-    for name, unit, better, allowance, meaning in (
-        ("settle_time", "s", _LOWER, waited, "Longest time until a heading at rest stood still"),
-        ("unsettled", "", _LOWER, _COUNTED, "Known angles at which the heading still moved at the end of the wait"),
-        ("calibrated_after", "s", _LOWER, waited, "Time of turning until the firmware said that it is calibrated"),
-        ("unconfirmed", "", _LOWER, _COUNTED, "Headings from a serial line that no neighbour confirmed, and left out"),
-        ("not_understood", "", _LOWER, _COUNTED, "Bytes or lines from the firmware that were not understood"),
+    converge = "Give its filter time under [device]: converge_s, settle_s."
+    hear = "See which lines or bytes are not understood: hiltest device try."
+    for name, unit, better, allowance, meaning, next_step in (
+        ("settle_time", "s", _LOWER, waited, "Longest time until a heading at rest stood still", converge),
+        ("unsettled", "", _LOWER, _COUNTED, "Known angles at which the heading still moved at the end of the wait",
+         converge),
+        ("calibrated_after", "s", _LOWER, waited, "Time of turning until the firmware said that it is calibrated",
+         "Turn it through more directions, or slower: tumbles, tumble_s under [device]."),
+        ("errors", "", _LOWER, _COUNTED, "Errors that the firmware reported",
+         "Look at the wire trace: what it says before them."),
+        ("unconfirmed", "", _LOWER, _COUNTED, "Headings from a serial line that no neighbour confirmed, and left out",
+         hear),
+        ("not_understood", "", _LOWER, _COUNTED, "Bytes or lines from the firmware that were not understood", hear),
     ):
-        yield Kind(f"device.{name}", unit, better, allowance, Section.HEADING, meaning)
+        yield Kind(f"device.{name}", unit, better, allowance, Section.HEADING, meaning, next_step=next_step)
     each = _allow(1, 0.005, _PER_CALL_WHY)
     number = _allow(0, 0.02, "as often as the firmware has data and time")
     for name, unit, better, allowance, meaning in (

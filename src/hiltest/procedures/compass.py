@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.angles import Pose, circular_mean_deg, heading_error_deg, wrap_360
+from hiltest.angles import Pose, circular_mean_deg, heading_error_deg, wrap_180, wrap_360
 from hiltest.boards.compass import CompassBoard
 from hiltest.calibration.fit import FitStatus, MagnetometerFit
 from hiltest.device.frames import FRAMES, Frame
 from hiltest.device.quantities import Moment, Observation, Quantity
 from hiltest.errors import PoorCoverageError
 from hiltest.orientation import DegenerateFieldError, tilt_heading
+from hiltest.procedures.conventions import other_frame, other_tilt, other_way, standing_still
 from hiltest.procedures.heading_statistics import HeadingSummary, summarise
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.settling import Settled, wait_until_settled
@@ -22,6 +24,8 @@ from hiltest.procedures.turntables import Turntable
 from hiltest.rig import COUNTS_PER_UT, Rig
 
 Reals = NDArray[np.float64]
+# Pitch and roll [deg]: as said, and as they are.
+_Tilt: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
 
 FIRMWARE = "firmware"
 """The heading that the firmware itself says, its filter and all."""
@@ -106,6 +110,9 @@ class CompassHeadings:
     tilt_error_deg : float or None
         Largest error of the firmware's pitch and roll; None where it does not say them, or in another frame than NED,
         whose pitch and roll are other angles.
+    contradictions : dict of str to str
+        Where what the firmware says is far off, and right by another convention than the declared one: that in words,
+        of its ``heading``, ``vectors`` and ``tilt``; and that its heading is ``still``.
     """
 
     held: tuple[HeldPose, ...]
@@ -114,6 +121,7 @@ class CompassHeadings:
     error_deg: Mapping[str, Reals]
     belief: Belief
     tilt_error_deg: float | None
+    contradictions: Mapping[str, str]
 
     @property
     def level(self) -> NDArray[np.bool_]:
@@ -273,22 +281,39 @@ def _headings(held: tuple[HeldPose, ...], belief: Belief, board: CompassBoard) -
         source: np.array([heading_error_deg(*pair) for pair in zip(headings, reference_deg.tolist(), strict=True)])
         for source, headings in answered.items()
     }
+    tilts = _tilts(held, board)
+    errors = [abs(wrap_180(a - b)) for said, known in tilts for a, b in zip(said, known, strict=True)]
     return CompassHeadings(
         held, reference_deg, {source: np.array(each) for source, each in answered.items()}, error_deg, belief,
-        _tilt_error_deg(held, board),
+        max(errors, default=None), _contradictions(held, answered[FIRMWARE], tilts, board.rig),
     )
 
 
-def _tilt_error_deg(held: tuple[HeldPose, ...], board: CompassBoard) -> float | None:
-    if board.device.frame != "ned" or not {Quantity.PITCH, Quantity.ROLL} <= board.offers:
-        return None
+def _contradictions(
+    held: tuple[HeldPose, ...], answered_deg: list[float], tilts: Sequence[_Tilt], rig: Rig
+) -> dict[str, str]:
+    assert rig.device is not None
+    reference_deg, frame = [each.attitude.heading_deg for each in held], frame_of(rig)
+    vectors = [(each.gravity_g, each.field_ut) for each in held]
+    known = [(gravity, field) for gravity, field in vectors if gravity is not None and field is not None]
+    found = {
+        "heading": other_way(answered_deg, reference_deg, frame),
+        "still": standing_still(answered_deg, reference_deg),
+        "vectors": other_frame(known, reference_deg, rig.device.frame, frame) if len(known) == len(held) else "",
+        "tilt": other_tilt(*zip(*tilts, strict=True)) if tilts else "",
+    }
+    return {name: said for name, said in found.items() if said}
+
+
+def _tilts(held: tuple[HeldPose, ...], board: CompassBoard) -> list[_Tilt]:
+    """Return pitch and roll at each pose that has them, as the firmware says them and as they are."""
+    if board.device.frame != "ned":
+        return []
     said = [(_angle(each.settled, Quantity.PITCH), _angle(each.settled, Quantity.ROLL)) for each in held]
-    errors = [
-        abs(heading_error_deg(angle, known))
-        for (pitch, roll), each in zip(said, held, strict=True)
-        for angle, known in ((pitch, each.attitude.pitch_deg), (roll, each.attitude.roll_deg)) if angle is not None
+    return [
+        ((pitch, roll), (each.attitude.pitch_deg, each.attitude.roll_deg))
+        for (pitch, roll), each in zip(said, held, strict=True) if pitch is not None and roll is not None
     ]
-    return max(errors, default=None)
 
 
 def _angle(settled: Settled, quantity: Quantity) -> float | None:

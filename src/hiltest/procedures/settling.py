@@ -62,7 +62,9 @@ def wait_until_settled(board: CompassBoard, frame: Frame, longest_s: float | Non
     Raises
     ------
     DeviceTimeoutError
-        When a whole window brings no heading.
+        When the board fell silent, or no heading of a whole window is confirmed.
+    VersionMismatchError
+        When what it says holds no heading.
 
     Notes
     -----
@@ -83,8 +85,9 @@ def wait_until_settled(board: CompassBoard, frame: Frame, longest_s: float | Non
             said, headings_deg = len(headings_deg), confirmed(headings_deg)
             unconfirmed += said - len(headings_deg)
         if not headings_deg:
-            wanted = "a heading" + " that a neighbour confirms" * bool(unconfirmed)
-            raise DeviceTimeoutError(wanted, device.window_s, board.clock, board.position())
+            if unconfirmed:
+                raise DeviceTimeoutError("a heading that a neighbour confirms", device.window_s, board.clock)
+            raise board.heading_missing(device.window_s, window)
         took_s = board.now_s() - began_s
         settled = bool(before) and agree(before, headings_deg)
         if settled or took_s + device.window_s > longest_s:

@@ -119,7 +119,8 @@ def failure_line(failure: Failure) -> str:
     each = failure.measurement
     value = each.note or "no value" if each.value is None else with_unit(each.value, each.unit)
     place = each.place or without_folders(each.test)
-    return f"{each.name} {value}" + held_to(each, failure.was) + (f", {place}" if place else "")
+    note = f": {each.note}" if each.note and each.value is not None else ""
+    return f"{each.name} {value}" + held_to(each, failure.was) + note + (f", {place}" if place else "")
 
 
 def _wrapped(console: Console, text: str, style: str = "", indent: str = "") -> None:

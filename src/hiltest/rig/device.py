@@ -85,10 +85,11 @@ class Device:
         require(bool(self.kinds), "kind", 'names no kind; write kind = "fsflk" or another')
         require("hiltest" not in self.kinds or self.kinds == ("hiltest",), "kind",
                 '"hiltest" goes with no other kind: firmware that speaks its protocol offers all by that')
-        require(("text" in self.kinds) == (self.text is not None), "text",
-                'goes with kind = "text", and only with it: the table [device.text] says what its lines mean')
-        require(("memory" in self.kinds) == (self.memory is not None), "memory",
-                'names the variables of kind "memory", and only of that')
+        for kind, table, says in (("text", self.text, "what its lines mean"), ("memory", self.memory, "its variables")):
+            require(kind not in self.kinds or table is not None, "kind",
+                    f'"{kind}" needs a table [device.{kind}] that says {says}')
+            require(table is None or kind in self.kinds, "kind",
+                    f'must be "{kind}", or have it in a list, since there is a table [device.{kind}]')
         for key, seconds in (("start_s", self.start_s), ("converge_s", self.converge_s)):
             require(0.0 <= seconds <= 600.0, key, "must be 0 to 600")
         require(1 <= self.tumbles <= 10, "tumbles", "must be 1 to 10")

@@ -34,6 +34,8 @@ class Cause(StrEnum):
     BAD_FIT = "bad fit"
     # Of firmware that speaks its own language.
     FRAME = "another frame than the declared one"
+    NOT_TOGETHER = "its field, its calibration and its heading do not belong together"
+    STILL = "a heading that does not follow the board"
     NOT_SETTLED = "filter not settled"
     FILTER = "its filter"
     OWN_CALIBRATION = "its own calibration"
@@ -52,6 +54,8 @@ ADVICE = {
     Cause.GOOD_FIT_BAD_HEADING: "A fit of norms cannot see a rotated soft iron: calibrate against gravity (dpi).",
     Cause.BAD_FIT: "Look at the calibrated samples in the report: the model does not fit them.",
     Cause.FRAME: "Correct frame or heading under [device] in the rig, or the firmware's convention.",
+    Cause.NOT_TOGETHER: "Compare unit, order and axes of its vectors and its calibration with those in the rig.",
+    Cause.STILL: "Turn the board under hiltest device try: is it the heading, and its unit and scale right?",
     Cause.NOT_SETTLED: "Let its filter converge: a longer converge_s or settle_s under [device], or a faster filter.",
     Cause.FILTER: "Compare its heading with the one of its calibrated vectors: what differs is made by its filter.",
     Cause.OWN_CALIBRATION: "Turn the board through more directions (tumbles, tumble_s), or look at its fit.",

@@ -15,7 +15,7 @@ from hiltest.record.run import Table
 from hiltest.verdict.calibrators import fit_status, maximum_of, value_of
 from hiltest.verdict.causes import GOOD_FIT_FACTOR, OF_SOURCE, Cause, HeadingSymptoms, name_cause
 from hiltest.verdict.heading_evidence import CALIBRATION_FILE, HeadingEvidence, read_heading_evidence
-from hiltest.verdict.own_language import FIRMWARE, diagnose_firmware
+from hiltest.verdict.own_language import CALIBRATED, ECOMPASS, FIRMWARE, diagnose_firmware, diagnose_parts
 
 # The firmware's own arithmetic is the cause where it makes at least half of the largest error.
 _MAKES_MOST = 0.5
@@ -61,9 +61,9 @@ def diagnose_run(
     found, evidence = {each.name: each for each in measurements}, read_heading_evidence(tables)
     axes = None if evidence is None else evidence.axes()
     causes = {name: diagnose(name, found, evidence, axes) for name in names}
-    if FIRMWARE in causes and any(_fails(found.get(f"heading.{FIRMWARE}.{each}")) for each in _OF_HEADINGS):
-        cause, details = diagnose_firmware(found, tables)
-        causes[FIRMWARE] = Diagnosis(cause, _with(cause, details))
+    if own := [each for each in (FIRMWARE, ECOMPASS, CALIBRATED) if _is_off(each, found)]:
+        cause, details = diagnose_firmware(found, tables) if FIRMWARE in own else diagnose_parts(tables)
+        causes |= dict.fromkeys(own, Diagnosis(cause, _with(cause, details)))
     if axes is not None and is_broken and not any(each.cause is Cause.AXES for each in causes.values()):
         mirrored = value_of(found.get("fit.dpi.status")) == FitStatus.MIRRORED
         words = str(axes) or (_REFUSED if mirrored and axes.are_as_declared else "")
@@ -122,7 +122,7 @@ def diagnose(
     patient = _Patient(name, found, evidence, axes)
     if evidence is not None and not patient.sensors_have_wrong_axes:
         patient = replace(patient, calibrated_axes=evidence.axes_under(name))
-    if not any(_fails(patient.of(f"heading.{each}")) for each in _OF_HEADINGS):
+    if not _is_off(name, found):
         return NOTHING
     is_arithmetic, source = _source(patient, maximum)
     same_as = evidence.same_as(name) if evidence and _fails(patient.of("heading.float32_error")) else ""
@@ -257,6 +257,10 @@ def _rotation(source: ErrorSource) -> str:
     others = float(np.linalg.norm(np.delete(source.size, largest)))
     about = f"about {'xyz'[largest]}" if others <= _ABOUT_ONE_AXIS * angle else "about a slanting axis"
     return f"rotated by {angle:.3g} deg {about}"
+
+
+def _is_off(name: str, found: Mapping[str, Measurement]) -> bool:
+    return any(_fails(found.get(f"heading.{name}.{each}")) for each in _OF_HEADINGS)
 
 
 def _fails(measurement: Measurement | None) -> bool:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from itertools import product
+import math
+from collections.abc import Mapping
 
-from hiltest.angles import circular_mean_deg, wrap_180
 from hiltest.measurement import Measurement
 from hiltest.record.run import Table
 from hiltest.verdict.calibrators import maximum_of, value_of
@@ -15,12 +14,7 @@ from hiltest.verdict.causes import Cause
 FIRMWARE, ECOMPASS, CALIBRATED = "firmware", "ecompass", "calibrated"
 
 _PARTS = {ECOMPASS: "without its filter", CALIBRATED: "by its calibration alone"}
-# Headings in another frame differ by whole quarters of a turn, or grow the other way: errors of tens of degrees, which
-# are gone but for these few once the frame is the right one.
-_LEFT_DEG = 10.0
-_QUARTERS_DEG = (0.0, 90.0, 180.0, 270.0)
-_FROM = {0.0: "north", 90.0: "east", 180.0: "south", 270.0: "west"}
-_POSES = "heading.poses"
+_CONTRADICTIONS = "heading.contradictions"
 
 
 def diagnose_firmware(found: Mapping[str, Measurement], tables: Mapping[str, Table]) -> tuple[Cause, list[str]]:
@@ -31,19 +25,25 @@ def diagnose_firmware(found: Mapping[str, Measurement], tables: Mapping[str, Tab
     found : mapping of str to Measurement
         All of the run.
     tables : mapping of str to Table
-        With the answered headings pose by pose.
+        With what the procedure found of its conventions.
     """
     limit_deg = maximum_of(found.get(f"heading.{FIRMWARE}.max"))
-    frame = _other_frame(tables)
-    if frame:
-        return Cause.FRAME, [frame]
+    said = _contradictions(tables)
+    if still := said.get("still"):
+        return Cause.STILL, [still]
     right = [source for source in (CALIBRATED, ECOMPASS) if _within(found.get(f"heading.{source}.max"), limit_deg)]
     errors = {source: value_of(found.get(f"heading.{source}.max")) for source in (CALIBRATED, ECOMPASS)}
+    bias_dps = value_of(found.get("gyroscope.firmware.bias_error"))
+    unsettled = value_of(found.get("device.unsettled")) or 0.0
+    details = [f"calibration right ({errors[right[0]]:.2f} deg)"] if right else []
+    mean_deg = value_of(found.get(f"heading.{FIRMWARE}.bias")) or 0.0
+    centred = found.get(f"heading.{FIRMWARE}.max_centred")
+    is_constant = "heading" not in said and _within(centred, min(abs(mean_deg), limit_deg or math.inf))
+    if is_constant and not unsettled and bias_dps is None:  # which are reasons for a filter to lag
+        return Cause.CONSTANT_OFFSET, [f"{mean_deg:+.2f} deg", *details]
+    if frame := said.get("vectors") or said.get("heading"):  # another frame may explain both
+        return Cause.FRAME, [frame]
     if right:
-        said = f"calibration right ({errors[right[0]]:.2f} deg)"
-        unsettled = value_of(found.get("device.unsettled")) or 0.0
-        bias_dps = value_of(found.get("gyroscope.firmware.bias_error"))
-        details = [said]
         if unsettled:
             details.append(f"not settled at {unsettled:.0f} known angles")
         if bias_dps is not None:
@@ -57,6 +57,12 @@ def diagnose_firmware(found: Mapping[str, Measurement], tables: Mapping[str, Tab
     if rotation_deg is not None:
         details.append(f"residual rotation {rotation_deg:.2f} deg")
     return (Cause.OWN_CALIBRATION if details else Cause.NONE), details
+
+
+def diagnose_parts(tables: Mapping[str, Table]) -> tuple[Cause, list[str]]:
+    """Return the likely cause of headings computed from what the firmware says that are far from the one it says."""
+    vectors = _contradictions(tables).get("vectors")
+    return (Cause.FRAME, [vectors]) if vectors else (Cause.NOT_TOGETHER, [])
 
 
 def parts_in_words(worst_deg: Mapping[str, float | None]) -> str:
@@ -73,33 +79,7 @@ def _within(measurement: Measurement | None, limit_deg: float | None) -> bool:
     return value is not None and limit_deg is not None and value <= limit_deg
 
 
-def _other_frame(tables: Mapping[str, Table]) -> str:
-    """Return the frame in which the answered headings are right, if the declared one is not; empty otherwise."""
-    poses = tables.get(_POSES)
-    if poses is None or f"answered.{FIRMWARE}" not in [each.name for each in poses.columns]:
-        return ""
-    pairs = [
-        (float(answered), float(reference))
-        for answered, reference in zip(poses.column(f"answered.{FIRMWARE}"), poses.column("reference"), strict=True)
-        if isinstance(answered, int | float) and isinstance(reference, int | float)
-    ]
-    if not pairs or _largest(pairs, 1.0, 0.0) <= _LEFT_DEG:
-        return ""
-    tried = {(sign, zero): _largest(pairs, sign, zero) for sign, zero in product((1.0, -1.0), _QUARTERS_DEG)}
-    (sign, zero), left_deg = min(tried.items(), key=lambda each: each[1])
-    if left_deg > _LEFT_DEG:
-        return ""
-    way = "clockwise" if sign > 0.0 else "counterclockwise"
-    return f"headings are right, within {left_deg:.1f} deg, once they are taken to grow {way} from {_FROM[zero]}"
-
-
-def _largest(pairs: Sequence[tuple[float, float]], sign: float, zero_deg: float) -> float:
-    """Return the largest error of headings that are read otherwise, their mean error taken off."""
-    errors = [wrap_180(zero_deg + sign * answered - reference) for answered, reference in pairs]
-    try:
-        mean = circular_mean_deg(errors)
-    except ValueError:
-        return 180.0
-    if abs(wrap_180(mean)) > _LEFT_DEG:
-        return 180.0
-    return max(abs(wrap_180(each)) for each in errors)
+def _contradictions(tables: Mapping[str, Table]) -> dict[str, str]:
+    """Return how what the firmware says would be right, by what it is said of."""
+    table = tables.get(_CONTRADICTIONS)
+    return {} if table is None else {str(of): str(said) for of, said in table.rows}
