@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hiltest.bench_files import rig_file
 from hiltest.measurement import KINDS, identify
 
 FILE = "imu_calibration.json"
@@ -47,11 +48,22 @@ def judged(calibrated: Path, run_in, tmp_path_factory: pytest.TempPathFactory):
     return run_in(tmp_path_factory.mktemp("judged"), "--suite", "full", "--calibration", str(calibrated))
 
 
-def test_each_name_of_a_full_run_has_its_kind_and_each_kind_is_measured(judged) -> None:
-    kinds = {name: identify(name).kind for name in judged.measured}
+@pytest.fixture(scope="module")
+def listened_to(run_in, tmp_path_factory: pytest.TempPathFactory):
+    """A run with firmware that is not asked, one of whose functions works in slices as far as the rig knows."""
+    folder = tmp_path_factory.mktemp("listened-to")
+    sliced = 'fit = { functions = ["magnetometer_direct"], ends = "background.changes", ends_bytes = 4 }'
+    rig = rig_file(folder, "text-compass").read_text(encoding="utf-8")
+    (folder / "mine.toml").write_text(rig.replace('fit = "magnetometer_direct"', sliced), encoding="utf-8")
+    return run_in(folder, "--rig", "mine.toml", "--poses", "level")
+
+
+def test_each_name_of_a_full_run_has_its_kind_and_each_kind_is_measured(judged, listened_to) -> None:
+    measured = judged.measured | listened_to.measured
+    kinds = {name: identify(name).kind for name in measured}
     assert [name for name, kind in kinds.items() if kind is None] == []
     assert set(KINDS) - {kind.name for kind in kinds.values() if kind} == set()
-    units = {name: each["unit"] for name, each in judged.measured.items()}
+    units = {name: each["unit"] for name, each in measured.items()}
     assert [name for name, kind in kinds.items() if kind and kind.unit not in (None, units[name])] == []
 
 

@@ -75,8 +75,13 @@ def test_silence_is_a_sync_error(session_with: OpenSession) -> None:
 
 def test_a_sync_error_shows_what_was_heard_instead(session_with: OpenSession) -> None:
     with pytest.raises(SyncError) as caught:
-        session_with(lambda *_: b"login: ", deadline_s=0.1).synchronise()
-    assert caught.value.heard == b"login: " * 3
+        session_with(lambda *_: b"\x00\xfflogin: ", deadline_s=0.1).synchronise()
+    assert caught.value.heard == b"\x00\xfflogin: " * 3
+
+
+def test_firmware_that_prints_text_is_another_firmware(session_with: OpenSession) -> None:
+    with pytest.raises(VersionMismatchError, match=r"but text comes: 'HDG=12\.3 deg'\. .*a \[device\] table"):
+        session_with(lambda *_: b"HDG=12.3 deg\n", deadline_s=0.1).synchronise()
 
 
 def test_another_protocol_version_is_named(session_with: OpenSession) -> None:

@@ -38,7 +38,7 @@ from hiltest.link.ports import open_port
 from hiltest.link.transcript import Direction, Transcript
 from hiltest.rig import Rig
 from hiltest.rig.device import Device
-from hiltest.text import legible, listed
+from hiltest.text import is_text, legible, listed
 from hiltest.virtual.elf import load_image
 
 # How long one read listens: values that are read from outside are read as often.
@@ -281,9 +281,9 @@ class CompassBoard:
 
     def _first_words(self) -> str:
         """Return the first bytes: as text where they are one."""
-        text = self._first.decode("utf-8", errors="replace")
-        is_text = all(each.isprintable() or each.isspace() for each in text[:-1])
-        return repr(legible(text)) if is_text else f"{self._first.hex(' ')} (hex)"
+        if is_text(self._first):
+            return repr(legible(self._first.decode("utf-8", errors="replace")))
+        return f"{self._first.hex(' ')} (hex)"
 
     def _note(self, direction: Direction, data: bytes) -> None:
         if self._transcript is not None:

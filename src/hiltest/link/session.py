@@ -30,6 +30,7 @@ from hiltest.link.ports import SerialPort
 from hiltest.link.replies import Identity, Status
 from hiltest.link.request import REPLY_BIT, Request, decode_reply
 from hiltest.link.transcript import Direction, Transcript
+from hiltest.text import is_text, legible
 
 R = TypeVar("R")
 
@@ -44,6 +45,7 @@ _WALL_A_BOARD_SECOND = 4.0
 # Late answers to that many earlier requests are dropped; a stranger number is an error.
 _STALE_SEQUENCES = 16
 _HEARD_KEPT = 256
+_SHOWN_CHARACTERS = 80
 
 
 class RequestOutcome(StrEnum):
@@ -52,6 +54,12 @@ class RequestOutcome(StrEnum):
     ANSWERED = "answered"
     TIMEOUT = "timeout"
     ERROR = "error"
+
+
+def _a_line(heard: bytes) -> str:
+    """Return a whole line of what came, where there is one: the first and the last may be cut."""
+    lines = [line for line in heard.decode("utf-8", errors="replace").splitlines() if line]
+    return legible(lines[len(lines) // 2])[:_SHOWN_CHARACTERS] if lines else ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +143,7 @@ class Session:
         SyncError
             When it does not.
         VersionMismatchError
-            When it speaks another protocol version.
+            When it speaks another protocol version, or prints text.
         """
         self._port.reset_input_buffer()
         self._decoder.reset()
@@ -149,7 +157,14 @@ class Session:
                 self.protocol_version = int.from_bytes(payload[5:7], "little")
                 break
         else:
-            raise SyncError(self._port.name, bytes(self._heard), self._attempts_allowed)
+            heard = bytes(self._heard)
+            if is_text(heard):
+                raise VersionMismatchError(
+                    f"nothing on {self._port.name} answers in hiltest's protocol, but text comes: {_a_line(heard)!r}. "
+                    "Firmware that speaks its own language is judged with a [device] table in the rig: "
+                    "docs/text-compass.md"
+                )
+            raise SyncError(self._port.name, heard, self._attempts_allowed)
         if self.protocol_version != PROTOCOL_VERSION:
             raise VersionMismatchError(
                 f"the firmware speaks protocol version {self.protocol_version}, hiltest {PROTOCOL_VERSION}. "

@@ -104,7 +104,7 @@ def _sentence(findings: Findings, word: str, left_out: Sequence[str]) -> str:
     return " ".join(filter(None, (
         f"{word}.", failures_in_words(summary.failures), tests_in_words(summary.broken), _likely(summary.causes),
         _not_evaluated(summary, findings, word), _sentence_of(unmeasured_in_words(summary.unmeasured)), reached,
-        *(f"{each.outcome.capitalize()}: {each.reason.rstrip('.')}." for each in _stopped(findings)[:1]),
+        *(f"{each.outcome.capitalize()}: {_ended(each.reason)}" for each in _stopped(findings)[:1]),
         _left_out_words(left_out), against_base,
     )))
 
@@ -222,7 +222,11 @@ def _what_stopped(findings: Findings) -> str:
     stopped = _stopped(findings)
     if not stopped or _red(findings) or _failed(findings):
         return ""
-    return f"{stopped[0].reason.rstrip('.')}."
+    return _ended(stopped[0].reason)
+
+
+def _ended(reason: str) -> str:
+    return reason if reason.endswith((".", "?")) else f"{reason}."
 
 
 def _failed(findings: Findings) -> list[Measurement]:
