@@ -175,11 +175,14 @@ def _broken_test_of(name: str, new: Evidence, broken: Mapping[Seed, Set[str]]) -
 
 
 def _of_measurements(base: Evidence, new: Evidence, differences: Sequence[Difference]) -> Iterator[str]:
-    # Cycles of another model are there, and the other model is an obstacle already.
+    # Cycles of another model are there, and the other model is an obstacle already; and so are other poses, at which
+    # other measurements are made.
+    was, now = base.conditions, new.conditions
+    other_poses = was is not None and now is not None and was.poses != now.poses
     counted_otherwise = base.side.cycle_model != new.side.cycle_model
     gone = [
         each for each in differences
-        if each.change is Change.GONE and not (counted_otherwise and each.cycle_model and each.new is not None)
+        if each.change is Change.GONE and not other_poses and not (counted_otherwise and each.cycle_model and each.new is not None)
     ]
     for each in gone[:_NAMED_AT_MOST]:
         why = f" ({each.note})" if each.note else ""
