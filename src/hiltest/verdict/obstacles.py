@@ -180,10 +180,10 @@ def _of_measurements(base: Evidence, new: Evidence, differences: Sequence[Differ
     was, now = base.conditions, new.conditions
     other_poses = was is not None and now is not None and was.poses != now.poses
     counted_otherwise = base.side.cycle_model != new.side.cycle_model
-    gone = [
+    gone = [] if other_poses else [
         each for each in differences
-        if each.change is Change.GONE and not other_poses and not (counted_otherwise and each.cycle_model and each.new is not None)
-    ]
+        if each.change is Change.GONE and not (counted_otherwise and each.cycle_model and each.new is not None)
+    ]  # fmt: skip
     for each in gone[:_NAMED_AT_MOST]:
         why = f" ({each.note})" if each.note else ""
         accept = _accept(base, new, each.name)
