@@ -16,10 +16,13 @@ from hiltest.rig.playback import PlaybackFile, PlayedSensor
 from hiltest.strict_json import read_bounded
 from hiltest.world.playback import Playback, Resampling, Sensed, Track
 
-#: Where the first reading is that has no place of its own [s]: firmware has set up its sensors by then.
-START_S = 1.0
+#: Where the first reading is that has no place of its own [s]: firmware has set up its sensors and speaks by then.
+START_S = 3.0
 _LARGEST_BYTES = 512 << 20
 _LOOKED_AT = 4096
+# Between these the median of a recording's readings lies, whatever moved and magnetised the board; beyond, the unit is
+# another one. The earth's field is 22 to 66 uT, and the parts' axes stop at 1200; nothing is shaken at 3 g for long.
+_PLAUSIBLE = {Sensed.MAGNETOMETER: (5.0, 2100.0), Sensed.ACCELEROMETER: (0.3, 3.0), Sensed.GYROSCOPE: (0.0, 4000.0)}
 # Attributes of the packet in their units.
 _OF_PACKET = {Sensed.MAGNETOMETER: "field_ut", Sensed.ACCELEROMETER: "acceleration_g", Sensed.GYROSCOPE: "rate_dps"}
 
@@ -35,14 +38,26 @@ def load_playback(rig: Rig) -> Playback | None:
     given = rig.world.playback if rig.world else None
     if given is None:
         return None
-    path = rig.path.parent / given.file
     try:
-        with path.open("rb") as file:
-            # Packets have zeros in them, text has none.
-            is_stream = b"\0" in file.read(_LOOKED_AT) and path.suffix != ".gz"
-    except OSError as error:
-        raise ConfigError(f"{rig.where('world', 'playback')}: world.playback: {path}: {error.strerror}") from error
-    recorded = (_read_packets if is_stream else read_table)(path, given)
+        return read_playback(rig.path.parent / given.file, given)
+    except ConfigError as error:
+        raise ConfigError(f"{rig.where('world', 'playback')}: world.playback: {error}") from error
+
+
+def read_playback(path: Path, given: PlaybackFile) -> Playback:
+    """Read a recording as a rig's table says it, and place it in virtual time.
+
+    Raises
+    ------
+    ConfigError
+        When it cannot be read or understood; names the file, and the line of a table.
+    """
+    data = read_bounded(path, largest_bytes=_LARGEST_BYTES, otherwise="give a recording")
+    # Packets have zeros in them, text has none.
+    is_stream = b"\0" in data[:_LOOKED_AT] and path.suffix != ".gz"
+    recorded = _read_packets(path, data, given) if is_stream else read_table(path, given)
+    for sensed, track in recorded.tracks.items():
+        _refuse_implausible(path, sensed, track)
     return placed(path.name, recorded, given)
 
 
@@ -57,9 +72,16 @@ def placed(name: str, recorded: Recorded, given: PlaybackFile) -> Playback:
     return Playback(name, tracks, Resampling(given.resampling))
 
 
-def _read_packets(path: Path, given: PlaybackFile) -> Recorded:
+def _refuse_implausible(path: Path, sensed: Sensed, track: Track) -> None:
+    low, high = _PLAUSIBLE[sensed]
+    middle = float(np.median(np.linalg.norm(track.readings, axis=1)))
+    if not low <= middle <= high:
+        raise ConfigError(f"{path}: its {sensed.key} reads {middle:.4g} {sensed.unit} in the median, and {low:g} to "
+                          f"{high:g} is what one can: say the right unit with world.playback.{sensed.key}.unit")
+
+
+def _read_packets(path: Path, data: bytes, given: PlaybackFile) -> Recorded:
     """Read the main packets of a stream: accelerometer, calibrated magnetometer, uncalibrated gyroscope."""
-    data = read_bounded(path, largest_bytes=_LARGEST_BYTES, otherwise="give a recording")
     _, release = summary_of(data)
     rows = [table for batch in batches(data, release) for table in batch.tables if table.kind is MainPacket]
     if not rows:

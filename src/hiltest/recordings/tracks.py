@@ -12,7 +12,14 @@ from pathlib import Path
 import numpy as np
 
 from hiltest.errors import ConfigError
-from hiltest.recordings.columns import axis_triples, column_index, name_and_unit, named_columns, seconds_of
+from hiltest.recordings.columns import (
+    axis_triples,
+    column_index,
+    incomplete_triples,
+    name_and_unit,
+    named_columns,
+    seconds_of,
+)
 from hiltest.recordings.table import LARGEST_READING, TableRow, check_width, number_in, read_rows, split_header
 from hiltest.rig.playback import UNITS, PlaybackFile, PlayedSensor, factor_of
 from hiltest.world.playback import Reals, Sensed, Track
@@ -105,6 +112,7 @@ def _columns(
         places = named_columns(",".join(f'"{each}"' for each in given.columns), headers, width, option=option)
     else:
         stems = {stem: each for stem, each in axis_triples(headers).items() if _STEMS[sensed].search(stem)}
+        _refuse_incomplete(path, sensed, headers)
         if not stems:
             return None
         if len(stems) > 1:
@@ -115,14 +123,22 @@ def _columns(
     return _Columns(places, (x, y, z), _factor(path, sensed, given, (x, y, z)), given.signed_axes)
 
 
+def _refuse_incomplete(path: Path, sensed: Sensed, headers: Sequence[str]) -> None:
+    """Refuse two axes of three, whose sensor would else be taken for one that was not recorded."""
+    for stem, places in incomplete_triples(headers).items():
+        if _STEMS[sensed].search(stem):
+            raise ConfigError(f"{path}: columns {', '.join(headers[place] for place in places)} are not x, y and z of "
+                              f"one {sensed.key}: name three with world.playback.{sensed.key}.columns")
+
+
 def _factor(path: Path, sensed: Sensed, given: PlayedSensor, names: Sequence[str]) -> float:
     words = {name_and_unit(name)[1] for name in names}
     word = given.unit or (words.pop() if len(words) == 1 else "")
     factor = factor_of(word, UNITS[sensed.key]) if word else None
     if factor is None:
-        raise ConfigError(f"{path}: columns {', '.join(names)} do not say their unit; say it with "
-                          f"world.playback.{sensed.key}.unit, a factor before it where they are counts: "
-                          f'unit = "0.1 {sensed.unit}"')
+        are = f"are in {word}, which is no unit of a {sensed.key} that is known" if word else "do not say their unit"
+        raise ConfigError(f"{path}: columns {', '.join(names)} {are}; say it with world.playback.{sensed.key}.unit, a "
+                          f'factor before it where they are counts: unit = "0.1 {sensed.unit}"')
     return factor
 
 

@@ -157,8 +157,8 @@ class Rig:
         if self.world is not None and self.world.playback is not None:
             raise ConfigError(
                 f"{self.where('world', 'playback')}: world.playback: {wanted} is not offered while a recording is "
-                "played: no table turns what it shows, and its truth is not known. Listen to the firmware with hiltest "
-                "log, hiltest decode, hiltest device try or hiltest serve: see docs/playback.md"
+                "played: no table turns what it shows, and no known angle judges it. hiltest play shows what firmware "
+                "finds from it; hiltest log, device try and serve let it be heard: see docs/playback.md"
             )
 
     def limits_of(self, suite: Literal["gate", "full"]) -> dict[str, Limit]:

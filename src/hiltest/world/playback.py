@@ -77,6 +77,11 @@ class Playback:
         self._saturated: dict[tuple[str, str], int] = {}
 
     @property
+    def begins_s(self) -> float:
+        """Virtual time of its first reading [s]."""
+        return min(float(track.times_s[0]) for track in self.tracks.values())
+
+    @property
     def ends_s(self) -> float:
         """Virtual time of its last reading [s]."""
         return max(float(track.times_s[-1]) for track in self.tracks.values())
@@ -106,11 +111,10 @@ class Playback:
             f"{sensed.key} {len(track.times_s)} readings at {rate_hz(track):.3g} Hz"
             for sensed, track in self.tracks.items()
         )
-        begins_s = min(float(track.times_s[0]) for track in self.tracks.values())
         others = [sensed.key for sensed in Sensed if sensed not in self.tracks]
         simulated = f"; no {' and no '.join(others)} in it: simulated at rest" if others else ""
         return (
-            f"playing {self.name} from {begins_s:.3f} to {self.ends_s:.3f} s of virtual time, {self.resampling}: "
+            f"playing {self.name} from {self.begins_s:.3f} to {self.ends_s:.3f} s of virtual time, {self.resampling}: "
             f"{tracks}{simulated}"
         )
 
