@@ -17,7 +17,8 @@ from .test_sampling import active_fxas21002c, active_fxos8700cq, active_mag3110
 def playing(**readings: tuple[float, float, float]) -> World:
     """Return a world in which a recording shows one reading of each sensor that is named."""
     world = World(EarthField(48.5, 62.0))
-    tracks = {Sensed[name.upper()]: Track(np.array([0.0, 9.0]), np.array([each, each])) for name, each in readings.items()}
+    times_s = np.array([0.0, 9.0])
+    tracks = {Sensed[name.upper()]: Track(times_s, np.array([each, each])) for name, each in readings.items()}
     world.playback = Playback("field.csv", tracks)
     return world
 

@@ -1,4 +1,4 @@
-"""A recording in virtual time: which reading a sample is, before, between and after them, and what was not as recorded."""
+"""A recording in virtual time: which reading a sample is, before, between and after them, and what is said of it."""
 
 from __future__ import annotations
 

@@ -62,8 +62,8 @@ def play(rig: str, firmware: str | None, every_s: float | None) -> int:
                           'playback = "field.csv"')
     magnetometer = playback.tracks.get(Sensed.MAGNETOMETER)
     if magnetometer is None:
-        raise ConfigError(f"{described.where('world', 'playback')}: world.playback: no magnetometer in {playback.name}, "
-                          "and so nothing to calibrate from: play it with hiltest log, hiltest device try or serve")
+        raise ConfigError(f"{described.where('world', 'playback')}: world.playback: no magnetometer in {playback.name} "
+                          "to calibrate from: play it with hiltest log, hiltest device try or serve")
     moments_s = _moments_s(playback, every_s)
     click.echo(playback.described())
     progress = ProgressLine(ErrorOutput(), shown=sys.stderr.isatty())

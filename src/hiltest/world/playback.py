@@ -98,7 +98,8 @@ class Playback:
         if self.resampling is Resampling.NEAREST:
             share = 1.0 if share > 0.5 else 0.0
         earlier, later = track.readings[before].tolist(), track.readings[after].tolist()
-        x, y, z = (one + share * (other - one) if share < 1.0 else other for one, other in zip(earlier, later, strict=True))
+        pairs = zip(earlier, later, strict=True)
+        x, y, z = (one + share * (other - one) if share < 1.0 else other for one, other in pairs)
         return (x, y, z)
 
     def taken(self, part: str, reading: Vector, time_s: float, *, limit: float, limit_words: str) -> None:
