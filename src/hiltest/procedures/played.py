@@ -25,6 +25,8 @@ from hiltest.rig import COUNTS_PER_UT, Rig
 
 # Calibrators of hiltest's own firmware; of another that speaks its protocol those that it has of them, or all.
 _OURS = ("direct", "corrected", "iterative")
+# New samples for a heading of a board that moves: 50 ms of the slowest magnetometer, 20 ms of the others.
+_READINGS = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,7 +114,7 @@ def play_back(
         tumble, runs = _calibrated(board, times_s, rig.procedure.tumble_points, tell)
         said += board.stage.said_of_playback if board.stage else []
     with open_board(rig, firmware=firmware) as board:
-        replies = _answered(board, moments_s, runs, rig.procedure.readings_per_pose, tell)
+        replies = _answered(board, moments_s, runs, tell)
     ours = [_of_ours(run, replies) for run in runs.values()]
     theirs = [] if foreign is None else _of_theirs(*foreign, tumble, replies)
     return PlayedBack((*theirs, *ours), moments_s, len(tumble.points), tuple(dict.fromkeys(said)))
@@ -152,7 +154,7 @@ def _calibrated(
 
 
 def _answered(
-    board: Board, moments_s: Reals, runs: Mapping[str, CalibratorRun], readings: int, tell: Progress
+    board: Board, moments_s: Reals, runs: Mapping[str, CalibratorRun], tell: Progress
 ) -> list[AverageReply]:
     """Ask for headings and readings at moments of a recording, under calibrations that were made before."""
     usable = [run for run in runs.values() if run.usable]
@@ -163,7 +165,7 @@ def _answered(
     for number, moment_s in enumerate(moments_s.tolist()):
         tell("hiltest's firmware", number, len(moments_s))
         board.sleep(max(0.0, moment_s - board.now_s()))
-        replies.append(board.session.request(Average(readings, mask)))
+        replies.append(board.session.request(Average(_READINGS, mask)))
     tell("hiltest's firmware", len(moments_s), len(moments_s))
     return replies
 
