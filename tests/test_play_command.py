@@ -62,7 +62,7 @@ def test_the_calibrators_find_the_hard_iron_and_the_headings_that_were_recorded(
     recording(tmp_path / "field.csv")
     assert run("play", "--rig", rig(tmp_path), "--every", "0.125") == 0
     output = capsys.readouterr()
-    assert output.out.startswith("playing field.csv from 3.000 to 27.000 s of virtual time, nearest: magnetometer 481 r")
+    assert output.out.startswith("playing field.csv from 3.000 to 27.000 s of virtual time, nearest: magnetometer 481")
     found, headings = tables(output.out)
     assert found[""] == ["direct", "corrected", "iterative"]
     for name, true_ut in zip("xyz", HARD_IRON_UT, strict=True):
@@ -114,10 +114,10 @@ def test_what_was_not_recorded_is_said(
     [
         (["play"], "ag", 'playback = "field.csv"', "world.playback: no magnetometer in field.csv to calibrate from"),
         (["play"], "mag", "", "the rig plays no recording: name one under [world], playback = \"field.csv\""),
-        (["play", "--every", "0.1"], "mag", 'playback = { file = "field.csv", rate_hz = 0.1 }', "more than 10000 headi"),
+        (["play", "--every", "0.1"], "mag", 'playback = { file = "field.csv", rate_hz = 0.1 }', "more than 10000 head"),
         (["play", "--firmware", "none.elf"], "mag", 'playback = "field.csv"', "none.elf"),
         (["run"], "mag", 'playback = "field.csv"', "a run is not offered while a recording is played: no table turns"),
-        (["calibrate", "--out", "x.toml"], "mag", 'playback = "field.csv"', "a turntable is not offered while a record"),
+        (["calibrate", "--out", "x.toml"], "mag", 'playback = "field.csv"', "a turntable is not offered while a rec"),
         (["log", "--seconds", "1", "--out", "x.csv"], "mag", 'playback = "none.csv"', "none.csv: No such file"),
     ],
 )  # fmt: skip
