@@ -44,10 +44,11 @@ _MOST_MOMENTS = 10_000
 @click.option("--every", "every_s", metavar="SECONDS", type=NumberRange(min=0.1, max=3600.0),
               help="Time between two headings.  [default: twelve over the recording]")
 def play(rig: str, firmware: str | None, every_s: float | None) -> int:
-    """Play a recording to firmware, and show what it finds: hard iron, field, error of its fit, headings.
+    """Play a recording to firmware, and show what it finds from it.
 
-    Sensors of a virtual board measure the recording. If the rig's firmware does not speak hiltest's protocol, hiltest's
-    own gets the same recording, and its calibrators stand beside. Nothing is judged: see docs/playback.md.
+    That is hard iron, field, error of its fit, headings. Sensors of a virtual board measure the recording. If the rig's
+    firmware does not speak hiltest's protocol, hiltest's own gets the same recording, and its calibrators stand beside.
+    Nothing is judged: see docs/playback.md.
     """
     from hiltest.procedures.played import play_back
     from hiltest.progress_line import ProgressLine
