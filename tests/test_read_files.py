@@ -15,6 +15,8 @@ from tests.command_files import every_command, folder_of_inputs, run
 from tests.finished_run import Finished
 from tests.test_written_files import WRITING
 
+from hiltest.bench_files import shipped
+
 pytestmark = pytest.mark.slow
 
 # What makes each of them read; {} is the file.
@@ -37,6 +39,8 @@ READING = {
     "fit-imu log": ("fit-imu", "{}"),
     "log --firmware": ("log", "--seconds", "1", "--out", "log.csv", "--firmware", "{}"),
     "log --rig": ("log", "--seconds", "1", "--out", "log.csv", "--rig", "{}"),
+    "play --firmware": ("play", "--rig", "field.toml", "--firmware", "{}"),
+    "play --rig": ("play", "--rig", "{}"),
     "profile --profile": ("profile", "shipped", "crc32", "text:123456789", "9", "--profile", "{}"),
     "profile elf": ("profile", "{}", "crc32"),
     "report record": ("report", "{}"),
@@ -78,6 +82,9 @@ def inputs(tmp_path_factory: pytest.TempPathFactory, default_run: Finished) -> P
     """A folder with what the commands read besides."""
     folder = folder_of_inputs(tmp_path_factory, default_run, "1,2,3")
     assert run("baseline", "save", str(folder / "run.json"), str(folder / "base.json")) == 0
+    rig = (shipped() / "rigs" / "virtual-k64f.toml").read_text(encoding="utf-8")
+    (folder / "field.toml").write_text(f'{rig}\n[world.playback]\nfile = "field.csv"\n', encoding="utf-8")
+    (folder / "field.csv").write_text("t_s,mx_uT,my_uT,mz_uT\n0,20,0,40\n1,20,0,40\n", encoding="utf-8")
     return folder
 
 

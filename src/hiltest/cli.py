@@ -23,7 +23,7 @@ _GROUPS = {
     "Run and judge": ("run", "compare", "baseline", "trend", "report", "export"),
     "Firmware": ("profile", "timing"),
     "Bench": ("init", "device", "serve", "calibrate", "log"),
-    "Recordings": ("fit", "fit-imu", "allan", "decode"),
+    "Recordings": ("fit", "fit-imu", "allan", "decode", "play"),
 }
 _COMMANDS = tuple(name for names in _GROUPS.values() for name in names)
 _LONGEST_LINE = 70

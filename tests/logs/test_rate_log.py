@@ -9,8 +9,8 @@ import pytest
 
 from hiltest.commands.options import RATE_UNITS
 from hiltest.errors import ConfigError
-from hiltest.logs.columns import seconds_of
 from hiltest.logs.rate_log import read_rate_log
+from hiltest.recordings.columns import seconds_of
 from hiltest.units import DEGREES_PER_SECOND, RATE_WORDS, RateUnit
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from hiltest.angles import Pose
 from hiltest.errors import ConfigError
+from hiltest.recordings.playback import load_playback
 from hiltest.rig import Rig, build_sensors, build_world
 from hiltest.rig.parts import PARTS
 from hiltest.virtual.elf import load_image
@@ -79,6 +80,8 @@ class VirtualBench:
     machine : VirtualK64F
     firmware : Path
     seed : int
+    playback : Playback or None
+        The recording that the sensors measure; the table turns nothing that they see then.
 
     Raises
     ------
@@ -99,6 +102,7 @@ class VirtualBench:
         self.firmware = firmware or firmware_of(rig)
         self.seed = rig.seed if seed is None else seed
         self._world = build_world(rig)
+        self._world.playback = self.playback = load_playback(rig)
         sensors = build_sensors(rig, self._world, self.seed)
         # What the firmware that ships touches is modelled: anything else is a mistake, and found at once.
         self.machine = VirtualK64F(
@@ -150,6 +154,11 @@ class VirtualBench:
         heading_deg = self._world.at(begin_s).pose.heading_deg - self._world.mounting_yaw_deg
         self.begin_move(Sway(begin_s, steps * MOVE_GRID_S, heading_deg))
         return SWAY_S
+
+    @property
+    def said_of_playback(self) -> list[str]:
+        """What was not as in the recording that is played, in sentences; empty without one."""
+        return self.playback.remarks() if self.playback else []
 
     @property
     def temperature_degc(self) -> float:

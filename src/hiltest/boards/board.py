@@ -164,6 +164,14 @@ class Stage(Protocol):
     def temperature_degc(self) -> float:
         """True temperature of the board now."""
 
+    @property
+    def said_of_playback(self) -> list[str]:
+        """What was not as in the recording that is played, in sentences; empty without one."""
+
+    @property
+    def firmware_clock_began_s(self) -> float:
+        """Virtual time at which the firmware's clock began [s]."""
+
     def write_sensor(self, bus: int, address: int, register: int, value: int) -> None:
         """Write a register of a sensor behind the firmware's back, as another master on the I2C bus would."""
 

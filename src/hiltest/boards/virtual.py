@@ -130,9 +130,9 @@ class VirtualBoard(Board):
         """Instructions executed since power-on."""
         return self._machine.instructions
 
-    def true_attitude(self, board_us: int) -> Pose:
-        """Return the board's attitude at a time of its own clock [us]."""
-        return self._bench.attitude_at(board_us)
+    def true_attitude(self, board_us: int) -> Pose | None:
+        """Return the board's attitude at a time of its own clock [us]; None while a recording is played."""
+        return None if self.truth is None else self._bench.attitude_at(board_us)
 
     def instructions_counted(self, cycles: int) -> int | None:
         """Count the instructions between the two latest readings of CYCCNT that lie `cycles` apart."""
@@ -199,7 +199,7 @@ def refuse_wrong_clock(answered_hz: int, core_hz: float) -> None:
 
 def truth_of(rig: Rig) -> Truth | None:
     known = world_truth(rig)
-    if known is None or rig.world is None:
+    if known is None or rig.world is None or rig.world.playback is not None:
         return None
     return Truth(
         soft_iron=np.array(known.soft_iron),

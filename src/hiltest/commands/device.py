@@ -17,6 +17,7 @@ from hiltest.errors import ConfigError, LinkLostError
 from hiltest.settings import file_name
 
 if TYPE_CHECKING:
+    from hiltest.boards import VirtualBench
     from hiltest.device.quantities import StreamInterface
     from hiltest.device.trial import Heard, Trial
     from hiltest.link.ports import SerialPort
@@ -57,12 +58,14 @@ def try_(rig: str, hil_port: str | None, firmware: str | None, seconds: float | 
 
     described = load_rig(rig_file(Path.cwd(), rig))
     interfaces = _interfaces(described)
-    port = _opened(described, hil_port or described.board.port, firmware)
+    port, bench = _opened(described, hil_port or described.board.port, firmware)
     trial = Trial(interfaces)
     try:
         _listen(port, trial, [*interfaces.values()], seconds)
     finally:
         port.close()
+    for sentence in bench.said_of_playback if bench else ():
+        click.echo(sentence, err=True)
     return 0 if trial.values else 1
 
 
@@ -83,8 +86,8 @@ def _interfaces(rig: Rig) -> dict[str, StreamInterface]:
     return opened
 
 
-def _opened(rig: Rig, port: str | None, firmware: str | None) -> SerialPort:
-    """Open a port, or that of a virtual board."""
+def _opened(rig: Rig, port: str | None, firmware: str | None) -> tuple[SerialPort, VirtualBench | None]:
+    """Open a port, or that of a virtual board, which comes with it."""
     from hiltest.boards import VirtualBench
     from hiltest.boards.virtual_port import VirtualPort
     from hiltest.link.ports import READ_SLICE_S, open_port
@@ -92,12 +95,12 @@ def _opened(rig: Rig, port: str | None, firmware: str | None) -> SerialPort:
     if port is not None:
         if firmware is not None:
             raise ConfigError(f"--firmware is for the virtual board, and this one is on {port}")
-        return open_port(port, baud=rig.link.baud)
-    virtual = VirtualPort()
-    virtual.attach(VirtualBench(rig, firmware=Path(firmware) if firmware else None).machine)
+        return open_port(port, baud=rig.link.baud), None
+    virtual, bench = VirtualPort(), VirtualBench(rig, firmware=Path(firmware) if firmware else None)
+    virtual.attach(bench.machine)
     virtual.open()
     virtual.timeout = READ_SLICE_S
-    return virtual
+    return virtual, bench
 
 
 def _listen(port: SerialPort, trial: Trial, interfaces: list[StreamInterface], seconds: float | None) -> None:

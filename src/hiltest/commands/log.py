@@ -67,8 +67,14 @@ def log(
     ) as board, opened(out) as file:
         counts = _write(file, board, kinds, log_sensors(board, kinds, seconds=seconds), seconds, ending)
     told = ", ".join(f"{counts[kind]} of the {kind.name.lower()}" for kind in kinds)
+    _tell_of_playback(board)
     click.echo(f"{out}: {told}" + (f"; {counts[None]} times samples were lost" if counts[None] else ""))
     return _INTERRUPTED if ending else 0
+
+
+def _tell_of_playback(board: Board) -> None:
+    for sentence in board.stage.said_of_playback if board.stage else ():
+        click.echo(sentence, err=True)
 
 
 def _write(
@@ -82,7 +88,11 @@ def _write(
     counts: dict[SensorKind | None, int] = dict.fromkeys([*kinds, None], 0)
     progress = ProgressLine(ErrorOutput(), shown=sys.stderr.isatty())
     names = [f"{kind.name.lower()}_{axis}_{UNITS[kind][0]}" for kind in kinds for axis in "xyz"]
-    file.write(f"# hiltest log: {board.description}, body frame, uncalibrated; die temperature of the row's sensor\n")
+    # A recording of a virtual board can be played back: at its own times, which need a beginning.
+    began = f"clock began {board.stage.firmware_clock_began_s:.9f} s after power-on, " if board.stage else ""
+    file.write(
+        f"# hiltest log: {board.description}, {began}body frame, uncalibrated; die temperature of the row's sensor\n"
+    )
     file.write(",".join(["time_s", *names, "temperature_degc"]) + "\n")
     begin_s: float | None = None
     for part in parts:

@@ -24,7 +24,6 @@ from hiltest.commands.options import NumberRange, checked
 from hiltest.errors import BenchError, ConfigError
 from hiltest.rig.file import load_rig
 from hiltest.settings import address, file_name, seed
-from hiltest.virtual.k64f import VirtualK64F
 
 _EXIT_CODES = """
 \b
@@ -112,18 +111,23 @@ def serve(
                 click.echo(f"{port.name}: {url}")
             if debugger is not None:
                 click.echo(f"gdb: {host}:{debugger.port}")
+            if bench.playback:
+                _tell(bench.playback.described())
             waits = ", in reset until a program opens a port" if held else ""
             _tell(f"serving {bench.firmware.name} in {bench.rig.name}, cycle model {model}{waits}; Ctrl-C ends it")
             served = dict(zip(("board", "turntable"), lines, strict=True))
             _watch(paced, served | {port.name: line for port, line, _ in further}, ending)
-    _sum_up(paced, machine)
+    _sum_up(paced, bench)
     if paced.fault is not None:
         raise paced.fault
     return 0
 
 
-def _sum_up(paced: PacedBench, machine: VirtualK64F) -> None:
+def _sum_up(paced: PacedBench, bench: VirtualBench) -> None:
     """Tell what became of a board that has ended."""
+    machine = bench.machine
+    for sentence in bench.said_of_playback:
+        _tell(sentence)
     for access in machine.unmodelled:
         _tell(f"{access}; {access.accesses} access{'es' if access.accesses > 1 else ''}")
     pace = f"{paced.time_s / paced.wall_s:.2f} x real time, " if paced.wall_s > 0.0 else ""

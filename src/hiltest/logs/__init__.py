@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from hiltest.logs.columns import Unit
 from hiltest.logs.counts import CountScale, thinned
 from hiltest.logs.imu_log import ImuLog, LogColumns, read_imu_log
 from hiltest.logs.intervals import Interval, Intervals, found_intervals, labelled_intervals, listed_intervals
 from hiltest.logs.samples import Samples, read_samples
+from hiltest.recordings.columns import Unit
 from hiltest.units import AccelerationUnit, RateUnit
 
 __all__ = [

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hiltest.errors import ConfigError
-from hiltest.logs.columns import axis_triples, column_index, named_columns, seconds_of, unit_in_headers
-from hiltest.logs.table import LARGEST_READING, TableRow, check_width, number_in, read_rows, split_header
+from hiltest.recordings.columns import axis_triples, column_index, named_columns, seconds_of, unit_in_headers
+from hiltest.recordings.table import LARGEST_READING, TableRow, check_width, number_in, read_rows, split_header
 from hiltest.units import ACCELERATION_WORDS, RATE_WORDS, AccelerationUnit, RateUnit
 
 Reals = NDArray[np.float64]

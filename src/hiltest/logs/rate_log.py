@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hiltest.errors import ConfigError
-from hiltest.logs.columns import axis_triples, column_index, name_and_unit, seconds_of
-from hiltest.logs.table import TableRow, check_width, is_number, read_rows, shown
+from hiltest.recordings.columns import axis_triples, column_index, name_and_unit, seconds_of
+from hiltest.recordings.table import TableRow, check_width, is_number, read_rows, shown
 from hiltest.units import DEGREES_PER_SECOND, RATE_WORDS, RateUnit
 
 Reals = NDArray[np.float64]
@@ -84,7 +84,7 @@ def read_rate_log(
     Parameters
     ----------
     path : Path
-        As `hiltest.logs.table.read_rows` takes it.
+        As `hiltest.recordings.table.read_rows` takes it.
     columns : str, optional
         Up to three, ``a,b,c``: names or numbers from 1; by default those that the header calls a gyroscope's.
     unit : RateUnit, optional

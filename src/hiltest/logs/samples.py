@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hiltest.errors import ConfigError
-from hiltest.logs.columns import MICROTESLA, Unit, guessed_columns, named_columns, unit_of
-from hiltest.logs.table import TableRow, check_width, number_in, read_rows, split_header
+from hiltest.recordings.columns import MICROTESLA, Unit, guessed_columns, named_columns, unit_of
+from hiltest.recordings.table import TableRow, check_width, number_in, read_rows, split_header
 
 # 24 MB of numbers, and three hours of a sensor at 80 Hz.
 MAX_ROWS = 1_000_000

@@ -265,7 +265,7 @@ def measure_headings(
             read_ut=_read_ut(board, settled, attitude, frame),
         ))  # fmt: skip
         tell("known angles", index + 1, len(poses))
-    return _headings(tuple(held), _belief(board.latest, frame), board)
+    return _headings(tuple(held), belief_of(board.latest, frame), board)
 
 
 def _headings(held: tuple[HeldPose, ...], belief: Belief, board: CompassBoard) -> CompassHeadings:
@@ -349,7 +349,8 @@ def _mean(settled: Settled, quantity: Quantity, converted: Callable[[Reals], Rea
     return converted(np.mean(vectors, axis=0)) if vectors else None
 
 
-def _belief(latest: Mapping[Quantity, Reals], frame: Frame) -> Belief:
+def belief_of(latest: Mapping[Quantity, Reals], frame: Frame) -> Belief:
+    """Return what the firmware believes, from what it said last."""
     def number(quantity: Quantity) -> float | None:
         return float(latest[quantity][0]) if quantity in latest else None
 

@@ -27,7 +27,10 @@ def open_table(board: Board | CompassBoard, rig: Rig, *, prompt: Callable[[str],
         When the board needs an operator and no one can be asked.
     BenchError
         When the motors do not answer.
+    ConfigError
+        When a recording is played in place of the world.
     """
+    rig.refuse_playback("a turntable")
     if rig.turntable.kind == "grbl":
         return open_grbl_turntable(rig)
     return open_turntable(

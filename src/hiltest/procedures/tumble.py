@@ -133,6 +133,35 @@ def collect_tumble(
     return _spread_over_time(board, tumble, tumble.taken) if slow else tumble
 
 
+def collect_until(board: Board, end_s: float, *, points: int, progress: Progress | None = None) -> Tumble:
+    """Collect points evenly over the time until an instant of the board's clock, whatever turns the board.
+
+    Parameters
+    ----------
+    board : Board
+        Its point buffer is cleared first.
+    end_s : float
+        The instant [s]; fewer points are there by then where the line is too slow for all.
+    points : int
+        How many at most.
+
+    Raises
+    ------
+    SensorAbsentError
+        When the board has no magnetometer.
+    """
+    board.sensor(SensorKind.MAGNETOMETER)
+    board.session.request(ClearPoints())
+    collected = _Collected(board, min(points, board.identity.max_points), progress or silent)
+    began_s = board.now_s()
+    each_s = (end_s - began_s) / collected.wanted
+    while collected.stored < collected.wanted and board.now_s() < end_s - each_s / 2.0:
+        board.sleep(max(0.0, began_s + each_s * collected.stored - board.now_s()))
+        collected.add(1)
+    collected.read_back()
+    return collected.tumble(board.now_s() - began_s)
+
+
 def _collect_by_position(
     collected: _Collected, turntable: Turntable, takes_s: float, wait: Callable[[float], None]
 ) -> list[float]:

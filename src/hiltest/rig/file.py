@@ -23,6 +23,7 @@ from hiltest.errors import ConfigError, UnknownKeyError
 from hiltest.measurement import Limit, Reference, Section, Tolerance, identify, is_direction, nearest_name
 from hiltest.rig.cycles import as_tables
 from hiltest.rig.parts import sensor_names
+from hiltest.rig.playback import as_table
 from hiltest.rig.rig import Rig, refuse_unknown_sensors
 from hiltest.rig.tables import STRICT, RigValueError
 from hiltest.strict_json import read_bounded
@@ -86,6 +87,8 @@ def load_rig(path: Path | str) -> Rig:
     read = {name: _checked_limits(source, name, table) for name, table in tables.items()}
     if "cycles" in data:
         data["cycles"] = as_tables(data["cycles"])
+    if "world" in data:
+        data["world"] = as_table(data["world"])
     tolerances = _checked_tolerances(source, data.pop("tolerances", {}))
     bounds = {
         table: {name: {"min": entry.min, "max": entry.max} for name, entry in entries.items()}

@@ -146,6 +146,21 @@ class Rig:
         line = self.lines.get(".".join(key))
         return str(self.path) if line is None else f"{self.path}:{line}"
 
+    def refuse_playback(self, wanted: str) -> None:
+        """Refuse what needs a world that is simulated where a recording is played.
+
+        Raises
+        ------
+        ConfigError
+            With file and line, and what there is instead.
+        """
+        if self.world is not None and self.world.playback is not None:
+            raise ConfigError(
+                f"{self.where('world', 'playback')}: world.playback: {wanted} is not offered while a recording is "
+                "played: no table turns what it shows, and no known angle judges it. hiltest play shows what firmware "
+                "finds from it; hiltest log, device try and serve let it be heard: see docs/playback.md"
+            )
+
     def limits_of(self, suite: Literal["gate", "full"]) -> dict[str, Limit]:
         """Return the limits that a set of tests must measure."""
         excused = self.full_only if suite == "gate" else frozenset()

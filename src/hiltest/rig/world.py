@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from hiltest.rig.parts import PARTS
+from hiltest.rig.playback import PlaybackFile
 from hiltest.rig.tables import STRICT, Triple, require
 
 # Of the box that the rows of a soft iron span, beside one with the same edges at right angles.
@@ -84,6 +85,8 @@ class SimulatedWorld:
         Which parts are there: see `PARTS`.
     mirrored : bool or None
         True where the soft iron is meant to mirror the field, as a wrong sign in its file does.
+    playback : PlaybackFile or None
+        A recording that the parts measure in place of all that.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
@@ -107,6 +110,7 @@ class SimulatedWorld:
     drift: TemperatureDrift = TemperatureDrift()
     fitted: tuple[str, ...] = tuple(PARTS)
     mirrored: bool | None = None
+    playback: PlaybackFile | None = None
 
     def __post_init__(self) -> None:
         require(all(sigma >= 0.0 for sigma in self.mag3110_noise_ut), "mag3110_noise_ut", "must not be negative")

@@ -15,6 +15,7 @@ from hiltest.sensors.sampling import Counts, SampledOutput, saturated_word
 from hiltest.world import NoiseSource, World
 from hiltest.world.earth_field import Vector, apply_rows
 from hiltest.world.filtered_noise import LowPassedNoise, low_pass_taps
+from hiltest.world.playback import Sensed
 
 STATUS, OUT_X_MSB, OUT_Z_LSB, DR_STATUS, F_STATUS, F_SETUP = 0x00, 0x01, 0x06, 0x07, 0x08, 0x09
 F_EVENT, INT_SRC_FLAG, WHO_AM_I, CTRL_REG0, TEMP, CTRL_REG1 = 0x0A, 0x0B, 0x0C, 0x0D, 0x12, 0x13
@@ -187,11 +188,16 @@ class Fxas21002c(RegisterDevice):
         self._boot_over_s = time_s + BOOT_S
 
     def _measure(self, instant_s: float, noise: Vector) -> Counts:
-        (x, y, z), bias = apply_rows(self._response, self._world.at(instant_s).rate_body_dps), self._bias_dps
-        x, y, z = self._drift.apply((x + bias[0], y + bias[1], z + bias[2]), self._world.temperature_degc(instant_s))
-        # Of white noise before the filter, up to half the output rate.
-        sigma = self._noise_density * math.sqrt(0.5 * self._output.rate_hz)
         scale = _COUNTS_PER_DPS[self._control[0] & 3] / (2.0 if self._control[3] & _FS_DOUBLE else 1.0)
+        recorded = self._world.recorded(Sensed.GYROSCOPE, instant_s, part="FXAS21002C", limit=32_768 / scale)
+        if recorded is None:
+            (x, y, z), bias = apply_rows(self._response, self._world.at(instant_s).rate_body_dps), self._bias_dps
+            felt_dps = (x + bias[0], y + bias[1], z + bias[2])
+            x, y, z = self._drift.apply(felt_dps, self._world.temperature_degc(instant_s))
+            # Of white noise before the filter, up to half the output rate.
+            sigma = self._noise_density * math.sqrt(0.5 * self._output.rate_hz)
+        else:
+            (x, y, z), sigma = recorded, 0.0
         # Part axes from body axes: the inverse of body = (-y, -x, -z).
         return (
             saturated_word((-y + sigma * noise[0]) * scale),

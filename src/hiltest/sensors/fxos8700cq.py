@@ -17,6 +17,7 @@ from hiltest.sensors.fifo import SampleFifo
 from hiltest.sensors.register_device import RegisterDevice, signed_byte
 from hiltest.sensors.sampling import Counts, SampledOutput, limited
 from hiltest.world import MagneticDistortion, NoiseSource, Vector, World
+from hiltest.world.playback import Sensed
 
 STATUS, OUT_X_MSB, OUT_Z_LSB, F_SETUP = 0x00, 0x01, 0x06, 0x09
 SYSMOD, INT_SOURCE, WHO_AM_I, XYZ_DATA_CFG = 0x0B, 0x0C, 0x0D, 0x0E
@@ -138,6 +139,7 @@ class Fxos8700cq(RegisterDevice):
         self._errors = errors
         self._magnetometer_drift = magnetometer_drift
         self._noise = noise
+        self._name = f"{name} FXOS8700CQ"
         tag = f"{name}@{address:02x}"
         self._accelerometer = SampledOutput(world, NoiseSource(seed, f"{tag}/accelerometer"), self._measure_gravity)
         self._magnetometer = SampledOutput(world, NoiseSource(seed, f"{tag}/magnetometer"), self._measure_field)
@@ -305,8 +307,15 @@ class Fxos8700cq(RegisterDevice):
         return word >> (0 if low else 8) & 0xFF
 
     def _measure_gravity(self, instant_s: float, noise: Vector) -> Counts:
-        x, y, z = self._errors.apply(self._world.at(instant_s).gravity_body_g, self._world.temperature_degc(instant_s))
-        sigma_g = self._noise.accelerometer_g(self._accelerometer.rate_hz)
+        recorded = self._world.recorded(
+            Sensed.ACCELEROMETER, instant_s, part=f"{self._name} accelerometer", limit=2.0 * (1 << self._full_scale)
+        )
+        if recorded is None:
+            true_g = self._world.at(instant_s).gravity_body_g
+            x, y, z = self._errors.apply(true_g, self._world.temperature_degc(instant_s))
+            sigma_g = self._noise.accelerometer_g(self._accelerometer.rate_hz)
+        else:
+            (x, y, z), sigma_g = recorded, 0.0
         # Part axes from body axes: the inverse of body = (y, x, z).
         return (
             self._gravity_word(y + sigma_g * noise[0], 0),
@@ -314,17 +323,27 @@ class Fxos8700cq(RegisterDevice):
             self._gravity_word(z + sigma_g * noise[2], 2),
         )
 
+    @property
+    def _full_scale(self) -> int:
+        return min(self._registers[XYZ_DATA_CFG] & 3, 2)
+
     def _gravity_word(self, acceleration_g: float, axis: int) -> int:
-        full_scale = min(self._registers[XYZ_DATA_CFG] & 3, 2)
         offset = self._registers[OFF_X + axis]
         offset_g = _OFFSET_STEP_G * (offset - 256 if offset & 0x80 else offset)
-        count = round((acceleration_g + offset_g) * _ACCELEROMETER_COUNTS_PER_G / (1 << full_scale))
+        count = round((acceleration_g + offset_g) * _ACCELEROMETER_COUNTS_PER_G / (1 << self._full_scale))
         return max(-8192, min(8191, count)) << 2  # 14 bits, left-justified
 
     def _measure_field(self, instant_s: float, noise: Vector) -> Counts:
-        field_ut = self._distortion.apply(self._world.at(instant_s).field_body_ut)
-        x, y, z = self._magnetometer_drift.apply(field_ut, self._world.temperature_degc(instant_s))
-        sigma = self._sigma_ut
+        recorded = self._world.recorded(
+            Sensed.MAGNETOMETER, instant_s, part=f"{self._name} magnetometer",
+            limit=_MAGNETOMETER_LIMIT / _COUNTS_PER_UT,
+        )  # fmt: skip
+        if recorded is None:
+            field_ut = self._distortion.apply(self._world.at(instant_s).field_body_ut)
+            x, y, z = self._magnetometer_drift.apply(field_ut, self._world.temperature_degc(instant_s))
+            sigma = self._sigma_ut
+        else:
+            (x, y, z), sigma = recorded, 0.0
         # Part axes from body axes: the inverse of body = (-y, -x, -z).
         return (
             self._field_word(-y + sigma * noise[0], 0),

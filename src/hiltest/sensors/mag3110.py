@@ -15,6 +15,7 @@ from hiltest.sensors.drift import Drift
 from hiltest.sensors.register_device import RegisterDevice, signed_byte
 from hiltest.sensors.sampling import Counts, SampledOutput, limited
 from hiltest.world import MagneticDistortion, NoiseSource, Vector, World
+from hiltest.world.playback import Sensed
 
 DR_STATUS, OUT_X_MSB, OUT_Z_LSB, WHO_AM_I, SYSMOD = 0x00, 0x01, 0x06, 0x07, 0x08
 OFF_X_MSB, OFF_Z_LSB, DIE_TEMP, CTRL_REG1, CTRL_REG2 = 0x09, 0x0E, 0x0F, 0x10, 0x11
@@ -170,9 +171,15 @@ class Mag3110(RegisterDevice):
             self._control1 &= ~_TM
 
     def _measure(self, instant_s: float, noise: Vector) -> Counts:
-        field_ut = self._distortion.apply(self._world.at(instant_s).field_body_ut)
-        x, y, z = self._drift.apply(field_ut, self._world.temperature_degc(instant_s))
-        sigma = self._noise_counts[self._oversampling]
+        recorded = self._world.recorded(
+            Sensed.MAGNETOMETER, instant_s, part="MAG3110", limit=_RAW_LIMIT / COUNTS_PER_UT
+        )
+        if recorded is None:
+            field_ut = self._distortion.apply(self._world.at(instant_s).field_body_ut)
+            x, y, z = self._drift.apply(field_ut, self._world.temperature_degc(instant_s))
+            sigma = self._noise_counts[self._oversampling]
+        else:
+            (x, y, z), sigma = recorded, 0.0
         # Part axes from body axes: the inverse of body = (-y, -x, +z).
         return (
             self._word(-y, sigma * noise[0], 0),

@@ -190,6 +190,7 @@ class HilSession:
             from hiltest.rig.file import load_rig
 
             self._rig = load_rig(rig_file(self.config.invocation_params.dir, self.settings.rig))
+            self._rig.refuse_playback("a run")
         return self._rig
 
     @property

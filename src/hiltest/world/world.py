@@ -18,6 +18,7 @@ from hiltest.world.motion import (
     normal_angles,
     turn_between,
 )
+from hiltest.world.playback import Playback, Sensed
 from hiltest.world.spiral import SPIRAL_S, Cap, Spiral
 from hiltest.world.steady_turn import steady_turn
 from hiltest.world.temperature import Temperature
@@ -70,6 +71,11 @@ class World:
     covered : Cap, optional
         The part of the sphere that a tumble shows the field from; without it all of it.
 
+    Attributes
+    ----------
+    playback : Playback or None
+        A recording that sensors measure in place of this world.
+
     Notes
     -----
     The table stands still from power-on. A move asked for at `time_s`
@@ -87,6 +93,7 @@ class World:
         covered: Cap | None = None,
     ) -> None:
         self.field = field
+        self.playback: Playback | None = None
         self._covered = covered
         self.mounting_yaw_deg = mounting_yaw_deg
         self._temperature = temperature
@@ -203,6 +210,24 @@ class World:
     def temperature_degc(self, time_s: float) -> float:
         """Return the temperature of the board at a virtual time [degC]."""
         return self._temperature.at(time_s)
+
+    def recorded(self, sensed: Sensed, time_s: float, *, part: str, limit: float) -> Vector | None:
+        """Return what a part measures at an instant of its own by a recording, body frame; None where there is none.
+
+        Parameters
+        ----------
+        sensed : Sensed
+        time_s : float
+            The instant [s].
+        part : str
+            Name of the part's sensor, for people.
+        limit : float
+            Where its axes stop, in the unit of what is sensed.
+        """
+        reading = self.playback.reading(sensed, time_s) if self.playback else None
+        if self.playback and reading:
+            self.playback.taken(part, reading, time_s, limit=limit, limit_words=f"{limit:g} {sensed.unit}")
+        return reading
 
     def noise_epoch(self, time_s: float) -> tuple[int, float]:
         """Return the noise epoch at a time, and the time its samples are counted from [s]."""

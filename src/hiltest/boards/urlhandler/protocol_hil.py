@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
 
@@ -19,6 +20,10 @@ _LAST_PORT = 65_535
 _LARGEST_WORD = (1 << 32) - 1
 
 
+class PlaybackWarning(UserWarning):
+    """What a board took from a recording was not as it was recorded."""
+
+
 class Serial(VirtualPort):
     """The port behind ``hil://?rig=R&seed=N&firmware=FILE&base=ADDRESS``; every part may be left out.
 
@@ -31,6 +36,7 @@ class Serial(VirtualPort):
     """
 
     gdb: GdbServer | None = None
+    _bench: VirtualBench | None = None
 
     def open(self) -> None:
         """Power on the board that the URL describes.
@@ -49,6 +55,7 @@ class Serial(VirtualPort):
                 self.gdb = GdbServer(bench.machine, gdb)
             bench.power_on()
             self.attach(bench.machine)
+            self._bench = bench
         except (HiltestError, ValueError) as error:
             self._dismiss_gdb()
             raise serial.SerialException(f"cannot open {self.portstr}: {error}") from error
@@ -57,6 +64,9 @@ class Serial(VirtualPort):
     def close(self) -> None:
         """Close the port, and send GDB away."""
         self._dismiss_gdb()
+        if self.is_open and self._bench is not None:
+            for sentence in self._bench.said_of_playback:
+                warnings.warn(sentence, PlaybackWarning, stacklevel=2)
         super().close()
 
     def _dismiss_gdb(self) -> None:

@@ -132,17 +132,31 @@ def _options(choices: Sequence[str]) -> str:
 
 def axis_triples(headers: Sequence[str]) -> dict[str, tuple[int, int, int]]:
     """Return the columns of x, y and z by what their names have in common, where all three are there once."""
+    whole = {stem: axes for stem, axes in _columns_of_axes(headers).items() if sorted(axes) == ["x", "y", "z"]}
+    return {
+        stem: (axes["x"][0], axes["y"][0], axes["z"][0])
+        for stem, axes in whole.items() if all(len(places) == 1 for places in axes.values())
+    }  # fmt: skip
+
+
+def incomplete_triples(headers: Sequence[str]) -> dict[str, list[int]]:
+    """Return the columns that are named as axes, but not as x, y and z once each, by what they have in common."""
+    whole = axis_triples(headers)
+    return {
+        stem: sorted(place for places in axes.values() for place in places)
+        for stem, axes in _columns_of_axes(headers).items() if stem not in whole
+    }  # fmt: skip
+
+
+def _columns_of_axes(headers: Sequence[str]) -> dict[str, dict[str, list[int]]]:
+    """Return the columns by what their names have in common, and by their axis."""
     found: dict[str, dict[str, list[int]]] = {}
     for index, header in enumerate(headers):
         name = name_and_unit(header)[0]
         parts = _AXIS_LAST.match(name) or _AXIS_FIRST.match(name)
         if parts is not None:
             found.setdefault(parts["stem"], {}).setdefault(parts["axis"], []).append(index)
-    whole = {stem: axes for stem, axes in found.items() if sorted(axes) == ["x", "y", "z"]}
-    return {
-        stem: (axes["x"][0], axes["y"][0], axes["z"][0])
-        for stem, axes in whole.items() if all(len(places) == 1 for places in axes.values())
-    }  # fmt: skip
+    return found
 
 
 def name_and_unit(header: str) -> tuple[str, str]:

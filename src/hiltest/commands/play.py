@@ -1,0 +1,135 @@
+"""``hiltest play``: what firmware finds from the recording that a rig plays, and hiltest's calibrators beside it."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from hiltest.bench_files import rig_file
+from hiltest.commands.options import ErrorOutput, NumberRange, checked
+from hiltest.errors import ConfigError
+from hiltest.settings import file_name
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from hiltest.procedures.played import PlayedBack
+    from hiltest.world.playback import Playback
+
+_EXIT_CODES = """
+\b
+Exit codes:
+  0   played; what was found is shown, and not judged
+  2   interrupted
+  4   usage: an option, a rig file, a recording or a firmware file is wrong
+  20  the firmware does not answer
+  23  wrong firmware
+"""
+# Moments of a heading over a recording, where --every does not say it.
+_MOMENTS = 12
+_MOST_MOMENTS = 10_000
+
+
+@click.command(epilog=_EXIT_CODES)
+@click.option("--rig", metavar="R", required=True, callback=checked(file_name),
+              help="Rig file with a recording under [world] playback, or name of one in hil/rigs.")
+@click.option("--firmware", metavar="ELF", callback=checked(file_name),
+              help="Firmware for the rig's board.  [default: the rig's, else the packaged one]")
+@click.option("--every", "every_s", metavar="SECONDS", type=NumberRange(min=0.1, max=3600.0),
+              help="Time between two headings.  [default: twelve over the recording]")
+def play(rig: str, firmware: str | None, every_s: float | None) -> int:
+    """Play a recording to firmware, and show what it finds from it.
+
+    That is hard iron, field, error of its fit, headings. Sensors of a virtual board measure the recording. If the rig's
+    firmware does not speak hiltest's protocol, hiltest's own gets the same recording, and its calibrators stand beside.
+    Nothing is judged: see docs/playback.md.
+    """
+    from hiltest.procedures.played import play_back
+    from hiltest.progress_line import ProgressLine
+    from hiltest.recordings.playback import load_playback
+    from hiltest.rig.file import load_rig
+    from hiltest.world.playback import Sensed
+
+    described = load_rig(rig_file(Path.cwd(), rig))
+    playback = load_playback(described)
+    if playback is None:
+        raise ConfigError(f"{described.where('world')}: the rig plays no recording: name one under [world], "
+                          'playback = "field.csv"')
+    magnetometer = playback.tracks.get(Sensed.MAGNETOMETER)
+    if magnetometer is None:
+        raise ConfigError(f"{described.where('world', 'playback')}: world.playback: no magnetometer in {playback.name} "
+                          "to calibrate from: play it with hiltest log, hiltest device try or serve")
+    moments_s = _moments_s(playback, every_s)
+    click.echo(playback.described())
+    progress = ProgressLine(ErrorOutput(), shown=sys.stderr.isatty())
+    elf = Path(firmware) if firmware else None
+    played = play_back(described, magnetometer.times_s, moments_s, firmware=elf, progress=progress)
+    click.echo("\n".join(["", *_calibrations(played), "", *_headings(played, playback)]))
+    for remark in played.remarks:
+        click.echo(remark, err=True)
+    return 0
+
+
+def _moments_s(playback: Playback, every_s: float | None) -> NDArray[np.float64]:
+    """Return when headings are taken; none without an accelerometer, which they need."""
+    import numpy as np
+
+    from hiltest.world.playback import Sensed
+
+    if Sensed.ACCELEROMETER not in playback.tracks:
+        return np.empty(0)
+    takes_s = playback.ends_s - playback.begins_s
+    step_s = takes_s / _MOMENTS if every_s is None else every_s
+    if takes_s / step_s > _MOST_MOMENTS:
+        raise ConfigError(f"--every {step_s:g} is more than {_MOST_MOMENTS} headings over {takes_s:.0f} s")
+    steps = np.arange(1, int(takes_s / step_s * (1.0 + 1e-9)) + 1, dtype=np.float64)
+    return playback.begins_s + step_s * steps
+
+
+def _calibrations(played: PlayedBack) -> list[str]:
+    """Return the table of calibrations, a column for each."""
+    from hiltest.text import readable
+
+    def axis(number: int) -> list[str]:
+        return ["-" if each.hard_iron_ut is None else f"{each.hard_iron_ut[number]:.1f}" for each in played.found]
+
+    def rounded(values: Sequence[float | None], digits: int) -> list[str]:
+        return ["-" if value is None else f"{value:.{digits}f}" for value in values]
+
+    return _table([
+        ["", *(each.name for each in played.found)],
+        *([f"hard iron {name} [uT]", *axis(number)] for number, name in enumerate("xyz")),
+        ["field strength [uT]", *rounded([each.field_ut for each in played.found], 1)],
+        ["error of its fit, as it says [%]", *rounded([each.said_error_percent for each in played.found], 1)],
+        [f"residual over the same {played.points} points [%]",
+         *rounded([each.residual_percent for each in played.found], 1)],
+        ["cycles", *(readable(each.cycles) for each in played.found)],
+    ])
+
+
+def _headings(played: PlayedBack, playback: Playback) -> list[str]:
+    """Return the table of headings, a row for each moment of the recording."""
+    if not len(played.moments_s):
+        return ["no headings: the recording has no accelerometer"]
+    named = [each for each in played.found if each.heading_deg]
+    return _table([
+        ["heading [deg] at", *(each.name for each in named)],
+        *(
+            [f"{moment_s - playback.begins_s:.2f} s", *("-" if each is None else f"{each:.1f}" for each in row)]
+            for moment_s, *row in zip(played.moments_s, *(each.heading_deg for each in named), strict=True)
+        ),
+    ])
+
+
+def _table(rows: Sequence[Sequence[str]]) -> list[str]:
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        "  ".join([first.ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(rest, widths[1:], strict=True))])
+        for first, *rest in rows
+    ]

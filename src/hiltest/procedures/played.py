@@ -1,0 +1,210 @@
+"""What firmware finds from a recording that its sensors measure: its own calibration and headings, and hiltest's."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from hiltest.boards import Board, CompassBoard, open_board, open_compass
+from hiltest.calibration.accelerometer import NOMINAL
+from hiltest.calibration.fit import MagnetometerFit
+from hiltest.calibration.quality import residual_percent
+from hiltest.device.quantities import Quantity
+from hiltest.link.messages import Average, SetCalibration
+from hiltest.link.replies import AverageReply
+from hiltest.orientation import DegenerateFieldError
+from hiltest.procedures.calibrate import CalibratorRun, run_calibrators
+from hiltest.procedures.compass import CALIBRATED, FIRMWARE, Belief, Reals, belief_of, frame_of
+from hiltest.procedures.known_angles import headings_deg
+from hiltest.procedures.progress import Progress, silent
+from hiltest.procedures.tumble import Tumble, collect_until
+from hiltest.rig import COUNTS_PER_UT, Rig
+
+# Calibrators of hiltest's own firmware; of another that speaks its protocol those that it has of them, or all.
+_OURS = ("direct", "corrected", "iterative")
+# New samples for a heading of a board that moves: 50 ms of the slowest magnetometer, 20 ms of the others.
+_READINGS = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Found:
+    """A calibration, and headings.
+
+    Attributes
+    ----------
+    name : str
+    hard_iron_ut : ndarray, shape (3,), or None
+        Body frame; None where there is none.
+    field_ut : float or None
+        Radius of the sphere that its ellipsoid has the volume of; of firmware that says it, what it says.
+    said_error_percent : float or None
+        What the firmware says of its fit's error, by its own definition.
+    residual_percent : float or None
+        ``100 rms(|corrected| / field - 1)`` over the same points for all.
+    cycles : int or None
+    heading_deg : tuple of float or None
+        At each moment.
+    """
+
+    name: str
+    hard_iron_ut: Reals | None = None
+    field_ut: float | None = None
+    said_error_percent: float | None = None
+    residual_percent: float | None = None
+    cycles: int | None = None
+    heading_deg: tuple[float | None, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlayedBack:
+    """What was found from a recording.
+
+    Attributes
+    ----------
+    found : tuple of Found
+        ``firmware`` as it says itself and ``calibrated``, its calibration on the readings of hiltest's, where the rig's
+        firmware does not speak hiltest's protocol; then hiltest's calibrators.
+    moments_s : ndarray, shape (n,)
+        Virtual time of the headings.
+    points : int
+        How many hiltest's calibrators got.
+    remarks : tuple of str
+        What was not as recorded.
+    """
+
+    found: tuple[Found, ...]
+    moments_s: Reals
+    points: int
+    remarks: tuple[str, ...]
+
+
+def play_back(
+    rig: Rig, times_s: Reals, moments_s: Reals, *, firmware: Path | None = None, progress: Progress | None = None
+) -> PlayedBack:
+    """Play a rig's recording to its firmware and to hiltest's, each from power-on.
+
+    Parameters
+    ----------
+    rig : Rig
+        Of a virtual board, with a recording.
+    times_s : ndarray, shape (n,)
+        Virtual times of the recorded readings of the magnetometer.
+    moments_s : ndarray, shape (n,)
+        Virtual times at which headings are taken.
+    firmware : Path, optional
+        What the rig's board runs.
+
+    Notes
+    -----
+    hiltest's firmware gets it twice: it calibrates from the first time, and answers headings the second time.
+    """
+    tell, own = progress or silent, rig.own_language
+    said: list[str] = []
+    foreign: tuple[Found, Belief] | None = None
+    if own is not None:
+        with open_compass(rig, firmware=firmware, port=None, seed=None, transcript=None, base=None) as compass:
+            foreign = _heard(compass, float(times_s[-1]), moments_s, tell)
+            said += compass.stage.said_of_playback if compass.stage else []
+        firmware = None
+        rig = replace(rig, device=None, cycles={}, board=replace(rig.board, firmware=None))
+    with open_board(rig, firmware=firmware) as board:
+        tumble, runs = _calibrated(board, times_s, rig.procedure.tumble_points, tell)
+        said += board.stage.said_of_playback if board.stage else []
+    with open_board(rig, firmware=firmware) as board:
+        replies = _answered(board, moments_s, runs, tell)
+    ours = [_of_ours(run, replies) for run in runs.values()]
+    theirs = [] if foreign is None else _of_theirs(*foreign, tumble, replies)
+    return PlayedBack((*theirs, *ours), moments_s, len(tumble.points), tuple(dict.fromkeys(said)))
+
+
+def _heard(board: CompassBoard, end_s: float, moments_s: Reals, tell: Progress) -> tuple[Found, Belief]:
+    """Listen to firmware over a recording, and until it has had time to end its last fit."""
+    frame = frame_of(board.rig)
+    headings: list[float | None] = []
+    for number, moment_s in enumerate(moments_s.tolist()):
+        tell("the rig's firmware", number, len(moments_s))
+        said = [each.values[Quantity.HEADING] for each in board.observe(max(0.0, moment_s - board.now_s()))
+                if Quantity.HEADING in each.values]
+        headings.append(frame.heading_deg(float(said[-1][0])) if said else None)
+    board.observe(max(0.0, end_s - board.now_s()) + board.device.settle_s)
+    tell("the rig's firmware", len(moments_s), len(moments_s))
+    belief = belief_of(board.latest, frame)
+    calibrated = board.latest.get(Quantity.CALIBRATED)
+    if calibrated is not None and not calibrated.any():
+        return Found(f"{FIRMWARE} (not calibrated)", heading_deg=tuple(headings)), Belief()
+    found = Found(
+        FIRMWARE, belief.hard_iron_ut, belief.field_strength_ut, belief.fit_error_percent,
+        heading_deg=tuple(headings),
+    )  # fmt: skip
+    return found, belief
+
+
+def _calibrated(
+    board: Board, times_s: Reals, points: int, tell: Progress
+) -> tuple[Tumble, dict[str, CalibratorRun]]:
+    """Collect points over a recording, and fit them on the board."""
+    board.sleep(max(0.0, float(times_s[0]) - board.now_s()))
+    tumble = collect_until(board, float(times_s[-1]), points=min(points, len(times_s)), progress=tell)
+    known = board.identity.calibrators
+    names = [each for each in _OURS if each in known] or list(known)
+    return tumble, run_calibrators(board, tumble, calibrators=names, n=len(tumble.points), progress=tell)
+
+
+def _answered(
+    board: Board, moments_s: Reals, runs: Mapping[str, CalibratorRun], tell: Progress
+) -> list[AverageReply]:
+    """Ask for headings and readings at moments of a recording, under calibrations that were made before."""
+    usable = [run for run in runs.values() if run.usable]
+    for run in usable:
+        board.session.request(SetCalibration(run.slot, run.soft_iron, run.hard_iron))
+    mask = sum(1 << run.slot for run in usable)
+    replies = []
+    for number, moment_s in enumerate(moments_s.tolist()):
+        tell("hiltest's firmware", number, len(moments_s))
+        board.sleep(max(0.0, moment_s - board.now_s()))
+        replies.append(board.session.request(Average(_READINGS, mask)))
+    tell("hiltest's firmware", len(moments_s), len(moments_s))
+    return replies
+
+
+def _of_ours(run: CalibratorRun, replies: Sequence[AverageReply]) -> Found:
+    cycles = run.cost.cycles if run.cost else None
+    if not run.usable:
+        return Found(f"{run.name} ({run.fit.name.lower()})", cycles=cycles)
+    attitudes = [reply.headings[run.slot].attitude for reply in replies]
+    return Found(
+        run.name, run.hard_iron / COUNTS_PER_UT, _radius_ut(run.result), None, run.residual_percent, cycles,
+        tuple(each.heading_deg if each else None for each in attitudes),
+    )  # fmt: skip
+
+
+def _of_theirs(said: Found, belief: Belief, tumble: Tumble, replies: Sequence[AverageReply]) -> list[Found]:
+    """Return what firmware said, and its last calibration on the readings that hiltest's firmware answered."""
+    if belief.fit is None:
+        return [said]
+    radius_ut = belief.field_strength_ut
+    radius = COUNTS_PER_UT * radius_ut if radius_ut else _mean_norm(belief.fit.corrected(tumble.points))
+    unit = replace(belief.fit, soft_iron=belief.fit.soft_iron / radius)
+    return [said, Found(
+        CALIBRATED, residual_percent=residual_percent(tumble.points, unit),
+        heading_deg=tuple(_heading(reply, unit) for reply in replies),
+    )]  # fmt: skip
+
+
+def _mean_norm(vectors: Reals) -> float:
+    return float(np.mean(np.linalg.norm(vectors, axis=1)))
+
+
+def _radius_ut(fit: MagnetometerFit) -> float:
+    return float(np.cbrt(1.0 / abs(np.linalg.det(fit.soft_iron)))) / COUNTS_PER_UT
+
+
+def _heading(reply: AverageReply, fit: MagnetometerFit) -> float | None:
+    magnetometer, accelerometer = (each.mean[np.newaxis] for each in (reply.magnetometer, reply.accelerometer))
+    try:
+        return float(headings_deg(magnetometer, accelerometer, fit.soft_iron, fit.hard_iron, NOMINAL)[0])
+    except DegenerateFieldError:
+        return None

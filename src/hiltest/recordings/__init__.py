@@ -1,0 +1,1 @@
+"""Recorded readings of sensors from files: text tables, and streams of NXP's packets."""

@@ -1,0 +1,189 @@
+"""Tracks of magnetometer, accelerometer and gyroscope from one text table."""
+
+from __future__ import annotations
+
+import math
+import re
+from array import array
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hiltest.errors import ConfigError
+from hiltest.recordings.columns import (
+    axis_triples,
+    column_index,
+    incomplete_triples,
+    name_and_unit,
+    named_columns,
+    seconds_of,
+)
+from hiltest.recordings.table import LARGEST_READING, TableRow, check_width, number_in, read_rows, split_header
+from hiltest.rig.playback import UNITS, PlaybackFile, PlayedSensor, factor_of
+from hiltest.world.playback import Reals, Sensed, Track
+
+# Five hours at 100 Hz.
+MAX_ROWS = 2_000_000
+# Nanoseconds of 3000 years: the largest time that a clock gives.
+_LATEST = 1e20
+_STEMS = {
+    Sensed.MAGNETOMETER: re.compile(r"mag|compass|^[mb]$"),
+    Sensed.ACCELEROMETER: re.compile(r"acc|^[af]$"),
+    Sensed.GYROSCOPE: re.compile(r"gyr|^[gw]$|omega"),
+}
+# As `hiltest log` writes it about a virtual board.
+_CLOCK_BEGAN = re.compile(r"hiltest log: .*clock began (?P<began>[0-9.]+) s after power-on")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recorded:
+    """What a recording holds.
+
+    Attributes
+    ----------
+    tracks : dict of Sensed to Track
+        By the recording's own clock, body frame.
+    clock_began_s : float or None
+        Virtual time at which that clock began, where the recording says it.
+    """
+
+    tracks: dict[Sensed, Track]
+    clock_began_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Columns:
+    """Columns of a sensor, and what takes their numbers to readings in the body's axes."""
+
+    places: tuple[int, int, int]
+    names: tuple[str, str, str]
+    factor: float
+    axes: tuple[tuple[int, int], ...]
+
+
+def read_table(path: Path, given: PlaybackFile) -> Recorded:
+    """Read a table: a row a sample of all sensors, or of one, whose columns alone are filled then.
+
+    Raises
+    ------
+    ConfigError
+        When a cell is no number, times do not increase, or it cannot be told what a column is; names file and line.
+    """
+    rows = read_rows(path)
+    head = next(rows, None)
+    if head is None:
+        raise ConfigError(f"{path}: the file is empty")
+    headers, rows = split_header(head, rows)
+    width = len(headers or head.cells)
+    if headers[:3] == ("time_s", "type", "number"):
+        raise ConfigError(f"{path}: a table by hiltest decode, whose field is the firmware's calibrated one; play the "
+                          "recording of the packets itself, which says so")
+    found = {sensed: columns for sensed in Sensed
+             if (columns := _columns(path, sensed, given.sensor(sensed.key), headers, width)) is not None}
+    if not found:
+        raise ConfigError(f"{path}: no columns of a magnetometer, an accelerometer or a gyroscope among "
+                          f"{', '.join(headers) or f'{width} columns without a header'}; name them under "
+                          "[world.playback.magnetometer] and so on: columns = [\"mx\", \"my\", \"mz\"]")
+    time, scale_s = _time(path, given, headers, width)
+    times: dict[Sensed, array[float]] = {sensed: array("d") for sensed in found}
+    readings: dict[Sensed, array[float]] = {sensed: array("d") for sensed in found}
+    for number, row in enumerate(rows):
+        if number == MAX_ROWS:
+            raise ConfigError(f"{path}: more than {MAX_ROWS} rows; cut the file")
+        check_width(path, row, width)
+        row_s = number / (given.rate_hz or 1.0) if time is None else _row_time(path, row, time, headers, scale_s)
+        for sensed, columns in found.items():
+            _take(path, row, row_s, columns, times[sensed], readings[sensed])
+    tracks = {sensed: _track(times[sensed], readings[sensed], found[sensed]) for sensed in found if times[sensed]}
+    if not tracks:
+        raise ConfigError(f"{path}: no row has a reading")
+    began = _CLOCK_BEGAN.search(", ".join(head.comment))
+    return Recorded(tracks, float(began["began"]) if began else None)
+
+
+def _columns(
+    path: Path, sensed: Sensed, given: PlayedSensor, headers: Sequence[str], width: int
+) -> _Columns | None:
+    option = f"world.playback.{sensed.key}.columns"
+    if given.columns is not None:
+        # Quoted: a name may have a comma.
+        places = named_columns(",".join(f'"{each}"' for each in given.columns), headers, width, option=option)
+    else:
+        stems = {stem: each for stem, each in axis_triples(headers).items() if _STEMS[sensed].search(stem)}
+        _refuse_incomplete(path, sensed, headers)
+        if not stems:
+            return None
+        if len(stems) > 1:
+            choices = " or ".join(str([headers[place] for place in each]) for each in stems.values())
+            raise ConfigError(f"{path}: more than one {sensed.key}: choose with {option} = {choices}")
+        (places,) = stems.values()
+    x, y, z = (headers[place] if headers else str(place + 1) for place in places)
+    return _Columns(places, (x, y, z), _factor(path, sensed, given, (x, y, z)), given.signed_axes)
+
+
+def _refuse_incomplete(path: Path, sensed: Sensed, headers: Sequence[str]) -> None:
+    """Refuse two axes of three, whose sensor would else be taken for one that was not recorded."""
+    for stem, places in incomplete_triples(headers).items():
+        if _STEMS[sensed].search(stem):
+            raise ConfigError(f"{path}: columns {', '.join(headers[place] for place in places)} are not x, y and z of "
+                              f"one {sensed.key}: name three with world.playback.{sensed.key}.columns")
+
+
+def _factor(path: Path, sensed: Sensed, given: PlayedSensor, names: Sequence[str]) -> float:
+    words = {name_and_unit(name)[1] for name in names}
+    word = given.unit or (words.pop() if len(words) == 1 else "")
+    factor = factor_of(word, UNITS[sensed.key]) if word else None
+    if factor is None:
+        are = f"are in {word}, which is no unit of a {sensed.key} that is known" if word else "do not say their unit"
+        raise ConfigError(f"{path}: columns {', '.join(names)} {are}; say it with world.playback.{sensed.key}.unit, a "
+                          f'factor before it where they are counts: unit = "0.1 {sensed.unit}"')
+    return factor
+
+
+def _time(path: Path, given: PlaybackFile, headers: Sequence[str], width: int) -> tuple[int | None, float]:
+    if given.rate_hz is not None:
+        return None, 1.0
+    if given.time is not None:
+        place = column_index(given.time, headers, width, option="world.playback.time")
+        return place, (seconds_of(headers[place]) or 1.0 if headers else 1.0)
+    found = [(place, scale) for place, name in enumerate(headers) if (scale := seconds_of(name)) is not None]
+    if len(found) != 1:
+        raise ConfigError(f"{path}: {len(found) or 'no'} columns of time; name one with world.playback.time, or give "
+                          "world.playback.rate_hz")
+    return found[0]
+
+
+def _row_time(path: Path, row: TableRow, place: int, headers: Sequence[str], scale_s: float) -> float:
+    name = headers[place] if headers else str(place + 1)
+    value = number_in(path, row, place, name, what="time", largest=_LATEST)
+    if not math.isfinite(value):
+        raise ConfigError(f"{path}:{row.line}: column {name}: no number: every row needs its time")
+    return scale_s * value
+
+
+def _take(
+    path: Path, row: TableRow, row_s: float, columns: _Columns, times: array[float], readings: array[float]
+) -> None:
+    """Take a sensor's reading from a row, if it has one."""
+    if not any(row.cells[place] for place in columns.places):
+        return
+    if times and row_s <= times[-1]:
+        raise ConfigError(f"{path}:{row.line}: time {row_s:g} s is not behind {times[-1]:g} s; cut the recording there")
+    for place, name in zip(columns.places, columns.names, strict=True):
+        value = number_in(path, row, place, name, what="reading of a sensor", largest=LARGEST_READING)
+        if not math.isfinite(value):
+            raise ConfigError(f"{path}:{row.line}: column {name}: no number; leave all three axes empty, or none")
+        readings.append(value)
+    times.append(row_s)
+
+
+def _track(times: array[float], readings: array[float], columns: _Columns) -> Track:
+    of_sensor = columns.factor * np.frombuffer(readings, dtype=np.float64).reshape(-1, 3)
+    return Track(np.frombuffer(times, dtype=np.float64), in_body_axes(of_sensor, columns.axes))
+
+
+def in_body_axes(readings: Reals, axes: Sequence[tuple[int, int]]) -> Reals:
+    """Return readings, shape (n, 3), along the body's axes, each given as the sensor's axis and its sign."""
+    return np.column_stack([sign * readings[:, axis] for axis, sign in axes])

@@ -1,0 +1,146 @@
+"""``hiltest play`` as it is typed: what firmware finds from a recording whose truth is known, and what is refused."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.command_files import run
+
+from hiltest.angles import Pose, rotation_body_from_ned, wrap_180
+from hiltest.world.earth_field import EarthField
+
+pytestmark = pytest.mark.slow
+
+RIGS = Path(__file__).parents[1] / "hil" / "rigs"
+HARD_IRON_UT = (31.0, -12.5, 8.0)
+FIELD = EarthField(45.0, 55.0)
+# All attitudes alike; headings are compared where the board is not upside down.
+POSES = [Pose(heading, math.degrees(math.asin(rise)), roll)
+         for heading, rise, roll in np.random.default_rng(3).uniform((0, -1, -180), (360, 1, 180), (96, 3))]
+UPRIGHT = [n for n, pose in enumerate(POSES) if abs(pose.pitch_deg) < 60 and abs(pose.roll_deg) < 60]
+RATE_HZ, HELD = 20, 5
+
+
+def recording(path: Path, *, sensors: str = "mag") -> Path:
+    """Write a table of a field and of gravity along the board's axes, each pose held for a quarter of a second."""
+    columns = {"m": ("mx_uT,my_uT,mz_uT", FIELD.ned_ut, HARD_IRON_UT), "a": ("ax_g,ay_g,az_g", (0, 0, 1), (0, 0, 0)),
+               "g": ("gx_dps,gy_dps,gz_dps", (0, 0, 0), (0, 0, 0))}  # fmt: skip
+    lines = [",".join(["t_s", *(columns[each][0] for each in sensors)])]
+    for n in range(len(POSES) * HELD + 1):
+        turned = rotation_body_from_ned(POSES[min(n // HELD, len(POSES) - 1)])
+        vectors = [turned @ np.array(columns[each][1]) + columns[each][2] for each in sensors]
+        lines.append(",".join([f"{n / RATE_HZ}", *(f"{each:.6f}" for vector in vectors for each in vector)]))
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def rig(folder: Path, name: str = "virtual-k64f", keys: str = 'playback = "field.csv"') -> str:
+    path = folder / "bench.toml"
+    text = (RIGS / f"{name}.toml").read_text(encoding="utf-8")
+    path.write_text(text.replace("[world]", f"[world]\n{keys}"), encoding="utf-8")
+    return str(path)
+
+
+def tables(said: str) -> tuple[Mapping[str, Sequence[str]], Mapping[str, Sequence[str]]]:
+    """Return the rows of what was found, and of the headings, by their first cell."""
+    _, found, headings = said.strip().split("\n\n")
+    first, second = (
+        {cells[0].strip(): cells[1:] for line in each.splitlines() if (cells := re.split(r" {2,}", line))}
+        for each in (found, headings)
+    )
+    return first, second
+
+
+def test_the_calibrators_find_the_hard_iron_and_the_headings_that_were_recorded(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording(tmp_path / "field.csv")
+    assert run("play", "--rig", rig(tmp_path), "--every", "0.125") == 0
+    output = capsys.readouterr()
+    assert output.out.startswith("playing field.csv from 3.000 to 27.000 s of virtual time, nearest: magnetometer 481")
+    found, headings = tables(output.out)
+    assert found[""] == ["direct", "corrected", "iterative"]
+    for name, true_ut in zip("xyz", HARD_IRON_UT, strict=True):
+        # A count is 0.1 uT, of which 300 points leave a tenth; the printed one is rounded to 0.1.
+        assert [float(each) for each in found[f"hard iron {name} [uT]"]] == pytest.approx([true_ut] * 3, abs=0.1)
+    assert [float(each) for each in found["field strength [uT]"]] == pytest.approx([45.0] * 3, abs=0.1)
+    assert all(float(each) < 0.5 for each in found["residual over the same 300 points [%]"])
+    for n in UPRIGHT:
+        answered = [float(each) for each in headings[f"{0.25 * n + 0.125:.2f} s"]]
+        # Counts of 0.1 uT and 0.5 mg, across a horizontal field of 26 uT, and what is left of the hard iron.
+        assert max(abs(wrap_180(each - POSES[n].heading_deg)) for each in answered) < 0.5
+    assert output.err == ""
+
+
+def test_firmware_in_its_own_words_stands_beside(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    recording(tmp_path / "field.csv")
+    assert run("play", "--rig", rig(tmp_path, "text-compass"), "--every", "0.125") == 0
+    output = capsys.readouterr()
+    found, headings = tables(output.out)
+    assert found[""][:2] == ["firmware", "calibrated"]
+    assert [float(found[f"hard iron {name} [uT]"][0]) for name in "xyz"] == pytest.approx(HARD_IRON_UT, abs=0.5)
+    for n in UPRIGHT:
+        # Its last calibration, on the readings in the middle of a pose, beside what it said at the end of it, in time.
+        assert abs(wrap_180(float(headings[f"{0.25 * n + 0.125:.2f} s"][1]) - POSES[n].heading_deg)) < 1.0
+        if n >= 72:
+            assert abs(wrap_180(float(headings[f"{0.25 * n + 0.25:.2f} s"][0]) - POSES[n].heading_deg)) < 1.0
+    assert "field.csv: over at 27.000 s of virtual time; its last readings are held since" in output.err
+
+
+@pytest.mark.parametrize(
+    ("sensors", "remark", "shown"),
+    [
+        ("m", "no accelerometer and no gyroscope in it: simulated, at rest", "no headings: the recording has no accel"),
+        ("ma", "no gyroscope in it: simulated, at rest", "heading [deg] at"),
+    ],
+)
+def test_what_was_not_recorded_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], sensors: str, remark: str, shown: str
+) -> None:
+    recording(tmp_path / "field.csv", sensors=sensors)
+    assert run("play", "--rig", rig(tmp_path)) == 0
+    output = capsys.readouterr()
+    assert remark in output.err
+    assert shown in output.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sensors", "keys", "complaint"),
+    [
+        (["play"], "ag", 'playback = "field.csv"', "world.playback: no magnetometer in field.csv to calibrate from"),
+        (["play"], "mag", "", "the rig plays no recording: name one under [world], playback = \"field.csv\""),
+        (["play", "--every", "0.1"], "mag", 'playback = { file = "field.csv", rate_hz = 0.1 }', "more than 10000 head"),
+        (["play", "--firmware", "none.elf"], "mag", 'playback = "field.csv"', "none.elf"),
+        (["run"], "mag", 'playback = "field.csv"', "a run is not offered while a recording is played: no table turns"),
+        (["calibrate", "--out", "x.toml"], "mag", 'playback = "field.csv"', "a turntable is not offered while a rec"),
+        (["log", "--seconds", "1", "--out", "x.csv"], "mag", 'playback = "none.csv"', "none.csv: No such file"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_done_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], arguments: list[str],
+    sensors: str, keys: str, complaint: str,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    recording(tmp_path / "field.csv", sensors=sensors)
+    assert run(*arguments, "--rig", rig(tmp_path, keys=keys)) == 4
+    output = capfd.readouterr()
+    assert complaint in re.sub(r"\s+", " ", output.err + output.out)
+
+
+def test_a_log_of_a_recording_is_that_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A log of the virtual world, played back and logged again, is the same file."""
+    named = [f"--sensor={name}" for name in ("gyroscope", "magnetometer", "accelerometer")]
+    assert run("log", "--seconds", "2", "--out", str(tmp_path / "field.csv"), *named) == 0
+    again = tmp_path / "again.csv"
+    assert run("log", "--seconds", "2", "--out", str(again), "--rig", rig(tmp_path), "--seed", "9", *named) == 0
+    seed = (("seed 1,", ""), ("seed 9,", ""))
+    texts = [path.read_text(encoding="utf-8") for path in (tmp_path / "field.csv", again)]
+    for old, new in seed:
+        texts = [text.replace(old, new) for text in texts]
+    assert texts[0] == texts[1]
+    assert "field.csv: over at" not in capsys.readouterr().err
