@@ -71,7 +71,7 @@ def _of(factors: Mapping[str, float | None]) -> dict[str, Conversion]:
 
 # By the unit that is converted to; the words as people write them, in whatever case. Of the micro sign there are two.
 _CONVERSIONS: dict[str, dict[str, Conversion]] = {
-    "deg": _of({"deg": 1.0, "°": 1.0, "rad": math.degrees(1.0), "mrad": math.degrees(1e-3)}),
+    "deg": _of({"deg": 1.0, "°": 1.0, "degrees": 1.0, "rad": math.degrees(1.0), "mrad": math.degrees(1e-3)}),
     "dps": _of({word: DEGREES_PER_SECOND[unit] for word, unit in RATE_WORDS.items()}),
     "g": _of({word: GRAVITIES[unit] for word, unit in ACCELERATION_WORDS.items()}),
     "uT": _of({

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from hiltest.bench_files import rig_file
 from hiltest.boards import open_compass
 from hiltest.device.packets import AnglesPacket, MainPacket, encode
 from hiltest.device.quantities import Quantity
@@ -162,6 +163,20 @@ def test_a_kind_that_there_is_not_is_refused_with_file_and_line(tmp_path: Path) 
     file = tmp_path / "desk.toml"
     file.write_text(RIG.replace('"fsflk"', '"fsflkk"', 1), encoding="utf-8")
     with pytest.raises(ConfigError, match=r"desk\.toml:7: device\.kind: no kind 'fsflkk'; did you mean 'fsflk'\?"):
+        open_compass(load_rig(file), firmware=None, port="/dev/null", seed=None, transcript=None, base=None)
+
+
+def test_firmware_that_nobody_names_is_asked_for() -> None:
+    rig = load_rig(rig_file(Path(__file__).parent, "nxp-fusion-agm01"))
+    with pytest.raises(ConfigError, match=r"names no firmware under test: give it with --firmware ELF"):
+        open_compass(rig, firmware=None, port=None, seed=None, transcript=None, base=None)
+
+
+def test_a_rig_without_a_heading_is_refused_before_a_port_is_opened(tmp_path: Path) -> None:
+    file = tmp_path / "desk.toml"
+    text = "[device.text]\npatterns = ['ROL=(?P<roll>.*)']\n"
+    file.write_text(RIG.replace('"fsflk"', '"text"').replace("[device.fsflk]", text, 1).replace('algorithm = "Q9"', ""))
+    with pytest.raises(ConfigError, match=r"desk\.toml:7: device\.kind: text offers no heading here"):
         open_compass(load_rig(file), firmware=None, port="/dev/null", seed=None, transcript=None, base=None)
 
 

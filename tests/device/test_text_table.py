@@ -54,7 +54,7 @@ def test_keys_that_do_not_go_together_are_refused(table: dict[str, Any], key: st
         ({"patterns": HEADING, "values": {"pich": TextValue()}}, "values.pich", "did you mean 'pitch'?"),
         ({"patterns": HEADING, "values": {"pitch": TextValue()}}, "patterns", "pitch has no pitch"),
         ({"patterns": HEADING, "values": {"roll": TextValue("heding")}}, "values.roll.fields", "mean 'heading'?"),
-        ({"patterns": HEADING, "values": {"heading": TextValue(unit="uT")}}, "values.heading.unit", "known: deg, rad"),
+        ({"patterns": HEADING, "values": {"heading": TextValue(unit="uT")}}, "values.heading.unit", "degrees, rad"),
         ({"format": "json", "values": {"dip": TextValue(("a", "b"))}}, "values.dip.fields", "are 2, and it has 1 numb"),
         ({"format": "csv", "values": {"dip": TextValue(0)}}, "values.dip.fields", "no column 0"),
         ({"format": "csv", "columns": ("a",), "values": {"dip": TextValue(2)}}, "values.dip.fields", "no column 2"),
