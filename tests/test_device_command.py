@@ -37,8 +37,9 @@ def test_each_line_is_shown_with_what_is_understood_of_it(line: Line, capsys: py
     assert "    pitch 1 deg, roll 2 deg, calibrated 1; heading: 'nan' is no number\n" in said
     summary = said[said.index("\n4 understood, 1 not") :].splitlines()
     assert [row.split()[:2] for row in summary if row.startswith(("heading ", "pitch ", "calibrated "))] == [
-        ["heading", "1"], ["pitch", "2"], ["calibrated", "2"]
+        ["heading", "1"], ["pitch", "2"], ["calibrated", "2"], ["heading", "not"]
     ]  # fmt: skip
+    assert "heading not taken 1 time: 'nan' is no number" in summary
     assert any(row.startswith("not seen: magnetometer, ") for row in summary)
     assert "not understood, 1 time: no pattern matches" in summary
 
