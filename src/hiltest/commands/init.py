@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import os
+import re
 import shutil
+import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
 
 from hiltest.bench_files import shipped
+from hiltest.commands.options import checked
 from hiltest.errors import ConfigError
+from hiltest.operator_prompt import ask
+from hiltest.settings import file_name
+from hiltest.text import counted
 
 _FOLDERS = ("suites", "rigs", "benchmarks")
 _BASELINE = Path("baselines", "virtual-k64f.json")
@@ -22,15 +30,22 @@ _NOT_COPIED = shutil.ignore_patterns("__pycache__", ".*")
 
 @click.command()
 @click.argument("folder", metavar="DIR", type=click.Path(path_type=Path, file_okay=False))
-def init(folder: Path) -> int:
+@click.option("--firmware", metavar="ELF", callback=checked(file_name),
+              help="Also write a rig for this firmware: what its names and texts tell of headings.")
+def init(folder: Path, firmware: str | None) -> int:
     """Copy suites, rigs, benchmarks and a baseline to DIR/hil.
 
     The baseline holds the numbers of the packaged firmware on the default rig.
+
+    With --firmware a rig of DIR's name is added: an ELF is looked through for lines, packets and variables that tell a
+    heading, a field or a calibration, and for functions to count. At a terminal it asks which is meant, and Enter takes
+    the first; elsewhere the rig has all that was found, what is only guessed as a comment.
     """
     source, target = shipped(), folder / "hil"
     present = [target / name for name in (*_FOLDERS, _BASELINE.parent) if (target / name).exists()]
     if present:
         raise ConfigError(f"{present[0]} is already there; nothing was copied. Choose another folder, or move it away")
+    proposed = _proposed_rig(folder, Path(firmware)) if firmware is not None else None
     try:
         for name in _FOLDERS:
             shutil.copytree(source / name, target / name, ignore=_NOT_COPIED)
@@ -38,9 +53,47 @@ def init(folder: Path) -> int:
         shutil.copyfile(source / _BASELINE, target / _BASELINE)
         if not (folder / "conftest.py").exists():  # there `pytest-benchmark compare` looks for what shows cycles
             (folder / "conftest.py").write_text(_CONFTEST, encoding="utf-8")
+        if proposed is not None:
+            (target / "rigs" / f"{proposed[0]}.toml").write_text(proposed[1], encoding="utf-8")
     except (OSError, shutil.Error) as error:
         reason = getattr(error, "strerror", None) or error
         raise ConfigError(f"cannot copy to {target}: {reason}. Choose a folder that can be written to") from error
     click.echo(f"suites, rigs, benchmarks and the baseline of the packaged firmware are in {target}. Next:")
-    click.echo(f"cd {folder} && hiltest run --baseline {'hil' / _BASELINE}")
+    click.echo(f"cd {folder} && hiltest run " + (f"--rig {proposed[0]}" if proposed else f"--baseline {'hil' / _BASELINE}"))
     return 0
+
+
+def _proposed_rig(folder: Path, firmware: Path) -> tuple[str, str]:
+    """Return name and text of the rig for a firmware."""
+    from hiltest.device.proposed_rig import BASE_RIGS, chosen_kind, look_at, rig_text
+    from hiltest.virtual.elf import load_image
+
+    proposals = look_at(load_image(firmware))
+    if proposals.speaks_our_protocol:
+        raise ConfigError(
+            f"{firmware} speaks hiltest's own protocol and needs no rig of its own: hiltest run --firmware {firmware}"
+        )
+    name, rigs = re.sub(r"[^A-Za-z0-9_-]+", "-", folder.resolve().name).strip("-") or "mine", shipped() / "rigs"
+    if (rigs / f"{name}.toml").exists():
+        name += "-proposed"
+    choose = _asked if sys.stdin.isatty() and sys.stdout.isatty() else None
+    kind = chosen_kind(proposals, choose)
+    file, around = firmware.resolve(), folder.resolve()
+    is_near = file.is_relative_to(around.parent)
+    text = rig_text(
+        proposals, kind, (rigs / f"{BASE_RIGS[kind]}.toml").read_text(encoding="utf-8"), name=name,
+        firmware=os.path.relpath(file, around / "hil" / "rigs") if is_near else str(file), choose=choose,
+    )  # fmt: skip
+    said = f'kind = "{kind}"' if kind else "nothing in it is surely a heading: fill in [device]"
+    click.echo(f"{firmware}: {counted(proposals.found, 'name')} and texts found; {said}. Look through hil/rigs/{name}.toml")
+    return name, text
+
+
+def _asked(question: str, options: Sequence[str]) -> int:
+    """Ask which of several is meant; Enter takes the first."""
+    listed = "\n".join(f"  {number} {each}" for number, each in enumerate(options, start=1))
+    while True:
+        answer = ask(f"{question}\n{listed}\n[1] ").strip() or "1"
+        if answer.isdecimal() and 1 <= int(answer) <= len(options):
+            return int(answer) - 1
+        click.echo(f"Answer with a number from 1 to {len(options)}.")

@@ -10,7 +10,7 @@ from pathlib import PurePosixPath
 from typing import Any
 
 from hiltest.device.c_types import read_type, size_of
-from hiltest.device.variable_path import VariablePath
+from hiltest.device.variable_path import VariablePath, read_path
 from hiltest.errors import ConfigError
 from hiltest.virtual.debug_entries import STRUCTURES, children, name_of, next_type, origin_of
 from hiltest.virtual.elf import Symbol
@@ -141,6 +141,20 @@ class VariableIndex:
             for entry in _inside(function) if entry.tag == "DW_TAG_variable" and "DW_AT_location" in entry.attributes
             and _operations(entry)[:1] in ([_ADDRESS], [])
         ]  # fmt: skip
+
+    def listed(self) -> Iterator[tuple[str, FoundVariable]]:
+        """Yield every variable that lies in memory, with the path that leads to it."""
+        within = [(f"{function}::{name_of(entry)}", [file]) for function, entry, file in self._statics if function]
+        at_top = [(name, [file for _, file in entries]) for name, entries in self._by_name.items()]
+        for name, files in [*at_top, *within]:
+            for path in (name, *(f"{PurePosixPath(file).name}:{name}" for file in sorted(set(files)))):
+                try:
+                    found = self.find(read_path(path))
+                except ConfigError:
+                    continue  # without a name or a place, or of several: then with its file
+                if found is not None:
+                    yield path, found
+                    break
 
     def functions_with(self, name: str) -> list[str]:
         """Return the functions that have a static variable of a name."""

@@ -1,0 +1,252 @@
+"""The text of a rig for firmware of which only its ELF is known: what was found in it, guesses as comments."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+from hiltest.device.candidate_lines import line_candidates
+from hiltest.device.candidate_variables import variable_candidates
+from hiltest.device.candidates import Candidate, best_first, words_of
+from hiltest.device.quantities import Quantity
+from hiltest.units import unit_words
+from hiltest.virtual.elf import FirmwareImage
+
+#: Asks which of several is meant, and returns its number.
+Choose = Callable[[str, Sequence[str]], int]
+Candidates = Mapping[Quantity, Sequence[Candidate]]
+
+# Functions by which firmware is known; two of them, so that a namesake is none.
+_OURS = frozenset({"command_identity", "command_calibrate", "command_collect", "command_read"})
+_NXP = frozenset({"fRun_9DOF_GBY_KALMAN", "fRun_6DOF_GY_KALMAN", "fInvertMagCal", "feCompassNED", "fInitializeFusion"})
+# Functions that are worth counting, and what only prepares, keeps or shows their work, or has another one.
+_WORK = re.compile(r"\b(?:calibrat\w+|cal|fit|ellipsoid|iron|fusion|fuse|kalman|ekf|madgwick|mahony|ahrs|heading|e ?compass)\b")
+_NO_WORK = re.compile(
+    r"\b(?:init\w*|save|load|get|set|erase|print|reset|clear|read|write|send|to|from|adc\d*|clock|irc|osc|handler|irq"
+    r"|start|stop|test|config\w*|is|free|acc\w*|gyro\w*|auto)\b"
+)  # fmt: skip
+_MOST_SHOWN = 6  # candidates of a quantity; at a terminal they fit on a screen
+_MOST_COUNTED = 8
+_NOTE_COLUMN, _LONGEST_NOTE = 50, 120
+_ANGLES = frozenset({Quantity.HEADING, Quantity.PITCH, Quantity.ROLL})
+_WORLD = ("field", "mounting", "turntable", "sensors", "procedure", "world")
+
+
+class Kind(StrEnum):
+    """How firmware is understood; the values are a rig's kinds."""
+
+    FSFLK = "fsflk"
+    TEXT = "text"
+    MEMORY = "memory"
+
+
+#: The rig that ships whose world, field and turntable a rig of each kind has; None where nothing was found.
+BASE_RIGS: Mapping[Kind | None, str] = {
+    Kind.FSFLK: "nxp-fusion-agm01", Kind.TEXT: "text-compass", Kind.MEMORY: "text-compass", None: "text-compass",
+}  # fmt: skip
+_WORDS = {
+    Kind.FSFLK: "packets of NXP's Sensor Fusion", Kind.TEXT: "lines that it prints",
+    Kind.MEMORY: "variables, by their names",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Proposals:
+    """What an ELF tells of how its firmware can be understood.
+
+    Attributes
+    ----------
+    speaks_our_protocol : bool
+    kinds : tuple of Kind
+        In which it may tell its heading, the surest first.
+    release : str
+        Of NXP's Sensor Fusion.
+    lines, variables : mapping of Quantity to sequence of Candidate
+        Best first.
+    functions : tuple of str
+        Those that calibrate, fuse or compute a heading by their names; the largest first.
+    remark : str
+        What hinders to look at all; empty when nothing does.
+    """
+
+    speaks_our_protocol: bool
+    kinds: tuple[Kind, ...]
+    release: str
+    lines: Candidates
+    variables: Candidates
+    functions: tuple[str, ...]
+    remark: str
+
+    @property
+    def found(self) -> int:
+        """How many names and texts were found."""
+        return len(self.functions) + sum(len(each) for of in (self.lines, self.variables) for each in of.values())
+
+
+def look_at(image: FirmwareImage) -> Proposals:
+    """Look at an ELF's symbols, texts and debug information. Damaged debug information is remarked on."""
+    variables, remark = variable_candidates(image)
+    by_line, by_variable = best_first(line_candidates(image)), best_first(variables)
+    names = {each.name for each in image.functions}
+    is_nxp = len(names & _NXP) > 1
+    kinds = {Kind.FSFLK: is_nxp, Kind.TEXT: Quantity.HEADING in by_line, Kind.MEMORY: Quantity.HEADING in by_variable}
+    if is_nxp:  # its variables are in hiltest's own units
+        by_variable = {quantity: [_in_own_unit(each) for each in several] for quantity, several in by_variable.items()}
+    return Proposals(
+        len(names & _OURS) > 1, tuple(kind for kind, may_be in kinds.items() if may_be),
+        "7" if "sfg" in image.symbols else "5.00", by_line, by_variable, _functions(image), remark,
+    )  # fmt: skip
+
+
+def _in_own_unit(candidate: Candidate) -> Candidate:
+    unit = "" if "int" in candidate.reason else candidate.meaning.quantity.unit
+    return replace(candidate, meaning=replace(candidate.meaning, unit=unit))
+
+
+def _functions(image: FirmwareImage) -> tuple[str, ...]:
+    largest_first = sorted(image.functions, key=lambda each: -each.size)
+    names = [each.name for each in largest_first if each.size and re.fullmatch(r"[A-Za-z_]\w*", each.name, re.ASCII)]
+    words = {name: " ".join(words_of(name)) for name in names}
+    return tuple(name for name, said in words.items() if _WORK.search(said) and not _NO_WORK.search(said))[:_MOST_COUNTED]
+
+
+def chosen_kind(proposals: Proposals, choose: Choose | None) -> Kind | None:
+    """Return how the firmware is understood: the surest, or what is chosen; None where nothing tells a heading."""
+    kinds = proposals.kinds
+    if choose is None or len(kinds) < 2:  # noqa: PLR2004
+        return next(iter(kinds), None)
+    return kinds[choose("Its heading is taken from", [_WORDS[each] for each in kinds])]
+
+
+def rig_text(
+    proposals: Proposals, kind: Kind | None, base: str, *, name: str, firmware: str, choose: Choose | None
+) -> str:  # fmt: skip
+    """Return the text of a rig.
+
+    Parameters
+    ----------
+    proposals : Proposals
+    kind : Kind or None
+    base : str
+        Text of the rig that `BASE_RIGS` names.
+    name, firmware : str
+        Of the rig; path of the ELF from the rig's folder.
+    choose : callable or None
+        None where nobody is there to answer: what is sure is taken.
+    """
+    remark = f"# Not all was seen: {_legible(proposals.remark)}\n" if proposals.remark else ""
+    world = [part.strip("\n") for part in base.split("\n\n") if re.search(rf"(?m)^\[(?:{'|'.join(_WORLD)})\]$", part)]
+    counted = [f"{each} = {json.dumps(each)}" for each in proposals.functions]
+    parts = [
+        f"# {name}: proposed by hiltest from an ELF's names and texts. What is only guessed is a comment, best first.\n"
+        f"# World, field, turntable and sensors are those of the rig {BASE_RIGS[kind]}: change them to your board's.\n"
+        f"{remark}schema = 1\nname = {json.dumps(name)}\nseed = 1",
+        f'[board]\nkind = "virtual"\nfirmware = {json.dumps(firmware)}',
+        *_device(proposals, kind, choose),
+        *world,
+        *(["\n".join(["# Counted while they run.", "[cycles]", *counted])] if counted else []),
+        '[limits]\n"heading.firmware.max" = { max = 2.0, unit = "deg" }      # set what yours has to reach',
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def _device(proposals: Proposals, kind: Kind | None, choose: Choose | None) -> list[str]:
+    """Return the tables of ``[device]``, those that are not in use as comments."""
+    lines, lines_heading = _patterns(proposals.lines, choose if kind is Kind.TEXT else None)
+    values, values_heading = _values(proposals.variables, choose if kind is Kind.MEMORY else None)
+    if kind is Kind.FSFLK:
+        other = "" if proposals.release == "7" else '   # or "4.22"'
+        table = f'{_kind(kind)}\nstart_s = 2.0\ntumbles = 2\nconverge_s = 60.0   # its filter finds the gyroscope\'s offset'
+        used = [table, f'[device.fsflk]\nrelease = "{proposals.release}"{other}']
+    elif kind is Kind.TEXT and lines_heading:
+        used = [_kind(kind), lines]
+    elif kind is Kind.MEMORY and values_heading:
+        used = [_kind(kind), values]
+    else:
+        used = [
+            "# Nothing in the ELF is surely a heading. Without a table [device] the firmware is taken for one that speaks\n"
+            '# hiltest\'s protocol. Say how yours is understood: docs/compass.md lists the kinds.\n# [device]\n# kind = "text"'
+        ]
+    rest = {Kind.TEXT: (lines, bool(proposals.lines)), Kind.MEMORY: (values, bool(proposals.variables))}
+    for other_kind, (table, is_there) in rest.items():
+        if is_there and table not in used:
+            used.append(f"# {_WORDS[other_kind].capitalize()}; with kind = \"{other_kind}\", or in a list of kinds:\n{_commented(table)}")
+    return used
+
+
+def _kind(kind: Kind) -> str:
+    return f'[device]\nkind = "{kind}"\nframe = "ned"        # not in an ELF: ned, android, windows or enu (docs/compass.md)'
+
+
+def _in_use(candidates: Sequence[Candidate], choose: Choose | None) -> Candidate | None:
+    """Return the candidate that a rig has in use, with its unit; None where all stay comments."""
+    first = candidates[0]
+    quantity, is_clear = first.meaning.quantity, first.meaning.is_sure and not first.stated_type
+    if choose is None or (is_clear and len(candidates) == 1 and not first.needs_unit):
+        if not is_clear or (first.needs_unit and quantity not in _ANGLES) or quantity is Quantity.INVERSE_SOFT_IRON:
+            return None
+        return _with_unit(first, first.meaning.unit or quantity.unit)
+    number = choose(f"{quantity.key} is", [*(f"{each.written}  ({each.reason})" for each in candidates), "none of these"])
+    if number == len(candidates):
+        return None
+    taken, units = candidates[number], unit_words(quantity.unit)
+    if not taken.needs_unit:
+        return taken
+    number = choose(f"its unit is (of {taken.written})", [*units, "not known, or counts"])
+    return _with_unit(taken, units[number]) if number < len(units) else None
+
+
+def _with_unit(candidate: Candidate, unit: str) -> Candidate:
+    return replace(candidate, meaning=replace(candidate.meaning, unit=unit))
+
+
+def _entries(found: Candidates, choose: Choose | None) -> Iterable[tuple[Candidate, bool, str]]:
+    """Yield candidates with whether each is in use, and what is to be known of it."""
+    for quantity, several in found.items():
+        shown = several[:_MOST_SHOWN]
+        used = _in_use(shown, choose)
+        for each in shown:
+            is_used = used is not None and each.written == used.written
+            entry = used if is_used and used is not None else each
+            notes = [each.reason, *([f"{quantity.unit}? it does not say"] if each.needs_unit and choose is None else [])]
+            notes += ["or its inverse?"] if quantity is Quantity.INVERSE_SOFT_IRON else []
+            yield _with_unit(entry, entry.meaning.unit or quantity.unit), is_used, "; ".join(notes)
+
+
+def _values(found: Candidates, choose: Choose | None) -> tuple[str, bool]:
+    """Return the table ``[device.memory.values]``, and whether a heading is in use there."""
+    lines, has_heading = ["[device.memory.values]"], False
+    for each, is_used, note in _entries(found, choose):
+        parts = {"path": each.written, "unit": each.meaning.unit, "type": each.stated_type}
+        inner = ", ".join(f"{key} = {json.dumps(text)}" for key, text in parts.items() if text)
+        lines.append(_noted(f"{'' if is_used else '# '}{each.meaning.quantity.key} = {{ {inner} }}", note))
+        has_heading |= is_used and each.meaning.quantity is Quantity.HEADING
+    return "\n".join(lines), has_heading
+
+
+def _patterns(found: Candidates, choose: Choose | None) -> tuple[str, bool]:
+    """Return the table ``[device.text]``, and whether a heading is in use there."""
+    lines, units, has_heading = ["[device.text]", "patterns = ["], [], False
+    for each, is_used, note in _entries(found, choose):
+        pattern = json.dumps(each.written) if "'" in each.written else f"'{each.written}'"
+        lines.append(_noted(f"  {'' if is_used else '# '}{pattern},", note))
+        if each.meaning.unit:
+            units.append(f'{"" if is_used else "# "}{each.meaning.quantity.key} = {{ unit = "{each.meaning.unit}" }}')
+        has_heading |= is_used and each.meaning.quantity is Quantity.HEADING
+    error = "# error = '^ERROR (?P<error>.*)'             # what a line that reports an error looks like"
+    return "\n".join([*lines, "]", error, "", "[device.text.values]", *dict.fromkeys(units)]), has_heading
+
+
+def _noted(line: str, note: str) -> str:
+    return f"{line:<{_NOTE_COLUMN}}  # {_legible(note)}"
+
+
+def _legible(text: str) -> str:
+    return "".join(letter if letter.isprintable() else "?" for letter in text)[:_LONGEST_NOTE]
+
+
+def _commented(text: str) -> str:
+    return "\n".join(line if line.startswith("# ") else f"# {line}".rstrip() for line in text.splitlines())
