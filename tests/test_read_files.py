@@ -37,6 +37,7 @@ READING = {
     "fit-imu --gyroscope-log": ("fit-imu", "imu.csv", "--gyroscope-log", "{}"),
     "fit-imu --intervals": ("fit-imu", "imu.csv", "--intervals", "{}"),
     "fit-imu log": ("fit-imu", "{}"),
+    "init --firmware": ("init", "bench", "--firmware", "{}"),
     "log --firmware": ("log", "--seconds", "1", "--out", "log.csv", "--firmware", "{}"),
     "log --rig": ("log", "--seconds", "1", "--out", "log.csv", "--rig", "{}"),
     "play --firmware": ("play", "--rig", "field.toml", "--firmware", "{}"),

@@ -16,7 +16,6 @@ from hiltest.commands.options import checked
 from hiltest.errors import ConfigError
 from hiltest.operator_prompt import ask
 from hiltest.settings import file_name
-from hiltest.text import counted
 
 _FOLDERS = ("suites", "rigs", "benchmarks")
 _BASELINE = Path("baselines", "virtual-k64f.json")
@@ -25,6 +24,7 @@ _CONFTEST = '''"""What `pytest-benchmark compare` finds in this folder: device c
 
 from hiltest.compare_cycles import pytest_benchmark_group_stats, pytest_benchmark_scale_unit  # noqa: F401
 '''
+_LONGEST_NAME = 64  # of a rig
 _NOT_COPIED = shutil.ignore_patterns("__pycache__", ".*")
 
 
@@ -55,11 +55,12 @@ def init(folder: Path, firmware: str | None) -> int:
             (folder / "conftest.py").write_text(_CONFTEST, encoding="utf-8")
         if proposed is not None:
             (target / "rigs" / f"{proposed[0]}.toml").write_text(proposed[1], encoding="utf-8")
-    except (OSError, shutil.Error) as error:
+    except (OSError, shutil.Error, UnicodeError) as error:
         reason = getattr(error, "strerror", None) or error
         raise ConfigError(f"cannot copy to {target}: {reason}. Choose a folder that can be written to") from error
     click.echo(f"suites, rigs, benchmarks and the baseline of the packaged firmware are in {target}. Next:")
-    click.echo(f"cd {folder} && hiltest run " + (f"--rig {proposed[0]}" if proposed else f"--baseline {'hil' / _BASELINE}"))
+    options = f"--rig {proposed[0]}" if proposed else f"--baseline {'hil' / _BASELINE}"
+    click.echo(f"cd {folder} && hiltest run {options}")
     return 0
 
 
@@ -73,7 +74,8 @@ def _proposed_rig(folder: Path, firmware: Path) -> tuple[str, str]:
         raise ConfigError(
             f"{firmware} speaks hiltest's own protocol and needs no rig of its own: hiltest run --firmware {firmware}"
         )
-    name, rigs = re.sub(r"[^A-Za-z0-9_-]+", "-", folder.resolve().name).strip("-") or "mine", shipped() / "rigs"
+    name = re.sub(r"[^A-Za-z0-9_-]+", "-", folder.resolve().name).strip("-")[:_LONGEST_NAME] or "mine"
+    rigs = shipped() / "rigs"
     if (rigs / f"{name}.toml").exists():
         name += "-proposed"
     choose = _asked if sys.stdin.isatty() and sys.stdout.isatty() else None
@@ -84,8 +86,8 @@ def _proposed_rig(folder: Path, firmware: Path) -> tuple[str, str]:
         proposals, kind, (rigs / f"{BASE_RIGS[kind]}.toml").read_text(encoding="utf-8"), name=name,
         firmware=os.path.relpath(file, around / "hil" / "rigs") if is_near else str(file), choose=choose,
     )  # fmt: skip
-    said = f'kind = "{kind}"' if kind else "nothing in it is surely a heading: fill in [device]"
-    click.echo(f"{firmware}: {counted(proposals.found, 'name')} and texts found; {said}. Look through hil/rigs/{name}.toml")
+    said = f'kind = "{kind}"' if "\n[device]\n" in text else "nothing in it is surely a heading: fill in [device]"
+    click.echo(f"{firmware}: {proposals.found} names and texts found; {said}. Look through hil/rigs/{name}.toml")
     return name, text
 
 
@@ -94,6 +96,6 @@ def _asked(question: str, options: Sequence[str]) -> int:
     listed = "\n".join(f"  {number} {each}" for number, each in enumerate(options, start=1))
     while True:
         answer = ask(f"{question}\n{listed}\n[1] ").strip() or "1"
-        if answer.isdecimal() and 1 <= int(answer) <= len(options):
-            return int(answer) - 1
+        if answer in (numbers := [str(number) for number, _ in enumerate(options, start=1)]):
+            return numbers.index(answer)
         click.echo(f"Answer with a number from 1 to {len(options)}.")

@@ -10,7 +10,7 @@ from hiltest.device.candidates import Candidate, Meaning, meaning_of, unit_of
 from hiltest.device.quantities import Quantity
 from hiltest.virtual.elf import FirmwareImage
 
-_MOST_BYTES = 4 << 20  # of all segments: the chip has 1 MiB of flash
+_MOST_BYTES = 1 << 20  # of all segments: the flash of the chip
 _TEXT = re.compile(rb"[\t\r\n\x20-\x7e]{3,240}(?=\0)")
 # A number of printf; firmware without floats prints sign, whole and fraction apart: %s%d.%02d.
 _ONE = r"%[-+ #0]*[0-9*]*(?:\.[0-9*]+)?(?:hh|h|ll|l|L|z|j)?[diufFgGeEs]"

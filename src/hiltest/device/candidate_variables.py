@@ -12,7 +12,7 @@ from hiltest.virtual.elf import FirmwareImage
 
 _RAM = range(0x1C00_0000, 0x4000_0000)
 # What no firmware for this chip has: it ends the walk through a damaged file, or through megabytes of someone's types.
-_MOST_DEBUG_BYTES = 16 << 20
+_MOST_DEBUG_BYTES = 8 << 20
 _MOST_PLACES = 20_000
 _DEEPEST = 6
 _LONGEST_VALUE = 16  # numbers of one
@@ -73,11 +73,11 @@ def _numbers(kind: CType) -> list[NumberType]:
     if isinstance(kind, ArrayType):
         inner = _numbers(kind.element)
         return inner * kind.count if kind.count and kind.count * len(inner) <= _LONGEST_VALUE else []
-    if isinstance(kind, RecordType) and not kind.is_union and len(kind.members) == 3:  # noqa: PLR2004  # x, y, z
+    if isinstance(kind, RecordType) and not kind.is_union and len(kind.members) == 3:  # x, y, z
         members = [read_type(each.type_entry) for each in kind.members if each.bits is None]
         numbers = [each for each in members if isinstance(each, NumberType) and not each.labels]
-        if len({(each.kind, each.size) for each in numbers}) == 1 and size_of(kind) == sum(each.size for each in numbers):
-            return numbers
+        are_alike = len({(each.kind, each.size) for each in numbers}) == 1
+        return numbers if are_alike and size_of(kind) == sum(each.size for each in numbers) else []
     return []
 
 
@@ -85,6 +85,6 @@ def _of_symbols(image: FirmwareImage) -> Iterator[Candidate]:
     """Yield what symbols may be by their names and sizes, where no debug information says more."""
     for symbol in image.objects:
         stated, size = _BY_SIZE.get(symbol.size, ("", 0))
-        if stated and symbol.address in _RAM and re.fullmatch(r"[A-Za-z_$][\w$]*", symbol.name):
-            if (meaning := meaning_of([symbol.name], size)) is not None:
-                yield Candidate(meaning, symbol.name, f"{symbol.size} bytes, {stated} perhaps", stated)
+        is_in_c = stated and symbol.address in _RAM and re.fullmatch(r"[A-Za-z_$][\w$]*", symbol.name)
+        if is_in_c and (meaning := meaning_of([symbol.name], size)) is not None:
+            yield Candidate(meaning, symbol.name, f"{symbol.size} bytes, {stated} perhaps", stated)

@@ -35,8 +35,8 @@ _MEANINGS = {
 }
 # Beside them, these make it something else.
 _OTHER = re.compile(
-    r"\b(?:target|desired|set ?point|ref|reference|goal|old|prev|previous|init|initial|rate|delta|count|index|size|max|min"
-    r"|limit|threshold|gain|scale|buffer|buf|time|cov\w*|var|noise|declination|isr|flag|packet)\b"
+    r"\b(?:target|desired|set ?point|ref|reference|goal|old|prev|previous|init|initial|rate|delta|count|index|size|max"
+    r"|min|limit|threshold|gain|scale|buffer|buf|time|cov\w*|var|noise|declination|isr|flag|packet)\b"
 )  # fmt: skip
 
 
@@ -105,8 +105,8 @@ def meaning_of(names: Sequence[str], size: int | None, *, is_whole: bool = False
     is_whole : bool
         Whether these are integers.
     """
-    around, own = " ".join(word for name in names[:-1] for word in words_of(name)), words_of(names[-1])
-    said = _without_unit(around, own, size)
+    around = " ".join(word for name in names[:-1] for word in words_of(name))
+    said = _with_unit(around, names[-1], size) or _found(around, words_of(names[-1]), size)
     if said is not None and said.quantity is Quantity.CALIBRATED and not (said.is_sure and is_whole):
         return None
     return said
@@ -115,29 +115,38 @@ def meaning_of(names: Sequence[str], size: int | None, *, is_whole: bool = False
 def unit_of(quantity: Quantity, word: str) -> str:
     """Return the unit that a word names for a quantity; empty where it names none."""
     unit = _UNITS.get(word, word)
-    return unit if len(unit) > 1 and quantity.unit and conversion(unit, quantity.unit) is not None else ""
+    return unit if len(word) > 1 and quantity.unit and conversion(unit, quantity.unit) is not None else ""
 
 
-def _without_unit(around: str, own: list[str], size: int | None) -> Meaning | None:
-    if len(own) > 1 and (found := _found(around, own[:-1], size)) and (unit := unit_of(found.quantity, own[-1])):
-        return Meaning(found.quantity, unit, found.is_sure)
-    return _found(around, own, size)
+def _with_unit(around: str, name: str, size: int | None) -> Meaning | None:
+    """Return what a name means that ends with its unit: heading_deg, headingDeg, mag_uT, Mag (nT)."""
+    *words, last_word = words_of(name) or [""]
+    *parts, last_part = re.findall(r"[A-Za-z0-9%]+", name) or [""]
+    for own, unit in ((words_of(" ".join(parts)), last_part), (words, last_word)):
+        found = _found(around, own, size) if own else None
+        if found is not None and (known := unit_of(found.quantity, unit)):
+            return Meaning(found.quantity, known, found.is_sure)
+    return None
 
 
 def _found(around: str, own: list[str], size: int | None) -> Meaning | None:
-    """Return the longest meaning that reaches into a name's own words."""
+    """Return the longest meaning: of all of a name's own words, and of those around it; else of some of its own."""
     last = " ".join(own)
     text = f"{around} {last}".strip()
-    begin = len(text) - len(last)
-    matches = [
-        (match.end() - match.start(), quantity, match)
-        for quantity, pattern in _MEANINGS.items() if size in (None, quantity.size)
-        for match in re.finditer(rf"\b(?:{pattern})\b", text) if match.end() > begin
-    ]  # fmt: skip
-    if not matches or _OTHER.search(last):
+    if _OTHER.search(last):
         return None
-    _, quantity, match = max(matches, key=lambda each: each[0])
-    return Meaning(quantity, "", match.start() <= begin and match.end() == len(text))
+    found: list[tuple[bool, int, Quantity]] = []
+    for quantity, pattern in _MEANINGS.items():
+        if size in (None, quantity.size):
+            whole = re.search(rf"\b(?:{pattern})$", text)
+            if whole is not None and len(whole[0]) >= len(last):
+                found.append((True, len(whole[0]), quantity))
+            elif part := re.search(rf"\b(?:{pattern})\b", last):
+                found.append((False, len(part[0]), quantity))
+    if not found:
+        return None
+    is_sure, _, quantity = max(found, key=lambda each: each[:2])
+    return Meaning(quantity, "", is_sure)
 
 
 def best_first(candidates: Iterable[Candidate]) -> dict[Quantity, list[Candidate]]:

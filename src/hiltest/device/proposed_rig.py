@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -23,7 +23,9 @@ Candidates = Mapping[Quantity, Sequence[Candidate]]
 _OURS = frozenset({"command_identity", "command_calibrate", "command_collect", "command_read"})
 _NXP = frozenset({"fRun_9DOF_GBY_KALMAN", "fRun_6DOF_GY_KALMAN", "fInvertMagCal", "feCompassNED", "fInitializeFusion"})
 # Functions that are worth counting, and what only prepares, keeps or shows their work, or has another one.
-_WORK = re.compile(r"\b(?:calibrat\w+|cal|fit|ellipsoid|iron|fusion|fuse|kalman|ekf|madgwick|mahony|ahrs|heading|e ?compass)\b")
+_WORK = re.compile(
+    r"\b(?:calibrat\w+|cal|fit|ellipsoid|iron|fusion|fuse|kalman|ekf|madgwick|mahony|ahrs|heading|e ?compass)\b"
+)
 _NO_WORK = re.compile(
     r"\b(?:init\w*|save|load|get|set|erase|print|reset|clear|read|write|send|to|from|adc\d*|clock|irc|osc|handler|irq"
     r"|start|stop|test|config\w*|is|free|acc\w*|gyro\w*|auto)\b"
@@ -47,10 +49,32 @@ class Kind(StrEnum):
 BASE_RIGS: Mapping[Kind | None, str] = {
     Kind.FSFLK: "nxp-fusion-agm01", Kind.TEXT: "text-compass", Kind.MEMORY: "text-compass", None: "text-compass",
 }  # fmt: skip
+_DEVICE = """[device]
+kind = "{}"
+frame = "ned"        # not in an ELF: ned, android, windows or enu (docs/compass.md)
+"""
+_NXP_DEVICE = """start_s = 2.0
+tumbles = 2
+converge_s = 60.0    # its filter finds the gyroscope's offset
+
+[device.fsflk]
+release = "{}"        # 7, 5.00 or 4.22"""
+_NO_DEVICE = """# Nothing in the ELF is surely a heading. Without a table [device] the firmware is taken for one that
+# speaks hiltest's protocol. Say how yours is understood: docs/compass.md lists the kinds.
+# [device]
+# kind = "text\""""
 _WORDS = {
     Kind.FSFLK: "packets of NXP's Sensor Fusion", Kind.TEXT: "lines that it prints",
     Kind.MEMORY: "variables, by their names",
 }  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class _Table:
+    """Text of a table, empty where there is nothing for it, and whether a heading is in use there."""
+
+    text: str
+    has_heading: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,13 +134,14 @@ def _functions(image: FirmwareImage) -> tuple[str, ...]:
     largest_first = sorted(image.functions, key=lambda each: -each.size)
     names = [each.name for each in largest_first if each.size and re.fullmatch(r"[A-Za-z_]\w*", each.name, re.ASCII)]
     words = {name: " ".join(words_of(name)) for name in names}
-    return tuple(name for name, said in words.items() if _WORK.search(said) and not _NO_WORK.search(said))[:_MOST_COUNTED]
+    found = [name for name, said in words.items() if _WORK.search(said) and not _NO_WORK.search(said)]
+    return tuple(found[:_MOST_COUNTED])
 
 
 def chosen_kind(proposals: Proposals, choose: Choose | None) -> Kind | None:
     """Return how the firmware is understood: the surest, or what is chosen; None where nothing tells a heading."""
     kinds = proposals.kinds
-    if choose is None or len(kinds) < 2:  # noqa: PLR2004
+    if choose is None or len(kinds) < 2:
         return next(iter(kinds), None)
     return kinds[choose("Its heading is taken from", [_WORDS[each] for each in kinds])]
 
@@ -144,7 +169,7 @@ def rig_text(
         f"# {name}: proposed by hiltest from an ELF's names and texts. What is only guessed is a comment, best first.\n"
         f"# World, field, turntable and sensors are those of the rig {BASE_RIGS[kind]}: change them to your board's.\n"
         f"{remark}schema = 1\nname = {json.dumps(name)}\nseed = 1",
-        f'[board]\nkind = "virtual"\nfirmware = {json.dumps(firmware)}',
+        f'[board]\nkind = "virtual"\nfirmware = {json.dumps(firmware, ensure_ascii=False)}',
         *_device(proposals, kind, choose),
         *world,
         *(["\n".join(["# Counted while they run.", "[cycles]", *counted])] if counted else []),
@@ -155,30 +180,21 @@ def rig_text(
 
 def _device(proposals: Proposals, kind: Kind | None, choose: Choose | None) -> list[str]:
     """Return the tables of ``[device]``, those that are not in use as comments."""
-    lines, lines_heading = _patterns(proposals.lines, choose if kind is Kind.TEXT else None)
-    values, values_heading = _values(proposals.variables, choose if kind is Kind.MEMORY else None)
+    tables = {
+        Kind.TEXT: _patterns(proposals.lines, choose if kind is Kind.TEXT else None),
+        Kind.MEMORY: _values(proposals.variables, choose if kind is Kind.MEMORY else None),
+    }
     if kind is Kind.FSFLK:
-        other = "" if proposals.release == "7" else '   # or "4.22"'
-        table = f'{_kind(kind)}\nstart_s = 2.0\ntumbles = 2\nconverge_s = 60.0   # its filter finds the gyroscope\'s offset'
-        used = [table, f'[device.fsflk]\nrelease = "{proposals.release}"{other}']
-    elif kind is Kind.TEXT and lines_heading:
-        used = [_kind(kind), lines]
-    elif kind is Kind.MEMORY and values_heading:
-        used = [_kind(kind), values]
+        used = _DEVICE.format(kind) + _NXP_DEVICE.format(proposals.release)
+    elif kind is not None and tables[kind].has_heading:
+        used = _DEVICE.format(kind) + f"\n{tables.pop(kind).text}"
     else:
-        used = [
-            "# Nothing in the ELF is surely a heading. Without a table [device] the firmware is taken for one that speaks\n"
-            '# hiltest\'s protocol. Say how yours is understood: docs/compass.md lists the kinds.\n# [device]\n# kind = "text"'
-        ]
-    rest = {Kind.TEXT: (lines, bool(proposals.lines)), Kind.MEMORY: (values, bool(proposals.variables))}
-    for other_kind, (table, is_there) in rest.items():
-        if is_there and table not in used:
-            used.append(f"# {_WORDS[other_kind].capitalize()}; with kind = \"{other_kind}\", or in a list of kinds:\n{_commented(table)}")
-    return used
-
-
-def _kind(kind: Kind) -> str:
-    return f'[device]\nkind = "{kind}"\nframe = "ned"        # not in an ELF: ned, android, windows or enu (docs/compass.md)'
+        used = _NO_DEVICE
+    others = [
+        f'# {_WORDS[other].capitalize()}; with kind = "{other}", or in a list of kinds:\n{_commented(table.text)}'
+        for other, table in tables.items() if table.text
+    ]  # fmt: skip
+    return [used, *others]
 
 
 def _in_use(candidates: Sequence[Candidate], choose: Choose | None) -> Candidate | None:
@@ -186,58 +202,59 @@ def _in_use(candidates: Sequence[Candidate], choose: Choose | None) -> Candidate
     first = candidates[0]
     quantity, is_clear = first.meaning.quantity, first.meaning.is_sure and not first.stated_type
     if choose is None or (is_clear and len(candidates) == 1 and not first.needs_unit):
-        if not is_clear or (first.needs_unit and quantity not in _ANGLES) or quantity is Quantity.INVERSE_SOFT_IRON:
-            return None
-        return _with_unit(first, first.meaning.unit or quantity.unit)
-    number = choose(f"{quantity.key} is", [*(f"{each.written}  ({each.reason})" for each in candidates), "none of these"])
-    if number == len(candidates):
-        return None
+        is_clear = is_clear and quantity is not Quantity.INVERSE_SOFT_IRON  # or is it that of the soft iron itself?
+        return _in_unit(first) if is_clear and (not first.needs_unit or quantity in _ANGLES) else None
+    options = [f"{each.written}  ({each.reason})" for each in candidates]
+    number = choose(f"{quantity.key} is", [*options, "none of these"])
+    if number == len(candidates) or not candidates[number].needs_unit:
+        return candidates[number] if number < len(candidates) else None
     taken, units = candidates[number], unit_words(quantity.unit)
-    if not taken.needs_unit:
-        return taken
     number = choose(f"its unit is (of {taken.written})", [*units, "not known, or counts"])
-    return _with_unit(taken, units[number]) if number < len(units) else None
+    return _in_unit(taken, units[number]) if number < len(units) else None
 
 
-def _with_unit(candidate: Candidate, unit: str) -> Candidate:
-    return replace(candidate, meaning=replace(candidate.meaning, unit=unit))
+def _in_unit(candidate: Candidate, unit: str = "") -> Candidate:
+    """Return a candidate in the unit that it is said to have, else in the quantity's own."""
+    known = unit or candidate.meaning.unit or candidate.meaning.quantity.unit
+    return replace(candidate, meaning=replace(candidate.meaning, unit=known))
 
 
-def _entries(found: Candidates, choose: Choose | None) -> Iterable[tuple[Candidate, bool, str]]:
-    """Yield candidates with whether each is in use, and what is to be known of it."""
+def _entries(found: Candidates, choose: Choose | None) -> Iterator[tuple[Candidate, str, str]]:
+    """Yield candidates with what makes each a comment, and what is to be known of it."""
     for quantity, several in found.items():
-        shown = several[:_MOST_SHOWN]
-        used = _in_use(shown, choose)
-        for each in shown:
+        used = _in_use(several[:_MOST_SHOWN], choose)
+        for each in several[:_MOST_SHOWN]:
             is_used = used is not None and each.written == used.written
-            entry = used if is_used and used is not None else each
-            notes = [each.reason, *([f"{quantity.unit}? it does not say"] if each.needs_unit and choose is None else [])]
-            notes += ["or its inverse?"] if quantity is Quantity.INVERSE_SOFT_IRON else []
-            yield _with_unit(entry, entry.meaning.unit or quantity.unit), is_used, "; ".join(notes)
+            doubt = "or its inverse?" if quantity is Quantity.INVERSE_SOFT_IRON else ""
+            if each.needs_unit and not (is_used and choose is not None):
+                doubt = f"{quantity.unit}? it does not say"
+            entry = used if is_used and used is not None else _in_unit(each)
+            yield entry, "" if is_used else "# ", "; ".join(filter(None, (each.reason, doubt)))
 
 
-def _values(found: Candidates, choose: Choose | None) -> tuple[str, bool]:
-    """Return the table ``[device.memory.values]``, and whether a heading is in use there."""
-    lines, has_heading = ["[device.memory.values]"], False
-    for each, is_used, note in _entries(found, choose):
+def _values(found: Candidates, choose: Choose | None) -> _Table:
+    """Return the table ``[device.memory.values]``."""
+    lines, has_heading = [], False
+    for each, comment, note in _entries(found, choose):
         parts = {"path": each.written, "unit": each.meaning.unit, "type": each.stated_type}
         inner = ", ".join(f"{key} = {json.dumps(text)}" for key, text in parts.items() if text)
-        lines.append(_noted(f"{'' if is_used else '# '}{each.meaning.quantity.key} = {{ {inner} }}", note))
-        has_heading |= is_used and each.meaning.quantity is Quantity.HEADING
-    return "\n".join(lines), has_heading
+        lines.append(_noted(f"{comment}{each.meaning.quantity.key} = {{ {inner} }}", note))
+        has_heading |= not comment and each.meaning.quantity is Quantity.HEADING
+    return _Table("\n".join(["[device.memory.values]", *lines]) if lines else "", has_heading)
 
 
-def _patterns(found: Candidates, choose: Choose | None) -> tuple[str, bool]:
-    """Return the table ``[device.text]``, and whether a heading is in use there."""
-    lines, units, has_heading = ["[device.text]", "patterns = ["], [], False
-    for each, is_used, note in _entries(found, choose):
+def _patterns(found: Candidates, choose: Choose | None) -> _Table:
+    """Return the tables ``[device.text]`` and ``[device.text.values]``."""
+    lines, units, has_heading = [], [], False
+    for each, comment, note in _entries(found, choose):
         pattern = json.dumps(each.written) if "'" in each.written else f"'{each.written}'"
-        lines.append(_noted(f"  {'' if is_used else '# '}{pattern},", note))
+        lines.append(_noted(f"  {comment}{pattern},", note))
         if each.meaning.unit:
-            units.append(f'{"" if is_used else "# "}{each.meaning.quantity.key} = {{ unit = "{each.meaning.unit}" }}')
-        has_heading |= is_used and each.meaning.quantity is Quantity.HEADING
+            units.append(f'{comment}{each.meaning.quantity.key} = {{ unit = "{each.meaning.unit}" }}')
+        has_heading |= not comment and each.meaning.quantity is Quantity.HEADING
     error = "# error = '^ERROR (?P<error>.*)'             # what a line that reports an error looks like"
-    return "\n".join([*lines, "]", error, "", "[device.text.values]", *dict.fromkeys(units)]), has_heading
+    text = ["[device.text]", "patterns = [", *lines, "]", error, "", "[device.text.values]", *dict.fromkeys(units)]
+    return _Table("\n".join(text) if lines else "", has_heading)
 
 
 def _noted(line: str, note: str) -> str:
@@ -249,4 +266,6 @@ def _legible(text: str) -> str:
 
 
 def _commented(text: str) -> str:
-    return "\n".join(line if line.startswith("# ") else f"# {line}".rstrip() for line in text.splitlines())
+    """Return a table as a comment; what is one in it already is none the more."""
+    bare = re.sub(r"(?m)^( *)# ", r"\1", text)
+    return "\n".join(f"# {line}".rstrip() for line in bare.splitlines())
