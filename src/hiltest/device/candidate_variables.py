@@ -10,6 +10,7 @@ from hiltest.device.candidates import Candidate, meaning_of
 from hiltest.device.variable_index import VariableIndex
 from hiltest.virtual.elf import FirmwareImage
 
+_NAME = re.compile(r"(?:[A-Za-z_$][\w$]*)?", re.ASCII)  # of C; a member may have none
 _RAM = range(0x1C00_0000, 0x4000_0000)
 # What no firmware for this chip has: it ends the walk through a damaged file, or through megabytes of someone's types.
 _MOST_DEBUG_BYTES = 8 << 20
@@ -52,8 +53,8 @@ def _look_through(image: FirmwareImage, found: list[Candidate]) -> str:
         if isinstance(kind, RecordType) and kind.size is not None and depth < _DEEPEST:
             places += [
                 (f"{path}.{each.name}" if each.name else path, read_type(each.type_entry), depth + 1)
-                for each in kind.members
-            ]
+                for each in kind.members if _NAME.fullmatch(each.name)
+            ]  # fmt: skip
     return f"it has more than {_MOST_PLACES} variables and members: the others were not looked at" if places else ""
 
 
@@ -85,6 +86,6 @@ def _of_symbols(image: FirmwareImage) -> Iterator[Candidate]:
     """Yield what symbols may be by their names and sizes, where no debug information says more."""
     for symbol in image.objects:
         stated, size = _BY_SIZE.get(symbol.size, ("", 0))
-        is_in_c = stated and symbol.address in _RAM and re.fullmatch(r"[A-Za-z_$][\w$]*", symbol.name)
+        is_in_c = stated and symbol.address in _RAM and symbol.name and _NAME.fullmatch(symbol.name)
         if is_in_c and (meaning := meaning_of([symbol.name], size)) is not None:
             yield Candidate(meaning, symbol.name, f"{symbol.size} bytes, {stated} perhaps", stated)

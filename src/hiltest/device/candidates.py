@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from hiltest.device.quantities import Quantity
 from hiltest.units import conversion
 
+ANGLES = frozenset({Quantity.HEADING, Quantity.PITCH, Quantity.ROLL})
 # Where a name changes from one word to the next: heading_deg, headingDeg, HDGDeg, fRho, v2.
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+")
 _UNITS = {"degrees": "deg", "radians": "rad", "percent": "%", "pc": "%", "celsius": "degC", "utesla": "uT"}
@@ -23,6 +24,7 @@ _MEANINGS = {
     Quantity.MAGNETOMETER: rf"(?:raw )?{_MAG}{_RAW}|raw",
     Quantity.MAGNETOMETER_CALIBRATED: rf"{_MAG} (?:cal|calibrated|corrected|bc)|(?:cal|calibrated|corrected) {_MAG}",
     Quantity.ACCELEROMETER: rf"(?:raw )?(?:acc|accel|accelerometer|acceleration){_RAW}",
+    Quantity.ACCELEROMETER_CALIBRATED: r"(?:acc|accel|accelerometer) (?:cal|calibrated|corrected|gc)",
     Quantity.GYROSCOPE: rf"(?:raw )?(?:gyr|gyro|gyroscope|omega){_RAW}",
     Quantity.TEMPERATURE: r"temp|temperature",
     Quantity.HARD_IRON: rf"hard(?: iron)?|(?:{_MAG}|iron)(?: cal)? (?:offsets?|bias|v)",
@@ -130,7 +132,10 @@ def _with_unit(around: str, name: str, size: int | None) -> Meaning | None:
 
 
 def _found(around: str, own: list[str], size: int | None) -> Meaning | None:
-    """Return the longest meaning: of all of a name's own words, and of those around it; else of some of its own."""
+    """Return the longest meaning: of all of a name's own words, and of those around it; an angle's of some of its own.
+
+    What only begins like a vector is mostly another one: a derivative, an estimate, a part of a filter.
+    """
     last = " ".join(own)
     text = f"{around} {last}".strip()
     if _OTHER.search(last):
@@ -141,7 +146,7 @@ def _found(around: str, own: list[str], size: int | None) -> Meaning | None:
             whole = re.search(rf"\b(?:{pattern})$", text)
             if whole is not None and len(whole[0]) >= len(last):
                 found.append((True, len(whole[0]), quantity))
-            elif part := re.search(rf"\b(?:{pattern})\b", last):
+            elif quantity in ANGLES and (part := re.search(rf"\b(?:{pattern})\b", last)):
                 found.append((False, len(part[0]), quantity))
     if not found:
         return None
@@ -150,12 +155,8 @@ def _found(around: str, own: list[str], size: int | None) -> Meaning | None:
 
 
 def best_first(candidates: Iterable[Candidate]) -> dict[Quantity, list[Candidate]]:
-    """Return candidates by quantity: sure ones first, among equals one with a unit, then the shortest.
-
-    One whose text no file could hold, as damaged debug information has them, is left out.
-    """
+    """Return candidates by quantity: sure ones first, among equals one with a unit, then the shortest."""
     found: dict[Quantity, dict[str, Candidate]] = {quantity: {} for quantity in Quantity}
     for each in sorted(candidates, key=lambda each: (not each.meaning.is_sure, each.needs_unit, len(each.written))):
-        if each.written.isascii() and each.written.isprintable():
-            found[each.meaning.quantity].setdefault(each.written, each)
+        found[each.meaning.quantity].setdefault(each.written, each)
     return {quantity: [*several.values()] for quantity, several in found.items() if several}

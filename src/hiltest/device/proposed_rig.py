@@ -10,7 +10,7 @@ from enum import StrEnum
 
 from hiltest.device.candidate_lines import line_candidates
 from hiltest.device.candidate_variables import variable_candidates
-from hiltest.device.candidates import Candidate, best_first, words_of
+from hiltest.device.candidates import ANGLES, Candidate, best_first, words_of
 from hiltest.device.quantities import Quantity
 from hiltest.units import unit_words
 from hiltest.virtual.elf import FirmwareImage
@@ -33,7 +33,6 @@ _NO_WORK = re.compile(
 _MOST_SHOWN = 6  # candidates of a quantity; at a terminal they fit on a screen
 _MOST_COUNTED = 8
 _NOTE_COLUMN, _LONGEST_NOTE = 50, 120
-_ANGLES = frozenset({Quantity.HEADING, Quantity.PITCH, Quantity.ROLL})
 _WORLD = ("field", "mounting", "turntable", "sensors", "procedure", "world")
 
 
@@ -203,7 +202,7 @@ def _in_use(candidates: Sequence[Candidate], choose: Choose | None) -> Candidate
     quantity, is_clear = first.meaning.quantity, first.meaning.is_sure and not first.stated_type
     if choose is None or (is_clear and len(candidates) == 1 and not first.needs_unit):
         is_clear = is_clear and quantity is not Quantity.INVERSE_SOFT_IRON  # or is it that of the soft iron itself?
-        return _in_unit(first) if is_clear and (not first.needs_unit or quantity in _ANGLES) else None
+        return _in_unit(first) if is_clear and (not first.needs_unit or quantity in ANGLES) else None
     options = [f"{each.written}  ({each.reason})" for each in candidates]
     number = choose(f"{quantity.key} is", [*options, "none of these"])
     if number == len(candidates) or not candidates[number].needs_unit:
