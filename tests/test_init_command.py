@@ -22,6 +22,7 @@ from hiltest.device.quantities import Quantity
 from hiltest.device.variables import Variables
 from hiltest.rig import Rig
 from hiltest.rig.file import load_rig
+from hiltest.units import unit_words
 from hiltest.virtual.elf import load_image
 
 ROOT = Path(__file__).parents[1]
@@ -240,7 +241,8 @@ def test_the_rig_finds_the_firmware_from_anywhere_and_takes_no_name_of_another(
 def test_at_a_terminal_it_asks_which_is_meant_and_in_which_unit(compass: Path, tmp_path: Path) -> None:
     ours, theirs = pty.openpty()
     # From variables; heading: there is no 5; then yaw_out, in rad; of the magnetometer nothing.
-    os.write(ours, b"2\n5\n2\n2\n3\n\n\n\n")
+    rad = unit_words("deg").index("rad") + 1
+    os.write(ours, f"2\n5\n2\n{rad}\n3\n\n\n\n".encode())
     with subprocess.Popen(
         [sys.executable, "-m", "hiltest", "init", "asked", "--firmware", str(compass)], cwd=tmp_path, stdin=theirs,
         stdout=theirs, stderr=theirs,
