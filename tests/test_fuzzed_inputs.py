@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import os
 import random
+import tomllib
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -29,6 +30,7 @@ from hiltest.device.packet_csv import PacketRows
 from hiltest.device.packet_stream import batches
 from hiltest.device.packet_summary import summary_of
 from hiltest.device.packets import KINDS
+from hiltest.device.proposed_rig import BASE_RIGS, chosen_kind, look_at, rig_text
 from hiltest.device.trial import Trial
 from hiltest.errors import CalibrationError, ConfigError, DeviceError, FrameError, ProtocolError
 from hiltest.imu_calibration.file import load_calibration, to_json
@@ -44,7 +46,9 @@ from hiltest.logs.rate_log import read_rate_log
 from hiltest.logs.samples import read_samples
 from hiltest.profiling.arguments import parse_argument
 from hiltest.record.reader import read_record
+from hiltest.recordings.playback import read_playback
 from hiltest.rig.file import load_rig
+from hiltest.rig.playback import PlaybackFile
 from hiltest.settings import file_name, label, seed
 from hiltest.strict_json import parse_json
 from hiltest.verdict.evidence_reader import read_evidence
@@ -179,6 +183,12 @@ def _wires() -> list[bytes]:
     return [encode_frame(Frame(each.code, number % 256, each.payload())) for number, each in enumerate(REQUESTS)]
 
 
+def _proposed(path: Path) -> None:
+    """Look at what may be an ELF; whatever names it has, what is written of it is TOML."""
+    proposals = look_at(FirmwareImage(path))
+    kind = chosen_kind(proposals, None)
+    base = (shipped() / "rigs" / f"{BASE_RIGS[kind]}.toml").read_text(encoding="utf-8")
+    tomllib.loads(rig_text(proposals, kind, base, name="mine", firmware=str(path), choose=None))
 
 
 @pytest.fixture(scope="session")
@@ -189,9 +199,13 @@ def readers(tmp_path_factory: pytest.TempPathFactory, default_run) -> dict[str, 
     imu = (folder / "imu.csv").read_bytes()[:40_000].rpartition(b"\n")[0]
     log = read_imu_log(folder / "imu.csv")
     points = b"mx_uT,my_uT,mz_uT\n" + b"".join(b"%d,%d.5,-%d\n" % (n, 2 * n, n) for n in range(30))
+    points_at = b"t_s,mx_uT,my_uT,mz_uT,ax_g,ay_g,az_g\n" + b"".join(
+        b"%d.5,%d,%d.5,-%d,0,0.1,1\n" % (n, n, 2 * n, n) for n in range(30)
+    )
     rates = b"time_s,gyro_x_dps,gyro_y_dps,gyro_z_dps\n" + b"".join(
         b"%.2f,0.%d,-%d,1e-3\n" % (n / 100, n % 9, n % 2) for n in range(300)
     )
+    compass = default_firmware().with_name("compass-lines.elf")
     run = (default_run.folder / "run.json").read_bytes()
     rigs = [each.read_bytes() for each in sorted((shipped() / "rigs").glob("*.toml"))]
     profiles = [each.read_bytes() for each in shipped_profiles().values()]
@@ -235,6 +249,11 @@ def readers(tmp_path_factory: pytest.TempPathFactory, default_run) -> dict[str, 
         ),
         "records": Reader(read_record, config, [run], 0.0005, ".json"),
         "calibration files": Reader(load_calibration, config, [to_json(some_calibration()).encode()], 0.002, ".json"),
+        "recordings": Reader(
+            lambda path: read_playback(path, PlaybackFile(path.name)), config, [points_at, rates, RECORDING], 0.005,
+            ".csv",
+        ),
+        "rigs of ELF files": Reader(_proposed, config, [compass.read_bytes()], 0.0005),
         "ELF files": Reader(FirmwareImage, config, [default_firmware().read_bytes()], 0.0005),
     }
 
@@ -247,8 +266,8 @@ def totals(request: pytest.FixtureRequest) -> Iterator[Counter[str]]:
 
 NAMES = (
     "ELF files", "G-code", "Grbl status", "IMU logs", "JSON", "arguments", "baselines", "calibration files", "frames",
-    "intervals", "lines of text", "options", "packets", "rate logs", "records", "replies", "requests", "rigs",
-    "samples", "stuffing", "timing profiles", "traces", "transcripts",
+    "intervals", "lines of text", "options", "packets", "rate logs", "recordings", "records", "replies", "requests",
+    "rigs", "rigs of ELF files", "samples", "stuffing", "timing profiles", "traces", "transcripts",
 )  # fmt: skip
 
 

@@ -56,7 +56,7 @@ class PlaybackFile:
     file : str
         A table of readings, or a stream of NXP's packets; relative to the rig's folder.
     start_s : float or None
-        Virtual time from power-on at which its first reading is. None: 1, and for a log of a virtual board by
+        Virtual time from power-on at which its first reading is. None: 3, and for a log of a virtual board by
         ``hiltest log`` its own.
     resampling : {"nearest", "linear"}
         What a part's sample between two readings is.
