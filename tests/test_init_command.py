@@ -237,14 +237,12 @@ def test_the_rig_finds_the_firmware_from_anywhere_and_takes_no_name_of_another(
     assert propose(compass, 'my "compass" 2').path.name == "my-compass-2.toml"
 
 
-@pytest.mark.slow
-def test_at_a_terminal_it_asks_which_is_meant_and_in_which_unit(compass: Path, tmp_path: Path) -> None:
+def answered(folder: Path, elf: Path, answers: str) -> tuple[Rig, str]:
+    """Return the rig that answers at a terminal lead to, and what was said there."""
     ours, theirs = pty.openpty()
-    # From variables; heading: there is no 5; then yaw_out, in rad; of the magnetometer nothing.
-    rad = unit_words("deg").index("rad") + 1
-    os.write(ours, f"2\n5\n2\n{rad}\n3\n\n\n\n".encode())
+    os.write(ours, answers.encode())
     with subprocess.Popen(
-        [sys.executable, "-m", "hiltest", "init", "asked", "--firmware", str(compass)], cwd=tmp_path, stdin=theirs,
+        [sys.executable, "-m", "hiltest", "init", "asked", "--firmware", str(elf)], cwd=folder, stdin=theirs,
         stdout=theirs, stderr=theirs,
     ) as process:  # fmt: skip
         os.close(theirs)
@@ -254,13 +252,31 @@ def test_at_a_terminal_it_asks_which_is_meant_and_in_which_unit(compass: Path, t
                 said += piece.decode()
         os.close(ours)
     assert process.returncode == 0, said
+    return load_rig(folder / "asked" / "hil" / "rigs" / "asked.toml"), said
+
+
+@pytest.mark.slow
+def test_at_a_terminal_it_asks_which_is_meant_and_in_which_unit(compass: Path, tmp_path: Path) -> None:
+    # From variables; heading: there is no 5; then yaw_out, in rad; of the magnetometer nothing.
+    rad = unit_words("deg").index("rad") + 1
+    rig, said = answered(tmp_path, compass, f"2\n5\n2\n{rad}\n3\n\n\n\n")
+    device = rig.device
     assert "Answer with a number from 1 to 3." in said
-    device = load_rig(tmp_path / "asked" / "hil" / "rigs" / "asked.toml").device
     assert device is not None
     assert device.memory is not None
     assert device.kind == "memory"
     assert (device.memory.values["heading"].path, device.memory.values["heading"].unit) == ("yaw_out", "rad")
     assert "magnetometer" not in device.memory.values
+
+
+@pytest.mark.slow
+def test_nxp_s_fusion_has_the_sensors_of_its_shield_by_its_variables_as_well(tmp_path: Path) -> None:
+    rig, _ = answered(tmp_path, foreign("nxp_sensor_fusion.elf"), "2\n5\n" + "\n" * 12)
+    shipped = load_rig(ROOT / "hil" / "rigs" / "nxp-fusion-agm01.toml")
+    assert (rig.sensors, rig.world) == (shipped.sensors, shipped.world)
+    assert rig.device is not None
+    assert rig.device.memory is not None
+    assert rig.device.memory.values["heading"].path == "sfg.SV_9DOF_GBY_KALMAN.fRhoPl"
 
 
 @pytest.mark.parametrize("machine", ["x86-64", "hiltest's own protocol", "text"])

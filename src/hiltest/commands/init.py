@@ -66,7 +66,7 @@ def init(folder: Path, firmware: str | None) -> int:
 
 def _proposed_rig(folder: Path, firmware: Path) -> tuple[str, str]:
     """Return name and text of the rig for a firmware."""
-    from hiltest.device.proposed_rig import BASE_RIGS, chosen_kind, look_at, rig_text
+    from hiltest.device.proposed_rig import chosen_kind, look_at, rig_text
     from hiltest.virtual.elf import load_image
 
     proposals = look_at(load_image(firmware))
@@ -83,7 +83,7 @@ def _proposed_rig(folder: Path, firmware: Path) -> tuple[str, str]:
     file, around = firmware.resolve(), folder.resolve()
     is_near = file.is_relative_to(around.parent)
     text = rig_text(
-        proposals, kind, (rigs / f"{BASE_RIGS[kind]}.toml").read_text(encoding="utf-8"), name=name,
+        proposals, kind, (rigs / f"{proposals.base_rig}.toml").read_text(encoding="utf-8"), name=name,
         firmware=os.path.relpath(file, around / "hil" / "rigs") if is_near else str(file), choose=choose,
     )  # fmt: skip
     said = f'kind = "{kind}"' if "\n[device]\n" in text else "nothing in it is surely a heading: fill in [device]"

@@ -44,10 +44,6 @@ class Kind(StrEnum):
     MEMORY = "memory"
 
 
-#: The rig that ships whose world, field and turntable a rig of each kind has; None where nothing was found.
-BASE_RIGS: Mapping[Kind | None, str] = {
-    Kind.FSFLK: "nxp-fusion-agm01", Kind.TEXT: "text-compass", Kind.MEMORY: "text-compass", None: "text-compass",
-}  # fmt: skip
 _DEVICE = """[device]
 kind = "{}"
 frame = "ned"        # not in an ELF: ned, android, windows or enu (docs/compass.md)
@@ -55,7 +51,8 @@ frame = "ned"        # not in an ELF: ned, android, windows or enu (docs/compass
 _NXP_DEVICE = """start_s = 2.0
 tumbles = 2
 converge_s = 60.0    # its filter finds the gyroscope's offset
-
+"""
+_RELEASE = """
 [device.fsflk]
 release = "{}"        # 7, 5.00 or 4.22"""
 _NO_DEVICE = """# Nothing in the ELF is surely a heading. Without a table [device] the firmware is taken for one that
@@ -86,7 +83,7 @@ class Proposals:
     kinds : tuple of Kind
         In which it may tell its heading, the surest first.
     release : str
-        Of NXP's Sensor Fusion.
+        Of NXP's Sensor Fusion; empty where it is not that.
     lines, variables : mapping of Quantity to sequence of Candidate
         Best first.
     functions : tuple of str
@@ -102,6 +99,11 @@ class Proposals:
     variables: Candidates
     functions: tuple[str, ...]
     remark: str
+
+    @property
+    def base_rig(self) -> str:
+        """The rig that ships whose world, sensors and turntable are taken: those of NXP's shield, or of ours."""
+        return "nxp-fusion-agm01" if self.release else "text-compass"
 
     @property
     def found(self) -> int:
@@ -120,7 +122,7 @@ def look_at(image: FirmwareImage) -> Proposals:
         by_variable = {quantity: [_in_own_unit(each) for each in several] for quantity, several in by_variable.items()}
     return Proposals(
         len(names & _OURS) > 1, tuple(kind for kind, may_be in kinds.items() if may_be),
-        "7" if "sfg" in image.symbols else "5.00", by_line, by_variable, _functions(image), remark,
+        ("7" if "sfg" in image.symbols else "5.00") if is_nxp else "", by_line, by_variable, _functions(image), remark,
     )  # fmt: skip
 
 
@@ -155,7 +157,7 @@ def rig_text(
     proposals : Proposals
     kind : Kind or None
     base : str
-        Text of the rig that `BASE_RIGS` names.
+        Text of the rig `Proposals.base_rig`.
     name, firmware : str
         Of the rig; path of the ELF from the rig's folder.
     choose : callable or None
@@ -166,7 +168,7 @@ def rig_text(
     counted = [f"{each} = {json.dumps(each)}" for each in proposals.functions]
     parts = [
         f"# {name}: proposed by hiltest from an ELF's names and texts. What is only guessed is a comment, best first.\n"
-        f"# World, field, turntable and sensors are those of the rig {BASE_RIGS[kind]}: change them to your board's.\n"
+        f"# World, field, turntable and sensors are those of rig {proposals.base_rig}: change them to your board's.\n"
         f"{remark}schema = 1\nname = {json.dumps(name)}\nseed = 1",
         f'[board]\nkind = "virtual"\nfirmware = {json.dumps(firmware, ensure_ascii=False)}',
         *_device(proposals, kind, choose),
@@ -183,10 +185,11 @@ def _device(proposals: Proposals, kind: Kind | None, choose: Choose | None) -> l
         Kind.TEXT: _patterns(proposals.lines, choose if kind is Kind.TEXT else None),
         Kind.MEMORY: _values(proposals.variables, choose if kind is Kind.MEMORY else None),
     }
+    device = _DEVICE.format(kind) + (_NXP_DEVICE if proposals.release else "")
     if kind is Kind.FSFLK:
-        used = _DEVICE.format(kind) + _NXP_DEVICE.format(proposals.release)
+        used = device + _RELEASE.format(proposals.release)
     elif kind is not None and tables[kind].has_heading:
-        used = _DEVICE.format(kind) + f"\n{tables.pop(kind).text}"
+        used = f"{device}\n{tables.pop(kind).text}"
     else:
         used = _NO_DEVICE
     others = [
