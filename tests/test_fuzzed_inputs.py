@@ -30,7 +30,7 @@ from hiltest.device.packet_csv import PacketRows
 from hiltest.device.packet_stream import batches
 from hiltest.device.packet_summary import summary_of
 from hiltest.device.packets import KINDS
-from hiltest.device.proposed_rig import BASE_RIGS, chosen_kind, look_at, rig_text
+from hiltest.device.proposed_rig import chosen_kind, look_at, rig_text
 from hiltest.device.trial import Trial
 from hiltest.errors import CalibrationError, ConfigError, DeviceError, FrameError, ProtocolError
 from hiltest.imu_calibration.file import load_calibration, to_json
@@ -187,7 +187,7 @@ def _proposed(path: Path) -> None:
     """Look at what may be an ELF; whatever names it has, what is written of it is TOML."""
     proposals = look_at(FirmwareImage(path))
     kind = chosen_kind(proposals, None)
-    base = (shipped() / "rigs" / f"{BASE_RIGS[kind]}.toml").read_text(encoding="utf-8")
+    base = (shipped() / "rigs" / f"{proposals.base_rig}.toml").read_text(encoding="utf-8")
     tomllib.loads(rig_text(proposals, kind, base, name="mine", firmware=str(path), choose=None))
 
 
