@@ -77,6 +77,7 @@ def test_the_calibrators_find_the_hard_iron_and_the_headings_that_were_recorded(
     assert output.err == ""
 
 
+@pytest.mark.ci
 def test_firmware_in_its_own_words_stands_beside(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     recording(tmp_path / "field.csv")
     assert run("play", "--rig", rig(tmp_path, "text-compass"), "--every", "0.125") == 0

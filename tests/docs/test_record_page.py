@@ -10,6 +10,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from hiltest.commands.report import report
 from hiltest.record import journal, schema
 from hiltest.record.comparison import Revision
@@ -20,6 +22,7 @@ PAGE = (Path(__file__).parents[2] / "docs" / "record.md").read_text(encoding="ut
 COMMANDS, LABELLED = re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S)
 
 
+@pytest.mark.ci
 def test_the_commands_do_what_the_page_says(tmp_path: Path) -> None:
     environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
     for command in COMMANDS.splitlines():

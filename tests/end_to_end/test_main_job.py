@@ -109,6 +109,7 @@ def test_the_means_at_each_known_angle_give_the_headings_that_the_board_answered
     assert np.abs((computed - answered[level, column] + 180.0) % 360.0 - 180.0).max() < 0.5
 
 
+@pytest.mark.ci
 def test_the_full_set_measures_more_and_nothing_otherwise(good_run, full_run) -> None:
     assert (good_run.record["suite"], full_run.record["suite"]) == ("gate", "full")
     assert full_run.code == 0, full_run.output
@@ -130,6 +131,7 @@ def test_the_full_set_measures_more_and_nothing_otherwise(good_run, full_run) ->
         assert full[name]["value"] == pytest.approx(gate[name]["value"], abs=0.15)
 
 
+@pytest.mark.ci
 def test_error_against_cycles_ends_where_the_calibrators_do(full_run) -> None:
     table = next(each for each in full_run.record["tables"] if each["name"] == "budget.curve")
     names = [column["name"] for column in table["columns"]]

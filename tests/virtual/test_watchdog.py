@@ -51,6 +51,7 @@ def test_a_forgotten_watchdog_resets_the_part_after_its_time(build_c: Build) -> 
     assert word(board, "starts") == 4
 
 
+@pytest.mark.slow
 def test_one_that_is_switched_off_or_served_does_not(build_c: Build) -> None:
     served = "for (;;) { for (volatile int i = 0; i < 1000000; i++) {} refresh(); }"
     for body in ("unlock(); STCTRLH = 0x01D2u;", served):
