@@ -121,11 +121,11 @@ def _presence(pairs: Pairs, note: str) -> tuple[Change, str] | None:
 
 
 def _compared(
-    base: Sequence[float], new: Sequence[float], sense: Better, pairs: Pairs, chance: Chance
+    base: Sequence[float], new: Sequence[float], better: Better, pairs: Pairs, chance: Chance
 ) -> tuple[Change, str]:
     """Return the change of paired numbers, with a remark where they alone do not say why."""
-    change, remark = _in_the_mean(base, new, sense, chance)
-    way, alone = _on_single_seeds(base, new, sense, chance.tolerance) if chance.shared else (change, [])
+    change, remark = _in_the_mean(base, new, better, chance)
+    way, alone = _on_single_seeds(base, new, better, chance.tolerance) if chance.shared else (change, [])
     if alone and (change in (Change.UNCHANGED, way) or way is Change.WORSE):
         change, remark = way, f"moved alone{_on_seeds([pairs.seeds[index] for index in alone], pairs)}"
     again = "within its limit again" if _any_out(pairs.base) and not _any_out(pairs.new) else ""
@@ -135,16 +135,16 @@ def _compared(
 
 
 def _in_the_mean(
-    base: Sequence[float], new: Sequence[float], sense: Better, chance: Chance
+    base: Sequence[float], new: Sequence[float], better: Better, chance: Chance
 ) -> tuple[Change, str]:
     tolerance = chance.tolerance
-    if sense is not Better.NEITHER:
-        before, after = _costs(base, sense), _costs(new, sense)
+    if better is not Better.NEITHER:
+        before, after = _costs(base, better), _costs(new, better)
         if _beyond(before, after, tolerance):
-            if _may_be_chance(base, new, sense, chance):
-                return _suspected(base, new, sense, chance)
+            if _may_be_chance(base, new, better, chance):
+                return _suspected(base, new, better, chance)
             way = f"magnitude {fmean(before):.4g} -> {fmean(after):.4g}"
-            remark = way if sense is Better.NEARER_ZERO and len(base) > 1 else ""
+            remark = way if better is Better.NEARER_ZERO and len(base) > 1 else ""
             return (Change.WORSE if fmean(after) > fmean(before) else Change.BETTER), remark
     if _beyond(base, new, tolerance) and not _may_be_chance(base, new, Better.NEITHER, chance):
         return Change.CHANGED, ""
@@ -154,22 +154,22 @@ def _in_the_mean(
 
 
 def _suspected(
-    base: Sequence[float], new: Sequence[float], sense: Better, chance: Chance
+    base: Sequence[float], new: Sequence[float], better: Better, chance: Chance
 ) -> tuple[Change, str]:
     """Return what chance explains: unchanged, unless it would be called if nothing else were compared."""
     alone = replace(chance, share=FALSE_ALARMS)
-    if _may_be_chance(base, new, sense, alone):
+    if _may_be_chance(base, new, better, alone):
         return Change.UNCHANGED, f"within what {'these seeds differ' if chance.shared else 'runs differ'} by"
     many = round(FALSE_ALARMS / chance.share)
     return Change.CHANGED, f"more than noise moves one measurement, not more than one of {many}: compare more runs"
 
 
 def _on_single_seeds(
-    base: Sequence[float], new: Sequence[float], sense: Better, tolerance: Tolerance
+    base: Sequence[float], new: Sequence[float], better: Better, tolerance: Tolerance
 ) -> tuple[Change, list[int]]:
     """Return which pairs moved alone, and which way: those that got worse if there are any."""
-    if sense is not Better.NEITHER:
-        before, after = _costs(base, sense), _costs(new, sense)
+    if better is not Better.NEITHER:
+        before, after = _costs(base, better), _costs(new, better)
         found = moved_alone(before, after, tolerance)
         worse = [index for index in found if after[index] > before[index]]
         if found:
@@ -186,8 +186,8 @@ def _on_seeds(seeds: Sequence[Seed], pairs: Pairs) -> str:
     return on_seeds(seeds) if len(pairs.new) > 1 else ""
 
 
-def _costs(values: Sequence[float], sense: Better) -> list[float]:
-    return [sense.cost(value) for value in values]
+def _costs(values: Sequence[float], better: Better) -> list[float]:
+    return [better.cost(value) for value in values]
 
 
 def _beyond(base: Sequence[float], new: Sequence[float], tolerance: Tolerance) -> bool:
@@ -199,14 +199,14 @@ def _beyond(base: Sequence[float], new: Sequence[float], tolerance: Tolerance) -
     return moved > tolerance.absolute and is_beyond(tolerance.relative, moved, *sizes)
 
 
-def _may_be_chance(base: Sequence[float], new: Sequence[float], sense: Better, chance: Chance) -> bool:
+def _may_be_chance(base: Sequence[float], new: Sequence[float], better: Better, chance: Chance) -> bool:
     """Say whether noise explains the mean change.
 
     Paired costs have noise of their own: what brings a bias from either side to zero moves all of them alike. Between
     runs that share none the noise is that of the numbers themselves, of which a cost never has more.
     """
-    if chance.shared and chance.noise is not None and sense is not Better.NEITHER:
-        costs = changes_of(_costs(base, sense), _costs(new, sense))
+    if chance.shared and chance.noise is not None and better is not Better.NEITHER:
+        costs = changes_of(_costs(base, better), _costs(new, better))
         return replace(chance, noise=paired(costs)).explains(fmean(costs))
     return chance.explains(fmean(changes_of(base, new)))
 
