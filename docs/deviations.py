@@ -1,7 +1,6 @@
-"""Write src/hiltest/measurement/deviations.py anew: ``python docs/deviations.py GATE.json FULL.json``.
+"""Write src/hiltest/measurement/deviations.py anew: ``python docs/deviations.py hil/baselines/seeds-1-100.json``.
 
-Both are baselines of the shipped firmware on the default rig over many seeds, the second of the full set of tests:
-``tox -e deviations`` makes them. What the gate set measures too is taken from the first, which has more seeds.
+The file is a baseline of the shipped firmware on the default rig over many seeds of the full set: ``tox -e campaign``.
 """
 
 from __future__ import annotations
@@ -19,8 +18,8 @@ FILE = Path(__file__).parents[1] / "src" / "hiltest" / "measurement" / "deviatio
 TEXT = '''\
 """Standard deviations of measurements over seeds of the default rig, with the packaged firmware.
 
-Written by ``tox -e deviations``: the first table over {gate} seeds of the gate set, the second over {full} of the
-full one. On a real board, until it has said itself how much its runs differ, they stand for its noise.
+Written by ``tox -e campaign``, over {seeds} seeds of the full set of tests. On a real board, until it has said itself how
+much its runs differ, they stand for its noise.
 """
 
 from __future__ import annotations
@@ -29,33 +28,22 @@ from collections.abc import Mapping
 
 from hiltest.measurement.kind import Deviation
 
-_GATE: dict[str, float] = {{
-{of_gate}
+_VALUES: dict[str, float] = {{
+{values}
 }}
 
-_FULL: dict[str, float] = {{
-{of_full}
-}}
-
-DEVIATIONS: Mapping[str, Deviation] = {{
-    **{{name: Deviation(value, {gate_freedom}) for name, value in _GATE.items()}},
-    **{{name: Deviation(value, {full_freedom}) for name, value in _FULL.items()}},
-}}
+DEVIATIONS: Mapping[str, Deviation] = {{name: Deviation(value, {freedom}) for name, value in _VALUES.items()}}
 """By exact name. Kinds that no seed moves are not here; 0 stands where seeds move others of the kind."""
 '''
 
 
-def main(gate: Baseline, full: Baseline) -> str:
+def main(baseline: Baseline) -> str:
     """Return the text of the module."""
-    of_gate = {row.name: _deviation(row) for row in gate.measurements if is_compared(row.name)}
-    of_full = {row.name: _deviation(row) for row in full.measurements if is_compared(row.name)}
-    moved = {_kind(name) for name, value in {**of_full, **of_gate}.items() if value}
+    found = {row.name: _deviation(row) for row in baseline.measurements if is_compared(row.name)}
+    moved = {_kind(name) for name, value in found.items() if value}
     return TEXT.format(
-        gate=len(gate.seeds), full=len(full.seeds), gate_freedom=len(gate.seeds) - 1, full_freedom=len(full.seeds) - 1,
-        of_gate=_lines({name: value for name, value in of_gate.items() if _kind(name) in moved}),
-        of_full=_lines({
-            name: value for name, value in of_full.items() if name not in of_gate and _kind(name) in moved
-        }),
+        seeds=len(baseline.seeds), freedom=len(baseline.seeds) - 1,
+        values=_lines({name: value for name, value in found.items() if _kind(name) in moved}),
     )  # fmt: skip
 
 
@@ -74,4 +62,4 @@ def _lines(found: dict[str, float]) -> str:
 
 
 if __name__ == "__main__":
-    FILE.write_text(main(*(read_baseline(Path(name)) for name in sys.argv[1:])), encoding="utf-8")
+    FILE.write_text(main(read_baseline(Path(sys.argv[1]))), encoding="utf-8")
