@@ -62,13 +62,15 @@ def test_the_shipped_firmware_runs_the_same() -> None:
 ])  # fmt: skip
 def test_a_wait_for_a_register_takes_the_host_a_fraction_of_the_time(build: Build, loop: str) -> None:
     elf = build(WAITS, "-O2", f"-DLOOP={loop}")
-    took_s = {}
+    took_s: dict[bool, list[float]] = {False: [], True: []}
     for passes_waits in (False, True):
         outcome(elf, 0.001, passes_waits=passes_waits)  # decodes, once for both
-        began_s = time.process_time()
-        outcome(elf, 0.2, passes_waits=passes_waits)
-        took_s[passes_waits] = time.process_time() - began_s
-    assert took_s[True] < took_s[False] / 2  # 4 times less or better; the machine may be disturbed
+        for _ in range(2):
+            began_s = time.process_time()
+            outcome(elf, 0.2, passes_waits=passes_waits)
+            took_s[passes_waits].append(time.process_time() - began_s)
+    # 4 times less or better. What disturbs the machine makes neither less, so the lesser of two is nearer to the truth.
+    assert min(took_s[True]) < min(took_s[False]) / 2
 
 
 TIMED = """
