@@ -31,6 +31,7 @@ NAME = "hiltest-frdm-k64f"
 COMPASS = "compass"
 COMPASSES = ("compass-lines", "compass-packets")
 SOURCE_SUFFIXES = {".c", ".h", ".S", ".ld", ".cmake", ".txt"}
+PLACE = "place.py"  # decides what is built, as they do
 COMPILER = "arm-none-eabi-gcc"
 DEBIAN_PACKAGES = "gcc-arm-none-eabi libnewlib-arm-none-eabi cmake ninja-build"
 BUILD = REPOSITORY / "build" / "firmware"
@@ -41,8 +42,9 @@ STACK_LIMIT_BYTES = 8 * 1024  # what the linker script keeps free at least
 
 def source_files(root: Path = FIRMWARE, *, compass: bool = False) -> list[Path]:
     """List every file that decides what is built, in a fixed order; the compass is built from those of both."""
-    files = (path for path in root.rglob("*") if path.is_file() and path.suffix in SOURCE_SUFFIXES)
-    wanted = (path for path in files if compass or path.relative_to(root).parts[0] != COMPASS)
+    files = (path for path in root.rglob("*") if path.is_file())
+    sources = (path for path in files if path.suffix in SOURCE_SUFFIXES or path.name == PLACE)
+    wanted = (path for path in sources if compass or path.relative_to(root).parts[0] != COMPASS)
     return sorted(wanted, key=lambda path: path.relative_to(root).as_posix())
 
 

@@ -115,7 +115,7 @@ static inline __attribute__((always_inline)) void annihilate(jacobi_t *m, int si
      * their squares. */
     const float element = m->upper[i][j];
     const float half = 0.5f * (m->values[j] - m->values[i]);
-    const float signed_element = half < 0.0f ? -element : element;
+    const float signed_element = has_minus(half) ? -element : element;
     const float far = __builtin_fabsf(half) + __builtin_sqrtf(half * half + element * element);
     const float long_side = __builtin_sqrtf(far * far + element * element);
     const float reciprocal = 1.0f / (far * long_side); /* one division for cosine, sine and tangent */

@@ -13,6 +13,7 @@
     .syntax unified
     .thumb
     .section .fast_code, "ax", %progbits
+    .balign 4 /* here and below, .w: 32-bit instructions begin at words, as place.py says */
 
 /* Where moments_t has them [bytes] */
     .set ONE, 0
@@ -88,7 +89,7 @@ waiting .req r12    /* where the next goes that waits */
     .macro compare_ratios
     cmp latest, worst
     it hi
-    movhi worst, latest
+    movhi.w worst, latest
     .endm
 
 /* Begin 1 / pivot; while it lasts, compare the ratio of the pivot before, and fetch what this one was before reduction. */
@@ -105,7 +106,7 @@ waiting .req r12    /* where the next goes that waits */
 quadric_fit:
     vpush {s16-s31}
     add r3, r0, #XX
-    sub sp, #FRAME
+    sub.w sp, #FRAME
     vldmia r3, {s0-s30}
 one     .req s31
     vmov.f32 one, #1.0
@@ -442,7 +443,7 @@ x8      .req s31
     movt r12, #0x4974
     vmov latest, prod0
     compare_ratios
-    cmp worst, r12
+    cmp.w worst, r12
     bhs 2f
     .unreq prod1
 prod1      .req s27

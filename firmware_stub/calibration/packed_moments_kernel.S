@@ -8,6 +8,7 @@
     .fpu fpv4-sp-d16
     .thumb
     .section .fast_code, "ax", %progbits
+    .balign 4 /* here and below, .w: 32-bit instructions begin at words, as place.py says */
 
 /* packed_block_t */
     .set TASK_PAIRS, 4
@@ -239,7 +240,7 @@ packed_moments_block:
     push {r4-r11, lr}
     vmov block, r0
     vmov sums, r1
-    movs r2, #0
+    movs.w r2, #0
     msr APSR_nzcvq, r2
     vldr scale, [r0, #TASK_SCALE]
     vmul.f32 square, scale, scale
@@ -251,7 +252,7 @@ packed_moments_block:
     rsbs r4, r3, #0
     and r4, r4, #UNROLLED - 1
     vmov skipped, r4
-    movs r5, #PAIR
+    movs.w r5, #PAIR
     add r7, r1, #Z + LAST
     mla r3, r3, r5, r7
     vmov behind, r3
@@ -272,7 +273,8 @@ packed_moments_block:
     it eq
     addeq r0, #RAW * UNROLLED /* as the load that is done would have */
     mov r6, #0x00010001
-    clear r7, r8, r9
+    movs.w r7, #0
+    clear r8, r9
     enter r11, ANCHOR_SIZE, ANCHOR_LOADS + 4
 anchoring:
     four_times anchor_pair, ANCHOR_SIZE
@@ -281,7 +283,7 @@ anchoring:
     str r11, [r1, #Z - Y - PAIR - LAST]
     vmov lr, s0
     lsls lr, lr, #31
-    beq multiplication
+    beq.w multiplication
     /* the last point of an odd number: the other of its pair is the anchor */
     ldrsh r10, [r0, #-RAW_LAST]
     ldrsh r11, [r0, #2 - RAW_LAST]
@@ -304,7 +306,7 @@ multiplication:
     vmov s2, r8
     vmov s3, r9
     vmov r4, block
-    ldr r5, [r4, #TASK_PAIRS]
+    ldr.w r5, [r4, #TASK_PAIRS]
     ldrd r1, r3, [r4, #TASK_ROUNDING]
     ldrd r10, r11, [r5]
     mov r2, #0x00010001
@@ -315,7 +317,7 @@ multiplication:
 multiplying:
     four_times multiply_pair, MULTIPLY_SIZE
     vmov r10, behind
-    cmp r0, r10
+    cmp.w r0, r10
     bne multiplying
     str r12, [r0, #YZ - Z - PAIR - LAST]
     vmov s4, r4
@@ -343,7 +345,7 @@ fourths:
     cmp r0, r1
     bne fourths
     vmov r0, sums
-    adds r0, #XXXX
+    adds.w r0, #XXXX
     stm r0, {r6-r10}
     str r11, [r0, #4 * 6]
     str r12, [r0, #4 * 7]
@@ -351,7 +353,8 @@ fourths:
 
     vmov r0, first
     vmov r2, skipped
-    clear r5, r6, r7, r8, r9, r10, r11, r12, lr
+    movs.w r5, #0
+    clear r6, r7, r8, r9, r10, r11, r12, lr
     enter r2, POWERS_OF_Z_SIZE
 powers_of_z:
     four_times powers_of_z_of_pair, POWERS_OF_Z_SIZE
@@ -380,7 +383,7 @@ thirds:
     cmp r0, r1
     bne thirds
     vmov r0, sums
-    adds r0, #XXX
+    adds.w r0, #XXX
     str lr, [r0, #XXXX - XXX + 4 * 11]
     vmov s0, r6
     vmov s1, r7

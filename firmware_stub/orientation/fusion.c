@@ -193,7 +193,7 @@ FAST_CODE fusion_status_t fusion_update(fusion_t *state, const fusion_noise_t *n
     state->tilt_variance -= root * tilt * state->tilt_variance;
     state->heading_variance -= root * heading * state->heading_variance;
 
-    const float half = along < 0.0f ? -0.5f : 0.5f; /* of the two signs of an attitude, the nearer */
+    const float half = has_minus(along) ? -0.5f : 0.5f; /* of the two signs of an attitude, the nearer */
     const float a = half * tilt * about_north;
     const float b = half * tilt * about_east;
     const float c = half * heading * about_down;

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import math
 import struct
-from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -98,8 +97,8 @@ class BoardDpi:
     # In SRAM_U behind everything the image uses, below the stack.
     MAGNETOMETER, ACCELEROMETER, TASK, KNOWN, RESULT = 0x20020000, 0x20024000, 0x20028000, 0x20028040, 0x20028080
 
-    def __init__(self, elf: Path) -> None:
-        self._board = VirtualK64F(elf)
+    def __init__(self, board: VirtualK64F) -> None:
+        self._board = board
         end = max(segment.run_address + segment.run_size for segment in self._board.image.segments)
         assert end <= self.MAGNETOMETER
         self.last: CallResult | None = None

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from hiltest.calibration import FitStatus
 from hiltest.calibration.dpi import DpiFit, fit_dpi
 from hiltest.calibration.quality import direction_difference_rms_deg
+from hiltest.virtual.k64f import VirtualK64F
 
 from ..dpi_instances import DpiInstance, dpi_instance
 from .conftest import SHIPPED_ELF
@@ -33,7 +34,7 @@ def host_dpi(host_library: ctypes.CDLL) -> HostDpi:
 
 @pytest.fixture(scope="module")
 def board_dpi() -> BoardDpi:
-    return BoardDpi(SHIPPED_ELF)
+    return BoardDpi(VirtualK64F(SHIPPED_ELF))
 
 
 @pytest.fixture(params=["host", "board"])

@@ -71,5 +71,5 @@ def test_a_step_of_the_filter_costs(board: VirtualK64F) -> None:
     print({name: sorted(cycles) for name, cycles in spent.items()}, f"bounds {PREDICT_BOUND} and {UPDATE_BOUND}")
     assert spent["predict"] == {126}
     assert min(spent["predict"]) >= PREDICT_BOUND
-    assert (min(spent["update"]), max(spent["update"])) == (387, 390)
+    assert (min(spent["update"]), max(spent["update"])) == (386, 389)
     assert min(spent["update"]) >= UPDATE_BOUND

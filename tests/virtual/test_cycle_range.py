@@ -159,13 +159,13 @@ def test_a_board_with_some_rows_low_and_others_high_counts_a_ratio_within_its_ba
     assert under.band
     band = ratio_range(over, under)
     assert band
-    # Each row where it alone makes the ratio less: some are low then, and others high.
+    # Each row at the end that makes a ratio as low as the lowest still lower: some are low then, and others high.
     alone = [dict.fromkeys(MOVES, (each.value, each.value)) for each in (over, under)]
     for counted, each in zip(alone, (over.band, under.band), strict=True):
         counted |= {effect.row: (effect.low, effect.high) for effect in each.rows}
     values: dict[str, int] = {}
     for row, move in MOVES.items():
-        low, high = (of / to for of, to in zip(alone[0][row], alone[1][row], strict=True))
+        low, high = (of - band[0] * to for of, to in zip(alone[0][row], alone[1][row], strict=True))
         values |= move.low if low < high else move.high
     moved_over, moved_under = counts(VirtualK64F(SHIPPED, profile=file_with(tmp_path, values)))
     assert moved_over.value
