@@ -18,8 +18,8 @@ FILE = Path(__file__).parents[1] / "src" / "hiltest" / "measurement" / "deviatio
 TEXT = '''\
 """Standard deviations of measurements over seeds of the default rig, with the packaged firmware.
 
-Written by ``tox -e campaign``, over {seeds} seeds of the full set of tests. On a real board, until it has said itself how
-much its runs differ, they stand for its noise.
+Written by ``tox -e campaign``, over {seeds} seeds of the full set of tests. On a real board, until it has said itself
+how much its runs differ, they stand for its noise.
 """
 
 from __future__ import annotations
