@@ -1,7 +1,7 @@
 """Standard deviations of measurements over seeds of the default rig, with the packaged firmware.
 
-The first table is over 48 seeds of the gate set, the second over 12 of the full one; ``tox -e campaign`` writes the file
-anew, over its 100. On a real board, until it has said itself how much its runs differ, they stand for its noise.
+The first table is over 48 seeds of the gate set, the second over 12 of the full one; ``tox -e campaign`` writes the
+file anew, over its 100. On a real board, until it has said itself how much its runs differ, they stand for its noise.
 """
 
 from __future__ import annotations
