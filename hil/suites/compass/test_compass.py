@@ -150,7 +150,7 @@ def test_our_calibrators_on_the_same_samples(
         pytest.skip("the firmware does not show the samples that it calibrated itself from, or its cycles are not seen")
     if (solved := compass.costs.latest_solution()) is not None:
         measure("cycles.calibrated.total", solved.kept.cycles, "cycle", cycle_model=compass.cycle_model,
-                note=f"its own fit, {solved.name}, in {len(solved.kept.slices)} slices")
+                note=f"{solved.name} in {len(solved.kept.slices)} slices")
         flash = compass.costs.from_flash(solved)
         measure("cycles.calibrated.from_flash", flash.cycles, "cycle", cycle_model=flash.cycle_model, band=flash.band,
                 note="the same slices", not_offered=flash.refusal)
@@ -163,7 +163,7 @@ def test_our_calibrators_on_the_same_samples(
         measure(f"heading.{name}.max", errors.max_deg, "deg")
         measure(f"heading.{name}.rms", errors.rms_deg, "deg")
         measure(f"cycles.{name}.total", cost.cycles, "cycle", cycle_model=ours.cycle_model,
-                band=ours.cycle_range(cost, name), note=f"of the same {len(points)} samples")
+                band=ours.cycle_range(cost, name), note=f"the same {len(points)} samples")
 
 
 def not_said(believed: object) -> str:
