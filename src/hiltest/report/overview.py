@@ -59,10 +59,11 @@ class CalibratorRow:
 
 @dataclass(frozen=True, slots=True)
 class AccuracyAndCost:
-    """The accuracy that each calibrator reaches, and what it costs."""
+    """The accuracy that each calibrator reaches, and what it costs; `flash_model` counts it as it runs from flash."""
 
     headings: tuple[str, ...]
     rows: tuple[CalibratorRow, ...]
+    flash_model: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,10 +94,12 @@ def accuracy_and_cost(run: Run) -> AccuracyAndCost:
         rows.append(CalibratorRow(UNCALIBRATED, _cells(run, CalibratorCost(UNCALIBRATED, None))))
     told = [any(row.cells[place].text for row in rows) for place in range(len(HEADINGS))]
     headings = tuple(compress(HEADINGS, told))
+    waited = [each for row in rows if (each := run.measurement(FROM_FLASH.format(row.name))) and each.value is not None]
     if WITH_WAITS in headings:
         headings = tuple(WITHOUT_WAITS if each == _CYCLES else each for each in headings)
     return AccuracyAndCost(
-        headings, tuple(replace(row, cells=tuple(compress(row.cells, told))) for row in rows)
+        headings, tuple(replace(row, cells=tuple(compress(row.cells, told))) for row in rows),
+        waited[0].cycle_model if waited else "",
     )
 
 
