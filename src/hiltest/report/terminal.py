@@ -156,7 +156,8 @@ def _print_failures(console: Console, found: Summary, run: Run, folder: Path) ->
         _wrapped(console, unmeasured_in_words(found.unmeasured), "yellow", _INDENT)
     for test in run.tests:
         if test.outcome.is_of_bench:
-            _wrapped(console, f"{test.outcome}: {test.id}: {test.reason}", "red", _INDENT)
+            reason = "" if test.reason in run.verdict.sentence else f": {test.reason}"  # the first stands there
+            _wrapped(console, f"{test.outcome}: {test.id}{reason}", "red", _INDENT)
     if traces := {test.trace: test for test in run.tests if test.trace}:
         (trace, test), *more = traces.items()
         of = counted(len(traces), "test") if more else without_folders(test.id)
