@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 
 from hiltest.measurement import Limit, Measurement, check
-from hiltest.record.run import Column, Table
+from hiltest.record.run import Column, Findings, Table
 from hiltest.verdict.calibrators import calibrator_results
 from hiltest.verdict.causes import Cause
 from hiltest.verdict.diagnosis import diagnose_run
-from hiltest.verdict.own_language import costs_in_words
+from hiltest.verdict.own_language import costs_in_words, next_step
+from hiltest.verdict.summary import summarise
 
 LIMITS = {"heading.firmware.max": 2.0, "heading.ecompass.max": 5.0, "heading.calibrated.max": 5.0}
 
@@ -109,6 +112,17 @@ def test_a_heading_that_does_not_follow_the_board_is_named_before_all_else() -> 
 
 def test_a_heading_within_its_limit_has_no_cause() -> None:
     assert cause(heading__firmware__max=1.0, heading__calibrated__max=4.9) == (Cause.NONE, "")
+
+
+def test_angles_that_are_exchanged_are_no_matter_of_the_accelerometer(findings: Callable[..., Findings]) -> None:
+    wrong = check("accelerometer.tilt_error", 20.1, unit="deg", limit=Limit(max=0.5))
+    assert "accelerometer" in next_step(wrong, {})
+    assert next_step(wrong, contradictions(heading="they grow the other way")) == next_step(wrong, {})
+    step = next_step(wrong, contradictions(tilt="right within 0.1 deg with pitch and roll exchanged"))
+    assert step.startswith("Take pitch and roll so under [device] in the rig")
+    made = findings(wrong)
+    made.tables.update(contradictions(tilt="right within 0.1 deg with pitch and roll exchanged"))
+    assert summarise(made).advice == (step,)
 
 
 def costs(*counted: Measurement) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from hiltest.measurement import Measurement
+from hiltest.measurement import KINDS, Measurement
 from hiltest.record.run import Table
 from hiltest.text import readable
 from hiltest.verdict.calibrators import CalibratorResult, maximum_of, value_of
@@ -16,6 +16,10 @@ FIRMWARE, ECOMPASS, CALIBRATED = "firmware", "ecompass", "calibrated"
 
 _PARTS = {ECOMPASS: "without its filter", CALIBRATED: "by its calibration alone"}
 _CONTRADICTIONS = "heading.contradictions"
+_TILT_ERROR = KINDS["accelerometer.tilt_error"]
+_OTHER_TILT = (
+    "Take pitch and roll so under [device] in the rig, what is negated with scale = -1, or correct the firmware."
+)
 
 
 def diagnose_firmware(found: Mapping[str, Measurement], tables: Mapping[str, Table]) -> tuple[Cause, list[str]]:
@@ -64,6 +68,12 @@ def diagnose_parts(tables: Mapping[str, Table]) -> tuple[Cause, list[str]]:
     """Return the likely cause of headings computed from what the firmware says that are far from the one it says."""
     vectors = _contradictions(tables).get("vectors")
     return (Cause.FRAME, [vectors]) if vectors else (Cause.NOT_TOGETHER, [])
+
+
+def next_step(measurement: Measurement, tables: Mapping[str, Table]) -> str:
+    """Return what to do about a measurement out of its limit; angles that are only taken for others are no sensor's."""
+    is_other = measurement.kind is _TILT_ERROR and "tilt" in _contradictions(tables)
+    return _OTHER_TILT if is_other else measurement.next_step
 
 
 def parts_in_words(worst_deg: Mapping[str, float | None]) -> str:
