@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 from tests.command_files import run
+from tests.device.compiled import compile_c
+from tests.device.test_gdb_client import SOURCE, own_server
 from tests.serial_line import Line
 
 ROOT = Path(__file__).parents[1]
@@ -74,7 +78,45 @@ def test_what_is_read_from_memory_needs_no_line(line: Line, tmp_path: Path, caps
     sender.join()
     assert "4 understood, 1 not" in capsys.readouterr().out
     assert run("device", "try", "--rig", str(memory), "--hil-port", line.name, "--for", "2") == 4
-    assert "nothing of it comes over a line" in capsys.readouterr().err
+    assert "memory needs the ELF that runs on the board: name it with --firmware" in capsys.readouterr().err
+
+
+@pytest.fixture
+def moving(require_tool: Callable[[str], str], tmp_path: Path) -> Path:
+    """A program whose variables change."""
+    return compile_c(require_tool("arm-none-eabi-gcc"), tmp_path, SOURCE)
+
+
+@pytest.mark.parametrize("is_virtual", [True, False])
+def test_variables_are_shown_by_name_with_what_they_hold(
+    is_virtual: bool, moving: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig = tmp_path / "mine.toml"
+    shipped = (ROOT / "hil" / "rigs" / f"{'virtual' if is_virtual else 'frdm'}-k64f.toml").read_text()
+    with nullcontext() if is_virtual else own_server(moving) as port:
+        server = "" if is_virtual else f'server = "localhost:{port}"\n'
+        rig.write_text(f"""{shipped}
+[device]
+kind = "memory"
+[device.memory]
+{server}at_return_of = "update_calibration"
+[device.memory.values]
+heading = {{ path = "heading_rad", unit = "rad" }}
+hard_iron = {{ path = "calibration.hard_iron", unit = "uT" }}
+""")
+        assert run("device", "try", "--rig", str(rig), "--firmware", str(moving), "--for", "0.2") == 0
+    said = capsys.readouterr().out
+    assert re.search(r"^  heading_rad\n    heading [-\d.]+ deg\n  calibration.hard_iron\n"
+                     r"    hard_iron ([1-9][\d ]*) \1 \1 uT\n", said, re.M), said
+    assert re.search(r"^1 understood, 0 not, in 0\.\d s$", said, re.M), said
+
+
+def test_a_device_that_is_only_a_comment_is_said_to_be_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rig = tmp_path / "proposed.toml"
+    shipped = (ROOT / "hil" / "rigs" / "virtual-k64f.toml").read_text()
+    rig.write_text(f'{shipped}\n# [device]\n# kind = "memory"\n')
+    assert run("device", "try", "--rig", str(rig), "--for", "1") == 4
+    assert "proposed.toml: its table [device] is a comment: take the # away" in capsys.readouterr().err
 
 
 @pytest.mark.slow

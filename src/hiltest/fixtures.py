@@ -145,12 +145,11 @@ def rig(request: pytest.FixtureRequest) -> Rig:
 def board(request: pytest.FixtureRequest) -> Board:
     """The board, synchronised and identified. The same one for the whole session."""
     from hiltest.boards import Board
-    from hiltest.errors import ConfigError
 
     opened = _session(request).connect()
     if not isinstance(opened, Board):
-        raise ConfigError(f"{opened.rig.where('device', 'kind')}: this firmware speaks its own language: a test of it "
-                          "asks for the fixture compass, not for board")
+        pytest.fail(f"{opened.rig.where('device', 'kind')}: this firmware speaks its own language: a test of it asks "
+                    "for the fixture compass, not for board", pytrace=False)  # fmt: skip
     return opened
 
 
@@ -158,12 +157,11 @@ def board(request: pytest.FixtureRequest) -> Board:
 def compass(request: pytest.FixtureRequest) -> CompassBoard:
     """The board whose firmware speaks its own language, as the rig's ``[device]`` says."""
     from hiltest.boards import CompassBoard
-    from hiltest.errors import ConfigError
 
     opened = _session(request).connect()
     if not isinstance(opened, CompassBoard):
-        raise ConfigError(f"rig {_session(request).rig.path} has no [device] table: its firmware speaks hiltest's "
-                          "protocol, and a test of it asks for the fixture board, not for compass")
+        pytest.fail(f"rig {_session(request).rig.path} has no [device] table: its firmware speaks hiltest's protocol, "
+                    "and a test of it asks for the fixture board, not for compass", pytrace=False)  # fmt: skip
     return opened
 
 

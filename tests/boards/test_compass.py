@@ -132,6 +132,23 @@ def test_a_heading_that_the_line_has_changed_does_not_count(far_end: Callable[..
     assert settled.unconfirmed >= 2, "one in five of two windows of ten"
 
 
+def test_a_heading_with_a_right_check_sum_needs_no_neighbour(far_end: Callable[..., FarEnd], tmp_path: Path) -> None:
+    text = RIG.replace('kind = "fsflk"', 'kind = "text"').replace("[device.fsflk]", "[device.text]")
+    pattern = "'HCHDM,(?P<heading>[^,]*),'"
+    (tmp_path / "nmea.toml").write_text(text.replace('algorithm = "Q9"', f"patterns = [{pattern}]"), encoding="utf-8")
+    rig = load_rig(tmp_path / "nmea.toml")
+    # The last one is as the line has changed it: its check sum is that of the first two.
+    other = far_end(lambda number: (
+        b"$HCHDM,101.1,M*28\r\n", b"$HCHDM,111.1,M*29\r\n", b"$HCHDM,181.1,M*28\r\n"
+    )[number % 3])  # fmt: skip
+    with open_compass(rig, firmware=None, port=other.port, seed=None, transcript=None, base=None) as board:
+        settled = wait_until_settled(board, frame_of(rig))
+        assert settled.unconfirmed == 0
+        assert settled.heading_deg == pytest.approx(106.1, abs=2.0), "as many of one as of the other, or one more"
+        assert board.errors.total() > 2
+        assert set(board.errors) == {"a line has another check sum than it says"}
+
+
 def test_a_silent_board_is_said_to_be_silent(
     far_end: Callable[..., FarEnd], rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:

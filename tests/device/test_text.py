@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from hiltest.device.quantities import Moment, Observation, Quantity
 from hiltest.device.text import TextInterface
-from hiltest.device.text_lines import LONGEST_LINE, LineSplitter
+from hiltest.device.text_lines import LONGEST_LINE, LineSplitter, is_intact
 from hiltest.device.text_table import text_interface
 from hiltest.rig.text_device import TextCommands, TextDevice, TextValue
 
@@ -61,6 +61,34 @@ def test_every_pattern_is_searched_in_every_line() -> None:
         {"heading": [12.5], "magnetometer": [1.0, -2.0, 30.0]},
         {"heading": [-0.5], "quaternion": [1.0, 0.0, 0.0, 0.0], "temperature": [27.0]},
     ]
+
+
+NMEA = TextDevice(patterns=(r"^\$HCHDM,(?P<heading>[^,]*),M", r"^\$PTNT,(?P<pitch>[^,*]*)"))
+
+
+def test_a_line_with_a_check_sum_is_believed_only_where_that_is_right() -> None:
+    interface = opened(NMEA)
+    lines = b"$HCHDM,101.1,M*28\r\n"  # the first, which may have lost its beginning
+    lines += b"$HCHDM,101.1,M*28\r\n$HCHDM,101.9,M*26\r\n$PTNT,-2.5*36\r\n$PTNT,-2.5*4F\r\n"
+    lines += b"$HCHDM,101.1,M\r\n$PTNT,7*4g\r\n"
+    found = interface.feed(lines, 1.0)
+    assert [(values(each), each.checked) for each in found if not each.error] == [
+        ({"heading": [101.1]}, True), ({"pitch": [-2.5]}, True),
+        ({"heading": [101.1]}, False), ({"pitch": [7.0]}, False),
+    ]  # fmt: skip
+    assert [each.error for each in found if each.error] == 2 * ["a line has another check sum than it says"]
+    assert interface.not_understood == 2
+
+
+@given(text=st.text(st.characters(exclude_characters="$*\r\n", exclude_categories=["Cs"]), max_size=60))
+def test_a_check_sum_is_of_all_bytes_between_its_signs(text: str) -> None:
+    total = 0
+    for byte in text.encode():
+        total ^= byte
+    assert is_intact(f"${text}*{total:02X}")
+    assert is_intact(f"${text}*{total:02x} ")
+    assert is_intact(f"${text}*{total ^ 0x40:02X}") is False
+    assert is_intact(f"{text}*{total:02X}") is None
 
 
 def test_json_is_read_by_paths_and_arrays() -> None:

@@ -39,6 +39,10 @@ def test_its_calibration_is_right_and_its_slices_are_counted(
     assert values["fit.firmware.offset_error"] < 1.0
     assert values["device.not_understood"] == 0
     assert values["cycles.fit-4.slices"] == 17, "as its source has it, with 14 rows of its buffer"
+    # Of its last solution; were it computed from another memory, or by other arguments, it would not be offered.
+    assert 1.05 < values["cycles.calibrated.from_flash"] / values["cycles.calibrated.total"] < 1.5
+    assert re.search(r"Its fit takes \d+ \d+ cycles without memory waits, .* \(fit-10 in \d+ slices\); direct \d",
+                     record["verdict"]["sentence"]), record["verdict"]["sentence"]  # fmt: skip
     assert values["cycles.kalman.calls"] > 40 * 60, "40 a second"
     # What its own clock says of a step of its filter, in ticks of the core: it counts with interrupts, and in twenties.
     assert values["cycles.kalman.median"] > 10_000

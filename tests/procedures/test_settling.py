@@ -44,4 +44,9 @@ def test_a_single_reading_has_no_noise_to_excuse_it() -> None:
     ],
 )  # fmt: skip
 def test_a_heading_counts_where_a_neighbour_confirms_it(said: list[float], kept: list[float]) -> None:
-    assert confirmed(said) == kept
+    assert confirmed(said, [False] * len(said)) == kept
+
+
+def test_a_heading_with_a_right_check_value_needs_no_neighbour_and_is_one() -> None:
+    assert confirmed([10.0, 60.0, 110.0], [False, True, False]) == [60.0]
+    assert confirmed([10.0, 10.4, 200.0], [True, False, False]) == [10.0, 10.4]

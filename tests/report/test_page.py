@@ -6,6 +6,7 @@ import itertools
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -13,8 +14,11 @@ from hiltest.measurement import EXACT, Better, CycleRange, Limit, Measurement, T
 from hiltest.record.comparison import Change, Comparison, Difference, Side
 from hiltest.record.outcomes import TestOutcome
 from hiltest.record.run import Column, Findings, Run, Table, TestResult
+from hiltest.report.figures.cost import cost_group
 from hiltest.report.overview import accuracy_and_cost, tally
 from hiltest.report.render import html_report
+from hiltest.report.svg import Figure
+from hiltest.report.terminal import summary
 from hiltest.text import legible
 from hiltest.verdict.verdict import decide
 
@@ -65,6 +69,40 @@ def test_streams_have_their_cycles_in_the_table_of_all_calibrators(
     )
     banded = accuracy_and_cost(replace(run, measurements=(*run.measurements, total))).rows[-1]
     assert "300 points, 76 000 to 80 500" in [cell.note for cell in banded.cells]
+
+
+def test_cycles_with_and_without_the_waits_of_memories_are_two_columns_that_say_which(
+    findings: Make, good: list[Measurement]
+) -> None:
+    plain = accuracy_and_cost(finished(findings(*good)))
+    assert "cycles" in plain.headings
+    waited = check("cycles.direct.from_flash", 12_345, unit="cycle", cycle_model="m@flash")
+    run = finished(findings(*good, waited))
+    table = accuracy_and_cost(run)
+    assert [each for each in table.headings if "cycles" in each] == [
+        "cycles without memory waits (ranked)", "cycles as it runs from flash"
+    ]
+    direct, iterative = ([cell.text for cell in row.cells] for row in table.rows[:2])
+    place = table.headings.index("cycles as it runs from flash")
+    assert (direct[place], iterative[place]) == ("12 345", "")
+    assert "in cycles by cortex-m4-trm/1@sram, as it runs from flash by m@flash" in text_of(html_report(run))
+    said = summary(run, Path("out"), verbose=False, width=100, colour=False)
+    assert "(ranked)" in said
+    assert "from flash" in said
+    (line,) = [each for each in said.splitlines() if each.startswith("direct ")]
+    assert "12 345" in line
+
+
+def test_a_limit_far_from_all_that_is_compared_is_not_drawn(
+    findings: Make, heading: Callable[..., list[Measurement]]
+) -> None:
+    for limit, is_drawn in ((1.8, True), (5.0, False)):
+        both = heading("direct", 0.4, limit=limit, cycles=12_400) + heading("iterative", 0.5, limit=1.8, cycles=203_000)
+        group = cost_group(finished(findings(*both)))
+        assert group is not None
+        (figure, *_) = group.panels
+        assert isinstance(figure, Figure)
+        assert (figure.y_range[1] > limit) is is_drawn
 
 
 def test_a_verdict_is_told_by_a_sign_and_a_word_and_not_by_its_colour(findings: Make, good: list[Measurement]) -> None:

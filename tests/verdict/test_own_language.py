@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 
 from hiltest.measurement import Limit, Measurement, check
-from hiltest.record.run import Column, Table
+from hiltest.record.run import Column, Findings, Table
+from hiltest.verdict.calibrators import calibrator_results
 from hiltest.verdict.causes import Cause
 from hiltest.verdict.diagnosis import diagnose_run
+from hiltest.verdict.own_language import costs_in_words, next_step
+from hiltest.verdict.summary import summarise
 
 LIMITS = {"heading.firmware.max": 2.0, "heading.ecompass.max": 5.0, "heading.calibrated.max": 5.0}
 
@@ -107,3 +112,40 @@ def test_a_heading_that_does_not_follow_the_board_is_named_before_all_else() -> 
 
 def test_a_heading_within_its_limit_has_no_cause() -> None:
     assert cause(heading__firmware__max=1.0, heading__calibrated__max=4.9) == (Cause.NONE, "")
+
+
+def test_angles_that_are_exchanged_are_no_matter_of_the_accelerometer(findings: Callable[..., Findings]) -> None:
+    wrong = check("accelerometer.tilt_error", 20.1, unit="deg", limit=Limit(max=0.5))
+    assert "accelerometer" in next_step(wrong, {})
+    assert next_step(wrong, contradictions(heading="they grow the other way")) == next_step(wrong, {})
+    step = next_step(wrong, contradictions(tilt="right within 0.1 deg with pitch and roll exchanged"))
+    assert step.startswith("Take pitch and roll so under [device] in the rig")
+    made = findings(wrong)
+    made.tables.update(contradictions(tilt="right within 0.1 deg with pitch and roll exchanged"))
+    assert summarise(made).advice == (step,)
+
+
+def costs(*counted: Measurement) -> str:
+    headings = measured(heading__firmware__max=0.8, heading__calibrated__max=0.7, heading__direct__max=0.4,
+                        heading__iterative__max=0.4)  # fmt: skip
+    return costs_in_words(calibrator_results((*headings, *counted)))
+
+
+def total(name: str, cycles: int, note: str, what: str = "total") -> Measurement:
+    return check(f"cycles.{name}.{what}", cycles, unit="cycle", cycle_model="m", note=note)
+
+
+def test_the_firmwares_own_fit_stands_beside_the_cheapest_of_the_same_samples() -> None:
+    own, direct = total("calibrated", 510_956, "fit-10 in 688 slices"), total("direct", 34_953, "the same 360 samples")
+    iterative = total("iterative", 96_260, "the same 360 samples")
+    flash = total("calibrated", 633_000, "the same slices", "from_flash")
+    assert costs(own, iterative, direct, flash) == (
+        "Its fit takes 510 956 cycles without memory waits, 633 000 from flash (fit-10 in 688 slices); direct 34 953 "
+        "(the same 360 samples)."
+    )
+    assert costs(own) == "Its fit takes 510 956 cycles (fit-10 in 688 slices)."
+
+
+def test_no_cost_is_told_of_a_fit_that_was_not_counted() -> None:
+    assert costs(total("direct", 34_953, "the same 360 samples")) == ""
+    assert costs() == ""

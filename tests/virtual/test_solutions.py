@@ -11,6 +11,8 @@ from hiltest.errors import ConfigError
 from hiltest.rig.file import load_rig
 from hiltest.virtual.call_summary import Call, solutions_summarised, solved, summarised
 from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.profile_file import load_profile
+from hiltest.virtual.recount import counted_with_waits
 from hiltest.virtual.solution_watch import EndsWhen, SolutionEnd
 
 from .conftest import Build
@@ -37,6 +39,10 @@ int main(void)
     }
 }
 """
+# A loop of 200 bytes: more than the cache of the flash holds; and each solution takes longer than the one before.
+LONG_LOOP = SLICES.replace("sum += i;", f'{{ sum += i; __asm volatile("{100 * "nop;"}"); }}').replace(
+    "(fit.progress == 0u) begin_slice();", "(fit.progress == 0u) { fit.kind++; begin_slice(); }"
+).replace("work(10u)", "work(9u + fit.kind)")
 ZERO = SolutionEnd("fit+4", size=1)
 CHANGED = SolutionEnd("fit + 0x6", EndsWhen.CHANGED, size=2)
 
@@ -91,6 +97,51 @@ def test_a_word_that_is_none_is_refused(build_c: Build) -> None:
     board.watch_solutions(["fit_slice"], ZERO)
     with pytest.raises(ConfigError, match="another word"):
         board.watch_solutions(["fit_slice"], CHANGED)
+
+
+@pytest.mark.parametrize("end", [ZERO, CHANGED])
+def test_a_solution_takes_as_long_once_more_and_waits_as_it_does_from_flash(build_c: Build, end: SolutionEnd) -> None:
+    elf, functions, profile = build_c(LONG_LOOP, "-O2"), ["begin_slice", "fit_slice"], load_profile("cortex-m4-k64f/1")
+    board, slow = VirtualK64F(elf), VirtualK64F(elf, profile=profile)
+    watch, waited = board.watch_solutions(functions, end), slow.watch_solutions(functions, end)
+    for each, seconds in ((board, 0.005), (slow, 0.008)):
+        each.run_until(seconds)
+    kept = watch.latest()
+    assert kept is not None
+    assert (kept.cycles, len(kept.slices)) == (watch.solutions[-1].cycles, 5)
+    assert watch.solutions[-1].cycles > watch.solutions[0].cycles
+    again = counted_with_waits(board, kept, profile)
+    assert again.cycles - again.waits == kept.cycles
+    # What the controller holds at a slice's entry differs, two lines at most: 10 clocks each.
+    assert waited.solutions[len(watch.solutions) - 1].cycles == pytest.approx(again.cycles, abs=5 * 2 * 10)
+    assert again.waits > 0.1 * kept.cycles
+
+
+def test_a_solution_of_which_something_else_changes_the_data_is_not_counted_again(build_c: Build) -> None:
+    elf = build_c(SLICES.replace("work(3u);", "fit.kind += 7u;").replace("20u *", "fit.kind % 40u +"), "-O2")
+    board = VirtualK64F(elf)
+    watch = board.watch_solutions(["begin_slice", "fit_slice"], ZERO)
+    board.run_until(0.002)
+    kept = watch.latest()
+    assert kept is not None
+    with pytest.raises(ConfigError, match=r"fit_slice: slice \d of 5 takes .* something else changes what it"):
+        counted_with_waits(board, kept, load_profile("cortex-m4-k64f/1"))
+
+
+def test_no_solution_is_kept_before_one_is_complete(build_c: Build) -> None:
+    board = VirtualK64F(build_c(SLICES, "-O2"))
+    watch, calls = board.watch_solutions(["begin_slice", "fit_slice"], ZERO), board.watch_calls(["fit_slice"])
+    while len(calls.calls("fit_slice")) < 3:
+        assert watch.latest() is None
+        board.run_until(board.time_s + 2e-6)
+    watch.begin()  # in its middle: the rest of that one is none
+    while len(calls.calls("fit_slice")) < 4:
+        board.run_until(board.time_s + 2e-6)
+    assert watch.latest() is None
+    board.run_until(board.time_s + 1e-3)
+    kept = watch.latest()
+    assert kept is not None
+    assert len(kept.slices) == 5
 
 
 @pytest.mark.slow

@@ -148,10 +148,12 @@ def test_our_calibrators_on_the_same_samples(
     points = samples_of(compass)
     if len(points) < FEWEST_SAMPLES or compass.costs is None:
         pytest.skip("the firmware does not show the samples that it calibrated itself from, or its cycles are not seen")
-    solved = [each for each in compass.costs.solutions().values() if each.solutions]
-    if solved:  # by the last solver of the rig that came to one
-        measure("cycles.calibrated.total", solved[-1].median, "cycle", cycle_model=compass.cycle_model,
-                note=f"its own fit, in {solved[-1].most_slices} slices")
+    if (solved := compass.costs.latest_solution()) is not None:
+        measure("cycles.calibrated.total", solved.kept.cycles, "cycle", cycle_model=compass.cycle_model,
+                note=f"{solved.name} in {len(solved.kept.slices)} slices")
+        flash = compass.costs.from_flash(solved)
+        measure("cycles.calibrated.from_flash", flash.cycles, "cycle", cycle_model=flash.cycle_model, band=flash.band,
+                note="the same slices", not_offered=flash.refusal)
     upload_points(ours, points.astype(np.int16))
     for name in OURS:
         fit, cost = calibrate_once(ours, name, len(points))
@@ -161,7 +163,7 @@ def test_our_calibrators_on_the_same_samples(
         measure(f"heading.{name}.max", errors.max_deg, "deg")
         measure(f"heading.{name}.rms", errors.rms_deg, "deg")
         measure(f"cycles.{name}.total", cost.cycles, "cycle", cycle_model=ours.cycle_model,
-                band=ours.cycle_range(cost, name), note=f"of the same {len(points)} samples")
+                band=ours.cycle_range(cost, name), note=f"the same {len(points)} samples")
 
 
 def not_said(believed: object) -> str:

@@ -8,6 +8,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -293,7 +294,7 @@ class CompassBoard:
         values = {
             quantity: numbers for quantity, numbers in observation.values.items() if self._sources[quantity] == kind
         }
-        return Observation(observation.time_s, values, observation.error)
+        return replace(observation, values=values)
 
 
 class VirtualCompass(CompassBoard):

@@ -3,15 +3,58 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 from hiltest.device.variables import Variables
-from hiltest.errors import ConfigError
+from hiltest.errors import BoardFault, ConfigError
+from hiltest.measurement import CycleRange
 from hiltest.rig import Rig
 from hiltest.rig.cycles import CountedFunctions
 from hiltest.virtual.call_summary import CallSummary, SolutionSummary
 from hiltest.virtual.call_watch import CallWatch
+from hiltest.virtual.cycle_range import flash_range
 from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.kept_slices import KeptSolution
+from hiltest.virtual.profile_file import load_profile
+from hiltest.virtual.recount import counted_with_waits
 from hiltest.virtual.solution_watch import EndsWhen, SolutionEnd, SolutionWatch
+
+#: Has the memories of the K64F, and the default profile's instructions.
+_WITH_MEMORIES = "cortex-m4-k64f/1"
+
+
+@dataclass(frozen=True, slots=True)
+class LatestSolution:
+    """The last solution of all that the firmware's solvers came to.
+
+    Attributes
+    ----------
+    name : str
+        Of the solver, in the rig.
+    kept : KeptSolution
+    """
+
+    name: str
+    kept: KeptSolution
+
+
+@dataclass(frozen=True, slots=True)
+class FlashCost:
+    """What a solution takes with the waits of memories.
+
+    Attributes
+    ----------
+    cycles : int or None
+        None where `refusal` says why.
+    cycle_model : str
+    band : CycleRange or None
+    refusal : str
+    """
+
+    cycles: int | None
+    cycle_model: str
+    band: CycleRange | None = None
+    refusal: str = ""
 
 
 class FunctionCosts:
@@ -30,6 +73,7 @@ class FunctionCosts:
     """
 
     def __init__(self, machine: VirtualK64F, rig: Rig) -> None:
+        self._machine = machine
         self._watches: dict[str, tuple[str, CallWatch | SolutionWatch]] = {}
         for name, counted in rig.cycles.items():
             try:
@@ -47,6 +91,24 @@ class FunctionCosts:
     def solutions(self) -> Mapping[str, SolutionSummary]:
         """Return what the slices of each function came to, solution by solution, by its name in the rig."""
         return {name: watch.summary for name, (_, watch) in self._watches.items() if isinstance(watch, SolutionWatch)}
+
+    def latest_solution(self) -> LatestSolution | None:
+        """Return the solution that was completed last, of whichever solver; None where none was."""
+        found = {
+            name: kept for name, (_, watch) in self._watches.items()
+            if isinstance(watch, SolutionWatch) and (kept := watch.latest())
+        }  # fmt: skip
+        return max((LatestSolution(*each) for each in found.items()), key=lambda each: each.kept.ended, default=None)
+
+    def from_flash(self, solution: LatestSolution) -> FlashCost:
+        """Compute a solution once more with the waits of memories; takes the host some 3 s a million cycles."""
+        profile = load_profile(_WITH_MEMORIES)
+        model = f"{profile.name}@flash"
+        try:
+            counted = counted_with_waits(self._machine, solution.kept, profile)
+        except (ConfigError, BoardFault) as error:
+            return FlashCost(None, model, refusal=str(error))
+        return FlashCost(counted.cycles, model, flash_range(profile, counted.cycles))
 
 
 def _watch(machine: VirtualK64F, counted: CountedFunctions) -> CallWatch | SolutionWatch:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,10 +18,12 @@ from hiltest.settings import file_name
 
 if TYPE_CHECKING:
     from hiltest.boards import VirtualBench
+    from hiltest.device.memory import MemoryInterface
     from hiltest.device.quantities import StreamInterface
     from hiltest.device.trial import Heard, Trial
     from hiltest.link.ports import SerialPort
     from hiltest.rig import Rig
+    from hiltest.rig.device import Device
 
 _TRY_EXIT_CODES = """
 \b
@@ -32,6 +34,9 @@ Exit codes:
   20  connection lost; what came before is summed up
 """
 _LONGEST_SHOWN = 160
+_MEMORY = "memory"
+_LOOK_EVERY_S = 1.0
+_WITHOUT_PORT_S = 0.1
 
 
 @click.group()
@@ -44,92 +49,150 @@ def device() -> None:
               help="Rig file with a [device] table, or name of a rig in hil/rigs.")
 @click.option("--hil-port", metavar="URL", callback=checked(file_name),
               help="Serial port of a real board: a device or a pyserial URL.  [default: the rig's board]")
-@click.option("--firmware", metavar="ELF", callback=checked(file_name), help="Firmware for the virtual board.")
+@click.option("--firmware", metavar="ELF", callback=checked(file_name),
+              help="Firmware for the virtual board, or the ELF that runs where variables are read.")
 @click.option("--for", "seconds", metavar="SECONDS", type=NumberRange(min=0.0, max=1e9, min_open=True),
               help="How long to listen, by the board's clock.  [default: until Ctrl-C]")
 def try_(rig: str, hil_port: str | None, firmware: str | None, seconds: float | None) -> int:
-    """Show each line that the board sends, and what is understood of it.
+    """Show each line that the board sends, and what is understood of it; and variables, with what they hold.
 
     A line that means nothing has a question mark, and why. What the rig sends at the start is sent; nothing is turned,
-    and nothing is judged: see docs/text-compass.md.
+    and nothing is judged: see docs/text-compass.md. Variables are read once a second, over the virtual board or the
+    GDB server that the rig names, which needs --firmware.
     """
     from hiltest.device.trial import Trial
     from hiltest.rig.file import load_rig
 
     described = load_rig(rig_file(Path.cwd(), rig))
-    interfaces = _interfaces(described)
-    port, bench = _opened(described, hil_port or described.board.port, firmware)
-    trial = Trial(interfaces)
+    table = _table(described)
+    interfaces = _interfaces(described, table)
+    opened = _opened(described, interfaces, hil_port or described.board.port, firmware)
     try:
-        _listen(port, trial, [*interfaces.values()], seconds)
+        trial = Trial(
+            interfaces, opened.memory,
+            {name: each.paths for name, each in table.memory.values.items()} if table.memory else {},
+        )
+        _listen(opened, trial, [*interfaces.values()], seconds)
     finally:
-        port.close()
-    for sentence in bench.said_of_playback if bench else ():
+        opened.close()
+    for sentence in opened.bench.said_of_playback if opened.bench else ():
         click.echo(sentence, err=True)
     return 0 if trial.values else 1
 
 
-def _interfaces(rig: Rig) -> dict[str, StreamInterface]:
+def _table(rig: Rig) -> Device:
+    table = rig.own_language
+    if table is not None:
+        return table
+    lines = rig.path.read_text(encoding="utf-8").splitlines()
+    if any(line.lstrip("# ").startswith("[device]") for line in lines if line.startswith("#")):
+        raise ConfigError(
+            f"{rig.path}: its table [device] is a comment: take the # away from it, from its kind, and from each line "
+            "below them that is right, with its unit"
+        )
+    raise ConfigError(f"{rig.path}: its firmware speaks hiltest's protocol; a table [device] says otherwise")
+
+
+def _interfaces(rig: Rig, table: Device) -> dict[str, StreamInterface]:
     """Return what the rig understands of a line."""
     from hiltest.device.kinds import open_interfaces
     from hiltest.device.quantities import StreamInterface
 
-    table = rig.own_language
-    if table is None:
-        raise ConfigError(f"{rig.path}: its firmware speaks hiltest's protocol; a table [device] says otherwise")
-    of_a_line = tuple(kind for kind in table.kinds if kind != "memory")
+    of_a_line = tuple(kind for kind in table.kinds if kind != _MEMORY)
     spoken = replace(rig, device=replace(table, kind=of_a_line, memory=None, sources={})) if of_a_line else None
     interfaces = open_interfaces(spoken) if spoken else {}
     opened = {kind: each for kind, each in interfaces.items() if isinstance(each, StreamInterface)}
-    if not opened:
+    if not opened and table.memory is None:
         raise ConfigError(f"{rig.where('device', 'kind')}: device.kind: nothing of it comes over a line")
     return opened
 
 
-def _opened(rig: Rig, port: str | None, firmware: str | None) -> tuple[SerialPort, VirtualBench | None]:
-    """Open a port, or that of a virtual board, which comes with it."""
+@dataclass(frozen=True, slots=True)
+class _Opened:
+    """A port, a virtual board that it may be of, and what reads variables: as many of them as there are."""
+
+    port: SerialPort | None
+    bench: VirtualBench | None = None
+    memory: MemoryInterface | None = None
+
+    @property
+    def now(self) -> Callable[[], float]:
+        """The clock that runs."""
+        return getattr(self.port, "now", None) or time.monotonic
+
+    def close(self) -> None:
+        """Give the port and the debug server back."""
+        if self.memory is not None:
+            self.memory.close()
+        if self.port is not None:
+            self.port.close()
+
+
+def _opened(rig: Rig, interfaces: dict[str, StreamInterface], port: str | None, firmware: str | None) -> _Opened:
+    """Open a port, or that of a virtual board, which comes with it; and what reads variables, as the rig says."""
     from hiltest.boards import VirtualBench
+    from hiltest.boards.memory_reading import memory_kind
     from hiltest.boards.virtual_port import VirtualPort
     from hiltest.link.ports import READ_SLICE_S, open_port
+    from hiltest.virtual.elf import load_image
 
-    if port is not None:
-        if firmware is not None:
-            raise ConfigError(f"--firmware is for the virtual board, and this one is on {port}")
-        return open_port(port, baud=rig.link.baud), None
-    virtual, bench = VirtualPort(), VirtualBench(rig, firmware=Path(firmware) if firmware else None)
-    virtual.attach(bench.machine)
-    virtual.open()
-    virtual.timeout = READ_SLICE_S
-    return virtual, bench
+    assert rig.device is not None
+    reads_memory = rig.device.memory is not None
+    elf = Path(firmware) if firmware else None
+    if port is None and (rig.board.kind == "virtual" or interfaces):
+        virtual, bench = VirtualPort(), VirtualBench(rig, firmware=elf)
+        memory = memory_kind(bench.machine.image, bench.machine)(rig) if reads_memory else None
+        virtual.attach(bench.machine)
+        virtual.open()
+        virtual.timeout = READ_SLICE_S
+        return _Opened(virtual, bench, memory)
+    if elf is not None and not reads_memory:
+        raise ConfigError(f"--firmware is for the virtual board, and this one is on {port}")
+    line = open_port(port, baud=rig.link.baud) if port is not None and interfaces else None
+    try:
+        is_read = reads_memory and (elf is not None or line is None)
+        return _Opened(line, None, memory_kind(load_image(elf) if elf else None, None)(rig) if is_read else None)
+    except BaseException:
+        if line is not None:
+            line.close()
+        raise
 
 
-def _listen(port: SerialPort, trial: Trial, interfaces: list[StreamInterface], seconds: float | None) -> None:
+def _listen(opened: _Opened, trial: Trial, interfaces: list[StreamInterface], seconds: float | None) -> None:
     """Show what comes for a time, and sum it up."""
     from hiltest.device.quantities import Moment
 
-    now: Callable[[], float] = getattr(port, "now", None) or time.monotonic
+    now = opened.now
     begin_s = now()
     end_s = begin_s + (math.inf if seconds is None else seconds)
     for each in interfaces:
-        port.write(each.commands(Moment.START))
+        if opened.port is not None:
+            opened.port.write(each.commands(Moment.START))
+    look_s = begin_s + min(_LOOK_EVERY_S, (end_s - begin_s) / 2.0)  # what start-up code has not set yet says nothing
     try:
         with asked_to_end() as ending:
-            for data in _pieces(port, lambda: now() >= end_s or bool(ending)):
+            for data in _pieces(opened.port, lambda: now() >= end_s or bool(ending)):
                 for heard in trial.take(data, now()):
                     _show(heard)
+                if now() >= look_s:
+                    look_s = now() + _LOOK_EVERY_S
+                    for heard in trial.look(now()):
+                        _show(heard)
     finally:
         click.echo("\n".join(["", *trial.summary(now() - begin_s)]))
 
 
-def _pieces(port: SerialPort, ended: Callable[[], bool]) -> Iterator[bytes]:
-    """Yield what comes over a port, a line or what came in some time."""
+def _pieces(port: SerialPort | None, ended: Callable[[], bool]) -> Iterator[bytes]:
+    """Yield what comes over a port, a line or what came in some time; nothing, now and then, without a port."""
     import serial
 
     while not ended():
         try:
-            yield port.read_until(b"\n")
+            if port is None:
+                time.sleep(_WITHOUT_PORT_S)
+            yield port.read_until(b"\n") if port is not None else b""
         except (serial.SerialException, OSError) as error:
-            raise LinkLostError(port.name, str(error)) from error
+            raise LinkLostError(port.name if port is not None else "", str(error)) from error
 
 
 def _show(heard: Heard) -> None:

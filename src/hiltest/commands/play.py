@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -31,6 +32,7 @@ Exit codes:
   20  the firmware does not answer
   23  wrong firmware
 """
+_SCHEMA = "hiltest.play/1"
 # Moments of a heading over a recording, where --every does not say it.
 _MOMENTS = 12
 _MOST_MOMENTS = 10_000
@@ -43,7 +45,8 @@ _MOST_MOMENTS = 10_000
               help="Firmware for the rig's board.  [default: the rig's, else the packaged one]")
 @click.option("--every", "every_s", metavar="SECONDS", type=NumberRange(min=0.1, max=3600.0),
               help="Time between two headings.  [default: twelve over the recording]")
-def play(rig: str, firmware: str | None, every_s: float | None) -> int:
+@click.option("--json", "as_json", is_flag=True, help="Print JSON (hiltest.play/1) and nothing else.")
+def play(rig: str, firmware: str | None, every_s: float | None, as_json: bool) -> int:
     """Play a recording to firmware, and show what it finds from it.
 
     That is hard iron, field, error of its fit, headings. Sensors of a virtual board measure the recording. If the rig's
@@ -66,10 +69,14 @@ def play(rig: str, firmware: str | None, every_s: float | None) -> int:
         raise ConfigError(f"{described.where('world', 'playback')}: world.playback: no magnetometer in {playback.name} "
                           "to calibrate from: play it with hiltest log, hiltest device try or serve")
     moments_s = _moments_s(playback, every_s)
-    click.echo(playback.described())
+    if not as_json:
+        click.echo(playback.described())
     progress = ProgressLine(ErrorOutput(), shown=sys.stderr.isatty())
     elf = Path(firmware) if firmware else None
     played = play_back(described, magnetometer.times_s, moments_s, firmware=elf, progress=progress)
+    if as_json:
+        click.echo(_to_json(played, playback), nl=False)
+        return 0
     click.echo("\n".join(["", *_calibrations(played), "", *_headings(played, playback)]))
     for remark in played.remarks:
         click.echo(remark, err=True)
@@ -90,6 +97,25 @@ def _moments_s(playback: Playback, every_s: float | None) -> NDArray[np.float64]
         raise ConfigError(f"--every {step_s:g} is more than {_MOST_MOMENTS} headings over {takes_s:.0f} s")
     steps = np.arange(1, int(takes_s / step_s * (1.0 + 1e-9)) + 1, dtype=np.float64)
     return playback.begins_s + step_s * steps
+
+
+def _to_json(played: PlayedBack, playback: Playback) -> str:
+    """Return the text of ``hiltest play --json``; times are since the recording's beginning."""
+    from hiltest import __version__
+
+    content = {
+        "schema": _SCHEMA, "hiltest": __version__, "playing": playback.described(), "points": played.points,
+        "moments_s": [float(each - playback.begins_s) for each in played.moments_s], "remarks": played.remarks,
+        "found": [
+            {
+                "name": each.name, "hard_iron_ut": None if each.hard_iron_ut is None else each.hard_iron_ut.tolist(),
+                "field_ut": each.field_ut, "said_error_percent": each.said_error_percent,
+                "residual_percent": each.residual_percent, "cycles": each.cycles, "heading_deg": each.heading_deg,
+            }
+            for each in played.found
+        ],
+    }  # fmt: skip
+    return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def _calibrations(played: PlayedBack) -> list[str]:

@@ -81,11 +81,14 @@ class Observation:
         In the quantity's unit.
     error : str
         What the firmware reports to be wrong; empty when it reports nothing.
+    checked : bool
+        Whether it came with a check value, which is right.
     """
 
     time_s: float
     values: Mapping[Quantity, NDArray[np.float64]] = field(default_factory=dict)
     error: str = ""
+    checked: bool = False
 
 
 @runtime_checkable

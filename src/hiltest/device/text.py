@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from hiltest.device.quantities import Moment, Observation, Quantity
 from hiltest.device.text_forms import Form
-from hiltest.device.text_lines import LONGEST_LINE, LineSplitter, Pattern
+from hiltest.device.text_lines import LONGEST_LINE, LineSplitter, Pattern, is_intact
 from hiltest.device.text_values import ValueSource
 from hiltest.text import counted, legible
 
 _LONGEST_ERROR = 200
+_DAMAGED = "a line has another check sum than it says"
 _READY = np.ones(1)
 
 
@@ -34,6 +35,8 @@ class Reading:
         What the line is instead, or what was not understood of it.
     understood : bool
         It has a meaning, be it without a value; or it is the first, of which that is not known.
+    checked : bool
+        It carries a check sum, which is right.
     """
 
     line: str
@@ -41,12 +44,14 @@ class Reading:
     error: str = ""
     remark: str = ""
     understood: bool = False
+    checked: bool = False
 
 
 class TextInterface:
     """A `StreamInterface` that understands lines.
 
-    The first line may be the end of one, so its values are not taken; what it says of errors is.
+    The first line may be the end of one, so its values are not taken; what it says of errors is. Of a line
+    whose check sum (NMEA 0183) is wrong nothing is taken: it is an error.
 
     Parameters
     ----------
@@ -107,7 +112,7 @@ class TextInterface:
     def feed(self, data: bytes, time_s: float) -> list[Observation]:
         """Take bytes that have arrived by a time, however they are cut; return what their lines say."""
         said = [each for each in self.readings(data) if each.values or each.error]
-        return [Observation(time_s, each.values, each.error) for each in said]
+        return [Observation(time_s, each.values, each.error, each.checked) for each in said]
 
     def readings(self, data: bytes) -> list[Reading]:
         """Take bytes; return every line that they complete, understood or not."""
@@ -120,6 +125,9 @@ class TextInterface:
             self._begun = True
             return Reading("", remark=f"longer than {LONGEST_LINE} bytes")
         is_first, self._begun = not self._begun, True
+        intact = is_intact(line)
+        if intact is False and not is_first:
+            return Reading(line, error=_DAMAGED)
         found = self._form.find(line)
         values, refused = self._values(found.fields)
         complaints = [f"{quantity.key}: {why}" for quantity, why in refused.items()]
@@ -133,7 +141,7 @@ class TextInterface:
         error = self._error_in(line)
         understood = bool(values or error or found.is_header or is_first)
         remarks = complaints or ([] if values or error else [found.remark])
-        return Reading(line, values, error, "; ".join(remarks), understood)
+        return Reading(line, values, error, "; ".join(remarks), understood, checked=intact is True)
 
     def _values(
         self, fields: Mapping[str, Sequence[str]]

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from functools import reduce
+from operator import xor
 
 import regex
 
 # NMEA 0183 allows 82; a line of JSON with every quantity has some 600.
 LONGEST_LINE = 1024
+# NMEA 0183, proprietary sentences too: $PFEC,...*hh.
+_WITH_CHECK_SUM = re.compile(r"\s*\$(?P<checked>[^$*]*)\*(?P<sum>[0-9A-Fa-f]{2})\s*")
 _LINE_END = re.compile(rb"[\r\n]")
 # A search that is no mistake takes microseconds; the host may be busy meanwhile.
 _LONGEST_SEARCH_S = 1.0
@@ -47,6 +51,20 @@ class LineSplitter:
 
     def _line(self) -> str | None:
         return None if len(self.unfinished) > LONGEST_LINE else self.unfinished.decode("utf-8", errors="replace")
+
+
+def is_intact(line: str) -> bool | None:
+    """Say whether a line has the check sum that it carries; None for one that carries none.
+
+    Examples
+    --------
+    >>> is_intact("$HCHDM,101.1,M*28"), is_intact("$HCHDM,101.2,M*28"), is_intact("HDG=101.1")
+    (True, False, None)
+    """
+    match = _WITH_CHECK_SUM.fullmatch(line)
+    if match is None:
+        return None
+    return reduce(xor, match["checked"].encode(), 0) == int(match["sum"], 16)
 
 
 class Pattern:

@@ -1,14 +1,16 @@
-"""What is understood of a line's bytes, for people: piece by piece, and summed up."""
+"""What is understood of a line's bytes, and read of variables, for people: piece by piece, and summed up."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hiltest.device.memory import MemoryInterface
 from hiltest.device.quantities import Quantity, StreamInterface
 from hiltest.device.text import Reading, TextInterface
 from hiltest.text import counted, legible, readable
@@ -23,7 +25,7 @@ class Heard:
     Attributes
     ----------
     line : str
-        As it came, legible; empty for what is no line.
+        As it came, legible; the paths of variables; empty for what is neither.
     meaning : str
         What was understood of it, or why nothing was.
     understood : bool
@@ -41,6 +43,10 @@ class Trial:
     ----------
     interfaces : mapping of str to StreamInterface
         By their kind.
+    memory : MemoryInterface, optional
+        What reads variables.
+    paths : mapping of str to tuple of str, optional
+        Those of each quantity that it reads, by its name.
 
     Attributes
     ----------
@@ -48,8 +54,11 @@ class Trial:
         How often each was said.
     """
 
-    def __init__(self, interfaces: Mapping[str, StreamInterface]) -> None:
-        self._interfaces = interfaces
+    def __init__(
+        self, interfaces: Mapping[str, StreamInterface], memory: MemoryInterface | None = None,
+        paths: Mapping[str, Sequence[str]] = MappingProxyType({}),
+    ) -> None:  # fmt: skip
+        self._interfaces, self._memory, self._paths = interfaces, memory, paths
         self._understood = 0
         self._reasons: Counter[str] = Counter()
         self.values: Counter[Quantity] = Counter()
@@ -60,14 +69,29 @@ class Trial:
         """Yield what bytes complete."""
         for interface in self._interfaces.values():
             for each in _readings(interface, data, time_s):
-                self.values.update(each.values.keys())
-                self._last_s.update(dict.fromkeys(each.values, time_s))
-                self._first_s = dict.fromkeys(each.values, time_s) | self._first_s
+                self._count(each.values, time_s)
                 self._understood += each.understood
                 if not each.understood:
                     self._reasons[each.remark] += 1
                 said = [_in_words(each.values), each.error and f"error: {each.error}", each.remark]
                 yield Heard(legible(each.line), "; ".join(filter(None, said)), each.understood)
+
+    def look(self, time_s: float) -> Iterator[Heard]:
+        """Yield what the variables hold now, one by one."""
+        if self._memory is None:
+            return
+        values = self._memory.read(time_s).values
+        self._count(values, time_s)
+        self._understood += 1
+        said = {each.key: _in_words({each: value}) for each, value in values.items()}
+        absent = {each.key: f"{each.key} has no value: {why}" for each, why in self._memory.absent.items()}
+        for name, paths in self._paths.items():
+            yield Heard(", ".join(paths), said.get(name) or absent[name], name in said)
+
+    def _count(self, values: Mapping[Quantity, NDArray[np.float64]], time_s: float) -> None:
+        self.values.update(values.keys())
+        self._last_s.update(dict.fromkeys(values, time_s))
+        self._first_s = dict.fromkeys(values, time_s) | self._first_s
 
     def summary(self, seconds: float) -> list[str]:
         """Return lines that sum up what came in a time."""
@@ -84,11 +108,13 @@ class Trial:
             *([f"not seen: {', '.join(unseen)}"] if unseen else []),
             *(f"not understood, {counted(count, 'time')}: {reason}"
               for reason, count in self._reasons.most_common(_MOST_REASONS)),
-            *(said for each in self._interfaces.values() if isinstance(each, TextInterface) for said in each.remarks()),
+            *(said for each in (*self._interfaces.values(), self._memory)
+              if isinstance(each, TextInterface | MemoryInterface) for said in each.remarks()),
         ]  # fmt: skip
 
     def _offered(self, quantity: Quantity) -> bool:
-        return any(quantity in each.offers for each in self._interfaces.values())
+        is_said = any(quantity in each.offers for each in self._interfaces.values())
+        return is_said or (self._memory is not None and quantity in self._memory.offers)
 
 
 def _readings(interface: StreamInterface, data: bytes, time_s: float) -> Sequence[Reading]:

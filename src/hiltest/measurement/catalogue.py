@@ -115,6 +115,9 @@ def _cycles() -> Iterator[Kind]:
     ):
         yield Kind(f"cycles.{{calibrator}}.{what}", unit, better, allowance, Section.CYCLES, meaning,
                    accuracy=_WORST if better is _LOWER else "")
+    yield Kind("cycles.{calibrator}.from_flash", "cycle", _NEITHER,
+               _allow(0, 0.1, "what the flash makes of a function moves by as much from one link to the next"),
+               Section.CYCLES, "Cycles of `total`, with the waits of the memories that it runs from")
     yield Kind("cycles.{calibrator}.sweeps", "", _NEITHER, _allow(0, 0, "counted; what they cost is in the total"),
                Section.CYCLES, "Sweeps that an iterative solver took")
     instructions = _allow(0, 0.01, "what they cost is in the total")

@@ -68,8 +68,8 @@ def wait_until_settled(board: CompassBoard, frame: Frame, longest_s: float | Non
 
     Notes
     -----
-    Neither lines nor packets have a check value, and a serial line may change a byte: over one a heading counts only
-    where a neighbour confirms it.
+    Packets, and most lines, have no check value, and a serial line may change a byte: over one a heading without counts
+    only where a neighbour confirms it.
     """
     device, began_s = board.device, board.now_s()
     longest_s = device.settle_s if longest_s is None else longest_s
@@ -77,12 +77,10 @@ def wait_until_settled(board: CompassBoard, frame: Frame, longest_s: float | Non
     unconfirmed = 0
     while True:
         window = board.observe(device.window_s)
-        headings_deg = [
-            frame.heading_deg(float(each.values[Quantity.HEADING][0]))
-            for each in window if Quantity.HEADING in each.values
-        ]  # fmt: skip
+        found = [each for each in window if Quantity.HEADING in each.values]
+        headings_deg = [frame.heading_deg(float(each.values[Quantity.HEADING][0])) for each in found]
         if board.kind is BoardKind.REAL:
-            said, headings_deg = len(headings_deg), confirmed(headings_deg)
+            said, headings_deg = len(headings_deg), confirmed(headings_deg, [each.checked for each in found])
             unconfirmed += said - len(headings_deg)
         if not headings_deg:
             if unconfirmed:
@@ -95,11 +93,12 @@ def wait_until_settled(board: CompassBoard, frame: Frame, longest_s: float | Non
         before = headings_deg
 
 
-def confirmed(headings_deg: Sequence[float]) -> list[float]:
-    """Return the headings that are near the one before or the one behind; a single one has none."""
+def confirmed(headings_deg: Sequence[float], checked: Sequence[bool]) -> list[float]:
+    """Return the headings that came with a right check value, or are near the one before or behind, if there is one."""
     near = [abs(wrap_180(after - one)) <= NEIGHBOURS_DEG for one, after in pairwise(headings_deg)]
     beside = [before or behind for before, behind in zip([False, *near], [*near, False], strict=True)]
-    return [heading for heading, is_near in zip(headings_deg, beside, strict=False) if is_near]
+    known = zip(headings_deg, beside, checked, strict=False)  # without headings there is one that is beside none
+    return [heading for heading, is_near, is_checked in known if is_near or is_checked]
 
 
 def agree(first_deg: Sequence[float], second_deg: Sequence[float]) -> bool:

@@ -11,7 +11,14 @@ from hiltest.measurement import Measurement, Outcome, Section
 from hiltest.record.run import BoardRecord, Run
 from hiltest.report.terminal import shown_limit, shown_value
 from hiltest.text import readable, without_folders
-from hiltest.verdict.calibrators import UNCALIBRATED, CalibratorCost, calibrator_costs
+from hiltest.verdict.calibrators import (
+    FROM_FLASH,
+    UNCALIBRATED,
+    WITH_WAITS,
+    WITHOUT_WAITS,
+    CalibratorCost,
+    calibrator_costs,
+)
 from hiltest.verdict.summary import MAY_EXCEED
 from hiltest.verdict.wording import revision
 
@@ -24,9 +31,10 @@ _MORE = (
     ("residual [%]", "fit.{}.residual"),
     ("residual rotation [deg]", "fit.{}.rotation_left"),
 )
-_COST_HEADINGS = ("cycles", "per point", "fixed")
+_CYCLES = "cycles"
 HEADINGS = (
-    *(heading for heading, _ in _ACCURACY), _COST_HEADINGS[0], *(heading for heading, _ in _MORE), *_COST_HEADINGS[1:],
+    *(heading for heading, _ in _ACCURACY), _CYCLES, WITH_WAITS, *(heading for heading, _ in _MORE),
+    "per point", "fixed",
 )
 _TONES = {Outcome.PASS: "pass", Outcome.FAIL: "fail", Outcome.UNSET: "unset"}
 
@@ -51,10 +59,11 @@ class CalibratorRow:
 
 @dataclass(frozen=True, slots=True)
 class AccuracyAndCost:
-    """The accuracy that each calibrator reaches, and what it costs."""
+    """The accuracy that each calibrator reaches, and what it costs; `flash_model` counts it as it runs from flash."""
 
     headings: tuple[str, ...]
     rows: tuple[CalibratorRow, ...]
+    flash_model: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,8 +93,13 @@ def accuracy_and_cost(run: Run) -> AccuracyAndCost:
     if run.measurement(f"heading.{UNCALIBRATED}.max"):
         rows.append(CalibratorRow(UNCALIBRATED, _cells(run, CalibratorCost(UNCALIBRATED, None))))
     told = [any(row.cells[place].text for row in rows) for place in range(len(HEADINGS))]
+    headings = tuple(compress(HEADINGS, told))
+    waited = [each for row in rows if (each := run.measurement(FROM_FLASH.format(row.name))) and each.value is not None]
+    if WITH_WAITS in headings:
+        headings = tuple(WITHOUT_WAITS if each == _CYCLES else each for each in headings)
     return AccuracyAndCost(
-        tuple(compress(HEADINGS, told)), tuple(replace(row, cells=tuple(compress(row.cells, told))) for row in rows)
+        headings, tuple(replace(row, cells=tuple(compress(row.cells, told))) for row in rows),
+        waited[0].cycle_model if waited else "",
     )
 
 
@@ -183,7 +197,7 @@ def _cells(run: Run, cost: CalibratorCost) -> tuple[Cell, ...]:
         [_cell(run, pattern.format(cost.name)) for _, pattern in columns] for columns in (_ACCURACY, _MORE)
     )
     total, *parts = _stream_cells(run, cost) if cost.is_streaming else _batch_cells(run, cost.name)
-    return (*accuracy, total, *more, *parts)
+    return (*accuracy, total, _cell(run, FROM_FLASH.format(cost.name)), *more, *parts)
 
 
 def _batch_cells(run: Run, name: str) -> list[Cell]:

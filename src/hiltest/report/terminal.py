@@ -18,6 +18,7 @@ from hiltest.record.files import REPORT_FILE
 from hiltest.record.run import Run
 from hiltest.report.comparison_text import print_changes, print_smallest_changes, printable, say_how_to_keep
 from hiltest.text import counted, number, readable, with_unit, without_folders
+from hiltest.verdict.calibrators import WITH_WAITS, WITHOUT_WAITS
 from hiltest.verdict.compare import changes_seen
 from hiltest.verdict.summary import (
     CLOSE,
@@ -35,6 +36,10 @@ from hiltest.verdict.verdict import headline
 _STYLES = {Outcome.FAIL: "bold red", Outcome.UNSET: "yellow", Outcome.NOT_OFFERED: "dim"}
 _INDENT = "  "
 _CHANGES_AT_MOST = 5
+# Headings of columns whose numbers are far narrower.
+_FOLDED = {
+    WITHOUT_WAITS: "cycles without\nmemory waits\n(ranked)", WITH_WAITS: "cycles\nas it runs\nfrom flash",
+}  # fmt: skip
 CHANGE_SEEN = "smallest change that a comparison of such a run sees in 4 of 5 cases"
 _WITHIN_NUMBER = re.compile(r"(?<=\d) (?=\d{3}\b)")
 _NO_BREAK = "\N{NO-BREAK SPACE}"
@@ -151,7 +156,8 @@ def _print_failures(console: Console, found: Summary, run: Run, folder: Path) ->
         _wrapped(console, unmeasured_in_words(found.unmeasured), "yellow", _INDENT)
     for test in run.tests:
         if test.outcome.is_of_bench:
-            _wrapped(console, f"{test.outcome}: {test.id}: {test.reason}", "red", _INDENT)
+            reason = "" if test.reason in run.verdict.sentence else f": {test.reason}"  # the first stands there
+            _wrapped(console, f"{test.outcome}: {test.id}{reason}", "red", _INDENT)
     if traces := {test.trace: test for test in run.tests if test.trace}:
         (trace, test), *more = traces.items()
         of = counted(len(traces), "test") if more else without_folders(test.id)
@@ -168,24 +174,35 @@ def _grid() -> Grid:
 def _print_calibrators(console: Console, found: Summary) -> None:
     if not found.calibrators:
         return
-    counted_cycles = any(each.result.cycles for each in found.calibrators)
-    headings = ["worst \\[deg]", "limit"]
-    if counted_cycles:
-        headings += ["cycles", "uncertainty range", "limit", *([f"of {found.reference}"] if found.reference else [])]
+    results = [each.result for each in found.calibrators]
+    columns = [("worst \\[deg]", [shown_value(each.maximum) for each in results]),
+               ("limit", [_most(each.maximum) for each in results])]
+    if counted_cycles := any(each.cycles for each in results):
+        columns += _costs(found)
     grid = _grid()
     grid.add_column("calibrator" if counted_cycles else "heading", no_wrap=True)
-    for heading in headings:
+    for heading, _ in columns:
         grid.add_column(heading, justify="right", no_wrap=True)
-    for each in found.calibrators:
-        maximum, cycles = each.result.maximum, each.result.cycles
-        cells = [
-            escape(each.name), shown_value(maximum), _most(maximum), number(cycles.value) if cycles else "",
-            str(cycles.band or "") if cycles else "", _most(cycles), each.ratio,
-        ]
-        style = "red" if maximum.gates or (cycles and cycles.gates) else ""
-        grid.add_row(*cells[: len(headings) + 1], style=style)
+    for each, *cells in zip(results, *(cells for _, cells in columns), strict=True):
+        style = "red" if each.maximum.gates or (each.cycles and each.cycles.gates) else ""
+        grid.add_row(escape(each.name), *cells, style=style)
     console.print()
     console.print(grid)
+
+
+def _costs(found: Summary) -> list[tuple[str, list[str]]]:
+    """Return headings and cells of cost; with and without the waits of memories each column says which."""
+    results = [each.result for each in found.calibrators]
+    counts = [each.cycles for each in results]
+    cycles = [shown_value(each) if each else "" for each in counts]
+    ranges = ("uncertainty range", [str(each.band or "") if each else "" for each in counts])
+    limits = ("limit", [_most(each) for each in counts])
+    waited = [shown_value(each.from_flash) if each.from_flash else "" for each in results]
+    ratios = [(f"of {found.reference}", [each.ratio for each in found.calibrators])] if found.reference else []
+    if not any(waited):
+        return [("cycles", cycles), ranges, limits, *ratios]
+    of_limits = [limits] if any(limits[1]) else []
+    return [(_FOLDED[WITHOUT_WAITS], cycles), ranges, (_FOLDED[WITH_WAITS], waited), *of_limits, *ratios]
 
 
 def _most(measurement: Measurement | None) -> str:

@@ -180,6 +180,6 @@ def _reason(report: pytest.TestReport) -> str:
     if report.skipped and isinstance(report.longrepr, tuple):
         return str(report.longrepr[2]).removeprefix("Skipped: ")
     crash = getattr(report.longrepr, "reprcrash", None)
-    text = str(crash.message if crash else report.longrepr)
+    text = str(crash.message if crash else report.longrepr).removeprefix("Failed: ")  # of pytest.fail
     lines = text.strip().splitlines()
     return lines[0] if lines else ""

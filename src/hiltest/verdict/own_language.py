@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
-from hiltest.measurement import Measurement
+from hiltest.measurement import KINDS, Measurement
 from hiltest.record.run import Table
-from hiltest.verdict.calibrators import maximum_of, value_of
+from hiltest.text import readable
+from hiltest.verdict.calibrators import CalibratorResult, maximum_of, value_of
 from hiltest.verdict.causes import Cause
 
 #: Subjects of such firmware's headings: its own, that of its calibrated vectors, and that of its calibration alone.
@@ -15,6 +16,10 @@ FIRMWARE, ECOMPASS, CALIBRATED = "firmware", "ecompass", "calibrated"
 
 _PARTS = {ECOMPASS: "without its filter", CALIBRATED: "by its calibration alone"}
 _CONTRADICTIONS = "heading.contradictions"
+_TILT_ERROR = KINDS["accelerometer.tilt_error"]
+_OTHER_TILT = (
+    "Take pitch and roll so under [device] in the rig, what is negated with scale = -1, or correct the firmware."
+)
 
 
 def diagnose_firmware(found: Mapping[str, Measurement], tables: Mapping[str, Table]) -> tuple[Cause, list[str]]:
@@ -65,6 +70,12 @@ def diagnose_parts(tables: Mapping[str, Table]) -> tuple[Cause, list[str]]:
     return (Cause.FRAME, [vectors]) if vectors else (Cause.NOT_TOGETHER, [])
 
 
+def next_step(measurement: Measurement, tables: Mapping[str, Table]) -> str:
+    """Return what to do about a measurement out of its limit; angles that are only taken for others are no sensor's."""
+    is_other = measurement.kind is _TILT_ERROR and "tilt" in _contradictions(tables)
+    return _OTHER_TILT if is_other else measurement.next_step
+
+
 def parts_in_words(worst_deg: Mapping[str, float | None]) -> str:
     """Return how far the firmware's calibrated vectors and its calibration alone err, in a sentence; may be empty."""
     parts = [
@@ -72,6 +83,31 @@ def parts_in_words(worst_deg: Mapping[str, float | None]) -> str:
     ]
     words = ", ".join(parts)
     return f"{words[0].upper()}{words[1:]}." if words else ""
+
+
+def costs_in_words(results: Sequence[CalibratorResult]) -> str:
+    """Return what the firmware's own fit takes, and beside it the cheapest other one of the same samples.
+
+    Parameters
+    ----------
+    results : sequence of CalibratorResult
+        Cheapest first.
+    """
+    own = next((each for each in results if each.name == CALIBRATED), None)
+    cycles = value_of(own.cycles) if own else None
+    if own is None or cycles is None:
+        return ""
+    waited = value_of(own.from_flash)
+    cost = f"Its fit takes {readable(cycles)} cycles"
+    cost += "" if waited is None else f" without memory waits, {readable(waited)} from flash"
+    other = next((each for each in results if each is not own and value_of(each.cycles) is not None), None)
+    parts = [f"{cost}{_noted(own)}"]
+    parts += [f"{other.name} {readable(value_of(other.cycles))}{_noted(other)}"] if other else []
+    return f"{'; '.join(parts)}."
+
+
+def _noted(result: CalibratorResult) -> str:
+    return f" ({result.cycles.note})" if result.cycles and result.cycles.note else ""
 
 
 def _within(measurement: Measurement | None, limit_deg: float | None) -> bool:

@@ -21,7 +21,7 @@ from hiltest.text import counted, listed, number, readable
 from hiltest.verdict.calibrators import CalibratorResult, calibrator_results, value_of
 from hiltest.verdict.causes import ADVICE
 from hiltest.verdict.diagnosis import Diagnosis, diagnose_run
-from hiltest.verdict.own_language import FIRMWARE
+from hiltest.verdict.own_language import FIRMWARE, next_step
 
 CLOSE = 0.05
 """A measurement is close to its limit from this part of it on."""
@@ -128,7 +128,7 @@ def summarise(run: Run | Findings) -> Summary:
         unmeasured=tuple(unmeasured),
         advice=tuple(dict.fromkeys((
             *(ADVICE[each.cause] for each in causes.values()),
-            *(each.measurement.next_step for each in failures if not each.cause),
+            *(next_step(each.measurement, tables) for each in failures if not each.cause),
             *([_OF_UNSET] if unset and not failed and not broken else []),
         ))),
         reference=reference.name if reference else "",

@@ -20,7 +20,7 @@ from hiltest.verdict.calibrators import (
     has_no_number,
     value_of,
 )
-from hiltest.verdict.own_language import FIRMWARE, parts_in_words
+from hiltest.verdict.own_language import FIRMWARE, costs_in_words, parts_in_words
 from hiltest.verdict.summary import Failure, Summary, held_to, ratio_in_words, summarise, unmeasured_in_words
 from hiltest.verdict.wording import sentence
 
@@ -152,9 +152,11 @@ def _reached(summary: Summary, poses: int) -> str:
     lead = next((each for each in results if each.name == summary.reference), results[0])
     ratios = {each.name: each.ratio for each in summary.calibrators}
     others = [each for each in results if each is not lead and ratios[each.name] and each.maximum.value is not None]
-    beside = parts_in_words({each.name: value_of(each.maximum) for each in results}) if lead.name == FIRMWARE else ""
+    beside = [
+        parts_in_words({each.name: value_of(each.maximum) for each in results}), costs_in_words(results),
+    ] if lead.name == FIRMWARE else []  # fmt: skip
     against = _against(others[0], lead) if others else ""
-    return " ".join(filter(None, (_accuracy_and_cost(lead, poses), beside, against)))
+    return " ".join(filter(None, (_accuracy_and_cost(lead, poses), *beside, against)))
 
 
 def _accuracy_and_cost(result: CalibratorResult, poses: int) -> str:

@@ -41,6 +41,10 @@ class CallWatch:
 
     Attributes
     ----------
+    running : RunningCalls or NativeRunningCalls
+        What sees the calls.
+    functions : dict of str to WatchedFunction
+        By name.
     began : int
         Cycle of the latest `begin`.
 
@@ -52,17 +56,17 @@ class CallWatch:
 
     def __init__(self, processor: Processor, functions: Iterable[str]) -> None:
         self._image = processor.image
-        self._running = _running_calls(processor)
+        self.running = _running_calls(processor)
         symbols = [function_named(self._image, name) for name in functions]
-        self._functions = {symbol.name: self._running.watch(symbol.address) for symbol in symbols}
+        self.functions = {symbol.name: self.running.watch(symbol.address) for symbol in symbols}
         self.begin()
 
     def begin(self) -> None:
         """Leave the calls out that began before now."""
-        self._running.settle()
-        self.began = self._running.now()
+        self.running.settle()
+        self.began = self.running.now()
         self._before = {
-            name: (len(each.calls), each.abandoned, each.came_back) for name, each in self._functions.items()
+            name: (len(each.calls), each.abandoned, each.came_back) for name, each in self.functions.items()
         }
 
     def look_at(self, address: int, size: int) -> None:
@@ -73,26 +77,26 @@ class CallWatch:
         ConfigError
             It says what another place holds already.
         """
-        for name, each in self._functions.items():
+        for name, each in self.functions.items():
             if each.looks_at not in (None, (address, size)):
                 raise ConfigError(f"{name} is watched for another word already; one word ends its solutions")
-            self._running.look_at(each, address, size)
+            self.running.look_at(each, address, size)
 
     @property
     def cycles(self) -> int:
         """Cycles that have passed since `begin`, asleep or not."""
-        return self._running.now() - self.began
+        return self.running.now() - self.began
 
     def calls(self, function: str) -> Sequence[Call]:
         """Return the calls of a function that began and returned since `begin`, in the order of their return."""
-        self._running.settle()
+        self.running.settle()
         first, _, _ = self._before[function]
-        return [each for each in self._functions[function].calls[first:] if each.entered >= self.began]
+        return [each for each in self.functions[function].calls[first:] if each.entered >= self.began]
 
     def summary(self, function: str) -> CallSummary:
         """Return what the calls of a function since `begin` come to."""
         calls = self.calls(function)
-        watched, (_, abandoned, came_back) = self._functions[function], self._before[function]
+        watched, (_, abandoned, came_back) = self.functions[function], self._before[function]
         return summarised(
             function, calls, self.cycles, abandoned=watched.abandoned - abandoned, open_calls=watched.open,
             came_back=watched.came_back - came_back, lost=watched.lost, ended_in=self._ended_in(function, calls),
@@ -100,7 +104,7 @@ class CallWatch:
 
     def _ended_in(self, function: str, calls: Sequence[Call]) -> tuple[str, ...]:
         """Name the other functions that returned in the place of one."""
-        own = self._functions[function].address
+        own = self.functions[function].address
         found = {self._image.function_at(place) for place in {each.ended_in for each in calls}}
         names = {each.name for each in found if each is not None and each.address != own}
         return tuple(sorted(name for name in names if name.partition(_COLD)[0] != function))

@@ -183,6 +183,11 @@ class RunningCalls:
             self._paused_cycles += self._processor.cycles - began
             self._paused_cycles += emptied_pipeline_costs(self._processor, thread.state)
 
+    @property
+    def is_paused(self) -> bool:
+        """Whether what runs is not seen."""
+        return self._is_paused
+
     def now(self) -> int:
         """Cycles since power-on without those that were paused, while nothing runs."""
         return self._accounting.cycles - self._paused_cycles

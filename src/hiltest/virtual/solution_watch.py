@@ -12,6 +12,7 @@ from hiltest.virtual.call_summary import Call, Solution, SolutionSummary, soluti
 from hiltest.virtual.call_watch import CallWatch
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.elf import FirmwareImage
+from hiltest.virtual.kept_slices import KeptSlices, KeptSolution
 
 _PLACE = re.compile(r"(?P<symbol>[A-Za-z_$][\w$.]*)\s*(?:\+\s*(?P<offset>0[xX][0-9a-fA-F]+|\d+))?")
 _SIZES = (1, 2, 4)
@@ -97,12 +98,14 @@ class SolutionWatch:
         self._functions = tuple(functions)
         self._watch = CallWatch(processor, self._functions)
         self._watch.look_at(self._address, end.size)
+        self._kept = KeptSlices(processor, self._watch, self._ends)
         self.begin()
 
     def begin(self) -> None:
         """Leave the solutions out that began before now."""
         self._watch.begin()
         self._before = int.from_bytes(self._memory.read(self._address, self._end.size), "little")
+        self._kept.begin(self._before, is_whole=self._starts_whole)
 
     def _ends(self, slice_: Call, before: int) -> bool:
         return slice_.left == 0 if self._end.when is EndsWhen.ZERO else slice_.left != before
@@ -111,10 +114,17 @@ class SolutionWatch:
     def solutions(self) -> list[Solution]:
         """Solutions since `begin`."""
         slices = sorted(call for name in self._functions for call in self._watch.calls(name))
-        starts_whole = self._watch.began == 0 or (self._end.when is EndsWhen.ZERO and self._before == 0)
-        return solved(slices, self._ends, before=self._before, is_whole=starts_whole)
+        return solved(slices, self._ends, before=self._before, is_whole=self._starts_whole)
+
+    @property
+    def _starts_whole(self) -> bool:
+        return self._watch.began == 0 or (self._end.when is EndsWhen.ZERO and self._before == 0)
 
     @property
     def summary(self) -> SolutionSummary:
         """What the solutions since `begin` come to."""
         return solutions_summarised(self.solutions)
+
+    def latest(self) -> KeptSolution | None:
+        """Return the solution that was completed last since `begin`, to be computed once more; None without one."""
+        return self._kept.latest()

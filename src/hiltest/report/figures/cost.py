@@ -16,6 +16,7 @@ from hiltest.verdict.calibrators import calibrator_costs
 
 SIZES_TABLE, CURVE_TABLE = "cycles.sizes", "budget.curve"
 _FEWEST = 2  # one dot is no comparison
+_FAR = 5.0  # times the largest error: a limit beyond is not drawn, or all that is compared would lie on one line
 _WIDTH = panel_width(2, 2)
 # As the thesis has them: what its own calibrator takes for N points, and the library's, one iteration a point.
 _THESIS = (("thesis: 168 N + 2600", 168.0, 2600.0), ("thesis: 2860 N", 2860.0, 0.0))
@@ -45,6 +46,8 @@ def _accuracy_figure(run: Run) -> Figure | None:
     ]
     if len(rated) < _FEWEST:
         return None
+    far = _FAR * max(error for _, _, error, _ in rated)
+    rated = [(each, x, error, limit if limit and limit <= far else None) for each, x, error, limit in rated]
     xs = [x for _, x, _, _ in rated]
     top = 1.15 * max(0.1, *(side for _, _, error, limit in rated for side in (error, limit or 0.0)))
     figure = Figure(

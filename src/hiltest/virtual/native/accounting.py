@@ -193,10 +193,12 @@ class NativeBlockAccounting:
             self._spread(2 * len(self._table))
         else:
             self._library.hiltest_add_block(self._address, ctypes.addressof(priced))
-        self._note_end(number, block.instructions[-1])
+        self._note_end(number, block)
 
-    def _note_end(self, number: int, last: Instruction) -> None:
+    def _note_end(self, number: int, block: CodeBlock) -> None:
+        last = block.instructions[-1]
         does = (native.CALLS if last.calls else 0) | (native.RETURNS if last.may_return else 0)
+        does |= native.LEAVES_NOTHING if block.exit_state == NEUTRAL else 0
         self._ends[2 * number : 2 * number + 2] = [last.address, does]
 
     def _spread(self, places: int) -> None:
@@ -242,7 +244,7 @@ class NativeBlockAccounting:
             self._entered.append(Entered(kept, NO_BLOCK))
         self._spread(_PLACES)
         if kept:
-            self._note_end(0, kept.instructions[-1])
+            self._note_end(0, kept)
 
     def words(self, field: str) -> int:
         """Return where a field of the counter is, for other hooks in C."""

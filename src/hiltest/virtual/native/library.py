@@ -17,7 +17,7 @@ USES_FPU, ALIGNMENT_INSIDE, CHANGES_MASKS, LOOPS_TO_ITSELF, WATCHED, MAY_WAIT, M
     1 << bit for bit in range(7)
 )
 STEADY, COUNTED, COUNTS = 1, 2, 4  # of a byte of registers
-CALLS, RETURNS = 1, 2  # of the last instruction of a block
+CALLS, RETURNS, LEAVES_NOTHING = 1, 2, 4  # of the end of a block
 CORE_REGISTERS = 15
 NO_HEAD = -1
 _MOST_BLOCKS, _MOST_READS = 96, 24

@@ -19,8 +19,8 @@ enum {
 
 enum { OF_THREAD = 2 }; /* flag of a frame: an exception entered from thread mode, or returns to it */
 
-/* What the last instruction of a block may have done. */
-enum { CALLS = 1 << 0, RETURNS = 1 << 1 };
+/* What the last instruction of a block may have done; and that behind it nothing in the pipeline is left to overlap. */
+enum { CALLS = 1 << 0, RETURNS = 1 << 1, LEAVES_NOTHING = 1 << 2 };
 
 static const uint32_t EXC_RETURN = 0xFFFFFFE0u; /* a return address from here on ends an exception */
 
@@ -413,7 +413,7 @@ uint32_t hiltest_calls_leave(struct calls *calls)
     thread->state = 0;
     if (*calls->instructions != thread->resumed_behind) { /* else it was left before it ran, and loses nothing more */
         thread->before = last_of(calls, thread);
-        thread->state = *calls->state;
+        thread->state = (thread->before.kind & LEAVES_NOTHING) != 0 ? 0 : *calls->state;
     }
     return thread->state;
 }

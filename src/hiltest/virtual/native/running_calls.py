@@ -159,6 +159,11 @@ class NativeRunningCalls:
             gone = self._processor.cycles - began + emptied_pipeline_costs(self._processor, state)
             self._library.hiltest_calls_resume(self._address, gone)
 
+    @property
+    def is_paused(self) -> bool:
+        """Whether what runs is not seen."""
+        return bool(self._calls.is_paused)
+
     def now(self) -> int:
         """Cycles since power-on without those that were paused, while nothing runs."""
         return int(self._accounting.cycles - self._calls.paused_cycles)
