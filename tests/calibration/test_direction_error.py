@@ -49,6 +49,7 @@ def test_on_half_a_sphere_the_bias_is_most_of_the_error() -> None:
     assert spread < 0.3 * found, "without the bias the prediction would be far too good"
 
 
+@pytest.mark.slow
 def test_what_corrected_leaves_is_the_spread() -> None:
     """The bias that `direct` has on the same half is not there, and not predicted where it is said to be gone."""
     biased, _, _ = _found_and_predicted(fit_direct, covered=0.5, noise_ut=1.0, count=1000)

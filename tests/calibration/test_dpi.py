@@ -160,6 +160,7 @@ def test_too_few_rows_are_refused_and_counted(readings: int, least: int) -> None
     assert not few.calibration.has_fit
 
 
+@pytest.mark.slow
 def test_a_hundred_single_pairs_exceed_two_degrees_in_one_of_a_hundred_seeds() -> None:
     """Why 300 are asked for: attitudes all round, 0.4 uT, and poses of 16 readings in the default world's field.
 
@@ -226,6 +227,7 @@ def test_shapes_that_do_not_fit_are_refused() -> None:
         fit_dpi(np.zeros((300, 3)), np.full((300, 3), np.nan))
 
 
+@pytest.mark.slow
 def test_the_papers_scenario() -> None:
     """Medians over 100 trials: 58 degrees, 11 with both ellipsoids, 0.37 with gravity's ellipsoid and DPI.
 

@@ -73,6 +73,7 @@ def test_it_is_whole_to_begin_with(content: bytes) -> None:
     assert outcomes(content) == ["found", "found", "found", "found", "refused", "found"]
 
 
+@pytest.mark.slow
 def test_bytes_that_are_wrong_are_refused_or_make_no_difference(content: bytes) -> None:
     sections = debug_sections(content)
     chosen = random.Random(18)

@@ -139,6 +139,7 @@ def test_host_and_board_give_the_same_bits(
     assert {FitStatus.ELLIPSOID, FitStatus.POOR_COVERAGE} <= statuses
 
 
+@pytest.mark.slow
 def test_c_and_float64_agree_over_the_thesis_generator(host_stream: MakeStream) -> None:
     direct = host_stream("direct-stream")
     seeds, cap_seeds = range(1000, 1570), range(2000, 2030)

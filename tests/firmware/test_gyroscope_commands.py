@@ -97,6 +97,7 @@ def test_stillness_is_not_judged_of_fewer_samples_than_a_window() -> None:
     assert struct.unpack("<12f", bench.ask(GET))[9:] == untested[1:4], "without a noise nobody asked for a test"
 
 
+@pytest.mark.slow
 def test_noise_is_no_motion() -> None:
     """475 windows of 20: six sigma on three axes are exceeded in three of a million such tests."""
     for seed in range(5):

@@ -75,6 +75,7 @@ def half_a_sphere(points: int) -> NDArray[np.int16]:
     return np.rint(ray + noise.normal(scale=10.0, size=ray.shape) + (1700, -1210, 1240)).astype(np.int16)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("calibrator", ["direct", "direct-stream"])
 def test_a_refused_ellipsoid_costs_more_than_one_of_more_points(virtual_board: Board, calibrator: str) -> None:
     """The sphere comes on top. So costs go down where fits begin to succeed, and the largest effort is behind that."""

@@ -83,6 +83,7 @@ def test_what_the_data_say_of_the_field_is_near_the_truth(virtual_board: Board, 
     assert found.run.rotation_left_deg < 1.0
 
 
+@pytest.mark.slow
 def test_still_poses_leave_less_of_a_rotation(virtual_board: Board, simulated_turntable: Turntable) -> None:
     collect_still_poses(virtual_board, simulated_turntable, spread_poses(38))
     still = fit_still_poses(virtual_board, 38)

@@ -131,6 +131,7 @@ def test_where_nobody_knows_the_truth_there_are_no_errors(
 
 # Those that show least: errors of 8, 8 and 49 degrees of heading. Wrong signs of all axes or of z alone make 86 and
 # more; orientation/test_fusion.py has the filter by itself under each.
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "wrong",
     [np.eye(3)[[1, 0, 2]], np.diag([1.0, -1.0, 1.0]), np.radians(np.eye(3))],
