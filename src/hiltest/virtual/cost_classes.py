@@ -13,7 +13,8 @@ from enum import StrEnum
 
 from hiltest.virtual.blocks import CodeBlock
 from hiltest.virtual.instructions import Instruction
-from hiltest.virtual.timing import NEUTRAL, PipelineState, TimingProfile
+from hiltest.virtual.pipeline import NEUTRAL, PipelineState
+from hiltest.virtual.timing import TimingProfile
 
 
 class Work(StrEnum):

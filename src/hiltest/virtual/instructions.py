@@ -36,8 +36,10 @@ class Instruction:
         The row of the timing profile that prices it.
     words : int
         Words moved by a multiple transfer, else 0.
-    address_registers, loaded_registers : int
-        Core registers that a single load takes its address from, and writes.
+    address_registers : int
+        Core registers that an access takes its address from.
+    loaded_registers : int
+        Core registers that a single load writes.
     fp_reads, fp_writes, fp_addend : int
         Single registers read, written, and read only as the addend of a MAC.
     transfer : str
@@ -74,6 +76,11 @@ class Instruction:
     aligned_base: int = -1
     core_writes: int = 0
     derived: tuple[tuple[int, int], ...] = ()
+
+    @property
+    def misplaced(self) -> bool:
+        """Whether it has four bytes and does not begin at a multiple of four: two words have to be fetched."""
+        return self.size == 4 and self.address % 4 != 0
 
     def jumps_to(self, address: int) -> bool:
         """Whether it is an unconditional branch to `address`."""
@@ -257,11 +264,10 @@ def _classify(raw: Any, *, in_it_block: bool) -> Instruction:
     memory = next((operand.mem for operand in raw.operands if operand.type == arm.ARM_OP_MEM), None)
     row, more = _price_class(raw, memory, core_writes)
     fields |= {"row": row, "core_writes": core_writes, "derived": _derived(raw, row, memory)} | more
+    fields["address_registers"] = _address_registers(raw, memory) & ~_PC_BIT
     if row == "load":
         # A base that is written back is not loaded: the next load may use it at once.
-        base_registers = _masks([memory.base, memory.index])[0] if memory is not None else 0
-        destination = _masks([raw.operands[0].reg])[0]
-        fields |= {"address_registers": base_registers & ~_PC_BIT, "loaded_registers": destination}
+        fields["loaded_registers"] = _masks([raw.operands[0].reg])[0]
     if row == "fp_accumulate":
         addend = _masks([raw.operands[0].reg])[1]
         others = _masks([operand.reg for operand in raw.operands[1:]])[1]
@@ -315,13 +321,25 @@ def _fp_class(raw: Any) -> str:
     return "fp"
 
 
+def _address_registers(raw: Any, memory: Any) -> int:
+    if memory is not None:
+        return _masks([memory.base, memory.index])[0]
+    if raw.id in _MULTIPLES:
+        return _masks([_multiple_registers(raw)[0]])[0]
+    return 0
+
+
+def _multiple_registers(raw: Any) -> tuple[int, list[Any]]:
+    """Return the base of a multiple transfer, and the operands that are moved."""
+    if raw.id in (arm.ARM_INS_PUSH, arm.ARM_INS_POP, arm.ARM_INS_VPUSH, arm.ARM_INS_VPOP):
+        return arm.ARM_REG_SP, raw.operands
+    return raw.operands[0].reg, raw.operands[1:]
+
+
 def _multiple(raw: Any, memory: Any) -> dict[str, Any]:
     if raw.id in _DOUBLES:
         return {"words": 2} | _alignment(memory.base)
-    if raw.id in (arm.ARM_INS_PUSH, arm.ARM_INS_POP, arm.ARM_INS_VPUSH, arm.ARM_INS_VPOP):
-        registers, base = raw.operands, arm.ARM_REG_SP
-    else:
-        registers, base = raw.operands[1:], raw.operands[0].reg
+    base, registers = _multiple_registers(raw)
     core, floating = _masks([operand.reg for operand in registers])
     return {"words": core.bit_count() + floating.bit_count()} | _alignment(base)
 

@@ -19,14 +19,14 @@ from functools import partial
 
 import unicorn
 
-from hiltest.virtual.accounting import CODE_CALLBACK
 from hiltest.virtual.blocks import CodeBlock
 from hiltest.virtual.call_summary import Call
+from hiltest.virtual.code_hook import CODE_CALLBACK
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.engine import add_hook
 from hiltest.virtual.exceptions import OF_THREAD
 from hiltest.virtual.instructions import Instruction, decode
-from hiltest.virtual.timing import NEUTRAL, PipelineState
+from hiltest.virtual.pipeline import NEUTRAL, PipelineState
 
 _STACK_AND_LINK = (13, 14)
 _EXC_RETURN = 0xFFFFFFE0  # a return address from here on ends an exception
@@ -350,9 +350,7 @@ class RunningCalls:
         thread.left_at = accounting.cycles - self._paused_cycles
         thread.state = NEUTRAL
         if accounting.instructions != thread.resumed_behind:  # else it was left before it ran, and loses nothing more
-            before = thread.before = accounting.before
-            if before is not None and not before.transfers:
-                thread.state = before.exit_state
+            thread.before, thread.state = accounting.before, accounting.left
 
     def _end_handler(self) -> None:
         """Close the calls of an exception: of its handler, and of what that tail-called."""
