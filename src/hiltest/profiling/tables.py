@@ -50,7 +50,7 @@ def _print_head(console: Console, profile: ProfileDocument) -> None:
         f"({each:.2f} cycles each), {microseconds:.2f} us at {profile.core_clock_hz / 1e6:g} MHz",
         soft_wrap=True,
     )
-    band = f": {profile.band.explained()}" if profile.band else ""
+    band = f": {profile.band.explained(of=profile.cycles)}" if profile.band else ""
     console.print(escape(f"cycle model {profile.cycle_model}{band}"), soft_wrap=True)
     for note in profile.notes:
         console.print(escape(f"note: {note}"), style="yellow", soft_wrap=True)
