@@ -161,7 +161,8 @@ def rows(figures: Sequence[Published] = FIGURES) -> Iterator[str]:
         by_version[TWO].append((each, second))
         cells = (
             f"{each.elf}: `{each.function}`", _number(each.cycles) + (" (rounded)" if each.rounded else ""),
-            _number(first.cycles), f"{first.error(each):+.2%}", _number(second.cycles), f"{second.error(each):+.2%}",
+            *(cell for counted in (first, second)
+              for cell in (_number(counted.cycles), f"{100 * counted.error(each):+.2f} %")),
             f"{_number(second.low)} to {_number(second.high)}", "inside" if second.holds(each) else "outside",
             _SHORT[each.source] + ("; tables in flash" if each.tables_in_flash else ""),
         )  # fmt: skip
@@ -171,7 +172,7 @@ def rows(figures: Sequence[Published] = FIGURES) -> Iterator[str]:
     yield "| --- | --: | --: | --: | --: |"
     for name, chosen in (("all", lambda _: True), ("tables not in flash", lambda each: not each.tables_in_flash)):
         found = [[pair for pair in counts if chosen(pair[0])] for counts in by_version.values()]
-        shares = [f"{part:.2%}" for counts in found for part in mean_and_worst(counts)]
+        shares = [f"{100 * part:.2f} %" for counts in found for part in mean_and_worst(counts)]
         yield f"| {name} ({len(found[0])}) | {' | '.join(shares)} |"
 
 

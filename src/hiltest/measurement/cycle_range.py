@@ -52,8 +52,9 @@ class CycleRange:
 
     def explained(self, model: str = "the cycle model", *, of: float | None = None) -> str:
         """Return the range in words, with the row that contributes most, and what part of `of` is doubt about fetch."""
-        fetch = f"; {self.about_fetch / of:.1%} of the count is doubt about fetch" if of and self.about_fetch else ""
-        return self._explained(model) + fetch
+        if not of or not self.about_fetch:
+            return self._explained(model)
+        return f"{self._explained(model)}; {100 * self.about_fetch / of:.1f} % of the count is doubt about fetch"
 
     def _explained(self, model: str) -> str:
         most = self.moved_most_by

@@ -14,7 +14,6 @@ from capstone import arm_const as arm
 _PC_BIT = 1 << 15
 _LINK_BIT = 1 << 14
 
-
 # Stores, and what masks interrupts: such a loop may only wait all the same, see `hiltest.virtual.waits`.
 _PROVABLE_ROWS = {"store", "store_register_offset"}
 _PROVABLE_SYSTEM = ("nop", "cps", "mrs", "msr")
@@ -36,10 +35,8 @@ class Instruction:
         The row of the timing profile that prices it.
     words : int
         Words moved by a multiple transfer, else 0.
-    address_registers : int
-        Core registers that an access takes its address from.
-    loaded_registers : int
-        Core registers that a single load writes.
+    address_registers, loaded_registers : int
+        Core registers that an access takes its address from, and that a single load writes.
     fp_reads, fp_writes, fp_addend : int
         Single registers read, written, and read only as the addend of a MAC.
     transfer : str
@@ -82,14 +79,20 @@ class Instruction:
         """Whether it has four bytes and does not begin at a multiple of four: two words have to be fetched."""
         return self.size == 4 and self.address % 4 != 0
 
+    @property
+    def target(self) -> int | None:
+        """Where it jumps, if that stands in it."""
+        target = self.text.rpartition("#")[2]
+        return int(target, 16) if self.transfer == "direct" and target.startswith("0x") else None
+
     def jumps_to(self, address: int) -> bool:
         """Whether it is an unconditional branch to `address`."""
-        return self.transfer == "direct" and not self.conditional and self.text.endswith(f"#{address:#x}")
+        return not self.conditional and self.target == address
 
     def jumps_back(self, address: int) -> bool:
         """Whether it is a branch, conditional or not, to `address` or to what stands before it; calls are none."""
-        mnemonic, _, target = self.text.partition(" #")
-        return self.transfer == "direct" and mnemonic != "bl" and bool(target) and int(target, 16) <= address
+        target = self.target
+        return target is not None and not self.calls and target <= address
 
     @property
     def calls(self) -> bool:
