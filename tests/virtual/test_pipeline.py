@@ -10,7 +10,7 @@ from hiltest.virtual.profile_file import load_profile
 from hiltest.virtual.timing import TimingProfile, moved
 
 ONE, TWO = load_profile("cortex-m4-trm/1"), load_profile("cortex-m4-trm/2")
-DIGEST = "af8d859467eb07f043bcade876a85dfb6d5975108a647b332fb3e742dd3cebcd"
+DIGEST = "ec3ec4a862c2fc5a3bfaf57d95e5d5dfd569fbab2cb74c353937431d2e1068c1"
 
 # Machine code, little-endian, written from the encodings in the ARMv7-M manual. The name says how many bytes it has.
 NOP2 = bytes.fromhex("00bf")
@@ -83,6 +83,13 @@ def test_it_takes_no_cycle_behind_two_bytes_and_one_behind_four() -> None:
     assert cycles(CMP2 + IT2 + MOVEQ2) == 2
     assert cycles(EOR4 + IT2 + MOVEQ2) == 3
     assert cycles(IT2 + MOVEQ2) == 2
+
+
+def test_what_an_it_block_skips_takes_a_cycle_where_the_row_says_so() -> None:
+    ite = bytes.fromhex("14bf")
+    code = NOP2 + ite + LDR2 + LDM2 + LDR_INDEX2
+    assert cycles(code) == 1 + 0 + 2 + 4 + 2
+    assert cycles(code, moved(TWO, {"it_executed": 0})) == 1 + 0 + 1 + 1 + 2
 
 
 def test_an_address_is_late_through_an_it_that_takes_no_cycle() -> None:

@@ -212,6 +212,8 @@ def rows_of(instructions: tuple[Instruction, ...]) -> frozenset[str]:
         rows.update(_ALSO.get(instruction.row, ()))
         if instruction.uses_fpu:
             rows.add("fp_use")
+        if instruction.predicated:
+            rows.add("it_executed")
         if instruction.address_registers:
             rows.add("address_use")
         if instruction.misplaced:

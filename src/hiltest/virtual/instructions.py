@@ -24,10 +24,7 @@ _NOT_WAITING = ("st", "push", "udf", ".", "mcr", "mrc", "cdp", "ldc")
 
 @dataclass(frozen=True, slots=True)
 class Instruction:
-    """One decoded instruction.
-
-    Register sets are bit masks: bit n of the core masks is r(n), bit n of the
-    floating-point masks is s(n).
+    """One decoded instruction; of sets of registers bit n is r(n), of floating-point ones s(n).
 
     Attributes
     ----------
@@ -43,6 +40,8 @@ class Instruction:
         "" for none, "direct" (target in the instruction), "indirect".
     conditional : bool
         Whether a transfer may fall through.
+    predicated : bool
+        Whether it is no transfer and stands in an IT block, as far as that is known.
     changes_masks : bool
         Whether interrupts may become deliverable behind it.
     sends_event : bool
@@ -68,6 +67,7 @@ class Instruction:
     uses_fpu: bool = False
     transfer: str = ""
     conditional: bool = False
+    predicated: bool = False
     changes_masks: bool = False
     sends_event: bool = False
     aligned_base: int = -1
@@ -276,7 +276,7 @@ def _classify(raw: Any, *, in_it_block: bool) -> Instruction:
         others = _masks([operand.reg for operand in raw.operands[1:]])[1]
         fields |= {"fp_reads": others, "fp_addend": addend & ~others}
     fields |= _control(raw, core_writes, in_it_block=in_it_block)
-    return Instruction(**fields)
+    return Instruction(**fields, predicated=in_it_block and "transfer" not in fields)
 
 
 def _uses_fpu(raw: Any) -> bool:

@@ -13,7 +13,7 @@ row. The rules say what one instruction does to the next:
 
 What is remembered between instructions is a `PipelineState`. Only a control
 transfer resets it; then an unfinished division is waited for, which errs on
-the dear side. Instructions inside an IT block are priced as if executed.
+the dear side. Instructions inside an IT block are priced as if executed, but where a row says otherwise.
 A profile may have more rules, of `hiltest.virtual.pipeline`.
 """
 
@@ -47,7 +47,7 @@ _LEAVES_NOTHING = frozenset(
 )
 # Rows of the rules that a profile may have, see `hiltest.virtual.pipeline`.
 RULE_ROWS = frozenset(
-    {"address_use", "it_folded", "target_misplaced", "return_misplaced", "fetch_late", "fetch_late_fp"}
+    {"address_use", "it_folded", "it_executed", "target_misplaced", "return_misplaced", "fetch_late", "fetch_late_fp"}
 )
 _OWN_REFILLS = {"table_branch": "refill_table", "load": "refill_load"}
 _SINGLE_TRANSFERS = {"load": "load", "store": "store", "store_register_offset": "store"}
@@ -85,6 +85,7 @@ class TimingProfile:
         self.rows = rows
         self._value = {key: row.value for key, row in rows.items()}
         self._rules = Rules(self._value) if rows.keys() & RULE_ROWS else None
+        self._executes_predicated = self._value.get("it_executed", 1) > 0
         self._hidden = min(self._value["fp_accumulate_hidden"], self._value["fp_accumulate"] - 1)
         self.exception_entry = self._value["exception_entry"]
         self.exception_return = self._value["exception_return"]
@@ -111,7 +112,8 @@ class TimingProfile:
             return self._step(instruction, state)
         if rules.folds(instruction, state):
             return self._value["it_folded"], state._replace(late=Late.NOTHING, misplaced=0)
-        cycles, left = self._step(instruction, state)
+        skipped = instruction.predicated and not self._executes_predicated
+        cycles, left = (1, NEUTRAL) if skipped else self._step(instruction, state)
         late, late_fetch = rules.waits(instruction, state)
         return cycles + late + late_fetch, rules.leave(instruction, state, cycles + late, left)
 
