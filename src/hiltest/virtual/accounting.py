@@ -90,6 +90,11 @@ class Accounting(Protocol):
         """Instructions before the one at `pc`, which is being executed."""
         ...
 
+    @property
+    def late(self) -> int:
+        """Cycles that the block (or instruction) which runs waits because of how execution came to it."""
+        ...
+
     def settle(self, pc: int) -> None:
         """Add what has run to the totals: the emulator stopped, and `pc` is next."""
         ...
@@ -217,6 +222,11 @@ class BlockAccounting(Totals):
             self.forget_code()
 
     @property
+    def late(self) -> int:
+        """Cycles that the block which runs waits because of how execution came to it."""
+        return 0 if self._running is None else self._running.late
+
+    @property
     def jumped_from(self) -> int | None:
         """Address of the last instruction of the block that runs."""
         return None if self._running is None else self._running.instructions[-1].address
@@ -321,6 +331,11 @@ class InstructionAccounting(Totals):
     def left(self) -> PipelineState:
         """What the instruction that ended last left in the pipeline, while none runs."""
         return self._state
+
+    @property
+    def late(self) -> int:
+        """Cycles that the instruction which runs waits because of how execution came to it."""
+        return 0 if self._last is None or self._runs is None else self._runs.late
 
     @property
     def jumped_from(self) -> int | None:

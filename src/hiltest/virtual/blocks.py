@@ -42,6 +42,8 @@ class CodeBlock:
         What must be word-aligned when it begins, and within it.
     transfers : bool
         Whether it ends with a transfer of control, which leaves no pipeline state, taken or not.
+    late : int
+        Cycles of them that the first instruction waits because of how execution comes to it.
     past, away : int
         What stands for what it leaves, `reached_by` something: where execution goes on behind a transfer, and where
         it jumps.
@@ -56,6 +58,7 @@ class CodeBlock:
     count: int
     through: int
     taken: int
+    late: int
     exit_state: PipelineState
     transfers: bool
     past: int
@@ -99,7 +102,8 @@ def price_block(profile: TimingProfile, instructions: list[Instruction], entry: 
     alignment = required_alignment(instructions)
     through = total if not last.transfer or last.conditional else total + refill
     return CodeBlock(
-        address, end, entry, tuple(instructions), len(instructions), through, total + refill, state,
+        address, end, entry, tuple(instructions), len(instructions), through, total + refill,
+        profile.reached_late(instructions[0], entry), state,
         bool(last.transfer), past, away, uses_fpu, changes_masks, sends_event, loops and len(instructions) == 1,
         alignment,
         bool(uses_fpu or changes_masks or sends_event or loops or alignment.registers or alignment.inside),

@@ -214,7 +214,9 @@ class RunningCalls:
                 self._arrives(address, stack, cycles - self._paused_cycles, begins_block=begins_block)
             function = self._functions.get(address)
             if function is not None:
-                self._enters(function, stack, link & ~1, cycles - self._paused_cycles, begins_block=begins_block)
+                # What it waits because a branch led to it is the caller's.
+                now = cycles - self._paused_cycles + (accounting.late if begins_block else 0)
+                self._enters(function, stack, link & ~1, now, begins_block=begins_block)
         except BaseException as error:  # re-raised by the processor; ctypes would print and drop it
             self._processor.abort(error)
 

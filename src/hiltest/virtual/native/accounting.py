@@ -186,8 +186,8 @@ class NativeBlockAccounting:
         leaves = NO_BLOCK - block.past if block.transfers else number + _REACHED
         self._entered.append(Entered(block, NO_BLOCK - entry if entry < _REACHED else entry - _REACHED))
         priced = native.PricedBlock(
-            address, len(code), entry, leaves, NO_BLOCK - block.away, block.count, block.through, block.taken, reasons,
-            aligned, kept, number,
+            address, block.late, len(code), entry, leaves, NO_BLOCK - block.away, block.count, block.through,
+            block.taken, reasons, aligned, kept, number,
             _FIRST_WAIT, _FIRST_WAIT if self.passes_waits and block.instructions[-1].jumps_back(address) else _NEVER,
         )
         self._priced.append(priced)
@@ -295,6 +295,12 @@ class NativeBlockAccounting:
         """What ran before the block that runs, or last, while none does."""
         number = self._words[_BEFORE]
         return self._ran_before if number < 0 else self._entered[number].block
+
+    @property
+    def late(self) -> int:
+        """Cycles that the block which runs waits because of how execution came to it."""
+        block = self._running
+        return 0 if block is None else block.late
 
     @property
     def jumped_from(self) -> int | None:

@@ -62,7 +62,8 @@ enum {
  * the entry's.
  */
 struct block {
-    uint32_t address;
+    uint32_t address; /* the first two are read by running_calls.c */
+    uint32_t late;    /* cycles that its first instruction waits because of how execution comes to it */
     uint32_t size;
     uint32_t entry;   /* that it was priced from */
     uint32_t leaves;  /* entry of what follows its end */
