@@ -10,7 +10,7 @@ from hiltest.virtual.profile_file import load_profile
 from hiltest.virtual.timing import TimingProfile, moved
 
 ONE, TWO = load_profile("cortex-m4-trm/1"), load_profile("cortex-m4-trm/2")
-DIGEST = "ec3ec4a862c2fc5a3bfaf57d95e5d5dfd569fbab2cb74c353937431d2e1068c1"
+DIGEST = "ae1a391e0624262b9b3143c803bdebc6b6258862888bdd9e258eb3cafad547b2"
 
 # Machine code, little-endian, written from the encodings in the ARMv7-M manual. The name says how many bytes it has.
 NOP2 = bytes.fromhex("00bf")
@@ -135,6 +135,7 @@ def test_48_misplaced_floating_point_additions_lose_one_cycle_in_three() -> None
 
 def test_48_misplaced_integer_instructions_lose_nothing_with_nothing_slow_ahead() -> None:
     assert cycles(NOP2 + EOR4 * 48) == 49
+    assert cycles(NOP2 + EOR4 * 48, moved(TWO, {"fetch_late_integer": 1})) == 65
 
 
 def test_the_third_of_three_misplaced_instructions_behind_a_slow_one_is_late() -> None:
@@ -148,6 +149,7 @@ def test_the_third_of_three_misplaced_instructions_behind_a_slow_one_is_late() -
 def test_anything_but_a_misplaced_instruction_between_lets_the_fetch_catch_up() -> None:
     assert cycles(LDR4 + CMP2 + EOR4 * 3) == 6
     assert cycles(LDR2 + EOR4 * 2 + CMP2 + NOP2 + EOR4 * 2) == 8
+    assert cycles(LDR4 + CMP2 + EOR4 * 3, moved(TWO, {"fetch_late_integer": 1})) == 7
 
 
 def test_a_pair_of_moves_and_three_long_multiplications_are_late() -> None:

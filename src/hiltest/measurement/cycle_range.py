@@ -8,7 +8,9 @@ from hiltest.text import readable
 
 #: The row of a cycle model that says what published counts differ by, whatever the other rows are: a part of any count.
 DOUBT = "doubt_permille"
-ABOUT_FETCH = frozenset({"fetch_late", "fetch_late_fp", "target_misplaced", "return_misplaced"})
+ABOUT_FETCH = frozenset(
+    {"fetch_late", "fetch_late_fp", "fetch_late_integer", "target_misplaced", "return_misplaced"}
+)
 """Rows that price where an instruction lies: they ask whether it has been fetched when it is wanted."""
 
 

@@ -28,7 +28,7 @@ _ALSO = {
     "fp_accumulate": ("fp_accumulate_hidden",),
     "fp_divide": ("fp_divide_use",),
 }
-_OF_MISPLACED = ("target_misplaced", "return_misplaced", "fetch_late", "fetch_late_fp")
+_OF_MISPLACED = ("target_misplaced", "return_misplaced", "fetch_late", "fetch_late_fp", "fetch_late_integer")
 _REFILLS = {"direct": "refill_direct", "indirect": "refill_indirect"}
 
 

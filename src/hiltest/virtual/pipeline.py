@@ -7,8 +7,8 @@ only what `hiltest.virtual.timing` says is remembered. They are:
 * IT behind a 16-bit instruction is folded onto it;
 * a taken branch to four bytes that do not begin at a multiple of four fetches twice;
 * behind an instruction that occupies the core for two cycles or more, or a floating-point one, the third of three
-  instructions on end of four bytes each, none at a multiple of four, finds its second half not fetched. An integer
-  instruction of one cycle does not begin that.
+  instructions on end of four bytes each, none at a multiple of four, finds its second half not fetched. Whether an
+  integer instruction of one cycle begins that, too, is a row of its own.
 """
 
 from __future__ import annotations
@@ -41,6 +41,7 @@ class Late(IntEnum):
     SLOW = 1
     """The core was occupied for two cycles or more."""
     FLOATING_POINT = 2
+    INTEGER = 3
 
 
 class PipelineState(NamedTuple):
@@ -87,7 +88,7 @@ class Rules:
     def __init__(self, value: Mapping[str, int]) -> None:
         self._address_use = value.get("address_use", 0)
         self._folds = "it_folded" in value
-        self._late = (0, value.get("fetch_late", 0), value.get("fetch_late_fp", 0))
+        self._late = tuple(value.get(row, 0) for row in ("", "fetch_late", "fetch_late_fp", "fetch_late_integer"))
         self._reached = (0, value.get("target_misplaced", 0), value.get("return_misplaced", 0), 0)
 
     def waits(self, instruction: Instruction, state: PipelineState) -> tuple[int, int]:
@@ -131,6 +132,6 @@ class Rules:
             late = Late.NOTHING
         if cycles >= 2:
             return Late.SLOW, 0
-        if not late and instruction.uses_fpu:
-            return Late.FLOATING_POINT, 0
+        if not late and (instruction.uses_fpu or self._late[Late.INTEGER]):
+            return Late.FLOATING_POINT if instruction.uses_fpu else Late.INTEGER, 0
         return (late, misplaced) if late else (Late.NOTHING, 0)

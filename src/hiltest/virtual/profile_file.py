@@ -59,6 +59,7 @@ RULES = {
     "refill_load": "instead of refill_indirect: LDR to the PC",
     "fetch_late": "the third of three instructions of four bytes, none at a multiple of four, behind one of two cycles",
     "fetch_late_fp": "the same behind a floating-point instruction of one cycle",
+    "fetch_late_integer": "the same behind an integer instruction of one cycle",
     "doubt_permille": "thousandths of any count by which it may be wrong where every row is right",
 }
 #: Every row of what the memories add, and what it says.

@@ -46,9 +46,10 @@ _LEAVES_NOTHING = frozenset(
     {"data", "divide", "it", "barrier", "system", "exclusive", "fp_load", "fp_store", "fp_move_pair"}
 )
 # Rows of the rules that a profile may have, see `hiltest.virtual.pipeline`.
-RULE_ROWS = frozenset(
-    {"address_use", "it_folded", "it_executed", "target_misplaced", "return_misplaced", "fetch_late", "fetch_late_fp"}
-)
+RULE_ROWS = frozenset({
+    "address_use", "it_folded", "it_executed", "target_misplaced", "return_misplaced", "fetch_late", "fetch_late_fp",
+    "fetch_late_integer",
+})  # fmt: skip
 _OWN_REFILLS = {"table_branch": "refill_table", "load": "refill_load"}
 _SINGLE_TRANSFERS = {"load": "load", "store": "store", "store_register_offset": "store"}
 
