@@ -82,6 +82,18 @@ def test_it_gives_back_the_profile_that_the_board_was_made_with(
     assert all(of_place == found[SequencePlace.SRAM] for of_place in found.values())
 
 
+def test_it_gives_back_rows_of_rules_that_a_sequence_shows(rig: Rig) -> None:
+    two = load_profile("cortex-m4-trm/2")
+    with open_board(replace(rig, board=replace(rig.board, timing=two.name))) as board:
+        found = measure_sequences(board)[SequencePlace.SRAM]
+    measured = solve(found, "a test", two)
+    assert measured.remarks == ()
+    assert {name: row.value for name, row in measured.rows.items()} == {
+        name: two.rows[name].value for name in measured.rows
+    }
+    assert {"it_folded", "refill_table"} <= measured.rows.keys()
+
+
 @pytest.fixture(scope="module")
 def with_memories(rig: Rig) -> dict[SequencePlace, dict[str, int]]:
     with open_board(replace(rig, board=replace(rig.board, timing="cortex-m4-k64f/1"))) as board:

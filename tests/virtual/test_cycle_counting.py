@@ -18,6 +18,7 @@ from hiltest.virtual.profile_file import DEFAULT_PROFILE, place_of
 from .conftest import SHIPPED, Build
 from .test_faults import HEAD, TAIL
 
+PROFILES = ("cortex-m4-trm/1", "cortex-m4-trm/2")
 KERNELS = ("magnetometer_direct", "magnetometer_iterative", "magnetometer_empty")
 POINTS_ADDRESS = 0x20020000
 
@@ -41,21 +42,23 @@ def cloud(n: int, seed: int) -> np.ndarray:
 
 
 @functools.cache
-def counted_by_instruction(kernel: str, n: int) -> tuple[int, int, bytes]:
+def counted_by_instruction(kernel: str, n: int, profile: str) -> tuple[int, int, bytes]:
     """What both hooks are compared with; it takes longer than they do."""
-    return run_kernel(VirtualK64F(SHIPPED, accounting=InstructionAccounting), kernel, cloud(n, seed=n))
+    board = VirtualK64F(SHIPPED, accounting=InstructionAccounting, profile=profile)
+    return run_kernel(board, kernel, cloud(n, seed=n))
 
 
 # By instruction the iterative kernel takes seconds whatever n is: most of it are its sweeps.
 SIZES = [(kernel, n) for kernel in KERNELS for n in (3, 20, 100) if (kernel, n) != ("magnetometer_iterative", 20)]
 
 
+@pytest.mark.parametrize("profile", PROFILES)
 @pytest.mark.parametrize(("kernel", "n"), SIZES)
 def test_counting_by_block_agrees_with_counting_by_instruction_on_every_kernel(
-    block_hook: AccountingFactory, kernel: str, n: int
+    block_hook: AccountingFactory, kernel: str, n: int, profile: str
 ) -> None:
-    by_block = run_kernel(VirtualK64F(SHIPPED, accounting=block_hook), kernel, cloud(n, seed=n))
-    assert by_block == counted_by_instruction(kernel, n)
+    by_block = run_kernel(VirtualK64F(SHIPPED, accounting=block_hook, profile=profile), kernel, cloud(n, seed=n))
+    assert by_block == counted_by_instruction(kernel, n, profile)
 
 
 def step(board: VirtualK64F, function: str, state: bytes, argument: bytes) -> tuple[int, int, bytes, bytes]:
@@ -65,11 +68,13 @@ def step(board: VirtualK64F, function: str, state: bytes, argument: bytes) -> tu
     return result.cycles, result.instructions, bytes(after), bytes(answer)
 
 
+@pytest.mark.parametrize("profile", PROFILES)
 @pytest.mark.parametrize("stream", ["direct_stream", "iterative_stream", "iterative_stream sliced"])
-def test_both_ways_of_counting_agree_on_the_steps_of_a_stream(stream: str) -> None:
+def test_both_ways_of_counting_agree_on_the_steps_of_a_stream(stream: str, profile: str) -> None:
     """Every 20th step and those that run a whole solver, of 4 and of 7 elements: counting by instruction is slow."""
     name, _, sliced = stream.partition(" ")
-    by_block, by_instruction = VirtualK64F(SHIPPED), VirtualK64F(SHIPPED, accounting=InstructionAccounting)
+    by_block = VirtualK64F(SHIPPED, profile=profile)
+    by_instruction = VirtualK64F(SHIPPED, accounting=InstructionAccounting, profile=profile)
     fresh = bytearray(0x2000)
     by_block.call(f"{name}_reset", fresh, bool(sliced))
     state, solved = bytes(fresh), 0
@@ -118,6 +123,10 @@ def random_program(seed: int, length: int) -> str:
         lambda: f"vdiv.f32 s{r(8)}, s{r(8)}, s{r(8)}",
         lambda: f"vmov r{r(5)}, s{r(8)}",
         lambda: f"cmp r{r(5)}, #{r(100)}\nite lt\nldrlt r{r(5)}, [r7]\naddge r{r(5)}, r{r(5)}, #1",
+        lambda: f"eor.w r{r(5)}, r{r(5)}, r{r(5)}",
+        lambda: f"add r5, r7, #{4 * r(16)}\nldr r{r(5)}, [r5]",
+        lambda: f"cmp.w r{r(5)}, #{r(100)}\nit hi\nmovhi r{r(5)}, r{r(5)}",
+        lambda: "\n".join(f"vadd.f32 s{r(4)}, s{4 + r(4)}, s{4 + r(4)}" for _ in range(r(9))) or "nop",
     ]
 
     def r(limit: int) -> int:
@@ -128,7 +137,8 @@ def random_program(seed: int, length: int) -> str:
         lines.append(choose.choice(forms)())
         if r(6) == 0:
             label += 1
-            lines += [f"cmp r{r(5)}, r{r(5)}", f"b{choose.choice(['eq', 'ne', 'lt', 'hi'])} l{label}"]
+            lines += [f"cmp r{r(5)}, r{r(5)}"]
+            lines += [f"b{choose.choice(['eq', 'ne', 'lt', 'hi'])}{choose.choice(['', '.w'])} l{label}"]
             lines += [choose.choice(forms)() for _ in range(r(3))]
             lines.append(f"l{label}:")
     lines += ["subs r6, #1", "bne.w top", "pop {r4-r7, pc}", ".size work, . - work", ".ltorg"]
@@ -136,18 +146,19 @@ def random_program(seed: int, length: int) -> str:
     return "\n".join(lines) + "\n"
 
 
+def counted(elf: Path, accounting: AccountingFactory, profile: str) -> tuple[object, ...]:
+    board = VirtualK64F(elf, accounting=accounting, profile=profile)
+    result = board.call("work")
+    return result.cycles, result.instructions, result.value
+
+
+@pytest.mark.parametrize("profile", PROFILES)
 @pytest.mark.parametrize("seed", range(12))
 def test_counting_by_block_agrees_with_counting_by_instruction_on_random_code(
-    build: Build, block_hook: AccountingFactory, seed: int
+    build: Build, block_hook: AccountingFactory, seed: int, profile: str
 ) -> None:
     elf: Path = build(random_program(seed, length=220))
-    by_block = VirtualK64F(elf, accounting=block_hook).call("work")
-    by_instruction = VirtualK64F(elf, accounting=InstructionAccounting).call("work")
-    assert (by_block.cycles, by_block.instructions, by_block.value) == (
-        by_instruction.cycles,
-        by_instruction.instructions,
-        by_instruction.value,
-    )
+    assert counted(elf, block_hook, profile) == counted(elf, InstructionAccounting, profile)
 
 
 def test_ways_of_counting_agree_on_random_code_where_integers_run_under_multiply_accumulates(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import struct
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import pytest
 from hiltest.boards import open_board
 from hiltest.link.messages import Calibrate
 from hiltest.link.replies import RunCost
-from hiltest.measurement import CycleRange, Measurement, check, ratio_range
+from hiltest.measurement import DOUBT, CycleRange, Measurement, RowEffect, check, ratio_range
 from hiltest.procedures.cycles import upload_points
 from hiltest.procedures.golden_points import golden_points
 from hiltest.rig.file import load_rig
@@ -20,7 +19,7 @@ from hiltest.virtual.accounting import AccountingFactory, InstructionAccounting
 from hiltest.virtual.cycle_range import Move, cycle_range, moves
 from hiltest.virtual.executions import between
 from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.profile_file import DEFAULT_PROFILE, load_profile, place_of
+from hiltest.virtual.profile_file import load_profile
 from hiltest.virtual.profiling import ProfilingAccounting, profile_call
 from hiltest.virtual.timing import TimingProfile
 
@@ -28,19 +27,20 @@ from .conftest import SHIPPED, Build
 from .test_cycle_counting import KERNELS, cloud, random_program, run_kernel
 from .test_faults import HEAD, TAIL
 
-TEXT = place_of(DEFAULT_PROFILE).read_text(encoding="utf-8")
-PROFILE = load_profile(DEFAULT_PROFILE)
+PROFILE = load_profile("cortex-m4-trm/1")
 MOVES = {move.row: move for move in moves(PROFILE)}
+BOTH = pytest.mark.parametrize("profile", ["cortex-m4-trm/1", "cortex-m4-trm/2"])
 RIG = Path(__file__).parents[2] / "hil" / "rigs" / "virtual-k64f.toml"
 
 
-def file_with(folder: Path, values: dict[str, int]) -> str:
-    """Write the default profile with other values, as a user would."""
-    text = TEXT
+def file_with(folder: Path, values: dict[str, int], base: str = PROFILE.name) -> str:
+    """Write a profile with other values, as a user would."""
+    rows = load_profile(base).rows
+    lines = ['name = "moved/1"', f'base = "{base}"']
     for row, value in values.items():
-        text, count = re.subn(rf"(\[cost\.{row}\][^\n]*\nvalue = )\d+", rf"\g<1>{value}", text)
-        assert count == 1
-    (folder / "moved.toml").write_text(text, encoding="utf-8")
+        lines += [f"[cost.{row}]", f"value = {value}", f"band = {list(rows[row].band)}", 'source = "moved"']
+        lines += [f'against = "{rows[row].against}"'] if rows[row].against else []
+    (folder / "moved.toml").write_text("\n".join(lines) + "\n", encoding="utf-8")
     return str(folder / "moved.toml")
 
 
@@ -56,38 +56,51 @@ def ends(band: CycleRange) -> dict[tuple[str, str], int]:
     return {(each.row, end): getattr(each, end) for each in band.rows for end in ("low", "high")}
 
 
-def all_at(band: CycleRange, *, dear: bool) -> dict[str, int]:
+def all_at(band: CycleRange, *, dear: bool, profile: TimingProfile = PROFILE) -> dict[str, int]:
     """Put every row where its own effect makes the count greater, or less."""
     values: dict[str, int] = {}
+    of = {move.row: move for move in moves(profile)}
     for each in band.rows:
-        values |= MOVES[each.row].high if (each.high > each.low) is dear else MOVES[each.row].low
+        if each.row != DOUBT:
+            values |= of[each.row].high if (each.high > each.low) is dear else of[each.row].low
     return values
 
 
-@pytest.mark.parametrize("seed", range(2))
+def without_doubt(band: CycleRange) -> tuple[int, int]:
+    """Return the ends that the rows make, without what no row explains."""
+    doubt = sum((each.high - each.low) // 2 for each in band.rows if each.row == DOUBT)
+    return band.low + doubt, band.high - doubt
+
+
+@BOTH
+@pytest.mark.parametrize("seed", [1, 2])
 def test_random_code_counts_under_each_moved_row_what_was_predicted(
-    build: Build, block_hook: AccountingFactory, tmp_path: Path, seed: int
+    build: Build, block_hook: AccountingFactory, tmp_path: Path, seed: int, profile: str
 ) -> None:
     # Its functions straddle pages, where the emulator cuts blocks in the middle of what waits for what.
     elf = build(random_program(seed, length=220))
-    cycles, band = band_of_call(VirtualK64F(elf, accounting=block_hook), "work")
+    cycles, band = band_of_call(VirtualK64F(elf, accounting=block_hook, profile=profile), "work")
     assert band is not None
+    priced = load_profile(profile)
+    of = {move.row: move for move in moves(priced)}
 
     def counted(values: dict[str, int]) -> int:
         """Count on a board that was made with these values."""
-        return VirtualK64F(elf, profile=file_with(tmp_path, values), accounting=block_hook).call("work").cycles
+        return VirtualK64F(elf, profile=file_with(tmp_path, values, profile), accounting=block_hook).call("work").cycles
 
-    predicted = ends(band)
+    predicted = {key: value for key, value in ends(band).items() if key[0] != DOUBT}
+    assert ("fetch_late_fp" in {row for row, _ in predicted}) is (priced is not PROFILE)
     assert {"fp_accumulate", "fp_accumulate_hidden", "fp_store", "it", "refill_direct", "load_behind_store"} <= {
         row for row, _ in predicted
     }
     for (row, end), expected in predicted.items():
         if expected != cycles:
-            assert counted(getattr(MOVES[row], end)) == expected, (row, end)
-    assert counted(all_at(band, dear=False)) == band.low
-    assert counted(all_at(band, dear=True)) == band.high
+            assert counted(getattr(of[row], end)) == expected, (row, end)
+    low, high = without_doubt(band)
+    assert counted(all_at(band, dear=False, profile=priced)) == low
+    assert counted(all_at(band, dear=True, profile=priced)) == high
     # What is not in the band does not enter: all of it at once.
-    unmoved = (move.high for row, move in MOVES.items() if (row, "low") not in predicted)
+    unmoved = (move.high for row, move in of.items() if (row, "low") not in predicted)
     others = {name: value for each in unmoved for name, value in each.items()}
     assert "divide" in others
     assert counted(others) == cycles
@@ -123,20 +136,22 @@ def test_what_a_block_leaves_under_a_moved_row_is_met_by_the_block_behind_it(
     assert board.call("work").cycles == predicted == cycles - 1
 
 
+@BOTH
 @pytest.mark.parametrize("kernel", KERNELS)
 def test_a_kernel_counts_under_moved_rows_what_was_predicted(
-    block_hook: AccountingFactory, tmp_path: Path, kernel: str
+    block_hook: AccountingFactory, tmp_path: Path, kernel: str, profile: str
 ) -> None:
-    board = VirtualK64F(SHIPPED, accounting=block_hook)
+    board = VirtualK64F(SHIPPED, accounting=block_hook, profile=profile)
     before = board.processor.accounting.snapshot(0)
     cycles, _, _ = run_kernel(board, kernel, cloud(40, seed=1))
     executed = between(before, board.processor.accounting.snapshot(0))
     assert executed is not None
-    band = cycle_range(PROFILE, cycles, executed)
+    priced = load_profile(profile)
+    band = cycle_range(priced, cycles, executed)
     assert band is not None
-    for dear, bound in ((False, band.low), (True, band.high)):
-        profile = file_with(tmp_path, all_at(band, dear=dear))
-        moved = VirtualK64F(SHIPPED, profile=profile, accounting=block_hook)
+    for dear, bound in zip((False, True), without_doubt(band), strict=True):
+        moved_to = file_with(tmp_path, all_at(band, dear=dear, profile=priced), profile)
+        moved = VirtualK64F(SHIPPED, profile=moved_to, accounting=block_hook)
         assert run_kernel(moved, kernel, cloud(40, seed=1))[0] == bound
 
 
@@ -215,6 +230,25 @@ def test_a_profile_without_doubt_has_a_band_without_width() -> None:
     executed = between(before, board.processor.accounting.snapshot(0))
     assert executed is not None
     assert cycle_range(TimingProfile("sure/1", rows), cycles, executed) == CycleRange(cycles, cycles)
+
+
+def test_a_count_of_version_2_has_a_doubt_that_no_row_explains() -> None:
+    board = VirtualK64F(SHIPPED, profile="cortex-m4-trm/2")
+    cycles, band = band_of_call(board, "crc32", b"123456789" * 10, 90)
+    assert band is not None
+    doubt = -(-15 * cycles // 1000)
+    assert RowEffect(DOUBT, cycles - doubt, cycles + doubt) in band.rows
+    assert band.low <= cycles - doubt
+    assert band.high >= cycles + doubt
+
+
+def test_what_no_row_explains_is_each_counts_own_in_a_ratio() -> None:
+    def count(value: int) -> Measurement:
+        low, high = value * 99 // 100, value * 101 // 100
+        band = CycleRange(low, high, (RowEffect(DOUBT, low, high),))
+        return check("cycles", value, unit="cycle", cycle_model="m", band=band)
+
+    assert ratio_range(count(1000), count(1000)) == pytest.approx((0.99 / 1.01, 1.01 / 0.99))
 
 
 def test_the_row_that_moves_a_count_most_comes_first() -> None:

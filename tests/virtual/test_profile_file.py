@@ -11,7 +11,7 @@ from hiltest.boards.bench import VirtualBench
 from hiltest.errors import ConfigError
 from hiltest.rig.file import load_rig
 from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.profile_file import DEFAULT_PROFILE, ROWS, load_profile, place_of, shipped_profiles
+from hiltest.virtual.profile_file import DEFAULT_PROFILE, ROWS, RULES, load_profile, place_of, shipped_profiles
 
 from .conftest import SHIPPED
 
@@ -31,7 +31,15 @@ def with_mac(value: int) -> str:
 
 def test_every_shipped_profile_has_every_row_that_is_known() -> None:
     for name in shipped_profiles():
-        assert list(load_profile(name).rows) == list(ROWS)
+        assert list(load_profile(name).rows) in ([*ROWS], [*ROWS, *RULES])
+
+
+def test_a_rule_may_be_added_to_a_profile_that_has_none(tmp_path: Path) -> None:
+    rule = '[cost.address_use]\nvalue = 2\nband = [1, 3]\nsource = "mine"\n'
+    text = f'name = "mine/1"\nbase = "{DEFAULT_PROFILE}"\n{rule}'
+    rows = load_profile(written(tmp_path, text)).rows
+    assert rows["address_use"].value == 2
+    assert rows.keys() - ROWS.keys() == {"address_use"}
 
 
 def test_a_file_prices_what_it_says(tmp_path: Path) -> None:

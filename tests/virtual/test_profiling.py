@@ -113,6 +113,7 @@ def test_each_kind_of_work_and_each_stall_is_what_the_table_of_prices_says(build
     }
     assert profile.stalls == {
         Stall.LOAD_USE: 1, Stall.STORE_BUFFER: 1, Stall.FP_RESULT: 2, Stall.DIVISION: 13, Stall.TAKEN_BRANCH: 3,
+        Stall.ADDRESS: 0, Stall.FETCH: 0,
     }
     assert profile.cycles == 36
     assert profile.cycle_model == "cortex-m4-trm/1@flash"

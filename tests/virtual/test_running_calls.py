@@ -75,17 +75,18 @@ def test_each_call_takes_what_the_function_takes_when_it_is_called_alone(
     assert watch.calls("nothing")[0].cycles == VirtualK64F(elf).call("nothing").cycles
 
 
+@pytest.mark.parametrize("profile", ["cortex-m4-trm/1", "cortex-m4-trm/2"])
 @pytest.mark.parametrize("level", LEVELS)
 def test_interrupts_are_counted_apart_and_each_call_takes_what_it_takes_alone(
-    build: Build, block_hook: AccountingFactory, level: str
+    build: Build, block_hook: AccountingFactory, level: str, profile: str
 ) -> None:
     elf = build(PROGRAMS / "watched.c", *FLOOD, level)
-    board = VirtualK64F(elf, accounting=block_hook)
+    board = VirtualK64F(elf, accounting=block_hook, profile=profile)
     watch = board.watch_calls(FLOODED)
     board.run_until(0.04)
     for function in FLOODED:
         first = (0.75,) if function == "floats" else ()
-        alone = cycle([VirtualK64F(elf).call(function, *first, n).cycles for n in range(ARGUMENTS)])
+        alone = cycle([VirtualK64F(elf, profile=profile).call(function, *first, n).cycles for n in range(ARGUMENTS)])
         calls = [each for each in watch.calls(function) if each.outermost]
         if function == "integers":  # it is called by another one too, in turn
             calls = calls[::2]

@@ -6,6 +6,13 @@ from dataclasses import dataclass
 
 from hiltest.text import readable
 
+#: The row of a cycle model that says what published counts differ by, whatever the other rows are: a part of any count.
+DOUBT = "doubt_permille"
+ABOUT_FETCH = frozenset(
+    {"fetch_late", "fetch_late_fp", "fetch_late_integer", "target_misplaced", "return_misplaced"}
+)
+"""Rows that price where an instruction lies: they ask whether it has been fetched when it is wanted."""
+
 
 @dataclass(frozen=True, slots=True)
 class RowEffect:
@@ -40,8 +47,18 @@ class CycleRange:
         """The row that alone changes the count most; None when no row does."""
         return next(iter(self.rows), None)
 
-    def explained(self, model: str = "the cycle model") -> str:
-        """Return the uncertainty range in words, with the row of the model that contributes most."""
+    @property
+    def about_fetch(self) -> int:
+        """How many cycles of the range are doubt about fetch and alignment."""
+        return sum(abs(each.high - each.low) for each in self.rows if each.row in ABOUT_FETCH)
+
+    def explained(self, model: str = "the cycle model", *, of: float | None = None) -> str:
+        """Return the range in words, with the row that contributes most, and what part of `of` is doubt about fetch."""
+        if not of or not self.about_fetch:
+            return self._explained(model)
+        return f"{self._explained(model)}; {100 * self.about_fetch / of:.1f} % of the count is doubt about fetch"
+
+    def _explained(self, model: str) -> str:
         most = self.moved_most_by
         if most is None and self.low == self.high:
             return f"no uncertain row of {model} enters"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from hiltest.measurement.cycle_range import CycleRange, RowEffect
+from hiltest.measurement.cycle_range import DOUBT, CycleRange, RowEffect
 from hiltest.measurement.measurement import Measurement
 
 FLASH_TIE = 0.10
@@ -27,12 +27,13 @@ def ratio_range(over: Measurement, under: Measurement) -> tuple[float, float] | 
     """Return the uncertainty range of the ratio of two cycle counts; None without ranges of one cycle model.
 
     Both are counted by one model, so a row moves both, and every row moves by itself: the ratio is least, and greatest,
-    with each row at one of its ends. What rows change only together, in either count, widens it.
+    with each row at one of its ends. What rows change only together, in either count, widens it; so does what no row
+    explains, of which each count has its own.
     """
     one, other = over.band, under.band
     if one is None or other is None or over.cycle_model != under.cycle_model or not over.value or not under.value:
         return None
-    ones, others = ({each.row: each for each in band.rows} for band in (one, other))
+    ones, others = ({each.row: each for each in _rows(band)} for band in (one, other))
     moves: list[_Ends] = [((over.value, under.value),)]
     for row in sorted(ones.keys() | others.keys()):
         in_one, in_other = (_ends(ones.get(row), over.value), _ends(others.get(row), under.value))
@@ -51,9 +52,13 @@ def _ends(effect: RowEffect | None, value: float) -> tuple[float, float, float]:
     return (0, effect.low - value, effect.high - value) if effect else (0, 0, 0)
 
 
+def _rows(band: CycleRange) -> tuple[RowEffect, ...]:
+    return tuple(each for each in band.rows if each.row != DOUBT)
+
+
 def _together(value: float, band: CycleRange) -> tuple[float, float, float]:
     """Return what all rows add to a count beyond what each adds alone: nothing, at the lower and at the upper end."""
-    alone = [_ends(each, value) for each in band.rows]
+    alone = [_ends(each, value) for each in _rows(band)]
     return 0, min(0, band.low - value - sum(map(min, alone))), max(0, band.high - value - sum(map(max, alone)))
 
 

@@ -17,6 +17,7 @@ from hiltest.virtual.buffers import Address, Structure
 from hiltest.virtual.call_clock import CALL_HZ
 from hiltest.virtual.chip import MemoryMap
 from hiltest.virtual.memory import MK64FN1M0
+from hiltest.virtual.placement import LoopPlacement
 from hiltest.virtual.procedure_call import Argument
 from hiltest.virtual.profiling import AddressCost, CallProfile, FunctionCost, LineCost, StackCost
 
@@ -76,6 +77,7 @@ class ProfileDocument:
     addresses: tuple[AddressCost, ...]
     stacks: tuple[StackCost, ...]
     band: CycleRange | None = None
+    loops: tuple[LoopPlacement, ...] = ()
 
 
 _ADAPTER = TypeAdapter(ProfileDocument)
@@ -101,7 +103,7 @@ def document(
         SCHEMA, str(elf), hashlib.sha256(elf.read_bytes()).hexdigest(), profile.function, tuple(texts), profile.value,
         tuple(_buffers_left(given, left)), profile.cycles, profile.instructions, round(profile.clock_hz),
         profile.cycle_model, tuple(_notes(profile, memory)), tuple(shares(profile)), profile.functions, profile.lines,
-        profile.addresses, profile.stacks, profile.band,
+        profile.addresses, profile.stacks, profile.band, profile.loops,
     )  # fmt: skip
 
 

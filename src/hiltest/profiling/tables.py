@@ -13,6 +13,7 @@ _NAMES = {
     "floating_point": "floating point", "load_store": "load, store", "branch": "branches", "integer": "integer",
     "system": "system", "taken_branch": "refill behind taken branches", "fp_result": "floating-point results",
     "division": "division and square root", "load_use": "addresses being loaded", "store_buffer": "store buffer",
+    "address": "addresses being computed", "fetch": "instructions being fetched",
     "asleep": "asleep (WFI)", "memory": "waiting for memories",
 }  # fmt: skip
 _VALUES_SHOWN = 16
@@ -32,6 +33,8 @@ def print_profile(console: Console, profile: ProfileDocument, *, lines: int, ins
     _print_head(console, profile)
     console.print(_kinds(profile))
     console.print(_functions(profile))
+    if profile.loops:
+        console.print(_loops(profile))
     if lines and profile.lines:
         console.print(_lines(profile, lines))
     if instructions:
@@ -50,7 +53,7 @@ def _print_head(console: Console, profile: ProfileDocument) -> None:
         f"({each:.2f} cycles each), {microseconds:.2f} us at {profile.core_clock_hz / 1e6:g} MHz",
         soft_wrap=True,
     )
-    band = f": {profile.band.explained()}" if profile.band else ""
+    band = f": {profile.band.explained(of=profile.cycles)}" if profile.band else ""
     console.print(escape(f"cycle model {profile.cycle_model}{band}"), soft_wrap=True)
     for note in profile.notes:
         console.print(escape(f"note: {note}"), style="yellow", soft_wrap=True)
@@ -94,6 +97,19 @@ def _functions(profile: ProfileDocument) -> Table:
             _grouped(each.cycles), _grouped(each.instructions), _grouped(each.stall_cycles),
         )
     _say_what_is_left_out(table, len(profile.functions), _FUNCTIONS_SHOWN)
+    return table
+
+
+def _loops(profile: ProfileDocument) -> Table:
+    """Loops that wait to be fetched because of where they lie."""
+    table = _table("loop whose instructions lie badly", "turns", "misplaced", "cycles lost", "share")
+    table.add_column("how to place it", overflow="fold")
+    for each in profile.loops:
+        where = f"{each.function} {each.address:08x} to {each.last:08x} {each.location}".rstrip()
+        table.add_row(
+            escape(where), _grouped(each.turns), f"{100 * each.misplaced / each.wide:.0f} %", _grouped(each.cycles),
+            _share(profile, each.cycles), escape(each.advice),
+        )
     return table
 
 

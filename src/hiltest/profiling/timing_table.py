@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from hiltest.virtual.measured_profile import PLACES, MeasuredProfile
-from hiltest.virtual.profile_file import DEFAULT_PROFILE, MEMORY_ROWS, ROWS, load_profile
+from hiltest.virtual.profile_file import DEFAULT_PROFILE, MEMORY_ROWS, ROWS, RULES, load_profile
 from hiltest.virtual.timing import CostRow, TimingProfile
 
 SCHEMA = "hiltest.timing/1"
@@ -33,7 +33,7 @@ def print_table(console: Console, profile: TimingProfile, file: Path) -> None:
     head = f"[bold]{escape(profile.name)}[/bold], digest {profile.digest[:16]}, {escape(str(file))}"
     console.print(head, soft_wrap=True)
     console.print(f"{len(rows)} rows, {uncertain} of them uncertain", soft_wrap=True)
-    console.print(_table("cycles", profile.rows, ROWS))
+    console.print(_table("cycles", profile.rows, ROWS | RULES))
     if profile.memory:
         console.print(_table("value", profile.memory, MEMORY_ROWS))
 
@@ -98,7 +98,7 @@ def json_text(profile: TimingProfile, file: Path) -> str:
     """Return a profile as JSON of schema ``hiltest.timing/1``."""
     head = {"schema": SCHEMA, "name": profile.name, "digest": profile.digest, "file": str(file)}
     rows = [
-        {"row": name, "cycles": row.value, "band": list(row.band), "prices": ROWS[name], "source": row.source}
+        {"row": name, "cycles": row.value, "band": list(row.band), "prices": (ROWS | RULES)[name], "source": row.source}
         for name, row in profile.rows.items()
     ]
     memory = [

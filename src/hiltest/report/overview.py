@@ -130,7 +130,7 @@ def tone(measurement: Measurement) -> str:
 def origin(measurement: Measurement) -> str:
     """Return the test that measured it and, for cycles, the cycle model and the uncertainty range."""
     where = f"{without_folders(measurement.test)} {measurement.cycle_model}".strip()
-    return f"{where}; {measurement.band.explained()}" if measurement.band else where
+    return f"{where}; {measurement.band.explained(of=measurement.value)}" if measurement.band else where
 
 
 def board_line(run: Run) -> str:

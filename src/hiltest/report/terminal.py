@@ -274,5 +274,7 @@ def _print_ranges(console: Console, measurements: Sequence[Measurement]) -> None
             if each.cycle_model == model:
                 most = band.moved_most_by
                 by = most.row if most else "memories" if band.low < band.high else "no row"
+                if each.value and band.about_fetch:
+                    by += f"; fetch {100 * band.about_fetch / each.value:.1f} %"
                 grid.add_row(escape(each.name), shown_value(each), readable(band.low), readable(band.high), escape(by))
         console.print(grid)

@@ -11,26 +11,27 @@ is added when the *next* block (or instruction) begins.
 
 from __future__ import annotations
 
-import ctypes
 import math
 from array import array
 from collections.abc import Callable
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import ClassVar, Protocol
 
-from hiltest.virtual.blocks import CodeBlock, ReadCode, conditions_at, price_block, priced_block
-from hiltest.virtual.executions import NO_BLOCK, Entered, Snapshot
+from hiltest.virtual.blocks import (
+    NO_BLOCK,
+    CodeBlock,
+    ReadCode,
+    conditions_at,
+    price_block,
+    priced_block,
+    reached_by,
+    reached_state,
+)
+from hiltest.virtual.code_hook import CodeHook, Totals
+from hiltest.virtual.executions import Entered, Snapshot
 from hiltest.virtual.instructions import Instruction, decode
-from hiltest.virtual.timing import NEUTRAL, PipelineState, TimingProfile
+from hiltest.virtual.pipeline import NEUTRAL, REACHED, PipelineState, Reached
+from hiltest.virtual.timing import TimingProfile
 from hiltest.virtual.turn import PassOver
-
-CODE_CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_uint64, ctypes.c_uint32, ctypes.c_void_p)
-
-
-class CodeHook(NamedTuple):
-    """A C function for the emulator to call where code begins (None: nothing), and the argument that it wants."""
-
-    function: Any
-    data: Any
 
 
 class Accounting(Protocol):
@@ -61,6 +62,11 @@ class Accounting(Protocol):
     def before(self) -> CodeBlock | None:
         """What ran before the block (or instruction) that runs, or last, while nothing does."""
 
+    @property
+    def left(self) -> PipelineState:
+        """What the code that ran last left in the pipeline, while nothing runs."""
+        ...
+
     def hook(self, outside: int, abort: Callable[[BaseException], None]) -> CodeHook:
         """Return the hook for the emulator where code begins, except at the address `outside`."""
         ...
@@ -82,6 +88,11 @@ class Accounting(Protocol):
 
     def instructions_now(self, pc: int) -> int:
         """Instructions before the one at `pc`, which is being executed."""
+        ...
+
+    @property
+    def late(self) -> int:
+        """Cycles that the block (or instruction) which runs waits because of how execution came to it."""
         ...
 
     def settle(self, pc: int) -> None:
@@ -117,75 +128,11 @@ class Accounting(Protocol):
         ...
 
 
-# Begins to count at zero; the parameters are those of `_Totals`.
+# Begins to count at zero; the parameters are those of `Totals`.
 AccountingFactory = Callable[[TimingProfile, ReadCode, Callable[[CodeBlock], bool], Callable[[], None]], Accounting]
 
 
-class _Totals:
-    """Counts and settings that both ways of counting share.
-
-    Parameters
-    ----------
-    profile : TimingProfile
-        The prices.
-    read_code : callable
-        ``read_code(address, size)`` reads target memory.
-    attend : callable
-        Called with a block that `needs_attention` before it runs; False stops.
-    stop : callable
-        Stops the emulator before the block that begins.
-    """
-
-    def __init__(
-        self, profile: TimingProfile, read_code: ReadCode, attend: Callable[[CodeBlock], bool], stop: Callable[[], None]
-    ) -> None:
-        self.cycles = 0
-        self.instructions = 0
-        self.deadline: float = 0.0
-        self._profile = profile
-        self._read_code = read_code
-        self._attend = attend
-        self._stop = stop
-        self.passes_waits = False
-        self.pass_over: PassOver = lambda _turn: 0
-        self.stopped = False
-        self.before: CodeBlock | None = None
-
-    def begins(self, address: int, size: int) -> None:
-        raise NotImplementedError
-
-    def data_hook(
-        self, _forget_condition: Callable[[], None], _abort: Callable[[BaseException], None]
-    ) -> CodeHook | None:
-        """Return None: accesses to data cost nothing by themselves."""
-        return None
-
-    def translated(self, address: int, size: int) -> None:
-        """Do nothing: no code is cached."""
-
-    def end_watch(self) -> None:
-        """Do nothing: no loop is watched."""
-
-    def steady_until(self, cycle: float) -> None:
-        """Do nothing, as above."""
-
-    def hook(self, outside: int, abort: Callable[[BaseException], None]) -> CodeHook:
-        """Return a callback that calls `begins`, and `abort` with whatever that raises."""
-        begins = self.begins
-
-        def on_code(_engine: int, address: int, size: int, _data: int) -> None:
-            """Take note of a block; what goes wrong ends the run, for the emulator takes no exception."""
-            if address == outside:
-                return
-            try:
-                begins(address, size)
-            except BaseException as error:  # re-raised by the processor; ctypes would print and drop it
-                abort(error)
-
-        return CodeHook(CODE_CALLBACK(on_code), None)
-
-
-class BlockAccounting(_Totals):
+class BlockAccounting(Totals):
     """Counts by translated block."""
 
     per_instruction: ClassVar[bool] = False
@@ -196,7 +143,7 @@ class BlockAccounting(_Totals):
         super().__init__(profile, read_code, attend, stop)
         self._running: CodeBlock | None = None
         self._number = NO_BLOCK  # of the block that runs
-        self._fell_from = NO_BLOCK  # number of the block that left its pipeline state, while none runs
+        self._fell_from = NO_BLOCK  # number of the block that left its pipeline state, or `reached_by`; while none runs
         self._entered: list[Entered] = []
         self.forget_code()
 
@@ -209,7 +156,7 @@ class BlockAccounting(_Totals):
             self._stop()
             return
         before = self._fell_from
-        known = self._jumped_to.get(address) if before == NO_BLOCK else self._known.get((address, size, before))
+        known = self._jumped_to[before].get(address) if before < 0 else self._known.get((address, size, before))
         if known is None or known[0].end != address + size:
             known = self._enter(address, size, before)
         block, self._number = known
@@ -219,7 +166,7 @@ class BlockAccounting(_Totals):
             self._stop()
             return
         self._fell_from = NO_BLOCK
-        if block.loops_to_itself:
+        if block.loops_to_itself and block.away in (NO_BLOCK, before):
             # Nothing but an interrupt ends it: pass whole rounds at once, up to the next event.
             rounds = max(math.ceil((self.deadline - self.cycles) / block.taken) - 1, 0)
             self.cycles += rounds * block.taken
@@ -235,24 +182,32 @@ class BlockAccounting(_Totals):
         if address == block.end:
             self.cycles += block.through
             self._runs[2 * self._number] += 1
-            self._fell_from = NO_BLOCK if block.transfers else self._number
+            self._fell_from = block.past if block.transfers else self._number
         else:
             self.cycles += block.taken
             self._runs[2 * self._number + 1] += 1
-            self._fell_from = NO_BLOCK
+            self._fell_from = block.away
 
     def _enter(self, address: int, size: int, before: int) -> tuple[CodeBlock, int]:
         """Price a block behind the one that execution fell out of, and give it a number."""
         self._running = None  # the block before is added already, should reading the code fail
         known = self._known.get((address, size, before))
         if known is None:
-            state = NEUTRAL if before == NO_BLOCK else self._entered[before].block.exit_state
+            state = self._state_of(before)
             known = self._known[address, size, before] = self._price(address, size, state), len(self._entered)
             self._entered.append(Entered(known[0], before))
             self._runs.extend((0, 0))
-        if before == NO_BLOCK:
-            self._jumped_to[address] = known  # found by the address alone, which is quicker
+        if before < 0:
+            self._jumped_to[before][address] = known  # found by the address alone, which is quicker
         return known
+
+    def _state_of(self, before: int) -> PipelineState:
+        return reached_state(before) if before < 0 else self._entered[before].block.exit_state
+
+    @property
+    def left(self) -> PipelineState:
+        """What the block that ended last left in the pipeline, while none runs."""
+        return self._state_of(self._fell_from)
 
     def _price(self, address: int, size: int, state: PipelineState) -> CodeBlock:
         code = self._priced_code[address, size] = self._read_code(address, size)
@@ -265,6 +220,11 @@ class BlockAccounting(_Totals):
         priced = self._priced_code.get((address, size))
         if priced is not None and priced != self._read_code(address, size):
             self.forget_code()
+
+    @property
+    def late(self) -> int:
+        """Cycles that the block which runs waits because of how execution came to it."""
+        return 0 if self._running is None else self._running.late
 
     @property
     def jumped_from(self) -> int | None:
@@ -303,16 +263,16 @@ class BlockAccounting(_Totals):
         kept = self._running
         if kept is not None:
             self._number = 0
-        elif self._fell_from != NO_BLOCK:
+        elif self._fell_from >= 0:
             kept, self._fell_from = self._entered[self._fell_from].block, 0
         self._entered = [] if kept is None else [Entered(kept, NO_BLOCK)]
         self._runs = array("q", [0, 0] * len(self._entered))
-        self._jumped_to: dict[int, tuple[CodeBlock, int]] = {}
+        self._jumped_to: dict[int, dict[int, tuple[CodeBlock, int]]] = {reached_by(how): {} for how in Reached}
         self._known: dict[tuple[int, int, int], tuple[CodeBlock, int]] = {}
         self._priced_code: dict[tuple[int, int], bytes] = {}
 
 
-class InstructionAccounting(_Totals):
+class InstructionAccounting(Totals):
     """Counts instruction by instruction: the reference for `BlockAccounting`."""
 
     per_instruction: ClassVar[bool] = True
@@ -360,11 +320,22 @@ class InstructionAccounting(_Totals):
 
     def _jumps(self, last: Instruction) -> None:
         self.cycles += self._profile.taken(last)
+        self._state = REACHED[self._profile.reached(last)]
 
     def _add(self, instruction: Instruction) -> None:
         cycles, self._state = self._profile.step(instruction, self._state)
         self.cycles += cycles
         self.instructions += 1
+
+    @property
+    def left(self) -> PipelineState:
+        """What the instruction that ended last left in the pipeline, while none runs."""
+        return self._state
+
+    @property
+    def late(self) -> int:
+        """Cycles that the instruction which runs waits because of how execution came to it."""
+        return 0 if self._last is None or self._runs is None else self._runs.late
 
     @property
     def jumped_from(self) -> int | None:

@@ -9,12 +9,25 @@ from functools import lru_cache
 from hiltest.errors import BoardFault
 from hiltest.virtual.alignment import Alignment, required_alignment
 from hiltest.virtual.instructions import Instruction, conditions_left, decode
-from hiltest.virtual.timing import PipelineState, TimingProfile
+from hiltest.virtual.pipeline import REACHED, PipelineState, Reached
+from hiltest.virtual.timing import TimingProfile
 
 ReadCode = Callable[[int, int], bytes]  # raises BoardFault where there is no memory
 
+NO_BLOCK = -1  # number of no block
+
 # Blocks of any firmware in this process: their code is in the key, so other code at the same address is another block.
 BLOCKS_KEPT = 32_768
+
+
+def reached_by(how: Reached) -> int:
+    """Return what stands for a state that no code before decides, where else the number of a block does."""
+    return NO_BLOCK - how
+
+
+def reached_state(before: int) -> PipelineState:
+    """Return the state that a number of no block stands for."""
+    return REACHED[NO_BLOCK - before]
 
 
 @dataclass(slots=True)
@@ -29,6 +42,11 @@ class CodeBlock:
         What must be word-aligned when it begins, and within it.
     transfers : bool
         Whether it ends with a transfer of control, which leaves no pipeline state, taken or not.
+    late : int
+        Cycles of them that the first instruction waits because of how execution comes to it.
+    past, away : int
+        What stands for what it leaves, `reached_by` something: where execution goes on behind a transfer, and where
+        it jumps.
     needs_attention : bool
         Whether the processor must look before (FPU, hang, alignment, SEV) or behind it (masks).
     """
@@ -40,8 +58,11 @@ class CodeBlock:
     count: int
     through: int
     taken: int
+    late: int
     exit_state: PipelineState
     transfers: bool
+    past: int
+    away: int
     uses_fpu: bool
     changes_masks: bool
     sends_event: bool
@@ -72,6 +93,8 @@ def price_block(profile: TimingProfile, instructions: list[Instruction], entry: 
     last = instructions[-1]
     address, end = instructions[0].address, last.address + last.size
     refill = profile.taken(last) if last.transfer else 0
+    away = reached_by(profile.reached(last) if last.transfer else Reached.ANYHOW)
+    past = reached_by(profile.reached_past(last)) if last.conditional else away
     uses_fpu = any(instruction.uses_fpu for instruction in instructions)
     changes_masks = any(instruction.changes_masks for instruction in instructions)
     sends_event = any(instruction.sends_event for instruction in instructions)
@@ -79,8 +102,10 @@ def price_block(profile: TimingProfile, instructions: list[Instruction], entry: 
     alignment = required_alignment(instructions)
     through = total if not last.transfer or last.conditional else total + refill
     return CodeBlock(
-        address, end, entry, tuple(instructions), len(instructions), through, total + refill, state,
-        bool(last.transfer), uses_fpu, changes_masks, sends_event, loops and len(instructions) == 1, alignment,
+        address, end, entry, tuple(instructions), len(instructions), through, total + refill,
+        profile.reached_late(instructions[0], entry), state,
+        bool(last.transfer), past, away, uses_fpu, changes_masks, sends_event, loops and len(instructions) == 1,
+        alignment,
         bool(uses_fpu or changes_masks or sends_event or loops or alignment.registers or alignment.inside),
     )  # fmt: skip
 

@@ -13,7 +13,8 @@ from enum import StrEnum
 
 from hiltest.virtual.blocks import CodeBlock
 from hiltest.virtual.instructions import Instruction
-from hiltest.virtual.timing import NEUTRAL, PipelineState, TimingProfile
+from hiltest.virtual.pipeline import NEUTRAL, Late, PipelineState, Reached
+from hiltest.virtual.timing import TimingProfile
 
 
 class Work(StrEnum):
@@ -40,6 +41,10 @@ class Stall(StrEnum):
     """A load takes its address from the load right before it, so the two do not overlap."""
     STORE_BUFFER = "store_buffer"
     """A load right behind a store waits for it."""
+    ADDRESS = "address"
+    """It makes an address of what the instruction right before it computes; in a profile that knows that."""
+    FETCH = "fetch"
+    """Its four bytes do not begin at a multiple of four, and are not fetched yet; in a profile that knows that."""
 
 
 WORK_OF_ROW = {
@@ -110,6 +115,10 @@ def _without_one_after_the_other(state: PipelineState) -> Iterator[tuple[Stall, 
     """Take away what an instruction can wait for, until nothing is left of it."""
     if state == NEUTRAL:
         return
+    state = state._replace(late=Late.NOTHING, misplaced=0, reached=Reached.ANYHOW)
+    yield Stall.FETCH, state
+    state = state._replace(computed=0)
+    yield Stall.ADDRESS, state
     state = state._replace(fpu_busy=0, divided=0)
     yield Stall.DIVISION, state
     state = state._replace(fp_result=0)

@@ -99,7 +99,8 @@ class Processor:
     def _install_hooks(self) -> None:
         kind = unicorn.UC_HOOK_CODE if self.accounting.per_instruction else unicorn.UC_HOOK_BLOCK
         self._code_hook = self.accounting.hook(RETURN_ADDRESS, self.abort)
-        add_hook(self.engine, kind, *self._code_hook)
+        if self._code_hook.function is not None:
+            add_hook(self.engine, kind, *self._code_hook)
         self._data_hook = self.accounting.data_hook(self.registers.forget_condition, self.abort)
         if self._data_hook is not None:
             data = unicorn.UC_HOOK_MEM_READ | unicorn.UC_HOOK_MEM_WRITE

@@ -1,15 +1,16 @@
 """Uncertainty range of a count: the same executions, priced with the rows of the timing profile moved.
 
-Nothing is estimated. The blocks that ran are known, and so is what each costs under any table; a count under a moved
-table is what the board would have counted, had it been made with that table.
+The blocks that ran are known, and so is what each costs under any table; a count under a moved table is what the board
+would have counted, had it been made with that table. What no row explains is a part of the count, by a row of its own.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
-from hiltest.measurement import CycleRange, RowEffect, in_flash
+from hiltest.measurement import DOUBT, CycleRange, RowEffect, in_flash
 from hiltest.virtual.executions import Executions, Pricing, together
 from hiltest.virtual.peripherals.cycle_counter import CycleCounter
 from hiltest.virtual.timing import TimingProfile, moved
@@ -85,9 +86,17 @@ def cycle_range(
         most |= move.high if low <= high else move.low
         if low != cycles or high != cycles:
             effects.append(RowEffect(move.row, low, high))
-    effects.sort(key=lambda each: -max(abs(each.low - cycles), abs(each.high - cycles)))
     low, high = (_count_moved(count, nominal, profile, values) for values in (least, most))
-    return CycleRange(low, high, tuple(effects))
+    if doubt := _doubt(profile, cycles):
+        effects.append(RowEffect(DOUBT, cycles - doubt, cycles + doubt))
+    effects.sort(key=lambda each: -max(abs(each.low - cycles), abs(each.high - cycles)))
+    return CycleRange(low - doubt, high + doubt, tuple(effects))
+
+
+def _doubt(profile: TimingProfile, cycles: int) -> int:
+    """Return by how many cycles a count may be wrong where every row is right."""
+    row = profile.rows.get(DOUBT)
+    return math.ceil(cycles * row.value / 1000) if row else 0
 
 
 def flash_range(profile: TimingProfile, cycles: int) -> CycleRange | None:

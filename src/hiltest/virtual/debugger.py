@@ -19,7 +19,7 @@ from functools import partial
 import unicorn
 
 from hiltest.errors import BoardFault
-from hiltest.virtual.accounting import CODE_CALLBACK
+from hiltest.virtual.code_hook import CODE_CALLBACK
 from hiltest.virtual.engine import add_hook, remove_hook
 from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.schedule import Event

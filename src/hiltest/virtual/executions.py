@@ -1,8 +1,8 @@
 """The blocks that ran between two moments, so that the same executions can be priced again by another table.
 
-What a block costs depends on the pipeline state that the code before it leaves, and that on the table. A transfer
-leaves nothing; only a block that execution *fell into* from the one before it has to be priced behind that one. So an
-execution is kept by the block and by the blocks it was fallen into from, and not by a state.
+What a block costs depends on the pipeline state that the code before it leaves, and that on the table. What a transfer
+leaves no table changes; only a block that execution *fell into* from the one before it has to be priced behind that
+one. So an execution is kept by the block and by the blocks it was fallen into from, and not by a state.
 """
 
 from __future__ import annotations
@@ -14,23 +14,26 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hiltest.virtual.blocks import CodeBlock
+from hiltest.virtual.blocks import NO_BLOCK, CodeBlock
 from hiltest.virtual.instructions import Instruction
-from hiltest.virtual.timing import PipelineState, TimingProfile
+from hiltest.virtual.pipeline import PipelineState
+from hiltest.virtual.timing import TimingProfile
 
 # What prices an instruction beside the row that it is of.
 _ALSO = {
-    "load": ("load_behind_load", "load_behind_store"),
+    "load": ("load_behind_load", "load_behind_store", "refill_load"),
     "store": ("store_behind_load",),
+    "table_branch": ("refill_table",),
+    "it": ("it_folded",),
     "fp_accumulate": ("fp_accumulate_hidden",),
     "fp_divide": ("fp_divide_use",),
 }
+_OF_MISPLACED = ("target_misplaced", "return_misplaced", "fetch_late", "fetch_late_fp", "fetch_late_integer")
 _REFILLS = {"direct": "refill_direct", "indirect": "refill_indirect"}
-NO_BLOCK = -1  # number of no block
 
 
 class Entered(NamedTuple):
-    """A block, and the number of the one that execution fell into it from; `NO_BLOCK` where it was jumped to."""
+    """A block, and the number of the one that execution fell into it from; one below zero where it was jumped to."""
 
     block: CodeBlock
     before: int
@@ -143,7 +146,7 @@ class Pricing:
         """Return prices by a table that differs in these rows alone; what they do not price is not priced again."""
         other = Pricing(profile, self._entered)
         for number, end in self._ends.items():
-            if self._entered[number].before == NO_BLOCK and not rows & self._rows_of(number):
+            if self._entered[number].before < 0 and not rows & self._rows_of(number):
                 other._ends[number] = end
         return other
 
@@ -175,7 +178,7 @@ class Pricing:
         """Return the cycles of a block without a refill, and what it leaves."""
         # From the first that is not known yet: code without a branch may be cut into more blocks than calls may nest.
         unknown = []
-        while number != NO_BLOCK and number not in self._ends:
+        while number >= 0 and number not in self._ends:
             unknown.append(number)
             number = self._entered[number].before
         for each in reversed(unknown):
@@ -188,7 +191,7 @@ class Pricing:
 
     def _entry(self, number: int) -> PipelineState:
         block, before = self._entered[number]
-        return block.entry if before == NO_BLOCK else self._end(before)[1]
+        return block.entry if before < 0 else self._end(before)[1]
 
     def _until(self, number: int, address: int) -> int:
         """Return the cycles from the start of a block to one of its instructions."""
@@ -209,6 +212,12 @@ def rows_of(instructions: tuple[Instruction, ...]) -> frozenset[str]:
         rows.update(_ALSO.get(instruction.row, ()))
         if instruction.uses_fpu:
             rows.add("fp_use")
+        if instruction.predicated:
+            rows.add("it_executed")
+        if instruction.address_registers:
+            rows.add("address_use")
+        if instruction.misplaced:
+            rows.update(_OF_MISPLACED)
         if instruction.transfer:
             rows.add(_REFILLS[instruction.transfer])
     return frozenset(rows)

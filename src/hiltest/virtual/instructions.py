@@ -14,7 +14,6 @@ from capstone import arm_const as arm
 _PC_BIT = 1 << 15
 _LINK_BIT = 1 << 14
 
-
 # Stores, and what masks interrupts: such a loop may only wait all the same, see `hiltest.virtual.waits`.
 _PROVABLE_ROWS = {"store", "store_register_offset"}
 _PROVABLE_SYSTEM = ("nop", "cps", "mrs", "msr")
@@ -25,10 +24,7 @@ _NOT_WAITING = ("st", "push", "udf", ".", "mcr", "mrc", "cdp", "ldc")
 
 @dataclass(frozen=True, slots=True)
 class Instruction:
-    """One decoded instruction.
-
-    Register sets are bit masks: bit n of the core masks is r(n), bit n of the
-    floating-point masks is s(n).
+    """One decoded instruction; of sets of registers bit n is r(n), of floating-point ones s(n).
 
     Attributes
     ----------
@@ -37,13 +33,15 @@ class Instruction:
     words : int
         Words moved by a multiple transfer, else 0.
     address_registers, loaded_registers : int
-        Core registers that a single load takes its address from, and writes.
+        Core registers that an access takes its address from, and that a single load writes.
     fp_reads, fp_writes, fp_addend : int
         Single registers read, written, and read only as the addend of a MAC.
     transfer : str
         "" for none, "direct" (target in the instruction), "indirect".
     conditional : bool
         Whether a transfer may fall through.
+    predicated : bool
+        Whether it is no transfer and stands in an IT block, as far as that is known.
     changes_masks : bool
         Whether interrupts may become deliverable behind it.
     sends_event : bool
@@ -69,20 +67,32 @@ class Instruction:
     uses_fpu: bool = False
     transfer: str = ""
     conditional: bool = False
+    predicated: bool = False
     changes_masks: bool = False
     sends_event: bool = False
     aligned_base: int = -1
     core_writes: int = 0
     derived: tuple[tuple[int, int], ...] = ()
 
+    @property
+    def misplaced(self) -> bool:
+        """Whether it has four bytes and does not begin at a multiple of four: two words have to be fetched."""
+        return self.size == 4 and self.address % 4 != 0
+
+    @property
+    def target(self) -> int | None:
+        """Where it jumps, if that stands in it."""
+        target = self.text.rpartition("#")[2]
+        return int(target, 16) if self.transfer == "direct" and target.startswith("0x") else None
+
     def jumps_to(self, address: int) -> bool:
         """Whether it is an unconditional branch to `address`."""
-        return self.transfer == "direct" and not self.conditional and self.text.endswith(f"#{address:#x}")
+        return not self.conditional and self.target == address
 
     def jumps_back(self, address: int) -> bool:
         """Whether it is a branch, conditional or not, to `address` or to what stands before it; calls are none."""
-        mnemonic, _, target = self.text.partition(" #")
-        return self.transfer == "direct" and mnemonic != "bl" and bool(target) and int(target, 16) <= address
+        target = self.target
+        return target is not None and not self.calls and target <= address
 
     @property
     def calls(self) -> bool:
@@ -257,17 +267,16 @@ def _classify(raw: Any, *, in_it_block: bool) -> Instruction:
     memory = next((operand.mem for operand in raw.operands if operand.type == arm.ARM_OP_MEM), None)
     row, more = _price_class(raw, memory, core_writes)
     fields |= {"row": row, "core_writes": core_writes, "derived": _derived(raw, row, memory)} | more
+    fields["address_registers"] = _address_registers(raw, memory) & ~_PC_BIT
     if row == "load":
         # A base that is written back is not loaded: the next load may use it at once.
-        base_registers = _masks([memory.base, memory.index])[0] if memory is not None else 0
-        destination = _masks([raw.operands[0].reg])[0]
-        fields |= {"address_registers": base_registers & ~_PC_BIT, "loaded_registers": destination}
+        fields["loaded_registers"] = _masks([raw.operands[0].reg])[0]
     if row == "fp_accumulate":
         addend = _masks([raw.operands[0].reg])[1]
         others = _masks([operand.reg for operand in raw.operands[1:]])[1]
         fields |= {"fp_reads": others, "fp_addend": addend & ~others}
     fields |= _control(raw, core_writes, in_it_block=in_it_block)
-    return Instruction(**fields)
+    return Instruction(**fields, predicated=in_it_block and "transfer" not in fields)
 
 
 def _uses_fpu(raw: Any) -> bool:
@@ -315,13 +324,25 @@ def _fp_class(raw: Any) -> str:
     return "fp"
 
 
+def _address_registers(raw: Any, memory: Any) -> int:
+    if memory is not None:
+        return _masks([memory.base, memory.index])[0]
+    if raw.id in _MULTIPLES:
+        return _masks([_multiple_registers(raw)[0]])[0]
+    return 0
+
+
+def _multiple_registers(raw: Any) -> tuple[int, list[Any]]:
+    """Return the base of a multiple transfer, and the operands that are moved."""
+    if raw.id in (arm.ARM_INS_PUSH, arm.ARM_INS_POP, arm.ARM_INS_VPUSH, arm.ARM_INS_VPOP):
+        return arm.ARM_REG_SP, raw.operands
+    return raw.operands[0].reg, raw.operands[1:]
+
+
 def _multiple(raw: Any, memory: Any) -> dict[str, Any]:
     if raw.id in _DOUBLES:
         return {"words": 2} | _alignment(memory.base)
-    if raw.id in (arm.ARM_INS_PUSH, arm.ARM_INS_POP, arm.ARM_INS_VPUSH, arm.ARM_INS_VPOP):
-        registers, base = raw.operands, arm.ARM_REG_SP
-    else:
-        registers, base = raw.operands[1:], raw.operands[0].reg
+    base, registers = _multiple_registers(raw)
     core, floating = _masks([operand.reg for operand in registers])
     return {"words": core.bit_count() + floating.bit_count()} | _alignment(base)
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import unicorn
 
-from hiltest.virtual.accounting import CODE_CALLBACK
 from hiltest.virtual.call_summary import Call
 from hiltest.virtual.call_watch import CallWatch
+from hiltest.virtual.code_hook import CODE_CALLBACK
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.engine import add_hook
 

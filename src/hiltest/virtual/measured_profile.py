@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
 from hiltest.virtual.profile_file import AT_LEAST, DEFAULT_PROFILE, load_profile
-from hiltest.virtual.timing import CostRow
+from hiltest.virtual.timing import CostRow, TimingProfile
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +67,11 @@ EQUATIONS = (
         "exception_return", "exception_return", 8, {"branch": 8, "refill_indirect": 8, "system": -8}, less="readings"
     ),
 )
+#: Instead of those of the same sequences, for a profile that has the row.
+_OF_RULES = {
+    "table_branch": Equation("table_branch", "refill_table", 8, {"table_branch": 8}),
+    "if_then": Equation("if_then", "it_folded", 16, {"data": 16}),
+}
 #: What must come out as the rows have it.
 CHECKS = (
     Equation("load_store_pairs", "load", 16, {"store_behind_load": 16, "load_behind_store": 16}),
@@ -118,7 +123,13 @@ class MeasuredProfile:
     remarks: tuple[str, ...]
 
 
-def solve(clocks: Mapping[str, int], about: str) -> MeasuredProfile:
+def equations(base: TimingProfile) -> list[Equation]:
+    """Return the equations for the rows that a profile has, in an order in which they can be solved."""
+    by_rule = {name: each for name, each in _OF_RULES.items() if each.row in base.rows}
+    return [by_rule.get(each.sequence, each) for each in EQUATIONS]
+
+
+def solve(clocks: Mapping[str, int], about: str, base: TimingProfile | None = None) -> MeasuredProfile:
     """Find the rows that give these clocks.
 
     Parameters
@@ -127,11 +138,14 @@ def solve(clocks: Mapping[str, int], about: str) -> MeasuredProfile:
         Clocks of half of each sequence, run from SRAM_L with its data in SRAM_U.
     about : str
         What was measured, and with what: ends the source of each row.
+    base : TimingProfile, optional
+        Has the rows that no sequence gives; by default the default profile.
     """
-    exact: dict[str, Fraction] = {}
+    base = base or load_profile(DEFAULT_PROFILE)
+    exact = {name: Fraction(row.value) for name, row in base.rows.items()}
     rows: dict[str, CostRow] = {}
     remarks: list[str] = []
-    for each in EQUATIONS:
+    for each in equations(base):
         rest = each.clocks + sum(times * exact[row] for row, times in each.others.items())
         value = exact[each.row] = Fraction(each.measured(clocks) - rest, 1) / each.times
         what = f"{each.sequence} less {each.less}" if each.less else each.sequence

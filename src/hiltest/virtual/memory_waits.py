@@ -8,12 +8,14 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable
 
-from hiltest.virtual.accounting import CodeHook, InstructionAccounting
+from hiltest.virtual.accounting import InstructionAccounting
 from hiltest.virtual.blocks import CodeBlock, ReadCode, price_block
+from hiltest.virtual.code_hook import CodeHook
 from hiltest.virtual.flash_waits import FlashController
 from hiltest.virtual.instructions import Instruction, decode
 from hiltest.virtual.memory import FLASH, SRAM
-from hiltest.virtual.timing import NEUTRAL, TimingProfile
+from hiltest.virtual.pipeline import NEUTRAL
+from hiltest.virtual.timing import TimingProfile
 
 _SRAM_U = 0x20000000
 _FLASH_END, _SRAM_END = sum(FLASH), sum(SRAM)

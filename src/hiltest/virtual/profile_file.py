@@ -48,6 +48,20 @@ ROWS = {
     "exception_entry": "exception entry",
     "exception_return": "exception return",
 }
+#: Rows that a profile may have or not, and what each prices; without one its rule does not hold.
+RULES = {
+    "address_use": "added when an address is made of what the data-processing instruction right before computed",
+    "it_folded": "IT behind an instruction of two bytes",
+    "it_executed": "1: instructions of an IT block are priced as if executed; 0: as if skipped, a cycle each",
+    "target_misplaced": "added when a taken branch leads to four bytes that are not at a multiple of four",
+    "return_misplaced": "the same, when the target comes from a register or memory",
+    "refill_table": "instead of refill_indirect: TBB, TBH",
+    "refill_load": "instead of refill_indirect: LDR to the PC",
+    "fetch_late": "the third of three instructions of four bytes, none at a multiple of four, behind one of two cycles",
+    "fetch_late_fp": "the same behind a floating-point instruction of one cycle",
+    "fetch_late_integer": "the same behind an integer instruction of one cycle",
+    "doubt_permille": "thousandths of any count by which it may be wrong where every row is right",
+}
 #: Every row of what the memories add, and what it says.
 MEMORY_ROWS = {
     "flash_clocks": "core clocks of one clock of the flash",
@@ -71,7 +85,7 @@ AT_LEAST = {
     "cache_ways": 1, "cache_sets": 1,
 }  # fmt: skip
 _DEAREST = 1000  # cycles; far more than any instruction takes, and sums stay within 32 bits
-_AT_MOST = {"flash_read_ahead": 1, "flash_uncertainty": 100}
+_AT_MOST = {"it_executed": 1, "flash_read_ahead": 1, "flash_uncertainty": 100}
 _POWERS_OF_TWO = frozenset({"flash_line_bytes", "cache_entry_bytes", "cache_sets"})  # they divide addresses
 _LARGEST_FILE = 64 * 1024
 _TABLES = ("name", "base", "cost", "memory", "measured")  # the last is what rows were made of, and prices nothing
@@ -165,7 +179,7 @@ def _parsed(place: str, content: bytes) -> tuple[str, dict[str, CostRow], dict[s
         )
     rows, memory = _base(place, name, data["base"]) if "base" in data else ({}, {})
     if "cost" in data or not rows:
-        rows = _table(place, "cost", data.get("cost"), ROWS, rows)
+        rows = _table(place, "cost", data.get("cost"), ROWS, rows, RULES)
     if "memory" in data:
         memory = _table(place, "memory", data["memory"], MEMORY_ROWS, memory)
     _check_division(place, rows)
@@ -184,16 +198,19 @@ def _base(place: str, name: str, base: Any) -> tuple[dict[str, CostRow], dict[st
 
 
 def _table(
-    place: str, table: str, given: Any, known: Mapping[str, str], base: dict[str, CostRow]
+    place: str, table: str, given: Any, known: Mapping[str, str], base: dict[str, CostRow],
+    optional: Mapping[str, str] | None = None,
 ) -> dict[str, CostRow]:
     if not isinstance(given, dict):
         raise ConfigError(f"{place}: it has no table [{table}.ROW]; {_otherwise(table)}")
-    for key in sorted(given.keys() - known.keys()):
-        raise UnknownKeyError(key, where=f"{place}: {table}", known=tuple(known))
+    every = (*known, *(optional or ()))
+    for key in sorted(given.keys() - set(every)):
+        raise UnknownKeyError(key, where=f"{place}: {table}", known=every)
     if missing := [row for row in known if row not in given and row not in base]:
         raise ConfigError(f"{place}: {table}.{missing[0]} is missing, {len(missing)} rows in all; {_otherwise(table)}")
     return {
-        row: _row(f"{place}: {table}.{row}", row, given[row]) if row in given else base[row] for row in known
+        row: _row(f"{place}: {table}.{row}", row, given[row]) if row in given else base[row]
+        for row in every if row in given or row in base
     }
 
 
@@ -222,7 +239,7 @@ def _row(place: str, row: str, given: Any) -> CostRow:
 def _cycles(place: str, row: str, given: Any) -> int:
     least, most = AT_LEAST.get(row, 0), _AT_MOST.get(row, _DEAREST)
     if not isinstance(given, int) or isinstance(given, bool) or not least <= given <= most:
-        what = "whole cycles" if row in ROWS else "a whole number"
+        what = "whole cycles" if row not in MEMORY_ROWS else "a whole number"
         raise ConfigError(f"{place}: must be {what} from {least} to {most}, not {shown(given)}")
     if row in _POWERS_OF_TWO and given & (given - 1):
         raise ConfigError(f"{place}: must be a power of two, not {given}")

@@ -23,6 +23,7 @@ from hiltest.virtual.cycle_range import cycle_range, flash_range
 from hiltest.virtual.elf import FirmwareImage
 from hiltest.virtual.executions import between
 from hiltest.virtual.k64f import HANG_S, VirtualK64F
+from hiltest.virtual.placement import LEAST_SHARE, FetchTally, Loop, LoopPlacement, placements
 from hiltest.virtual.procedure_call import Argument
 from hiltest.virtual.timing import TimingProfile
 
@@ -145,6 +146,8 @@ class CallProfile(CallResult):
         and for code in flash by a profile that knows no memories.
     memory_cycles : int or None
         What accesses waited for, of no instruction in the tables; None when the timing profile knows no memories.
+    loops : tuple of LoopPlacement
+        Those whose instructions lie badly, the one that loses most first; none by a profile without rules of fetching.
     """
 
     function: str
@@ -158,6 +161,7 @@ class CallProfile(CallResult):
     stacks: tuple[StackCost, ...]
     band: CycleRange | None
     memory_cycles: int | None = None
+    loops: tuple[LoopPlacement, ...] = ()
 
     def share(self, cycles: int) -> float:
         """Return a part of the total [%]."""
@@ -250,6 +254,8 @@ class _Sums:
         self.work: Counter[Work] = Counter(dict.fromkeys(Work, 0))
         self.stalls: Counter[Stall] = Counter(dict.fromkeys(Stall, 0))
         self.nodes: dict[CallNode, _Tally] = {}
+        self._loops: dict[int, Counter[Loop]] = {}
+        self._fetched: dict[int, dict[int, FetchTally]] = {}
         self.addresses: dict[tuple[int, int], tuple[CallNode, InstructionCost, _Tally]] = {}
         for node in tree.root.walk():
             self._add_node(node)
@@ -257,8 +263,13 @@ class _Sums:
     def _add_node(self, node: CallNode) -> None:
         own = self.nodes[node] = _Tally()
         own.cycles = node.asleep_cycles
+        loops = self._loops.setdefault(node.address, Counter())
         for block, went_on, count in node.runs.values():
+            last = block.instructions[-1]
+            if not went_on and last.target is not None and last.jumps_back(last.address):
+                loops[last.target, last.address] += count
             for cost in self._of(block, went_on=went_on):
+                self._note_fetch(node.address, cost, count)
                 waited = 0
                 for cause, cycles in cost.stalls:
                     waited += cycles
@@ -268,6 +279,12 @@ class _Sums:
                 _, _, at_address = self.addresses.setdefault(key, (node, cost, _Tally()))
                 for tally in (own, at_address):
                     tally.add(count, count * (cost.work_cycles + waited), count * waited)
+
+    def _note_fetch(self, function: int, cost: InstructionCost, count: int) -> None:
+        instruction = cost.instruction
+        tally = self._fetched.setdefault(function, {}).setdefault(instruction.address, FetchTally(instruction))
+        tally.executions += count
+        tally.late += count * sum(cycles for cause, cycles in cost.stalls if cause is Stall.FETCH)
 
     def _of(self, block: CodeBlock, *, went_on: bool) -> tuple[InstructionCost, ...]:
         key = id(block), went_on
@@ -286,8 +303,16 @@ class _Sums:
             functions=tuple(sorted(self._function_costs(), key=lambda each: (-each.self_cycles, each.name))),
             lines=tuple(sorted(_line_costs(addresses), key=lambda each: (-each.cycles, each.location))),
             addresses=addresses, stacks=tuple(sorted(self._stacks(), key=lambda each: (-each.cycles, each.functions))),
-            band=band,
+            band=band, loops=tuple(self._placements(image, LEAST_SHARE * result.cycles)),
         )  # fmt: skip
+
+    def _placements(self, image: FirmwareImage, least: float) -> list[LoopPlacement]:
+        names = _distinct_names({node.address: node.name for node in self.nodes})
+        found = [
+            each for address, loops in self._loops.items()
+            for each in placements(names[address], loops, self._fetched.get(address, {}), image)
+        ]
+        return sorted((each for each in found if each.cycles >= least), key=lambda each: (-each.cycles, each.address))
 
     @property
     def cycle_model(self) -> str:

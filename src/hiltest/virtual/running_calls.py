@@ -19,14 +19,14 @@ from functools import partial
 
 import unicorn
 
-from hiltest.virtual.accounting import CODE_CALLBACK
 from hiltest.virtual.blocks import CodeBlock
 from hiltest.virtual.call_summary import Call
+from hiltest.virtual.code_hook import CODE_CALLBACK
 from hiltest.virtual.cpu import Processor
 from hiltest.virtual.engine import add_hook
 from hiltest.virtual.exceptions import OF_THREAD
 from hiltest.virtual.instructions import Instruction, decode
-from hiltest.virtual.timing import NEUTRAL, PipelineState
+from hiltest.virtual.pipeline import NEUTRAL, PipelineState
 
 _STACK_AND_LINK = (13, 14)
 _EXC_RETURN = 0xFFFFFFE0  # a return address from here on ends an exception
@@ -214,7 +214,9 @@ class RunningCalls:
                 self._arrives(address, stack, cycles - self._paused_cycles, begins_block=begins_block)
             function = self._functions.get(address)
             if function is not None:
-                self._enters(function, stack, link & ~1, cycles - self._paused_cycles, begins_block=begins_block)
+                # What it waits because a branch led to it is the caller's.
+                now = cycles - self._paused_cycles + (accounting.late if begins_block else 0)
+                self._enters(function, stack, link & ~1, now, begins_block=begins_block)
         except BaseException as error:  # re-raised by the processor; ctypes would print and drop it
             self._processor.abort(error)
 
@@ -350,9 +352,7 @@ class RunningCalls:
         thread.left_at = accounting.cycles - self._paused_cycles
         thread.state = NEUTRAL
         if accounting.instructions != thread.resumed_behind:  # else it was left before it ran, and loses nothing more
-            before = thread.before = accounting.before
-            if before is not None and not before.transfers:
-                thread.state = before.exit_state
+            thread.before, thread.state = accounting.before, accounting.left
 
     def _end_handler(self) -> None:
         """Close the calls of an exception: of its handler, and of what that tail-called."""

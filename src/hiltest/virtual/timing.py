@@ -13,7 +13,8 @@ row. The rules say what one instruction does to the next:
 
 What is remembered between instructions is a `PipelineState`. Only a control
 transfer resets it; then an unfinished division is waited for, which errs on
-the dear side. Instructions inside an IT block are priced as if executed.
+the dear side. Instructions inside an IT block are priced as if executed, but where a row says otherwise.
+A profile may have more rules, of `hiltest.virtual.pipeline`.
 """
 
 from __future__ import annotations
@@ -21,9 +22,9 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 from hiltest.virtual.instructions import Instruction
+from hiltest.virtual.pipeline import NEUTRAL, Late, PipelineState, Reached, Rules
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,28 +41,16 @@ class CostRow:
     against: str = ""
 
 
-class PipelineState(NamedTuple):
-    """State of the pipeline that the next instruction may wait for.
-
-    ``before`` is "load", "store" or ""; ``loaded`` the core registers that load
-    wrote; ``fp_result`` the single registers that were just computed, or will be
-    when the FPU is free; ``fpu_busy`` the cycles until it is, and ``divided`` the
-    registers that hold a division's result one cycle after that.
-    """
-
-    before: str = ""
-    loaded: int = 0
-    fp_result: int = 0
-    fpu_busy: int = 0
-    divided: int = 0
-
-
-NEUTRAL = PipelineState()
-
 # Neither leaves a pipeline state nor, behind none, waits: most of all instructions, priced at once.
 _LEAVES_NOTHING = frozenset(
     {"data", "divide", "it", "barrier", "system", "exclusive", "fp_load", "fp_store", "fp_move_pair"}
 )
+# Rows of the rules that a profile may have, see `hiltest.virtual.pipeline`.
+RULE_ROWS = frozenset({
+    "address_use", "it_folded", "it_executed", "target_misplaced", "return_misplaced", "fetch_late", "fetch_late_fp",
+    "fetch_late_integer",
+})  # fmt: skip
+_OWN_REFILLS = {"table_branch": "refill_table", "load": "refill_load"}
 _SINGLE_TRANSFERS = {"load": "load", "store": "store", "store_register_offset": "store"}
 
 
@@ -96,6 +85,8 @@ class TimingProfile:
         self.name = name if shipped else f"{name}+{self.digest[:8]}"
         self.rows = rows
         self._value = {key: row.value for key, row in rows.items()}
+        self._rules = Rules(self._value) if rows.keys() & RULE_ROWS else None
+        self._executes_predicated = self._value.get("it_executed", 1) > 0
         self._hidden = min(self._value["fp_accumulate_hidden"], self._value["fp_accumulate"] - 1)
         self.exception_entry = self._value["exception_entry"]
         self.exception_return = self._value["exception_return"]
@@ -117,6 +108,18 @@ class TimingProfile:
         state : PipelineState
             What it leaves for the next.
         """
+        rules = self._rules
+        if rules is None:
+            return self._step(instruction, state)
+        if rules.folds(instruction, state):
+            return self._value["it_folded"], state._replace(late=Late.NOTHING, misplaced=0)
+        skipped = instruction.predicated and not self._executes_predicated
+        cycles, left = (1, NEUTRAL) if skipped else self._step(instruction, state)
+        late, late_fetch = rules.waits(instruction, state)
+        return cycles + late + late_fetch, rules.leave(instruction, state, cycles + late, left)
+
+    def _step(self, instruction: Instruction, state: PipelineState) -> tuple[int, PipelineState]:
+        """Price one instruction by the four rules."""
         value = self._value
         row = instruction.row
         if state is NEUTRAL and row in _LEAVES_NOTHING and not instruction.transfer:
@@ -142,7 +145,35 @@ class TimingProfile:
 
     def taken(self, instruction: Instruction) -> int:
         """Cycles added when a transfer is taken: the pipeline refills."""
-        return self._value["refill_direct" if instruction.transfer == "direct" else "refill_indirect"]
+        return self._value[self.refill_row(instruction)]
+
+    def refill_row(self, instruction: Instruction) -> str:
+        """Return the row that prices the refill when a transfer is taken."""
+        if instruction.transfer == "direct":
+            return "refill_direct"
+        own = _OWN_REFILLS.get(instruction.row, "")
+        return own if own in self._value else "refill_indirect"
+
+    def reached(self, instruction: Instruction) -> Reached:
+        """Say how a transfer, when it is taken, comes to what it leads to, where that can matter."""
+        if self._rules is None:
+            return Reached.ANYHOW
+        if instruction.transfer == "direct":
+            # Nothing at a multiple of four is misplaced: one state less to price it from.
+            return Reached.BY_BRANCH if instruction.target is None or instruction.target % 4 else Reached.ANYHOW
+        return Reached.BY_REGISTER
+
+    def reached_late(self, instruction: Instruction, state: PipelineState) -> int:
+        """Return the part of an instruction's cycles that comes of how execution came to it."""
+        if self._rules is None or not state.reached:
+            return 0
+        return self.step(instruction, state)[0] - self.step(instruction, state._replace(reached=Reached.ANYHOW))[0]
+
+    def reached_past(self, instruction: Instruction) -> Reached:
+        """Say how execution comes to what is behind a transfer that is not taken."""
+        if self._rules is None or instruction.size == 4:
+            return Reached.ANYHOW
+        return Reached.PAST_BRANCH
 
     def _load(self, instruction: Instruction, state: PipelineState) -> int:
         if state.before == "load" and not state.loaded & instruction.address_registers:

@@ -11,7 +11,7 @@ from typing import Any
 
 import unicorn
 
-from hiltest.virtual.accounting import CODE_CALLBACK
+from hiltest.virtual.code_hook import CODE_CALLBACK
 from hiltest.virtual.elf import FirmwareImage
 from hiltest.virtual.engine import add_hook
 from hiltest.virtual.faults import Fault, FaultKind

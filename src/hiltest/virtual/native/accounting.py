@@ -10,19 +10,21 @@ from typing import ClassVar
 
 from unicorn.unicorn_py3.unicorn import uclib
 
-from hiltest.virtual.accounting import CodeHook
-from hiltest.virtual.blocks import BLOCKS_KEPT, CodeBlock, ReadCode, conditions_at, priced_block
-from hiltest.virtual.executions import NO_BLOCK, Entered, Snapshot
+from hiltest.virtual.blocks import BLOCKS_KEPT, NO_BLOCK, CodeBlock, ReadCode, conditions_at, priced_block
+from hiltest.virtual.code_hook import CodeHook
+from hiltest.virtual.executions import Entered, Snapshot
 from hiltest.virtual.instructions import Instruction
 from hiltest.virtual.native import library as native
+from hiltest.virtual.pipeline import NEUTRAL, REACHED, PipelineState
 from hiltest.virtual.registers import register_number
-from hiltest.virtual.timing import NEUTRAL, PipelineState, TimingProfile
+from hiltest.virtual.timing import TimingProfile
 from hiltest.virtual.turn import LoopTurn, PassOver
 
 _PLACES = 4096  # of the table at first: the shipped firmware has about a thousand blocks
 _NEVER = (1 << 63) - 1
 _FIRST_WAIT = 2  # jumps backward from a block before a loop is watched
 _ASKED_ABOUT = native.USES_FPU | native.ALIGNMENT_INSIDE | native.CHANGES_MASKS | native.LOOPS_TO_ITSELF
+_REACHED = len(REACHED)  # entries that are a `Reached`; above are the numbers of blocks, from here on
 _CYCLES, _INSTRUCTIONS, _DEADLINE, _RUNNING, _BEFORE = range(5)  # words at the start of the counter
 
 
@@ -175,17 +177,17 @@ class NativeBlockAccounting:
 
     def _add(self, address: int, code: bytes, entry: int) -> None:
         self._priced_code[address, len(code)] = code
-        state = NEUTRAL if entry == native.NEUTRAL_ENTRY else self._entered[entry - 1].block.exit_state
-        known = self._profile, address, code, state
+        known = self._profile, address, code, self.left_by(entry)
         priced_alike = _reasons_and_registers(*known)
         if conditions := conditions_at(address, priced_alike[0], self._read_code):
             priced_alike = _reasons_and_registers(*known, conditions)
         block, reasons, aligned, kept = priced_alike
         number = len(self._entered)
-        leaves = native.NEUTRAL_ENTRY if block.instructions[-1].transfer else number + 1
-        self._entered.append(Entered(block, NO_BLOCK if entry == native.NEUTRAL_ENTRY else entry - 1))
+        leaves = NO_BLOCK - block.past if block.transfers else number + _REACHED
+        self._entered.append(Entered(block, NO_BLOCK - entry if entry < _REACHED else entry - _REACHED))
         priced = native.PricedBlock(
-            address, len(code), entry, leaves, block.count, block.through, block.taken, reasons, aligned, kept, number,
+            address, block.late, len(code), entry, leaves, NO_BLOCK - block.away, block.count, block.through,
+            block.taken, reasons, aligned, kept, number,
             _FIRST_WAIT, _FIRST_WAIT if self.passes_waits and block.instructions[-1].jumps_back(address) else _NEVER,
         )
         self._priced.append(priced)
@@ -198,7 +200,7 @@ class NativeBlockAccounting:
     def _note_end(self, number: int, block: CodeBlock) -> None:
         last = block.instructions[-1]
         does = (native.CALLS if last.calls else 0) | (native.RETURNS if last.may_return else 0)
-        does |= native.LEAVES_NOTHING if block.exit_state == NEUTRAL else 0
+        does |= native.LEAVES_NOTHING if block.exit_state == NEUTRAL and block.away == NO_BLOCK else 0
         self._ends[2 * number : 2 * number + 2] = [last.address, does]
 
     def _spread(self, places: int) -> None:
@@ -226,7 +228,7 @@ class NativeBlockAccounting:
         """Drop cached blocks, but not the one that is not over: its end is to be counted, or what it leaves is."""
         running, counter = self._running, self._counter
         self._ran_before, self._words[_BEFORE] = self.before, -1
-        fallen_out_of = None if counter.state == native.NEUTRAL_ENTRY else self._entered[counter.state - 1].block
+        fallen_out_of = None if counter.state < _REACHED else self._entered[counter.state - _REACHED].block
         self._entered: list[Entered] = []
         self._priced: list[native.PricedBlock] = []
         self._priced_code: dict[tuple[int, int], bytes] = {}
@@ -235,11 +237,11 @@ class NativeBlockAccounting:
         self.end_watch()
         if running is not None:
             self._last = native.PricedBlock.from_buffer_copy(native.PricedBlock.from_address(counter.running))
-            self._last.number, self._last.leaves = 0, min(self._last.leaves, 1)
+            self._last.number, self._last.leaves = 0, min(self._last.leaves, _REACHED)
             self._words[_RUNNING] = 0
             counter.running = ctypes.addressof(self._last)
         elif fallen_out_of is not None:
-            counter.state = 1
+            counter.state = _REACHED
         if kept := running or fallen_out_of:
             self._entered.append(Entered(kept, NO_BLOCK))
         self._spread(_PLACES)
@@ -252,8 +254,12 @@ class NativeBlockAccounting:
 
     def left_by(self, entry: int) -> PipelineState:
         """Return the pipeline state that an entry of the table stands for."""
-        known = native.NEUTRAL_ENTRY < entry <= len(self._entered)
-        return self._entered[entry - 1].block.exit_state if known else NEUTRAL
+        return REACHED[entry] if entry < _REACHED else self._entered[entry - _REACHED].block.exit_state
+
+    @property
+    def left(self) -> PipelineState:
+        """What the block that ended last left in the pipeline, while none runs."""
+        return self.left_by(self._counter.state)
 
     # -- where execution is -------------------------------------------------------------------
 
@@ -289,6 +295,12 @@ class NativeBlockAccounting:
         """What ran before the block that runs, or last, while none does."""
         number = self._words[_BEFORE]
         return self._ran_before if number < 0 else self._entered[number].block
+
+    @property
+    def late(self) -> int:
+        """Cycles that the block which runs waits because of how execution came to it."""
+        block = self._running
+        return 0 if block is None else block.late
 
     @property
     def jumped_from(self) -> int | None:

@@ -57,14 +57,17 @@ enum {
 };
 
 /*
- * A block priced from one pipeline state; free places of the table have size 0. An entry is NEUTRAL, or one more than
- * the number of the block that execution fell out of: its pipeline state is the entry's.
+ * A block priced from one pipeline state; free places of the table have size 0. An entry is NEUTRAL, another way in which
+ * transfers lead to a block, or above those the number of the block that execution fell out of: its pipeline state is
+ * the entry's.
  */
 struct block {
-    uint32_t address;
+    uint32_t address; /* the first two are read by running_calls.c */
+    uint32_t late;    /* cycles that its first instruction waits because of how execution comes to it */
     uint32_t size;
     uint32_t entry;   /* that it was priced from */
-    uint32_t leaves;  /* entry of what follows its end; a taken branch leaves NEUTRAL */
+    uint32_t leaves;  /* entry of what follows its end */
+    uint32_t jumps;   /* entry of what it jumps to */
     uint32_t count;   /* instructions */
     uint32_t through; /* cycles, when execution falls out of its end */
     uint32_t taken;   /* cycles, when it jumps away */
@@ -288,7 +291,7 @@ static void finish(struct counter *counter, uint32_t next)
         counter->runs[block->number][0]++;
     } else {
         counter->cycles += block->taken;
-        counter->state = NEUTRAL;
+        counter->state = block->jumps;
         if (++counter->runs[block->number][1] >= block->next && counter->watch.trigger == NULL) {
             counter->watch.trigger = block;
             counter->reasons |= WATCHED;
@@ -549,7 +552,7 @@ void hiltest_block_begins(void *engine, uint64_t address64, uint32_t size, void 
             stop(counter, engine);
             return;
         }
-        if ((block->reasons & LOOPS_TO_ITSELF) != 0) {
+        if ((block->reasons & LOOPS_TO_ITSELF) != 0 && (block->jumps == NEUTRAL || block->jumps == state)) {
             pass_rounds(counter, block);
         }
         if ((counter->reasons & WATCHED) != 0) {

@@ -28,8 +28,8 @@ class PricedBlock(ctypes.Structure):
 
     _fields_ = (
         *((name, ctypes.c_uint32) for name in (
-            "address", "size", "entry", "leaves", "count", "through", "taken", "reasons", "aligned", "kept", "number",
-            "wait",
+            "address", "late", "size", "entry", "leaves", "jumps", "count", "through", "taken", "reasons", "aligned",
+            "kept", "number", "wait",
         )),
         ("next", ctypes.c_int64), ("rest", ctypes.c_uint16), ("rests", ctypes.c_uint16), ("proved", ctypes.c_uint32),
     )  # fmt: skip

@@ -97,7 +97,7 @@ struct calls {
     const int64_t *cycles;
     const int64_t *instructions;
     const int64_t *before_number; /* of the block that ended last */
-    const uint32_t *const *running; /* the block that runs; it begins with its address */
+    const uint32_t *const *running; /* the block that runs: its address, and how long its beginning waits */
     const struct last *const *ends; /* of each block, by number */
     const uint32_t *state;
     struct function *functions;
@@ -381,6 +381,7 @@ void hiltest_calls_on_code(void *engine, uint64_t address64, uint32_t size, void
     uint32_t stack = 0;
     uint32_t link = 0;
     struct last last = {0, 0};
+    int64_t late = 0;
     int64_t now;
     int32_t function;
 
@@ -392,6 +393,7 @@ void hiltest_calls_on_code(void *engine, uint64_t address64, uint32_t size, void
     now = now_of(calls);
     if (*calls->running != NULL && **calls->running == address) {
         last = last_of(calls, &calls->threads[calls->current]);
+        late = (*calls->running)[1];
     } else {
         now += calls->before(address);
     }
@@ -400,7 +402,7 @@ void hiltest_calls_on_code(void *engine, uint64_t address64, uint32_t size, void
     function = place_of(calls, address)->function;
     if (function != NONE) {
         (void)calls->read_register(engine, calls->link_register, &link);
-        enters(calls, function, stack, link & ~1u, now, last);
+        enters(calls, function, stack, link & ~1u, now + late, last);
     }
 }
 
