@@ -193,8 +193,11 @@ def _proposed(path: Path) -> None:
 
 @pytest.fixture(scope="session")
 def readers(tmp_path_factory: pytest.TempPathFactory, default_run) -> dict[str, Reader]:
-    """Every decoder and reader, by name."""
-    folder = tmp_path_factory.mktemp("corpus")
+    return every_reader(tmp_path_factory.mktemp("corpus"), (default_run.folder / "run.json").read_bytes())
+
+
+def every_reader(folder: Path, run: bytes) -> dict[str, Reader]:
+    """Return every decoder and reader, by name; files of the corpus stand in a folder, `run` is a run.json."""
     write(folder / "imu.csv", *six_faces_and_turns().readings())
     imu = (folder / "imu.csv").read_bytes()[:40_000].rpartition(b"\n")[0]
     log = read_imu_log(folder / "imu.csv")
@@ -206,7 +209,6 @@ def readers(tmp_path_factory: pytest.TempPathFactory, default_run) -> dict[str, 
         b"%.2f,0.%d,-%d,1e-3\n" % (n / 100, n % 9, n % 2) for n in range(300)
     )
     compass = default_firmware().with_name("compass-lines.elf")
-    run = (default_run.folder / "run.json").read_bytes()
     rigs = [each.read_bytes() for each in sorted((shipped() / "rigs").glob("*.toml"))]
     profiles = [each.read_bytes() for each in shipped_profiles().values()]
     replies = [bytes([number]) + bytes(size) for number in range(len(REQUESTS)) for size in (1, 2, 5, 17, 49, 62, 100)]

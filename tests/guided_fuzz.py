@@ -1,0 +1,111 @@
+"""Inputs that coverage guides, for every decoder and reader of test_fuzzed_inputs.py.
+
+    python -m tests.guided_fuzz [--inputs N] [--seed S] [NAME ...]
+
+Atheris, a fuzzer on libFuzzer's engine, mutates valid inputs and keeps those that reach new branches of the package. An
+input that raises what its reader does not document ends the fuzzing of that reader, and is printed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import mmap
+import os
+import subprocess
+import sys
+import tempfile
+import traceback
+from pathlib import Path
+from struct import Struct
+from typing import NoReturn
+
+import atheris  # type: ignore[import-not-found]
+
+# It names every module that it instruments.
+with contextlib.redirect_stderr(io.StringIO()), atheris.instrument_imports(include=["hiltest"]):
+    from tests.test_fuzzed_inputs import NAMES, Reader, every_reader
+
+_TOTALS = Struct("<QQ")  # read, refused
+
+
+def main() -> int:
+    """Fuzz, and print totals."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("names", nargs="*", metavar="NAME")
+    parser.add_argument("--inputs", type=int, default=1_000_000)
+    parser.add_argument("--seed", type=int, default=1)
+    given = parser.parse_args()
+    failed = []
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        readers = every_reader(folder, _a_run(folder))
+        for name in given.names or NAMES:
+            inputs = max(20, round(given.inputs * readers[name].share))
+            work, counts = folder / name.replace(" ", "-"), mmap.mmap(-1, _TOTALS.size)
+            work.mkdir()
+            if (child := os.fork()) == 0:
+                _alone(readers[name], work, inputs, given.seed, counts)
+            _, status = os.waitpid(child, 0)
+            read, refused = _TOTALS.unpack(counts[:])
+            print(f"{name}: {read} read, {refused} refused", flush=True)
+            if os.waitstatus_to_exitcode(status) != 0 or not read:
+                failed.append(name)
+                print((work / "log").read_text(errors="replace"))
+    print(f"failed: {', '.join(failed)}" if failed else "each input was read, or refused as documented")
+    return 1 if failed else 0
+
+
+def _a_run(folder: Path) -> bytes:
+    command = [sys.executable, "-m", "hiltest", "run", "--out", str(folder / "run"), "--", "-k", "identity"]
+    subprocess.run(command, check=False, capture_output=True)  # its limits are not all measured
+    return next((folder / "run").rglob("run.json")).read_bytes()
+
+
+def _alone(reader: Reader, folder: Path, inputs: int, seed: int, counts: mmap.mmap) -> NoReturn:
+    """Fuzz in a process of its own, which ends here and removes nothing; what it says goes to a file."""
+    status = 1
+    log = os.open(folder / "log", os.O_WRONLY | os.O_CREAT)
+    for stream in (1, 2):
+        os.dup2(log, stream)
+    try:
+        fuzz(reader, folder, inputs, seed, counts)
+        status = 0
+    except SystemExit as ended:
+        status = int(ended.code or 0)
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        sys.stdout.flush()
+        os._exit(status)
+
+
+def fuzz(reader: Reader, folder: Path, inputs: int, seed: int, counts: mmap.mmap) -> None:
+    """Give a reader so many inputs."""
+    path, corpus = folder / f"fuzzed{reader.suffix}", folder / "seeds"
+    corpus.mkdir()
+    for number, content in enumerate(reader.corpus):
+        (corpus / str(number)).write_bytes(content)
+    totals = [0, 0]
+
+    def one_input(data: bytes) -> None:
+        if reader.suffix is not None:
+            path.write_bytes(data)
+        try:
+            reader.read(path if reader.suffix is not None else data)
+            totals[0] += 1
+        except reader.refuses:
+            totals[1] += 1
+        finally:
+            counts[:] = _TOTALS.pack(*totals)
+
+    longest = max(4096, 2 * max(map(len, reader.corpus)))
+    # No small inputs first: those of the corpus are what readers take.
+    options = [f"-runs={inputs}", f"-seed={seed}", f"-max_len={longest}", "-len_control=0"]
+    atheris.Setup([sys.argv[0], *options, f"-artifact_prefix={folder}/", str(corpus)], one_input)
+    atheris.Fuzz()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
