@@ -41,7 +41,7 @@ def cycles(
     elf : str or Path, optional
         Any program for a Cortex-M4; by default the packaged firmware.
     profile : str, optional
-        Timing profile; by default ``cortex-m4-trm/1``.
+        Timing profile; by default ``cortex-m4-trm/2``.
     memory : str, optional
         Memories of a part other than the MK64FN1M0: ``flash=0x08000000:512K,ram=0x20000000:128K``. By default what the
         ELF needs, where that is something else.

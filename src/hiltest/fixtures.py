@@ -206,7 +206,7 @@ class Cycles:
             Any program for a Cortex-M4, relative to pytest's root folder; by default the firmware
             under test: that of ``--hil-firmware``, or the packaged one.
         profile : str, optional
-            Timing profile; by default ``cortex-m4-trm/1``.
+            Timing profile; by default ``cortex-m4-trm/2``.
         memory : str, optional
             Memories of another part, as `hiltest.cycles` takes them.
         clock_hz : float, optional

@@ -81,7 +81,7 @@ def test_a_chip_is_known_by_its_unique_id_behind_any_port(
     port = pty_board(rig).path
     with open_board(real_rig, port=port) as board:
         assert (board.identity.unique_id, board.cycle_model) == (chip, "silicon-dwt@sram")
-    wrong = replace(real_rig, board=replace(real_rig.board, cycle_model="cortex-m4-trm/1"))
+    wrong = replace(real_rig, board=replace(real_rig.board, cycle_model="cortex-m4-trm/2"))
     with pytest.raises(ConfigError, match="is a chip"):
         open_board(wrong, port=port)
 
@@ -167,7 +167,7 @@ def test_what_does_not_go_together_is_refused(real_rig: Rig, rig: Rig, tmp_path:
 def test_a_rig_declares_what_the_cycles_of_a_board_behind_a_port_are(
     pty_board: StartPtyBoard, rig: Rig, real_rig: Rig
 ) -> None:
-    served = replace(real_rig, board=replace(real_rig.board, cycle_model="cortex-m4-trm/1"))
+    served = replace(real_rig, board=replace(real_rig.board, cycle_model="cortex-m4-trm/2"))
     with open_board(served, port=pty_board(rig).path) as board:
         assert board.cycle_model == "cortex-m4-trm/1@sram"
 

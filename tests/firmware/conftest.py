@@ -17,6 +17,7 @@ from hiltest.calibration import FitStatus, MagnetometerFit
 from hiltest.virtual.calling import CallResult
 from hiltest.virtual.k64f import VirtualK64F
 
+from .bench import COSTS_BY
 from .streams import BoardStream, HostStream, Stream
 
 FIRMWARE = Path(__file__).parents[2] / "firmware_stub"
@@ -148,7 +149,7 @@ def host_calibrators(host_library: ctypes.CDLL) -> HostCalibrators:
 
 @pytest.fixture(scope="session")
 def board_calibrators() -> BoardCalibrators:
-    return BoardCalibrators(VirtualK64F(SHIPPED_ELF))
+    return BoardCalibrators(VirtualK64F(SHIPPED_ELF, profile=COSTS_BY))
 
 
 @pytest.fixture(scope="session", params=["host", "board"])
@@ -166,7 +167,7 @@ def host_stream(host_library: ctypes.CDLL) -> Callable[[str], Stream]:
 @pytest.fixture(scope="session")
 def board_stream() -> Callable[[str], BoardStream]:
     """Return a function that makes a stream calibrator by its name; one at a time is on the board."""
-    board = VirtualK64F(SHIPPED_ELF)
+    board = VirtualK64F(SHIPPED_ELF, profile=COSTS_BY)
     return lambda name: BoardStream(name, board)
 
 

@@ -14,6 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from hiltest.virtual.calling import CallResult
 from hiltest.virtual.k64f import VirtualK64F
 
+from .bench import COSTS_BY
+
 MOMENTS = 35  # the count comes first
 
 
@@ -79,7 +81,7 @@ class BoardPacked:
     STACK, STACK_BYTES = 0x2002F000, 0x1000  # ends where SRAM_U does
 
     def __init__(self, elf: Path) -> None:
-        self._board = VirtualK64F(elf)
+        self._board = VirtualK64F(elf, profile=COSTS_BY)
         end = max(segment.run_address + segment.run_size for segment in self._board.image.segments)
         assert end <= self.POINTS
         self.last: CallResult | None = None

@@ -15,7 +15,7 @@ from hiltest.calibration.gyroscope import MAX_TURNS, GyroscopeTurn, TurnsFit, Tu
 from hiltest.link.gyroscope import FitGyroscope
 from hiltest.rig.file import load_rig
 
-from .bench import ROOT
+from .bench import COSTS_BY, ROOT
 
 # gyroscope_turn_t and gyroscope_turns_fit_t.
 TURN, FIT = struct.Struct("<3f3iHxxI3f3ff"), struct.Struct("<BBxx9ff")
@@ -43,7 +43,8 @@ def solver_of_this_machine(library: ctypes.CDLL) -> Solve:
 
 @pytest.fixture(scope="module")
 def virtual_board() -> Board:
-    return open_board(load_rig(ROOT / "hil" / "rigs" / "virtual-k64f.toml"))
+    rig = load_rig(ROOT / "hil" / "rigs" / "virtual-k64f.toml")
+    return open_board(replace(rig, board=replace(rig.board, timing=COSTS_BY)))
 
 
 @pytest.fixture(params=["host", "board"])

@@ -26,7 +26,7 @@ from hiltest.virtual.elf import load_image
 from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.profiling import CallProfile
 
-from .bench import Bench
+from .bench import COSTS_BY, Bench
 from .packed_kernel import BoardPacked
 
 PAGE = (Path(__file__).parents[2] / "firmware_stub" / "DESIGN.md").read_text(encoding="utf-8")
@@ -69,7 +69,7 @@ calibrated = cache(Calibrated)
 
 @cache
 def firmware() -> ProfiledImage:
-    return ProfiledImage(SHIPPED_ELF)
+    return ProfiledImage(SHIPPED_ELF, timing=COSTS_BY)
 
 
 def middle(points: np.ndarray) -> list[int]:
@@ -207,7 +207,7 @@ def overflow() -> Costs:
 
 
 def stream() -> Costs:
-    board = VirtualK64F(SHIPPED_ELF)
+    board = VirtualK64F(SHIPPED_ELF, profile=COSTS_BY)
     state, point = bytearray(4096), golden_points(1).astype("<i2").tobytes()
     board.call("direct_stream_reset", state, 0)
     for _ in range(2):  # the first is the anchor

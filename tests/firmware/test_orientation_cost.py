@@ -21,6 +21,7 @@ from hiltest.virtual.k64f import VirtualK64F
 
 from ..orientation.filters import floats, noise_floats
 from ..orientation.fusion_matrices import FusionStatus
+from .bench import COSTS_BY
 
 SHIPPED_ELF = Path(hiltest.__file__).parent / "firmware" / "hiltest-frdm-k64f.elf"
 HEADING_BOUND, PREDICT_BOUND, UPDATE_BOUND = 310, 89, 310
@@ -32,7 +33,7 @@ ATTITUDES = [normalised(drawn) for drawn in np.random.default_rng(1).normal(size
 
 @pytest.fixture(scope="module")
 def board() -> VirtualK64F:
-    return VirtualK64F(SHIPPED_ELF)
+    return VirtualK64F(SHIPPED_ELF, profile=COSTS_BY)
 
 
 def test_a_heading_costs_825_cycles_in_the_mean(board: VirtualK64F) -> None:

@@ -11,7 +11,7 @@ from hiltest.link.request import Request, decode_reply
 from hiltest.procedures import golden_points
 from hiltest.virtual.k64f import VirtualK64F
 
-from .bench import ELF, Bench
+from .bench import COSTS_BY, ELF, Bench
 
 CLOUD = golden_points(120)
 
@@ -39,7 +39,7 @@ def cycles(bench: Bench, n: int) -> int:
 
 @pytest.mark.parametrize("n", [1, 2, 100, 120])
 def test_its_cycles_are_those_of_each_step_without_those_of_an_empty_one(bench: Bench, n: int) -> None:
-    board, limits = VirtualK64F(ELF), bytearray(12)
+    board, limits = VirtualK64F(ELF, profile=COSTS_BY), bytearray(12)
     points = [np.ascontiguousarray(point, "<i2").tobytes() for point in CLOUD[:n]]
     board.call("point_range_start", limits, points[0])
     steps = [board.call("point_range_add", limits, point).cycles for point in points]

@@ -38,7 +38,7 @@ def test_the_tables_show_the_answer_the_cost_and_its_model(capsys: pytest.Captur
     assert code == 0
     assert "crc32(text:123456789, 9) = 3421780262 (0xcbf43926)" in out
     assert f"{cycles} cycles," in out
-    assert "cycle model cortex-m4-trm/1@flash" in out
+    assert "cycle model cortex-m4-trm/2@flash" in out
     assert "wait states are not modelled" in out
     assert "crc32.c:" in out
     assert " pop.w " in out
@@ -53,7 +53,7 @@ def test_json_is_of_the_shipped_schema_and_its_shares_add_up(capsys: pytest.Capt
     assert sum(share.percent for share in found.shares) == pytest.approx(100.0, abs=1e-9)  # float64 sums
     assert found.notes == (
         "code ran from flash, whose wait states are not modelled: none are assumed, and silicon takes more cycles; "
-        "the profile cortex-m4-k64f/1 counts them",
+        "the profile cortex-m4-k64f/2 counts them",
     )
     assert found.band is None
     assert SCHEMA_FILE.read_text(encoding="utf-8") == schema_text()
@@ -78,7 +78,7 @@ def test_microseconds_are_of_the_clock_that_was_named(
 def test_waits_for_flash_are_said_to_be_of_the_timing_profile_at_another_clock(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    counted = (*CRC, "--profile", "cortex-m4-k64f/1")
+    counted = (*CRC, "--profile", "cortex-m4-k64f/2")
     usual, slower = document(capsys, *counted), document(capsys, *counted, "--clock", "48MHz")
     assert slower.cycles == usual.cycles
     (note,) = set(slower.notes) - set(usual.notes)
@@ -87,7 +87,7 @@ def test_waits_for_flash_are_said_to_be_of_the_timing_profile_at_another_clock(
 
 def test_code_in_sram_carries_its_placement_and_no_note(capsys: pytest.CaptureFixture[str]) -> None:
     found = document(capsys, "shipped", "magnetometer_empty", "0", "0")
-    assert (found.cycle_model, found.notes, found.returned) == ("cortex-m4-trm/1@sram", (), None)
+    assert (found.cycle_model, found.notes, found.returned) == ("cortex-m4-trm/2@sram", (), None)
 
 
 def test_what_a_function_left_in_a_buffer_is_shown_and_nothing_else(capsys: pytest.CaptureFixture[str]) -> None:
@@ -123,7 +123,7 @@ def test_folded_stacks_and_the_flame_graph_hold_every_cycle(
         (("shipped", "crc32", "text:a", "1.5"), "argument 2 of crc32 is unsigned, not float"),
         (("shipped", "crc32", "--jsn", "1"), "'--jsn' is no argument"),
         (("gone.elf", "main"), "gone.elf: No such file or directory; name the firmware's ELF"),
-        ((*CRC, "--profile", "cortex-m7"), "no timing profile 'cortex-m7'; known: cortex-m4-k64f/1, cortex-m4-trm/1"),
+        ((*CRC, "--profile", "cortex-m7"), "no timing profile 'cortex-m7'; known: cortex-m4-k64f/1, cortex-m4-k64f/2"),
         ((*CRC, "--folded", "gone/stacks"), "cannot write gone/stacks: No such file or directory"),
         ((*CRC, "--lines", "-1"), "-1 is not in the range x>=0"),
         ((*CRC, "--clock", "fast"), "--clock: 'fast' is no core clock from 1 kHz to 1 GHz; write it as 48MHz"),

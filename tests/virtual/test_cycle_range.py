@@ -169,7 +169,7 @@ def test_a_board_with_some_rows_low_and_others_high_counts_a_ratio_within_its_ba
             made.append(check(kernel, cycles, unit="cycle", cycle_model="m", band=band))
         return made
 
-    over, under = counts(VirtualK64F(SHIPPED))
+    over, under = counts(VirtualK64F(SHIPPED, profile=PROFILE.name))
     assert over.band
     assert under.band
     band = ratio_range(over, under)
@@ -188,11 +188,10 @@ def test_a_board_with_some_rows_low_and_others_high_counts_a_ratio_within_its_ba
     assert band[0] == pytest.approx(moved_over.value / moved_under.value, rel=1e-9)
 
 
-def timed(folder: Path, timing: str | None) -> tuple[RunCost, CycleRange | None]:
+def timed(folder: Path, timing: str) -> tuple[RunCost, CycleRange | None]:
     """Have the firmware time itself, on a board whose rig names a profile."""
     rig = RIG.read_text(encoding="utf-8")
-    if timing:
-        rig = rig.replace('kind = "virtual"\n', f'kind = "virtual"\ntiming = "{Path(timing).name}"\n', 1)
+    rig = rig.replace('kind = "virtual"\n', f'kind = "virtual"\ntiming = "{timing}"\n', 1)
     (folder / "rig.toml").write_text(rig, encoding="utf-8")
     with open_board(load_rig(folder / "rig.toml")) as board:
         upload_points(board, golden_points(20))
@@ -202,7 +201,7 @@ def timed(folder: Path, timing: str | None) -> tuple[RunCost, CycleRange | None]
 
 
 def test_what_the_firmware_timed_is_priced_again_with_the_empty_call_subtracted(tmp_path: Path) -> None:
-    cost, band = timed(tmp_path, None)
+    cost, band = timed(tmp_path, PROFILE.name)
     assert band is not None
     assert band.low < cost.cycles < band.high
     predicted = ends(band)
@@ -224,7 +223,7 @@ def test_rows_whose_sum_was_measured_move_together() -> None:
 
 def test_a_profile_without_doubt_has_a_band_without_width() -> None:
     rows = {name: type(row)(row.value, (row.value, row.value), row.source) for name, row in PROFILE.rows.items()}
-    board = VirtualK64F(SHIPPED)
+    board = VirtualK64F(SHIPPED, profile=PROFILE.name)
     before = board.processor.accounting.snapshot(0)
     cycles = board.call("crc32", b"123456789", 9).cycles
     executed = between(before, board.processor.accounting.snapshot(0))
@@ -252,7 +251,7 @@ def test_what_no_row_explains_is_each_counts_own_in_a_ratio() -> None:
 
 
 def test_the_row_that_moves_a_count_most_comes_first() -> None:
-    board = VirtualK64F(SHIPPED)
+    board = VirtualK64F(SHIPPED, profile=PROFILE.name)
     points = np.asarray(cloud(30, seed=3))
     before = board.processor.accounting.snapshot(0)
     cycles, _, _ = run_kernel(board, "magnetometer_iterative", points)
@@ -288,8 +287,9 @@ RANGE_AND_POINT = struct.pack("<6h", 10, 10, 10, 20, 20, 20), struct.pack("<3h",
 
 def test_a_profiled_call_has_its_band(tmp_path: Path) -> None:
     arguments = [bytearray(each) for each in RANGE_AND_POINT]
-    called = profile_call(VirtualK64F(SHIPPED, accounting=ProfilingAccounting), "point_range_add", *arguments)
-    assert called.cycle_model == "cortex-m4-trm/1@sram"
+    board = VirtualK64F(SHIPPED, accounting=ProfilingAccounting, profile=PROFILE.name)
+    called = profile_call(board, "point_range_add", *arguments)
+    assert called.cycle_model == f"{PROFILE.name}@sram"
     assert called.band is not None
     row = called.band.rows[0]
     moved = VirtualK64F(SHIPPED, profile=file_with(tmp_path, MOVES[row.row].high))
@@ -298,5 +298,5 @@ def test_a_profiled_call_has_its_band(tmp_path: Path) -> None:
 
 def test_a_count_of_code_in_flash_at_no_wait_states_has_no_band(build: Build) -> None:
     called = profile_call(VirtualK64F(build(random_program(5, length=60)), accounting=ProfilingAccounting), "work")
-    assert called.cycle_model == "cortex-m4-trm/1@flash"
+    assert called.cycle_model == "cortex-m4-trm/2@flash"
     assert called.band is None

@@ -14,7 +14,7 @@ from hiltest.virtual.accounting import BlockAccounting, InstructionAccounting
 from hiltest.virtual.flash_waits import FlashController
 from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.memory_waits import MemoryAccounting
-from hiltest.virtual.profile_file import DEFAULT_PROFILE, MEMORY_ROWS, load_profile
+from hiltest.virtual.profile_file import DEFAULT_PROFILE, MEMORY_ROWS, MEMORY_RULES, load_profile
 
 from .conftest import SHIPPED, Build
 from .test_cycle_counting import cloud, run_kernel
@@ -22,7 +22,7 @@ from .test_faults import HEAD, TAIL
 from .test_measured_sequences import FRAME, LDM_STM
 
 PAGE = (Path(__file__).parents[2] / "docs" / "timing.md").read_text(encoding="utf-8")
-MEMORIES = "cortex-m4-k64f/1"
+MEMORIES = "cortex-m4-k64f/2"
 ROWS = load_profile(MEMORIES).memory
 CODE = {"flash": 0x8000, "lower": 0x1FFF4000, "upper": 0x20004000}
 DATA = {"lower": 0x1FFF8000, "upper": 0x20010000}
@@ -79,6 +79,22 @@ def test_a_kernel_in_lower_sram_with_data_in_upper_sram_waits_only_for_its_const
     assert counted[1:] == plain[1:]
     # Its constants stand behind its code: a load of one meets a fetch in the same bank. Nothing else waits.
     assert 0 <= counted[0] - plain[0] <= 0.005 * plain[0]
+
+
+@pytest.mark.parametrize(
+    ("access", "parts"),
+    [
+        ("ldr r0, [r1]", 1), ("ldr r0, [r1, #1]", 3), ("ldr r0, [r1, #2]", 2), ("ldr r0, [r1, #3]", 3),
+        ("str r0, [r1, #2]", 2), ("ldrh r0, [r1, #2]", 1), ("ldrsh r0, [r1, #1]", 2), ("strh r0, [r1, #3]", 2),
+        ("ldrb r0, [r1, #3]", 1), ("vldm r1, {s0-s3}", 1),
+    ],
+)  # fmt: skip
+def test_an_access_at_no_multiple_of_its_size_takes_a_clock_for_each_part(
+    build: Build, access: str, parts: int
+) -> None:
+    places = f"-Wl,--section-start=.fast={CODE['lower']:#x},--section-start=.far={DATA['upper']:#x}"
+    elf = build(FRAME.format(sequence=f"nop\n {access}\n nop"), places)
+    assert VirtualK64F(elf, profile=MEMORIES).call("work").cycles - VirtualK64F(elf).call("work").cycles == parts - 1
 
 
 CONDITIONAL = """
@@ -225,7 +241,7 @@ def test_what_the_memories_add_is_in_the_total_and_the_parts_still_add_up() -> N
 def test_the_default_profile_knows_no_memories_and_this_one_prices_instructions_alike() -> None:
     assert load_profile(DEFAULT_PROFILE).memory == {}
     assert load_profile(MEMORIES).rows == load_profile(DEFAULT_PROFILE).rows
-    assert list(ROWS) == list(MEMORY_ROWS)
+    assert list(ROWS) == [*MEMORY_ROWS, *MEMORY_RULES]
 
 
 def test_a_file_may_change_a_few_rows_of_a_profile_that_ships(tmp_path: Path) -> None:

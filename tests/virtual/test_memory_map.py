@@ -154,10 +154,10 @@ def test_the_same_cycles_are_counted_by_the_profiler_which_names_the_memory(link
     elf = linked(*PARTS["STM32F4"])
     image = hiltest.cycles(elf)
     counted = image.call("dot", np.array([1, 2], np.int16), 2)
-    assert counted.cycle_model == "cortex-m4-trm/1@flash"
+    assert counted.cycle_model == "cortex-m4-trm/2@flash"
     assert counted.cycles == VirtualK64F(elf).call("dot", np.array([1, 2], np.int16), 2).cycles
-    with pytest.raises(ConfigError, match="cortex-m4-k64f/1 counts the K64F's memories"):
-        hiltest.cycles(elf, profile="cortex-m4-k64f/1")
+    with pytest.raises(ConfigError, match="cortex-m4-k64f/2 counts the K64F's memories"):
+        hiltest.cycles(elf, profile="cortex-m4-k64f/2")
 
 
 def test_the_guess_covers_what_is_loaded_and_leaves_room_for_arguments(linked):

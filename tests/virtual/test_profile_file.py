@@ -11,11 +11,12 @@ from hiltest.boards.bench import VirtualBench
 from hiltest.errors import ConfigError
 from hiltest.rig.file import load_rig
 from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.profile_file import DEFAULT_PROFILE, ROWS, RULES, load_profile, place_of, shipped_profiles
+from hiltest.virtual.profile_file import ROWS, RULES, load_profile, place_of, shipped_profiles
 
 from .conftest import SHIPPED
 
-TEXT = place_of(DEFAULT_PROFILE).read_text(encoding="utf-8")
+ONE = "cortex-m4-trm/1"  # has no row that others need not have
+TEXT = place_of(ONE).read_text(encoding="utf-8")
 MAC = re.search(r"\[cost\.fp_accumulate\].*?\n\n", TEXT, re.S)[0]
 RIG = Path(__file__).parents[2] / "hil" / "rigs" / "virtual-k64f.toml"
 
@@ -36,26 +37,32 @@ def test_every_shipped_profile_has_every_row_that_is_known() -> None:
 
 def test_a_rule_may_be_added_to_a_profile_that_has_none(tmp_path: Path) -> None:
     rule = '[cost.address_use]\nvalue = 2\nband = [1, 3]\nsource = "mine"\n'
-    text = f'name = "mine/1"\nbase = "{DEFAULT_PROFILE}"\n{rule}'
+    text = f'name = "mine/1"\nbase = "{ONE}"\n{rule}'
     rows = load_profile(written(tmp_path, text)).rows
     assert rows["address_use"].value == 2
     assert rows.keys() - ROWS.keys() == {"address_use"}
+
+
+def test_memories_of_one_profile_go_with_the_instructions_of_another() -> None:
+    both = load_profile("cortex-m4-k64f/2")
+    assert both.rows == load_profile("cortex-m4-trm/2").rows
+    assert both.memory.items() > load_profile("cortex-m4-k64f/1").memory.items()
 
 
 def test_a_file_prices_what_it_says(tmp_path: Path) -> None:
     mine = load_profile(written(tmp_path, with_mac(2)))
     assert mine.rows["fp_accumulate"].value == 2
     others = {name: row for name, row in mine.rows.items() if name != "fp_accumulate"}
-    assert others == {name: load_profile(DEFAULT_PROFILE).rows[name] for name in others}
+    assert others == {name: load_profile(ONE).rows[name] for name in others}
 
 
 def test_a_file_that_takes_a_published_name_is_told_from_it_and_from_another(tmp_path: Path) -> None:
     two = load_profile(written(tmp_path, with_mac(2)))
     three = load_profile(written(tmp_path, TEXT, "copy.toml"))
-    assert re.fullmatch(rf"{DEFAULT_PROFILE}\+[0-9a-f]{{8}}", two.name)
-    assert len({two.name, three.name, DEFAULT_PROFILE}) == 3
+    assert re.fullmatch(rf"{ONE}\+[0-9a-f]{{8}}", two.name)
+    assert len({two.name, three.name, ONE}) == 3
     # The numbers are the same, and it is only a copy; the published name belongs to the published file.
-    assert three.digest == load_profile(DEFAULT_PROFILE).digest
+    assert three.digest == load_profile(ONE).digest
 
 
 def test_a_file_that_was_edited_meanwhile_is_read_again(tmp_path: Path) -> None:
@@ -68,7 +75,7 @@ def test_a_file_that_was_edited_meanwhile_is_read_again(tmp_path: Path) -> None:
 def test_a_board_made_with_a_file_counts_by_it(tmp_path: Path) -> None:
     dearer = TEXT.replace("value = 1\nband = [1, 1]", "value = 2\nband = [1, 2]", 1)  # of the first row, data
     mine = VirtualK64F(SHIPPED, profile=written(tmp_path, dearer)).call("crc32", b"123456789", 9)
-    usual = VirtualK64F(SHIPPED).call("crc32", b"123456789", 9)
+    usual = VirtualK64F(SHIPPED, profile=ONE).call("crc32", b"123456789", 9)
     assert (mine.value, mine.instructions) == (usual.value, usual.instructions)
     # 64 of its 99 instructions are integer ones; docs/profile.md shows them.
     assert mine.cycles == usual.cycles + 64
@@ -100,8 +107,8 @@ def test_only_a_virtual_board_has_a_timing_profile_to_choose(tmp_path: Path) -> 
         (TEXT.replace('name = "cortex-m4-trm/1"', ""), "mine.toml: name: small letters"),
         (TEXT.replace("cortex-m4-trm/1", "Mine @sram"), 'not "Mine @sram"; write for example'),
         (TEXT.replace('name = "cortex-m4-trm/1"', 'nam = "x"'), "unknown key 'nam'; did you mean 'name'"),
-        ('name = "mine/1"\ncost = 3\n', r'no table \[cost.ROW\]; write base = "cortex-m4-trm/1" below its name, '),
-        ('name = "mine/1"\nbase = "cortex-m4-trm/1"\n[memory]\n', '13 rows in all; write base = "cortex-m4-k64f/1" '),
+        ('name = "mine/1"\ncost = 3\n', r'no table \[cost.ROW\]; write base = "cortex-m4-trm/2" below its name, '),
+        ('name = "mine/1"\nbase = "cortex-m4-trm/1"\n[memory]\n', '13 rows in all; write base = "cortex-m4-k64f/2" '),
         (TEXT.replace(MAC, ""), "cost.fp_accumulate is missing, 1 rows in all"),
         (TEXT.replace("[cost.it]", "[cost.itt]"), "cost: unknown key 'itt'; did you mean 'it'"),
         (TEXT.replace(MAC, MAC.replace("value", "valeu")), "unknown key 'valeu'; did you mean 'value'"),
@@ -124,7 +131,7 @@ def test_only_a_virtual_board_has_a_timing_profile_to_choose(tmp_path: Path) -> 
         (TEXT.replace("band = [0, 2]", "band = [-1, 2]", 1), "band: must be whole cycles from 0 to 1000, not -1"),
         (TEXT.replace(MAC, MAC.replace('"TRM', r'"\u001b[2JTRM')), "source: must be one line of printable characters"),
         (TEXT.replace(MAC, MAC.replace('"TRM', r'"TRM\n')), r'printable characters, not "TRM\\n'),
-        ("x = " + "[" * 5000, r'not TOML: .*; write base = "cortex-m4-trm/1" below'),
+        ("x = " + "[" * 5000, r'not TOML: .*; write base = "cortex-m4-trm/2" below'),
         ("#" * 70_000, "larger than 65536 bytes; name a timing profile"),
     ],
 )  # fmt: skip

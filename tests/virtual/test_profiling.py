@@ -76,7 +76,7 @@ def test_the_tables_of_every_kernel_add_up_to_what_the_board_counts(kernel: str,
     argument = Structure(Address(points), np.array([n], np.uint16), limits)
     profile = profiled(SHIPPED, kernel, argument, bytearray(64))
     assert_adds_up(profile, SHIPPED, kernel, argument, bytearray(64))
-    assert profile.cycle_model == "cortex-m4-trm/1@sram"
+    assert profile.cycle_model == "cortex-m4-trm/2@sram"
 
 
 def test_the_kernels_are_found() -> None:
@@ -116,7 +116,7 @@ def test_each_kind_of_work_and_each_stall_is_what_the_table_of_prices_says(build
         Stall.ADDRESS: 0, Stall.FETCH: 0,
     }
     assert profile.cycles == 36
-    assert profile.cycle_model == "cortex-m4-trm/1@flash"
+    assert profile.cycle_model == "cortex-m4-trm/2@flash"
     assert_adds_up(profile, elf, "work")
 
 

@@ -101,7 +101,7 @@ def test_a_word_that_is_none_is_refused(build_c: Build) -> None:
 
 @pytest.mark.parametrize("end", [ZERO, CHANGED])
 def test_a_solution_takes_as_long_once_more_and_waits_as_it_does_from_flash(build_c: Build, end: SolutionEnd) -> None:
-    elf, functions, profile = build_c(LONG_LOOP, "-O2"), ["begin_slice", "fit_slice"], load_profile("cortex-m4-k64f/1")
+    elf, functions, profile = build_c(LONG_LOOP, "-O2"), ["begin_slice", "fit_slice"], load_profile("cortex-m4-k64f/2")
     board, slow = VirtualK64F(elf), VirtualK64F(elf, profile=profile)
     watch, waited = board.watch_solutions(functions, end), slow.watch_solutions(functions, end)
     for each, seconds in ((board, 0.005), (slow, 0.008)):
@@ -125,7 +125,7 @@ def test_a_solution_of_which_something_else_changes_the_data_is_not_counted_agai
     kept = watch.latest()
     assert kept is not None
     with pytest.raises(ConfigError, match=r"fit_slice: slice \d of 5 takes .* something else changes what it"):
-        counted_with_waits(board, kept, load_profile("cortex-m4-k64f/1"))
+        counted_with_waits(board, kept, load_profile("cortex-m4-k64f/2"))
 
 
 def test_no_solution_is_kept_before_one_is_complete(build_c: Build) -> None:

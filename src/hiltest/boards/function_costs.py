@@ -15,12 +15,9 @@ from hiltest.virtual.call_watch import CallWatch
 from hiltest.virtual.cycle_range import flash_range
 from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.kept_slices import KeptSolution
-from hiltest.virtual.profile_file import load_profile
+from hiltest.virtual.profile_file import MEMORY_PROFILE, load_profile
 from hiltest.virtual.recount import counted_with_waits
 from hiltest.virtual.solution_watch import EndsWhen, SolutionEnd, SolutionWatch
-
-#: Has the memories of the K64F, and the default profile's instructions.
-_WITH_MEMORIES = "cortex-m4-k64f/1"
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +99,7 @@ class FunctionCosts:
 
     def from_flash(self, solution: LatestSolution) -> FlashCost:
         """Compute a solution once more with the waits of memories; takes the host some 3 s a million cycles."""
-        profile = load_profile(_WITH_MEMORIES)
+        profile = load_profile(MEMORY_PROFILE)
         model = f"{profile.name}@flash"
         try:
             counted = counted_with_waits(self._machine, solution.kept, profile)

@@ -48,7 +48,7 @@ Exit codes:
 @click.option("--flame-graph", metavar="FILE", type=click.Path(path_type=Path, dir_okay=False),
               help="Write a flame graph (SVG).")
 @click.option("--profile", "timing", metavar="NAME|FILE",
-              help="Timing profile, or a file of your own.  [default: cortex-m4-trm/1]")
+              help="Timing profile, or a file of your own.  [default: cortex-m4-trm/2]")
 @click.option("--memory", metavar="MAP",
               help="Memories of another part: flash=0x08000000:512K,ram=0x20000000:128K.  [default: as the ELF needs]")
 @click.option("--clock", metavar="HZ", help="Core clock of the part, as 48MHz or 48_000_000.  [default: 120 MHz]")

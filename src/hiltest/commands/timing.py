@@ -43,7 +43,7 @@ def timing() -> None:
 
 @timing.command(epilog=_EXIT_CODES)
 @click.option("--profile", "named", metavar="NAME|FILE",
-              help="Timing profile, or a file of your own (.toml).  [default: cortex-m4-trm/1]")
+              help="Timing profile, or a file of your own (.toml).  [default: cortex-m4-trm/2]")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON (hiltest.timing/1) and nothing else.")
 def show(named: str | None, as_json: bool) -> int:
     """Print a timing profile: cycles, range and source of each row."""

@@ -16,7 +16,7 @@ model of it is better than that; silicon itself moves by as much from one link t
 
 
 def in_flash(cycle_model: str) -> bool:
-    """Say whether a cycle model counts code that runs from flash: ``cortex-m4-k64f/1@flash``."""
+    """Say whether a cycle model counts code that runs from flash: ``cortex-m4-k64f/2@flash``."""
     return "flash" in cycle_model.partition("@")[2]
 
 _Ends = tuple[tuple[float, float], ...]

@@ -145,7 +145,7 @@ def _notes(profile: CallProfile, memory: MemoryMap) -> Iterator[str]:
         if profile.clock_hz != CALL_HZ:
             yield "flash makes the core wait as many clocks as the timing profile says, whatever the core clock"
     elif "flash" in placement:
-        counted = "; the profile cortex-m4-k64f/1 counts them" if memory == MK64FN1M0 else ""
+        counted = "; the profile cortex-m4-k64f/2 counts them" if memory == MK64FN1M0 else ""
         yield (
             "code ran from flash, whose wait states are not modelled: none are assumed, and silicon takes more cycles"
             f"{counted}"

@@ -72,7 +72,7 @@ class BoardPlace:
         require(self.kind == "real" or self.port is None, "port", 'belongs to a board of kind "real"')
         require(self.kind == "real" or self.cycle_model is None, "cycle_model", 'belongs to a board of kind "real"')
         require(self.cycle_model is None or re.fullmatch(r"[a-z0-9/.+-]+", self.cycle_model) is not None, "cycle_model",
-                'is "silicon-dwt", or the name of a timing profile such as "cortex-m4-trm/1"')
+                'is "silicon-dwt", or the name of a timing profile such as "cortex-m4-trm/2"')
         require((self.kind == "replay") == (self.transcript is not None), "transcript",
                 'names the recorded session of a board of kind "replay", and only of that')
 

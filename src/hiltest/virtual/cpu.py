@@ -77,7 +77,7 @@ class Processor:
         self.registers = CoreRegisters(self.engine)
         self.schedule = Schedule(self._look_at)
         self.nvic = Nvic()
-        self.exceptions = ExceptionUnit(self.registers, self.memory, self.nvic)
+        self.exceptions = ExceptionUnit(self.registers, self.memory, self.nvic, profile, self._spend)
         self.fault_log = FaultLog()
         self.delivers_faults = False
         self.waits_for: Callable[[], str] = lambda: ""
@@ -270,8 +270,10 @@ class Processor:
 
     def _entered(self) -> None:
         self.event_register.send()
-        self.accounting.cycles += self.profile.exception_entry
         self.accounting.flush_pipeline()
+
+    def _spend(self, cycles: int) -> None:
+        self.accounting.cycles += cycles
 
     # -- running ------------------------------------------------------------------------------
 
@@ -396,5 +398,4 @@ class Processor:
         self.event_register.send()
         self.waiting.for_event = False
         self.sleeping = self.waiting.sleeps_on_exit and active == 0
-        self.accounting.cycles += self.profile.exception_return
         self.accounting.flush_pipeline()

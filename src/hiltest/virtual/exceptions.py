@@ -1,7 +1,8 @@
-"""Entering and leaving exceptions as ARMv7-M does: stacking, EXC_RETURN, lazy FPU state, escalation of faults."""
+"""Entering and leaving exceptions as ARMv7-M does, and their cycles: frames, EXC_RETURN, lazy FPU state, escalation."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from typing import Protocol
 
@@ -9,6 +10,7 @@ from hiltest.virtual.faults import Fault, FaultKind, FaultStatus, Lockup
 from hiltest.virtual.memory import BoardMemory
 from hiltest.virtual.nvic import HARD_FAULT, NMI, Nvic
 from hiltest.virtual.registers import CoreRegisters
+from hiltest.virtual.timing import TimingProfile
 
 _BASIC_BYTES, _EXTENDED_BYTES = 32, 104
 _XPSR_REALIGNED = 1 << 9
@@ -42,8 +44,8 @@ class Follower(Protocol):
         """Take note of an entry: where registers were put, with `ON_PROCESS_STACK` and `OF_THREAD` where that holds."""
         ...
 
-    def left(self, frame: int, /) -> object:
-        """Take note of a return, and of where the registers were taken from."""
+    def left(self, frame: int, cycles: int, /) -> object:
+        """Take note of a return, of where the registers were taken from, and of the cycles that it takes."""
         ...
 
 
@@ -51,7 +53,19 @@ class ExceptionUnit:
     """Moves register frames to and from the stack.
 
     Floating-point state is stacked lazily, as at reset (FPCCR.ASPEN, LSPEN): room
-    is reserved at entry and filled when the handler first uses the FPU.
+    is reserved at entry and filled when the handler first uses the FPU. Where an
+    exception waits when a handler ends, its handler follows without a frame moved
+    (tail chaining), if the profile has a row for that.
+
+    Parameters
+    ----------
+    registers : CoreRegisters
+    memory : BoardMemory
+    nvic : Nvic
+    profile : TimingProfile
+        What entries, returns and floating-point frames take.
+    spend : callable
+        Counts cycles.
 
     Attributes
     ----------
@@ -66,10 +80,15 @@ class ExceptionUnit:
     follower : Follower or None
     """
 
-    def __init__(self, registers: CoreRegisters, memory: BoardMemory, nvic: Nvic) -> None:
+    def __init__(
+        self, registers: CoreRegisters, memory: BoardMemory, nvic: Nvic, profile: TimingProfile,
+        spend: Callable[[int], None],
+    ) -> None:  # fmt: skip
         self._registers = registers
         self._memory = memory
         self._nvic = nvic
+        self._profile = profile
+        self._spend = spend
         self.status = FaultStatus()
         self.follower: Follower | None = None
         self.reset()
@@ -81,6 +100,8 @@ class ExceptionUnit:
         self.status.reset()
         self.floating_control = _FPCCR_ASPEN | _FPCCR_LSPEN
         self._lazy_frame = _NO_FRAME  # where the floating-point state belongs while it is not yet saved
+        self._is_chained = False  # the next entry follows a return at once
+        self._is_saved = False  # and the floating-point state is in the frame that both share
         if self.follower is not None:
             self.follower.reset()
 
@@ -91,8 +112,12 @@ class ExceptionUnit:
     def floating_point_runs(self) -> None:
         """Prepare for a floating-point instruction: save lazily stacked state first."""
         if self._lazy_frame != _NO_FRAME:
-            self._memory.write_words(self._lazy_frame, self._registers.floating_frame.read())
-            self._lazy_frame = _NO_FRAME
+            self._save_floating_point()
+            self._spend(self._profile.fp_frame)
+
+    def _save_floating_point(self) -> None:
+        self._memory.write_words(self._lazy_frame, self._registers.floating_frame.read())
+        self._lazy_frame = _NO_FRAME
 
     @property
     def lazy_frame(self) -> int:
@@ -180,6 +205,8 @@ class ExceptionUnit:
         self._nvic.enter(exception)
         if self.follower is not None and self.follower.listens:
             self.follower.entered(base | (uses_psp and ON_PROCESS_STACK) | (0 if from_handler else OF_THREAD))
+        self._spend(self._entry_cycles(saves=extended and self._lazy_frame == _NO_FRAME))
+        self._is_chained = self._is_saved = False
         if exception == HARD_FAULT and problem is not None and problem.kind is FaultKind.STACKING:
             self.status.record(problem, forced=False)  # nothing is more urgent: the handler runs without a frame
             return None
@@ -193,9 +220,23 @@ class ExceptionUnit:
         self._memory.write_words(base, frame)
         if extended:
             self._lazy_frame = base + _BASIC_BYTES
-            if not self.floating_control & _FPCCR_LSPEN:
-                self.floating_point_runs()
+            if self._is_saved or not self.floating_control & _FPCCR_LSPEN:
+                self._save_floating_point()
         return None
+
+    def _entry_cycles(self, *, saves: bool) -> int:
+        if self._is_chained:  # the return has counted it
+            return 0 if self._is_saved or not saves else self._profile.fp_frame
+        return self._profile.exception_entry + (self._profile.fp_frame if saves else 0)
+
+    def _return_cycles(self, *, restores: bool) -> int:
+        """Count what a return takes, to the code that was interrupted or to the handler that follows at once."""
+        chain = self._profile.tail_chain
+        waiting = chain is not None and self._nvic.pending and self._nvic.next_exception(ceiling=self.ceiling())
+        if chain is not None and waiting:
+            self._is_chained, self._is_saved = True, restores
+            return chain
+        return self._profile.exception_return + (self._profile.fp_frame if restores else 0)
 
     def leave(self, exc_return: int, place: int) -> Fault | None:
         """Return from the exception being handled.
@@ -229,8 +270,9 @@ class ExceptionUnit:
         frame = list(self._memory.read_words(base, 8))
         if (frame[7] & _EXCEPTION_NUMBER == 0) != to_thread:
             return Fault(FaultKind.INVALID_RETURN, f"stacked xPSR 0x{frame[7]:08x} is of another mode", place)
+        restores = extended and self._lazy_frame == _NO_FRAME
         if extended:  # a frame of the basic size says nothing about the state that waits to be saved
-            if self._lazy_frame == _NO_FRAME:
+            if restores:
                 registers.floating_frame.write(self._memory.read_words(base + _BASIC_BYTES, 17))
             self._lazy_frame = _NO_FRAME
         if faultmask and self._nvic.active[-1] != NMI:
@@ -241,9 +283,12 @@ class ExceptionUnit:
         frame[7] &= ~_XPSR_REALIGNED
         control = control & _CONTROL_NPRIV | (_CONTROL_SPSEL if uses_psp else 0) | (_CONTROL_FPCA if extended else 0)
         registers.resumed.write([0, frame[7], control, end, *frame])
+        is_thumb = frame[7] & _THUMB != 0
+        cycles = self._return_cycles(restores=restores) if is_thumb else 0
         if self.follower is not None and self.follower.listens:
-            self.follower.left(base | (uses_psp and ON_PROCESS_STACK) | (to_thread and OF_THREAD))
-        if not frame[7] & _THUMB:
+            self.follower.left(base | (uses_psp and ON_PROCESS_STACK) | (to_thread and OF_THREAD), cycles)
+        self._spend(cycles)
+        if not is_thumb:
             return Fault(FaultKind.INVALID_STATE, f"stacked xPSR 0x{frame[7]:08x} has no Thumb bit", frame[6] & ~1)
         return None
 

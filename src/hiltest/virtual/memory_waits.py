@@ -1,4 +1,4 @@
-"""Counting with the K64F's memories: flash behind its controller, and banks that code and data want at once.
+"""Counting with the K64F's memories: flash and its controller, banks that code and data share, unaligned data.
 
 Every instruction and every access to data is looked at, in Python: some hundred times slower than counting by block.
 """
@@ -42,6 +42,7 @@ class MemoryAccounting(InstructionAccounting):
         super().__init__(profile, read_code, attend, stop)
         self.memory_cycles = 0
         self.flash = FlashController(profile.memory)
+        self._unaligned = profile.memory["unaligned"].value if "unaligned" in profile.memory else 0
         self._parts_owed = 0
         self._has_accessed = False  # the instruction that runs
         self._known: dict[tuple[int, bytes], CodeBlock] = {}
@@ -77,6 +78,8 @@ class MemoryAccounting(InstructionAccounting):
     def _accesses(self, address: int, size: int) -> None:
         if self._last is None or address >= _SRAM_END:
             return
+        if address % min(size, 4):  # pairs of words are two; words at odd addresses are a byte, two and a byte
+            self._wait(self._unaligned * (2 if size == 4 and address % 2 else 1))
         if address < _FLASH_END:
             self._wait(self.flash.wait(address, size, self.cycles, fetched=False))
         elif not self._has_accessed:

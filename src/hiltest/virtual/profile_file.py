@@ -14,7 +14,9 @@ from hiltest.errors import ConfigError, UnknownKeyError
 from hiltest.strict_json import read_bounded, shown
 from hiltest.virtual.timing import CostRow, TimingProfile
 
-DEFAULT_PROFILE = "cortex-m4-trm/1"
+DEFAULT_PROFILE = "cortex-m4-trm/2"
+#: Has the memories of the K64F, and the default profile's instructions.
+MEMORY_PROFILE = "cortex-m4-k64f/2"
 SUFFIX = ".toml"
 
 #: Every row of a profile, and what it prices.
@@ -60,6 +62,8 @@ RULES = {
     "fetch_late": "the third of three instructions of four bytes, none at a multiple of four, behind one of two cycles",
     "fetch_late_fp": "the same behind a floating-point instruction of one cycle",
     "fetch_late_integer": "the same behind an integer instruction of one cycle",
+    "tail_chain": "instead of a return and an entry, where an exception waits when a handler ends",
+    "fp_frame": "added when a frame's floating-point registers are saved, at once or lazily, and restored",
     "doubt_permille": "thousandths of any count by which it may be wrong where every row is right",
 }
 #: Every row of what the memories add, and what it says.
@@ -78,6 +82,8 @@ MEMORY_ROWS = {
     "flash_lower_multiple": "hundredths of a clock: LDM, STM, code in flash, data in SRAM_L",
     "flash_uncertainty": "percent of a total of code in flash",
 }
+#: Rows of memories that a profile may have or not.
+MEMORY_RULES = {"unaligned": "added for each part but the first of an access at no multiple of its size"}
 #: The least that a row can be, where that is more than 0. A branch to itself must take time, or it would never meet the
 #: event that ends it; what a read of the flash brings has whole words in it.
 AT_LEAST = {
@@ -88,11 +94,11 @@ _DEAREST = 1000  # cycles; far more than any instruction takes, and sums stay wi
 _AT_MOST = {"it_executed": 1, "flash_read_ahead": 1, "flash_uncertainty": 100}
 _POWERS_OF_TWO = frozenset({"flash_line_bytes", "cache_entry_bytes", "cache_sets"})  # they divide addresses
 _LARGEST_FILE = 64 * 1024
-_TABLES = ("name", "base", "cost", "memory", "measured")  # the last is what rows were made of, and prices nothing
+_TABLES = ("name", "base", "memory_base", "cost", "memory", "measured")  # the last prices nothing
 _KEYS = ("value", "band", "source", "against")
 _NAME = re.compile(r"[a-z0-9][a-z0-9./-]{0,63}")
 #: A profile that has each table's rows.
-_WITH_ROWS = {"cost": DEFAULT_PROFILE, "memory": "cortex-m4-k64f/1"}
+_WITH_ROWS = {"cost": DEFAULT_PROFILE, "memory": MEMORY_PROFILE}
 
 
 def _otherwise(table: str = "cost") -> str:
@@ -178,10 +184,12 @@ def _parsed(place: str, content: bytes) -> tuple[str, dict[str, CostRow], dict[s
             'write for example name = "my-board/1"'
         )
     rows, memory = _base(place, name, data["base"]) if "base" in data else ({}, {})
+    if "memory_base" in data:
+        _, memory = _base(place, name, data["memory_base"], key="memory_base")
     if "cost" in data or not rows:
         rows = _table(place, "cost", data.get("cost"), ROWS, rows, RULES)
     if "memory" in data:
-        memory = _table(place, "memory", data["memory"], MEMORY_ROWS, memory)
+        memory = _table(place, "memory", data["memory"], MEMORY_ROWS, memory, MEMORY_RULES)
     _check_division(place, rows)
     _check_accumulation(place, rows, own="fp_accumulate_hidden" in data.get("cost", {}))
     _check_cache(place, memory)
@@ -189,10 +197,12 @@ def _parsed(place: str, content: bytes) -> tuple[str, dict[str, CostRow], dict[s
     return name, rows, memory
 
 
-def _base(place: str, name: str, base: Any) -> tuple[dict[str, CostRow], dict[str, CostRow]]:
+def _base(
+    place: str, name: str, base: Any, *, key: str = "base"
+) -> tuple[dict[str, CostRow], dict[str, CostRow]]:
     if not isinstance(base, str) or base not in shipped_profiles() or base == name:
         known = ", ".join(each for each in shipped_profiles() if each != name)
-        raise ConfigError(f"{place}: base: must be a profile that ships: {known}; not {shown(base)}")
+        raise ConfigError(f"{place}: {key}: must be a profile that ships: {known}; not {shown(base)}")
     profile = load_profile(base)
     return profile.rows, profile.memory
 

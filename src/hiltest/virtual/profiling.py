@@ -133,7 +133,7 @@ class CallProfile(CallResult):
     ----------
     function : str
     cycle_model : str
-        Timing profile and placement of the code that ran: ``cortex-m4-trm/1@sram``.
+        Timing profile and placement of the code that ran: ``cortex-m4-trm/2@sram``.
     work, stalls : mapping
         Cycles of each class of instructions and of each cause of waiting; with
         `asleep_cycles` they add up to `cycles`.

@@ -141,7 +141,6 @@ class RunningCalls:
         self._spare: _Thread | None = None
         self._open_calls = 0
         self.listens = False
-        self._return_cycles = processor.profile.exception_return
 
     def watch(self, address: int) -> WatchedFunction:
         """Watch the function at an address from now on; one that is watched already stays the same."""
@@ -325,8 +324,8 @@ class RunningCalls:
         self._thread = self._spare or _Thread()
         self._spare = None
 
-    def left(self, frame: int, /) -> None:
-        """Take note of a return from an exception."""
+    def left(self, frame: int, cycles: int, /) -> None:
+        """Take note of a return from an exception, which takes some cycles."""
         if self._is_paused:
             return
         handler = self._thread
@@ -337,7 +336,7 @@ class RunningCalls:
         if thread is None:  # one without calls, or that begins
             return
         accounting = self._accounting
-        gone = accounting.cycles - self._paused_cycles + self._return_cycles - thread.left_at
+        gone = accounting.cycles - self._paused_cycles + cycles - thread.left_at
         gone += emptied_pipeline_costs(self._processor, thread.state)
         times, interrupts, elsewhere = thread.apart
         is_back = thread is interrupted

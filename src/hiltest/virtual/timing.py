@@ -60,7 +60,7 @@ class TimingProfile:
     Parameters
     ----------
     name : str
-        Name and version, e.g. ``cortex-m4-trm/1``.
+        Name and version, e.g. ``cortex-m4-trm/2``.
     rows : dict of str to CostRow
         The table.
     memory : dict of str to CostRow, optional
@@ -90,6 +90,8 @@ class TimingProfile:
         self._hidden = min(self._value["fp_accumulate_hidden"], self._value["fp_accumulate"] - 1)
         self.exception_entry = self._value["exception_entry"]
         self.exception_return = self._value["exception_return"]
+        self.tail_chain = self._value.get("tail_chain")
+        self.fp_frame = self._value.get("fp_frame", 0)
 
     def step(self, instruction: Instruction, state: PipelineState) -> tuple[int, PipelineState]:
         """Price one instruction as if it does not transfer control.

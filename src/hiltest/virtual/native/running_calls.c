@@ -109,7 +109,6 @@ struct calls {
     void (*full)(void);
     int32_t stack_register;
     int32_t link_register;
-    int64_t return_cycles;
     /* Read by Python. */
     int64_t open_calls;
     int64_t paused_cycles;
@@ -513,7 +512,7 @@ static struct thread *goes_on(struct calls *calls, uint32_t frame, int32_t inter
 }
 
 /* An exception was left, before the cycles of that are counted. */
-int hiltest_calls_left(struct calls *calls, uint32_t frame)
+int hiltest_calls_left(struct calls *calls, uint32_t frame, int32_t cycles)
 {
     struct thread *handler = &calls->threads[calls->current];
     struct thread *thread;
@@ -531,7 +530,7 @@ int hiltest_calls_left(struct calls *calls, uint32_t frame)
     if (thread == NULL) { /* one without calls, or that begins */
         return 0;
     }
-    gone = now_of(calls) + calls->return_cycles - thread->left_at;
+    gone = now_of(calls) + cycles - thread->left_at;
     if (thread->state != 0) {
         gone += calls->emptied(thread->state);
     }

@@ -52,7 +52,7 @@ class _Calls(ctypes.Structure):
             "read_register", "read_memory",
         )),
         ("before", _CYCLES), ("emptied", _CYCLES), ("returns_to", _RETURNS_TO), ("full", _FULL),
-        ("stack_register", ctypes.c_int32), ("link_register", ctypes.c_int32), ("return_cycles", ctypes.c_int64),
+        ("stack_register", ctypes.c_int32), ("link_register", ctypes.c_int32),
         ("open_calls", ctypes.c_int64), ("paused_cycles", ctypes.c_int64), ("done_count", ctypes.c_int64),
         ("is_paused", ctypes.c_int32), ("nested", ctypes.c_int32),
         ("current", ctypes.c_int32), ("interrupted", ctypes.c_int32 * 64), ("done", _Done * _MOST_DONE),
@@ -104,7 +104,6 @@ class NativeRunningCalls:
         calls.returns_to = _RETURNS_TO(self._on_returns_to)
         calls.full = _FULL(self._on_full)
         calls.stack_register, calls.link_register = register_number("SP"), register_number("LR")
-        calls.return_cycles = self._processor.profile.exception_return
 
     # -- as `RunningCalls` --------------------------------------------------------------------
 
