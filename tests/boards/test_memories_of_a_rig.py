@@ -42,6 +42,7 @@ def answers(board: VirtualBoard) -> tuple[list[list[int]], dict[str, tuple[objec
     return [point for each in replies for point in each.magnetometer.tolist()], found, clocks
 
 
+@pytest.mark.slow  # by instruction, in Python
 def test_memories_add_clocks_and_leave_every_answer_alone(rig: Rig) -> None:
     with opened(rig, "cortex-m4-trm/2") as board:
         points, found, clocks = answers(board)
@@ -80,6 +81,7 @@ def test_a_count_of_code_in_flash_carries_what_the_memory_rows_state_and_nothing
     assert band == CycleRange(round(0.85 * cycles), round(1.15 * cycles))
 
 
+@pytest.mark.slow  # the same
 def test_so_does_the_total_of_a_stream(rig: Rig, flash_elf: Path) -> None:
     bands = {}
     for timing in ("cortex-m4-trm/2", "cortex-m4-k64f/2"):

@@ -234,11 +234,11 @@ class Hostile:
         self._thread.join(WALL_LIMIT_S)
 
 
-def outcome(answer: Callable[[bytes], bytes | None]) -> str:
+def outcome(answer: Callable[[bytes], bytes | None], *, answer_s: float = 0.2) -> str:
     """Connect to a hostile server and try all that the client does; return what it says then."""
     began_s = time.monotonic()
     try:
-        with Hostile(answer) as server, GdbClient(TcpWire("127.0.0.1", server.port), answer_s=0.2) as client:
+        with Hostile(answer) as server, GdbClient(TcpWire("127.0.0.1", server.port), answer_s=answer_s) as client:
             for _ in range(3):
                 client.read(0x20000000, 3000)
                 client.registers()
@@ -296,7 +296,8 @@ def answering(**by_letter: bytes) -> Callable[[bytes], bytes | None]:
 def test_a_server_that_talks_nonsense_is_named_with_the_next_step(
     answer: Callable[[bytes], bytes | None], says: str
 ) -> None:
-    said = outcome(answer)
+    # One that closes the connection does so at once, and on a busy machine later.
+    said = outcome(answer, answer_s=10 if "is gone" in says else 0.2)
     assert any(each in said for each in says.split("|")), said
 
 

@@ -68,6 +68,7 @@ def step(board: VirtualK64F, function: str, state: bytes, argument: bytes) -> tu
     return result.cycles, result.instructions, bytes(after), bytes(answer)
 
 
+@pytest.mark.slow  # by instruction, in Python
 @pytest.mark.parametrize("profile", PROFILES)
 @pytest.mark.parametrize("stream", ["direct_stream", "iterative_stream", "iterative_stream sliced"])
 def test_both_ways_of_counting_agree_on_the_steps_of_a_stream(stream: str, profile: str) -> None:

@@ -10,7 +10,7 @@ from hiltest.virtual.profile_file import load_profile
 from hiltest.virtual.timing import TimingProfile, moved
 
 ONE, TWO = load_profile("cortex-m4-trm/1"), load_profile("cortex-m4-trm/2")
-DIGEST = "ae1a391e0624262b9b3143c803bdebc6b6258862888bdd9e258eb3cafad547b2"
+DIGEST = "c59ee8419e377724c8468eacba2b5c8e53cc5e4645c24ef93e22102326714fa3"
 
 # Machine code, little-endian, written from the encodings in the ARMv7-M manual. The name says how many bytes it has.
 NOP2 = bytes.fromhex("00bf")

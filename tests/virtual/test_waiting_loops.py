@@ -34,6 +34,7 @@ def test_a_loop_ends_at_the_same_cycle_with_the_same_state(build: Build, loop: s
     assert_same_both_ways(elf, 0.004, sendings)
 
 
+@pytest.mark.slow  # every loop twice, once without passing over anything
 @pytest.mark.parametrize("first", range(0, 40, 10))
 def test_random_loops_run_the_same(build: Build, first: int) -> None:
     for seed in range(first, first + 10):
@@ -56,6 +57,7 @@ def test_the_shipped_firmware_runs_the_same() -> None:
     assert assert_same_both_ways(SHIPPED, 0.3, [(0.2, b"\x7e\x11\x07\x00\x00\x7e")]).cycles > 35e6
 
 
+@pytest.mark.ci  # seven seconds each without passing over anything
 @pytest.mark.parametrize("loop", [
     "poll_status", "two_registers", "wait_count_flag", "wait_unmodelled", "wait_systick", "wait_dma_sending",
     "poll_crc",
