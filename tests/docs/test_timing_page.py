@@ -17,7 +17,7 @@ from hiltest.procedures.cycles import upload_points
 from hiltest.procedures.golden_points import golden_points
 from hiltest.rig.file import load_rig
 from hiltest.text import readable
-from hiltest.virtual.profile_file import DEFAULT_PROFILE, ROWS, load_profile
+from hiltest.virtual.profile_file import DEFAULT_PROFILE, ROWS, RULES, load_profile
 
 PAGE = (Path(__file__).parents[2] / "docs" / "timing.md").read_text(encoding="utf-8")
 COMMANDS = re.findall(r"^```sh\nhiltest (.*?)\n```", PAGE, re.M | re.S)
@@ -46,7 +46,7 @@ def test_the_json_has_every_row_of_the_profile(tmp_path: Path) -> None:
     content = json.loads(run("timing", "show", "--json", folder=tmp_path))
     profile = load_profile(DEFAULT_PROFILE)
     assert (content["schema"], content["name"], content["digest"]) == ("hiltest.timing/1", profile.name, profile.digest)
-    assert [each["row"] for each in content["rows"]] == list(ROWS)
+    assert [each["row"] for each in content["rows"]] == [*ROWS, *RULES]
     assert {each["row"]: (each["cycles"], tuple(each["band"]), each["source"]) for each in content["rows"]} == {
         name: (row.value, row.band, row.source) for name, row in profile.rows.items()
     }
