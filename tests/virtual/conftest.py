@@ -15,6 +15,8 @@ from hiltest.virtual.native import CHOICE
 from hiltest.virtual.native.accounting import NativeBlockAccounting
 from hiltest.virtual.native.library import missing_because
 
+from .published import FOLDER as PUBLISHED
+
 HERE = Path(__file__).parent
 PROGRAMS = HERE / "programs"
 SHIPPED = Path(__file__).parents[2] / "src/hiltest/firmware/hiltest-frdm-k64f.elf"
@@ -55,6 +57,14 @@ def build(tmp_path: Path, require_tool: Callable[[str], str]) -> Build:
         return elf
 
     return compile_program
+
+
+@pytest.fixture
+def published_programs() -> None:
+    """Programs of others whose cycle counts were published: they lie beside the project, and not everywhere."""
+    if not PUBLISHED.is_dir():
+        assert not os.environ.get("HILTEST_REQUIRE_TOOLS"), f"{PUBLISHED} is missing, and HILTEST_REQUIRE_TOOLS is set"
+        pytest.skip(f"{PUBLISHED} is not there")
 
 
 @pytest.fixture

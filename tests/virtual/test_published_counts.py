@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from functools import cache
 from pathlib import Path
 
@@ -10,19 +9,14 @@ import pytest
 
 from hiltest.virtual.k64f import VirtualK64F
 
-from .published import FIGURES, FOLDER, ONE, SHARED_SECRET, TWO, Count, Published, count, mean_and_worst, rows
+from .published import FIGURES, ONE, SHARED_SECRET, TWO, Count, Published, count, mean_and_worst, rows
+
+pytestmark = pytest.mark.usefixtures("published_programs")
 
 PAGE = Path(__file__).parents[2] / "docs" / "cycle-validation.md"
 COUNTED_BY_VERSION_1 = (238, 226, 301, 617, 515.6, 629.6, 743.6, 1004, 1618.6, 468_300, 468_300)
 PROMISED = 0.015  # of integer code of 500 cycles or more with its constants in SRAM
 TABLES_IN_FLASH = 0.03  # as much less, where the published figure's tables lay there
-
-
-@pytest.fixture(autouse=True)
-def _are_there() -> None:
-    if not FOLDER.is_dir():
-        assert not os.environ.get("HILTEST_REQUIRE_TOOLS"), f"{FOLDER} is missing, and HILTEST_REQUIRE_TOOLS is set"
-        pytest.skip(f"{FOLDER} is not there")
 
 
 @cache
