@@ -5,6 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
+from hiltest.device.sample_buffer import SampleBuffer
 from hiltest.device.variables import Variables
 from hiltest.errors import BoardFault, ConfigError
 from hiltest.measurement import CycleRange
@@ -71,6 +75,7 @@ class FunctionCosts:
 
     def __init__(self, machine: VirtualK64F, rig: Rig) -> None:
         self._machine = machine
+        self._buffer = _sample_buffer(machine, rig)
         self._watches: dict[str, tuple[str, CallWatch | SolutionWatch]] = {}
         for name, counted in rig.cycles.items():
             try:
@@ -97,6 +102,16 @@ class FunctionCosts:
         }  # fmt: skip
         return max((LatestSolution(*each) for each in found.items()), key=lambda each: each.kept.ended, default=None)
 
+    def samples(self, solution: LatestSolution) -> NDArray[np.float64] | None:
+        """Return the samples that the firmware held when a solution began, in its axes, shape (n, 3) [counts].
+
+        None where the rig does not say where they lie.
+        """
+        if self._buffer is None:
+            return None
+        memory, base = solution.kept.memory, self._machine.processor.memory.sram.base
+        return self._buffer.counts(lambda address, size: memory[address - base :][:size])
+
     def from_flash(self, solution: LatestSolution) -> FlashCost:
         """Compute a solution once more with the waits of memories; takes the host some 3 s a million cycles."""
         profile = load_profile(MEMORY_PROFILE)
@@ -106,6 +121,16 @@ class FunctionCosts:
         except (ConfigError, BoardFault) as error:
             return FlashCost(None, model, refusal=str(error))
         return FlashCost(counted.cycles, model, flash_range(profile, counted.cycles))
+
+
+def _sample_buffer(machine: VirtualK64F, rig: Rig) -> SampleBuffer | None:
+    described = rig.device and rig.device.memory and rig.device.memory.samples
+    if not described:
+        return None
+    try:
+        return SampleBuffer(described.paths, described.used, Variables(machine.image))
+    except ConfigError as error:
+        raise ConfigError(f"{rig.where('device', 'memory', 'samples')}: device.memory.samples: {error}") from error
 
 
 def _watch(machine: VirtualK64F, counted: CountedFunctions) -> CallWatch | SolutionWatch:

@@ -182,9 +182,13 @@ class SelfCalibration:
 def samples_of(board: CompassBoard) -> Reals:
     """Return the samples that the firmware has calibrated itself from, in hiltest's axes, shape (n, 3) [counts].
 
-    Empty where it does not say them.
+    Where the rig names its buffer, those that it held when its latest solution began; else those that its packets have
+    shown. Empty where it says neither.
     """
     frame = frame_of(board.rig)
+    solution = board.costs and board.costs.latest_solution()
+    if board.costs and solution and (found := board.costs.samples(solution)) is not None:
+        return np.array([frame.vector(counts) for counts in found], dtype=np.float64).reshape(-1, 3)
     held = [counts for each in board.interfaces.values() for counts in getattr(each, "buffer", {}).values()]
     return np.array([frame.vector(counts) for counts in held], dtype=np.float64).reshape(-1, 3)
 

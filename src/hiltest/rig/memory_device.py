@@ -45,6 +45,28 @@ class MemoryValue:
 
 
 @dataclass(frozen=True, slots=True)
+class KeptSamples:
+    """The magnetometer samples that the firmware calibrates itself from.
+
+    Attributes
+    ----------
+    path : str or tuple of str
+        One path to all of them, x, y and z of one behind the other, or one path to each axis.
+    used : str or None
+        Path to a number for each: where it is below 0, there is none. None: all are there.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
+    path: str | tuple[str, ...]
+    used: str | None = None
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """The paths, always several."""
+        return (self.path,) if isinstance(self.path, str) else self.path
+
+
+@dataclass(frozen=True, slots=True)
 class MemoryDevice:
     """Reading of a board's memory.
 
@@ -56,12 +78,15 @@ class MemoryDevice:
         Function at whose return all values are read: it writes what belongs together.
     values : dict of str to MemoryValue
         By the quantity's name.
+    samples : KeptSamples or None
+        hiltest's own calibrators get them, on a virtual board, as they were when the latest solution began.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     values: dict[str, MemoryValue] = field(default_factory=dict)
     server: str | None = None
     at_return_of: str | None = None
+    samples: KeptSamples | None = None
 
     def __post_init__(self) -> None:
         require(bool(self.values), "values", 'names no quantity; write hard_iron = { path = "sfg.MagCal.fV", '
