@@ -20,7 +20,7 @@ from hiltest.virtual.elf import load_image
 from ..device.conftest import shared_data  # noqa: F401  # a fixture
 
 PAGE = (Path(__file__).parents[2] / "docs" / "variables.md").read_text(encoding="utf-8")
-ALONE, BESIDE = re.findall(r"^```toml\n(.*?)^```", PAGE, re.M | re.S)
+ALONE, BESIDE, SAMPLES = re.findall(r"^```toml\n(.*?)^```", PAGE, re.M | re.S)
 (EXAMPLE,) = re.findall(r"^```python\n(.*?)^```", PAGE, re.M | re.S)
 (SHOWN,) = re.findall(r"^```text\n(.*?)^```", PAGE, re.M | re.S)
 
@@ -62,3 +62,8 @@ def test_every_unit_of_the_table_is_known_and_every_quantity_with_one_has_some()
     found = {word: [unit for unit in units if conversion(word, unit)] for word in named - without}
     assert all(found.values())
     assert {unit for units in found.values() for unit in units} >= {each.unit for each in Quantity if each.unit}
+
+
+def test_the_samples_of_the_page_are_those_of_the_rig_that_ships() -> None:
+    rig = tomllib.loads(rig_file(Path(__file__).parent, "nxp-fusion-agm01").read_text(encoding="utf-8"))
+    assert tomllib.loads(SAMPLES)["device"]["memory"]["samples"] == rig["device"]["memory"]["samples"]
