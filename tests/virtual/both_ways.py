@@ -10,6 +10,7 @@ from pathlib import Path
 from hiltest.errors import BoardFault
 from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.native import by_block, every_turn
+from hiltest.virtual.profile_file import DEFAULT_PROFILE
 
 from .test_peripherals import Part
 
@@ -43,13 +44,15 @@ class Outcome:
     ended: str
 
 
-def outcome(elf: Path, until_s: float, *, passes_waits: bool, sendings: Sequence[Sending] = ()) -> Outcome:
+def outcome(
+    elf: Path, until_s: float, *, passes_waits: bool, sendings: Sequence[Sending] = (), profile: str = DEFAULT_PROFILE
+) -> Outcome:
     """Run a program until a virtual time; SW2 is pressed for the third quarter of it.
 
     The board has its FXOS8700CQ, or what answers at its address.
     """
     part = Part(0x1D)
-    board = VirtualK64F(elf, i2c0=[part], accounting=by_block if passes_waits else every_turn)
+    board = VirtualK64F(elf, i2c0=[part], accounting=by_block if passes_waits else every_turn, profile=profile)
     sent: list[tuple[int, bytes]] = []
     told: list[str] = []
     board.tell(told.append)
@@ -74,7 +77,7 @@ def outcome(elf: Path, until_s: float, *, passes_waits: bool, sendings: Sequence
     assert snapshot is not None
     executed: dict[tuple[object, ...], tuple[int, int]] = {}
     for entered, on, away in zip(snapshot.entered, snapshot.runs[::2], snapshot.runs[1::2], strict=True):
-        key = entered.block.address, entered.block.end, entered.block.entry
+        key = entered.block.address, entered.block.end, entered.block.entry, entered.block.priced
         before = executed.get(key, (0, 0))
         executed[key] = before[0] + on, before[1] + away
     return Outcome(
@@ -85,8 +88,12 @@ def outcome(elf: Path, until_s: float, *, passes_waits: bool, sendings: Sequence
     )  # fmt: skip
 
 
-def assert_same_both_ways(elf: Path, until_s: float, sendings: Sequence[Sending] = ()) -> Outcome:
+def assert_same_both_ways(
+    elf: Path, until_s: float, sendings: Sequence[Sending] = (), profile: str = DEFAULT_PROFILE
+) -> Outcome:
     """Run both ways, compare, and return the outcome."""
-    passed, executed = (outcome(elf, until_s, passes_waits=passes, sendings=sendings) for passes in (True, False))
+    passed, executed = (
+        outcome(elf, until_s, passes_waits=passes, sendings=sendings, profile=profile) for passes in (True, False)
+    )
     assert passed == executed
     return passed

@@ -101,4 +101,6 @@ def _step(chance: random.Random) -> str:
     ]  # fmt: skip
     skipped = f"it {condition}\n    mov{condition} {one}, {other}"
     both = f"cmp {one}, {other}\n    ite hs\n    subhs {third}, {one}, {other}\n    addlo {third}, {one}, r7"
-    return chance.choice([*plain, skipped, both])
+    accesses = f"itt {condition}\n    ldr{condition} {one}, [r10, #8]\n    str{condition} {other}, [r10, #8]"
+    counter = f"it {condition}\n    ldr{condition} {one}, [r9, #4]"
+    return chance.choice([*plain, skipped, both, accesses, counter, f"it {condition}\n    udiv{condition} {one}, r7"])

@@ -261,7 +261,7 @@ def test_pointers_in_a_structure_lead_to_what_they_point_to(in_c: Callable[..., 
 def test_every_row_that_prices_instructions_has_a_class() -> None:
     added = {"load_behind_load", "store_behind_load", "load_behind_store", "refill_direct", "refill_indirect",
              "fp_use", "fp_accumulate_hidden", "fp_divide_use", "exception_entry", "exception_return"}
-    assert set(WORK_OF_ROW) == set(load_profile("cortex-m4-trm/1").rows) - added
+    assert set(WORK_OF_ROW) == set(load_profile("cortex-m4-trm/1").rows) - added | {"it_skipped"}
 
 
 def test_profiles_can_be_taken_one_after_the_other_on_one_board() -> None:

@@ -35,10 +35,11 @@ def test_a_loop_ends_at_the_same_cycle_with_the_same_state(build: Build, loop: s
 
 
 @pytest.mark.slow  # every loop twice, once without passing over anything
+@pytest.mark.parametrize("profile", ["cortex-m4-trm/1", "cortex-m4-trm/2"])
 @pytest.mark.parametrize("first", range(0, 40, 10))
-def test_random_loops_run_the_same(build: Build, first: int) -> None:
+def test_random_loops_run_the_same(build: Build, first: int, profile: str) -> None:
     for seed in range(first, first + 10):
-        assert_same_both_ways(build(random_program(seed)), 0.01)
+        assert_same_both_ways(build(random_program(seed)), 0.01, profile=profile)
 
 
 @pytest.mark.parametrize("name", ["exceptions", "pins", "priorities"])

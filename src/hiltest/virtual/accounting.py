@@ -26,7 +26,7 @@ from hiltest.virtual.blocks import (
     reached_by,
     reached_state,
 )
-from hiltest.virtual.code_hook import CodeHook, Totals
+from hiltest.virtual.code_hook import CODE_CALLBACK, CodeHook, Totals
 from hiltest.virtual.executions import Entered, Snapshot
 from hiltest.virtual.instructions import Instruction, decode
 from hiltest.virtual.pipeline import NEUTRAL, REACHED, PipelineState, Reached
@@ -76,6 +76,9 @@ class Accounting(Protocol):
     ) -> CodeHook | None:
         """Return the hook for the emulator where data is accessed, or None."""
         ...
+
+    def watched_hook(self, abort: Callable[[BaseException], None]) -> CodeHook | None:
+        """Return the hook for watched instructions of IT blocks, or None where all that is executed is seen."""
 
     @property
     def jumped_from(self) -> int | None:
@@ -173,6 +176,32 @@ class BlockAccounting(Totals):
             self.instructions += rounds
             self._runs[2 * self._number + 1] += rounds
 
+    def watched_hook(self, abort: Callable[[BaseException], None]) -> CodeHook:
+        """Return a callback that calls `executes`, and `abort` with whatever that raises."""
+
+        def on_executed(_engine: int, address: int, _size: int, _data: int) -> None:
+            """Take note of an instruction; what goes wrong ends the run, for the emulator takes no exception."""
+            try:
+                self.executes(address)
+            except BaseException as error:  # re-raised by the processor; ctypes would print and drop it
+                abort(error)
+
+        return CodeHook(CODE_CALLBACK(on_executed), None)
+
+    def executes(self, address: int) -> None:
+        """Take note that an instruction which is watched is executed: from here on it is the block with that one."""
+        if self._running is None:
+            return
+        known = self._executing.get((self._number, address))
+        if known is None:
+            block, number = self._running.executing(address, self._profile), self._number
+            if block is not self._running:
+                number = len(self._entered)
+                self._entered.append(Entered(block, self._entered[self._number].before))
+                self._runs.extend((0, 0))
+            known = self._executing[self._number, address] = block, number
+        self._running, self._number = known
+
     def _finish(self, address: int) -> None:
         """Add the block that runs; `address` is where execution goes on."""
         block = self._running
@@ -212,7 +241,7 @@ class BlockAccounting(Totals):
     def _price(self, address: int, size: int, state: PipelineState) -> CodeBlock:
         code = self._priced_code[address, size] = self._read_code(address, size)
         block = priced_block(self._profile, address, code, state)
-        conditions = conditions_at(address, block, self._read_code)
+        conditions = conditions_at(self._profile, address, block, self._read_code)
         return priced_block(self._profile, address, code, state, conditions) if conditions else block
 
     def translated(self, address: int, size: int) -> None:
@@ -269,6 +298,7 @@ class BlockAccounting(Totals):
         self._runs = array("q", [0, 0] * len(self._entered))
         self._jumped_to: dict[int, dict[int, tuple[CodeBlock, int]]] = {reached_by(how): {} for how in Reached}
         self._known: dict[tuple[int, int, int], tuple[CodeBlock, int]] = {}
+        self._executing: dict[tuple[int, int], tuple[CodeBlock, int]] = {}  # by number, and what is executed in it
         self._priced_code: dict[tuple[int, int], bytes] = {}
 
 
@@ -312,10 +342,10 @@ class InstructionAccounting(Totals):
             if next_address != end or not last.conditional:
                 self._jumps(last)
             return
-        # The code hook is silent for instructions that an IT block skips; they are priced as executed.
+        # The code hook is silent for instructions that an IT block skips.
         while end < next_address <= end + 16:
             skipped = decode(end, self._read_code(end, 4))[0]
-            self._add(skipped)
+            self._add(skipped.skipped() if self._profile.prices_skipped else skipped)
             end += skipped.size
 
     def _jumps(self, last: Instruction) -> None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 from hiltest.errors import BoardFault
 from hiltest.virtual.alignment import Alignment, required_alignment
 from hiltest.virtual.instructions import Instruction, conditions_left, decode
+from hiltest.virtual.it_blocks import choices
 from hiltest.virtual.pipeline import REACHED, PipelineState, Reached
 from hiltest.virtual.timing import TimingProfile
 
@@ -38,6 +39,11 @@ class CodeBlock:
     ----------
     through, taken : int
         Cycles when execution falls out of its end, and when it jumps away.
+    instructions : tuple of Instruction
+        As they stand there.
+    priced : tuple of Instruction
+        As they are priced: those that are watched, see `hiltest.virtual.it_blocks`, as skipped, but for those that
+        are known to have been executed.
     alignment : Alignment
         What must be word-aligned when it begins, and within it.
     transfers : bool
@@ -47,14 +53,17 @@ class CodeBlock:
     past, away : int
         What stands for what it leaves, `reached_by` something: where execution goes on behind a transfer, and where
         it jumps.
+    watched : frozenset of int
+        Addresses of instructions of IT blocks that are to be watched.
     needs_attention : bool
-        Whether the processor must look before (FPU, hang, alignment, SEV) or behind it (masks).
+        Whether the processor must look before (FPU, hang, alignment, SEV, IT blocks) or behind it (masks).
     """
 
     address: int
     end: int
     entry: PipelineState
     instructions: tuple[Instruction, ...]
+    priced: tuple[Instruction, ...]
     count: int
     through: int
     taken: int
@@ -68,15 +77,30 @@ class CodeBlock:
     sends_event: bool
     loops_to_itself: bool
     alignment: Alignment
+    watched: frozenset[int]
     needs_attention: bool
     _starts: dict[int, int] = field(default_factory=dict)
+    _executing: dict[int, CodeBlock] = field(default_factory=dict)
+
+    def executing(self, address: int, profile: TimingProfile) -> CodeBlock:
+        """Return this block with one more of the watched instructions executed; itself where none is watched there."""
+        if address not in self.watched:
+            return self
+        if address not in self._executing:
+            pairs = zip(self.priced, self.instructions, strict=True)
+            priced = tuple(this if this.address == address else each for each, this in pairs)
+            through, taken, exit_state = prices(profile, priced, self.entry)
+            self._executing[address] = replace(
+                self, priced=priced, through=through, taken=taken, exit_state=exit_state, _starts={}, _executing={}
+            )
+        return self._executing[address]
 
     def cycles_before(self, address: int, profile: TimingProfile) -> int:
         """Cycles from the start of the block to the start of one of its instructions."""
         if not self._starts:
             total, state = 0, self.entry
             starts: dict[int, int] = {}
-            for instruction in self.instructions:
+            for instruction in self.priced:
                 starts[instruction.address] = total
                 cycles, state = profile.step(instruction, state)
                 total += cycles
@@ -86,13 +110,11 @@ class CodeBlock:
 
 def price_block(profile: TimingProfile, instructions: list[Instruction], entry: PipelineState) -> CodeBlock:
     """Price straight-line code from a pipeline state on."""
-    total, state = 0, entry
-    for instruction in instructions:
-        cycles, state = profile.step(instruction, state)
-        total += cycles
+    watched = choices(profile, instructions, entry)
+    priced = tuple(each.skipped() if each.address in watched else each for each in instructions)
+    through, taken, exit_state = prices(profile, priced, entry)
     last = instructions[-1]
     address, end = instructions[0].address, last.address + last.size
-    refill = profile.taken(last) if last.transfer else 0
     away = reached_by(profile.reached(last) if last.transfer else Reached.ANYHOW)
     past = reached_by(profile.reached_past(last)) if last.conditional else away
     uses_fpu = any(instruction.uses_fpu for instruction in instructions)
@@ -100,14 +122,34 @@ def price_block(profile: TimingProfile, instructions: list[Instruction], entry: 
     sends_event = any(instruction.sends_event for instruction in instructions)
     loops = last.jumps_to(address)
     alignment = required_alignment(instructions)
-    through = total if not last.transfer or last.conditional else total + refill
     return CodeBlock(
-        address, end, entry, tuple(instructions), len(instructions), through, total + refill,
-        profile.reached_late(instructions[0], entry), state,
+        address, end, entry, tuple(instructions), priced, len(instructions), through, taken,
+        profile.reached_late(priced[0], entry), exit_state,
         bool(last.transfer), past, away, uses_fpu, changes_masks, sends_event, loops and len(instructions) == 1,
-        alignment,
-        bool(uses_fpu or changes_masks or sends_event or loops or alignment.registers or alignment.inside),
+        alignment, watched,
+        bool(uses_fpu or changes_masks or sends_event or loops or alignment.registers or alignment.inside or watched),
     )  # fmt: skip
+
+
+def passed(profile: TimingProfile, last: Instruction) -> Instruction:
+    """Return the last instruction of a block as it is priced where execution goes on behind it."""
+    return last.skipped() if last.transfer and last.predicated and profile.prices_skipped else last
+
+
+def prices(
+    profile: TimingProfile, priced: tuple[Instruction, ...], entry: PipelineState
+) -> tuple[int, int, PipelineState]:
+    """Return cycles when execution goes on behind the end and when it jumps away, and the state that is left."""
+    total, state = 0, entry
+    for instruction in priced[:-1]:
+        cycles, state = profile.step(instruction, state)
+        total += cycles
+    last = priced[-1]
+    cycles, left = profile.step(last, state)
+    taken = total + cycles + (profile.taken(last) if last.transfer else 0)
+    if last.transfer and not last.conditional:
+        return taken, taken, left
+    return total + profile.step(passed(profile, last), state)[0], taken, left
 
 
 @lru_cache(maxsize=BLOCKS_KEPT)
@@ -118,13 +160,14 @@ def priced_block(
     return price_block(profile, decode(address, code, conditions), entry)
 
 
-def conditions_at(address: int, block: CodeBlock, read_code: ReadCode) -> int:
+def conditions_at(profile: TimingProfile, address: int, block: CodeBlock, read_code: ReadCode) -> int:
     """Say how many of a block's instructions belong to an IT block that began before it, if that matters.
 
-    The emulator cuts at the ends of pages. What matters is whether a jump at the end is always taken.
+    The emulator cuts at the ends of pages. What matters is whether a jump at the end is always taken, and by some
+    profiles what is skipped.
     """
     last = block.instructions[-1]
-    if block.count > 3 or not last.transfer or last.conditional:
+    if not profile.prices_skipped and (block.count > 3 or not last.transfer or last.conditional):
         return 0
     try:
         return conditions_left(read_code(address - 14, 14))

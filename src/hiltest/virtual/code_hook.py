@@ -59,6 +59,10 @@ class Totals:
         """Return None: accesses to data cost nothing by themselves."""
         return None
 
+    def watched_hook(self, _abort: Callable[[BaseException], None]) -> CodeHook | None:
+        """Return None: all that is executed is seen."""
+        return None
+
     def translated(self, address: int, size: int) -> None:
         """Do nothing: no code is cached."""
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
-from hiltest.virtual.blocks import CodeBlock
+from hiltest.virtual.blocks import CodeBlock, passed
 from hiltest.virtual.instructions import Instruction
 from hiltest.virtual.pipeline import NEUTRAL, Late, PipelineState, Reached
 from hiltest.virtual.timing import TimingProfile
@@ -48,7 +48,7 @@ class Stall(StrEnum):
 
 
 WORK_OF_ROW = {
-    "data": Work.INTEGER, "divide": Work.INTEGER, "it": Work.INTEGER,
+    "data": Work.INTEGER, "divide": Work.INTEGER, "it": Work.INTEGER, "it_skipped": Work.INTEGER,
     "load": Work.LOAD_STORE, "store": Work.LOAD_STORE, "store_register_offset": Work.LOAD_STORE,
     "multiple_base": Work.LOAD_STORE, "exclusive": Work.LOAD_STORE, "fp_load": Work.LOAD_STORE,
     "fp_store": Work.LOAD_STORE,
@@ -89,12 +89,13 @@ def instruction_costs(profile: TimingProfile, block: CodeBlock, *, went_on: bool
     state = block.entry
     last = block.instructions[-1]
     refilled = last.transfer and not (went_on and last.conditional)
-    for instruction in block.instructions:
-        work_cycles, stalls = _split(profile, instruction, state)
+    for instruction, priced in zip(block.instructions, block.priced, strict=True):
+        each = passed(profile, priced) if instruction is last and not refilled else priced
+        work_cycles, stalls = _split(profile, each, state)
         if instruction is last and refilled:
             stalls.append((Stall.TAKEN_BRANCH, profile.taken(last)))
-        yield InstructionCost(instruction, WORK_OF_ROW[instruction.row], work_cycles, tuple(stalls))
-        _, state = profile.step(instruction, state)
+        yield InstructionCost(instruction, WORK_OF_ROW[each.row], work_cycles, tuple(stalls))
+        _, state = profile.step(each, state)
 
 
 def _split(

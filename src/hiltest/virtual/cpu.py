@@ -26,6 +26,7 @@ from hiltest.virtual.executions import Snapshot
 from hiltest.virtual.faults import Fault, FaultKind, FaultLog, Lockup
 from hiltest.virtual.instructions import Instruction
 from hiltest.virtual.interrupt import deferred_interrupt
+from hiltest.virtual.it_watch import Watched
 from hiltest.virtual.memory import FLASH, MK64FN1M0, SRAM, BoardMemory
 from hiltest.virtual.native import by_block
 from hiltest.virtual.nvic import SVCALL, EventRegister, Nvic
@@ -105,6 +106,8 @@ class Processor:
         if self._data_hook is not None:
             data = unicorn.UC_HOOK_MEM_READ | unicorn.UC_HOOK_MEM_WRITE
             add_hook(self.engine, data, *self._data_hook, within=(FLASH[0], sum(SRAM) - 1))
+        self._watched_hook = self.accounting.watched_hook(self.abort)
+        self._watched = Watched(self.engine, self._watched_hook)
         self._translation_hook = TRANSLATED_CALLBACK(self._on_translated)
         # Only RAM can be written to.
         for base, size in self.memory.map.ram:
@@ -200,7 +203,7 @@ class Processor:
             self.exceptions.floating_point_runs()
         suspects = self._suspects(block)
         watched = (*suspects, *block.alignment.inside)
-        if watched and self.traps.unwatched(watched):
+        if (watched and self.traps.unwatched(watched)) or not self._watched.knows(block.watched):
             self._to_watch = block
             return False
         if suspects:
@@ -367,6 +370,7 @@ class Processor:
         if self._to_watch is not None:
             block = self._to_watch
             self.traps.watch((*self._suspects(block), *block.alignment.inside), block.address, block.end)
+            self._watched.watch(block.watched, block.address, block.end)
             return False
         if pc & ~1 == RETURN_ADDRESS:
             if self.delivers_faults:  # nothing called: firmware went there by itself

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hiltest.virtual.blocks import NO_BLOCK, CodeBlock
+from hiltest.virtual.blocks import NO_BLOCK, CodeBlock, prices
 from hiltest.virtual.instructions import Instruction
 from hiltest.virtual.pipeline import PipelineState
 from hiltest.virtual.timing import TimingProfile
@@ -139,7 +139,7 @@ class Pricing:
     def __init__(self, profile: TimingProfile, entered: Sequence[Entered]) -> None:
         self._profile = profile
         self._entered = entered
-        self._ends: dict[int, tuple[int, PipelineState]] = {}
+        self._ends: dict[int, tuple[int, int, PipelineState]] = {}
         self._rows: dict[int, frozenset[str]] = {}
 
     def moved(self, profile: TimingProfile, rows: frozenset[str]) -> Pricing:
@@ -156,7 +156,7 @@ class Pricing:
 
     def _rows_of(self, number: int) -> frozenset[str]:
         if number not in self._rows:
-            self._rows[number] = rows_of(self._entered[number].block.instructions)
+            self._rows[number] = rows_of(self._entered[number].block.priced)
         return self._rows[number]
 
     def total(self, executions: Executions) -> int:
@@ -169,34 +169,28 @@ class Pricing:
 
     def costs(self, number: int) -> tuple[int, int]:
         """Return what a block costs when execution goes on behind its end, and when it jumps away."""
-        cycles, _ = self._end(number)
-        last = self._entered[number].block.instructions[-1]
-        taken = cycles + self._profile.taken(last) if last.transfer else cycles
-        return (cycles if last.conditional or not last.transfer else taken), taken
+        through, taken, _ = self._end(number)
+        return through, taken
 
-    def _end(self, number: int) -> tuple[int, PipelineState]:
-        """Return the cycles of a block without a refill, and what it leaves."""
+    def _end(self, number: int) -> tuple[int, int, PipelineState]:
+        """Return the cycles of a block when execution goes on behind its end and when it jumps, and what it leaves."""
         # From the first that is not known yet: code without a branch may be cut into more blocks than calls may nest.
         unknown = []
         while number >= 0 and number not in self._ends:
             unknown.append(number)
             number = self._entered[number].before
         for each in reversed(unknown):
-            cycles, state = 0, self._entry(each)
-            for instruction in self._entered[each].block.instructions:
-                more, state = self._profile.step(instruction, state)
-                cycles += more
-            self._ends[each] = cycles, state
+            self._ends[each] = prices(self._profile, self._entered[each].block.priced, self._entry(each))
         return self._ends[unknown[0] if unknown else number]
 
     def _entry(self, number: int) -> PipelineState:
         block, before = self._entered[number]
-        return block.entry if before < 0 else self._end(before)[1]
+        return block.entry if before < 0 else self._end(before)[2]
 
     def _until(self, number: int, address: int) -> int:
         """Return the cycles from the start of a block to one of its instructions."""
         cycles, state = 0, self._entry(number)
-        for instruction in self._entered[number].block.instructions:
+        for instruction in self._entered[number].block.priced:
             if instruction.address >= address:
                 break
             more, state = self._profile.step(instruction, state)
@@ -212,8 +206,8 @@ def rows_of(instructions: tuple[Instruction, ...]) -> frozenset[str]:
         rows.update(_ALSO.get(instruction.row, ()))
         if instruction.uses_fpu:
             rows.add("fp_use")
-        if instruction.predicated:
-            rows.add("it_executed")
+        if instruction.predicated and instruction.transfer:
+            rows.add("it_skipped")
         if instruction.address_registers:
             rows.add("address_use")
         if instruction.misplaced:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -41,7 +41,7 @@ class Instruction:
     conditional : bool
         Whether a transfer may fall through.
     predicated : bool
-        Whether it is no transfer and stands in an IT block, as far as that is known.
+        Whether it stands in an IT block, as far as that is known.
     changes_masks : bool
         Whether interrupts may become deliverable behind it.
     sends_event : bool
@@ -73,6 +73,13 @@ class Instruction:
     aligned_base: int = -1
     core_writes: int = 0
     derived: tuple[tuple[int, int], ...] = ()
+
+    def skipped(self) -> Instruction:
+        """Return it as the pipeline sees it where its condition does not hold: it does nothing and passes."""
+        return replace(
+            self, row="it_skipped", words=0, address_registers=0, loaded_registers=0, fp_reads=0, fp_writes=0,
+            fp_addend=0, uses_fpu=False, aligned_base=-1, core_writes=0, derived=(),
+        )  # fmt: skip
 
     @property
     def misplaced(self) -> bool:
@@ -276,7 +283,7 @@ def _classify(raw: Any, *, in_it_block: bool) -> Instruction:
         others = _masks([operand.reg for operand in raw.operands[1:]])[1]
         fields |= {"fp_reads": others, "fp_addend": addend & ~others}
     fields |= _control(raw, core_writes, in_it_block=in_it_block)
-    return Instruction(**fields, predicated=in_it_block and "transfer" not in fields)
+    return Instruction(**fields, predicated=in_it_block)
 
 
 def _uses_fpu(raw: Any) -> bool:

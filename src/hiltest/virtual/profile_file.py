@@ -54,7 +54,7 @@ ROWS = {
 RULES = {
     "address_use": "added when an address is made of what the data-processing instruction right before computed",
     "it_folded": "IT behind an instruction of two bytes",
-    "it_executed": "1: instructions of an IT block are priced as if executed; 0: as if skipped, a cycle each",
+    "it_skipped": "an instruction of an IT block whose condition does not hold; without this row, as if executed",
     "target_misplaced": "added when a taken branch leads to four bytes that are not at a multiple of four",
     "return_misplaced": "the same, when the target comes from a register or memory",
     "refill_table": "instead of refill_indirect: TBB, TBH",
@@ -91,7 +91,7 @@ AT_LEAST = {
     "cache_ways": 1, "cache_sets": 1,
 }  # fmt: skip
 _DEAREST = 1000  # cycles; far more than any instruction takes, and sums stay within 32 bits
-_AT_MOST = {"it_executed": 1, "flash_read_ahead": 1, "flash_uncertainty": 100}
+_AT_MOST = {"flash_read_ahead": 1, "flash_uncertainty": 100}
 _POWERS_OF_TWO = frozenset({"flash_line_bytes", "cache_entry_bytes", "cache_sets"})  # they divide addresses
 _LARGEST_FILE = 64 * 1024
 _TABLES = ("name", "base", "memory_base", "cost", "memory", "measured")  # the last prices nothing

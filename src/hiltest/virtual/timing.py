@@ -13,8 +13,8 @@ row. The rules say what one instruction does to the next:
 
 What is remembered between instructions is a `PipelineState`. Only a control
 transfer resets it; then an unfinished division is waited for, which errs on
-the dear side. Instructions inside an IT block are priced as if executed, but where a row says otherwise.
-A profile may have more rules, of `hiltest.virtual.pipeline`.
+the dear side. Instructions inside an IT block are priced as if executed, but where a row prices those that are
+skipped. A profile may have more rules, of `hiltest.virtual.pipeline`.
 """
 
 from __future__ import annotations
@@ -43,11 +43,12 @@ class CostRow:
 
 # Neither leaves a pipeline state nor, behind none, waits: most of all instructions, priced at once.
 _LEAVES_NOTHING = frozenset(
-    {"data", "divide", "it", "barrier", "system", "exclusive", "fp_load", "fp_store", "fp_move_pair"}
+    {"data", "divide", "it", "barrier", "system", "exclusive", "fp_load", "fp_store", "fp_move_pair",
+     "it_skipped"}
 )
 # Rows of the rules that a profile may have, see `hiltest.virtual.pipeline`.
 RULE_ROWS = frozenset({
-    "address_use", "it_folded", "it_executed", "target_misplaced", "return_misplaced", "fetch_late", "fetch_late_fp",
+    "address_use", "it_folded", "it_skipped", "target_misplaced", "return_misplaced", "fetch_late", "fetch_late_fp",
     "fetch_late_integer",
 })  # fmt: skip
 _OWN_REFILLS = {"table_branch": "refill_table", "load": "refill_load"}
@@ -73,6 +74,8 @@ class TimingProfile:
     ----------
     digest : str
         A hash of the given name and of every value and range.
+    prices_skipped : bool
+        Whether what an IT block skips has a price of its own.
     """
 
     def __init__(
@@ -86,12 +89,16 @@ class TimingProfile:
         self.rows = rows
         self._value = {key: row.value for key, row in rows.items()}
         self._rules = Rules(self._value) if rows.keys() & RULE_ROWS else None
-        self._executes_predicated = self._value.get("it_executed", 1) > 0
+        self.prices_skipped = "it_skipped" in rows
         self._hidden = min(self._value["fp_accumulate_hidden"], self._value["fp_accumulate"] - 1)
         self.exception_entry = self._value["exception_entry"]
         self.exception_return = self._value["exception_return"]
         self.tail_chain = self._value.get("tail_chain")
         self.fp_frame = self._value.get("fp_frame", 0)
+
+    def takes_one_cycle(self, row: str) -> bool:
+        """Whether a row says one cycle, and nothing else is possible."""
+        return self.rows[row].value == 1 and self.rows[row].band == (1, 1)
 
     def step(self, instruction: Instruction, state: PipelineState) -> tuple[int, PipelineState]:
         """Price one instruction as if it does not transfer control.
@@ -115,8 +122,7 @@ class TimingProfile:
             return self._step(instruction, state)
         if rules.folds(instruction, state):
             return self._value["it_folded"], state._replace(late=Late.NOTHING, misplaced=0)
-        skipped = instruction.predicated and not self._executes_predicated
-        cycles, left = (1, NEUTRAL) if skipped else self._step(instruction, state)
+        cycles, left = self._step(instruction, state)
         late, late_fetch = rules.waits(instruction, state)
         return cycles + late + late_fetch, rules.leave(instruction, state, cycles + late, left)
 

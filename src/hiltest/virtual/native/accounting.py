@@ -23,7 +23,9 @@ from hiltest.virtual.turn import LoopTurn, PassOver
 _PLACES = 4096  # of the table at first: the shipped firmware has about a thousand blocks
 _NEVER = (1 << 63) - 1
 _FIRST_WAIT = 2  # jumps backward from a block before a loop is watched
-_ASKED_ABOUT = native.USES_FPU | native.ALIGNMENT_INSIDE | native.CHANGES_MASKS | native.LOOPS_TO_ITSELF
+_ASKED_ABOUT = (
+    native.USES_FPU | native.ALIGNMENT_INSIDE | native.WATCHED_INSIDE | native.CHANGES_MASKS | native.LOOPS_TO_ITSELF
+)
 _REACHED = len(REACHED)  # entries that are a `Reached`; above are the numbers of blocks, from here on
 _CYCLES, _INSTRUCTIONS, _DEADLINE, _RUNNING, _BEFORE = range(5)  # words at the start of the counter
 
@@ -46,6 +48,7 @@ def _reasons_and_registers(
     reasons = (
         (native.USES_FPU if block.uses_fpu else 0)
         | (native.ALIGNMENT_INSIDE if block.alignment.inside else 0)
+        | (native.WATCHED_INSIDE if block.watched else 0)
         | (native.CHANGES_MASKS if block.changes_masks or block.sends_event else 0)
         | (native.LOOPS_TO_ITSELF if block.loops_to_itself else 0)
         | (native.MAY_WAIT if all(each.may_wait for each in block.instructions) else 0)
@@ -89,7 +92,8 @@ class NativeBlockAccounting:
             stop=ctypes.cast(uclib.uc_emu_stop, ctypes.c_void_p),
             read_register=ctypes.cast(uclib.uc_reg_read, ctypes.c_void_p),
             read_registers=ctypes.cast(uclib.uc_reg_read_batch, ctypes.c_void_p),
-            price=native.PRICE(self._on_price), attend=native.ATTEND(self._on_attend),
+            price=native.PRICE(self._on_price), execute=native.EXECUTE(self._on_execute),
+            attend=native.ATTEND(self._on_attend),
             passed=native.PASSED(self._on_passed), prove=native.PROVE(self._on_prove),
         )  # fmt: skip
         self._address = ctypes.addressof(self._counter)
@@ -140,10 +144,22 @@ class NativeBlockAccounting:
     def data_hook(self, _forget_condition: Callable[[], None], _abort: Callable[[BaseException], None]) -> None:
         """Return None: accesses to data cost nothing by themselves."""
 
+    def watched_hook(self, _abort: Callable[[BaseException], None]) -> CodeHook:
+        """Return the function in C for instructions of IT blocks that are watched, and the counter."""
+        return CodeHook(self._library.hiltest_executes, ctypes.c_void_p(self._address))
+
     def _on_price(self, address: int, size: int, entry: int) -> int:
         try:
             self._add(address, self._read_code(address, size), entry)
         except BaseException as error:  # re-raised by the processor; ctypes would print and drop it
+            self._abort(error)
+            return 0
+        return 1
+
+    def _on_execute(self, address: int) -> int:
+        try:
+            self._add_executing(address)
+        except BaseException as error:  # as above
             self._abort(error)
             return 0
         return 1
@@ -167,6 +183,8 @@ class NativeBlockAccounting:
         watch = counter.watch
         blocks = [(self._entered[ran >> 1].block, bool(ran & 1)) for ran in watch.ran[: watch.blocks]]
         until = min(counter.deadline, watch.until)
+        if any(block.watched for block, _ in blocks):
+            return -1  # turns that are proved to go alike may yet differ in what they skip
         try:
             return self.pass_over(LoopTurn(blocks, counter.cycles, counter.cycles - watch.cycles, until))
         except BaseException as error:  # as above
@@ -179,19 +197,36 @@ class NativeBlockAccounting:
         self._priced_code[address, len(code)] = code
         known = self._profile, address, code, self.left_by(entry)
         priced_alike = _reasons_and_registers(*known)
-        if conditions := conditions_at(address, priced_alike[0], self._read_code):
+        if conditions := conditions_at(self._profile, address, priced_alike[0], self._read_code):
             priced_alike = _reasons_and_registers(*known, conditions)
         block, reasons, aligned, kept = priced_alike
         number = len(self._entered)
-        leaves = NO_BLOCK - block.past if block.transfers else number + _REACHED
         self._entered.append(Entered(block, NO_BLOCK - entry if entry < _REACHED else entry - _REACHED))
-        priced = native.PricedBlock(
-            address, block.late, len(code), entry, leaves, NO_BLOCK - block.away, block.count, block.through,
-            block.taken, reasons, aligned, kept, number,
-            _FIRST_WAIT, _FIRST_WAIT if self.passes_waits and block.instructions[-1].jumps_back(address) else _NEVER,
-        )
+        self._put(native.PricedBlock(
+            address, block.late, len(code), entry, reasons=reasons, aligned=aligned, kept=kept, number=number
+        ), block)  # fmt: skip
+
+    def _add_executing(self, address: int) -> None:
+        """Put the block that runs into the table once more, as it is when the instruction at `address` is executed."""
+        running = native.PricedBlock.from_buffer_copy(native.PricedBlock.from_address(self._counter.running))
+        block, before = self._entered[running.number]
+        executing = block.executing(address, self._profile)
+        running.entry, running.executed = native.EXECUTING | running.number, address
+        if executing is not block:
+            running.number = len(self._entered)
+            self._entered.append(Entered(executing, before))
+        self._put(running, executing)
+
+    def _put(self, priced: native.PricedBlock, block: CodeBlock) -> None:
+        """Put a block into the table, with its prices."""
+        number = priced.number
+        priced.leaves = NO_BLOCK - block.past if block.transfers else number + _REACHED
+        priced.jumps, priced.count = NO_BLOCK - block.away, block.count
+        priced.through, priced.taken, priced.wait = block.through, block.taken, _FIRST_WAIT
+        jumps_back = self.passes_waits and block.instructions[-1].jumps_back(block.address)
+        priced.next = _FIRST_WAIT if jumps_back else _NEVER
         self._priced.append(priced)
-        if 2 * len(self._entered) > len(self._table):
+        if 2 * (len(self._priced) + 1) > len(self._table):  # numbers are no more
             self._spread(2 * len(self._table))
         else:
             self._library.hiltest_add_block(self._address, ctypes.addressof(priced))

@@ -31,7 +31,10 @@ enum {
     WATCHED = 1 << 4, /* every block, while a loop is watched */
     MAY_WAIT = 1 << 5, /* not a reason: it changes nothing but core registers and flags */
     MAY_BE_PROVED = 1 << 6, /* nor this: Python may know what it changes */
+    WATCHED_INSIDE = 1 << 7, /* instructions of IT blocks: whether they are executed */
 };
+
+static const uint32_t EXECUTING = 1u << 31; /* in an entry: a block in which an instruction is executed; see there */
 
 /* How a loop is watched. */
 enum {
@@ -59,7 +62,8 @@ enum {
 /*
  * A block priced from one pipeline state; free places of the table have size 0. An entry is NEUTRAL, another way in which
  * transfers lead to a block, or above those the number of the block that execution fell out of: its pipeline state is
- * the entry's.
+ * the entry's. Of the instructions that are watched in an IT block each block has a version for those that are executed:
+ * its entry is EXECUTING and the number of the version without the latest of them, and `executed` is the address of that.
  */
 struct block {
     uint32_t address; /* the first two are read by running_calls.c */
@@ -80,6 +84,7 @@ struct block {
     uint16_t rest;    /* watches to pass until a proof is tried */
     uint16_t rests;   /* rest to begin with, the next time */
     uint32_t proved;  /* whether the last proof was worth it */
+    uint32_t executed;
 };
 
 /*
@@ -124,6 +129,7 @@ struct counter {
     int (*read_register)(void *engine, int number, void *value);
     int (*read_registers)(void *engine, const int *numbers, void **values, int count);
     int (*price)(uint32_t address, uint32_t size, uint32_t state); /* puts a block into the table; 0: it cannot */
+    int (*execute)(uint32_t address); /* puts a version of the block that runs into the table, as above; 0: it cannot */
     int (*attend)(uint32_t number);                                /* 0: the block must not run */
     void (*passed)(int64_t turns);                                 /* so often all in `watch.read` was passed over */
     /* How many turns like the one in `watch` follow, what they change being changed already; -1: it cannot tell. */
@@ -254,14 +260,16 @@ static uint32_t place_of(uint32_t address, uint32_t state)
 }
 
 /* Where a block stands, or the free place where it belongs. Python keeps the table at most half full. */
-static struct block *find(const struct counter *counter, uint32_t address, uint32_t size, uint32_t state)
+static struct block *
+find(const struct counter *counter, uint32_t address, uint32_t size, uint32_t state, uint32_t executed)
 {
-    uint32_t place = place_of(address, state) & counter->places_mask;
+    uint32_t place = place_of(address + executed, state) & counter->places_mask;
 
     for (;;) {
         struct block *block = &counter->table[place];
 
-        if (block->size == 0 || (block->address == address && block->entry == state && block->size == size)) {
+        if (block->size == 0 || (block->address == address && block->entry == state && block->size == size &&
+                                 block->executed == executed)) {
             return block;
         }
         place = (place + 1) & counter->places_mask;
@@ -270,7 +278,7 @@ static struct block *find(const struct counter *counter, uint32_t address, uint3
 
 void hiltest_add_block(struct counter *counter, const struct block *block)
 {
-    *find(counter, block->address, block->size, block->entry) = *block;
+    *find(counter, block->address, block->size, block->entry, block->executed) = *block;
 }
 
 /* Add the block that ran; `next` is where execution goes on. */
@@ -353,7 +361,7 @@ static bool may_run(struct counter *counter, void *engine, struct block *block)
     }
     counter->known_aligned |= block->aligned;
     counter->reasons &= ~(block->reasons & USES_FPU);
-    block->reasons &= ~(uint32_t)ALIGNMENT_INSIDE; /* is being watched from now on */
+    block->reasons &= ~(uint32_t)(ALIGNMENT_INSIDE | WATCHED_INSIDE); /* is being watched from now on */
     return true;
 }
 
@@ -518,6 +526,40 @@ static void watch_block(struct counter *counter, void *engine, const struct bloc
     watch->end = block->address + block->size;
 }
 
+/* An instruction that is watched is executed: what runs is from here on the block with that one, skipped or not before. */
+void hiltest_executes(void *engine, uint64_t address64, uint32_t length, void *data)
+{
+    struct counter *counter = data;
+    struct watch *watch = &counter->watch;
+    uint32_t executed = (uint32_t)address64;
+    uint32_t address;
+    uint32_t size;
+    uint32_t entry;
+    struct block *block;
+
+    (void)length;
+    if (counter->running == NULL) {
+        return;
+    }
+    address = counter->running->address;
+    size = counter->running->size;
+    entry = EXECUTING | counter->running->number;
+    block = find(counter, address, size, entry, executed);
+    if (block->size == 0) {
+        if (!counter->execute(executed)) {
+            counter->running = NULL; /* it may have been a place of another table */
+            stop(counter, engine);
+            return;
+        }
+        block = find(counter, address, size, entry, executed);
+    }
+    counter->running = block;
+    counter->running_number = block->number;
+    if (watch->head != NO_HEAD) {
+        watch->ran[watch->blocks - 1] = 2 * block->number;
+    }
+}
+
 /* The emulator is about to run a block: its block hook. */
 void hiltest_block_begins(void *engine, uint64_t address64, uint32_t size, void *data)
 {
@@ -535,14 +577,14 @@ void hiltest_block_begins(void *engine, uint64_t address64, uint32_t size, void 
         return;
     }
     state = counter->state;
-    block = find(counter, address, size, state);
+    block = find(counter, address, size, state, 0);
     if (block->size == 0) {
         counter->running_number = -1;
         if (!counter->price(address, size, state)) {
             stop(counter, engine);
             return;
         }
-        block = find(counter, address, size, state); /* the table may have moved */
+        block = find(counter, address, size, state, 0); /* the table may have moved */
     }
     counter->running = block;
     counter->running_number = block->number;

@@ -11,11 +11,13 @@ from hiltest.virtual.native.build import LIBRARY, source_sha256
 PASSED = ctypes.CFUNCTYPE(None, ctypes.c_int64)
 PROVE = ctypes.CFUNCTYPE(ctypes.c_int64)
 PRICE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_uint32, ctypes.c_uint32, ctypes.c_uint32)
+EXECUTE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_uint32)
 ATTEND = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_uint32)
 NEUTRAL_ENTRY = 0
-USES_FPU, ALIGNMENT_INSIDE, CHANGES_MASKS, LOOPS_TO_ITSELF, WATCHED, MAY_WAIT, MAY_BE_PROVED = (
-    1 << bit for bit in range(7)
+USES_FPU, ALIGNMENT_INSIDE, CHANGES_MASKS, LOOPS_TO_ITSELF, WATCHED, MAY_WAIT, MAY_BE_PROVED, WATCHED_INSIDE = (
+    1 << bit for bit in range(8)
 )
+EXECUTING = 1 << 31  # in the entry of a block
 STEADY, COUNTED, COUNTS = 1, 2, 4  # of a byte of registers
 CALLS, RETURNS, LEAVES_NOTHING = 1, 2, 4  # of the end of a block
 CORE_REGISTERS = 15
@@ -32,6 +34,7 @@ class PricedBlock(ctypes.Structure):
             "kept", "number", "wait",
         )),
         ("next", ctypes.c_int64), ("rest", ctypes.c_uint16), ("rests", ctypes.c_uint16), ("proved", ctypes.c_uint32),
+        ("executed", ctypes.c_uint32),
     )  # fmt: skip
 
 
@@ -80,6 +83,7 @@ class Counter(ctypes.Structure):
         ("read_register", ctypes.c_void_p),
         ("read_registers", ctypes.c_void_p),
         ("price", PRICE),
+        ("execute", EXECUTE),
         ("attend", ATTEND),
         ("passed", PASSED),
         ("prove", PROVE),
