@@ -62,8 +62,7 @@ def test_each_name_of_a_full_run_has_its_kind_and_each_kind_is_measured(judged, 
     measured = judged.measured | listened_to.measured
     kinds = {name: identify(name).kind for name in measured}
     assert [name for name, kind in kinds.items() if kind is None] == []
-    # The one is measured of a fit in slices whose samples the firmware shows: end_to_end/test_nxp_fusion.py.
-    assert set(KINDS) - {kind.name for kind in kinds.values() if kind} == {"cycles.{calibrator}.from_flash"}
+    assert set(KINDS) - {kind.name for kind in kinds.values() if kind} == set()
     units = {name: each["unit"] for name, each in measured.items()}
     assert [name for name, kind in kinds.items() if kind and kind.unit not in (None, units[name])] == []
 

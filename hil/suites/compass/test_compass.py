@@ -140,6 +140,12 @@ def test_cycles_of_the_functions_that_the_rig_names(
         ):
             measure(f"cycles.{name}.{what}", cycles, "cycle", cycle_model=model, not_offered=why)
         measure(f"cycles.{name}.slices", solved.most_slices, "", not_offered=why)
+    if (latest := compass.costs.latest_solution()) is not None:
+        measure("cycles.calibrated.total", latest.kept.cycles, "cycle", cycle_model=model,
+                note=f"{latest.name} in {len(latest.kept.slices)} slices")
+        flash = compass.costs.from_flash(latest)
+        measure("cycles.calibrated.from_flash", flash.cycles, "cycle", cycle_model=flash.cycle_model, band=flash.band,
+                note="the same slices", not_offered=flash.refusal)
 
 
 def test_our_calibrators_on_the_same_samples(
@@ -148,12 +154,6 @@ def test_our_calibrators_on_the_same_samples(
     points = samples_of(compass)
     if len(points) < FEWEST_SAMPLES or compass.costs is None:
         pytest.skip("the firmware does not show the samples that it calibrated itself from, or its cycles are not seen")
-    if (solved := compass.costs.latest_solution()) is not None:
-        measure("cycles.calibrated.total", solved.kept.cycles, "cycle", cycle_model=compass.cycle_model,
-                note=f"{solved.name} in {len(solved.kept.slices)} slices")
-        flash = compass.costs.from_flash(solved)
-        measure("cycles.calibrated.from_flash", flash.cycles, "cycle", cycle_model=flash.cycle_model, band=flash.band,
-                note="the same slices", not_offered=flash.refusal)
     upload_points(ours, points.astype(np.int16))
     for name in OURS:
         fit, cost = calibrate_once(ours, name, len(points))
