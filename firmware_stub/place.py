@@ -19,8 +19,8 @@ from pathlib import Path
 SECTION = ".fast_code"
 # Those whose 32-bit form does the same. MULS has none that sets the flags; IT, CBZ and branches to registers have none.
 WIDENED = re.compile(
-    r"(adcs?|adds?|adr|ands?|asrs?|b|bics?|cmn|cmp|cpy|eors?|ldm|ldmia|ldmfd|ldrs?[bh]?|lsls?|lsrs?|movs?|mvns?|negs?|nop|orrs?|pop|push|"
-    r"rev|rev16|revsh|rors?|rsbs?|sbcs?|stm|stmia|str[bh]?|subs?|sxtb|sxth|tst|uxtb|uxth)"
+    r"(adcs?|adds?|adr|ands?|asrs?|b|bics?|cmn|cmp|cpy|eors?|ldm|ldmia|ldmfd|ldrs?[bh]?|lsls?|lsrs?|movs?|mvns?|negs?|"
+    r"nop|orrs?|pop|push|rev|rev16|revsh|rors?|rsbs?|sbcs?|stm|stmia|str[bh]?|subs?|sxtb|sxth|tst|uxtb|uxth)"
     r"(eq|ne|cs|hs|cc|lo|mi|pl|vs|vc|hi|ls|ge|lt|gt|le)?"
 )
 _INSTRUCTION = re.compile(r"(\s+)([a-z][a-z0-9]*)((?:\.[a-z0-9]+)*)(\s.*|$)")
@@ -80,12 +80,17 @@ def place(assembly: Path, assemble: list[str]) -> None:
     turns = turns_of(lines)
     widened: Places = frozenset()
     for _ in range(PASSES):
-        text = "\n".join(_widened(text) if line in widened else text for line, text in enumerate(lines))
-        assembly.write_text(f"{text}\n")
-        sizes = listing(assemble)
-        before, widened = widened, choose(instructions, turns, sizes, widened)
+        _write(assembly, lines, widened)
+        before, widened = widened, choose(instructions, turns, listing(assemble), widened)
         if widened == before:
             return
+    _write(assembly, lines, widened)
+    listing(assemble)
+
+
+def _write(assembly: Path, lines: list[str], widened: Places) -> None:
+    text = "\n".join(_widened(text) if line in widened else text for line, text in enumerate(lines))
+    assembly.write_text(f"{text}\n")
 
 
 def _widened(text: str) -> str:

@@ -33,8 +33,8 @@ INDIRECT_CALLS = {
     "wait_briefly": ["is_idle", "never", "bytes_wait", "all_handed_over"],
     "wait_until": ["is_idle", "never", "bytes_wait", "all_handed_over"],
 }
-# Frames of functions in assembly [bytes], which no compiler lists; a test measures them. And of sine and cosine with all
-# that they call, which reduces large angles.
+# Frames of functions in assembly [bytes], which no compiler lists; a test measures them. And of sine and cosine with
+# all that they call, which reduces large angles.
 ASSEMBLY_FRAMES = {"quadric_fit": 212, "cosf": 480, "sinf": 480}
 # Frames of what else comes from the compiler's libraries are not listed: the deepest, atan2f, takes less than this.
 LIBRARY_BYTES = 128

@@ -55,13 +55,17 @@ static FAST_CODE void assemble(const dpi_sums_t *sums, augmented_t m)
  * LAST_PIVOT_LIMIT when a pivot vanishes. */
 static FAST_CODE float factor(augmented_t m)
 {
-    float largest = 0.0f;
+    float largest = 0.0f, scaled[UNKNOWNS];
     for (int j = 0; j < UNKNOWNS; j++) {
         for (int k = 0; k < j; k++) {
-            const float scaled = m[j][k] / m[k][k];
-            for (int i = j; i <= UNKNOWNS; i++) {
-                m[i][j] -= m[i][k] * scaled;
+            scaled[k] = m[j][k] / m[k][k];
+        }
+        for (int i = j; i <= UNKNOWNS; i++) {
+            float value = m[i][j];
+            for (int k = 0; k < j; k++) {
+                value -= m[i][k] * scaled[k];
             }
+            m[i][j] = value;
         }
         const float ratio = (j % 4 == 0 ? 1.0f / 3.0f : 1.0f / 9.0f) / m[j][j];
         if (!(m[j][j] > 0.0f) || !(ratio < LAST_PIVOT_LIMIT)) {

@@ -23,6 +23,21 @@ typedef struct {
     uint16_t count;
 } dpi_sums_t;
 
+/** Both sensors at one instant. */
+typedef struct {
+    float g[3]; /**< gravity [g] */
+    float u[3]; /**< the magnetometer, relative to the anchor [counts] */
+} dpi_row_t;
+
+/**
+ * Add rows to the 72 sums, one after the other.
+ *
+ * @param rows what to add
+ * @param count of rows, at least one
+ * @param sums the sums so far; anchor, unit and count are not looked at
+ */
+void dpi_add_rows(const dpi_row_t *rows, uint32_t count, dpi_sums_t *sums);
+
 /** Sum over pairs, about the middle of the magnetometer's range. */
 void dpi_sum_pairs(const dpi_pairs_t *pairs, const dpi_known_t *known, dpi_sums_t *sums);
 

@@ -36,7 +36,7 @@ def load_script(name: str) -> ModuleType:
         spec = importlib.util.spec_from_file_location(f"firmware_{name}", FIRMWARE / f"{name}.py")
         assert spec is not None
         assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
+        module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)  # where dataclasses look for it
         spec.loader.exec_module(module)
     finally:
         sys.path.remove(str(FIRMWARE))
@@ -254,3 +254,19 @@ def test_there_is_no_heap_and_no_double_arithmetic(shipped: Path) -> None:
 def test_the_elf_stays_small_enough_to_ship(shipped: Path) -> None:
     # Debug information included, nine tenths of it; a wheel holds it compressed, to less than half.
     assert shipped.stat().st_size < (800_000 if shipped == SHIPPED else 300_000)
+
+
+def test_where_the_passes_run_out_the_last_choice_of_places_is_what_is_assembled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, require_tool: Callable[[str], str]
+) -> None:
+    compiler = require_tool("arm-none-eabi-gcc")
+    place, assembly, object_file = load_script("place"), tmp_path / "kernel.s", tmp_path / "kernel.o"
+    monkeypatch.setattr(place, "PASSES", 1)
+    code = "\t.syntax unified\n\t.thumb\n\t.section .fast_code\n\tmovs\tr0, #1\n\tvadd.f32\ts0, s0, s0\n"
+    assembly.write_text(code)
+    machine = ("-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard")
+    place.place(assembly, [compiler, *machine, "-c", str(assembly), "-o", str(object_file)])
+    with object_file.open("rb") as stream:
+        section = ELFFile(stream).get_section_by_name(".fast_code")
+        assert section is not None
+        assert section.data() == bytes.fromhex("5ff00100 30ee000a")  # MOVS.W R0, #1, and VADD at a word

@@ -33,7 +33,7 @@ TRACED = re.compile(r"^Trace \d+: \S+ \[[0-9a-f]+/([0-9a-f]+)/", re.M)
 
 # What is executed at least, and over which points. A hundred of them cost at least 70 instructions each in moments
 # alone, or 50 of two points a word, packing included. The streams run over 301 points: 451 steps of 180, or 301 of 50
-# and three solvers of at least 20 000, or 903 slices, none below 50. Of 300 pairs `dpi` makes 300 rows of 59
+# and three solvers of at least 20 000, or 903 slices, none below 50. Of 300 pairs `dpi` makes 300 rows of 159
 # multiplications and sums; a heading is at least 150 instructions, two steps of the filter 250.
 PAIRS = "pairs"
 
@@ -52,7 +52,7 @@ KERNELS = dict.fromkeys(CALIBRATORS, (3, "full_sphere")) | {
     "kernel_direct_stream": (451 * 180, "odd_count"),
     "kernel_iterative_stream": (3 * 20_000 + 301 * 50, "odd_count"),
     "kernel_iterative_stream_sliced": (903 * 50, "odd_count"),
-    "kernel_dpi": (300 * 59 * 2, PAIRS),
+    "kernel_dpi": (300 * 159, PAIRS),
     "kernel_tilt_heading": (300 * 150, PAIRS),
     "kernel_fusion": (300 * 250, PAIRS),
     "kernel_sort": (301 * 8 * 5, "odd_count"),  # a heap of 301 is 8 deep

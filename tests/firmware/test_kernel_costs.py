@@ -26,7 +26,9 @@ from hiltest.virtual.elf import load_image
 from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.profiling import CallProfile
 
+from ..dpi_instances import dpi_instance
 from .bench import COSTS_BY, Bench
+from .dpi_kernel import RESULT
 from .packed_kernel import BoardPacked
 
 PAGE = (Path(__file__).parents[2] / "firmware_stub" / "DESIGN.md").read_text(encoding="utf-8")
@@ -206,6 +208,34 @@ def overflow() -> Costs:
     return {"moments, 100 points, one block redone": board.last.cycles}
 
 
+def paired(n: int) -> CallProfile:
+    drawn = dpi_instance(1, n)
+    points, accelerations = (np.ascontiguousarray(each, "<i2") for each in (drawn.magnetometer, drawn.accelerometer))
+    spread = points.min(axis=0), points.max(axis=0)
+    pairs = Structure(Address(points), Address(accelerations), np.array([n], "<u2"), *spread)
+    known = np.array([*drawn.gain.ravel(), *drawn.offset, 0.0, 0.0], "<f4")  # the dip is not given
+    return firmware().call("dpi_from_pairs", pairs, known, bytearray(RESULT.size))
+
+
+def dpi() -> Costs:
+    """`dpi`: its parts by what 50 more pairs take, which is what its sums are kept in registers for."""
+    fewer, more = paired(300), paired(350)
+    own, own_of_more = own_cycles(fewer), own_cycles(more)
+
+    def of_a_pair(function: str) -> float:
+        return (own_of_more[function] - own[function]) / 50
+
+    pair = (more.cycles - fewer.cycles) / 50
+    return {
+        "`dpi`, 300 pairs": fewer.cycles,
+        "`dpi`, a pair": pair,
+        "`dpi`, a pair: its row": of_a_pair("dpi_sum_pairs"),
+        "`dpi`, a pair: its sums": of_a_pair("dpi_add_rows"),
+        "`dpi`, without its pairs": fewer.cycles - 300 * pair,
+        "`dpi`: the matrix factored, and all that follows": own["solve"],
+    }
+
+
 def stream() -> Costs:
     board = VirtualK64F(SHIPPED_ELF, profile=COSTS_BY)
     state, point = bytearray(4096), golden_points(1).astype("<i2").tobytes()
@@ -220,7 +250,7 @@ def stream() -> Costs:
 
 
 MEASURED = (
-    stack, direct, corrected, iterative, direct_fast, packed_moments, kernel_of_a_pair, sizes, overflow, stream,
+    stack, direct, corrected, iterative, direct_fast, packed_moments, kernel_of_a_pair, sizes, overflow, dpi, stream,
 )  # fmt: skip
 
 
