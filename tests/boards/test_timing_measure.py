@@ -17,22 +17,28 @@ import unicorn
 from rich.console import Console
 
 from hiltest.boards import VirtualBench, open_board
-from hiltest.boards.board import Declared
+from hiltest.boards.bench import default_firmware
+from hiltest.boards.board import Board, Declared
 from hiltest.boards.real import RealBoard, is_silicon
 from hiltest.boards.virtual import VirtualBoard
 from hiltest.link.sequences import SEQUENCES, SequencePlace, TimeSequence
 from hiltest.procedures.sequences import measure_sequences
-from hiltest.profiling.timing_table import print_places
+from hiltest.profiling.timing_table import print_judgements, print_places
 from hiltest.rig import Rig
+from hiltest.virtual import pipeline
+from hiltest.virtual.elf import load_image
 from hiltest.virtual.instructions import Instruction
 from hiltest.virtual.k64f import VirtualK64F
-from hiltest.virtual.measured_profile import CHECKS, EQUATIONS, profile_text, solve
+from hiltest.virtual.measured_profile import CHECKS, EQUATIONS, PLAIN, WITH_RULES, MeasuredProfile, profile_text
+from hiltest.virtual.measured_profile import solve as solve_with
 from hiltest.virtual.profile_file import DEFAULT_PROFILE, ROWS, load_profile
+from hiltest.virtual.rule_candidates import questions
 from hiltest.virtual.timing import PipelineState, TimingProfile
 from hiltest.virtual.unique_id import VIRTUAL_UNIQUE_ID
 
 pytestmark = pytest.mark.slow
 
+IMAGE = load_image(default_firmware())
 POP_BYTES = 4  # of the instruction that a sequence returns with
 
 # What no public measurement settles, each at the other end of its band, and vectors that come late, as out of a flash
@@ -51,62 +57,231 @@ STRANGE = {
 }  # fmt: skip
 
 
-def written(folder: Path, values: dict[str, int]) -> str:
+#: The same where TBB has a row of its own, and one more, for its refill.
+STRANGE_BY_RULES = {**STRANGE, "refill_table": 9, "refill_indirect": 5} | {"table_branch": 2}
+
+
+def solved(clocks: dict[str, int]) -> MeasuredProfile:
+    return solve_with(clocks, "a test", IMAGE)
+
+
+def written(folder: Path, values: dict[str, int], base: str) -> str:
     """Write a profile as a user would."""
     rows = "".join(
         f'\n[cost.{row}]\nvalue = {value}\nband = [{value}, {value}]\nsource = "a test"\n'
         for row, value in values.items()
     )
-    (folder / "made.toml").write_text(f'name = "made/1"\nbase = "{DEFAULT_PROFILE}"\n{rows}', encoding="utf-8")
+    (folder / "made.toml").write_text(f'name = "made/1"\nbase = "{base}"\n{rows}', encoding="utf-8")
     return str(folder / "made.toml")
+
+
+def made_with(rig: Rig, profile: str) -> Rig:
+    return replace(rig, board=replace(rig.board, timing=profile))
 
 
 def values(profile: TimingProfile) -> dict[str, int]:
     return {name: row.value for name, row in profile.rows.items()}
 
 
-@pytest.mark.parametrize("changed", [{}, OPEN, STRANGE], ids=["default", "open", "strange"])
+@pytest.mark.parametrize(
+    ("base", "changed"),
+    [(PLAIN, {}), (PLAIN, OPEN), (PLAIN, STRANGE), (WITH_RULES, {}), (WITH_RULES, OPEN),
+     (WITH_RULES, STRANGE_BY_RULES)],
+    ids=["plain", "plain, open", "plain, strange", "rules", "rules, open", "rules, strange"],
+)  # fmt: skip
 def test_it_gives_back_the_profile_that_the_board_was_made_with(
-    tmp_path: Path, rig: Rig, changed: dict[str, int]
+    tmp_path: Path, rig: Rig, base: str, changed: dict[str, int]
 ) -> None:
-    made = written(tmp_path, changed)
-    with open_board(replace(rig, board=replace(rig.board, timing=made))) as board:
+    made = written(tmp_path, changed, base)
+    with open_board(made_with(rig, made)) as board:
         found = measure_sequences(board)
-    measured = solve(found[SequencePlace.SRAM], "a test")
+    measured = solved(found[SequencePlace.SRAM])
     assert measured.remarks == ()
+    assert measured.base.name == base
     (tmp_path / "measured.toml").write_text(profile_text("measured/1", measured, {}), encoding="utf-8")
     back = load_profile(str(tmp_path / "measured.toml"))
-    assert values(back) == values(load_profile(made)) == values(load_profile(DEFAULT_PROFILE)) | changed
-    assert all(row.band == (row.value, row.value) for row in back.rows.values())
+    assert values(back) == values(load_profile(made)) == values(load_profile(base)) | changed
+    assert all(row.band == (row.value, row.value) for row in measured.rows.values())
     # This board's flash waits for nothing.
     assert all(of_place == found[SequencePlace.SRAM] for of_place in found.values())
 
 
-def test_it_gives_back_rows_of_rules_that_a_sequence_shows(rig: Rig) -> None:
-    two = load_profile("cortex-m4-trm/2")
-    with open_board(replace(rig, board=replace(rig.board, timing=two.name))) as board:
-        found = measure_sequences(board)[SequencePlace.SRAM]
-    measured = solve(found, "a test", two)
+def clocks_from_sram(board: Board) -> dict[str, int]:
+    costs = {name: board.session.request(TimeSequence(number)) for number, name in enumerate(SEQUENCES)}
+    return {name: cost.cycles for name, cost in costs.items() if cost is not None}
+
+
+@pytest.fixture(scope="module")
+def verdicts_by_rules(by_rules: dict[str, int]) -> dict[str, str]:
+    return verdicts(solved(by_rules))
+
+
+@pytest.fixture(scope="module")
+def by_rules(rig: Rig) -> dict[str, int]:
+    with open_board(made_with(rig, WITH_RULES)) as board:
+        return clocks_from_sram(board)
+
+
+def verdicts(measured: MeasuredProfile) -> dict[str, str]:
+    return {each.question.sequence: each.verdict for each in measured.judgements}
+
+
+BEHIND_CMP = "load_compare_and_three"
+BOTH_BEHIND_CMP = "it cannot be told: none waits behind the CMP, or one of the three waits"
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [({"fetch_late": 0}, {"load_and_three": "none waits", "pair_and_three": "none waits"}),
+     ({"fetch_late_integer": 1}, {"integers_misplaced": "one in three waits", BEHIND_CMP: BOTH_BEHIND_CMP}),
+     ({"fetch_late_fp": 0}, {"fp_misplaced": "none waits"}),
+     ({"target_misplaced": 0}, {"loop_misplaced": "the branch to it waits for nothing"}),
+     ({"return_misplaced": 1}, {"calls_misplaced": "the return takes one more"}),
+     ({"address_use": 0}, {"computed_address": "LDR waits for nothing"}),
+     ({"it_folded": 1}, dict.fromkeys(("compare_if_then", "if_then"), "IT takes what it takes elsewhere")),
+     ({"refill_table": 2}, {"table_branch": "it refills as other branches do"}),
+     ({"refill_table": 5}, {"table_branch": "with its refill it takes 7"}),
+     ({"refill_table": 6}, {"table_branch": "with its refill it takes 8"})],
+    ids=lambda each: "-".join(f"{row}={value}" for row, value in each.items()) if "_" in next(iter(each)) else "",
+)  # fmt: skip
+def test_a_board_that_behaves_by_another_candidate_is_told_and_its_row_written(
+    tmp_path: Path, rig: Rig, verdicts_by_rules: dict[str, str], changed: dict[str, int], told: dict[str, str]
+) -> None:
+    made = written(tmp_path, changed, WITH_RULES)
+    with open_board(made_with(rig, made)) as board:
+        measured = solved(clocks_from_sram(board))
     assert measured.remarks == ()
-    assert {name: row.value for name, row in measured.rows.items()} == {
-        name: two.rows[name].value for name in measured.rows
-    }
-    assert {"it_folded", "refill_table"} <= measured.rows.keys()
+    assert verdicts(measured).items() - verdicts_by_rules.items() == told.items()
+    (row, value), = changed.items()
+    assert measured.rows[row].band == (value, value)
+    (tmp_path / "measured.toml").write_text(profile_text("measured/1", measured, {}), encoding="utf-8")
+    assert values(load_profile(str(tmp_path / "measured.toml"))) == values(load_profile(made))
+
+
+@pytest.mark.parametrize(
+    ("changed", "told", "left"),
+    [({}, {"load_and_two": "the second waits", "fp_misplaced": "one in two waits"}, {"fetch_late", "fetch_late_fp"}),
+     ({"fetch_late": 0, "fetch_late_fp": 0, "fetch_late_integer": 1},
+      {"load_and_three": "none waits", "pair_and_three": "none waits", "fp_misplaced": "none waits",
+       "integers_misplaced": "one in two waits"}, {"fetch_late_integer"})],
+    ids=["behind slow and floating-point", "behind integers"],
+)  # fmt: skip
+def test_of_a_board_that_fetches_every_second_one_late_no_row_is_written_that_says_every_third(
+    tmp_path: Path, rig: Rig, monkeypatch: pytest.MonkeyPatch, changed: dict[str, int], told: dict[str, str],
+    left: set[str],
+) -> None:
+    made = written(tmp_path, {"fetch_late_integer": 0} | changed, WITH_RULES)
+    with monkeypatch.context() as of_board:
+        of_board.setattr(pipeline, "_IN_A_ROW", 2)
+        with open_board(made_with(rig, made)) as board:
+            clocks = clocks_from_sram(board)
+    measured = solved(clocks)
+    assert told.items() <= verdicts(measured).items()
+    assert "none of the candidates predicts it" not in verdicts(measured).values()
+    assert {remark.split(": ")[2].split()[0] for remark in measured.remarks} == left
+    assert not left & measured.rows.keys()
+
+
+def dearer_board(
+    rig: Rig, folder: Path, monkeypatch: pytest.MonkeyPatch, clocks: Callable[[Instruction], int]
+) -> dict[str, int]:
+    """What sequences take a board on which instructions cost more."""
+    step = TimingProfile.step
+
+    def dearer(self: TimingProfile, instruction: Instruction, state: PipelineState) -> tuple[int, PipelineState]:
+        """Take more."""
+        cycles, left = step(self, instruction, state)
+        return cycles + clocks(instruction), left
+
+    # Of contents of its own: what blocks cost is kept by profile.
+    made = folder / "made.toml"
+    made.write_text(f'name = "made/1"\nbase = "{WITH_RULES}"\n# {folder}\n', encoding="utf-8")
+    with monkeypatch.context() as of_board:
+        of_board.setattr(TimingProfile, "step", dearer)
+        with open_board(made_with(rig, str(made))) as board:
+            return clocks_from_sram(board)
+
+
+def test_a_board_whose_fetch_is_late_behind_two_bytes_too_is_told(
+    tmp_path: Path, rig: Rig, verdicts_by_rules: dict[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    body = IMAGE.symbols[f"sequence_{BEHIND_CMP}_sram"]
+    code = range(body.address & ~1, (body.address & ~1) + body.size)
+    # LDR.W at a line, CMP, and of three EOR.W the last, 14 bytes behind it.
+    third = [address for address in code if (address - code[0]) % 32 == 14 and address > code[0] + 64]
+    clocks = dearer_board(rig, tmp_path, monkeypatch, lambda each: int(each.address in third))
+    measured = solved(clocks)
+    told = {BEHIND_CMP: "one of the three waits"}
+    assert verdicts(measured).items() - verdicts_by_rules.items() == told.items()
+    (remark,) = measured.remarks
+    assert remark.startswith(f"{BEHIND_CMP}: 44 clocks, one of the three waits: fetch_late cannot say so")
+    assert "fetch_late" not in measured.rows
+
+
+@pytest.mark.parametrize(("more", "says"), [(1, "a clock more a load"), (2, "two clocks more a load")])
+@pytest.mark.parametrize(("off", "name"), [(1, "one"), (2, "two"), (3, "three")])
+def test_a_board_that_takes_longer_for_data_that_are_not_aligned_is_told(
+    tmp_path: Path, rig: Rig, verdicts_by_rules: dict[str, str], monkeypatch: pytest.MonkeyPatch, off: int,
+    name: str, more: int, says: str,
+) -> None:
+    text = f"ldr.w r0, [r1, #{off}]"
+    clocks = dearer_board(rig, tmp_path, monkeypatch, lambda each: more * (each.text == text))
+    told = {f"loads_{name}_off": says}
+    assert verdicts(solved(clocks)).items() - verdicts_by_rules.items() == told.items()
+
+
+def test_one_rule_that_shows_is_enough_for_the_profile_that_has_them_all(tmp_path: Path, rig: Rig) -> None:
+    made = written(tmp_path, {"address_use": 1}, PLAIN)
+    with open_board(made_with(rig, made)) as board:
+        measured = solved(clocks_from_sram(board))
+    assert (measured.base.name, measured.remarks) == (WITH_RULES, ())
+    rules = {name: row.value for name, row in measured.rows.items() if name not in ROWS}
+    assert rules == {
+        "fetch_late": 0, "fetch_late_integer": 0, "fetch_late_fp": 0, "target_misplaced": 0, "return_misplaced": 0,
+        "address_use": 1, "it_folded": 1, "refill_table": 2,
+    }  # fmt: skip
+
+
+def test_clocks_that_no_candidate_predicts_and_two_sequences_that_disagree_leave_the_row_to_the_base(
+    by_rules: dict[str, int],
+) -> None:
+    measured = solved(by_rules | {"fp_misplaced": 60, "pair_and_three": 40})
+    assert measured.remarks == (
+        "fp_misplaced: 60 clocks, none of the candidates predicts it: fetch_late_fp cannot say so, and keeps the "
+        "base's value and range",
+        "load_and_three: 28 clocks, one of the three waits, but pair_and_three: 40 clocks, none waits: fetch_late "
+        "cannot say so, and keeps the base's value and range",
+    )
+    assert not {"fetch_late", "fetch_late_fp"} & measured.rows.keys()
+
+
+def test_each_candidate_is_shown_with_its_clocks_and_which_one_survives(by_rules: dict[str, int]) -> None:
+    console = Console(file=StringIO(), width=80)
+    print_judgements(console, solved(by_rules | {"integers_misplaced": 60}).judgements)
+    shown = console.file.getvalue()  # type: ignore[attr-defined]
+    assert max(map(len, shown.splitlines())) <= 80
+    # Of the 49 clocks of the run alone, 64 where one in three waits, the NOPs around it make four more.
+    assert (
+        "fp_misplaced: 68 clocks\n    5 NOP around 48 VADD at half a word\n"
+        "      53 none waits\n  >   68 one in three waits\n      76 one in two waits\n"
+    ) in shown
+    assert "      77 one in two waits\n    no candidate predicts it\n" in shown
+    assert all(f"\n{each.sequence}: " in shown for each in questions(values(load_profile(WITH_RULES))))
 
 
 @pytest.fixture(scope="module")
 def with_memories(rig: Rig) -> dict[SequencePlace, dict[str, int]]:
-    with open_board(replace(rig, board=replace(rig.board, timing="cortex-m4-k64f/1"))) as board:
+    with open_board(made_with(rig, "cortex-m4-k64f/1")) as board:
         return measure_sequences(board)
 
 
 def test_memories_that_make_code_wait_are_told_from_what_instructions_cost(
     with_memories: dict[SequencePlace, dict[str, int]],
 ) -> None:
-    measured = solve(with_memories[SequencePlace.SRAM], "a test")
-    default = load_profile(DEFAULT_PROFILE)
+    measured = solved(with_memories[SequencePlace.SRAM])
+    plain = load_profile(PLAIN)
     assert measured.remarks == ()
-    assert {name: row.value for name, row in measured.rows.items()} == values(default)
+    assert {name: row.value for name, row in measured.rows.items()} == values(plain)
 
 
 def test_flash_is_slower_with_its_cache_and_prefetch_off(
@@ -149,7 +324,7 @@ def test_the_clocks_from_flash_are_shown_and_written_with_cache_and_prefetch_on_
     with_memories: dict[SequencePlace, dict[str, int]],
 ) -> None:
     raw = {place.name.lower(): clocks for place, clocks in with_memories.items()}
-    written = tomllib.loads(profile_text("measured/1", solve(raw["sram"], "a test"), raw))
+    written = tomllib.loads(profile_text("measured/1", solved(raw["sram"]), raw))
     assert written["measured"] == raw
     console = Console(file=StringIO(), width=80)
     print_places(console, raw)
@@ -163,15 +338,15 @@ def test_the_clocks_from_flash_are_shown_and_written_with_cache_and_prefetch_on_
 
 
 def test_every_row_is_solved_for_once_and_every_sequence_used() -> None:
-    solved = [each.row for each in EQUATIONS]
-    assert sorted(solved) == sorted(ROWS)
-    used = [each.sequence for each in (*EQUATIONS, *CHECKS)]
+    rows = [each.row for each in EQUATIONS]
+    assert sorted((*rows, "table_branch")) == sorted(ROWS)
+    used = [each.sequence for each in (*EQUATIONS, *CHECKS, *questions(values(load_profile(WITH_RULES))))]
     assert sorted((*used, "readings")) == sorted(SEQUENCES)
 
 
 @pytest.fixture(scope="module")
 def clocks(rig: Rig) -> dict[str, int]:
-    with open_board(rig) as board:
+    with open_board(made_with(rig, PLAIN)) as board:
         return measure_sequences(board)[SequencePlace.SRAM]
 
 
@@ -193,7 +368,7 @@ def with_edge(machine: VirtualK64F, clocks: int) -> None:
 
 @pytest.mark.parametrize("edge", range(1, 6))
 def test_what_a_run_costs_at_its_edges_is_in_no_row(rig: Rig, clocks: dict[str, int], edge: int) -> None:
-    ask = TimeSequence(SEQUENCES.index("fp"))
+    ask, rig = TimeSequence(SEQUENCES.index("fp")), made_with(rig, PLAIN)
     with open_board(rig) as board:
         without = board.session.request(ask)
     bench = VirtualBench(rig)
@@ -205,24 +380,24 @@ def test_what_a_run_costs_at_its_edges_is_in_no_row(rig: Rig, clocks: dict[str, 
     assert cost is not None
     assert cost.overhead_cycles == without.overhead_cycles + edge  # it is there
     assert all(of_place == clocks for of_place in found.values())
-    measured = solve(found[SequencePlace.SRAM], "a test")
+    measured = solved(found[SequencePlace.SRAM])
     assert measured.remarks == ()
-    default = load_profile(DEFAULT_PROFILE)
+    plain = load_profile(PLAIN)
     assert {name: row.band for name, row in measured.rows.items()} == {
-        name: (row.value, row.value) for name, row in default.rows.items()
+        name: (row.value, row.value) for name, row in plain.rows.items()
     }
 
 
 def test_clocks_that_are_no_whole_number_an_instruction_widen_the_band(clocks: dict[str, int]) -> None:
-    measured = solve(clocks | {"fp_stores": 48}, "a test")
+    measured = solved(clocks | {"fp_stores": 48})
     assert measured.rows["fp_store"].band == (1, 2)
     assert measured.remarks == ("fp_store: 1.500 clocks, no whole number of them: its band is 1 to 2",)
 
 
 def test_a_rule_that_does_not_hold_is_told(clocks: dict[str, int]) -> None:
-    (remark,) = solve(clocks | {"accumulate_chain": 128}, "a test").remarks
+    (remark,) = solved(clocks | {"accumulate_chain": 128}).remarks
     assert remark.startswith("accumulate_chain: 128 clocks, and the rows make 96: a rule of the model does not hold")
-    (remark,) = solve(clocks | {"load_store_pairs": 64}, "a test").remarks
+    (remark,) = solved(clocks | {"load_store_pairs": 64}).remarks
     assert remark.startswith("load_store_pairs: 64 clocks, and the rows make 48")
 
 
@@ -252,23 +427,23 @@ def test_a_class_of_the_kernels_that_costs_more_than_others_of_its_row_is_told(
     monkeypatch.setattr(TimingProfile, "step", dearer)
     # Of a name of its own: what blocks cost is kept by profile.
     profile = tmp_path / "dearer.toml"
-    profile.write_text(f'name = "dearer-{mnemonics[0].partition(".")[0]}/1"\nbase = "{DEFAULT_PROFILE}"\n')
-    with open_board(replace(rig, board=replace(rig.board, timing=str(profile)))) as board:
+    profile.write_text(f'name = "dearer-{mnemonics[0].partition(".")[0]}/1"\nbase = "{PLAIN}"\n')
+    with open_board(made_with(rig, str(profile))) as board:
         clocks = measure_sequences(board)[SequencePlace.SRAM]
-    assert {remark.split(":")[0] for remark in solve(clocks, "a test").remarks} == told
+    assert {remark.split(":")[0] for remark in solved(clocks).remarks} == told
 
 
 def test_a_result_that_comes_later_than_the_model_knows_is_told_and_the_profile_can_be_read(
     clocks: dict[str, int], tmp_path: Path
 ) -> None:
-    measured = solve(clocks | {"fp_divide_result": clocks["fp_divide_result"] + 8}, "a test")
+    measured = solved(clocks | {"fp_divide_result": clocks["fp_divide_result"] + 8})
     assert measured.remarks == ("fp_divide_use: 3 clocks behind fp_divide, where the model knows none or one",)
     (tmp_path / "measured.toml").write_text(profile_text("measured/1", measured, {}), encoding="utf-8")
     assert load_profile(str(tmp_path / "measured.toml")).rows["fp_divide_use"].value == 14
 
 
 def test_over_a_port_it_is_the_same(pty_board: Callable[[Rig], object], rig: Rig, clocks: dict[str, int]) -> None:
-    path = pty_board(rig).path  # type: ignore[attr-defined]
+    path = pty_board(made_with(rig, PLAIN)).path  # type: ignore[attr-defined]
     with RealBoard(str(path), baud=rig.link.baud, declared=Declared.of(rig)) as board:
         assert measure_sequences(board)[SequencePlace.SRAM] == clocks
 
@@ -287,7 +462,7 @@ def test_the_command_writes_a_profile_named_after_the_board_and_shows_what_it_fo
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     name = f"virtual-{VIRTUAL_UNIQUE_ID.hex()}"
-    assert done.stdout.splitlines()[-1] == f"{name}.toml: {name}, {len(EQUATIONS)} rows"
+    assert done.stdout.splitlines()[-1] == f"{name}.toml: {name}, {len(ROWS)} rows"
     assert re.search(r"^ ?fp_accumulate +3 +3 +2 to 3", done.stdout, re.M)
     assert "Code in flash takes the same clocks, with its cache and prefetch on and off." in done.stdout
     profile = load_profile(str(tmp_path / f"{name}.toml"))
@@ -328,7 +503,7 @@ def test_only_an_earlier_measurement_of_the_board_is_overwritten(tmp_path: Path,
 def test_what_no_profile_may_hold_is_told_and_the_profile_can_be_read(
     clocks: dict[str, int], tmp_path: Path, changed: dict[str, int], row: str, remark: str
 ) -> None:
-    measured = solve(clocks | changed, "a test")
+    measured = solved(clocks | changed)
     assert any(each.startswith(f"{row}: ") and each.endswith(remark) for each in measured.remarks)
     (tmp_path / "measured.toml").write_text(profile_text("measured/1", measured, {}), encoding="utf-8")
     assert load_profile(str(tmp_path / "measured.toml")).rows[row] == measured.rows[row]

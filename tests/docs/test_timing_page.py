@@ -8,20 +8,27 @@ import shlex
 import subprocess
 import sys
 import tomllib
+from io import StringIO
 from pathlib import Path
+
+from rich.console import Console
 
 from hiltest.bench_files import shipped
 from hiltest.boards import open_board
+from hiltest.boards.bench import default_firmware
 from hiltest.link.messages import Calibrate
 from hiltest.procedures.cycles import upload_points
 from hiltest.procedures.golden_points import golden_points
+from hiltest.profiling.timing_table import print_judgements
 from hiltest.rig.file import load_rig
 from hiltest.text import readable
+from hiltest.virtual.elf import load_image
 from hiltest.virtual.profile_file import DEFAULT_PROFILE, ROWS, RULES, load_profile
+from hiltest.virtual.rule_candidates import judge, predicted_clocks, questions
 
 PAGE = (Path(__file__).parents[2] / "docs" / "timing.md").read_text(encoding="utf-8")
 COMMANDS = re.findall(r"^```sh\nhiltest (.*?)\n```", PAGE, re.M | re.S)
-SHOWN, TOTAL = re.findall(r"^```text\n(.*?)^```", PAGE, re.M | re.S)
+SHOWN, TOTAL, JUDGED = re.findall(r"^```text\n(.*?)^```", PAGE, re.M | re.S)
 ROW, BOARD = re.findall(r"^```toml\n(.*?)^```", PAGE, re.M | re.S)
 
 
@@ -93,3 +100,12 @@ def test_the_command_for_owners_of_a_board_is_one_that_there_is(tmp_path: Path) 
     )  # fmt: skip
     assert done.returncode == 4
     assert "no serial port '/dev/no-such-port'" in done.stderr
+
+
+def test_the_candidates_of_the_page_predict_what_it_says() -> None:
+    image, profile = load_image(default_firmware()), load_profile("cortex-m4-trm/2")
+    asked = questions({name: row.value for name, row in profile.rows.items()})
+    clocks = {each.sequence: predicted_clocks(image, profile, each.sequence) for each in asked}
+    console = Console(file=StringIO(), width=80)
+    print_judgements(console, judge(clocks, profile, image))
+    assert JUDGED in console.file.getvalue()  # type: ignore[attr-defined]

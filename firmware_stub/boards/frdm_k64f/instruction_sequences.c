@@ -85,6 +85,29 @@ typedef uint32_t (*sequence_t)(uint32_t *buffer, uint32_t from_middle);
     EACH(exception_entry, FROM_WITHIN("svc #0", "r8", "r9"))                                                                      \
     EACH(exception_return, FROM_WITHIN("svc #0", "r10", "r11"))
 
+/* What leads to half a word, slowly enough for nothing to be left of what was before, and what fills a line up from a word on. */
+#define TO_WORDS "\tnop.w\n\tnop.w\n\tnop.w\n"
+#define TO_HALF_A_WORD TO_WORDS "\tnop\n"
+
+/* Those of rules of fetching and of addresses. */
+#define OF_RULES(EACH)                                                                                                            \
+    EACH(fp_misplaced, TO_HALF_A_WORD TIMES(48, "vadd.f32 s0, s1, s2") "\tnop\n")                                                 \
+    EACH(integers_misplaced, TO_HALF_A_WORD TIMES(48, "eor.w r0, r3, r4") "\tnop\n")                                              \
+    EACH(load_and_three, TIMES(4, "ldr r0, [r1]\n\t.rept 3\n\teor.w r5, r3, r4\n\t.endr\n\tnop"))                                 \
+    EACH(load_and_two, TIMES(4, "ldr r0, [r1]\n\t.rept 2\n\teor.w r5, r3, r4\n\t.endr\n\tnop\n\tnop.w"))                          \
+    EACH(load_compare_and_three,                                                                                                  \
+         TIMES(4, "ldr.w r0, [r1]\n\tcmp r3, #1\n\t.rept 3\n\teor.w r5, r3, r4\n\t.endr\n\tnop\n" TO_WORDS))                      \
+    EACH(pair_and_three, TIMES(4, "nop\n\tvmov r11, r12, s0, s1\n\tumaal r0, r5, r3, r3\n\tumaal r8, r9, r3, r3\n"                \
+                                  "\tumaal r10, r7, r3, r3\n\tnop\n" TO_WORDS))                                                   \
+    EACH(calls_misplaced, TO_HALF_A_WORD TIMES(16, "bl 8b") "\tnop\n")                                                            \
+    EACH(loop_misplaced, "\tmovs r5, #16\n1:\tsubs.w r5, r5, #1\n\tbne 1b\n\tnop.w\n\tnop.w\n")                                   \
+    EACH(computed_address, TIMES(8, "adds r5, r1, #0\n\tldr r0, [r5]"))                                                           \
+    EACH(compare_if_then, TIMES(8, "cmp r4, #0\n\tit eq\n\tmoveq r0, r3"))                                                        \
+    EACH(wide_compare_if_then, TIMES(8, "cmp.w r4, #0\n\tit eq\n\tmoveq r0, r3"))                                                 \
+    EACH(loads_one_off, TIMES(8, "ldr.w r0, [r1, #1]\n\teor.w r5, r3, r4"))                                                       \
+    EACH(loads_two_off, TIMES(8, "ldr.w r0, [r1, #2]\n\teor.w r5, r3, r4"))                                                       \
+    EACH(loads_three_off, TIMES(8, "ldr.w r0, [r1, #3]\n\teor.w r5, r3, r4"))
+
 /* 7 is where the body begins, 9 its middle: the line behind the way in, which flash reads ahead, is neither's. What a BL goes to, 8,
  * is not right before either. The NOP is no load, store or branch behind any body. */
 #define FRAMED(name, place, section, half)                                                                                        \
@@ -106,6 +129,8 @@ SEQUENCES(IN_SRAM)
 SEQUENCES(IN_FLASH)
 TIMED_FROM_WITHIN(IN_SRAM)
 TIMED_FROM_WITHIN(IN_FLASH)
+OF_RULES(IN_SRAM)
+OF_RULES(IN_FLASH)
 
 #define BOTH(name, body) {{sequence_##name##_sram, sequence_##name##_flash}, false},
 #define BOTH_FROM_WITHIN(name, body) {{sequence_##name##_sram, sequence_##name##_flash}, true},
@@ -113,10 +138,10 @@ typedef struct {
     sequence_t in[2]; /* SRAM, flash */
     bool from_within; /* it counts its clocks itself */
 } timed_sequence_t;
-static const timed_sequence_t sequences[] = {SEQUENCES(BOTH) TIMED_FROM_WITHIN(BOTH_FROM_WITHIN)};
+static const timed_sequence_t sequences[] = {SEQUENCES(BOTH) TIMED_FROM_WITHIN(BOTH_FROM_WITHIN) OF_RULES(BOTH)};
 
 #define NUMBER(name, body) NUMBER_##name,
-enum { SEQUENCES(NUMBER) TIMED_FROM_WITHIN(NUMBER) COUNT };
+enum { SEQUENCES(NUMBER) TIMED_FROM_WITHIN(NUMBER) OF_RULES(NUMBER) COUNT };
 
 static uint32_t buffer[32];
 

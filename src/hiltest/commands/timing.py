@@ -76,12 +76,14 @@ def measure(hil_port: str | None, rig: str | None, out: Path | None) -> int:
     counter; no sensor and no turntable is needed. It takes some seconds.
     """
     from hiltest.boards import open_board
+    from hiltest.boards.bench import default_firmware
     from hiltest.procedures.sequences import measure_sequences
-    from hiltest.profiling.timing_table import print_measured, print_places
+    from hiltest.profiling.timing_table import print_judgements, print_measured, print_places
     from hiltest.progress_line import ProgressLine
     from hiltest.record.files import write_asked_for
     from hiltest.report.console import standard_output
     from hiltest.rig.file import load_rig
+    from hiltest.virtual.elf import load_image
     from hiltest.virtual.measured_profile import profile_text, solve
 
     with open_board(load_rig(rig_file(Path.cwd(), rig)), port=hil_port) as board:
@@ -90,9 +92,11 @@ def measure(hil_port: str | None, rig: str | None, out: Path | None) -> int:
         _check_replaceable(file, name)
         found = measure_sequences(board, progress=ProgressLine(ErrorOutput(), shown=sys.stderr.isatty()))
     raw = {place.name.lower(): clocks for place, clocks in found.items()}
-    measured = solve(raw["sram"], f"board {identity.unique_id.hex()}, firmware build {identity.build_id}")
+    about = f"board {identity.unique_id.hex()}, firmware build {identity.build_id}"
+    measured = solve(raw["sram"], about, load_image(default_firmware()))
     write_asked_for(file, profile_text(name, measured, raw))
     print_measured(standard_output(), measured)
+    print_judgements(standard_output(), measured.judgements)
     print_places(standard_output(), raw)
     click.echo(f"{file}: {name}, {len(measured.rows)} rows")
     return 0

@@ -22,6 +22,9 @@ SEQUENCES = (
     "multiply_pairs_chain", "pack_halves", "loads_of_halves", "stores_of_halves", "fp_multiply",
     "fp_multiply_chain", "fp_convert", "fp_moves", "fp_compare", "fp_load_multiple", "fp_store_multiple",
     "readings", "exception_entry", "exception_return",
+    "fp_misplaced", "integers_misplaced", "load_and_three", "load_and_two", "load_compare_and_three",
+    "pair_and_three", "calls_misplaced", "loop_misplaced", "computed_address", "compare_if_then",
+    "wide_compare_if_then", "loads_one_off", "loads_two_off", "loads_three_off",
 )  # fmt: skip
 
 

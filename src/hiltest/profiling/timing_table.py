@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
@@ -12,7 +12,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from hiltest.virtual.measured_profile import PLACES, MeasuredProfile
-from hiltest.virtual.profile_file import DEFAULT_PROFILE, MEMORY_ROWS, ROWS, RULES, load_profile
+from hiltest.virtual.profile_file import MEMORY_ROWS, ROWS, RULES
+from hiltest.virtual.rule_candidates import Judgement
 from hiltest.virtual.timing import CostRow, TimingProfile
 
 SCHEMA = "hiltest.timing/1"
@@ -39,15 +40,14 @@ def print_table(console: Console, profile: TimingProfile, file: Path) -> None:
 
 
 def print_measured(console: Console, measured: MeasuredProfile) -> None:
-    """Print the measured rows beside the default profile's, and measurements that do not fit the model's rules."""
-    default = load_profile(DEFAULT_PROFILE)
+    """Print the measured rows beside their base's, and measurements that do not fit the model's rules."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("row", no_wrap=True)
-    for name in ("measured", default.name, "range"):
+    for name in ("measured", measured.base.name, "range"):
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("")
     for name, row in measured.rows.items():
-        before = default.rows[name]
+        before = measured.base.rows[name]
         inside = before.band[0] <= row.band[0] and row.band[1] <= before.band[1]
         said = "outside its range" if not inside else "another value" if row.value != before.value else ""
         low, high = row.band
@@ -56,6 +56,23 @@ def print_measured(console: Console, measured: MeasuredProfile) -> None:
     console.print(table)
     for remark in measured.remarks:
         console.print(escape(remark), style="yellow", soft_wrap=True)
+
+
+def print_judgements(console: Console, judgements: Iterable[Judgement]) -> None:
+    """Print what each candidate for a rule predicts of its sequence, and which one survives."""
+    console.print("Rules of fetching and addresses: clocks of half a sequence, and those that each", soft_wrap=True)
+    console.print("candidate predicts; > marks what was measured.", soft_wrap=True)
+    for each in judgements:
+        question = each.question
+        console.print(f"\n{question.sequence}: {each.clocks} clocks", highlight=False, soft_wrap=True)
+        console.print(f"    {question.about}", highlight=False, soft_wrap=True)
+        for candidate, clocks in zip(question.candidates, each.predicted, strict=True):
+            mark = ">" if candidate in each.survivors else " "
+            console.print(f"  {mark} {clocks:4} {candidate.says}", highlight=False, soft_wrap=True)
+        if each.decided is None:
+            told = "no candidate predicts it" if not each.survivors else "this core does not tell them apart"
+            console.print(f"    {told}", style="yellow", soft_wrap=True)
+    console.print()
 
 
 def print_places(console: Console, raw: Mapping[str, Mapping[str, int]]) -> None:

@@ -3,18 +3,24 @@
 The first half of every sequence of the firmware costs a sum of rows, by the rules of `hiltest.virtual.timing`: what a
 run costs at its edges is in no row, and stands in the whole one and in that of the second half alike. Solved one after
 the other they give every row. Those that are left over are compared with what the rows make of them: where they differ,
-a rule does not hold on that core.
+a rule does not hold on that core. Rows of rules of fetching and of addresses are those of the candidates that survive
+(`hiltest.virtual.rule_candidates`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
-from hiltest.virtual.profile_file import AT_LEAST, DEFAULT_PROFILE, load_profile
+from hiltest.virtual.elf import FirmwareImage
+from hiltest.virtual.profile_file import AT_LEAST, load_profile
+from hiltest.virtual.rule_candidates import Judgement, judge
 from hiltest.virtual.timing import CostRow, TimingProfile
+
+#: Profiles without and with the rules of fetching and of addresses; the second has the rows of the first.
+PLAIN, WITH_RULES = "cortex-m4-trm/1", "cortex-m4-trm/2"
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +53,7 @@ EQUATIONS = (
     Equation("branch_not_taken", "branch", 32),
     Equation("branch_taken", "refill_direct", 16, {"branch": 16}),
     Equation("call_and_return", "refill_indirect", 8, {"branch": 16, "refill_direct": 8}),
-    Equation("table_branch", "table_branch", 8, {"refill_indirect": 8}),
-    Equation("if_then", "it", 16, {"data": 16}),
+    Equation("wide_compare_if_then", "it", 8, {"data": 16}),
     Equation("barrier", "barrier", 16),
     Equation("system", "system", 32),
     Equation("exclusive", "exclusive", 16),
@@ -67,11 +72,9 @@ EQUATIONS = (
         "exception_return", "exception_return", 8, {"branch": 8, "refill_indirect": 8, "system": -8}, less="readings"
     ),
 )
-#: Instead of those of the same sequences, for a profile that has the row.
-_OF_RULES = {
-    "table_branch": Equation("table_branch", "refill_table", 8, {"table_branch": 8}),
-    "if_then": Equation("if_then", "it_folded", 16, {"data": 16}),
-}
+#: TBB has one sequence and two rows: it gives the second where rules hold, and the first where none does.
+_REFILL_OF_TABLES = Equation("table_branch", "refill_table", 8, {"table_branch": 8})
+_TABLES = Equation("table_branch", "table_branch", 8, {"refill_indirect": 8})
 #: What must come out as the rows have it.
 CHECKS = (
     Equation("load_store_pairs", "load", 16, {"store_behind_load": 16, "load_behind_store": 16}),
@@ -117,19 +120,19 @@ class MeasuredProfile:
         Those that were measured. One that came out as no whole number has both neighbours as its range.
     remarks : tuple of str
         What does not fit the rules.
+    judgements : tuple of Judgement
+        Of each rule of fetching and of addresses, which candidate survives.
+    base : TimingProfile
+        Has the rows that no sequence gives: with those of the rules where one of them holds, or may.
     """
 
     rows: dict[str, CostRow]
     remarks: tuple[str, ...]
+    judgements: tuple[Judgement, ...]
+    base: TimingProfile
 
 
-def equations(base: TimingProfile) -> list[Equation]:
-    """Return the equations for the rows that a profile has, in an order in which they can be solved."""
-    by_rule = {name: each for name, each in _OF_RULES.items() if each.row in base.rows}
-    return [by_rule.get(each.sequence, each) for each in EQUATIONS]
-
-
-def solve(clocks: Mapping[str, int], about: str, base: TimingProfile | None = None) -> MeasuredProfile:
+def solve(clocks: Mapping[str, int], about: str, image: FirmwareImage) -> MeasuredProfile:
     """Find the rows that give these clocks.
 
     Parameters
@@ -138,20 +141,33 @@ def solve(clocks: Mapping[str, int], about: str, base: TimingProfile | None = No
         Clocks of half of each sequence, run from SRAM_L with its data in SRAM_U.
     about : str
         What was measured, and with what: ends the source of each row.
-    base : TimingProfile, optional
-        Has the rows that no sequence gives; by default the default profile.
+    image : FirmwareImage
+        Has the sequences, from which candidates are priced.
     """
-    base = base or load_profile(DEFAULT_PROFILE)
-    exact = {name: Fraction(row.value) for name, row in base.rows.items()}
+    rows, remarks, exact = _solved(clocks, about)
+    base = load_profile(WITH_RULES)
+    priced = TimingProfile(base.name, base.rows | rows, shipped=False)
+    judgements = tuple(judge(clocks, priced, image))
+    if any(each.shows_rule for each in judgements if each.question.row not in ("", "refill_table")):
+        of_rules, more = _decided(judgements, about)
+        rows |= of_rules
+        remarks += more
+        _solve_for(_REFILL_OF_TABLES, clocks, about, exact, rows, remarks)
+    else:
+        base = load_profile(PLAIN)
+        _solve_for(_TABLES, clocks, about, exact, rows, remarks)
+    return MeasuredProfile(rows, tuple(remarks), judgements, base)
+
+
+def _solved(
+    clocks: Mapping[str, int], about: str
+) -> tuple[dict[str, CostRow], list[str], dict[str, Fraction]]:
+    """Return the rows that equations give, what does not fit them, and the rows as they came out."""
+    exact = {name: Fraction(row.value) for name, row in load_profile(PLAIN).rows.items()}
     rows: dict[str, CostRow] = {}
     remarks: list[str] = []
-    for each in equations(base):
-        rest = each.clocks + sum(times * exact[row] for row, times in each.others.items())
-        value = exact[each.row] = Fraction(each.measured(clocks) - rest, 1) / each.times
-        what = f"{each.sequence} less {each.less}" if each.less else each.sequence
-        source = f"measured: {abs(each.times)} in {each.measured(clocks)} clocks of sequence {what}; {about}"
-        rows[each.row], remark = _row(each.row, value, source)
-        remarks += remark
+    for each in EQUATIONS:
+        _solve_for(each, clocks, about, exact, rows, remarks)
     for each in CHECKS:
         wanted = each.clocks + each.times * exact[each.row] + sum(
             times * exact[row] for row, times in each.others.items()
@@ -170,7 +186,40 @@ def solve(clocks: Mapping[str, int], about: str, base: TimingProfile | None = No
         remarks.append(f"fp_accumulate_hidden: {hidden.value} clocks, where the model knows at most {most}")
         band = min(hidden.band[0], most), most
         rows["fp_accumulate_hidden"] = replace(hidden, value=min(hidden.value, most), band=band)
-    return MeasuredProfile(rows, tuple(remarks))
+    return rows, remarks, exact
+
+
+def _solve_for(
+    each: Equation, clocks: Mapping[str, int], about: str, exact: dict[str, Fraction], rows: dict[str, CostRow],
+    remarks: list[str],
+) -> None:
+    rest = each.clocks + sum(times * exact[row] for row, times in each.others.items())
+    value = exact[each.row] = Fraction(each.measured(clocks) - rest, 1) / each.times
+    what = f"{each.sequence} less {each.less}" if each.less else each.sequence
+    source = f"measured: {abs(each.times)} in {each.measured(clocks)} clocks of sequence {what}; {about}"
+    rows[each.row], remark = _row(each.row, value, source)
+    remarks += remark
+
+
+def _decided(judgements: Iterable[Judgement], about: str) -> tuple[dict[str, CostRow], list[str]]:
+    """Return the rows of rules that all their sequences agree on, and of the others why there is none."""
+    found: dict[str, dict[int, str]] = {}
+    left: dict[str, str] = {}
+    for each in judgements:
+        row, candidate = each.question.row, each.decided
+        if row in ("", "refill_table"):
+            continue
+        told = f"{each.question.sequence}: {each.clocks} clocks, {each.verdict}"
+        if not each.survivors or (candidate and not candidate.in_rows):
+            left[row] = told
+        elif candidate and row in candidate.rows:
+            found.setdefault(row, {}).setdefault(candidate.rows[row], told)
+    left |= {row: ", but ".join(values.values()) for row, values in found.items() if len(values) > 1}
+    rows = {
+        row: CostRow(value, (value, value), f"measured: {told}; {about}")
+        for row, values in found.items() if row not in left for value, told in values.items()
+    }
+    return rows, [f"{told}: {row} cannot say so, and keeps the base's value and range" for row, told in left.items()]
 
 
 def _row(row: str, value: Fraction, source: str) -> tuple[CostRow, list[str]]:
@@ -199,12 +248,13 @@ def profile_text(name: str, measured: MeasuredProfile, raw: Mapping[str, Mapping
 
 
 def _lines(name: str, measured: MeasuredProfile, raw: Mapping[str, Mapping[str, int]]) -> Iterator[str]:
-    default = load_profile(DEFAULT_PROFILE)
     yield "# Measured by `hiltest timing measure`. What it does not give is the base's."
     yield f'name = "{name}"'
-    yield f'base = "{default.name}"'
+    yield f'base = "{measured.base.name}"'
     for remark in measured.remarks:
         yield f"# {remark}"
+    for each in measured.judgements:
+        yield f"# {each.question.sequence}: {each.clocks} clocks, {each.verdict}"
     for row, cost in measured.rows.items():
         yield ""
         yield f"[cost.{row}]"
