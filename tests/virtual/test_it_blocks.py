@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from hiltest.virtual.accounting import AccountingFactory, InstructionAccounting
+from hiltest.virtual import accounting as python_accounting
+from hiltest.virtual.accounting import AccountingFactory, BlockAccounting, InstructionAccounting
 from hiltest.virtual.cycle_range import cycle_range
 from hiltest.virtual.executions import between
 from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.native import accounting as native_accounting
+from hiltest.virtual.native.accounting import NativeBlockAccounting
 
 from .conftest import Build
 
@@ -187,6 +190,26 @@ def test_an_it_block_that_is_written_over_is_counted_as_what_it_becomes(
     for accounting in (block_hook, InstructionAccounting):
         for argument in (0, 1):
             assert VirtualK64F(elf, accounting=accounting, profile=TWO).call("work", argument).cycles == expected
+
+
+def test_ways_through_it_blocks_without_number_are_forgotten_and_counted(
+    build: Build, block_hook: AccountingFactory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = {BlockAccounting: python_accounting, NativeBlockAccounting: native_accounting}[block_hook]
+    monkeypatch.setattr(module, "BLOCKS_KEPT", 20)
+    chosen = "".join(f"lsls r2, r0, #{bit}\n itt mi\n ldrmi r3, [r1]\n strmi r0, [r1]\n" for bit in range(24, 32))
+    # 8 bits have 256 ways.
+    elf = build(program(f"sub r1, sp, #16\n again: {chosen} subs r0, #1\n bne.w again\n bx lr"))
+    boards = [VirtualK64F(elf, accounting=each, profile=TWO) for each in (block_hook, InstructionAccounting)]
+    known = []
+    for _ in range(2):
+        by_block, by_instruction = (board.call("work", 255) for board in boards)
+        assert (by_block.cycles, by_block.instructions) == (by_instruction.cycles, by_instruction.instructions)
+        snapshot = boards[0].processor.accounting.snapshot(0)
+        assert snapshot is not None
+        known.append(snapshot.entered)
+    assert known[0] is not known[1]
+    assert len(known[1]) < 20
 
 
 def test_version_1_prices_as_executed_what_is_skipped(build: Build, block_hook: AccountingFactory) -> None:

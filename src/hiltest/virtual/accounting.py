@@ -17,6 +17,7 @@ from collections.abc import Callable
 from typing import ClassVar, Protocol
 
 from hiltest.virtual.blocks import (
+    BLOCKS_KEPT,
     NO_BLOCK,
     CodeBlock,
     ReadCode,
@@ -282,6 +283,8 @@ class BlockAccounting(Totals):
             self._finish(pc & ~1)
             self.before = before
         self._running = None
+        if len(self._entered) > BLOCKS_KEPT:  # a block has as many versions as ways through its IT blocks
+            self.forget_code()
 
     def flush_pipeline(self) -> None:
         """Empty the pipeline: an exception was entered or left."""

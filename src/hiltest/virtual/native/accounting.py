@@ -362,6 +362,8 @@ class NativeBlockAccounting:
     def settle(self, pc: int) -> None:
         """Add the block that just ended; `pc` is where execution goes on."""
         self.stopped = bool(self._settle(self._address, pc & ~1))
+        if len(self._entered) > BLOCKS_KEPT:  # a block has as many versions as ways through its IT blocks
+            self.forget_code()
 
     def begins(self, address: int, size: int) -> None:
         """Take note that a block is about to run; the emulator calls the hook itself."""
