@@ -148,9 +148,9 @@ def questions(value: Mapping[str, int]) -> tuple[Question, ...]:
         Question("compare_if_then", "8 times CMP of two bytes, IT, MOVEQ", "it_folded", folded),
         Question("if_then", "16 times IT, ADDEQ of two bytes", "it_folded", folded),
         Question("table_branch", "8 TBB to the next instruction", "refill_table", refills),
-        Question("loads_one_off", "8 times LDR at +1, EOR.W; no model here prices it", "", unaligned),
-        Question("loads_two_off", "8 times LDR at +2, EOR.W; no model here prices it", "", unaligned),
-        Question("loads_three_off", "8 times LDR at +3, EOR.W; no model here prices it", "", unaligned),
+        Question("loads_one_off", "8 times LDR at +1, EOR.W; the default model prices none", "", unaligned),
+        Question("loads_two_off", "8 times LDR at +2, EOR.W; the default model prices none", "", unaligned),
+        Question("loads_three_off", "8 times LDR at +3, EOR.W; the default model prices none", "", unaligned),
     )  # fmt: skip
 
 
