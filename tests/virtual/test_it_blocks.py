@@ -53,7 +53,18 @@ COUNTED = {
         vadd.f32 s2, s0, s1
         bx lr
     """, 21, 7),
-    # sub 1, cmp 1, it 0; ADD 1, then 1 for the address and LDR 2; the other way skipped 1, LDR 2; bx 3
+    # vmov 1, then 1 for its result and VDIV 1, of 14 the FPU is busy 13 more, cmp 1, it 0; VMOV waits 12 and takes 1,
+    # VADD 1; the other way skipped 1, VADD waits 11 and takes 1; bx 3
+    "under a division": ("""
+        vmov.f32 s1, #1.0
+        vdiv.f32 s0, s1, s1
+        cmp r0, #0
+        it eq
+        vmoveq.f32 s2, s1
+        vadd.f32 s3, s1, s1
+        bx lr
+    """, 21, 20),
+    # sub 1, cmp 1, it 0; SUB 1, then 1 for the address and LDR 2; the other way skipped 1, LDR 2; bx 3
     "address": ("""
         sub r3, sp, #16
         cmp r0, #0

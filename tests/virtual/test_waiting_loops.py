@@ -14,7 +14,7 @@ from hiltest.virtual.native import by_block, every_turn
 
 from .both_ways import assert_same_both_ways, outcome
 from .conftest import PROGRAMS, SHIPPED, Build
-from .random_loops import random_program
+from .random_loops import HEAD, TAIL, random_program
 from .test_exceptions import word
 
 WAITS = PROGRAMS / "waits.c"
@@ -40,6 +40,41 @@ def test_a_loop_ends_at_the_same_cycle_with_the_same_state(build: Build, loop: s
 def test_random_loops_run_the_same(build: Build, first: int, profile: str) -> None:
     for seed in range(first, first + 10):
         assert_same_both_ways(build(random_program(seed)), 0.01, profile=profile)
+
+
+def test_turns_that_are_passed_over_executed_what_the_one_before_did(build: Build) -> None:
+    loop = """
+loop:
+    ldr r0, [r11, #0x10C]
+    cmp r0, #0
+    it eq
+    ldrdeq r2, r3, [r10]
+    tst r0, #1
+    beq loop
+    str r0, [r11, #0x10C]
+"""
+    elf = build(HEAD.format(timer=50_000, reload=0xFFFFFF, control=5) + "again:\n" + loop + TAIL)
+    assert_same_both_ways(elf, 0.02, profile="cortex-m4-trm/2")
+
+
+def test_turns_that_skip_something_else_are_told_apart(build: Build) -> None:
+    # It waits for 50 000 cycles, and from 20 000 on its turns take a load more.
+    loop = """
+    ldr r6, [r9, #4]
+loop:
+    ldr r0, [r9, #4]
+    subs r5, r0, r6
+    ldr r1, =20000
+    ldr r7, =50000
+    cmp r5, r1
+    it hi
+    ldrdhi r2, r3, [r10]
+    cmp r5, r7
+    blo loop
+    str r0, [r10, #4]
+"""
+    elf = build(HEAD.format(timer=1234, reload=0xFFFFFF, control=5) + "again:\n" + loop + TAIL)
+    assert_same_both_ways(elf, 0.02, profile="cortex-m4-trm/2")
 
 
 @pytest.mark.parametrize("name", ["exceptions", "pins", "priorities"])
