@@ -462,7 +462,9 @@ def test_the_command_writes_a_profile_named_after_the_board_and_shows_what_it_fo
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     name = f"virtual-{VIRTUAL_UNIQUE_ID.hex()}"
-    assert done.stdout.splitlines()[-1] == f"{name}.toml: {name}, {len(ROWS)} rows"
+    rows = tomllib.loads((tmp_path / f"{name}.toml").read_text(encoding="utf-8"))["cost"]
+    assert done.stdout.splitlines()[-1] == f"{name}.toml: {name}, {len(rows)} rows"
+    assert {each.row for each in EQUATIONS} <= rows.keys()
     assert re.search(r"^ ?fp_accumulate +3 +3 +2 to 3", done.stdout, re.M)
     assert "Code in flash takes the same clocks, with its cache and prefetch on and off." in done.stdout
     profile = load_profile(str(tmp_path / f"{name}.toml"))
