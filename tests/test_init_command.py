@@ -303,6 +303,7 @@ def test_names_and_texts_that_would_break_the_file_do_not(
     assert_all_paths_lead_to_their_quantity(proposed, compass)
 
 
+@pytest.mark.slow  # damaged in many places
 def test_damaged_files_are_refused_or_looked_at_as_far_as_they_go(
     compass: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -36,6 +36,7 @@ def _found_and_predicted(
     return float(np.sqrt(np.mean(np.square(errors)))), float(rms), float(spread)
 
 
+@pytest.mark.slow  # a hundred fits each
 @pytest.mark.parametrize("calibrator", [fit_direct, fit_iterative])
 @pytest.mark.parametrize(("covered", "noise_ut"), [(1.0, 0.4), (1.0, 1.0), (0.5, 0.4)])
 def test_the_prediction_is_within_30_percent(calibrator: Calibrator, covered: float, noise_ut: float) -> None:

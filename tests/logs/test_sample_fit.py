@@ -38,6 +38,7 @@ def _verdicts(fit: SampleFit) -> dict[str, Acceptance]:
     return {each.name: each.verdict for each in fit.calibrators if each.name in ("direct", "iterative")}
 
 
+@pytest.mark.slow  # both, of 7 000 samples
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("count", [361, 1000, 7000])
 @pytest.mark.parametrize(

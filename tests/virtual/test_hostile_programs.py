@@ -75,6 +75,7 @@ def _ending(board: VirtualK64F) -> str:
     return "" if board.time_s >= VIRTUAL_S else "it stopped by itself"
 
 
+@pytest.mark.slow  # a thousand programs
 @pytest.mark.parametrize("batch", range(BATCHES))
 def test_each_ends_with_a_named_fault_or_runs_on(batch: int) -> None:
     for seed in range(batch, PROGRAMS, BATCHES):

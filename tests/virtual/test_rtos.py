@@ -110,6 +110,7 @@ def test_the_program_does_the_same_at_every_level_of_optimisation(build_rtos: Bu
     assert word(board, "preempted_timer") > 0
 
 
+@pytest.mark.slow  # two whole runs
 def test_two_runs_are_equal_to_the_last_cycle(build_rtos: BuildRtos, block_hook: AccountingFactory) -> None:
     elf = build_rtos("-O2")
     states = []

@@ -121,6 +121,7 @@ def test_counting_by_instruction_interrupts_within_blocks_and_counts_the_same(bu
         assert len(calls) > 5
 
 
+@pytest.mark.slow  # by instruction too, in Python
 def test_watching_changes_no_count(build: Build, counting: AccountingFactory) -> None:
     elf = build(PROGRAMS / "watched.c", *FLOOD, "-O2")
     counts = []
