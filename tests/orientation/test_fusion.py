@@ -294,7 +294,7 @@ def test_measured_headings_scatter_as_the_filter_is_told(dip_deg: float):
     assert math.degrees(float(np.std(headings))) == pytest.approx(told, rel=0.045)
 
 
-@pytest.mark.slow  # 12 000 steps
+@pytest.mark.slow  # 6 000 steps of two filters
 def test_sixty_seconds_of_noisy_sensors(either: FilterMaker):
     """60 s at 100 Hz, a bias of 1 deg/s taken off at rest, 0.3 deg/s, 3 % and 1.2 % of noise at 60 degrees of dip.
 
