@@ -59,7 +59,7 @@ def test_the_firmware_s_calibrators_are_run_and_their_cycles_counted(clouds: Pat
     done = fit("good.csv", "--json", folder=clouds)
     assert (done.returncode, done.stderr) == (0, "")
     content = json.loads(done.stdout)
-    assert (content["on"], content["firmware"]["cycle_model"]) == ("virtual", "cortex-m4-trm/1@sram")
+    assert (content["on"], content["firmware"]["cycle_model"]) == ("virtual", "cortex-m4-trm/2@sram")
     assert {"direct", "iterative"} <= {each["name"] for each in content["calibrators"]}
     assert all(each["cycles"] > 0 and each["n_used"] == 360 for each in content["calibrators"])
     assert all(each["cycle_band"]["low"] < each["cycles"] for each in content["calibrators"])
@@ -78,7 +78,7 @@ def test_people_get_a_table_with_reasons_and_notes(clouds: Path) -> None:
     done = fit("cap.csv", folder=clouds)
     for text in (
         "cap.csv: 400 points, columns mx_uT, my_uT, mz_uT [uT]", "verdict", "refused", "hard iron [uT]",
-        "cycles counted by cortex-m4-trm/1@sram", "cycles, lowest", "cycles, highest",
+        "cycles counted by cortex-m4-trm/2@sram", "cycles, lowest", "cycles, highest",
         "is above 300 (refused): the points cover too little of the sphere", "The board got 360 points",
     ):  # fmt: skip
         assert text in " ".join(done.stdout.split()), done.stdout

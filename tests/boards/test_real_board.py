@@ -169,7 +169,7 @@ def test_a_rig_declares_what_the_cycles_of_a_board_behind_a_port_are(
 ) -> None:
     served = replace(real_rig, board=replace(real_rig.board, cycle_model="cortex-m4-trm/2"))
     with open_board(served, port=pty_board(rig).path) as board:
-        assert board.cycle_model == "cortex-m4-trm/1@sram"
+        assert board.cycle_model == "cortex-m4-trm/2@sram"
 
 
 def test_nobody_to_ask_is_a_bench_error(pty_board: StartPtyBoard, rig: Rig, real_rig: Rig) -> None:

@@ -183,7 +183,7 @@ def test_a_step_less_is_better_and_what_a_step_costs_is_not_missed(
     ("edit", "words"),
     [
         (ANOTHER_FLAG, ("other compiler flags: ", "-O1")),
-        (ANOTHER_CYCLE_MODEL, ("another cycle model: cortex-m4-trm/1@sram before, cortex-m4-trm/1@flash now",)),
+        (ANOTHER_CYCLE_MODEL, ("another cycle model: cortex-m4-trm/2@sram before, cortex-m4-trm/2@flash now",)),
     ],
     ids=["a compiler flag", "the cycle model"],
 )

@@ -133,7 +133,7 @@ def another_schema(base: Path) -> None:
 
 
 def another_cycle_model(base: Path) -> None:
-    replace_in(base, '"cortex-m4-trm/1@sram"', '"silicon-dwt"')
+    replace_in(base, '"cortex-m4-trm/2@sram"', '"silicon-dwt"')
 
 
 def another_compiler(base: Path) -> None:
@@ -153,7 +153,7 @@ def cut_short(base: Path) -> None:
     [
         (remove, "base.json: "),
         (another_schema, 'schema is "hiltest.run/2", this hiltest reads "hiltest.run/1"'),
-        (another_cycle_model, "another cycle model: silicon-dwt before, cortex-m4-trm/1@sram now"),
+        (another_cycle_model, "another cycle model: silicon-dwt before, cortex-m4-trm/2@sram now"),
         (another_compiler, "another compiler: other "),
         (another_protocol, "another protocol: version 1"),
         (cut_short, "base.json: the run is not complete"),
@@ -425,7 +425,7 @@ def test_size(measure):
 
 def test_cost(measure):
     if "NO_COST" not in os.environ:
-        cycles, model = int(os.environ.get("CRC_CYCLES", 420)), os.environ.get("MODEL", "cortex-m4-trm/1@sram")
+        cycles, model = int(os.environ.get("CRC_CYCLES", 420)), os.environ.get("MODEL", "cortex-m4-trm/2@sram")
         measure("crc.cycles", cycles, "cycle", cycle_model=model)
 """
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from hiltest.measurement import EXACT, Better, Limit, Tolerance
 from hiltest.record.comparison import Change, Comparison, Difference, Side
 
-MODEL = "cortex-m4-trm/1@sram"
+MODEL = "cortex-m4-trm/2@sram"
 BASE = Side(
     file="hil/baselines/virtual-k64f.json", sha256="ef" * 32, firmware="hiltest-frdm-k64f", version="0.1.0",
     build_id="0123456789abcdef", compiler="GCC 12.2.1", cycle_model=MODEL, rig="virtual-k64f", seeds=(1,),

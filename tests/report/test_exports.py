@@ -12,7 +12,7 @@ import pytest
 from hiltest.measurement import Limit, Measurement, check
 from hiltest.report.exports import bencher_json, exported, github_action_benchmark_json
 
-MODEL = "cortex-m4-trm/1@sram"
+MODEL = "cortex-m4-trm/2@sram"
 
 
 def one(*measurements: Measurement) -> Mapping[int | None, Mapping[str, Measurement]]:

@@ -9,7 +9,7 @@ from hiltest.record.comparison import Side
 from hiltest.trend.series import RunEntry
 from hiltest.verdict.evidence import Conditions, Evidence
 
-MODEL = "cortex-m4-trm/1@sram"
+MODEL = "cortex-m4-trm/2@sram"
 
 
 def entry(

@@ -63,7 +63,7 @@ def test_every_measurement_is_drawn_and_told_in_words() -> None:
     )
     assert "No change point." in page
     page = page.replace("\xa0", " ")
-    assert "<p class=\"soft\">Cycles counted by cortex-m4-trm/1@sram.</p>" in page
+    assert "<p class=\"soft\">Cycles counted by cortex-m4-trm/2@sram.</p>" in page
     captions = re.findall(r"<figcaption>(.*?)</figcaption>", page)
     assert captions == [
         "cycles.direct.total [cycle], limit at most 12 500", "heading.direct.max [deg]",
@@ -90,7 +90,7 @@ def test_lines_of_other_conditions_are_not_joined() -> None:
     assert 'class="series-1"' in svg
     assert "2 conditions that are not compared" in svg
     key = re.findall(r"</svg>([^<]*)</li>", trend_page(trend, []))
-    assert key == ["cortex-m4-trm/1@sram", "b"], "what tells one line from the other, and no change point"
+    assert key == ["cortex-m4-trm/2@sram", "b"], "what tells one line from the other, and no change point"
 
 
 def test_a_limit_far_away_does_not_press_the_values_flat() -> None:

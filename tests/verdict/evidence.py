@@ -8,7 +8,7 @@ from hiltest.measurement import Limit, Measurement, Outcome, Tolerance
 from hiltest.record.comparison import Side
 from hiltest.verdict.evidence import Conditions, Evidence
 
-MODEL = "cortex-m4-trm/1@sram"
+MODEL = "cortex-m4-trm/2@sram"
 CONDITIONS = Conditions(
     board="virtual", rig_sha256="ab" * 32, calibrators=("direct", "iterative"), sensors=("MAG3110",),
     protocol_version=4, compiler_flags=("-O2", "-g"), poses="all", suite="gate", calibrated=False,

@@ -39,7 +39,7 @@ def test_0_says_that_nothing_got_worse(changed: Changed) -> None:
         r"\s+heading\.direct\.max\s+(\S+) -> \1 deg\)$",
         done.stdout, re.M,
     )  # fmt: skip
-    assert "cycles counted by cortex-m4-trm/1@sram" in done.stdout.splitlines()
+    assert "cycles counted by cortex-m4-trm/2@sram" in done.stdout.splitlines()
     done = hiltest("compare", changed("base"), changed("new", values={"heading.direct.max": 1.0}))
     assert "counted by" not in done.stdout, "no cycles are shown"
 
