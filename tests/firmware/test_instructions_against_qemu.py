@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hiltest.virtual.elf import load_image
+from hiltest.virtual.elf import FirmwareImage, load_image
 from hiltest.virtual.k64f import VirtualK64F
 
 from ..dpi_instances import dpi_instance
@@ -105,22 +105,26 @@ def build_kernel(tmp_path: Path, require_tool: Callable[[str], str]) -> Callable
     return build
 
 
+def executed_by_qemu(qemu: str, image: FirmwareImage, folder: Path) -> int:
+    """Return how many instructions a program's run_kernel takes; after_kernel comes right behind, and ends QEMU."""
+    log = folder / "trace"
+    # One instruction a translation block, and a line in the trace for each that is entered.
+    subprocess.run(
+        [qemu, "-M", "mps2-an386", "-nographic", "-semihosting", "-singlestep", "-d", "exec,nochain",
+         "-D", str(log), "-kernel", image.name],
+        check=True, timeout=120, stdin=subprocess.DEVNULL, capture_output=True,
+    )  # fmt: skip
+    begin, end = (image.symbols[name].address for name in ("run_kernel", "after_kernel"))
+    addresses = [int(address, 16) for address in TRACED.findall(log.read_text())]
+    return addresses.index(end) - addresses.index(begin) - 1  # without the branch to after_kernel
+
+
 @pytest.mark.parametrize("kernel", KERNELS)
 def test_qemu_executes_as_many_instructions(
     kernel: str, build_kernel: Callable[[str], Path], require_tool: Callable[[str], str], tmp_path: Path
 ) -> None:
-    qemu = require_tool("qemu-system-arm")
-    elf, log = build_kernel(kernel), tmp_path / "trace"
-    # One instruction a translation block, and a line in the trace for each that is entered.
-    subprocess.run(
-        [qemu, "-M", "mps2-an386", "-nographic", "-semihosting", "-singlestep", "-d", "exec,nochain",
-         "-D", str(log), "-kernel", str(elf)],
-        check=True, timeout=120, stdin=subprocess.DEVNULL, capture_output=True,
-    )  # fmt: skip
-    board = VirtualK64F(elf)
-    begin, end = (board.image.symbols[name].address for name in ("run_kernel", "after_kernel"))
-    addresses = [int(address, 16) for address in TRACED.findall(log.read_text())]
-    executed = addresses.index(end) - addresses.index(begin) - 1  # without the branch to after_kernel
+    board = VirtualK64F(build_kernel(kernel))
+    executed = executed_by_qemu(require_tool("qemu-system-arm"), board.image, tmp_path)
     assert board.call("run_kernel").instructions == executed
     # The kernel did its work: the fit is there, not an early refusal.
     print(f"{kernel}: {executed} instructions")

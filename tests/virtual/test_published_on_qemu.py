@@ -11,7 +11,7 @@ import pytest
 from hiltest.virtual.k64f import VirtualK64F
 
 from ..firmware.test_instructions_against_qemu import PROGRAMS as OF_FIRMWARE
-from ..firmware.test_instructions_against_qemu import TRACED
+from ..firmware.test_instructions_against_qemu import executed_by_qemu
 from .conftest import PROGRAMS
 from .published import FIGURES, SHARED_SECRET
 
@@ -36,7 +36,7 @@ def test_qemu_executes_as_many_instructions(
     files = {"THEIRS": segment.data} | dict(zip(("FIRST", "SECOND", "THIRD"), map(bytes, pointers), strict=True))
     for name, content in files.items():
         (tmp_path / name).write_bytes(content)
-    program, log = tmp_path / "elsewhere.elf", tmp_path / "trace"
+    program = tmp_path / "elsewhere.elf"
     subprocess.run(
         [require_tool("arm-none-eabi-gcc"), *FLAGS, "-nostdlib", f"-Wl,-T,{OF_FIRMWARE / 'ram.ld'}",
          *(f'-D{name}="{tmp_path / name}"' for name in files), f"-DLENGTH={length}",
@@ -44,16 +44,8 @@ def test_qemu_executes_as_many_instructions(
          str(PROGRAMS / "elsewhere.S"), "-o", str(program)],
         check=True, timeout=60,
     )  # fmt: skip
-    # One instruction a translation block, and a line in the trace for each that is entered.
-    subprocess.run(
-        [require_tool("qemu-system-arm"), "-M", "mps2-an386", "-nographic", "-semihosting", "-singlestep",
-         "-d", "exec,nochain", "-D", str(log), "-kernel", str(program)],
-        check=True, timeout=120, stdin=subprocess.DEVNULL, capture_output=True,
-    )  # fmt: skip
     board = VirtualK64F(program)
-    begin, end = (board.image.symbols[name].address for name in ("run_kernel", "after_kernel"))
-    addresses = [int(address, 16) for address in TRACED.findall(log.read_text())]
-    executed = addresses.index(end) - addresses.index(begin) - 1  # without the branch to after_kernel
+    executed = executed_by_qemu(require_tool("qemu-system-arm"), board.image, tmp_path)
     assert board.call("run_kernel").instructions == executed > fewest
     # It computes there what it computes where it was linked for.
     arguments = published.arguments()
