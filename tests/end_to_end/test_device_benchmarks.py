@@ -73,7 +73,7 @@ def test_headings_and_fusion_steps_take_what_the_kernels_take_by_themselves(rows
     heading, predict, update = (
         rows[f"test_{name}"]["stats"] for name in ("tilt_heading", "fusion_prediction", "fusion_correction")
     )
-    assert (heading["min"], round(heading["mean"]), heading["max"]) == (720, 825, 883)
+    assert (heading["min"], round(heading["mean"]), heading["max"]) == (730, 840, 900)
     assert predict["min"] == predict["max"] == 126
     assert (update["min"], update["max"]) == (387, 390)
 
