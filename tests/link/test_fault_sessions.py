@@ -201,6 +201,7 @@ def hold_session(bench: VirtualBench, seed: int, totals: Counter[str]) -> None:
     assert found == model.stored or found == model.unsure
 
 
+@pytest.mark.slow  # sessions by the hundred
 @pytest.mark.parametrize("part", range(PARTS))
 def test_no_fault_on_the_line_makes_a_wrong_answer_or_an_undocumented_error(
     bench: VirtualBench, totals: Counter[str], part: int

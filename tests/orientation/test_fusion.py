@@ -353,6 +353,7 @@ def test_the_gyroscope_alone_drifts_and_the_filter_does_not():
 # --- red when something is wrong --------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow  # thousands of steps
 @pytest.mark.parametrize(
     "broken",
     [

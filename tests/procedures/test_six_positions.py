@@ -148,6 +148,7 @@ def test_a_board_that_sinks_slowly_is_refused_by_its_halves(virtual_board: Board
         measure_six_positions(virtual_board, table, uncertainty_deg=DECLARED_DEG)
 
 
+@pytest.mark.slow  # two seconds for each face
 @pytest.mark.parametrize("face", FACES)
 def test_a_face_that_is_askew_by_more_than_declared_is_found_with_its_opposite(bench_rig: Rig, face: Face) -> None:
     errors = [(0.0, 0.0, 0.0)] * 6

@@ -72,6 +72,7 @@ def without_doubt(band: CycleRange) -> tuple[int, int]:
     return band.low + doubt, band.high - doubt
 
 
+@pytest.mark.slow  # a board for each row
 @BOTH
 @pytest.mark.parametrize("seed", [1, 2])
 def test_random_code_counts_under_each_moved_row_what_was_predicted(

@@ -75,6 +75,7 @@ def test_each_call_takes_what_the_function_takes_when_it_is_called_alone(
     assert watch.calls("nothing")[0].cycles == VirtualK64F(elf).call("nothing").cycles
 
 
+@pytest.mark.slow  # a second each, twelve times
 @pytest.mark.parametrize("profile", ["cortex-m4-trm/1", "cortex-m4-trm/2"])
 @pytest.mark.parametrize("level", LEVELS)
 def test_interrupts_are_counted_apart_and_each_call_takes_what_it_takes_alone(
