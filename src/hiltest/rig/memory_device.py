@@ -12,6 +12,10 @@ from hiltest.rig.tables import STRICT, require
 _SERVER = re.compile(r"(?P<host>[A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\]):(?P<port>[0-9]{1,5})")
 
 
+def _several(path: str | tuple[str, ...]) -> tuple[str, ...]:
+    return (path,) if isinstance(path, str) else path
+
+
 @dataclass(frozen=True, slots=True)
 class MemoryValue:
     """The variables of a quantity.
@@ -41,7 +45,7 @@ class MemoryValue:
     @property
     def paths(self) -> tuple[str, ...]:
         """The paths, always several."""
-        return (self.path,) if isinstance(self.path, str) else self.path
+        return _several(self.path)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +67,7 @@ class KeptSamples:
     @property
     def paths(self) -> tuple[str, ...]:
         """The paths, always several."""
-        return (self.path,) if isinstance(self.path, str) else self.path
+        return _several(self.path)
 
 
 @dataclass(frozen=True, slots=True)

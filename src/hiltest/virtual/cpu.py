@@ -317,6 +317,7 @@ class Processor:
     def _take_exception(self) -> None:
         self.nvic.changed = False
         if not self.nvic.pending:
+            self.exceptions.is_chained = False  # what waited at the return has been withdrawn
             return
         if self.waiting.gated:
             return

@@ -78,6 +78,8 @@ class ExceptionUnit:
     floating_control : int
         FPCCR: ASPEN makes frames hold floating-point state, LSPEN makes that lazy.
     follower : Follower or None
+    is_chained : bool
+        The next entry follows a return at once.
     """
 
     def __init__(
@@ -100,8 +102,8 @@ class ExceptionUnit:
         self.status.reset()
         self.floating_control = _FPCCR_ASPEN | _FPCCR_LSPEN
         self._lazy_frame = _NO_FRAME  # where the floating-point state belongs while it is not yet saved
-        self._is_chained = False  # the next entry follows a return at once
-        self._is_saved = False  # and the floating-point state is in the frame that both share
+        self.is_chained = False
+        self._is_saved = False  # the floating-point state is in the frame that both handlers of a chain share
         if self.follower is not None:
             self.follower.reset()
 
@@ -206,7 +208,7 @@ class ExceptionUnit:
         if self.follower is not None and self.follower.listens:
             self.follower.entered(base | (uses_psp and ON_PROCESS_STACK) | (0 if from_handler else OF_THREAD))
         self._spend(self._entry_cycles(saves=extended and self._lazy_frame == _NO_FRAME))
-        self._is_chained = self._is_saved = False
+        self.is_chained = self._is_saved = False
         if exception == HARD_FAULT and problem is not None and problem.kind is FaultKind.STACKING:
             self.status.record(problem, forced=False)  # nothing is more urgent: the handler runs without a frame
             return None
@@ -220,12 +222,12 @@ class ExceptionUnit:
         self._memory.write_words(base, frame)
         if extended:
             self._lazy_frame = base + _BASIC_BYTES
-            if self._is_saved or not self.floating_control & _FPCCR_LSPEN:
+            if (self.is_chained and self._is_saved) or not self.floating_control & _FPCCR_LSPEN:
                 self._save_floating_point()
         return None
 
     def _entry_cycles(self, *, saves: bool) -> int:
-        if self._is_chained:  # the return has counted it
+        if self.is_chained:  # the return has counted it
             return 0 if self._is_saved or not saves else self._profile.fp_frame
         return self._profile.exception_entry + (self._profile.fp_frame if saves else 0)
 
@@ -234,7 +236,7 @@ class ExceptionUnit:
         chain = self._profile.tail_chain
         waiting = chain is not None and self._nvic.pending and self._nvic.next_exception(ceiling=self.ceiling())
         if chain is not None and waiting:
-            self._is_chained, self._is_saved = True, restores
+            self.is_chained, self._is_saved = True, restores
             return chain
         return self._profile.exception_return + (self._profile.fp_frame if restores else 0)
 
