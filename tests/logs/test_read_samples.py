@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from hiltest.errors import ConfigError
 from hiltest.logs import Samples, Unit, read_samples, samples
+from hiltest.units import AccelerationUnit
 
 _NUMBERS = [[1.5, -2.0, 3.0], [4.0, 5.0, -6.25]]
 
@@ -87,6 +88,33 @@ def test_rows_without_three_numbers_are_skipped_and_counted(tmp_path: Path) -> N
 
 def test_repeated_readings_are_counted(tmp_path: Path) -> None:
     assert _read(tmp_path, "1,2,3\n1,2,3\n1,2,4\n1,2,4\n1,2,3\n").repeated == 2
+
+
+def test_the_accelerometer_of_the_same_rows_and_the_time_are_read_with_the_line_of_each(tmp_path: Path) -> None:
+    cloud = _read(tmp_path, "t_ms,ax_mg,ay_mg,az_mg,mx,my,mz\n# cold\n0,1,2,3,1.5,-2,3\n\n5,,,,,,\n20,4,,6,4,5,-6.25\n")
+    np.testing.assert_array_equal(cloud.points, _NUMBERS)
+    assert cloud.lines is not None
+    assert cloud.lines.tolist() == [3, 6]
+    np.testing.assert_array_equal(cloud.time_s, [0.0, 0.02])
+    np.testing.assert_array_equal(cloud.acceleration, [[1.0, 2.0, 3.0], [4.0, np.nan, 6.0]])
+    assert cloud.acceleration_unit is AccelerationUnit.MG
+
+
+@pytest.mark.parametrize("times", ["5,4", "0,x", ",1", "nan,1"])
+def test_times_that_go_back_or_miss_are_no_times(tmp_path: Path, times: str) -> None:
+    first, second = times.split(",")
+    cloud = _read(tmp_path, f"t,mx,my,mz\n{first},1.5,-2,3\n{second},4,5,-6.25\n")
+    assert cloud.time_s is None
+    np.testing.assert_array_equal(cloud.points, _NUMBERS)
+
+
+def test_an_option_names_the_accelerometer_where_the_header_does_not(tmp_path: Path) -> None:
+    text = "u,v,w,mx,my,mz\n0,0,1,1.5,-2,3\n0,1,0,4,5,-6.25\n"
+    assert _read(tmp_path, text).acceleration is None
+    cloud = _read(tmp_path, text, accelerometer_columns="w,v,u")
+    np.testing.assert_array_equal(cloud.acceleration, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    with pytest.raises(ConfigError, match=r"cloud\.csv:2: column w: 'x' is not a number"):
+        _read(tmp_path, "u,v,w,mx,my,mz\n0,0,x,1.5,-2,3\n", accelerometer_columns="w,v,u")
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hiltest.errors import ConfigError
-from hiltest.recordings.columns import axis_triples, column_index, named_columns, seconds_of, unit_in_headers
+from hiltest.recordings.columns import (
+    ACCELEROMETER_STEM,
+    axis_triples,
+    column_index,
+    named_columns,
+    seconds_of,
+    unit_in_headers,
+)
 from hiltest.recordings.table import LARGEST_READING, TableRow, check_width, number_in, read_rows, split_header
 from hiltest.units import ACCELERATION_WORDS, RATE_WORDS, AccelerationUnit, RateUnit
 
@@ -21,7 +28,6 @@ Reals = NDArray[np.float64]
 
 # Five hours at 100 Hz.
 MAX_ROWS = 2_000_000
-_ACCELEROMETER = re.compile(r"acc|^a$|^f$")
 _GYROSCOPE = re.compile(r"gyr|^g$|^w$|omega")
 # A log that is slower does not see a turn, and its column of time is more likely in another unit.
 _SLOWEST_HZ = 5.0
@@ -107,7 +113,7 @@ def read_imu_log(
         When there is no such table, or a cell in it is no number; names file, line and column.
     """
     first = _Table(path, columns.labels)
-    places = first.axes(columns.accelerometer, _ACCELEROMETER, "--accelerometer-columns", "accelerometer")
+    places = first.axes(columns.accelerometer, ACCELEROMETER_STEM, "--accelerometer-columns", "accelerometer")
     if places is None:
         raise first.no_axes("accelerometer", "--accelerometer-columns")
     second = first if gyroscope_path is None else _Table(gyroscope_path, None)

@@ -42,6 +42,8 @@ _BETWEEN = r"[\s_.:/-]*"
 _AXIS_LAST = re.compile(rf"^(?P<stem>.*?){_BETWEEN}(?P<axis>[xyz])$")
 _AXIS_FIRST = re.compile(r"^(?P<axis>[xyz])[\s_.:/-]+(?P<stem>.+)$")
 _MAGNETIC = re.compile(r"mag|compass|^[mb]$")
+#: What the columns of an accelerometer have in common.
+ACCELEROMETER_STEM = re.compile(r"acc|^[af]$")
 
 
 def unit_of(headers: Sequence[str]) -> Unit | None:

@@ -173,6 +173,12 @@ def number_in(
     return value
 
 
+def number_or_nan(cell: str, largest: float) -> float:
+    """Return a cell's number; NaN where it is none, or too large for what it is."""
+    value = float(cell) if is_number(cell) else math.nan
+    return value if abs(value) <= largest else math.nan
+
+
 def is_number(cell: str) -> bool:
     """Say whether a cell is a number as loggers write one."""
     try:
