@@ -24,14 +24,15 @@ def test_good_figures_need_no_reason() -> None:
     [
         ("n", 18, 17, Acceptance.POOR),
         ("n", None, 9, Acceptance.REFUSED),
-        ("condition", 60.0, 60.1, Acceptance.POOR),
+        ("condition", 60.0, 60.1, Acceptance.FAIR),
         ("condition", None, 300.1, Acceptance.REFUSED),
-        ("residual_percent", 2.0, 2.01, Acceptance.POOR),
+        ("residual_percent", 2.0, 2.01, Acceptance.FAIR),
+        ("residual_percent", None, 3.51, Acceptance.POOR),
         ("residual_percent", None, 20.1, Acceptance.REFUSED),
-        ("axis_ratio", 2.0, 2.01, Acceptance.REFUSED),
         ("radius_ut", 20.0, 19.9, Acceptance.REFUSED),
         ("radius_ut", 70.0, 70.1, Acceptance.REFUSED),
-        ("direction_error_deg", 1.0, 1.01, Acceptance.POOR),
+        ("direction_error_deg", 1.0, 1.01, Acceptance.FAIR),
+        ("direction_error_deg", None, 2.01, Acceptance.POOR),
         ("direction_error_deg", None, 10.1, Acceptance.REFUSED),
         ("condition", None, float("nan"), Acceptance.REFUSED),
     ],
@@ -48,7 +49,7 @@ def test_each_threshold_allows_its_value_and_nothing_beyond(
 
 
 def test_the_worst_reason_decides_and_every_figure_is_told_once() -> None:
-    verdict, reasons = rate(replace(_GOOD, condition=500.0, residual_percent=3.0))
+    verdict, reasons = rate(replace(_GOOD, condition=500.0, residual_percent=4.0))
     assert verdict is Acceptance.REFUSED
     assert [(each.figure, each.verdict) for each in reasons] == [
         ("condition", Acceptance.REFUSED), ("residual_percent", Acceptance.POOR),
@@ -60,6 +61,13 @@ def test_what_is_no_ellipsoid_is_refused(status: FitStatus) -> None:
     verdict, (reason,) = rate(FitFigures(status, condition=11.0))
     assert verdict is Acceptance.REFUSED
     assert reason.value == status.name.lower().replace("_", " ")
+
+
+def test_a_long_ellipsoid_is_refused_only_where_the_points_show_part_of_it() -> None:
+    assert rate(replace(_GOOD, axis_ratio=2.5))[0] is Acceptance.GOOD
+    verdict, reasons = rate(replace(_GOOD, axis_ratio=2.5, condition=60.1))
+    assert verdict is Acceptance.REFUSED
+    assert [each.figure for each in reasons] == ["condition", "axis_ratio"]
 
 
 def test_an_unknown_unit_leaves_the_field_strength_unjudged() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hiltest.calibration import FitStatus, corrected, fit_corrected, fit_direct
-from hiltest.calibration.fit import half_range, points_array
+from hiltest.calibration.fit import half_range, mid_range, points_array
 from hiltest.calibration.quality import COUNTS_PER_UT, direction_error_rms_deg, sphere_directions
 
 from ..instances import Instance, instance
@@ -54,7 +54,7 @@ def test_hermite_polynomials_of_noisy_values_have_the_powers_as_expectation(trut
     noisy = np.zeros((5, 3))
     noisy[:, 0] = truth + np.sqrt(variance) * nodes
     expected = sum(
-        weight * corrected._without_noise(corrected._power_sums(point[None]), variance)[degree, 0, 0]
+        weight * corrected._without_noise(corrected.power_sums(point[None]), variance)[degree, 0, 0]
         for point, weight in zip(noisy, weights / weights.sum(), strict=True)
     )
     assert expected == pytest.approx(truth**degree, abs=1e-13)
@@ -63,7 +63,7 @@ def test_hermite_polynomials_of_noisy_values_have_the_powers_as_expectation(trut
 def test_the_newton_step_follows_the_slope_of_the_smallest_sum_of_squares() -> None:
     """J = step * slopes at two variances close to each other, and J' = -slopes between them."""
     points = instance(3, 300, noise_ut=NOISE_UT).points_counts
-    sums = corrected._power_sums((points - points.mean(axis=0)) / 500.0)
+    sums = corrected.power_sums((points - points.mean(axis=0)) / 500.0)
     h = 1e-6
 
     def smallest_squares(variance: float) -> float:
@@ -85,7 +85,7 @@ def test_the_noise_comes_out_of_the_steps() -> None:
     found = []
     for each in drawn:
         points = points_array(each.points_counts)
-        adjusted = corrected._newton(points)
+        adjusted = corrected._newton(corrected.power_sums((points - mid_range(points)) / half_range(points)))
         assert adjusted is not None
         found.append(half_range(points) * np.sqrt(adjusted.variance))
     assert np.median(found) == pytest.approx(COUNTS_PER_UT * NOISE_UT, rel=0.01)
@@ -110,7 +110,7 @@ def test_a_variance_that_leaves_no_ellipsoid_is_shrunk() -> None:
         assert fit.status in (FitStatus.ELLIPSOID, FitStatus.POOR_COVERAGE)
         if fit.iterations:
             counts = points - (points.min(axis=0) + points.max(axis=0)) / 2
-            sums = corrected._power_sums(counts / np.ptp(points, axis=0).max() * 2)
+            sums = corrected.power_sums(counts / np.ptp(points, axis=0).max() * 2)
             direct = corrected._solve(sums, 0.0)
             assert direct is not None
             backed_off += corrected._solve(sums, direct.newton_step) is None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -45,7 +46,7 @@ def _verdicts(fit: SampleFit) -> dict[str, Acceptance]:
     ("covered", "noise_ut", "verdict"),
     [
         (1.0, 0.4, Acceptance.GOOD), (0.75, 0.4, Acceptance.GOOD),
-        (0.55, 0.4, Acceptance.POOR), (1.0, 2.0, Acceptance.POOR),
+        (0.55, 0.4, Acceptance.FAIR), (1.0, 2.0, Acceptance.POOR),
         (0.2, 0.4, Acceptance.REFUSED), (0.1, 0.1, Acceptance.REFUSED),
     ],
 )  # fmt: skip
@@ -126,9 +127,10 @@ def test_too_few_points_are_refused_with_that_reason(virtual_board: Board, count
                 assert (each.status, each.hard_iron) == ("too few points", None)
 
 
-def test_the_best_has_the_best_verdict_and_then_the_smallest_residual() -> None:
-    fit = fit_on_host(_cloud(golden_points(100) / 10.0))
-    assert fit.best.residual_percent == min(each.residual_percent or 100.0 for each in fit.calibrators)
+def test_the_best_has_the_best_verdict_and_then_the_smallest_direction_error() -> None:
+    fit = fit_on_host(_drawn(2, 1000, 1.0, 1.0))
+    assert fit.best.direction_error_deg == min(each.direction_error_deg or 90.0 for each in fit.calibrators)
+    assert fit.best.residual_percent != min(each.residual_percent or 100.0 for each in fit.calibrators)
 
 
 def test_an_unknown_calibrator_is_named_with_those_that_are_there(virtual_board: Board) -> None:
@@ -145,9 +147,41 @@ def test_what_was_done_to_the_cloud_is_told(virtual_board: Board) -> None:
     notes = " ".join(fit_on_board(virtual_board, cloud).notes)
     assert "taken as counts of unknown scale" in notes
     assert "7 rows without three finite numbers were skipped" in notes
-    assert "400 of 500 readings repeat the one before" in notes
-    assert "360 points, taken at a uniform stride over all 500" in notes
+    assert "400 of 500 readings repeat the one before and were left out" in notes
     assert "1 for 1 counts from the middle of their range; rounding moved a reading by" in notes
+
+
+def test_a_board_gets_points_from_all_over_the_file(virtual_board: Board) -> None:
+    fit = fit_on_board(virtual_board, _cloud(golden_points(500) / 10.0), "direct")
+    assert "360 points, taken at a uniform stride over all 500" in " ".join(fit.notes)
+
+
+def test_a_wild_row_is_left_out_and_named(virtual_board: Board) -> None:
+    points = golden_points(300) / 10.0
+    wild = points.copy()
+    wild[[17, 203, 204]] = (900.0, -3.0, 12.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for fit in (fit_on_board(virtual_board, _cloud(wild)), fit_on_host(_cloud(wild))):
+        assert (fit.n_dropped, fit.dropped) == (3, ((18, 18), (204, 205)))
+        assert "3 of 300 readings were left out" in " ".join(fit.notes)
+        assert "lines 18, 204 to 205" in " ".join(fit.notes)
+        assert fit.best.verdict is Acceptance.GOOD
+    assert fit_on_host(_cloud(wild), robust=False).best.verdict is Acceptance.REFUSED
+    # By line of the file where it is known.
+    read = replace(_cloud(wild), lines=np.arange(300) * 2 + 5)
+    assert fit_on_host(read, "direct").dropped == ((39, 39), (411, 413))
+
+
+def test_many_left_out_are_a_warning() -> None:
+    points = golden_points(300) / 10.0
+    points[:75] += np.random.default_rng(1).normal(0.0, 60.0, (75, 3))
+    assert "So many may have misled the fit" in " ".join(fit_on_host(_cloud(points)).notes)
+
+
+def test_a_long_ellipsoid_is_asked_about() -> None:
+    points = golden_points(300) / 10.0 * (1.0, 1.0, 0.4)
+    fit = fit_on_host(_cloud(points, Unit.COUNTS), "direct")
+    assert fit.best.verdict is Acceptance.GOOD
+    assert "columns of one magnetometer" in " ".join(fit.notes)
 
 
 def test_statuses_are_those_of_the_protocol(virtual_board: Board) -> None:

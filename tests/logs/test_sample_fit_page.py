@@ -16,7 +16,7 @@ from hiltest.procedures.golden_points import golden_points
 
 def _page(points: np.ndarray, name: str = "cloud.csv") -> str:
     cloud = Samples(Path(name), points, Unit.UT, "option", ("x", "y", "z"), 0)
-    return fit_page(fit_on_host(cloud), cloud.points)
+    return fit_page(fit_on_host(cloud), cloud)
 
 
 def _titles(page: str) -> list[str]:
@@ -28,10 +28,10 @@ def test_the_page_shows_verdict_figures_and_the_cloud_before_and_after() -> None
     page = _page(golden_points(300) / 10.0)
     assert "<strong>good</strong></h1>" in page
     assert _titles(page)[0] == "before"
-    assert re.fullmatch("after (direct|iterative)", _titles(page)[1])
-    assert _titles(page)[3:] == ["coverage: 100 % of the sphere", "length of the corrected readings"]
-    # The cloud in three drawings and on two maps, a dot a point.
-    assert page.count("h0") == 5 * 300
+    assert re.fullmatch("after (corrected|direct|iterative)", _titles(page)[1])
+    assert _titles(page)[4:] == ["length of the corrected readings", "coverage: 100 % of the sphere"]
+    # The cloud in four drawings, in time and on the map, a dot a point.
+    assert page.count("h0") == 6 * 300
 
 
 def test_half_a_cloud_shows_its_hole() -> None:
@@ -42,7 +42,18 @@ def test_half_a_cloud_shows_its_hole() -> None:
     # 300 points inside the edge of a half: 47 % by the tests of the coverage; 5 are the fit's own error.
     assert int(covered) == pytest.approx(47, abs=5)
     assert 'class="uncovered"' in page
-    assert "<strong>poor</strong></h1>" in page
+    assert "<strong>fair</strong></h1>" in page
+
+
+def test_left_out_readings_are_marked_and_stretch_no_drawing() -> None:
+    points = golden_points(300) / 10.0
+    clean = _page(points)
+    points[[100, 101]] = (70.0, 1.0, 0.0), (9000.0, 0.0, 0.0)
+    page = _page(points)
+    assert "left out" not in clean
+    # The near one beside the samples, both over the order of the file; and once in each drawing's key.
+    assert page.count('class="mark series-3 hollow"') == 3 + 2
+    assert page.count("h0") == 6 * 298
 
 
 def test_a_cloud_without_a_calibration_is_still_drawn() -> None:

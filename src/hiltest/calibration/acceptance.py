@@ -1,4 +1,4 @@
-"""Whether a calibration may be used: good, poor or refused, and why."""
+"""Whether a calibration may be used: good, fair, poor or refused, and why."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ class Acceptance(StrEnum):
     """Verdict on a calibration, the best first."""
 
     GOOD = "good"
+    FAIR = "fair"
     POOR = "poor"
     REFUSED = "refused"
 
@@ -86,6 +87,12 @@ class Bound:
         return not (value >= self.limit if self.below else value <= self.limit)
 
 
+#: Condition up to which an ellipsoid is determined all round.
+WELL_CONDITIONED = 60.0
+#: Boards and cases stretch the field by tenths. Twice means another thing than a sensor in the earth's field, unless
+#: the points show the whole ellipsoid: then it is an odd part, not an odd fit.
+LARGEST_AXIS_RATIO = 2.0
+
 #: The order is that of the reasons: for each figure the severest first, and only the first that is broken is told.
 BOUNDS = (
     # Nine points always lie on a quadric: no residual is left that could show how good it is.
@@ -101,18 +108,22 @@ BOUNDS = (
            "one far from all others; turn the sensor all round"),
     # 60 % of the sphere has 57 in the median: at 0.4 uT and 100 points `direct` is off by 0.32 deg there, by 0.21 on
     # three quarters, 0.53 on a half and 1.05 on 30 %.
-    Bound("condition", "", 60.0, Acceptance.POOR,
+    Bound("condition", "", WELL_CONDITIONED, Acceptance.FAIR,
            "a large part of the sphere is missing, and directions in it are extrapolated; turn the sensor all round"),
     # A sensor at rest is a ball of noise: about 40 %. At 20 % a reading's own direction is off by some 11 deg.
     Bound("residual_percent", "%", 20.0, Acceptance.REFUSED,
            "the points do not lie on an ellipsoid: sensor at rest, wrong columns, or the field changed"),
+    # A reading that is off in length is as far off across: 3.5 % are the 2 deg that the thesis allows.
+    Bound("residual_percent", "%", 3.5, Acceptance.POOR,
+           "a single reading's direction is off by 2 deg or more: iron that moved, a current, or turning too fast for "
+           "the sensor"),
     # Noise of 0.4 uT in 48 uT leaves 0.8 %, of 1 uT 2 %. More is no noise of a part that is in order.
-    Bound("residual_percent", "%", 2.0, Acceptance.POOR,
+    Bound("residual_percent", "%", 2.0, Acceptance.FAIR,
            "the points scatter about the ellipsoid by more than a sensor's noise: iron that moved, a current, or "
            "turning too fast for the sensor"),
-    # Boards and cases stretch the field by tenths. Twice means another thing than a sensor in the earth's field.
-    Bound("axis_ratio", "", 2.0, Acceptance.REFUSED,
-           "the ellipsoid is longer than any board's iron makes it; are these the columns of one magnetometer?"),
+    Bound("axis_ratio", "", LARGEST_AXIS_RATIO, Acceptance.REFUSED,
+           "the ellipsoid is longer than any board's iron makes it, and the points show only part of it; are these the "
+           "columns of one magnetometer?"),
     # The earth's field is 22 to 67 uT at the surface (World Magnetic Model).
     Bound("radius_ut", "uT", 20.0, Acceptance.REFUSED,
            "the field is weaker than the earth's anywhere; wrong unit, shielding, or a fit that went astray",
@@ -121,10 +132,12 @@ BOUNDS = (
            "the field is stronger than the earth's anywhere; wrong unit, or a fit that went astray"),
     # The packaged rig's heading without any calibration is off by up to 10 deg.
     Bound("direction_error_deg", "deg", 10.0, Acceptance.REFUSED,
-           "the points' own noise turns directions as far as no calibration at all does; take more points, all round"),
+           "the points determine directions no better than no calibration at all does; take more points, all round"),
+    Bound("direction_error_deg", "deg", 2.0, Acceptance.POOR,
+           "more than the thesis allows any calibrator; take more points, all round"),
     # Half of the 2 deg that the thesis allows any calibrator, so that the other half is left to soft iron and tilt.
-    Bound("direction_error_deg", "deg", 1.0, Acceptance.POOR,
-           "the points' own noise alone turns directions by this much; take more points, all round"),
+    Bound("direction_error_deg", "deg", 1.0, Acceptance.FAIR,
+           "corrected directions are off by so much, rms; take more points, all round"),
 )  # fmt: skip
 
 _NO_ELLIPSOID = {
@@ -154,8 +167,9 @@ def _reasons(figures: FitFigures) -> Iterator[Reason]:
         yield Reason("status", _word(figures.status), _word(FitStatus.ELLIPSOID), "", Acceptance.REFUSED,
                      _NO_ELLIPSOID[figures.status])
     told = set()
+    whole = figures.condition <= WELL_CONDITIONED
     for bound in BOUNDS:
-        value = getattr(figures, bound.figure)
+        value = None if whole and bound.figure == "axis_ratio" else getattr(figures, bound.figure)
         if value is not None and bound.figure not in told and bound.broken_by(value):
             told.add(bound.figure)
             yield Reason(bound.figure, value, bound.limit, bound.unit, bound.verdict, bound.meaning)

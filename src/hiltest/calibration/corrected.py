@@ -55,6 +55,8 @@ LARGEST_NOISE = 0.1
 SHRINK = 0.7
 SHRINKS = 8
 
+# Points whose powers lie in memory together: 10 MB.
+_AT_ONCE = 50_000
 # Exponents of x, y, z in the monomials of a quadric, in the order of `quadric_from_coefficients`.
 _EXPONENTS = np.array(
     [(2, 0, 0), (0, 2, 0), (0, 0, 2), (1, 1, 0), (1, 0, 1), (0, 1, 1), (1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 0)]
@@ -83,7 +85,7 @@ def fit_corrected(points_counts: ArrayLike) -> MagnetometerFit:
     points = points_array(points_counts)
     if direct.status is not FitStatus.ELLIPSOID or len(points) < FEWEST_POINTS:
         return direct
-    adjusted = _newton(points)
+    adjusted = _newton(power_sums((points - mid_range(points)) / half_range(points)))
     if adjusted is None or not adjusted.relative_noise < LARGEST_NOISE:
         return direct
     unit = half_range(points)
@@ -108,9 +110,29 @@ class _Adjusted:
         return math.sqrt(self.variance * float((self.soft_iron**2).sum()) / 3.0)
 
 
-def _newton(points: Array) -> _Adjusted | None:
+def calibration_from_sums(sums: Array, *, unbiased: bool) -> tuple[Array, Array] | None:
+    """Return what `corrected`, or `direct` where not unbiased, makes of points by their power sums alone.
+
+    Parameters
+    ----------
+    sums : ndarray, shape (5, 5, 5)
+        `power_sums` of points about their middle, of size 1. Those of parts of a log add up to those of the whole.
+    unbiased : bool
+
+    Returns
+    -------
+    soft_iron : ndarray, shape (3, 3)
+    centre : ndarray, shape (3,)
+        None for both where there is no ellipsoid.
+    """
+    adjusted = _newton(sums) if unbiased else None
+    if adjusted is None or not adjusted.relative_noise < LARGEST_NOISE:
+        adjusted = _solve(sums, 0.0)
+    return None if adjusted is None else (adjusted.soft_iron, adjusted.centre)
+
+
+def _newton(sums: Array) -> _Adjusted | None:
     """Take the Newton steps from no noise; None when no ellipsoid is left on the way."""
-    sums = _power_sums((points - mid_range(points)) / half_range(points))
     adjusted = _solve(sums, 0.0)
     for _ in range(NEWTON_STEPS):
         if adjusted is not None:
@@ -118,11 +140,13 @@ def _newton(points: Array) -> _Adjusted | None:
     return adjusted
 
 
-def _power_sums(points: Array) -> Array:
-    """Return the sums of ``x^i y^j z^k`` at [i, j, k], shape (5, 5, 5)."""
-    x, y, z = (points.T[:, :, None] ** np.arange(5)).astype(np.float64)
-    sums: Array = np.einsum("ni,nj,nk->ijk", x, y, z, optimize=True)
-    return sums
+def power_sums(points: Array) -> Array:
+    """Return the sums of ``x^i y^j z^k`` over points, shape (n, 3), at [i, j, k], shape (5, 5, 5)."""
+    sums = np.zeros((25, 5))
+    for start in range(0, len(points), _AT_ONCE):
+        x, y, z = (points[start : start + _AT_ONCE].T[:, :, None] ** np.arange(5)).astype(np.float64)
+        sums += (x[:, :, None] * y[:, None, :]).reshape(-1, 25).T @ z
+    return sums.reshape(5, 5, 5)
 
 
 def _without_noise(sums: Array, variance: float) -> Array:

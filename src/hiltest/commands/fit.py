@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _EXIT_CODES = """
 \b
 Exit codes:
-  0   the best verdict is good or poor; with --at-least good: good
+  0   the best verdict is at least poor, or what --at-least says
   1   it is worse
   2   interrupted
   4   usage: an option, the log or a firmware file is wrong
@@ -36,6 +36,8 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 @click.option("--unit", type=click.Choice(["uT", "gauss", "counts"]),
               help="Unit of the samples; the scale of counts is unknown.  [default: the header's, else counts]")
 @click.option("--calibrator", metavar="NAME", default="all", show_default=True, help="Calibrator to run, or all.")
+@click.option("--robust", type=click.Choice(["tukey", "none"]), default="tukey", show_default=True,
+              help="tukey: leave out repeats and what is far from the ellipsoid of the others. none: take all.")
 @click.option("--on", type=click.Choice(["virtual", "host"]), default="virtual", show_default=True,
               help="virtual: the firmware's calibrators, cycles counted. host: their float64 references.")
 @click.option("--firmware", metavar="ELF", callback=checked(file_name),
@@ -44,10 +46,10 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 @click.option("--export-json", metavar="FILE", type=_FILE, help="Write the best calibration as JSON.")
 @click.option("--export-header", metavar="FILE", type=_FILE, help="Write the best calibration as a C header.")
 @click.option("--html", metavar="FILE", type=_FILE, help="Write a page: the samples before and after.")
-@click.option("--at-least", type=click.Choice(["good", "poor"]), default="poor", show_default=True,
+@click.option("--at-least", type=click.Choice(["good", "fair", "poor"]), default="poor", show_default=True,
               help="Verdict that the best calibration needs for exit code 0.")
 def fit(
-    log: Path, columns: str | None, unit: str | None, calibrator: str, on: str, firmware: str | None,
+    log: Path, columns: str | None, unit: str | None, calibrator: str, robust: str, on: str, firmware: str | None,
     as_json: bool, export_json: Path | None, export_header: Path | None, html: Path | None, at_least: str,
 ) -> int:  # fmt: skip
     """Calibrate from a magnetometer log, and say how good it is.
@@ -59,24 +61,24 @@ def fit(
 
     path = _STANDARD_INPUT if str(log) == "-" else log
     read = read_samples(path, columns=columns, unit=Unit(unit) if unit else None)
-    fitted = _fit(read, calibrator, on, firmware)
+    fitted = _fit(read, calibrator, on, firmware, robust=robust != "none")
     _show(fitted, as_json=as_json)
     _export(fitted, export_json, export_header)
     if html is not None:
         from hiltest.logs.sample_fit_page import write_page
 
-        write_page(fitted, read.points, html)
+        write_page(fitted, read, html)
     order = list(Acceptance)
     return int(order.index(fitted.best.verdict) > order.index(Acceptance(at_least)))
 
 
-def _fit(samples: Samples, calibrator: str, on: str, firmware: str | None) -> SampleFit:
+def _fit(samples: Samples, calibrator: str, on: str, firmware: str | None, *, robust: bool) -> SampleFit:
     from hiltest.logs.sample_fit import fit_on_board, fit_on_host
 
     if on == "host":
         if firmware is not None:
             raise click.UsageError("--firmware is for the virtual board: leave out --on host")
-        return fit_on_host(samples, calibrator)
+        return fit_on_host(samples, calibrator, robust=robust)
     from hiltest.bench_files import DEFAULT_RIG, shipped
     from hiltest.boards import open_board
     from hiltest.rig.file import load_rig
@@ -84,7 +86,7 @@ def _fit(samples: Samples, calibrator: str, on: str, firmware: str | None) -> Sa
     # The packaged rig, whatever lies in this folder: its world has nothing to do with recorded samples.
     rig = load_rig(shipped() / "rigs" / DEFAULT_RIG)
     with open_board(rig, firmware=Path(firmware) if firmware else None) as board:
-        return fit_on_board(board, samples, calibrator)
+        return fit_on_board(board, samples, calibrator, robust=robust)
 
 
 def _show(fitted: SampleFit, *, as_json: bool) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -11,18 +12,21 @@ from numpy.typing import NDArray
 
 from hiltest.boards.board import Board
 from hiltest.calibration import FASTER, REFERENCES, UNBIASED, reference
-from hiltest.calibration.acceptance import Acceptance, FitFigures, Reason, rate
+from hiltest.calibration.acceptance import LARGEST_AXIS_RATIO, Acceptance, FitFigures, Reason, rate
 from hiltest.calibration.conditioning import ellipsoid_condition
 from hiltest.calibration.direction_error import predicted_direction_error
 from hiltest.calibration.fit import FitStatus, MagnetometerFit
 from hiltest.calibration.quality import residual_percent
+from hiltest.calibration.robust import FURTHEST, MANY_LEFT_OUT
 from hiltest.calibration.solid_angle import solid_angle_covered
 from hiltest.errors import ConfigError
 from hiltest.logs.counts import CountScale, thinned
+from hiltest.logs.left_out import LeftOut, left_out
 from hiltest.logs.samples import Samples
 from hiltest.measurement import CycleRange
 from hiltest.procedures.calibrate import calibrate_once
 from hiltest.procedures.cycles import upload_points
+from hiltest.recordings.columns import MICROTESLA, Unit
 
 Array: TypeAlias = NDArray[np.float64]
 Triple: TypeAlias = tuple[float, float, float]
@@ -32,8 +36,8 @@ ALL = "all"
 #: Fixed, so that a file gives one answer whatever a firmware's buffer holds; beyond it a fit's spread falls only with
 #: the root of n, by 1.2 to the 512 points of the packaged firmware.
 MOST_POINTS = 360
-# Of the readings: from here on the log is faster than the sensor, and its points are fewer than they seem.
-_MANY_REPEATED = 0.2
+# Runs of left out readings that a sentence names.
+_NAMED_RUNS = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +136,14 @@ class SampleFit:
     unit_from : str
         ``option``, ``header`` or ``assumed``.
     n_in, n_skipped, n_repeated : int
-        Readings; rows without three finite numbers; readings equal to the one before.
+        Readings; rows without three finite numbers; readings equal to the one before and not dropped.
+    robust : str
+        ``tukey``: what repeats the reading before it, and what is no part of the ellipsoid, was left out. ``none``:
+        nothing was.
+    n_dropped : int
+        Readings that are no part of the ellipsoid.
+    dropped : tuple of pairs of int
+        First and last line of each run of them; numbers from 1 of readings that are from no file.
     condition : float
         Condition of the samples, whatever the calibrator.
     on : str
@@ -150,6 +161,9 @@ class SampleFit:
     n_in: int
     n_skipped: int
     n_repeated: int
+    robust: str
+    n_dropped: int
+    dropped: tuple[tuple[int, int], ...]
     condition: float
     on: str
     firmware: FirmwareUsed | None
@@ -157,19 +171,31 @@ class SampleFit:
     notes: tuple[str, ...]
 
     @property
+    def n_left(self) -> int:
+        """Readings that are not left out."""
+        return self.n_in - self.n_dropped - (self.n_repeated if self.robust != "none" else 0)
+
+    @property
     def best(self) -> CalibratorFit:
-        """The calibrator with the best verdict; of equal ones that with the smallest residual."""
+        """The calibrator with the best verdict; of equal ones that with the smallest predicted direction error."""
         order = list(Acceptance)
         return min(
             self.calibrators,
             key=lambda each: (
-                order.index(each.verdict), float("inf") if each.residual_percent is None else each.residual_percent
+                order.index(each.verdict), math.inf if each.direction_error_deg is None else each.direction_error_deg
             ),
         )
 
 
-def fit_on_host(samples: Samples, calibrator: str = ALL) -> SampleFit:
+def fit_on_host(samples: Samples, calibrator: str = ALL, *, robust: bool = True) -> SampleFit:
     """Run the float64 references over all samples.
+
+    Parameters
+    ----------
+    samples : Samples
+    calibrator : str
+    robust : bool
+        Leave out what `hiltest.logs.left_out.left_out` finds.
 
     Raises
     ------
@@ -177,13 +203,15 @@ def fit_on_host(samples: Samples, calibrator: str = ALL) -> SampleFit:
         When a calibrator has no reference.
     """
     names = sorted(REFERENCES.keys() - FASTER) if calibrator == ALL else [calibrator]
-    scale, rating = CountScale.of(samples), _Rating(samples)
-    counts = scale.unrounded(samples.points)
-    fits = [rating.result(name, scale.in_unit(reference(name)(counts)), samples.points) for name in names]
-    return _sample_fit(samples, rating.condition, "host", None, fits)
+    gone = left_out(samples, robust=robust)
+    kept = gone.rest
+    scale, rating = CountScale.of(kept), _Rating(kept)
+    counts = scale.unrounded(kept.points)
+    fits = [rating.result(name, scale.in_unit(reference(name)(counts)), kept.points) for name in names]
+    return _sample_fit(samples, gone, rating.condition, "host", None, fits)
 
 
-def fit_on_board(board: Board, samples: Samples, calibrator: str = ALL) -> SampleFit:
+def fit_on_board(board: Board, samples: Samples, calibrator: str = ALL, *, robust: bool = True) -> SampleFit:
     """Run a board's calibrators over samples, thinned to `MOST_POINTS`.
 
     Parameters
@@ -193,11 +221,13 @@ def fit_on_board(board: Board, samples: Samples, calibrator: str = ALL) -> Sampl
     samples : Samples
     calibrator : str
         A name as in the board's identity, or `ALL`.
+    robust : bool
+        As for `fit_on_host`.
 
     Returns
     -------
     SampleFit
-        Its figures are over all samples, so that a verdict is that of the whole file; only the
+        Its figures are over all samples that are not left out, so that a verdict is that of the whole file; only the
         predicted direction error is that of the points which the calibrator got.
 
     Raises
@@ -208,8 +238,10 @@ def fit_on_board(board: Board, samples: Samples, calibrator: str = ALL) -> Sampl
     known = board.identity.calibrators
     if calibrator not in (ALL, *known):
         raise ConfigError(f"the firmware has no calibrator {calibrator!r}; it has {', '.join(known)}")
-    scale, rating = CountScale.of(samples), _Rating(samples)
-    used = thinned(samples.points, min(MOST_POINTS, board.identity.max_points))
+    gone = left_out(samples, robust=robust)
+    kept = gone.rest
+    scale, rating = CountScale.of(kept), _Rating(kept)
+    used = thinned(kept.points, min(MOST_POINTS, board.identity.max_points))
     upload_points(board, scale.counts(used))
     fits = []
     for name in known if calibrator == ALL else [calibrator]:
@@ -223,7 +255,7 @@ def fit_on_board(board: Board, samples: Samples, calibrator: str = ALL) -> Sampl
         sha256=board.firmware_sha256, cycle_model=board.cycle_model, count_step=scale.step,
         count_origin=_triple(scale.origin), rounding_rms=float(np.sqrt((rounding * rounding).mean())),
     )
-    return _sample_fit(samples, rating.condition, str(board.kind), firmware, fits)
+    return _sample_fit(samples, gone, rating.condition, str(board.kind), firmware, fits)
 
 
 class _Rating:
@@ -263,55 +295,61 @@ class _Rating:
 
 
 def _sample_fit(
-    samples: Samples, condition: float, on: str, firmware: FirmwareUsed | None, fits: Sequence[CalibratorFit]
-) -> SampleFit:
-    return SampleFit(
+    samples: Samples, gone: LeftOut, condition: float, on: str, firmware: FirmwareUsed | None,
+    fits: Sequence[CalibratorFit],
+) -> SampleFit:  # fmt: skip
+    fit = SampleFit(
         file=str(samples.path), columns=samples.columns, unit=str(samples.unit), unit_from=samples.unit_from,
-        n_in=len(samples.points), n_skipped=samples.skipped, n_repeated=samples.repeated, condition=condition, on=on,
-        firmware=firmware, calibrators=tuple(fits),
-        notes=tuple(text for said in _NOTES if (text := said(samples, firmware, fits))),
+        n_in=len(samples.points), n_skipped=samples.skipped, n_repeated=int(gone.repeated.sum()),
+        robust="tukey" if gone.robust else "none", n_dropped=int(gone.dropped.sum()), dropped=gone.dropped_lines,
+        condition=condition, on=on, firmware=firmware, calibrators=tuple(fits), notes=(),
+    )  # fmt: skip
+    return replace(fit, notes=tuple(notes(fit)))
+
+
+def notes(fit: SampleFit) -> Iterator[str]:
+    """Yield what a reader of a fit should know, a sentence each."""
+    if MICROTESLA[Unit(fit.unit)] is None:
+        why = "The header names no unit that is known: taken as counts" if fit.unit_from == "assumed" else "Counts"
+        yield f"{why} of unknown scale, so the field strength is not checked; --unit uT or gauss says what they are."
+    if fit.n_skipped:
+        yield f"{fit.n_skipped} rows without three finite numbers were skipped."
+    yield from _left_out_notes(fit)
+    ratio = fit.best.axis_ratio
+    if ratio is not None and ratio > LARGEST_AXIS_RATIO:
+        yield (
+            f"The ellipsoid is {ratio:.1f} times as long as wide, more than a board's iron makes it: are these the "
+            "columns of one magnetometer, each with the same scale?"
+        )
+    used, left = fit.calibrators[0].n_used, fit.n_left
+    if used != left:
+        yield f"The board got {used} points, taken at a uniform stride over all {left}."
+    if fit.firmware is not None:
+        shifted = " from the middle of their range" if any(fit.firmware.count_origin) else ""
+        yield (
+            f"The firmware got int16 numbers, 1 for {fit.firmware.count_step:.4g} {fit.unit}{shifted}; rounding moved "
+            f"a reading by {fit.firmware.rounding_rms:.2g} {fit.unit} rms."
+        )
+
+
+def _left_out_notes(fit: SampleFit) -> Iterator[str]:
+    if fit.n_repeated >= MANY_LEFT_OUT * fit.n_in:
+        done = "were left out" if fit.robust != "none" else "count as independent"
+        yield (
+            f"{fit.n_repeated} of {fit.n_in} readings repeat the one before and {done}: the log is faster than the "
+            "sensor, or it lay still."
+        )
+    if not fit.n_dropped:
+        return
+    runs = [f"{first}" if first == last else f"{first} to {last}" for first, last in fit.dropped]
+    more = f" and {len(runs) - _NAMED_RUNS} more places (--json has all)" if len(runs) > _NAMED_RUNS else ""
+    kind = "line" if fit.n_dropped == 1 else "lines"
+    yield (
+        f"{fit.n_dropped} of {fit.n_in} readings were left out, further than {FURTHEST:g} times the scatter from the "
+        f"ellipsoid of the others: {kind} {', '.join(runs[:_NAMED_RUNS])}{more}."
     )
-
-
-def _unit_note(samples: Samples, _firmware: FirmwareUsed | None, _fits: Sequence[CalibratorFit]) -> str:
-    if samples.microtesla is not None:
-        return ""
-    why = "The header names no unit that is known: taken as counts" if samples.unit_from == "assumed" else "Counts"
-    return f"{why} of unknown scale, so the field strength is not checked; --unit uT or gauss says what they are."
-
-
-def _skipped_note(samples: Samples, _firmware: FirmwareUsed | None, _fits: Sequence[CalibratorFit]) -> str:
-    return f"{samples.skipped} rows without three finite numbers were skipped." if samples.skipped else ""
-
-
-def _repeated_note(samples: Samples, _firmware: FirmwareUsed | None, _fits: Sequence[CalibratorFit]) -> str:
-    if samples.repeated < _MANY_REPEATED * len(samples.points):
-        return ""
-    return (
-        f"{samples.repeated} of {len(samples.points)} readings repeat the one before: the log is faster than the "
-        "sensor, or it lay still. The predicted direction error counts them as independent, and is too small."
-    )
-
-
-def _thinned_note(samples: Samples, _firmware: FirmwareUsed | None, fits: Sequence[CalibratorFit]) -> str:
-    used = fits[0].n_used
-    if used == len(samples.points):
-        return ""
-    return f"The board got {used} points, taken at a uniform stride over all {len(samples.points)}."
-
-
-def _counts_note(samples: Samples, firmware: FirmwareUsed | None, _fits: Sequence[CalibratorFit]) -> str:
-    if firmware is None:
-        return ""
-    shifted = " from the middle of their range" if any(firmware.count_origin) else ""
-    return (
-        f"The firmware got int16 numbers, 1 for {firmware.count_step:.4g} {samples.unit}{shifted}; rounding moved a "
-        f"reading by {firmware.rounding_rms:.2g} {samples.unit} rms."
-    )
-
-
-_Note: TypeAlias = Callable[[Samples, FirmwareUsed | None, Sequence[CalibratorFit]], str]
-_NOTES: tuple[_Note, ...] = (_unit_note, _skipped_note, _repeated_note, _thinned_note, _counts_note)
+    if fit.n_dropped > MANY_LEFT_OUT * fit.n_in:
+        yield "So many may have misled the fit: look at --html, and keep the part of the log that is in order."
 
 
 def _triple(values: Array) -> Triple:

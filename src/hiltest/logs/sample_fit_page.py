@@ -9,60 +9,66 @@ from numpy.typing import NDArray
 
 from hiltest import __version__
 from hiltest.calibration.acceptance import Acceptance
+from hiltest.calibration.robust import Mask
 from hiltest.logs.sample_fit import CalibratorFit, SampleFit
 from hiltest.logs.sample_fit_table import figure_rows, reason_line
+from hiltest.logs.samples import Samples
 from hiltest.record.files import write_asked_for
 from hiltest.report.figures.samples import coverage_map
+from hiltest.report.marks import KeyEntry, Mark
 from hiltest.report.page import render
 from hiltest.report.svg import Figure
 
 Array = NDArray[np.float64]
 
-_TONES = {Acceptance.GOOD: "good", Acceptance.POOR: "warn", Acceptance.REFUSED: "bad"}
+_TONES = {Acceptance.GOOD: "good", Acceptance.FAIR: "warn", Acceptance.POOR: "warn", Acceptance.REFUSED: "bad"}
 # More dots than this hide each other, and make the file large.
 _DRAWN = 2000
-_SIZE = 300.0
+_SIZE, _WIDE = 300.0, 920.0
+_LEFT_OUT = "series-3 hollow"
 # Readings further out than so many half ranges are drawn about their own middle.
 _FAR = 6.0
 
 
-def fit_page(fit: SampleFit, points: Array) -> str:
-    """Return the page of a fit of recorded samples.
-
-    Parameters
-    ----------
-    fit : SampleFit
-    points : ndarray, shape (n, 3)
-        The samples, in their unit.
-    """
+def fit_page(fit: SampleFit, samples: Samples) -> str:
+    """Return the page of a fit of samples."""
     return render(
         "sample_fit.html.j2", package="hiltest.logs", reason=reason_line,
-        fit=fit, tone=_TONES[fit.best.verdict], rows=figure_rows(fit), samples=_samples(fit, points),
-        maps=_maps(fit, points), version=__version__,
+        fit=fit, tone=_TONES[fit.best.verdict], rows=figure_rows(fit), pictures=_pictures(fit, samples),
+        version=__version__,
     )
 
 
-def write_page(fit: SampleFit, points: Array, path: Path) -> None:
+def write_page(fit: SampleFit, samples: Samples, path: Path) -> None:
     """Write the page so that a reader sees the whole file or none."""
-    write_asked_for(path, fit_page(fit, points))
+    write_asked_for(path, fit_page(fit, samples))
 
 
-def _samples(fit: SampleFit, points: Array) -> list[Figure]:
-    corrected = _corrected(fit.best, _drawn(points))
-    after = [] if corrected is None else [_after(corrected, fit.best.name, axes) for axes in ("xy", "xz")]
-    return [_before(_drawn(points), fit.unit), *after]
-
-
-def _maps(fit: SampleFit, points: Array) -> list[Figure]:
-    corrected = _corrected(fit.best, points)
+def _pictures(fit: SampleFit, samples: Samples) -> list[list[Figure]]:
+    """Return rows of drawings: the cloud before and from three sides, then what is left in time and on the sphere."""
+    dropped = _dropped(fit, samples)
+    corrected = _corrected(fit.best, samples.points)
     if corrected is None:
-        return []
-    return [coverage_map(corrected, _drawn(corrected)), _lengths(_drawn(corrected), len(points))]
+        return [[_before(fit, samples.points, dropped)]]
+    after = [_after(_drawn(corrected[~dropped]), fit.best.name, axes) for axes in ("xy", "xz", "yz")]
+    return [
+        [_before(fit, samples.points, dropped), *after], [_lengths(corrected, dropped, samples)],
+        [coverage_map(corrected[~dropped], _drawn(corrected[~dropped]))],
+    ]
+
+
+def _dropped(fit: SampleFit, samples: Samples) -> Mask:
+    """Say of each of the samples whether the fit left it out."""
+    lines = np.arange(1, len(samples.points) + 1) if samples.lines is None else samples.lines
+    dropped = np.zeros(len(lines), dtype=bool)
+    for first, last in fit.dropped:
+        dropped[np.searchsorted(lines, first) : np.searchsorted(lines, last, side="right")] = True
+    return dropped
 
 
 def _drawn(points: Array) -> Array:
     """Return every so many of the points, few enough to draw."""
-    return points[:: -(-len(points) // _DRAWN)]
+    return points[:: max(1, -(-len(points) // _DRAWN))]
 
 
 def _corrected(best: CalibratorFit, points: Array) -> Array | None:
@@ -73,22 +79,32 @@ def _corrected(best: CalibratorFit, points: Array) -> Array | None:
     return corrected
 
 
-def _before(points: Array, unit: str) -> Figure:
-    low, high = points.min(axis=0)[:2], points.max(axis=0)[:2]
-    middle, half = (low + high) / 2.0, float((high - low).max()) / 2.0 or 1.0
-    furthest = float(np.abs(points[:, :2]).max())
-    if 0.0 < furthest < _FAR * half:
-        middle, half = np.zeros(2), furthest
-    (x, y), reach = middle, 1.15 * half
+def _before(fit: SampleFit, points: Array, dropped: Mask) -> Figure:
+    """Draw the readings beside the sphere that they should be, or about their own middle where zero is far away."""
+    kept, best = points[~dropped], fit.best
+    corners = [kept.min(axis=0)[:2], kept.max(axis=0)[:2]]
+    half = float((corners[1] - corners[0]).max()) / 2.0 or 1.0
+    near = float(np.abs(corners).max()) < _FAR * half
+    radius = best.radius if near and best.radius is not None and best.radius < _FAR * half else None
+    if near:
+        corners += [np.full(2, -(radius or 0.0)), np.full(2, radius or 0.0)]
+    low, high = np.min(corners, axis=0), np.max(corners, axis=0)
+    (x, y), reach = (low + high) / 2.0, 1.1 * (float((high - low).max()) / 2.0 or 1.0)
     figure = Figure(
         title="before", description=f"{len(points)} points seen along z, as they were read",
-        x_label=f"x [{unit}]", y_label=f"y [{unit}]", x_range=(x - reach, x + reach), y_range=(y - reach, y + reach),
-        width=_SIZE, equal_axes=True,
+        x_label=f"x [{fit.unit}]", y_label=f"y [{fit.unit}]", x_range=(x - reach, x + reach),
+        y_range=(y - reach, y + reach), width=_SIZE, equal_axes=True,
     )  # fmt: skip
-    if not middle.any():
+    if near:
         figure.level(0, "zero")
-        figure.line([(0, -reach), (0, reach)], "zero")
-    figure.dots(_pairs(points[:, 0], points[:, 1]), "samples")
+        figure.line([(0, y - reach), (0, y + reach)], "zero")
+    if radius is not None:
+        figure.circle((0, 0), radius, "unit")
+        figure.key.append(KeyEntry("the sphere it should be", "series-1"))
+    figure.dots(_pairs(*_drawn(kept)[:, :2].T), "samples")
+    inside = (np.abs(points[:, :2] - (x, y)) <= reach).all(axis=1) & dropped
+    if inside.any():
+        figure.series("left out", _pairs(*_drawn(points[inside])[:, :2].T), mark=Mark.CROSS, mark_style=_LEFT_OUT)
     return figure
 
 
@@ -105,16 +121,25 @@ def _after(points: Array, name: str, axes: str) -> Figure:
     return figure
 
 
-def _lengths(shown: Array, count: int) -> Figure:
-    """Draw the corrected lengths in the order of the file: a disturbance shows as a step."""
-    lengths = 100.0 * (np.linalg.norm(shown, axis=1) - 1.0)
-    reach = 1.15 * max(2.0, float(np.abs(lengths).max()))
+def _lengths(corrected: Array, dropped: Mask, samples: Samples) -> Figure:
+    """Draw the corrected lengths in time, or in the order of the file: a disturbance shows as a step."""
+    lengths = 100.0 * (np.linalg.norm(corrected, axis=1) - 1.0)
+    timed = samples.time_s is not None and samples.time_s[-1] > samples.time_s[0]
+    at = samples.time_s - samples.time_s[0] if timed and samples.time_s is not None else np.arange(len(lengths)) + 1.0
+    reach = 1.15 * max(2.0, float(np.abs(lengths[~dropped]).max()))
     figure = Figure(
-        title="length of the corrected readings", description="Difference from the radius in the order of the file",
-        x_label="reading", y_label="off the radius [%]", x_range=(0, max(1, count)), y_range=(-reach, reach),
+        title="length of the corrected readings",
+        description="Difference from the radius" + (" in time" if timed else " in the order of the file"),
+        x_label="time [s]" if timed else "reading", y_label="off the radius [%]",
+        x_range=(float(at[0]) if timed else 0.0, max(float(at[-1]), 1.0)), y_range=(-reach, reach), width=_WIDE,
     )  # fmt: skip
     figure.level(0, "zero")
-    figure.dots(_pairs(np.linspace(0, count, len(lengths), endpoint=False), lengths), "samples")
+    both = np.column_stack([at, lengths])
+    figure.dots(_pairs(*_drawn(both[~dropped]).T), "samples")
+    if dropped.any():
+        # At the edge where they are further out.
+        out = np.clip(_drawn(both[dropped]), (-np.inf, -reach), (np.inf, reach))
+        figure.series("left out", _pairs(*out.T), mark=Mark.CROSS, mark_style=_LEFT_OUT)
     return figure
 
 

@@ -16,7 +16,7 @@ from hiltest.calibration.acceptance import Acceptance, Reason
 from hiltest.logs.sample_fit import CalibratorFit, SampleFit
 from hiltest.text import readable
 
-_STYLES = {Acceptance.GOOD: "green", Acceptance.POOR: "yellow", Acceptance.REFUSED: "bold red"}
+_STYLES = {Acceptance.GOOD: "green", Acceptance.FAIR: "yellow", Acceptance.POOR: "red", Acceptance.REFUSED: "bold red"}
 _NAMES = {
     "n": "number of points", "condition": "condition", "residual_percent": "residual", "axis_ratio": "axis ratio",
     "radius_ut": "radius", "direction_error_deg": "predicted direction error",

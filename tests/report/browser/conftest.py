@@ -140,7 +140,7 @@ def page_file(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     path = tmp_path / f"{request.param}.html"
     if request.param == "fit":
         cloud = Samples(Path("cloud.csv"), golden_points(300) / 10.0, Unit.UT, "option", ("x", "y", "z"), 0)
-        path.write_text(fit_page(fit_on_host(cloud), cloud.points), encoding="utf-8")
+        path.write_text(fit_page(fit_on_host(cloud), cloud), encoding="utf-8")
     elif request.param == "allan":
         rates = np.random.default_rng(1).normal(size=(2000, 3))
         log = RateLog(Path("still.csv"), ("x", "y", "z"), rates, RateUnit.DPS, 100.0, len(rates), 0)

@@ -1,0 +1,65 @@
+"""Readings of a log that no calibrator gets: those that repeat, and those that belong to no ellipsoid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hiltest.calibration.robust import Mask, outliers, repeats
+from hiltest.logs.samples import Samples
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LeftOut:
+    """What is left out of samples.
+
+    Attributes
+    ----------
+    samples : Samples
+        All of them.
+    robust : bool
+        Whether anything is left out at all.
+    repeated : ndarray of bool, shape (n,)
+        Equal to the reading before, so none of its own, and not dropped.
+    dropped : ndarray of bool, shape (n,)
+        No part of the ellipsoid of the others.
+    """
+
+    samples: Samples
+    robust: bool
+    repeated: Mask
+    dropped: Mask
+
+    @property
+    def rest(self) -> Samples:
+        """The samples that calibrators get."""
+        if not self.robust:
+            return self.samples
+        kept = ~(self.repeated | self.dropped)
+        of_rows = {
+            name: value[kept]
+            for name in ("points", "lines", "time_s", "acceleration")
+            if (value := getattr(self.samples, name)) is not None
+        }
+        return replace(self.samples, **of_rows)
+
+    @property
+    def dropped_lines(self) -> tuple[tuple[int, int], ...]:
+        """First and last line of each run of dropped readings; numbers from 1 where the samples are from no file."""
+        places = np.flatnonzero(self.dropped)
+        if not len(places):
+            return ()
+        lines = self.samples.lines
+        numbers: NDArray[np.int64] = np.arange(1, len(self.dropped) + 1) if lines is None else lines
+        ends = np.flatnonzero(np.diff(places) > 1)
+        firsts, lasts = places[np.append(0, ends + 1)], places[np.append(ends, len(places) - 1)]
+        return tuple(zip(numbers[firsts].tolist(), numbers[lasts].tolist(), strict=True))
+
+
+def left_out(samples: Samples, *, robust: bool = True) -> LeftOut:
+    """Say which readings of samples no calibrator should get, none where not robust."""
+    repeated = repeats(samples.points)
+    dropped = outliers(samples.points) if robust else np.zeros_like(repeated)
+    return LeftOut(samples, robust, repeated & ~dropped, dropped)
