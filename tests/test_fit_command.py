@@ -13,6 +13,7 @@ import pytest
 
 from hiltest.procedures.golden_points import golden_points
 
+from .calibration.hand_turned import hand_turned
 from .instances import instance
 
 pytestmark = pytest.mark.slow
@@ -32,10 +33,16 @@ def _write(path: Path, points_ut: np.ndarray, header: str = "mx_uT,my_uT,mz_uT")
 
 @pytest.fixture
 def clouds(tmp_path: Path) -> Path:
-    """A folder with a good, a poor and a refused cloud."""
+    """A folder with a good, a fair, a poor and a refused cloud, and two with a defect."""
     _write(tmp_path / "good.csv", golden_points(400) / 10.0)
     _write(tmp_path / "poor.csv", instance(1, 400, noise_ut=2.0, stretch=0.03, covered=(1, 1)).points_counts / 10.0)
     _write(tmp_path / "cap.csv", instance(1, 400, noise_ut=0.3, stretch=0.03, covered=(0.1, 0.1)).points_counts / 10.0)
+    _write(tmp_path / "half.csv", instance(1, 400, noise_ut=0.5, stretch=0.03, covered=(0.5, 0.5)).points_counts / 10.0)
+    wild, step = golden_points(400) / 10.0, hand_turned(2, 1600)
+    wild[7] = 30_000.0, 0.0, 0.0
+    step[800:] += 4.0
+    _write(tmp_path / "wild.csv", wild)
+    _write(tmp_path / "step.csv", step)
     return tmp_path
 
 
@@ -44,7 +51,12 @@ def clouds(tmp_path: Path) -> Path:
     [
         ("good.csv", [], 0, "good"), ("good.csv", ["--at-least", "good"], 0, "good"),
         ("poor.csv", [], 0, "poor"), ("poor.csv", ["--at-least", "good"], 1, "poor"),
-        ("cap.csv", [], 1, "refused"),
+        ("half.csv", ["--at-least", "fair"], 0, "fair"), ("half.csv", ["--at-least", "good"], 1, "fair"),
+        ("poor.csv", ["--at-least", "fair"], 1, "poor"), ("cap.csv", [], 1, "refused"),
+        ("wild.csv", ["--at-least", "good"], 0, "good"), ("wild.csv", ["--robust", "none"], 1, "refused"),
+        ("step.csv", ["--at-least", "fair"], 1, "poor"), ("step.csv", ["--at-least", "good", "--steady"], 0, "good"),
+        ("step.csv", ["--at-least", "good", "--to", "700"], 0, "good"),
+        ("step.csv", ["--at-least", "good", "--from", "900"], 0, "good"),
     ],
 )  # fmt: skip
 def test_the_exit_code_is_that_of_the_best_verdict(
@@ -133,7 +145,24 @@ def test_a_refused_calibration_is_not_exported(clouds: Path) -> None:
     done = fit("cap.csv", "--on", "host", "--export-json", "c.json", "--export-header", "c.h", folder=clouds)
     assert done.returncode == 1
     assert "refused: no calibration was exported" in done.stderr
-    assert sorted(path.name for path in clouds.iterdir()) == ["cap.csv", "good.csv", "poor.csv"]
+    assert not {"c.json", "c.h"} & {path.name for path in clouds.iterdir()}
+
+
+def test_force_exports_a_refused_calibration_and_marks_it(clouds: Path) -> None:
+    options = ("--force", "--export-json", "c.json", "--export-header", "c.h")
+    done = fit("cap.csv", "--on", "host", "--calibrator", "iterative", *options, folder=clouds)
+    assert done.returncode == 1
+    assert json.loads((clouds / "c.json").read_text(encoding="utf-8"))["verdict"] == "refused"
+    assert "#warning" in (clouds / "c.h").read_text(encoding="utf-8")
+    assert "refused: exported all the same" in done.stderr
+
+
+def test_force_has_nothing_to_export_without_a_calibration(clouds: Path) -> None:
+    _write(clouds / "few.csv", golden_points(5) / 10.0)
+    done = fit("few.csv", "--on", "host", "--force", "--export-header", "c.h", folder=clouds)
+    assert done.returncode == 1
+    assert "refused: there is no calibration to export" in done.stderr
+    assert not (clouds / "c.h").exists()
 
 
 @pytest.mark.parametrize(

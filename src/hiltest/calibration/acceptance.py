@@ -32,6 +32,8 @@ class FitFigures:
     residual_percent, axis_ratio, direction_error_deg : float or None
     radius_ut : float or None
         None where the unit of the points is not known.
+    change_percent : float or None
+        Step of the hard iron in the middle of the points, of the radius; None where there is none.
     """
 
     status: FitStatus
@@ -41,6 +43,7 @@ class FitFigures:
     axis_ratio: float | None = None
     radius_ut: float | None = None
     direction_error_deg: float | None = None
+    change_percent: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,6 +141,9 @@ BOUNDS = (
     # Half of the 2 deg that the thesis allows any calibrator, so that the other half is left to soft iron and tilt.
     Bound("direction_error_deg", "deg", 1.0, Acceptance.FAIR,
            "corrected directions are off by so much, rms; take more points, all round"),
+    # What is found at all is as large: 1.7 deg across, on one side of the step or the other.
+    Bound("change_percent", "%", 0.0, Acceptance.POOR,
+           "the hard iron is another one before and after; fit one part, or move the sensor away from what moved"),
 )  # fmt: skip
 
 _NO_ELLIPSOID = {

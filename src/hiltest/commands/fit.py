@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -36,6 +37,10 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 @click.option("--unit", type=click.Choice(["uT", "gauss", "counts"]),
               help="Unit of the samples; the scale of counts is unknown.  [default: the header's, else counts]")
 @click.option("--calibrator", metavar="NAME", default="all", show_default=True, help="Calibrator to run, or all.")
+@click.option("--from", "first", metavar="T", type=float,
+              help="First instant to take: seconds from the first reading, or its number where no column has times.")
+@click.option("--to", "last", metavar="T", type=float, help="First instant not to take, likewise.")
+@click.option("--steady", is_flag=True, help="Take the longest part in which the field does not change.")
 @click.option("--robust", type=click.Choice(["tukey", "none"]), default="tukey", show_default=True,
               help="tukey: leave out repeats and what is far from the ellipsoid of the others. none: take all.")
 @click.option("--on", type=click.Choice(["virtual", "host"]), default="virtual", show_default=True,
@@ -45,31 +50,46 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON (hiltest.fit/1) and nothing else.")
 @click.option("--export-json", metavar="FILE", type=_FILE, help="Write the best calibration as JSON.")
 @click.option("--export-header", metavar="FILE", type=_FILE, help="Write the best calibration as a C header.")
+@click.option("--force", is_flag=True, help="Export a refused calibration as well; it says so itself.")
 @click.option("--html", metavar="FILE", type=_FILE, help="Write a page: the samples before and after.")
 @click.option("--at-least", type=click.Choice(["good", "fair", "poor"]), default="poor", show_default=True,
               help="Verdict that the best calibration needs for exit code 0.")
 def fit(
-    log: Path, columns: str | None, unit: str | None, calibrator: str, robust: str, on: str, firmware: str | None,
-    as_json: bool, export_json: Path | None, export_header: Path | None, html: Path | None, at_least: str,
+    log: Path, columns: str | None, unit: str | None, calibrator: str, first: float | None, last: float | None,
+    steady: bool, robust: str, on: str, firmware: str | None,
+    as_json: bool, export_json: Path | None, export_header: Path | None, force: bool, html: Path | None, at_least: str,
 ) -> int:  # fmt: skip
     """Calibrate from a magnetometer log, and say how good it is.
 
     LOG is a text table: comma, semicolon, tab or blanks between cells, decimal points, with or without a header;
-    - is standard input. A refused calibration is not exported.
+    - is standard input. A refused calibration is not exported without --force.
     """
     from hiltest.logs import Unit, read_samples
 
     path = _STANDARD_INPUT if str(log) == "-" else log
     read = read_samples(path, columns=columns, unit=Unit(unit) if unit else None)
+    if steady or first is not None or last is not None:
+        read = _part(read, first, last, steady=steady)
     fitted = _fit(read, calibrator, on, firmware, robust=robust != "none")
     _show(fitted, as_json=as_json)
-    _export(fitted, export_json, export_header)
+    _export(fitted, export_json, export_header, force=force)
     if html is not None:
         from hiltest.logs.sample_fit_page import write_page
 
         write_page(fitted, read, html)
     order = list(Acceptance)
     return int(order.index(fitted.best.verdict) > order.index(Acceptance(at_least)))
+
+
+def _part(samples: Samples, first: float | None, last: float | None, *, steady: bool) -> Samples:
+    from hiltest.logs import span
+
+    if steady:
+        if first is not None or last is not None:
+            raise click.UsageError("--steady chooses the part itself: leave out --from and --to")
+        first, last = span.steady(samples)
+        click.echo(f"steady from {first:g} to {'the end' if last == math.inf else format(last, 'g')}", err=True)
+    return span.between(samples, first, last)
 
 
 def _fit(samples: Samples, calibrator: str, on: str, firmware: str | None, *, robust: bool) -> SampleFit:
@@ -101,14 +121,19 @@ def _show(fitted: SampleFit, *, as_json: bool) -> None:
     print_fit(fitted, standard_output())
 
 
-def _export(fitted: SampleFit, as_json: Path | None, as_header: Path | None) -> None:
+def _export(fitted: SampleFit, as_json: Path | None, as_header: Path | None, *, force: bool) -> None:
     if as_json is None and as_header is None:
         return
     from hiltest.logs.sample_fit_exports import export_header, export_json
 
     if fitted.best.verdict is Acceptance.REFUSED:
-        click.echo("refused: no calibration was exported", err=True)
-        return
+        if fitted.best.hard_iron is None:
+            click.echo("refused: there is no calibration to export", err=True)
+            return
+        if not force:
+            click.echo("refused: no calibration was exported; --force exports it all the same", err=True)
+            return
+        click.echo("refused: exported all the same, marked so", err=True)
     if as_json is not None:
         export_json(fitted, as_json)
     if as_header is not None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hiltest.calibration.robust import Mask, outliers, repeats
 from hiltest.logs.samples import Samples
+from hiltest.logs.span import rows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,13 +38,7 @@ class LeftOut:
         """The samples that calibrators get."""
         if not self.robust:
             return self.samples
-        kept = ~(self.repeated | self.dropped)
-        of_rows = {
-            name: value[kept]
-            for name in ("points", "lines", "time_s", "acceleration")
-            if (value := getattr(self.samples, name)) is not None
-        }
-        return replace(self.samples, **of_rows)
+        return rows(self.samples, ~(self.repeated | self.dropped))
 
     @property
     def dropped_lines(self) -> tuple[tuple[int, int], ...]:

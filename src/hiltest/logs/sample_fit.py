@@ -23,6 +23,7 @@ from hiltest.errors import ConfigError
 from hiltest.logs.counts import CountScale, thinned
 from hiltest.logs.left_out import LeftOut, left_out
 from hiltest.logs.samples import Samples
+from hiltest.logs.span import FieldChange, field_change
 from hiltest.measurement import CycleRange
 from hiltest.procedures.calibrate import calibrate_once
 from hiltest.procedures.cycles import upload_points
@@ -144,6 +145,8 @@ class SampleFit:
         Readings that are no part of the ellipsoid.
     dropped : tuple of pairs of int
         First and last line of each run of them; numbers from 1 of readings that are from no file.
+    change : FieldChange or None
+        Where the hard iron changed by a step.
     condition : float
         Condition of the samples, whatever the calibrator.
     on : str
@@ -164,6 +167,7 @@ class SampleFit:
     robust: str
     n_dropped: int
     dropped: tuple[tuple[int, int], ...]
+    change: FieldChange | None
     condition: float
     on: str
     firmware: FirmwareUsed | None
@@ -205,10 +209,11 @@ def fit_on_host(samples: Samples, calibrator: str = ALL, *, robust: bool = True)
     names = sorted(REFERENCES.keys() - FASTER) if calibrator == ALL else [calibrator]
     gone = left_out(samples, robust=robust)
     kept = gone.rest
-    scale, rating = CountScale.of(kept), _Rating(kept)
+    change = field_change(samples)
+    scale, rating = CountScale.of(kept), _Rating(kept, change)
     counts = scale.unrounded(kept.points)
     fits = [rating.result(name, scale.in_unit(reference(name)(counts)), kept.points) for name in names]
-    return _sample_fit(samples, gone, rating.condition, "host", None, fits)
+    return _sample_fit(samples, gone, change, rating.condition, "host", None, fits)
 
 
 def fit_on_board(board: Board, samples: Samples, calibrator: str = ALL, *, robust: bool = True) -> SampleFit:
@@ -240,7 +245,8 @@ def fit_on_board(board: Board, samples: Samples, calibrator: str = ALL, *, robus
         raise ConfigError(f"the firmware has no calibrator {calibrator!r}; it has {', '.join(known)}")
     gone = left_out(samples, robust=robust)
     kept = gone.rest
-    scale, rating = CountScale.of(kept), _Rating(kept)
+    change = field_change(samples)
+    scale, rating = CountScale.of(kept), _Rating(kept, change)
     used = thinned(kept.points, min(MOST_POINTS, board.identity.max_points))
     upload_points(board, scale.counts(used))
     fits = []
@@ -255,14 +261,14 @@ def fit_on_board(board: Board, samples: Samples, calibrator: str = ALL, *, robus
         sha256=board.firmware_sha256, cycle_model=board.cycle_model, count_step=scale.step,
         count_origin=_triple(scale.origin), rounding_rms=float(np.sqrt((rounding * rounding).mean())),
     )
-    return _sample_fit(samples, gone, rating.condition, str(board.kind), firmware, fits)
+    return _sample_fit(samples, gone, change, rating.condition, str(board.kind), firmware, fits)
 
 
 class _Rating:
     """Rates calibrations of the same samples."""
 
-    def __init__(self, samples: Samples) -> None:
-        self._samples = samples
+    def __init__(self, samples: Samples, change: FieldChange | None) -> None:
+        self._samples, self._change = samples, change
         self.condition = ellipsoid_condition(samples.points)
 
     def result(self, name: str, fit: MagnetometerFit, used: Array) -> CalibratorFit:
@@ -280,6 +286,7 @@ class _Rating:
             axis_ratio=float(np.linalg.cond(fit.soft_iron)),
             radius_ut=None if microtesla is None else microtesla * radius,
             direction_error_deg=None if predicted is None else predicted.rms_deg,
+            change_percent=None if self._change is None else self._change.percent,
         )
         verdict, reasons = rate(figures)
         x, y, z = fit.soft_iron * radius
@@ -295,14 +302,14 @@ class _Rating:
 
 
 def _sample_fit(
-    samples: Samples, gone: LeftOut, condition: float, on: str, firmware: FirmwareUsed | None,
-    fits: Sequence[CalibratorFit],
+    samples: Samples, gone: LeftOut, change: FieldChange | None, condition: float, on: str,
+    firmware: FirmwareUsed | None, fits: Sequence[CalibratorFit],
 ) -> SampleFit:  # fmt: skip
     fit = SampleFit(
         file=str(samples.path), columns=samples.columns, unit=str(samples.unit), unit_from=samples.unit_from,
         n_in=len(samples.points), n_skipped=samples.skipped, n_repeated=int(gone.repeated.sum()),
         robust="tukey" if gone.robust else "none", n_dropped=int(gone.dropped.sum()), dropped=gone.dropped_lines,
-        condition=condition, on=on, firmware=firmware, calibrators=tuple(fits), notes=(),
+        change=change, condition=condition, on=on, firmware=firmware, calibrators=tuple(fits), notes=(),
     )  # fmt: skip
     return replace(fit, notes=tuple(notes(fit)))
 
@@ -314,6 +321,12 @@ def notes(fit: SampleFit) -> Iterator[str]:
         yield f"{why} of unknown scale, so the field strength is not checked; --unit uT or gauss says what they are."
     if fit.n_skipped:
         yield f"{fit.n_skipped} rows without three finite numbers were skipped."
+    if fit.change is not None:
+        at = f"{fit.change.at:.4g}"
+        yield (
+            f"The field changed {fit.change.when}: the hard iron steps by {fit.change.percent:.1f} % of the radius. "
+            f"--to {at} or --from {at} takes one part of the log, --steady the longest without a change."
+        )
     yield from _left_out_notes(fit)
     ratio = fit.best.axis_ratio
     if ratio is not None and ratio > LARGEST_AXIS_RATIO:

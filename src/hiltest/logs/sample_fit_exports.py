@@ -9,12 +9,15 @@ from typing import Any
 
 from hiltest import __version__
 from hiltest.c_source import c_float, in_comment
+from hiltest.calibration.acceptance import Acceptance
 from hiltest.logs.sample_fit import CalibratorFit, Matrix, SampleFit, Triple
 from hiltest.record.files import write_asked_for
 
 CALIBRATION_SCHEMA, FIT_SCHEMA = "hiltest.calibration/1", "hiltest.fit/1"
 SCHEMA_FILE = Path(__file__).with_name("fit.schema.json")
 FORMULA = "corrected = soft_iron * (reading - hard_iron)"
+
+_REFUSED = "this magnetometer calibration was refused: hiltest fit says why"
 
 _HEADER = """\
 /*
@@ -30,7 +33,7 @@ _HEADER = """\
  */
 #ifndef HILTEST_MAGNETOMETER_CALIBRATION_H
 #define HILTEST_MAGNETOMETER_CALIBRATION_H
-
+{warning}
 /* [{unit}] */
 static const float magnetometer_hard_iron[3] = {hard_iron};
 
@@ -66,7 +69,10 @@ def export_header(fit: SampleFit, path: Path) -> None:
     """Write the best calibration of a sample file as a C header, so that a reader sees the whole file or none."""
     best = fit.best
     hard_iron, soft_iron, radius, residual = _numbers(best)
+    refused = best.verdict is Acceptance.REFUSED
+    warning = f'\n#warning "{_REFUSED}"\n' if refused else ""
     text = _HEADER.format(
+        warning=warning,
         version=__version__, calibrator=in_comment(best.name), verdict=best.verdict, formula=FORMULA, unit=fit.unit,
         residual=residual, n_in=fit.n_in, file=in_comment(Path(fit.file).name), n_used=best.n_used,
         hard_iron=_row(hard_iron), soft_iron=",\n    ".join(map(_row, soft_iron)), radius=c_float(radius),

@@ -13,6 +13,7 @@ from hiltest.calibration.robust import Mask
 from hiltest.logs.sample_fit import CalibratorFit, SampleFit
 from hiltest.logs.sample_fit_table import figure_rows, reason_line
 from hiltest.logs.samples import Samples
+from hiltest.logs.span import FieldChange, instants
 from hiltest.record.files import write_asked_for
 from hiltest.report.figures.samples import coverage_map
 from hiltest.report.marks import KeyEntry, Mark
@@ -52,7 +53,7 @@ def _pictures(fit: SampleFit, samples: Samples) -> list[list[Figure]]:
         return [[_before(fit, samples.points, dropped)]]
     after = [_after(_drawn(corrected[~dropped]), fit.best.name, axes) for axes in ("xy", "xz", "yz")]
     return [
-        [_before(fit, samples.points, dropped), *after], [_lengths(corrected, dropped, samples)],
+        [_before(fit, samples.points, dropped), *after], [_lengths(corrected, dropped, samples, fit.change)],
         [coverage_map(corrected[~dropped], _drawn(corrected[~dropped]))],
     ]
 
@@ -121,17 +122,17 @@ def _after(points: Array, name: str, axes: str) -> Figure:
     return figure
 
 
-def _lengths(corrected: Array, dropped: Mask, samples: Samples) -> Figure:
+def _lengths(corrected: Array, dropped: Mask, samples: Samples, change: FieldChange | None) -> Figure:
     """Draw the corrected lengths in time, or in the order of the file: a disturbance shows as a step."""
     lengths = 100.0 * (np.linalg.norm(corrected, axis=1) - 1.0)
-    timed = samples.time_s is not None and samples.time_s[-1] > samples.time_s[0]
-    at = samples.time_s - samples.time_s[0] if timed and samples.time_s is not None else np.arange(len(lengths)) + 1.0
+    at, unit = instants(samples)
+    timed = unit == "s"
     reach = 1.15 * max(2.0, float(np.abs(lengths[~dropped]).max()))
     figure = Figure(
         title="length of the corrected readings",
         description="Difference from the radius" + (" in time" if timed else " in the order of the file"),
         x_label="time [s]" if timed else "reading", y_label="off the radius [%]",
-        x_range=(float(at[0]) if timed else 0.0, max(float(at[-1]), 1.0)), y_range=(-reach, reach), width=_WIDE,
+        x_range=(0.0, max(float(at[-1]), 1.0) if not timed else float(at[-1])), y_range=(-reach, reach), width=_WIDE,
     )  # fmt: skip
     figure.level(0, "zero")
     both = np.column_stack([at, lengths])
@@ -140,6 +141,8 @@ def _lengths(corrected: Array, dropped: Mask, samples: Samples) -> Figure:
         # At the edge where they are further out.
         out = np.clip(_drawn(both[dropped]), (-np.inf, -reach), (np.inf, reach))
         figure.series("left out", _pairs(*out.T), mark=Mark.CROSS, mark_style=_LEFT_OUT)
+    if change is not None:
+        figure.upright(change.at, "the field changed", "limit")
     return figure
 
 

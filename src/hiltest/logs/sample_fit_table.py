@@ -20,6 +20,7 @@ _STYLES = {Acceptance.GOOD: "green", Acceptance.FAIR: "yellow", Acceptance.POOR:
 _NAMES = {
     "n": "number of points", "condition": "condition", "residual_percent": "residual", "axis_ratio": "axis ratio",
     "radius_ut": "radius", "direction_error_deg": "predicted direction error",
+    "change_percent": "change of the field",
 }  # fmt: skip
 _WIDTH = 80
 # No one reads more of them.

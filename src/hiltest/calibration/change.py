@@ -1,0 +1,148 @@
+"""A hard iron that changes in the middle of a log: found, located and measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hiltest.calibration.conditioning import TRACELESS, CentredPoints
+from hiltest.calibration.fit import ELLIPSOID_UNKNOWNS, Array, points_array
+
+Sums: TypeAlias = Array
+
+#: Of the radius: 1.7 degrees across.
+LEAST_STEP_PERCENT = 3.0
+# Part of the residual's squares that a step has to explain. Of 22 clean recorded logs none has both.
+_LEAST_EXPLAINED = 0.2
+# Of the radius: a step known no better than this is not looked at. So a log that shows little on one side of an instant
+# raises no alarm.
+_LARGEST_DEVIATION = 0.03
+# Blocks of a log in time: a step is located to 1.25 % of it, and each part has at least 15 %. Two neighbours together
+# are a block of the sandwich.
+_BLOCKS, _LEAST_BLOCKS = 80, 12
+# Rows for each block so that its sums are more than one reading's.
+_FEWEST = 2 * _BLOCKS
+# Of the median distance from the middle, and of the scatter about a plain fit: what is trimmed before a step is looked
+# for. Two states are far closer together.
+_GATE, _TRIM, _PASSES = 3.0, 5.0 * 1.4826, 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Change:
+    """A step of the hard iron.
+
+    Attributes
+    ----------
+    row : int
+        First reading after it.
+    step : ndarray, shape (3,)
+        What it adds to the hard iron, in the unit of the readings.
+    percent : float
+        Its length, of the radius.
+    """
+
+    row: int
+    step: Array
+    percent: float
+
+
+def find_change(points: ArrayLike) -> Change | None:
+    """Return the step of the hard iron that explains a log best, None where none does.
+
+    Parameters
+    ----------
+    points : array_like, shape (n, 3)
+        Readings in the order in which they were taken; fewer than 160 show no step.
+
+    Notes
+    -----
+    With the rows d of `CentredPoints.rows` and the slope ``g = 2 A (p - c)`` of the fitted quadric, a step b of the
+    centre at the instant tau leaves ``|p|^2 + d . t - [after tau] g . b``, linear in t and b. Its deviation is that of
+    a sandwich over the blocks, since noise lasts. Of all instants with a deviation of at most 3 % of the radius the one
+    that leaves the smallest sum of squares counts, if it takes away a fifth of the squares and the step is 3 % or more.
+    All sums are of blocks, so an instant costs no pass over the readings.
+    """
+    given = points_array(points)
+    kept = _trimmed(given)
+    if kept is None or len(kept) < _FEWEST:
+        return None
+    centred = CentredPoints.of(given[kept])
+    if centred is None:
+        return None
+    rows, target = centred.rows(), -(centred.points**2).sum(axis=1)
+    parameters = np.linalg.lstsq(rows.T @ rows, rows.T @ target, rcond=1e-12)[0]
+    shape = np.eye(3) + np.tensordot(parameters[:5], TRACELESS, axes=1)
+    if not float(np.linalg.eigvalsh(shape)[0]) > 0.0:
+        return None
+    centre = np.linalg.solve(shape, -0.5 * parameters[5:8])
+    radius = float(np.sqrt(max(0.0, centre @ shape @ centre - parameters[8])))
+    slopes = 2.0 * (centred.points - centre) @ shape
+    edges = np.arange(_BLOCKS + 1) * len(rows) // _BLOCKS
+    every = np.column_stack([rows, -slopes, target])
+    sums = np.array([part.T @ part for part in np.split(every, edges[1:-1])])
+    found = [_step(sums, place) for place in range(_LEAST_BLOCKS, _BLOCKS - _LEAST_BLOCKS + 1)]
+    known = [each for each in found if each is not None and each.deviation <= _LARGEST_DEVIATION * radius]
+    if not known:
+        return None
+    best = max(known, key=lambda each: each.explained)
+    percent = 100.0 * float(np.linalg.norm(best.step)) / radius
+    if percent < LEAST_STEP_PERCENT or best.explained < _LEAST_EXPLAINED:
+        return None
+    return Change(int(kept[edges[best.place]]), centred.scale * best.step, percent)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Step:
+    place: int
+    step: Array
+    deviation: float
+    explained: float
+
+
+def _trimmed(points: Array) -> NDArray[np.intp] | None:
+    """Return the readings that are no wild rows, None where there are too few for a fit."""
+    if len(points) < _FEWEST:
+        return None
+    off = np.linalg.norm(points - np.median(points, axis=0), axis=1)
+    kept = np.flatnonzero(off <= _GATE * float(np.median(off)))
+    for _ in range(_PASSES):
+        centred = CentredPoints.of(points[kept])
+        if centred is None or len(kept) <= ELLIPSOID_UNKNOWNS:
+            return None
+        rows, target = centred.rows(), -(centred.points**2).sum(axis=1)
+        left = np.abs(target - rows @ np.linalg.lstsq(rows.T @ rows, rows.T @ target, rcond=1e-12)[0])
+        inside = left <= _TRIM * float(np.median(left))
+        if inside.all():
+            break
+        kept = kept[inside]
+    return kept
+
+
+def _step(sums: Sums, place: int) -> _Step | None:
+    """Solve for a step at the beginning of a block."""
+    unknowns = ELLIPSOID_UNKNOWNS + 3
+    blocks = sums.copy()
+    # Before the instant the columns of the step are zero.
+    blocks[:place, ELLIPSOID_UNKNOWNS:unknowns, :] = 0.0
+    blocks[:place, :, ELLIPSOID_UNKNOWNS:unknowns] = 0.0
+    whole = blocks.sum(axis=0)
+    normal, along, squares = whole[:unknowns, :unknowns], whole[:unknowns, unknowns], float(whole[unknowns, unknowns])
+    try:
+        inverse = np.linalg.inv(normal)
+        without = np.linalg.solve(
+            normal[:ELLIPSOID_UNKNOWNS, :ELLIPSOID_UNKNOWNS], along[:ELLIPSOID_UNKNOWNS]
+        )
+    except np.linalg.LinAlgError:
+        return None
+    solved = inverse @ along
+    left, left_without = squares - float(along @ solved), squares - float(along[:ELLIPSOID_UNKNOWNS] @ without)
+    scores = blocks[:, :unknowns, unknowns] - blocks[:, :unknowns, :unknowns] @ solved
+    scores = scores[::2] + scores[1::2]
+    covariance = inverse @ (scores.T @ scores) @ inverse
+    variance = float(np.trace(covariance[ELLIPSOID_UNKNOWNS:, ELLIPSOID_UNKNOWNS:]))
+    if not (left_without > 0.0 and variance >= 0.0):
+        return None
+    return _Step(place, solved[ELLIPSOID_UNKNOWNS:], variance**0.5, 1.0 - left / left_without)

@@ -1,0 +1,104 @@
+"""Part of a log in time: chosen by hand, or the longest in which the field does not change."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hiltest.calibration.change import find_change
+from hiltest.calibration.robust import repeats
+from hiltest.errors import ConfigError
+from hiltest.logs.samples import Samples
+
+
+@dataclass(frozen=True, slots=True)
+class FieldChange:
+    """A step of the hard iron in the middle of a log.
+
+    Attributes
+    ----------
+    at : float
+        When: seconds from the first reading of the file, or the number of the reading, from 1, without times.
+    at_unit : str
+        ``s`` or ``reading``.
+    percent : float
+        Length of the step, of the radius.
+    """
+
+    at: float
+    at_unit: str
+    percent: float
+
+    @property
+    def when(self) -> str:
+        """The instant in words."""
+        return f"at {self.at:.4g} s" if self.at_unit == "s" else f"at reading {self.at:.0f}"
+
+
+def instants(samples: Samples) -> tuple[NDArray[np.float64], str]:
+    """Return when each reading was taken, shape (n,): seconds from the first, or numbers from 1 without times."""
+    times = samples.time_s
+    if times is None or not times[-1] > times[0]:
+        return np.arange(1.0, len(samples.points) + 1.0), "reading"
+    return times - times[0], "s"
+
+
+def between(samples: Samples, first: float | None, last: float | None) -> Samples:
+    """Return the readings from `first` up to, and without, `last`; both as `instants` gives them.
+
+    Raises
+    ------
+    ConfigError
+        When there are none.
+    """
+    at, unit = instants(samples)
+    low, high = at[0] if first is None else first, np.inf if last is None else last
+    kept = np.flatnonzero((at >= low) & (at < high))
+    if not len(kept):
+        raise ConfigError(
+            f"{samples.path}: no reading from {low:g} to {high:g}; there are some from {at[0]:g} to {at[-1]:g} "
+            f"({'seconds from the first' if unit == 's' else 'numbers of the readings, as no column has their time'})"
+        )
+    return rows(samples, kept)
+
+
+def rows(samples: Samples, kept: NDArray[np.intp] | NDArray[np.bool_]) -> Samples:
+    """Return some of the readings with all that is known of each."""
+    of_rows = {
+        name: value[kept]
+        for name in ("points", "lines", "time_s", "acceleration")
+        if (value := getattr(samples, name)) is not None
+    }
+    return replace(samples, **of_rows)
+
+
+def field_change(samples: Samples) -> FieldChange | None:
+    """Return the step of the hard iron that explains the samples best, None where none does."""
+    row = _change(samples.points)
+    if row is None:
+        return None
+    at, unit = instants(samples)
+    return FieldChange(float(at[row[0]]), unit, row[1])
+
+
+def steady(samples: Samples) -> tuple[float, float]:
+    """Return the longest part in which no change is found: its first instant, and the first one behind it."""
+    at, _ = instants(samples)
+    parts, found = [(0, len(samples.points))], [(0, 0)]
+    while parts:
+        start, end = parts.pop()
+        change = _change(samples.points[start:end])
+        if change is None:
+            found.append((start, end))
+        else:
+            parts += [(start, start + change[0]), (start + change[0], end)]
+    start, end = max(found, key=lambda part: part[1] - part[0])
+    return float(at[start]), float(at[end]) if end < len(at) else np.inf
+
+
+def _change(points: NDArray[np.float64]) -> tuple[int, float] | None:
+    distinct = np.flatnonzero(~repeats(points))
+    change = find_change(points[distinct])
+    return None if change is None else (int(distinct[change.row]), change.percent)
