@@ -100,8 +100,8 @@ def _before(fit: SampleFit, points: Array, dropped: Mask) -> Figure:
         figure.level(0, "zero")
         figure.line([(0, y - reach), (0, y + reach)], "zero")
     if radius is not None:
-        figure.circle((0, 0), radius, "unit")
-        figure.key.append(KeyEntry("the sphere it should be", "series-1"))
+        figure.circle((0, 0), radius, "sphere")
+        figure.key.append(KeyEntry("the sphere it should be", "sphere"))
     figure.dots(_pairs(*_drawn(kept)[:, :2].T), "samples")
     inside = (np.abs(points[:, :2] - (x, y)) <= reach).all(axis=1) & dropped
     if inside.any():
