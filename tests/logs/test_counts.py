@@ -9,7 +9,7 @@ import pytest
 
 from hiltest.calibration import FitStatus, MagnetometerFit
 from hiltest.calibration.quality import sphere_directions
-from hiltest.logs import CountScale, Samples, Unit, thinned
+from hiltest.logs import CountScale, Samples, Unit, evenly_on_sphere
 
 
 def _cloud(points: np.ndarray, unit: Unit) -> Samples:
@@ -61,11 +61,21 @@ def test_a_calibration_of_counts_is_one_of_readings() -> None:
     )
 
 
-def test_thinning_takes_points_evenly_from_the_whole() -> None:
-    points = np.arange(3000.0).reshape(1000, 3)
-    kept = thinned(points, 360)[:, 0] / 3.0
-    assert len(kept) == 360
-    assert kept[0] == 0.0
-    assert kept[-1] >= 997.0
-    assert set(np.diff(kept)) == {2.0, 3.0}
-    assert thinned(points, 1000) is points
+def test_points_are_taken_evenly_from_a_sphere_that_is_read_unevenly() -> None:
+    random = np.random.default_rng(1)
+    rest = sphere_directions(2000)[7] + random.normal(0.0, 0.01, (30_000, 3))
+    points = np.vstack([rest, 50.0 * sphere_directions(2000)]) + np.array([5.0, 6.0, 7.0])
+    chosen = evenly_on_sphere(points, 200, np.array([5.0, 6.0, 7.0]))
+    assert (len(chosen), len(set(chosen.tolist()))) == (200, 200)
+    assert (np.diff(chosen) > 0).all()
+    directions = points[chosen] - (5.0, 6.0, 7.0)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    # 200 even caps have a radius of 8 degrees; farthest points leave no hole of twice that.
+    assert (sphere_directions(500) @ directions.T).max(axis=1).min() > np.cos(np.radians(16.0))
+
+
+@pytest.mark.parametrize("points", [np.zeros((300, 3)), np.arange(900.0).reshape(300, 3)], ids=["one place", "a line"])
+def test_points_of_no_sphere_are_taken_too(points: np.ndarray) -> None:
+    chosen = evenly_on_sphere(points, 100, np.zeros(3))
+    assert len(set(chosen.tolist())) == 100
+    assert evenly_on_sphere(points, 300, np.zeros(3)).tolist() == list(range(300))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hiltest.logs.counts import CountScale, thinned
+from hiltest.logs.counts import CountScale, evenly_on_sphere
 from hiltest.logs.imu_log import ImuLog, LogColumns, read_imu_log
 from hiltest.logs.intervals import Interval, Intervals, found_intervals, labelled_intervals, listed_intervals
 from hiltest.logs.samples import Samples, read_samples
@@ -11,5 +11,5 @@ from hiltest.units import AccelerationUnit, RateUnit
 
 __all__ = [
     "AccelerationUnit", "CountScale", "ImuLog", "Interval", "Intervals", "LogColumns", "RateUnit", "Samples", "Unit",
-    "found_intervals", "labelled_intervals", "listed_intervals", "read_imu_log", "read_samples", "thinned",
+    "evenly_on_sphere", "found_intervals", "labelled_intervals", "listed_intervals", "read_imu_log", "read_samples",
 ]  # fmt: skip

@@ -19,6 +19,8 @@ _INT16 = 32_767.0
 _COARSEST, _WIDEST = 100.0, 32_000.0
 # What a range outside of those is scaled to: rounding is then 0.01 % of it.
 _CHOSEN = 3_200.0
+# Readings that points for a firmware are chosen from: with some 40 for each the choice is as even as from more.
+_CANDIDATES = 20_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,10 +74,36 @@ class CountScale:
         )
 
 
-def thinned(points: Array, most: int) -> Array:
-    """Return at most so many points, taken at a uniform stride over all of them."""
-    count = len(points)
-    if count <= most:
-        return points
-    chosen: Array = points[np.arange(most) * count // most]
-    return chosen
+def evenly_on_sphere(points: Array, most: int, centre: Array) -> NDArray[np.intp]:
+    """Return which points to take, at most so many, so that their directions lie as far apart as they can.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+    most : int
+    centre : ndarray, shape (3,)
+        Where directions are seen from.
+
+    Returns
+    -------
+    ndarray of int, rising
+        All where there are no more than that.
+
+    Notes
+    -----
+    Farthest-point sampling (Gonzalez, Clustering to minimize the maximum intercluster distance, 1985) of a long log's
+    readings at a uniform stride: each point taken is the one whose nearest taken direction is farthest.
+    """
+    if len(points) <= most:
+        return np.arange(len(points))
+    candidates = np.arange(0, len(points), -(-len(points) // _CANDIDATES))
+    if len(candidates) < most:
+        candidates = np.arange(len(points))
+    away = points[candidates] - centre
+    directions = away / np.maximum(np.linalg.norm(away, axis=1), np.finfo(float).tiny)[:, None]
+    nearest, taken = np.full(len(candidates), -2.0), [0]
+    while len(taken) < most:
+        np.maximum(nearest, directions @ directions[taken[-1]], out=nearest)
+        nearest[taken[-1]] = np.inf
+        taken.append(int(nearest.argmin()))
+    return np.sort(candidates[taken])

@@ -14,13 +14,14 @@ from hiltest.boards.board import Board
 from hiltest.calibration import FASTER, REFERENCES, UNBIASED, reference
 from hiltest.calibration.acceptance import LARGEST_AXIS_RATIO, Acceptance, FitFigures, Reason, rate
 from hiltest.calibration.conditioning import ellipsoid_condition
+from hiltest.calibration.direct import fit_direct
 from hiltest.calibration.direction_error import predicted_direction_error
 from hiltest.calibration.fit import FitStatus, MagnetometerFit
-from hiltest.calibration.quality import residual_percent
+from hiltest.calibration.quality import direction_difference_rms_deg, residual_percent
 from hiltest.calibration.robust import FURTHEST, MANY_LEFT_OUT
 from hiltest.calibration.solid_angle import solid_angle_covered
 from hiltest.errors import ConfigError
-from hiltest.logs.counts import CountScale, thinned
+from hiltest.logs.counts import CountScale, evenly_on_sphere
 from hiltest.logs.left_out import LeftOut, left_out
 from hiltest.logs.samples import Samples
 from hiltest.logs.span import FieldChange, field_change
@@ -34,9 +35,6 @@ Triple: TypeAlias = tuple[float, float, float]
 Matrix: TypeAlias = tuple[Triple, Triple, Triple]
 
 ALL = "all"
-#: Fixed, so that a file gives one answer whatever a firmware's buffer holds; beyond it a fit's spread falls only with
-#: the root of n, by 1.2 to the 512 points of the packaged firmware.
-MOST_POINTS = 360
 # Runs of left out readings that a sentence names.
 _NAMED_RUNS = 8
 
@@ -69,6 +67,8 @@ class CalibratorFit:
         Longest over shortest axis of the ellipsoid.
     direction_error_deg, direction_spread_deg, direction_bias_deg : float or None
         Predicted from the points' own noise, rms over the sphere; the first is both others together.
+    host_difference_deg : float or None
+        Angle, rms over the sphere, between a board's calibration and that of the float64 reference from all samples.
     iterations : int
         Sweeps of the firmware's solver, 0 for a closed form.
     cycles : int or None
@@ -91,6 +91,7 @@ class CalibratorFit:
     direction_error_deg: float | None = None
     direction_spread_deg: float | None = None
     direction_bias_deg: float | None = None
+    host_difference_deg: float | None = None
     iterations: int = 0
     cycles: int | None = None
     cycle_band: CycleRange | None = None
@@ -217,7 +218,7 @@ def fit_on_host(samples: Samples, calibrator: str = ALL, *, robust: bool = True)
 
 
 def fit_on_board(board: Board, samples: Samples, calibrator: str = ALL, *, robust: bool = True) -> SampleFit:
-    """Run a board's calibrators over samples, thinned to `MOST_POINTS`.
+    """Run a board's calibrators over samples, as many as it takes, chosen evenly on the sphere.
 
     Parameters
     ----------
@@ -247,14 +248,19 @@ def fit_on_board(board: Board, samples: Samples, calibrator: str = ALL, *, robus
     kept = gone.rest
     change = field_change(samples)
     scale, rating = CountScale.of(kept), _Rating(kept, change)
-    used = thinned(kept.points, min(MOST_POINTS, board.identity.max_points))
+    counts = scale.unrounded(kept.points)
+    about = fit_direct(counts)
+    centre = scale.in_unit(about).hard_iron if about.has_fit else kept.points.mean(axis=0)
+    used = kept.points[evenly_on_sphere(kept.points, board.identity.max_points, centre)]
     upload_points(board, scale.counts(used))
     fits = []
     for name in known if calibrator == ALL else [calibrator]:
         fit, cost = calibrate_once(board, name, len(used))
         result = rating.result(name, scale.in_unit(fit), used)
+        whole = REFERENCES[name](counts) if name in REFERENCES else None
         band = board.cycle_range(cost, name)
-        fits.append(replace(result, cycles=cost.cycles if cost else None, cycle_band=band))
+        fits.append(replace(result, cycles=cost.cycles if cost else None, cycle_band=band,
+                            host_difference_deg=_difference_deg(fit, whole)))
     rounding = scale.counts(used) / scale.per_unit + scale.origin - used
     firmware = FirmwareUsed(
         name=board.identity.name, version=board.identity.version, build_id=board.identity.build_id,
@@ -262,6 +268,13 @@ def fit_on_board(board: Board, samples: Samples, calibrator: str = ALL, *, robus
         count_origin=_triple(scale.origin), rounding_rms=float(np.sqrt((rounding * rounding).mean())),
     )
     return _sample_fit(samples, gone, change, rating.condition, str(board.kind), firmware, fits)
+
+
+def _difference_deg(fit: MagnetometerFit, whole: MagnetometerFit | None) -> float | None:
+    """Return the angle between a board's calibration and that of all samples; None where one is no ellipsoid's."""
+    if whole is None or {fit.status, whole.status} != {FitStatus.ELLIPSOID}:
+        return None
+    return direction_difference_rms_deg(fit, whole)
 
 
 class _Rating:
@@ -336,7 +349,7 @@ def notes(fit: SampleFit) -> Iterator[str]:
         )
     used, left = fit.calibrators[0].n_used, fit.n_left
     if used != left:
-        yield f"The board got {used} points, taken at a uniform stride over all {left}."
+        yield f"The board got {used} of {left} points, as many as it takes, chosen evenly on the sphere."
     if fit.firmware is not None:
         shifted = " from the middle of their range" if any(fit.firmware.count_origin) else ""
         yield (

@@ -81,7 +81,9 @@ def _number_rows(fit: SampleFit) -> list[tuple[str, list[str]]]:
         ("axis ratio", [_number(each.axis_ratio, ".3f") for each in fits]),
         ("condition of the samples", [_number(fit.condition, ".4g")] * len(fits)),
         ("direction error [deg]", [_number(each.direction_error_deg, ".2f") for each in fits]),
-    ]
+        *([("from all samples [deg]", [_number(each.host_difference_deg, ".2f") for each in fits])]
+          if fit.firmware is not None else []),
+    ]  # fmt: skip
 
 
 def _cycle_rows(fit: SampleFit, label: str) -> list[tuple[str, list[str]]]:
