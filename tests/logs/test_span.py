@@ -12,7 +12,7 @@ from hiltest.calibration.acceptance import Acceptance
 from hiltest.errors import ConfigError
 from hiltest.logs import Samples, Unit
 from hiltest.logs.sample_fit import fit_on_host
-from hiltest.logs.span import between, field_change, steady
+from hiltest.logs.span import between, field_change, instants, steady
 
 from ..calibration.hand_turned import hand_turned
 
@@ -53,6 +53,15 @@ def test_without_times_instants_are_numbers_of_readings() -> None:
     assert (change.at, change.at_unit) == (pytest.approx(841, abs=30), "reading")
     assert len(between(log, 101.0, 201.0).points) == 100
     assert (between(log, 101.0, 201.0).points == log.points[100:200]).all()
+
+
+@pytest.mark.parametrize(("timed", "first", "changed"), [(True, 10.0, 42.0), (False, 201.0, 841.0)])
+def test_instants_of_a_part_are_those_of_the_log(timed: bool, first: float, changed: float) -> None:
+    part = between(_log(timed=timed), first, None)
+    change = field_change(part)
+    assert change is not None
+    assert change.at == pytest.approx(changed, rel=0.04)  # two blocks of 80
+    assert instants(between(part, changed, None))[0][0] == changed
 
 
 def test_a_part_without_readings_says_where_there_are_some() -> None:

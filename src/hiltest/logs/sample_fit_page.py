@@ -132,7 +132,7 @@ def _lengths(corrected: Array, dropped: Mask, samples: Samples, change: FieldCha
         title="length of the corrected readings",
         description="Difference from the radius" + (" in time" if timed else " in the order of the file"),
         x_label="time [s]" if timed else "reading", y_label="off the radius [%]",
-        x_range=(0.0, max(float(at[-1]), 1.0) if not timed else float(at[-1])), y_range=(-reach, reach), width=_WIDE,
+        x_range=(samples.start, float(at[-1])), y_range=(-reach, reach), width=_WIDE,
     )  # fmt: skip
     figure.level(0, "zero")
     both = np.column_stack([at, lengths])

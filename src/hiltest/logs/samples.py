@@ -69,6 +69,8 @@ class Samples:
     acceleration_unit : AccelerationUnit
     preamble : int
         Lines before the table that are no part of it.
+    start : float
+        Of a part of a log: how long after the log's first reading it begins [s], or after how many without times.
     """
 
     path: Path
@@ -82,6 +84,7 @@ class Samples:
     acceleration: Reals | None = None
     acceleration_unit: AccelerationUnit = AccelerationUnit.COUNTS
     preamble: int = 0
+    start: float = 0.0
 
     @property
     def microtesla(self) -> float | None:

@@ -38,11 +38,11 @@ class FieldChange:
 
 
 def instants(samples: Samples) -> tuple[NDArray[np.float64], str]:
-    """Return when each reading was taken, shape (n,): seconds from the first, or numbers from 1 without times."""
+    """Return when each was read, shape (n,): seconds from the log's first reading, or numbers from 1 without times."""
     times = samples.time_s
     if times is None or not times[-1] > times[0]:
-        return np.arange(1.0, len(samples.points) + 1.0), "reading"
-    return times - times[0], "s"
+        return samples.start + np.arange(1.0, len(samples.points) + 1.0), "reading"
+    return samples.start + times - times[0], "s"
 
 
 def between(samples: Samples, first: float | None, last: float | None) -> Samples:
@@ -61,7 +61,8 @@ def between(samples: Samples, first: float | None, last: float | None) -> Sample
             f"{samples.path}: no reading from {low:g} to {high:g}; there are some from {at[0]:g} to {at[-1]:g} "
             f"({'seconds from the first' if unit == 's' else 'numbers of the readings, as no column has their time'})"
         )
-    return rows(samples, kept)
+    start = float(at[kept[0]]) - (0.0 if unit == "s" else 1.0)
+    return replace(rows(samples, kept), start=start)
 
 
 def rows(samples: Samples, kept: NDArray[np.intp] | NDArray[np.bool_]) -> Samples:
