@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hiltest.calibration.robust import repeats
 from hiltest.errors import ConfigError
 from hiltest.logs import Samples, Unit, read_samples, samples
 from hiltest.units import AccelerationUnit
@@ -87,7 +88,7 @@ def test_rows_without_three_numbers_are_skipped_and_counted(tmp_path: Path) -> N
 
 
 def test_repeated_readings_are_counted(tmp_path: Path) -> None:
-    assert _read(tmp_path, "1,2,3\n1,2,3\n1,2,4\n1,2,4\n1,2,3\n").repeated == 2
+    assert repeats(_read(tmp_path, "1,2,3\n1,2,3\n1,2,4\n1,2,4\n1,2,3\n").points).sum() == 2
 
 
 def test_the_accelerometer_of_the_same_rows_and_the_time_are_read_with_the_line_of_each(tmp_path: Path) -> None:

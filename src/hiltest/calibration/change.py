@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hiltest.calibration.conditioning import TRACELESS, CentredPoints
 from hiltest.calibration.fit import ELLIPSOID_UNKNOWNS, Array, points_array
-
-Sums: TypeAlias = Array
+from hiltest.calibration.robust import SIGMA
 
 #: Of the radius: 1.7 degrees across.
 LEAST_STEP_PERCENT = 3.0
@@ -27,7 +25,7 @@ _BLOCKS, _LEAST_BLOCKS = 80, 12
 _FEWEST = 2 * _BLOCKS
 # Of the median distance from the middle, and of the scatter about a plain fit: what is trimmed before a step is looked
 # for. Two states are far closer together.
-_GATE, _TRIM, _PASSES = 3.0, 5.0 * 1.4826, 4
+_GATE, _TRIM, _PASSES = 3.0, 5.0 * SIGMA, 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,8 +70,7 @@ def find_change(points: ArrayLike) -> Change | None:
     centred = CentredPoints.of(given[kept])
     if centred is None:
         return None
-    rows, target = centred.rows(), -(centred.points**2).sum(axis=1)
-    parameters = np.linalg.lstsq(rows.T @ rows, rows.T @ target, rcond=1e-12)[0]
+    rows, target, parameters = _plain_fit(centred)
     shape = np.eye(3) + np.tensordot(parameters[:5], TRACELESS, axes=1)
     if not float(np.linalg.eigvalsh(shape)[0]) > 0.0:
         return None
@@ -112,8 +109,8 @@ def _trimmed(points: Array) -> NDArray[np.intp] | None:
         centred = CentredPoints.of(points[kept])
         if centred is None or len(kept) <= ELLIPSOID_UNKNOWNS:
             return None
-        rows, target = centred.rows(), -(centred.points**2).sum(axis=1)
-        left = np.abs(target - rows @ np.linalg.lstsq(rows.T @ rows, rows.T @ target, rcond=1e-12)[0])
+        rows, target, parameters = _plain_fit(centred)
+        left = np.abs(target - rows @ parameters)
         inside = left <= _TRIM * float(np.median(left))
         if inside.all():
             break
@@ -121,7 +118,14 @@ def _trimmed(points: Array) -> NDArray[np.intp] | None:
     return kept
 
 
-def _step(sums: Sums, place: int) -> _Step | None:
+def _plain_fit(centred: CentredPoints) -> tuple[Array, Array, Array]:
+    """Return rows and target of the quadric through centred points, and its nine parameters by least squares."""
+    rows, target = centred.rows(), -(centred.points**2).sum(axis=1)
+    parameters: Array = np.linalg.lstsq(rows.T @ rows, rows.T @ target, rcond=1e-12)[0]
+    return rows, target, parameters
+
+
+def _step(sums: Array, place: int) -> _Step | None:
     """Solve for a step at the beginning of a block."""
     unknowns = ELLIPSOID_UNKNOWNS + 3
     blocks = sums.copy()

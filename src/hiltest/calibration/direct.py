@@ -58,7 +58,7 @@ def fit_about(points: Array, anchor: Array) -> MagnetometerFit:
     unit = half_range(points)
     if not unit > 0.0:
         return fit_sphere(points, FitStatus.POOR_COVERAGE, coverage=1e6)
-    rows, target = _design((points - anchor) / unit)
+    rows, target = design((points - anchor) / unit)
     normal = rows.T @ rows
     coverage = largest_pivot_ratio(normal)
     if coverage > COVERAGE_LIMIT:
@@ -72,7 +72,8 @@ def fit_about(points: Array, anchor: Array) -> MagnetometerFit:
     return MagnetometerFit(FitStatus.ELLIPSOID, False, 0, soft_iron, anchor + centre, coverage)
 
 
-def _design(points: Array) -> tuple[Array, Array]:
+def design(points: Array) -> tuple[Array, Array]:
+    """Return rows, shape (n, 9), and target, shape (n,), of the quadric of unit trace through points, shape (n, 3)."""
     x, y, z = points.T
     rows = np.column_stack([x * x - z * z, y * y - z * z, x * y, x * z, y * z, x, y, z, np.ones(len(x))])
     return rows, -z * z

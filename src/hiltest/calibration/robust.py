@@ -8,6 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hiltest.calibration.direct import design
 from hiltest.calibration.fit import Array, points_array
 
 Mask: TypeAlias = NDArray[np.bool_]
@@ -20,8 +21,8 @@ MANY_LEFT_OUT = 0.2
 # Two for each unknown, as where a residual begins to be known: with less nothing tells a wild row from a good one.
 _FEWEST = 18
 
-# From the median of absolute values to the standard deviation of a normal distribution.
-_SIGMA = 1.4826
+#: From the median of absolute values to the standard deviation of a normal distribution.
+SIGMA = 1.4826
 # Tukey's biweight: where a reading's weight ends, in scatters.
 _WEIGHT_ENDS = 6.0
 # Largest change of a weight at which the reweighting ends; then no reading moves over `FURTHEST`.
@@ -130,11 +131,11 @@ def _reweighted(readings: Array, moving: Mask) -> tuple[Array, float] | None:
         return None
     centre, radius, median = sphere
     off = np.abs(np.linalg.norm(readings - centre, axis=1) - radius)
-    weights = (off <= max(_FAR * radius, _WEIGHT_ENDS * _SIGMA * median)).astype(np.float64)
+    weights = (off <= max(_FAR * radius, _WEIGHT_ENDS * SIGMA * median)).astype(np.float64)
     for _ in range(_MOST_PASSES):
         parameters = _weighted_quadric(readings, weights)
         distances = _distances(parameters, readings)
-        scatter = max(_LEAST_SCATTER, _SIGMA * float(np.median(np.abs(distances[moving]))))
+        scatter = max(_LEAST_SCATTER, SIGMA * float(np.median(np.abs(distances[moving]))))
         before = weights
         weights = np.clip(1.0 - (distances / (_WEIGHT_ENDS * scatter)) ** 2, 0.0, None) ** 2
         if float(np.abs(weights - before).max()) < _SETTLED:
@@ -162,12 +163,11 @@ def _median_sphere(readings: Array) -> tuple[Array, float, float] | None:
 
 def _weighted_quadric(readings: Array, weights: Array) -> Array:
     """Return a, b, d to j of ``a x^2 + b y^2 + (1 - a - b) z^2 + d xy + e xz + f yz + g x + h y + i z + j = 0``."""
-    x, y, z = readings.T
-    rows = np.column_stack([x * x - z * z, y * y - z * z, x * y, x * z, y * z, x, y, z, np.ones(len(x))])
+    rows, target = design(readings)
     weighted = rows * weights[:, None]
     # Least norm where the readings leave a direction open, as a turn in a plane does.
-    parameters: Array = np.linalg.lstsq(weighted.T @ rows, weighted.T @ (-z * z), rcond=1e-12)[0]
-    return parameters
+    parameters = np.linalg.lstsq(weighted.T @ rows, weighted.T @ target, rcond=1e-12)[0]
+    return parameters.astype(np.float64)
 
 
 def _distances(parameters: Array, readings: Array) -> Array:

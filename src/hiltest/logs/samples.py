@@ -91,11 +91,6 @@ class Samples:
         """Size of one `unit` [uT], None when it is unknown."""
         return MICROTESLA[self.unit]
 
-    @property
-    def repeated(self) -> int:
-        """Readings equal to the one before: the log was faster than the sensor, or the sensor lay still."""
-        return int((np.diff(self.points, axis=0) == 0.0).all(axis=1).sum())
-
 
 @dataclass(frozen=True, slots=True)
 class _Layout:
