@@ -33,7 +33,10 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 @click.command(epilog=_EXIT_CODES)
 @click.argument("log", metavar="LOG", type=_FILE)
 @click.option("--columns", metavar="A,B,C",
-              help="Columns of x, y, z: names of the header or numbers from 1.  [default: the magnetometer's]")
+              help="Columns of x, y, z: names of the header or numbers from 1; a minus negates one.  "
+                   "[default: the magnetometer's]")
+@click.option("--accelerometer-columns", metavar="A,B,C",
+              help="Columns of the accelerometer, for gravity.  [default: acc..., a...]")
 @click.option("--unit", type=click.Choice(["uT", "gauss", "counts"]),
               help="Unit of the samples; the scale of counts is unknown.  [default: the header's, else counts]")
 @click.option("--calibrator", metavar="NAME", default="all", show_default=True, help="Calibrator to run, or all.")
@@ -55,8 +58,8 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 @click.option("--at-least", type=click.Choice(["good", "fair", "poor"]), default="poor", show_default=True,
               help="Verdict that the best calibration needs for exit code 0.")
 def fit(
-    log: Path, columns: str | None, unit: str | None, calibrator: str, first: float | None, last: float | None,
-    steady: bool, robust: str, on: str, firmware: str | None,
+    log: Path, columns: str | None, accelerometer_columns: str | None, unit: str | None, calibrator: str,
+    first: float | None, last: float | None, steady: bool, robust: str, on: str, firmware: str | None,
     as_json: bool, export_json: Path | None, export_header: Path | None, force: bool, html: Path | None, at_least: str,
 ) -> int:  # fmt: skip
     """Calibrate from a magnetometer log, and say how good it is.
@@ -64,10 +67,13 @@ def fit(
     LOG is a text table: comma, semicolon, tab or blanks between cells, decimal points, with or without a header;
     - is standard input. A refused calibration is not exported without --force.
     """
-    from hiltest.logs import Unit, read_samples
+    from hiltest.logs import Unit
+    from hiltest.logs.signed_columns import read_signed_samples
 
     path = _STANDARD_INPUT if str(log) == "-" else log
-    read = read_samples(path, columns=columns, unit=Unit(unit) if unit else None)
+    read = read_signed_samples(
+        path, columns=columns, unit=Unit(unit) if unit else None, accelerometer_columns=accelerometer_columns
+    )
     if steady or first is not None or last is not None:
         read = _part(read, first, last, steady=steady)
     fitted = _fit(read, calibrator, on, firmware, robust=robust != "none")

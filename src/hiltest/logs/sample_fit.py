@@ -22,6 +22,7 @@ from hiltest.calibration.robust import FURTHEST, MANY_LEFT_OUT
 from hiltest.calibration.solid_angle import solid_angle_covered
 from hiltest.errors import ConfigError
 from hiltest.logs.counts import CountScale, evenly_on_sphere
+from hiltest.logs.gravity_fit import AgainstGravity, GravityFigures, against_gravity, gravity_notes
 from hiltest.logs.left_out import LeftOut, left_out
 from hiltest.logs.samples import Samples
 from hiltest.logs.span import FieldChange, field_change
@@ -56,7 +57,8 @@ class CalibratorFit:
     hard_iron : (3,) or None
         None without a calibration, as everything behind it.
     soft_iron : 3 rows of 3 or None
-        Symmetric, determinant 1: ``corrected = soft_iron @ (reading - hard_iron)``, in the unit of the samples.
+        Determinant 1: ``corrected = soft_iron @ (reading - hard_iron)``, in the unit of the samples. Symmetric, unless
+        `gravity` is there: then it takes readings to the axes of the accelerometer.
     radius : float or None
         Length of the corrected readings.
     residual_percent : float or None
@@ -75,6 +77,8 @@ class CalibratorFit:
         Core cycles of the run; None where they are not counted.
     cycle_band : CycleRange or None
         Uncertainty range of the cycles; None where it is unknown.
+    gravity : GravityFigures or None
+        Of a calibration against gravity, on the host.
     """
 
     name: str
@@ -95,6 +99,7 @@ class CalibratorFit:
     iterations: int = 0
     cycles: int | None = None
     cycle_band: CycleRange | None = None
+    gravity: GravityFigures | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,6 +161,8 @@ class SampleFit:
     calibrators : tuple of CalibratorFit
     notes : tuple of str
         What a reader should know, a sentence each.
+    gravity : AgainstGravity or None
+        None where the samples have no accelerometer, or one calibrator was asked for.
     """
 
     file: str
@@ -174,6 +181,7 @@ class SampleFit:
     firmware: FirmwareUsed | None
     calibrators: tuple[CalibratorFit, ...]
     notes: tuple[str, ...]
+    gravity: AgainstGravity | None = None
 
     @property
     def n_left(self) -> int:
@@ -182,14 +190,26 @@ class SampleFit:
 
     @property
     def best(self) -> CalibratorFit:
-        """The calibrator with the best verdict; of equal ones that with the smallest predicted direction error."""
+        """The calibrator with the best verdict.
+
+        Of equal ones that against gravity with the smallest spread of the dip, if it is smaller than with norms alone;
+        else that with the smallest predicted direction error.
+        """
         order = list(Acceptance)
         return min(
-            self.calibrators,
+            (each for each in self.calibrators if each.gravity is None or self._dip_spread_deg(each) < math.inf),
             key=lambda each: (
-                order.index(each.verdict), math.inf if each.direction_error_deg is None else each.direction_error_deg
+                order.index(each.verdict), self._dip_spread_deg(each),
+                math.inf if each.direction_error_deg is None else each.direction_error_deg,
             ),
         )
+
+    def _dip_spread_deg(self, each: CalibratorFit) -> float:
+        """Return the held-out spread of the dip, infinite where norms alone do as well, or nothing is known."""
+        if each.gravity is None or each.gravity.dip_spread_deg is None or self.gravity is None:
+            return math.inf
+        alone, spread = self.gravity.norms_dip_spread_deg, each.gravity.dip_spread_deg
+        return spread if alone is None or spread < alone else math.inf
 
 
 def fit_on_host(samples: Samples, calibrator: str = ALL, *, robust: bool = True) -> SampleFit:
@@ -214,7 +234,8 @@ def fit_on_host(samples: Samples, calibrator: str = ALL, *, robust: bool = True)
     scale, rating = CountScale.of(kept), _Rating(kept, change)
     counts = scale.unrounded(kept.points)
     fits = [rating.result(name, scale.in_unit(reference(name)(counts)), kept.points) for name in names]
-    return _sample_fit(samples, gone, change, rating.condition, "host", None, fits)
+    gravity, against = rating.against_gravity(robust=robust) if calibrator == ALL else (None, [])
+    return _sample_fit(samples, gone, change, rating.condition, "host", None, [*fits, *against], gravity)
 
 
 def fit_on_board(board: Board, samples: Samples, calibrator: str = ALL, *, robust: bool = True) -> SampleFit:
@@ -267,7 +288,8 @@ def fit_on_board(board: Board, samples: Samples, calibrator: str = ALL, *, robus
         sha256=board.firmware_sha256, cycle_model=board.cycle_model, count_step=scale.step,
         count_origin=_triple(scale.origin), rounding_rms=float(np.sqrt((rounding * rounding).mean())),
     )
-    return _sample_fit(samples, gone, change, rating.condition, str(board.kind), firmware, fits)
+    gravity, against = rating.against_gravity(robust=robust) if calibrator == ALL else (None, [])
+    return _sample_fit(samples, gone, change, rating.condition, str(board.kind), firmware, [*fits, *against], gravity)
 
 
 def _difference_deg(fit: MagnetometerFit, whole: MagnetometerFit | None) -> float | None:
@@ -313,16 +335,22 @@ class _Rating:
             direction_bias_deg=None if predicted is None else predicted.bias_deg, iterations=fit.iterations,
         )
 
+    def against_gravity(self, *, robust: bool) -> tuple[AgainstGravity | None, list[CalibratorFit]]:
+        """Return what calibrations against gravity there are, if the samples have an accelerometer."""
+        log, points, found = against_gravity(self._samples, robust=robust)
+        return log, [replace(self.result(name, fit, points), gravity=figures) for name, fit, figures in found]
+
 
 def _sample_fit(
     samples: Samples, gone: LeftOut, change: FieldChange | None, condition: float, on: str,
-    firmware: FirmwareUsed | None, fits: Sequence[CalibratorFit],
+    firmware: FirmwareUsed | None, fits: Sequence[CalibratorFit], gravity: AgainstGravity | None,
 ) -> SampleFit:  # fmt: skip
     fit = SampleFit(
         file=str(samples.path), columns=samples.columns, unit=str(samples.unit), unit_from=samples.unit_from,
         n_in=len(samples.points), n_skipped=samples.skipped, n_repeated=int(gone.repeated.sum()),
         robust="tukey" if gone.robust else "none", n_dropped=int(gone.dropped.sum()), dropped=gone.dropped_lines,
         change=change, condition=condition, on=on, firmware=firmware, calibrators=tuple(fits), notes=(),
+        gravity=gravity,
     )  # fmt: skip
     return replace(fit, notes=tuple(notes(fit)))
 
@@ -341,6 +369,8 @@ def notes(fit: SampleFit) -> Iterator[str]:
             f"--to {at} or --from {at} takes one part of the log, --steady the longest without a change."
         )
     yield from _left_out_notes(fit)
+    if fit.gravity is not None:
+        yield from gravity_notes(fit.gravity)
     ratio = fit.best.axis_ratio
     if ratio is not None and ratio > LARGEST_AXIS_RATIO:
         yield (

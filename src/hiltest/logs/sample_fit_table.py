@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -13,6 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from hiltest.calibration.acceptance import Acceptance, Reason
+from hiltest.logs.gravity_fit import AgainstGravity, GravityFigures
 from hiltest.logs.sample_fit import CalibratorFit, SampleFit
 from hiltest.text import readable
 
@@ -31,7 +33,10 @@ def print_fit(fit: SampleFit, console: Console) -> None:
     """Print what was read, a table with a column for each calibrator, the best one's numbers, reasons and notes."""
     points = f"{fit.n_in} points, columns {', '.join(fit.columns)} [{fit.unit}]"
     console.print(escape(f"{fit.file}: {points}"), soft_wrap=True)
-    console.print(_grid(fit), width=min(_WIDTH, console.width))
+    alone = tuple(each for each in fit.calibrators if each.gravity is None)
+    console.print(_grid(replace(fit, calibrators=alone)), width=min(_WIDTH, console.width))
+    if fit.gravity is not None and len(alone) < len(fit.calibrators):
+        console.print(_gravity_grid(fit, fit.gravity), width=min(_WIDTH, console.width))
     for line in _best(fit):
         console.print(line, soft_wrap=True)
     columns = os.environ.get("COLUMNS", "")
@@ -52,10 +57,38 @@ def _grid(fit: SampleFit) -> Table:
     return grid
 
 
+def _gravity_grid(fit: SampleFit, log: AgainstGravity) -> Table:
+    """Return what the accelerometer shows of rotations, beside the norms alone, which show none."""
+    grid, fits = Table(box=SIMPLE_HEAD, pad_edge=False), [each for each in fit.calibrators if each.gravity is not None]
+    grid.add_column(f"against gravity, {log.n_pairs} pairs")
+    for name in ("norms alone", *(each.name for each in fits)):
+        grid.add_column(escape(name), justify="right")
+    grid.add_row("verdict", "", *(Text(each.verdict, style=_STYLES[each.verdict]) for each in fits))
+    (label, spreads), *others = _gravity_rows(fits)
+    grid.add_row(escape(label), _number(log.norms_dip_spread_deg, ".2f"), *spreads)
+    for label, cells in (*others, ("residual [%]", [_number(each.residual_percent, ".2f") for each in fits])):
+        grid.add_row(escape(label), "", *cells)
+    return grid
+
+
+def _gravity_rows(fits: Sequence[CalibratorFit]) -> list[tuple[str, list[str]]]:
+    figures = [each.gravity or GravityFigures() for each in fits]
+    return [
+        ("dip varies, held out [deg]", [_number(each.dip_spread_deg, ".2f") for each in figures]),
+        ("dip [deg]", [_number(each.dip_deg, ".1f") for each in figures]),
+        ("rotation found [deg]", [_number(each.rotation_deg, ".1f") for each in figures]),
+    ]
+
+
 def figure_rows(fit: SampleFit) -> list[tuple[str, list[str]]]:
     """Return the figures of a fit, hard and soft iron among them: a label, and a text for each calibrator."""
     label = f"cycles, {fit.firmware.cycle_model}" if fit.firmware else ""
-    return [*_kind_rows(fit), *_iron_rows(fit), *_number_rows(fit), *_cycle_rows(fit, label)]
+    gravity = []
+    if fit.gravity is not None and not fit.gravity.unused:
+        (first, cells), *others = _gravity_rows(fit.calibrators)
+        alone = _number(fit.gravity.norms_dip_spread_deg, ".2f")
+        gravity = [(f"{first}; with norms alone {alone}", cells), *others]
+    return [*_kind_rows(fit), *_iron_rows(fit), *_number_rows(fit), *gravity, *_cycle_rows(fit, label)]
 
 
 def _kind_rows(fit: SampleFit) -> list[tuple[str, list[str]]]:
@@ -104,9 +137,22 @@ def _best(fit: SampleFit) -> list[str]:
     if best.hard_iron is not None and best.soft_iron is not None:
         lines += [
             f"{escape(best.name)}: hard iron {escape(f'[{fit.unit}]')} {_hard_iron(best)}; soft iron {escape('[1]')}",
-            *(f"  {_row(row)}" for row in best.soft_iron), "--json has those of every calibrator",
+            *(f"  {_row(row)}" for row in best.soft_iron), *_accelerometer(fit), "--json has those of every calibrator",
         ]
     return lines
+
+
+def _accelerometer(fit: SampleFit) -> list[str]:
+    """Return the accelerometer's calibration, without which one against gravity is worth nothing."""
+    found = fit.best.gravity
+    if found is None or fit.gravity is None or not found.accelerometer_gain or not found.accelerometer_offset:
+        return []
+    offset = " ".join(format(value, ".4g") for value in found.accelerometer_offset)
+    units = escape(f"[{fit.gravity.unit}]"), escape(f"[{fit.gravity.gain_unit}]")
+    return [
+        f"  in the axes of the accelerometer: offset {units[0]} {offset}; gain {units[1]}",
+        *(f"  {' '.join(format(value, '9.4g') for value in row)}" for row in found.accelerometer_gain),
+    ]
 
 
 def _reasons(fits: Sequence[CalibratorFit]) -> Iterator[str]:
