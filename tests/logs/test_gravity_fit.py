@@ -66,11 +66,11 @@ def test_a_still_log_is_calibrated_against_gravity_and_that_is_the_best() -> Non
     fit = fit_on_host(still())
     assert list(against(fit)) == list(PAIR_METHODS)
     assert fit.gravity is not None
-    assert fit.gravity.norms_dip_spread_deg is not None
+    assert fit.gravity.norms_held_out_dip_deg is not None
     assert fit.best.gravity is not None
-    spreads = {name: each.gravity and each.gravity.dip_spread_deg for name, each in against(fit).items()}
-    assert fit.best.gravity.dip_spread_deg == min(each for each in spreads.values() if each is not None)
-    assert fit.best.gravity.dip_spread_deg < fit.gravity.norms_dip_spread_deg
+    spreads = {name: each.gravity and each.gravity.held_out_dip_deg for name, each in against(fit).items()}
+    assert fit.best.gravity.held_out_dip_deg == min(each for each in spreads.values() if each is not None)
+    assert fit.best.gravity.held_out_dip_deg < fit.gravity.norms_held_out_dip_deg
     # The rotation is 2 degrees: directions of norms alone are off by 1.6.
     (direct,) = (each for each in fit.calibrators if each.name == "direct")
     assert direction_error_deg(calibration(direct)) > 1.5
@@ -221,7 +221,7 @@ def test_what_is_printed_and_drawn_has_the_norms_beside_it() -> None:
     page = fit_page(fit, cloud)
     for each in against(fit):
         assert each in page
-    assert f"with norms alone {fit.gravity.norms_dip_spread_deg:.2f}" in page
+    assert f"with norms alone {fit.gravity.norms_held_out_dip_deg:.2f}" in page
     content = json.loads(to_json(fit))
     assert content["best"] == fit.best.name
     assert content["gravity"]["n_pairs"] == 60

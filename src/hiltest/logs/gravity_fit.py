@@ -47,7 +47,7 @@ class GravityFigures:
 
     Attributes
     ----------
-    dip_spread_deg : float or None
+    held_out_dip_deg : float or None
         How far the dip of pairs that the fit has not seen is from that of those it has, rms; None where parts of the
         log determine no calibration.
     dip_deg : float or None
@@ -60,7 +60,7 @@ class GravityFigures:
         Symmetric: ``gravity = gain @ (reading - offset)`` has length 1, in the sign of the readings.
     """
 
-    dip_spread_deg: float | None = None
+    held_out_dip_deg: float | None = None
     dip_deg: float | None = None
     rotation_deg: float | None = None
     accelerometer_offset: Triple | None = None
@@ -81,8 +81,8 @@ class AgainstGravity:
         Standard deviation of the length of its calibrated readings; None where they make no ellipsoid.
     dip_spread_deg, largest_dip_spread_deg : float or None
         Standard deviation of the dip in these pairs, and what is allowed of it.
-    norms_dip_spread_deg : float or None
-        As `GravityFigures.dip_spread_deg`, of ellipsoids that each sensor got for itself.
+    norms_held_out_dip_deg : float or None
+        As `GravityFigures.held_out_dip_deg`, of ellipsoids that each sensor got for itself.
     axes : str
         What seems wrong with the magnetometer's axes; empty where nothing is.
     unused : str
@@ -94,7 +94,7 @@ class AgainstGravity:
     gravity_spread_percent: float | None = None
     dip_spread_deg: float | None = None
     largest_dip_spread_deg: float | None = None
-    norms_dip_spread_deg: float | None = None
+    norms_held_out_dip_deg: float | None = None
     axes: str = ""
     unused: str = ""
 
@@ -140,7 +140,7 @@ def against_gravity(samples: Samples, *, robust: bool) -> tuple[AgainstGravity |
     log = _spreads(log, norms, points, acceleration, samples.columns)
     if log.unused:
         return log, points, []
-    log = replace(log, norms_dip_spread_deg=held_out_dip_deg(fit_norms, points, acceleration))
+    log = replace(log, norms_held_out_dip_deg=held_out_dip_deg(fit_norms, points, acceleration))
     found: list[Found] = []
     for name, method in PAIR_METHODS.items():
         fit = method(points, acceleration)
@@ -262,7 +262,7 @@ def _columns(axes: Axes, columns: Sequence[str]) -> str:
 def _figures(fit: PairFit, points: Array, acceleration: Array, held_out: float | None) -> GravityFigures:
     x, y, z = map(_triple, fit.accelerometer.gain)
     return GravityFigures(
-        dip_spread_deg=held_out, dip_deg=abs(float(fit.dips_deg(points, acceleration).mean())),
+        held_out_dip_deg=held_out, dip_deg=abs(float(fit.dips_deg(points, acceleration).mean())),
         rotation_deg=rotation_left_deg(fit.magnetometer, np.eye(3)),
         accelerometer_offset=_triple(fit.accelerometer.offset), accelerometer_gain=(x, y, z),
     )  # fmt: skip

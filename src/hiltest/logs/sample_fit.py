@@ -197,18 +197,18 @@ class SampleFit:
         """
         order = list(Acceptance)
         return min(
-            (each for each in self.calibrators if each.gravity is None or self._dip_spread_deg(each) < math.inf),
+            (each for each in self.calibrators if each.gravity is None or self._held_out_dip_deg(each) < math.inf),
             key=lambda each: (
-                order.index(each.verdict), self._dip_spread_deg(each),
+                order.index(each.verdict), self._held_out_dip_deg(each),
                 math.inf if each.direction_error_deg is None else each.direction_error_deg,
             ),
         )
 
-    def _dip_spread_deg(self, each: CalibratorFit) -> float:
+    def _held_out_dip_deg(self, each: CalibratorFit) -> float:
         """Return the held-out spread of the dip, infinite where norms alone do as well, or nothing is known."""
-        if each.gravity is None or each.gravity.dip_spread_deg is None or self.gravity is None:
+        if each.gravity is None or each.gravity.held_out_dip_deg is None or self.gravity is None:
             return math.inf
-        alone, spread = self.gravity.norms_dip_spread_deg, each.gravity.dip_spread_deg
+        alone, spread = self.gravity.norms_held_out_dip_deg, each.gravity.held_out_dip_deg
         return spread if alone is None or spread < alone else math.inf
 
 

@@ -54,7 +54,8 @@ _HEADING = "That says nothing of a rotation: fit error is not heading error."
 _GRAVITY_AXES = "corrected in the accelerometer's axes; soft_iron turns it"
 _GRAVITY_HEADING = """\
 Calibrated against gravity: the dip of readings that it was not fitted to varies by {dip:.2f} deg. For that the
- * accelerometer has to be calibrated as below. reading is {columns} of the log.\
+ * accelerometer has to be calibrated as below. These columns of the log are reading:
+ * {columns}\
 """
 _ACCELEROMETER = """
 /* gravity = gain * (reading - offset) has length 1, in the sign of the readings; offset [{unit}] */
@@ -83,7 +84,7 @@ def export_json(fit: SampleFit, path: Path) -> None:
     if best.gravity is not None and fit.gravity is not None:
         content |= {
             "axes": "corrected is in the axes of the accelerometer", "columns": fit.columns,
-            "dip_spread_deg": best.gravity.dip_spread_deg, "rotation_deg": best.gravity.rotation_deg,
+            "held_out_dip_deg": best.gravity.held_out_dip_deg, "rotation_deg": best.gravity.rotation_deg,
             "accelerometer": {
                 "formula": "gravity = gain * (reading - offset)", "unit": fit.gravity.unit,
                 "offset": best.gravity.accelerometer_offset, "gain": best.gravity.accelerometer_gain,
@@ -118,7 +119,7 @@ def _gravity_words(fit: SampleFit) -> dict[str, str]:
     found = fit.best.gravity
     if found is None or fit.gravity is None or not found.accelerometer_offset or not found.accelerometer_gain:
         return {"axes": _AXES, "heading": _HEADING, "accelerometer": ""}
-    heading = _GRAVITY_HEADING.format(dip=found.dip_spread_deg, columns=", ".join(map(in_comment, fit.columns)))
+    heading = _GRAVITY_HEADING.format(dip=found.held_out_dip_deg, columns=", ".join(map(in_comment, fit.columns)))
     accelerometer = _ACCELEROMETER.format(
         unit=fit.gravity.unit, gain_unit=fit.gravity.gain_unit, offset=_row(found.accelerometer_offset),
         gain=_rows(found.accelerometer_gain),

@@ -65,7 +65,7 @@ def _gravity_grid(fit: SampleFit, log: AgainstGravity) -> Table:
         grid.add_column(escape(name), justify="right")
     grid.add_row("verdict", "", *(Text(each.verdict, style=_STYLES[each.verdict]) for each in fits))
     (label, spreads), *others = _gravity_rows(fits)
-    grid.add_row(escape(label), _number(log.norms_dip_spread_deg, ".2f"), *spreads)
+    grid.add_row(escape(label), _number(log.norms_held_out_dip_deg, ".2f"), *spreads)
     for label, cells in (*others, ("residual [%]", [_number(each.residual_percent, ".2f") for each in fits])):
         grid.add_row(escape(label), "", *cells)
     return grid
@@ -74,7 +74,7 @@ def _gravity_grid(fit: SampleFit, log: AgainstGravity) -> Table:
 def _gravity_rows(fits: Sequence[CalibratorFit]) -> list[tuple[str, list[str]]]:
     figures = [each.gravity or GravityFigures() for each in fits]
     return [
-        ("dip varies, held out [deg]", [_number(each.dip_spread_deg, ".2f") for each in figures]),
+        ("dip varies, held out [deg]", [_number(each.held_out_dip_deg, ".2f") for each in figures]),
         ("dip [deg]", [_number(each.dip_deg, ".1f") for each in figures]),
         ("rotation found [deg]", [_number(each.rotation_deg, ".1f") for each in figures]),
     ]
@@ -86,7 +86,7 @@ def figure_rows(fit: SampleFit) -> list[tuple[str, list[str]]]:
     gravity = []
     if fit.gravity is not None and not fit.gravity.unused:
         (first, cells), *others = _gravity_rows(fit.calibrators)
-        alone = _number(fit.gravity.norms_dip_spread_deg, ".2f")
+        alone = _number(fit.gravity.norms_held_out_dip_deg, ".2f")
         gravity = [(f"{first}; with norms alone {alone}", cells), *others]
     return [*_kind_rows(fit), *_iron_rows(fit), *_number_rows(fit), *gravity, *_cycle_rows(fit, label)]
 
