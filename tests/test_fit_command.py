@@ -208,3 +208,20 @@ def test_a_shape_is_no_calibrator_and_a_field_needs_a_unit(clouds: Path) -> None
     assert (done.returncode, "--shape circle is no calibrator's" in done.stderr) == (4, True)
     done = fit("turn.csv", "--unit", "counts", "--field", "20", folder=clouds)
     assert (done.returncode, "says nothing of counts" in done.stderr) == (4, True)
+
+
+def test_a_folder_of_logs_gets_a_row_each_and_the_worst_decides(clouds: Path) -> None:
+    done = fit(".", folder=clouds)
+    rows = {cells[0]: cells[2] for line in done.stdout.splitlines() if len(cells := line.split()) == 7}
+    assert {rows[name] for name in ("good.csv", "wild.csv")} == {"good"}
+    assert (rows["cap.csv"], rows["turn.csv"]) == ("refused", "fair")
+    assert " cases, above 2.5 in " in done.stdout
+    assert done.returncode == 1
+    (clouds / "cap.csv").unlink()
+    assert fit(".", folder=clouds).returncode == 0
+    assert fit(".", "--at-least", "good", folder=clouds).returncode == 1
+    done = fit(".", "--json", folder=clouds)
+    assert (done.returncode, "--json is for one log" in done.stderr) == (4, True)
+    (clouds / "empty").mkdir()
+    done = fit("empty", folder=clouds)
+    assert (done.returncode, "no file in it is a log of a magnetometer" in done.stderr) == (4, True)

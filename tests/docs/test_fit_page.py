@@ -43,7 +43,7 @@ def _run(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 def test_the_commands_do_what_the_page_says(folder: Path) -> None:
-    all_round, little, for_programs = COMMANDS
+    all_round, little, of_a_folder, for_programs = COMMANDS
     done = _run(all_round, folder)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "good" in done.stdout
@@ -53,6 +53,7 @@ def test_the_commands_do_what_the_page_says(folder: Path) -> None:
     assert done.returncode == 1
     assert "is above 300 (refused)" in " ".join(done.stdout.split())
     assert re.search(r"^ verdict +poor $", done.stdout, re.M)
+    assert {"all-round.csv", "little.csv"} <= set(_run(of_a_folder, folder).stdout.split())
     done = _run(for_programs, folder)
     assert done.returncode == 0
     assert json.loads(done.stdout)["verdict"] == "good"

@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from click.core import ParameterSource
 
 from hiltest.calibration.acceptance import Acceptance
 from hiltest.commands.options import checked
 from hiltest.settings import file_name
 
 if TYPE_CHECKING:
-    from hiltest.logs import Samples
+    from hiltest.logs import Samples, Unit
     from hiltest.logs.fit_result import SampleFit
 
 _EXIT_CODES = """
@@ -33,7 +34,7 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 
 
 @click.command(epilog=_EXIT_CODES)
-@click.argument("log", metavar="LOG", type=_FILE)
+@click.argument("log", metavar="LOG", type=click.Path(path_type=Path))
 @click.option("--columns", metavar="A,B,C",
               help="Columns of x, y, z: names of the header or numbers from 1.  [default: the magnetometer's]")
 @click.option("--unit", type=click.Choice(["uT", "gauss", "counts"]),
@@ -71,9 +72,13 @@ def fit(
 
     LOG is a text table: comma, semicolon, tab or blanks between cells, decimal points, with or without a header;
     - is standard input. A refused calibration is not exported without --force.
+
+    LOG may be a folder: a row for each log in it, by the float64 references, with how well parts of it agree.
     """
     from hiltest.logs import Unit, read_samples
 
+    if log.is_dir():
+        return _fit_folder(log, columns, Unit(unit) if unit else None, robust=robust != "none", at_least=at_least)
     path = _STANDARD_INPUT if str(log) == "-" else log
     read = read_samples(path, columns=columns, unit=Unit(unit) if unit else None)
     if steady or first is not None or last is not None:
@@ -85,8 +90,31 @@ def fit(
         from hiltest.logs.sample_fit_page import write_page
 
         write_page(fitted, read, html)
+    return int(_worse(fitted, at_least))
+
+
+def _worse(fitted: SampleFit, at_least: str) -> bool:
     order = list(Acceptance)
-    return int(order.index(fitted.best.verdict) > order.index(Acceptance(at_least)))
+    return order.index(fitted.best.verdict) > order.index(Acceptance(at_least))
+
+
+def _fit_folder(folder: Path, columns: str | None, unit: Unit | None, *, robust: bool, at_least: str) -> int:
+    context = click.get_current_context()
+    for name in set(context.params) - {"log", "columns", "unit", "robust", "at_least"}:
+        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+            option = next(each.opts[0] for each in context.command.params if each.name == name)
+            raise click.UsageError(f"{option} is for one log: {folder} is a folder")
+    from hiltest.errors import ConfigError
+    from hiltest.logs.log_folder import fit_folder
+    from hiltest.logs.log_folder_table import print_folder
+    from hiltest.report.console import standard_output
+
+    logs = list(fit_folder(folder, columns=columns, unit=unit, robust=robust))
+    print_folder(logs, standard_output())
+    fits = [each.fit for each in logs if each.fit is not None]
+    if not fits:
+        raise ConfigError(f"{folder}: no file in it is a log of a magnetometer; hiltest fit FILE says why of one")
+    return int(any(_worse(each, at_least) for each in fits))
 
 
 def _part(samples: Samples, first: float | None, last: float | None, *, steady: bool) -> Samples:

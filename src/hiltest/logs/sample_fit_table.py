@@ -17,13 +17,13 @@ from hiltest.calibration.acceptance import Acceptance, Reason
 from hiltest.logs.fit_result import CalibratorFit, SampleFit
 from hiltest.text import readable
 
-_STYLES = {Acceptance.GOOD: "green", Acceptance.FAIR: "yellow", Acceptance.POOR: "red", Acceptance.REFUSED: "bold red"}
+STYLES = {Acceptance.GOOD: "green", Acceptance.FAIR: "yellow", Acceptance.POOR: "red", Acceptance.REFUSED: "bold red"}
 _NAMES = {
     "n": "number of points", "condition": "condition", "residual_percent": "residual", "axis_ratio": "axis ratio",
     "radius_ut": "radius", "direction_error_deg": "predicted direction error",
     "change_percent": "change of the field", "strong_iron_deg": "direction error under strong iron",
 }  # fmt: skip
-_WIDTH = 80
+WIDTH = 80
 # No one reads more of them.
 _MOST_DECIMALS = 8
 
@@ -32,7 +32,7 @@ def print_fit(fit: SampleFit, console: Console) -> None:
     """Print what was read, a table with a column for each calibrator, the best one's numbers, reasons and notes."""
     points = f"{fit.n_in} points, columns {', '.join(fit.columns)} [{fit.unit}]"
     console.print(escape(f"{fit.file}: {points}"), soft_wrap=True)
-    console.print(_grid(_shown(fit)), width=min(_WIDTH, console.width))
+    console.print(_grid(_shown(fit)), width=min(WIDTH, console.width))
     for line in _best(fit):
         console.print(line, soft_wrap=True)
     columns = os.environ.get("COLUMNS", "")
@@ -52,7 +52,7 @@ def _grid(fit: SampleFit) -> Table:
     grid.add_column("")
     for each in fit.calibrators:
         grid.add_column(escape(each.name), justify="right")
-    grid.add_row("verdict", *(Text(each.verdict, style=_STYLES[each.verdict]) for each in fit.calibrators))
+    grid.add_row("verdict", *(Text(each.verdict, style=STYLES[each.verdict]) for each in fit.calibrators))
     for label, cells in (*_kind_rows(fit), *_number_rows(fit), *_cycle_rows(fit, "cycles")):
         grid.add_row(escape(label), *map(escape, cells))
     return grid
