@@ -108,7 +108,7 @@ def test_a_clean_log_keeps_its_readings(seed: int) -> None:
     assert not repeats(_clean(seed)).any()
 
 
-@pytest.mark.parametrize("covered", [0.2, 0.5, 1.0])
+@pytest.mark.parametrize("covered", [0.05, 0.2, 0.5, 1.0])
 def test_clean_points_in_no_order_are_kept_whatever_they_cover(covered: float) -> None:
     points = instance(1, 500, noise_ut=0.5, covered=(covered, covered)).points_counts
     assert outliers(points).sum() <= 1

@@ -12,6 +12,8 @@ from hiltest.calibration.fit import Array
 #: Of the radius: readings that lie in a layer so thin, rms, are a turn in a plane. A hand that tilts by 3 degrees
 #: makes it 5 %.
 FLAT = 0.05
+#: Of the radius: readings that lie no closer to a circle or ellipse, rms, fill the plane, as those of a small cap do.
+RING = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)

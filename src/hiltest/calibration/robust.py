@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hiltest.calibration.conditioning import quadric_rows, traceless
 from hiltest.calibration.fit import Array, points_array
-from hiltest.calibration.plane import FLAT, Plane
+from hiltest.calibration.plane import FLAT, RING, Plane
 
 Mask: TypeAlias = NDArray[np.bool_]
 
@@ -86,23 +86,27 @@ def outliers(points: ArrayLike) -> Mask:
     readings = (readings - middle) / size
     chosen = np.arange(0, len(readings), -(-len(readings) // _MOST_FITTED))
     flat = _flat(readings[chosen], moving[chosen])
-    if flat is None:
-        wild = _wild(readings, chosen, moving)
+    inside = None if flat is None else _off_surface(readings @ flat.axes[:2].T, chosen, moving)
+    if flat is not None and inside is not None and inside[1] <= RING:
+        off_plane = (readings - flat.middle) @ flat.axes[2]
+        wild = _far(*inside) | _far(off_plane, max(_LEAST_SCATTER, flat.thickness))
+    elif (off := _off_surface(readings, chosen, moving)) is not None:
+        wild = _far(*off)
     else:
-        inside, off_plane = readings @ flat.axes[:2].T, np.abs((readings - flat.middle) @ flat.axes[2])
-        wild = _wild(inside, chosen, moving) | (off_plane > FURTHEST * max(_LEAST_SCATTER, flat.thickness))
+        return out
     # What repeats a wild reading is as wild.
     out[:] = np.repeat(wild, np.diff(np.append(distinct, len(given))))
     return out
 
 
-def _wild(readings: Array, chosen: NDArray[np.intp], moving: Mask) -> Mask:
-    """Say of each reading, in space or in a plane, whether it is too far from what the chosen ones agree on."""
+def _off_surface(readings: Array, chosen: NDArray[np.intp], moving: Mask) -> tuple[Array, float] | None:
+    """Return how far readings, in space or in a plane, are from what the chosen ones agree on, and those's scatter."""
     fitted = _reweighted(readings[chosen], moving[chosen])
-    if fitted is None:
-        return np.zeros(len(readings), dtype=bool)
-    parameters, scatter = fitted
-    wild: Mask = np.abs(_distances(parameters, readings)) > FURTHEST * scatter
+    return None if fitted is None else (_distances(fitted[0], readings), fitted[1])
+
+
+def _far(distances: Array, scatter: float) -> Mask:
+    wild: Mask = np.abs(distances) > FURTHEST * scatter
     return wild
 
 
@@ -139,15 +143,29 @@ def _apart(medians: Array, distance: float) -> NDArray[np.intp]:
 
 
 def _reweighted(readings: Array, moving: Mask) -> tuple[Array, float] | None:
-    """Return the quadric that the readings agree on, and their scatter about it; None where they fix none."""
+    """Return the ellipsoid that the readings agree on, and their scatter about it; None where they fix none.
+
+    A small cap is bent less than its noise: what fits its squares best is no ellipsoid, or one as flat as the cap with
+    more scatter than the sphere that it started from, and a sphere stands in for it.
+    """
     sphere = _median_sphere(readings[moving])
     if sphere is None:
         return None
     centre, radius, median = sphere
     off = np.abs(np.linalg.norm(readings - centre, axis=1) - radius)
     weights = (off <= max(_FAR * radius, _WEIGHT_ENDS * SIGMA * median)).astype(np.float64)
+    for terms in (len(traceless(readings.shape[1])), 0):
+        parameters, scatter = _settled(readings, moving, weights, terms)
+        closed = float(np.linalg.eigvalsh(_shape(parameters, readings.shape[1]))[0]) > 0.0
+        if closed and scatter <= max(_LEAST_SCATTER, SIGMA * median):
+            break
+    return parameters, scatter
+
+
+def _settled(readings: Array, moving: Mask, weights: Array, terms: int) -> tuple[Array, float]:
+    """Return parameters, with so many terms of shape that are not zero, and the scatter when the weights settle."""
     for _ in range(_MOST_PASSES):
-        parameters = _weighted_quadric(readings, weights)
+        parameters = _weighted_quadric(readings, weights, terms)
         distances = _distances(parameters, readings)
         scatter = max(_LEAST_SCATTER, SIGMA * float(np.median(np.abs(distances[moving]))))
         before = weights
@@ -195,21 +213,30 @@ def _flat(readings: Array, moving: Mask) -> Plane | None:
     return plane if near.mean() >= _IN_PLANE and plane.thickness <= FLAT else None
 
 
-def _weighted_quadric(readings: Array, weights: Array) -> Array:
-    """Return the parameters of `quadric_rows` by weighted least squares."""
+def _weighted_quadric(readings: Array, weights: Array, terms: int) -> Array:
+    """Return the parameters of `quadric_rows` by weighted least squares; those of shape behind `terms` are zero."""
     rows, target = quadric_rows(readings), -(readings * readings).sum(axis=1)
+    free = np.arange(rows.shape[1])
+    free = free[(free < terms) | (free >= len(traceless(readings.shape[1])))]
+    rows = rows[:, free]
     weighted = rows * weights[:, None]
+    parameters = np.zeros(free[-1] + 1)
     # Least norm where the readings leave a direction open.
-    parameters: Array = np.linalg.lstsq(weighted.T @ rows, weighted.T @ target, rcond=1e-12)[0]
+    parameters[free] = np.linalg.lstsq(weighted.T @ rows, weighted.T @ target, rcond=1e-12)[0]
     return parameters
+
+
+def _shape(parameters: Array, axes: int) -> Array:
+    """Return the matrix of a quadric's squares."""
+    basis = traceless(axes)
+    shape: Array = np.eye(axes) + np.tensordot(parameters[: len(basis)], basis, axes=1)
+    return shape
 
 
 def _distances(parameters: Array, readings: Array) -> Array:
     """Return Sampson's distances from a quadric, signed."""
     axes = readings.shape[1]
-    terms = len(parameters) - axes - 1
-    shape = np.eye(axes) + np.tensordot(parameters[:terms], traceless(axes), axes=1)
     value = (readings * readings).sum(axis=1) + quadric_rows(readings) @ parameters
-    slope = np.linalg.norm(2.0 * readings @ shape + parameters[terms:-1], axis=1)
+    slope = np.linalg.norm(2.0 * readings @ _shape(parameters, axes) + parameters[-axes - 1 : -1], axis=1)
     distances: Array = value / np.maximum(slope, 1e-9)  # 0 at the centre alone, which is far from the surface
     return distances

@@ -24,8 +24,8 @@ from numpy.typing import ArrayLike
 from hiltest.calibration.conditioning import CentredPoints, traceless
 from hiltest.calibration.direction_error import DirectionError
 from hiltest.calibration.fit import Array, FitStatus, MagnetometerFit, no_fit, points_array
-from hiltest.calibration.plane import FLAT, Plane
-from hiltest.calibration.quality import sphere_directions
+from hiltest.calibration.plane import FLAT, RING, Plane
+from hiltest.calibration.quality import residual_percent, sphere_directions
 
 
 class Shape(StrEnum):
@@ -139,7 +139,7 @@ def allowed_shape(points: ArrayLike) -> Shape:
     if about.plane is None or about.error is None:
         return Shape.RIDGE
     radius = float(np.linalg.det(about.fit.soft_iron)) ** (-1.0 / 3.0)
-    if about.plane.thickness > FLAT * radius:
+    if about.plane.thickness > FLAT * radius or residual_percent(given, about.fit) > 100.0 * RING:
         return Shape.RIDGE
     return Shape.ELLIPSE if _rms_deg(fit_shape(given, Shape.ELLIPSE).error) < about.error.rms_deg else Shape.CIRCLE
 

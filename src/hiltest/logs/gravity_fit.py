@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
@@ -18,11 +18,11 @@ from hiltest.calibration.fit import ELLIPSOID_UNKNOWNS, FitStatus, MagnetometerF
 from hiltest.calibration.pair_fit import PAIR_METHODS, PairFit, fit_norms, held_out_dip_deg
 from hiltest.calibration.quality import rotation_left_deg
 from hiltest.calibration.robust import Mask, outliers
+from hiltest.logs.fit_result import AgainstGravity, CalibratorFit, GravityFigures
+from hiltest.logs.rating import Rating, triple
 from hiltest.logs.samples import Samples
 
 Array: TypeAlias = NDArray[np.float64]
-Triple: TypeAlias = tuple[float, float, float]
-Matrix: TypeAlias = tuple[Triple, Triple, Triple]
 
 # A hundredth of gravity along it shows in its length, one across turns it by this: 0.57 deg. Simulated with 2 deg of
 # rotation and a hand's accelerations of 0.5 s: where lengths vary by 0.8 % directions are off by 0.4 to 0.6 deg instead
@@ -41,79 +41,17 @@ _WILD = 3.0
 _LARGEST_ERROR_DEG, _NO_DIRECTION_DEG = 1.0, 10.0
 
 
-@dataclass(frozen=True, slots=True)
-class GravityFigures:
-    """What gravity says of one calibration, and the accelerometer's calibration that belongs to it.
-
-    Attributes
-    ----------
-    held_out_dip_deg : float or None
-        How far the dip of pairs that the fit has not seen is from that of those it has, rms; None where parts of the
-        log determine no calibration.
-    dip_deg : float or None
-        Angle of the field to the plane across gravity, 0 to 90; None without a calibration, as everything behind it.
-    rotation_deg : float or None
-        Angle of the rotation in soft_iron.
-    accelerometer_offset : (3,) or None
-        In the unit of the accelerometer's readings.
-    accelerometer_gain : 3 rows of 3 or None
-        Symmetric: ``gravity = gain @ (reading - offset)`` has length 1, in the sign of the readings.
-    """
-
-    held_out_dip_deg: float | None = None
-    dip_deg: float | None = None
-    rotation_deg: float | None = None
-    accelerometer_offset: Triple | None = None
-    accelerometer_gain: Matrix | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class AgainstGravity:
-    """Whether the accelerometer of a log shows how the magnetometer's axes lie.
-
-    Attributes
-    ----------
-    n_pairs : int
-        Rows with readings of both that are fitted.
-    unit : str
-        Of the accelerometer's readings.
-    gravity_spread_percent : float or None
-        Standard deviation of the length of its calibrated readings; None where they make no ellipsoid.
-    dip_spread_deg, largest_dip_spread_deg : float or None
-        Standard deviation of the dip in these pairs, and what is allowed of it.
-    norms_held_out_dip_deg : float or None
-        As `GravityFigures.held_out_dip_deg`, of ellipsoids that each sensor got for itself.
-    axes : str
-        What seems wrong with the magnetometer's axes; empty where nothing is.
-    unused : str
-        Why nothing was calibrated against gravity; empty where something was.
-    """
-
-    n_pairs: int
-    unit: str
-    gravity_spread_percent: float | None = None
-    dip_spread_deg: float | None = None
-    largest_dip_spread_deg: float | None = None
-    norms_held_out_dip_deg: float | None = None
-    axes: str = ""
-    unused: str = ""
-
-    @property
-    def gain_unit(self) -> str:
-        """Unit of the accelerometer's gain."""
-        return f"1/({self.unit})" if "/" in self.unit else f"1/{self.unit}"
-
-
-Found: TypeAlias = tuple[str, MagnetometerFit, GravityFigures]
-
-
-def against_gravity(samples: Samples, *, robust: bool) -> tuple[AgainstGravity | None, Array, list[Found]]:
+def against_gravity(
+    samples: Samples, rating: Rating, *, robust: bool
+) -> tuple[AgainstGravity | None, list[CalibratorFit]]:
     """Calibrate against gravity, if the log has an accelerometer that stood still and its axes are the magnetometer's.
 
     Parameters
     ----------
     samples : Samples
         Without what is left out for the magnetometer's sake.
+    rating : Rating
+        Of these samples.
     robust : bool
         Leave out what is no part of the accelerometer's ellipsoid too.
 
@@ -121,52 +59,33 @@ def against_gravity(samples: Samples, *, robust: bool) -> tuple[AgainstGravity |
     -------
     AgainstGravity or None
         None without an accelerometer.
-    points : ndarray, shape (n, 3)
-        The magnetometer's readings of the pairs.
-    list of tuples
-        Name, calibration and figures of each method.
+    list of CalibratorFit
+        One of each method, if the first has nothing against it.
     """
     if samples.acceleration is None:
-        return None, samples.points[:0], []
-    points, acceleration = _pairs(samples, robust=robust)
-    log = AgainstGravity(len(points), str(samples.acceleration_unit))
-    if len(points) < _FEWEST:
-        few = f"{len(points)} rows have readings of both sensors; {_FEWEST} are needed"
-        return replace(log, unused=few), points, []
-    norms = fit_norms(points, acceleration)
-    if not norms.is_ellipsoid:
-        none = "the readings of one of the sensors make no ellipsoid; turn them all round"
-        return replace(log, unused=none), points, []
-    log = _spreads(log, norms, points, acceleration, samples.columns)
+        return None, []
+    points, acceleration = _pairs(samples, samples.acceleration, robust=robust)
+    log = _checked(AgainstGravity(len(points), str(samples.acceleration_unit)), points, acceleration, samples.columns)
     if log.unused:
-        return log, points, []
+        return log, []
     log = replace(log, norms_held_out_dip_deg=held_out_dip_deg(fit_norms, points, acceleration))
-    found: list[Found] = []
+    fits = []
     for name, method in PAIR_METHODS.items():
         fit = method(points, acceleration)
         figures = GravityFigures()
         if fit.is_ellipsoid:
             figures = _figures(fit, points, acceleration, held_out_dip_deg(method, points, acceleration))
-        found.append((name, fit.magnetometer, figures))
-    return log, points, found
+        fits.append(replace(rating.calibrator(name, fit.magnetometer, points), gravity=figures))
+    return log, fits
 
 
-def gravity_notes(log: AgainstGravity) -> Iterator[str]:
-    """Yield what a reader should know of it, a sentence each."""
-    if log.axes:
-        yield log.axes
-    elif log.unused:
-        yield f"Gravity was not used: {log.unused}."
-
-
-def _pairs(samples: Samples, *, robust: bool) -> tuple[Array, Array]:
+def _pairs(samples: Samples, acceleration: Array, *, robust: bool) -> tuple[Array, Array]:
     """Return readings of both sensors in the same rows, at most so many."""
-    assert samples.acceleration is not None
-    both = np.flatnonzero(np.isfinite(samples.acceleration).all(axis=1))
+    both = np.flatnonzero(np.isfinite(acceleration).all(axis=1))
     if robust:
-        both = both[~_wild(samples.points[both], samples.acceleration[both])]
+        both = both[~_wild(samples.points[both], acceleration[both])]
     both = both[:: max(1, -(-len(both) // _MOST))]
-    return samples.points[both], samples.acceleration[both]
+    return samples.points[both], acceleration[both]
 
 
 def _wild(points: Array, acceleration: Array) -> Mask:
@@ -193,10 +112,15 @@ def _undetermined(norms: PairFit, acceleration: Array, largest_deg: float) -> st
     )
 
 
-def _spreads(
-    log: AgainstGravity, norms: PairFit, points: Array, acceleration: Array, columns: tuple[str, str, str]
+def _checked(
+    log: AgainstGravity, points: Array, acceleration: Array, columns: tuple[str, str, str]
 ) -> AgainstGravity:
-    """Add the spreads of gravity and dip, and what they or the axes have against using gravity."""
+    """Add the spreads of gravity and dip, and what they, the axes or the accelerometer have against using gravity."""
+    if len(points) < _FEWEST:
+        return replace(log, unused=f"{len(points)} rows have readings of both sensors; {_FEWEST} are needed")
+    norms = fit_norms(points, acceleration)
+    if not norms.is_ellipsoid:
+        return replace(log, unused="the readings of one of the sensors make no ellipsoid; turn them all round")
     field, gravity = norms.magnetometer.corrected(points), norms.accelerometer.gravity_g(acceleration)
     turn = fit_constant_dip(field, gravity)
     spread, dip_spread = _deviation(gravity), float(norms.turned(turn.rotation).dips_deg(points, acceleration).std())
@@ -260,14 +184,9 @@ def _columns(axes: Axes, columns: Sequence[str]) -> str:
 
 
 def _figures(fit: PairFit, points: Array, acceleration: Array, held_out: float | None) -> GravityFigures:
-    x, y, z = map(_triple, fit.accelerometer.gain)
+    x, y, z = map(triple, fit.accelerometer.gain)
     return GravityFigures(
         held_out_dip_deg=held_out, dip_deg=abs(float(fit.dips_deg(points, acceleration).mean())),
         rotation_deg=rotation_left_deg(fit.magnetometer, np.eye(3)),
-        accelerometer_offset=_triple(fit.accelerometer.offset), accelerometer_gain=(x, y, z),
+        accelerometer_offset=triple(fit.accelerometer.offset), accelerometer_gain=(x, y, z),
     )  # fmt: skip
-
-
-def _triple(values: Array) -> Triple:
-    x, y, z = (float(value) for value in values)
-    return x, y, z

@@ -10,13 +10,16 @@ from typing import Any
 from hiltest import __version__
 from hiltest.c_source import c_float, in_comment
 from hiltest.calibration.acceptance import Acceptance
-from hiltest.logs.sample_fit import CalibratorFit, Matrix, SampleFit, Triple
+from hiltest.logs.fit_result import CalibratorFit, Matrix, SampleFit, Triple
 from hiltest.record.files import write_asked_for
 
 CALIBRATION_SCHEMA, FIT_SCHEMA = "hiltest.calibration/1", "hiltest.fit/1"
 SCHEMA_FILE = Path(__file__).with_name("fit.schema.json")
 FORMULA = "corrected = soft_iron * (reading - hard_iron)"
 
+_AXES = "in the axes of the sensor; soft_iron is symmetric"
+_SYMMETRIC = "That says nothing of a rotation: fit error is not heading error."
+_TURN = "They are for headings of a turn about {axis} alone: what lies along it is not corrected."
 _REFUSED = "this magnetometer calibration was refused: hiltest fit says why"
 
 _HEADER = """\
@@ -27,7 +30,7 @@ _HEADER = """\
  *
  * reading, hard_iron, radius and corrected are in {unit}, {axes}, has the
  * determinant 1 and maps readings to corrected ones. Corrected readings have the length radius within {residual:.2f} %.
- * {heading}
+ * {caution}
  *
  * From {n_in} readings in {file}, of which the calibrator used {n_used}.
  */
@@ -47,12 +50,9 @@ static const float magnetometer_radius = {radius};
 {accelerometer}
 #endif
 """
-_AXES = "in the axes of the sensor; soft_iron is symmetric"
-_HEADING = "That says nothing of a rotation: fit error is not heading error."
-
-# What replaces these two where gravity was used.
+# In the place of `_AXES` and `_SYMMETRIC` where gravity was used.
 _GRAVITY_AXES = "corrected in the accelerometer's axes; soft_iron turns it"
-_GRAVITY_HEADING = """\
+_GRAVITY = """\
 Calibrated against gravity: the dip of readings that it was not fitted to varies by {dip:.2f} deg. For that the
  * accelerometer has to be calibrated as below. These columns of the log are reading:
  * {columns}\
@@ -100,10 +100,10 @@ def export_header(fit: SampleFit, path: Path) -> None:
     refused = best.verdict is Acceptance.REFUSED
     warning = f'\n#warning "{_REFUSED}"\n' if refused else ""
     text = _HEADER.format(
-        warning=warning,
+        warning=warning, **_gravity_words(fit),
         version=__version__, calibrator=in_comment(best.name), verdict=best.verdict, formula=FORMULA, unit=fit.unit,
         residual=residual, n_in=fit.n_in, file=in_comment(Path(fit.file).name), n_used=best.n_used,
-        hard_iron=_row(hard_iron), soft_iron=_rows(soft_iron), radius=c_float(radius), **_gravity_words(fit),
+        hard_iron=_row(hard_iron), soft_iron=_rows(soft_iron), radius=c_float(radius),
     )  # fmt: skip
     write_asked_for(path, text)
 
@@ -116,15 +116,16 @@ def _numbers(best: CalibratorFit) -> tuple[Triple, Matrix, float, float]:
 
 def _gravity_words(fit: SampleFit) -> dict[str, str]:
     """Return what a header says of axes, of heading and of the accelerometer."""
-    found = fit.best.gravity
+    found, turn = fit.best.gravity, fit.best.turn
     if found is None or fit.gravity is None or not found.accelerometer_offset or not found.accelerometer_gain:
-        return {"axes": _AXES, "heading": _HEADING, "accelerometer": ""}
-    heading = _GRAVITY_HEADING.format(dip=found.held_out_dip_deg, columns=", ".join(map(in_comment, fit.columns)))
+        caution = _SYMMETRIC if turn is None else _TURN.format(axis=turn.axis)
+        return {"axes": _AXES, "caution": caution, "accelerometer": ""}
+    caution = _GRAVITY.format(dip=found.held_out_dip_deg, columns=", ".join(map(in_comment, fit.columns)))
     accelerometer = _ACCELEROMETER.format(
         unit=fit.gravity.unit, gain_unit=fit.gravity.gain_unit, offset=_row(found.accelerometer_offset),
         gain=_rows(found.accelerometer_gain),
     )  # fmt: skip
-    return {"axes": _GRAVITY_AXES, "heading": heading, "accelerometer": accelerometer}
+    return {"axes": _GRAVITY_AXES, "caution": caution, "accelerometer": accelerometer}
 
 
 def _rows(matrix: Matrix) -> str:

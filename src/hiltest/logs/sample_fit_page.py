@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from hiltest import __version__
 from hiltest.calibration.acceptance import Acceptance
 from hiltest.calibration.robust import Mask
-from hiltest.logs.sample_fit import CalibratorFit, SampleFit
+from hiltest.logs.fit_result import CalibratorFit, SampleFit
 from hiltest.logs.sample_fit_table import figure_rows, reason_line
 from hiltest.logs.samples import Samples
 from hiltest.logs.span import FieldChange, instants
