@@ -127,7 +127,7 @@ def test_a_terminal_of_80_columns_shows_it_whole_and_each_reason_once(
 
 def test_too_few_points_are_told_once(clouds: Path) -> None:
     _write(clouds / "three.csv", golden_points(400)[:3] / 10.0)
-    assert "  number of points 3 is below 10 (refused): " in fit("three.csv", "--on", "host", folder=clouds).stdout
+    assert "number of points 3 is below 10 (refused): " in fit("three.csv", "--on", "host", folder=clouds).stdout
 
 
 def test_a_cloud_can_come_from_standard_input(clouds: Path) -> None:

@@ -38,7 +38,7 @@ def print_fit(fit: SampleFit, console: Console) -> None:
     for line in _best(fit):
         console.print(line, soft_wrap=True)
     columns = os.environ.get("COLUMNS", "")
-    for style, sentences in (("", _reasons(fit)), ("dim", iter(fit.notes))):
+    for style, sentences in (("", told_reasons(fit)), ("dim", iter(fit.notes))):
         for each in sentences:
             folded = Text(each, style=style).wrap(console, int(columns)) if columns.isdecimal() else [Text(each, style)]
             console.print(*folded, sep="\n", soft_wrap=not console.is_terminal)
@@ -163,7 +163,7 @@ def _accelerometer(fit: SampleFit) -> list[str]:
     ]
 
 
-def _reasons(fit: SampleFit) -> Iterator[str]:
+def told_reasons(fit: SampleFit) -> Iterator[str]:
     """Yield each reason once, with the calibrators that it is of where it is not of all.
 
     Of calibrators that a shape stands in for only why they are all refused is told.
@@ -180,7 +180,7 @@ def _reasons(fit: SampleFit) -> Iterator[str]:
         if best.shape and best.name not in names and not told:
             continue
         line = reason_line(named[0][1], values[:1] if len(set(values)) == 1 else values)
-        yield f"  {line}" if len(names) == count and len(set(values)) == 1 else f"{', '.join(names)}: {line}"
+        yield line if len(names) == count and len(set(values)) == 1 else f"{', '.join(names)}: {line}"
 
 
 def reason_line(reason: Reason, values: Sequence[float | str] = ()) -> str:

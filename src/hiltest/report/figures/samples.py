@@ -99,20 +99,28 @@ def _cap(hole: Hole) -> Array:
     return cap
 
 
-def coverage_map(corrected: Array, shown: Array) -> Figure:
+def coverage_map(corrected: Array, shown: Array, hole: Hole | None) -> Figure:
     """Draw which part of the sphere samples cover, by the rule that calibrations of recorded samples are accepted by.
 
     Parameters
     ----------
     corrected, shown : ndarray, shape (n, 3)
         All calibrated samples, and those that are drawn.
+    hole : Hole or None
+        Named where it is part of what is not covered.
     """
     covered = covered_directions(corrected)
-    return _sphere_map(
-        f"coverage: {100.0 * covered.mean():.0f} % of the sphere",
+    named = hole if hole is not None and not covered.all() else None
+    words = "" if named is None else f"; largest hole about {named.axes}, radius {named.radius_deg:.0f}°"
+    figure = _sphere_map(
+        f"coverage: {100.0 * covered.mean():.0f} % of the sphere{words}",
         "Directions of the calibrated samples on an equal-area map; marked where none is near",
         KeyEntry("no sample near", "uncovered"), SPHERE[~covered], shown, 460.0, 260.0,
     )
+    if named is not None:
+        figure.marks(_on_map(np.array([named.direction])), "series-3 hollow", Mark.CROSS, radius=6.0)
+        figure.key.append(KeyEntry("middle of the largest hole", "", Mark.CROSS, "series-3 hollow"))
+    return figure
 
 
 def largest_cap_map(corrected: Array, *, width: float, height: float) -> Figure:
