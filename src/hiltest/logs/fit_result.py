@@ -16,6 +16,8 @@ from hiltest.measurement import CycleRange
 Triple: TypeAlias = tuple[float, float, float]
 Matrix: TypeAlias = tuple[Triple, Triple, Triple]
 
+_ORDER = list(Acceptance)
+
 
 @dataclass(frozen=True, slots=True)
 class Turn:
@@ -275,9 +277,6 @@ class SampleFit:
         }  # fmt: skip
         least = min(dips, default=math.inf)
         return dips[least] if least < (math.inf if norms is None else norms) else alone
-
-
-_ORDER = list(Acceptance)
 
 
 def best_of(fits: Sequence[CalibratorFit]) -> CalibratorFit:
