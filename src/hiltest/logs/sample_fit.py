@@ -21,6 +21,7 @@ from hiltest.calibration.quality import direction_difference_rms_deg, residual_p
 from hiltest.calibration.robust import FURTHEST, MANY_LEFT_OUT
 from hiltest.calibration.solid_angle import solid_angle_covered
 from hiltest.errors import ConfigError
+from hiltest.logs.asked_units import asked_of_field
 from hiltest.logs.counts import CountScale, evenly_on_sphere
 from hiltest.logs.left_out import LeftOut, left_out
 from hiltest.logs.samples import Samples
@@ -324,7 +325,7 @@ def _sample_fit(
         robust="tukey" if gone.robust else "none", n_dropped=int(gone.dropped.sum()), dropped=gone.dropped_lines,
         change=change, condition=condition, on=on, firmware=firmware, calibrators=tuple(fits), notes=(),
     )  # fmt: skip
-    return replace(fit, notes=tuple(notes(fit)))
+    return replace(fit, notes=(*samples.notes, *notes(fit)))
 
 
 def notes(fit: SampleFit) -> Iterator[str]:
@@ -332,6 +333,9 @@ def notes(fit: SampleFit) -> Iterator[str]:
     if MICROTESLA[Unit(fit.unit)] is None:
         why = "The header names no unit that is known: taken as counts" if fit.unit_from == "assumed" else "Counts"
         yield f"{why} of unknown scale, so the field strength is not checked; --unit uT or gauss says what they are."
+    undetermined = any(each.figure == "condition" and each.verdict is Acceptance.REFUSED for each in fit.best.reasons)
+    if fit.best.radius is not None and not undetermined:
+        yield from asked_of_field(fit.best.radius, Unit(fit.unit), fit.unit_from)
     if fit.n_skipped:
         yield f"{fit.n_skipped} rows without three finite numbers were skipped."
     if fit.change is not None:
