@@ -179,6 +179,7 @@ def test_keys_of_json_may_miss_and_one_that_comes_late_is_said(tmp_path: Path) -
         ('{"x": 1}\n[1]\n{"x": 1}\n', "JSON, but not an object on each line"),
         ('{"x": 1}\n{"x": 1}\n[1]\n', ":3: not an object"),
         ('{"a": {"b": 1}, "a.b": 2}\n{"x": 1}\n', ":1: two keys are the same when levels are joined by points"),
+        ('{"mag": [[1, 2, 3], [4, 5, 6]]}\n', "JSON, but not an object on each line"),
         ('{\n "mag": [\n  [1, 2, 3]\n ]\n}\n', "JSON, but not an object on each line"),
     ],
 )

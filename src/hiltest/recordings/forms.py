@@ -27,6 +27,7 @@ _MOTION_CAL_COLUMNS = {
     **dict.fromkeys(("mx_uT", "my_uT", "mz_uT"), 10.0),
 }
 _LIST_OF_THREE = re.compile(r"\[[^][,]*,[^][,]*,[^][,]*\]")
+_LIST_OF_ROWS = re.compile(r"\[\s*[\[{]")
 # More than any column or row has in its number, and few enough to be read at once.
 _DIGITS = 10
 # "1,234" may be a thousand and some, or one and some.
@@ -101,6 +102,8 @@ def _json_lines(lines: Sequence[Line]) -> Form | None:
     first = next((place for place, line in enumerate(lines) if line.text.lstrip().startswith("{")), None)
     if first is None or not all(line.text.lstrip().startswith("{") for line in lines[first : first + 2]):
         return None
+    if len(lines) == first + 1 and _LIST_OF_ROWS.search(lines[first].text):
+        return None  # one document, whose rows are in it
     names: dict[str, None] = {}
     for line in lines[first:]:
         with suppress(ValueError):  # is refused as a row
