@@ -16,11 +16,11 @@ from hiltest.calibration.quality import sphere_directions
 
 # Of the central differences: their own error is its square, float64 rounding the quotient of 1e-16 by it.
 _STEP = 1e-5
-# Parts of a log in time, each left out once. On 63 comparisons of real logs 52 predictions are within a factor of 2
+#: Parts of a log in time, each left out once. On 63 comparisons of real logs 52 predictions are within a factor of 2
 # with 20 parts, 53 with 10, 52 with 40, but 9 too small with those: what disturbs a log lasts.
-_BLOCKS = 20
+BLOCKS = 20
 # Two points in each block; of fewer points the residual says more.
-_FEWEST_FOR_BLOCKS = 2 * _BLOCKS
+_FEWEST_FOR_BLOCKS = 2 * BLOCKS
 # What a calibration is worth that another part of the log would not have given at all.
 _NO_DIRECTION_DEG = 90.0
 
@@ -108,7 +108,7 @@ def predicted_direction_error(
 
 def _jackknife_deg(points: Array, unbiased: bool) -> float:
     """Return the standard deviation of directions between fits without a block each [deg]."""
-    blocks = np.array([power_sums(block) for block in np.array_split(points, _BLOCKS)])
+    blocks = np.array([power_sums(block) for block in np.array_split(points, BLOCKS)])
     whole = blocks.sum(axis=0)
     calibration = calibration_from_sums(whole, unbiased=unbiased)
     if calibration is None:
@@ -121,7 +121,7 @@ def _jackknife_deg(points: Array, unbiased: bool) -> float:
             return _NO_DIRECTION_DEG
         without.append(_calibrated_directions(*calibration, readings))
     off = np.array(without) - np.mean(without, axis=0)
-    variance = (_BLOCKS - 1) / _BLOCKS * float((off * off).sum(axis=2).mean(axis=1).sum())
+    variance = (BLOCKS - 1) / BLOCKS * float((off * off).sum(axis=2).mean(axis=1).sum())
     return math.degrees(math.sqrt(variance))
 
 
