@@ -120,6 +120,41 @@ def test_the_wrong_unit_is_refused_by_the_field_strength() -> None:
     assert fit_on_host(_cloud(golden_points(100).astype(float), Unit.COUNTS), "direct").best.verdict is Acceptance.GOOD
 
 
+@pytest.mark.parametrize(
+    ("scale", "unit", "unit_from", "asked"),
+    [
+        (10.0, Unit.UT, "header", "480 uT, and the earth's is 20 to 70 uT. Are these tenths of a microtesla"),
+        (0.01, Unit.UT, "option", "Are these gauss? --unit gauss says so"),
+        (1.0, Unit.GAUSS, "header", "Are these uT?"), (1000.0, Unit.UT, "header", "Are these nT?"),
+        (1e-3, Unit.UT, "header", "Are these mT?"),
+        (1.0, Unit.COUNTS, "assumed", "A strength of 48 would be the earth's in uT."),
+        (0.01, Unit.COUNTS, "assumed", "A strength of 0.48 would be the earth's in gauss."),
+        (1.0, Unit.UT, "header", None), (0.01, Unit.GAUSS, "header", None), (1.0, Unit.COUNTS, "header", None),
+        (1.0, Unit.COUNTS, "option", None), (10.0, Unit.COUNTS, "assumed", None), (3.0, Unit.UT, "header", None),
+    ],
+)  # fmt: skip
+def test_a_strength_that_is_the_earth_s_in_another_unit_is_asked_about(
+    scale: float, unit: Unit, unit_from: str, asked: str | None
+) -> None:
+    cloud = replace(_cloud(scale * 48.0 * sphere_directions(200), unit), unit_from=unit_from)
+    fit = fit_on_host(cloud, "direct")
+    questions = [note for note in fit.notes if "the earth's" in note]
+    assert fit.unit == unit
+    assert [asked in each for each in questions] == [True] if asked else questions == []
+
+
+def test_the_unit_is_not_asked_about_where_the_samples_do_not_determine_the_strength() -> None:
+    directions = sphere_directions(4000)
+    fit = fit_on_host(_cloud(480.0 * directions[directions[:, 2] > 0.8]), "direct")
+    assert fit.condition > 300.0
+    assert not any("Are these" in note for note in fit.notes)
+
+
+def test_what_was_assumed_of_the_file_is_among_the_notes() -> None:
+    cloud = replace(_cloud(48.0 * sphere_directions(100)), notes=("Line 1 was skipped.",))
+    assert fit_on_host(cloud, "direct").notes[0] == "Line 1 was skipped."
+
+
 @pytest.mark.parametrize("count", [1, 3, 8])
 def test_too_few_points_are_refused_with_that_reason(virtual_board: Board, count: int) -> None:
     cloud = _cloud(golden_points(100)[:count] / 10.0)

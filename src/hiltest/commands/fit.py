@@ -74,7 +74,7 @@ def fit(
 ) -> int:  # fmt: skip
     """Calibrate from a magnetometer log, and say how good it is.
 
-    LOG is a text table: comma, semicolon, tab or blanks between cells, decimal points, with or without a header;
+    LOG is a table with or without a header, a capture of a serial monitor or for MotionCal, or lines of JSON;
     - is standard input. A refused calibration is not exported without --force.
 
     LOG may be a folder: a row for each log in it, by the float64 references, with how well parts of it agree.

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from hiltest.calibration.acceptance import LARGEST_AXIS_RATIO
+from hiltest.calibration.acceptance import LARGEST_AXIS_RATIO, Acceptance
 from hiltest.calibration.robust import FURTHEST, MANY_LEFT_OUT
+from hiltest.logs.asked_units import asked_of_field
 from hiltest.logs.fit_result import SampleFit
 from hiltest.recordings.columns import MICROTESLA, Unit
 
@@ -18,6 +19,12 @@ def notes(fit: SampleFit) -> Iterator[str]:
     if MICROTESLA[Unit(fit.unit)] is None:
         why = "The header names no unit that is known: taken as counts" if fit.unit_from == "assumed" else "Counts"
         yield f"{why} of unknown scale, so the field strength is not checked; --unit uT or gauss says what they are."
+    # A shape that is no ellipsoid may have another radius than the field's.
+    undetermined = fit.best.shape is not None or any(
+        each.figure == "condition" and each.verdict is Acceptance.REFUSED for each in fit.best.reasons
+    )
+    if fit.best.radius is not None and not undetermined:
+        yield from asked_of_field(fit.best.radius, Unit(fit.unit), fit.unit_from)
     if fit.n_skipped:
         yield f"{fit.n_skipped} rows without three finite numbers were skipped."
     if fit.change is not None:

@@ -170,7 +170,7 @@ class _Log:
             change=self._change, condition=self.rating.condition, hole=hole, field_ut=self._field_ut, on=on,
             firmware=firmware, calibrators=(*fits, *against), notes=(), gravity=log,
         )  # fmt: skip
-        return replace(fit, notes=tuple(notes(fit)))
+        return replace(fit, notes=(*self._samples.notes, *notes(fit)))
 
 
 def _difference_deg(fit: MagnetometerFit, whole: MagnetometerFit | None) -> float | None:
