@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hiltest.calibration import UNBIASED
 from hiltest.calibration.acceptance import FitFigures, rate
 from hiltest.calibration.conditioning import ellipsoid_condition
-from hiltest.calibration.direction_error import DirectionError, predicted_direction_error
+from hiltest.calibration.direction_error import DirectionError, ErrorPrediction
 from hiltest.calibration.fit import FitStatus, MagnetometerFit
 from hiltest.calibration.quality import residual_percent
 from hiltest.calibration.shapes import Shape, fit_shape
@@ -41,14 +41,21 @@ class Rating:
 
     def __init__(self, samples: Samples, change: FieldChange | None) -> None:
         self._samples, self._change = samples, change
+        self._predicted: tuple[Array, ErrorPrediction] | None = None
         self.condition = ellipsoid_condition(samples.points)
 
     def calibrator(self, name: str, fit: MagnetometerFit, used: Array) -> CalibratorFit:
         """Return what a calibrator made of the points it used; `fit` is in the unit of the samples."""
         # With no step in it the fit of a calibrator that takes the bias out is another's.
-        predicted = predicted_direction_error(used, fit, unbiased=name in UNBIASED and fit.iterations > 0)
+        predicted = self._predictions(used).of(fit, unbiased=name in UNBIASED and fit.iterations > 0)
         figures = FitFigures(fit.status, condition=self.condition, n=len(used))
         return self._rated(name, fit, figures, predicted)
+
+    def _predictions(self, used: Array) -> ErrorPrediction:
+        """Return that of the points that calibrators get: of one board, or of the host, they are the same."""
+        if self._predicted is None or self._predicted[0] is not used:
+            self._predicted = used, ErrorPrediction(used)
+        return self._predicted[1]
 
     def shape(self, shape: Shape, field: float | None) -> CalibratorFit:
         """Return what a shape makes of the samples, with the field's strength where it is known, in their unit."""
