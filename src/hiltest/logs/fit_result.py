@@ -218,6 +218,8 @@ class SampleFit:
         Readings that are no part of the ellipsoid.
     dropped : tuple of pairs of int
         First and last line of each run of them; numbers from 1 of readings that are from no file.
+    in_order : bool
+        False where a reading is as far from the next one as from any other: the order of the rows carries no time.
     change : FieldChange or None
         Where the hard iron changed by a step.
     condition : float
@@ -247,6 +249,7 @@ class SampleFit:
     robust: str
     n_dropped: int
     dropped: tuple[tuple[int, int], ...]
+    in_order: bool
     change: FieldChange | None
     condition: float
     hole: Hole | None

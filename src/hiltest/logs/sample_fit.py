@@ -23,7 +23,7 @@ from hiltest.logs.gravity_fit import against_gravity
 from hiltest.logs.left_out import left_out
 from hiltest.logs.rating import Rating, triple
 from hiltest.logs.samples import Samples
-from hiltest.logs.span import field_change
+from hiltest.logs.span import field_change, in_order_of_time
 from hiltest.procedures.calibrate import calibrate_once
 from hiltest.procedures.cycles import upload_points
 
@@ -167,8 +167,8 @@ class _Log:
             file=str(samples.path), columns=samples.columns, unit=str(samples.unit), unit_from=samples.unit_from,
             n_in=len(samples.points), n_skipped=samples.skipped, n_repeated=int(gone.repeated.sum()),
             robust="tukey" if gone.robust else "none", n_dropped=int(gone.dropped.sum()), dropped=gone.dropped_lines,
-            change=self._change, condition=self.rating.condition, hole=hole, field_ut=self._field_ut, on=on,
-            firmware=firmware, calibrators=(*fits, *against), notes=(), gravity=log,
+            in_order=in_order_of_time(self.kept), change=self._change, condition=self.rating.condition, hole=hole,
+            field_ut=self._field_ut, on=on, firmware=firmware, calibrators=(*fits, *against), notes=(), gravity=log,
         )  # fmt: skip
         return replace(fit, notes=(*self._samples.notes, *notes(fit)))
 
