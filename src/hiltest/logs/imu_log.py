@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from hiltest.errors import ConfigError
 from hiltest.recordings.columns import (
     ACCELEROMETER_STEM,
+    GYROSCOPE_STEM,
     axis_triples,
     column_index,
     named_columns,
@@ -28,7 +29,6 @@ Reals = NDArray[np.float64]
 
 # Five hours at 100 Hz.
 MAX_ROWS = 2_000_000
-_GYROSCOPE = re.compile(r"gyr|^g$|^w$|omega")
 # A log that is slower does not see a turn, and its column of time is more likely in another unit.
 _SLOWEST_HZ = 5.0
 _FASTEST_HZ = 1e5
@@ -65,7 +65,7 @@ class ImuLog:
     time_s : ndarray, shape (n,)
         Increasing [s].
     acceleration : ndarray, shape (n, 3)
-        In `acceleration_unit`, axes of the sensor.
+        In `acceleration_unit`, axes of the sensor; no row when nothing was logged of an accelerometer.
     rate : ndarray, shape (n, 3), or None
         In `rate_unit`. None when nothing was logged of a gyroscope.
     acceleration_unit : AccelerationUnit
@@ -91,6 +91,7 @@ class ImuLog:
 def read_imu_log(
     path: Path, gyroscope_path: Path | None = None, *, columns: LogColumns = LogColumns(),
     rate_hz: float | None = None, acceleration_unit: AccelerationUnit | None = None, rate_unit: RateUnit | None = None,
+    gyroscope_alone: bool = False,
 ) -> ImuLog:  # fmt: skip
     """Read a log.
 
@@ -106,6 +107,8 @@ def read_imu_log(
         Sampling rate; by default from the column of time.
     acceleration_unit, rate_unit : optional
         By default what the headers say, else counts.
+    gyroscope_alone : bool
+        Whether a log of the gyroscope alone will do.
 
     Raises
     ------
@@ -113,12 +116,18 @@ def read_imu_log(
         When there is no such table, or a cell in it is no number; names file, line and column.
     """
     first = _Table(path, columns.labels)
-    places = first.axes(columns.accelerometer, ACCELEROMETER_STEM, "--accelerometer-columns", "accelerometer")
-    if places is None:
+    found = first.axes(
+        columns.accelerometer, ACCELEROMETER_STEM, "--accelerometer-columns", "accelerometer", alone=not gyroscope_alone
+    )
+    alone = found is None and gyroscope_alone and gyroscope_path is None
+    if found is None and not alone:
         raise first.no_axes("accelerometer", "--accelerometer-columns")
+    places: tuple[int, ...] = found or ()
     second = first if gyroscope_path is None else _Table(gyroscope_path, None)
-    others = second.axes(columns.gyroscope, _GYROSCOPE, "--gyroscope-columns", "gyroscope", alone=second is not first)
-    if gyroscope_path is not None and others is None:
+    others = second.axes(
+        columns.gyroscope, GYROSCOPE_STEM, "--gyroscope-columns", "gyroscope", alone=alone or second is not first
+    )
+    if (gyroscope_path is not None or alone) and others is None:
         raise second.no_axes("gyroscope", "--gyroscope-columns")
     names, other_names = first.names(places), second.names(others) if others else ()
     unit = acceleration_unit or unit_in_headers(
@@ -126,12 +135,13 @@ def read_imu_log(
     )
     other_unit = rate_unit or unit_in_headers(other_names if second.headers else (), RATE_WORDS, "--gyroscope-unit")
     time_s, readings = first.read(columns.time, rate_hz, [*places, *(others or () if second is first else ())])
-    rate = readings[:, 3:] if readings.shape[1] > 3 else None
+    rate = readings[:, len(places) :] if readings.shape[1] > len(places) else None
     if second is not first and others is not None:
         other_time_s, rate = second.read(columns.time, rate_hz, list(others))
         _check_pairs(path, second.path, time_s, other_time_s)
     return ImuLog(
-        tuple(str(each) for each in (path, gyroscope_path) if each), time_s, readings[:, :3], rate,
+        tuple(str(each) for each in (path, gyroscope_path) if each), time_s,
+        readings[:, :3] if places else np.empty((0, 3)), rate,
         unit or AccelerationUnit.COUNTS, other_unit or RateUnit.COUNTS, first.labels,
     )  # fmt: skip
 
