@@ -82,7 +82,8 @@ def _changes(rates: Reals, size: int) -> tuple[Reals, Reals]:
     # Of readings that are nearly all alike the quartile is zero: one step of the converter in a window is no motion.
     steps = np.abs(np.diff(rates, axis=0))
     steps[steps == 0.0] = np.inf
-    return changes, np.abs(changes) / np.maximum(noise, steps.min(axis=0) / size)
+    with np.errstate(over="ignore"):
+        return changes, np.abs(changes) / np.maximum(noise, steps.min(axis=0) / size)
 
 
 def _longest_rest(n: int, moved: Mapping[int, tuple[Reals, Reals]]) -> tuple[int, int]:

@@ -105,8 +105,7 @@ def steady_parts(log: ImuLog, bias: Reals, *, rpm: float) -> tuple[Interval, ...
         steady = np.zeros(len(turns), dtype=np.bool_)
         steady[start:end] = np.abs(speed[start:end] - level) <= _STEADY * level + _SCATTER * noise / math.sqrt(size)
         first, last = max(_runs(steady), key=lambda run: run[1] - run[0], default=(start, start))
-        # Without the second in which it still gathered speed, and the one in which it lost it again.
-        part = Interval(first + size, last - 1)
+        part = Interval(first, last + size - 1)
         if part.end - part.start >= 60.0 / rpm / log.period_s:
             found.append(part)
     return tuple(found)

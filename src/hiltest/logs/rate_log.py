@@ -121,11 +121,11 @@ def read_rate_log(
         raise ConfigError(f"{path}: {error}") from error
     times, values = _numbers(path, rows if headers else chain([first], rows), layout)
     time_s = np.arange(len(values)) / rate_hz if rate_hz else layout.seconds * (times - times[0])
-    if rate_hz is None:
-        _check_steps(path, time_s)
     part, breaks = _longest_part(time_s, first_s, last_s, even=rate_hz is not None)
     if part.stop - part.start < 2:
         raise CalibrationError(f"{path}: {part.stop - part.start} samples: no log of noise")
+    if rate_hz is None:
+        _check_steps(path, time_s[part])
     found_hz, jitter_s = (rate_hz, 0.0) if rate_hz else even_stamps(time_s[part])
     rates = values[part] * (DEGREES_PER_SECOND[found] or 1.0)
     return RateLog(
@@ -266,7 +266,7 @@ def _value(path: Path, line: int, cell: str, name: str, what: str, *, largest: f
 
 
 def _check_steps(path: Path, time_s: Reals) -> None:
-    step_s = float(time_s[-1]) / (len(time_s) - 1) if len(time_s) > 1 else 1.0
+    step_s = float(time_s[-1] - time_s[0]) / (len(time_s) - 1)
     if not 1.0 / _RATES_HZ[1] <= step_s <= 1.0 / _RATES_HZ[0]:
         raise ConfigError(f"{path}: samples are {step_s:g} s apart by the column of time; give --rate, or name the "
                           "column with its unit, such as time_ms")

@@ -16,6 +16,8 @@ GAP = 1.5
 # Packets and a clock of whole seconds come more often; what is switched on and off does not.
 _LONGEST_WAIT_S = 2.0
 _FEWEST_WAITS = 10
+# What comes faster has its time in another unit.
+_SHORTEST_WAIT_S = 1e-6
 # So many waits, and twice the step, are what late samples take to catch up.
 _CATCH_UP = 10
 
@@ -37,7 +39,7 @@ def gaps(time_s: Reals) -> NDArray[np.int64]:
     steps_s = np.diff(time_s)
     wait_s = _usual_wait_s(steps_s)
     long = np.flatnonzero(steps_s > GAP * wait_s) + 1
-    if not len(long) or not wait_s:
+    if not len(long) or wait_s < _SHORTEST_WAIT_S:
         return np.zeros(0, dtype=np.int64)
     period_s = _period_s(time_s, wait_s)
     found = _not_caught_up(time_s, long, wait_s, period_s)
@@ -76,11 +78,13 @@ def _period_s(time_s: Reals, wait_s: float) -> float:
 
 
 def _not_caught_up(time_s: Reals, long: NDArray[np.int64], wait_s: float, period_s: float) -> NDArray[np.int64]:
-    late_s = time_s - period_s * np.arange(len(time_s))
+    n = len(time_s)
+    late_s = time_s - period_s * np.arange(n)
+    usual = round(min(n, _CATCH_UP * wait_s / period_s)) + 1
     found, last = [], 0
     for at in long.tolist():
-        behind = max(1, round((_CATCH_UP * wait_s + 2.0 * (time_s[at] - time_s[at - 1])) / period_s))
-        before = max(last, at - round(_CATCH_UP * wait_s / period_s) - 1)
+        behind = usual + round(min(n, 2.0 * (time_s[at] - time_s[at - 1]) / period_s))
+        before = max(last, at - usual)
         if late_s[at : at + behind].min() - late_s[before:at].min() > (GAP - 1.0) * wait_s:
             found.append(at)
             last = at
