@@ -111,7 +111,7 @@ def to_json(log: RateLog, curve: AllanCurve) -> str:
     content = {
         "schema": SCHEMA, "hiltest": __version__, "file": str(log.path), "unit": "dps" if log.in_degrees else "counts",
         "samples": len(log.rates), "rows": log.rows, "gaps": log.gaps, "start_s": log.start_s, "rate_hz": log.rate_hz,
-        "jitter_s": log.jitter_s,
+        "jitter_s": log.jitter_s, "notes": list(log.notes),
         "columns": [
             {"name": name, **{each.key: each.content for each in numbers(log, reading)}}
             for name, reading in zip(log.columns, curve.readings, strict=True)
@@ -131,8 +131,9 @@ def to_json(log: RateLog, curve: AllanCurve) -> str:
 def write_page(log: RateLog, curve: AllanCurve, path: Path) -> None:
     """Write a page with the curves so that a reader sees the whole file or none."""
     page = render(
-        "allan.html.j2", package="hiltest.logs", headline=headline(log), header=HEADER, rows=list(table(log, curve)),
-        figures=[figure(log, curve, axis) for axis in range(len(log.columns))], version=__version__,
+        "allan.html.j2", package="hiltest.logs", headline=headline(log), notes=log.notes, header=HEADER,
+        rows=list(table(log, curve)), figures=[figure(log, curve, axis) for axis in range(len(log.columns))],
+        version=__version__,
     )  # fmt: skip
     write_asked_for(path, page)
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import csv
 import math
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +15,9 @@ from numpy.typing import NDArray
 from hiltest.calibration.rest import first_motion
 from hiltest.errors import CalibrationError, ConfigError
 from hiltest.logs.time_stamps import even_stamps, gaps
+from hiltest.recordings.cells import is_number, shown
 from hiltest.recordings.columns import GYROSCOPE_STEM, axis_triples, column_index, name_and_unit, seconds_of
-from hiltest.recordings.table import TableRow, check_width, is_number, read_rows, shown
+from hiltest.recordings.table import Table, open_table
 from hiltest.units import DEGREES_PER_SECOND, RATE_WORDS, RateUnit
 
 Reals = NDArray[np.float64]
@@ -54,6 +54,8 @@ class RateLog:
         First sample of the part, after the first row of the file.
     jitter_s : float
         By how much a time stamp of the part is off an even rate, at most.
+    notes : tuple of str
+        What was skipped, recognised or assumed in the file, a sentence each.
     """
 
     path: Path
@@ -65,6 +67,7 @@ class RateLog:
     gaps: int
     start_s: float = 0.0
     jitter_s: float = 0.0
+    notes: tuple[str, ...] = ()
 
     @property
     def in_degrees(self) -> bool:
@@ -74,7 +77,6 @@ class RateLog:
 
 @dataclass(frozen=True, slots=True)
 class _Layout:
-    width: int
     places: tuple[int, ...]
     names: tuple[str, ...]
     time: int | None
@@ -90,7 +92,7 @@ def read_rate_log(
     Parameters
     ----------
     path : Path
-        As `hiltest.recordings.table.read_rows` takes it.
+        As `hiltest.recordings.table.open_table` takes it.
     columns : str, optional
         Up to three, ``a,b,c``: names or numbers from 1; by default those that the header calls a gyroscope's.
     unit : RateUnit, optional
@@ -109,17 +111,14 @@ def read_rate_log(
     ConfigError
         When there is no such table in the file; names file, row and column.
     """
-    rows = read_rows(path)
-    first = next(rows, None)
-    if first is None:
-        raise ConfigError(f"{path}: the file is empty")
-    headers = first.cells if not any(map(is_number, first.cells)) else ()
+    table = open_table(path, fewest=1)
+    headers = table.headers
     try:
-        layout = _layout(headers, len(first.cells), columns, None if rate_hz else time, want_time=rate_hz is None)
+        layout = _layout(headers, table.width, columns, None if rate_hz else time, want_time=rate_hz is None)
         found = unit or _unit_of(layout.names if headers else (), otherwise)
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
-    times, values = _numbers(path, rows if headers else chain([first], rows), layout)
+    times, values = _numbers(table, layout)
     time_s = np.arange(len(values)) / rate_hz if rate_hz else layout.seconds * (times - times[0])
     part, breaks = _longest_part(time_s, first_s, last_s, even=rate_hz is not None)
     if part.stop - part.start < 2:
@@ -129,7 +128,8 @@ def read_rate_log(
     found_hz, jitter_s = (rate_hz, 0.0) if rate_hz else even_stamps(time_s[part])
     rates = values[part] * (DEGREES_PER_SECOND[found] or 1.0)
     return RateLog(
-        path, layout.names, rates, found, found_hz, len(values), breaks, float(time_s[part.start]), jitter_s
+        path, layout.names, rates, found, found_hz, len(values), breaks, float(time_s[part.start]), jitter_s,
+        table.notes,
     )
 
 
@@ -198,7 +198,7 @@ def _layout(
     at, seconds = _time_column(headers, width, time) if want_time else (None, 1.0)
     if at in places:
         raise ConfigError(f"column {headers[at] if headers and at is not None else at} is given as time and as a rate")
-    return _Layout(width, places, names, at, seconds)
+    return _Layout(places, names, at, seconds)
 
 
 def _guessed(headers: Sequence[str]) -> tuple[int, ...]:
@@ -232,11 +232,10 @@ def _unit_of(names: Sequence[str], otherwise: RateUnit | None) -> RateUnit:
     return units.pop()
 
 
-def _numbers(path: Path, rows: Iterator[TableRow], layout: _Layout) -> tuple[Reals, Reals]:
-    times, values = array("d"), array("d")
+def _numbers(table: Table, layout: _Layout) -> tuple[Reals, Reals]:
+    path, times, values = table.path, array("d"), array("d")
     last_s = -math.inf
-    for row in rows:
-        check_width(path, row, layout.width)
+    for row in table.rows():
         cells = [row.cells[place] for place in layout.places]
         if not any(cells):
             continue  # a row of another sensor

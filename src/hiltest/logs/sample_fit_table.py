@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -13,16 +14,16 @@ from rich.table import Table
 from rich.text import Text
 
 from hiltest.calibration.acceptance import Acceptance, Reason
-from hiltest.logs.sample_fit import CalibratorFit, SampleFit
+from hiltest.logs.fit_result import AgainstGravity, CalibratorFit, GravityFigures, SampleFit
 from hiltest.text import readable
 
-_STYLES = {Acceptance.GOOD: "green", Acceptance.FAIR: "yellow", Acceptance.POOR: "red", Acceptance.REFUSED: "bold red"}
+STYLES = {Acceptance.GOOD: "green", Acceptance.FAIR: "yellow", Acceptance.POOR: "red", Acceptance.REFUSED: "bold red"}
 _NAMES = {
     "n": "number of points", "condition": "condition", "residual_percent": "residual", "axis_ratio": "axis ratio",
     "radius_ut": "radius", "direction_error_deg": "predicted direction error",
-    "change_percent": "change of the field",
+    "change_percent": "change of the field", "strong_iron_deg": "direction error under strong iron",
 }  # fmt: skip
-_WIDTH = 80
+WIDTH = 80
 # No one reads more of them.
 _MOST_DECIMALS = 8
 
@@ -31,14 +32,26 @@ def print_fit(fit: SampleFit, console: Console) -> None:
     """Print what was read, a table with a column for each calibrator, the best one's numbers, reasons and notes."""
     points = f"{fit.n_in} points, columns {', '.join(fit.columns)} [{fit.unit}]"
     console.print(escape(f"{fit.file}: {points}"), soft_wrap=True)
-    console.print(_grid(fit), width=min(_WIDTH, console.width))
+    console.print(_grid(_shown(fit)), width=min(WIDTH, console.width))
+    if fit.gravity is not None and not fit.gravity.unused:
+        console.print(_gravity_grid(fit, fit.gravity), width=min(WIDTH, console.width))
     for line in _best(fit):
         console.print(line, soft_wrap=True)
     columns = os.environ.get("COLUMNS", "")
-    for style, sentences in (("", _reasons(fit.calibrators)), ("dim", iter(fit.notes))):
+    for style, sentences in (("", told_reasons(fit)), ("dim", iter(fit.notes))):
         for each in sentences:
             folded = Text(each, style=style).wrap(console, int(columns)) if columns.isdecimal() else [Text(each, style)]
             console.print(*folded, sep="\n", soft_wrap=not console.is_terminal)
+
+
+def _shown(fit: SampleFit) -> SampleFit:
+    """Return a fit without what has a table of its own, and without calibrators that a shape stands in for.
+
+    These are all refused, for one reason.
+    """
+    if fit.best.shape:
+        return replace(fit, calibrators=(fit.best,), firmware=None)
+    return replace(fit, calibrators=tuple(each for each in fit.calibrators if each.gravity is None))
 
 
 def _grid(fit: SampleFit) -> Table:
@@ -46,16 +59,44 @@ def _grid(fit: SampleFit) -> Table:
     grid.add_column("")
     for each in fit.calibrators:
         grid.add_column(escape(each.name), justify="right")
-    grid.add_row("verdict", *(Text(each.verdict, style=_STYLES[each.verdict]) for each in fit.calibrators))
+    grid.add_row("verdict", *(Text(each.verdict, style=STYLES[each.verdict]) for each in fit.calibrators))
     for label, cells in (*_kind_rows(fit), *_number_rows(fit), *_cycle_rows(fit, "cycles")):
         grid.add_row(escape(label), *map(escape, cells))
     return grid
 
 
+def _gravity_grid(fit: SampleFit, log: AgainstGravity) -> Table:
+    """Return what the accelerometer shows of rotations, beside the norms alone, which show none."""
+    grid, fits = Table(box=SIMPLE_HEAD, pad_edge=False), [each for each in fit.calibrators if each.gravity is not None]
+    grid.add_column(f"against gravity, {log.n_pairs} pairs")
+    for name in ("norms alone", *(each.name for each in fits)):
+        grid.add_column(escape(name), justify="right")
+    grid.add_row("verdict", "", *(Text(each.verdict, style=STYLES[each.verdict]) for each in fits))
+    (label, spreads), *others = _gravity_rows(fits)
+    grid.add_row(escape(label), _number(log.norms_held_out_dip_deg, ".2f"), *spreads)
+    for label, cells in (*others, ("residual [%]", [_number(each.residual_percent, ".2f") for each in fits])):
+        grid.add_row(escape(label), "", *cells)
+    return grid
+
+
+def _gravity_rows(fits: Sequence[CalibratorFit]) -> list[tuple[str, list[str]]]:
+    figures = [each.gravity or GravityFigures() for each in fits]
+    return [
+        ("dip varies, held out [deg]", [_number(each.held_out_dip_deg, ".2f") for each in figures]),
+        ("dip [deg]", [_number(each.dip_deg, ".1f") for each in figures]),
+        ("rotation found [deg]", [_number(each.rotation_deg, ".1f") for each in figures]),
+    ]
+
+
 def figure_rows(fit: SampleFit) -> list[tuple[str, list[str]]]:
     """Return the figures of a fit, hard and soft iron among them: a label, and a text for each calibrator."""
     label = f"cycles, {fit.firmware.cycle_model}" if fit.firmware else ""
-    return [*_kind_rows(fit), *_iron_rows(fit), *_number_rows(fit), *_cycle_rows(fit, label)]
+    gravity = []
+    if fit.gravity is not None and not fit.gravity.unused:
+        (first, cells), *others = _gravity_rows(fit.calibrators)
+        alone = _number(fit.gravity.norms_held_out_dip_deg, ".2f")
+        gravity = [(f"{first}; with norms alone {alone}", cells), *others]
+    return [*_kind_rows(fit), *_iron_rows(fit), *_number_rows(fit), *gravity, *_cycle_rows(fit, label)]
 
 
 def _kind_rows(fit: SampleFit) -> list[tuple[str, list[str]]]:
@@ -100,39 +141,60 @@ def _cycle_rows(fit: SampleFit, label: str) -> list[tuple[str, list[str]]]:
 def _best(fit: SampleFit) -> list[str]:
     """Return hard and soft iron of the best calibrator: those of all would not fit beside each other."""
     best = fit.best
-    lines = [f"cycles counted by {fit.firmware.cycle_model}"] if fit.firmware else []
+    lines = [f"cycles counted by {fit.firmware.cycle_model}"] if fit.firmware and best.shape is None else []
     if best.hard_iron is not None and best.soft_iron is not None:
         lines += [
             f"{escape(best.name)}: hard iron {escape(f'[{fit.unit}]')} {_hard_iron(best)}; soft iron {escape('[1]')}",
-            *(f"  {_row(row)}" for row in best.soft_iron), "--json has those of every calibrator",
+            *(f"  {_row(row)}" for row in best.soft_iron), *_accelerometer(fit), "--json has those of every calibrator",
         ]
     return lines
 
 
-def _reasons(fits: Sequence[CalibratorFit]) -> Iterator[str]:
-    """Yield each reason once, with the calibrators that it is of where it is not of all."""
+def _accelerometer(fit: SampleFit) -> list[str]:
+    """Return the accelerometer's calibration, without which one against gravity is worth nothing."""
+    found = fit.best.gravity
+    if found is None or fit.gravity is None or not found.accelerometer_gain or not found.accelerometer_offset:
+        return []
+    offset = " ".join(format(value, ".4g") for value in found.accelerometer_offset)
+    units = escape(f"[{fit.gravity.unit}]"), escape(f"[{fit.gravity.gain_unit}]")
+    return [
+        f"  in the axes of the accelerometer: offset {units[0]} {offset}; gain {units[1]}",
+        *(f"  {' '.join(format(value, '9.4g') for value in row)}" for row in found.accelerometer_gain),
+    ]
+
+
+def told_reasons(fit: SampleFit) -> Iterator[str]:
+    """Yield each reason once, with the calibrators that it is of where it is not of all.
+
+    Of calibrators that a shape stands in for only why they are all refused is told.
+    """
     found: dict[tuple[object, ...], list[tuple[str, Reason]]] = {}
-    for each in fits:
+    for each in fit.calibrators:
         for reason in each.reasons:
             same = (reason.figure, reason.threshold, reason.unit, reason.verdict, reason.meaning)
             found.setdefault(same, []).append((each.name, reason))
+    count, best = len(fit.calibrators), fit.best
     for named in found.values():
-        values = [reason.value for _, reason in named]
-        of_all = len(named) == len(fits) and len(set(values)) == 1
-        line = reason_line(named[0][1], values[:1] if of_all else values)
-        yield f"  {line}" if of_all else f"{', '.join(name for name, _ in named)}: {line}"
+        names, values = [name for name, _ in named], [reason.value for _, reason in named]
+        told = len(names) == count - 1 and named[0][1].verdict is Acceptance.REFUSED
+        if best.shape and best.name not in names and not told:
+            continue
+        line = reason_line(named[0][1], values[:1] if len(set(values)) == 1 else values)
+        yield line if len(names) == count and len(set(values)) == 1 else f"{', '.join(names)}: {line}"
 
 
 def reason_line(reason: Reason, values: Sequence[float | str] = ()) -> str:
     """Return one reason of a verdict as a sentence, of one calibrator or with the `values` of several."""
     if isinstance(reason.value, str) or isinstance(reason.threshold, str):
-        return f"the fit ended as {reason.value!r}: {reason.meaning}."
+        if reason.figure == "shape":
+            return f"fitted by '{reason.value}', not by '{reason.threshold}' ({reason.verdict}): {reason.meaning}."
+        return f"the fit ended as '{reason.value}': {reason.meaning}."
     shown = ", ".join(f"{value:.4g}" for value in values or (reason.value,))
     name = _NAMES[reason.figure]
     side = "above" if reason.value > reason.threshold else "below"
     unit = f" {reason.unit}" if reason.unit and reason.figure != "n" else ""  # a number of points has said it
     limit = f"{reason.threshold:g}{unit} ({reason.verdict})"
-    return f"{name} {shown}{unit} is {side} {limit}: {reason.meaning}."
+    return f"{name} {shown}{unit} is {side} {limit}: {reason.meaning}{'' if reason.meaning.endswith('?') else '.'}"
 
 
 def _number(value: float | None, how: str) -> str:
