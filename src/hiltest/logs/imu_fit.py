@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +15,12 @@ from rich.table import Table
 
 from hiltest import __version__
 from hiltest.c_source import c_constant, in_comment
+from hiltest.errors import ConfigError
 from hiltest.logs.imu_accelerometer import AUTO, AccelerometerResult, face_name, fit_rests
 from hiltest.logs.imu_gyroscope import WHOLE_DEG, GyroscopeResult, TurnResult, fit_gyroscope
 from hiltest.logs.imu_log import ImuLog
-from hiltest.logs.intervals import Intervals
+from hiltest.logs.imu_rate import SteadyRate, fit_rates, rest_rate, steady_parts
+from hiltest.logs.intervals import Interval, Intervals, found_intervals
 
 SCHEMA = "hiltest.fit-imu/1"
 ACCELEROMETER_FORMULA = "gravity_g = gain * (reading - offset)"
@@ -52,12 +54,21 @@ class ImuLogFit:
     accelerometer : AccelerometerResult
     gyroscope : GyroscopeResult or None
         None without a gyroscope in the log, or a rest.
+    rates : tuple of SteadyRate or None
+        Parts that turned at a known rate; None when none was said.
     """
 
     log: ImuLog
     intervals: Intervals
     accelerometer: AccelerometerResult
     gyroscope: GyroscopeResult | None
+    rates: tuple[SteadyRate, ...] | None = None
+
+    @property
+    def scales(self) -> dict[str, SteadyRate]:
+        """By axis, the longest part that shows its scale."""
+        used = [each for each in self.rates or () if each.scale is not None]
+        return {each.axis: each for each in sorted(used, key=lambda rate: rate.end_s - rate.start_s)}
 
     @property
     def complete(self) -> bool:
@@ -67,11 +78,46 @@ class ImuLogFit:
         )
 
 
-def fit_imu_log(log: ImuLog, intervals: Intervals, method: str = AUTO, *, turn_deg: float = WHOLE_DEG) -> ImuLogFit:
-    """Fit the accelerometer to the rests of a log, and the gyroscope to its rests and turns."""
-    accelerometer = fit_rests(log, intervals.rests, method)
-    gyroscope = fit_gyroscope(log, intervals, accelerometer.fit, turn_deg=turn_deg)
-    return ImuLogFit(log, intervals, accelerometer, gyroscope)
+def fit_imu_log(
+    log: ImuLog, intervals: Intervals, method: str = AUTO, *, turn_deg: float = WHOLE_DEG,
+    bias: np.ndarray | None = None, rpm: float | None = None,
+) -> ImuLogFit:  # fmt: skip
+    """Fit the accelerometer to the rests of a log, and the gyroscope to its rests, turns and steady rates.
+
+    Parameters
+    ----------
+    log : ImuLog
+    intervals : Intervals
+    method : str
+        Of the accelerometer.
+    turn_deg : float
+        Angle of each whole turn.
+    bias : ndarray, shape (3,), optional
+        Of the gyroscope, from another log, in the unit of this one.
+    rpm : float, optional
+        Rate of a turntable, in revolutions a minute, wherever the log turns steadily.
+    """
+    has_accelerometer = len(log.acceleration) > 0
+    accelerometer = fit_rests(log, intervals.rests if has_accelerometer else (), method)
+    if not has_accelerometer:
+        accelerometer = replace(accelerometer, refused="no accelerometer in the log")
+    rests = intervals.rests if intervals.found else _found_rests(log)
+    at_rest = rest_rate(log, rests) if bias is None else bias
+    parts = steady_parts(log, at_rest, rpm=rpm) if rpm is not None else ()
+    gyroscope = fit_gyroscope(
+        log, intervals, accelerometer.fit, turn_deg=turn_deg, rests=rests, bias=bias, steady=parts
+    )
+    if rpm is None or gyroscope is None:
+        return ImuLogFit(log, intervals, accelerometer, gyroscope)
+    rates = fit_rates(log, parts, rests if bias is None else (), gyroscope.bias, rpm=rpm)
+    return ImuLogFit(log, intervals, accelerometer, gyroscope, rates)
+
+
+def _found_rests(log: ImuLog) -> tuple[Interval, ...]:
+    try:
+        return found_intervals(log).rests
+    except ConfigError:
+        return ()  # annotations may be of a log that is too short to find any
 
 
 def print_fit(fit: ImuLogFit, console: Console) -> None:
@@ -80,9 +126,17 @@ def print_fit(fit: ImuLogFit, console: Console) -> None:
     length_s = log.time_s[-1] - log.time_s[0]
     console.print(escape(f"{', '.join(log.files)}: {len(log.time_s)} samples, {length_s:.1f} s; {len(rests)} rests, "
                          f"{'found' if fit.intervals.found else 'annotated'}"), soft_wrap=True)
-    _print_accelerometer(fit.accelerometer, log.acceleration_unit, console)
+    if len(log.acceleration):
+        _print_accelerometer(fit.accelerometer, log.acceleration_unit, console)
+    else:
+        console.print("no accelerometer in the log")
     if fit.gyroscope is not None:
         _print_gyroscope(fit.gyroscope, log.rate_unit, console)
+        for rate in fit.rates or ():
+            console.print(escape(f"  {_rate(rate, log.rate_unit)}"), soft_wrap=True)
+        if fit.rates == ():
+            console.print("  no scale: nothing turns steadily for a revolution beside a rest. Let it rest, then turn "
+                          "for ten seconds or more, or give --bias-from", style="yellow", soft_wrap=True)
     else:
         console.print("no gyroscope in the log" if log.rate is None else "gyroscope: refused, no rest for its bias",
                       soft_wrap=True)
@@ -116,7 +170,7 @@ def _print_gyroscope(result: GyroscopeResult, unit: str, console: Console) -> No
     if result.fit is not None and used == _DETERMINED:
         console.print("  three turns are met exactly: a fourth would show how good the matrix is", soft_wrap=True)
     if result.fit is None:
-        console.print(escape(f"  only the bias: {result.refused}"), style="yellow", soft_wrap=True)
+        console.print(escape(f"  no matrix: {result.refused}"), style="yellow", soft_wrap=True)
 
 
 def _turn(turn: TurnResult, unit: str) -> str:
@@ -128,6 +182,16 @@ def _turn(turn: TurnResult, unit: str) -> str:
     if turn.refused:
         return f"{words}, refused: {turn.refused}"
     return f"{words}, taken for {turn.turned_deg:+.0f} deg; {turn.left_deg:.3f} deg left"
+
+
+def _rate(rate: SteadyRate, unit: str) -> str:
+    """Return one steady rate as a sentence."""
+    words = (f"rate, {rate.start_s:.1f} to {rate.end_s:.1f} s: {_triple(rate.reading)} {unit}, "
+             f"{rate.askew_deg:.1f} deg off {rate.axis}")
+    if rate.scale is None:
+        return f"{words}, refused: {rate.refused}"
+    per = _per("deg/s", unit).removeprefix("1")
+    return f"{words}; scale of {rate.axis}: {rate.scale:.6g} +- {rate.uncertainty:.1g} {per}".rstrip()
 
 
 def to_json(fit: ImuLogFit) -> str:
@@ -159,11 +223,13 @@ def contents(fit: ImuLogFit) -> dict[str, Any]:
             "matrix": None if gyroscope.fit is None else gyroscope.fit.matrix.tolist(), "refused": gyroscope.refused,
             "turns": [
                 {
-                    "name": turn.name, "start_s": turn.start_s, "end_s": turn.end_s, "integral": list(turn.integral),
+                    "name": turn.name, "start_s": turn.start_s, "end_s": turn.end_s, "bias": list(turn.bias),
+                    "integral": list(turn.integral),
                     "turned_deg": turn.turned_deg, "left_deg": turn.left_deg, "refused": turn.refused,
                 }
                 for turn in gyroscope.turns
             ],
+            "rates": [asdict(rate) for rate in fit.rates or ()],
         },
         "notes": list(log.notes),
     }  # fmt: skip
@@ -182,6 +248,10 @@ def to_header(fit: ImuLogFit) -> str:
         parts += [f"/* {formula} */", c_constant("gyroscope_bias", gyroscope.bias, rate_unit)]
         if gyroscope.fit is not None:
             parts.append(c_constant("gyroscope_matrix", gyroscope.fit.matrix, _per("deg/s", rate_unit)))
+        parts += [
+            c_constant(f"gyroscope_scale_{axis}", rate.scale, _per("deg/s", rate_unit))
+            for axis, rate in sorted(fit.scales.items()) if rate.scale is not None
+        ]
         parts.append("")
     files = ", ".join(in_comment(Path(each).name) for each in fit.log.files)
     return _HEADER.format(version=in_comment(__version__), files=files, parts="\n".join(parts))
