@@ -63,7 +63,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--page", type=Path)
     page = parser.parse_args().page
-    text = "\n".join([_HEAD, *_magnetometers(), *_instruments(), *_imus()])
+    text = "\n".join([_HEAD, *magnetometers(), *_instruments(), *_imus()])
     if page is None:
         print(text)
     else:
@@ -112,7 +112,8 @@ def _triple(values: Sequence[float], how: str = ".2f") -> str:
     return ", ".join(format(value, how) for value in values)
 
 
-def _magnetometers() -> Iterator[str]:
+def magnetometers() -> Iterator[str]:
+    """Yield the section of magnetometers."""
     yield _MAGNETOMETERS
     rows = []
     with tempfile.TemporaryDirectory() as folder:
