@@ -20,7 +20,9 @@ _STYLES = {Acceptance.GOOD: "green", Acceptance.FAIR: "yellow", Acceptance.POOR:
 _NAMES = {
     "n": "number of points", "condition": "condition", "residual_percent": "residual", "axis_ratio": "axis ratio",
     "radius_ut": "radius", "direction_error_deg": "predicted direction error",
-    "change_percent": "change of the field",
+    "change_percent": "change of the field", "rests": "number of rests", "turns": "number of turns",
+    "spread_after_percent": "spread of norms", "left_out_percent": "readings left out",
+    "left_percent": "left of a turn",
 }  # fmt: skip
 _WIDTH = 80
 # No one reads more of them.
