@@ -180,9 +180,10 @@ def _fit_rests(log: ImuLog, rests: Sequence[Interval], method: str) -> Accelerom
 
 
 def _fit_moving(log: ImuLog, rests: int) -> AccelerometerResult:
-    """Fit the ellipsoid that the readings agree on: at any rate of turning they scatter about gravity."""
+    """Fit the ellipsoid that the readings agree on; what the motion itself accelerates by is noise about it."""
     readings = log.acceleration
-    kept = readings[~(left_out := outliers(readings)) & ~repeats(readings)]
+    left_out = outliers(readings)
+    kept = readings[~(left_out | repeats(readings))]
     about = fit_direct(kept)
     used = kept[evenly_on_sphere(kept, _MOST_FITTED, about.hard_iron if about.has_fit else np.median(kept, axis=0))]
     found = fit_corrected(used)

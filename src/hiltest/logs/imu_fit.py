@@ -64,7 +64,6 @@ class ImuLogFit:
             self.log.rate is None or (self.gyroscope is not None and self.gyroscope.fit is not None)
         )
 
-
     @property
     def verdict(self) -> Acceptance:
         """What the worst sensor of the log is good for."""
