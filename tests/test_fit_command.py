@@ -33,11 +33,14 @@ def _write(path: Path, points_ut: np.ndarray, header: str = "mx_uT,my_uT,mz_uT")
 
 @pytest.fixture
 def clouds(tmp_path: Path) -> Path:
-    """A folder with a good, a fair, a poor and a refused cloud, and two with a defect."""
+    """A folder with a good, a fair, a poor and a refused cloud, two with a defect, and a turn in a plane."""
     _write(tmp_path / "good.csv", golden_points(400) / 10.0)
     _write(tmp_path / "poor.csv", instance(1, 400, noise_ut=2.0, stretch=0.03, covered=(1, 1)).points_counts / 10.0)
-    _write(tmp_path / "cap.csv", instance(1, 400, noise_ut=0.3, stretch=0.03, covered=(0.1, 0.1)).points_counts / 10.0)
-    _write(tmp_path / "half.csv", instance(1, 400, noise_ut=0.5, stretch=0.03, covered=(0.5, 0.5)).points_counts / 10.0)
+    for name, covered, noise_ut in (("cap.csv", 0.05, 0.3), ("half.csv", 0.5, 0.5)):
+        drawn = instance(1, 400, noise_ut=noise_ut, stretch=0.03, covered=(covered, covered))
+        _write(tmp_path / name, drawn.points_counts / 10.0)
+    turn = np.linspace(0.0, 2.0 * np.pi, 200)
+    _write(tmp_path / "turn.csv", np.column_stack([21.0 * np.cos(turn) + 5.0, 20.0 * np.sin(turn), 0.0 * turn + 40.0]))
     wild, step = golden_points(400) / 10.0, hand_turned(2, 1600)
     wild[7] = 30_000.0, 0.0, 0.0
     step[800:] += 4.0
@@ -53,6 +56,8 @@ def clouds(tmp_path: Path) -> Path:
         ("poor.csv", [], 0, "poor"), ("poor.csv", ["--at-least", "good"], 1, "poor"),
         ("half.csv", ["--at-least", "fair"], 0, "fair"), ("half.csv", ["--at-least", "good"], 1, "fair"),
         ("poor.csv", ["--at-least", "fair"], 1, "poor"), ("cap.csv", [], 1, "refused"),
+        ("turn.csv", [], 0, "fair"), ("turn.csv", ["--shape", "ellipsoid"], 1, "refused"),
+        ("cap.csv", ["--shape", "sphere"], 1, "refused"),
         ("wild.csv", ["--at-least", "good"], 0, "good"), ("wild.csv", ["--robust", "none"], 1, "refused"),
         ("step.csv", ["--at-least", "fair"], 1, "poor"), ("step.csv", ["--at-least", "good", "--steady"], 0, "good"),
         ("step.csv", ["--at-least", "good", "--to", "700"], 0, "good"),
@@ -90,7 +95,7 @@ def test_people_get_a_table_with_reasons_and_notes(clouds: Path) -> None:
     done = fit("cap.csv", folder=clouds)
     for text in (
         "cap.csv: 400 points, columns mx_uT, my_uT, mz_uT [uT]", "verdict", "refused", "hard iron [uT]",
-        "cycles counted by cortex-m4-trm/2@sram", "cycles, lowest", "cycles, highest",
+        "cycles counted by cortex-m4-trm/2@sram", "lowest", "highest",
         "is above 300 (refused): the points cover too little of the sphere", "rounding moved a reading by",
     ):  # fmt: skip
         assert text in " ".join(done.stdout.split()), done.stdout
@@ -122,7 +127,7 @@ def test_a_terminal_of_80_columns_shows_it_whole_and_each_reason_once(
 
 def test_too_few_points_are_told_once(clouds: Path) -> None:
     _write(clouds / "three.csv", golden_points(400)[:3] / 10.0)
-    assert "  number of points 3 is below 10 (refused): " in fit("three.csv", "--on", "host", folder=clouds).stdout
+    assert "number of points 3 is below 10 (refused): " in fit("three.csv", "--on", "host", folder=clouds).stdout
 
 
 def test_a_cloud_can_come_from_standard_input(clouds: Path) -> None:
@@ -184,3 +189,39 @@ def test_a_wrong_command_line_ends_with_4_and_says_why(clouds: Path, arguments: 
     assert done.returncode == 4, done.stdout + done.stderr
     assert complaint in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_a_turn_in_a_plane_is_told_as_one_and_exported_as_one(clouds: Path) -> None:
+    done = fit("turn.csv", "--export-header", "c.h", folder=clouds)
+    said = " ".join(done.stdout.split())
+    assert "iterative: condition" in said
+    assert "ellipse: fitted by 'ellipse', not by 'ellipsoid' (fair): it corrects headings" in said
+    assert "turned about an axis 0 deg off its z, by 358 deg" in said
+    assert "cycles" not in said
+    assert "for headings of a turn about z alone" in (clouds / "c.h").read_text(encoding="utf-8")
+    named = json.loads(fit("turn.csv", "--shape", "ellipse", "--json", folder=clouds).stdout)
+    assert [(each["name"], each["turn"]["axis"]) for each in named["calibrators"]] == [("ellipse", "z")]
+
+
+def test_a_shape_is_no_calibrator_and_a_field_needs_a_unit(clouds: Path) -> None:
+    done = fit("turn.csv", "--shape", "circle", "--calibrator", "direct", folder=clouds)
+    assert (done.returncode, "--shape circle is no calibrator's" in done.stderr) == (4, True)
+    done = fit("turn.csv", "--unit", "counts", "--field", "20", folder=clouds)
+    assert (done.returncode, "says nothing of counts" in done.stderr) == (4, True)
+
+
+def test_a_folder_of_logs_gets_a_row_each_and_the_worst_decides(clouds: Path) -> None:
+    done = fit(".", folder=clouds)
+    rows = {cells[0]: cells[2] for line in done.stdout.splitlines() if len(cells := line.split()) == 7}
+    assert {rows[name] for name in ("good.csv", "wild.csv")} == {"good"}
+    assert (rows["cap.csv"], rows["turn.csv"]) == ("refused", "fair")
+    assert " cases, above 2.5 in " in done.stdout
+    assert done.returncode == 1
+    (clouds / "cap.csv").unlink()
+    assert fit(".", folder=clouds).returncode == 0
+    assert fit(".", "--at-least", "good", folder=clouds).returncode == 1
+    done = fit(".", "--json", folder=clouds)
+    assert (done.returncode, "--json is for one log" in done.stderr) == (4, True)
+    (clouds / "empty").mkdir()
+    done = fit("empty", folder=clouds)
+    assert (done.returncode, "no file in it is a log of a magnetometer" in done.stderr) == (4, True)

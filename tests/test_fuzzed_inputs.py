@@ -61,7 +61,7 @@ BASELINES = Path(__file__).parents[1] / "hil" / "baselines"
 TOKENS = (
     *(bytes([each]) for each in b"\x7e\x7d\x00\xff\n\r\t,;\"'[]{}=:.-e0\\#GX$|<>"), b"\x7d\x5e", b"nan", b"-inf",
     b"1e999", b"-1", b"99999999999999999999", b"null", b"true", b"\xef\xbb\xbf", b"\xff\xfe", b"\xf0\x9f\x99\x82",
-    b"\\u0000", b"//", b"[[", b"[world]", b"schema", b"G0",
+    b"\\u0000", b"//", b"Raw:", b" -> ", b"[[", b"[world]", b"schema", b"G0",
 )  # fmt: skip
 
 
@@ -205,6 +205,15 @@ def every_reader(folder: Path, run: bytes) -> dict[str, Reader]:
     points_at = b"t_s,mx_uT,my_uT,mz_uT,ax_g,ay_g,az_g\n" + b"".join(
         b"%d.5,%d,%d.5,-%d,0,0.1,1\n" % (n, n, 2 * n, n) for n in range(30)
     )
+    raw = b"boot 1\n" + b"".join(
+        b"12:00:%02d.125 -> Raw:%d,-4096,8192,16,-8,%d,480,-%d,3\nUni:0,0,9.8\n" % (n, n, n, n) for n in range(30)
+    )
+    objects = b"".join(
+        b'{"t": %.1f, "mag": [%d, 2.5, -3], "acc": {"x": 0, "y": 1, "z": 0}}\n' % (n / 10, n) for n in range(30)
+    )
+    numbered = b"Logger: 7\n;0;1;2\n" + b"".join(b"%d;%d,5;-2,25;3;\n" % (n, n) for n in range(30)) + b"30;1"
+    wide = ("\ufeff" + points.decode()).encode("utf-16-le")
+    forms = [raw, objects, numbered, wide]
     rates = b"time_s,gyro_x_dps,gyro_y_dps,gyro_z_dps\n" + b"".join(
         b"%.2f,0.%d,-%d,1e-3\n" % (n / 100, n % 9, n % 2) for n in range(300)
     )
@@ -239,9 +248,9 @@ def every_reader(folder: Path, run: bytes) -> dict[str, Reader]:
             [b"f32:1,2.5,-3", b"zeros:i16:40", b"text:123", b"0x1F", b"1e-3"], 0.03,
         ),
         "JSON": Reader(parse_json, (ValueError,), [b'{"a": [1, 2.5e3, null, {"b": "c"}]}', intervals], 0.02),
-        "samples": Reader(read_samples, data, [points], 0.01, ".csv"),
-        "rate logs": Reader(read_rate_log, data, [rates], 0.005, ".csv"),
-        "IMU logs": Reader(read_imu_log, data, [imu], 0.002, ".csv"),
+        "samples": Reader(read_samples, data, [points, *forms], 0.01, ".csv"),
+        "rate logs": Reader(read_rate_log, data, [rates, *forms], 0.005, ".csv"),
+        "IMU logs": Reader(read_imu_log, data, [imu, *forms], 0.002, ".csv"),
         "intervals": Reader(lambda path: listed_intervals(log, path), config, [intervals], 0.002, ".json"),
         "transcripts": Reader(Transcript.read, config, [(folder / "wire.jsonl").read_bytes()], 0.002, ".jsonl"),
         "timing profiles": Reader(lambda path: load_profile(str(path)), config, profiles, 0.002, ".toml"),
@@ -252,8 +261,8 @@ def every_reader(folder: Path, run: bytes) -> dict[str, Reader]:
         "records": Reader(read_record, config, [run], 0.0005, ".json"),
         "calibration files": Reader(load_calibration, config, [to_json(some_calibration()).encode()], 0.002, ".json"),
         "recordings": Reader(
-            lambda path: read_playback(path, PlaybackFile(path.name)), config, [points_at, rates, RECORDING], 0.005,
-            ".csv",
+            lambda path: read_playback(path, PlaybackFile(path.name)), config,
+            [points_at, rates, RECORDING, *forms], 0.005, ".csv",
         ),
         "rigs of ELF files": Reader(_proposed, config, [compass.read_bytes()], 0.0005),
         "ELF files": Reader(FirmwareImage, config, [default_firmware().read_bytes()], 0.0005),

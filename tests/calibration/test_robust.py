@@ -27,6 +27,14 @@ def _clean(seed: int) -> Array:
     return hand_turned(seed, _COUNT)
 
 
+def _turn(count: int) -> Array:
+    """Return readings of a turn in a tilted plane."""
+    angles = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    across, along = np.array([1.0, 0.1, 0.0]), np.array([0.0, 0.9, 0.1])
+    points: Array = 20.0 * (np.cos(angles)[:, None] * across + np.sin(angles)[:, None] * along) + (5.0, -7.0, 40.0)
+    return points
+
+
 def _wild(random: np.random.Generator, count: int, reach_ut: float = 150.0) -> Array:
     return random.uniform(-reach_ut, reach_ut, (count, 3))
 
@@ -100,7 +108,7 @@ def test_a_clean_log_keeps_its_readings(seed: int) -> None:
     assert not repeats(_clean(seed)).any()
 
 
-@pytest.mark.parametrize("covered", [0.2, 0.5, 1.0])
+@pytest.mark.parametrize("covered", [0.05, 0.2, 0.5, 1.0])
 def test_clean_points_in_no_order_are_kept_whatever_they_cover(covered: float) -> None:
     points = instance(1, 500, noise_ut=0.5, covered=(covered, covered)).points_counts
     assert outliers(points).sum() <= 1
@@ -117,9 +125,9 @@ def test_a_long_rest_does_not_make_the_turn_wild() -> None:
     "points",
     [
         np.zeros((0, 3)), np.zeros((100, 3)), sphere_directions(17), np.outer(np.arange(50.0), [1.0, 2.0, 3.0]),
-        np.column_stack([sphere_directions(100)[:, :2], np.zeros(100)]),
+        _turn(100),
     ],
-    ids=["none", "one place", "few", "a line", "a plane"],
+    ids=["none", "one place", "few", "a line", "a turn in a plane"],
 )  # fmt: skip
 def test_what_is_no_cloud_loses_nothing(points: Array) -> None:
     assert not outliers(points).any()
@@ -140,3 +148,11 @@ def test_exact_points_lose_only_the_wild_one() -> None:
 def test_what_repeats_a_wild_reading_is_as_wild() -> None:
     points = np.vstack([_clean(4)[:600], np.full((20, 3), 400.0), _clean(4)[600:]])
     assert np.flatnonzero(outliers(points)).tolist() == list(range(600, 620))
+
+
+def test_a_turn_in_a_plane_loses_what_is_wild_in_the_plane_and_beside_it() -> None:
+    random = np.random.default_rng(1)
+    points = _turn(200) + random.normal(0.0, 0.3, (200, 3))
+    points[[20, 21]] *= 1.5  # in the plane nearly
+    points[120] += (0.0, 0.0, 8.0)
+    assert np.flatnonzero(outliers(points)).tolist() == [20, 21, 120]

@@ -43,7 +43,7 @@ def _run(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 def test_the_commands_do_what_the_page_says(folder: Path) -> None:
-    all_round, little, for_programs = COMMANDS
+    all_round, little, of_a_folder, for_programs = COMMANDS
     done = _run(all_round, folder)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "good" in done.stdout
@@ -52,6 +52,8 @@ def test_the_commands_do_what_the_page_says(folder: Path) -> None:
     done = _run(little, folder)
     assert done.returncode == 1
     assert "is above 300 (refused)" in " ".join(done.stdout.split())
+    assert re.search(r"^ verdict +poor $", done.stdout, re.M)
+    assert {"all-round.csv", "little.csv"} <= set(_run(of_a_folder, folder).stdout.split())
     done = _run(for_programs, folder)
     assert done.returncode == 0
     assert json.loads(done.stdout)["verdict"] == "good"
@@ -61,7 +63,10 @@ def test_a_calibration_of_the_little_cloud_is_as_wrong_as_the_page_says(folder: 
     """Small residual, wrong field strength: the ellipsoid that some calibrator returns is believed by nobody else."""
     content = json.loads(_run("hiltest fit little.csv --on host --json", folder).stdout)
     iterative = {each["name"]: each for each in content["calibrators"]}["iterative"]
-    assert iterative["status"] == "ellipsoid"
+    assert (iterative["status"], iterative["verdict"]) == ("ellipsoid", "refused")
+    ridge = {each["name"]: each for each in content["calibrators"]}[content["best"]]
+    assert ridge["name"] == "ridge"
+    assert round(ridge["direction_error_deg"], 1) == 2.1
     # "1 %", "a tenth" of 48.5 uT, "some 10 degrees".
     assert iterative["residual_percent"] == pytest.approx(1.0, abs=0.1)
     assert iterative["radius"] == pytest.approx(0.9 * 48.5, abs=0.05 * 48.5)

@@ -80,7 +80,7 @@ HEADER = "time_s,gyro_x_dps,gyro_y_dps,gyro_z_dps"
     [
         ([], "the file is empty"),
         ([HEADER], "no row has numbers in the columns gyro_x_dps, gyro_y_dps, gyro_z_dps"),
-        ([HEADER, "0,1,2,3", "0.1,1,2"], r":3: 3 cells where the table has 4 columns"),
+        ([HEADER, "0,1,2,3", "0.1,1,2", "0.2,1,2,3"], r":3: 3 cells where the table has 4 columns"),
         ([HEADER, "0,1,2,3", "0.1,1,x,3"], r":3: column gyro_y_dps: 'x' is not a number"),
         ([HEADER, "0,1,2,3", "0.1,1,nan,3"], r":3: column gyro_y_dps: 'nan' is not a number"),
         ([HEADER, "0,1,2,3", "0.1,1,,3"], r":3: column gyro_y_dps: '' is not a number"),
@@ -138,3 +138,10 @@ def test_every_unit_of_a_rate_can_be_said_and_has_its_scale() -> None:
 )
 def test_a_column_of_time_is_known_by_its_name(header: str, seconds: float | None) -> None:
     assert seconds_of(header) == seconds
+
+
+def test_a_text_above_and_a_cut_line_below_are_skipped_and_said(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(["Logger: 7", HEADER, *(f"{n / 100},1,2,{n}" for n in range(20)), "0.2,1"]))
+    log = read_rate_log(path)
+    assert (len(log.rates), len(log.notes)) == (20, 2)

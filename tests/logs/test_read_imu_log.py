@@ -223,3 +223,17 @@ def test_a_list_of_intervals_that_is_none_is_refused(tmp_path: Path, log: Path, 
     path.write_text(content)
     with pytest.raises(ConfigError, match=message):
         listed_intervals(read_imu_log(log), path)
+
+
+def test_a_log_in_any_form_is_read_and_what_was_assumed_is_said(tmp_path: Path) -> None:
+    raw = [f"12:00:0{n}.{k}00 -> Raw:0,0,8192,16,0,0,1,2,3" for n in range(3) for k in range(10)]
+    read = read_imu_log(text(tmp_path / "raw.txt", *raw), rate_hz=100.0)
+    assert read.acceleration[0].tolist() == [0.0, 0.0, 1.0]
+    assert read.rate is not None
+    assert read.rate[0].tolist() == [1.0, 0.0, 0.0]
+    assert (read.acceleration_unit, read.rate_unit, len(read.notes)) == (AccelerationUnit.G, RateUnit.DPS, 2)
+    lines = [f'{{"t": {n / 50}, "acc": [0, 0, 9.8], "gyr": [0, 0, {n}]}}' for n in range(20)]
+    read = read_imu_log(text(tmp_path / "log.jsonl", *lines))
+    assert "Are these m/s2? --accelerometer-unit m/s2 says so." in read.notes[-1]
+    read = read_imu_log(tmp_path / "log.jsonl", acceleration_unit=AccelerationUnit.MS2)
+    assert read.notes == ("Lists of three numbers in JSON were taken as x, y and z.",)

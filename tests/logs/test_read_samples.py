@@ -43,6 +43,8 @@ def _read(folder: Path, content: str | bytes, **how: object) -> Samples:
         "x_mag,y_mag,z_mag,x_acc,y_acc,z_acc\n1.5,-2,3,0,0,1\n4,5,-6.25,0,0,1\n",
         "imu.magnetic_field.x imu.magnetic_field.y imu.magnetic_field.z w\n1.5 -2 3 0\n4 5 -6.25 0\n",
         "# t,mx,my,mz\n0,1.5,-2,3\n1,4,5,-6.25\n",
+        "mx;my;mz\n1,5;-2;3\n4;5;-6,25\n",
+        '{"t": 0, "mag": {"x": 1.5, "y": -2, "z": 3}}\n{"t": 1, "mag": {"x": 4, "y": 5, "z": -6.25}}\n',
     ],
 )
 def test_a_table_is_read_however_it_is_written(tmp_path: Path, text: str) -> None:
@@ -81,6 +83,12 @@ def test_the_unit_is_what_the_header_says(tmp_path: Path, header: str, unit: Uni
     assert (cloud.unit, cloud.unit_from) == (Unit.GAUSS, "option")
 
 
+def test_motion_cal_says_its_unit(tmp_path: Path) -> None:
+    cloud = _read(tmp_path, "Raw:0,0,8192,0,0,0,15,-20,30\nUni:0,0,9.8\nRaw:0,0,8192,0,0,0,40,50,-63\n")
+    np.testing.assert_array_equal(cloud.points, [[1.5, -2.0, 3.0], [4.0, 5.0, -6.3]])
+    assert (cloud.unit, cloud.unit_from, cloud.acceleration_unit) == (Unit.UT, "header", AccelerationUnit.G)
+
+
 def test_rows_without_three_numbers_are_skipped_and_counted(tmp_path: Path) -> None:
     cloud = _read(tmp_path, "t,mx,my,mz\n0,1.5,-2,3\n1,,,\n2,nan,1,1\n3,inf,1,1\n\n4,4,5,-6.25\n")
     np.testing.assert_array_equal(cloud.points, _NUMBERS)
@@ -99,6 +107,39 @@ def test_the_accelerometer_of_the_same_rows_and_the_time_are_read_with_the_line_
     np.testing.assert_array_equal(cloud.time_s, [0.0, 0.02])
     np.testing.assert_array_equal(cloud.acceleration, [[1.0, 2.0, 3.0], [4.0, np.nan, 6.0]])
     assert cloud.acceleration_unit is AccelerationUnit.MG
+
+
+def test_times_of_a_serial_monitor_are_those_of_readings_without_a_column_of_time(tmp_path: Path) -> None:
+    stamped = "12:00:00.250 -> {}1.5,-2,3\n12:00:01.000 -> {}4,5,-6.25\n"
+    np.testing.assert_array_equal(_read(tmp_path, stamped.format("", "")).time_s, [43200.25, 43201.0])
+    header = "12:00:00.100 -> t_ms,mx,my,mz\n"
+    np.testing.assert_array_equal(_read(tmp_path, header + stamped.format("0,", "20,")).time_s, [0.0, 0.02])
+
+
+@pytest.mark.parametrize("header", [",0,1,2\n", "Unnamed: 0,0,1,2\n", ",a,b,c\n", "n,a,b,c\n", ""])
+def test_an_index_is_no_reading(tmp_path: Path, header: str) -> None:
+    cloud = _read(tmp_path, header + "0,1.5,-2,3\n1,4,5,-6.25\n2,1,2,3\n")
+    np.testing.assert_array_equal(cloud.points[:2], _NUMBERS)
+    assert any("was taken as an index" in note for note in cloud.notes)
+
+
+def test_what_was_skipped_above_and_cut_below_is_said(tmp_path: Path) -> None:
+    cloud = _read(tmp_path, "Device: Nano\nmx,my,mz\n1.5,-2,3\n4,5,-6.25\n7,")
+    np.testing.assert_array_equal(cloud.points, _NUMBERS)
+    assert (cloud.preamble, len(cloud.notes)) == (1, 2)
+
+
+@pytest.mark.parametrize(
+    ("header", "gravity", "asked"),
+    [("g", 9.8, "Are these m/s2? A header that says m/s2"), ("m/s2", 1.0, "Are these g?"), ("mg", 1.02, "Are these g?"),
+     ("g", 1.02, None), ("mg", 980.0, None), ("lsb", 9.8, None), ("g", 3.0, None)],
+)  # fmt: skip
+def test_an_accelerometer_that_reads_gravity_of_another_unit_is_asked_about(
+    tmp_path: Path, header: str, gravity: float, asked: str | None
+) -> None:
+    names = ",".join(f"a{axis}_{header}" for axis in "xyz")
+    cloud = _read(tmp_path, f"mx,my,mz,{names}\n1.5,-2,3,0,0,{gravity}\n4,5,-6.25,0,-{gravity},0\n1,1,1,,,\n")
+    assert [asked in note for note in cloud.notes] == [True] if asked else cloud.notes == ()
 
 
 @pytest.mark.parametrize("times", ["5,4", "0,x", ",1", "nan,1"])
@@ -126,7 +167,7 @@ def test_an_option_names_the_accelerometer_where_the_header_does_not(tmp_path: P
         ("mx,my,mz\n", {}, "cloud.csv: no row has three numbers in the columns mx, my, mz"),
         ("mx,my,mz\n,,\n", {}, "no row has three numbers"),
         ("mx,my,mz\n1,2,3\n1,x,3\n", {}, "cloud.csv:3: column my: 'x' is not a number"),
-        ("mx;my;mz\n1,5;2;3\n", {}, "cloud.csv:2: column mx: '1,5' is not a number; decimals need a point"),
+        ("mx;my;mz\n1.5;2;3\n1,5;2;3\n", {}, "cloud.csv:3: column mx: '1,5' is not a number; decimals need a point"),
         ("1,2,3\n1,2,1_000\n", {}, "cloud.csv:2: column 3: '1_000' is not a number"),
         ("1,2,3\n1,2,1e300\n", {}, "cloud.csv:2: column 3: '1e300' is no magnetometer reading"),
         ("1,2,3\n1,2\n", {}, "cloud.csv:2: 2 cells where the table has 3 columns; correct or delete the line"),
@@ -149,7 +190,7 @@ def test_an_option_names_the_accelerometer_where_the_header_does_not(tmp_path: P
         ("a,a,b,c\n1,2,3,4\n", {"columns": "a,b,c"}, "2 columns are called 'a'; give numbers from 1"),
         (b"\x7fELF\x02\x01\x01\0\0\0", {}, "cloud.csv:1: a zero byte: this is a binary file"),
         (b"mx,my,mz (\xb5T)\n1,2,3\n", {}, "cloud.csv:1: byte 0xb5 is not UTF-8; save the file as UTF-8"),
-        ("x,y,z\n1,2,3\n".encode("utf-16"), {}, "the file is UTF-16; save it as UTF-8"),
+        ("x,y,z\n1,2,3\n".encode("utf-16-le"), {}, "cloud.csv:1: a zero byte: this is a binary file"),
         ("1" * 100_000, {}, "cloud.csv:1: the line is longer than 65536 bytes"),
     ],
 )  # fmt: skip

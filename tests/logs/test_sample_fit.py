@@ -13,9 +13,11 @@ from hiltest.boards import Board
 from hiltest.calibration import FitStatus
 from hiltest.calibration.acceptance import Acceptance
 from hiltest.calibration.quality import sphere_directions
+from hiltest.calibration.shapes import Shape
 from hiltest.errors import ConfigError
 from hiltest.logs import Samples, Unit
-from hiltest.logs.sample_fit import SampleFit, fit_on_board, fit_on_host
+from hiltest.logs.fit_result import SampleFit
+from hiltest.logs.sample_fit import fit_by_shape, fit_on_board, fit_on_host
 from hiltest.procedures.golden_points import golden_points
 
 from ..calibration.hand_turned import hand_turned
@@ -56,7 +58,7 @@ def test_the_board_s_verdict_is_that_of_the_whole_file_on_the_host(
 ) -> None:
     """Clouds whose figures are not at a threshold; one that is can fall on either side of it."""
     cloud = _drawn(seed, count, covered, noise_ut)
-    chosen, whole = fit_on_board(virtual_board, cloud), fit_on_host(cloud)
+    chosen, whole = fit_on_board(virtual_board, cloud, any_shape=False), fit_on_host(cloud, any_shape=False)
     assert {each.n_used for each in chosen.calibrators} == {min(count, virtual_board.identity.max_points)}
     assert {each.n_used for each in whole.calibrators} == {count}
     assert _verdicts(chosen) == _verdicts(whole) == dict.fromkeys(["direct", "iterative"], verdict)
@@ -116,6 +118,41 @@ def test_the_wrong_unit_is_refused_by_the_field_strength() -> None:
     (reason,) = fit.best.reasons
     assert (reason.figure, reason.threshold, reason.verdict) == ("radius_ut", 70.0, Acceptance.REFUSED)
     assert fit_on_host(_cloud(golden_points(100).astype(float), Unit.COUNTS), "direct").best.verdict is Acceptance.GOOD
+
+
+@pytest.mark.parametrize(
+    ("scale", "unit", "unit_from", "asked"),
+    [
+        (10.0, Unit.UT, "header", "480 uT, and the earth's is 20 to 70 uT. Are these tenths of a microtesla"),
+        (0.01, Unit.UT, "option", "Are these gauss? --unit gauss says so"),
+        (1.0, Unit.GAUSS, "header", "Are these uT?"), (1000.0, Unit.UT, "header", "Are these nT?"),
+        (1e-3, Unit.UT, "header", "Are these mT?"),
+        (1.0, Unit.COUNTS, "assumed", "A strength of 48 would be the earth's in uT."),
+        (0.01, Unit.COUNTS, "assumed", "A strength of 0.48 would be the earth's in gauss."),
+        (1.0, Unit.UT, "header", None), (0.01, Unit.GAUSS, "header", None), (1.0, Unit.COUNTS, "header", None),
+        (1.0, Unit.COUNTS, "option", None), (10.0, Unit.COUNTS, "assumed", None), (3.0, Unit.UT, "header", None),
+    ],
+)  # fmt: skip
+def test_a_strength_that_is_the_earth_s_in_another_unit_is_asked_about(
+    scale: float, unit: Unit, unit_from: str, asked: str | None
+) -> None:
+    cloud = replace(_cloud(scale * 48.0 * sphere_directions(200), unit), unit_from=unit_from)
+    fit = fit_on_host(cloud, "direct")
+    questions = [note for note in fit.notes if "the earth's" in note]
+    assert fit.unit == unit
+    assert [asked in each for each in questions] == [True] if asked else questions == []
+
+
+def test_the_unit_is_not_asked_about_where_the_samples_do_not_determine_the_strength() -> None:
+    directions = sphere_directions(4000)
+    fit = fit_on_host(_cloud(480.0 * directions[directions[:, 2] > 0.8]), "direct")
+    assert fit.condition > 300.0
+    assert not any("Are these" in note for note in fit.notes)
+
+
+def test_what_was_assumed_of_the_file_is_among_the_notes() -> None:
+    cloud = replace(_cloud(48.0 * sphere_directions(100)), notes=("Line 1 was skipped.",))
+    assert fit_on_host(cloud, "direct").notes[0] == "Line 1 was skipped."
 
 
 @pytest.mark.parametrize("count", [1, 3, 8])
@@ -199,3 +236,52 @@ def test_statuses_are_those_of_the_protocol(virtual_board: Board) -> None:
     assert fit.best.status in [status.name.lower().replace("_", " ") for status in FitStatus]
     assert fit.firmware is not None
     assert fit.firmware.cycle_model == virtual_board.cycle_model
+
+
+def _turned_about_z(noise_ut: float = 0.3) -> Samples:
+    angles = np.linspace(0.0, 4.0 * np.pi, 300)
+    points = np.column_stack([21.0 * np.cos(angles) + 8.0, 20.0 * np.sin(angles) - 15.0, np.full(300, 44.0)])
+    return _cloud(points + np.random.default_rng(1).normal(0.0, noise_ut, points.shape))
+
+
+def test_a_turn_on_a_table_is_calibrated_to_the_noise(virtual_board: Board) -> None:
+    for fit in (fit_on_board(virtual_board, _turned_about_z()), fit_on_host(_turned_about_z())):
+        best = fit.best
+        assert (best.name, best.verdict, fit.hole) == ("ellipse", Acceptance.FAIR, None)
+        # .3 uT in 20.
+        assert best.residual_percent == pytest.approx(1.5, rel=0.15)
+        assert best.direction_error_deg is not None
+        assert best.direction_error_deg < 0.2
+        assert best.turn is not None
+        assert (best.turn.axis, best.cycles) == ("z", None)
+        assert {each.verdict for each in fit.calibrators if each is not best} == {Acceptance.REFUSED}
+        assert [each.figure for each in best.reasons] == ["shape"]
+
+
+def test_what_every_calibrator_can_fit_is_fitted_by_no_shape() -> None:
+    assert {each.shape for each in fit_on_host(_drawn(1, 400, 0.5, 0.4)).calibrators} == {None}
+
+
+def test_a_shape_that_would_be_off_as_far_under_strong_iron_is_refused() -> None:
+    fit = fit_on_host(_drawn(1, 400, 0.05, 0.4))
+    assert fit.best.verdict is Acceptance.REFUSED
+    assert {each.shape for each in fit.calibrators} == {None}
+    ridge = fit_by_shape(_drawn(1, 400, 0.05, 0.4), Shape.RIDGE).best
+    assert ("strong_iron_deg", Acceptance.REFUSED) in [(each.figure, each.verdict) for each in ridge.reasons]
+
+
+def test_the_largest_hole_is_named_with_what_to_turn_to() -> None:
+    directions = sphere_directions(1000)
+    fit = fit_on_host(_cloud(48.0 * directions[directions[:, 0] < 0.1] + (3.0, 4.0, 5.0)))
+    assert fit.best.verdict is Acceptance.FAIR
+    assert fit.hole is not None
+    assert fit.hole.axes == "+x"
+    assert fit.hole.radius_deg == pytest.approx(np.degrees(np.arccos(0.1)), abs=4.0)  # directions lie 4 deg apart
+    assert "about the sensor's +x: turn that to where the field points" in " ".join(fit.notes)
+
+
+def test_a_known_strength_is_compared_and_needs_a_unit() -> None:
+    fit = fit_on_host(_drawn(1, 400, 1.0, 0.4), field_ut=40.0)
+    assert f"The radius is {fit.best.radius / 40.0:.2f} of the field" in " ".join(fit.notes)
+    with pytest.raises(ConfigError, match="says nothing of counts"):
+        fit_on_host(_cloud(golden_points(100), Unit.COUNTS), field_ut=48.0)

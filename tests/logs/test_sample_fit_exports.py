@@ -12,7 +12,8 @@ import pytest
 
 from hiltest.errors import ConfigError
 from hiltest.logs import Samples, Unit
-from hiltest.logs.sample_fit import SampleFit, fit_on_host
+from hiltest.logs.fit_result import SampleFit
+from hiltest.logs.sample_fit import fit_on_host
 from hiltest.logs.sample_fit_exports import SCHEMA_FILE, export_header, export_json, schema_text, to_json
 from hiltest.procedures.golden_points import golden_points
 

@@ -13,6 +13,8 @@ from hiltest.logs.sample_fit import fit_on_host
 from hiltest.logs.sample_fit_page import fit_page
 from hiltest.procedures.golden_points import golden_points
 
+from ..instances import instance
+
 
 def _page(points: np.ndarray, name: str = "cloud.csv") -> str:
     cloud = Samples(Path(name), points, Unit.UT, "option", ("x", "y", "z"), 0)
@@ -42,6 +44,7 @@ def test_half_a_cloud_shows_its_hole() -> None:
     # 300 points inside the edge of a half: 47 % by the tests of the coverage; 5 are the fit's own error.
     assert int(covered) == pytest.approx(47, abs=5)
     assert 'class="uncovered"' in page
+    assert re.search(r"largest hole about -z, radius \d\d°", "".join(_titles(page)))
     assert "<strong>fair</strong></h1>" in page
 
 
@@ -75,3 +78,24 @@ def test_names_in_the_page_are_text() -> None:
     page = _page(golden_points(50) / 10.0, "<script>alert(1)</script>.csv")
     assert "<script" not in page
     assert "&lt;script&gt;" in page
+
+
+def test_a_turn_in_a_plane_has_no_map_of_the_sphere() -> None:
+    turn = np.linspace(0.0, 6.0, 200)
+    page = _page(np.column_stack([20.0 * np.cos(turn), 20.0 * np.sin(turn), np.full(200, 40.0)]))
+    assert _titles(page)[1:] == ["after circle"] * 3 + ["length of the corrected readings"]
+
+
+def test_each_block_of_the_log_has_its_mean_over_time() -> None:
+    points = golden_points(400) / 10.0
+    points[:20] *= 1.02  # the first of 20 blocks is 2 % longer than the others
+    page = _page(points)
+    levels = [float(each) for each in re.findall(r'class="end" d="M[\d.]+ ([\d.]+)L', page)]
+    assert len(levels) == 20
+    assert min(levels) == levels[0]
+    assert levels[0] < min(levels[1:]) - 5.0
+
+
+def test_each_reason_is_told_once() -> None:
+    page = _page(instance(1, 400, noise_ut=2.0, stretch=0.03, covered=(1, 1)).points_counts / 10.0)
+    assert page.count("a single reading") == 1

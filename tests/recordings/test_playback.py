@@ -117,3 +117,13 @@ def test_a_huge_file_is_refused_before_it_is_read(tmp_path: Path) -> None:
         file.truncate(64 << 30)
     with pytest.raises(ConfigError, match="larger than"):
         played(tmp_path)
+
+
+def test_what_was_assumed_of_the_file_is_said_when_it_is_played(tmp_path: Path) -> None:
+    table(tmp_path, "Logger: 7", HEADER, *ROWS)
+    assert played(tmp_path).remarks()[0].startswith("field.csv: Line 1, above the table and no part of it, was skipped")
+
+
+def test_a_table_in_utf_16_is_no_stream_of_packets(tmp_path: Path) -> None:
+    (tmp_path / "field.csv").write_text("\n".join([HEADER, *ROWS]), encoding="utf-16")
+    assert played(tmp_path).tracks.keys() == {Sensed.MAGNETOMETER, Sensed.ACCELEROMETER}

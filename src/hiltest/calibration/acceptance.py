@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from hiltest.calibration.fit import FitStatus
+from hiltest.calibration.shapes import Shape
 
 
 class Acceptance(StrEnum):
@@ -25,7 +26,7 @@ class FitFigures:
     Attributes
     ----------
     status : FitStatus
-    condition : float
+    condition : float or None
         `hiltest.calibration.conditioning.ellipsoid_condition` of the points.
     n : int or None
         Points that the calibrator got.
@@ -34,16 +35,22 @@ class FitFigures:
         None where the unit of the points is not known.
     change_percent : float or None
         Step of the hard iron in the middle of the points, of the radius; None where there is none.
+    shape : Shape or None
+        None for an ellipsoid.
+    strong_iron_deg : float or None
+        Direction error of a shape where soft iron stretches the field by a fifth.
     """
 
     status: FitStatus
-    condition: float
+    condition: float | None = None
     n: int | None = None
     residual_percent: float | None = None
     axis_ratio: float | None = None
     radius_ut: float | None = None
     direction_error_deg: float | None = None
     change_percent: float | None = None
+    shape: Shape | None = None
+    strong_iron_deg: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +62,7 @@ class Reason:
     figure : str
         Name of the figure that is out of bounds.
     value : float or str
-        What it is; the status of a fit is a word.
+        What it is; the status of a fit, and a shape, are words.
     threshold : float or str
         The bound it is on the wrong side of.
     unit : str
@@ -141,6 +148,9 @@ BOUNDS = (
     # Half of the 2 deg that the thesis allows any calibrator, so that the other half is left to soft iron and tilt.
     Bound("direction_error_deg", "deg", 1.0, Acceptance.FAIR,
            "corrected directions are off by so much, rms; take more points, all round"),
+    # As without any calibration. With so much iron a tenth of the sphere, or a flat ring, tells of the rest no more.
+    Bound("strong_iron_deg", "deg", 10.0, Acceptance.REFUSED,
+           "where iron stretches the field by a fifth, directions are off by so much; turn the sensor further round"),
     # What is found at all is as large: 1.7 deg across, on one side of the step or the other.
     Bound("change_percent", "%", 0.0, Acceptance.POOR,
            "the hard iron is another one before and after; fit one part, or move the sensor away from what moved"),
@@ -149,12 +159,15 @@ BOUNDS = (
 _NO_ELLIPSOID = {
     FitStatus.NOT_AN_ELLIPSOID: "the surface that fits best is no ellipsoid",
     FitStatus.POOR_COVERAGE: "the calibrator itself found the points too unevenly spread for an ellipsoid",
-    FitStatus.TOO_FEW_POINTS: "an ellipsoid needs at least 9 points",
+    FitStatus.TOO_FEW_POINTS: "an ellipsoid needs at least 9 points, a ridge 10, a sphere or ellipse 6, a circle 4",
     FitStatus.SINGULAR: "the points lie in a plane, on a line or in one place",
     FitStatus.NOT_CONVERGED: "the calibrator's iteration did not end",
     FitStatus.HORIZONTAL_FIELD: "the field dips too little for gravity to say where it points",
     FitStatus.MIRRORED: "what fits is a reflection; an axis, or the sign of gravity, is wrong",
 }
+
+_IN_SPACE = "soft iron is taken to be small where no sample shows it; turn the sensor all round"
+_IN_PLANE = "it corrects headings of a sensor that lies as this one did; turn it about a second axis as well"
 
 
 def rate(figures: FitFigures) -> tuple[Acceptance, tuple[Reason, ...]]:
@@ -178,7 +191,10 @@ def _reasons(figures: FitFigures) -> Iterator[Reason]:
     if figures.status is not FitStatus.ELLIPSOID:
         yield Reason("status", _word(figures.status), _word(FitStatus.ELLIPSOID), "", Acceptance.REFUSED,
                      _NO_ELLIPSOID[figures.status])
-    whole = figures.condition <= WELL_CONDITIONED
+    if figures.shape is not None:
+        yield Reason("shape", figures.shape, _word(FitStatus.ELLIPSOID), "", Acceptance.FAIR,
+                     _IN_PLANE if figures.shape.axes == 2 else _IN_SPACE)
+    whole = figures.condition is not None and figures.condition <= WELL_CONDITIONED
     yield from _broken(BOUNDS, {
         bound.figure: None if whole and bound.figure == "axis_ratio" else getattr(figures, bound.figure)
         for bound in BOUNDS

@@ -22,6 +22,8 @@ TRACELESS = np.array(
         [[0.0, 0.0, 0.0], [0.0, 0.0, _HALF], [0.0, _HALF, 0.0]],
     ]
 )
+#: The same of a plane, shape (2, 2, 2).
+TRACELESS_IN_PLANE = _HALF * np.array([[[1.0, 0.0], [0.0, -1.0]], [[0.0, 1.0], [1.0, 0.0]]])
 # More than float64 can distinguish from a singular matrix; finite, so that it can be written down.
 CONDITION_SINGULAR = 1e15
 
@@ -32,9 +34,9 @@ class CentredPoints:
 
     Attributes
     ----------
-    points : ndarray, shape (n, 3)
+    points : ndarray, shape (n, 3), or (n, 2) in a plane
         [1].
-    mean : ndarray, shape (3,)
+    mean : ndarray, shape (3,) or (2,)
     scale : float
         In the unit of what was given, as mean.
     """
@@ -45,8 +47,8 @@ class CentredPoints:
 
     @classmethod
     def of(cls, points: ArrayLike) -> Self | None:
-        """Centre and scale points, shape (n, 3); None when there are none or all are the same."""
-        given = points_array(points)
+        """Centre and scale points, shape (n, 3) or (n, 2); None when there are none or all are the same."""
+        given = points_array(points, axes=(2, 3))
         if not len(given):
             return None
         mean: Array = given.mean(axis=0)
@@ -55,16 +57,26 @@ class CentredPoints:
         return cls(centred / scale, mean, scale) if scale > 0.0 else None
 
     def rows(self) -> Array:
-        """Return the design matrix of the quadric ``|p|^2 + row . parameters = 0``, shape (n, 9).
+        """Return the design matrix of the quadric ``|p|^2 + row . parameters = 0``; see `quadric_rows`."""
+        return quadric_rows(self.points)
 
-        Notes
-        -----
-        ``((x^2 - y^2) / sqrt2, (x^2 + y^2 - 2 z^2) / sqrt6, sqrt2 xy, sqrt2 xz, sqrt2 yz, x, y, z, 1)``: the
-        quadratic ones are ``p' B p`` for the `TRACELESS` B. The trace stays the identity's, 3, so nothing here
-        depends on how the axes lie.
-        """
-        quadratic = np.einsum("ni,kij,nj->nk", self.points, TRACELESS, self.points)
-        return np.column_stack([quadratic, self.points, np.ones(len(self.points))])
+
+def traceless(axes: int) -> Array:
+    """Return the orthonormal symmetric matrices without trace of space, 3 axes, or of a plane, 2."""
+    return TRACELESS if axes == TRACELESS.shape[1] else TRACELESS_IN_PLANE
+
+
+def quadric_rows(points: Array) -> Array:
+    """Return the rows d of ``|p|^2 + d . parameters = 0``, shape (n, 9), or (n, 5) for points in a plane.
+
+    Notes
+    -----
+    ``((x^2 - y^2) / sqrt2, (x^2 + y^2 - 2 z^2) / sqrt6, sqrt2 xy, sqrt2 xz, sqrt2 yz, x, y, z, 1)``: the quadratic
+    ones are ``p' B p`` for the `traceless` B. The trace stays the identity's, so nothing here depends on how the axes
+    lie.
+    """
+    quadratic = np.einsum("ni,kij,nj->nk", points, traceless(points.shape[1]), points)
+    return np.column_stack([quadratic, points, np.ones(len(points))])
 
 
 def ellipsoid_condition(points: ArrayLike) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,11 +17,11 @@ from hiltest.calibration.quality import sphere_directions
 
 # Of the central differences: their own error is its square, float64 rounding the quotient of 1e-16 by it.
 _STEP = 1e-5
-# Parts of a log in time, each left out once. On 63 comparisons of real logs 52 predictions are within a factor of 2
+#: Parts of a log in time, each left out once. On 63 comparisons of real logs 52 predictions are within a factor of 2
 # with 20 parts, 53 with 10, 52 with 40, but 9 too small with those: what disturbs a log lasts.
-_BLOCKS = 20
+BLOCKS = 20
 # Two points in each block; of fewer points the residual says more.
-_FEWEST_FOR_BLOCKS = 2 * _BLOCKS
+_FEWEST_FOR_BLOCKS = 2 * BLOCKS
 # What a calibration is worth that another part of the log would not have given at all.
 _NO_DIRECTION_DEG = 90.0
 
@@ -82,47 +83,75 @@ def predicted_direction_error(
     error of `direct` for 40 to 100 % of the sphere, 0.4 and 1 uT, 100 and 1000 points. For `iterative`, whose
     normalisation makes a smaller bias, they are up to twice the error on half the sphere or less.
     """
-    centred = CentredPoints.of(points)
-    if fit.status is not FitStatus.ELLIPSOID or centred is None or len(centred.points) <= ELLIPSOID_UNKNOWNS:
-        return None
-    shape, centre, parameters = _in_frame(fit, centred)
-    jacobian = _direction_jacobian(parameters)
-    rows = centred.rows()
-    try:
-        inverse = np.linalg.inv(rows.T @ rows)
-    except np.linalg.LinAlgError:
-        return None
-    if jacobian is None:
-        return None
-    residuals = (centred.points**2).sum(axis=1) + rows @ parameters
-    variance = float(residuals @ residuals) / (len(rows) - ELLIPSOID_UNKNOWNS)
-    slopes = 2.0 * (centred.points - centre) @ shape
-    noise_variance = variance / float((slopes * slopes).sum(axis=1).mean())
-    bias: Array = -noise_variance * inverse @ _rows_along(slopes, centred) * (not unbiased)
-    if len(rows) < _FEWEST_FOR_BLOCKS:
-        spread_deg = _rms_deg(jacobian, (variance * inverse).astype(np.float64))
-    else:
-        spread_deg = _jackknife_deg(centred.points, unbiased)
-    return DirectionError(spread_deg, _rms_deg(jacobian, np.outer(bias, bias)))
+    return ErrorPrediction(points).of(fit, unbiased=unbiased)
 
 
-def _jackknife_deg(points: Array, unbiased: bool) -> float:
-    """Return the standard deviation of directions between fits without a block each [deg]."""
-    blocks = np.array([power_sums(block) for block in np.array_split(points, _BLOCKS)])
-    whole = blocks.sum(axis=0)
-    calibration = calibration_from_sums(whole, unbiased=unbiased)
-    if calibration is None:
-        return _NO_DIRECTION_DEG
-    readings = np.linalg.solve(calibration[0], sphere_directions().T).T + calibration[1]
-    without = []
-    for block in blocks:
-        calibration = calibration_from_sums(whole - block, unbiased=unbiased)
+class ErrorPrediction:
+    """Predicts what `predicted_direction_error` does for several calibrations of the same points.
+
+    What depends on the points alone is computed once: of a million of them that is most of the work.
+    """
+
+    def __init__(self, points: ArrayLike) -> None:
+        self._centred = CentredPoints.of(points)
+
+    def of(self, fit: MagnetometerFit, *, unbiased: bool = False) -> DirectionError | None:
+        """Return the predicted error of one calibration."""
+        centred = self._centred
+        if fit.status is not FitStatus.ELLIPSOID or centred is None or len(centred.points) <= ELLIPSOID_UNKNOWNS:
+            return None
+        shape, centre, parameters = _in_frame(fit, centred)
+        jacobian = _direction_jacobian(parameters)
+        if jacobian is None or self._inverse is None:
+            return None
+        residuals = self._squares + self._rows @ parameters
+        variance = float(residuals @ residuals) / (len(residuals) - ELLIPSOID_UNKNOWNS)
+        slopes = 2.0 * (centred.points - centre) @ shape
+        noise_variance = variance / float((slopes * slopes).sum(axis=1).mean())
+        bias: Array = -noise_variance * self._inverse @ _rows_along(slopes, centred) * (not unbiased)
+        if len(residuals) < _FEWEST_FOR_BLOCKS:
+            spread_deg = _rms_deg(jacobian, (variance * self._inverse).astype(np.float64))
+        else:
+            spread_deg = self._jackknife_deg(unbiased)
+        return DirectionError(spread_deg, _rms_deg(jacobian, np.outer(bias, bias)))
+
+    @cached_property
+    def _rows(self) -> Array:
+        return np.empty((0, ELLIPSOID_UNKNOWNS)) if self._centred is None else self._centred.rows()
+
+    @cached_property
+    def _squares(self) -> Array:
+        squares: Array = np.empty(0) if self._centred is None else (self._centred.points**2).sum(axis=1)
+        return squares
+
+    @cached_property
+    def _inverse(self) -> Array | None:
+        try:
+            return np.linalg.inv(self._rows.T @ self._rows).astype(np.float64)
+        except np.linalg.LinAlgError:
+            return None
+
+    @cached_property
+    def _blocks(self) -> Array:
+        points = np.empty((0, 3)) if self._centred is None else self._centred.points
+        return np.array([power_sums(block) for block in np.array_split(points, BLOCKS)])
+
+    def _jackknife_deg(self, unbiased: bool) -> float:
+        """Return the standard deviation of directions between fits without a block each [deg]."""
+        whole = self._blocks.sum(axis=0)
+        calibration = calibration_from_sums(whole, unbiased=unbiased)
         if calibration is None:
             return _NO_DIRECTION_DEG
-        without.append(_calibrated_directions(*calibration, readings))
-    off = np.array(without) - np.mean(without, axis=0)
-    variance = (_BLOCKS - 1) / _BLOCKS * float((off * off).sum(axis=2).mean(axis=1).sum())
-    return math.degrees(math.sqrt(variance))
+        readings = np.linalg.solve(calibration[0], sphere_directions().T).T + calibration[1]
+        without = []
+        for block in self._blocks:
+            calibration = calibration_from_sums(whole - block, unbiased=unbiased)
+            if calibration is None:
+                return _NO_DIRECTION_DEG
+            without.append(_calibrated_directions(*calibration, readings))
+        off = np.array(without) - np.mean(without, axis=0)
+        variance = (BLOCKS - 1) / BLOCKS * float((off * off).sum(axis=2).mean(axis=1).sum())
+        return math.degrees(math.sqrt(variance))
 
 
 def _in_frame(fit: MagnetometerFit, centred: CentredPoints) -> tuple[Array, Array, Array]:

@@ -82,8 +82,8 @@ def no_fit(status: FitStatus, *, iterations: int = 0, coverage: float = 0.0) -> 
     return MagnetometerFit(status, False, iterations, np.eye(3), np.zeros(3), coverage)
 
 
-def points_array(points_counts: ArrayLike) -> Array:
-    """Return points as float64, shape (n, 3).
+def points_array(points_counts: ArrayLike, *, axes: tuple[int, ...] = (3,)) -> Array:
+    """Return points as float64, shape (n, 3), or with another number of axes that is allowed.
 
     Raises
     ------
@@ -91,8 +91,8 @@ def points_array(points_counts: ArrayLike) -> Array:
         When the shape is another, or a coordinate is not finite.
     """
     points = np.asarray(points_counts, dtype=np.float64)
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise ValueError(f"points have shape {points.shape}, not (n, 3)")
+    if points.ndim != 2 or points.shape[1] not in axes:
+        raise ValueError(f"points have shape {points.shape}, not (n, {' or '.join(map(str, axes))})")
     if not np.isfinite(points).all():
         raise ValueError("points are not finite")
     return points

@@ -8,8 +8,9 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hiltest.calibration.direct import design
+from hiltest.calibration.conditioning import quadric_rows, traceless
 from hiltest.calibration.fit import Array, points_array
+from hiltest.calibration.plane import FLAT, RING, Plane
 
 Mask: TypeAlias = NDArray[np.bool_]
 
@@ -38,6 +39,8 @@ _PIECES, _LEAST_PIECE, _WHOLE_BELOW, _MOVED = 200, 5, 100, 0.05
 _DRAWS, _RATED = 400, 2_000
 # Of the radius: how far the soft iron of a board takes a reading from the sphere.
 _FAR = 0.3
+# Part of the readings that a plane has to hold: with less the others may be a tilt, and no wild rows.
+_IN_PLANE = 0.85
 # Readings that the passes take of a long log; all are tested in the end.
 _MOST_FITTED = 50_000
 
@@ -60,7 +63,7 @@ def outliers(points: ArrayLike) -> Mask:
     Returns
     -------
     ndarray of bool, shape (n,)
-        All False for fewer than 18 readings, and for readings in a plane, on a line or in one place.
+        All False for fewer than 18 readings, and for readings on a line or in one place.
 
     Notes
     -----
@@ -69,7 +72,7 @@ def outliers(points: ArrayLike) -> Mask:
     far off (Rousseeuw, Least median of squares regression, 1984): it stands up to half of the readings being wild, but
     is no ellipsoid, so only readings beyond what soft iron does are set aside. Then the quadric of unit trace is
     fitted with Tukey's biweight on Sampson's distance, ``|D| / |grad D|``, until the weights settle. The draws are
-    the same every time.
+    the same every time. Readings in a plane are fitted by an ellipse in it, and none may be far from it.
     """
     given = points_array(points)
     out = np.zeros(len(given), dtype=bool)
@@ -82,14 +85,29 @@ def outliers(points: ArrayLike) -> Mask:
         return out
     readings = (readings - middle) / size
     chosen = np.arange(0, len(readings), -(-len(readings) // _MOST_FITTED))
-    fitted = _reweighted(readings[chosen], moving[chosen])
-    if fitted is None:
+    flat = _flat(readings[chosen], moving[chosen])
+    inside = None if flat is None else _off_surface(readings @ flat.axes[:2].T, chosen, moving)
+    if flat is not None and inside is not None and inside[1] <= RING:
+        off_plane = (readings - flat.middle) @ flat.axes[2]
+        wild = _far(*inside) | _far(off_plane, max(_LEAST_SCATTER, flat.thickness))
+    elif (off := _off_surface(readings, chosen, moving)) is not None:
+        wild = _far(*off)
+    else:
         return out
-    parameters, scatter = fitted
-    wild = np.abs(_distances(parameters, readings)) > FURTHEST * scatter
     # What repeats a wild reading is as wild.
     out[:] = np.repeat(wild, np.diff(np.append(distinct, len(given))))
     return out
+
+
+def _off_surface(readings: Array, chosen: NDArray[np.intp], moving: Mask) -> tuple[Array, float] | None:
+    """Return how far readings, in space or in a plane, are from what the chosen ones agree on, and those's scatter."""
+    fitted = _reweighted(readings[chosen], moving[chosen])
+    return None if fitted is None else (_distances(fitted[0], readings), fitted[1])
+
+
+def _far(distances: Array, scatter: float) -> Mask:
+    wild: Mask = np.abs(distances) > FURTHEST * scatter
+    return wild
 
 
 def _moving(readings: Array) -> tuple[Mask, Array, float]:
@@ -125,15 +143,29 @@ def _apart(medians: Array, distance: float) -> NDArray[np.intp]:
 
 
 def _reweighted(readings: Array, moving: Mask) -> tuple[Array, float] | None:
-    """Return the quadric that the readings agree on, and their scatter about it; None where they fix none."""
+    """Return the ellipsoid that the readings agree on, and their scatter about it; None where they fix none.
+
+    A small cap is bent less than its noise: what fits its squares best is no ellipsoid, or one as flat as the cap with
+    more scatter than the sphere that it started from, and a sphere stands in for it.
+    """
     sphere = _median_sphere(readings[moving])
     if sphere is None:
         return None
     centre, radius, median = sphere
     off = np.abs(np.linalg.norm(readings - centre, axis=1) - radius)
     weights = (off <= max(_FAR * radius, _WEIGHT_ENDS * SIGMA * median)).astype(np.float64)
+    for terms in (len(traceless(readings.shape[1])), 0):
+        parameters, scatter = _settled(readings, moving, weights, terms)
+        closed = float(np.linalg.eigvalsh(_shape(parameters, readings.shape[1]))[0]) > 0.0
+        if closed and scatter <= max(_LEAST_SCATTER, SIGMA * median):
+            break
+    return parameters, scatter
+
+
+def _settled(readings: Array, moving: Mask, weights: Array, terms: int) -> tuple[Array, float]:
+    """Return parameters, with so many terms of shape that are not zero, and the scatter when the weights settle."""
     for _ in range(_MOST_PASSES):
-        parameters = _weighted_quadric(readings, weights)
+        parameters = _weighted_quadric(readings, weights, terms)
         distances = _distances(parameters, readings)
         scatter = max(_LEAST_SCATTER, SIGMA * float(np.median(np.abs(distances[moving]))))
         before = weights
@@ -144,42 +176,67 @@ def _reweighted(readings: Array, moving: Mask) -> tuple[Array, float] | None:
 
 
 def _median_sphere(readings: Array) -> tuple[Array, float, float] | None:
-    """Return centre, radius and median distance of the sphere with the smallest median distance."""
-    random = np.random.default_rng(0)
-    rated = readings if len(readings) <= _RATED else readings[random.choice(len(readings), _RATED, replace=False)]
-    fours = rated[random.integers(0, len(rated), (_DRAWS, 4))]
-    matrices = np.concatenate([2.0 * fours, np.ones((_DRAWS, 4, 1))], axis=2)
+    """Return centre, radius and median distance of the sphere, or circle, with the smallest median distance."""
+    rated, drawn = _draws(readings, readings.shape[1] + 1)
+    matrices = np.concatenate([2.0 * drawn, np.ones((*drawn.shape[:2], 1))], axis=2)
     solvable = np.abs(np.linalg.det(matrices)) > 1e-9  # four in a plane make no sphere
     if not solvable.any():
         return None
-    solved = np.linalg.solve(matrices[solvable], (fours[solvable] ** 2).sum(axis=2)[..., None])[..., 0]
-    centres = solved[:, :3]
-    radii = np.sqrt(np.maximum(0.0, solved[:, 3] + (centres * centres).sum(axis=1)))
+    solved = np.linalg.solve(matrices[solvable], (drawn[solvable] ** 2).sum(axis=2)[..., None])[..., 0]
+    centres = solved[:, :-1]
+    radii = np.sqrt(np.maximum(0.0, solved[:, -1] + (centres * centres).sum(axis=1)))
     distances = np.linalg.norm(rated - centres[:, None], axis=2) - radii[:, None]
     medians = np.median(np.abs(distances), axis=1)
     best = int(medians.argmin())
     return centres[best], float(radii[best]), float(medians[best])
 
 
-def _weighted_quadric(readings: Array, weights: Array) -> Array:
-    """Return a, b, d to j of ``a x^2 + b y^2 + (1 - a - b) z^2 + d xy + e xz + f yz + g x + h y + i z + j = 0``."""
-    rows, target = design(readings)
+def _draws(readings: Array, size: int) -> tuple[Array, Array]:
+    """Return the readings that a draw is rated by, and the draws, shape (draws, size, axes)."""
+    random = np.random.default_rng(0)
+    rated = readings if len(readings) <= _RATED else readings[random.choice(len(readings), _RATED, replace=False)]
+    return rated, rated[random.integers(0, len(rated), (_DRAWS, size))]
+
+
+def _flat(readings: Array, moving: Mask) -> Plane | None:
+    """Return the plane that all but a few readings lie in, None where there is none."""
+    rated, drawn = _draws(readings[moving], 3)
+    normals = np.cross(drawn[:, 1] - drawn[:, 0], drawn[:, 2] - drawn[:, 0])
+    lengths = np.linalg.norm(normals, axis=1)
+    normals = normals[lengths > 0.0] / lengths[lengths > 0.0, None]
+    if not len(normals):
+        return None
+    distances = np.abs(rated @ normals.T - (drawn[lengths > 0.0, 0] * normals).sum(axis=1))
+    best = int(np.median(distances, axis=0).argmin())
+    near = distances[:, best] <= FURTHEST * max(_LEAST_SCATTER, SIGMA * float(np.median(distances[:, best])))
+    plane = Plane.of(rated[near])
+    return plane if near.mean() >= _IN_PLANE and plane.thickness <= FLAT else None
+
+
+def _weighted_quadric(readings: Array, weights: Array, terms: int) -> Array:
+    """Return the parameters of `quadric_rows` by weighted least squares; those of shape behind `terms` are zero."""
+    rows, target = quadric_rows(readings), -(readings * readings).sum(axis=1)
+    free = np.arange(rows.shape[1])
+    free = free[(free < terms) | (free >= len(traceless(readings.shape[1])))]
+    rows = rows[:, free]
     weighted = rows * weights[:, None]
-    # Least norm where the readings leave a direction open, as a turn in a plane does.
-    parameters = np.linalg.lstsq(weighted.T @ rows, weighted.T @ target, rcond=1e-12)[0]
-    return parameters.astype(np.float64)
+    parameters = np.zeros(free[-1] + 1)
+    # Least norm where the readings leave a direction open.
+    parameters[free] = np.linalg.lstsq(weighted.T @ rows, weighted.T @ target, rcond=1e-12)[0]
+    return parameters
+
+
+def _shape(parameters: Array, axes: int) -> Array:
+    """Return the matrix of a quadric's squares."""
+    basis = traceless(axes)
+    shape: Array = np.eye(axes) + np.tensordot(parameters[: len(basis)], basis, axes=1)
+    return shape
 
 
 def _distances(parameters: Array, readings: Array) -> Array:
     """Return Sampson's distances from a quadric, signed."""
-    x, y, z = readings.T
-    a, b, d, e, f, g, h, i, j = parameters
-    c = 1.0 - a - b
-    value = a * x * x + b * y * y + c * z * z + d * x * y + e * x * z + f * y * z + g * x + h * y + i * z + j
-    slope = np.sqrt(
-        (2 * a * x + d * y + e * z + g) ** 2
-        + (2 * b * y + d * x + f * z + h) ** 2
-        + (2 * c * z + e * x + f * y + i) ** 2
-    )
+    axes = readings.shape[1]
+    value = (readings * readings).sum(axis=1) + quadric_rows(readings) @ parameters
+    slope = np.linalg.norm(2.0 * readings @ _shape(parameters, axes) + parameters[-axes - 1 : -1], axis=1)
     distances: Array = value / np.maximum(slope, 1e-9)  # 0 at the centre alone, which is far from the surface
     return distances

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -14,6 +17,48 @@ SPHERE = sphere_directions(2000)
 _HOLE_DEG = 20.0
 # Few points leave larger caps empty: one that should hold so many of them, and holds none, is no accident (e^-5).
 _EXPECTED = 5.0
+
+
+# Of more points than this one in each cell of a hundredth by a hundredth by a hundredth stands for all: 1 deg apart.
+_MANY, _CELLS = 50_000, 100
+# Of the largest component: an axis that a direction leans to by less is not named.
+_NAMED_FROM = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Hole:
+    """A cap of the sphere without a point.
+
+    Attributes
+    ----------
+    direction : tuple of float
+        Of its middle, a unit vector in the sensor's axes.
+    radius_deg : float
+        Angle from there to the nearest point.
+    """
+
+    direction: tuple[float, float, float]
+    radius_deg: float
+
+    @property
+    def axes(self) -> str:
+        """The direction in words: ``-z``, or ``+x -z`` halfway between both."""
+        largest = max(map(abs, self.direction))
+        return " ".join(
+            f"{'-' if value < 0.0 else '+'}{axis}"
+            for axis, value in zip("xyz", self.direction, strict=True) if abs(value) >= _NAMED_FROM * largest
+        )  # fmt: skip
+
+
+def largest_hole(corrected: ArrayLike) -> Hole:
+    """Return the largest cap without a calibrated point, shape (n, 3); a whole sphere where there are none."""
+    directions = _normalised(corrected)
+    if not len(directions):
+        return Hole((0.0, 0.0, 1.0), 180.0)
+    chords = _to_nearest(directions)
+    middle = int(chords.argmax())
+    x, y, z = SPHERE[middle].tolist()
+    return Hole((x, y, z), math.degrees(2.0 * math.asin(min(1.0, float(chords[middle]) / 2.0))))
 
 
 def covered_directions(corrected: ArrayLike) -> NDArray[np.bool_]:
@@ -33,11 +78,7 @@ def covered_directions(corrected: ArrayLike) -> NDArray[np.bool_]:
     if not len(directions):
         return np.zeros(len(SPHERE), dtype=np.bool_)
     cosine = max(-1.0, min(float(np.cos(np.radians(_HOLE_DEG))), 1.0 - 2.0 * _EXPECTED / len(directions)))
-    from scipy.spatial import KDTree  # 0.3 s, which a run that measures no coverage need not wait for
-
-    # Not balanced: a tree of a million points takes half a second, a balanced one several.
-    chords, _ = KDTree(directions, balanced_tree=False, compact_nodes=False).query(SPHERE)
-    empty = SPHERE[1.0 - chords**2 / 2.0 < cosine]
+    empty = SPHERE[1.0 - _to_nearest(directions) ** 2 / 2.0 < cosine]
     if not len(empty):
         return np.ones(len(SPHERE), dtype=np.bool_)
     covered: NDArray[np.bool_] = (SPHERE @ empty.T).max(axis=1) <= cosine
@@ -47,6 +88,18 @@ def covered_directions(corrected: ArrayLike) -> NDArray[np.bool_]:
 def solid_angle_covered(corrected: ArrayLike) -> float:
     """Return the part of the sphere's area that calibrated points cover, 0 to 1; see `covered_directions`."""
     return float(covered_directions(corrected).mean())
+
+
+def _to_nearest(directions: Array) -> Array:
+    """Return how far each direction of `SPHERE` is from the nearest of unit vectors, as a chord."""
+    from scipy.spatial import KDTree  # 0.3 s, which a run that measures no coverage need not wait for
+
+    if len(directions) > _MANY:
+        cells = ((directions + 1.0) * _CELLS).astype(np.int64) @ (1, 4 * _CELLS, (4 * _CELLS) ** 2)
+        directions = directions[np.unique(cells, return_index=True)[1]]
+    # Not balanced: a balanced tree takes several times as long to make.
+    chords: Array = KDTree(directions, balanced_tree=False, compact_nodes=False).query(SPHERE)[0]
+    return chords
 
 
 def _normalised(vectors: ArrayLike) -> Array:

@@ -54,5 +54,7 @@ def allan(
         widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
         for row in rows:
             click.echo("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+        for note in read.notes:
+            click.echo(note)
     if html is not None:
         write_page(read, curve, html)

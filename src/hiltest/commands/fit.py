@@ -7,14 +7,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from click.core import ParameterSource
 
 from hiltest.calibration.acceptance import Acceptance
 from hiltest.commands.options import checked
 from hiltest.settings import file_name
 
 if TYPE_CHECKING:
-    from hiltest.logs import Samples
-    from hiltest.logs.sample_fit import SampleFit
+    from hiltest.logs import Samples, Unit
+    from hiltest.logs.fit_result import SampleFit
 
 _EXIT_CODES = """
 \b
@@ -26,17 +27,25 @@ Exit codes:
   20  the firmware on the virtual board faults or hangs
   23  wrong firmware, or another protocol version
 """
+# Shapes that the calibrators fit.
+_ELLIPSOIDS = ("auto", "ellipsoid")
 _STANDARD_INPUT = Path("/dev/stdin")
 _FILE = click.Path(dir_okay=False, path_type=Path)
 
 
 @click.command(epilog=_EXIT_CODES)
-@click.argument("log", metavar="LOG", type=_FILE)
+@click.argument("log", metavar="LOG", type=click.Path(path_type=Path))
 @click.option("--columns", metavar="A,B,C",
               help="Columns of x, y, z: names of the header or numbers from 1.  [default: the magnetometer's]")
 @click.option("--unit", type=click.Choice(["uT", "gauss", "counts"]),
               help="Unit of the samples; the scale of counts is unknown.  [default: the header's, else counts]")
 @click.option("--calibrator", metavar="NAME", default="all", show_default=True, help="Calibrator to run, or all.")
+@click.option("--shape", type=click.Choice([*_ELLIPSOIDS, "sphere", "ridge", "circle", "ellipse"]),
+              default="auto", show_default=True,
+              help="auto: the calibrators' ellipsoid, or what the samples allow. ridge: part of a sphere. circle, "
+              "ellipse: a turn in a plane, for headings alone.")
+@click.option("--field", "field_ut", metavar="UT", type=click.FloatRange(1.0, 1e5),
+              help="Strength of the field where it is known; of its part in the plane for circle and ellipse.")
 @click.option("--from", "first", metavar="T", type=float,
               help="First instant to take: seconds from the first reading, or its number where no column has times.")
 @click.option("--to", "last", metavar="T", type=float, help="First instant not to take, likewise.")
@@ -55,30 +64,57 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 @click.option("--at-least", type=click.Choice(["good", "fair", "poor"]), default="poor", show_default=True,
               help="Verdict that the best calibration needs for exit code 0.")
 def fit(
-    log: Path, columns: str | None, unit: str | None, calibrator: str, first: float | None, last: float | None,
-    steady: bool, robust: str, on: str, firmware: str | None,
+    log: Path, columns: str | None, unit: str | None, calibrator: str, shape: str, field_ut: float | None,
+    first: float | None, last: float | None, steady: bool, robust: str, on: str, firmware: str | None,
     as_json: bool, export_json: Path | None, export_header: Path | None, force: bool, html: Path | None, at_least: str,
 ) -> int:  # fmt: skip
     """Calibrate from a magnetometer log, and say how good it is.
 
-    LOG is a text table: comma, semicolon, tab or blanks between cells, decimal points, with or without a header;
+    LOG is a table with or without a header, a capture of a serial monitor or for MotionCal, or lines of JSON;
     - is standard input. A refused calibration is not exported without --force.
+
+    LOG may be a folder: a row for each log in it, by the float64 references, with how well parts of it agree.
     """
     from hiltest.logs import Unit, read_samples
 
+    if log.is_dir():
+        return _fit_folder(log, columns, Unit(unit) if unit else None, robust=robust != "none", at_least=at_least)
     path = _STANDARD_INPUT if str(log) == "-" else log
     read = read_samples(path, columns=columns, unit=Unit(unit) if unit else None)
     if steady or first is not None or last is not None:
         read = _part(read, first, last, steady=steady)
-    fitted = _fit(read, calibrator, on, firmware, robust=robust != "none")
+    fitted = _fit(read, calibrator, shape, on, firmware, robust=robust != "none", field_ut=field_ut)
     _show(fitted, as_json=as_json)
     _export(fitted, export_json, export_header, force=force)
     if html is not None:
         from hiltest.logs.sample_fit_page import write_page
 
         write_page(fitted, read, html)
+    return int(_worse(fitted, at_least))
+
+
+def _worse(fitted: SampleFit, at_least: str) -> bool:
     order = list(Acceptance)
-    return int(order.index(fitted.best.verdict) > order.index(Acceptance(at_least)))
+    return order.index(fitted.best.verdict) > order.index(Acceptance(at_least))
+
+
+def _fit_folder(folder: Path, columns: str | None, unit: Unit | None, *, robust: bool, at_least: str) -> int:
+    context = click.get_current_context()
+    for name in set(context.params) - {"log", "columns", "unit", "robust", "at_least"}:
+        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+            option = next(each.opts[0] for each in context.command.params if each.name == name)
+            raise click.UsageError(f"{option} is for one log: {folder} is a folder")
+    from hiltest.errors import ConfigError
+    from hiltest.logs.log_folder import fit_folder
+    from hiltest.logs.log_folder_table import print_folder
+    from hiltest.report.console import standard_output
+
+    logs = list(fit_folder(folder, columns=columns, unit=unit, robust=robust))
+    print_folder(logs, standard_output())
+    fits = [each.fit for each in logs if each.fit is not None]
+    if not fits:
+        raise ConfigError(f"{folder}: no file in it is a log of a magnetometer; hiltest fit FILE says why of one")
+    return int(any(_worse(each, at_least) for each in fits))
 
 
 def _part(samples: Samples, first: float | None, last: float | None, *, steady: bool) -> Samples:
@@ -92,13 +128,23 @@ def _part(samples: Samples, first: float | None, last: float | None, *, steady: 
     return span.between(samples, first, last)
 
 
-def _fit(samples: Samples, calibrator: str, on: str, firmware: str | None, *, robust: bool) -> SampleFit:
-    from hiltest.logs.sample_fit import fit_on_board, fit_on_host
+def _fit(
+    samples: Samples, calibrator: str, shape: str, on: str, firmware: str | None, *, robust: bool,
+    field_ut: float | None,
+) -> SampleFit:  # fmt: skip
+    from hiltest.logs.sample_fit import fit_by_shape, fit_on_board, fit_on_host
 
+    if shape not in _ELLIPSOIDS:
+        if calibrator != "all" or firmware is not None:
+            raise click.UsageError(f"--shape {shape} is no calibrator's: leave out --calibrator and --firmware")
+        from hiltest.calibration.shapes import Shape
+
+        return fit_by_shape(samples, Shape(shape), robust=robust, field_ut=field_ut)
+    any_shape = shape == "auto"
     if on == "host":
         if firmware is not None:
             raise click.UsageError("--firmware is for the virtual board: leave out --on host")
-        return fit_on_host(samples, calibrator, robust=robust)
+        return fit_on_host(samples, calibrator, robust=robust, any_shape=any_shape, field_ut=field_ut)
     from hiltest.bench_files import DEFAULT_RIG, shipped
     from hiltest.boards import open_board
     from hiltest.rig.file import load_rig
@@ -106,7 +152,7 @@ def _fit(samples: Samples, calibrator: str, on: str, firmware: str | None, *, ro
     # The packaged rig, whatever lies in this folder: its world has nothing to do with recorded samples.
     rig = load_rig(shipped() / "rigs" / DEFAULT_RIG)
     with open_board(rig, firmware=Path(firmware) if firmware else None) as board:
-        return fit_on_board(board, samples, calibrator, robust=robust)
+        return fit_on_board(board, samples, calibrator, robust=robust, any_shape=any_shape, field_ut=field_ut)
 
 
 def _show(fitted: SampleFit, *, as_json: bool) -> None:

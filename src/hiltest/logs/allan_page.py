@@ -45,6 +45,7 @@ def to_json(log: RateLog, curve: AllanCurve) -> str:
     content = {
         "schema": SCHEMA, "hiltest": __version__, "file": str(log.path), "unit": "dps" if log.in_degrees else "counts",
         "samples": len(log.rates), "rows": log.rows, "gaps": log.gaps, "rate_hz": log.rate_hz,
+        "notes": list(log.notes),
         "columns": [
             _column(name, reading, log) for name, reading in zip(log.columns, curve.readings, strict=True)
         ],
@@ -60,7 +61,7 @@ def write_page(log: RateLog, curve: AllanCurve, path: Path) -> None:
     """Write a page with the curve so that a reader sees the whole file or none."""
     header, *rows = table(log, curve)
     page = render(
-        "allan.html.j2", package="hiltest.logs", headline=headline(log), header=header, rows=rows,
+        "allan.html.j2", package="hiltest.logs", headline=headline(log), notes=log.notes, header=header, rows=rows,
         figure=figure(log, curve), version=__version__,
     )  # fmt: skip
     write_asked_for(path, page)

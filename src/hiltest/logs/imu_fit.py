@@ -92,6 +92,8 @@ def print_fit(fit: ImuLogFit, console: Console) -> None:
     else:
         console.print("no gyroscope in the log" if log.rate is None else "gyroscope: refused, no rest for its bias",
                       soft_wrap=True)
+    for note in log.notes:
+        console.print(escape(note), style="dim", soft_wrap=True)
 
 
 def _print_accelerometer(result: AccelerometerResult, unit: str, console: Console) -> None:
@@ -184,6 +186,7 @@ def contents(fit: ImuLogFit) -> dict[str, Any]:
                 for turn in gyroscope.turns
             ],
         },
+        "notes": list(log.notes),
     }  # fmt: skip
 
 

@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hiltest.errors import ConfigError
+from hiltest.logs.asked_units import asked_of_gravity
+from hiltest.recordings.cells import LARGEST_READING, TableRow, number_in
 from hiltest.recordings.columns import (
     ACCELEROMETER_STEM,
     axis_triples,
@@ -21,7 +23,7 @@ from hiltest.recordings.columns import (
     seconds_of,
     unit_in_headers,
 )
-from hiltest.recordings.table import LARGEST_READING, TableRow, check_width, number_in, read_rows, split_header
+from hiltest.recordings.table import open_table
 from hiltest.units import ACCELERATION_WORDS, RATE_WORDS, AccelerationUnit, RateUnit
 
 Reals = NDArray[np.float64]
@@ -72,6 +74,8 @@ class ImuLog:
     rate_unit : RateUnit
     labels : tuple of str, or None
         What each row says that it is of.
+    notes : tuple of str
+        What was skipped, recognised or assumed in the files, a sentence each.
     """
 
     files: tuple[str, ...]
@@ -81,6 +85,7 @@ class ImuLog:
     acceleration_unit: AccelerationUnit
     rate_unit: RateUnit
     labels: tuple[str, ...] | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def period_s(self) -> float:
@@ -130,9 +135,13 @@ def read_imu_log(
     if second is not first and others is not None:
         other_time_s, rate = second.read(columns.time, rate_hz, list(others))
         _check_pairs(path, second.path, time_s, other_time_s)
+    acceleration, unit = readings[:, :3], unit or AccelerationUnit.COUNTS
+    notes = [*first.notes, *(second.notes if second is not first else ())]
+    if acceleration_unit is None:
+        notes += asked_of_gravity(acceleration, unit, "--accelerometer-unit {} says so")
     return ImuLog(
-        tuple(str(each) for each in (path, gyroscope_path) if each), time_s, readings[:, :3], rate,
-        unit or AccelerationUnit.COUNTS, other_unit or RateUnit.COUNTS, first.labels,
+        tuple(str(each) for each in (path, gyroscope_path) if each), time_s, acceleration, rate, unit,
+        other_unit or RateUnit.COUNTS, first.labels, tuple(notes),
     )  # fmt: skip
 
 
@@ -140,15 +149,14 @@ class _Table:
     """A table whose header is read; its numbers can be read once."""
 
     def __init__(self, path: Path, labels: str | None) -> None:
-        self.path = path
-        rows = read_rows(path)
-        head = next(rows, None)
-        if head is None:
-            raise ConfigError(f"{path}: the file is empty")
-        self.headers, self._rows = split_header(head, rows)
-        self.width = len(self.headers or head.cells)
+        self.path, self._table = path, open_table(path)
+        self.headers, self.width, self.names = self._table.headers, self._table.width, self._table.names
         self._label = None if labels is None else column_index(labels, self.headers, self.width, option="--intervals")
         self.labels: tuple[str, ...] | None = None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        return self._table.notes
 
     def axes(
         self, wanted: str | None, pattern: re.Pattern[str], option: str, sensor: str, *, alone: bool = True
@@ -162,17 +170,14 @@ class _Table:
             raise ConfigError(f"{self.path}: more than one {sensor}: choose with {option} {choices}")
         if found:
             return next(iter(found.values()))
-        if alone and not self.headers and self.width in (3, 4):
-            return (0, 1, 2) if self.width == 3 else (1, 2, 3)
+        if alone and not self.headers and len(self._table.places) in (3, 4):
+            return (0, 1, 2) if len(self._table.places) == 3 else (1, 2, 3)
         return None
 
     def no_axes(self, sensor: str, option: str) -> ConfigError:
         columns = f"the columns are {', '.join(self.headers)}" if self.headers else f"no header, {self.width} columns"
         return ConfigError(f"{self.path}: cannot tell which columns are the {sensor}: {columns}; say it with {option}, "
                            "by name or by number from 1")
-
-    def names(self, places: Sequence[int]) -> tuple[str, ...]:
-        return tuple(self.headers[place] if self.headers else str(place + 1) for place in places)
 
     def read(self, time: str | None, rate_hz: float | None, places: list[int]) -> tuple[Reals, Reals]:
         """Return the times [s] and the readings, one row a sample."""
@@ -182,8 +187,7 @@ class _Table:
         values, labels = array("d"), []
         sensors = [places[first : first + 3] for first in range(0, len(places), 3)]
         one_a_row = False
-        for row in self._rows:
-            check_width(self.path, row, self.width)
+        for row in self._table.rows():
             filled = filled_of(row.cells, sensors)
             one_a_row = one_a_row or (not len(values) and place is not None and filled.count(True) < len(sensors) > 1)
             if one_a_row and not any(filled):
@@ -246,7 +250,7 @@ class _Table:
         if wanted is not None:
             place = column_index(wanted, self.headers, self.width, option="--time")
             return place, (seconds_of(self.headers[place]) or 1.0 if self.headers else 1.0)
-        if not self.headers and self.width == 4:
+        if not self.headers and len(self._table.places) == 4:
             return 0, 1.0
         found = [(place, scale) for place, name in enumerate(self.headers) if (scale := seconds_of(name)) is not None]
         if len(found) != 1:

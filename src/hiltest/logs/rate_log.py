@@ -6,17 +6,17 @@ import csv
 import math
 import re
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hiltest.errors import ConfigError
+from hiltest.recordings.cells import is_number, shown
 from hiltest.recordings.columns import axis_triples, column_index, name_and_unit, seconds_of
-from hiltest.recordings.table import TableRow, check_width, is_number, read_rows, shown
+from hiltest.recordings.table import Table, open_table
 from hiltest.units import DEGREES_PER_SECOND, RATE_WORDS, RateUnit
 
 Reals = NDArray[np.float64]
@@ -50,6 +50,8 @@ class RateLog:
     rows : int
         Rows of the whole file; `len(rates)` of them are the part.
     gaps : int
+    notes : tuple of str
+        What was skipped, recognised or assumed in the file, a sentence each.
     """
 
     path: Path
@@ -59,6 +61,7 @@ class RateLog:
     rate_hz: float
     rows: int
     gaps: int
+    notes: tuple[str, ...] = ()
 
     @property
     def in_degrees(self) -> bool:
@@ -68,7 +71,6 @@ class RateLog:
 
 @dataclass(frozen=True, slots=True)
 class _Layout:
-    width: int
     places: tuple[int, ...]
     names: tuple[str, ...]
     time: int | None
@@ -84,7 +86,7 @@ def read_rate_log(
     Parameters
     ----------
     path : Path
-        As `hiltest.recordings.table.read_rows` takes it.
+        As `hiltest.recordings.table.open_table` takes it.
     columns : str, optional
         Up to three, ``a,b,c``: names or numbers from 1; by default those that the header calls a gyroscope's.
     unit : RateUnit, optional
@@ -99,23 +101,20 @@ def read_rate_log(
     ConfigError
         When there is no such table in the file; names file, row and column.
     """
-    rows = read_rows(path)
-    first = next(rows, None)
-    if first is None:
-        raise ConfigError(f"{path}: the file is empty")
-    headers = first.cells if not any(map(is_number, first.cells)) else ()
+    table = open_table(path, fewest=1)
+    headers = table.headers
     try:
-        layout = _layout(headers, len(first.cells), columns, None if rate_hz else time, want_time=rate_hz is None)
+        layout = _layout(headers, table.width, columns, None if rate_hz else time, want_time=rate_hz is None)
         found = unit or _unit_of(layout.names if headers else ())
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
-    times, values = _numbers(path, rows if headers else chain([first], rows), layout)
+    times, values = _numbers(table, layout)
     factor = DEGREES_PER_SECOND[found]
     if rate_hz is None:
         _check_steps(path, times, layout.seconds)
     part, gaps, rate_hz = _longest_part(times, layout.seconds, rate_hz, len(values))
     rates = values[part] * (1.0 if factor is None else factor)
-    return RateLog(path, layout.names, rates, found, rate_hz, len(values), gaps)
+    return RateLog(path, layout.names, rates, found, rate_hz, len(values), gaps, table.notes)
 
 
 def _layout(
@@ -132,7 +131,7 @@ def _layout(
     at, seconds = _time_column(headers, width, time) if want_time else (None, 1.0)
     if at in places:
         raise ConfigError(f"column {headers[at] if headers and at is not None else at} is given as time and as a rate")
-    return _Layout(width, places, names, at, seconds)
+    return _Layout(places, names, at, seconds)
 
 
 def _guessed(headers: Sequence[str]) -> tuple[int, ...]:
@@ -165,11 +164,10 @@ def _unit_of(names: Sequence[str]) -> RateUnit:
     return units.pop()
 
 
-def _numbers(path: Path, rows: Iterator[TableRow], layout: _Layout) -> tuple[Reals, Reals]:
-    times, values = array("d"), array("d")
+def _numbers(table: Table, layout: _Layout) -> tuple[Reals, Reals]:
+    path, times, values = table.path, array("d"), array("d")
     last_s = -math.inf
-    for row in rows:
-        check_width(path, row, layout.width)
+    for row in table.rows():
         cells = [row.cells[place] for place in layout.places]
         if not any(cells):
             continue  # a row of another sensor

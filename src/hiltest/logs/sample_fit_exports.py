@@ -10,13 +10,15 @@ from typing import Any
 from hiltest import __version__
 from hiltest.c_source import c_float, in_comment
 from hiltest.calibration.acceptance import Acceptance
-from hiltest.logs.sample_fit import CalibratorFit, Matrix, SampleFit, Triple
+from hiltest.logs.fit_result import CalibratorFit, Matrix, SampleFit, Triple
 from hiltest.record.files import write_asked_for
 
 CALIBRATION_SCHEMA, FIT_SCHEMA = "hiltest.calibration/1", "hiltest.fit/1"
 SCHEMA_FILE = Path(__file__).with_name("fit.schema.json")
 FORMULA = "corrected = soft_iron * (reading - hard_iron)"
 
+_SYMMETRIC = "That says nothing of a rotation: fit error is not heading error."
+_TURN = "They are for headings of a turn about {axis} alone: what lies along it is not corrected."
 _REFUSED = "this magnetometer calibration was refused: hiltest fit says why"
 
 _HEADER = """\
@@ -27,7 +29,7 @@ _HEADER = """\
  *
  * reading, hard_iron, radius and corrected are in {unit}, in the axes of the sensor; soft_iron is symmetric, has the
  * determinant 1 and maps readings to corrected ones. Corrected readings have the length radius within {residual:.2f} %.
- * That says nothing of a rotation: fit error is not heading error.
+ * {caution}
  *
  * From {n_in} readings in {file}, of which the calibrator used {n_used}.
  */
@@ -72,7 +74,7 @@ def export_header(fit: SampleFit, path: Path) -> None:
     refused = best.verdict is Acceptance.REFUSED
     warning = f'\n#warning "{_REFUSED}"\n' if refused else ""
     text = _HEADER.format(
-        warning=warning,
+        warning=warning, caution=_SYMMETRIC if best.turn is None else _TURN.format(axis=best.turn.axis),
         version=__version__, calibrator=in_comment(best.name), verdict=best.verdict, formula=FORMULA, unit=fit.unit,
         residual=residual, n_in=fit.n_in, file=in_comment(Path(fit.file).name), n_used=best.n_used,
         hard_iron=_row(hard_iron), soft_iron=",\n    ".join(map(_row, soft_iron)), radius=c_float(radius),

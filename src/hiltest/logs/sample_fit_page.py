@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +10,10 @@ from numpy.typing import NDArray
 
 from hiltest import __version__
 from hiltest.calibration.acceptance import Acceptance
+from hiltest.calibration.direction_error import BLOCKS
 from hiltest.calibration.robust import Mask
-from hiltest.logs.sample_fit import CalibratorFit, SampleFit
-from hiltest.logs.sample_fit_table import figure_rows, reason_line
+from hiltest.logs.fit_result import CalibratorFit, SampleFit
+from hiltest.logs.sample_fit_table import figure_rows, told_reasons
 from hiltest.logs.samples import Samples
 from hiltest.logs.span import FieldChange, instants
 from hiltest.record.files import write_asked_for
@@ -34,7 +36,7 @@ _FAR = 6.0
 def fit_page(fit: SampleFit, samples: Samples) -> str:
     """Return the page of a fit of samples."""
     return render(
-        "sample_fit.html.j2", package="hiltest.logs", reason=reason_line,
+        "sample_fit.html.j2", package="hiltest.logs", told=[*told_reasons(fit), *fit.notes],
         fit=fit, tone=_TONES[fit.best.verdict], rows=figure_rows(fit), pictures=_pictures(fit, samples),
         version=__version__,
     )
@@ -52,10 +54,11 @@ def _pictures(fit: SampleFit, samples: Samples) -> list[list[Figure]]:
     if corrected is None:
         return [[_before(fit, samples.points, dropped)]]
     after = [_after(_drawn(corrected[~dropped]), fit.best.name, axes) for axes in ("xy", "xz", "yz")]
-    return [
-        [_before(fit, samples.points, dropped), *after], [_lengths(corrected, dropped, samples, fit.change)],
-        [coverage_map(corrected[~dropped], _drawn(corrected[~dropped]))],
-    ]
+    seen = [[_before(fit, samples.points, dropped), *after], [_lengths(corrected, dropped, samples, fit.change)]]
+    # A turn in a plane covers nothing of the sphere.
+    if fit.best.turn is None:
+        seen.append([coverage_map(corrected[~dropped], _drawn(corrected[~dropped]), fit.hole)])
+    return seen
 
 
 def _dropped(fit: SampleFit, samples: Samples) -> Mask:
@@ -137,6 +140,11 @@ def _lengths(corrected: Array, dropped: Mask, samples: Samples, change: FieldCha
     figure.level(0, "zero")
     both = np.column_stack([at, lengths])
     figure.dots(_pairs(*_drawn(both[~dropped]).T), "samples")
+    for start, end in pairwise(np.arange(BLOCKS + 1) * (len(at) - 1) // BLOCKS):
+        kept = lengths[start : end + 1][~dropped[start : end + 1]]
+        if len(kept):
+            figure.line([(float(at[start]), float(kept.mean())), (float(at[end]), float(kept.mean()))], "end")
+    figure.key.append(KeyEntry(f"mean of a {BLOCKS}th: the blocks of the direction error", "end"))
     if dropped.any():
         # At the edge where they are further out.
         out = np.clip(_drawn(both[dropped]), (-np.inf, -reach), (np.inf, reach))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -13,18 +14,18 @@ from rich.table import Table
 from rich.text import Text
 
 from hiltest.calibration.acceptance import Acceptance, Reason
-from hiltest.logs.sample_fit import CalibratorFit, SampleFit
+from hiltest.logs.fit_result import CalibratorFit, SampleFit
 from hiltest.text import readable
 
-_STYLES = {Acceptance.GOOD: "green", Acceptance.FAIR: "yellow", Acceptance.POOR: "red", Acceptance.REFUSED: "bold red"}
+STYLES = {Acceptance.GOOD: "green", Acceptance.FAIR: "yellow", Acceptance.POOR: "red", Acceptance.REFUSED: "bold red"}
 _NAMES = {
     "n": "number of points", "condition": "condition", "residual_percent": "residual", "axis_ratio": "axis ratio",
     "radius_ut": "radius", "direction_error_deg": "predicted direction error",
-    "change_percent": "change of the field", "rests": "number of rests", "turns": "number of turns",
-    "spread_after_percent": "spread of norms", "left_out_percent": "readings left out",
-    "left_percent": "left of a turn",
+    "change_percent": "change of the field", "strong_iron_deg": "direction error under strong iron",
+    "rests": "number of rests", "turns": "number of turns", "spread_after_percent": "spread of norms",
+    "left_out_percent": "readings left out", "left_percent": "left of a turn",
 }  # fmt: skip
-_WIDTH = 80
+WIDTH = 80
 # No one reads more of them.
 _MOST_DECIMALS = 8
 
@@ -33,14 +34,19 @@ def print_fit(fit: SampleFit, console: Console) -> None:
     """Print what was read, a table with a column for each calibrator, the best one's numbers, reasons and notes."""
     points = f"{fit.n_in} points, columns {', '.join(fit.columns)} [{fit.unit}]"
     console.print(escape(f"{fit.file}: {points}"), soft_wrap=True)
-    console.print(_grid(fit), width=min(_WIDTH, console.width))
+    console.print(_grid(_shown(fit)), width=min(WIDTH, console.width))
     for line in _best(fit):
         console.print(line, soft_wrap=True)
     columns = os.environ.get("COLUMNS", "")
-    for style, sentences in (("", _reasons(fit.calibrators)), ("dim", iter(fit.notes))):
+    for style, sentences in (("", told_reasons(fit)), ("dim", iter(fit.notes))):
         for each in sentences:
             folded = Text(each, style=style).wrap(console, int(columns)) if columns.isdecimal() else [Text(each, style)]
             console.print(*folded, sep="\n", soft_wrap=not console.is_terminal)
+
+
+def _shown(fit: SampleFit) -> SampleFit:
+    """Return a fit without the calibrators that a shape stands in for: they are all refused, for one reason."""
+    return replace(fit, calibrators=(fit.best,), firmware=None) if fit.best.shape else fit
 
 
 def _grid(fit: SampleFit) -> Table:
@@ -48,7 +54,7 @@ def _grid(fit: SampleFit) -> Table:
     grid.add_column("")
     for each in fit.calibrators:
         grid.add_column(escape(each.name), justify="right")
-    grid.add_row("verdict", *(Text(each.verdict, style=_STYLES[each.verdict]) for each in fit.calibrators))
+    grid.add_row("verdict", *(Text(each.verdict, style=STYLES[each.verdict]) for each in fit.calibrators))
     for label, cells in (*_kind_rows(fit), *_number_rows(fit), *_cycle_rows(fit, "cycles")):
         grid.add_row(escape(label), *map(escape, cells))
     return grid
@@ -102,7 +108,7 @@ def _cycle_rows(fit: SampleFit, label: str) -> list[tuple[str, list[str]]]:
 def _best(fit: SampleFit) -> list[str]:
     """Return hard and soft iron of the best calibrator: those of all would not fit beside each other."""
     best = fit.best
-    lines = [f"cycles counted by {fit.firmware.cycle_model}"] if fit.firmware else []
+    lines = [f"cycles counted by {fit.firmware.cycle_model}"] if fit.firmware and best.shape is None else []
     if best.hard_iron is not None and best.soft_iron is not None:
         lines += [
             f"{escape(best.name)}: hard iron {escape(f'[{fit.unit}]')} {_hard_iron(best)}; soft iron {escape('[1]')}",
@@ -111,30 +117,38 @@ def _best(fit: SampleFit) -> list[str]:
     return lines
 
 
-def _reasons(fits: Sequence[CalibratorFit]) -> Iterator[str]:
-    """Yield each reason once, with the calibrators that it is of where it is not of all."""
+def told_reasons(fit: SampleFit) -> Iterator[str]:
+    """Yield each reason once, with the calibrators that it is of where it is not of all.
+
+    Of calibrators that a shape stands in for only why they are all refused is told.
+    """
     found: dict[tuple[object, ...], list[tuple[str, Reason]]] = {}
-    for each in fits:
+    for each in fit.calibrators:
         for reason in each.reasons:
             same = (reason.figure, reason.threshold, reason.unit, reason.verdict, reason.meaning)
             found.setdefault(same, []).append((each.name, reason))
+    count, best = len(fit.calibrators), fit.best
     for named in found.values():
-        values = [reason.value for _, reason in named]
-        of_all = len(named) == len(fits) and len(set(values)) == 1
-        line = reason_line(named[0][1], values[:1] if of_all else values)
-        yield f"  {line}" if of_all else f"{', '.join(name for name, _ in named)}: {line}"
+        names, values = [name for name, _ in named], [reason.value for _, reason in named]
+        told = len(names) == count - 1 and named[0][1].verdict is Acceptance.REFUSED
+        if best.shape and best.name not in names and not told:
+            continue
+        line = reason_line(named[0][1], values[:1] if len(set(values)) == 1 else values)
+        yield line if len(names) == count and len(set(values)) == 1 else f"{', '.join(names)}: {line}"
 
 
 def reason_line(reason: Reason, values: Sequence[float | str] = ()) -> str:
     """Return one reason of a verdict as a sentence, of one calibrator or with the `values` of several."""
     if isinstance(reason.value, str) or isinstance(reason.threshold, str):
-        return f"the fit ended as {reason.value!r}: {reason.meaning}."
+        if reason.figure == "shape":
+            return f"fitted by '{reason.value}', not by '{reason.threshold}' ({reason.verdict}): {reason.meaning}."
+        return f"the fit ended as '{reason.value}': {reason.meaning}."
     shown = ", ".join(f"{value:.4g}" for value in values or (reason.value,))
     name = _NAMES[reason.figure]
     side = "above" if reason.value > reason.threshold else "below"
     unit = f" {reason.unit}" if reason.unit and reason.figure != "n" else ""  # a number of points has said it
     limit = f"{reason.threshold:g}{unit} ({reason.verdict})"
-    return f"{name} {shown}{unit} is {side} {limit}: {reason.meaning}."
+    return f"{name} {shown}{unit} is {side} {limit}: {reason.meaning}{'' if reason.meaning.endswith('?') else '.'}"
 
 
 def _number(value: float | None, how: str) -> str:

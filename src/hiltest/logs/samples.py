@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hiltest.errors import ConfigError
+from hiltest.logs.asked_units import asked_of_gravity
+from hiltest.recordings.cells import LARGEST_READING, TableRow, number_in, number_or_nan
 from hiltest.recordings.columns import (
     ACCELEROMETER_STEM,
     MICROTESLA,
@@ -23,15 +24,7 @@ from hiltest.recordings.columns import (
     unit_in_headers,
     unit_of,
 )
-from hiltest.recordings.table import (
-    LARGEST_READING,
-    TableRow,
-    check_width,
-    number_in,
-    number_or_nan,
-    read_rows,
-    split_header,
-)
+from hiltest.recordings.table import Table, open_table
 from hiltest.units import ACCELERATION_WORDS, AccelerationUnit
 
 Reals = NDArray[np.float64]
@@ -71,6 +64,8 @@ class Samples:
         Lines before the table that are no part of it.
     start : float
         Of a part of a log: how long after the log's first reading it begins [s], or after how many without times.
+    notes : tuple of str
+        What was skipped, recognised or assumed in the file, a sentence each.
     """
 
     path: Path
@@ -85,6 +80,7 @@ class Samples:
     acceleration_unit: AccelerationUnit = AccelerationUnit.COUNTS
     preamble: int = 0
     start: float = 0.0
+    notes: tuple[str, ...] = ()
 
     @property
     def microtesla(self) -> float | None:
@@ -98,21 +94,21 @@ class _Layout:
 
     Attributes
     ----------
-    width : int
     places, names : of the magnetometer's columns
     accelerometer : places of the accelerometer's columns, empty without one
     strict : bool
         Whether a cell of the accelerometer that is no number is refused: where an option names its columns.
     time : place of the column of time, and what one of it is in seconds; None without one
+    notes : what was assumed of columns
     """
 
-    width: int
     places: tuple[int, int, int]
     names: tuple[str, str, str]
     accelerometer: tuple[int, ...]
     accelerometer_names: tuple[str, ...]
     strict: bool
     time: tuple[int, float] | None
+    notes: tuple[str, ...]
 
 
 def read_samples(
@@ -123,7 +119,7 @@ def read_samples(
     Parameters
     ----------
     path : Path
-        Comma, semicolon, tab or blanks between cells; decimal points; with or without a header.
+        As `hiltest.recordings.table.open_table` takes it.
     columns : str, optional
         ``a,b,c``, names or numbers from 1; by default those that the header calls a magnetometer's.
     unit : Unit, optional
@@ -136,34 +132,35 @@ def read_samples(
     ConfigError
         When there is no such table in the file; names file, line and column.
     """
-    rows = read_rows(path)
-    first = next(rows, None)
-    if first is None:
-        raise ConfigError(f"{path}: the file is empty")
-    headers, data = split_header(first, rows)
-    width = len(headers or first.cells)
+    table = open_table(path)
     try:
-        layout = _layout(headers, width, columns, accelerometer_columns)
-        unit_found = unit or unit_of(layout.names if headers else ())
-        acceleration_unit = _acceleration_unit(layout) if headers else AccelerationUnit.COUNTS
+        layout = _layout(table, columns, accelerometer_columns)
+        unit_found = unit or unit_of(layout.names if table.headers else ())
+        acceleration_unit = _acceleration_unit(layout) if table.headers else AccelerationUnit.COUNTS
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
-    numbers, lines, skipped = _numbers(path, data, layout)
+    numbers, lines, skipped = _numbers(table, layout)
     acceleration = numbers[:, _AXES : 2 * _AXES] if layout.accelerometer else None
+    notes = [*table.notes, *layout.notes]
+    if acceleration is not None and acceleration_unit is not AccelerationUnit.COUNTS:
+        notes += asked_of_gravity(acceleration, acceleration_unit, "A header that says {} settles it")
     return Samples(
         path, numbers[:, :_AXES].copy(), unit_found or Unit.COUNTS,
         "option" if unit else "header" if unit_found else "assumed", layout.names, skipped,
         lines=lines, time_s=_rising(numbers[:, -1], layout.time),
         acceleration=None if acceleration is None or np.isnan(acceleration).any(axis=1).all() else acceleration.copy(),
-        acceleration_unit=acceleration_unit,
+        acceleration_unit=acceleration_unit, preamble=table.preamble, notes=tuple(notes),
     )  # fmt: skip
 
 
-def _layout(headers: Sequence[str], width: int, columns: str | None, accelerometer_columns: str | None) -> _Layout:
-    def called(places: Sequence[int]) -> tuple[str, ...]:
-        return tuple(headers[place] if headers else str(place + 1) for place in places)
-
-    places = named_columns(columns, headers, width) if columns is not None else guessed_columns(headers, width)
+def _layout(table: Table, columns: str | None, accelerometer_columns: str | None) -> _Layout:
+    headers, width, notes = table.headers, table.width, []
+    if columns is not None:
+        places = named_columns(columns, headers, width)
+    else:
+        places = guessed_columns(headers, table.places, table.index)
+        if table.index is not None and places == table.places[1:]:
+            notes.append(f"Column {table.names([table.index])[0] or '1'} was taken as an index, not as readings.")
     accelerometer: tuple[int, ...] = ()
     if accelerometer_columns is not None:
         accelerometer = named_columns(accelerometer_columns, headers, width, option="--accelerometer-columns")
@@ -173,9 +170,9 @@ def _layout(headers: Sequence[str], width: int, columns: str | None, acceleromet
         accelerometer = triples[0] if len(triples) == 1 else ()
     times = [(place, scale_s) for place, header in enumerate(headers)
              if (scale_s := seconds_of(header)) is not None and place not in places]
-    x, y, z = called(places)
-    return _Layout(width, places, (x, y, z), accelerometer, called(accelerometer), accelerometer_columns is not None,
-                   times[0] if len(times) == 1 else None)
+    x, y, z = table.names(places)
+    return _Layout(places, (x, y, z), accelerometer, table.names(accelerometer), accelerometer_columns is not None,
+                   times[0] if len(times) == 1 else None, tuple(notes))
 
 
 def _acceleration_unit(layout: _Layout) -> AccelerationUnit:
@@ -187,11 +184,10 @@ def _acceleration_unit(layout: _Layout) -> AccelerationUnit:
     return found or AccelerationUnit.COUNTS
 
 
-def _numbers(path: Path, rows: Iterator[TableRow], layout: _Layout) -> tuple[Reals, NDArray[np.int64], int]:
+def _numbers(table: Table, layout: _Layout) -> tuple[Reals, NDArray[np.int64], int]:
     """Return a row a sample: x, y, z, the accelerometer's where there is one, the time; their lines; rows skipped."""
-    values, lines, skipped = array("d"), array("q"), 0
-    for row in rows:
-        check_width(path, row, layout.width)
+    path, values, lines, skipped = table.path, array("d"), array("q"), 0
+    for row in table.rows():
         reading = [
             number_in(path, row, place, name, what="magnetometer reading")
             for place, name in zip(layout.places, layout.names, strict=True)
@@ -201,7 +197,7 @@ def _numbers(path: Path, rows: Iterator[TableRow], layout: _Layout) -> tuple[Rea
             continue
         values.extend(reading)
         values.extend(_acceleration(path, row, layout))
-        values.append(math.nan if layout.time is None else number_or_nan(row.cells[layout.time[0]], _LATEST))
+        values.append(row.arrived_s if layout.time is None else number_or_nan(row.cells[layout.time[0]], _LATEST))
         lines.append(row.line)
         if len(lines) > MAX_ROWS:
             raise ConfigError(f"{path}: more than {MAX_ROWS} readings; keep every tenth line, or cut the file")
@@ -219,7 +215,7 @@ def _acceleration(path: Path, row: TableRow, layout: _Layout) -> list[float]:
 
 
 def _rising(times: Reals, column: tuple[int, float] | None) -> Reals | None:
-    """Return times in seconds; None where one is missing or before the one before it."""
-    if column is None or not bool((np.diff(times, prepend=times[0]) >= 0.0).all()):
+    """Return times in seconds, of arrival without a column; None where one is missing or before the one before it."""
+    if not bool((np.diff(times, prepend=times[0]) >= 0.0).all()):
         return None
-    return times * column[1]
+    return times if column is None else times * column[1]

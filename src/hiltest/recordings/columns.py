@@ -102,8 +102,17 @@ def named_columns(
     return first, second, third
 
 
-def guessed_columns(headers: Sequence[str], width: int) -> tuple[int, int, int]:
+def guessed_columns(headers: Sequence[str], places: Sequence[int], index: int | None = None) -> tuple[int, int, int]:
     """Return the indexes of the columns that must be the magnetometer's.
+
+    Parameters
+    ----------
+    headers : sequence of str
+        Empty without any.
+    places : sequence of int
+        Indexes of the columns.
+    index : int, optional
+        That of a column which counts the rows.
 
     Raises
     ------
@@ -119,9 +128,10 @@ def guessed_columns(headers: Sequence[str], width: int) -> tuple[int, int, int]:
         raise ConfigError(f"more than one magnetometer: {_options(choices)}")
     if not magnetic and "" in triples:
         return triples[""]
-    if width == 3 and not triples:
-        return 0, 1, 2
-    found = f"the columns are {', '.join(headers)}" if headers else f"no header and {width} columns"
+    bare = places if len(places) == 3 else [place for place in places if place != index]
+    if len(bare) == 3 and not triples:
+        return bare[0], bare[1], bare[2]
+    found = f"the columns are {', '.join(headers)}" if headers else f"no header and {len(places)} columns"
     choices = [",".join(headers[index] for index in triple) for triple in triples.values()]
     hint = _options(choices) if choices else "say which with --columns, by name or by number from 1: --columns 1,2,3"
     raise ConfigError(f"cannot tell which columns are the magnetometer: {found}; {hint}")

@@ -10,6 +10,7 @@ from hiltest.device.packet_stream import batches
 from hiltest.device.packet_summary import BoardClock, summary_of
 from hiltest.device.packets import AxisConvention, MainPacket
 from hiltest.errors import ConfigError
+from hiltest.recordings.lines import UTF16_MARKS
 from hiltest.recordings.tracks import Recorded, in_body_axes, read_table
 from hiltest.rig import Rig
 from hiltest.rig.playback import PlaybackFile, PlayedSensor
@@ -53,12 +54,17 @@ def read_playback(path: Path, given: PlaybackFile) -> Playback:
         When it cannot be read or understood; names the file, and the line of a table.
     """
     data = read_bounded(path, largest_bytes=_LARGEST_BYTES, otherwise="give a recording")
-    # Packets have zeros in them, text has none.
-    is_stream = b"\0" in data[:_LOOKED_AT] and path.suffix != ".gz"
+    # Packets have zeros in them, text in UTF-8 has none.
+    is_stream = b"\0" in data[:_LOOKED_AT] and path.suffix != ".gz" and not _is_utf16(data[:_LOOKED_AT])
     recorded = _read_packets(path, data, given) if is_stream else read_table(path, given)
     for sensed, track in recorded.tracks.items():
         _refuse_implausible(path, sensed, track)
     return placed(path.name, recorded, given)
+
+
+def _is_utf16(start: bytes) -> bool:
+    """Say whether what begins so is lines in UTF-16; a stream that was cut may begin with its mark."""
+    return start.startswith(UTF16_MARKS) and "\n" in start.decode("utf-16", errors="replace")
 
 
 def placed(name: str, recorded: Recorded, given: PlaybackFile) -> Playback:
@@ -69,7 +75,7 @@ def placed(name: str, recorded: Recorded, given: PlaybackFile) -> Playback:
     else:
         shift_s = (START_S if given.start_s is None else given.start_s) - first_s
     tracks = {sensed: Track(track.times_s + shift_s, track.readings) for sensed, track in recorded.tracks.items()}
-    return Playback(name, tracks, Resampling(given.resampling))
+    return Playback(name, tracks, Resampling(given.resampling), recorded.notes)
 
 
 def _refuse_implausible(path: Path, sensed: Sensed, track: Track) -> None:

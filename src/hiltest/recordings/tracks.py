@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from hiltest.errors import ConfigError
+from hiltest.recordings.cells import LARGEST_READING, TableRow, number_in
 from hiltest.recordings.columns import (
     axis_triples,
     column_index,
@@ -20,7 +21,7 @@ from hiltest.recordings.columns import (
     named_columns,
     seconds_of,
 )
-from hiltest.recordings.table import LARGEST_READING, TableRow, check_width, number_in, read_rows, split_header
+from hiltest.recordings.table import open_table
 from hiltest.rig.playback import UNITS, PlaybackFile, PlayedSensor, factor_of
 from hiltest.world.playback import Reals, Sensed, Track
 
@@ -47,10 +48,13 @@ class Recorded:
         By the recording's own clock, body frame.
     clock_began_s : float or None
         Virtual time at which that clock began, where the recording says it.
+    notes : tuple of str
+        What was skipped, recognised or assumed in the file, a sentence each.
     """
 
     tracks: dict[Sensed, Track]
     clock_began_s: float | None = None
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,12 +75,8 @@ def read_table(path: Path, given: PlaybackFile) -> Recorded:
     ConfigError
         When a cell is no number, times do not increase, or it cannot be told what a column is; names file and line.
     """
-    rows = read_rows(path)
-    head = next(rows, None)
-    if head is None:
-        raise ConfigError(f"{path}: the file is empty")
-    headers, rows = split_header(head, rows)
-    width = len(headers or head.cells)
+    table = open_table(path)
+    headers, width = table.headers, table.width
     if headers[:3] == ("time_s", "type", "number"):
         raise ConfigError(f"{path}: a table by hiltest decode, whose field is the firmware's calibrated one; play the "
                           "recording of the packets itself, which says so")
@@ -89,18 +89,17 @@ def read_table(path: Path, given: PlaybackFile) -> Recorded:
     time, scale_s = _time(path, given, headers, width)
     times: dict[Sensed, array[float]] = {sensed: array("d") for sensed in found}
     readings: dict[Sensed, array[float]] = {sensed: array("d") for sensed in found}
-    for number, row in enumerate(rows):
+    for number, row in enumerate(table.rows()):
         if number == MAX_ROWS:
             raise ConfigError(f"{path}: more than {MAX_ROWS} rows; cut the file")
-        check_width(path, row, width)
         row_s = number / (given.rate_hz or 1.0) if time is None else _row_time(path, row, time, headers, scale_s)
         for sensed, columns in found.items():
             _take(path, row, row_s, columns, times[sensed], readings[sensed])
     tracks = {sensed: _track(times[sensed], readings[sensed], found[sensed]) for sensed in found if times[sensed]}
     if not tracks:
         raise ConfigError(f"{path}: no row has a reading")
-    began = _CLOCK_BEGAN.search(", ".join(head.comment))
-    return Recorded(tracks, float(began["began"]) if began else None)
+    began = _CLOCK_BEGAN.search(table.comment)
+    return Recorded(tracks, float(began["began"]) if began else None, table.notes)
 
 
 def _columns(

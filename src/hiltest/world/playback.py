@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum, StrEnum
 
@@ -60,14 +60,20 @@ class Playback:
     tracks : mapping of Sensed to Track
         What was recorded; other sensors measure the simulated world.
     resampling : Resampling
+    notes : sequence of str
+        What was skipped, recognised or assumed in the file, a sentence each.
 
     Notes
     -----
     Before the first reading of a sensor that one is held, and after the last one that.
     """
 
-    def __init__(self, name: str, tracks: Mapping[Sensed, Track], resampling: Resampling = Resampling.NEAREST) -> None:
+    def __init__(
+        self, name: str, tracks: Mapping[Sensed, Track], resampling: Resampling = Resampling.NEAREST,
+        notes: Sequence[str] = (),
+    ) -> None:  # fmt: skip
         self.name = name
+        self._notes = notes
         self.tracks = tracks
         self.resampling = resampling
         # Lists: a search in an array takes ten times as long, and there is one for each sample of a part.
@@ -122,9 +128,13 @@ class Playback:
         )
 
     def remarks(self) -> list[str]:
-        """Say what was not as recorded so far: sensors that are not in it, readings cut, or held after the end."""
+        """Say what was assumed of the file, and what is not as recorded so far.
+
+        That are sensors which are not in it, readings cut, or held after the end.
+        """
         others = [sensed.key for sensed in Sensed if sensed not in self.tracks]
-        said = [f"{self.name}: no {' and no '.join(others)} in it: simulated, at rest"] if others else []
+        said = [f"{self.name}: {note}" for note in self._notes]
+        said += [f"{self.name}: no {' and no '.join(others)} in it: simulated, at rest"] if others else []
         said += [
             f"{self.name}: {count} samples of the {part} were beyond {limit} and are cut there"
             for (part, limit), count in self._saturated.items()

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.calibration.solid_angle import SPHERE, covered_directions
+from hiltest.calibration.solid_angle import SPHERE, Hole, covered_directions, largest_hole
 from hiltest.record.run import Run, Table
 from hiltest.report.figures.section import FigureGroup, numbers, panel_width, written
 from hiltest.report.marks import KeyEntry, Mark
@@ -93,20 +94,33 @@ def _calibration_sheet(results: Table) -> Sheet:
     return Sheet("Calibrations that the board fitted", ["quantity", *map(str, names)], rows)
 
 
-def coverage_map(corrected: Array, shown: Array) -> Figure:
+def _cap(hole: Hole) -> Array:
+    cap: Array = SPHERE[SPHERE @ np.array(hole.direction) >= math.cos(math.radians(hole.radius_deg))]
+    return cap
+
+
+def coverage_map(corrected: Array, shown: Array, hole: Hole | None) -> Figure:
     """Draw which part of the sphere samples cover, by the rule that calibrations of recorded samples are accepted by.
 
     Parameters
     ----------
     corrected, shown : ndarray, shape (n, 3)
         All calibrated samples, and those that are drawn.
+    hole : Hole or None
+        Named where it is part of what is not covered.
     """
     covered = covered_directions(corrected)
-    return _sphere_map(
-        f"coverage: {100.0 * covered.mean():.0f} % of the sphere",
+    named = hole if hole is not None and not covered.all() else None
+    words = "" if named is None else f"; largest hole about {named.axes}, radius {named.radius_deg:.0f}°"
+    figure = _sphere_map(
+        f"coverage: {100.0 * covered.mean():.0f} % of the sphere{words}",
         "Directions of the calibrated samples on an equal-area map; marked where none is near",
         KeyEntry("no sample near", "uncovered"), SPHERE[~covered], shown, 460.0, 260.0,
     )
+    if named is not None:
+        figure.marks(_on_map(np.array([named.direction])), "series-3 hollow", Mark.CROSS, radius=6.0)
+        figure.key.append(KeyEntry("middle of the largest hole", "", Mark.CROSS, "series-3 hollow"))
+    return figure
 
 
 def largest_cap_map(corrected: Array, *, width: float, height: float) -> Figure:
@@ -118,12 +132,8 @@ def largest_cap_map(corrected: Array, *, width: float, height: float) -> Figure:
     width, height : float
         Size of the drawing.
     """
-    lengths = np.linalg.norm(corrected, axis=1)
-    directions = corrected[lengths > 0.0] / lengths[lengths > 0.0, None]
-    nearest = (SPHERE @ directions.T).max(axis=1) if len(directions) else np.full(len(SPHERE), -1.0)
-    middle = int(nearest.argmin())
-    cap = SPHERE[SPHERE @ SPHERE[middle] >= nearest[middle]]
-    radius_deg = float(np.degrees(np.arccos(np.clip(nearest[middle], -1.0, 1.0))))
+    hole = largest_hole(corrected)
+    radius_deg, cap = hole.radius_deg, _cap(hole)
     return _sphere_map(
         f"largest uncovered cap: {radius_deg:.0f}° radius",
         f"Directions of {len(corrected)} calibrated samples on an equal-area map: sine of the elevation over azimuth; "

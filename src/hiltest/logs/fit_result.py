@@ -1,0 +1,207 @@
+"""Result of a fit of recorded samples: every calibrator's, and what was fitted to."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from hiltest.calibration.acceptance import Acceptance, Reason
+from hiltest.calibration.shapes import Shape
+from hiltest.calibration.solid_angle import Hole
+from hiltest.logs.span import FieldChange
+from hiltest.measurement import CycleRange
+
+Triple: TypeAlias = tuple[float, float, float]
+Matrix: TypeAlias = tuple[Triple, Triple, Triple]
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """A turn in a plane.
+
+    Attributes
+    ----------
+    axis : str
+        Axis of the sensor that it turned about, ``x``, ``y`` or ``z``.
+    tilt_deg : float
+        Angle between that axis and the one that it turned about.
+    arc_deg : float
+        A full turn less the largest gap.
+    """
+
+    axis: str
+    tilt_deg: float
+    arc_deg: float
+
+
+@dataclass(frozen=True, slots=True)
+class CalibratorFit:
+    """Result of one calibrator, or shape; lengths are in the unit of the samples.
+
+    Attributes
+    ----------
+    name : str
+    status : str
+        How the fit ended, in words.
+    verdict : Acceptance
+    reasons : tuple of Reason
+        Why it is not good.
+    n_used : int
+        Points that the calibrator got. The figures are over all samples.
+    hard_iron : (3,) or None
+        None without a calibration, as everything behind it.
+    soft_iron : 3 rows of 3 or None
+        Symmetric, determinant 1: ``corrected = soft_iron @ (reading - hard_iron)``, in the unit of the samples.
+    radius : float or None
+        Length of the corrected readings.
+    residual_percent : float or None
+        rms of the corrected lengths about the radius.
+    coverage : float or None
+        Part of the sphere that the corrected points cover, 0 to 1; None for a turn.
+    axis_ratio : float or None
+        Longest over shortest axis of the ellipsoid.
+    direction_error_deg, direction_spread_deg, direction_bias_deg : float or None
+        Predicted from the points' own noise, rms over the sphere, or over a turn; the first is both others together.
+    shape : Shape or None
+        None for a calibrator's.
+    turn : Turn or None
+        What samples in a plane show; None for an ellipsoid and what is part of a sphere.
+    host_difference_deg : float or None
+        Angle, rms over the sphere, between a board's calibration and that of the float64 reference from all samples.
+    iterations : int
+        Sweeps of the firmware's solver, 0 for a closed form.
+    cycles : int or None
+        Core cycles of the run; None where they are not counted.
+    cycle_band : CycleRange or None
+        Uncertainty range of the cycles; None where it is unknown.
+    """
+
+    name: str
+    status: str
+    verdict: Acceptance
+    reasons: tuple[Reason, ...]
+    n_used: int
+    hard_iron: Triple | None = None
+    soft_iron: Matrix | None = None
+    radius: float | None = None
+    residual_percent: float | None = None
+    coverage: float | None = None
+    axis_ratio: float | None = None
+    direction_error_deg: float | None = None
+    direction_spread_deg: float | None = None
+    direction_bias_deg: float | None = None
+    shape: Shape | None = None
+    turn: Turn | None = None
+    host_difference_deg: float | None = None
+    iterations: int = 0
+    cycles: int | None = None
+    cycle_band: CycleRange | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class FirmwareUsed:
+    """Firmware that ran, and the scale of the samples that it was given.
+
+    Attributes
+    ----------
+    name, version, build_id : str
+    sha256 : str or None
+        Digest of the ELF file.
+    cycle_model : str
+        What the cycles mean.
+    count_step : float
+        What one count stands for, in the unit of the samples.
+    count_origin : (3,)
+        The reading that is sent as zero counts.
+    rounding_rms : float
+        What rounding to whole counts moved a reading by, per axis, in the unit of the samples.
+    """
+
+    name: str
+    version: str
+    build_id: str
+    sha256: str | None
+    cycle_model: str
+    count_step: float
+    count_origin: Triple
+    rounding_rms: float
+
+
+@dataclass(frozen=True, slots=True)
+class SampleFit:
+    """Result of every calibrator on the same samples.
+
+    Attributes
+    ----------
+    file : str
+    columns : tuple of str
+    unit : str
+    unit_from : str
+        ``option``, ``header`` or ``assumed``.
+    n_in, n_skipped, n_repeated : int
+        Readings; rows without three finite numbers; readings equal to the one before and not dropped.
+    robust : str
+        ``tukey``: what repeats the reading before it, and what is no part of the ellipsoid, was left out. ``none``:
+        nothing was.
+    n_dropped : int
+        Readings that are no part of the ellipsoid.
+    dropped : tuple of pairs of int
+        First and last line of each run of them; numbers from 1 of readings that are from no file.
+    change : FieldChange or None
+        Where the hard iron changed by a step.
+    condition : float
+        Condition of the samples, whatever the calibrator.
+    hole : Hole or None
+        Largest cap of the sphere without a sample, seen from the best calibration's centre; None without one, and for a
+        turn.
+    field_ut : float or None
+        Strength of the field, where it was given.
+    on : str
+        ``virtual`` or ``host``.
+    firmware : FirmwareUsed or None
+    calibrators : tuple of CalibratorFit
+    notes : tuple of str
+        What a reader should know, a sentence each.
+    """
+
+    file: str
+    columns: tuple[str, str, str]
+    unit: str
+    unit_from: str
+    n_in: int
+    n_skipped: int
+    n_repeated: int
+    robust: str
+    n_dropped: int
+    dropped: tuple[tuple[int, int], ...]
+    change: FieldChange | None
+    condition: float
+    hole: Hole | None
+    field_ut: float | None
+    on: str
+    firmware: FirmwareUsed | None
+    calibrators: tuple[CalibratorFit, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def n_left(self) -> int:
+        """Readings that are not left out."""
+        return self.n_in - self.n_dropped - (self.n_repeated if self.robust != "none" else 0)
+
+    @property
+    def best(self) -> CalibratorFit:
+        """The calibrator with the best verdict; of equal ones that with the smallest predicted direction error."""
+        return best_of(self.calibrators)
+
+
+def best_of(fits: Sequence[CalibratorFit]) -> CalibratorFit:
+    """Return the fit with the best verdict; of equal ones that with the smallest predicted direction error."""
+    order = list(Acceptance)
+    return min(
+        fits,
+        key=lambda each: (
+            order.index(each.verdict), math.inf if each.direction_error_deg is None else each.direction_error_deg
+        ),
+    )

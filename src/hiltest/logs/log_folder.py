@@ -1,0 +1,119 @@
+"""A folder of logs: the fit of each, and how well parts of it agree beside what was predicted."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hiltest.calibration import REFERENCES, UNBIASED, reference
+from hiltest.calibration.acceptance import BOUNDS, Acceptance
+from hiltest.calibration.conditioning import ellipsoid_condition
+from hiltest.calibration.direction_error import predicted_direction_error
+from hiltest.calibration.fit import FitStatus
+from hiltest.calibration.quality import direction_difference_rms_deg
+from hiltest.errors import ConfigError
+from hiltest.logs.fit_result import SampleFit
+from hiltest.logs.left_out import left_out
+from hiltest.logs.sample_fit import fit_on_host
+from hiltest.logs.samples import Samples, read_samples
+from hiltest.recordings.columns import Unit
+
+# A log in two parts: its first and its second half, or the odd and the even ones of so many pieces.
+CUTS = {"halves": 2, "tenths": 10}
+# Two readings in each of the 20 blocks of a part, so that its error is that of the blocks.
+_FEWEST = 40
+_LARGEST_CONDITION = next(
+    bound.limit for bound in BOUNDS if bound.figure == "condition" and bound.verdict is Acceptance.REFUSED
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """Calibrations of two parts of a log.
+
+    Attributes
+    ----------
+    cut : str
+        Name in `CUTS`.
+    difference_deg : float
+        Angle between what both make of the same readings, rms over the sphere.
+    predicted_deg : float
+        That angle from the predicted spread of each. Bias is in both alike.
+    """
+
+    cut: str
+    difference_deg: float
+    predicted_deg: float
+
+    @property
+    def ratio(self) -> float:
+        """The one over the other: above 1 the prediction is too good."""
+        return self.difference_deg / self.predicted_deg if self.predicted_deg > 0.0 else math.inf
+
+
+@dataclass(frozen=True, slots=True)
+class LogFit:
+    """A file of a folder.
+
+    Attributes
+    ----------
+    name : str
+        Its path from the folder.
+    fit : SampleFit or None
+    agreements : tuple of Agreement
+        None of a part that determines no ellipsoid.
+    unread : str
+        Why it could not be read; empty where it was.
+    """
+
+    name: str
+    fit: SampleFit | None = None
+    agreements: tuple[Agreement, ...] = ()
+    unread: str = ""
+
+
+def fit_folder(
+    folder: Path, *, columns: str | None = None, unit: Unit | None = None, robust: bool = True
+) -> Iterator[LogFit]:
+    """Fit the logs below a folder on the host, in the order of their names; see `read_samples` and `fit_on_host`."""
+    for path in sorted(each for each in folder.rglob("*") if each.is_file()):
+        name = str(path.relative_to(folder))
+        try:
+            samples = read_samples(path, columns=columns, unit=unit)
+            fit = fit_on_host(samples, robust=robust)
+            yield LogFit(name, fit, agreements(samples, fit.best.name, robust=robust))
+        except ConfigError as error:
+            yield LogFit(name, unread=str(error).removeprefix(f"{path}: "))
+
+
+def agreements(samples: Samples, calibrator: str, *, robust: bool = True) -> tuple[Agreement, ...]:
+    """Return how far a calibrator's results of two parts of the samples are from each other, for each cut."""
+    if calibrator not in REFERENCES:
+        return ()
+    points = left_out(samples, robust=robust).rest.points
+    found = (_agreement(points, calibrator, cut) for cut in CUTS)
+    return tuple(each for each in found if each is not None)
+
+
+def _agreement(points: NDArray[np.float64], name: str, cut: str) -> Agreement | None:
+    piece = np.arange(len(points)) * CUTS[cut] // max(1, len(points))
+    parts = [points[piece % 2 == odd] for odd in (0, 1)]
+    if any(len(part) < _FEWEST or ellipsoid_condition(part) > _LARGEST_CONDITION for part in parts):
+        return None
+    fits = [reference(name)(part) for part in parts]
+    if any(fit.status is not FitStatus.ELLIPSOID for fit in fits):
+        return None
+    predicted = [
+        predicted_direction_error(part, fit, unbiased=name in UNBIASED and fit.iterations > 0)
+        for part, fit in zip(parts, fits, strict=True)
+    ]
+    first, second = predicted
+    if first is None or second is None:
+        return None
+    expected_deg = math.hypot(first.spread_deg, second.spread_deg)
+    return Agreement(cut, direction_difference_rms_deg(*fits), expected_deg)

@@ -1,0 +1,57 @@
+"""Logs of a folder for people: a row each, and how well predictions held."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
+
+from hiltest.logs.log_folder import CUTS, Agreement, LogFit
+from hiltest.logs.sample_fit_table import STYLES, WIDTH
+
+# A prediction within a factor of two is one to rely on; one that is off by more than the last says too little.
+_RIGHT, _FAR_TOO_GOOD = (0.5, 2.0), 2.5
+
+
+def print_folder(logs: Sequence[LogFit], console: Console) -> None:
+    """Print a row for each log, how often its prediction held, and which files are no logs."""
+    grid = Table(box=SIMPLE_HEAD, pad_edge=False)
+    for heading in ("log", "readings", "verdict", "best"):
+        grid.add_column(heading, justify="right" if heading == "readings" else "left", overflow="fold")
+    for heading in ("error [deg]", *CUTS):
+        grid.add_column(escape(heading), justify="right")
+    for each in logs:
+        if each.fit is not None:
+            best = each.fit.best
+            error = "-" if best.direction_error_deg is None else f"{best.direction_error_deg:.2f}"
+            grid.add_row(
+                escape(each.name), str(each.fit.n_in), Text(best.verdict, style=STYLES[best.verdict]),
+                escape(best.name), error, *_ratios(each),
+            )  # fmt: skip
+    console.print(grid, width=min(WIDTH, console.width))
+    for line in _summary([found for each in logs for found in each.agreements]):
+        console.print(line, soft_wrap=True)
+    for each in logs:
+        if each.unread:
+            console.print(escape(f"{each.name} was not read: {each.unread}"), style="dim", soft_wrap=True)
+
+
+def _ratios(log: LogFit) -> list[str]:
+    found = {each.cut: each.ratio for each in log.agreements}
+    return [f"{found[cut]:.2f}" if cut in found else "-" for cut in CUTS]
+
+
+def _summary(found: Sequence[Agreement]) -> list[str]:
+    if not found:
+        return []
+    low, high = _RIGHT
+    right = sum(low <= each.ratio <= high for each in found)
+    far = sum(each.ratio > _FAR_TOO_GOOD for each in found)
+    return [
+        "halves, tenths: angle between the best calibrator's results of two parts of a log, over the predicted one;",
+        f"{low:g} to {high:g} in {right} of {len(found)} cases, above {_FAR_TOO_GOOD:g} in {far}",
+    ]

@@ -1,0 +1,116 @@
+"""Calibrations of recorded samples, each with its figures and a verdict."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hiltest.calibration import UNBIASED
+from hiltest.calibration.acceptance import FitFigures, rate
+from hiltest.calibration.conditioning import ellipsoid_condition
+from hiltest.calibration.direction_error import DirectionError, ErrorPrediction
+from hiltest.calibration.fit import FitStatus, MagnetometerFit
+from hiltest.calibration.quality import residual_percent
+from hiltest.calibration.shapes import Shape, fit_shape
+from hiltest.calibration.solid_angle import solid_angle_covered
+from hiltest.logs.fit_result import CalibratorFit, Triple, Turn
+from hiltest.logs.samples import Samples
+from hiltest.logs.span import FieldChange
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+class Rating:
+    """Rates calibrations of the same samples.
+
+    Parameters
+    ----------
+    samples : Samples
+        What is not left out.
+    change : FieldChange or None
+        Step of the hard iron in the whole log.
+
+    Attributes
+    ----------
+    condition : float
+        Of the samples, whatever the calibrator.
+    """
+
+    def __init__(self, samples: Samples, change: FieldChange | None) -> None:
+        self._samples, self._change = samples, change
+        self._predicted: tuple[Array, ErrorPrediction] | None = None
+        self.condition = ellipsoid_condition(samples.points)
+
+    def calibrator(self, name: str, fit: MagnetometerFit, used: Array) -> CalibratorFit:
+        """Return what a calibrator made of the points it used; `fit` is in the unit of the samples."""
+        # With no step in it the fit of a calibrator that takes the bias out is another's.
+        predicted = self._predictions(used).of(fit, unbiased=name in UNBIASED and fit.iterations > 0)
+        figures = FitFigures(fit.status, condition=self.condition, n=len(used))
+        return self._rated(name, fit, figures, predicted)
+
+    def _predictions(self, used: Array) -> ErrorPrediction:
+        """Return that of the points that calibrators get: of one board, or of the host, they are the same."""
+        if self._predicted is None or self._predicted[0] is not used:
+            self._predicted = used, ErrorPrediction(used)
+        return self._predicted[1]
+
+    def shape(self, shape: Shape, field: float | None) -> CalibratorFit:
+        """Return what a shape makes of the samples, with the field's strength where it is known, in their unit."""
+        found = fit_shape(self._samples.points, shape, field=field)
+        strong = found.error_strong_iron
+        figures = FitFigures(
+            found.fit.status, n=len(self._samples.points), shape=shape,
+            strong_iron_deg=None if strong is None else strong.rms_deg,
+        )
+        rated = self._rated(str(shape), found.fit, figures, found.error)
+        if found.plane is None or found.arc_deg is None:
+            return replace(rated, shape=shape)
+        # A turn covers no part of the sphere.
+        turn = Turn(found.plane.axis, found.plane.tilt_deg, found.arc_deg)
+        return replace(rated, shape=shape, coverage=None, turn=turn)
+
+    def _rated(
+        self, name: str, fit: MagnetometerFit, figures: FitFigures, predicted: DirectionError | None
+    ) -> CalibratorFit:
+        """Return a calibration with what is known of it beyond `figures`."""
+        n_used = figures.n or 0
+        if not fit.has_fit:
+            verdict, reasons = rate(figures)
+            return CalibratorFit(name, words(fit.status), verdict, reasons, n_used, iterations=fit.iterations)
+        radius = float(np.linalg.det(fit.soft_iron)) ** (-1.0 / 3.0)
+        microtesla = self._samples.microtesla
+        whole = figures.shape is None or figures.shape.axes == 3
+        figures = replace(
+            figures,
+            residual_percent=residual_percent(self._samples.points, fit),
+            axis_ratio=float(np.linalg.cond(fit.soft_iron)),
+            # That of a turn is the part of the field in its plane, which may be any.
+            radius_ut=microtesla * radius if whole and microtesla is not None else None,
+            direction_error_deg=None if predicted is None else predicted.rms_deg,
+            change_percent=None if self._change is None else self._change.percent,
+        )
+        verdict, reasons = rate(figures)
+        x, y, z = fit.soft_iron * radius
+        return CalibratorFit(
+            name, figures.shape or words(fit.status), verdict, reasons, n_used,
+            hard_iron=triple(fit.hard_iron), soft_iron=(triple(x), triple(y), triple(z)), radius=radius,
+            residual_percent=figures.residual_percent,
+            coverage=solid_angle_covered(fit.corrected(self._samples.points)), axis_ratio=figures.axis_ratio,
+            direction_error_deg=figures.direction_error_deg,
+            direction_spread_deg=None if predicted is None else predicted.spread_deg,
+            direction_bias_deg=None if predicted is None else predicted.bias_deg, iterations=fit.iterations,
+        )
+
+
+def triple(values: Array) -> Triple:
+    """Return three numbers as a tuple."""
+    x, y, z = (float(value) for value in values)
+    return x, y, z
+
+
+def words(status: FitStatus) -> str:
+    """Return a status as people read it."""
+    return status.name.lower().replace("_", " ")

@@ -1,0 +1,324 @@
+"""Forms that tables of readings have: rows of cells below a text, MotionCal's lines, lines of JSON."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+
+from hiltest.errors import ConfigError
+from hiltest.recordings.cells import is_number, shown
+from hiltest.recordings.columns import axis_triples
+from hiltest.recordings.lines import Line
+from hiltest.strict_json import parse_json
+
+_AXES = 3
+# What separates cells, tried in this order; blanks where a line has none of them.
+_DELIMITERS = ("\t", ";", ",")
+_MOTION_CAL = re.compile(r"Raw:(?:\s*-?\d{1,9}\s*,){8}\s*-?\d{1,9}\s*$")
+# Counts per unit, as PJRC's and Adafruit's sketches write them for MotionCal.
+_MOTION_CAL_COLUMNS = {
+    **dict.fromkeys(("ax_g", "ay_g", "az_g"), 8192.0),
+    **dict.fromkeys(("gx_dps", "gy_dps", "gz_dps"), 16.0),
+    **dict.fromkeys(("mx_uT", "my_uT", "mz_uT"), 10.0),
+}
+_LIST_OF_THREE = re.compile(r"\[[^][,]*,[^][,]*,[^][,]*\]")
+_LIST_OF_ROWS = re.compile(r"\[\s*[\[{]")
+# More than any column or row has in its number, and few enough to be read at once.
+_DIGITS = 10
+# "1,234" may be a thousand and some, or one and some.
+_THOUSANDS = re.compile(r"[+-]?\d{1,3},\d{3}$")
+
+
+@dataclass(frozen=True, slots=True)
+class Form:
+    """How the lines of a file are rows of a table.
+
+    Attributes
+    ----------
+    headers : tuple of str
+        Names of the columns, empty without any.
+    width : int
+    first : int
+        Which of the lines is the first of readings.
+    split : callable
+        Returns the cells of a line; raises ValueError, which says what is wrong with it.
+    preamble : int
+        Lines before the table that are no part of it.
+    begins : str
+        What a line of the table begins with; others are no part of it.
+    notes : list of str
+        What was recognised or assumed, a sentence each; `split` may add to it.
+    """
+
+    headers: tuple[str, ...]
+    width: int
+    first: int
+    split: Callable[[str], tuple[str, ...]]
+    preamble: int = 0
+    begins: str = ""
+    notes: list[str] = field(default_factory=list)
+
+
+def form_of(path: Path, lines: Sequence[Line], fewest: int) -> Form:
+    """Return the form of the table that begins in the first lines of a file.
+
+    Parameters
+    ----------
+    path : Path
+    lines : sequence of Line
+        One at least.
+    fewest : int
+        Numbers that a row of readings has at least, where a header may be above it.
+
+    Raises
+    ------
+    ConfigError
+        When it cannot be told where the table begins; names the line.
+    """
+    return _motion_cal(lines) or _json_lines(lines) or _delimited(path, lines, fewest)
+
+
+def _motion_cal(lines: Sequence[Line]) -> Form | None:
+    if not any(_MOTION_CAL.match(line.text) for line in lines):
+        return None
+    note = ("Lines that begin with Raw: were read as MotionCal's: acceleration at 8192 counts for 1 g, rates at 16 for "
+            "1 deg/s, field at 10 for 1 uT.")
+    return Form(tuple(_MOTION_CAL_COLUMNS), len(_MOTION_CAL_COLUMNS), 0, _motion_cal_cells, begins="Raw:", notes=[note])
+
+
+def _motion_cal_cells(text: str) -> tuple[str, ...]:
+    if not _MOTION_CAL.match(text):
+        raise ValueError("not nine whole numbers behind Raw:")
+    counts = text.removeprefix("Raw:").split(",")
+    return tuple(str(int(cell) / scale) for cell, scale in zip(counts, _MOTION_CAL_COLUMNS.values(), strict=True))
+
+
+def _json_lines(lines: Sequence[Line]) -> Form | None:
+    first = next((place for place, line in enumerate(lines) if line.text.lstrip().startswith("{")), None)
+    if first is None or not all(line.text.lstrip().startswith("{") for line in lines[first : first + 2]):
+        return None
+    if len(lines) == first + 1 and _LIST_OF_ROWS.search(lines[first].text):
+        return None  # one document, whose rows are in it
+    names: dict[str, None] = {}
+    for line in lines[first:]:
+        with suppress(ValueError):  # is refused as a row
+            names |= dict.fromkeys(_values(line.text))
+    if not names:
+        return None
+    notes = _skipped(lines[:first])
+    if any(_LIST_OF_THREE.search(line.text) for line in lines[first:]):
+        notes.append("Lists of three numbers in JSON were taken as x, y and z.")
+    unread: set[str] = set()
+
+    def cells(text: str) -> tuple[str, ...]:
+        values = _values(text)
+        if not unread and (others := values.keys() - names):
+            unread.update(others)
+            notes.append(f"Keys of JSON that are not in the first {len(lines)} lines, such as {shown(min(others))}, "
+                         "were not read.")
+        return tuple([values.get(name, "") for name in names])
+
+    return Form(tuple(names), len(names), first, cells, first, notes=notes)
+
+
+def _values(text: str) -> dict[str, str]:
+    """Return what an object in JSON holds, by keys with points between the levels; raise ValueError where none is."""
+    content = parse_json(text)
+    if not isinstance(content, dict):
+        raise ValueError("not an object")
+    pairs = list(_flat(content, ""))
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        raise ValueError("two keys are the same when levels are joined by points")
+    return found
+
+
+def _flat(value: object, name: str) -> Iterator[tuple[str, str]]:
+    if isinstance(value, dict):
+        inner = list(value.items())
+    elif isinstance(value, list):
+        inner = list(zip("xyz" if len(value) == _AXES else map(str, range(len(value))), value, strict=True))
+    else:
+        yield name, "" if value is None else str(value).strip()
+        return
+    for key, each in inner:
+        yield from _flat(each, f"{name}.{key}" if name else key)
+
+
+def _delimited(path: Path, lines: Sequence[Line], fewest: int) -> Form:
+    """Return the form of rows of cells, where a text may be above them.
+
+    Only where the first line does not fit what is below it, a table is looked for further down.
+    """
+    own = _delimiter(lines[0].text)
+    for decimal in (".", ","):
+        look = _Look(path, lines, own, decimal)
+        place = look.fitting(fewest)
+        if place is not None:
+            begin, has_header = look.begin(place, fewest)
+            return look.form(begin, has_header=has_header)
+        looks = {each: _Look(path, lines, each, decimal) for each in (*_DELIMITERS, None)}
+        for place, line in enumerate(lines):
+            look = looks[_delimiter(line.text)]
+            if look.may_begin(place, max(fewest, _AXES)):
+                has_header = look.has_header_above(place)
+                if not has_header:
+                    look.refuse_lost(place)
+                return look.form(place - has_header, has_header=has_header)
+    if lines[0].text.lstrip().startswith(("{", "[{", "[[")) or lines[0].text.strip() == "[":
+        raise ConfigError(f"{path}: JSON, but not an object on each line; jq -c writes it so")
+    # What could be readings is nowhere, and the reader says so.
+    look = _Look(path, lines, own, ".")
+    try:
+        look.cells(lines[0].text)
+    except ValueError as error:
+        raise ConfigError(f"{path}:{lines[0].number}: {error}") from error
+    return look.form(0, has_header=look.numbers(0) < fewest)
+
+
+class _Look:
+    """The first lines of a file, as rows of cells with one delimiter and one sign for decimals."""
+
+    def __init__(self, path: Path, lines: Sequence[Line], delimiter: str | None, decimal: str) -> None:
+        self.path, self.lines, self.delimiter, self.decimal = path, lines, delimiter, decimal
+        self.rows: list[tuple[str, ...]] = []
+        for line in lines:
+            try:
+                self.rows.append(self.cells(line.text))
+            except ValueError:
+                self.rows.append(())
+
+    def cells(self, text: str) -> tuple[str, ...]:
+        cells = _cells(text, self.delimiter)
+        # Where a comma is between cells, it is no decimal sign in them.
+        return cells if self.decimal == "." or self.delimiter == "," else tuple([c.replace(",", ".") for c in cells])
+
+    def numbers(self, place: int) -> int:
+        return sum(map(is_number, self.rows[place]))
+
+    def may_begin(self, place: int, fewest: int) -> bool:
+        """Say whether a table may begin at a row: one of numbers alone, or with as many cells as the next."""
+        row = self.rows[place]
+        alone = all(not cell or is_number(cell) for cell in row)
+        return self.numbers(place) >= fewest and (alone or [len(row)] == [*map(len, self.rows[place + 1 : place + 2])])
+
+    def fitting(self, fewest: int) -> int | None:
+        """Return the first row of readings that the first row fits, which is then its header or a reading too."""
+        places = range(len(self.rows) if any(self.rows[0]) else 0)
+        return next((place for place in places
+                     if self.may_begin(place, fewest) and _fits(self.rows[0], self.rows[place])), None)
+
+    def begin(self, place: int, fewest: int) -> tuple[int, bool]:
+        """Return where a table begins whose first row fits its first readings, and whether with a header."""
+        if self.numbers(0) >= fewest:
+            return 0, False
+        named = self.has_header_above(place) and axis_triples(self.rows[place - 1]) and not axis_triples(self.rows[0])
+        return place - 1 if named else 0, True
+
+    def has_header_above(self, place: int) -> bool:
+        """Say whether the row just above one of readings has a name for each of its cells."""
+        above = self.rows[place - 1] if place else ()
+        return any(above) and not self.numbers(place - 1) and _fits(above, self.rows[place])
+
+    def refuse_lost(self, place: int) -> None:
+        """Refuse to skip what may be readings, or a header that does not fit them."""
+        for line, row in zip(self.lines[:place], self.rows, strict=False):
+            delimiter = _delimiter(line.text)
+            own = _cells_or_nothing(line.text, delimiter)
+            numbers = sum(map(is_number, own))
+            readings = numbers >= _AXES and (numbers == len(own) or delimiter == self.delimiter)
+            names = self.delimiter is not None and len(row) >= _AXES and not any(
+                not cell or is_number(cell) or " " in cell for cell in row
+            )
+            if readings or names or axis_triples(own):
+                raise ConfigError(f"{self.path}:{line.number}: {len(own)} cells, and {len(self.rows[place])} in line "
+                                  f"{self.lines[place].number}, where readings begin; correct or delete the line")
+
+    def form(self, begin: int, *, has_header: bool) -> Form:
+        """Return the form of a table that begins at a row."""
+        headers, first = (self.rows[begin], begin + 1) if has_header else (self._comment(begin), begin)
+        notes = _skipped(self.lines[:begin])
+        if not headers and _is_numbered(self.rows[first : first + 2]):
+            notes.append(f"Line {self.lines[first].number}, {shown(','.join(self.rows[first]))}, was taken as pandas' "
+                         "numbers of the columns, not as a reading.")
+            first += 1
+        if self.decimal == ",":
+            self._refuse_thousands(first)
+            notes.append("Commas within numbers were taken as decimal points.")
+        return Form(headers, len(headers or self.rows[begin]), first, self.cells, begin, notes=notes)
+
+    def _comment(self, place: int) -> tuple[str, ...]:
+        """Return the header that stands as a comment above a row."""
+        try:
+            cells = _cells(self.lines[place].comment, self.delimiter)
+        except ValueError:
+            return ()
+        return cells if len(cells) == len(self.rows[place]) and not any(map(is_number, cells)) else ()
+
+    def _refuse_thousands(self, first: int) -> None:
+        rows = [_cells_or_nothing(line.text, self.delimiter) for line in self.lines[first:]]
+        cells = [cell for row in rows for cell in row if "," in cell]
+        if all(map(_THOUSANDS.match, cells)):
+            raise ConfigError(f"{self.path}:{self.lines[first].number}: is {shown(cells[0])} above one thousand, or "
+                              "below? Save the file with decimal points")
+
+
+def _is_numbered(rows: Sequence[tuple[str, ...]]) -> bool:
+    """Say whether the first of two rows numbers the columns as pandas does, and the second does not count as well."""
+    if len(rows) < 2:
+        return False
+    cells, after = (row[1:] if row and row[0] in ("", "Unnamed: 0") else row for row in rows)
+    return len(cells) >= _AXES and cells == (*map(str, range(len(cells))),) and not counts(after)
+
+
+def counts(cells: Sequence[str]) -> bool:
+    """Say whether cells are whole numbers, each one more than the one before."""
+    if not all(cell.isascii() and cell.isdigit() and len(cell) < _DIGITS for cell in cells):
+        return False
+    return all(int(after) == int(before) + 1 for before, after in pairwise(cells))
+
+
+def _fits(header: Sequence[str], row: Sequence[str]) -> bool:
+    """Say whether a row has a cell for each name; a separator at the end of one of them alone is no cell."""
+    longer = max(header, row, key=len)
+    return len(header) == len(row) or (abs(len(header) - len(row)) == 1 and not longer[-1])
+
+
+def _skipped(lines: Sequence[Line]) -> list[str]:
+    if not lines:
+        return []
+    which = f"Line {lines[0].number}" if len(lines) == 1 else f"Lines {lines[0].number} to {lines[-1].number}"
+    text = shown(lines[0].text.strip())
+    return [f"{which}, above the table and no part of it, {'was' if len(lines) == 1 else 'were'} skipped: {text}."]
+
+
+def _delimiter(text: str) -> str | None:
+    return next((each for each in _DELIMITERS if each in text.strip()), None)
+
+
+def _cells_or_nothing(text: str, delimiter: str | None) -> tuple[str, ...]:
+    try:
+        return _cells(text, delimiter)
+    except ValueError:
+        return ()
+
+
+def _cells(text: str, delimiter: str | None) -> tuple[str, ...]:
+    """Return the cells of a line; raise ValueError, which says what is wrong with it."""
+    if delimiter is None:
+        return tuple([cell.strip('"') for cell in text.split()])
+    text = text.strip("\r\n")
+    if '"' not in text and "\r" not in text:
+        return tuple([cell.strip() for cell in text.split(delimiter)])
+    try:
+        (cells,) = csv.reader([text], delimiter=delimiter, skipinitialspace=True, strict=True)
+    except (csv.Error, ValueError) as error:
+        if "\r" in text:
+            raise ValueError("carriage returns within the line; save with line ends LF or CR LF") from error
+        raise ValueError("a quote is opened and not closed on the line") from error
+    return tuple([cell.strip() for cell in cells])
