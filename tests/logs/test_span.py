@@ -69,3 +69,13 @@ def test_a_part_without_readings_says_where_there_are_some() -> None:
         between(_log(timed=True), 90.0, None)
     with pytest.raises(ConfigError, match="numbers of the readings"):
         between(_log(timed=False), 5000.0, None)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_rows_in_no_order_of_time_are_said(seed: int) -> None:
+    turned = hand_turned(seed, 400)
+    shuffled = np.random.default_rng(seed).permutation(turned)
+    for points, in_order in ((turned, True), (shuffled, False), (shuffled[:39], True)):
+        fit = fit_on_host(replace(_log(timed=False), points=points), "direct")
+        assert fit.in_order is in_order
+        assert ("in no order of time" in " ".join(fit.notes)) is not in_order

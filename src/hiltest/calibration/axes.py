@@ -131,13 +131,17 @@ class LinearMap:
         left, gains, right = np.linalg.svd(self.matrix)
         if gains[2] < _SMALLEST_GAIN * gains[0] or not self.residual <= _LARGEST_RESIDUAL:
             return None
-        turn = left @ right
-        nearest = max(ALL_AXES, key=lambda axes: float(np.trace(axes.matrix.T @ turn)))
-        left_over = nearest.matrix.T @ turn
-        # Of a reflection that is near none the nearest may be a rotation: its trace then means no angle.
-        if np.linalg.det(left_over) < 0.0 or np.trace(left_over) < 1.0 + 2.0 * math.cos(math.radians(NEAREST_DEG)):
-            return None
-        return nearest
+        return nearest_axes(left @ right)
+
+
+def nearest_axes(turn: Array) -> Axes | None:
+    """Return the signed permutation that an orthogonal matrix is near to, None where it is near none."""
+    nearest = max(ALL_AXES, key=lambda axes: float(np.trace(axes.matrix.T @ turn)))
+    left_over = nearest.matrix.T @ turn
+    # Of a reflection that is near none the nearest may be a rotation: its trace then means no angle.
+    if np.linalg.det(left_over) < 0.0 or np.trace(left_over) < 1.0 + 2.0 * math.cos(math.radians(NEAREST_DEG)):
+        return None
+    return nearest
 
 
 def linear_map(known: ArrayLike, readings: ArrayLike, *, offset: ArrayLike | None = None) -> LinearMap | None:

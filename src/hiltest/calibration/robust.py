@@ -164,10 +164,12 @@ def _reweighted(readings: Array, moving: Mask) -> tuple[Array, float] | None:
 
 def _settled(readings: Array, moving: Mask, weights: Array, terms: int) -> tuple[Array, float]:
     """Return parameters, with so many terms of shape that are not zero, and the scatter when the weights settle."""
+    # Few readings lie closer to what is fitted to them than to what is true.
+    free = np.sqrt(len(readings) / max(1, len(readings) - terms - readings.shape[1] - 1))
     for _ in range(_MOST_PASSES):
         parameters = _weighted_quadric(readings, weights, terms)
         distances = _distances(parameters, readings)
-        scatter = max(_LEAST_SCATTER, SIGMA * float(np.median(np.abs(distances[moving]))))
+        scatter = max(_LEAST_SCATTER, free * SIGMA * float(np.median(np.abs(distances[moving]))))
         before = weights
         weights = np.clip(1.0 - (distances / (_WEIGHT_ENDS * scatter)) ** 2, 0.0, None) ** 2
         if float(np.abs(weights - before).max()) < _SETTLED:

@@ -36,7 +36,10 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 @click.command(epilog=_EXIT_CODES)
 @click.argument("log", metavar="LOG", type=click.Path(path_type=Path))
 @click.option("--columns", metavar="A,B,C",
-              help="Columns of x, y, z: names of the header or numbers from 1.  [default: the magnetometer's]")
+              help="Columns of x, y, z: names of the header or numbers from 1; a minus negates one.  "
+                   "[default: the magnetometer's]")
+@click.option("--accelerometer-columns", metavar="A,B,C",
+              help="Columns of the accelerometer, for gravity.  [default: acc..., a...]")
 @click.option("--unit", type=click.Choice(["uT", "gauss", "counts"]),
               help="Unit of the samples; the scale of counts is unknown.  [default: the header's, else counts]")
 @click.option("--calibrator", metavar="NAME", default="all", show_default=True, help="Calibrator to run, or all.")
@@ -64,7 +67,8 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 @click.option("--at-least", type=click.Choice(["good", "fair", "poor"]), default="poor", show_default=True,
               help="Verdict that the best calibration needs for exit code 0.")
 def fit(
-    log: Path, columns: str | None, unit: str | None, calibrator: str, shape: str, field_ut: float | None,
+    log: Path, columns: str | None, accelerometer_columns: str | None, unit: str | None, calibrator: str, shape: str,
+    field_ut: float | None,
     first: float | None, last: float | None, steady: bool, robust: str, on: str, firmware: str | None,
     as_json: bool, export_json: Path | None, export_header: Path | None, force: bool, html: Path | None, at_least: str,
 ) -> int:  # fmt: skip
@@ -75,12 +79,15 @@ def fit(
 
     LOG may be a folder: a row for each log in it, by the float64 references, with how well parts of it agree.
     """
-    from hiltest.logs import Unit, read_samples
+    from hiltest.logs import Unit
+    from hiltest.logs.signed_columns import read_signed_samples
 
     if log.is_dir():
         return _fit_folder(log, columns, Unit(unit) if unit else None, robust=robust != "none", at_least=at_least)
     path = _STANDARD_INPUT if str(log) == "-" else log
-    read = read_samples(path, columns=columns, unit=Unit(unit) if unit else None)
+    read = read_signed_samples(
+        path, columns=columns, unit=Unit(unit) if unit else None, accelerometer_columns=accelerometer_columns
+    )
     if steady or first is not None or last is not None:
         read = _part(read, first, last, steady=steady)
     fitted = _fit(read, calibrator, shape, on, firmware, robust=robust != "none", field_ut=field_ut)

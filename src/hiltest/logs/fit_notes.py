@@ -33,8 +33,15 @@ def notes(fit: SampleFit) -> Iterator[str]:
             f"The field changed {fit.change.when}: the hard iron steps by {fit.change.percent:.1f} % of the radius. "
             f"--to {at} or --from {at} takes one part of the log, --steady the longest without a change."
         )
+    if not fit.in_order:
+        yield (
+            "The rows are in no order of time: a reading is as far from the next as from any other. The predicted "
+            "direction error is that of independent noise, and a field that changed is not seen."
+        )
     yield from _left_out_notes(fit)
     yield from _coverage_notes(fit)
+    if fit.gravity is not None and fit.gravity.unused:
+        yield fit.gravity.axes or f"Gravity was not used: {fit.gravity.unused}."
     ratio = fit.best.axis_ratio
     if ratio is not None and ratio > LARGEST_AXIS_RATIO:
         yield (

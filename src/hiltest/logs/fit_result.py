@@ -16,6 +16,8 @@ from hiltest.measurement import CycleRange
 Triple: TypeAlias = tuple[float, float, float]
 Matrix: TypeAlias = tuple[Triple, Triple, Triple]
 
+_ORDER = list(Acceptance)
+
 
 @dataclass(frozen=True, slots=True)
 class Turn:
@@ -37,6 +39,69 @@ class Turn:
 
 
 @dataclass(frozen=True, slots=True)
+class GravityFigures:
+    """What gravity says of one calibration, and the accelerometer's calibration that belongs to it.
+
+    Attributes
+    ----------
+    held_out_dip_deg : float or None
+        How far the dip of pairs that the fit has not seen is from that of those it has, rms; None where parts of the
+        log determine no calibration.
+    dip_deg : float or None
+        Angle of the field to the plane across gravity, 0 to 90; None without a calibration, as everything behind it.
+    rotation_deg : float or None
+        Angle of the rotation in soft_iron.
+    accelerometer_offset : (3,) or None
+        In the unit of the accelerometer's readings.
+    accelerometer_gain : 3 rows of 3 or None
+        Symmetric: ``gravity = gain @ (reading - offset)`` has length 1, in the sign of the readings.
+    """
+
+    held_out_dip_deg: float | None = None
+    dip_deg: float | None = None
+    rotation_deg: float | None = None
+    accelerometer_offset: Triple | None = None
+    accelerometer_gain: Matrix | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class AgainstGravity:
+    """Whether the accelerometer of a log shows how the magnetometer's axes lie.
+
+    Attributes
+    ----------
+    n_pairs : int
+        Rows with readings of both that are fitted.
+    unit : str
+        Of the accelerometer's readings.
+    gravity_spread_percent : float or None
+        Standard deviation of the length of its calibrated readings; None where they make no ellipsoid.
+    dip_spread_deg, largest_dip_spread_deg : float or None
+        Standard deviation of the dip in these pairs, and what is allowed of it.
+    norms_held_out_dip_deg : float or None
+        As `GravityFigures.held_out_dip_deg`, of ellipsoids that each sensor got for itself.
+    axes : str
+        What seems wrong with the magnetometer's axes; empty where nothing is.
+    unused : str
+        Why nothing was calibrated against gravity; empty where something was.
+    """
+
+    n_pairs: int
+    unit: str
+    gravity_spread_percent: float | None = None
+    dip_spread_deg: float | None = None
+    largest_dip_spread_deg: float | None = None
+    norms_held_out_dip_deg: float | None = None
+    axes: str = ""
+    unused: str = ""
+
+    @property
+    def gain_unit(self) -> str:
+        """Unit of the accelerometer's gain."""
+        return f"1/({self.unit})" if "/" in self.unit else f"1/{self.unit}"
+
+
+@dataclass(frozen=True, slots=True)
 class CalibratorFit:
     """Result of one calibrator, or shape; lengths are in the unit of the samples.
 
@@ -53,7 +118,8 @@ class CalibratorFit:
     hard_iron : (3,) or None
         None without a calibration, as everything behind it.
     soft_iron : 3 rows of 3 or None
-        Symmetric, determinant 1: ``corrected = soft_iron @ (reading - hard_iron)``, in the unit of the samples.
+        Determinant 1: ``corrected = soft_iron @ (reading - hard_iron)``, in the unit of the samples. Symmetric, unless
+        `gravity` is there: then it takes readings to the axes of the accelerometer.
     radius : float or None
         Length of the corrected readings.
     residual_percent : float or None
@@ -76,6 +142,8 @@ class CalibratorFit:
         Core cycles of the run; None where they are not counted.
     cycle_band : CycleRange or None
         Uncertainty range of the cycles; None where it is unknown.
+    gravity : GravityFigures or None
+        Of a calibration against gravity, on the host.
     """
 
     name: str
@@ -98,6 +166,7 @@ class CalibratorFit:
     iterations: int = 0
     cycles: int | None = None
     cycle_band: CycleRange | None = None
+    gravity: GravityFigures | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,6 +218,8 @@ class SampleFit:
         Readings that are no part of the ellipsoid.
     dropped : tuple of pairs of int
         First and last line of each run of them; numbers from 1 of readings that are from no file.
+    in_order : bool
+        False where a reading is as far from the next one as from any other: the order of the rows carries no time.
     change : FieldChange or None
         Where the hard iron changed by a step.
     condition : float
@@ -164,6 +235,8 @@ class SampleFit:
     calibrators : tuple of CalibratorFit
     notes : tuple of str
         What a reader should know, a sentence each.
+    gravity : AgainstGravity or None
+        None where the samples have no accelerometer, one calibrator or shape was asked for, or all are refused.
     """
 
     file: str
@@ -176,6 +249,7 @@ class SampleFit:
     robust: str
     n_dropped: int
     dropped: tuple[tuple[int, int], ...]
+    in_order: bool
     change: FieldChange | None
     condition: float
     hole: Hole | None
@@ -184,6 +258,7 @@ class SampleFit:
     firmware: FirmwareUsed | None
     calibrators: tuple[CalibratorFit, ...]
     notes: tuple[str, ...]
+    gravity: AgainstGravity | None = None
 
     @property
     def n_left(self) -> int:
@@ -192,16 +267,26 @@ class SampleFit:
 
     @property
     def best(self) -> CalibratorFit:
-        """The calibrator with the best verdict; of equal ones that with the smallest predicted direction error."""
-        return best_of(self.calibrators)
+        """The calibrator that `best_of` finds, or one against gravity with as good a verdict.
+
+        It has the smallest dip held out, if that is smaller than with norms alone.
+        """
+        alone = best_of([each for each in self.calibrators if each.gravity is None])
+        norms = None if self.gravity is None else self.gravity.norms_held_out_dip_deg
+        dips = {
+            each.gravity.held_out_dip_deg: each for each in self.calibrators
+            if each.gravity is not None and each.gravity.held_out_dip_deg is not None
+            and _ORDER.index(each.verdict) <= _ORDER.index(alone.verdict)
+        }  # fmt: skip
+        least = min(dips, default=math.inf)
+        return dips[least] if least < (math.inf if norms is None else norms) else alone
 
 
 def best_of(fits: Sequence[CalibratorFit]) -> CalibratorFit:
     """Return the fit with the best verdict; of equal ones that with the smallest predicted direction error."""
-    order = list(Acceptance)
     return min(
         fits,
         key=lambda each: (
-            order.index(each.verdict), math.inf if each.direction_error_deg is None else each.direction_error_deg
+            _ORDER.index(each.verdict), math.inf if each.direction_error_deg is None else each.direction_error_deg
         ),
     )

@@ -18,11 +18,12 @@ from hiltest.calibration.solid_angle import largest_hole
 from hiltest.errors import ConfigError
 from hiltest.logs.counts import CountScale, evenly_on_sphere
 from hiltest.logs.fit_notes import notes
-from hiltest.logs.fit_result import CalibratorFit, FirmwareUsed, SampleFit, best_of
+from hiltest.logs.fit_result import AgainstGravity, CalibratorFit, FirmwareUsed, SampleFit, best_of
+from hiltest.logs.gravity_fit import against_gravity
 from hiltest.logs.left_out import left_out
 from hiltest.logs.rating import Rating, triple
 from hiltest.logs.samples import Samples
-from hiltest.logs.span import field_change
+from hiltest.logs.span import field_change, in_order_of_time
 from hiltest.procedures.calibrate import calibrate_once
 from hiltest.procedures.cycles import upload_points
 
@@ -56,7 +57,8 @@ def fit_on_host(
     scale = CountScale.of(log.kept)
     counts = scale.unrounded(log.kept.points)
     fits = [log.rating.calibrator(name, scale.in_unit(reference(name)(counts)), log.kept.points) for name in names]
-    return log.fit("host", None, log.with_shape(fits) if any_shape and calibrator == ALL else fits)
+    return log.fit("host", None, log.with_shape(fits) if any_shape and calibrator == ALL else fits,
+                   gravity=calibrator == ALL)
 
 
 def fit_by_shape(
@@ -118,7 +120,8 @@ def fit_on_board(
         sha256=board.firmware_sha256, cycle_model=board.cycle_model, count_step=scale.step,
         count_origin=triple(scale.origin), rounding_rms=float(np.sqrt((rounding * rounding).mean())),
     )
-    return log.fit(str(board.kind), firmware, log.with_shape(fits) if any_shape and calibrator == ALL else fits)
+    return log.fit(str(board.kind), firmware, log.with_shape(fits) if any_shape and calibrator == ALL else fits,
+                   gravity=calibrator == ALL)
 
 
 class _Log:
@@ -130,7 +133,7 @@ class _Log:
         self._samples, self._field_ut = samples, field_ut
         self._gone = left_out(samples, robust=robust)
         self._change = field_change(samples)
-        self.kept = self._gone.rest
+        self._robust, self.kept = robust, self._gone.rest
         self.rating = Rating(self.kept, self._change)
 
     @property
@@ -148,9 +151,15 @@ class _Log:
         rated = self.rating.shape(shape, self.field if shape.axes == 3 else None)
         return fits if rated.verdict is Acceptance.REFUSED else [*fits, rated]
 
-    def fit(self, on: str, firmware: FirmwareUsed | None, fits: Sequence[CalibratorFit]) -> SampleFit:
-        """Return the result."""
+    def fit(
+        self, on: str, firmware: FirmwareUsed | None, fits: Sequence[CalibratorFit], *, gravity: bool = False
+    ) -> SampleFit:
+        """Return the result, with calibrations against gravity where these are asked for and not all are refused."""
         samples, gone, best = self._samples, self._gone, best_of(fits)
+        log: AgainstGravity | None = None
+        against: list[CalibratorFit] = []
+        if gravity and best.verdict is not Acceptance.REFUSED and best.shape is None:
+            log, against = against_gravity(self.kept, self.rating, robust=self._robust)
         hole = None
         if best.hard_iron is not None and best.soft_iron is not None and best.turn is None:
             hole = largest_hole((self.kept.points - best.hard_iron) @ np.array(best.soft_iron))
@@ -158,8 +167,8 @@ class _Log:
             file=str(samples.path), columns=samples.columns, unit=str(samples.unit), unit_from=samples.unit_from,
             n_in=len(samples.points), n_skipped=samples.skipped, n_repeated=int(gone.repeated.sum()),
             robust="tukey" if gone.robust else "none", n_dropped=int(gone.dropped.sum()), dropped=gone.dropped_lines,
-            change=self._change, condition=self.rating.condition, hole=hole, field_ut=self._field_ut, on=on,
-            firmware=firmware, calibrators=tuple(fits), notes=(),
+            in_order=in_order_of_time(self.kept), change=self._change, condition=self.rating.condition, hole=hole,
+            field_ut=self._field_ut, on=on, firmware=firmware, calibrators=(*fits, *against), notes=(), gravity=log,
         )  # fmt: skip
         return replace(fit, notes=(*self._samples.notes, *notes(fit)))
 

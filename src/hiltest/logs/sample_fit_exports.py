@@ -17,6 +17,7 @@ CALIBRATION_SCHEMA, FIT_SCHEMA = "hiltest.calibration/1", "hiltest.fit/1"
 SCHEMA_FILE = Path(__file__).with_name("fit.schema.json")
 FORMULA = "corrected = soft_iron * (reading - hard_iron)"
 
+_AXES = "in the axes of the sensor; soft_iron is symmetric"
 _SYMMETRIC = "That says nothing of a rotation: fit error is not heading error."
 _TURN = "They are for headings of a turn about {axis} alone: what lies along it is not corrected."
 _REFUSED = "this magnetometer calibration was refused: hiltest fit says why"
@@ -27,7 +28,7 @@ _HEADER = """\
  *
  *     {formula}
  *
- * reading, hard_iron, radius and corrected are in {unit}, in the axes of the sensor; soft_iron is symmetric, has the
+ * reading, hard_iron, radius and corrected are in {unit}, {axes}, has the
  * determinant 1 and maps readings to corrected ones. Corrected readings have the length radius within {residual:.2f} %.
  * {caution}
  *
@@ -46,15 +47,31 @@ static const float magnetometer_soft_iron[3][3] = {{
 
 /* [{unit}] */
 static const float magnetometer_radius = {radius};
-
+{accelerometer}
 #endif
+"""
+# In the place of `_AXES` and `_SYMMETRIC` where gravity was used.
+_GRAVITY_AXES = "corrected in the accelerometer's axes; soft_iron turns it"
+_GRAVITY = """\
+Calibrated against gravity: the dip of readings that it was not fitted to varies by {dip:.2f} deg. For that the
+ * accelerometer has to be calibrated as below. These columns of the log are reading:
+ * {columns}\
+"""
+_ACCELEROMETER = """
+/* gravity = gain * (reading - offset) has length 1, in the sign of the readings; offset [{unit}] */
+static const float accelerometer_offset[3] = {offset};
+
+/* [{gain_unit}], row by row, symmetric */
+static const float accelerometer_gain[3][3] = {{
+    {gain},
+}};
 """
 
 
 def export_json(fit: SampleFit, path: Path) -> None:
     """Write the best calibration of a sample file as JSON, so that a reader sees the whole file or none."""
     best = fit.best
-    content = {
+    content: dict[str, Any] = {
         "schema": CALIBRATION_SCHEMA, "hiltest": __version__, "calibrator": best.name, "verdict": best.verdict,
         "formula": FORMULA, "direction": "soft_iron maps readings, less hard_iron, to corrected ones",
         "unit": fit.unit, "hard_iron": best.hard_iron, "soft_iron": best.soft_iron, "radius": best.radius,
@@ -64,6 +81,15 @@ def export_json(fit: SampleFit, path: Path) -> None:
             "condition": fit.condition, "direction_error_deg": best.direction_error_deg,
         },
     }  # fmt: skip
+    if best.gravity is not None and fit.gravity is not None:
+        content |= {
+            "axes": "corrected is in the axes of the accelerometer", "columns": fit.columns,
+            "held_out_dip_deg": best.gravity.held_out_dip_deg, "rotation_deg": best.gravity.rotation_deg,
+            "accelerometer": {
+                "formula": "gravity = gain * (reading - offset)", "unit": fit.gravity.unit,
+                "offset": best.gravity.accelerometer_offset, "gain": best.gravity.accelerometer_gain,
+            },
+        }  # fmt: skip
     write_asked_for(path, json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
 
 
@@ -74,10 +100,10 @@ def export_header(fit: SampleFit, path: Path) -> None:
     refused = best.verdict is Acceptance.REFUSED
     warning = f'\n#warning "{_REFUSED}"\n' if refused else ""
     text = _HEADER.format(
-        warning=warning, caution=_SYMMETRIC if best.turn is None else _TURN.format(axis=best.turn.axis),
+        warning=warning, **_gravity_words(fit),
         version=__version__, calibrator=in_comment(best.name), verdict=best.verdict, formula=FORMULA, unit=fit.unit,
         residual=residual, n_in=fit.n_in, file=in_comment(Path(fit.file).name), n_used=best.n_used,
-        hard_iron=_row(hard_iron), soft_iron=",\n    ".join(map(_row, soft_iron)), radius=c_float(radius),
+        hard_iron=_row(hard_iron), soft_iron=_rows(soft_iron), radius=c_float(radius),
     )  # fmt: skip
     write_asked_for(path, text)
 
@@ -86,6 +112,24 @@ def _numbers(best: CalibratorFit) -> tuple[Triple, Matrix, float, float]:
     if best.hard_iron is None or best.soft_iron is None or best.radius is None or best.residual_percent is None:
         raise ValueError(f"{best.name} has no calibration to export")
     return best.hard_iron, best.soft_iron, best.radius, best.residual_percent
+
+
+def _gravity_words(fit: SampleFit) -> dict[str, str]:
+    """Return what a header says of axes, of heading and of the accelerometer."""
+    found, turn = fit.best.gravity, fit.best.turn
+    if found is None or fit.gravity is None or not found.accelerometer_offset or not found.accelerometer_gain:
+        caution = _SYMMETRIC if turn is None else _TURN.format(axis=turn.axis)
+        return {"axes": _AXES, "caution": caution, "accelerometer": ""}
+    caution = _GRAVITY.format(dip=found.held_out_dip_deg, columns=", ".join(map(in_comment, fit.columns)))
+    accelerometer = _ACCELEROMETER.format(
+        unit=fit.gravity.unit, gain_unit=fit.gravity.gain_unit, offset=_row(found.accelerometer_offset),
+        gain=_rows(found.accelerometer_gain),
+    )  # fmt: skip
+    return {"axes": _GRAVITY_AXES, "caution": caution, "accelerometer": accelerometer}
+
+
+def _rows(matrix: Matrix) -> str:
+    return ",\n    ".join(map(_row, matrix))
 
 
 def _row(values: Triple) -> str:

@@ -14,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from hiltest.calibration.acceptance import Acceptance, Reason
-from hiltest.logs.fit_result import CalibratorFit, SampleFit
+from hiltest.logs.fit_result import AgainstGravity, CalibratorFit, GravityFigures, SampleFit
 from hiltest.text import readable
 
 STYLES = {Acceptance.GOOD: "green", Acceptance.FAIR: "yellow", Acceptance.POOR: "red", Acceptance.REFUSED: "bold red"}
@@ -35,6 +35,8 @@ def print_fit(fit: SampleFit, console: Console) -> None:
     points = f"{fit.n_in} points, columns {', '.join(fit.columns)} [{fit.unit}]"
     console.print(escape(f"{fit.file}: {points}"), soft_wrap=True)
     console.print(_grid(_shown(fit)), width=min(WIDTH, console.width))
+    if fit.gravity is not None and not fit.gravity.unused:
+        console.print(_gravity_grid(fit, fit.gravity), width=min(WIDTH, console.width))
     for line in _best(fit):
         console.print(line, soft_wrap=True)
     columns = os.environ.get("COLUMNS", "")
@@ -45,8 +47,13 @@ def print_fit(fit: SampleFit, console: Console) -> None:
 
 
 def _shown(fit: SampleFit) -> SampleFit:
-    """Return a fit without the calibrators that a shape stands in for: they are all refused, for one reason."""
-    return replace(fit, calibrators=(fit.best,), firmware=None) if fit.best.shape else fit
+    """Return a fit without what has a table of its own, and without calibrators that a shape stands in for.
+
+    These are all refused, for one reason.
+    """
+    if fit.best.shape:
+        return replace(fit, calibrators=(fit.best,), firmware=None)
+    return replace(fit, calibrators=tuple(each for each in fit.calibrators if each.gravity is None))
 
 
 def _grid(fit: SampleFit) -> Table:
@@ -60,10 +67,38 @@ def _grid(fit: SampleFit) -> Table:
     return grid
 
 
+def _gravity_grid(fit: SampleFit, log: AgainstGravity) -> Table:
+    """Return what the accelerometer shows of rotations, beside the norms alone, which show none."""
+    grid, fits = Table(box=SIMPLE_HEAD, pad_edge=False), [each for each in fit.calibrators if each.gravity is not None]
+    grid.add_column(f"against gravity, {log.n_pairs} pairs")
+    for name in ("norms alone", *(each.name for each in fits)):
+        grid.add_column(escape(name), justify="right")
+    grid.add_row("verdict", "", *(Text(each.verdict, style=STYLES[each.verdict]) for each in fits))
+    (label, spreads), *others = _gravity_rows(fits)
+    grid.add_row(escape(label), _number(log.norms_held_out_dip_deg, ".2f"), *spreads)
+    for label, cells in (*others, ("residual [%]", [_number(each.residual_percent, ".2f") for each in fits])):
+        grid.add_row(escape(label), "", *cells)
+    return grid
+
+
+def _gravity_rows(fits: Sequence[CalibratorFit]) -> list[tuple[str, list[str]]]:
+    figures = [each.gravity or GravityFigures() for each in fits]
+    return [
+        ("dip varies, held out [deg]", [_number(each.held_out_dip_deg, ".2f") for each in figures]),
+        ("dip [deg]", [_number(each.dip_deg, ".1f") for each in figures]),
+        ("rotation found [deg]", [_number(each.rotation_deg, ".1f") for each in figures]),
+    ]
+
+
 def figure_rows(fit: SampleFit) -> list[tuple[str, list[str]]]:
     """Return the figures of a fit, hard and soft iron among them: a label, and a text for each calibrator."""
     label = f"cycles, {fit.firmware.cycle_model}" if fit.firmware else ""
-    return [*_kind_rows(fit), *_iron_rows(fit), *_number_rows(fit), *_cycle_rows(fit, label)]
+    gravity = []
+    if fit.gravity is not None and not fit.gravity.unused:
+        (first, cells), *others = _gravity_rows(fit.calibrators)
+        alone = _number(fit.gravity.norms_held_out_dip_deg, ".2f")
+        gravity = [(f"{first}; with norms alone {alone}", cells), *others]
+    return [*_kind_rows(fit), *_iron_rows(fit), *_number_rows(fit), *gravity, *_cycle_rows(fit, label)]
 
 
 def _kind_rows(fit: SampleFit) -> list[tuple[str, list[str]]]:
@@ -112,9 +147,22 @@ def _best(fit: SampleFit) -> list[str]:
     if best.hard_iron is not None and best.soft_iron is not None:
         lines += [
             f"{escape(best.name)}: hard iron {escape(f'[{fit.unit}]')} {_hard_iron(best)}; soft iron {escape('[1]')}",
-            *(f"  {_row(row)}" for row in best.soft_iron), "--json has those of every calibrator",
+            *(f"  {_row(row)}" for row in best.soft_iron), *_accelerometer(fit), "--json has those of every calibrator",
         ]
     return lines
+
+
+def _accelerometer(fit: SampleFit) -> list[str]:
+    """Return the accelerometer's calibration, without which one against gravity is worth nothing."""
+    found = fit.best.gravity
+    if found is None or fit.gravity is None or not found.accelerometer_gain or not found.accelerometer_offset:
+        return []
+    offset = " ".join(format(value, ".4g") for value in found.accelerometer_offset)
+    units = escape(f"[{fit.gravity.unit}]"), escape(f"[{fit.gravity.gain_unit}]")
+    return [
+        f"  in the axes of the accelerometer: offset {units[0]} {offset}; gain {units[1]}",
+        *(f"  {' '.join(format(value, '9.4g') for value in row)}" for row in found.accelerometer_gain),
+    ]
 
 
 def told_reasons(fit: SampleFit) -> Iterator[str]:

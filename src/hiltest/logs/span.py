@@ -12,6 +12,10 @@ from hiltest.calibration.robust import repeats
 from hiltest.errors import ConfigError
 from hiltest.logs.samples import Samples
 
+# Of the median distance between any two readings. In no order the ratio is 1, within 0.2 for 40 readings; a sensor that
+# turns by 45 degrees between two has 0.55.
+_CLOSER, _FEWEST_ORDERED = 0.75, 40
+
 
 @dataclass(frozen=True, slots=True)
 class FieldChange:
@@ -73,6 +77,15 @@ def rows(samples: Samples, kept: NDArray[np.intp] | NDArray[np.bool_]) -> Sample
         if (value := getattr(samples, name)) is not None
     }
     return replace(samples, **of_rows)
+
+
+def in_order_of_time(samples: Samples) -> bool:
+    """Say whether a reading is closer to the next than to any other, as in a log of a sensor that turns."""
+    points = samples.points[: -(len(samples.points) % 2) or None]
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    half = len(points) // 2
+    others = np.linalg.norm(points[:half] - points[half:], axis=1)
+    return len(points) < _FEWEST_ORDERED or float(np.median(steps)) < _CLOSER * float(np.median(others))
 
 
 def field_change(samples: Samples) -> FieldChange | None:
