@@ -133,8 +133,8 @@ def fit_six_position(poses: Sequence[StillPose]) -> AccelerometerSolution:
     opposite faces differ by across their axis is then the part's, and the middle of the two how askew they were by
     sigma, an angle that is measured twice on each of three pairs. The faces add a variance of sigma^2 / 2 to both, so
     the part's is taken with the weight c^2 / (c^2 + sigma^2 / 2), c being `CROSS_AXIS`, and divided out of the
-    readings before the norms are met once more. Least squares on the vectors (Puc, Podobnik and Munih, eq. 11 to 15) take a
-    third of sigma for the offset. A cube that sits askew as a whole turns all headings with it: opposite faces agree.
+    readings before the norms are met once more. Least squares on the vectors (Puc, Podobnik and Munih, eq. 11 to 15)
+    take a third of sigma for the offset. A cube that sits askew as a whole turns all headings: opposite faces agree.
     """
     indices = [index for index, pose in enumerate(poses) if pose.face is not Face.NONE]
     for status, wrong in _faults(poses, indices):
