@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -124,10 +125,22 @@ def test_two_hours_from_a_foreign_file_give_their_figures_back(tmp_path: Path) -
     found = json.loads(done.stdout)
     assert (found["schema"], found["unit"], found["samples"]) == ("hiltest.allan/1", "dps", n)
     for each in found["columns"]:
-        assert each["angle_random_walk_per_rthz"] == pytest.approx(walk, rel=0.05)
-        assert each["bias_instability"] == pytest.approx(instability, rel=0.30)
-        assert each["bias_instability_deg_per_h"] == pytest.approx(20.0, rel=0.30)
-    assert "deg/rth" in (tmp_path / "page.html").read_text()
+        assert (each["angle_random_walk"]["unit"], each["bias_instability"]["unit"]) == ("deg/rth", "deg/h")
+        assert each["angle_random_walk"]["value"] == pytest.approx(60.0 * walk, rel=0.05)
+        assert each["bias_instability"]["value"] == pytest.approx(20.0, rel=0.30)
     for_people = hiltest("allan", "foreign.txt", "--columns", "a,b", "--unit", "rad/s", "--rate", "10", folder=tmp_path)
     assert "72000 samples at 10 Hz, 7200 s" in for_people.stdout
-    assert "angle random walk  bias instability" in for_people.stdout
+    _, header, *rows = for_people.stdout.splitlines()
+    assert re.split(" {2,}", header) == ["column", "figure", "value", "68 % interval"]
+    page = (tmp_path / "page.html").read_text()
+    keys = ("angle_random_walk", "noise_density", "bias_instability", "rate_random_walk", "lowest")
+    wanted = [each[key] for each in found["columns"] for key in keys]
+    for row, number in zip(rows, wanted, strict=True):
+        _, _, printed, *interval = re.split(" {2,}", row)
+        assert printed in page
+        if number["value"] is None:
+            assert (printed, interval) == ("not seen", [])
+            continue
+        ends = [f"{number[end]:.4g}" for end in ("low", "high")]
+        assert (printed.split(" at ")[0], interval) == (f"{number['value']:.4g} {number['unit']}", [" to ".join(ends)])
+        assert number["low"] < number["value"] < number["high"]

@@ -270,6 +270,16 @@ def test_a_shape_that_would_be_off_as_far_under_strong_iron_is_refused() -> None
     assert ("strong_iron_deg", Acceptance.REFUSED) in [(each.figure, each.verdict) for each in ridge.reasons]
 
 
+def test_a_patch_of_which_a_quarter_lies_elsewhere_is_refused() -> None:
+    cap = _drawn(3, 400, 0.3, 0.4)
+    assert fit_on_host(cap).best.name == "ridge"
+    spoilt = cap.points.copy()
+    spoilt[::4] += 20.0 * sphere_directions(100)
+    (ridge,) = fit_by_shape(_cloud(spoilt), Shape.RIDGE).calibrators
+    assert ("left_out_percent", Acceptance.REFUSED) in [(each.figure, each.verdict) for each in ridge.reasons]
+    assert fit_on_host(_cloud(spoilt)).best.verdict is Acceptance.REFUSED
+
+
 def test_the_largest_hole_is_named_with_what_to_turn_to() -> None:
     directions = sphere_directions(1000)
     fit = fit_on_host(_cloud(48.0 * directions[directions[:, 0] < 0.1] + (3.0, 4.0, 5.0)))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from hiltest.calibration.fit import FitStatus
+from hiltest.calibration.robust import MANY_LEFT_OUT
 from hiltest.calibration.shapes import Shape
 
 
@@ -39,6 +40,8 @@ class FitFigures:
         None for an ellipsoid.
     strong_iron_deg : float or None
         Direction error of a shape where soft iron stretches the field by a fifth.
+    left_out_percent : float or None
+        Readings that a shape was not fitted to, being too far from it.
     """
 
     status: FitStatus
@@ -51,6 +54,7 @@ class FitFigures:
     change_percent: float | None = None
     shape: Shape | None = None
     strong_iron_deg: float | None = None
+    left_out_percent: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,6 +155,10 @@ BOUNDS = (
     # As without any calibration. With so much iron a tenth of the sphere, or a flat ring, tells of the rest no more.
     Bound("strong_iron_deg", "deg", 10.0, Acceptance.REFUSED,
            "where iron stretches the field by a fifth, directions are off by so much; turn the sensor further round"),
+    # A whole ellipsoid shows which readings are wild; of a patch with so many of them the rest may be no sphere either.
+    Bound("left_out_percent", "%", 100.0 * MANY_LEFT_OUT, Acceptance.REFUSED,
+           "so many samples are elsewhere that the others may be no part of a sphere either; keep those of a steady "
+           "field, and turn the sensor all round"),
     # What is found at all is as large: 1.7 deg across, on one side of the step or the other.
     Bound("change_percent", "%", 0.0, Acceptance.POOR,
            "the hard iron is another one before and after; fit one part, or move the sensor away from what moved"),

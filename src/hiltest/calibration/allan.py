@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import nnls
 
+from hiltest.calibration.degrees_of_freedom import degrees_of_freedom, interval, noise_exponents
 from hiltest.errors import CalibrationError
 
 Reals = NDArray[np.float64]
@@ -31,35 +32,66 @@ FILTERED_SAMPLES = 10
 _PER_DECADE = 12
 # The longest average is so much of the log: of fewer than eight differences of neighbours a variance says little.
 _LONGEST = 1.0 / 9.0
+_FREQUENCIES = 4000
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+# A term whose variance is less than two of its uncertainties is not told from none.
+_SEEN = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A deviation, and the interval in which the true one is in 68 % of all cases.
+
+    Attributes
+    ----------
+    value, low, high : float
+    """
+
+    value: float
+    low: float
+    high: float
+
+    def scaled(self, factor: float) -> Estimate:
+        """Return it in another unit."""
+        return Estimate(factor * self.value, factor * self.low, factor * self.high)
+
+
+@dataclass(frozen=True, slots=True)
 class AllanReading:
     """Noise figures from the curve of one axis. Rates are in the unit of the log.
 
     Attributes
     ----------
-    angle_random_walk : float
+    angle_random_walk : Estimate or None
         N [unit/sqrt(Hz)]: in deg/s that is deg/sqrt(s), and 60 times as much in deg/sqrt(h).
-    bias_instability : float or None
-        B [unit]; None where the log is too short for it to stand out of the noise: it is then at most `lowest` / 0.664.
-    rate_random_walk : float
-        K [unit/sqrt(s)]; 0 when nothing of it is seen.
-    lowest, lowest_at_s : float
-        Smallest deviation of the curve, and at which averaging time.
+    bias_instability : Estimate or None
+        B [unit]; None where the log is too short for it to stand out of the noise: it is then at most
+        `bias_instability_at_most`.
+    rate_random_walk : Estimate or None
+        K [unit/sqrt(s)].
+    lowest : Estimate
+        Smallest deviation of the curve.
+    lowest_at_s : float
+        At which averaging time.
     """
 
-    angle_random_walk: float
-    bias_instability: float | None
-    rate_random_walk: float
-    lowest: float
+    angle_random_walk: Estimate | None
+    bias_instability: Estimate | None
+    rate_random_walk: Estimate | None
+    lowest: Estimate
     lowest_at_s: float
 
-    def deviation(self, tau_s: Reals) -> Reals:
-        """Return the deviation that these numbers together make."""
-        flicker = self.bias_instability or 0.0
-        variance = self.angle_random_walk**2 / tau_s + FLICKER * flicker**2 + self.rate_random_walk**2 * tau_s / 3.0
-        return np.asarray(np.sqrt(variance), dtype=np.float64)
+    @property
+    def bias_instability_at_most(self) -> float:
+        """What a bias instability that makes all of the lowest deviation would be, at the end of its interval."""
+        return self.lowest.high / math.sqrt(FLICKER)
+
+    def terms(self, tau_s: Reals) -> Reals:
+        """Return the deviations that N, B and K make, shape (k, 3); zero for what is not seen."""
+        found = (self.angle_random_walk, self.bias_instability, self.rate_random_walk)
+        values = [0.0 if each is None else each.value for each in found]
+        return np.asarray(np.sqrt(_terms(tau_s)) * values, dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,15 +104,19 @@ class AllanCurve:
         Averaging times.
     deviation : ndarray, shape (k, axes)
         In the unit of the log.
-    relative_uncertainty : ndarray, shape (k,)
-        Standard uncertainty of a deviation, of its value.
+    low, high : ndarray, shape (k, axes)
+        Interval in which the true deviation is in 68 % of all cases.
+    freedom : ndarray, shape (k, axes)
+        Equivalent degrees of freedom of the variance.
     readings : tuple of AllanReading
         One an axis.
     """
 
     tau_s: Reals
     deviation: Reals
-    relative_uncertainty: Reals
+    low: Reals
+    high: Reals
+    freedom: Reals
     readings: tuple[AllanReading, ...]
 
 
@@ -103,7 +139,8 @@ def allan_curve(rates: ArrayLike, *, rate_hz: float) -> AllanCurve:
     -----
     Overlapping: ``1 / (2 tau^2 (n - 2m + 1)) sum (theta[k+2m] - 2 theta[k+m] + theta[k])^2``, tau = m / rate_hz.
     N, B and K are the non-negative least squares fit of the three terms to the variances, each weighted by its
-    uncertainty, from ten samples on; the variance's own uncertainty is that for white noise (NIST SP 1065, table 5).
+    uncertainty, from ten samples on. Their own uncertainty follows from that of the variances and the correlation of
+    these, which overlap in frequency: `_correlation`.
     """
     values = np.asarray(rates, dtype=np.float64)
     n = len(values)
@@ -113,18 +150,22 @@ def allan_curve(rates: ArrayLike, *, rate_hz: float) -> AllanCurve:
     if stuck:
         raise CalibrationError(f"rate {stuck[0] + 1} of {values.shape[1]} has one value only: it is no sensor's noise")
     sizes = averages(n)
-    # Without its mean the angle stays small, and keeps its digits.
-    theta = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values - values.mean(axis=0), axis=0)]) / rate_hz
+    # Without its mean the angle stays small, and keeps its digits; an axis a row, so that its neighbours lie together.
+    theta = np.zeros((values.shape[1], n + 1))
+    np.cumsum((values - values.mean(axis=0)).T, axis=1, out=theta[:, 1:])
+    theta /= rate_hz
     variance = np.array([_variance(theta, int(m), rate_hz) for m in sizes])
     if not variance.all():
         raise CalibrationError("the log repeats itself: its averages are all alike, as no sensor's noise is")
-    relative = np.array([math.sqrt(2.0 / _degrees_of_freedom(n, int(m))) for m in sizes])
+    kinds = [noise_exponents(angle, sizes.tolist()) for angle in theta]
+    freedom = np.array([
+        [degrees_of_freedom(n, m, alpha) for m, alpha in zip(sizes.tolist(), kind, strict=True)] for kind in kinds
+    ]).T
     tau_s = sizes / rate_hz
     fitted = sizes >= FILTERED_SAMPLES
-    readings = tuple(
-        _read_off(tau_s, variance[:, axis], relative, fitted) for axis in range(values.shape[1])
-    )
-    return AllanCurve(tau_s, np.sqrt(variance), 0.5 * relative, readings)
+    readings = tuple(_read_off(tau_s, *axis, fitted) for axis in zip(variance.T, freedom.T, strict=True))
+    deviation = np.sqrt(variance)
+    return AllanCurve(tau_s, deviation, *interval(deviation, freedom), freedom, readings)
 
 
 def averages(n: int) -> NDArray[np.int64]:
@@ -135,27 +176,65 @@ def averages(n: int) -> NDArray[np.int64]:
 
 
 def _variance(theta: Reals, m: int, rate_hz: float) -> Reals:
-    second = theta[2 * m :] - 2.0 * theta[m:-m] + theta[: -2 * m]
-    return np.asarray((second**2).mean(axis=0) / (2.0 * (m / rate_hz) ** 2), dtype=np.float64)
+    second = theta[:, 2 * m :] - 2.0 * theta[:, m:-m] + theta[:, : -2 * m]
+    return np.asarray(np.einsum("ij,ij->i", second, second) / second.shape[1] / (2.0 * (m / rate_hz) ** 2))
 
 
-def _degrees_of_freedom(n: int, m: int) -> float:
-    """Return those of an overlapping variance of white noise: NIST SP 1065, table 5, with n + 1 angles."""
-    angles = n + 1
-    share = 3.0 * (angles - 1) / (2.0 * m) - 2.0 * (angles - 2) / angles
-    return max(1.0, share * 4.0 * m * m / (4.0 * m * m + 5.0))
+def _terms(tau_s: Reals) -> Reals:
+    """Return the variances of N, B and K of 1, shape (k, 3)."""
+    return np.column_stack([1.0 / tau_s, np.full_like(tau_s, FLICKER), tau_s / 3.0])
 
 
-def _read_off(tau_s: Reals, variance: Reals, relative: Reals, fitted: NDArray[np.bool_]) -> AllanReading:
-    terms = np.column_stack([1.0 / tau_s, np.full_like(tau_s, FLICKER), tau_s / 3.0])[fitted]
-    weights = 1.0 / (variance * relative)[fitted]
-    # Columns of one size, or nothing small would ever be taken up.
-    scale = np.linalg.norm(terms * weights[:, None], axis=0)
-    squares = nnls(terms * weights[:, None] / scale, variance[fitted] * weights)[0] / scale
+def _read_off(tau_s: Reals, variance: Reals, freedom: Reals, fitted: NDArray[np.bool_]) -> AllanReading:
+    squares, uncertainty = _fit(tau_s[fitted], variance[fitted], np.sqrt(2.0 / freedom[fitted]))
+    walk, instability, rate_walk = (
+        _estimate(math.sqrt(square), 2.0 * (square / error) ** 2) if square > _SEEN * error else None
+        for square, error in zip(squares.tolist(), uncertainty.tolist(), strict=True)
+    )
     lowest = int(np.argmin(variance))
     # Where it is not at least half of the lowest variance, it is lost in the uncertainty of the other terms.
-    seen = FLICKER * squares[1] >= 0.5 * variance[lowest]
+    if instability is not None and FLICKER * instability.value**2 < 0.5 * variance[lowest]:
+        instability = None
     return AllanReading(
-        float(math.sqrt(squares[0])), float(math.sqrt(squares[1])) if seen else None, float(math.sqrt(squares[2])),
-        float(math.sqrt(variance[lowest])), float(tau_s[lowest]),
-    )
+        walk, instability, rate_walk, _estimate(math.sqrt(variance[lowest]), float(freedom[lowest])),
+        float(tau_s[lowest]),
+    )  # fmt: skip
+
+
+def _fit(tau_s: Reals, variance: Reals, relative: Reals) -> tuple[Reals, Reals]:
+    """Return the squares of N, B and K, and their uncertainties."""
+    made, expected = _terms(tau_s), variance
+    # Twice: weighted by themselves alone, variances that came out small would count most.
+    for _ in range(2):
+        weights = 1.0 / (expected * relative)
+        # Columns of one size, or nothing small would ever be taken up.
+        scale = np.linalg.norm(made * weights[:, None], axis=0)
+        rows = made * weights[:, None] / scale
+        squares = np.asarray(nnls(rows, variance * weights)[0] / scale, dtype=np.float64)
+        expected = made @ squares
+    uncertainty = np.zeros(3)
+    taken = np.flatnonzero(squares)
+    # The fit is linear in the variances: so are the errors of its squares in theirs.
+    errors = np.linalg.pinv(rows[:, taken]) / scale[taken, None] * (weights * expected * relative)
+    uncertainty[taken] = np.sqrt(np.einsum("ij,jk,ik->i", errors, _correlation(tau_s, squares), errors))
+    return squares, uncertainty
+
+
+def _correlation(tau_s: Reals, squares: Reals) -> Reals:
+    """Return the correlation of the variances at some averaging times, shape (k, k).
+
+    A variance is the integral of the rate's density over ``sin^4(pi f tau) / (pi f tau)^2``; of a long log the
+    covariance of two is that of the density squared over the product of theirs.
+    """
+    # Four octaves below the longest average there is nothing of it, above the shortest one a thousandth.
+    f = np.geomspace(1.0 / (16.0 * tau_s[-1]), 16.0 / tau_s[0], _FREQUENCIES)
+    density = squares @ np.array([np.ones_like(f), 1.0 / (2.0 * np.pi * f), 1.0 / (2.0 * np.pi * f) ** 2])
+    x = np.pi * np.outer(tau_s, f)
+    seen = np.sin(x) ** 4 / x**2 * density * np.sqrt(f)
+    seen /= np.linalg.norm(seen, axis=1)[:, None]
+    return np.asarray(seen @ seen.T)
+
+
+def _estimate(value: float, freedom: float) -> Estimate:
+    low, high = interval(value, freedom)
+    return Estimate(value, float(low), float(high))

@@ -211,8 +211,9 @@ class _Model:
         variance = self._variance(residuals)
         for _ in range(_PASSES):
             step = -np.linalg.solve(normal + variance * precision, jacobian.T @ residuals + variance * pull)
-            variance = self._lasting_variance(jacobian, residuals + jacobian @ step, variance * precision)
-        covariance = variance * np.linalg.inv(normal + variance * precision)
+            scatter, variance = self._lasting(jacobian, residuals + jacobian @ step, variance * precision)
+        inverse = np.linalg.inv(normal + variance * precision)
+        covariance = inverse @ (scatter + variance**2 * precision) @ inverse
         slopes = self._direction_jacobian(parameters)
         spread = float(np.einsum("nik,kl,nil->", slopes, covariance, slopes)) / len(slopes)
         bias = float(((slopes @ step) ** 2).sum()) / len(slopes)
@@ -279,18 +280,17 @@ class _Model:
     def _variance(self, residuals: Array) -> float:
         return float(residuals @ residuals) / (len(residuals) - int(self._free.sum()))
 
-    def _lasting_variance(self, jacobian: Array, residuals: Array, prior: Array) -> float:
-        """Return the variance of independent residuals that would move the parameters as these do."""
-        variance = self._variance(residuals)
+    def _lasting(self, jacobian: Array, residuals: Array, prior: Array) -> tuple[Array, float]:
+        """Return the covariance of ``J' r``, and the variance of independent residuals that move as far."""
+        variance, normal = self._variance(residuals), jacobian.T @ jacobian
         if len(residuals) < 2 * _BLOCKS:
-            return variance
+            return variance * normal, variance
         scores = np.array([piece.sum(axis=0) for piece in np.array_split(jacobian * residuals[:, None], _BLOCKS)])
-        normal = jacobian.T @ jacobian
         inverse = np.linalg.inv(normal + prior)
         # Each parameter that the readings decide takes one block's freedom.
         decided = float(np.trace(inverse @ normal))
-        meat = scores.T @ scores * _BLOCKS / (_BLOCKS - decided)
-        return max(variance, float(np.trace(inverse @ meat)) / decided)
+        scatter = scores.T @ scores * _BLOCKS / (_BLOCKS - decided)
+        return scatter, max(variance, float(np.trace(inverse @ scatter)) / decided)
 
     def _direction_jacobian(self, parameters: Array) -> Array:
         """Return the derivative of corrected directions by the parameters, shape (directions, axes, parameters)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import click
@@ -12,7 +13,7 @@ _EXIT_CODES = """
 \b
 Exit codes:
   0   printed
-  1   the log cannot support it: too short, or a column that does not change
+  1   the log cannot support it: too short, moved, or a column that does not change
   2   interrupted
   4   usage: an option, or a row of the file is wrong
 """
@@ -28,29 +29,37 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
               help="Column of the time, in the unit its name ends with, else s.  [default: the one called time]")
 @click.option("--rate", "rate_hz", metavar="HZ", type=NumberRange(1e-3, 1e6),
               help="Rate of sampling, for a file without time.")
+@click.option("--from", "first", metavar="S", type=NumberRange(0.0), default=0.0,
+              help="First instant to take, in seconds after the first row.")
+@click.option("--to", "last", metavar="S", type=NumberRange(0.0), default=math.inf,
+              help="First instant not to take, likewise.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON (hiltest.allan/1) and nothing else.")
 @click.option("--html", metavar="FILE", type=_FILE, help="Write a page with the curve.")
 def allan(
-    log: Path, columns: str | None, unit: str | None, time: str | None, rate_hz: float | None, as_json: bool,
-    html: Path | None,
-) -> None:
+    log: Path, columns: str | None, unit: str | None, time: str | None, rate_hz: float | None, first: float,
+    last: float, as_json: bool, html: Path | None,
+) -> None:  # fmt: skip
     """Print random walk and bias instability of a gyroscope at rest.
 
     FILE.csv is what `hiltest log` writes, or any text table with a row a sample. Of a log with gaps the longest part
     is used.
     """
     from hiltest.calibration.allan import allan_curve
-    from hiltest.logs.allan_page import headline, table, to_json, write_page
-    from hiltest.logs.rate_log import read_rate_log
+    from hiltest.logs.allan_page import HEADER, headline, table, to_json, write_page
+    from hiltest.logs.rate_log import check_rest, read_rate_log
     from hiltest.units import RATE_WORDS
 
-    read = read_rate_log(log, columns=columns, unit=RATE_WORDS[unit] if unit else None, time=time, rate_hz=rate_hz)
+    read = read_rate_log(
+        log, columns=columns, unit=RATE_WORDS[unit] if unit else None, time=time, rate_hz=rate_hz, first_s=first,
+        last_s=last,
+    )  # fmt: skip
+    check_rest(read)
     curve = allan_curve(read.rates, rate_hz=read.rate_hz)
     if as_json:
         click.echo(to_json(read, curve), nl=False)
     else:
         click.echo(headline(read))
-        rows = list(table(read, curve))
+        rows = [HEADER, *table(read, curve)]
         widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
         for row in rows:
             click.echo("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())

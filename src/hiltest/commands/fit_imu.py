@@ -11,12 +11,16 @@ import click
 from hiltest.commands.options import RATE_UNITS, NumberRange
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from hiltest.logs import ImuLog, Intervals
 
 _EXIT_CODES = """
 \b
 Exit codes:
-  0   the accelerometer is calibrated, and of the gyroscope at least the bias
+  0   the accelerometer is calibrated, and of the gyroscope at least the bias;
+      with --rate-rpm: the scale of an axis of the gyroscope
   1   it is not: the log does not support it
   2   interrupted
   4   usage: an option or a file is wrong
@@ -39,6 +43,8 @@ class _Options:
     intervals: str | None
     method: str
     turn_deg: float
+    rate_rpm: float | None
+    bias_from: Path | None
     as_json: bool
     export_json: Path | None
     export_header: Path | None
@@ -62,6 +68,10 @@ class _Options:
               show_default=True, help="Method for the accelerometer: rests on six faces or in nine poses, or motion.")
 @click.option("--turn", "turn_deg", metavar="DEG", type=NumberRange(90.0, 36_000.0), default=360.0,
               show_default=True, help="Angle of each turn.")
+@click.option("--rate-rpm", metavar="RPM", type=NumberRange(0.1, 10_000.0),
+              help="Rate of a turntable (33.333, 45), wherever the log turns steadily: scale of that axis.")
+@click.option("--bias-from", metavar="FILE", type=_FILE,
+              help="A log of the gyroscope at rest: its mean is the bias.  [default: of the rests in LOG]")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON (hiltest.fit-imu/1) and nothing else.")
 @click.option("--export-json", metavar="FILE", type=_FILE, help="Write the same JSON to a file.")
 @click.option("--export-header", metavar="FILE", type=_FILE, help="Write the calibration as a C header.")
@@ -85,13 +95,16 @@ def fit_imu(**given: Any) -> int:
         columns=LogColumns(options.accelerometer_columns, options.gyroscope_columns, options.time, labels),
         acceleration_unit=AccelerationUnit(options.accelerometer_unit) if options.accelerometer_unit else None,
         rate_unit=RATE_WORDS[options.gyroscope_unit] if options.gyroscope_unit else None,
+        gyroscope_alone=options.rate_rpm is not None,
     )
-    fitted = fit_imu_log(read, _intervals(read, listed), options.method, turn_deg=options.turn_deg)
+    bias = _bias(read, options.bias_from, options) if options.bias_from else None
+    fitted = fit_imu_log(read, _intervals(read, listed, bias, turns=options.rate_rpm is not None), options.method,
+                         turn_deg=options.turn_deg, bias=bias, rpm=options.rate_rpm)
     if options.as_json:
         click.echo(to_json(fitted), nl=False)
     else:
         print_fit(fitted, standard_output())
-    if fitted.accelerometer.fit is None:
+    if not (fitted.accelerometer.fit is not None if options.rate_rpm is None else fitted.scales):
         if options.export_json or options.export_header:
             click.echo("refused: no calibration was exported", err=True)
         return 1
@@ -102,9 +115,22 @@ def fit_imu(**given: Any) -> int:
     return 0
 
 
-def _intervals(log: ImuLog, listed: str | None) -> Intervals:
+def _bias(log: ImuLog, path: Path, options: _Options) -> NDArray[np.float64]:
+    from hiltest.logs.rate_log import rest_bias
+    from hiltest.units import RATE_WORDS
+
+    return rest_bias(
+        path, log.rate_unit, columns=options.gyroscope_columns, time=options.time, rate_hz=options.rate,
+        written=RATE_WORDS[options.gyroscope_unit] if options.gyroscope_unit else None,
+    )  # fmt: skip
+
+
+def _intervals(log: ImuLog, listed: str | None, bias: NDArray[np.float64] | None, *, turns: bool) -> Intervals:
     from hiltest.logs import found_intervals, labelled_intervals, listed_intervals
+    from hiltest.logs.imu_rate import rest_rate
 
     if listed is not None:
         return listed_intervals(log, Path(listed))
-    return labelled_intervals(log) if log.labels is not None else found_intervals(log)
+    if log.labels is not None:
+        return labelled_intervals(log)
+    return found_intervals(log, rest_rate=rest_rate(log) if turns and bias is None else bias)

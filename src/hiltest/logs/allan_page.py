@@ -1,119 +1,180 @@
-"""An Allan deviation for people and programs: a table, JSON, and a page with its curve."""
+"""An Allan deviation for people and programs: a table, JSON, and a page with its curves."""
 
 from __future__ import annotations
 
 import json
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hiltest import __version__
-from hiltest.calibration.allan import FLICKER, AllanCurve, AllanReading
+from hiltest.calibration.allan import FILTERED_SAMPLES, AllanCurve, AllanReading, Estimate
 from hiltest.logs.rate_log import RateLog
 from hiltest.record.files import write_asked_for
-from hiltest.report.marks import KeyEntry, series
+from hiltest.report.marks import KeyEntry, Mark
 from hiltest.report.page import render
 from hiltest.report.svg import Figure
+from hiltest.text import counted
 
 SCHEMA = "hiltest.allan/1"
-# From the floor of a curve to the instability of a bias.
-_FLOOR = math.sqrt(FLICKER)
+HEADER = ("column", "figure", "value", "68 % interval")
+# What is finer than that share of a period is the clock's own resolution.
+_JITTER = 0.1
+# Units of N, density, B, K and the curve, and what one of the log's is in them.
+_IN_DEGREES = (("deg/rth", 60.0), ("mdps/rtHz", 1000.0), ("deg/h", 3600.0), ("deg/h/rth", 3600.0 * 60.0))
+_IN_COUNTS = (("count/rtHz", 1.0), ("count/rtHz", 1.0), ("count", 1.0), ("count/rts", 1.0))
 
 
-def table(log: RateLog, curve: AllanCurve) -> Iterator[tuple[str, str, str, str]]:
-    """Yield a header and a row for each column: name, angle random walk, bias instability, lowest point."""
-    unit = "deg/s" if log.in_degrees else "count"
-    yield "column", "angle random walk", "bias instability", "lowest"
+@dataclass(frozen=True, slots=True)
+class Number:
+    """One number that is printed, drawn and in the JSON.
+
+    Attributes
+    ----------
+    key, name : str
+        In the JSON, and for people.
+    found : Estimate or None
+        None when it is not seen in the noise.
+    at_most : float or None
+        What it is at most when it is not seen, where that is known.
+    unit : str
+    at_s : float or None
+        Averaging time that it is of.
+    """
+
+    key: str
+    name: str
+    found: Estimate | None
+    unit: str
+    at_most: float | None = None
+    at_s: float | None = None
+
+    @property
+    def cells(self) -> tuple[str, str, str]:
+        """Name, value with its unit, and interval in words."""
+        at = "" if self.at_s is None else f" at {self.at_s:.4g} s"
+        if self.found is None:
+            return self.name, "not seen" if self.at_most is None else f"at most {self.at_most:.4g} {self.unit}", ""
+        found = self.found
+        return self.name, f"{found.value:.4g} {self.unit}{at}", f"{found.low:.4g} to {found.high:.4g}"
+
+    @property
+    def content(self) -> dict[str, Any]:
+        """What the JSON has."""
+        value, low, high = (None, None, None) if self.found is None else (
+            self.found.value, self.found.low, self.found.high
+        )  # fmt: skip
+        more = {"at_most": self.at_most, "at_s": self.at_s}
+        return {"value": value, "low": low, "high": high, "unit": self.unit,
+                **{key: each for key, each in more.items() if each is not None}}  # fmt: skip
+
+
+def numbers(log: RateLog, reading: AllanReading) -> tuple[Number, ...]:
+    """Return what was read off one curve."""
+    (walk, per_walk), (density, per_density), (rate, per_rate), (rate_walk, per_rate_walk) = (
+        _IN_DEGREES if log.in_degrees else _IN_COUNTS
+    )
+    at_most = None if reading.bias_instability else per_rate * reading.bias_instability_at_most
+    return (
+        Number("angle_random_walk", "angle random walk N", _in(reading.angle_random_walk, per_walk), walk),
+        Number("noise_density", "noise density, one-sided",
+               _in(reading.angle_random_walk, math.sqrt(2.0) * per_density), density),
+        Number("bias_instability", "bias instability B", _in(reading.bias_instability, per_rate), rate, at_most),
+        Number("rate_random_walk", "rate random walk K", _in(reading.rate_random_walk, per_rate_walk), rate_walk),
+        Number("lowest", "lowest", _in(reading.lowest, per_rate), rate, at_s=reading.lowest_at_s),
+    )  # fmt: skip
+
+
+def table(log: RateLog, curve: AllanCurve) -> Iterator[tuple[str, ...]]:
+    """Yield a row for each number of each column, as `HEADER` says."""
     for name, reading in zip(log.columns, curve.readings, strict=True):
-        yield name, _walk(reading, log), _instability(reading, log), (
-            f"{reading.lowest:.3g} {unit} at {reading.lowest_at_s:.3g} s"
-        )
+        for each in numbers(log, reading):
+            yield name, *each.cells
 
 
 def headline(log: RateLog) -> str:
-    """Return the heading: file, samples and rate."""
+    """Return the heading: file, samples and rate, what its time stamps are like and what is missing."""
     n, seconds = len(log.rates), len(log.rates) / log.rate_hz
-    gaps = "" if not log.gaps else f"; {log.gaps} gaps: the longest part of {log.rows} rows"
-    return f"{log.path}: {n} samples at {log.rate_hz:.6g} Hz, {seconds:.0f} s{gaps}"
+    jitter = f", jitter {1000.0 * log.jitter_s:.3g} ms" if log.jitter_s * log.rate_hz > _JITTER else ""
+    part = f"{log.path}: {n} samples at {log.rate_hz:.6g} Hz{jitter}, {seconds:.0f} s"
+    if not log.gaps:
+        return part if n == log.rows else f"{part} of {log.rows} rows, from {log.start_s:.6g} s on"
+    return f"{part}; {counted(log.gaps, 'gap')}: the longest part of {log.rows} rows, from {log.start_s:.6g} s on"
 
 
 def to_json(log: RateLog, curve: AllanCurve) -> str:
-    """Return the text of ``hiltest allan --json``; angles are in degrees, or in counts as the file's unit says."""
+    """Return the text of ``hiltest allan --json``; the curve is in deg/s, or in counts as the file's unit says."""
     content = {
         "schema": SCHEMA, "hiltest": __version__, "file": str(log.path), "unit": "dps" if log.in_degrees else "counts",
-        "samples": len(log.rates), "rows": log.rows, "gaps": log.gaps, "rate_hz": log.rate_hz,
-        "notes": list(log.notes),
+        "samples": len(log.rates), "rows": log.rows, "gaps": log.gaps, "start_s": log.start_s, "rate_hz": log.rate_hz,
+        "jitter_s": log.jitter_s, "notes": list(log.notes),
         "columns": [
-            _column(name, reading, log) for name, reading in zip(log.columns, curve.readings, strict=True)
+            {"name": name, **{each.key: each.content for each in numbers(log, reading)}}
+            for name, reading in zip(log.columns, curve.readings, strict=True)
         ],
         "curve": {
-            "tau_s": curve.tau_s.tolist(), "relative_uncertainty": curve.relative_uncertainty.tolist(),
-            "deviation": {name: curve.deviation[:, axis].tolist() for axis, name in enumerate(log.columns)},
+            "tau_s": curve.tau_s.tolist(),
+            **{
+                key: {name: values[:, axis].tolist() for axis, name in enumerate(log.columns)}
+                for key, values in (("deviation", curve.deviation), ("low", curve.low), ("high", curve.high),
+                                    ("degrees_of_freedom", curve.freedom))
+            },
         },
     }  # fmt: skip
     return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def write_page(log: RateLog, curve: AllanCurve, path: Path) -> None:
-    """Write a page with the curve so that a reader sees the whole file or none."""
-    header, *rows = table(log, curve)
+    """Write a page with the curves so that a reader sees the whole file or none."""
     page = render(
-        "allan.html.j2", package="hiltest.logs", headline=headline(log), notes=log.notes, header=header, rows=rows,
-        figure=figure(log, curve), version=__version__,
+        "allan.html.j2", package="hiltest.logs", headline=headline(log), notes=log.notes, header=HEADER,
+        rows=list(table(log, curve)), figures=[figure(log, curve, axis) for axis in range(len(log.columns))],
+        version=__version__,
     )  # fmt: skip
     write_asked_for(path, page)
 
 
-def figure(log: RateLog, curve: AllanCurve) -> Figure:
-    """Draw the deviations, and lines for the noise figures, on logarithmic axes."""
-    unit = "deg/s" if log.in_degrees else "count"
-    _, *rows = table(log, curve)
+def figure(log: RateLog, curve: AllanCurve, axis: int) -> Figure:
+    """Draw the deviations of one column with their intervals, and the slopes that were fitted, both logarithmic."""
+    read = numbers(log, curve.readings[axis])
+    walk, _, instability, rate_walk, lowest = read
+    per_unit = 3600.0 if log.in_degrees else 1.0
+    tau_s, deviation, low, high = curve.tau_s, *(
+        per_unit * each[:, axis] for each in (curve.deviation, curve.low, curve.high)
+    )
     drawn = Figure(
-        title="Allan deviation over averaging time",
-        description="; ".join(f"{name}: {walk}, {instability}" for name, walk, instability, _ in rows),
-        x_label="averaging time [s]", y_label=f"Allan deviation [{unit}]",
-        x_range=(float(curve.tau_s[0]), float(curve.tau_s[-1])),
-        y_range=(float(curve.deviation.min()) / 1.5, float(curve.deviation.max()) * 1.5),
-        width=640.0, height=400.0, log_x=True, log_y=True,
+        title=f"Allan deviation of {log.columns[axis]}",
+        description="; ".join(": ".join(each.cells[:2]) for each in read),
+        x_label="averaging time [s]", y_label=f"Allan deviation [{lowest.unit}]",
+        x_range=(float(tau_s[0]), float(tau_s[-1])), y_range=(float(low.min()) / 1.5, float(high.max()) * 1.5),
+        width=560.0, height=400.0, log_x=True, log_y=True,
     )  # fmt: skip
-    low, high = drawn.y_range
-    for reading in curve.readings:
-        deviation = np.clip(reading.deviation(curve.tau_s), low, high)
-        drawn.line(zip(curve.tau_s.tolist(), deviation.tolist(), strict=True), "thesis")
-    for axis, name in enumerate(log.columns):
-        style, mark = series(axis)
-        points = list(zip(curve.tau_s.tolist(), curve.deviation[:, axis].tolist(), strict=True))
-        drawn.series(name, points, style, mark, radius=2.5)
-    drawn.key.append(KeyEntry("what was read off", "thesis"))
+    terms = per_unit * curve.readings[axis].terms(tau_s)
+    slopes = ((walk, "-1/2", "series-1"), (instability, "0", "series-2"), (rate_walk, "+1/2", "series-3"))
+    for (number, slope, style), term in zip(slopes, terms.T, strict=True):
+        within = (term > drawn.y_range[0]) & (term < drawn.y_range[1])
+        if within.any():
+            drawn.line(zip(tau_s[within].tolist(), term[within].tolist(), strict=True), style)
+            drawn.key.append(KeyEntry(f"{number.name}: slope {slope}, {number.cells[1]}", style))
+    drawn.line(zip(tau_s.tolist(), np.linalg.norm(terms, axis=1).clip(*drawn.y_range).tolist(), strict=True), "thesis")
+    drawn.key.append(KeyEntry("their sum", "thesis"))
+    drawn.bars(zip(tau_s.tolist(), low.tolist(), high.tolist(), strict=True), "series-0")
+    fitted = np.round(tau_s * log.rate_hz) >= FILTERED_SAMPLES
+    for name, which, style in (
+        ("deviation, with its 68 % interval", fitted, "series-0 filled"),
+        (f"below {FILTERED_SAMPLES} samples, where the output filter acts: not fitted", ~fitted, "series-0 hollow"),
+    ):
+        points = list(zip(tau_s[which].tolist(), deviation[which].tolist(), strict=True))
+        drawn.series(name, points, mark=Mark.DOT, mark_style=style, radius=2.5)
+    at = int(np.argmin(deviation))
+    drawn.marks([(float(tau_s[at]), float(deviation[at]))], "neutral", Mark.DIAMOND, radius=5.0)
+    drawn.key.append(KeyEntry(f"lowest: {lowest.cells[1]}", mark=Mark.DIAMOND, mark_style="neutral"))
     return drawn
 
 
-def _column(name: str, reading: AllanReading, log: RateLog) -> dict[str, Any]:
-    found: dict[str, Any] = {
-        "name": name, "angle_random_walk_per_rthz": reading.angle_random_walk,
-        "noise_density_one_sided_per_rthz": math.sqrt(2.0) * reading.angle_random_walk,
-        "bias_instability": reading.bias_instability, "bias_instability_at_most": reading.lowest / _FLOOR,
-        "rate_random_walk_per_rts": reading.rate_random_walk, "lowest": reading.lowest,
-        "lowest_at_s": reading.lowest_at_s,
-    }  # fmt: skip
-    if log.in_degrees:
-        found["angle_random_walk_deg_per_rth"] = 60.0 * reading.angle_random_walk
-        instability = reading.bias_instability
-        found["bias_instability_deg_per_h"] = None if instability is None else 3600.0 * instability
-    return found
-
-
-def _walk(reading: AllanReading, log: RateLog) -> str:
-    if not log.in_degrees:
-        return f"{reading.angle_random_walk:.4g} count/rtHz"
-    return f"{60.0 * reading.angle_random_walk:.4g} deg/rth"
-
-
-def _instability(reading: AllanReading, log: RateLog) -> str:
-    value = reading.bias_instability
-    shown = reading.lowest / _FLOOR if value is None else value
-    text = f"{3600.0 * shown:.3g} deg/h" if log.in_degrees else f"{shown:.3g} count"
-    return f"at most {text}" if value is None else text
+def _in(estimate: Estimate | None, factor: float) -> Estimate | None:
+    return None if estimate is None else estimate.scaled(factor)

@@ -139,6 +139,8 @@ def fit_accelerometer(log: ImuLog, rests: Sequence[Interval], method: str = AUTO
     method : str
         One of `METHODS`, or `AUTO`: where the rests determine nothing, the ellipsoid of all readings, in motion.
     """
+    if not len(log.acceleration):
+        return _refused(ELLIPSOID if method == AUTO else method, 0, (), "no accelerometer in the log")
     if method == MOVING:
         return _fit_moving(log, len(rests))
     result = _fit_rests(log, rests, method)

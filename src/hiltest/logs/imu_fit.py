@@ -16,10 +16,12 @@ from rich.table import Table
 from hiltest import __version__
 from hiltest.c_source import c_constant, in_comment
 from hiltest.calibration.acceptance import Acceptance, Reason, worst
+from hiltest.errors import ConfigError
 from hiltest.logs.imu_accelerometer import AUTO, MOVING, AccelerometerResult, face_name, fit_accelerometer
 from hiltest.logs.imu_gyroscope import WHOLE_DEG, GyroscopeResult, TurnResult, fit_gyroscope
 from hiltest.logs.imu_log import ImuLog
-from hiltest.logs.intervals import Intervals
+from hiltest.logs.imu_rate import SteadyRate, fit_rates, rest_rate, steady_parts
+from hiltest.logs.intervals import Interval, Intervals, found_intervals
 from hiltest.logs.sample_fit_table import reason_line
 
 SCHEMA = "hiltest.fit-imu/1"
@@ -50,12 +52,21 @@ class ImuLogFit:
     accelerometer : AccelerometerResult
     gyroscope : GyroscopeResult or None
         None without a gyroscope in the log, or a rest.
+    rates : tuple of SteadyRate or None
+        Parts that turned at a known rate; None when none was said.
     """
 
     log: ImuLog
     intervals: Intervals
     accelerometer: AccelerometerResult
     gyroscope: GyroscopeResult | None
+    rates: tuple[SteadyRate, ...] | None = None
+
+    @property
+    def scales(self) -> dict[str, SteadyRate]:
+        """By axis, the longest part that shows its scale."""
+        used = [each for each in self.rates or () if each.scale is not None]
+        return {each.axis: each for each in sorted(used, key=lambda rate: rate.end_s - rate.start_s)}
 
     @property
     def complete(self) -> bool:
@@ -67,17 +78,49 @@ class ImuLogFit:
     @property
     def verdict(self) -> Acceptance:
         """What the worst sensor of the log is good for."""
-        verdicts = [self.accelerometer.verdict]
+        verdicts = [self.accelerometer.verdict] if len(self.log.acceleration) else []
         if self.log.rate is not None:
             verdicts.append(Acceptance.REFUSED if self.gyroscope is None else self.gyroscope.verdict)
         return worst(verdicts)
 
 
-def fit_imu_log(log: ImuLog, intervals: Intervals, method: str = AUTO, *, turn_deg: float = WHOLE_DEG) -> ImuLogFit:
-    """Fit the accelerometer to the rests of a log, and the gyroscope to its rests and turns."""
+def fit_imu_log(
+    log: ImuLog, intervals: Intervals, method: str = AUTO, *, turn_deg: float = WHOLE_DEG,
+    bias: np.ndarray | None = None, rpm: float | None = None,
+) -> ImuLogFit:  # fmt: skip
+    """Fit the accelerometer to the rests of a log, and the gyroscope to its rests, turns and steady rates.
+
+    Parameters
+    ----------
+    log : ImuLog
+    intervals : Intervals
+    method : str
+        Of the accelerometer.
+    turn_deg : float
+        Angle of each whole turn.
+    bias : ndarray, shape (3,), optional
+        Of the gyroscope, from another log, in the unit of this one.
+    rpm : float, optional
+        Rate of a turntable, in revolutions a minute, wherever the log turns steadily.
+    """
     accelerometer = fit_accelerometer(log, intervals.rests, method)
-    gyroscope = fit_gyroscope(log, intervals, accelerometer.fit, turn_deg=turn_deg)
-    return ImuLogFit(log, intervals, accelerometer, gyroscope)
+    rests = intervals.rests if intervals.found else _found_rests(log)
+    at_rest = rest_rate(log, rests) if bias is None else bias
+    parts = steady_parts(log, at_rest, rpm=rpm) if rpm is not None else ()
+    gyroscope = fit_gyroscope(
+        log, intervals, accelerometer.fit, turn_deg=turn_deg, rests=rests, bias=bias, steady=parts
+    )
+    if rpm is None or gyroscope is None:
+        return ImuLogFit(log, intervals, accelerometer, gyroscope)
+    rates = fit_rates(log, parts, rests if bias is None else (), gyroscope.bias, rpm=rpm)
+    return ImuLogFit(log, intervals, accelerometer, gyroscope, rates)
+
+
+def _found_rests(log: ImuLog) -> tuple[Interval, ...]:
+    try:
+        return found_intervals(log).rests
+    except ConfigError:
+        return ()  # annotations may be of a log that is too short to find any
 
 
 def print_fit(fit: ImuLogFit, console: Console) -> None:
@@ -86,9 +129,17 @@ def print_fit(fit: ImuLogFit, console: Console) -> None:
     length_s = log.time_s[-1] - log.time_s[0]
     console.print(escape(f"{', '.join(log.files)}: {len(log.time_s)} samples, {length_s:.1f} s; {len(rests)} rests, "
                          f"{'found' if fit.intervals.found else 'annotated'}"), soft_wrap=True)
-    _print_accelerometer(fit.accelerometer, log.acceleration_unit, console)
+    if len(log.acceleration):
+        _print_accelerometer(fit.accelerometer, log.acceleration_unit, console)
+    else:
+        console.print("no accelerometer in the log")
     if fit.gyroscope is not None:
         _print_gyroscope(fit.gyroscope, log.rate_unit, console)
+        for rate in fit.rates or ():
+            console.print(escape(f"  {_rate(rate, log.rate_unit)}"), soft_wrap=True)
+        if fit.rates == ():
+            console.print("  no scale: nothing turns steadily for a revolution beside a rest. Let it rest, then turn "
+                          "for ten seconds or more, or give --bias-from", style="yellow", soft_wrap=True)
     else:
         console.print("no gyroscope in the log" if log.rate is None else "gyroscope: refused, no rest for its bias",
                       soft_wrap=True)
@@ -128,7 +179,7 @@ def _print_gyroscope(result: GyroscopeResult, unit: str, console: Console) -> No
         console.print(escape(f"  {_turn(turn, unit)}"), soft_wrap=True)
     _print_reasons(result.reasons, console)
     if result.fit is None:
-        console.print(escape(f"  only the bias: {result.refused}"), style="yellow", soft_wrap=True)
+        console.print(escape(f"  no matrix: {result.refused}"), style="yellow", soft_wrap=True)
 
 
 def _print_reasons(reasons: tuple[Reason, ...], console: Console) -> None:
@@ -145,6 +196,16 @@ def _turn(turn: TurnResult, unit: str) -> str:
     if turn.refused:
         return f"{words}, refused: {turn.refused}"
     return f"{words}, taken for {turn.turned_deg:+.0f} deg; {turn.left_deg:.3f} deg left"
+
+
+def _rate(rate: SteadyRate, unit: str) -> str:
+    """Return one steady rate as a sentence."""
+    words = (f"rate, {rate.start_s:.1f} to {rate.end_s:.1f} s: {_triple(rate.reading)} {unit}, "
+             f"{rate.askew_deg:.1f} deg off {rate.axis}")
+    if rate.scale is None:
+        return f"{words}, refused: {rate.refused}"
+    per = _per("deg/s", unit).removeprefix("1")
+    return f"{words}; scale of {rate.axis}: {rate.scale:.6g} +- {rate.uncertainty:.1g} {per}".rstrip()
 
 
 def to_json(fit: ImuLogFit) -> str:
@@ -180,11 +241,13 @@ def contents(fit: ImuLogFit) -> dict[str, Any]:
             "reasons": [asdict(each) for each in gyroscope.reasons], "refused": gyroscope.refused,
             "turns": [
                 {
-                    "name": turn.name, "start_s": turn.start_s, "end_s": turn.end_s, "integral": list(turn.integral),
+                    "name": turn.name, "start_s": turn.start_s, "end_s": turn.end_s, "bias": list(turn.bias),
+                    "integral": list(turn.integral),
                     "turned_deg": turn.turned_deg, "left_deg": turn.left_deg, "refused": turn.refused,
                 }
                 for turn in gyroscope.turns
             ],
+            "rates": [asdict(rate) for rate in fit.rates or ()],
         },
         "notes": list(log.notes),
     }  # fmt: skip
@@ -203,6 +266,10 @@ def to_header(fit: ImuLogFit) -> str:
         parts += [f"/* {formula} */", c_constant("gyroscope_bias", gyroscope.bias, rate_unit)]
         if gyroscope.fit is not None:
             parts.append(c_constant("gyroscope_matrix", gyroscope.fit.matrix, _per("deg/s", rate_unit)))
+        parts += [
+            c_constant(f"gyroscope_scale_{axis}", rate.scale, _per("deg/s", rate_unit))
+            for axis, rate in sorted(fit.scales.items()) if rate.scale is not None
+        ]
         parts.append("")
     files = ", ".join(in_comment(Path(each).name) for each in fit.log.files)
     return _HEADER.format(version=in_comment(__version__), files=files, parts="\n".join(parts))

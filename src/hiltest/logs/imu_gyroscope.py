@@ -12,6 +12,7 @@ from hiltest.calibration.accelerometer import AccelerometerFit
 from hiltest.calibration.acceptance import Acceptance, Bound, Reason, rate_by
 from hiltest.calibration.gyroscope import MAX_TURNS, GyroscopeFit, GyroscopeTurn, TurnsStatus, fit_turns
 from hiltest.logs.imu_log import ImuLog
+from hiltest.logs.imu_rate import beside_of
 from hiltest.logs.intervals import Interval, Intervals
 from hiltest.units import DEGREES_PER_SECOND
 
@@ -55,6 +56,8 @@ class TurnResult:
         As annotated, else empty.
     start_s, end_s : float
         In the log.
+    bias : (3,)
+        Its own: of the rests beside it, in the unit of the log.
     integral : (3,)
         Integral of the rate without its bias: degrees, or counts times seconds.
     turned_deg : float
@@ -68,6 +71,7 @@ class TurnResult:
     name: str
     start_s: float
     end_s: float
+    bias: tuple[float, float, float]
     integral: tuple[float, float, float]
     turned_deg: float
     left_deg: float
@@ -115,8 +119,9 @@ class _Candidate:
 
 
 def fit_gyroscope(
-    log: ImuLog, intervals: Intervals, accelerometer: AccelerometerFit | None, *, turn_deg: float = WHOLE_DEG
-) -> GyroscopeResult | None:
+    log: ImuLog, intervals: Intervals, accelerometer: AccelerometerFit | None, *, turn_deg: float = WHOLE_DEG,
+    rests: Sequence[Interval] = (), bias: Reals | None = None, steady: Sequence[Interval] = (),
+) -> GyroscopeResult | None:  # fmt: skip
     """Fit the bias to the rests and the matrix to the whole turns about the vertical.
 
     Parameters
@@ -127,11 +132,17 @@ def fit_gyroscope(
         Calibration from the same log.
     turn_deg : float
         Angle of each turn, done once or several times; counts alone do not show it.
+    rests : sequence of Interval
+        Where the log rests beside annotated turns, found in it: a turn's own bias is that of the rests beside it.
+    bias : ndarray, shape (3,), optional
+        From another log, in the unit of this one; it then holds for all turns.
+    steady : sequence of Interval
+        What turned at a table's rate, and is no whole turn.
 
     Returns
     -------
     GyroscopeResult or None
-        None when the log has no gyroscope, or no rest.
+        None when the log has no gyroscope, or neither a rest nor a bias.
 
     Notes
     -----
@@ -139,16 +150,22 @@ def fit_gyroscope(
     accelerometer tells in its own axes, is what it turned about. Both sensors then have the same axes. The sense is
     that of the readings: a gyroscope that is mirrored as a whole looks like a turn the other way.
     """
-    if log.rate is None or not intervals.rests:
+    if log.rate is None or not (intervals.rests or bias is not None):
         return None
-    rests = [log.rate[rest.start : rest.end] for rest in intervals.rests]
-    n = sum(map(len, rests))
-    bias: Reals = np.concatenate(rests).mean(axis=0)
-    spread = float(np.array([rest.mean(axis=0) for rest in rests]).std(axis=0).max())
+    still = [log.rate[rest.start : rest.end] for rest in intervals.rests]
+    n = sum(map(len, still))
+    spread = float(np.array([rest.mean(axis=0) for rest in still]).std(axis=0).max()) if still else 0.0
+    own = bias is None
+    bias = np.concatenate(still).mean(axis=0) if bias is None else bias
     if accelerometer is None:
         why = "without an accelerometer the axes of the turns are unknown"
         return GyroscopeResult(n, bias, spread, None, (), Acceptance.REFUSED, (), why)
-    candidates = _whole_turns(log, _candidates(log, intervals, accelerometer, bias), turn_deg)
+    motions = _candidates(log, intervals, accelerometer, bias, rests, own=own)
+    times_s = [(log.time_s[each.start], log.time_s[each.end - 1]) for each in steady]
+    meant = [each for each in motions if not any(
+        each.result.start_s < end_s and start_s < each.result.end_s for start_s, end_s in times_s
+    )]  # fmt: skip
+    candidates = _whole_turns(log, meant, turn_deg)
     used = [each for each in candidates if not each.result.refused]
     found = fit_turns([_about_vertical(each) for each in used])
     if found.status is not TurnsStatus.OK:
@@ -161,8 +178,9 @@ def fit_gyroscope(
 
 
 def _candidates(
-    log: ImuLog, intervals: Intervals, accelerometer: AccelerometerFit, bias: Reals
-) -> list[_Candidate]:
+    log: ImuLog, intervals: Intervals, accelerometer: AccelerometerFit, bias: Reals, rests: Sequence[Interval], *,
+    own: bool,
+) -> list[_Candidate]:  # fmt: skip
     """Return the motions that leave gravity where it was."""
     found = []
     around = zip(intervals.rests, intervals.rests[1:], strict=False) if intervals.found else [
@@ -171,8 +189,9 @@ def _candidates(
     for motion, (before, after) in zip(intervals.motions, around, strict=True):
         first, last = (_gravity(log, accelerometer, each) for each in (before, after))
         if first @ last > np.cos(np.radians(_SAME_GRAVITY_DEG)):
-            own = [bias, bias] if not intervals.found else [_rate(log, each) for each in (before, after)]
-            found.append(_candidate(log, motion, own, first + last))
+            beside = beside_of(motion, intervals.rests if intervals.found else rests) if own else ()
+            biases = [_rate(log, each) for each in beside] or [bias]
+            found.append(_candidate(log, motion, (biases[0], biases[-1]), first + last))
     return found
 
 
@@ -184,10 +203,11 @@ def _candidate(log: ImuLog, motion: Interval, bias: Sequence[Reals], up: Reals) 
     turn = GyroscopeTurn(np.zeros(3), samples.sum(axis=0), len(samples), duration_s, bias[0], bias[1])
     unit = DEGREES_PER_SECOND[log.rate_unit] or 1.0
     x, y, z = (unit * turn.integral).tolist()
+    own_x, own_y, own_z = turn.bias.tolist()
     gap = steps_s.size == 0 or float(steps_s.max()) > _LONGEST_GAP * log.period_s
     refused = "samples are missing in it" if gap else ""
     start_s = float(log.time_s[motion.start])
-    result = TurnResult(motion.name, start_s, start_s + duration_s, (x, y, z), 0.0, 0.0, refused)
+    result = TurnResult(motion.name, start_s, start_s + duration_s, (own_x, own_y, own_z), (x, y, z), 0.0, 0.0, refused)
     return _Candidate(turn, up / np.linalg.norm(up), result)
 
 

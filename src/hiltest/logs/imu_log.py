@@ -17,6 +17,7 @@ from hiltest.logs.asked_units import asked_of_gravity
 from hiltest.recordings.cells import LARGEST_READING, TableRow, number_in
 from hiltest.recordings.columns import (
     ACCELEROMETER_STEM,
+    GYROSCOPE_STEM,
     axis_triples,
     column_index,
     named_columns,
@@ -30,7 +31,6 @@ Reals = NDArray[np.float64]
 
 # Five hours at 100 Hz.
 MAX_ROWS = 2_000_000
-_GYROSCOPE = re.compile(r"gyr|^g$|^w$|omega")
 # A log that is slower does not see a turn, and its column of time is more likely in another unit.
 _SLOWEST_HZ = 5.0
 _FASTEST_HZ = 1e5
@@ -67,7 +67,7 @@ class ImuLog:
     time_s : ndarray, shape (n,)
         Increasing [s].
     acceleration : ndarray, shape (n, 3)
-        In `acceleration_unit`, axes of the sensor.
+        In `acceleration_unit`, axes of the sensor; no row when nothing was logged of an accelerometer.
     rate : ndarray, shape (n, 3), or None
         In `rate_unit`. None when nothing was logged of a gyroscope.
     acceleration_unit : AccelerationUnit
@@ -96,6 +96,7 @@ class ImuLog:
 def read_imu_log(
     path: Path, gyroscope_path: Path | None = None, *, columns: LogColumns = LogColumns(),
     rate_hz: float | None = None, acceleration_unit: AccelerationUnit | None = None, rate_unit: RateUnit | None = None,
+    gyroscope_alone: bool = False,
 ) -> ImuLog:  # fmt: skip
     """Read a log.
 
@@ -111,6 +112,8 @@ def read_imu_log(
         Sampling rate; by default from the column of time.
     acceleration_unit, rate_unit : optional
         By default what the headers say, else counts.
+    gyroscope_alone : bool
+        Whether a log of the gyroscope alone will do.
 
     Raises
     ------
@@ -118,12 +121,18 @@ def read_imu_log(
         When there is no such table, or a cell in it is no number; names file, line and column.
     """
     first = _Table(path, columns.labels)
-    places = first.axes(columns.accelerometer, ACCELEROMETER_STEM, "--accelerometer-columns", "accelerometer")
-    if places is None:
+    found = first.axes(
+        columns.accelerometer, ACCELEROMETER_STEM, "--accelerometer-columns", "accelerometer", alone=not gyroscope_alone
+    )
+    alone = found is None and gyroscope_alone and gyroscope_path is None
+    if found is None and not alone:
         raise first.no_axes("accelerometer", "--accelerometer-columns")
+    places: tuple[int, ...] = found or ()
     second = first if gyroscope_path is None else _Table(gyroscope_path, None)
-    others = second.axes(columns.gyroscope, _GYROSCOPE, "--gyroscope-columns", "gyroscope", alone=second is not first)
-    if gyroscope_path is not None and others is None:
+    others = second.axes(
+        columns.gyroscope, GYROSCOPE_STEM, "--gyroscope-columns", "gyroscope", alone=alone or second is not first
+    )
+    if (gyroscope_path is not None or alone) and others is None:
         raise second.no_axes("gyroscope", "--gyroscope-columns")
     names, other_names = first.names(places), second.names(others) if others else ()
     unit = acceleration_unit or unit_in_headers(
@@ -131,13 +140,13 @@ def read_imu_log(
     )
     other_unit = rate_unit or unit_in_headers(other_names if second.headers else (), RATE_WORDS, "--gyroscope-unit")
     time_s, readings = first.read(columns.time, rate_hz, [*places, *(others or () if second is first else ())])
-    rate = readings[:, 3:] if readings.shape[1] > 3 else None
+    rate = readings[:, len(places) :] if readings.shape[1] > len(places) else None
     if second is not first and others is not None:
         other_time_s, rate = second.read(columns.time, rate_hz, list(others))
         _check_pairs(path, second.path, time_s, other_time_s)
-    acceleration, unit = readings[:, :3], unit or AccelerationUnit.COUNTS
+    acceleration, unit = readings[: len(readings) if places else 0, :3], unit or AccelerationUnit.COUNTS
     notes = [*first.notes, *(second.notes if second is not first else ())]
-    if acceleration_unit is None:
+    if acceleration_unit is None and places:
         notes += asked_of_gravity(acceleration, unit, "--accelerometer-unit {} says so")
     return ImuLog(
         tuple(str(each) for each in (path, gyroscope_path) if each), time_s, acceleration, rate, unit,

@@ -66,8 +66,14 @@ class Intervals:
     found: bool
 
 
-def found_intervals(log: ImuLog) -> Intervals:
+def found_intervals(log: ImuLog, *, rest_rate: Reals | None = None) -> Intervals:
     """Find the rests of a log by itself: where neither sensor moves, for a second at least.
+
+    Parameters
+    ----------
+    log : ImuLog
+    rest_rate : ndarray, shape (3,), optional
+        What the gyroscope reads at rest; by default what it reads most of the time that nothing scatters.
 
     Raises
     ------
@@ -78,14 +84,16 @@ def found_intervals(log: ImuLog) -> Intervals:
     if len(log.time_s) < 3 * window:
         raise ConfigError(f"{log.files[0]}: {len(log.time_s)} samples, {log.time_s[-1] - log.time_s[0]:.1f} s: "
                           "too short for rests of a second")
-    _, spread = _windows(log.acceleration, window)
-    still = _still(spread, _restless(GRAVITIES[log.acceleration_unit], _RESTLESS_G, log.acceleration))
+    still = np.ones(len(log.time_s) - window + 1, dtype=np.bool_)
+    if len(log.acceleration):
+        _, spread = _windows(log.acceleration, window)
+        still &= _still(spread, _restless(GRAVITIES[log.acceleration_unit], _RESTLESS_G, log.acceleration))
     if log.rate is not None:
         rate, noise = _windows(log.rate, window)
         restless = _restless(DEGREES_PER_SECOND[log.rate_unit], _RESTLESS_DPS, log.rate)
         still &= _still(noise, restless)
         if still.any():
-            off = np.linalg.norm(rate - np.median(rate[still], axis=0), axis=1)
+            off = np.linalg.norm(rate - (np.median(rate[still], axis=0) if rest_rate is None else rest_rate), axis=1)
             still &= off <= _TURNING * _quiet(noise, restless)
     at_rest = np.zeros(len(log.time_s) + 2, dtype=np.int8)
     for first in np.flatnonzero(still).tolist():

@@ -41,6 +41,12 @@ class LeftOut:
         return rows(self.samples, ~(self.repeated | self.dropped))
 
     @property
+    def dropped_percent(self) -> float:
+        """Dropped readings, of those that repeat none."""
+        own = ~repeats(self.samples.points)
+        return 100.0 * float((self.dropped & own).sum()) / float(own.sum())
+
+    @property
     def dropped_lines(self) -> tuple[tuple[int, int], ...]:
         """First and last line of each run of dropped readings; numbers from 1 where the samples are from no file."""
         places = np.flatnonzero(self.dropped)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import math
-import re
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,9 +12,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.errors import ConfigError
+from hiltest.calibration.rest import first_motion
+from hiltest.errors import CalibrationError, ConfigError
+from hiltest.logs.time_stamps import even_stamps, gaps
 from hiltest.recordings.cells import is_number, shown
-from hiltest.recordings.columns import axis_triples, column_index, name_and_unit, seconds_of
+from hiltest.recordings.columns import GYROSCOPE_STEM, axis_triples, column_index, name_and_unit, seconds_of
 from hiltest.recordings.table import Table, open_table
 from hiltest.units import DEGREES_PER_SECOND, RATE_WORDS, RateUnit
 
@@ -23,14 +24,12 @@ Reals = NDArray[np.float64]
 
 # 160 MB a column, and 28 hours at 200 Hz.
 MAX_ROWS = 20_000_000
-#: A step longer than so many others is a gap.
-GAP = 1.5
+_AXES = 3
 _LARGEST = 1e9  # deg/s or counts: no sensor's reading
 # Nanoseconds of 3000 years: the largest time that a clock gives.
 _LATEST = 1e20
 # Of sampling: what is slower or faster has its time in another unit.
 _RATES_HZ = (1e-3, 1e6)
-_GYROSCOPE = re.compile(r"gyr|rate|omega|angular|^w$")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,6 +49,11 @@ class RateLog:
     rows : int
         Rows of the whole file; `len(rates)` of them are the part.
     gaps : int
+        Where samples are missing, in the whole file.
+    start_s : float
+        First sample of the part, after the first row of the file.
+    jitter_s : float
+        By how much a time stamp of the part is off an even rate, at most.
     notes : tuple of str
         What was skipped, recognised or assumed in the file, a sentence each.
     """
@@ -61,6 +65,8 @@ class RateLog:
     rate_hz: float
     rows: int
     gaps: int
+    start_s: float = 0.0
+    jitter_s: float = 0.0
     notes: tuple[str, ...] = ()
 
     @property
@@ -78,8 +84,8 @@ class _Layout:
 
 
 def read_rate_log(
-    path: Path, *, columns: str | None = None, unit: RateUnit | None = None, time: str | None = None,
-    rate_hz: float | None = None,
+    path: Path, *, columns: str | None = None, unit: RateUnit | None = None, otherwise: RateUnit | None = None,
+    time: str | None = None, rate_hz: float | None = None, first_s: float = 0.0, last_s: float = math.inf,
 ) -> RateLog:  # fmt: skip
     """Read a log of rates at rest from a text table.
 
@@ -91,10 +97,14 @@ def read_rate_log(
         Up to three, ``a,b,c``: names or numbers from 1; by default those that the header calls a gyroscope's.
     unit : RateUnit, optional
         By default what the header says.
+    otherwise : RateUnit, optional
+        For a header that says none; an error by default.
     time : str, optional
         Column with the time; by default one called time, timestamp or t, in the unit its name ends with, else s.
     rate_hz : float, optional
         Sampling rate of a file without time; the rows are then believed to be without a gap.
+    first_s, last_s : float
+        First instant to take, and first one not to, after the first row.
 
     Raises
     ------
@@ -105,16 +115,73 @@ def read_rate_log(
     headers = table.headers
     try:
         layout = _layout(headers, table.width, columns, None if rate_hz else time, want_time=rate_hz is None)
-        found = unit or _unit_of(layout.names if headers else ())
+        found = unit or _unit_of(layout.names if headers else (), otherwise)
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
     times, values = _numbers(table, layout)
-    factor = DEGREES_PER_SECOND[found]
+    time_s = np.arange(len(values)) / rate_hz if rate_hz else layout.seconds * (times - times[0])
+    part, breaks = _longest_part(time_s, first_s, last_s, even=rate_hz is not None)
+    if part.stop - part.start < 2:
+        raise CalibrationError(f"{path}: {part.stop - part.start} samples: no log of noise")
     if rate_hz is None:
-        _check_steps(path, times, layout.seconds)
-    part, gaps, rate_hz = _longest_part(times, layout.seconds, rate_hz, len(values))
-    rates = values[part] * (1.0 if factor is None else factor)
-    return RateLog(path, layout.names, rates, found, rate_hz, len(values), gaps, table.notes)
+        _check_steps(path, time_s[part])
+    found_hz, jitter_s = (rate_hz, 0.0) if rate_hz else even_stamps(time_s[part])
+    rates = values[part] * (DEGREES_PER_SECOND[found] or 1.0)
+    return RateLog(
+        path, layout.names, rates, found, found_hz, len(values), breaks, float(time_s[part.start]), jitter_s,
+        table.notes,
+    )
+
+
+def rest_bias(path: Path, unit: RateUnit, *, written: RateUnit | None = None, columns: str | None = None,
+              time: str | None = None, rate_hz: float | None = None) -> Reals:
+    """Return the bias of three axes in a unit: the mean of a log at rest.
+
+    Parameters
+    ----------
+    path : Path
+    unit : RateUnit
+        Of the log that the bias is for.
+    written : RateUnit, optional
+        Of the file; by default what its header says, else `unit`.
+    columns, time, rate_hz : optional
+        As for `read_rate_log`.
+
+    Raises
+    ------
+    ConfigError
+        When the file is no log of three axes, or only one of both units is counts.
+    CalibrationError
+        When it moved.
+    """
+    log = read_rate_log(path, columns=columns, unit=written, otherwise=unit, time=time, rate_hz=rate_hz)
+    check_rest(log)
+    if log.rates.shape[1] != _AXES:
+        raise ConfigError(f"{path}: {log.rates.shape[1]} columns of rates; a bias needs three")
+    per_unit = DEGREES_PER_SECOND[unit]
+    if log.in_degrees != (per_unit is not None):
+        raise ConfigError(f"{path} is in {log.unit} and the log in {unit}: both must be in counts, or neither")
+    return np.asarray(log.rates.mean(axis=0) / (per_unit or 1.0))
+
+
+def check_rest(log: RateLog) -> None:
+    """Refuse a log that was moved.
+
+    Raises
+    ------
+    CalibrationError
+        Names the instant, and what to take instead.
+    """
+    motion = first_motion(log.rates, rate_hz=log.rate_hz)
+    if motion is None:
+        return
+    at_s, first_s, last_s = (log.start_s + at / log.rate_hz for at in (motion.start, *motion.rest))
+    unit = "deg/s" if log.in_degrees else "counts"
+    raise CalibrationError(
+        f"{log.path}: it moved {at_s:.1f} s after the first row: {log.columns[motion.axis]} changed by "
+        f"{motion.change:+.3g} {unit} within {motion.samples / log.rate_hz:.3g} s, {motion.times:.0f} times what noise "
+        f"does. Leave it alone and log again, or take its longest rest: --from {first_s:.1f} --to {last_s:.1f}"
+    )
 
 
 def _layout(
@@ -135,8 +202,7 @@ def _layout(
 
 
 def _guessed(headers: Sequence[str]) -> tuple[int, ...]:
-    triples = [places for stem, places in axis_triples(headers).items()
-               if _GYROSCOPE.search(stem)]
+    triples = [places for stem, places in axis_triples(headers).items() if GYROSCOPE_STEM.search(stem)]
     if len(triples) != 1:
         shown = ", ".join(headers) or "without a header"
         raise ConfigError(f"cannot tell which columns are the gyroscope ({shown}); say which: --columns 2,3,4")
@@ -156,8 +222,10 @@ def _time_column(headers: Sequence[str], width: int, time: str | None) -> tuple[
     return times[0]
 
 
-def _unit_of(names: Sequence[str]) -> RateUnit:
+def _unit_of(names: Sequence[str], otherwise: RateUnit | None) -> RateUnit:
     units = {RATE_WORDS[word] for word in (name_and_unit(name)[1] for name in names) if word in RATE_WORDS}
+    if not units and otherwise is not None:
+        return otherwise
     if len(units) != 1:
         what = "no unit" if not units else "different units"
         raise ConfigError(f"the columns {', '.join(names)} name {what}; say it: --unit {' or '.join(RateUnit)}")
@@ -175,8 +243,8 @@ def _numbers(table: Table, layout: _Layout) -> tuple[Reals, Reals]:
             values.append(_value(path, row.line, cell, name, "reading of a gyroscope"))
         if layout.time is not None:
             time = _value(path, row.line, row.cells[layout.time], "time", "time", largest=_LATEST)
-            if time <= last_s:
-                raise ConfigError(f"{path}:{row.line}: the time {time:.9g} is not after the one before, {last_s:.9g}")
+            if time < last_s:
+                raise ConfigError(f"{path}:{row.line}: the time {time:.9g} is before the one above it, {last_s:.9g}")
             times.append(time)
             last_s = time
         if len(values) > MAX_ROWS * len(cells):
@@ -196,23 +264,17 @@ def _value(path: Path, line: int, cell: str, name: str, what: str, *, largest: f
     return float(cell)
 
 
-def _check_steps(path: Path, times: Reals, seconds: float) -> None:
-    step_s = float(np.median(np.diff(times))) * seconds if len(times) > 1 else 1.0
+def _check_steps(path: Path, time_s: Reals) -> None:
+    step_s = float(time_s[-1] - time_s[0]) / (len(time_s) - 1)
     if not 1.0 / _RATES_HZ[1] <= step_s <= 1.0 / _RATES_HZ[0]:
         raise ConfigError(f"{path}: samples are {step_s:g} s apart by the column of time; give --rate, or name the "
                           "column with its unit, such as time_ms")
 
 
-def _longest_part(times: Reals, seconds: float, rate_hz: float | None, rows: int) -> tuple[slice, int, float]:
-    """Return the rows of the longest part without a gap, the number of gaps, and the rate of sampling [Hz]."""
-    if rate_hz is not None:
-        return slice(0, rows), 0, rate_hz
-    if rows < 2:
-        return slice(0, rows), 0, math.nan
-    steps = np.diff(times)
-    breaks = np.flatnonzero(steps > GAP * np.median(steps))
-    starts, ends = np.concatenate([[0], breaks + 1]), np.concatenate([breaks + 1, [rows]])
-    longest = int(np.argmax(ends - starts))
-    begin, end = int(starts[longest]), int(ends[longest])
-    span_s = float(times[end - 1] - times[begin]) * seconds
-    return slice(begin, end), len(breaks), (end - begin - 1) / span_s if span_s > 0.0 else math.nan
+def _longest_part(time_s: Reals, first_s: float, last_s: float, *, even: bool) -> tuple[slice, int]:
+    """Return the rows of the longest part without a gap between two instants, and the number of gaps."""
+    begin, end = np.searchsorted(time_s, [first_s, last_s]).tolist()
+    breaks = begin + gaps(time_s[begin:end]) if not even and end - begin > 2 else np.zeros(0, dtype=np.int64)
+    edges = [begin, *breaks.tolist(), end]
+    longest = int(np.argmax(np.diff(edges)))
+    return slice(edges[longest], edges[longest + 1]), len(breaks)

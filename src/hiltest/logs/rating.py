@@ -57,13 +57,13 @@ class Rating:
             self._predicted = used, ErrorPrediction(used)
         return self._predicted[1]
 
-    def shape(self, shape: Shape, field: float | None) -> CalibratorFit:
+    def shape(self, shape: Shape, field: float | None, left_out_percent: float) -> CalibratorFit:
         """Return what a shape makes of the samples, with the field's strength where it is known, in their unit."""
         found = fit_shape(self._samples.points, shape, field=field)
         strong = found.error_strong_iron
         figures = FitFigures(
             found.fit.status, n=len(self._samples.points), shape=shape,
-            strong_iron_deg=None if strong is None else strong.rms_deg,
+            left_out_percent=left_out_percent, strong_iron_deg=None if strong is None else strong.rms_deg,
         )
         rated = self._rated(str(shape), found.fit, figures, found.error)
         if found.plane is None or found.arc_deg is None:

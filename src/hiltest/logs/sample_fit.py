@@ -66,7 +66,7 @@ def fit_by_shape(
 ) -> SampleFit:
     """Fit one shape to all samples; see `fit_on_host`. In a plane `field_ut` is the strength of the part in it."""
     log = _Log(samples, robust, field_ut)
-    return log.fit("host", None, [log.rating.shape(shape, log.field)])
+    return log.fit("host", None, [log.shape(shape, log.field)])
 
 
 def fit_on_board(
@@ -142,13 +142,17 @@ class _Log:
         microtesla = self._samples.microtesla
         return None if self._field_ut is None or microtesla is None else self._field_ut / microtesla
 
+    def shape(self, shape: Shape, field: float | None) -> CalibratorFit:
+        """Return what a shape makes of the log."""
+        return self.rating.shape(shape, field, self._gone.dropped_percent)
+
     def with_shape(self, fits: Sequence[CalibratorFit]) -> Sequence[CalibratorFit]:
         """Return fits with that of the shape that the samples allow, where they are all refused and it is not."""
         if best_of(fits).verdict is not Acceptance.REFUSED:
             return fits
         shape = allowed_shape(self.kept.points)
         # How much of the field lies in the plane of a turn is not known.
-        rated = self.rating.shape(shape, self.field if shape.axes == 3 else None)
+        rated = self.shape(shape, self.field if shape.axes == 3 else None)
         return fits if rated.verdict is Acceptance.REFUSED else [*fits, rated]
 
     def fit(

@@ -23,7 +23,7 @@ _NAMES = {
     "radius_ut": "radius", "direction_error_deg": "predicted direction error",
     "change_percent": "change of the field", "strong_iron_deg": "direction error under strong iron",
     "rests": "number of rests", "turns": "number of turns", "spread_after_percent": "spread of norms",
-    "left_out_percent": "readings left out", "left_percent": "left of a turn",
+    "left_out_percent": "left out", "left_percent": "left of a turn",
 }  # fmt: skip
 WIDTH = 80
 # No one reads more of them.

@@ -44,6 +44,8 @@ _AXIS_FIRST = re.compile(r"^(?P<axis>[xyz])[\s_.:/-]+(?P<stem>.+)$")
 _MAGNETIC = re.compile(r"mag|compass|^[mb]$")
 #: What the columns of an accelerometer have in common.
 ACCELEROMETER_STEM = re.compile(r"acc|^[af]$")
+#: Those of a gyroscope.
+GYROSCOPE_STEM = re.compile(r"gyr|omega|angular|(?<![a-z])rate|^[gw]$")
 
 
 def unit_of(headers: Sequence[str]) -> Unit | None:

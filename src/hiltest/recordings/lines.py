@@ -89,8 +89,18 @@ def _unstamped(text: str) -> tuple[float, str]:
 
 
 def _decoded(path: Path, file: io.BufferedReader | gzip.GzipFile) -> Iterator[tuple[int, str]]:
+    if file.peek(2)[:2] not in UTF16_MARKS:
+        yield from _decoded_lines(path, file)
+        return
+    utf16 = _Utf16(file)
+    try:
+        yield from _decoded_lines(path, utf16)
+    finally:
+        utf16.detach()
+
+
+def _decoded_lines(path: Path, lines: io.BufferedReader | gzip.GzipFile | _Utf16) -> Iterator[tuple[int, str]]:
     number, size = 0, 0
-    lines = _Utf16(file) if file.peek(2)[:2] in UTF16_MARKS else file
     while raw := lines.readline(_LONGEST_LINE + 1):
         number += 1
         size += len(raw)
@@ -117,3 +127,7 @@ class _Utf16:
 
     def readline(self, limit: int) -> bytes:
         return self._file.readline(limit).encode("utf-8")
+
+    def detach(self) -> None:
+        """Leave the file to who opened it."""
+        self._file.detach()

@@ -168,6 +168,12 @@ class Figure:
         path = "".join(f"M{x:.1f} {y:.1f}h0" for x, y in (self.place(*point) for point in points))
         self._add('<path class="{}" d="{}"/>', style, path)
 
+    def bars(self, spans: Iterable[tuple[float, float, float]], style: str) -> None:
+        """Draw upright lines, each at one x from one y to another: how far a mark may be off."""
+        ends = ((self.place(x, low), self.place(x, high)) for x, low, high in spans)
+        path = "".join(f"M{x:.1f} {y:.1f}V{top:.1f}" for (x, y), (_, top) in ends)
+        self._add('<path class="{}" d="{}"/>', style, path)
+
     def marks(self, points: Iterable[Point], style: str, mark: Mark = Mark.DOT, *, radius: float = 3.5) -> None:
         """Draw points as marks."""
         self._shapes += [mark.at(*self.place(*point), radius, style) for point in points]

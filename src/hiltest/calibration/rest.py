@@ -1,0 +1,97 @@
+"""Whether a gyroscope was left alone: its rate changes by no more than its noise does."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Reals = NDArray[np.float64]
+
+# A knock is over in a tenth of a second; a slow move shows in a second.
+_WINDOWS_S = (0.1, 1.0)
+# The largest of a million changes of Gaussian noise is 5 deviations. A move that a second does not show adds less than
+# 2 * 10^2 N^2 / T to a variance of N^2: a twentieth in an hour's log.
+_MOVED = 10.0
+# Of the changes' sizes, the lower quartile is noise in a log that rested for half of its time; of a normal deviate it
+# is this part of its deviation.
+_QUARTILE, _OF_DEVIATION = 25.0, 0.3186
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """How a log moved first.
+
+    Attributes
+    ----------
+    start : int
+        First sample of the window in which it shows.
+    axis : int
+    change : float
+        From the mean of the window before, in the unit of the log.
+    samples : int
+        Length of the windows.
+    times : float
+        Of the deviation of such a change in noise.
+    rest : tuple of int
+        Longest part without a motion: its first sample, and the first one behind it.
+    """
+
+    start: int
+    axis: int
+    change: float
+    samples: int
+    times: float
+    rest: tuple[int, int]
+
+
+def first_motion(rates: Reals, *, rate_hz: float) -> Motion | None:
+    """Return the first motion in a log, None when there is none.
+
+    Parameters
+    ----------
+    rates : ndarray, shape (n, axes)
+    rate_hz : float
+
+    Notes
+    -----
+    The means of neighbouring windows differ by noise, and hardly by drift. The size of a whole log's differences is
+    their measure, so that the log's own noise decides; a log that moved for more than half of its time escapes.
+    """
+    windows = sorted({max(1, round(seconds * rate_hz)) for seconds in _WINDOWS_S})
+    moved = {size: _changes(rates, size) for size in windows if len(rates) >= 3 * size}
+    starts = [(int(np.argmax(times.max(axis=1) > _MOVED)), size) for size, (_, times) in moved.items()
+              if (times > _MOVED).any()]  # fmt: skip
+    if not starts:
+        return None
+    # Of two windows that show the same motion, the shorter one tells its beginning.
+    before, size = min(starts, key=lambda each: (each[0] + 2) * each[1])
+    changes, times = moved[size]
+    axis = int(np.argmax(times[before]))
+    return Motion((before + 1) * size, axis, float(changes[before, axis]), size, float(times[before, axis]),
+                  _longest_rest(len(rates), moved))  # fmt: skip
+
+
+def _changes(rates: Reals, size: int) -> tuple[Reals, Reals]:
+    """Return the changes between the means of neighbouring windows, and how often they have the size that noise has."""
+    count = len(rates) // size
+    changes = np.diff(rates[: count * size].reshape(count, size, -1).mean(axis=1), axis=0)
+    noise = np.percentile(np.abs(changes), _QUARTILE, axis=0) / _OF_DEVIATION
+    # Of readings that are nearly all alike the quartile is zero: one step of the converter in a window is no motion.
+    steps = np.abs(np.diff(rates, axis=0))
+    steps[steps == 0.0] = np.inf
+    with np.errstate(over="ignore"):
+        return changes, np.abs(changes) / np.maximum(noise, steps.min(axis=0) / size)
+
+
+def _longest_rest(n: int, moved: Mapping[int, tuple[Reals, Reals]]) -> tuple[int, int]:
+    at_rest = np.ones(n + 2, dtype=np.int8)
+    at_rest[[0, -1]] = 0
+    for size, (_, times) in moved.items():
+        for before in np.flatnonzero(times.max(axis=1) > _MOVED).tolist():
+            at_rest[1 + before * size : 1 + (before + 2) * size] = 0
+    edges = np.diff(at_rest)
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    return max(zip(starts.tolist(), ends.tolist(), strict=True), key=lambda part: part[1] - part[0], default=(0, 0))
