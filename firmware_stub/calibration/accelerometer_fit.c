@@ -27,20 +27,23 @@ FAST_CODE void accelerometer_no_fit(accelerometer_status_t status, uint8_t faces
 
 float accelerometer_face_residual_mg(const still_poses_t *poses, const accelerometer_calibration_t *calibration)
 {
+    float sums[3][3] = {{0.0f}};
     float squares = 0.0f;
-    float count = 0.0f;
     for (uint8_t i = 0; i < poses->count; i++) {
         const uint8_t face = poses->poses[i].face;
-        if (face >= FACE_COUNT) {
-            continue;
+        float gravity_g[3];
+        accelerometer_apply(calibration, poses->poses[i].accelerometer, gravity_g);
+        for (uint32_t axis = 0; axis < 3u && face < FACE_COUNT; axis++) {
+            sums[face / 2u][axis] += gravity_g[axis];
         }
-        float error_g[3];
-        accelerometer_apply(calibration, poses->poses[i].accelerometer, error_g);
-        error_g[face / 2u] -= face % 2u == 0u ? 1.0f : -1.0f;
-        squares += error_g[0] * error_g[0] + error_g[1] * error_g[1] + error_g[2] * error_g[2];
-        count += 1.0f;
     }
-    return 1000.0f * __builtin_sqrtf(squares / count);
+    for (uint32_t pair = 0; pair < 3u; pair++) {
+        for (uint32_t axis = 0; axis < 3u; axis++) {
+            squares += axis == pair ? 0.0f : sums[pair][axis] * sums[pair][axis];
+        }
+    }
+    /* A sum of two has twice the variance of one, and there are six across. */
+    return 1000.0f * __builtin_sqrtf(squares * (1.0f / 12.0f));
 }
 
 float accelerometer_norm_residual_mg(const still_poses_t *poses, const accelerometer_calibration_t *calibration)

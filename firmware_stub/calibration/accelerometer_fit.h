@@ -40,14 +40,16 @@ typedef struct {
 } accelerometer_fit_t;
 
 /**
- * Fit gain and offset to the six faces by linear least squares.
+ * Fit gain and offset to the six faces: norms decide both, the faces only how the axes are turned.
  *
- * Puc, Podobnik and Munih, eq. 11 to 15: `A counts - b = gravity`, 12 unknowns in 18 equations. Gravity of the six faces adds up to
- * nothing, so about the mean of the counts the column of ones is orthogonal to the others: the offset is that mean, and the
- * gain is the solution of 3x3 normal equations.
+ * Gravity is 1 g long however askew a face is: six norms determine three offsets and three scales. Half of what opposite faces
+ * differ by across their axis is then the part's, and the middle of the two how askew they were by sigma. Both have the variance
+ * sigma^2 / 2 of it, so the part's is taken with the weight c^2 / (c^2 + sigma^2 / 2), c = 0.005, and divided out of the readings
+ * before the norms are met once more.
  *
  * @param poses each face once, of any order; poses that are no face are left out
- * @param[out] fit OK, MISSING_FACE, REPEATED_FACE, MISPLACED_FACE or MOVED: the first that is true of any face, with all it is true of
+ * @param[out] fit OK, MISSING_FACE, REPEATED_FACE, MISPLACED_FACE or MOVED: the first that is true of any face, with all it is true
+ * of; or NOT_AN_ELLIPSOID
  */
 void accelerometer_six_position(const still_poses_t *poses, accelerometer_fit_t *fit);
 
@@ -67,7 +69,8 @@ bool accelerometer_moved(const still_pose_t *pose);
 /** Store a status without a fit. */
 void accelerometer_no_fit(accelerometer_status_t status, uint8_t faces, uint8_t pose, accelerometer_fit_t *fit);
 
-/** What a calibration leaves of the faces' gravity: rms of the vector between the two [mg]. Poses that are no face are left out. */
+/** How askew the six faces were: rms of gravity's angle from its axis, about each of the two others [mrad, which are mg there]. Each
+ * face is there once; poses that are no face are left out. */
 float accelerometer_face_residual_mg(const still_poses_t *poses, const accelerometer_calibration_t *calibration);
 
 /** What a calibration leaves of 1 g: rms of the norm less it, over all poses [mg]. */

@@ -94,8 +94,8 @@ def six_positions(board: Board, turntable: Turntable, rig: Rig, hil_progress: Pr
     if rig.procedure.accelerometer_calibration == "none" or rig.faces is None:
         return None
     run = measure_six_positions(
-        board, turntable, uncertainty_deg=rig.faces.uncertainty_deg, progress=hil_progress,
-        again=lambda error: turntable.again(str(error)),
+        board, turntable, uncertainty_deg=rig.faces.uncertainty_deg, limits=rig.limits, dip_deg=rig.field.dip_deg,
+        progress=hil_progress, again=lambda error: turntable.again(str(error)),
         see_axes=lambda: see_axes(
             board, turntable, poses=rig.procedure.known_angle_poses("all")[::3],
             field_ned_ut=EarthField(rig.field.strength_ut, rig.field.dip_deg).ned_ut,

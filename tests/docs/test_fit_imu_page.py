@@ -38,7 +38,8 @@ def test_the_commands_do_what_the_page_says(folder: Path) -> None:
     for_people, for_programs = COMMANDS
     done = _run(for_people, folder)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "accelerometer, six-position: " in done.stdout
+    assert "accelerometer, six-position: fair; " in done.stdout
+    assert re.search(r"faces askew, rms \[deg\] +0\.70 ", done.stdout)  # "by 0.7 degree rms"
     assert "faces +x -x +y -y +z -z" in done.stdout
     assert "4 turns" in done.stdout
     assert (folder / "imu_log_calibration.h").exists()
@@ -46,11 +47,13 @@ def test_the_commands_do_what_the_page_says(folder: Path) -> None:
     content = json.loads(done.stdout)
     assert content == json.loads((folder / "imu_log_calibration.json").read_text())
     assert content["complete"]
-    # "within 0.001"
+    # "within 0.001 on the diagonal", "beside it within 0.01", "within 0.3 mg"
     for sensor, matrix in (("accelerometer", "gain"), ("gyroscope", "matrix")):
         (written,) = re.findall(rf"^{sensor} = np\.array\((.*)\)$", EXAMPLE, re.M)
-        assert np.abs(np.array(content[sensor][matrix]) @ np.array(json.loads(written)) - np.eye(3)).max() < 0.001
-    assert np.abs(np.array(content["accelerometer"]["offset"]) - [0.03, -0.02, 0.015]).max() < 0.001
+        left = np.abs(np.array(content[sensor][matrix]) @ np.array(json.loads(written)) - np.eye(3))
+        assert np.diag(left).max() < 0.001
+        assert left.max() < 0.01
+    assert np.abs(np.array(content["accelerometer"]["offset"]) - [0.03, -0.02, 0.015]).max() < 0.0003
     assert np.abs(np.array(content["gyroscope"]["bias"]) - [0.6, -0.4, 0.9]).max() < 0.01
 
 
@@ -85,6 +88,28 @@ def test_a_log_that_supports_nothing_is_exported_nowhere(folder: Path) -> None:
     done = _run("hiltest fit-imu nothing.csv", folder)
     assert done.returncode == 4
     assert "nothing.csv" in done.stderr
+
+
+def test_the_verdicts_of_the_page_are_those_that_are_given() -> None:
+    from hiltest.calibration.acceptance import Acceptance
+    from hiltest.logs import imu_accelerometer as accelerometer
+    from hiltest.logs import imu_gyroscope as gyroscope
+
+    severity = list(Acceptance)
+    rows = {
+        "error of gravity's direction, predicted [deg]": "direction_error_deg",
+        "spread of norms [%]": "spread_after_percent", "rests of an ellipsoid, at least": "rests",
+        "condition of readings in motion": "condition",
+        "readings in motion that are left out [%]": "left_out_percent", "longest over shortest axis": "axis_ratio",
+    }
+    for label, figure in rows.items():
+        (row,) = re.findall(rf"^\| {re.escape(label)} \|(.*)\|$", PAGE, re.M)
+        told = [float(cell) for cell in row.split("|") if cell.strip() not in ("", "any")]
+        bounds = [each for each in accelerometer.BOUNDS if each.figure == figure]
+        limits = [each.limit for each in sorted(bounds, key=lambda each: severity.index(each.verdict))]
+        assert told[: len(limits)] == limits != [], label
+    turns, poor, fair = (each.limit for each in gyroscope.BOUNDS)
+    assert (turns, f"up to {fair:g} % of a turn, poor beyond {poor:g} %" in " ".join(PAGE.split())) == (4, True)
 
 
 def test_the_table_tells_the_limits_that_decide() -> None:

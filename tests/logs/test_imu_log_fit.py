@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hiltest.calibration.acceptance import Acceptance
+from hiltest.calibration.quality import sphere_directions
 from hiltest.calibration.still_pose import Face
 from hiltest.logs import AccelerationUnit, ImuLog, RateUnit, found_intervals, read_imu_log
 from hiltest.logs.imu_fit import ImuLogFit, fit_imu_log
@@ -166,7 +168,11 @@ def test_missing_faces_are_named() -> None:
     assert fit.gyroscope is not None
     assert fit.gyroscope.fit is None
     assert "without an accelerometer" in fit.gyroscope.refused
-    assert "fewer than 9 rests" in fit_imu_log(log, found_intervals(log)).accelerometer.refused
+    assert "fewer than 9 rests" in fit_imu_log(log, found_intervals(log), "ellipsoid").accelerometer.refused
+    # Between the faces gravity was seen from more sides.
+    moving = fit_imu_log(log, found_intervals(log)).accelerometer
+    assert (moving.method, moving.rests, moving.verdict) == ("moving", 5, Acceptance.FAIR)
+    assert Face.MINUS_Y not in moving.faces
 
 
 def test_turns_that_are_none_are_refused_with_the_reason() -> None:
@@ -197,16 +203,114 @@ def test_a_slow_even_turn_is_no_rest() -> None:
     assert [(rest.start, rest.end) for rest in rests] == [(0, 500), (1300, 1800)]
 
 
-def test_a_log_that_never_rests_has_no_rest() -> None:
+def tumbled(seed: int = 3) -> Recording:
+    """Turned over twenty times, and never left alone."""
     recording = Recording()
-    for up in np.random.default_rng(3).normal(size=(20, 3)):
+    for up in np.random.default_rng(seed).normal(size=(20, 3)):
         recording.lay(up, 1.0)
-    fit = fitted(recording)
-    assert fit.intervals.rests == ()
-    assert fit.accelerometer.refused == "no rest of a second was found"
-    assert fit.gyroscope is None
-    in_counts = log_of(*(1000.0 * each for each in recording.readings()), COUNTS)
+    return recording
+
+
+SYMMETRIC = replace(ACCELEROMETER, response=(ACCELEROMETER.response + ACCELEROMETER.response.T) / 2.0)
+
+
+def test_a_log_that_never_rests_has_no_rest() -> None:
+    log = log_of(*tumbled().readings())
+    for method in ("six-position", "ellipsoid"):
+        fit = fit_imu_log(log, found_intervals(log), method)
+        assert fit.intervals.rests == ()
+        assert fit.accelerometer.refused == "no rest of a second was found"
+        assert (fit.verdict, fit.accelerometer.verdict) == (Acceptance.REFUSED, Acceptance.REFUSED)
+        assert fit.gyroscope is None
+    in_counts = log_of(*(1000.0 * each for each in tumbled().readings()), COUNTS)
     assert found_intervals(in_counts).rests == ()
+
+
+@pytest.mark.parametrize("scale", [1.0, 4100.0])
+def test_readings_in_motion_are_fitted_by_their_norm_whatever_jerks_and_dropouts_there_are(scale: float) -> None:
+    random = np.random.default_rng(8)
+    acceleration, _ = tumbled().readings(replace(SYMMETRIC, noise=0.01))
+    # A blow and a stuck output every second, and some rows that are nothing: 8 % in all.
+    for first in range(50, len(acceleration), 100):
+        acceleration[first : first + 4] += random.normal(0.0, 1.5, (4, 3))
+        acceleration[first + 20 : first + 23] = 0.0
+    acceleration[::100] = random.uniform(-8.0, 8.0, acceleration[::100].shape)
+    log = log_of(scale * acceleration, None, (G, DPS) if scale == 1.0 else COUNTS)
+    found = fit_imu_log(log, found_intervals(log)).accelerometer
+    assert (found.method, found.rests) == ("moving", 0)
+    assert found.fit is not None, found.refused
+    assert found.left_out == pytest.approx(0.08 * len(acceleration), abs=0.02 * len(acceleration))
+    # 10 mg of motion over 1840 readings of nine unknowns: 0.7 mg, and as much again for the sides that were not seen.
+    assert np.abs(scale * found.fit.gain @ SYMMETRIC.response - np.eye(3)).max() < 0.003
+    assert np.abs(found.fit.offset / scale - SYMMETRIC.bias).max() < 0.003
+    assert found.direction_error_deg is not None
+    assert 0.01 < found.direction_error_deg < 0.25
+    assert (found.verdict, [each.figure for each in found.reasons]) == (Acceptance.FAIR, ["spread_after_percent"])
+
+
+def test_a_log_of_shocks_is_poor_and_one_from_one_side_is_refused() -> None:
+    random = np.random.default_rng(9)
+    acceleration, _ = tumbled().readings(SYMMETRIC)
+    shaken = log_of(acceleration + random.normal(0.0, 0.1, acceleration.shape), None)
+    found = fit_imu_log(shaken, found_intervals(shaken)).accelerometer
+    assert found.verdict is Acceptance.POOR
+    assert "spread_after_percent" in [each.figure for each in found.reasons]
+    half = log_of(acceleration[acceleration[:, 2] > 0.8], None)
+    found = fit_imu_log(half, found_intervals(half), "moving").accelerometer
+    assert (found.verdict, found.fit) == (Acceptance.REFUSED, None)
+    assert "side" in found.refused or "sphere" in found.refused
+
+
+def test_faces_that_a_hand_laid_askew_are_measured_and_spoil_no_offset() -> None:
+    random = np.random.default_rng(4)
+    recording = Recording()
+    for face in FACES:
+        slope = np.radians(1.0) * random.standard_normal(3) * (1.0 - np.abs(face))
+        recording.lay(face + slope).rest()
+    found = fitted(recording).accelerometer
+    assert found.method == "six-position"
+    assert found.fit is not None
+    # 1.5 mg over 300 samples are 0.09 mg, and what part and faces are askew by leaves 0.1; least squares leave 6.
+    assert np.abs(found.fit.offset - ACCELEROMETER.bias).max() < 0.0005
+    assert found.faces_askew_deg == pytest.approx(1.0, abs=0.6)  # from six angles
+    assert (found.verdict, [each.figure for each in found.reasons]) == (Acceptance.FAIR, ["direction_error_deg"])
+
+
+def test_an_ellipsoid_from_six_faces_says_what_it_needs() -> None:
+    log = log_of(*six_faces_and_turns().readings())
+    found = fit_imu_log(log, found_intervals(log), "ellipsoid").accelerometer
+    assert found.fit is None
+    assert "nine unknowns" in found.refused
+    assert "on edges and corners too, in at least 9 poses, or use --method six-position" in found.refused
+
+
+def test_what_the_page_tells_to_do_is_good_and_three_turns_are_fair() -> None:
+    assert fitted(six_faces_and_turns()).verdict is Acceptance.GOOD
+    recording = Recording()
+    for face in FACES:
+        recording.lay(face).rest()
+    for face in FACES[::2]:
+        recording.lay(face).rest().turn(360.0).rest()
+    fit = fitted(recording)
+    assert (fit.accelerometer.verdict, fit.verdict) == (Acceptance.GOOD, Acceptance.FAIR)
+    assert fit.gyroscope is not None
+    assert [(each.figure, each.value) for each in fit.gyroscope.reasons] == [("turns", 3.0)]
+
+
+def test_turns_that_contradict_each_other_are_poor() -> None:
+    fit = fitted(six_faces_and_turns().turn(350.0).rest())
+    assert fit.gyroscope is not None
+    assert fit.gyroscope.verdict is Acceptance.POOR
+    assert [each.figure for each in fit.gyroscope.reasons] == ["left_percent"]
+
+
+@pytest.mark.parametrize(("count", "verdict"), [(9, Acceptance.POOR), (14, Acceptance.FAIR), (24, Acceptance.GOOD)])
+def test_poses_are_rated_by_how_many_are_left_over(count: int, verdict: Acceptance) -> None:
+    recording = Recording()
+    for up in sphere_directions(count):
+        recording.lay(up).rest(2.0)
+    found = fitted(recording, SYMMETRIC).accelerometer
+    assert (found.method, found.rests, found.verdict) == ("ellipsoid", count, verdict), found.reasons
 
 
 def test_samples_that_are_missing_in_a_turn_refuse_it() -> None:

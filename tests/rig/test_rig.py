@@ -142,28 +142,20 @@ def test_the_untrimmed_rig_is_the_default_bench_with_a_part_that_was_never_trimm
 
 
 def test_the_true_faces_are_within_what_is_declared():
-    for name in ("virtual-k64f", "virtual-k64f-rotated", "virtual-k64f-untrimmed"):
+    for name in ("virtual-k64f", "virtual-k64f-rotated", "virtual-k64f-untrimmed", "virtual-k64f-hand-laid"):
         rig = load_rig(RIGS / f"{name}.toml")
         assert max(math.hypot(*turn) for turn in rig.world.face_errors_deg) <= rig.faces.uncertainty_deg
         # The turn about the vertical would be none of the face's.
         assert all(turn[face // 2] == 0.0 for face, turn in enumerate(rig.world.face_errors_deg))
 
 
-def test_coarse_faces_are_no_reference_for_a_fine_heading(edited):
-    with pytest.raises(ConfigError) as caught:
-        edited("[faces]\nuncertainty_deg = 0.1", "[faces]\nuncertainty_deg = 0.21")
-    message = str(caught.value)
-    assert f"bench.toml:{line_of('[faces]') + 1}: faces.uncertainty_deg of 0.21 deg" in message
-    assert "too coarse a reference for limits.heading.direct.max of 1.8 deg (" in message
-    assert "bench.toml:{})".format(line_of('"heading.direct.max"')) in message
-    assert edited("[faces]\nuncertainty_deg = 0.1", "[faces]\nuncertainty_deg = 0.2").faces.uncertainty_deg == 0.2
-
-
-def test_faces_that_are_not_used_may_be_coarse(edited, tmp_path):
-    text = DEFAULT.read_text(encoding="utf-8").replace('_calibration = "six-position"', '_calibration = "none"')
-    text = text.replace("[faces]\nuncertainty_deg = 0.1", "[faces]\nuncertainty_deg = 2.0")
-    (tmp_path / "hand.toml").write_text(text, encoding="utf-8")
-    assert load_rig(tmp_path / "hand.toml").procedure.accelerometer_calibration == "none"
+def test_a_board_laid_down_by_hand_is_askew_by_a_degree_rms():
+    default, by_hand = load_rig(DEFAULT), load_rig(RIGS / "virtual-k64f-hand-laid.toml")
+    # Of the three angles of a face the one about the vertical is none of it.
+    squares = math.fsum(angle * angle for turn in by_hand.world.face_errors_deg for angle in turn)
+    assert math.sqrt(squares / 12) == pytest.approx(1.0, abs=0.01)
+    for key in ("soft_iron", "hard_iron_ut", "mag3110_noise_ut", "mounting_yaw_deg"):
+        assert getattr(by_hand.world, key) == getattr(default.world, key)
 
 
 def test_six_positions_need_declared_faces(edited):

@@ -28,6 +28,12 @@ FACE_COSINE = 0.94
 #: What a board on a face may read at least and at most: a part at another full scale is outside, an untrimmed one not.
 FACE_NORMS_G = (0.6, 1.6)
 
+#: How askew a part's own axes are, rms of each cross-axis element: half a percent, as data sheets have it.
+CROSS_AXIS = 0.005
+# Of the alternation below. The third pass meets faces that are askew by 1 degree to 1e-10 mg, by 20 to 4e-4; its step
+# is below 0.1 mg where there is anything to be met.
+_PASSES, _SETTLED_COUNTS = 3, 1e-4 * COUNTS_PER_G
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AccelerometerFit:
@@ -92,8 +98,7 @@ class AccelerometerSolution:
     fit : AccelerometerFit
         `NOMINAL` unless the status is OK.
     residual_mg : float
-        What the fit leaves of its own poses: rms of the vector between gravity on a face and what is
-        calibrated, or of the norm less 1 g; 0 without a fit.
+        What the fit leaves of its own poses: how askew the faces were, or rms of the norm less 1 g; 0 without a fit.
     """
 
     status: AccelerometerStatus
@@ -102,9 +107,14 @@ class AccelerometerSolution:
     fit: AccelerometerFit
     residual_mg: float
 
+    @property
+    def faces_askew_deg(self) -> float:
+        """How askew the six faces were: rms of gravity's angle from its axis, about each of the two others [deg]."""
+        return math.degrees(1e-3 * self.residual_mg)
+
 
 def fit_six_position(poses: Sequence[StillPose]) -> AccelerometerSolution:
-    """Fit gain and offset to the six faces by linear least squares.
+    """Fit gain and offset to the six faces: norms decide both, the faces only how the axes are turned.
 
     Parameters
     ----------
@@ -115,13 +125,16 @@ def fit_six_position(poses: Sequence[StillPose]) -> AccelerometerSolution:
     -------
     AccelerometerSolution
         OK, MISSING_FACE, REPEATED_FACE, MISPLACED_FACE or MOVED, with all faces that this is true of: the first
-        in this order that is true of any.
+        in this order that is true of any; or NOT_AN_ELLIPSOID.
 
     Notes
     -----
-    Puc, Podobnik and Munih, eq. 11 to 15: ``A counts - b* = gravity``, 12 unknowns in 18 equations; offset ``A^-1 b*``.
-    It finds every linear error, a rotation among them, and takes that of the faces themselves for one: a cube
-    that sits askew turns all headings with it. A single face askew by e leaves e/3 on it and on its opposite.
+    Gravity is 1 g long however askew a face is: six norms determine three offsets and three scales. Half of what
+    opposite faces differ by across their axis is then the part's, and the middle of the two how askew they were by
+    sigma, an angle that is measured twice on each of three pairs. The faces add a variance of sigma^2 / 2 to both, so
+    the part's is taken with the weight c^2 / (c^2 + sigma^2 / 2), c being `CROSS_AXIS`, and divided out of the
+    readings before the norms are met once more. Least squares on the vectors (Puc, Podobnik and Munih, eq. 11 to 15)
+    take a third of sigma for the offset. A cube that sits askew as a whole turns all headings: opposite faces agree.
     """
     indices = [index for index, pose in enumerate(poses) if pose.face is not Face.NONE]
     for status, wrong in _faults(poses, indices):
@@ -129,14 +142,32 @@ def fit_six_position(poses: Sequence[StillPose]) -> AccelerometerSolution:
             faces = tuple(sorted(wrong))
             first = next((index for index in indices if poses[index].face in wrong), None)
             return _no_fit(status, faces, first)
-    counts = np.array([poses[index].accelerometer for index in indices])
-    gravity_g = np.array([poses[index].face.gravity_g for index in indices])
-    rows = np.column_stack([counts, np.full(len(counts), -COUNTS_PER_G)])  # the last in counts, for the scale alone
-    solution = np.linalg.lstsq(rows, gravity_g, rcond=None)[0]
-    gain: Reals = solution[:3].T
-    fit = AccelerometerFit(gain, np.linalg.solve(gain, COUNTS_PER_G * solution[3]))
-    errors_g = fit.gravity_g(counts) - gravity_g
-    return AccelerometerSolution(AccelerometerStatus.OK, (), None, fit, 1000.0 * _rms(np.linalg.norm(errors_g, axis=1)))
+    counts = np.array([poses[index].accelerometer for index in sorted(indices, key=lambda index: poses[index].face)])
+    middle, half = (counts[::2] + counts[1::2]) / 2.0, (counts[::2] - counts[1::2]) / 2.0
+    met = _meet_norms(middle, half)
+    if met is None:
+        return _no_fit(AccelerometerStatus.NOT_AN_ELLIPSOID)
+    variance = _askew((middle - met[0]) * met[1]) ** 2
+    shares = half / np.diag(half)[:, None] * CROSS_AXIS**2 / (CROSS_AXIS**2 + variance / 2.0)
+    axes = np.where(np.eye(3, dtype=bool), 1.0, shares).T
+    straight = np.linalg.inv(axes)
+    met = _meet_norms(middle @ straight.T, half @ straight.T)
+    if met is None:
+        return _no_fit(AccelerometerStatus.NOT_AN_ELLIPSOID)
+    fit = AccelerometerFit(met[1][:, None] * straight, axes @ met[0])
+    return AccelerometerSolution(AccelerometerStatus.OK, (), None, fit, 1000.0 * _askew(fit.gravity_g(middle)))
+
+
+def axes_uncertainty_deg(faces_askew_deg: float) -> float:
+    """Return what six faces that were askew leave of an axis: rms of each cross-axis element [deg].
+
+    Notes
+    -----
+    The standard deviation of what `fit_six_position` estimates, before and after: c sigma / sqrt(2 c^2 + sigma^2). So
+    it is never more than the part itself is askew by, 0.29 degree.
+    """
+    sigma = math.radians(faces_askew_deg)
+    return math.degrees(CROSS_AXIS * sigma / math.hypot(math.sqrt(2.0) * CROSS_AXIS, sigma))
 
 
 def fit_ellipsoid(poses: Sequence[StillPose]) -> AccelerometerSolution:
@@ -190,6 +221,38 @@ def axis_error_deg(fit: AccelerometerFit, truth: AccelerometerFit) -> float:
 def offset_error_mg(fit: AccelerometerFit, truth: AccelerometerFit) -> float:
     """Return the distance between the offsets [mg]."""
     return 1000.0 / COUNTS_PER_G * math.hypot(*(fit.offset - truth.offset).tolist())
+
+
+def _meet_norms(middle: Reals, half: Reals) -> tuple[Reals, Reals] | None:
+    """Return offsets [counts] and gains [g/count] that make gravity 1 g long on every face; None where none do.
+
+    Rows are the three pairs of faces. With ``e = middle - offset`` the norms of a pair are ``sum_j gain_j^2 (e_j +-
+    half_j)^2 = 1``. Their mean is linear in the squares of the gains, their difference in the offsets, and each hardly
+    feels the other: a few turns of both settle.
+    """
+    offset: Reals = np.diag(middle).copy()
+    step: Reals = np.zeros(3)
+    try:
+        for _ in range(_PASSES):
+            rows = _squares(middle, half, offset) * half
+            step = np.linalg.solve(rows, (rows * (middle - offset)).sum(axis=1))
+            offset = offset + step
+        squares = _squares(middle, half, offset)
+    except np.linalg.LinAlgError:
+        return None
+    if not ((np.abs(step) <= _SETTLED_COUNTS).all() and (squares > 0.0).all()):
+        return None
+    return offset, np.sqrt(squares)
+
+
+def _squares(middle: Reals, half: Reals, offset: Reals) -> Reals:
+    """Return the squares of the gains that meet the mean norm of each pair, for some offsets."""
+    return np.asarray(np.linalg.solve((middle - offset) ** 2 + half**2, np.ones(3)))
+
+
+def _askew(middle_g: Reals) -> float:
+    """Return how askew faces are that have these middles, rms [rad]: that of two has half of their variance."""
+    return math.sqrt(2.0) * _rms(middle_g[~np.eye(3, dtype=bool)])
 
 
 def _faults(

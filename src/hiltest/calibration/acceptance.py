@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -184,6 +184,12 @@ def rate(figures: FitFigures) -> tuple[Acceptance, tuple[Reason, ...]]:
     return worst([reason.verdict for reason in reasons]), reasons
 
 
+def rate_by(bounds: Sequence[Bound], figures: Mapping[str, float | None]) -> tuple[Acceptance, tuple[Reason, ...]]:
+    """Return what figures by their names are good for, and every reason why they are not good; None is not rated."""
+    reasons = tuple(_broken(bounds, figures))
+    return worst([reason.verdict for reason in reasons]), reasons
+
+
 def worst(verdicts: Sequence[Acceptance]) -> Acceptance:
     """Return the worst of some verdicts, good when there is none."""
     return max(verdicts, key=list(Acceptance).index, default=Acceptance.GOOD)
@@ -196,10 +202,17 @@ def _reasons(figures: FitFigures) -> Iterator[Reason]:
     if figures.shape is not None:
         yield Reason("shape", figures.shape, _word(FitStatus.ELLIPSOID), "", Acceptance.FAIR,
                      _IN_PLANE if figures.shape.axes == 2 else _IN_SPACE)
-    told = set()
     whole = figures.condition is not None and figures.condition <= WELL_CONDITIONED
-    for bound in BOUNDS:
-        value = None if whole and bound.figure == "axis_ratio" else getattr(figures, bound.figure)
+    yield from _broken(BOUNDS, {
+        bound.figure: None if whole and bound.figure == "axis_ratio" else getattr(figures, bound.figure)
+        for bound in BOUNDS
+    })
+
+
+def _broken(bounds: Sequence[Bound], figures: Mapping[str, float | None]) -> Iterator[Reason]:
+    told = set()
+    for bound in bounds:
+        value = figures.get(bound.figure)
         if value is not None and bound.figure not in told and bound.broken_by(value):
             told.add(bound.figure)
             yield Reason(bound.figure, value, bound.limit, bound.unit, bound.verdict, bound.meaning)

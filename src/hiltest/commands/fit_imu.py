@@ -64,8 +64,8 @@ class _Options:
 @click.option("--time", metavar="COLUMN", help="The column of time.  [default: time, t, timestamp]")
 @click.option("--intervals", metavar="FILE|COLUMN",
               help="Rests and turns: a JSON list, or a column of labels.  [default: found]")
-@click.option("--method", type=click.Choice(["auto", "six-position", "ellipsoid"]), default="auto", show_default=True,
-              help="Method for the accelerometer.")
+@click.option("--method", type=click.Choice(["auto", "six-position", "ellipsoid", "moving"]), default="auto",
+              show_default=True, help="Method for the accelerometer: rests on six faces or in nine poses, or motion.")
 @click.option("--turn", "turn_deg", metavar="DEG", type=NumberRange(90.0, 36_000.0), default=360.0,
               show_default=True, help="Angle of each turn.")
 @click.option("--rate-rpm", metavar="RPM", type=NumberRange(0.1, 10_000.0),

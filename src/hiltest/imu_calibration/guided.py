@@ -11,6 +11,7 @@ import numpy as np
 from hiltest import __version__
 from hiltest.boards import Board
 from hiltest.calibration import UNBIASED
+from hiltest.calibration.accelerometer import axes_uncertainty_deg
 from hiltest.calibration.acceptance import Acceptance, FitFigures, rate
 from hiltest.calibration.conditioning import ellipsoid_condition
 from hiltest.calibration.direction_error import predicted_direction_error
@@ -153,8 +154,8 @@ class _Led:
             sensor=self._board.sensor(SensorKind.ACCELEROMETER).name, method=run.method, n=len(run.counts),
             formula="gravity_g = gain * (counts - offset)", gain=matrix(run.fit.gain), offset=triple(run.fit.offset),
             units=ACCELEROMETER_UNITS, figures=(
-                FigureOfMerit("residual", run.solution.residual_mg, "mg"),
-                FigureOfMerit("faces declared within", faces.uncertainty_deg, "deg"),
+                FigureOfMerit("faces askew", run.solution.faces_askew_deg, "deg"),
+                FigureOfMerit("uncertainty of axes", axes_uncertainty_deg(run.solution.faces_askew_deg), "deg"),
             ),
         )
         self._guide.found("accelerometer", part.method, part.figures)

@@ -1,9 +1,10 @@
-"""An accelerometer's calibration from the rests of a log, whatever its unit."""
+"""An accelerometer's calibration from the rests of a log, or from its readings in motion, whatever their unit."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,91 +14,225 @@ from hiltest.calibration.accelerometer import (
     AccelerometerFit,
     AccelerometerSolution,
     AccelerometerStatus,
+    axes_uncertainty_deg,
     fit_ellipsoid,
     fit_six_position,
 )
+from hiltest.calibration.acceptance import WELL_CONDITIONED, Acceptance, Bound, Reason, rate_by
+from hiltest.calibration.conditioning import ellipsoid_condition
+from hiltest.calibration.corrected import fit_corrected
+from hiltest.calibration.direct import fit_direct
+from hiltest.calibration.direction_error import predicted_direction_error
+from hiltest.calibration.fit import FitStatus, MagnetometerFit
+from hiltest.calibration.robust import MANY_LEFT_OUT, outliers, repeats
 from hiltest.calibration.still_pose import FACES, Face, StillPose
+from hiltest.logs.counts import evenly_on_sphere
 from hiltest.logs.imu_log import ImuLog
 from hiltest.logs.intervals import Interval
 from hiltest.units import GRAVITIES
 
 Reals = NDArray[np.float64]
 
-METHODS = ("six-position", "ellipsoid")
+SIX_POSITION, ELLIPSOID, MOVING = METHODS = ("six-position", "ellipsoid", "moving")
 AUTO = "auto"
 # Laid down by hand within 3 degrees, the part's axes within 2 more, an offset of 50 mg 3 more.
 _FACE_COSINE = float(np.cos(np.radians(8.0)))
+# Readings in motion that are fitted, evenly on the sphere: a minute at rest weighs no more than a turn.
+_MOST_FITTED = 2_000
 _REFUSALS = {
     AccelerometerStatus.TOO_FEW_POSES: "fewer than 9 rests, and not the six faces: lay it down in more poses",
     AccelerometerStatus.POOR_COVERAGE: "the rests show too little of the sphere: lay it down in more different poses",
     AccelerometerStatus.NOT_AN_ELLIPSOID: "the rests lie on no ellipsoid: they were not still, or their unit changed",
 }
+_ONLY_FACES = (
+    "an ellipsoid has nine unknowns, and rests on the six faces determine six: lay it down on edges and corners too, "
+    "in at least 9 poses, or use --method six-position"
+)
+
+# An accelerometer that is off by e turns a heading by up to e tan(dip), 1.9 e at a dip of 62 degrees: 1 degree is the 2
+# that the thesis allows any calibrator, and a quarter of it leaves the rest to the magnetometer.
+BOUNDS = (
+    # Nine unknowns; nine rests leave nothing, eighteen the error to 24 %.
+    Bound("rests", "", 10.0, Acceptance.POOR,
+          "every ellipsoid through nine is exact, and shows nothing of its error; lay it down in more poses",
+          below=True),
+    Bound("rests", "", 18.0, Acceptance.FAIR,
+          "too few are left over to know the error well; lay it down in more poses", below=True),
+    Bound("condition", "", 300.0, Acceptance.REFUSED,
+          "gravity was seen from too few sides to determine an ellipsoid; turn the sensor all round"),
+    Bound("condition", "", WELL_CONDITIONED, Acceptance.FAIR,
+          "a large part of the sphere is missing; turn the sensor all round"),
+    Bound("spread_after_percent", "%", 20.0, Acceptance.REFUSED,
+          "the readings do not lie on an ellipsoid: wrong columns, or nothing but shocks"),
+    # Of single readings 5 % are 3 degrees. Rests of a part that is in order agree to 0.1 %.
+    Bound("spread_after_percent", "%", 5.0, Acceptance.POOR,
+          "what the motion itself accelerates by is no noise beside gravity; turn it more slowly, or lay it down"),
+    Bound("spread_after_percent", "%", 0.5, Acceptance.FAIR,
+          "motion, a drift or a touch adds to gravity; lay it down and leave it for three seconds in each pose"),
+    Bound("axis_ratio", "", 1.5, Acceptance.REFUSED,
+          "the scales of one part are within some percent of each other; are these the columns of one accelerometer?"),
+    Bound("left_out_percent", "%", 100.0 * MANY_LEFT_OUT, Acceptance.FAIR,
+          "so many are far from the ellipsoid of the others that it may be the wrong one; turn it without jerks"),
+    Bound("direction_error_deg", "deg", 5.0, Acceptance.REFUSED,
+          "gravity would be off by more than without any calibration; lay it down in more poses, all round"),
+    Bound("direction_error_deg", "deg", 1.0, Acceptance.POOR,
+          "where the field dips by 62 deg a heading is off by twice that; lay it down in more poses, all round"),
+    Bound("direction_error_deg", "deg", 0.25, Acceptance.FAIR,
+          "where the field dips by 62 deg a heading is off by twice that; lay it down more truly, or in more poses"),
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AccelerometerResult:
-    """Calibration of the accelerometer from the rests of a log.
+    """Calibration of the accelerometer from a log.
 
     Attributes
     ----------
     method : str
-        ``six-position`` or ``ellipsoid``.
+        One of `METHODS`.
     rests : int
     faces : tuple of Face
         Faces that were found, by the axis on which gravity is read, with its sign.
+    verdict : Acceptance
+    reasons : tuple of Reason
+        Why it is not good.
     fit : AccelerometerFit or None
         ``gravity_g = gain @ (reading - offset)``, in the unit of the log. None when it was refused.
     refused : str
         Why, empty when it was not.
     spread_before_percent, spread_after_percent : float
-        Standard deviation of the rests' norms over their mean [%]: of readings, counts about the middle of their
-        range; and of what is calibrated, the same as before when it was refused.
+        Standard deviation of norms over their mean [%], of the rests or of the readings in motion that were fitted: of
+        readings, counts about the middle of their range; and of what is calibrated, the same as before when it was
+        refused.
     residual_mg : float
         rms residual over the fit's own poses.
+    faces_askew_deg : float or None
+        rms about each axis; None but for six faces.
+    direction_error_deg : float or None
+        Predicted error of gravity's direction, rms over the sphere; a rotation that norms cannot see is not in it.
+    left_out : int
+        Readings in motion that are far from the ellipsoid of the others.
     """
 
     method: str
     rests: int
     faces: tuple[Face, ...]
+    verdict: Acceptance
+    reasons: tuple[Reason, ...]
     fit: AccelerometerFit | None
     refused: str
-    spread_before_percent: float
-    spread_after_percent: float
-    residual_mg: float
+    spread_before_percent: float = 0.0
+    spread_after_percent: float = 0.0
+    residual_mg: float = 0.0
+    faces_askew_deg: float | None = None
+    direction_error_deg: float | None = None
+    left_out: int = 0
 
 
-def fit_rests(log: ImuLog, rests: Sequence[Interval], method: str = AUTO) -> AccelerometerResult:
-    """Fit the six faces, if they are all there and most of the rests are on one, or else the ellipsoid.
+def fit_accelerometer(log: ImuLog, rests: Sequence[Interval], method: str = AUTO) -> AccelerometerResult:
+    """Fit the six faces, if they are all there and most of the rests are on one, or else the ellipsoid of the rests.
 
     Parameters
     ----------
     log : ImuLog
     rests : sequence of Interval
     method : str
-        One of `METHODS`, or `AUTO`.
+        One of `METHODS`, or `AUTO`: where the rests determine nothing, the ellipsoid of all readings, in motion.
     """
+    if not len(log.acceleration):
+        return _refused(ELLIPSOID if method == AUTO else method, 0, (), "no accelerometer in the log")
+    if method == MOVING:
+        return _fit_moving(log, len(rests))
+    result = _fit_rests(log, rests, method)
+    if method == AUTO and result.fit is None:
+        moving = _fit_moving(log, len(rests))
+        return result if moving.fit is None else replace(moving, faces=result.faces)
+    return result
+
+
+def _fit_rests(log: ImuLog, rests: Sequence[Interval], method: str) -> AccelerometerResult:
     if not rests:
-        return AccelerometerResult(method, 0, (), None, "no rest of a second was found", 0.0, 0.0, 0.0)
+        return _refused(ELLIPSOID if method == AUTO else method, 0, (), "no rest of a second was found")
     means = np.array([log.acceleration[rest.start : rest.end].mean(axis=0) for rest in rests])
     zero, per_g = _nominal(log, means)
     nominal = COUNTS_PER_G / per_g * (means - zero)
-    norms = np.linalg.norm(nominal, axis=1)
     faces = [_face(each) for each in nominal]
     found = tuple(sorted(set(faces) - {Face.NONE}))
     if method == AUTO:
         on_a_face = sum(face is not Face.NONE for face in faces)
-        method = METHODS[0] if found == FACES and 2 * on_a_face > len(faces) else METHODS[1]
+        method = SIX_POSITION if found == FACES and 2 * on_a_face > len(faces) else ELLIPSOID
+    before = _spread_percent(np.linalg.norm(nominal, axis=1))
+    if method == ELLIPSOID and found == FACES and Face.NONE not in faces:
+        return _refused(method, len(rests), found, _ONLY_FACES, before)
     counts = [rest.end - rest.start for rest in rests]
     solution = (
-        fit_six_position(_joined(nominal, faces, counts)) if method == METHODS[0]
+        fit_six_position(_joined(nominal, faces, counts)) if method == SIX_POSITION
         else fit_ellipsoid([_pose(each, Face.NONE) for each in nominal])
     )
-    before = _spread_percent(norms)
     if solution.status is not AccelerometerStatus.OK:
-        return AccelerometerResult(method, len(rests), found, None, _refusal(solution), before, before, 0.0)
+        return _refused(method, len(rests), found, _refusal(solution), before)
     fit = AccelerometerFit(solution.fit.gain * COUNTS_PER_G / per_g, solution.fit.offset * per_g / COUNTS_PER_G + zero)
-    after = _spread_percent(np.linalg.norm(fit.gravity_g(means), axis=1))
-    return AccelerometerResult(method, len(rests), found, fit, "", before, after, solution.residual_mg)
+    askew_deg = solution.faces_askew_deg if method == SIX_POSITION else None
+    # Two elements of an axis turn it.
+    error_deg = math.sqrt(2.0) * axes_uncertainty_deg(askew_deg) if askew_deg is not None else _error_deg(means, fit)
+    return _rated(AccelerometerResult(
+        method, len(rests), found, Acceptance.GOOD, (), fit, "", before,
+        _spread_percent(np.linalg.norm(fit.gravity_g(means), axis=1)), solution.residual_mg, askew_deg, error_deg,
+    ), means)  # fmt: skip
+
+
+def _fit_moving(log: ImuLog, rests: int) -> AccelerometerResult:
+    """Fit the ellipsoid that the readings agree on; what the motion itself accelerates by is noise about it."""
+    readings = log.acceleration
+    left_out = outliers(readings)
+    kept = readings[~(left_out | repeats(readings))]
+    about = fit_direct(kept)
+    used = kept[evenly_on_sphere(kept, _MOST_FITTED, about.hard_iron if about.has_fit else np.median(kept, axis=0))]
+    found = fit_corrected(used)
+    if found.status is not FitStatus.ELLIPSOID:
+        return _refused(MOVING, rests, (), "in motion, too, the readings show too little of the sphere")
+    fit = AccelerometerFit(found.soft_iron, found.hard_iron)
+    zero, _ = _nominal(log, used)
+    norms = np.linalg.norm(fit.gravity_g(used), axis=1)
+    residual_mg = 1000.0 * float(np.sqrt(np.mean((norms - 1.0) ** 2)))
+    return _rated(AccelerometerResult(
+        MOVING, rests, (), Acceptance.GOOD, (), fit, "", _spread_percent(np.linalg.norm(used - zero, axis=1)),
+        _spread_percent(norms), residual_mg, None, _error_deg(used, fit, unbiased=found.iterations > 0),
+        int(left_out.sum()),
+    ), used, len(readings))  # fmt: skip
+
+
+def _rated(result: AccelerometerResult, fitted: Reals, readings: int = 0) -> AccelerometerResult:
+    """Return a result with its verdict on what it was fitted to, without the fit where that is a refusal."""
+    assert result.fit is not None
+    verdict, reasons = rate_by(BOUNDS, {
+        "rests": float(result.rests) if result.method == ELLIPSOID else None,
+        # Rests are exact enough to do with fewer sides: their direction error says how well.
+        "condition": ellipsoid_condition(fitted) if result.method == MOVING else None,
+        "spread_after_percent": result.spread_after_percent, "axis_ratio": float(np.linalg.cond(result.fit.gain)),
+        "left_out_percent": 100.0 * result.left_out / readings if readings else None,
+        "direction_error_deg": result.direction_error_deg,
+    })  # fmt: skip
+    if verdict is Acceptance.REFUSED:
+        why = next(reason.meaning for reason in reasons if reason.verdict is verdict)
+        return _refused(result.method, result.rests, result.faces, why, result.spread_before_percent, reasons)
+    return replace(result, verdict=verdict, reasons=reasons)
+
+
+def _refused(
+    method: str, rests: int, faces: tuple[Face, ...], why: str, spread_percent: float = 0.0,
+    reasons: tuple[Reason, ...] = (),
+) -> AccelerometerResult:  # fmt: skip
+    return AccelerometerResult(
+        method, rests, faces, Acceptance.REFUSED, reasons, None, why, spread_percent, spread_percent
+    )
+
+
+def _error_deg(readings: Reals, fit: AccelerometerFit, *, unbiased: bool = False) -> float | None:
+    """Return the predicted error of gravity's direction, as of a magnetometer's field; None where it is not known."""
+    ellipsoid = MagnetometerFit(FitStatus.ELLIPSOID, False, 0, fit.gain, fit.offset)
+    predicted = predicted_direction_error(readings, ellipsoid, unbiased=unbiased)
+    return None if predicted is None else predicted.rms_deg
 
 
 def _nominal(log: ImuLog, means: Reals) -> tuple[Reals, float]:

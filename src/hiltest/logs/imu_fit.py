@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +15,14 @@ from rich.table import Table
 
 from hiltest import __version__
 from hiltest.c_source import c_constant, in_comment
+from hiltest.calibration.acceptance import Acceptance, Reason, worst
 from hiltest.errors import ConfigError
-from hiltest.logs.imu_accelerometer import AUTO, AccelerometerResult, face_name, fit_rests
+from hiltest.logs.imu_accelerometer import AUTO, MOVING, AccelerometerResult, face_name, fit_accelerometer
 from hiltest.logs.imu_gyroscope import WHOLE_DEG, GyroscopeResult, TurnResult, fit_gyroscope
 from hiltest.logs.imu_log import ImuLog
 from hiltest.logs.imu_rate import SteadyRate, fit_rates, rest_rate, steady_parts
 from hiltest.logs.intervals import Interval, Intervals, found_intervals
+from hiltest.logs.sample_fit_table import reason_line
 
 SCHEMA = "hiltest.fit-imu/1"
 ACCELEROMETER_FORMULA = "gravity_g = gain * (reading - offset)"
@@ -37,10 +39,6 @@ _HEADER = """\
 {parts}
 #endif
 """
-
-
-# Turns that determine a matrix, without one to spare.
-_DETERMINED = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,6 +75,14 @@ class ImuLogFit:
             self.log.rate is None or (self.gyroscope is not None and self.gyroscope.fit is not None)
         )
 
+    @property
+    def verdict(self) -> Acceptance:
+        """What the worst sensor of the log is good for."""
+        verdicts = [self.accelerometer.verdict] if len(self.log.acceleration) else []
+        if self.log.rate is not None:
+            verdicts.append(Acceptance.REFUSED if self.gyroscope is None else self.gyroscope.verdict)
+        return worst(verdicts)
+
 
 def fit_imu_log(
     log: ImuLog, intervals: Intervals, method: str = AUTO, *, turn_deg: float = WHOLE_DEG,
@@ -97,10 +103,7 @@ def fit_imu_log(
     rpm : float, optional
         Rate of a turntable, in revolutions a minute, wherever the log turns steadily.
     """
-    has_accelerometer = len(log.acceleration) > 0
-    accelerometer = fit_rests(log, intervals.rests if has_accelerometer else (), method)
-    if not has_accelerometer:
-        accelerometer = replace(accelerometer, refused="no accelerometer in the log")
+    accelerometer = fit_accelerometer(log, intervals.rests, method)
     rests = intervals.rests if intervals.found else _found_rests(log)
     at_rest = rest_rate(log, rests) if bias is None else bias
     parts = steady_parts(log, at_rest, rpm=rpm) if rpm is not None else ()
@@ -146,7 +149,9 @@ def print_fit(fit: ImuLogFit, console: Console) -> None:
 
 def _print_accelerometer(result: AccelerometerResult, unit: str, console: Console) -> None:
     faces = " ".join(face_name(face) for face in result.faces) or "none"
-    console.print(escape(f"accelerometer, {result.method}: {result.rests} rests, faces {faces}"), soft_wrap=True)
+    left_out = f", {result.left_out} readings left out" if result.method == MOVING else ""
+    found = f"{result.rests} rests, faces {faces}{left_out}"
+    console.print(escape(f"accelerometer, {result.method}: {result.verdict}; {found}"), soft_wrap=True)
     if result.fit is None:
         console.print(escape(f"  refused: {result.refused}"), style="bold red", soft_wrap=True)
         return
@@ -154,23 +159,32 @@ def _print_accelerometer(result: AccelerometerResult, unit: str, console: Consol
                  (f"offset [{unit}]", _triple(result.fit.offset)),
                  ("spread of norms, before [%]", f"{result.spread_before_percent:.3f}"),
                  ("spread of norms, after [%]", f"{result.spread_after_percent:.4f}"),
-                 ("residual [mg]", f"{result.residual_mg:.3f}"))
+                 ("residual [mg]", f"{result.residual_mg:.3f}") if result.faces_askew_deg is None else
+                 ("faces askew, rms [deg]", f"{result.faces_askew_deg:.2f}"),
+                 ("error of gravity's direction [deg]",
+                  "-" if result.direction_error_deg is None else f"{result.direction_error_deg:.2f}"))
     console.print(grid)
+    _print_reasons(result.reasons, console)
 
 
 def _print_gyroscope(result: GyroscopeResult, unit: str, console: Console) -> None:
     used = sum(not turn.refused for turn in result.turns)
-    console.print(escape(f"gyroscope: {result.n} samples at rest, {used} turns"), soft_wrap=True)
+    verdict = f"{result.verdict}; " if result.fit is not None else ""
+    console.print(escape(f"gyroscope: {verdict}{result.n} samples at rest, {used} turns"), soft_wrap=True)
     rows = [(f"bias [{unit}]", _triple(result.bias)), (f"spread of the rests [{unit}]", f"{result.bias_spread:.3g}")]
     if result.fit is not None:
         rows.insert(0, (f"matrix [{_per('deg/s', unit)}]", _matrix(result.fit.matrix)))
     console.print(_grid(*rows))
     for turn in result.turns:
         console.print(escape(f"  {_turn(turn, unit)}"), soft_wrap=True)
-    if result.fit is not None and used == _DETERMINED:
-        console.print("  three turns are met exactly: a fourth would show how good the matrix is", soft_wrap=True)
+    _print_reasons(result.reasons, console)
     if result.fit is None:
         console.print(escape(f"  no matrix: {result.refused}"), style="yellow", soft_wrap=True)
+
+
+def _print_reasons(reasons: tuple[Reason, ...], console: Console) -> None:
+    for reason in reasons:
+        console.print(escape(f"  {reason_line(reason)}"), soft_wrap=True)
 
 
 def _turn(turn: TurnResult, unit: str) -> str:
@@ -203,8 +217,8 @@ def contents(fit: ImuLogFit) -> dict[str, Any]:
     """Return what the JSON has."""
     log, accelerometer, gyroscope = fit.log, fit.accelerometer, fit.gyroscope
     return {
-        "schema": SCHEMA, "hiltest": __version__, "complete": fit.complete, "files": list(log.files),
-        "samples": len(log.time_s), "seconds": float(log.time_s[-1] - log.time_s[0]),
+        "schema": SCHEMA, "hiltest": __version__, "verdict": fit.verdict, "complete": fit.complete,
+        "files": list(log.files), "samples": len(log.time_s), "seconds": float(log.time_s[-1] - log.time_s[0]),
         "rests": [
             {"name": each.name, "start": each.start, "end": each.end} for each in fit.intervals.rests
         ],
@@ -215,12 +229,16 @@ def contents(fit: ImuLogFit) -> dict[str, Any]:
             "offset": None if accelerometer.fit is None else accelerometer.fit.offset.tolist(),
             "spread_before_percent": accelerometer.spread_before_percent,
             "spread_after_percent": accelerometer.spread_after_percent,
-            "residual_mg": accelerometer.residual_mg, "refused": accelerometer.refused,
+            "residual_mg": accelerometer.residual_mg, "faces_askew_deg": accelerometer.faces_askew_deg,
+            "direction_error_deg": accelerometer.direction_error_deg, "left_out": accelerometer.left_out,
+            "verdict": accelerometer.verdict, "reasons": [asdict(each) for each in accelerometer.reasons],
+            "refused": accelerometer.refused,
         },
         "gyroscope": None if gyroscope is None else {
             "unit": log.rate_unit, "formula": GYROSCOPE_FORMULA, "n": gyroscope.n, "bias": gyroscope.bias.tolist(),
             "bias_spread": gyroscope.bias_spread,
-            "matrix": None if gyroscope.fit is None else gyroscope.fit.matrix.tolist(), "refused": gyroscope.refused,
+            "matrix": None if gyroscope.fit is None else gyroscope.fit.matrix.tolist(), "verdict": gyroscope.verdict,
+            "reasons": [asdict(each) for each in gyroscope.reasons], "refused": gyroscope.refused,
             "turns": [
                 {
                     "name": turn.name, "start_s": turn.start_s, "end_s": turn.end_s, "bias": list(turn.bias),

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hiltest.calibration.accelerometer import AccelerometerFit
+from hiltest.calibration.acceptance import Acceptance, Bound, Reason, rate_by
 from hiltest.calibration.gyroscope import MAX_TURNS, GyroscopeFit, GyroscopeTurn, TurnsStatus, fit_turns
 from hiltest.logs.imu_log import ImuLog
 from hiltest.logs.imu_rate import beside_of
@@ -33,6 +34,16 @@ _REFUSALS = {
     TurnsStatus.NOT_SPANNING: "the turns are about axes in one plane: turn it lying on three different faces",
     TurnsStatus.SINGULAR: "the readings of the turns lie in one plane: an axis of the gyroscope is dead",
 }
+
+# Of the shipped rigs' whole turns 0.1 % are the limit; a hand that meets the edge of a table is good to a degree.
+BOUNDS = (
+    Bound("turns", "", 4.0, Acceptance.FAIR,
+          "three turns are met exactly: a fourth would show how good the matrix is", below=True),
+    Bound("left_percent", "%", 1.0, Acceptance.POOR,
+          "the turns contradict each other: was each whole, on a level table, and no faster than the sensor reads?"),
+    Bound("left_percent", "%", 0.5, Acceptance.FAIR,
+          "the turns contradict each other by more than a hand at an edge; turn until it is back there"),
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +93,10 @@ class GyroscopeResult:
     fit : GyroscopeFit or None
         ``rate_dps = matrix @ (reading - bias)``. None without three turns; the bias holds then as well.
     turns : tuple of TurnResult
+    verdict : Acceptance
+        On the matrix; refused where there is only the bias.
+    reasons : tuple of Reason
+        Why it is not good.
     refused : str
         Why there is no matrix, empty when there is.
     """
@@ -91,6 +106,8 @@ class GyroscopeResult:
     bias_spread: float
     fit: GyroscopeFit | None
     turns: tuple[TurnResult, ...]
+    verdict: Acceptance
+    reasons: tuple[Reason, ...]
     refused: str
 
 
@@ -141,7 +158,8 @@ def fit_gyroscope(
     own = bias is None
     bias = np.concatenate(still).mean(axis=0) if bias is None else bias
     if accelerometer is None:
-        return GyroscopeResult(n, bias, spread, None, (), "without an accelerometer the axes of the turns are unknown")
+        why = "without an accelerometer the axes of the turns are unknown"
+        return GyroscopeResult(n, bias, spread, None, (), Acceptance.REFUSED, (), why)
     motions = _candidates(log, intervals, accelerometer, bias, rests, own=own)
     times_s = [(log.time_s[each.start], log.time_s[each.end - 1]) for each in steady]
     meant = [each for each in motions if not any(
@@ -151,11 +169,12 @@ def fit_gyroscope(
     used = [each for each in candidates if not each.result.refused]
     found = fit_turns([_about_vertical(each) for each in used])
     if found.status is not TurnsStatus.OK:
-        return GyroscopeResult(
-            n, bias, spread, None, tuple(each.result for each in candidates), _REFUSALS[found.status]
-        )
+        turns = tuple(each.result for each in candidates)
+        return GyroscopeResult(n, bias, spread, None, turns, Acceptance.REFUSED, (), _REFUSALS[found.status])
     turns = tuple(replace(each.result, left_deg=_left_deg(each, found.matrix)) for each in candidates)
-    return GyroscopeResult(n, bias, spread, GyroscopeFit(found.matrix, bias), turns, "")
+    left = [100.0 * each.left_deg / abs(each.turned_deg) for each in turns if not each.refused]
+    verdict, reasons = rate_by(BOUNDS, {"turns": float(len(left)), "left_percent": max(left)})
+    return GyroscopeResult(n, bias, spread, GyroscopeFit(found.matrix, bias), turns, verdict, reasons, "")
 
 
 def _candidates(

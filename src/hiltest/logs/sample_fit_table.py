@@ -22,7 +22,8 @@ _NAMES = {
     "n": "number of points", "condition": "condition", "residual_percent": "residual", "axis_ratio": "axis ratio",
     "radius_ut": "radius", "direction_error_deg": "predicted direction error",
     "change_percent": "change of the field", "strong_iron_deg": "direction error under strong iron",
-    "left_out_percent": "left out",
+    "rests": "number of rests", "turns": "number of turns", "spread_after_percent": "spread of norms",
+    "left_out_percent": "left out", "left_percent": "left of a turn",
 }  # fmt: skip
 WIDTH = 80
 # No one reads more of them.

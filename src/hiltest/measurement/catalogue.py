@@ -206,11 +206,12 @@ def _imu() -> Iterator[Kind]:
         ("untrimmed_norm_rms", "mg", _NEITHER, _allow(0.01, 0.01, _OF_PART),
          "rms deviation of gravity from 1 g on the faces, before calibration"),
         ("rest_norm_error", "mg", _NEITHER, of_part, "Deviation of gravity from 1 g at rest, before calibration"),
+        ("faces_askew", "deg", _NEITHER, of_part, "How askew the readings say the six faces were, rms about each axis"),
         ("{fit}.norm_rms", "mg", _LOWER, norm, "rms deviation of gravity from 1 g under this calibration"),
         ("{fit}.tilt_error", "deg", _LOWER, small, "Largest error of pitch and roll under this calibration"),
         ("{fit}.axis_error", "deg", _LOWER, small, "Largest angle between a calibrated axis and the true one"),
         ("{fit}.offset_error", "mg", _LOWER, small, "Distance of the fitted offset from its truth"),
-        ("{fit}.residual", "mg", _LOWER, norm, "rms residual of the fit"),
+        ("{fit}.residual", "mg", _LOWER, norm, "rms deviation of gravity from 1 g over the fit's own poses"),
         ("{fit}.cycles", "cycle", _LOWER, _KERNEL, "Cycles of the fit"),
     ):
         accuracy = "accelerometer.{fit}.norm_rms" if unit == "cycle" else ""

@@ -1,7 +1,8 @@
 """Standard deviations of measurements over seeds of the default rig, with the packaged firmware.
 
-The first table is over 48 seeds of the gate set, the second over 12 of the full one; ``tox -e campaign`` writes the
-file anew, over its 100. On a real board, until it has said itself how much its runs differ, they stand for its noise.
+The first table is over 48 seeds of the gate set, the second over 12 of the full one; ``accelerometer.faces_askew`` and
+the offset from six faces are of 400 in float64 (18 on the board: 0.0046 and 0.080). ``tox -e campaign`` writes the file
+anew, over its 100. On a real board, until it has said itself how much its runs differ, they stand for its noise.
 """
 
 from __future__ import annotations
@@ -11,12 +12,12 @@ from collections.abc import Mapping
 from hiltest.measurement.kind import Deviation
 
 _GATE: dict[str, float] = {
+    "accelerometer.faces_askew": 0.0046,
     "accelerometer.norm_rms": 0.0558,
     "accelerometer.rest_norm_error": 0.164,
     "accelerometer.six_position.axis_error": 0.00569,
     "accelerometer.six_position.norm_rms": 0.0558,
-    "accelerometer.six_position.offset_error": 0.0696,
-    "accelerometer.six_position.residual": 0.0611,
+    "accelerometer.six_position.offset_error": 0.0847,
     "accelerometer.tilt_error": 0.0122,
     "accelerometer.untrimmed_norm_rms": 0.0393,
     "fit.corrected.coverage": 0.0325,

@@ -33,9 +33,6 @@ _MADE_HERE = frozenset({"path", "units", "full_only", "lines"})
 # What pydantic puts behind a key that may be a text or several: no part of the key.
 _ALTERNATIVE = re.compile(r"str|tuple\[.*\]")
 _LARGEST_BYTES = 1 << 20  # a hundred times the largest rig that ships
-#: Faces must be at least so true where a heading limit is at most so wide.
-TRUE_FACES_DEG = 0.2
-FINE_HEADING_DEG = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +102,6 @@ def load_rig(path: Path | str) -> Rig:
     rig: Rig = source.validate(TypeAdapter(Rig), {**data, **bounds, **derived}, Rig)
     _refuse_limits_within_uncertainty(rig, source)
     _refuse_tolerances_beyond_limits(rig, source)
-    _refuse_coarse_faces(rig, source)
     if rig.world is not None:
         refuse_unknown_sensors(rig, sensor_names())
     return rig
@@ -262,28 +258,6 @@ def _refuse_tolerances_beyond_limits(rig: Rig, source: _Source) -> None:
             raise ConfigError(
                 f"{source.where(('tolerances', name))}: tolerances.{name} is wider than what its limit leaves "
                 f"({source.where(('limits', name))}: {limit}): a change as large as that would not be seen"
-            )
-
-
-def _refuse_coarse_faces(rig: Rig, source: _Source) -> None:
-    """Refuse faces as the reference of an accelerometer whose headings are to be good to 2 degrees.
-
-    A face askew by e turns gravity by up to e, and a heading by e tan(dip): at a dip of 62 degrees 0.2 degree is 0.4 of
-    them, a fifth of the limit, which is what a reference may take.
-    """
-    if rig.faces is None or rig.procedure.accelerometer_calibration == "none":
-        return
-    for name, limit in rig.limits.items():
-        kind = identify(name).kind
-        against_table = kind is not None and kind.reference is not Reference.NONE
-        fine = against_table and limit.max is not None and limit.max <= FINE_HEADING_DEG
-        if fine and limit.max is not None and rig.faces.uncertainty_deg > TRUE_FACES_DEG:
-            raise ConfigError(
-                f"{source.where(('faces', 'uncertainty_deg'))}: faces.uncertainty_deg of {rig.faces.uncertainty_deg:g} "
-                f"deg is too coarse a reference for limits.{name} of {limit.max:g} deg "
-                f"({source.where(('limits', name))}): where a heading is to be within {FINE_HEADING_DEG:g} deg, faces "
-                f"must be true to {TRUE_FACES_DEG:g}. Measure the faces better, or write accelerometer_calibration = "
-                '"none"'
             )
 
 
