@@ -211,8 +211,8 @@ def _imu(said: dict[str, Any]) -> list[str]:
     accelerometer, gyroscope = said["accelerometer"], said["gyroscope"]
     gain = [accelerometer["gain"][place][place] for place in range(3)]
     return [
-        str(accelerometer.get("verdict", "-")), _triple(accelerometer["offset"], ".4g"), _triple(gain, ".4g"),
-        f"{accelerometer['spread_after_percent']:.3f}", _triple(gyroscope["bias"], ".4g"),
+        str(accelerometer.get("verdict", "-")), _triple(accelerometer["offset"], ".5g"), _triple(gain, ".4g"),
+        f"{accelerometer['spread_after_percent']:.3f}", _triple(gyroscope["bias"], ".5g"),
     ]  # fmt: skip
 
 
