@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +11,7 @@ import click
 from click.core import ParameterSource
 
 from hiltest.calibration.acceptance import Acceptance
-from hiltest.commands.options import checked
+from hiltest.commands.options import ErrorOutput, checked
 from hiltest.settings import file_name
 
 if TYPE_CHECKING:
@@ -114,9 +115,12 @@ def _fit_folder(folder: Path, columns: str | None, unit: Unit | None, *, robust:
     from hiltest.errors import ConfigError
     from hiltest.logs.log_folder import fit_folder
     from hiltest.logs.log_folder_table import print_folder
+    from hiltest.progress_line import ProgressLine
     from hiltest.report.console import standard_output
 
-    logs = list(fit_folder(folder, columns=columns, unit=unit, robust=robust))
+    progress = ProgressLine(ErrorOutput(), shown=sys.stderr.isatty())
+    logs = list(fit_folder(folder, columns=columns, unit=unit, robust=robust, progress=progress))
+    progress.clear()
     print_folder(logs, standard_output())
     fits = [each.fit for each in logs if each.fit is not None]
     if not fits:

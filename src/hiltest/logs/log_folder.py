@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -78,10 +78,14 @@ class LogFit:
 
 
 def fit_folder(
-    folder: Path, *, columns: str | None = None, unit: Unit | None = None, robust: bool = True
-) -> Iterator[LogFit]:
+    folder: Path, *, columns: str | None = None, unit: Unit | None = None, robust: bool = True,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> Iterator[LogFit]:  # fmt: skip
     """Fit the logs below a folder on the host, in the order of their names; see `read_samples` and `fit_on_host`."""
-    for path in sorted(each for each in folder.rglob("*") if each.is_file()):
+    paths = sorted(each for each in folder.rglob("*") if each.is_file())
+    for done, path in enumerate(paths):
+        if progress is not None:
+            progress("logs", done, len(paths))
         name = str(path.relative_to(folder))
         try:
             samples = read_samples(path, columns=columns, unit=unit)
