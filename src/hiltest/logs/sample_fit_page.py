@@ -13,7 +13,7 @@ from hiltest.calibration.acceptance import Acceptance
 from hiltest.calibration.direction_error import BLOCKS
 from hiltest.calibration.robust import Mask
 from hiltest.logs.fit_result import CalibratorFit, SampleFit
-from hiltest.logs.sample_fit_table import figure_rows, told_reasons
+from hiltest.logs.sample_fit_table import figure_tables, told_reasons
 from hiltest.logs.samples import Samples
 from hiltest.logs.span import FieldChange, instants
 from hiltest.record.files import write_asked_for
@@ -37,7 +37,7 @@ def fit_page(fit: SampleFit, samples: Samples) -> str:
     """Return the page of a fit of samples."""
     return render(
         "sample_fit.html.j2", package="hiltest.logs", told=[*told_reasons(fit), *fit.notes],
-        fit=fit, tone=_TONES[fit.best.verdict], rows=figure_rows(fit), pictures=_pictures(fit, samples),
+        fit=fit, tone=_TONES[fit.best.verdict], tables=figure_tables(fit), pictures=_pictures(fit, samples),
         version=__version__,
     )
 

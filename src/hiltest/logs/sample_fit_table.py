@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -90,15 +90,29 @@ def _gravity_rows(fits: Sequence[CalibratorFit]) -> list[tuple[str, list[str]]]:
     ]
 
 
-def figure_rows(fit: SampleFit) -> list[tuple[str, list[str]]]:
-    """Return the figures of a fit, hard and soft iron among them: a label, and a text for each calibrator."""
+@dataclass(frozen=True, slots=True)
+class FigureTable:
+    """Figures of some calibrators beside each other: of each row a label, and a text for each calibrator."""
+
+    caption: str
+    fits: tuple[CalibratorFit, ...]
+    rows: list[tuple[str, list[str]]]
+
+
+def figure_tables(fit: SampleFit) -> list[FigureTable]:
+    """Return the figures of a fit, hard and soft iron among them; those against gravity apart, as six do not fit."""
     label = f"cycles, {fit.firmware.cycle_model}" if fit.firmware else ""
-    gravity = []
+    norms = replace(fit, calibrators=tuple(each for each in fit.calibrators if each.gravity is None))
+    rows = [*_kind_rows(norms), *_iron_rows(norms), *_number_rows(norms), *_cycle_rows(norms, label)]
+    tables = [FigureTable("What each calibrator fits to the samples", norms.calibrators, rows)]
     if fit.gravity is not None and not fit.gravity.unused:
-        (first, cells), *others = _gravity_rows(fit.calibrators)
-        alone = _number(fit.gravity.norms_held_out_dip_deg, ".2f")
-        gravity = [(f"{first}; with norms alone {alone}", cells), *others]
-    return [*_kind_rows(fit), *_iron_rows(fit), *_number_rows(fit), *gravity, *_cycle_rows(fit, label)]
+        against = replace(fit, calibrators=tuple(each for each in fit.calibrators if each.gravity), firmware=None)
+        caption = "Against gravity"
+        if fit.gravity.norms_held_out_dip_deg is not None:
+            caption += f"; with norms alone the dip varies by {fit.gravity.norms_held_out_dip_deg:.2f} deg"
+        rows = [*_kind_rows(against), *_iron_rows(against), *_number_rows(against), *_gravity_rows(against.calibrators)]
+        tables.append(FigureTable(caption, against.calibrators, rows))
+    return tables
 
 
 def _kind_rows(fit: SampleFit) -> list[tuple[str, list[str]]]:
