@@ -12,7 +12,7 @@ from hiltest.calibration.acceptance import Acceptance
 from hiltest.errors import ConfigError
 from hiltest.logs import Samples, Unit
 from hiltest.logs.sample_fit import fit_on_host
-from hiltest.logs.span import between, field_change, instants, steady
+from hiltest.logs.span import between, field_change, in_order_of_time, instants, steady
 
 from ..calibration.hand_turned import hand_turned
 
@@ -79,3 +79,11 @@ def test_rows_in_no_order_of_time_are_said(seed: int) -> None:
         fit = fit_on_host(replace(_log(timed=False), points=points), "direct")
         assert fit.in_order is in_order
         assert ("in no order of time" in " ".join(fit.notes)) is not in_order
+
+
+@pytest.mark.parametrize("revolutions", [1, 2, 4])
+def test_turns_that_repeat_are_in_order(revolutions: int) -> None:
+    angles = np.linspace(0.0, 2.0 * np.pi * revolutions, 400)
+    turn = np.column_stack([20.0 * np.cos(angles), 20.0 * np.sin(angles), np.full(400, 40.0)])
+    points = turn + np.random.default_rng(1).normal(0.0, 0.4, turn.shape)
+    assert in_order_of_time(replace(_log(timed=False), points=points))

@@ -81,10 +81,10 @@ def rows(samples: Samples, kept: NDArray[np.intp] | NDArray[np.bool_]) -> Sample
 
 def in_order_of_time(samples: Samples) -> bool:
     """Say whether a reading is closer to the next than to any other, as in a log of a sensor that turns."""
-    points = samples.points[: -(len(samples.points) % 2) or None]
+    points = samples.points
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    half = len(points) // 2
-    others = np.linalg.norm(points[:half] - points[half:], axis=1)
+    # Any other: at a fixed distance in time a turn that repeats would be where it was.
+    others = np.linalg.norm(points - np.random.default_rng(0).permutation(points), axis=1)
     return len(points) < _FEWEST_ORDERED or float(np.median(steps)) < _CLOSER * float(np.median(others))
 
 
