@@ -34,6 +34,7 @@ READING = {
     "export run": ("export", "{}", "--format", "bencher"),
     "fit --firmware": ("fit", "points.csv", "--firmware", "{}"),
     "fit log": ("fit", "{}"),
+    "fit-imu --bias-from": ("fit-imu", "imu.csv", "--bias-from", "{}"),
     "fit-imu --gyroscope-log": ("fit-imu", "imu.csv", "--gyroscope-log", "{}"),
     "fit-imu --intervals": ("fit-imu", "imu.csv", "--intervals", "{}"),
     "fit-imu log": ("fit-imu", "{}"),
