@@ -197,10 +197,10 @@ def worst(verdicts: Sequence[Acceptance]) -> Acceptance:
 
 def _reasons(figures: FitFigures) -> Iterator[Reason]:
     if figures.status is not FitStatus.ELLIPSOID:
-        yield Reason("status", _word(figures.status), _word(FitStatus.ELLIPSOID), "", Acceptance.REFUSED,
+        yield Reason("status", status_words(figures.status), status_words(FitStatus.ELLIPSOID), "", Acceptance.REFUSED,
                      _NO_ELLIPSOID[figures.status])
     if figures.shape is not None:
-        yield Reason("shape", figures.shape, _word(FitStatus.ELLIPSOID), "", Acceptance.FAIR,
+        yield Reason("shape", figures.shape, status_words(FitStatus.ELLIPSOID), "", Acceptance.FAIR,
                      _IN_PLANE if figures.shape.axes == 2 else _IN_SPACE)
     whole = figures.condition is not None and figures.condition <= WELL_CONDITIONED
     yield from _broken(BOUNDS, {
@@ -218,5 +218,6 @@ def _broken(bounds: Sequence[Bound], figures: Mapping[str, float | None]) -> Ite
             yield Reason(bound.figure, value, bound.limit, bound.unit, bound.verdict, bound.meaning)
 
 
-def _word(status: FitStatus) -> str:
+def status_words(status: FitStatus) -> str:
+    """Return a status as people read it."""
     return status.name.lower().replace("_", " ")

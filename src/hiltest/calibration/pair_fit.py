@@ -122,8 +122,9 @@ def fit_joint(points: ArrayLike, acceleration: ArrayLike) -> PairFit:
         return start
     from scipy.optimize import least_squares  # 0.3 s, which a log without an accelerometer need not wait for
 
-    scatters = _scatter(start.magnetometer.corrected(given)), _scatter(start.accelerometer.gravity_g(accelerations))
-    weights = 1.0 / np.array([*scatters, np.hypot(*scatters)])
+    corrected = start.magnetometer.corrected(given), start.accelerometer.gravity_g(accelerations)
+    of_field, of_gravity = (max(_LEAST_SCATTER, length_scatter(each)) for each in corrected)
+    weights = 1.0 / np.array([of_field, of_gravity, np.hypot(of_field, of_gravity)])
 
     def residuals(unknowns: Array) -> Array:
         fit = _moved(start, unknowns)
@@ -186,10 +187,10 @@ def _ellipsoid(readings: Array) -> tuple[Array, Array] | None:
     return found[0] / centred.scale, centred.mean + centred.scale * found[1]
 
 
-def _scatter(corrected: Array) -> float:
+def length_scatter(corrected: Array) -> float:
     """Return the standard deviation of lengths about 1, for as many unknowns as an ellipsoid has."""
     off = np.linalg.norm(corrected, axis=1) - 1.0
-    return max(_LEAST_SCATTER, float(np.sqrt((off @ off) / max(1, len(off) - ELLIPSOID_UNKNOWNS))))
+    return float(np.sqrt((off @ off) / max(1, len(off) - ELLIPSOID_UNKNOWNS)))
 
 
 def _moved(start: PairFit, unknowns: Array) -> PairFit:

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from hiltest.calibration.axes import Axes, nearest_axes
 from hiltest.calibration.constant_dip import ConstantDip, fit_constant_dip
 from hiltest.calibration.direction_error import predicted_direction_error
-from hiltest.calibration.fit import ELLIPSOID_UNKNOWNS, FitStatus, MagnetometerFit
-from hiltest.calibration.pair_fit import PAIR_METHODS, PairFit, fit_norms, held_out_dip_deg
+from hiltest.calibration.fit import FitStatus, MagnetometerFit
+from hiltest.calibration.pair_fit import PAIR_METHODS, PairFit, fit_norms, held_out_dip_deg, length_scatter
 from hiltest.calibration.quality import rotation_left_deg
 from hiltest.calibration.robust import Mask, outliers
 from hiltest.logs.fit_result import AgainstGravity, CalibratorFit, GravityFigures
@@ -123,9 +123,10 @@ def _checked(
         return replace(log, unused="the readings of one of the sensors make no ellipsoid; turn them all round")
     field, gravity = norms.magnetometer.corrected(points), norms.accelerometer.gravity_g(acceleration)
     turn = fit_constant_dip(field, gravity)
-    spread, dip_spread = _deviation(gravity), float(norms.turned(turn.rotation).dips_deg(points, acceleration).std())
+    spread = length_scatter(gravity)
+    dip_spread = float(norms.turned(turn.rotation).dips_deg(points, acceleration).std())
     # What scatters the field's length scatters its dip as much.
-    largest = math.degrees(math.hypot(_LARGEST_SPREAD, _deviation(field)))
+    largest = math.degrees(math.hypot(_LARGEST_SPREAD, length_scatter(field)))
     log = replace(
         log, gravity_spread_percent=100.0 * spread, dip_spread_deg=dip_spread, largest_dip_spread_deg=largest
     )
@@ -138,11 +139,6 @@ def _checked(
         f"its length varies by {100.0 * spread:.2g} % (at most {100.0 * _LARGEST_SPREAD:g}), the dip by "
         f"{dip_spread:.2g} deg (at most {largest:.2g}); log attitudes all round at which the sensor stands still"
     ))  # fmt: skip
-
-
-def _deviation(corrected: Array) -> float:
-    off = np.linalg.norm(corrected, axis=1) - 1.0
-    return float(np.sqrt((off @ off) / (len(off) - ELLIPSOID_UNKNOWNS)))
 
 
 def _wrong_axes(turn: ConstantDip) -> Axes | None:

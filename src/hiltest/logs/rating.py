@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hiltest.calibration import UNBIASED
-from hiltest.calibration.acceptance import FitFigures, rate
+from hiltest.calibration.acceptance import FitFigures, rate, status_words
 from hiltest.calibration.conditioning import ellipsoid_condition
 from hiltest.calibration.direction_error import DirectionError, ErrorPrediction
-from hiltest.calibration.fit import FitStatus, MagnetometerFit
+from hiltest.calibration.fit import MagnetometerFit
 from hiltest.calibration.quality import residual_percent
 from hiltest.calibration.shapes import Shape, fit_shape
 from hiltest.calibration.solid_angle import solid_angle_covered
@@ -79,7 +79,7 @@ class Rating:
         n_used = figures.n or 0
         if not fit.has_fit:
             verdict, reasons = rate(figures)
-            return CalibratorFit(name, words(fit.status), verdict, reasons, n_used, iterations=fit.iterations)
+            return CalibratorFit(name, status_words(fit.status), verdict, reasons, n_used, iterations=fit.iterations)
         radius = float(np.linalg.det(fit.soft_iron)) ** (-1.0 / 3.0)
         microtesla = self._samples.microtesla
         whole = figures.shape is None or figures.shape.axes == 3
@@ -95,7 +95,7 @@ class Rating:
         verdict, reasons = rate(figures)
         x, y, z = fit.soft_iron * radius
         return CalibratorFit(
-            name, figures.shape or words(fit.status), verdict, reasons, n_used,
+            name, figures.shape or status_words(fit.status), verdict, reasons, n_used,
             hard_iron=triple(fit.hard_iron), soft_iron=(triple(x), triple(y), triple(z)), radius=radius,
             residual_percent=figures.residual_percent,
             coverage=solid_angle_covered(fit.corrected(self._samples.points)), axis_ratio=figures.axis_ratio,
@@ -109,8 +109,3 @@ def triple(values: Array) -> Triple:
     """Return three numbers as a tuple."""
     x, y, z = (float(value) for value in values)
     return x, y, z
-
-
-def words(status: FitStatus) -> str:
-    """Return a status as people read it."""
-    return status.name.lower().replace("_", " ")
