@@ -23,7 +23,7 @@ class Line:
         self.name = os.ttyname(self.near)
 
     def send(self, data: bytes, then: signal.Signals | None = None, *, unplugged: bool = False) -> threading.Thread:
-        """Send in the background once the port is open, and end the command or the line half a second later."""
+        """Send in the background once the port is open, and end the command or the line when all was read."""
 
         def sending() -> None:
             while not self.is_open():
@@ -31,7 +31,6 @@ class Line:
             time.sleep(1.0)  # it drops what came before
             os.write(self.far, data)
             self.wait_until_read()
-            time.sleep(0.5)
             if unplugged:
                 os.close(self.far)
                 self.far = -1
@@ -44,12 +43,17 @@ class Line:
         return thread
 
     def wait_until_read(self) -> None:
-        """Wait until nothing that was sent is left in the line: what is left when it is unplugged is lost."""
+        """Wait until nothing was left in the line for half a second: what is left when it is unplugged is lost.
+
+        On a busy machine the system moves what was written to the near end later than it returns from the write.
+        """
         near = os.open(self.name, os.O_RDONLY | os.O_NOCTTY)
         until_s = time.monotonic() + 10.0
+        empty = 0
         try:
-            while time.monotonic() < until_s and self.unread(near):
+            while time.monotonic() < until_s and empty < 10:
                 time.sleep(0.05)
+                empty = 0 if self.unread(near) else empty + 1
         finally:
             os.close(near)
 

@@ -187,7 +187,7 @@ def test_an_accelerometer_calibration_that_is_not_applied_as_it_is_answered_is_a
     run_edited: RunEdited, edit: Edit
 ) -> None:
     ended = run_edited(edit, rig="virtual-k64f-untrimmed")
-    assert "the firmware contradicts itself: it answers a heading of" in ended.output
+    assert "the firmware contradicts itself: it answers a residual of" in ended.output
     assert "heading.direct.max" not in ended.values
 
 

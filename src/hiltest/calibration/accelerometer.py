@@ -155,7 +155,19 @@ def fit_six_position(poses: Sequence[StillPose]) -> AccelerometerSolution:
     if met is None:
         return _no_fit(AccelerometerStatus.NOT_AN_ELLIPSOID)
     fit = AccelerometerFit(met[1][:, None] * straight, axes @ met[0])
-    return AccelerometerSolution(AccelerometerStatus.OK, (), None, fit, 1000.0 * _askew(fit.gravity_g(middle)))
+    return AccelerometerSolution(AccelerometerStatus.OK, (), None, fit, faces_residual_mg(fit, counts))
+
+
+def faces_residual_mg(fit: AccelerometerFit, counts: ArrayLike) -> float:
+    """Return how askew faces were under a calibration, rms [mg], from their readings in the order of `FACES`."""
+    gravity_g = fit.gravity_g(np.asarray(counts, dtype=np.float64))
+    return 1000.0 * _askew((gravity_g[::2] + gravity_g[1::2]) / 2.0)
+
+
+def norm_residual_mg(fit: AccelerometerFit, counts: ArrayLike) -> float:
+    """Return by how much gravity is not 1 g long under a calibration, rms [mg]."""
+    gravity_g = fit.gravity_g(np.asarray(counts, dtype=np.float64))
+    return 1000.0 * _rms(np.linalg.norm(gravity_g, axis=1) - 1.0)
 
 
 def axes_uncertainty_deg(faces_askew_deg: float) -> float:
@@ -199,8 +211,7 @@ def fit_ellipsoid(poses: Sequence[StillPose]) -> AccelerometerSolution:
         refused = found.status is FitStatus.NOT_AN_ELLIPSOID
         return _no_fit(AccelerometerStatus.NOT_AN_ELLIPSOID if refused else AccelerometerStatus.POOR_COVERAGE)
     fit = AccelerometerFit(found.soft_iron, found.hard_iron)
-    errors_g = np.linalg.norm(fit.gravity_g(counts), axis=1) - 1.0
-    return AccelerometerSolution(AccelerometerStatus.OK, (), None, fit, 1000.0 * _rms(errors_g))
+    return AccelerometerSolution(AccelerometerStatus.OK, (), None, fit, norm_residual_mg(fit, counts))
 
 
 def is_on_face(counts: ArrayLike, face: Face) -> bool:

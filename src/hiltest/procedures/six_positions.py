@@ -18,11 +18,13 @@ from hiltest.calibration.accelerometer import (
     AccelerometerStatus,
     axes_uncertainty_deg,
     axis_error_deg,
+    faces_residual_mg,
     is_on_face,
+    norm_residual_mg,
     offset_error_mg,
 )
 from hiltest.calibration.still_pose import FACES, Face, StillPose
-from hiltest.errors import FaceError
+from hiltest.errors import FaceError, FirmwareContradictionError
 from hiltest.link.accelerometer import FitAccelerometer, SetAccelerometer
 from hiltest.link.messages import Average
 from hiltest.link.poses import MAX_TRANSFER, AddPose, ClearPoses, Poses, UploadPoses
@@ -41,6 +43,9 @@ READINGS_AFTER = 16
 _DRIFT_MG = 2.0
 # Beyond what the faces' own uncertainty explains: 5 times the noise of a mean of 64 readings.
 _NOISE_MG = 0.8
+# Of a residual that the board computes from the poses and the calibration it answers. The rounding of 1 g to float32
+# is 0.0001 mg; a residual of 6 sums of it, differenced, stays far below.
+_RESIDUAL_ROUNDING_MG = 0.01
 # How much of a heading the axes that six askew faces leave may turn, of their rms uncertainty times tan(dip): the 99th
 # percentile over 1000 boards laid down askew by 1 degree rms, at the sixty known angles and without any other error.
 _TURNED_BY_AXES = {
@@ -179,10 +184,12 @@ def fit_poses(board: Board, method: str, n: int, die_temperature_degc: int) -> A
     ------
     FaceError
         When it refuses; says what is wrong.
+    FirmwareContradictionError
+        When the residual that it answers is not that of its poses under the calibration that it answers.
     """
-    counts: list[Reals] = []
-    while len(counts) < n:
-        counts += [pose.accelerometer for pose in board.session.request(Poses(len(counts), min(20, n - len(counts))))]
+    poses: list[StillPose] = []
+    while len(poses) < n:
+        poses += board.session.request(Poses(len(poses), min(20, n - len(poses))))
     reply = board.session.request(FitAccelerometer(n, method))
     solution = reply.solution
     if solution.status is not AccelerometerStatus.OK:
@@ -192,12 +199,27 @@ def fit_poses(board: Board, method: str, n: int, die_temperature_degc: int) -> A
             + (f", {_named(solution.faces)}" if solution.faces else "") + f"; {_REMEDIES[solution.status]}",
             faces=[int(face) for face in solution.faces],
         )
+    _check_residual(method, poses, solution)
     truth = true_accelerometer(board)
     return AccelerometerRun(
-        method, np.array(counts), solution, reply.cost, board.cycle_range(reply.cost), die_temperature_degc,
+        method, np.array([pose.accelerometer for pose in poses]), solution, reply.cost,
+        board.cycle_range(reply.cost), die_temperature_degc,
         None if truth is None else axis_error_deg(solution.fit, truth),
         None if truth is None else offset_error_mg(solution.fit, truth),
     )
+
+
+def _check_residual(method: str, poses: Sequence[StillPose], solution: AccelerometerSolution) -> None:
+    """Refuse a residual that does not follow from the calibration and the poses that the board answered."""
+    counts = [pose.accelerometer for pose in sorted(poses, key=lambda pose: pose.face)]
+    residual_mg = faces_residual_mg if method == "six-position" else norm_residual_mg
+    computed_mg = residual_mg(solution.fit, counts)
+    if not abs(solution.residual_mg - computed_mg) <= _RESIDUAL_ROUNDING_MG:
+        raise FirmwareContradictionError(
+            f"the firmware contradicts itself: it answers a residual of {solution.residual_mg:.3f} mg for its "
+            f"{method} fit, and its own poses and calibration give {computed_mg:.3f} mg; does it apply the "
+            "calibration to the accelerometer as it answers it?"
+        )
 
 
 def store_accelerometer(board: Board, fit: AccelerometerFit, slots: Sequence[int]) -> None:
