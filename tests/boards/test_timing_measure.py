@@ -94,16 +94,22 @@ def test_it_gives_back_the_profile_that_the_board_was_made_with(
 ) -> None:
     made = written(tmp_path, changed, base)
     with open_board(made_with(rig, made)) as board:
-        found = measure_sequences(board)
-    measured = solved(found[SequencePlace.SRAM])
+        # This board's flash waits for nothing; one profile of each base shows it.
+        clocks = clocks_from_sram(board) if changed else clocks_of_every_place(board)
+    measured = solved(clocks)
     assert measured.remarks == ()
     assert measured.base.name == base
     (tmp_path / "measured.toml").write_text(profile_text("measured/1", measured, {}), encoding="utf-8")
     back = load_profile(str(tmp_path / "measured.toml"))
     assert values(back) == values(load_profile(made)) == values(load_profile(base)) | changed
     assert all(row.band == (row.value, row.value) for row in measured.rows.values())
-    # This board's flash waits for nothing.
-    assert all(of_place == found[SequencePlace.SRAM] for of_place in found.values())
+
+
+def clocks_of_every_place(board: Board) -> dict[str, int]:
+    """Return the clocks of each sequence, which are the same wherever it lies."""
+    first, *others = measure_sequences(board).values()
+    assert all(each == first for each in others)
+    return first
 
 
 def clocks_from_sram(board: Board) -> dict[str, int]:
@@ -347,7 +353,7 @@ def test_every_row_is_solved_for_once_and_every_sequence_used() -> None:
 @pytest.fixture(scope="module")
 def clocks(rig: Rig) -> dict[str, int]:
     with open_board(made_with(rig, PLAIN)) as board:
-        return measure_sequences(board)[SequencePlace.SRAM]
+        return clocks_of_every_place(board)
 
 
 def with_edge(machine: VirtualK64F, clocks: int) -> None:
@@ -366,7 +372,7 @@ def with_edge(machine: VirtualK64F, clocks: int) -> None:
             engine.hook_add(unicorn.UC_HOOK_CODE, wait, begin=returns_at, end=returns_at)
 
 
-@pytest.mark.parametrize("edge", range(1, 6))
+@pytest.mark.parametrize("edge", [1, 4])
 def test_what_a_run_costs_at_its_edges_is_in_no_row(rig: Rig, clocks: dict[str, int], edge: int) -> None:
     ask, rig = TimeSequence(SEQUENCES.index("fp")), made_with(rig, PLAIN)
     with open_board(rig) as board:
@@ -375,12 +381,12 @@ def test_what_a_run_costs_at_its_edges_is_in_no_row(rig: Rig, clocks: dict[str, 
     with_edge(bench.machine, edge)
     with VirtualBoard(bench, declared=Declared.of(rig)) as board:
         cost = board.session.request(ask)
-        found = measure_sequences(board)
+        found = clocks_of_every_place(board)
     assert without is not None
     assert cost is not None
     assert cost.overhead_cycles == without.overhead_cycles + edge  # it is there
-    assert all(of_place == clocks for of_place in found.values())
-    measured = solved(found[SequencePlace.SRAM])
+    assert found == clocks
+    measured = solved(found)
     assert measured.remarks == ()
     plain = load_profile(PLAIN)
     assert {name: row.band for name, row in measured.rows.items()} == {
@@ -429,7 +435,7 @@ def test_a_class_of_the_kernels_that_costs_more_than_others_of_its_row_is_told(
     profile = tmp_path / "dearer.toml"
     profile.write_text(f'name = "dearer-{mnemonics[0].partition(".")[0]}/1"\nbase = "{PLAIN}"\n')
     with open_board(made_with(rig, str(profile))) as board:
-        clocks = measure_sequences(board)[SequencePlace.SRAM]
+        clocks = clocks_from_sram(board)
     assert {remark.split(":")[0] for remark in solved(clocks).remarks} == told
 
 
