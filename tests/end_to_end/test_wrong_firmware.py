@@ -22,7 +22,7 @@ from .firmware_edits import NEXT_PROTOCOL, Edit, FirmwareCopy, calibrations_turn
 
 WALL_LIMIT_S = 120  # a run takes a few seconds; nothing may wait for ever
 # What these causes show in, and the gyroscope, which is measured before the headings are.
-SUITES = ("--", "-k", "identity or accelerometer or gyroscope or heading or dpi")
+SUITES = ("--", "-k", "identity or accelerometer or test_gyroscope or heading or dpi")
 
 
 @dataclass(frozen=True)
