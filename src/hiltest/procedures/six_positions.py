@@ -189,7 +189,8 @@ def fit_poses(board: Board, method: str, n: int, die_temperature_degc: int) -> A
     """
     poses: list[StillPose] = []
     while len(poses) < n:
-        poses += board.session.request(Poses(len(poses), min(20, n - len(poses))))
+        stored = board.session.request(Poses(len(poses), min(20, n - len(poses))))
+        poses += stored
     reply = board.session.request(FitAccelerometer(n, method))
     solution = reply.solution
     if solution.status is not AccelerometerStatus.OK:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import struct
+from functools import lru_cache
 from typing import Any
 
 from unicorn import UC_PROT_EXEC, UC_PROT_READ, UC_PROT_WRITE
@@ -22,6 +23,13 @@ PERIPHERALS = (0x40000000, 0x100000)
 PRIVATE_PERIPHERALS = (0xE0000000, 0x100000)
 #: Where memories may be, first and last address: neither bit-band alias nor devices nor the processor's own registers.
 PLAIN = ((0x00000000, 0x21FFFFFF), (0x24000000, 0x3FFFFFFF), (0x60000000, 0xDFFFFFFF))
+
+
+@lru_cache
+def _words(count: int) -> struct.Struct:
+    """Return the format of little-endian words."""
+    return struct.Struct(f"<{count}I")
+
 
 class SharedMemory:
     """A range of target addresses backed by a buffer of ours.
@@ -81,7 +89,7 @@ class BoardMemory:
         for memory in self._plain:
             if memory.base <= address and address + size <= memory.base + memory.size:
                 return bytes(memory.view[address - memory.base : address - memory.base + size])
-        raise ValueError(f"0x{address:08x}..+{size} is neither flash nor SRAM")
+        raise self._outside(address, size)
 
     def write(self, address: int, data: bytes) -> None:
         """Write flash or SRAM, as a programmer or a debugger does."""
@@ -89,19 +97,29 @@ class BoardMemory:
             if memory.base <= address and address + len(data) <= memory.base + memory.size:
                 memory.view[address - memory.base : address - memory.base + len(data)] = data
                 return
-        raise ValueError(f"0x{address:08x}..+{len(data)} is neither flash nor SRAM")
+        raise self._outside(address, len(data))
+
+    @staticmethod
+    def _outside(address: int, size: int) -> ValueError:
+        return ValueError(f"0x{address:08x}..+{size} is neither flash nor SRAM")
 
     def holds_stack(self, address: int, size: int) -> bool:
         """Whether a range is RAM, where a stack may be."""
-        return any(each.base <= address and address + size <= each.base + each.size for each in self._ram)
+        for each in self._ram:  # noqa: SIM110 - twice an exception, and a generator costs more than what it asks
+            if each.base <= address and address + size <= each.base + each.size:
+                return True
+        return False
 
     def read_words(self, address: int, count: int) -> tuple[int, ...]:
         """Read little-endian words."""
-        return struct.unpack(f"<{count}I", self.read(address, 4 * count))
+        for memory in self._plain:
+            if memory.base <= address and address + 4 * count <= memory.base + memory.size:
+                return _words(count).unpack_from(memory.view, address - memory.base)
+        raise self._outside(address, 4 * count)
 
     def write_words(self, address: int, values: list[int]) -> None:
         """Write little-endian words."""
-        self.write(address, struct.pack(f"<{len(values)}I", *values))
+        self.write(address, _words(len(values)).pack(*values))
 
     def clear(self) -> None:
         """Power-on content: flash erased, SRAM zero."""
