@@ -24,6 +24,7 @@ _GROUPS = {
     "Firmware": ("profile", "timing"),
     "Bench": ("init", "device", "serve", "calibrate", "log"),
     "Recordings": ("fit", "fit-imu", "allan", "decode", "play"),
+    "Papers": ("study",),
 }
 _COMMANDS = tuple(name for names in _GROUPS.values() for name in names)
 _LONGEST_LINE = 70

@@ -62,6 +62,7 @@ def _kinds() -> Iterator[Kind]:
     yield from _fusion()
     yield from _own_language()
     yield from _board()
+    yield from _studies()
 
 
 def _heading() -> Iterator[Kind]:
@@ -322,6 +323,15 @@ def _board() -> Iterator[Kind]:
     yield Kind("board.virtual_seconds", "s", _NEITHER, _allow(5, 0.02, "waiting, not work; moved by 4.4 of 239"),
                Section.BOARD, "Time that passed on the virtual board", compared=False)
     yield Kind("board.wall_seconds", "s", _NEITHER, _COUNTED, Section.BOARD, "Time that the run took", compared=False)
+
+
+def _studies() -> Iterator[Kind]:
+    for name, better, meaning in (
+        ("ellipsoids.non_ellipsoids", _LOWER, "Instances of all noise levels whose quadric is no ellipsoid"),
+        ("ellipsoids.instances", _NEITHER, "Instances of all noise levels"),
+        ("ellipsoids.points", _NEITHER, "Points of each instance"),
+    ):
+        yield Kind(f"study.{name}", "", better, _COUNTED, Section.STUDIES, meaning)
 
 
 KINDS: Mapping[str, Kind] = {kind.name: kind for kind in _kinds()}

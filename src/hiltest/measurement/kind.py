@@ -32,6 +32,7 @@ class Section(StrEnum):
     GYROSCOPE = "Gyroscope"
     FUSION = "Sensor fusion"
     BOARD = "Board and link"
+    STUDIES = "Studies"
     OWN = "Other measurements"
 
 
@@ -49,6 +50,7 @@ NEXT_STEP = {
     Section.GYROSCOPE: "Check the table's angle and the rate of the gyroscope's samples: a turn is their sum.",
     Section.FUSION: "Look first at heading, accelerometer and gyroscope alone: the filter mixes their errors.",
     Section.BOARD: "Look at the wire trace, then at cable, ground and baud rate.",
+    Section.STUDIES: "Run the study again with the same seed: its numbers do not depend on the machine.",
     Section.OWN: "For a measurement of your own, look at the line that measured it, which stands beside it.",
 }
 """What to do about a measurement out of its limit whose cause is not known, where its kind does not say more."""

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import ctypes
-import struct
 from functools import cache
 
-from hiltest.virtual.native.build import LIBRARY, source_sha256
+from hiltest.c_library import loaded
+from hiltest.virtual.native.build import LIBRARY, SOURCES
 
 PASSED = ctypes.CFUNCTYPE(None, ctypes.c_int64)
 PROVE = ctypes.CFUNCTYPE(ctypes.c_int64)
@@ -106,32 +106,13 @@ class Window(ctypes.Structure):
     )
 
 
-def _is_cut_off(content: bytes) -> bool:
-    """Whether the end of an ELF file is missing: to load such a one can kill the process, not only fail."""
-    if len(content) < 64 or content[:4] != b"\x7fELF":
-        return False  # what is no ELF file at all the loader refuses
-    wide = content[4] == 2
-    (sections,) = struct.unpack_from("=Q" if wide else "=I", content, 0x28 if wide else 0x20)
-    size, count = struct.unpack_from("=HH", content, 0x3A if wide else 0x2E)
-    return bool(sections + size * count > len(content))  # the table of sections ends the file
-
-
 @cache
-def _load() -> tuple[ctypes.PyDLL | None, str]:
+def _load() -> tuple[ctypes.CDLL | None, str]:
     """Load the library, or say why it is not used."""
-    if not LIBRARY.exists():
-        return None, f"{LIBRARY} was not built"
-    try:
-        if _is_cut_off(LIBRARY.read_bytes()):
-            return None, f"{LIBRARY} is cut off"
-        # PyDLL: none of these functions takes long, and the emulator calls the hook itself, as a plain C function.
-        library = ctypes.PyDLL(str(LIBRARY))
-        library.hiltest_block_hook_source.restype = ctypes.c_char_p
-        built_from = library.hiltest_block_hook_source()
-    except (OSError, AttributeError) as error:
-        return None, f"{LIBRARY} cannot be loaded ({error})"
-    if built_from != source_sha256().encode():
-        return None, f"{LIBRARY} was built from another block_hook.c"
+    # PyDLL: none of these functions takes long, and the emulator calls the hook itself, as a plain C function.
+    library, reason = loaded(LIBRARY, SOURCES, ctypes.PyDLL)
+    if library is None:
+        return None, reason
     library.hiltest_calls_size.restype = ctypes.c_size_t
     for name, *arguments in (
         ("note", ctypes.c_uint32, ctypes.c_int32), ("reset",), ("leave",), ("resume", ctypes.c_int64),
@@ -154,7 +135,7 @@ def missing_because() -> str:
     return _load()[1]
 
 
-def library() -> ctypes.PyDLL:
+def library() -> ctypes.CDLL:
     """Return the library.
 
     Raises

@@ -1,0 +1,105 @@
+"""`ellipsoids`: does the least-squares quadric of a calibration always come out as an ellipsoid?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from scipy.stats import beta
+
+from hiltest.measurement import Measurement, check
+from hiltest.record.run import Column, Run, Table
+from hiltest.report.marks import Mark
+from hiltest.report.svg import Figure
+from hiltest.studies.instances import Model, kernel, non_ellipsoids
+from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
+from hiltest.text import number
+
+NOISE_UT = tuple(2.5 * step for step in range(1, 21))
+_MILLION = 1_000_000
+_POINTS_UNKNOWN = "the thesis does not say how many points an instance has"
+
+
+def measure(plan: Plan, block: Block) -> Numbers:
+    """Count the quadrics of a block that are no ellipsoids, in C where there is a compiler."""
+    model = Model(plan.seed, plan.points, NOISE_UT[block.condition], stream=block.condition)
+    in_c, _ = kernel()
+    count = non_ellipsoids if in_c is None else in_c.non_ellipsoids
+    return (count(model, block.first, block.count),)
+
+
+def conclude(plan: Plan, by_noise: Sequence[Sequence[Numbers]]) -> Conclusion:
+    """Add up the counts, and judge what the thesis says of them."""
+    counts = [sum(int(each) for (each,) in blocks) for blocks in by_noise]
+    total, of = sum(counts), plan.instances * len(counts)
+    table = Table(
+        "study.ellipsoids",
+        (Column("noise", "uT"), Column("instances"), Column("non_ellipsoids"), Column("per million"),
+         Column("at least"), Column("at most")),
+        tuple(_row(noise_ut, count, plan.instances) for noise_ut, count in zip(NOISE_UT, counts, strict=True)),
+    )  # fmt: skip
+    said = f"{number(total)} of {number(of)} quadrics are no ellipsoids at {number(plan.points)} points"
+    return Conclusion(f"{said}.", tuple(_measurements(plan, total, of)), table,
+                      (_always(plan, total, of), _nearly_always(plan, counts)))  # fmt: skip
+
+
+def _measurements(plan: Plan, total: int, of: int) -> list[Measurement]:
+    values = {"non_ellipsoids": total, "instances": of, "points": plan.points}
+    return [check(f"study.ellipsoids.{name}", value, unit="") for name, value in values.items()]
+
+
+def _row(noise_ut: float, count: int, of: int) -> tuple[float | int, ...]:
+    low, high = interval(count, of)
+    return noise_ut, of, count, _MILLION * count / of, _MILLION * low, _MILLION * high
+
+
+def interval(count: int, of: int) -> tuple[float, float]:
+    """Return the 95 % interval of a share (Clopper and Pearson, Biometrika 26, 1934)."""
+    low = float(beta.ppf(0.025, count, of - count + 1)) if count else 0.0
+    return low, float(beta.ppf(0.975, count + 1, of - count)) if count < of else 1.0
+
+
+def _always(plan: Plan, total: int, of: int) -> PrintedFigure:
+    if total:
+        why = f"{_POINTS_UNKNOWN}; at {plan.points} it is not always an ellipsoid, and with more it is rarer"
+    else:
+        at_most = _MILLION * interval(0, of)[1]
+        why = f"{_POINTS_UNKNOWN}; at {plan.points} the 95 % interval of the share ends at {at_most:.3g} in a million"
+    return PrintedFigure(
+        "quadrics that are no ellipsoids, of 20 noise levels with 1 000 000 instances each", "Mucciaccia, 4.2.2", "0",
+        f"{number(total)} of {number(of)}", not total, why,
+    )  # fmt: skip
+
+
+def _nearly_always(plan: Plan, counts: Sequence[int]) -> PrintedFigure:
+    share, noise_ut = min((100.0 - 100.0 * count / plan.instances, noise_ut)
+                          for count, noise_ut in zip(counts, NOISE_UT, strict=True))  # fmt: skip
+    reproduced = share > 99.9
+    why = f"the fewest, at {noise_ut:g} uT, are {'more' if reproduced else 'not more'}; {_POINTS_UNKNOWN}"
+    return PrintedFigure("share of adequate results", "Mucciaccia, 5.1", "more than 99.9 %", f"{share:.4f} %",
+                         reproduced, why)  # fmt: skip
+
+
+def draw(run: Run) -> Figure:
+    """Draw the share of non-ellipsoids against noise."""
+    table = run.table("study.ellipsoids")
+    assert table is not None
+    noise, share, low, high = (
+        [float(each or 0) for each in table.column(name)] for name in ("noise", "per million", "at least", "at most")
+    )
+    figure = Figure(
+        title="Quadrics that are no ellipsoids", description=run.verdict.sentence, x_label="noise [uT]",
+        y_label="in a million", x_range=(0.0, noise[-1] + noise[0]), y_range=(0.0, 1.05 * max(high)), width=560.0,
+        height=360.0,
+    )  # fmt: skip
+    figure.bars(zip(noise, low, high, strict=True), "series-0")
+    figure.series("measured, with its 95 % interval", list(zip(noise, share, strict=True)), mark=Mark.DOT,
+                  mark_style="series-0 filled")  # fmt: skip
+    return figure
+
+
+STUDY = Study(
+    name="ellipsoids",
+    question="The direct fit has no constraint: how often is its quadric no ellipsoid, as noise grows?",
+    conditions=len(NOISE_UT), instances=_MILLION, points=100, block=50_000, measure=measure, conclude=conclude,
+    draw=draw,
+)  # fmt: skip

@@ -1,0 +1,218 @@
+"""The thesis' instance generator: calibration problems by number, the same in C and in numpy to the last bit.
+
+Instance k of a model is a function of (seed, stream, points, k): Philox 4x64-10 (Salmon et al., SC'11) by counter, so
+that workers share the work as they like. Angles and noise come from tables with 65 536 intervals; noise from that of
+`hiltest.world.noise`, which has variance .99998 and kurtosis 2.9991 and ends at 4.3 sigma. Everything else is + - * /
+and sqrt, which IEEE 754 rounds in one way.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hiltest.c_library import INSTANCES_KERNEL, SOURCES, compiled, loaded
+from hiltest.calibration.direct_batch import QuadricBatch, fit_quadrics
+from hiltest.calibration.fit import Array
+from hiltest.world.noise import normal_quantiles
+
+_PARTS = 1 << 16
+_QUARTER_TURN = _PARTS // 4
+_GRID = 1 << 30  # of cosines: finer than anything here, and coarser than the last bits of one host's library
+_PARAMETER_COUNTERS = 3
+_AT_ONCE = 4096  # instances that numpy draws and fits at a time: 100 MB at 1000 points
+
+Words = NDArray[np.uint64]
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """What instances are drawn from: ``m = R Q diag Q' b + e + n`` (Mucciaccia, eq. 1).
+
+    Attributes
+    ----------
+    seed : int
+        0 to 2**64 - 1.
+    points : int
+        Points of each instance.
+    noise_ut : float
+        Standard deviation of n on each axis, added after the distortion [uT].
+    stream : int
+        Instances of two streams are independent of each other.
+    stretch : float
+        Eigenvalues of the soft iron are uniform in 1 -+ stretch; its axes Q are any rotation [1].
+    occluded : float
+        The directions b leave out a cap about any axis; its share of the sphere is uniform up to this [1].
+    hard_iron_ut : float
+        Components of e are uniform up to this on both sides of 0 [uT].
+    field_ut : float
+        R, the field strength [uT].
+    """
+
+    seed: int
+    points: int
+    noise_ut: float
+    stream: int = 0
+    stretch: float = 0.5
+    occluded: float = 0.5
+    hard_iron_ut: float = 100.0
+    field_ut: float = 50.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Instances:
+    """Points and the truth behind them.
+
+    Attributes
+    ----------
+    points_ut : ndarray, shape (m, n, 3)
+        Measured field [uT], body frame.
+    soft_iron : ndarray, shape (m, 3, 3)
+        Takes the field to the field at the part [1].
+    hard_iron_ut : ndarray, shape (m, 3)
+        [uT], body frame.
+    """
+
+    points_ut: Array
+    soft_iron: Array
+    hard_iron_ut: Array
+
+
+class _KernelModel(ctypes.Structure):
+    """``struct model`` of instances_kernel.c."""
+
+    _fields_ = (
+        *((name, ctypes.c_uint64) for name in ("seed", "stream", "points")),
+        *((name, ctypes.c_double) for name in ("field", "hard_iron", "stretch", "occluded", "noise")),
+        ("quantiles", ctypes.c_void_p), ("cosines", ctypes.c_void_p),
+    )  # fmt: skip
+
+
+@cache
+def cosines() -> Array:
+    """Return the cosines in the middle of 65 536 parts of a turn, rounded to 2**-30."""
+    return np.array([round(math.cos(2 * math.pi * (k + 0.5) / _PARTS) * _GRID) / _GRID for k in range(_PARTS)])
+
+
+def draw_instances(model: Model, first: int, count: int) -> Instances:
+    """Draw instances `first` to ``first + count - 1`` of a model."""
+    given, points, heights = _words(model, first, count)
+    unit = (given >> np.uint64(11)).astype(np.float64) * 2.0**-53
+    axes, cap = _rotations(given[7]), _rotations(given[8])
+    e = (1.0 - model.stretch) + (2.0 * model.stretch) * unit[:3]
+    iron = [[axes[i][0] * e[0] * axes[j][0] + axes[i][1] * e[1] * axes[j][1] + axes[i][2] * e[2] * axes[j][2]
+             for j in range(3)] for i in range(3)]  # fmt: skip
+    hard = 2.0 * model.hard_iron_ut * unit[3:6] - model.hard_iron_ut
+    seen = 2.0 - 2.0 * (model.occluded * unit[6])
+
+    z = seen[:, None] * ((heights + 0.5) * 2.0**-32) - 1.0
+    r = np.sqrt(1.0 - z * z)
+    part = (points >> np.uint64(48)).astype(np.intp)
+    x, y = r * cosines()[part], r * cosines()[(part - _QUARTER_TURN) % _PARTS]
+    found = np.empty((count, model.points, 3))
+    for i in range(3):
+        a, b, c = (
+            (model.field_ut * (iron[i][0] * cap[0][j] + iron[i][1] * cap[1][j] + iron[i][2] * cap[2][j]))[:, None]
+            for j in range(3)
+        )
+        draws = (points >> np.uint64(16 * i) & np.uint64(0xFFFF)).astype(np.intp)
+        found[..., i] = a * x + b * y + c * z + hard[i][:, None] + model.noise_ut * normal_quantiles()[draws]
+    return Instances(found, np.moveaxis(np.array(iron), -1, 0), hard.T)
+
+
+def _words(model: Model, first: int, count: int) -> tuple[Words, Words, Array]:
+    """Return words of parameters, shape (12, m), and of points, and the heights' 32 bits, each of shape (m, n)."""
+    of_points, of_heights = -(-model.points // 4), -(-model.points // 8)
+    counters = _PARAMETER_COUNTERS + of_points + of_heights
+    # numpy counts up before it draws: word 0 of instance k is of counter k * counters + 1.
+    start = np.array([first * counters, model.stream, model.points, 0], dtype=np.uint64)
+    bits = np.random.Philox(counter=start, key=np.array([model.seed, 0], dtype=np.uint64))
+    words = bits.random_raw(4 * counters * count).reshape(count, 4 * counters)
+    parts = np.split(words, [4 * _PARAMETER_COUNTERS, 4 * (_PARAMETER_COUNTERS + of_points)], axis=1)
+    halves = np.stack([parts[2] & np.uint64(0xFFFFFFFF), parts[2] >> np.uint64(32)], axis=-1)
+    heights = halves.reshape(count, 8 * of_heights)[:, : model.points].astype(np.float64)
+    return parts[0].T, parts[1][:, : model.points], heights
+
+
+def _rotations(words: Words) -> list[list[Array]]:
+    """Return rotations, any as likely as any other, as rows of entries, each of shape (m,)."""
+    shifts = (words >> np.uint64(16 * k) & np.uint64(0xFFFF) for k in range(4))
+    w, x, y, z = (normal_quantiles()[each.astype(np.intp)] for each in shifts)
+    norm = np.sqrt(w * w + x * x + y * y + z * z)
+    w, x, y, z = w / norm, x / norm, y / norm, z / norm
+    return [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+    ]
+
+
+def non_ellipsoids(model: Model, first: int, count: int) -> int:
+    """Count the instances whose least-squares quadric is no ellipsoid, in numpy."""
+    found = 0
+    for start in range(first, first + count, _AT_ONCE):
+        points_ut = draw_instances(model, start, min(_AT_ONCE, first + count - start)).points_ut
+        found += int(np.count_nonzero(~fit_quadrics(points_ut).is_ellipsoid))
+    return found
+
+
+class Kernel:
+    """The same in C: `instances_kernel.c`."""
+
+    def __init__(self, library: ctypes.CDLL) -> None:
+        self._library = library
+        library.hiltest_non_ellipsoids.restype = ctypes.c_int64
+
+    def points_ut(self, model: Model, first: int, count: int) -> Array:
+        """Return points as `draw_instances` draws them, shape (m, n, 3) [uT]."""
+        points = np.empty((count, model.points, 3))
+        of = _kernel_model(model)
+        self._library.hiltest_draw(ctypes.byref(of), *_uint64(first, count), points.ctypes.data_as(ctypes.c_void_p))
+        return points
+
+    def fit_quadrics(self, points: Array) -> QuadricBatch:
+        """Fit as `hiltest.calibration.direct_batch.fit_quadrics` does, shape (m, n, 3); it measures no coverage."""
+        each = np.ascontiguousarray(points, dtype=np.float64)
+        rows = np.empty((len(each), 13))
+        places = (each.ctypes.data_as(ctypes.c_void_p), *_uint64(len(each), each.shape[1]))
+        if self._library.hiltest_fit(*places, rows.ctypes.data_as(ctypes.c_void_p)) < 0:
+            raise MemoryError(f"no memory for {each.shape[1]} points")
+        shape, nothing = rows[:, :9].reshape(-1, 3, 3), np.broadcast_to(np.nan, len(each))
+        return QuadricBatch(shape, rows[:, 9:12], rows[:, 12], nothing)
+
+    def non_ellipsoids(self, model: Model, first: int, count: int) -> int:
+        """Count the instances whose least-squares quadric is no ellipsoid."""
+        of = _kernel_model(model)
+        found = int(self._library.hiltest_non_ellipsoids(ctypes.byref(of), *_uint64(first, count)))
+        if found < 0:
+            raise MemoryError(f"no memory for {model.points} points")
+        return found
+
+
+@cache
+def kernel() -> tuple[Kernel | None, str]:
+    """Return the kernel in C, built now if it is not there and there is a compiler; or why there is none."""
+    sources = SOURCES[INSTANCES_KERNEL]
+    library, reason = loaded(INSTANCES_KERNEL, sources)
+    if library is None and not (reason := compiled(INSTANCES_KERNEL, sources)):
+        library, reason = loaded(INSTANCES_KERNEL, sources)
+    return (None, reason) if library is None else (Kernel(library), "")
+
+
+def _kernel_model(model: Model) -> _KernelModel:
+    # Both tables are kept for good by whoever made them.
+    tables: tuple[Any, ...] = (normal_quantiles().ctypes.data, cosines().ctypes.data)
+    return _KernelModel(
+        model.seed, model.stream, model.points, model.field_ut, model.hard_iron_ut, model.stretch, model.occluded,
+        model.noise_ut, *tables,
+    )
+
+
+def _uint64(*numbers: int) -> list[ctypes.c_uint64]:
+    return [ctypes.c_uint64(number) for number in numbers]

@@ -1,0 +1,39 @@
+"""The page of a study, from its record."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from hiltest import __version__
+from hiltest.record.run import Cell, Run, Table
+from hiltest.report.page import render
+from hiltest.studies.study import Study
+from hiltest.text import readable
+
+PAGE_FILE = "study.html"
+PRINTED_HEADER = ("figure", "paper", "printed", "measured", "reproduced", "why")
+
+
+def page(study: Study, run: Run) -> str:
+    """Return the page: the answer, the plot, each printed figure beside the measured one, and the numbers."""
+    table = run.table(f"study.{study.name}")
+    assert table is not None
+    return render(
+        "study.html.j2", package="hiltest.studies", study=study, run=run, figure=study.draw(run),
+        header=PRINTED_HEADER, printed=list(printed_rows(study, run)),
+        columns=[f"{each.name} [{each.unit}]" if each.unit else each.name for each in table.columns],
+        rows=[[_text(cell) for cell in row] for row in table.rows], version=__version__,
+    )  # fmt: skip
+
+
+def printed_rows(study: Study, run: Run) -> Iterator[tuple[str, ...]]:
+    """Yield a row for each figure that a paper printed, as `PRINTED_HEADER` says."""
+    table = run.table(f"study.{study.name}.printed") or Table("", (), ())
+    for row in table.rows:
+        yield tuple(_text(cell) for cell in row)
+
+
+def _text(cell: Cell) -> str:
+    if isinstance(cell, bool):
+        return "yes" if cell else "no"
+    return cell if isinstance(cell, str) else readable(cell)

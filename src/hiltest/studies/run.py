@@ -1,0 +1,179 @@
+"""Runs a study: its blocks on several processes, each kept as it is done, and the record of all."""
+
+from __future__ import annotations
+
+import math
+import signal
+import time
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from hiltest import __version__
+from hiltest.errors import ConfigError, HiltestError
+from hiltest.record.exit_codes import WORDS, ExitCode
+from hiltest.record.files import write_atomically
+from hiltest.record.journal import Journal
+from hiltest.record.outcomes import TestOutcome
+from hiltest.record.recorder import describe_host
+from hiltest.record.run import Column, Findings, Run, Table, TestResult, Verdict, utc_now
+from hiltest.record.run_json import write_run
+from hiltest.strict_json import parse_json, read_bounded
+from hiltest.studies.page import PAGE_FILE, page
+from hiltest.studies.study import Numbers, Plan, blocks_of, measure_block, study_of
+
+BLOCKS_FILE = "blocks.jsonl"
+"""The blocks that are done of a study that is not: a line of JSON each."""
+_LARGEST_BYTES = 1 << 30
+_OTHERWISE = "remove it to begin anew, or name another folder with --out"
+
+Progress = Callable[[str, int, int], None]
+
+
+def run_study(
+    plan: Plan, folder: Path, *, jobs: int, progress: Progress, asked_to_end: Callable[[], bool] = lambda: False
+) -> Run:
+    """Do all blocks that are not done yet, and write ``run.json`` and the page.
+
+    Parameters
+    ----------
+    plan : Plan
+    folder : Path
+        It is there already. What an interrupted run of the same plan has done is in it.
+    jobs : int
+        Number of processes.
+    progress : callable
+        Called with what is counted, how many are done, and of how many.
+    asked_to_end : callable
+        Whether to end after the blocks that are being done.
+
+    Raises
+    ------
+    ConfigError
+        If the folder is in use, or holds blocks of another plan.
+    KeyboardInterrupt
+        If it was asked to end; says nothing.
+    HiltestError
+        If a worker's process died.
+    """
+    journal = Journal(folder, BLOCKS_FILE)
+    try:
+        done = _kept(plan, journal.path)
+        began_s, began_utc = time.monotonic(), utc_now()
+        journal.announce({
+            "schema": "hiltest.study-blocks/1", "hiltest": __version__, "plan": asdict(plan), "started_utc": began_utc,
+            "environment": asdict(describe_host()),
+        })  # fmt: skip
+        journal.begin()
+        (folder / PAGE_FILE).unlink(missing_ok=True)
+        for number, numbers in _measured(plan, done, jobs, progress, asked_to_end):
+            journal.append("block", {"number": number, "numbers": list(numbers)})
+            done[number] = numbers
+        if len(done) < len(blocks_of(plan)):
+            raise KeyboardInterrupt
+        run = _record(plan, done, began_utc, time.monotonic() - began_s)
+        write_run(run, folder)
+        write_atomically(folder / PAGE_FILE, page(study_of(plan.study), run))
+        journal.finish()
+        return run
+    finally:
+        journal.release()
+
+
+def _kept(plan: Plan, journal: Path) -> dict[int, Numbers]:
+    """Return the blocks of a plan that a journal has."""
+    text = read_bounded(journal, largest_bytes=_LARGEST_BYTES, otherwise=_OTHERWISE)
+    blocks = len(blocks_of(plan))
+    found: dict[int, Numbers] = {}
+    for line_number, line in enumerate(text.splitlines(), 1):
+        try:
+            entry: Any = parse_json(line)
+            if entry["kind"] == "start":
+                if (entry["hiltest"], entry["plan"]) != (__version__, asdict(plan)):
+                    raise ConfigError(f"{journal}: blocks of another study are kept here: {_said(entry)}; {_OTHERWISE}")
+                continue
+            number, numbers = entry["number"], entry["numbers"]
+            if type(number) is not int or not 0 <= number < blocks or not all(map(_is_number, numbers)):
+                raise ValueError("no block of this study")
+        except (ValueError, LookupError, TypeError, AttributeError) as error:
+            raise ConfigError(f"{journal}: line {line_number} is damaged: {error}; {_OTHERWISE}") from error
+        found[number] = tuple(numbers)
+    return found
+
+
+def _said(start: Mapping[str, Any]) -> str:
+    plan = start["plan"]
+    return ", ".join([f"hiltest {start['hiltest']}", *(f"{key} {value}" for key, value in plan.items())])
+
+
+def _is_number(value: object) -> bool:
+    return type(value) in (int, float) and math.isfinite(value)  # type: ignore[arg-type]
+
+
+def _measured(
+    plan: Plan, done: Mapping[int, Numbers], jobs: int, progress: Progress, asked_to_end: Callable[[], bool]
+) -> Iterator[tuple[int, Numbers]]:
+    """Yield number and numbers of each block that is not done, as it gets done."""
+    blocks = blocks_of(plan)
+    left = [number for number in range(len(blocks)) if number not in done]
+    what, instances, so_far = f"{plan.study}: instances", sum(blocks[number].count for number in left), 0
+    progress(what, 0, instances)
+    for number, numbers in (_here if jobs == 1 else _by_processes)(plan, left, jobs, asked_to_end):
+        yield number, numbers
+        so_far += blocks[number].count
+        progress(what, so_far, instances)
+
+
+def _here(
+    plan: Plan, left: list[int], _jobs: int, asked_to_end: Callable[[], bool]
+) -> Iterator[tuple[int, Numbers]]:
+    for number in left:
+        if asked_to_end():
+            return
+        yield number, measure_block(plan, number)
+
+
+def _by_processes(
+    plan: Plan, left: list[int], jobs: int, asked_to_end: Callable[[], bool]
+) -> Iterator[tuple[int, Numbers]]:
+    waiting, running = iter(left), dict[Future[Numbers], int]()
+    with ProcessPoolExecutor(jobs, initializer=_leave_interruption_to_parent) as pool:
+        try:
+            while True:
+                # One block more than processes: what was asked to end has little to wait for.
+                while len(running) <= jobs and not asked_to_end() and (number := next(waiting, None)) is not None:
+                    running[pool.submit(measure_block, plan, number)] = number
+                if not running:
+                    return
+                for each in wait(running, return_when=FIRST_COMPLETED).done:
+                    yield running.pop(each), each.result()
+        except BrokenProcessPool as error:
+            raise HiltestError("a worker's process was ended from outside, as for want of memory; the blocks done "
+                               "before are kept: the same command goes on from there") from error  # fmt: skip
+
+
+def _leave_interruption_to_parent() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _record(plan: Plan, done: Mapping[int, Numbers], began_utc: str, took_s: float) -> Run:
+    study = study_of(plan.study)
+    by_condition: list[list[Numbers]] = [[] for _ in range(study.conditions)]
+    for number, block in enumerate(blocks_of(plan)):  # in this order, whatever the order in which they were done
+        by_condition[block.condition].append(done[number])
+    found = study.conclude(plan, by_condition)
+    findings = Findings(describe_host(), "full", "", began_utc, seed=plan.seed)
+    findings.tests.append(TestResult(f"study {study.name}", TestOutcome.PASSED, took_s))
+    for each in found.measurements:
+        findings.take(each)
+    printed = Table(
+        f"study.{study.name}.printed",
+        tuple(Column(name) for name in ("figure", "paper", "printed", "measured", "reproduced", "why")),
+        tuple((each.what, each.where, each.printed, each.measured, each.reproduced, each.why)
+              for each in found.printed),
+    )  # fmt: skip
+    findings.tables = {each.name: each for each in (found.table, printed)}
+    return findings.finish(Verdict(WORDS[ExitCode.OK], ExitCode.OK, found.sentence, complete=True), utc_now())

@@ -1,0 +1,90 @@
+"""Many instances at once are fitted as each is alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hiltest.calibration import FitStatus, fit_direct
+from hiltest.calibration.direct import design
+from hiltest.calibration.direct_batch import fit_direct_batch, fit_quadrics
+
+from ..instances import instance
+
+# Of the agreement: rounding of two ways to solve one system, over its condition number.
+ROUNDING = 1e-12
+
+
+def points_of(seed: int, count: int, n: int, **given: object) -> np.ndarray:
+    return np.array([instance(seed + k, n, **given).points_counts for k in range(count)], dtype=float)  # type: ignore[arg-type]
+
+
+def condition(points: np.ndarray) -> float:
+    """Condition number of the normal equations of one instance, in its own range."""
+    middle, half = (points.max(axis=0) + points.min(axis=0)) / 2, np.ptp(points, axis=0).max() / 2
+    return float(np.linalg.cond(design((points - middle) / half)[0])) ** 2
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 1 << 30), n=st.integers(12, 200), noise_ut=st.sampled_from([0.0, 0.3, 5.0, 25.0]))
+def test_each_is_the_single_fit(seed: int, n: int, noise_ut: float) -> None:
+    points = points_of(seed, 8, n, noise_ut=noise_ut)
+    batch = fit_direct_batch(points.reshape(2, 4, n, 3))
+    for k, single in enumerate(map(fit_direct, points)):
+        place = divmod(k, 4)
+        assert batch.status[place] == single.status
+        assert batch.is_ellipsoid[place] == (single.status is FitStatus.ELLIPSOID)
+        if single.status is not FitStatus.ELLIPSOID:
+            assert np.isnan(batch.soft_iron[place]).all()
+            assert np.isnan(batch.hard_iron[place]).all()
+            continue
+        within = ROUNDING * condition(points[k])
+        np.testing.assert_allclose(batch.soft_iron[place], single.soft_iron, rtol=0, atol=within * np.abs(
+            single.soft_iron).max())  # fmt: skip
+        half = np.ptp(points[k], axis=0).max() / 2
+        np.testing.assert_allclose(batch.hard_iron[place], single.hard_iron, rtol=0, atol=within * half)
+
+
+@pytest.mark.parametrize("n", [0, 1, 8])
+def test_too_few_points_are_too_few_in_each(n: int) -> None:
+    batch = fit_direct_batch(np.zeros((2, 3, n, 3)))
+    assert (batch.status == FitStatus.TOO_FEW_POINTS).all()
+    assert batch.soft_iron.shape == (2, 3, 3, 3)
+
+
+def test_no_instance_is_no_fit() -> None:
+    assert fit_direct_batch(np.zeros((0, 20, 3))).status.shape == (0,)
+
+
+def test_a_plane_a_line_and_a_heap_among_good_ones_are_poor_and_spoil_none() -> None:
+    points = points_of(1, 5, 60, noise_ut=0.3)
+    alone = fit_direct_batch(points[[0, 4]])
+    points[1, :, 2] = 7.0
+    points[2, :, 1:] = 7.0
+    points[3] = 7.0
+    batch = fit_direct_batch(points)
+    assert batch.status[1:4].tolist() == [FitStatus.POOR_COVERAGE] * 3
+    assert np.array_equal(batch.soft_iron[[0, 4]], alone.soft_iron)
+
+
+def test_what_is_no_array_of_points_is_refused() -> None:
+    with pytest.raises(ValueError, match="not \\(\\.\\.\\., n, 3\\)"):
+        fit_direct_batch(np.zeros((3, 20, 2)))
+    with pytest.raises(ValueError, match="finite"):
+        fit_quadrics(np.full((1, 20, 3), np.nan))
+
+
+def test_noiseless_points_give_their_own_ellipsoid() -> None:
+    random = np.random.default_rng(3)
+    directions = random.standard_normal((40, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    iron = np.array([[1.2, 0.1, 0.0], [0.1, 0.9, -0.2], [0.0, -0.2, 1.1]])
+    found = fit_quadrics(500.0 * directions @ iron + [300.0, -200.0, 100.0])
+    true = np.linalg.inv(iron @ iron)
+    # 1e-12 over the condition number of M, some 50 here
+    np.testing.assert_allclose(found.shape, true / np.trace(true), rtol=0, atol=1e-10)
+    np.testing.assert_allclose(found.centre, [300.0, -200.0, 100.0], rtol=1e-10)
+    np.testing.assert_allclose(found.level, 500.0**2 / np.trace(true), rtol=1e-10)
+    assert found.is_ellipsoid
