@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from scipy.linalg import eig
 from scipy.optimize import least_squares
 
-from hiltest.calibration import FIRMWARE, REFERENCES, FitStatus, MagnetometerFit, fit_direct, reference
+from hiltest.calibration import BATCHES, FIRMWARE, REFERENCES, FitStatus, MagnetometerFit, fit_direct, reference
 from hiltest.calibration.algebraic import slope_products
-from hiltest.calibration.clouds import Clouds, Reference, mean_products, monomials
+from hiltest.calibration.clouds import Clouds, mean_products, monomials
 from hiltest.calibration.gradient_descent import LEAST_EIGENVALUE
 from hiltest.calibration.quality import sphere_directions
 
@@ -45,12 +45,6 @@ _offset = st.tuples(*[st.floats(-2000.0, 2000.0)] * 3)
 def _rotation(about_z: float, about_x: float) -> np.ndarray:
     c, s, d, t = np.cos(about_z), np.sin(about_z), np.cos(about_x), np.sin(about_x)
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ np.array([[1, 0, 0], [0, d, -t], [0, t, d]])
-
-
-def _batch_calibrator(name: str) -> Reference:
-    found = reference(name)
-    assert isinstance(found, Reference)
-    return found
 
 
 def _noisy(seed: int, *, count: int = 100, noise_ut: float = 1.0, hard_iron_ut: float = 20.0) -> np.ndarray:
@@ -107,7 +101,7 @@ def test_frosio_needs_the_mean_subtracted_for_an_offset_of_the_field(ratio: floa
 def _frosio_converged(name: str, ratio: float) -> float:
     offset = ratio * np.array([300.0, 400.0, 0.0])
     points = [_noisy(seed, hard_iron_ut=0.0) + offset for seed in range(20)]
-    return float(_batch_calibrator(name).batch(points).is_ellipsoid.mean())
+    return float(BATCHES[name](points).is_ellipsoid.mean())
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -242,7 +236,7 @@ def test_fitzgibbons_ellipse_is_that_of_lsq_ellipse(name: str) -> None:
     points += random.normal(0.0, 10.0, points.shape)
     centre, width, height, turn = LsqEllipse().fit(points).as_parameters()
     along = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-    fit = _batch_calibrator(name).batch(points)
+    fit = BATCHES[name](points)
     # It takes the counts as they are: its scatter's condition of 1e11 leaves 5 digits.
     assert np.allclose(fit.hard_iron, centre, atol=1e-4)
     assert np.allclose(fit.soft_iron, along @ np.diag([1 / width, 1 / height]) @ along.T, rtol=0, atol=1e-5 / 500.0)
@@ -261,7 +255,7 @@ def test_hyper_takes_out_the_bias_that_shrinks_the_ellipse_of_direct() -> None:
     random = np.random.default_rng(9)
     angle = np.linspace(0.0, np.pi, 40)
     points = np.column_stack([np.cos(angle), 0.8 * np.sin(angle)]) + random.normal(0.0, 0.03, (4000, 40, 2))
-    bias = {name: float(np.nanmedian(_batch_calibrator(name).batch(points).hard_iron[:, 1]))
+    bias = {name: float(np.nanmedian(BATCHES[name](points).hard_iron[:, 1]))
             for name in ("hyper", "taubin", "fitzgibbon-ying")}  # fmt: skip
     # The median over 4000 is known to 1.25 x 0.03 / sqrt 4000 = 6e-4 of the spread that one has.
     assert abs(bias["hyper"]) < 0.3 * abs(bias["fitzgibbon-ying"])
@@ -326,7 +320,7 @@ def test_degenerate_samples_have_no_ellipsoid(
 def test_many_instances_at_once_are_fitted_as_each_alone(name: str) -> None:
     points = np.array([[_noisy(seed, noise_ut=noise) for noise in (0.3, 10.0)] for seed in range(2)])
     points[1, 1] = 0.0
-    batch = _batch_calibrator(name).batch(points)
+    batch = BATCHES[name](points)
     assert batch.status.shape == (2, 2)
     for place in np.ndindex(2, 2):
         fit = reference(name)(points[place])
@@ -345,7 +339,7 @@ def test_ellipses_in_a_plane_are_found_exactly(name: str) -> None:
     angle = np.linspace(0.0, 5.0, 40)
     distortion = np.array([[1.1, 0.1], [0.1, 0.9]])
     centre = np.array([50.0, -80.0])
-    fit = _batch_calibrator(name).batch(500.0 * np.column_stack([np.cos(angle), np.sin(angle)]) @ distortion + centre)
+    fit = BATCHES[name](500.0 * np.column_stack([np.cos(angle), np.sin(angle)]) @ distortion + centre)
     exact = DESCENT if name == "gradient-descent" else EXACT
     assert bool(fit.is_ellipsoid)
     assert np.allclose(fit.soft_iron @ distortion * 500.0, np.eye(2), atol=exact)
@@ -354,7 +348,7 @@ def test_ellipses_in_a_plane_are_found_exactly(name: str) -> None:
 
 def test_an_arc_of_an_ellipse_has_poor_coverage() -> None:
     angle = np.linspace(0.0, 2.0, 40)
-    assert int(_batch_calibrator("taubin").batch(np.column_stack([np.cos(angle), np.sin(angle)])).status) == (
+    assert int(BATCHES["taubin"](np.column_stack([np.cos(angle), np.sin(angle)])).status) == (
         FitStatus.POOR_COVERAGE
     )
 

@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
+from numpy.typing import ArrayLike
+
+from hiltest.calibration.batch import BatchFit
+from hiltest.calibration.clouds import Reference
 from hiltest.calibration.corrected import fit_corrected
 from hiltest.calibration.direct import fit_direct
 from hiltest.calibration.fit import Calibrator, FitStatus, MagnetometerFit
@@ -20,8 +26,8 @@ from hiltest.calibration.taubin import fit_taubin
 from hiltest.errors import ConfigError
 
 __all__ = [
-    "FASTER", "FIRMWARE", "REFERENCES", "UNBIASED", "FitStatus", "MagnetometerFit", "fit_corrected", "fit_direct",
-    "fit_iterative", "fit_sphere", "reference",
+    "BATCHES", "FASTER", "FIRMWARE", "REFERENCES", "FitStatus", "MagnetometerFit", "fit_corrected", "fit_direct",
+    "fit_iterative", "fit_sphere", "is_unbiased", "reference",
 ]  # fmt: skip
 
 # By the firmware's names, or those of the literature for what the firmware does not have.
@@ -33,12 +39,16 @@ REFERENCES: dict[str, Calibrator] = {
     "gauss-newton-geometric": fit_gauss_newton_geometric, "levenberg-marquardt": fit_levenberg_marquardt,
     "geometric": fit_geometric,
 }  # fmt: skip
+# Those that fit many instances at once, along leading axes, in space or in a plane.
+BATCHES: dict[str, Callable[[ArrayLike], BatchFit]] = {
+    name: each.batch for name, each in REFERENCES.items() if isinstance(each, Reference)
+}
 # Those that the packaged firmware has.
 FIRMWARE = frozenset({"direct", "direct-fast", "corrected", "iterative"})
 # Those that only come to their sums in another way: in float64 they are another's fit.
 FASTER = frozenset({"direct-fast"})
-# Those whose steps take the bias of noise out.
-UNBIASED = frozenset({"corrected"})
+# Those that leave none of the bias that noise makes, or next to none.
+_UNBIASED = frozenset({"corrected", "gauss-newton-geometric", "geometric", "hyper", "taubin"})
 
 
 def reference(name: str) -> Calibrator:
@@ -54,3 +64,8 @@ def reference(name: str) -> Calibrator:
     except KeyError:
         known = ", ".join(sorted(REFERENCES))
         raise ConfigError(f"calibrator {name!r} has no float64 reference; those that have: {known}") from None
+
+
+def is_unbiased(name: str, iterations: int) -> bool:
+    """Say whether a calibrator's fit is without the bias of noise; that of `corrected` without a step is another's."""
+    return name in _UNBIASED and (name != "corrected" or iterations > 0)

@@ -44,6 +44,7 @@ def _solve(clouds: Clouds) -> Solution:
     basis = np.tensordot(np.swapaxes(whitening, -1, -2), _by_monomial(axes), axes=1)
     # The unit matrix.
     unknowns = deviations * vectors[..., :axes, :].sum(axis=-2)
+    settled = np.zeros((*unknowns.shape[:-1], 1), dtype=bool)
     for _ in range(_MOST_STEPS):
         # The smallest value on the ray.
         unknowns = unknowns * np.sqrt(axes) / np.linalg.norm(unknowns, axis=-1, keepdims=True)
@@ -53,13 +54,14 @@ def _solve(clouds: Clouds) -> Solution:
         hessian = np.eye(squares) + np.einsum("...kij,...lji->...kl", moved, moved)
         step = -np.linalg.solve(hessian, gradient[..., None])[..., 0]
         decrement = np.sqrt(np.maximum(0.0, -(gradient * step).sum(axis=-1, keepdims=True)))
-        unknowns = unknowns + step / np.where(decrement > 0.25, 1.0 + decrement, 1.0)
-        if (decrement < _SETTLED).all():
+        unknowns = np.where(settled, unknowns, unknowns + step / np.where(decrement > 0.25, 1.0 + decrement, 1.0))
+        settled = settled | (decrement < _SETTLED)
+        if settled.all():
             break
     elements = (whitening @ unknowns[..., None])[..., 0]
     coefficients = np.concatenate([elements, -(rest @ elements[..., None])[..., 0]], axis=-1)
     found = solution_from_quadrics(coefficients, axes)
-    status = np.where(decrement[..., 0] < _SETTLED, found.status, FitStatus.NOT_CONVERGED).astype(np.int8)
+    status = np.where(settled[..., 0], found.status, FitStatus.NOT_CONVERGED).astype(np.int8)
     return Solution(found.soft_iron, found.centre, status)
 
 

@@ -24,7 +24,7 @@ from hiltest.calibration.fit import Array, FitStatus
 #: Of the trace, the least eigenvalue of the shape.
 LEAST_EIGENVALUE = 0.01
 # How near to the minimum the descent ends, in parameters of size 1.
-_NEAR = 1e-6
+_NEAR = 1e-5
 # Points of the largest condition that is fitted, 300, take 7 000.
 _MOST_STEPS = 20_000
 
@@ -38,12 +38,15 @@ def _solve(clouds: Clouds) -> Solution:
     curvatures = np.linalg.eigvalsh(normal)
     largest = curvatures[..., -1:]
     near = _NEAR * curvatures[..., :1] / (2.0 * largest)
-    parameters = np.zeros(target.shape)
+    parameters, settled = np.zeros(target.shape), np.zeros(near.shape, dtype=bool)
     for _ in range(_MOST_STEPS):
         down = parameters - ((normal @ parameters[..., None])[..., 0] + target) / largest
         after = _nearest_ellipsoid(down, axes)
-        settled = np.linalg.norm(after - parameters, axis=-1, keepdims=True) <= near
-        parameters = after
+        # What has settled stays, so that an instance ends where it would alone.
+        parameters, settled = (
+            np.where(settled, parameters, after),
+            settled | (np.linalg.norm(after - parameters, axis=-1, keepdims=True) <= near),
+        )
         if settled.all():
             break
     found = solution_from_quadrics(sphere + parameters @ basis.T, axes)
@@ -55,6 +58,10 @@ def _nearest_ellipsoid(parameters: Array, axes: int) -> Array:
     """Return the nearest parameters whose shape has no eigenvalue below the least one."""
     matrices = traceless(axes)
     terms = len(matrices)
+    # No eigenvalue of trace-free terms of norm 1 is below -sqrt((axes - 1) / axes).
+    well_inside = (1.0 / axes - LEAST_EIGENVALUE) * np.sqrt(axes / (axes - 1.0))
+    if (np.linalg.norm(parameters[..., :terms], axis=-1) <= well_inside).all():
+        return parameters
     shape = np.eye(axes) / axes + np.tensordot(parameters[..., :terms], matrices, axes=1)
     values, vectors = np.linalg.eigh(shape)
     if (values[..., 0] >= LEAST_EIGENVALUE).all():
