@@ -17,6 +17,7 @@ from hiltest.calibration import BATCHES, FIRMWARE, REFERENCES, FitStatus, Magnet
 from hiltest.calibration.algebraic import slope_products
 from hiltest.calibration.clouds import Clouds, mean_products, monomials
 from hiltest.calibration.gradient_descent import LEAST_EIGENVALUE
+from hiltest.calibration.norm_residuals import nearest_points, parameters_of
 from hiltest.calibration.quality import sphere_directions
 
 from ..instances import instance
@@ -213,6 +214,21 @@ def test_geometric_is_least_squares_over_points_of_the_surface_as_well() -> None
     # Its derivatives are differences, good to 1e-8 of the parameters.
     assert np.allclose(fit.hard_iron / 500.0, found[:3], atol=1e-6)
     assert np.allclose(np.linalg.inv(500.0 * fit.soft_iron @ fit.soft_iron * 500.0), matrix @ matrix.T, atol=1e-6)
+
+
+def test_the_nearest_point_is_on_the_surface_and_straight_below() -> None:
+    soft_iron = np.array([[1.4, 0.2, 0.0], [0.2, 0.8, 0.1], [0.0, 0.1, 1.0]])
+    centre = np.array([0.3, -0.2, 0.1])
+    surface = sphere_directions(60) @ np.linalg.inv(soft_iron)
+    for part in (0.6, 1.0, 3.0):
+        points = centre + part * surface
+        feet = nearest_points(parameters_of(centre, soft_iron), points)
+        assert np.allclose(np.linalg.norm((feet - centre) @ soft_iron, axis=1), 1.0, atol=1e-12)
+        normals = (feet - centre) @ soft_iron @ soft_iron
+        assert np.allclose(np.cross(points - feet, normals), 0.0, atol=1e-12)
+        # None of the 60 that the others have is nearer.
+        others = np.linalg.norm(points[:, None] - feet, axis=2)
+        assert (np.linalg.norm(points - feet, axis=1) <= others.min(axis=1) + 1e-12).all()
 
 
 def test_frosio_centred_is_scipys_least_squares_of_squared_norms() -> None:

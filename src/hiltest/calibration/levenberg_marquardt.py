@@ -15,7 +15,7 @@ from hiltest.calibration.norm_residuals import calibrated_norms, one_by_one, sph
 
 # Of the error and of the parameters: where float64 ends.
 _TOLERANCE = 1e-15
-# A minimum takes some 30; a surface that runs away takes any number.
+# A minimum took 32 at most, with a fifth of the field for noise; a surface that runs away takes any number.
 _MOST_EVALUATIONS = 200
 
 
