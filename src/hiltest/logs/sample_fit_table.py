@@ -26,7 +26,7 @@ _NAMES = {
     "left_out_percent": "left out", "left_percent": "left of a turn",
 }  # fmt: skip
 WIDTH = 80
-# Columns of calibrators that fit beside each other; more are rows.
+# Columns of calibrators that fit beside each other; more are rows, and on a page tables.
 _MOST_COLUMNS = 5
 # Nearly the same for all calibrators, or of the board alone.
 _OF_SAMPLES = ("coverage [%]", "condition of the samples", "from all samples [deg]")
@@ -124,9 +124,13 @@ class FigureTable:
 def figure_tables(fit: SampleFit) -> list[FigureTable]:
     """Return the figures of a fit, hard and soft iron among them; those against gravity apart, as six do not fit."""
     label = f"cycles, {fit.firmware.cycle_model}" if fit.firmware else ""
-    norms = replace(fit, calibrators=tuple(each for each in fit.calibrators if each.gravity is None))
-    rows = [*_kind_rows(norms), *_iron_rows(norms), *_number_rows(norms), *_cycle_rows(norms, label)]
-    tables = [FigureTable("What each calibrator fits to the samples", norms.calibrators, rows)]
+    norms = tuple(each for each in fit.calibrators if each.gravity is None)
+    tables = []
+    for first in range(0, len(norms), _MOST_COLUMNS):
+        part = replace(fit, calibrators=norms[first : first + _MOST_COLUMNS])
+        rows = [*_kind_rows(part), *_iron_rows(part), *_number_rows(part), *_cycle_rows(part, label)]
+        further = ", continued" if first else ""
+        tables.append(FigureTable(f"What each calibrator fits to the samples{further}", part.calibrators, rows))
     if fit.gravity is not None and not fit.gravity.unused:
         against = replace(fit, calibrators=tuple(each for each in fit.calibrators if each.gravity), firmware=None)
         caption = "Against gravity"
