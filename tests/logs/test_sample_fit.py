@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import io
 import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from hiltest.angles import Pose
 from hiltest.boards import Board
-from hiltest.calibration import FitStatus
+from hiltest.calibration import FASTER, FIRMWARE, REFERENCES, FitStatus
 from hiltest.calibration.acceptance import Acceptance
 from hiltest.calibration.quality import sphere_directions
 from hiltest.calibration.shapes import Shape
@@ -20,7 +22,8 @@ from hiltest.link.messages import Read
 from hiltest.link.replies import SensorKind
 from hiltest.logs import Samples, Unit
 from hiltest.logs.fit_result import SampleFit
-from hiltest.logs.sample_fit import fit_by_shape, fit_on_board, fit_on_host
+from hiltest.logs.sample_fit import ALL, fit_by_shape, fit_on_board, fit_on_host
+from hiltest.logs.sample_fit_table import print_fit
 from hiltest.procedures import Turntable
 from hiltest.procedures.golden_points import golden_points
 
@@ -173,6 +176,27 @@ def test_the_best_has_the_best_verdict_and_then_the_smallest_direction_error() -
     fit = fit_on_host(_drawn(2, 1000, 1.0, 1.0))
     assert fit.best.direction_error_deg == min(each.direction_error_deg or 90.0 for each in fit.calibrators)
     assert fit.best.residual_percent != min(each.residual_percent or 100.0 for each in fit.calibrators)
+
+
+def test_all_are_those_of_the_board_and_the_references_of_the_others(virtual_board: Board) -> None:
+    cloud, firmware = _drawn(1, 200, 1.0, 0.4), virtual_board.identity.calibrators
+    fits = fit_on_board(virtual_board, cloud, ALL).calibrators
+    assert [each.name for each in fits[: len(firmware)]] == list(firmware)
+    assert {each.name for each in fits} == REFERENCES.keys() | set(firmware)
+    assert [each.cycles is None for each in fits] == [each.name not in firmware for each in fits]
+    assert {each.name for each in fit_on_host(cloud, ALL).calibrators} == REFERENCES.keys() - FASTER
+    assert {each.name for each in fit_on_host(cloud).calibrators} == FIRMWARE - FASTER
+
+
+def test_many_calibrators_have_a_row_each_within_80_columns() -> None:
+    console = Console(width=100, record=True, file=io.StringIO())
+    fit = fit_on_host(_drawn(1, 200, 1.0, 0.4), ALL)
+    print_fit(fit, console)
+    table = console.export_text().splitlines()
+    for each in fit.calibrators:
+        (row,) = (line.split() for line in table if line.split()[:1] == [each.name])
+        assert row[1:4] == [str(each.verdict), each.status, f"{each.radius:.4g}"]
+    assert max(map(len, table[1 : 4 + len(fit.calibrators)])) <= 80
 
 
 def test_an_unknown_calibrator_is_named_with_those_that_are_there(virtual_board: Board) -> None:

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from hiltest.logs import Samples, Unit
-from hiltest.logs.sample_fit import fit_on_host
+from hiltest.logs.sample_fit import ALL, fit_on_host
 from hiltest.logs.sample_fit_page import fit_page
+from hiltest.logs.sample_fit_table import figure_tables
 from hiltest.procedures.golden_points import golden_points
 
 from ..instances import instance
@@ -99,3 +100,12 @@ def test_each_block_of_the_log_has_its_mean_over_time() -> None:
 def test_each_reason_is_told_once() -> None:
     page = _page(instance(1, 400, noise_ut=2.0, stretch=0.03, covered=(1, 1)).points_counts / 10.0)
     assert page.count("a single reading") == 1
+
+
+def test_many_calibrators_stand_in_tables_that_fit_a_page() -> None:
+    cloud = Samples(Path("cloud.csv"), golden_points(100) / 10.0, Unit.UT, "option", ("x", "y", "z"), 0)
+    fit = fit_on_host(cloud, ALL)
+    tables = figure_tables(fit)
+    assert [each.name for table in tables for each in table.fits] == [each.name for each in fit.calibrators]
+    assert max(len(table.fits) for table in tables) <= 5
+    assert all(len(cells) == len(table.fits) for table in tables for _, cells in table.rows)

@@ -2,26 +2,53 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
+from numpy.typing import ArrayLike
+
+from hiltest.calibration.batch import BatchFit
+from hiltest.calibration.clouds import Reference
 from hiltest.calibration.corrected import fit_corrected
 from hiltest.calibration.direct import fit_direct
 from hiltest.calibration.fit import Calibrator, FitStatus, MagnetometerFit
+from hiltest.calibration.fitzgibbon_ying import fit_fitzgibbon_ying
+from hiltest.calibration.frosio import fit_frosio, fit_frosio_centred
+from hiltest.calibration.gauss_newton import fit_gauss_newton, fit_gauss_newton_geometric
+from hiltest.calibration.geometric import fit_geometric
+from hiltest.calibration.gradient_descent import fit_gradient_descent
+from hiltest.calibration.hyper import fit_hyper
 from hiltest.calibration.iterative import fit_iterative
+from hiltest.calibration.levenberg_marquardt import fit_levenberg_marquardt
+from hiltest.calibration.li import fit_li
+from hiltest.calibration.merayo import fit_merayo
 from hiltest.calibration.sphere import fit_sphere
+from hiltest.calibration.taubin import fit_taubin
 from hiltest.errors import ConfigError
 
 __all__ = [
-    "FASTER", "REFERENCES", "UNBIASED", "FitStatus", "MagnetometerFit", "fit_corrected", "fit_direct",
-    "fit_iterative", "fit_sphere", "reference",
+    "BATCHES", "FASTER", "FIRMWARE", "REFERENCES", "FitStatus", "MagnetometerFit", "fit_corrected", "fit_direct",
+    "fit_iterative", "fit_sphere", "is_unbiased", "reference",
 ]  # fmt: skip
 
-# By the firmware's names.
+# By the firmware's names, or those of the literature for what the firmware does not have.
 REFERENCES: dict[str, Calibrator] = {
     "direct": fit_direct, "direct-fast": fit_direct, "corrected": fit_corrected, "iterative": fit_iterative,
+    "li": fit_li, "fitzgibbon-ying": fit_fitzgibbon_ying, "merayo": fit_merayo, "taubin": fit_taubin,
+    "hyper": fit_hyper, "gradient-descent": fit_gradient_descent, "frosio": fit_frosio,
+    "frosio-centred": fit_frosio_centred, "gauss-newton": fit_gauss_newton,
+    "gauss-newton-geometric": fit_gauss_newton_geometric, "levenberg-marquardt": fit_levenberg_marquardt,
+    "geometric": fit_geometric,
 }  # fmt: skip
+# Those that fit many instances at once, along leading axes, in space or in a plane.
+BATCHES: dict[str, Callable[[ArrayLike], BatchFit]] = {
+    name: each.batch for name, each in REFERENCES.items() if isinstance(each, Reference)
+}
+# Those that the packaged firmware has.
+FIRMWARE = frozenset({"direct", "direct-fast", "corrected", "iterative"})
 # Those that only come to their sums in another way: in float64 they are another's fit.
 FASTER = frozenset({"direct-fast"})
-# Those whose steps take the bias of noise out.
-UNBIASED = frozenset({"corrected"})
+# Those that leave none of the bias that noise makes, or next to none.
+_UNBIASED = frozenset({"corrected", "gauss-newton-geometric", "geometric", "hyper", "taubin"})
 
 
 def reference(name: str) -> Calibrator:
@@ -37,3 +64,8 @@ def reference(name: str) -> Calibrator:
     except KeyError:
         known = ", ".join(sorted(REFERENCES))
         raise ConfigError(f"calibrator {name!r} has no float64 reference; those that have: {known}") from None
+
+
+def is_unbiased(name: str, iterations: int) -> bool:
+    """Say whether a calibrator's fit is without the bias of noise; that of `corrected` without a step is another's."""
+    return name in _UNBIASED and (name != "corrected" or iterations > 0)

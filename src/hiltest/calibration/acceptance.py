@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
+from hiltest.calibration.conditioning import LARGEST_CONDITION
 from hiltest.calibration.fit import FitStatus
 from hiltest.calibration.robust import MANY_LEFT_OUT
 from hiltest.calibration.shapes import Shape
@@ -117,7 +118,7 @@ BOUNDS = (
            "too few are left over to know the residual well; take more", below=True),
     # Simulated over 100 points: 300 is where a third of the sphere is covered (see `ellipsoid_condition`). Any
     # calibrator returns an ellipsoid for less as well, of a wrong radius.
-    Bound("condition", "", 300.0, Acceptance.REFUSED,
+    Bound("condition", "", LARGEST_CONDITION, Acceptance.REFUSED,
            "the points cover too little of the sphere to determine an ellipsoid, or nearly all lie in one place, or "
            "one far from all others; turn the sensor all round"),
     # 60 % of the sphere has 57 in the median: at 0.4 uT and 100 points `direct` is off by 0.32 deg there, by 0.21 on

@@ -26,6 +26,8 @@ TRACELESS = np.array(
 TRACELESS_IN_PLANE = _HALF * np.array([[[1.0, 0.0], [0.0, -1.0]], [[0.0, 1.0], [1.0, 0.0]]])
 # More than float64 can distinguish from a singular matrix; finite, so that it can be written down.
 CONDITION_SINGULAR = 1e15
+#: Condition up to which points determine an ellipsoid at all; 30 % of the sphere has more (see `ellipsoid_condition`).
+LARGEST_CONDITION = 300.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -43,7 +43,8 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
               help="Columns of the accelerometer, for gravity.  [default: acc..., a...]")
 @click.option("--unit", type=click.Choice(["uT", "gauss", "counts"]),
               help="Unit of the samples; the scale of counts is unknown.  [default: the header's, else counts]")
-@click.option("--calibrator", metavar="NAME", default="all", show_default=True, help="Calibrator to run, or all.")
+@click.option("--calibrator", metavar="NAME", default="board", show_default=True,
+              help="Calibrator to run. board: the firmware's. all: the float64 references of the literature's as well.")
 @click.option("--shape", type=click.Choice([*_ELLIPSOIDS, "sphere", "ridge", "circle", "ellipse"]),
               default="auto", show_default=True,
               help="auto: the calibrators' ellipsoid, or what the samples allow. ridge: part of a sphere. circle, "
@@ -146,7 +147,7 @@ def _fit(
     from hiltest.logs.sample_fit import fit_by_shape, fit_on_board, fit_on_host
 
     if shape not in _ELLIPSOIDS:
-        if calibrator != "all" or firmware is not None:
+        if calibrator != "board" or firmware is not None:
             raise click.UsageError(f"--shape {shape} is no calibrator's: leave out --calibrator and --firmware")
         from hiltest.calibration.shapes import Shape
 

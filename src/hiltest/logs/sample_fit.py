@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from hiltest.boards.board import Board
-from hiltest.calibration import FASTER, REFERENCES, reference
+from hiltest.calibration import FASTER, FIRMWARE, REFERENCES, reference
 from hiltest.calibration.acceptance import Acceptance
 from hiltest.calibration.direct import fit_direct
-from hiltest.calibration.fit import FitStatus, MagnetometerFit
+from hiltest.calibration.fit import Array, FitStatus, MagnetometerFit
 from hiltest.calibration.quality import direction_difference_rms_deg
 from hiltest.calibration.shapes import Shape, allowed_shape
 from hiltest.calibration.solid_angle import largest_hole
@@ -27,11 +27,12 @@ from hiltest.logs.span import field_change, in_order_of_time
 from hiltest.procedures.calibrate import calibrate_once
 from hiltest.procedures.cycles import upload_points
 
-ALL = "all"
+#: What to run instead of one calibrator by its name: those of the board, and all that have a reference as well.
+BOARD, ALL = "board", "all"
 
 
 def fit_on_host(
-    samples: Samples, calibrator: str = ALL, *, robust: bool = True, any_shape: bool = True,
+    samples: Samples, calibrator: str = BOARD, *, robust: bool = True, any_shape: bool = True,
     field_ut: float | None = None,
 ) -> SampleFit:  # fmt: skip
     """Run the float64 references over all samples.
@@ -40,6 +41,7 @@ def fit_on_host(
     ----------
     samples : Samples
     calibrator : str
+        A name, `BOARD` or `ALL`.
     robust : bool
         Leave out what `hiltest.logs.left_out.left_out` finds.
     any_shape : bool
@@ -52,13 +54,14 @@ def fit_on_host(
     ConfigError
         When a calibrator has no reference, or the unit of the samples is not known and that of the field is.
     """
-    names = sorted(REFERENCES.keys() - FASTER) if calibrator == ALL else [calibrator]
+    of_groups = {BOARD: FIRMWARE - FASTER, ALL: REFERENCES.keys() - FASTER}
+    names = sorted(of_groups.get(calibrator, {calibrator}))
     log = _Log(samples, robust, field_ut)
     scale = CountScale.of(log.kept)
     counts = scale.unrounded(log.kept.points)
-    fits = [log.rating.calibrator(name, scale.in_unit(reference(name)(counts)), log.kept.points) for name in names]
-    return log.fit("host", None, log.with_shape(fits) if any_shape and calibrator == ALL else fits,
-                   gravity=calibrator == ALL)
+    fits = [log.reference(name, scale, counts) for name in names]
+    return log.fit("host", None, log.with_shape(fits) if any_shape and calibrator in of_groups else fits,
+                   gravity=calibrator in of_groups)
 
 
 def fit_by_shape(
@@ -70,7 +73,7 @@ def fit_by_shape(
 
 
 def fit_on_board(
-    board: Board, samples: Samples, calibrator: str = ALL, *, robust: bool = True, any_shape: bool = True,
+    board: Board, samples: Samples, calibrator: str = BOARD, *, robust: bool = True, any_shape: bool = True,
     field_ut: float | None = None,
 ) -> SampleFit:  # fmt: skip
     """Run a board's calibrators over samples, as many as it takes, chosen evenly on the sphere.
@@ -81,7 +84,7 @@ def fit_on_board(
         Its point buffer is replaced.
     samples : Samples
     calibrator : str
-        A name as in the board's identity, or `ALL`.
+        A name as in the board's identity, `BOARD`, or `ALL`: then the references of those that it has not, too.
     robust, any_shape, field_ut
         As for `fit_on_host`; a shape is the host's.
 
@@ -97,7 +100,8 @@ def fit_on_board(
         When the firmware has no such calibrator.
     """
     known = board.identity.calibrators
-    if calibrator not in (ALL, *known):
+    several = calibrator in (BOARD, ALL)
+    if not several and calibrator not in known:
         raise ConfigError(f"the firmware has no calibrator {calibrator!r}; it has {', '.join(known)}")
     log = _Log(samples, robust, field_ut)
     kept, scale = log.kept, CountScale.of(log.kept)
@@ -107,21 +111,24 @@ def fit_on_board(
     used = kept.points[evenly_on_sphere(kept.points, board.identity.max_points, centre)]
     upload_points(board, scale.counts(used))
     fits = []
-    for name in known if calibrator == ALL else [calibrator]:
+    for name in known if several else [calibrator]:
         fit, cost = calibrate_once(board, name, len(used))
         result = log.rating.calibrator(name, scale.in_unit(fit), used)
         whole = REFERENCES[name](counts) if name in REFERENCES else None
         band = board.cycle_range(cost, name)
         fits.append(replace(result, cycles=cost.cycles if cost else None, cycle_band=band,
                             host_difference_deg=_difference_deg(fit, whole)))
+    if calibrator == ALL:
+        others = sorted(REFERENCES.keys() - FASTER - set(known))
+        fits += [log.reference(name, scale, counts) for name in others]
     rounding = scale.counts(used) / scale.per_unit + scale.origin - used
     firmware = FirmwareUsed(
         name=board.identity.name, version=board.identity.version, build_id=board.identity.build_id,
         sha256=board.firmware_sha256, cycle_model=board.cycle_model, count_step=scale.step,
         count_origin=triple(scale.origin), rounding_rms=float(np.sqrt((rounding * rounding).mean())),
     )
-    return log.fit(str(board.kind), firmware, log.with_shape(fits) if any_shape and calibrator == ALL else fits,
-                   gravity=calibrator == ALL)
+    return log.fit(str(board.kind), firmware, log.with_shape(fits) if any_shape and several else fits,
+                   gravity=several)
 
 
 class _Log:
@@ -141,6 +148,10 @@ class _Log:
         """Strength of the field in the unit of the samples; None where it is not known."""
         microtesla = self._samples.microtesla
         return None if self._field_ut is None or microtesla is None else self._field_ut / microtesla
+
+    def reference(self, name: str, scale: CountScale, counts: Array) -> CalibratorFit:
+        """Return what a reference makes of the log in counts."""
+        return self.rating.calibrator(name, scale.in_unit(reference(name)(counts)), self.kept.points)
 
     def shape(self, shape: Shape, field: float | None) -> CalibratorFit:
         """Return what a shape makes of the log."""

@@ -26,6 +26,10 @@ _NAMES = {
     "left_out_percent": "left out", "left_percent": "left of a turn",
 }  # fmt: skip
 WIDTH = 80
+# Columns of calibrators that fit beside each other; more are rows, and on a page tables.
+_MOST_COLUMNS = 5
+# Nearly the same for all calibrators, or of the board alone.
+_OF_SAMPLES = ("coverage [%]", "condition of the samples", "from all samples [deg]")
 # No one reads more of them.
 _MOST_DECIMALS = 8
 
@@ -34,7 +38,9 @@ def print_fit(fit: SampleFit, console: Console) -> None:
     """Print what was read, a table with a column for each calibrator, the best one's numbers, reasons and notes."""
     points = f"{fit.n_in} points, columns {', '.join(fit.columns)} [{fit.unit}]"
     console.print(escape(f"{fit.file}: {points}"), soft_wrap=True)
-    console.print(_grid(_shown(fit)), width=min(WIDTH, console.width))
+    shown = _shown(fit)
+    grid = _grid(shown) if len(shown.calibrators) <= _MOST_COLUMNS else _grid_of_rows(shown)
+    console.print(grid, width=min(WIDTH, console.width))
     if fit.gravity is not None and not fit.gravity.unused:
         console.print(_gravity_grid(fit, fit.gravity), width=min(WIDTH, console.width))
     for line in _best(fit):
@@ -64,6 +70,22 @@ def _grid(fit: SampleFit) -> Table:
     grid.add_row("verdict", *(Text(each.verdict, style=STYLES[each.verdict]) for each in fit.calibrators))
     for label, cells in (*_kind_rows(fit), *_number_rows(fit), *_cycle_rows(fit, "cycles")):
         grid.add_row(escape(label), *map(escape, cells))
+    return grid
+
+
+def _grid_of_rows(fit: SampleFit) -> Table:
+    """Return a row for each calibrator, with the figures that tell one from another."""
+    (kind, kinds), *_ = _kind_rows(fit)
+    figures = [row for row in _number_rows(fit) if row[0] not in _OF_SAMPLES]
+    cycles = [("cycles", [readable(each.cycles) for each in fit.calibrators])] if fit.firmware else []
+    grid = Table(box=SIMPLE_HEAD, padding=0)
+    for label in ("", "verdict", kind):
+        grid.add_column(label, no_wrap=label != kind)
+    for label, _ in (*figures, *cycles):
+        grid.add_column(escape(label.removeprefix("direction ").replace(" ", "\n")), justify="right", no_wrap=True)
+    for index, each in enumerate(fit.calibrators):
+        cells = (kinds[index], *(cells[index] for _, cells in (*figures, *cycles)))
+        grid.add_row(escape(each.name), Text(each.verdict, style=STYLES[each.verdict]), *map(escape, cells))
     return grid
 
 
@@ -102,9 +124,13 @@ class FigureTable:
 def figure_tables(fit: SampleFit) -> list[FigureTable]:
     """Return the figures of a fit, hard and soft iron among them; those against gravity apart, as six do not fit."""
     label = f"cycles, {fit.firmware.cycle_model}" if fit.firmware else ""
-    norms = replace(fit, calibrators=tuple(each for each in fit.calibrators if each.gravity is None))
-    rows = [*_kind_rows(norms), *_iron_rows(norms), *_number_rows(norms), *_cycle_rows(norms, label)]
-    tables = [FigureTable("What each calibrator fits to the samples", norms.calibrators, rows)]
+    norms = tuple(each for each in fit.calibrators if each.gravity is None)
+    tables = []
+    for first in range(0, len(norms), _MOST_COLUMNS):
+        part = replace(fit, calibrators=norms[first : first + _MOST_COLUMNS])
+        rows = [*_kind_rows(part), *_iron_rows(part), *_number_rows(part), *_cycle_rows(part, label)]
+        further = ", continued" if first else ""
+        tables.append(FigureTable(f"What each calibrator fits to the samples{further}", part.calibrators, rows))
     if fit.gravity is not None and not fit.gravity.unused:
         against = replace(fit, calibrators=tuple(each for each in fit.calibrators if each.gravity), firmware=None)
         caption = "Against gravity"

@@ -1,0 +1,178 @@
+"""`dpi`: what gravity adds to fits of norms, which leave a rotation, in heading, pitch and roll."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from hiltest.calibration.direct import fit_direct
+from hiltest.calibration.dpi import fit_dpi
+from hiltest.calibration.fit import Array, MagnetometerFit
+from hiltest.calibration.quality import rotation_left_deg
+from hiltest.measurement import Measurement, check
+from hiltest.record.run import Cell, Column, Run, Table
+from hiltest.report.marks import Mark, series
+from hiltest.report.svg import Figure
+from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
+
+# Of the field where the paper's authors measured, in the south of Brazil.
+_DIP_DEG = -35.0
+_SAMPLES = 1000
+# Readings of a field of strength 1, and of gravity; fits are made of counts.
+_COUNTS = 1000.0
+_NOISE = 1e-3
+METHODS = ("uncalibrated", "ellipsoids", "dpi")
+ANGLES = ("heading", "pitch", "roll")
+# Of an instance: the largest errors, and the rotations that are left and that the accelerometer has.
+_NUMBERS = len(METHODS) * len(ANGLES) + 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sensor:
+    """A sensor of which the readings are ``response @ vector + offset``, both of size 1."""
+
+    response: Array
+    offset: Array
+
+    def readings(self, vectors: Array) -> Array:
+        """Return readings without noise, shape (n, 3) [counts]."""
+        return np.asarray(_COUNTS * (vectors @ self.response.T + self.offset))
+
+
+def measure(plan: Plan, block: Block) -> Numbers:
+    """Return the largest errors of each instance, method after method [deg], and two rotations [deg]."""
+    numbers: list[float] = []
+    for instance in range(block.first, block.first + block.count):
+        numbers += _errors_deg(np.random.Generator(np.random.Philox(key=[plan.seed, instance])))
+    return numbers
+
+
+def _errors_deg(random: np.random.Generator) -> list[float]:
+    magnetometer, accelerometer = _sensor(random, 8.0, 0.2, 0.5), _sensor(random, 0.5, 0.05, 0.1)
+    down, field = _vectors(Rotation.random(_SAMPLES, rng=random))
+    counts, gravity_counts = (
+        sensor.readings(vectors) + _COUNTS * _NOISE * random.standard_normal(vectors.shape)
+        for sensor, vectors in ((magnetometer, field), (accelerometer, down))
+    )
+    of_gravity, of_norms = fit_direct(gravity_counts), fit_direct(counts)
+    of_both = fit_dpi(counts, of_gravity.corrected(gravity_counts), dip_deg=_DIP_DEG).calibration
+    judged_down, judged_field = _vectors(judged_attitudes())
+    seen, seen_down = magnetometer.readings(judged_field), accelerometer.readings(judged_down)
+    true_deg = attitudes_deg(judged_down, judged_field)
+    errors: list[float] = []
+    for corrected_down, corrected in (
+        (seen_down, seen), (of_gravity.corrected(seen_down), of_norms.corrected(seen)),
+        (of_gravity.corrected(seen_down), of_both.corrected(seen)),
+    ):  # fmt: skip
+        off_deg = (attitudes_deg(corrected_down, corrected) - true_deg + 180.0) % 360.0 - 180.0
+        errors += np.abs(off_deg).max(axis=0).tolist()
+    return [*errors, _rotation_deg(of_both, magnetometer), _rotation_deg(of_gravity, accelerometer)]
+
+
+def _rotation_deg(fit: MagnetometerFit, sensor: Sensor) -> float:
+    return rotation_left_deg(fit, sensor.response)
+
+
+def _sensor(random: np.random.Generator, turned_deg: float, stretched: float, offset: float) -> Sensor:
+    """Draw a sensor: its axes turned about z, y and x, its soft iron symmetric, each uniform up to these."""
+    axes = Rotation.random(rng=random).as_matrix()
+    stretch = (axes * random.uniform(1.0 - stretched, 1.0 + stretched, 3)) @ axes.T
+    turned = Rotation.from_euler("ZYX", random.uniform(-turned_deg, turned_deg, 3), degrees=True).as_matrix()
+    return Sensor(turned @ stretch, random.uniform(-offset, offset, 3))
+
+
+def judged_attitudes() -> Rotation:
+    """Return headings all round, level and tilted by 20 degrees to each side: body to earth."""
+    tilts = ((0.0, 0.0), (20.0, 0.0), (-20.0, 0.0), (0.0, 20.0), (0.0, -20.0))
+    return Rotation.from_euler(
+        "ZYX", [(heading, *tilt) for tilt in tilts for heading in range(0, 360, 15)], degrees=True
+    )
+
+
+def _vectors(attitudes: Rotation) -> tuple[Array, Array]:
+    """Return down and the field of strength 1 in the body frame, shape (n, 3) each."""
+    dip = np.radians(_DIP_DEG)
+    to_body = attitudes.inv()
+    return to_body.apply([0.0, 0.0, 1.0]), to_body.apply([np.cos(dip), 0.0, np.sin(dip)])
+
+
+def attitudes_deg(down: Array, field: Array) -> Array:
+    """Return heading, pitch and roll, shape (n, 3) [deg], as `hiltest.orientation.tilt_heading` does of one."""
+    unit = down / np.linalg.norm(down, axis=1, keepdims=True)
+    east = np.cross(unit, field)
+    north = np.cross(east, unit)
+    heading = np.arctan2(east[:, 0], north[:, 0])
+    pitch = np.arctan2(-unit[:, 0], np.hypot(unit[:, 1], unit[:, 2]))
+    angles: Array = np.degrees(np.column_stack([heading, pitch, np.arctan2(unit[:, 1], unit[:, 2])]))
+    return angles
+
+
+def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusion:
+    """Take medians and 95th percentiles of the largest errors."""
+    found = np.concatenate([np.reshape(block, (-1, _NUMBERS)) for block in by_condition[0]])
+    errors = found[:, :-2].reshape(-1, len(METHODS), len(ANGLES))
+    median, high = np.median(errors, axis=0), np.quantile(errors, 0.95, axis=0)
+    rows: tuple[tuple[Cell, ...], ...] = tuple(
+        (method, *(float(value) for pair in zip(median[k], high[k], strict=True) for value in pair))
+        for k, method in enumerate(METHODS)
+    )
+    columns = (Column("calibration"), *(Column(f"{angle}{of}", "deg") for angle in ANGLES for of in ("", ", p95")))
+    heading = dict(zip(METHODS, median[:, 0].tolist(), strict=True))
+    sentence = (
+        f"The largest heading error is {heading['uncalibrated']:.0f} deg uncalibrated, {heading['ellipsoids']:.1f} by "
+        f"ellipsoid fits and {heading['dpi']:.2f} by dpi, in the median of {len(found)} instances."
+    )
+    measurements = tuple(_measurements(median))
+    return Conclusion(sentence, measurements, Table("study.dpi", columns, rows), (_what_remains(found),))
+
+
+def _measurements(median: Array) -> list[Measurement]:
+    return [
+        check(f"study.dpi.{method}.{angle}", float(median[k, j]), unit="deg")
+        for k, method in enumerate(METHODS) for j, angle in enumerate(ANGLES)
+    ]  # fmt: skip
+
+
+def _what_remains(found: Array) -> PrintedFigure:
+    left, own = found[:, -2], found[:, -1]
+    apart = float(np.median(np.abs(left - own)))
+    # A calibration from so many samples turns by their noise, over the root of how many there are.
+    noise_deg = float(np.degrees(_NOISE)) / np.sqrt(_SAMPLES)
+    return PrintedFigure(
+        "rotation that dpi leaves", "Coelho and Hemerly, 6", "that of the accelerometer's axes",
+        f"{np.median(left):.3f} deg, {np.median(own):.3f} of the accelerometer, {apart:.3f} apart in the median",
+        bool(apart < 10.0 * noise_deg),
+        f"an ellipsoid does not show how the accelerometer is turned, and the magnetometer is turned with it; noise "
+        f"alone makes {noise_deg:.3f} deg of each axis",
+    )  # fmt: skip
+
+
+def draw(run: Run) -> Figure:
+    """Draw the medians, with their 95th percentiles above."""
+    table = run.table("study.dpi")
+    assert table is not None
+    values = [[float(cell or 0) for cell in row[1:]] for row in table.rows]
+    every = [value for row in values for value in row]
+    figure = Figure(
+        title="Largest errors: heading, pitch, roll", description=run.verdict.sentence,
+        x_label="1 heading, 2 pitch, 3 roll",
+        y_label="largest error [deg]", x_range=(0.5, 3.5), y_range=(0.7 * min(every), 1.4 * max(every)),
+        x_ticks=(1.0, 2.0, 3.0), width=560.0, height=360.0, log_y=True,
+    )  # fmt: skip
+    for k, method in enumerate(METHODS):
+        style, mark = series(k)
+        places = [j + 1.0 + 0.15 * (k - 1) for j in range(len(ANGLES))]
+        figure.bars(zip(places, values[k][::2], values[k][1::2], strict=True), style)
+        figure.series(method, list(zip(places, values[k][::2], strict=True)), mark=mark or Mark.DOT,
+                      mark_style=f"{style} filled")  # fmt: skip
+    return figure
+
+
+STUDY = Study(
+    name="dpi",
+    question="Fits of norms leave a rotation between the sensors: what of it is left once gravity is taken in?",
+    conditions=1, instances=400, points=0, block=20, measure=measure, conclude=conclude, draw=draw,
+)  # fmt: skip

@@ -1,0 +1,164 @@
+"""`estimators`: how far directions err after each calibrator, as noise, points, coverage and soft iron change."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import quantile_test
+
+from hiltest.calibration import FASTER, REFERENCES
+from hiltest.calibration.fit import Array, FitStatus, MagnetometerFit, no_fit
+from hiltest.calibration.quality import COUNTS_PER_UT, direction_error_rms_deg, sphere_directions
+from hiltest.calibration.sphere import fit_sphere
+from hiltest.measurement import Measurement, check
+from hiltest.record.run import Cell, Column, Run, Table
+from hiltest.report.marks import series
+from hiltest.report.svg import Figure
+from hiltest.studies.instances import Instances, Model, draw_instances
+from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
+
+UNCALIBRATED, SPHERE = "uncalibrated", "sphere"
+NAMES = (UNCALIBRATED, SPHERE, *(name for name in REFERENCES if name not in FASTER))
+# Lines that a reader can tell apart.
+_DRAWN = (SPHERE, "direct", "iterative", "li", "corrected", "taubin", "geometric")
+_DIRECTIONS = sphere_directions(200)
+_MEDIAN, _HIGH = 0.5, 0.95
+_CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """What is the same for a group of instances; see `hiltest.studies.instances.Model`."""
+
+    noise_ut: float
+    points: int = 100
+    occluded: float = 0.5
+    stretch: float = 0.5
+
+
+# Noise with few and many points; then the number of points, the coverage and the soft iron alone.
+CONDITIONS = (
+    *(Condition(noise_ut, points) for points in (100, 1000) for noise_ut in (0.3, 1.0, 2.5, 5.0)),
+    Condition(1.0, 30), Condition(1.0, 300),
+    Condition(1.0, occluded=0.0), Condition(1.0, occluded=0.75),
+    Condition(1.0, stretch=0.2), Condition(1.0, stretch=0.8),
+)  # fmt: skip
+JUDGED = CONDITIONS.index(Condition(2.5, 1000))
+
+
+def measure(plan: Plan, block: Block) -> Numbers:
+    """Return the direction's error [deg] and whether it is an ellipsoid, of each calibrator for each instance."""
+    condition = CONDITIONS[block.condition]
+    model = Model(plan.seed, condition.points, condition.noise_ut, stream=block.condition,
+                  stretch=condition.stretch, occluded=condition.occluded)  # fmt: skip
+    drawn = draw_instances(model, block.first, block.count)
+    numbers: list[float | int] = []
+    for k in range(block.count):
+        readings = COUNTS_PER_UT * (model.field_ut * _DIRECTIONS @ drawn.soft_iron[k] + drawn.hard_iron_ut[k])
+        for fit in _fits(drawn, k):
+            numbers += [direction_error_rms_deg(fit, readings, _DIRECTIONS), int(fit.status is FitStatus.ELLIPSOID)]
+    return numbers
+
+
+def _fits(drawn: Instances, k: int) -> list[MagnetometerFit]:
+    points = COUNTS_PER_UT * drawn.points_ut[k]
+    return [no_fit(FitStatus.SINGULAR), fit_sphere(points), *(REFERENCES[name](points) for name in NAMES[2:])]
+
+
+def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusion:
+    """Take medians and 95th percentiles, and judge what the thesis says of them."""
+    found = [np.concatenate([np.reshape(block, (-1, len(NAMES), 2)) for block in blocks]) for blocks in by_condition]
+    rows: list[tuple[Cell, ...]] = []
+    for condition, numbers in zip(CONDITIONS, found, strict=True):
+        for index, name in enumerate(NAMES):
+            rows.append((
+                name, condition.noise_ut, condition.points, 100.0 * condition.occluded, condition.stretch,
+                *_quantile(numbers[:, index, 0], _MEDIAN), *_quantile(numbers[:, index, 0], _HIGH),
+                100.0 * float(numbers[:, index, 1].mean()),
+            ))  # fmt: skip
+    columns = (
+        Column("calibrator"), Column("noise", "uT"), Column("points"), Column("left out, up to", "%"),
+        Column("stretch"), Column("median", "deg"), Column("median, at least", "deg"),
+        Column("median, at most", "deg"), Column("p95", "deg"), Column("p95, at least", "deg"),
+        Column("p95, at most", "deg"), Column("ellipsoids", "%"),
+    )  # fmt: skip
+    medians = dict(zip(NAMES, np.median(found[JUDGED][:, :, 0], axis=0).tolist(), strict=True))
+    best = min(medians, key=medians.__getitem__)
+    judged = CONDITIONS[JUDGED]
+    sentence = (
+        f"With {judged.noise_ut:g} uT of noise and {judged.points} points {best} errs least, {medians[best]:.2f} deg "
+        f"in the median of {plan.instances} instances; direct {medians['direct']:.2f}, "
+        f"corrected {medians['corrected']:.2f}."
+    )
+    return Conclusion(sentence, tuple(_measurements(found[JUDGED])), Table("study.estimators", columns, tuple(rows)),
+                      tuple(_printed(medians)))  # fmt: skip
+
+
+def _quantile(errors: Array, share: float) -> tuple[float, float | None, float | None]:
+    """Return a quantile and its interval by the order of the errors; None for an end that so few cannot tell."""
+    interval = quantile_test(errors, p=share).confidence_interval(_CONFIDENCE)
+    ends = (float(interval.low), float(interval.high))
+    low, high = (end if np.isfinite(end) else None for end in ends)
+    return float(np.quantile(errors, share)), low, high
+
+
+def _measurements(judged: Array) -> list[Measurement]:
+    return [
+        check(f"study.estimators.{name}.{what}", float(np.quantile(judged[:, index, 0], share)), unit="deg")
+        for index, name in enumerate(NAMES) if name not in (UNCALIBRATED, SPHERE)
+        for what, share in (("median", _MEDIAN), ("p95", _HIGH))
+    ]  # fmt: skip
+
+
+def _printed(medians: dict[str, float]) -> list[PrintedFigure]:
+    direct, geometric = medians["direct"], medians["geometric"]
+    others = {name: medians[name] for name in ("iterative", "li", "taubin")}
+    return [
+        PrintedFigure(
+            "the algebraic distance is statistically better than the Euclidean", "Mucciaccia, 2.1.3", "better",
+            f"direct {direct:.2f} deg, least squares of the Euclidean distance {geometric:.2f} deg", direct < geometric,
+            "noise that is added after the distortion is as large along every axis, and least squares of the Euclidean "
+            "distance is then the maximum likelihood; it would be so for noise before the distortion",
+        ),
+        PrintedFigure(
+            "any algorithm on the algebraic distance has the same result", "Mucciaccia, 3.3.1 and 4.2.2", "the same",
+            f"direct {direct:.2f} deg, " + ", ".join(f"{name} {error:.2f}" for name, error in others.items()),
+            all(abs(error - direct) < 0.01 * direct for error in others.values()),
+            "only with the same normalisation: direct holds the trace, iterative the norm of the coefficients, li "
+            "4 J - I^2 and taubin the mean square of the slope at 1, and each has another minimum",
+        ),
+    ]
+
+
+def draw(run: Run) -> Figure:
+    """Draw the median against noise, for many points."""
+    table = run.table("study.estimators")
+    assert table is not None
+    judged = CONDITIONS[JUDGED]
+    lines: dict[str, list[tuple[float, float]]] = {name: [] for name in _DRAWN}
+    for row in table.rows:
+        name, noise, points, occluded, stretch, median = row[:6]
+        same = (points, occluded, stretch) == (judged.points, 100.0 * judged.occluded, judged.stretch)
+        if same and str(name) in lines:
+            lines[str(name)].append((float(noise or 0), float(median or 0)))
+    every = [point for line in lines.values() for point in line]
+    figure = Figure(
+        title=f"Direction error, {judged.points} points", description=run.verdict.sentence, x_label="noise [uT]",
+        y_label="median of the rms over the sphere [deg]",
+        x_range=(min(x for x, _ in every) / 1.1, max(x for x, _ in every) * 1.1),
+        y_range=(min(y for _, y in every) / 1.2, max(y for _, y in every) * 1.2),
+        x_ticks=sorted({x for x, _ in every}), width=560.0, height=360.0, log_x=True, log_y=True,
+    )  # fmt: skip
+    for index, (name, line) in enumerate(lines.items()):
+        style, mark = series(index)
+        figure.series(name, line, style, mark)
+    return figure
+
+
+STUDY = Study(
+    name="estimators",
+    question="How far do directions err after each calibrator, as noise, points, coverage and soft iron change?",
+    conditions=len(CONDITIONS), instances=400, points=0, block=20, measure=measure, conclude=conclude, draw=draw,
+)  # fmt: skip
