@@ -40,7 +40,9 @@ def study(
     """Run an experiment of a paper again, and compare.
 
     \b
+    dpi         what gravity adds to ellipsoid fits, in heading, pitch and roll
     ellipsoids  how often the direct fit is no ellipsoid, as noise grows
+    estimators  how far directions err after each calibrator
     """
     from hiltest.commands.options import ErrorOutput, asked_to_end
     from hiltest.progress_line import ProgressLine

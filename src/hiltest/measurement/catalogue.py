@@ -332,6 +332,16 @@ def _studies() -> Iterator[Kind]:
         ("ellipsoids.points", _NEITHER, "Points of each instance"),
     ):
         yield Kind(f"study.{name}", "", better, _COUNTED, Section.STUDIES, meaning)
+    for angle in ("heading", "pitch", "roll"):
+        yield Kind(
+            f"study.dpi.{{calibration}}.{angle}", "deg", _LOWER, _COUNTED, Section.STUDIES,
+            f"Median over instances of the largest error of {angle}",
+        )
+    for quantile, named in (("median", "Median"), ("p95", "95th percentile")):
+        yield Kind(
+            f"study.estimators.{{calibrator}}.{quantile}", "deg", _LOWER, _COUNTED, Section.STUDIES,
+            f"{named} of the direction's rms error over instances with 2.5 uT of noise and 1000 points",
+        )
 
 
 KINDS: Mapping[str, Kind] = {kind.name: kind for kind in _kinds()}
