@@ -10,8 +10,8 @@ from hiltest.calibration.sphere import fit_sphere
 from hiltest.errors import ConfigError
 
 __all__ = [
-    "FASTER", "REFERENCES", "UNBIASED", "FitStatus", "MagnetometerFit", "fit_corrected", "fit_direct",
-    "fit_iterative", "fit_sphere", "reference",
+    "FASTER", "REFERENCES", "FitStatus", "MagnetometerFit", "fit_corrected", "fit_direct", "fit_iterative",
+    "fit_sphere", "is_unbiased", "reference",
 ]  # fmt: skip
 
 # By the firmware's names.
@@ -20,8 +20,12 @@ REFERENCES: dict[str, Calibrator] = {
 }  # fmt: skip
 # Those that only come to their sums in another way: in float64 they are another's fit.
 FASTER = frozenset({"direct-fast"})
-# Those whose steps take the bias of noise out.
-UNBIASED = frozenset({"corrected"})
+_UNBIASED = frozenset({"corrected"})
+
+
+def is_unbiased(name: str, iterations: int) -> bool:
+    """Say whether a calibrator took the bias of noise out: its steps do, and with no step its fit is another's."""
+    return name in _UNBIASED and iterations > 0
 
 
 def reference(name: str) -> Calibrator:

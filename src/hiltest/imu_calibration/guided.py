@@ -10,7 +10,7 @@ import numpy as np
 
 from hiltest import __version__
 from hiltest.boards import Board
-from hiltest.calibration import UNBIASED
+from hiltest.calibration import is_unbiased
 from hiltest.calibration.accelerometer import axes_uncertainty_deg
 from hiltest.calibration.acceptance import Acceptance, FitFigures, rate
 from hiltest.calibration.conditioning import ellipsoid_condition
@@ -243,7 +243,7 @@ def _figures_of(run: CalibratorRun, tumble: Tumble) -> FitFigures:
     points = tumble.points
     if not run.usable:
         return FitFigures(run.fit, ellipsoid_condition(points), n=len(points))
-    unbiased = run.calibrator in UNBIASED and run.iterations > 0
+    unbiased = is_unbiased(run.calibrator, run.iterations)
     predicted = predicted_direction_error(points, run.result, unbiased=unbiased)
     return FitFigures(
         run.fit, ellipsoid_condition(points), n=len(points), residual_percent=run.residual_percent,

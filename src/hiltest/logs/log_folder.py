@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.calibration import REFERENCES, UNBIASED, reference
+from hiltest.calibration import REFERENCES, is_unbiased, reference
 from hiltest.calibration.acceptance import BOUNDS, Acceptance
 from hiltest.calibration.conditioning import ellipsoid_condition
 from hiltest.calibration.direction_error import predicted_direction_error
@@ -114,7 +114,7 @@ def _agreement(points: NDArray[np.float64], name: str, cut: str) -> Agreement | 
     if any(fit.status is not FitStatus.ELLIPSOID for fit in fits):
         return None
     predicted = [
-        predicted_direction_error(part, fit, unbiased=name in UNBIASED and fit.iterations > 0)
+        predicted_direction_error(part, fit, unbiased=is_unbiased(name, fit.iterations))
         for part, fit in zip(parts, fits, strict=True)
     ]
     first, second = predicted

@@ -8,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.calibration import UNBIASED
+from hiltest.calibration import is_unbiased
 from hiltest.calibration.acceptance import FitFigures, rate, status_words
 from hiltest.calibration.direction_error import DirectionError, ErrorPrediction
 from hiltest.calibration.fit import MagnetometerFit
@@ -45,8 +45,7 @@ class Rating:
 
     def calibrator(self, name: str, fit: MagnetometerFit, used: Array) -> CalibratorFit:
         """Return what a calibrator made of the points it used; `fit` is in the unit of the samples."""
-        # With no step in it the fit of a calibrator that takes the bias out is another's.
-        predicted = self._predictions(used).of(fit, unbiased=name in UNBIASED and fit.iterations > 0)
+        predicted = self._predictions(used).of(fit, unbiased=is_unbiased(name, fit.iterations))
         figures = FitFigures(fit.status, condition=self.condition, n=len(used))
         return self._rated(name, fit, figures, predicted)
 
