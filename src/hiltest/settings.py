@@ -13,9 +13,10 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from shlex import quote
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-import pytest
+if TYPE_CHECKING:  # 0.15 s, which a command that runs no test need not wait for
+    import pytest
 
 DEFAULT_OUT = "hil-out"
 LONGEST_LABEL = 100
@@ -243,5 +244,7 @@ def _resolve_one(option: Option, config: pytest.Config, environment: Mapping[str
             try:
                 return option.parse(str(text)), source
             except argparse.ArgumentTypeError as error:
+                import pytest
+
                 raise pytest.UsageError(f"{source}: {error}") from None
     return option.default, "default"

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gzip
 from contextlib import suppress
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,7 @@ from hypothesis import strategies as st
 from hiltest.calibration.robust import repeats
 from hiltest.errors import ConfigError
 from hiltest.logs import Samples, Unit, read_samples, samples
+from hiltest.recordings.lines import Lines
 from hiltest.units import AccelerationUnit
 
 _NUMBERS = [[1.5, -2.0, 3.0], [4.0, 5.0, -6.25]]
@@ -247,3 +250,58 @@ def test_no_text_of_numbers_and_separators_does_either(
     path.write_text("\n".join(lines), encoding="utf-8")
     with suppress(ConfigError):
         assert np.isfinite(read_samples(path, columns="1,2,3").points).all()
+
+
+# More lines than a reader looks at for the form of the table, so that what is behind them may be read many at once.
+_FORM = 100
+_HEADERS = (["t_s", "mx", "my", "mz"], ["mx", "my", "mz", "ok"], ["ax", "ay", "az", "mx", "my", "mz"])
+_CELLS = st.one_of(
+    st.floats(allow_nan=False).map(repr),
+    st.sampled_from([
+        "", " 7 ", "+8", "-0", ".5", "5.", "1e3", "1E-400", "1e400", "nan", "inf", "-Infinity", "1_000", "0x10", "1,5",
+        "1.5.2", "--1", "1e", "4294967296", "4294967297", "1e20", "2e20", "1 2", "x", "\u0661", "\u00a02", '"3"', '"4',
+        "'5'", "#6", "7%", "8/9", "//", "1\r", "\x0c1", "\x1c2", "\0", "12:00:00 -> 1", "1*", "2026-11-26T10:00:00",
+    ]),
+)  # fmt: skip
+_LINES = st.sampled_from(
+    ["", "  ", "\t", "# a remark", "%", "// a, b", ",,,", ";;;", "\t\t\t", "#1,2,3", "boot", "1,2,3", "1 2", "1;2;3;"]
+)
+
+
+@st.composite
+def _tables(draw: st.DrawFn) -> bytes:
+    """Draw a table of many plain rows, some cells and lines of which are not."""
+    separator = draw(st.sampled_from([",", ",", ";", "\t", " ", ", ", "   "]))
+    decimal = "," if "," not in separator and draw(st.integers(0, 4)) == 0 else "."
+    header = draw(st.sampled_from(_HEADERS))
+    rows = [[f"{row}{decimal}{place}" for place in range(len(header))] for row in range(_FORM + 60)]
+    for _ in range(draw(st.integers(0, 3))):
+        rows[draw(st.integers(_FORM, len(rows) - 1))][draw(st.integers(0, len(header) - 1))] = draw(_CELLS)
+    lines = [separator.join(cells) + separator * (draw(st.integers(0, 99)) == 0) for cells in [header, *rows]]
+    for _ in range(draw(st.sampled_from([0, 0, 1, 2]))):
+        lines.insert(draw(st.integers(_FORM + 1, len(lines))), draw(_LINES))
+    end = draw(st.sampled_from(["\n", "\n", "\r\n"]))
+    last = draw(st.sampled_from([end, end, "", f"{end}1{separator}2", f"{end}x{end}"]))
+    return (end.join(lines) + last).encode()
+
+
+def _what_is_read(path: Path) -> list[object] | str:
+    """Return the samples of a file as what compares, or the message that refuses it."""
+    try:
+        read = read_samples(path)
+    except ConfigError as error:
+        return str(error)
+    values = (getattr(read, each.name) for each in fields(read))
+    return [(each.shape, each.tobytes()) if isinstance(each, np.ndarray) else each for each in values]
+
+
+@given(_tables(), st.booleans())
+def test_rows_that_are_read_at_once_are_what_they_are_one_by_one(
+    tmp_path_factory: pytest.TempPathFactory, table: bytes, packed: bool
+) -> None:
+    path = tmp_path_factory.getbasetemp() / f"table.csv{'.gz' * packed}"
+    path.write_bytes(gzip.compress(table) if packed else table)
+    at_once = _what_is_read(path)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Lines, "ahead", lambda _: b"")
+        assert _what_is_read(path) == at_once

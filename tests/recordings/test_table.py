@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hiltest.errors import ConfigError
-from hiltest.recordings.cells import number_in
+from hiltest.logs import read_samples
+from hiltest.recordings.cells import TableRows, number_in
 from hiltest.recordings.table import Table, open_table
 
 ROWS = (("1.5", "-2.0", "3.0"), ("4.0", "5.5", "-6.25"), ("7.0", "8.0", "9.5"))
@@ -257,3 +258,46 @@ def test_every_row_of_any_text_has_a_cell_for_each_column(
         table, rows = read(folder, between[1:] + between.join(lines))
         assert {len(row) for row in rows} <= {table.width}
         assert len(table.headers) in (0, table.width)
+
+
+@pytest.mark.parametrize(
+    "how", ["{},{},{}\n", "{};{};{}\r\n", "{}\t{}\t{}\n", "{} {} {}\n", "  {}   {}  {} \n", "{}, {}, {},\n"]
+)
+@pytest.mark.parametrize("packed", [False, True])
+def test_most_rows_of_a_plain_table_come_many_at_once(tmp_path: Path, how: str, packed: bool) -> None:
+    lines = [how.format(row, -row / 4, "1e-3") for row in range(20_000)]
+    # A line that is read by itself, and those about it, take little from the others.
+    for row in range(5_000, 20_000, 5_000):
+        lines[row] = "# a remark\n"
+    path = tmp_path / f"log.txt{'.gz' * packed}"
+    path.write_bytes(gzip.compress("".join(lines).encode()) if packed else "".join(lines).encode())
+    at_once = [(rows.line, rows.numbers) for rows in open_table(path).rows_of_numbers([2, 0], [1e9, 1e9])
+               if isinstance(rows, TableRows)]
+    assert sum(len(numbers) for _, numbers in at_once) > 0.95 * len(lines)
+    for line, numbers in at_once:
+        assert numbers.tolist() == [[1e-3, row] for row in range(line - 1, line - 1 + len(numbers))]
+
+
+@pytest.mark.parametrize(
+    ("line", "complaint"),
+    [
+        ("1,2,x\n", "column 3: 'x' is not a number"),
+        ("1,2\n", "2 cells where the table has 3 columns"),
+        ("1,2,3,4\n", "4 cells where the table has 3 columns"),
+        ("1,2,1_0\n", "column 3: '1_0' is not a number"),
+        ("1,2\r,3\n", "carriage returns within the line"),
+        ("1,2,3e10\n", "is no magnetometer reading"),
+        ("1,\0,3\n", "a zero byte"),
+        ("1,2," + 70_000 * "3" + "\n", "the line is longer than"),
+    ],
+)
+@pytest.mark.parametrize("place", [101, 4_000, 9_999])
+def test_a_line_that_is_refused_is_named_wherever_it_stands(
+    tmp_path: Path, line: str, complaint: str, place: int
+) -> None:
+    lines = ["1.5,2.5,3.5\n"] * 10_000
+    lines[place] = line
+    path = tmp_path / "log.csv"
+    path.write_text("".join(lines), newline="", encoding="utf-8")
+    with pytest.raises(ConfigError, match=rf":{place + 1}: .*{complaint}"):
+        read_samples(path)

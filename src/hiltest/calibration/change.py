@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hiltest.calibration.conditioning import TRACELESS, CentredPoints
-from hiltest.calibration.fit import ELLIPSOID_UNKNOWNS, Array, points_array
+from hiltest.calibration.fit import ELLIPSOID_UNKNOWNS, Array, points_array, squared_lengths
 from hiltest.calibration.robust import SIGMA
 
 #: Of the radius: 1.7 degrees across.
@@ -64,13 +65,10 @@ def find_change(points: ArrayLike) -> Change | None:
     All sums are of blocks, so an instant costs no pass over the readings.
     """
     given = points_array(points)
-    kept = _trimmed(given)
-    if kept is None or len(kept) < _FEWEST:
+    trimmed = _trimmed(given)
+    if trimmed is None:
         return None
-    centred = CentredPoints.of(given[kept])
-    if centred is None:
-        return None
-    rows, target, parameters = _plain_fit(centred)
+    kept, (centred, rows, target, parameters) = trimmed
     shape = np.eye(3) + np.tensordot(parameters[:5], TRACELESS, axes=1)
     if not float(np.linalg.eigvalsh(shape)[0]) > 0.0:
         return None
@@ -99,30 +97,41 @@ class _Step:
     explained: float
 
 
-def _trimmed(points: Array) -> NDArray[np.intp] | None:
-    """Return the readings that are no wild rows, None where there are too few for a fit."""
+class _PlainFit(NamedTuple):
+    """Points, rows and target of the quadric through them, and its nine parameters by least squares."""
+
+    centred: CentredPoints
+    rows: Array
+    target: Array
+    parameters: Array
+
+
+def _trimmed(points: Array) -> tuple[NDArray[np.intp], _PlainFit] | None:
+    """Return the readings that are no wild rows and their fit, None where there are too few."""
     if len(points) < _FEWEST:
         return None
     off = np.linalg.norm(points - np.median(points, axis=0), axis=1)
     kept = np.flatnonzero(off <= _GATE * float(np.median(off)))
+    fit = _plain_fit(points[kept])
     for _ in range(_PASSES):
-        centred = CentredPoints.of(points[kept])
-        if centred is None or len(kept) <= ELLIPSOID_UNKNOWNS:
+        if fit is None:
             return None
-        rows, target, parameters = _plain_fit(centred)
-        left = np.abs(target - rows @ parameters)
+        left = np.abs(fit.target - fit.rows @ fit.parameters)
         inside = left <= _TRIM * float(np.median(left))
         if inside.all():
             break
         kept = kept[inside]
-    return kept
+        fit = _plain_fit(points[kept])
+    return None if fit is None or len(kept) < _FEWEST else (kept, fit)
 
 
-def _plain_fit(centred: CentredPoints) -> tuple[Array, Array, Array]:
-    """Return rows and target of the quadric through centred points, and its nine parameters by least squares."""
-    rows, target = centred.rows(), -(centred.points**2).sum(axis=1)
-    parameters: Array = np.linalg.lstsq(rows.T @ rows, rows.T @ target, rcond=1e-12)[0]
-    return rows, target, parameters
+def _plain_fit(points: Array) -> _PlainFit | None:
+    centred = CentredPoints.of(points)
+    if centred is None or len(points) <= ELLIPSOID_UNKNOWNS:
+        return None
+    rows, target = centred.rows(), -squared_lengths(centred.points)
+    parameters = np.linalg.lstsq(rows.T @ rows, rows.T @ target, rcond=1e-12)[0]
+    return _PlainFit(centred, rows, target.astype(np.float64), parameters.astype(np.float64))
 
 
 def _step(sums: Array, place: int) -> _Step | None:

@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hiltest.calibration.fit import ELLIPSOID_UNKNOWNS, Array, points_array
+from hiltest.calibration.fit import ELLIPSOID_UNKNOWNS, Array, points_array, squared_lengths
 
 _HALF, _SIXTH = np.sqrt(1.0 / 2.0), np.sqrt(1.0 / 6.0)
 
@@ -55,7 +55,7 @@ class CentredPoints:
             return None
         mean: Array = given.mean(axis=0)
         centred = given - mean
-        scale = float(np.sqrt((centred * centred).sum(axis=1).mean()))
+        scale = float(np.sqrt(squared_lengths(centred).mean()))
         return cls(centred / scale, mean, scale) if scale > 0.0 else None
 
     def rows(self) -> Array:
@@ -77,8 +77,13 @@ def quadric_rows(points: Array) -> Array:
     ones are ``p' B p`` for the `traceless` B. The trace stays the identity's, so nothing here depends on how the axes
     lie.
     """
-    quadratic = np.einsum("ni,kij,nj->nk", points, traceless(points.shape[1]), points)
-    return np.column_stack([quadratic, points, np.ones(len(points))])
+    columns, basis = np.ascontiguousarray(points.T), traceless(points.shape[1])
+    rows = np.ones((len(points), len(basis) + len(columns) + 1))
+    for place, matrix in enumerate(basis):
+        # Term by term, as most are zero.
+        rows[:, place] = sum(part * columns[i] * columns[j] for (i, j), part in np.ndenumerate(matrix) if part)
+    rows[:, len(basis) : -1] = points
+    return rows
 
 
 def ellipsoid_condition(points: ArrayLike) -> float:
@@ -104,6 +109,11 @@ def ellipsoid_condition(points: ArrayLike) -> float:
     if centred is None or len(centred.points) < ELLIPSOID_UNKNOWNS:
         return CONDITION_SINGULAR
     rows = centred.rows()
-    eigenvalues = np.linalg.eigvalsh(rows.T @ rows)
+    return condition_of(rows.T @ rows)
+
+
+def condition_of(normal: Array) -> float:
+    """Return the condition number of normal equations, symmetric and positive semidefinite; see above."""
+    eigenvalues = np.linalg.eigvalsh(normal)
     smallest, largest = float(eigenvalues[0]), float(eigenvalues[-1])
     return largest / smallest if smallest * CONDITION_SINGULAR > largest else CONDITION_SINGULAR

@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hiltest.calibration.conditioning import TRACELESS, CentredPoints
+from hiltest.calibration.conditioning import CONDITION_SINGULAR, TRACELESS, CentredPoints, condition_of
 from hiltest.calibration.corrected import calibration_from_sums, power_sums
-from hiltest.calibration.fit import ELLIPSOID_UNKNOWNS, Array, FitStatus, MagnetometerFit
+from hiltest.calibration.fit import ELLIPSOID_UNKNOWNS, Array, FitStatus, MagnetometerFit, squared_lengths
 from hiltest.calibration.quadric import Quadric, calibration_from_quadric
 from hiltest.calibration.quality import sphere_directions
 
@@ -107,8 +107,10 @@ class ErrorPrediction:
         residuals = self._squares + self._rows @ parameters
         variance = float(residuals @ residuals) / (len(residuals) - ELLIPSOID_UNKNOWNS)
         slopes = 2.0 * (centred.points - centre) @ shape
-        noise_variance = variance / float((slopes * slopes).sum(axis=1).mean())
-        bias: Array = -noise_variance * self._inverse @ _rows_along(slopes, centred) * (not unbiased)
+        noise_variance = variance / float(squared_lengths(slopes).mean())
+        bias = np.zeros(ELLIPSOID_UNKNOWNS)
+        if not unbiased:
+            bias = -noise_variance * self._inverse @ _rows_along(slopes, centred)
         if len(residuals) < _FEWEST_FOR_BLOCKS:
             spread_deg = _rms_deg(jacobian, (variance * self._inverse).astype(np.float64))
         else:
@@ -121,13 +123,22 @@ class ErrorPrediction:
 
     @cached_property
     def _squares(self) -> Array:
-        squares: Array = np.empty(0) if self._centred is None else (self._centred.points**2).sum(axis=1)
-        return squares
+        return np.empty(0) if self._centred is None else squared_lengths(self._centred.points)
+
+    @cached_property
+    def _normal(self) -> Array:
+        normal: Array = self._rows.T @ self._rows
+        return normal
+
+    @cached_property
+    def condition(self) -> float:
+        """`hiltest.calibration.conditioning.ellipsoid_condition` of the points."""
+        return condition_of(self._normal) if len(self._rows) >= ELLIPSOID_UNKNOWNS else CONDITION_SINGULAR
 
     @cached_property
     def _inverse(self) -> Array | None:
         try:
-            return np.linalg.inv(self._rows.T @ self._rows).astype(np.float64)
+            return np.linalg.inv(self._normal).astype(np.float64)
         except np.linalg.LinAlgError:
             return None
 

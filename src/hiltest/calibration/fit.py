@@ -98,6 +98,14 @@ def points_array(points_counts: ArrayLike, *, axes: tuple[int, ...] = (3,)) -> A
     return points
 
 
+def squared_lengths(vectors: Array) -> Array:
+    """Return the squares of the lengths of vectors, shape (n, 2) or (n, 3): numpy's sum along rows takes five times as
+    long.
+    """
+    lengths: Array = sum(column * column for column in vectors.T)
+    return lengths
+
+
 def mid_range(points: Array) -> Array:
     """Return the middle of the points' range, halves truncated towards zero as in the firmware [counts]."""
     middle: Array = np.trunc((points.min(axis=0) + points.max(axis=0)) / 2.0)

@@ -26,7 +26,12 @@ def residual_percent(points_counts: ArrayLike, fit: MagnetometerFit) -> float:
     ``100 rms(|C (m - o)| - 1)``. It does not see a rotation: a good residual does not
     mean a good heading.
     """
-    norms = np.linalg.norm(fit.corrected(points_counts), axis=1)
+    return residual_of_corrected_percent(fit.corrected(points_counts))
+
+
+def residual_of_corrected_percent(corrected: ArrayLike) -> float:
+    """Return the same of points that are corrected, shape (n, 3) [1]."""
+    norms = np.linalg.norm(np.asarray(corrected, dtype=np.float64), axis=1)
     return 100.0 * float(np.sqrt(np.mean((norms - 1.0) ** 2)))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hiltest.calibration.conditioning import quadric_rows, traceless
-from hiltest.calibration.fit import Array, points_array
+from hiltest.calibration.fit import Array, points_array, squared_lengths
 from hiltest.calibration.plane import FLAT, RING, Plane
 
 Mask: TypeAlias = NDArray[np.bool_]
@@ -217,7 +217,7 @@ def _flat(readings: Array, moving: Mask) -> Plane | None:
 
 def _weighted_quadric(readings: Array, weights: Array, terms: int) -> Array:
     """Return the parameters of `quadric_rows` by weighted least squares; those of shape behind `terms` are zero."""
-    rows, target = quadric_rows(readings), -(readings * readings).sum(axis=1)
+    rows, target = quadric_rows(readings), -squared_lengths(readings)
     free = np.arange(rows.shape[1])
     free = free[(free < terms) | (free >= len(traceless(readings.shape[1])))]
     rows = rows[:, free]
@@ -238,7 +238,7 @@ def _shape(parameters: Array, axes: int) -> Array:
 def _distances(parameters: Array, readings: Array) -> Array:
     """Return Sampson's distances from a quadric, signed."""
     axes = readings.shape[1]
-    value = (readings * readings).sum(axis=1) + quadric_rows(readings) @ parameters
+    value = squared_lengths(readings) + quadric_rows(readings) @ parameters
     slope = np.linalg.norm(2.0 * readings @ _shape(parameters, axes) + parameters[-axes - 1 : -1], axis=1)
     distances: Array = value / np.maximum(slope, 1e-9)  # 0 at the centre alone, which is far from the surface
     return distances

@@ -95,8 +95,13 @@ def _to_nearest(directions: Array) -> Array:
     from scipy.spatial import KDTree  # 0.3 s, which a run that measures no coverage need not wait for
 
     if len(directions) > _MANY:
-        cells = ((directions + 1.0) * _CELLS).astype(np.int64) @ (1, 4 * _CELLS, (4 * _CELLS) ** 2)
-        directions = directions[np.unique(cells, return_index=True)[1]]
+        edge = 2 * _CELLS + 1
+        backwards = np.ascontiguousarray(directions[::-1])
+        cells = ((backwards + 1.0) * _CELLS).astype(np.int64) @ (1, edge, edge * edge)
+        # Of those in a cell the first: backwards it is written last. In 33 MB, a third of the time of a sort.
+        kept = np.full(edge**3, -1, dtype=np.int32)
+        kept[cells] = np.arange(len(cells), dtype=np.int32)
+        directions = backwards[kept[kept >= 0]]
     # Not balanced: a balanced tree takes several times as long to make.
     chords: Array = KDTree(directions, balanced_tree=False, compact_nodes=False).query(SPHERE)[0]
     return chords

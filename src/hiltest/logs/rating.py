@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from hiltest.calibration import is_unbiased
 from hiltest.calibration.acceptance import FitFigures, rate, status_words
-from hiltest.calibration.conditioning import ellipsoid_condition
 from hiltest.calibration.direction_error import DirectionError, ErrorPrediction
 from hiltest.calibration.fit import MagnetometerFit
-from hiltest.calibration.quality import residual_percent
+from hiltest.calibration.quality import residual_of_corrected_percent
 from hiltest.calibration.shapes import Shape, fit_shape
 from hiltest.calibration.solid_angle import solid_angle_covered
 from hiltest.logs.fit_result import CalibratorFit, Triple, Turn
@@ -41,8 +40,8 @@ class Rating:
 
     def __init__(self, samples: Samples, change: FieldChange | None) -> None:
         self._samples, self._change = samples, change
-        self._predicted: tuple[Array, ErrorPrediction] | None = None
-        self.condition = ellipsoid_condition(samples.points)
+        self._predicted = samples.points, ErrorPrediction(samples.points)
+        self.condition = self._predicted[1].condition
 
     def calibrator(self, name: str, fit: MagnetometerFit, used: Array) -> CalibratorFit:
         """Return what a calibrator made of the points it used; `fit` is in the unit of the samples."""
@@ -52,7 +51,7 @@ class Rating:
 
     def _predictions(self, used: Array) -> ErrorPrediction:
         """Return that of the points that calibrators get: of one board, or of the host, they are the same."""
-        if self._predicted is None or self._predicted[0] is not used:
+        if self._predicted[0] is not used:
             self._predicted = used, ErrorPrediction(used)
         return self._predicted[1]
 
@@ -80,11 +79,12 @@ class Rating:
             verdict, reasons = rate(figures)
             return CalibratorFit(name, status_words(fit.status), verdict, reasons, n_used, iterations=fit.iterations)
         radius = float(np.linalg.det(fit.soft_iron)) ** (-1.0 / 3.0)
+        corrected = fit.corrected(self._samples.points)
         microtesla = self._samples.microtesla
         whole = figures.shape is None or figures.shape.axes == 3
         figures = replace(
             figures,
-            residual_percent=residual_percent(self._samples.points, fit),
+            residual_percent=residual_of_corrected_percent(corrected),
             axis_ratio=float(np.linalg.cond(fit.soft_iron)),
             # That of a turn is the part of the field in its plane, which may be any.
             radius_ut=microtesla * radius if whole and microtesla is not None else None,
@@ -97,7 +97,7 @@ class Rating:
             name, figures.shape or status_words(fit.status), verdict, reasons, n_used,
             hard_iron=triple(fit.hard_iron), soft_iron=(triple(x), triple(y), triple(z)), radius=radius,
             residual_percent=figures.residual_percent,
-            coverage=solid_angle_covered(fit.corrected(self._samples.points)), axis_ratio=figures.axis_ratio,
+            coverage=solid_angle_covered(corrected), axis_ratio=figures.axis_ratio,
             direction_error_deg=figures.direction_error_deg,
             direction_spread_deg=None if predicted is None else predicted.spread_deg,
             direction_bias_deg=None if predicted is None else predicted.bias_deg, iterations=fit.iterations,

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hiltest.boards.board import Board
 from hiltest.calibration import FASTER, FIRMWARE, REFERENCES, reference
 from hiltest.calibration.acceptance import Acceptance
 from hiltest.calibration.direct import fit_direct
@@ -24,8 +24,9 @@ from hiltest.logs.left_out import left_out
 from hiltest.logs.rating import Rating, triple
 from hiltest.logs.samples import Samples
 from hiltest.logs.span import field_change, in_order_of_time
-from hiltest.procedures.calibrate import calibrate_once
-from hiltest.procedures.cycles import upload_points
+
+if TYPE_CHECKING:
+    from hiltest.boards.board import Board
 
 #: What to run instead of one calibrator by its name: those of the board, and all that have a reference as well.
 BOARD, ALL = "board", "all"
@@ -99,6 +100,9 @@ def fit_on_board(
     ConfigError
         When the firmware has no such calibrator.
     """
+    from hiltest.procedures.calibrate import calibrate_once  # 0.1 s, which a fit on the host need not wait for
+    from hiltest.procedures.cycles import upload_points
+
     known = board.identity.calibrators
     several = calibrator in (BOARD, ALL)
     if not several and calibrator not in known:

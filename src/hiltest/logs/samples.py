@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from array import array
+from collections.abc import Sized
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from hiltest.errors import ConfigError
 from hiltest.logs.asked_units import asked_of_gravity
-from hiltest.recordings.cells import LARGEST_READING, TableRow, number_in, number_or_nan
+from hiltest.recordings.cells import LARGEST_READING, TableRow, TableRows, number_in, number_or_nan
 from hiltest.recordings.columns import (
     ACCELEROMETER_STEM,
     MICROTESLA,
@@ -187,7 +188,16 @@ def _acceleration_unit(layout: _Layout) -> AccelerationUnit:
 def _numbers(table: Table, layout: _Layout) -> tuple[Reals, NDArray[np.int64], int]:
     """Return a row a sample: x, y, z, the accelerometer's where there is one, the time; their lines; rows skipped."""
     path, values, lines, skipped = table.path, array("d"), array("q"), 0
-    for row in table.rows():
+    places, largest = [*layout.places, *layout.accelerometer], [LARGEST_READING] * (_AXES + len(layout.accelerometer))
+    if layout.time is not None:
+        places, largest = [*places, layout.time[0]], [*largest, _LATEST]
+    for row in table.rows_of_numbers(places, largest):
+        if isinstance(row, TableRows):
+            without_time = np.full((len(row.numbers), int(layout.time is None)), math.nan)
+            values.frombytes(np.column_stack([row.numbers, without_time]).tobytes())
+            lines.extend(range(row.line, row.line + len(row.numbers)))
+            _refuse_too_many(path, lines)
+            continue
         reading = [
             number_in(path, row, place, name, what="magnetometer reading")
             for place, name in zip(layout.places, layout.names, strict=True)
@@ -199,12 +209,16 @@ def _numbers(table: Table, layout: _Layout) -> tuple[Reals, NDArray[np.int64], i
         values.extend(_acceleration(path, row, layout))
         values.append(row.arrived_s if layout.time is None else number_or_nan(row.cells[layout.time[0]], _LATEST))
         lines.append(row.line)
-        if len(lines) > MAX_ROWS:
-            raise ConfigError(f"{path}: more than {MAX_ROWS} readings; keep every tenth line, or cut the file")
+        _refuse_too_many(path, lines)
     if not lines:
         raise ConfigError(f"{path}: no row has three numbers in the columns {', '.join(layout.names)}")
     count = _AXES + len(layout.accelerometer) + 1
     return (np.frombuffer(values, dtype=np.float64).reshape(-1, count), np.frombuffer(lines, dtype=np.int64), skipped)
+
+
+def _refuse_too_many(path: Path, lines: Sized) -> None:
+    if len(lines) > MAX_ROWS:
+        raise ConfigError(f"{path}: more than {MAX_ROWS} readings; keep every tenth line, or cut the file")
 
 
 def _acceleration(path: Path, row: TableRow, layout: _Layout) -> list[float]:

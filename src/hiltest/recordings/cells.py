@@ -6,7 +6,12 @@ import math
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from hiltest.errors import ConfigError
+
+Reals = NDArray[np.float64]
 
 # Beyond 32 bits of any sensor: not a reading, and squares of squares would leave float64.
 LARGEST_READING = 2.0**32
@@ -28,6 +33,20 @@ class TableRow(NamedTuple):
     line: int
     cells: tuple[str, ...]
     arrived_s: float = math.nan
+
+
+class TableRows(NamedTuple):
+    """Rows of readings, each the line after the one before.
+
+    Attributes
+    ----------
+    line : int
+        Of the first.
+    numbers : ndarray, shape (rows, columns)
+    """
+
+    line: int
+    numbers: Reals
 
 
 def number_in(

@@ -9,6 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 from hiltest.errors import ConfigError
 from hiltest.recordings.cells import is_number, shown
@@ -34,6 +35,13 @@ _DIGITS = 10
 _THOUSANDS = re.compile(r"[+-]?\d{1,3},\d{3}$")
 
 
+class Separated(NamedTuple):
+    """Cells with a delimiter between them, or blanks where it is None; and the sign for their decimals."""
+
+    delimiter: bytes | None
+    decimal: bytes
+
+
 @dataclass(frozen=True, slots=True)
 class Form:
     """How the lines of a file are rows of a table.
@@ -53,6 +61,8 @@ class Form:
         What a line of the table begins with; others are no part of it.
     notes : list of str
         What was recognised or assumed, a sentence each; `split` may add to it.
+    separated : Separated or None
+        How `split` tells cells apart; None where they are not text between separators.
     """
 
     headers: tuple[str, ...]
@@ -62,6 +72,7 @@ class Form:
     preamble: int = 0
     begins: str = ""
     notes: list[str] = field(default_factory=list)
+    separated: Separated | None = None
 
 
 def form_of(path: Path, lines: Sequence[Line], fewest: int) -> Form:
@@ -250,7 +261,10 @@ class _Look:
         if self.decimal == ",":
             self._refuse_thousands(first)
             notes.append("Commas within numbers were taken as decimal points.")
-        return Form(headers, len(headers or self.rows[begin]), first, self.cells, begin, notes=notes)
+        separated = Separated(self.delimiter.encode() if self.delimiter else None,
+                              b"." if self.delimiter == "," else self.decimal.encode())
+        return Form(headers, len(headers or self.rows[begin]), first, self.cells, begin, notes=notes,
+                    separated=separated)
 
     def _comment(self, place: int) -> tuple[str, ...]:
         """Return the header that stands as a comment above a row."""

@@ -13,8 +13,10 @@ from typing import BinaryIO, NamedTuple, cast
 
 from hiltest.errors import ConfigError
 
-# A table line is shorter by far; what is not must not fill the memory.
+# A table line is shorter by far; what is not must not fill the memory. So much of a file is in memory at once.
 _LONGEST_LINE = 65_536
+# Of what is in memory the smallest part that is offered at once: some lines of a table.
+_LEAST_AHEAD = 512
 # Hours of any sensor. A small compressed file could otherwise go on for ever.
 _MOST_BYTES = 512 << 20
 #: How a file in UTF-16 begins, such as PowerShell writes with >.
@@ -22,6 +24,8 @@ UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 _COMMENTS = ("#", "%", "//")
 # As serial monitors put before what arrives: Arduino's "12:34:56.789 -> ", PlatformIO's "12:34:56.789 > ".
 _STAMP = re.compile(r"(?P<hours>\d{1,2}):(?P<minutes>\d\d):(?P<seconds>\d\d(?:\.\d{1,9})?) -?> ?")
+# What can be in a line without making it a comment, badly encoded, or anything else than its text.
+_PLAIN = bytes({*range(0x20, 0x7F), *b"\t\r\n"} - {*b"#%/"})
 
 
 class Line(NamedTuple):
@@ -45,38 +49,118 @@ class Line(NamedTuple):
     arrived_s: float
 
 
-def read_lines(path: Path) -> Iterator[Line]:
-    """Yield the lines of a file: UTF-8, or UTF-16 with its mark; `#`, `%` or `//` comments.
+class Lines:
+    """The lines of a file, to be read once: UTF-8, or UTF-16 with its mark; without `#`, `%` or `//` comments.
 
     A file whose name ends in .gz is unpacked as it is read. Times that a serial monitor put before each line are taken
-    off.
+    off. Many plain lines can be taken at once, see `ahead`.
 
     Raises
     ------
     ConfigError
-        When the file cannot be read or is no text; names file and line.
+        By the iteration, when the file cannot be read or is no text; names file and line.
     """
-    try:
-        with path.open("rb") as file:
-            yield from _lines(path, gzip.GzipFile(fileobj=file) if path.suffix == ".gz" else file)
-    except (OSError, EOFError, zlib.error) as error:
-        raise ConfigError(f"{path}: {getattr(error, 'strerror', None) or error}") from error
 
+    def __init__(self, path: Path) -> None:
+        self._path, self._number, self._size = path, 0, 0
+        self._file: io.BufferedReader | gzip.GzipFile | None = None
+        self._stamped: bool | None = None
+        self._reach, self._refused_to = _LONGEST_LINE, 0
 
-def _lines(path: Path, file: io.BufferedReader | gzip.GzipFile) -> Iterator[Line]:
-    comment, stamped, arrived_s = "", None, math.nan
-    for number, text in _decoded(path, file):
-        stripped = text.strip()
-        if stamped is None and stripped:
-            stamped = _STAMP.match(stripped) is not None
-        if stamped:
-            arrived_s, text = _unstamped(text)
+    def __iter__(self) -> Iterator[Line]:
+        try:
+            with cast(io.BufferedReader, self._path.open("rb", buffering=_LONGEST_LINE)) as file:
+                yield from self._of_file(gzip.GzipFile(fileobj=file) if self._path.suffix == ".gz" else file)
+        except (OSError, EOFError, zlib.error) as error:
+            raise ConfigError(f"{self._path}: {getattr(error, 'strerror', None) or error}") from error
+
+    def ahead(self) -> bytes:
+        """Return next whole lines that are in memory and have only plain text in them, no comments; b"" for none.
+
+        They are still to be read: `take` them, or `refuse` them and get a part of them, or lines behind them.
+        """
+        while self._file is not None and not self._stamped and self._size >= self._refused_to:
+            try:
+                ahead = self._file.peek(self._reach)[: self._reach]
+            except (OSError, EOFError, zlib.error):
+                return b""  # which the iteration meets as well
+            text = ahead[: ahead.rfind(b"\n") + 1]
+            if not text and len(ahead) == self._reach < _LONGEST_LINE:
+                self._reach *= 2
+                continue
+            if not text or self._size + len(text) > _MOST_BYTES:
+                return b""
+            if not text.translate(None, _PLAIN):
+                return text
+            self.refuse(text)
+        return b""
+
+    def take(self, text: bytes) -> int:
+        """Step over the lines that `ahead` returned; return the number of the first."""
+        if self._file is None:
+            raise ValueError("nothing is ahead")
+        self._file.read(len(text))
+        first = self._number + 1
+        self._number += text.count(b"\n")
+        self._size += len(text)
+        self._reach = min(2 * self._reach, _LONGEST_LINE)
+        return first
+
+    def refuse(self, text: bytes) -> None:
+        """Have what `ahead` returned read line by line, or a part of it be offered."""
+        if self._reach > _LEAST_AHEAD:
+            self._reach //= 2
+        else:
+            self._refused_to = self._size + len(text)
+
+    @property
+    def _where(self) -> str:
+        return f"{self._path}:{self._number}"
+
+    def _of_file(self, file: io.BufferedReader | gzip.GzipFile) -> Iterator[Line]:
+        comment, arrived_s = "", math.nan
+        for text in self._decoded(file):
             stripped = text.strip()
-        if stripped.startswith(_COMMENTS):
-            comment = stripped.removeprefix(next(mark for mark in _COMMENTS if stripped.startswith(mark)))
-        elif stripped:
-            yield Line(number, text, comment, arrived_s)
-            comment = ""
+            if self._stamped is None and stripped:
+                self._stamped = _STAMP.match(stripped) is not None
+            if self._stamped:
+                arrived_s, text = _unstamped(text)
+                stripped = text.strip()
+            if stripped.startswith(_COMMENTS):
+                comment = stripped.removeprefix(next(mark for mark in _COMMENTS if stripped.startswith(mark)))
+            elif stripped:
+                yield Line(self._number, text, comment, arrived_s)
+                comment = ""
+
+    def _decoded(self, file: io.BufferedReader | gzip.GzipFile) -> Iterator[str]:
+        if file.peek(2)[:2] not in UTF16_MARKS:
+            self._file = file
+            yield from self._decoded_lines(file)
+            self._file = None
+            return
+        utf16 = _Utf16(file)
+        try:
+            yield from self._decoded_lines(utf16)
+        finally:
+            utf16.detach()
+
+    def _decoded_lines(self, lines: io.BufferedReader | gzip.GzipFile | _Utf16) -> Iterator[str]:
+        while raw := lines.readline(_LONGEST_LINE + 1):
+            self._number += 1
+            self._size += len(raw)
+            if self._size > _MOST_BYTES:
+                raise ConfigError(f"{self._where}: more than {_MOST_BYTES >> 20} MB of text; cut the file")
+            if self._number == 1:
+                raw = raw.removeprefix(b"\xef\xbb\xbf")
+            if b"\0" in raw:
+                raise ConfigError(f"{self._where}: a zero byte: this is a binary file, not a text table")
+            if len(raw) > _LONGEST_LINE:
+                raise ConfigError(f"{self._where}: the line is longer than {_LONGEST_LINE} bytes: no table of readings")
+            try:
+                yield raw.decode("utf-8")
+            except UnicodeDecodeError as error:
+                bad = raw[error.start]
+                raise ConfigError(f"{self._where}: byte 0x{bad:02x} is not UTF-8; save the file as UTF-8") from error
 
 
 def _unstamped(text: str) -> tuple[float, str]:
@@ -86,37 +170,6 @@ def _unstamped(text: str) -> tuple[float, str]:
         return math.nan, text
     seconds_s = 3600.0 * int(stamp["hours"]) + 60.0 * int(stamp["minutes"]) + float(stamp["seconds"])
     return seconds_s, text[stamp.end() :]
-
-
-def _decoded(path: Path, file: io.BufferedReader | gzip.GzipFile) -> Iterator[tuple[int, str]]:
-    if file.peek(2)[:2] not in UTF16_MARKS:
-        yield from _decoded_lines(path, file)
-        return
-    utf16 = _Utf16(file)
-    try:
-        yield from _decoded_lines(path, utf16)
-    finally:
-        utf16.detach()
-
-
-def _decoded_lines(path: Path, lines: io.BufferedReader | gzip.GzipFile | _Utf16) -> Iterator[tuple[int, str]]:
-    number, size = 0, 0
-    while raw := lines.readline(_LONGEST_LINE + 1):
-        number += 1
-        size += len(raw)
-        if size > _MOST_BYTES:
-            raise ConfigError(f"{path}:{number}: more than {_MOST_BYTES >> 20} MB of text; cut the file")
-        if number == 1:
-            raw = raw.removeprefix(b"\xef\xbb\xbf")
-        if b"\0" in raw:
-            raise ConfigError(f"{path}:{number}: a zero byte: this is a binary file, not a text table")
-        if len(raw) > _LONGEST_LINE:
-            raise ConfigError(f"{path}:{number}: the line is longer than {_LONGEST_LINE} bytes: no table of readings")
-        try:
-            yield number, raw.decode("utf-8")
-        except UnicodeDecodeError as error:
-            bad = raw[error.start]
-            raise ConfigError(f"{path}:{number}: byte 0x{bad:02x} is not UTF-8; save the file as UTF-8") from error
 
 
 class _Utf16:

@@ -7,18 +7,23 @@ from collections.abc import Iterator, Sequence
 from itertools import chain, islice
 from pathlib import Path
 
+import numpy as np
+
 from hiltest.errors import ConfigError
-from hiltest.recordings.cells import TableRow, is_number
-from hiltest.recordings.forms import Form, counts, form_of
-from hiltest.recordings.lines import Line, read_lines
+from hiltest.recordings.cells import Reals, TableRow, TableRows, is_number
+from hiltest.recordings.forms import Form, Separated, counts, form_of
+from hiltest.recordings.lines import Line, Lines
 
 # In so many lines a table must have begun. An index is one that counts in all of them, three at least.
 _LOOKED_AT = 100
 _COUNTED = 3
+_EVERYTHING = bytes(range(256))
+# What makes other cells of a line than its separators say, or a number for Python that is none in a log.
+_READ_ALONE = (b'"', b"\r", b"_")
 
 
 class Table:
-    """A table whose header is read; its rows can be read once.
+    """A table whose header is read; its rows can be read once, one by one or, where they are plain, many at once.
 
     Attributes
     ----------
@@ -37,7 +42,7 @@ class Table:
         Lines above the table that are no part of it.
     """
 
-    def __init__(self, path: Path, lines: Iterator[Line], looked_at: Sequence[Line], form: Form) -> None:
+    def __init__(self, path: Path, lines: Lines, others: Iterator[Line], looked_at: Sequence[Line], form: Form) -> None:
         self.path, self._form = path, form
         self.headers, self.width, self.preamble = form.headers, form.width, form.preamble
         first = looked_at[form.preamble]
@@ -47,7 +52,8 @@ class Table:
         self.places = tuple(range(self.width - separator))
         self.index = 0 if _is_index(self.headers, [row[0] for row in rows]) else None
         self._ends_in_number = bool(rows) and is_number(rows[0][-1])
-        self._lines = chain(looked_at[form.first :], lines)
+        self._lines = chain(looked_at[form.first :], others)
+        self._behind, self._looked_to = lines, looked_at[-1].number
         self._others = 0
         self._cut: int | None = None
 
@@ -96,6 +102,49 @@ class Table:
                                   "correct or delete the line")
             yield TableRow(number, cells, arrived_s)
 
+    def rows_of_numbers(self, places: Sequence[int], largest: Sequence[float]) -> Iterator[TableRow | TableRows]:
+        """Yield what `rows` does, and in the place of many plain rows their numbers.
+
+        Parameters
+        ----------
+        places : sequence of int
+            Columns that are read.
+        largest : sequence of float
+            For each of them, what no number is beyond. A row with a number beyond it, or with a cell that is none,
+            comes by itself.
+        """
+        separated = self._form.separated
+        for row in self.rows():
+            yield row
+            while separated and row.line >= self._looked_to and (lines := self._behind.ahead()):
+                numbers = self._numbers(lines, separated, places)
+                if numbers is None or not bool((np.abs(numbers) <= largest).all()):
+                    self._behind.refuse(lines)
+                else:
+                    yield TableRows(self._behind.take(lines), numbers)
+
+    def _numbers(self, lines: bytes, separated: Separated, places: Sequence[int]) -> Reals | None:
+        """Return the numbers in columns of plain lines, None where one of the lines may be anything but such a row."""
+        lines = lines.replace(b"\r\n", b"\n")
+        if any(mark in lines for mark in _READ_ALONE):
+            return None
+        delimiter, decimal = separated
+        if delimiter is None:
+            delimiter, lines = b" ", b"\n".join([b" ".join(line.split()) for line in lines.split(b"\n")])
+        if decimal != b".":
+            lines = lines.replace(decimal, b".")
+        ends = delimiter + b"\n"
+        row = ends[:1] * (self.width - 1) + ends[1:]
+        count = lines.count(b"\n")
+        if lines.translate(None, _EVERYTHING.translate(None, ends)) != row * count:
+            return None
+        cells = lines.replace(b"\n", delimiter).split(delimiter)
+        try:
+            # Behind the last delimiter is no cell.
+            return np.column_stack([np.fromiter(map(float, cells[place : -1 : self.width]), float) for place in places])
+        except ValueError:
+            return None
+
     def _cells(self, text: str) -> tuple[str, ...]:
         try:
             return self._form.split(text)
@@ -130,11 +179,12 @@ def open_table(path: Path, *, fewest: int = 3) -> Table:
     ConfigError
         When the file cannot be read or has no table; names file and line.
     """
-    lines = read_lines(path)
-    looked_at = list(islice(lines, _LOOKED_AT))
+    lines = Lines(path)
+    each = iter(lines)
+    looked_at = list(islice(each, _LOOKED_AT))
     if not looked_at:
         raise ConfigError(f"{path}: the file is empty")
-    return Table(path, lines, looked_at, form_of(path, looked_at, fewest))
+    return Table(path, lines, each, looked_at, form_of(path, looked_at, fewest))
 
 
 def _is_index(headers: Sequence[str], cells: Sequence[str]) -> bool:
