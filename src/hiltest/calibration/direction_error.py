@@ -94,6 +94,7 @@ class ErrorPrediction:
 
     def __init__(self, points: ArrayLike) -> None:
         self._centred = CentredPoints.of(points)
+        self._spreads_deg: dict[bool, float] = {}
 
     def of(self, fit: MagnetometerFit, *, unbiased: bool = False) -> DirectionError | None:
         """Return the predicted error of one calibration."""
@@ -114,7 +115,9 @@ class ErrorPrediction:
         if len(residuals) < _FEWEST_FOR_BLOCKS:
             spread_deg = _rms_deg(jacobian, (variance * self._inverse).astype(np.float64))
         else:
-            spread_deg = self._jackknife_deg(unbiased)
+            if unbiased not in self._spreads_deg:
+                self._spreads_deg[unbiased] = self._jackknife_deg(unbiased)
+            spread_deg = self._spreads_deg[unbiased]
         return DirectionError(spread_deg, _rms_deg(jacobian, np.outer(bias, bias)))
 
     @cached_property
