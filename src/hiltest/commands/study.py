@@ -40,7 +40,8 @@ def study(
     """Run an experiment of a paper again, and compare.
 
     \b
-    ellipsoids  how often the direct fit is no ellipsoid, as noise grows
+    ellipsoids    how often the direct fit is no ellipsoid, as noise grows
+    compensation  how much of offset and sensitivity error it takes out
     """
     from hiltest.commands.options import ErrorOutput, asked_to_end
     from hiltest.progress_line import ProgressLine
