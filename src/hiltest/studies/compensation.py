@@ -109,7 +109,8 @@ def draw(run: Run) -> Figure:
     columns = {each.name: [float(cell or 0) for cell in table.column(each.name)] for each in table.columns}
     figure = Figure(
         title="Error compensated", description=run.verdict.sentence, x_label="noise [uT]", y_label="compensated [%]",
-        x_range=(0.0, NOISE_UT[-1]), y_range=(min(0.0, *columns["sensitivity"]), 105.0), width=560.0, height=360.0,
+        x_range=(0.0, NOISE_UT[-1] + 1.0), y_range=(min(0.0, *columns["sensitivity"]), 105.0), width=560.0,
+        height=360.0,
     )  # fmt: skip
     for place, what in enumerate(_WHY):
         points, printed = (list(zip(NOISE_UT, columns[name], strict=True)) for name in (what, f"{what} printed"))
