@@ -17,7 +17,7 @@ _EXIT_CODES = """
 Exit codes:
   0   finished, whatever was reproduced
   1   a worker's process died
-  2   interrupted; what was done is kept, and the same command goes on from there
+  2   interrupted; the same command goes on from what is done
   4   usage: an option is wrong, or the folder is in use or of another study
 """
 _FEWEST_POINTS = 10  # one more than unknowns: through nine a quadric goes without noise
