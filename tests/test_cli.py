@@ -47,7 +47,8 @@ def test_help_lists_the_exit_codes_of_a_command_and_no_other(tmp_path: Path, com
 
 
 @pytest.mark.parametrize(
-    "command", ["", "run", "compare", "baseline save", "baseline update", "trend", "report", "export", "timing measure"]
+    "command",
+    ["", "run", "compare", "baseline save", "baseline update", "trend", "report", "export", "timing measure", "study"],
 )
 def test_help_fits_a_terminal_of_80_columns(tmp_path: Path, command: str) -> None:
     told = hiltest(*command.split(), "--help", folder=tmp_path).stdout
@@ -59,7 +60,7 @@ def test_help_shows_every_command_in_a_group_with_a_whole_sentence(tmp_path: Pat
     lines = dict(re.findall(r"^  ([a-z][a-z-]*)  +(.+)$", told, re.M))
     assert lines.keys() == {path.stem.replace("_", "-") for path in COMMANDS.glob("[!_]*.py")} - {"options"}
     assert [line for line in lines.values() if not line.endswith(".") or line.endswith("...")] == []
-    assert told.count(":\n") == len(["Options", "Run and judge", "Firmware", "Bench", "Recordings"])
+    assert told.count(":\n") == len(["Options", "Run and judge", "Firmware", "Bench", "Recordings", "Papers"])
 
 
 def test_help_names_both_files_that_a_measured_profile_may_be_written_to(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ _EXIT_CODES = """
 Exit codes:
   0   finished, whatever was reproduced
   1   a worker's process died
-  2   interrupted; what was done is kept, and the same command goes on from there
+  2   interrupted; the same command goes on from what is done
   4   usage: an option is wrong, or the folder is in use or of another study
 """
 _FEWEST_POINTS = 10  # one more than unknowns: through nine a quadric goes without noise
@@ -40,9 +40,10 @@ def study(
     """Run an experiment of a paper again, and compare.
 
     \b
-    dpi         what gravity adds to ellipsoid fits, in heading, pitch and roll
-    ellipsoids  how often the direct fit is no ellipsoid, as noise grows
-    estimators  how far directions err after each calibrator
+    compensation  how much of offset and sensitivity error the direct fit takes out
+    dpi           what gravity adds to ellipsoid fits, in heading, pitch and roll
+    ellipsoids    how often the direct fit is no ellipsoid, as noise grows
+    estimators    how far directions err after each calibrator
     """
     from hiltest.commands.options import ErrorOutput, asked_to_end
     from hiltest.progress_line import ProgressLine

@@ -330,6 +330,9 @@ def _studies() -> Iterator[Kind]:
         ("ellipsoids.non_ellipsoids", _LOWER, "Instances of all noise levels whose quadric is no ellipsoid"),
         ("ellipsoids.instances", _NEITHER, "Instances of all noise levels"),
         ("ellipsoids.points", _NEITHER, "Points of each instance"),
+        ("compensation.offset_reproduced", _NEITHER, "Figures of the thesis' Table 2 that came out"),
+        ("compensation.sensitivity_reproduced", _NEITHER, "Figures of the thesis' Table 3 that came out"),
+        ("compensation.points", _NEITHER, "Points of each instance"),
     ):
         yield Kind(f"study.{name}", "", better, _COUNTED, Section.STUDIES, meaning)
     for angle in ("heading", "pitch", "roll"):
