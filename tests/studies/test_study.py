@@ -176,7 +176,7 @@ class TestEveryStudy:
     def test_the_command_leaves_a_record_and_a_page_with_every_printed_figure(
         self, name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     ) -> None:
-        assert run("study", name, "--instances", "20", "--jobs", "1", "--out", str(tmp_path)) == 0
+        assert run("study", name, "--instances", "2", "--jobs", "1", "--out", str(tmp_path)) == 0
         said = capsys.readouterr().out
         record = read_record(tmp_path)
         assert not list(Draft202012Validator(run_schema()).iter_errors(record.content))

@@ -41,6 +41,7 @@ def study(
 
     \b
     compensation  how much of offset and sensitivity error the direct fit takes out
+    constraints   whether fits kept to ellipsoids leave better ellipsoids
     dpi           what gravity adds to ellipsoid fits, in heading, pitch and roll
     ellipsoids    how often the direct fit is no ellipsoid, as noise grows
     estimators    how far directions err after each calibrator

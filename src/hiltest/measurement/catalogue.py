@@ -333,6 +333,10 @@ def _studies() -> Iterator[Kind]:
         ("compensation.offset_reproduced", _NEITHER, "Figures of the thesis' Table 2 that came out"),
         ("compensation.sensitivity_reproduced", _NEITHER, "Figures of the thesis' Table 3 that came out"),
         ("compensation.points", _NEITHER, "Points of each instance"),
+        ("constraints.clouds", _NEITHER, "Clouds of points whose best quadric is no ellipsoid"),
+        ("constraints.fits", _NEITHER, "Constrained fits of them that are ellipsoids"),
+        ("constraints.bettered", _NEITHER, "Of these, those with a better ellipsoid on the line to the best quadric"),
+        ("constraints.determinant_fails", _NEITHER, "Clouds where the determinant is positive at both ends"),
     ):
         yield Kind(f"study.{name}", "", better, _COUNTED, Section.STUDIES, meaning)
     for angle in ("heading", "pitch", "roll"):
