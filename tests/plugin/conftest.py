@@ -9,11 +9,13 @@ from pathlib import Path
 import pytest
 
 import hiltest
+from hiltest.c_library import SOURCES
 
 # pytester forgets what a run in this process has imported. numpy and pydantic cannot be imported twice in one process,
 # and all else takes longer than such a run: so it is here before.
+_NO_MODULES = ("__main__", *(library.stem for library in SOURCES))  # one runs the program, the others are C alone
 for module in pkgutil.walk_packages(hiltest.__path__, "hiltest."):
-    if not module.name.endswith(("__main__", "block_hook")):  # one runs the program, the other is C without a module
+    if not module.name.endswith(_NO_MODULES):
         import_module(module.name)
 
 _RIG = Path(__file__).parents[2] / "hil" / "rigs" / "virtual-k64f.toml"

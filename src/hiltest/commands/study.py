@@ -40,7 +40,7 @@ def study(
     """Run an experiment of a paper again, and compare.
 
     \b
-    compensation  how much of offset and sensitivity error the direct fit takes out
+    compensation  how much offset and sensitivity error the direct fit takes out
     constraints   whether fits kept to ellipsoids leave better ellipsoids
     dpi           what gravity adds to ellipsoid fits, in heading, pitch and roll
     ellipsoids    how often the direct fit is no ellipsoid, as noise grows
