@@ -160,5 +160,5 @@ def draw(run: Run) -> Figure:
 STUDY = Study(
     name="estimators",
     question="How far do directions err after each calibrator, as noise, points, coverage and soft iron change?",
-    conditions=len(CONDITIONS), instances=400, points=0, block=20, measure=measure, conclude=conclude, draw=draw,
+    conditions=len(CONDITIONS), instances=200, points=0, block=20, measure=measure, conclude=conclude, draw=draw,
 )  # fmt: skip
