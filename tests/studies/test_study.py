@@ -19,7 +19,7 @@ from scipy.stats import binom
 from tests.command_files import run
 
 from hiltest.errors import ConfigError
-from hiltest.measurement import identify
+from hiltest.measurement import KINDS, identify
 from hiltest.record.reader import read_record
 from hiltest.record.schema import run_schema
 from hiltest.studies import NAMES
@@ -181,7 +181,7 @@ class TestEveryStudy:
         record = read_record(tmp_path)
         assert not list(Draft202012Validator(run_schema()).iter_errors(record.content))
         kinds = [identify(each.name).kind for each in record.run.measurements]
-        assert kinds
+        assert {each.name for each in kinds if each} == {each for each in KINDS if each.startswith(f"study.{name}.")}
         assert None not in kinds
         page = (tmp_path / "study.html").read_text(encoding="utf-8").replace("\N{NO-BREAK SPACE}", " ")
         assert page.count("<svg") > 0
