@@ -86,22 +86,19 @@ class BoardMemory:
         ValueError
             If the range is neither.
         """
-        for memory in self._plain:
-            if memory.base <= address and address + size <= memory.base + memory.size:
-                return bytes(memory.view[address - memory.base : address - memory.base + size])
-        raise self._outside(address, size)
+        memory = self._holding(address, size)
+        return bytes(memory.view[address - memory.base : address - memory.base + size])
 
     def write(self, address: int, data: bytes) -> None:
         """Write flash or SRAM, as a programmer or a debugger does."""
-        for memory in self._plain:
-            if memory.base <= address and address + len(data) <= memory.base + memory.size:
-                memory.view[address - memory.base : address - memory.base + len(data)] = data
-                return
-        raise self._outside(address, len(data))
+        memory = self._holding(address, len(data))
+        memory.view[address - memory.base : address - memory.base + len(data)] = data
 
-    @staticmethod
-    def _outside(address: int, size: int) -> ValueError:
-        return ValueError(f"0x{address:08x}..+{size} is neither flash nor SRAM")
+    def _holding(self, address: int, size: int) -> SharedMemory:
+        for memory in self._plain:
+            if memory.base <= address and address + size <= memory.base + memory.size:
+                return memory
+        raise ValueError(f"0x{address:08x}..+{size} is neither flash nor SRAM")
 
     def holds_stack(self, address: int, size: int) -> bool:
         """Whether a range is RAM, where a stack may be."""
@@ -112,10 +109,8 @@ class BoardMemory:
 
     def read_words(self, address: int, count: int) -> tuple[int, ...]:
         """Read little-endian words."""
-        for memory in self._plain:
-            if memory.base <= address and address + 4 * count <= memory.base + memory.size:
-                return _words(count).unpack_from(memory.view, address - memory.base)
-        raise self._outside(address, 4 * count)
+        memory = self._holding(address, 4 * count)
+        return _words(count).unpack_from(memory.view, address - memory.base)
 
     def write_words(self, address: int, values: list[int]) -> None:
         """Write little-endian words."""
