@@ -16,7 +16,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from hiltest.calibration.batch import BatchFit
 from hiltest.calibration.conditioning import CONDITION_SINGULAR, LARGEST_CONDITION, traceless
-from hiltest.calibration.fit import SMALLEST_DETERMINANT, Array, FitStatus, MagnetometerFit, no_fit, points_array
+from hiltest.calibration.fit import (
+    SMALLEST_DETERMINANT,
+    Array,
+    FitStatus,
+    MagnetometerFit,
+    clouds_array,
+    no_fit,
+    points_array,
+)
 from hiltest.calibration.sphere import fit_sphere
 
 #: In rms distances of the points from their mean. The centre of a sphere of which points cover a third is 0.9 off
@@ -51,11 +59,9 @@ class Clouds:
         ValueError
             When the shape is another, or a coordinate is not finite.
         """
-        given = np.asarray(points_counts, dtype=np.float64)
-        if given.ndim < 2 or given.shape[-1] not in (2, 3) or not given.shape[-2]:
-            raise ValueError(f"points have shape {given.shape}, not (..., n, 2 or 3)")
-        if not np.isfinite(given).all():
-            raise ValueError("points are not finite")
+        given = clouds_array(points_counts, axes=(2, 3))
+        if not given.shape[-2]:
+            raise ValueError(f"points have shape {given.shape}, of no points")
         mean = given.mean(axis=-2)
         centred = given - mean[..., None, :]
         scale = np.sqrt((centred * centred).sum(axis=-1).mean(axis=-1))
@@ -194,6 +200,13 @@ def constant_trace(axes: int) -> Array:
         basis[axes:squares, column] = 2.0 * matrix[first, second]
     basis[squares:, squares - 1 :] = np.eye(axes + 1)
     return basis
+
+
+def constant_part(axes: int) -> Array:
+    """Return the coefficients of ``|p|^2 / axes``, the quadric of unit trace that `constant_trace` leaves out."""
+    coefficients = np.zeros(len(constant_trace(axes)))
+    coefficients[:axes] = 1.0 / axes
+    return coefficients
 
 
 def solution_from_quadrics(coefficients: Array, axes: int) -> Solution:

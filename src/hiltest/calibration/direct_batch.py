@@ -9,7 +9,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from hiltest.calibration.batch import BatchFit
 from hiltest.calibration.direct import COVERAGE_LIMIT
-from hiltest.calibration.fit import COVERAGE_SINGULAR, ELLIPSOID_UNKNOWNS, SMALLEST_DETERMINANT, Array, FitStatus
+from hiltest.calibration.fit import (
+    COVERAGE_SINGULAR,
+    ELLIPSOID_UNKNOWNS,
+    SMALLEST_DETERMINANT,
+    Array,
+    FitStatus,
+    clouds_array,
+)
 
 _AT_ONCE = 128  # instances whose rows and normal equations lie in the processor's cache together: 1 MB at 100 points
 
@@ -63,7 +70,7 @@ def fit_direct_batch(points_counts: ArrayLike) -> BatchFit:
     ValueError
         When the shape is another, or a coordinate is not finite.
     """
-    points = _batch_array(points_counts)
+    points = clouds_array(points_counts)
     if points.shape[-2] < ELLIPSOID_UNKNOWNS:
         status = np.full(points.shape[:-2], FitStatus.TOO_FEW_POINTS, dtype=np.int8)
         return BatchFit(status, np.full((*status.shape, 3, 3), np.nan), np.full((*status.shape, 3), np.nan))
@@ -92,7 +99,7 @@ def fit_quadrics(points_counts: ArrayLike) -> QuadricBatch:
     Equations of `fit_direct`. One product of each instance's rows with themselves has all of the normal equations;
     they are then solved for all instances together, one unknown after the other.
     """
-    points = _batch_array(points_counts)
+    points = clouds_array(points_counts)
     leading = points.shape[:-2]
     each = points.reshape(-1, *points.shape[-2:])
     parts = [_fit_some(each[first : first + _AT_ONCE]) for first in range(0, max(len(each), 1), _AT_ONCE)]
@@ -100,15 +107,6 @@ def fit_quadrics(points_counts: ArrayLike) -> QuadricBatch:
     return QuadricBatch(
         shape.reshape(*leading, 3, 3), centre.reshape(*leading, 3), level.reshape(leading), coverage.reshape(leading)
     )
-
-
-def _batch_array(points_counts: ArrayLike) -> Array:
-    points = np.asarray(points_counts, dtype=np.float64)
-    if points.ndim < 2 or points.shape[-1] != 3:
-        raise ValueError(f"points have shape {points.shape}, not (..., n, 3)")
-    if not np.isfinite(points).all():
-        raise ValueError("points are not finite")
-    return points
 
 
 def _fit_some(points: Array) -> tuple[Array, Array, Array, Array]:

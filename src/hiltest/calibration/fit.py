@@ -106,6 +106,22 @@ def squared_lengths(vectors: Array) -> Array:
     return lengths
 
 
+def clouds_array(points_counts: ArrayLike, *, axes: tuple[int, ...] = (3,)) -> Array:
+    """Return points of instances along leading axes as float64, shape (..., n, 3), as `points_array` does of one.
+
+    Raises
+    ------
+    ValueError
+        As there.
+    """
+    points = np.asarray(points_counts, dtype=np.float64)
+    if points.ndim < 2 or points.shape[-1] not in axes:
+        raise ValueError(f"points have shape {points.shape}, not (..., n, {' or '.join(map(str, axes))})")
+    if not np.isfinite(points).all():
+        raise ValueError("points are not finite")
+    return points
+
+
 def mid_range(points: Array) -> Array:
     """Return the middle of the points' range, halves truncated towards zero as in the firmware [counts]."""
     middle: Array = np.trunc((points.min(axis=0) + points.max(axis=0)) / 2.0)

@@ -17,7 +17,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from hiltest.calibration.clouds import Clouds, Reference, Solution, constant_trace, solution_from_quadrics
+from hiltest.calibration.clouds import (
+    Clouds,
+    Reference,
+    Solution,
+    constant_part,
+    constant_trace,
+    solution_from_quadrics,
+)
 from hiltest.calibration.conditioning import traceless
 from hiltest.calibration.fit import Array, FitStatus
 
@@ -32,8 +39,7 @@ _MOST_STEPS = 10_000
 def _solve(clouds: Clouds) -> Solution:
     axes, normal = clouds.axes, clouds.normal
     basis = constant_trace(axes)
-    sphere = np.zeros(len(basis))
-    sphere[:axes] = 1.0 / axes
+    sphere = constant_part(axes)
     target = (basis.T @ clouds.scatter @ sphere[:, None])[..., 0]
     curvatures = np.linalg.eigvalsh(normal)
     largest = curvatures[..., -1:]

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import bisect
 from scipy.spatial.transform import Rotation
 
-from hiltest.calibration.clouds import Clouds, Solution, constant_trace
+from hiltest.calibration.clouds import Clouds, Solution, constant_part, constant_trace
 from hiltest.calibration.fit import Array, FitStatus
 from hiltest.calibration.gradient_descent import fit_gradient_descent
 from hiltest.calibration.li import fit_li
@@ -79,15 +79,9 @@ def _points(random: np.random.Generator, surface: int, count: int) -> Array:
 
 def unconstrained(clouds: Clouds) -> Array:
     """Return the coefficients of unit trace with the smallest algebraic error, shape (10,)."""
-    basis, sphere = constant_trace(clouds.axes), _sphere(clouds.axes)
+    basis, sphere = constant_trace(clouds.axes), constant_part(clouds.axes)
     parameters = np.linalg.solve(clouds.normal, -(basis.T @ clouds.scatter @ sphere))
     return np.asarray(sphere + basis @ parameters)
-
-
-def _sphere(axes: int) -> Array:
-    sphere = np.zeros(len(constant_trace(axes)))
-    sphere[:axes] = 1.0 / axes
-    return sphere
 
 
 def coefficients(solution: Solution) -> Array:

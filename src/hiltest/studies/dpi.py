@@ -8,11 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from hiltest.angles import wrap_180
 from hiltest.calibration.direct import fit_direct
 from hiltest.calibration.dpi import fit_dpi
-from hiltest.calibration.fit import Array, MagnetometerFit
+from hiltest.calibration.fit import Array
 from hiltest.calibration.quality import rotation_left_deg
 from hiltest.measurement import Measurement, check
+from hiltest.orientation.tilt_heading import tilt_heading
 from hiltest.record.run import Cell, Column, Run, Table
 from hiltest.report.marks import Mark, series
 from hiltest.report.svg import Figure
@@ -69,11 +71,8 @@ def _errors_deg(random: np.random.Generator) -> list[float]:
     ):  # fmt: skip
         off_deg = (attitudes_deg(corrected_down, corrected) - true_deg + 180.0) % 360.0 - 180.0
         errors += np.abs(off_deg).max(axis=0).tolist()
-    return [*errors, _rotation_deg(of_both, magnetometer), _rotation_deg(of_gravity, accelerometer)]
-
-
-def _rotation_deg(fit: MagnetometerFit, sensor: Sensor) -> float:
-    return rotation_left_deg(fit, sensor.response)
+    left_deg = rotation_left_deg(of_both, magnetometer.response)
+    return [*errors, left_deg, rotation_left_deg(of_gravity, accelerometer.response)]
 
 
 def _sensor(random: np.random.Generator, turned_deg: float, stretched: float, offset: float) -> Sensor:
@@ -100,14 +99,9 @@ def _vectors(attitudes: Rotation) -> tuple[Array, Array]:
 
 
 def attitudes_deg(down: Array, field: Array) -> Array:
-    """Return heading, pitch and roll, shape (n, 3) [deg], as `hiltest.orientation.tilt_heading` does of one."""
-    unit = down / np.linalg.norm(down, axis=1, keepdims=True)
-    east = np.cross(unit, field)
-    north = np.cross(east, unit)
-    heading = np.arctan2(east[:, 0], north[:, 0])
-    pitch = np.arctan2(-unit[:, 0], np.hypot(unit[:, 1], unit[:, 2]))
-    angles: Array = np.degrees(np.column_stack([heading, pitch, np.arctan2(unit[:, 1], unit[:, 2])]))
-    return angles
+    """Return heading from -180 to 180, pitch and roll, shape (n, 3) [deg]."""
+    poses = map(tilt_heading, down, field)
+    return np.array([(wrap_180(pose.heading_deg), pose.pitch_deg, pose.roll_deg) for pose in poses])
 
 
 def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusion:
