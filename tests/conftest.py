@@ -47,7 +47,8 @@ _FOLDERS_OF_RUNS = {HERE / each for each in ("docs", "end_to_end", "report/brows
 _ONLY_IN_CI = {
     HERE / f"{each}.py" for each in (
         "boards/test_calibrate_at_a_terminal", "boards/test_operator_at_a_terminal", "boards/test_timing_measure",
-        "docs/test_against_gravity_page", "docs/test_benchmarks_page", "docs/test_calibrate_page", "docs/test_ci_page",
+        "calibration/test_direction_error", "docs/test_against_gravity_page", "docs/test_benchmarks_page",
+        "docs/test_calibrate_page", "docs/test_ci_page",
         "docs/test_compare_page", "docs/test_fit_imu_page", "docs/test_fit_page", "docs/test_fusion_page",
         "docs/test_gate_page", "docs/test_gyroscope_page", "docs/test_serve_page", "docs/test_timing_page",
         "docs/test_trend_page", "end_to_end/test_against", "end_to_end/test_calibration_file",
@@ -55,23 +56,34 @@ _ONLY_IN_CI = {
         "end_to_end/test_harsh_bench",
         "end_to_end/test_killed_run", "end_to_end/test_nxp_fusion", "end_to_end/test_red_when_wrong",
         "end_to_end/test_regressions", "end_to_end/test_untrimmed_accelerometer", "end_to_end/test_wrong_compass",
-        "end_to_end/test_wrong_firmware", "mutation/test_mutations",
+        "end_to_end/test_wrong_firmware", "firmware/test_calibrators_of_ones_own", "mutation/test_mutations",
         "record/test_killed_at_every_step", "runs/test_advice_for_a_campaign", "runs/test_campaign",
         "runs/test_campaign_summary", "serve/test_clients", "serve/test_ending", "serve/test_main_job",
         "serve/test_start", "test_read_files", "test_written_files", "virtual/test_foreign_programs",
+        "virtual/test_sequences_of_the_firmware",
     )
 }  # fmt: skip
 _FIXTURES_THAT_RUN = {"default_run", "pytester"}
+_PART = "HILTEST_CI_PART"
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what makes a run, or looks at a page in a browser; single tests elsewhere bear the mark themselves."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Mark what makes a run, or looks at a page in a browser; single tests elsewhere bear the mark themselves.
+
+    Of those that only CI runs, leave those out that are not of the part that the environment asks for, as ``2/4``.
+    """
     for item in items:
         if _FIXTURES_THAT_RUN.intersection(item.fixturenames) or _FOLDERS_OF_RUNS.intersection(item.path.parents):
             item.add_marker("slow")
         if item.path in _ONLY_IN_CI and item.get_closest_marker("slow"):
             item.add_marker("ci")
+    if asked := os.environ.get(_PART):
+        part, parts = map(int, asked.split("/"))
+        long = [item for item in items if item.get_closest_marker("ci")]
+        others = {item for index, item in enumerate(long) if index % parts != part - 1}
+        items[:] = [item for item in items if item not in others]
+        config.hook.pytest_deselected(items=[*others])
 
 
 _running: list[pytest.Item] = []

@@ -205,6 +205,7 @@ def test_a_part_of_the_suites_is_no_bare_pass(run_in, tmp_path: Path) -> None:
     assert "This run is not complete" in (run.folder / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.ci
 def test_a_limit_of_a_calibrator_that_the_board_has_not_is_not_judged(
     run_in, edited: Callable[..., str], tmp_path: Path
 ) -> None:
@@ -219,6 +220,7 @@ def test_a_limit_of_a_calibrator_that_the_board_has_not_is_not_judged(
     assert f"edited.toml:{line})" in run.sentence
 
 
+@pytest.mark.ci
 def test_a_suite_that_is_gone_leaves_its_limits_unset(run_in, tmp_path: Path) -> None:
     shutil.copytree(shipped() / "suites", tmp_path / "hil" / "suites")
     (tmp_path / "hil" / "suites" / "test_heading.py").unlink()

@@ -142,6 +142,7 @@ FAULTS: dict[str, tuple[Edit, Callable[[LinkCheck], bool]]] = {
 }
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("fault", sorted(FAULTS))
 def test_firmware_at_fault_is_blamed_on_a_noisy_line_too(
     over_noise: Open, copy_of_the_firmware: FirmwareCopy, tmp_path: Path, fault: str
