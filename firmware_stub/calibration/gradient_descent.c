@@ -178,7 +178,7 @@ FAST_CODE void magnetometer_gradient_descent(const magnetometer_points_t *points
     jacobi_t work;
     quadric_t quadric;
     ellipsoid_t ellipsoid;
-    float x[UNKNOWNS] = {0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f};
+    float x[UNKNOWNS];
 
     fit->iterations = 0;
     fit->coverage = 0.0f;
@@ -199,6 +199,9 @@ FAST_CODE void magnetometer_gradient_descent(const magnetometer_points_t *points
         return;
     }
     const uint16_t limit = points->iterations == 0u || points->iterations > STEPS ? STEPS : points->iterations;
+    for (int i = 0; i < UNKNOWNS; i++) {
+        x[i] = 0.0f; /* a sphere about the mean */
+    }
     bool settled = false;
     while (fit->iterations < limit && !settled) {
         settled = go_down(&descent, x, &work) <= descent.end * descent.end;
