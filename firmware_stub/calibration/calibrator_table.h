@@ -9,6 +9,9 @@
     LINE("direct", magnetometer_direct)        \
     LINE("direct-fast", magnetometer_direct_fast) \
     LINE("corrected", magnetometer_corrected)  \
-    LINE("iterative", magnetometer_iterative)
+    LINE("iterative", magnetometer_iterative)  \
+    LINE("li", magnetometer_li)                \
+    LINE("gauss-newton", magnetometer_gauss_newton) \
+    LINE("gradient-descent", magnetometer_gradient_descent)
 
 #endif

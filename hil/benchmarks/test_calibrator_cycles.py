@@ -42,7 +42,7 @@ from hiltest.virtual.profiling import CallProfile
 pytestmark = pytest.mark.hil
 
 # Tables are made before the board says what it has; others that it has are named in a warning.
-CALIBRATORS = ("direct", "direct-fast", "corrected", "iterative")
+CALIBRATORS = ("direct", "direct-fast", "corrected", "iterative", "li", "gauss-newton", "gradient-descent")
 STREAMS = ("direct-stream", "iterative-stream")
 SIZES = (30, 100, 300)
 PAIRS = (300, 500)  # from the fewest that are fitted

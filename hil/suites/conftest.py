@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from hiltest.boards import Board
+from hiltest.calibration import FOR_COMPARISON
 from hiltest.calibration.accelerometer import NOMINAL, AccelerometerFit
 from hiltest.errors import ConfigError
 from hiltest.imu_calibration import ImuCalibration
@@ -169,12 +170,20 @@ def tumble(board: Board, turntable: Turntable, rig: Rig, hil_progress: Progress)
 
 
 @pytest.fixture(scope="session")
+def judged(board: Board, hil_settings: Settings) -> list[str]:
+    """Calibrators that are measured: in the gate set those that are there to be used."""
+    for_comparison = FOR_COMPARISON if hil_settings.suite == "gate" else frozenset[str]()
+    return [each for each in board.identity.calibrators if each not in for_comparison]
+
+
+@pytest.fixture(scope="session")
 def calibrations(
-    board: Board, accelerometer_fit: AccelerometerFit, tumble: Tumble, rig: Rig, hil_progress: Progress
+    board: Board, judged: list[str], accelerometer_fit: AccelerometerFit, tumble: Tumble, rig: Rig,
+    hil_progress: Progress,
 ) -> dict[str, CalibratorRun]:
     """Calibrations of every calibrator from the same first points, and the rig's further ones."""
     runs = run_calibrators(
-        board, tumble, calibrators=[*board.identity.calibrators, *rig.procedure.further_calibrations],
+        board, tumble, calibrators=[*judged, *rig.procedure.further_calibrations],
         n=rig.procedure.calibration_points, progress=hil_progress,
     )
     store_accelerometer(board, accelerometer_fit, [run.slot for run in runs.values()])

@@ -31,11 +31,9 @@ EVEN = "points spread evenly; of random ones 1 set in 100 exceeds 0.06 to 0.18 d
 
 
 @pytest.fixture(scope="module")
-def costs(board: Board, rig: Rig, hil_progress: Progress) -> Mapping[str, CycleCost]:
+def costs(board: Board, judged: list[str], rig: Rig, hil_progress: Progress) -> Mapping[str, CycleCost]:
     """Cycles on golden points, which are the same on every host and board."""
-    return measure_cycles(
-        board, board.identity.calibrators, n=rig.procedure.calibration_points, progress=hil_progress
-    )
+    return measure_cycles(board, judged, n=rig.procedure.calibration_points, progress=hil_progress)
 
 
 @pytest.fixture(scope="module")

@@ -26,6 +26,8 @@ from ..finished_run import without_volatile
 Run = Callable[..., object]
 
 CALIBRATORS = ("direct", "direct-fast", "corrected", "iterative")
+# Those that the full set has for comparison.
+FURTHER = ("li", "gauss-newton", "gradient-descent")
 # Beside them, against gravity.
 DPI = "dpi"
 PER_CALIBRATOR = (
@@ -117,10 +119,11 @@ def test_the_full_set_measures_more_and_nothing_otherwise(good_run, full_run) ->
     gate, full = good_run.measured, full_run.measured
     assert gate.keys() < full.keys()
     more = full.keys() - gate.keys()
-    assert {each.split(".")[0] for each in more if "dpi-poses" not in each} == {
+    assert {each.split(".")[0] for each in more if each.split(".")[1] not in ("dpi-poses", *FURTHER)} == {
         "accelerometer", "budget", "cycles", "fusion", "gyroscope",
     }
     assert {"fit.dpi-poses.n_used", "heading.dpi-poses.max"} <= more
+    assert {name.format(calibrator) for name in PER_CALIBRATOR for calibrator in FURTHER} <= more
     same = {each for each in gate if not gate[each]["volatile"] and each != "board.virtual_seconds"}
     # Gravity is of an instant that looks at the sensors bound, and when these come hangs on the bytes on the line:
     # 0.1 ms of a tumble of 560 deg/s are 0.06 degrees.
@@ -137,7 +140,7 @@ def test_error_against_cycles_ends_where_the_calibrators_do(full_run) -> None:
     table = next(each for each in full_run.record["tables"] if each["name"] == "budget.curve")
     names = [column["name"] for column in table["columns"]]
     rows = [dict(zip(names, row, strict=True)) for row in table["rows"]]
-    for calibrator in CALIBRATORS:
+    for calibrator in (*CALIBRATORS, *FURTHER):
         last = [row for row in rows if (row["calibrator"], row["points"]) == (calibrator, 100)][-1]
         # The same hundred points in another order: sums in float32 round otherwise.
         assert last["max_error"] == pytest.approx(full_run.value(f"heading.{calibrator}.max"), abs=0.01)

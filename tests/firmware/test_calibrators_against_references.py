@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from functools import cache
 from pathlib import Path
 from typing import Protocol
 
@@ -11,16 +12,18 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from hiltest.calibration import FitStatus, MagnetometerFit, reference
+from hiltest.calibration import BATCHES, FitStatus, MagnetometerFit, reference
 from hiltest.calibration.quality import direction_difference_rms_deg
 
 from ..instances import Instance, instance
 
 ROOT = Path(__file__).parents[2]
 CLOUDS = sorted((ROOT / "fixtures" / "clouds").glob("*.json"))
-CALIBRATORS = ("direct", "direct-fast", "corrected", "iterative")
+CALIBRATORS = ("direct", "direct-fast", "corrected", "iterative", "li", "gauss-newton", "gradient-descent")
+# Those that take many steps over the points or their sums.
+SEARCHES = ("gauss-newton", "gradient-descent")
 # 99th percentile of the distance to float64 [deg]: a fiftieth of what noise alone does to these fits. Rounded products
 # of 16 bits cost more (test_direct_fast.py has what that means against the truth).
 LARGEST_P99_DEG = dict.fromkeys(CALIBRATORS, 0.01) | {"direct-fast": 0.15}
@@ -52,14 +55,44 @@ def _instances() -> list[Instance]:
     return [instance(seed) for seed in GOOD_SEEDS] + [instance(seed, covered=(0.05, 0.2)) for seed in CAP_SEEDS]
 
 
+@cache
+def _references(name: str) -> list[MagnetometerFit]:
+    """The float64 fits of these instances: once for host and board."""
+    return _fits(name, [drawn.points_counts for drawn in _instances()])
+
+
+def _fits(name: str, clouds: list[NDArray[np.int16]]) -> list[MagnetometerFit]:
+    """Fit clouds of one size, at once where the reference can."""
+    if name not in BATCHES:
+        return [reference(name)(points) for points in clouds]
+    found = BATCHES[name](np.array(clouds))
+    return [
+        MagnetometerFit(FitStatus(int(status)), False, 0, soft_iron, hard_iron)
+        for status, soft_iron, hard_iron in zip(found.status, found.soft_iron, found.hard_iron, strict=True)
+    ]
+
+
+def _coverage_is_judged_otherwise(ours: MagnetometerFit, wanted: MagnetometerFit) -> bool:
+    """The firmware judges by its pivots, these references by the condition number: what is near both limits differs."""
+    refused = FitStatus.POOR_COVERAGE in (ours.status, wanted.status)
+    return refused and ours.status != wanted.status and ours.coverage > 0.0
+
+
 @pytest.mark.parametrize("name", CALIBRATORS)
-def test_c_and_float64_agree_over_the_thesis_generator(calibrators: Runner, name: str) -> None:
+def test_c_and_float64_agree_over_the_thesis_generator(
+    calibrators: Runner, host_calibrators: Runner, name: str
+) -> None:
     print(f"seeds {GOOD_SEEDS} and, for caps, {CAP_SEEDS}")
-    fit_reference = reference(name)
+    # A search over the points takes the board ten times as long, and host and board give the same bits.
+    every = 10 if name in SEARCHES and calibrators is not host_calibrators else 1
     differences: list[float] = []
     caps: dict[str, Counter[str]] = {"firmware": Counter(), "reference": Counter()}
-    for drawn in _instances():
-        ours, wanted = calibrators.calibrate(name, drawn.points_counts), fit_reference(drawn.points_counts)
+    otherwise = 0
+    for drawn, wanted in list(zip(_instances(), _references(name), strict=True))[::every]:
+        ours = calibrators.calibrate(name, drawn.points_counts)
+        if name in BATCHES and _coverage_is_judged_otherwise(ours, wanted):
+            otherwise += 1
+            continue
         assert ours.status == wanted.status, f"seed {drawn.seed}"
         if drawn.seed in CAP_SEEDS:
             caps["firmware"][ours.status.name] += 1
@@ -68,7 +101,8 @@ def test_c_and_float64_agree_over_the_thesis_generator(calibrators: Runner, name
             differences.append(direction_difference_rms_deg(ours, wanted))
     median, p99, largest = np.percentile(differences, [50, 99, 100])
     print(f"{name}: {len(differences)} accepted, {median:.2g} / {p99:.2g} / {largest:.2g} deg; caps {caps}")
-    assert len(differences) >= 500
+    assert len(differences) >= 450 // every
+    assert otherwise <= 12  # of 600; 8 of li and gauss-newton
     assert p99 <= LARGEST_P99_DEG[name]
     assert caps["firmware"] == caps["reference"]
 
@@ -91,6 +125,46 @@ def test_float32_adds_at_most_two_thousandths_of_a_degree_to_direct(host_calibra
     print(f"direct, n = {count}: {len(extra)} accepted, {median:.2g} / {p99:.2g} / {largest:.2g} deg from float64")
     assert len(extra) >= 600
     assert p99 <= 0.002
+
+
+@pytest.mark.parametrize("count", [12, 30, 100, 360])
+@pytest.mark.parametrize("name", ["li", "gauss-newton", "gradient-descent"])
+def test_float32_is_stable_however_large_the_hard_iron(host_calibrators: Runner, name: str, count: int) -> None:
+    """Hard iron to 10 times the field, as everywhere here: float32 adds a hundredth of what noise does, at most."""
+    clouds = [instance(seed, count).points_counts for seed in range(3000, 3150)]
+    differences: list[float] = []
+    otherwise = 0
+    for points, wanted in zip(clouds, _fits(name, clouds), strict=True):
+        ours = host_calibrators.calibrate(name, points)
+        if _coverage_is_judged_otherwise(ours, wanted):
+            otherwise += 1
+            continue
+        assert ours.status == wanted.status
+        if ours.status is FitStatus.ELLIPSOID:
+            differences.append(direction_difference_rms_deg(ours, wanted))
+    median, p99, largest = np.percentile(differences, [50, 99, 100])
+    print(f"{name}, n = {count}: {len(differences)} accepted, {median:.2g} / {p99:.2g} / {largest:.2g} deg")
+    assert len(differences) >= 45
+    assert p99 <= LARGEST_P99_DEG[name]
+    # 12 points are of any condition, whatever the part of the sphere that they come from.
+    assert otherwise <= (45 if count == 12 else 8)
+
+
+def test_gradient_descent_ends_on_the_edge_where_the_best_quadric_is_no_ellipsoid(calibrators: Runner) -> None:
+    """Of points without a shape the best quadric is a hyperboloid; the descent keeps to axes of 1 to 10."""
+    on_edge = 0
+    for seed in range(15):
+        points = np.random.default_rng(seed).integers(-1000, 1000, (12, 3))
+        if reference("direct")(points).status is not FitStatus.NOT_AN_ELLIPSOID:
+            continue
+        ours, wanted = calibrators.calibrate("gradient-descent", points), reference("gradient-descent")(points)
+        assert ours.status is wanted.status
+        if ours.status is FitStatus.ELLIPSOID:
+            shares = np.linalg.eigvalsh(ours.soft_iron) ** 2
+            on_edge += bool(shares[0] / shares.sum() == pytest.approx(0.01, rel=1e-3))
+            # The end of either descent is within 1e-5 of the minimum, float32 of these conditions within 6e-5.
+            assert np.allclose(ours.soft_iron, wanted.soft_iron, rtol=0, atol=1e-4 * np.abs(wanted.soft_iron).max())
+    assert on_edge >= 4
 
 
 def test_direct_refuses_caps_that_cannot_carry_an_ellipsoid(calibrators: Runner) -> None:

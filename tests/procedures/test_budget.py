@@ -18,6 +18,7 @@ from hiltest.procedures import (
     upload_points,
 )
 from hiltest.procedures.calibrate import calibrate_once
+from hiltest.procedures.cycles import cycles_of
 
 POINTS = 60
 CALIBRATORS = ("direct", "corrected", "iterative", "direct-stream")
@@ -45,10 +46,11 @@ def test_more_effort_costs_more_and_ends_at_all_of_it(virtual_board: Board, cali
 
 
 def test_each_calibrator_does_less_of_what_it_can_do_less_of(virtual_board: Board) -> None:
-    kinds = {name: effort_curve(virtual_board, name, points=POINTS)[0].kind for name in CALIBRATORS}
+    names = (*CALIBRATORS, "li", "gauss-newton")
+    kinds = {name: effort_curve(virtual_board, name, points=POINTS)[0].kind for name in names}
     assert kinds == {
         "direct": EffortKind.POINTS, "corrected": EffortKind.POINTS, "iterative": EffortKind.SWEEPS,
-        "direct-stream": EffortKind.POINTS_SO_FAR,
+        "li": EffortKind.POINTS, "direct-stream": EffortKind.POINTS_SO_FAR, "gauss-newton": EffortKind.SWEEPS,
     }
 
 
@@ -73,6 +75,17 @@ def half_a_sphere(points: int) -> NDArray[np.int16]:
     ray[:, 2] = np.abs(ray[:, 2])
     ray *= 485.0 / np.linalg.norm(ray, axis=1, keepdims=True)
     return np.rint(ray + noise.normal(scale=10.0, size=ray.shape) + (1700, -1210, 1240)).astype(np.int16)
+
+
+def test_of_hundreds_of_sweeps_a_curve_has_some_and_a_budget_all(virtual_board: Board) -> None:
+    upload_points(virtual_board, half_a_sphere(100))
+    curve = effort_curve(virtual_board, "gradient-descent", points=100)
+    assert curve[-1].kind is EffortKind.SWEEPS
+    assert len(curve) < 50 < curve[-1].effort
+    for budget in (curve[5].cycles, curve[-2].cycles + 1, curve[-1].cycles - 1):
+        found = largest_effort_within(virtual_board, "gradient-descent", cycles=budget, points=100)
+        _, above = calibrate_once(virtual_board, "gradient-descent", 100, iterations=found.effort + 1)
+        assert found.cycles <= budget < cycles_of(above)
 
 
 @pytest.mark.slow

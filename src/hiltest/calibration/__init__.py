@@ -26,8 +26,8 @@ from hiltest.calibration.taubin import fit_taubin
 from hiltest.errors import ConfigError
 
 __all__ = [
-    "BATCHES", "FASTER", "FIRMWARE", "REFERENCES", "FitStatus", "MagnetometerFit", "fit_corrected", "fit_direct",
-    "fit_iterative", "fit_sphere", "is_unbiased", "reference",
+    "BATCHES", "FASTER", "FIRMWARE", "FOR_COMPARISON", "REFERENCES", "FitStatus", "MagnetometerFit", "fit_corrected",
+    "fit_direct", "fit_iterative", "fit_sphere", "is_unbiased", "reference",
 ]  # fmt: skip
 
 # By the firmware's names, or those of the literature for what the firmware does not have.
@@ -44,7 +44,11 @@ BATCHES: dict[str, Callable[[ArrayLike], BatchFit]] = {
     name: each.batch for name, each in REFERENCES.items() if isinstance(each, Reference)
 }
 # Those that the packaged firmware has.
-FIRMWARE = frozenset({"direct", "direct-fast", "corrected", "iterative"})
+FIRMWARE = frozenset(
+    {"direct", "direct-fast", "corrected", "iterative", "li", "gauss-newton", "gradient-descent"}
+)
+# Those of them that it has for comparison: of the full set of tests, and in no fit that does not ask for them.
+FOR_COMPARISON = frozenset({"li", "gauss-newton", "gradient-descent"})
 # Those that only come to their sums in another way: in float64 they are another's fit.
 FASTER = frozenset({"direct-fast"})
 # Those that leave none of the bias that noise makes, or next to none.

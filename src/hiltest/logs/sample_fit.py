@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hiltest.calibration import FASTER, FIRMWARE, REFERENCES, reference
+from hiltest.calibration import FASTER, FIRMWARE, FOR_COMPARISON, REFERENCES, reference
 from hiltest.calibration.acceptance import Acceptance
 from hiltest.calibration.direct import fit_direct
 from hiltest.calibration.fit import Array, FitStatus, MagnetometerFit
@@ -55,7 +55,7 @@ def fit_on_host(
     ConfigError
         When a calibrator has no reference, or the unit of the samples is not known and that of the field is.
     """
-    of_groups = {BOARD: FIRMWARE - FASTER, ALL: REFERENCES.keys() - FASTER}
+    of_groups = {BOARD: FIRMWARE - FASTER - FOR_COMPARISON, ALL: REFERENCES.keys() - FASTER}
     names = sorted(of_groups.get(calibrator, {calibrator}))
     log = _Log(samples, robust, field_ut)
     scale = CountScale.of(log.kept)
@@ -115,7 +115,8 @@ def fit_on_board(
     used = kept.points[evenly_on_sphere(kept.points, board.identity.max_points, centre)]
     upload_points(board, scale.counts(used))
     fits = []
-    for name in known if several else [calibrator]:
+    several_names = [name for name in known if calibrator == ALL or name not in FOR_COMPARISON]
+    for name in several_names if several else [calibrator]:
         fit, cost = calibrate_once(board, name, len(used))
         result = log.rating.calibrator(name, scale.in_unit(fit), used)
         whole = REFERENCES[name](counts) if name in REFERENCES else None

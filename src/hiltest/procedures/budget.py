@@ -22,6 +22,11 @@ from hiltest.procedures.streams import Fed, feed, stage
 
 # Numbers of points of a curve: dense where the error falls.
 _LADDER = (9, 10, 11, 12, 14, 16, 18, 20, 24, 28, 30, 35, 40, 50, 60, 70, 80, 90, 100, 120, 150, 200, 250)
+# And of sweeps, of which a descent takes hundreds.
+_SWEEPS = (*range(1, 9), *_LADDER, 300, 400, 500, 700, 1000, 1500, 2000, 3000, 5000, 7000)
+# Sweeps do not all cost the same, and one that ends without an ellipsoid costs its sphere, too: at most so many are
+# looked for beyond what the mean of all affords.
+_BEYOND_THE_MEAN = 4
 
 
 class EffortKind(StrEnum):
@@ -81,10 +86,10 @@ def effort_curve(board: Board, calibrator: str, *, points: int) -> list[Effort]:
         When the board's core counts no cycles.
     """
     scale = _scale(board, calibrator, points)
-    sizes = sorted({size for size in _LADDER if size < points} | {points})
+    ladder = _SWEEPS if scale.kind is EffortKind.SWEEPS else _LADDER
+    efforts = sorted({effort for effort in ladder if effort < scale.largest} | {scale.largest})
     if scale.is_stream:
-        return _stream_efforts(board, calibrator, sizes, points)
-    efforts = range(1, scale.largest + 1) if scale.kind is EffortKind.SWEEPS else sizes
+        return _stream_efforts(board, calibrator, efforts, points)
     return [_run(board, calibrator, scale, effort, points) for effort in efforts]
 
 
@@ -106,7 +111,7 @@ def largest_effort_within(board: Board, calibrator: str, *, cycles: int, points:
         When the board's core counts no cycles.
     """
     scale = _scale(board, calibrator, points)
-    largest = _most_taken_within(board, calibrator, cycles, points) if scale.is_stream else scale.largest
+    largest = _most_taken_within(board, calibrator, cycles, points) if scale.is_stream else scale.most_within(cycles)
     cheapest: Effort | None = None
     # From above, one by one: an ellipsoid that is refused costs its sphere fit too, so that less effort may cost more.
     for effort in range(largest, scale.smallest - 1, -1):
@@ -125,15 +130,24 @@ def largest_effort_within(board: Board, calibrator: str, *, cycles: int, points:
 
 @dataclass(frozen=True, slots=True)
 class _Scale:
-    """Range of the effort of a calibrator."""
+    """Range of the effort of a calibrator; of sweeps the cycles of one, and of each further one in the mean."""
 
     kind: EffortKind
     smallest: int
     largest: int
+    once: int = 0
+    per_sweep: float = 0.0
 
     @property
     def is_stream(self) -> bool:
         return self.kind is EffortKind.POINTS_SO_FAR
+
+    def most_within(self, cycles: int) -> int:
+        """Return an effort that none within a budget exceeds."""
+        if self.kind is not EffortKind.SWEEPS:
+            return self.largest
+        further = max(0, int((cycles - self.once) / self.per_sweep))
+        return min(self.largest, self.smallest + further + _BEYOND_THE_MEAN)
 
 
 def _scale(board: Board, calibrator: str, points: int) -> _Scale:
@@ -142,8 +156,9 @@ def _scale(board: Board, calibrator: str, points: int) -> _Scale:
     whole, cost = calibrate_once(board, calibrator, points)
     if whole.iterations > 1:
         _, least = calibrate_once(board, calibrator, points, iterations=1)
-        if 2 * cycles_of(least) < cycles_of(cost):  # most of its work is sweeps
-            return _Scale(EffortKind.SWEEPS, 1, whole.iterations)
+        once, all_of_them = cycles_of(least), cycles_of(cost)
+        if 2 * once < all_of_them:  # most of its work is sweeps
+            return _Scale(EffortKind.SWEEPS, 1, whole.iterations, once, (all_of_them - once) / (whole.iterations - 1))
     return _Scale(EffortKind.POINTS, ELLIPSOID_UNKNOWNS, points)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -53,7 +53,7 @@ class CycleCost:
     per_point, fixed, regression_residual : float
         Least-squares line of cycles over n, and the rms of what it leaves; of a calibrator that makes its steps with
         n points, over those sizes with which it makes them too. How many iterations it takes says more about a point
-        set than about n: one that is mostly iterations makes a single one at each size, and `fixed` is without it, so
+        set than about n: one that is mostly iterations makes a single one at each size, and the line is without it, so
         ``total`` is near ``per_point * n + fixed + per_iteration * iterations``.
     spread : int
         Largest minus smallest over the point sets, each at n points.
@@ -246,8 +246,7 @@ def _cost(board: Board, name: str, n: int, sizes: Sequence[int], counted: _Count
     at_n = [run.cost.cycles for (size, _), run in runs.items() if size == n]
     over_sizes = [runs[size, 0].cost.cycles for size in sizes]
     if counted.once and per_iteration is not None:
-        line = fit_line(sizes, [counted.once[size] for size in sizes])
-        line = replace(line, intercept=line.intercept - per_iteration)
+        line = _line_of_the_rest(sizes, [runs[size, 0] for size in sizes], counted.once, per_iteration)
     else:
         line = _line_where_steps_are_made(sizes, over_sizes, [runs[size, 0] for size in sizes], runs[n, 0])
     return CycleCost(
@@ -267,6 +266,20 @@ def _cost(board: Board, name: str, n: int, sizes: Sequence[int], counted: _Count
         cycles=np.array(over_sizes),
         unchecked=board.unchecked(name),
     )
+
+
+def _line_of_the_rest(
+    sizes: Sequence[int], runs: Sequence[CountedRun], once: Mapping[int, int], per_iteration: float
+) -> CostLine:
+    """Fit the line to what is left of runs with one iteration, without it."""
+    of_sizes = [
+        (run.cost.cycles - once[size]) / (run.iterations - 1)
+        for size, run in zip(sizes, runs, strict=True) if run.iterations > 1
+    ]
+    if len(of_sizes) == len(sizes) and of_sizes[-1] > 2.0 * of_sizes[0]:  # an iteration goes over all points
+        return fit_line(sizes, [once[size] - each for size, each in zip(sizes, of_sizes, strict=True)])
+    line = fit_line(sizes, [once[size] for size in sizes])
+    return replace(line, intercept=line.intercept - per_iteration)
 
 
 def _line_where_steps_are_made(

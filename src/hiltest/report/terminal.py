@@ -179,15 +179,22 @@ def _print_calibrators(console: Console, found: Summary) -> None:
                ("limit", [_most(each.maximum) for each in results])]
     if counted_cycles := any(each.cycles for each in results):
         columns += _costs(found)
+    names = [each.name for each in results]
+    wide = sum(_width(heading, cells) for heading, cells in [("calibrator", names), *columns]) > console.width
     grid = _grid()
     grid.add_column("calibrator" if counted_cycles else "heading", no_wrap=True)
     for heading, _ in columns:
-        grid.add_column(heading, justify="right", no_wrap=True)
+        grid.add_column(heading.replace(" ", "\n") if wide else heading, justify="right", no_wrap=True)
     for each, *cells in zip(results, *(cells for _, cells in columns), strict=True):
         style = "red" if each.maximum.gates or (each.cycles and each.cycles.gates) else ""
         grid.add_row(escape(each.name), *cells, style=style)
     console.print()
     console.print(grid)
+
+
+def _width(heading: str, cells: Sequence[str]) -> int:
+    """Return how wide a column is, with what separates it from the next."""
+    return 2 + max(map(len, [*heading.replace("\\", "").splitlines(), *cells]))
 
 
 def _costs(found: Summary) -> list[tuple[str, list[str]]]:
