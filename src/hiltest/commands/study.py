@@ -45,6 +45,7 @@ def study(
     dpi           what gravity adds to ellipsoid fits, in heading, pitch and roll
     ellipsoids    how often the direct fit is no ellipsoid, as noise grows
     estimators    how far directions err after each calibrator
+    float32       which calibrators stay stable in it as hard iron grows
     imu           what calibrations leave of an IMU's errors
     """
     from hiltest.commands.options import ErrorOutput, asked_to_end

@@ -345,6 +345,8 @@ def _studies() -> Iterator[Kind]:
             f"study.dpi.{{calibration}}.{angle}", "deg", _LOWER, _COUNTED, Section.STUDIES,
             f"Median over instances of the largest error of {angle}",
         )
+    yield Kind("study.float32.{calibrator}.apart", "deg", _LOWER, _COUNTED, Section.STUDIES,
+               "95th percentile over instances of the angle to float64, with hard iron of 10 times the field")
     yield Kind("study.imu.lstsq_rms", "g", _LOWER, _COUNTED, Section.STUDIES,
                "Median over instances of the rms that least squares leave on the six faces")
     yield Kind("study.imu.{calibrator}.without_fit", "%", _LOWER, _COUNTED, Section.STUDIES,

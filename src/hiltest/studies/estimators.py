@@ -10,7 +10,7 @@ from scipy.stats import quantile_test
 
 from hiltest.calibration import FASTER, REFERENCES
 from hiltest.calibration.fit import Array, FitStatus, MagnetometerFit, no_fit
-from hiltest.calibration.quality import COUNTS_PER_UT, direction_error_rms_deg, sphere_directions
+from hiltest.calibration.quality import COUNTS_PER_UT
 from hiltest.calibration.sphere import fit_sphere
 from hiltest.measurement import Measurement, check
 from hiltest.record.run import Cell, Column, Run, Table
@@ -23,7 +23,6 @@ UNCALIBRATED, SPHERE = "uncalibrated", "sphere"
 NAMES = (UNCALIBRATED, SPHERE, *(name for name in REFERENCES if name not in FASTER))
 # Lines that a reader can tell apart.
 _DRAWN = (SPHERE, "direct", "iterative", "li", "corrected", "taubin", "geometric")
-_DIRECTIONS = sphere_directions(200)
 _MEDIAN, _HIGH = 0.5, 0.95
 _CONFIDENCE = 0.95
 
@@ -56,9 +55,8 @@ def measure(plan: Plan, block: Block) -> Numbers:
     drawn = draw_instances(model, block.first, block.count)
     numbers: list[float | int] = []
     for k in range(block.count):
-        readings = COUNTS_PER_UT * (model.field_ut * _DIRECTIONS @ drawn.soft_iron[k] + drawn.hard_iron_ut[k])
         for fit in _fits(drawn, k):
-            numbers += [direction_error_rms_deg(fit, readings, _DIRECTIONS), int(fit.status is FitStatus.ELLIPSOID)]
+            numbers += [drawn.direction_error_deg(k, fit, model.field_ut), int(fit.status is FitStatus.ELLIPSOID)]
     return numbers
 
 

@@ -58,10 +58,9 @@ def measure(plan: Plan, block: Block) -> Numbers:
             numbers += _accelerometer(np.random.Generator(np.random.Philox(key=[plan.seed, instance])))
         return numbers
     model = Model(plan.seed, plan.points, 50.0 * _NOISE, stream=block.condition, occluded=0.0, hard_iron_ut=1.0)
-    drawn = draw_instances(model, block.first, block.count)
-    for points_ut, hard_iron_ut in zip(drawn.points_ut, drawn.hard_iron_ut, strict=True):
-        offset_ut = OFFSETS[block.condition] * model.field_ut * hard_iron_ut / np.linalg.norm(hard_iron_ut)
-        counts = np.rint(COUNTS_PER_UT * (points_ut - hard_iron_ut + offset_ut))
+    drawn = draw_instances(model, block.first, block.count).with_hard_iron(OFFSETS[block.condition] * model.field_ut)
+    for k in range(block.count):
+        counts = drawn.counts(k)
         centred = counts - counts.mean(axis=0)
         for method in METHODS:
             numbers += [_rms(method, points, model.field_ut * COUNTS_PER_UT) for points in (counts, centred)]
