@@ -73,7 +73,8 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
         for index, name in enumerate(NAMES):
             rows.append((
                 name, condition.noise_ut, condition.points, 100.0 * condition.occluded, condition.stretch,
-                *_quantile(numbers[:, index, 0], _MEDIAN), *_quantile(numbers[:, index, 0], _HIGH),
+                *quantile_and_interval(numbers[:, index, 0], _MEDIAN),
+                *quantile_and_interval(numbers[:, index, 0], _HIGH),
                 100.0 * float(numbers[:, index, 1].mean()),
             ))  # fmt: skip
     columns = (
@@ -94,7 +95,7 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
                       tuple(_printed(medians)))  # fmt: skip
 
 
-def _quantile(errors: Array, share: float) -> tuple[float, float | None, float | None]:
+def quantile_and_interval(errors: Array, share: float) -> tuple[float, float | None, float | None]:
     """Return a quantile and its interval by the order of the errors; None for an end that so few cannot tell."""
     interval = quantile_test(errors, p=share).confidence_interval(_CONFIDENCE)
     ends = (float(interval.low), float(interval.high))

@@ -20,6 +20,28 @@ Numbers: TypeAlias = Sequence[float | int]
 
 
 @dataclass(frozen=True, slots=True)
+class Given:
+    """An engineer's own conditions, which `choose` is asked about.
+
+    Attributes
+    ----------
+    field_ut : float
+        Field strength [uT].
+    noise_ut : float
+        Standard deviation of a point on each axis [uT].
+    coverage_percent : float
+        The points cover at least so much of the sphere [%].
+    cycles : int or None
+        What a calibration may cost; None for any number.
+    """
+
+    field_ut: float = 50.0
+    noise_ut: float = 0.4
+    coverage_percent: float = 50.0
+    cycles: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Plan:
     """What is asked of a study.
 
@@ -31,12 +53,15 @@ class Plan:
         For each condition.
     points : int
         Of each instance; 0 where the study has its own numbers of points.
+    given : Given, optional
+        For the study that asks for conditions.
     """
 
     study: str
     seed: int
     instances: int
     points: int
+    given: Given | None = None
 
 
 @dataclass(frozen=True, slots=True)
