@@ -348,7 +348,7 @@ def _studies() -> Iterator[Kind]:
     yield Kind("study.choose.{calibrator}.p95", "deg", _LOWER, _COUNTED, Section.STUDIES,
                "95th percentile over instances of the direction's rms error under the conditions asked about")
     yield Kind("study.choose.{calibrator}.cycles", "cycle", _LOWER, _COUNTED, Section.STUDIES,
-               "Most cycles of one calibration on the virtual board over these instances")
+               "Most cycles of one calibration on the virtual board over these instances", next_step=COSTS_TOO_MUCH)
     yield Kind("study.float32.{calibrator}.apart", "deg", _LOWER, _COUNTED, Section.STUDIES,
                "95th percentile over instances of the angle to float64, with hard iron of 10 times the field")
     yield Kind("study.imu.lstsq_rms", "g", _LOWER, _COUNTED, Section.STUDIES,
