@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from fractions import Fraction
 
 import numpy as np
@@ -252,23 +252,18 @@ def _improves(judged: Array, differing: int) -> PrintedFigure:
 
 
 def draw(run: Run) -> Figure:
-    """Draw the share of instances without a fit against the offset."""
+    """Draw the share of instances without a fit by frosio against the offset."""
     table = run.table("study.imu")
     assert table is not None
     figure = Figure(
-        title="Magnetometer fits that there are not", description=run.verdict.sentence, x_label="offset / field",
+        title="Instances without a fit by frosio", description=run.verdict.sentence, x_label="offset / field",
         y_label="of instances [%]", x_range=(-0.1, OFFSETS[-1] + 0.1), y_range=(-3.0, 105.0), width=560.0,
         height=360.0,
     )  # fmt: skip
-    lines: tuple[tuple[str, str, Callable[[tuple[Cell, ...]], Cell]], ...] = (
-        ("frosio", "frosio", lambda row: row[5]), ("frosio less mean", "frosio", lambda row: row[6]),
-        ("li", "li", lambda row: row[5]), ("merayo", "merayo", lambda row: row[5]),
-    )  # fmt: skip
-    for index, (text, method, share) in enumerate(lines):
-        points = [(float(row[1]), float(share(row) or 0.0)) for row in table.rows
-                  if row[2] == method and isinstance(row[1], float)]  # fmt: skip
+    rows = [row for row in table.rows if row[2] == "frosio" and isinstance(row[1], float)]
+    for index, (text, column) in enumerate((("as read", 5), ("less mean", 6))):
         style, mark = series(index)
-        figure.series(text, points, style, mark)
+        figure.series(text, [(float(row[1] or 0.0), float(row[column] or 0.0)) for row in rows], style, mark)
     return figure
 
 
