@@ -16,9 +16,9 @@ DOCS = Path(__file__).parents[2] / "docs"
 SCRIPT: dict[str, Any] = runpy.run_path(str(DOCS / "studies.py"))
 # What takes longer than two seconds.
 LONG = frozenset({"constraints", "estimators", "imu"})
-# Another host's BLAS adds in another order. With OpenBLAS' kernels for Prescott and for Haswell, in place of this host's,
-# the largest difference of nine digits was in the ninth, of two fits that agree to a millionth of a degree.
-RELATIVE = 1e-6
+# Another host's BLAS adds in another order. With OpenBLAS' kernels for Prescott and for Haswell in place of this
+# host's, what closed forms give moved in the ninth digit, and what `geometric` does, as its search settles, by 4e-7.
+RELATIVE = 1e-5
 # Searches that nothing bounds: one that runs away for a while ends elsewhere for another last digit.
 UNBOUNDED = frozenset({"frosio", "frosio-centred", "gauss-newton", "gauss-newton-geometric", "levenberg-marquardt"})
 

@@ -78,6 +78,9 @@ def test_the_budget_holds_for_every_instance(affordable: int | None) -> None:
         assert f"{within} 000 cycles, at most {within} 500)" in found.sentence
     else:
         assert f"cycles: none; the cheapest is {names[0]} (1.00 deg" in found.sentence
+    # What errs less and is not within the budget is named, and of that the best.
+    more = f"for more cycles {names[-1]} (" in found.sentence
+    assert more == (0 < within < len(names))
 
 
 def test_field_noise_and_points_are_the_rig_s_unless_they_are_given(tmp_path: Path) -> None:

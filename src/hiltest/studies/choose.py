@@ -81,7 +81,8 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
     affordable = [each for each in candidates if given.cycles is None or each.most_cycles <= given.cycles]
     best = chosen(affordable)
     second = chosen([each for each in affordable if each is not best])
-    marks = dict.fromkeys((each.name for each in candidates if each not in affordable), TOO_DEAR)
+    too_dear = [each for each in candidates if each not in affordable]
+    marks = dict.fromkeys((each.name for each in too_dear), TOO_DEAR)
     for each, mark in ((best, RECOMMENDED), (second, RUNNER_UP)):
         if each is not None:
             marks[each.name] = mark
@@ -96,7 +97,7 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
          each.cycles, each.most_cycles, marks.get(each.name, ""))
         for each in candidates
     )  # fmt: skip
-    sentence = f"{_conditions(plan, given)}: {_advice(best, second, candidates)}."
+    sentence = f"{_conditions(plan, given)}: {_advice(best, second, too_dear)}."
     measurements = tuple(_measurements(candidates, board.cycle_model))
     return Conclusion(sentence, measurements, Table("study.choose", columns, rows), ())
 
@@ -132,10 +133,14 @@ def _conditions(plan: Plan, given: Given) -> str:
     )
 
 
-def _advice(best: Candidate | None, second: Candidate | None, candidates: Sequence[Candidate]) -> str:
+def _advice(best: Candidate | None, second: Candidate | None, too_dear: Sequence[Candidate]) -> str:
     if best is None:
-        return f"none; the cheapest is {min(candidates, key=lambda each: each.most_cycles)}"
-    return f"take {best}; next is {second}" if second else f"take {best}; no other is within the budget"
+        return f"none; the cheapest is {min(too_dear, key=lambda each: each.most_cycles)}"
+    more = chosen([each for each in too_dear if each.high_deg < best.at_least_deg])
+    return (
+        f"take {best}; {f'next is {second}' if second else 'no other is within the budget'}"
+        + (f"; for more cycles {more}" if more else "")
+    )
 
 
 def _measurements(candidates: Sequence[Candidate], cycle_model: str) -> list[Measurement]:

@@ -1,8 +1,8 @@
 """What a study is, and the piece of it that one worker does.
 
-A study asks a question of a paper. Its instances are cut into blocks, each of one condition (a noise level, a number of
-points, ...). What a block gives is a function of the plan and the block's number alone, and it is numbers that JSON
-holds: `measure_block` can be sent anywhere, done in any order and kept in a file.
+A study asks a question of a paper, or an engineer's own. Its instances are cut into blocks, each of one condition (a
+noise level, a number of points, ...). What a block gives is a function of the plan and the block's number alone, and it
+is numbers that JSON holds: `measure_block` can be sent anywhere, done in any order and kept in a file.
 """
 
 from __future__ import annotations
