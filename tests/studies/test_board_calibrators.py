@@ -9,11 +9,12 @@ import pytest
 
 from hiltest.bench_files import shipped
 from hiltest.boards import Board, open_board
+from hiltest.calibration.fit import FitStatus
 from hiltest.procedures.calibrate import calibrate_once
 from hiltest.procedures.cycles import upload_points
 from hiltest.procedures.golden_points import golden_points
 from hiltest.rig.file import load_rig
-from hiltest.studies.board_calibrators import board_calibrators
+from hiltest.studies.board_calibrators import MOST_POINTS, board_calibrators
 
 
 @pytest.fixture(scope="module")
@@ -46,3 +47,8 @@ def test_fits_and_cycles_are_those_that_the_firmware_answers(board: Board) -> No
 def test_counts_that_no_sensor_gives_are_refused() -> None:
     with pytest.raises(ValueError, match="int16"):
         board_calibrators().calibrate("direct", np.full((20, 3), 40_000.0))
+
+
+def test_the_most_points_have_room_on_the_board() -> None:
+    fit, _ = board_calibrators().calibrate("direct", golden_points(MOST_POINTS, index=0).astype(float))
+    assert fit.status is FitStatus.ELLIPSOID

@@ -95,6 +95,8 @@ def study(
         plan = _asked(plan, points, rig, noise_ut, coverage_percent, cycles)
     elif any(_is_given(each) for each in ("rig", "noise_ut", "coverage_percent", "cycles")):
         raise click.UsageError("--rig, --noise, --coverage and --cycles are for the study choose")
+    if plan.points > chosen.most_points:
+        raise click.UsageError(f"{name} takes at most {chosen.most_points} points: more have no room on the board")
     folder = Path(out or f"{DEFAULT_OUT}/study-{name}")
     make_folder(folder)
     progress = ProgressLine(ErrorOutput(), shown=sys.stderr.isatty(), say=lambda line: click.echo(line, err=True))

@@ -18,7 +18,8 @@ _FIT = struct.Struct("<BBH13f")  # magnetometer_fit_t
 _ENTRY = struct.Struct("<II")  # calibrator_entry_t: name and function
 _LONGEST_NAME = 64
 _LARGEST = np.iinfo(np.int16)
-_MOST_POINTS = 10_000  # of one call: 60 of the 110 kB of RAM that the firmware leaves
+MOST_POINTS = 10_000
+"""Of one call: 60 of the 110 kB of RAM that the firmware leaves."""
 
 
 class BoardCalibrators:
@@ -76,7 +77,7 @@ class BoardCalibrators:
         Raises
         ------
         ConfigError
-            When there are more points than the board's RAM has room for.
+            When the board's RAM has no room for the points; `MOST_POINTS` have.
         ValueError
             When a coordinate is out of the range of int16.
         """
@@ -84,8 +85,6 @@ class BoardCalibrators:
         return fit, cycles - self._empty
 
     def _call(self, function: str, counts: Array, anchor: Array | None) -> tuple[MagnetometerFit, int]:
-        if len(counts) > _MOST_POINTS:
-            raise ConfigError(f"{len(counts)} points have no room in the board's RAM: take at most {_MOST_POINTS}")
         if counts.min() < _LARGEST.min or counts.max() > _LARGEST.max:
             raise ValueError("counts are out of the range of int16")
         points = np.ascontiguousarray(counts, dtype="<i2")

@@ -12,7 +12,7 @@ from hiltest.measurement import Measurement, check
 from hiltest.record.run import Column, Run, Table
 from hiltest.report.marks import Mark, series
 from hiltest.report.svg import Figure
-from hiltest.studies.board_calibrators import board_calibrators
+from hiltest.studies.board_calibrators import MOST_POINTS, board_calibrators
 from hiltest.studies.estimators import quantile_and_interval
 from hiltest.studies.instances import Model, draw_instances
 from hiltest.studies.study import Block, Conclusion, Given, Numbers, Plan, Study
@@ -177,4 +177,5 @@ STUDY = Study(
     name="choose",
     question="Which calibrator of the board for my noise, my number of points, my coverage and my cycles?",
     conditions=1, instances=400, points=100, block=20, measure=measure, conclude=conclude, draw=draw,
-)
+    most_points=MOST_POINTS,
+)  # fmt: skip

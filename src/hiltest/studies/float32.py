@@ -16,7 +16,7 @@ from hiltest.measurement import check
 from hiltest.record.run import Cell, Column, Run, Table
 from hiltest.report.marks import series
 from hiltest.report.svg import Figure
-from hiltest.studies.board_calibrators import board_calibrators
+from hiltest.studies.board_calibrators import MOST_POINTS, board_calibrators
 from hiltest.studies.instances import Model, draw_instances
 from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
 from hiltest.text import hundredths
@@ -175,4 +175,5 @@ STUDY = Study(
     name="float32",
     question="Which calibrators of the board stay stable in single precision as hard iron grows?",
     conditions=len(RATIOS), instances=200, points=100, block=20, measure=measure, conclude=conclude, draw=draw,
-)
+    most_points=MOST_POINTS,
+)  # fmt: skip

@@ -137,6 +137,8 @@ class Study:
         Returns the conclusion of the numbers of all blocks, by condition and in the order of the blocks.
     draw : callable
         Returns the plot of a finished record.
+    most_points : int
+        Of a plan.
     """
 
     name: str
@@ -148,6 +150,7 @@ class Study:
     measure: Callable[[Plan, Block], Numbers] = field(repr=False)
     conclude: Callable[[Plan, Sequence[Sequence[Numbers]]], Conclusion] = field(repr=False)
     draw: Callable[[Run], Figure] = field(repr=False)
+    most_points: int = 100_000
 
 
 def study_of(name: str) -> Study:
