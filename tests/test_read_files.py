@@ -54,6 +54,7 @@ READING = {
     "serve --firmware": ("serve", "--firmware", "{}"),
     "serve --flash-file": ("serve", "--flash-file", "{}"),
     "serve --rig": ("serve", "--rig", "{}"),
+    "study --rig": ("study", "choose", "--rig", "{}"),
     "timing measure --rig": ("timing", "measure", "--rig", "{}"),
     "timing show --profile": ("timing", "show", "--profile", "{}"),
 }

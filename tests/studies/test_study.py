@@ -26,7 +26,7 @@ from hiltest.studies import NAMES
 from hiltest.studies.ellipsoids import NOISE_UT, interval
 from hiltest.studies.instances import Model, non_ellipsoids
 from hiltest.studies.run import BLOCKS_FILE, run_study
-from hiltest.studies.study import Plan, blocks_of, measure_block, study_of
+from hiltest.studies.study import Given, Plan, blocks_of, measure_block, study_of
 
 PLAN = Plan("ellipsoids", 3, 60, 20)
 
@@ -134,8 +134,9 @@ def test_kept_blocks_that_are_damaged_are_refused(tmp_path: Path, line: bytes) -
 
 
 @pytest.mark.parametrize(
-    "other", [Plan("ellipsoids", 4, 60, 20), Plan("ellipsoids", 3, 61, 20), Plan("ellipsoids", 3, 60, 21)]
-)
+    "other", [Plan("ellipsoids", 4, 60, 20), Plan("ellipsoids", 3, 61, 20), Plan("ellipsoids", 3, 60, 21),
+              Plan("ellipsoids", 3, 60, 20, Given())],
+)  # fmt: skip
 def test_blocks_of_another_plan_are_neither_mixed_in_nor_thrown_away(tmp_path: Path, other: Plan) -> None:
     ending = Progress(1)
     with pytest.raises(KeyboardInterrupt):
@@ -188,7 +189,7 @@ class TestEveryStudy:
         assert study_of(name).question in page
         printed = record.run.table(f"study.{name}.printed")
         assert printed is not None
-        assert printed.rows
+        assert bool(printed.rows) == ("What the papers printed" in page) == (name != "choose")
         for row in printed.rows:
             assert f"{row[0]}: printed {row[2]}, measured" in said
             for text in (row[0], row[1]):
@@ -197,7 +198,9 @@ class TestEveryStudy:
 
 
 @pytest.mark.parametrize("words", [["orbits"], ["ellipsoids", "--points", "9"], ["ellipsoids", "--jobs", "0"],
-                                   ["ellipsoids", "--seed", "x"], ["ellipsoids", "--instances", "0"]])  # fmt: skip
+                                   ["ellipsoids", "--seed", "x"], ["ellipsoids", "--instances", "0"],
+                                   ["ellipsoids", "--noise", "1"], ["choose", "--coverage", "0"],
+                                   ["choose", "--points", "10001"]])  # fmt: skip
 def test_a_wrong_word_is_4(words: list[str], tmp_path: Path) -> None:
     assert run("study", *words, "--out", str(tmp_path)) == 4
     assert not list(tmp_path.iterdir())

@@ -4,13 +4,20 @@ from __future__ import annotations
 
 import os
 import sys
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
+from click.core import ParameterSource
 
+from hiltest.bench_files import rig_file
 from hiltest.commands.options import checked
 from hiltest.settings import DEFAULT_OUT, file_name, seed
 from hiltest.studies import NAMES
+
+if TYPE_CHECKING:
+    from hiltest.studies.study import Plan
 
 _EXIT_CODES = """
 \b
@@ -23,28 +30,57 @@ Exit codes:
 _FEWEST_POINTS = 10  # one more than unknowns: through nine a quadric goes without noise
 
 
+def _asked(
+    plan: Plan, points: int | None, rig: str | None, noise_ut: float | None, coverage_percent: float,
+    cycles: int | None,
+) -> Plan:  # fmt: skip
+    """Return a plan with the conditions of options and, where these say nothing, of the rig."""
+    from hiltest.rig.file import load_rig
+    from hiltest.studies.study import Given
+
+    described = load_rig(rig_file(Path.cwd(), rig))
+    noise_ut = noise_ut or described.sensors.magnetometer_noise_ut
+    given = Given(described.field.strength_ut, noise_ut, coverage_percent, cycles)
+    return replace(plan, points=points or described.procedure.calibration_points, given=given)
+
+
+def _is_given(option: str) -> bool:
+    return click.get_current_context().get_parameter_source(option) is ParameterSource.COMMANDLINE
+
+
 @click.command(epilog=_EXIT_CODES)
 @click.argument("name", type=click.Choice(NAMES))
 @click.option("--instances", metavar="N", type=click.IntRange(1, 1_000_000_000),
               help="Instances of each condition, such as a noise level.  [default: as in the paper]")
 @click.option("--points", metavar="N", type=click.IntRange(_FEWEST_POINTS, 100_000),
               help="Points of each instance.  [default: the study's]")
+@click.option("--rig", metavar="R", callback=checked(file_name),
+              help="choose: rig with field, noise and points: a file, or a name in hil/rigs.  [default: virtual-k64f]")
+@click.option("--noise", "noise_ut", metavar="UT", type=click.FloatRange(1e-3, 50.0),
+              help="choose: standard deviation of a point on each axis.  [default: the rig's]")
+@click.option("--coverage", "coverage_percent", metavar="PERCENT", type=click.FloatRange(10.0, 100.0),
+              default=50.0, show_default=True, help="choose: least share of the sphere that the points cover.")
+@click.option("--cycles", metavar="N", type=click.IntRange(1), help="choose: most cycles of a calibration.")
 @click.option("--seed", "seed_text", metavar="S", default="1", show_default=True, callback=checked(seed),
               help="Seed: the same gives the same numbers, whatever the jobs.")
 @click.option("--jobs", metavar="J", type=click.IntRange(1, 1000), help="Processes.  [default: one a core]")
 @click.option("--out", metavar="DIR", callback=checked(file_name),
               help=f"Folder for run.json and study.html.  [default: {DEFAULT_OUT}/study-NAME]")
 def study(
-    name: str, instances: int | None, points: int | None, seed_text: str, jobs: int | None, out: str | None
-) -> int:
+    name: str, instances: int | None, points: int | None, rig: str | None, noise_ut: float | None,
+    coverage_percent: float, cycles: int | None, seed_text: str, jobs: int | None, out: str | None,
+) -> int:  # fmt: skip
     """Run an experiment of a paper again, and compare.
 
     \b
+    choose        which calibrator of the board for one's own conditions
     compensation  how much offset and sensitivity error the direct fit takes out
     constraints   whether fits kept to ellipsoids leave better ellipsoids
     dpi           what gravity adds to ellipsoid fits, in heading, pitch and roll
     ellipsoids    how often the direct fit is no ellipsoid, as noise grows
     estimators    how far directions err after each calibrator
+    float32       which calibrators stay stable in it as hard iron grows
+    imu           what calibrations leave of an IMU's errors
     """
     from hiltest.commands.options import ErrorOutput, asked_to_end
     from hiltest.progress_line import ProgressLine
@@ -55,6 +91,12 @@ def study(
 
     chosen = study_of(name)
     plan = Plan(name, seed(seed_text), instances or chosen.instances, points or chosen.points)
+    if name == "choose":
+        plan = _asked(plan, points, rig, noise_ut, coverage_percent, cycles)
+    elif any(_is_given(each) for each in ("rig", "noise_ut", "coverage_percent", "cycles")):
+        raise click.UsageError("--rig, --noise, --coverage and --cycles are for the study choose")
+    if plan.points > chosen.most_points:
+        raise click.UsageError(f"{name} takes at most {chosen.most_points} points: more have no room on the board")
     folder = Path(out or f"{DEFAULT_OUT}/study-{name}")
     make_folder(folder)
     progress = ProgressLine(ErrorOutput(), shown=sys.stderr.isatty(), say=lambda line: click.echo(line, err=True))

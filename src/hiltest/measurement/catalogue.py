@@ -337,6 +337,7 @@ def _studies() -> Iterator[Kind]:
         ("constraints.fits", _NEITHER, "Constrained fits of them that are ellipsoids"),
         ("constraints.bettered", _NEITHER, "Of these, those with a better ellipsoid on the line to the best quadric"),
         ("constraints.determinant_fails", _NEITHER, "Clouds where the determinant is positive at both ends"),
+        ("imu.li_differs", _NEITHER, "Instances for which li solves another problem once the mean is subtracted"),
     ):
         yield Kind(f"study.{name}", "", better, _COUNTED, Section.STUDIES, meaning)
     for angle in ("heading", "pitch", "roll"):
@@ -344,6 +345,18 @@ def _studies() -> Iterator[Kind]:
             f"study.dpi.{{calibration}}.{angle}", "deg", _LOWER, _COUNTED, Section.STUDIES,
             f"Median over instances of the largest error of {angle}",
         )
+    yield Kind("study.choose.{calibrator}.p95", "deg", _LOWER, _COUNTED, Section.STUDIES,
+               "95th percentile over instances of the direction's rms error under the conditions asked about")
+    yield Kind("study.choose.{calibrator}.cycles", "cycle", _LOWER, _COUNTED, Section.STUDIES,
+               "Most cycles of one calibration on the virtual board over these instances", next_step=COSTS_TOO_MUCH)
+    yield Kind("study.float32.{calibrator}.apart", "deg", _LOWER, _COUNTED, Section.STUDIES,
+               "95th percentile over instances of the angle to float64, with hard iron of 10 times the field")
+    yield Kind("study.imu.lstsq_rms", "g", _LOWER, _COUNTED, Section.STUDIES,
+               "Median over instances of the rms that least squares leave on the six faces")
+    yield Kind("study.imu.{calibrator}.without_fit", "%", _LOWER, _COUNTED, Section.STUDIES,
+               "Share of instances without a fit, with an offset as large as the field")
+    yield Kind("study.imu.{calibrator}.rms_less_mean", "", _LOWER, _COUNTED, Section.STUDIES,
+               "Median over instances of the rms of norms about 1 by a fit of the points less their mean")
     for quantile, named in (("median", "Median"), ("p95", "95th percentile")):
         yield Kind(
             f"study.estimators.{{calibrator}}.{quantile}", "deg", _LOWER, _COUNTED, Section.STUDIES,

@@ -24,7 +24,7 @@ from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigur
 _DIP_DEG = -35.0
 _SAMPLES = 1000
 # Readings of a field of strength 1, and of gravity; fits are made of counts.
-_COUNTS = 1000.0
+COUNTS = 1000.0
 _NOISE = 1e-3
 METHODS = ("uncalibrated", "ellipsoids", "dpi")
 ANGLES = ("heading", "pitch", "roll")
@@ -41,7 +41,7 @@ class Sensor:
 
     def readings(self, vectors: Array) -> Array:
         """Return readings without noise, shape (n, 3) [counts]."""
-        return np.asarray(_COUNTS * (vectors @ self.response.T + self.offset))
+        return np.asarray(COUNTS * (vectors @ self.response.T + self.offset))
 
 
 def measure(plan: Plan, block: Block) -> Numbers:
@@ -53,10 +53,10 @@ def measure(plan: Plan, block: Block) -> Numbers:
 
 
 def _errors_deg(random: np.random.Generator) -> list[float]:
-    magnetometer, accelerometer = _sensor(random, 8.0, 0.2, 0.5), _sensor(random, 0.5, 0.05, 0.1)
+    magnetometer, accelerometer = draw_sensor(random, 8.0, 0.2, 0.5), draw_sensor(random, 0.5, 0.05, 0.1)
     down, field = _vectors(Rotation.random(_SAMPLES, rng=random))
     counts, gravity_counts = (
-        sensor.readings(vectors) + _COUNTS * _NOISE * random.standard_normal(vectors.shape)
+        sensor.readings(vectors) + COUNTS * _NOISE * random.standard_normal(vectors.shape)
         for sensor, vectors in ((magnetometer, field), (accelerometer, down))
     )
     of_gravity, of_norms = fit_direct(gravity_counts), fit_direct(counts)
@@ -75,7 +75,7 @@ def _errors_deg(random: np.random.Generator) -> list[float]:
     return [*errors, left_deg, rotation_left_deg(of_gravity, accelerometer.response)]
 
 
-def _sensor(random: np.random.Generator, turned_deg: float, stretched: float, offset: float) -> Sensor:
+def draw_sensor(random: np.random.Generator, turned_deg: float, stretched: float, offset: float) -> Sensor:
     """Draw a sensor: its axes turned about z, y and x, its soft iron symmetric, each uniform up to these."""
     axes = Rotation.random(rng=random).as_matrix()
     stretch = (axes * random.uniform(1.0 - stretched, 1.0 + stretched, 3)) @ axes.T

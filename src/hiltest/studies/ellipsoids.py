@@ -86,9 +86,10 @@ def draw(run: Run) -> Figure:
     noise, share, low, high = (
         [float(each or 0) for each in table.column(name)] for name in ("noise", "per million", "at least", "at most")
     )
+    share, low, high = ([100.0 * each / _MILLION for each in column] for column in (share, low, high))
     figure = Figure(
         title="Quadrics that are no ellipsoids", description=run.verdict.sentence, x_label="noise [uT]",
-        y_label="in a million", x_range=(0.0, noise[-1] + noise[0]), y_range=(0.0, 1.05 * max(high)), width=560.0,
+        y_label="of instances [%]", x_range=(0.0, noise[-1] + noise[0]), y_range=(0.0, 1.05 * max(high)), width=560.0,
         height=360.0,
     )  # fmt: skip
     figure.bars(zip(noise, low, high, strict=True), "series-0")

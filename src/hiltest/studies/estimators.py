@@ -10,7 +10,7 @@ from scipy.stats import quantile_test
 
 from hiltest.calibration import FASTER, REFERENCES
 from hiltest.calibration.fit import Array, FitStatus, MagnetometerFit, no_fit
-from hiltest.calibration.quality import COUNTS_PER_UT, direction_error_rms_deg, sphere_directions
+from hiltest.calibration.quality import COUNTS_PER_UT
 from hiltest.calibration.sphere import fit_sphere
 from hiltest.measurement import Measurement, check
 from hiltest.record.run import Cell, Column, Run, Table
@@ -23,7 +23,6 @@ UNCALIBRATED, SPHERE = "uncalibrated", "sphere"
 NAMES = (UNCALIBRATED, SPHERE, *(name for name in REFERENCES if name not in FASTER))
 # Lines that a reader can tell apart.
 _DRAWN = (SPHERE, "direct", "iterative", "li", "corrected", "taubin", "geometric")
-_DIRECTIONS = sphere_directions(200)
 _MEDIAN, _HIGH = 0.5, 0.95
 _CONFIDENCE = 0.95
 
@@ -56,9 +55,8 @@ def measure(plan: Plan, block: Block) -> Numbers:
     drawn = draw_instances(model, block.first, block.count)
     numbers: list[float | int] = []
     for k in range(block.count):
-        readings = COUNTS_PER_UT * (model.field_ut * _DIRECTIONS @ drawn.soft_iron[k] + drawn.hard_iron_ut[k])
         for fit in _fits(drawn, k):
-            numbers += [direction_error_rms_deg(fit, readings, _DIRECTIONS), int(fit.status is FitStatus.ELLIPSOID)]
+            numbers += [drawn.direction_error_deg(k, fit, model.field_ut), int(fit.status is FitStatus.ELLIPSOID)]
     return numbers
 
 
@@ -75,7 +73,8 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
         for index, name in enumerate(NAMES):
             rows.append((
                 name, condition.noise_ut, condition.points, 100.0 * condition.occluded, condition.stretch,
-                *_quantile(numbers[:, index, 0], _MEDIAN), *_quantile(numbers[:, index, 0], _HIGH),
+                *quantile_and_interval(numbers[:, index, 0], _MEDIAN),
+                *quantile_and_interval(numbers[:, index, 0], _HIGH),
                 100.0 * float(numbers[:, index, 1].mean()),
             ))  # fmt: skip
     columns = (
@@ -96,7 +95,7 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
                       tuple(_printed(medians)))  # fmt: skip
 
 
-def _quantile(errors: Array, share: float) -> tuple[float, float | None, float | None]:
+def quantile_and_interval(errors: Array, share: float) -> tuple[float, float | None, float | None]:
     """Return a quantile and its interval by the order of the errors; None for an end that so few cannot tell."""
     interval = quantile_test(errors, p=share).confidence_interval(_CONFIDENCE)
     ends = (float(interval.low), float(interval.high))

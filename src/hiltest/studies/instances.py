@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import ctypes
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -19,12 +19,14 @@ from numpy.typing import NDArray
 
 from hiltest.c_library import INSTANCES_KERNEL, SOURCES, compiled, loaded
 from hiltest.calibration.direct_batch import QuadricBatch, fit_quadrics
-from hiltest.calibration.fit import Array
+from hiltest.calibration.fit import Array, MagnetometerFit
+from hiltest.calibration.quality import COUNTS_PER_UT, direction_error_rms_deg, sphere_directions
 from hiltest.world.noise import normal_quantiles
 
 _PARTS = 1 << 16
 _QUARTER_TURN = _PARTS // 4
 _GRID = 1 << 30  # of cosines: finer than anything here, and coarser than the last bits of one host's library
+_DIRECTIONS = sphere_directions(200)
 _PARAMETER_COUNTERS = 3
 _AT_ONCE = 4096  # instances that numpy draws and fits at a time: 100 MB at 1000 points
 
@@ -82,6 +84,22 @@ class Instances:
     points_ut: Array
     soft_iron: Array
     hard_iron_ut: Array
+
+    def with_hard_iron(self, length_ut: float) -> Instances:
+        """Return the same instances with hard iron of one length and the same directions."""
+        hard_iron_ut = length_ut * self.hard_iron_ut / np.linalg.norm(self.hard_iron_ut, axis=-1, keepdims=True)
+        return replace(
+            self, points_ut=self.points_ut + (hard_iron_ut - self.hard_iron_ut)[:, None], hard_iron_ut=hard_iron_ut
+        )
+
+    def counts(self, k: int) -> Array:
+        """Return the points of instance k as a sensor of 0.1 uT a count reads them, shape (n, 3)."""
+        return np.asarray(np.rint(COUNTS_PER_UT * self.points_ut[k]))
+
+    def direction_error_deg(self, k: int, fit: MagnetometerFit, field_ut: float) -> float:
+        """Return the rms angle, over the sphere, of what a fit makes of readings without noise from the truth [deg]."""
+        readings = COUNTS_PER_UT * (field_ut * _DIRECTIONS @ self.soft_iron[k] + self.hard_iron_ut[k])
+        return direction_error_rms_deg(fit, readings, _DIRECTIONS)
 
 
 class _KernelModel(ctypes.Structure):

@@ -105,8 +105,10 @@ def _kept(plan: Plan, journal: Path) -> dict[int, Numbers]:
 
 
 def _said(start: Mapping[str, Any]) -> str:
-    plan = start["plan"]
-    return ", ".join([f"hiltest {start['hiltest']}", *(f"{key} {value}" for key, value in plan.items())])
+    plan = dict(start["plan"])
+    given = plan.pop("given", None) or {}
+    said = (f"{key} {value}" for key, value in (plan | given).items() if value is not None)
+    return ", ".join([f"hiltest {start['hiltest']}", *said])
 
 
 def _is_number(value: object) -> bool:

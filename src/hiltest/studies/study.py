@@ -1,8 +1,8 @@
 """What a study is, and the piece of it that one worker does.
 
-A study asks a question of a paper. Its instances are cut into blocks, each of one condition (a noise level, a number of
-points, ...). What a block gives is a function of the plan and the block's number alone, and it is numbers that JSON
-holds: `measure_block` can be sent anywhere, done in any order and kept in a file.
+A study asks a question of a paper, or an engineer's own. Its instances are cut into blocks, each of one condition (a
+noise level, a number of points, ...). What a block gives is a function of the plan and the block's number alone, and it
+is numbers that JSON holds: `measure_block` can be sent anywhere, done in any order and kept in a file.
 """
 
 from __future__ import annotations
@@ -20,6 +20,28 @@ Numbers: TypeAlias = Sequence[float | int]
 
 
 @dataclass(frozen=True, slots=True)
+class Given:
+    """An engineer's own conditions, which `choose` is asked about.
+
+    Attributes
+    ----------
+    field_ut : float
+        Field strength [uT].
+    noise_ut : float
+        Standard deviation of a point on each axis [uT].
+    coverage_percent : float
+        The points cover at least so much of the sphere [%].
+    cycles : int or None
+        What a calibration may cost; None for any number.
+    """
+
+    field_ut: float = 50.0
+    noise_ut: float = 0.4
+    coverage_percent: float = 50.0
+    cycles: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Plan:
     """What is asked of a study.
 
@@ -31,12 +53,15 @@ class Plan:
         For each condition.
     points : int
         Of each instance; 0 where the study has its own numbers of points.
+    given : Given, optional
+        For the study that asks for conditions.
     """
 
     study: str
     seed: int
     instances: int
     points: int
+    given: Given | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +137,8 @@ class Study:
         Returns the conclusion of the numbers of all blocks, by condition and in the order of the blocks.
     draw : callable
         Returns the plot of a finished record.
+    most_points : int
+        Of a plan.
     """
 
     name: str
@@ -123,6 +150,7 @@ class Study:
     measure: Callable[[Plan, Block], Numbers] = field(repr=False)
     conclude: Callable[[Plan, Sequence[Sequence[Numbers]]], Conclusion] = field(repr=False)
     draw: Callable[[Run], Figure] = field(repr=False)
+    most_points: int = 100_000
 
 
 def study_of(name: str) -> Study:

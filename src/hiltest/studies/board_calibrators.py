@@ -1,0 +1,108 @@
+"""The calibrators of the packaged firmware, in its float32 and with its cycles, without booting it."""
+
+from __future__ import annotations
+
+import struct
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from hiltest.boards.bench import default_firmware
+from hiltest.calibration.fit import Array, FitStatus, MagnetometerFit
+from hiltest.errors import ConfigError
+from hiltest.virtual.buffers import Address, Structure
+from hiltest.virtual.k64f import VirtualK64F
+
+_FIT = struct.Struct("<BBH13f")  # magnetometer_fit_t
+_ENTRY = struct.Struct("<II")  # calibrator_entry_t: name and function
+_LONGEST_NAME = 64
+_LARGEST = np.iinfo(np.int16)
+MOST_POINTS = 10_000
+"""Of one call: 60 of the 110 kB of RAM that the firmware leaves."""
+
+
+class BoardCalibrators:
+    """The table of calibrators of the packaged ELF, called on a virtual board that did not boot.
+
+    Attributes
+    ----------
+    names : tuple of str
+        As the firmware's identity has them.
+    cycle_model : str
+        That counts the cycles.
+    """
+
+    def __init__(self) -> None:
+        self._board = VirtualK64F(default_firmware())
+        self._functions = dict(self._table())
+        self.names = tuple(self._functions)
+        sram = self._board.processor.memory.sram
+        in_sram = all(sram.base <= self._board.image.symbols[each].address < sram.base + sram.size
+                      for each in self._functions.values())  # fmt: skip
+        self.cycle_model = f"{self._board.processor.profile.name}@{'sram' if in_sram else 'flash'}"
+        # What the firmware subtracts from each count.
+        self._empty = self._call("magnetometer_empty", np.zeros((1, 3)), None)[1]
+
+    def _table(self) -> list[tuple[str, str]]:
+        image, memory = self._board.image, self._board.processor.memory
+        table = image.symbols["calibrators"]
+        found = []
+        for name, function in _ENTRY.iter_unpack(memory.read(table.address, table.size)):
+            text = bytes(memory.read(name, _LONGEST_NAME)).partition(b"\0")[0].decode("ascii")
+            symbol = image.function_at(function & ~1)
+            if symbol is None:
+                raise ConfigError(f"{image.name}: calibrator {text} is no function of it")
+            found.append((text, symbol.name))
+        return found
+
+    def calibrate(self, name: str, counts: Array, *, anchor: Array | None = None) -> tuple[MagnetometerFit, int]:
+        """Calibrate, and count the cycles.
+
+        Parameters
+        ----------
+        name : str
+            One of `names`.
+        counts : ndarray, shape (n, 3)
+            Whole numbers that int16 holds [counts].
+        anchor : ndarray, shape (3,), optional
+            What the firmware sums about, in place of the middle of the points' range [counts].
+
+        Returns
+        -------
+        fit : MagnetometerFit
+        cycles : int
+            As the firmware reports them: less those of an empty call.
+
+        Raises
+        ------
+        ConfigError
+            When the board's RAM has no room for the points; `MOST_POINTS` have.
+        ValueError
+            When a coordinate is out of the range of int16.
+        """
+        fit, cycles = self._call(self._functions[name], counts, anchor)
+        return fit, cycles - self._empty
+
+    def _call(self, function: str, counts: Array, anchor: Array | None) -> tuple[MagnetometerFit, int]:
+        if counts.min() < _LARGEST.min or counts.max() > _LARGEST.max:
+            raise ValueError("counts are out of the range of int16")
+        points = np.ascontiguousarray(counts, dtype="<i2")
+        ends = [points.min(axis=0), points.max(axis=0)] if anchor is None else [anchor, anchor]
+        result = bytearray(_FIT.size)
+        given = Structure(Address(points), np.array([len(points)], "<u2"), np.array(ends, "<i2").ravel(),
+                          np.zeros(1, "<u2"))  # fmt: skip
+        cost = self._board.call(function, given, result)
+        return _fit(_FIT.unpack(result)), cost.cycles
+
+
+def _fit(values: tuple[Any, ...]) -> MagnetometerFit:
+    status, is_sphere, iterations, *floats = values
+    soft_iron, hard_iron = np.array(floats[:9]).reshape(3, 3), np.array(floats[9:12])
+    return MagnetometerFit(FitStatus(status), bool(is_sphere), iterations, soft_iron, hard_iron, floats[12])
+
+
+@cache
+def board_calibrators() -> BoardCalibrators:
+    """Return the calibrators of the packaged firmware; loading it takes a while, once in a process."""
+    return BoardCalibrators()

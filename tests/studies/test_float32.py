@@ -1,0 +1,71 @@
+"""The study of single precision: what the board adds to float64, and what sums about zero add."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hiltest.calibration import reference
+from hiltest.calibration.fit import FitStatus
+from hiltest.calibration.quality import direction_difference_rms_deg
+from hiltest.studies.board_calibrators import board_calibrators
+from hiltest.studies.float32 import ABOUT_ZERO, JUDGED, RATIOS, about_zero, conclude, measure, names
+from hiltest.studies.instances import Model, draw_instances
+from hiltest.studies.study import Block, Conclusion, Plan
+
+
+def test_each_calibrator_has_its_errors_and_how_far_the_board_is_from_float64() -> None:
+    block = Block(JUDGED, 5, 2)
+    found = np.reshape(measure(Plan("float32", 3, 7, 60), block), (2, len(names()), 4))
+    drawn = draw_instances(Model(3, 60, 0.3, stream=JUDGED), 5, 2).with_hard_iron(50.0 * RATIOS[JUDGED])
+    np.testing.assert_allclose(np.linalg.norm(drawn.hard_iron_ut, axis=1), 500.0, rtol=1e-12)
+    for k in range(2):
+        for index, name in enumerate(board_calibrators().names):
+            counts = np.rint(10.0 * drawn.points_ut[k])
+            single, double = board_calibrators().calibrate(name, counts)[0], reference(name)(counts)
+            errors = [drawn.direction_error_deg(k, fit, 50.0) for fit in (single, double)]
+            apart, differs = direction_difference_rms_deg(single, double), int(single.status != double.status)
+            assert found[k, index].tolist() == [*errors, apart, differs]
+            assert apart > 0.0
+
+
+@pytest.mark.parametrize(("ratio", "near"), [(0.0, True), (10.0, False)])
+def test_sums_about_zero_are_direct_s_where_there_is_little_hard_iron(ratio: float, near: bool) -> None:
+    drawn = draw_instances(Model(3, 60, 0.3, stretch=0.2, occluded=0.2), 0, 10).with_hard_iron(50.0 * ratio)
+    for k in range(10):
+        single, double = about_zero(drawn.counts(k)), reference("direct")(drawn.counts(k))
+        assert single.status is FitStatus.ELLIPSOID
+        assert (direction_difference_rms_deg(single, double) < 1e-3) == near
+
+
+def concluded(**larger: float) -> Conclusion:
+    """Conclude from forty instances whose errors in float32 are larger by these factors, at the last ratio."""
+    double = np.linspace(0.1, 0.3, 40)
+    blocks = []
+    for ratio in RATIOS:
+        each = np.zeros((40, len(names()), 4))
+        for index, name in enumerate(names()):
+            factor = larger.get(name.replace("-", "_"), 1.0) if ratio == RATIOS[-1] else 1.0
+            each[:, index] = np.column_stack([factor * double, double, np.full(40, abs(factor - 1.0)), np.zeros(40)])
+        blocks.append([half.ravel().tolist() for half in (each[:20], each[20:])])
+    return conclude(Plan("float32", 1, 40, 100), blocks)
+
+
+@pytest.mark.parametrize(("factor", "stable"), [(1.0, True), (1.09, True), (1.11, False)])
+def test_stable_is_no_more_than_a_tenth_worse(factor: float, stable: bool) -> None:
+    found = concluded(direct=factor)
+    count = len(names()) - 1
+    assert found.sentence.startswith(f"{count - (not stable)} of the board's {count} calibrators are stable")
+    assert found.table.rows[-len(names())][-1] is stable
+
+
+@pytest.mark.parametrize(("factor", "said"), [(1.0, [False, True]), (2.0, [True, False])])
+def test_what_the_papers_say_is_judged_by_sums_about_zero(factor: float, said: list[bool]) -> None:
+    found = concluded(direct_about_zero=factor)
+    assert [each.reproduced for each in found.printed] == said
+    assert ("direct is not from 20 times the field on" in found.sentence) == (factor > 1.0)
+
+
+def test_measurements_are_of_ten_times_the_field() -> None:
+    values = {each.name: each.value for each in concluded(direct_about_zero=2.0).measurements}
+    assert values[f"study.float32.{ABOUT_ZERO}.apart"] == 0.0
