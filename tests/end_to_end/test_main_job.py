@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from hiltest.bench_files import shipped
+from hiltest.boards.bench import default_firmware
 from hiltest.record.files import RECORD_FILES
 from hiltest.record.journal import JOURNAL_FILE
 from hiltest.record.reader import read_record
@@ -169,6 +170,13 @@ def test_cycles_carry_their_model(good_run) -> None:
     models = {each["cycle_model"] for each in good_run.measured.values() if each["unit"] == "cycle"}
     assert models == {good_run.record["board"]["cycle_model"]}
     assert "" not in models
+
+
+def test_the_stack_stays_within_the_bound_of_the_build(good_run) -> None:
+    manifest = json.loads(default_firmware().with_name("manifest.json").read_text(encoding="utf-8"))
+    used = good_run.measured["firmware.stack_most"]["value"]
+    # Half of the bound: it adds the deepest interrupt to the deepest chain of calls, which hardly ever meet.
+    assert manifest["deepest_stack_bytes"] / 2 < used <= manifest["deepest_stack_bytes"]
 
 
 def test_junit_holds_the_measurements(good_run) -> None:

@@ -33,6 +33,10 @@ CALL_CYCLES = 32
 """What calling a function, and reading the counter around it, may cost that one of two counts has and the other not."""
 
 
+NO_MEMORY_USE: Mapping[str, int | None] = {"flash": None, "ram": None, "stack_most": None}
+"""Of a board that does not see what its firmware takes."""
+
+
 class BoardKind(StrEnum):
     """Kind of board on the link."""
 
@@ -265,6 +269,10 @@ class Board(ABC):
     def virtual_seconds(self) -> float | None:
         """Virtual time since power-on; None where time is not virtual."""
         return None
+
+    def memory_use(self) -> Mapping[str, int | None]:
+        """Return the bytes that the firmware takes, see `hiltest.virtual.memory_use`; None where that is not seen."""
+        return NO_MEMORY_USE
 
     @property
     def instructions(self) -> int | None:

@@ -18,7 +18,7 @@ import serial
 from numpy.typing import NDArray
 
 from hiltest.boards.bench import VirtualBench
-from hiltest.boards.board import BoardKind, Stage, Truth
+from hiltest.boards.board import NO_MEMORY_USE, BoardKind, Stage, Truth
 from hiltest.boards.function_costs import FunctionCosts
 from hiltest.boards.memory_reading import memory_kind
 from hiltest.boards.virtual import truth_of
@@ -233,6 +233,10 @@ class CompassBoard:
         """Virtual time since power-on; None where time is not virtual."""
         return self.now_s() if self.clock == "virtual" else None
 
+    def memory_use(self) -> Mapping[str, int | None]:
+        """As `Board.memory_use`."""
+        return NO_MEMORY_USE
+
     @property
     def firmware_line(self) -> str:
         """Name and build of the firmware, and how it is understood, for people."""
@@ -328,6 +332,10 @@ class VirtualCompass(CompassBoard):
         self.firmware = bench.firmware.name
         self.firmware_sha256 = hashlib.sha256(Path(bench.firmware).read_bytes()).hexdigest()
         self.compiler_flags, self.elf_build_id = image.compiler_flags, image.build_id
+
+    def memory_use(self) -> Mapping[str, int | None]:
+        """As `VirtualBoard.memory_use`."""
+        return self._machine.memory_use()
 
     @property
     def core_clock_hz(self) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -124,6 +124,10 @@ class VirtualBoard(Board):
     def virtual_seconds(self) -> float:
         """Virtual time since power-on [s]."""
         return self._machine.time_s
+
+    def memory_use(self) -> Mapping[str, int | None]:
+        """Return the bytes that the firmware takes of flash and RAM, and of its stacks at most so far."""
+        return self._machine.memory_use()
 
     @property
     def instructions(self) -> int:

@@ -46,6 +46,9 @@ _ROUNDING = "float32 in another order moved it by less than a hundredth of this"
 _IN_FLOAT64 = "Compare the firmware's arithmetic with the float64 reference: no sensor enters this difference."
 _ALL_ROUND = "Turn the board through more directions: the points of the tumble have to cover the sphere."
 _AT_REST = "Keep the board still while the gyroscope's bias is taken, and wait until its temperature is steady."
+_ONE_INTERRUPT = 128
+_GROWTH = "a hundredth is what a correction takes; what takes more is to be seen"
+_ON_TOP = "an interrupt may come a call sooner or later, and takes about as much with its handler"
 _OF_PART = "of the simulated parts or of the rig: no firmware should move it"
 
 _LOWER, _HIGHER, _ZERO, _NEITHER = Better.LOWER, Better.HIGHER, Better.NEARER_ZERO, Better.NEITHER
@@ -320,6 +323,15 @@ def _board() -> Iterator[Kind]:
         ("link.uart_overruns", "", _LOWER, "Bytes that the board's UART lost"),
     ):
         yield Kind(name, unit, better, _COUNTED, Section.BOARD, meaning)
+    for name, meaning in (
+        ("flash", "Flash that the firmware takes"),
+        ("ram", "RAM that the firmware takes before it runs: data, and code that is copied there"),
+    ):
+        yield Kind(f"firmware.{name}", "B", _LOWER, _allow(0, 0.01, _GROWTH), Section.BOARD, meaning)
+    for name, whose in (("stack_most", "the stack that the firmware starts with"),
+                        ("{task}.stack_most", "a task's stack, by the function that the task begins with")):
+        yield Kind(f"firmware.{name}", "B", _LOWER, _allow(_ONE_INTERRUPT, 0, _ON_TOP), Section.BOARD,
+                   f"Most that was on {whose}, interrupts included")
     yield Kind("board.virtual_seconds", "s", _NEITHER, _allow(5, 0.02, "waiting, not work; moved by 4.4 of 239"),
                Section.BOARD, "Time that passed on the virtual board", compared=False)
     yield Kind("board.wall_seconds", "s", _NEITHER, _COUNTED, Section.BOARD, "Time that the run took", compared=False)

@@ -358,9 +358,10 @@ class HilSession:
         """Close the board and return the measurements of the whole session."""
         if self._board is None:
             return []
-        seconds = self._board.virtual_seconds
+        seconds, memory_use = self._board.virtual_seconds, self._board.memory_use()
         self._board.close()
         return [
+            *(self.check(f"firmware.{name}", used, unit="B") for name, used in memory_use.items()),
             self.check("board.virtual_seconds", seconds, unit="s"),
             self.check("board.wall_seconds", time.monotonic() - self._opened_s, unit="s", volatile=True),
         ]

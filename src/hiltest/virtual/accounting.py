@@ -31,6 +31,7 @@ from hiltest.virtual.code_hook import CODE_CALLBACK, CodeHook, Totals
 from hiltest.virtual.executions import Entered, Snapshot
 from hiltest.virtual.instructions import Instruction, decode
 from hiltest.virtual.pipeline import NEUTRAL, REACHED, PipelineState, Reached
+from hiltest.virtual.stacks import Stacks
 from hiltest.virtual.timing import TimingProfile
 from hiltest.virtual.turn import PassOver
 
@@ -47,6 +48,10 @@ class Accounting(Protocol):
         set before anything runs.
     pass_over : PassOver
         Asked about turns of a loop that changes something, where this way of counting asks.
+    stacks : Stacks
+        Where the stack pointer has been.
+    read_stack_pointer : callable
+        To be set: reads it.
     stopped : bool
         Set by `settle`: whether the emulator was stopped without the `stop` that was given.
     """
@@ -57,6 +62,8 @@ class Accounting(Protocol):
     deadline: float
     passes_waits: bool
     pass_over: PassOver
+    stacks: Stacks
+    read_stack_pointer: Callable[[], int]
     stopped: bool
 
     @property
@@ -123,6 +130,14 @@ class Accounting(Protocol):
         """Take note that what was read of a peripheral changes by itself, at that cycle."""
         ...
 
+    def stack_begins(self, top: int) -> None:
+        """Take note of where the stack pointer is at a reset."""
+        ...
+
+    def stacked(self, above: int, lowest: int) -> None:
+        """Take note of an exception's frame, from `lowest` to where the stack pointer was, `above`."""
+        ...
+
     def flush_pipeline(self) -> None:
         """Empty the pipeline: nothing overlaps across an exception."""
         ...
@@ -169,6 +184,7 @@ class BlockAccounting(Totals):
             self._running = None
             self._stop()
             return
+        self._look_at_stack(block)
         self._fell_from = NO_BLOCK
         if block.loops_to_itself and block.away in (NO_BLOCK, before):
             # Nothing but an interrupt ends it: pass whole rounds at once, up to the next event.
@@ -328,6 +344,7 @@ class InstructionAccounting(Totals):
         if block.needs_attention and not self._attend(block):
             self._stop()
             return
+        self._look_at_stack(block)
         self._last, self._runs = block.instructions[0], block
 
     def _look(self, address: int, size: int) -> CodeBlock:

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from itertools import accumulate, takewhile
 
 from hiltest.errors import BoardFault
 from hiltest.virtual.alignment import Alignment, required_alignment
 from hiltest.virtual.instructions import Instruction, conditions_left, decode
 from hiltest.virtual.it_blocks import choices
 from hiltest.virtual.pipeline import REACHED, PipelineState, Reached
+from hiltest.virtual.stack_moves import Moves
 from hiltest.virtual.timing import TimingProfile
 
 ReadCode = Callable[[int, int], bytes]  # raises BoardFault where there is no memory
@@ -57,6 +59,10 @@ class CodeBlock:
         Addresses of instructions of IT blocks that are to be watched.
     needs_attention : bool
         Whether the processor must look before (FPU, hang, alignment, SEV, IT blocks) or behind it (masks).
+    lowers_stack : int
+        Bytes by which the stack pointer is lowest in it, below where it is when it begins.
+    moves_stack : Moves
+        Whether it moves it by what is not known before.
     """
 
     address: int
@@ -79,6 +85,8 @@ class CodeBlock:
     alignment: Alignment
     watched: frozenset[int]
     needs_attention: bool
+    lowers_stack: int
+    moves_stack: Moves
     _starts: dict[int, int] = field(default_factory=dict)
     _executing: dict[int, CodeBlock] = field(default_factory=dict)
 
@@ -121,6 +129,7 @@ def price_block(profile: TimingProfile, instructions: list[Instruction], entry: 
     changes_masks = any(instruction.changes_masks for instruction in instructions)
     sends_event = any(instruction.sends_event for instruction in instructions)
     loops = last.jumps_to(address)
+    lowers = any(instruction.lowers_stack > 0 for instruction in instructions)
     alignment = required_alignment(instructions)
     return CodeBlock(
         address, end, entry, tuple(instructions), priced, len(instructions), through, taken,
@@ -128,7 +137,15 @@ def price_block(profile: TimingProfile, instructions: list[Instruction], entry: 
         bool(last.transfer), past, away, uses_fpu, changes_masks, sends_event, loops and len(instructions) == 1,
         alignment, watched,
         bool(uses_fpu or changes_masks or sends_event or loops or alignment.registers or alignment.inside or watched),
+        _lowest_stack(instructions) if lowers else 0,
+        max(each.moves_stack for each in instructions),
     )  # fmt: skip
+
+
+def _lowest_stack(instructions: list[Instruction]) -> int:
+    """Return the most by which the stack pointer is lowered from the beginning on, as far as that is known."""
+    known = takewhile(lambda each: each.moves_stack is Moves.AS_IT_SAYS, instructions)
+    return max(0, *accumulate((each.lowers_stack for each in known), initial=0))
 
 
 def passed(profile: TimingProfile, last: Instruction) -> Instruction:

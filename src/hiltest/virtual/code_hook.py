@@ -7,6 +7,8 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from hiltest.virtual.blocks import CodeBlock, ReadCode
+from hiltest.virtual.stack_moves import Moves
+from hiltest.virtual.stacks import Stack, Stacks
 from hiltest.virtual.timing import TimingProfile
 from hiltest.virtual.turn import PassOver
 
@@ -49,6 +51,37 @@ class Totals:
         self.pass_over: PassOver = lambda _turn: 0
         self.stopped = False
         self.before: CodeBlock | None = None
+        self.stacks = Stacks()
+        self.read_stack_pointer: Callable[[], int] = lambda: 0
+        self._stack = Stack(0, 0, 0)  # that the stack pointer was on last
+        self._stack_moved, self._lowered_from = False, 0
+
+    # -- the stack ----------------------------------------------------------------------------
+
+    def stack_begins(self, top: int) -> None:
+        """Take note of where the stack pointer is at a reset."""
+        self._lowered_from = 0
+        self._stack = self.stacks.reaches(top, top)
+
+    def stacked(self, above: int, lowest: int) -> None:
+        """Take note of an exception's frame."""
+        above, self._lowered_from = max(self._lowered_from, above), 0
+        self._stack_moved = True  # the handler's stack may be another
+        if lowest < self._stack.lowest or above > self._stack.top:
+            self._stack = self.stacks.reaches(above, lowest)
+
+    def _look_at_stack(self, block: CodeBlock) -> None:
+        """Take note of where the stack pointer is, and gets to in a block."""
+        if not (block.lowers_stack or block.moves_stack or self._stack_moved):
+            return
+        at, moves = self.read_stack_pointer(), block.moves_stack
+        above, self._lowered_from = max(self._lowered_from, at), at if moves is Moves.BY_A_REGISTER else 0
+        self._stack_moved = moves is not Moves.AS_IT_SAYS
+        lowest = at - block.lowers_stack
+        if lowest < self._stack.lowest or above > self._stack.top:
+            self._stack = self.stacks.reaches(above, lowest)
+
+    # -- called by the emulator ---------------------------------------------------------------
 
     def begins(self, address: int, size: int) -> None:
         raise NotImplementedError

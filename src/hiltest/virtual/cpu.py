@@ -93,6 +93,10 @@ class Processor:
         self.accounting: Accounting = accounting(profile, self._read_code, self._attend, self._stop)
         self.traps.supervisor_call = self._call_supervisor
         self.traps.take_event = self.event_register.take
+        self.exceptions.stacks = stacks = self.accounting.stacks
+        stacks.read_pc, stacks.read = self.registers.pc.get, self.memory.read
+        self.accounting.read_stack_pointer = self.registers.cores((13,)).get
+        self.exceptions.stacked = self.accounting.stacked
         self.traps.jumped_from = lambda: self.accounting.jumped_from
         self._install_hooks()
         self._enter = entrance(self.engine, RETURN_ADDRESS)

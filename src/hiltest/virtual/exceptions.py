@@ -10,6 +10,7 @@ from hiltest.virtual.faults import Fault, FaultKind, FaultStatus, Lockup
 from hiltest.virtual.memory import BoardMemory
 from hiltest.virtual.nvic import HARD_FAULT, NMI, Nvic
 from hiltest.virtual.registers import CoreRegisters
+from hiltest.virtual.stacks import Stacks
 from hiltest.virtual.timing import TimingProfile
 
 _BASIC_BYTES, _EXTENDED_BYTES = 32, 104
@@ -78,6 +79,10 @@ class ExceptionUnit:
     floating_control : int
         FPCCR: ASPEN makes frames hold floating-point state, LSPEN makes that lazy.
     follower : Follower or None
+    stacked : callable
+        Told of each frame: the stack pointer before it, and behind it.
+    stacks : Stacks
+        Told of exceptions that interrupt code on the process stack.
     is_chained : bool
         The next entry follows a return at once.
     """
@@ -93,6 +98,8 @@ class ExceptionUnit:
         self._spend = spend
         self.status = FaultStatus()
         self.follower: Follower | None = None
+        self.stacked: Callable[[int, int], None] = lambda _above, _lowest: None
+        self.stacks = Stacks()
         self.reset()
 
     def reset(self) -> None:
@@ -193,6 +200,9 @@ class ExceptionUnit:
         frame[6] &= ~1
         exc_return = 0xFFFFFFE1 | (0 if extended else 0x10) | (0 if from_handler else 0x08) | (0x04 if uses_psp else 0)
         problem = self._push(base, frame, extended=extended)
+        self.stacked(stack, base)
+        if uses_psp:
+            self.stacks.handler_begins(base)
         try:
             vector = self._memory.read_words(self.vector_table + 4 * exception, 1)[0]
         except ValueError:
@@ -272,6 +282,8 @@ class ExceptionUnit:
         frame = list(self._memory.read_words(base, 8))
         if (frame[7] & _EXCEPTION_NUMBER == 0) != to_thread:
             return Fault(FaultKind.INVALID_RETURN, f"stacked xPSR 0x{frame[7]:08x} is of another mode", place)
+        if uses_psp:
+            self.stacks.handler_ends()
         restores = extended and self._lazy_frame == _NO_FRAME
         if extended:  # a frame of the basic size says nothing about the state that waits to be saved
             if restores:

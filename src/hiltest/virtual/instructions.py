@@ -11,8 +11,11 @@ from typing import Any
 import capstone
 from capstone import arm_const as arm
 
+from hiltest.virtual.stack_moves import Moves, stack_moves
+
 _PC_BIT = 1 << 15
 _LINK_BIT = 1 << 14
+_STACK_BIT = 1 << 13
 
 # Stores, and what masks interrupts: such a loop may only wait all the same, see `hiltest.virtual.waits`.
 _PROVABLE_ROWS = {"store", "store_register_offset"}
@@ -52,6 +55,10 @@ class Instruction:
         Core registers written.
     derived : tuple of (int, int)
         Pairs (written, source): the written register is the source plus a multiple of four.
+    lowers_stack : int
+        Bytes by which it lowers the stack pointer; negative where it raises it.
+    moves_stack : Moves
+        Whether it moves it otherwise.
     """
 
     address: int
@@ -73,6 +80,8 @@ class Instruction:
     aligned_base: int = -1
     core_writes: int = 0
     derived: tuple[tuple[int, int], ...] = ()
+    lowers_stack: int = 0
+    moves_stack: Moves = Moves.AS_IT_SAYS
 
     def skipped(self) -> Instruction:
         """Return it as the pipeline sees it where its condition does not hold: it does nothing and passes."""
@@ -283,6 +292,9 @@ def _classify(raw: Any, *, in_it_block: bool) -> Instruction:
         others = _masks([operand.reg for operand in raw.operands[1:]])[1]
         fields |= {"fp_reads": others, "fp_addend": addend & ~others}
     fields |= _control(raw, core_writes, in_it_block=in_it_block)
+    fields["lowers_stack"], fields["moves_stack"] = stack_moves(
+        raw, fields.get("words", 0), writes_it=bool(core_writes & _STACK_BIT), in_it_block=in_it_block
+    )
     return Instruction(**fields, predicated=in_it_block)
 
 

@@ -25,6 +25,7 @@ from hiltest.virtual.instructions import decode
 from hiltest.virtual.loading import load_running, load_segments, vectors
 from hiltest.virtual.memory import MK64FN1M0
 from hiltest.virtual.memory_map import memory_map
+from hiltest.virtual.memory_use import memory_use
 from hiltest.virtual.memory_waits import MemoryAccounting
 from hiltest.virtual.microcontroller import Microcontroller
 from hiltest.virtual.native import by_block
@@ -167,6 +168,7 @@ class VirtualK64F(BoardParts):
         for register in (registers.control, registers.primask, registers.basepri, registers.faultmask):
             register.set(0)
         registers.general.write([0] * 13 + [stack, 0xFFFFFFFF, entry | 1, 1 << 24])
+        processor.accounting.stack_begins(stack & ~3)
 
     # -- time ---------------------------------------------------------------------------------
 
@@ -179,6 +181,10 @@ class VirtualK64F(BoardParts):
     def instructions(self) -> int:
         """Instructions executed since power-on."""
         return self.processor.instructions
+
+    def memory_use(self) -> dict[str, int]:
+        """Return the bytes that the firmware takes, see `hiltest.virtual.memory_use`."""
+        return memory_use(self.image, self.memory, self.processor.accounting.stacks.known)
 
     @property
     def time_s(self) -> float:

@@ -17,6 +17,8 @@ from hiltest.virtual.instructions import Instruction
 from hiltest.virtual.native import library as native
 from hiltest.virtual.pipeline import NEUTRAL, REACHED, PipelineState
 from hiltest.virtual.registers import register_number
+from hiltest.virtual.stack_moves import Moves
+from hiltest.virtual.stacks import Stack, Stacks
 from hiltest.virtual.timing import TimingProfile
 from hiltest.virtual.turn import LoopTurn, PassOver
 
@@ -25,9 +27,12 @@ _NEVER = (1 << 63) - 1
 _FIRST_WAIT = 2  # jumps backward from a block before a loop is watched
 _ASKED_ABOUT = (
     native.USES_FPU | native.ALIGNMENT_INSIDE | native.WATCHED_INSIDE | native.CHANGES_MASKS | native.LOOPS_TO_ITSELF
+    | native.LOWERS_STACK | native.MOVES_STACK_BY | native.MOVES_STACK
 )
+_MOVES = {Moves.AS_IT_SAYS: 0, Moves.BY_A_REGISTER: native.MOVES_STACK_BY, Moves.ELSEWHERE: native.MOVES_STACK}
 _REACHED = len(REACHED)  # entries that are a `Reached`; above are the numbers of blocks, from here on
 _CYCLES, _INSTRUCTIONS, _DEADLINE, _RUNNING, _BEFORE = range(5)  # words at the start of the counter
+_REASONS, _LOWERED_FROM = (getattr(native.Counter, name).offset // 4 for name in ("reasons", "lowered_from"))
 
 
 def _kept(instructions: Sequence[Instruction]) -> int:
@@ -53,7 +58,8 @@ def _reasons_and_registers(
         | (native.LOOPS_TO_ITSELF if block.loops_to_itself else 0)
         | (native.MAY_WAIT if all(each.may_wait for each in block.instructions) else 0)
         | (native.MAY_BE_PROVED if all(each.may_be_proved for each in block.instructions) else 0)
-        | native.WATCHED
+        | (native.LOWERS_STACK if block.lowers_stack else 0) | _MOVES[block.moves_stack]
+        | native.WATCHED | native.STACK_MOVED
     )
     aligned = sum(1 << register for register in block.alignment.registers)
     return block, reasons, aligned, _kept(block.instructions)
@@ -79,6 +85,9 @@ class NativeBlockAccounting:
         self.stopped = False
         self.passes_waits = True
         self.pass_over: PassOver = lambda _turn: 0
+        self.stacks = Stacks()
+        self._on = (Stack(0, 0, 0), Stack(0, 0, 0))  # those that the stack pointer was on last
+        self.read_stack_pointer: Callable[[], int] = lambda: 0  # C reads it itself
         self._tell_passed: TellPassed = lambda _addresses, _turns: None
         self._profile = profile
         self._read_code = read_code
@@ -93,11 +102,12 @@ class NativeBlockAccounting:
             read_register=ctypes.cast(uclib.uc_reg_read, ctypes.c_void_p),
             read_registers=ctypes.cast(uclib.uc_reg_read_batch, ctypes.c_void_p),
             price=native.PRICE(self._on_price), execute=native.EXECUTE(self._on_execute),
-            attend=native.ATTEND(self._on_attend),
+            attend=native.ATTEND(self._on_attend), stack=native.STACK(self._on_stack),
             passed=native.PASSED(self._on_passed), prove=native.PROVE(self._on_prove),
         )  # fmt: skip
         self._address = ctypes.addressof(self._counter)
         self._words = memoryview(self._counter).cast("B").cast("q")
+        self._halves = memoryview(self._counter).cast("B").cast("I")
         self._settle = self._library.hiltest_settle
         self._runs, self._ends = (ctypes.c_int64 * 0)(), (ctypes.c_uint32 * 0)()
         self._ran_before: CodeBlock | None = None  # of code that was forgotten
@@ -171,6 +181,12 @@ class NativeBlockAccounting:
             self._abort(error)
             return 0
 
+    def _on_stack(self, above: int, lowest: int) -> None:
+        try:
+            self._reaches(above, lowest)
+        except BaseException as error:  # as above
+            self._abort(error)
+
     def _on_passed(self, turns: int) -> None:
         watch = self._counter.watch
         try:
@@ -191,6 +207,30 @@ class NativeBlockAccounting:
             self._abort(error)
             return 0
 
+    # -- the stack ----------------------------------------------------------------------------
+
+    def stack_begins(self, top: int) -> None:
+        """Take note of where the stack pointer is at a reset."""
+        self._halves[_LOWERED_FROM] = 0
+        self._reaches(top, top)
+
+    def stacked(self, above: int, lowest: int) -> None:
+        """Take note of an exception's frame."""
+        halves = self._halves
+        halves[_REASONS] |= native.STACK_MOVED  # the handler's stack may be another
+        if halves[_LOWERED_FROM]:
+            above, halves[_LOWERED_FROM] = max(halves[_LOWERED_FROM], above), 0
+        for stack in self._on:
+            if stack.lowest <= lowest and above <= stack.top:
+                return
+        self._reaches(above, lowest)
+
+    def _reaches(self, above: int, lowest: int) -> None:
+        stack = self.stacks.reaches(above, lowest)
+        if stack is not self._on[0]:
+            self._on = (stack, self._on[0])
+        self._counter.stacks = tuple(end for each in self._on for end in (each.lowest, each.top))
+
     # -- the table of blocks ------------------------------------------------------------------
 
     def _add(self, address: int, code: bytes, entry: int) -> None:
@@ -203,7 +243,8 @@ class NativeBlockAccounting:
         number = len(self._entered)
         self._entered.append(Entered(block, NO_BLOCK - entry if entry < _REACHED else entry - _REACHED))
         self._put(native.PricedBlock(
-            address, block.late, len(code), entry, reasons=reasons, aligned=aligned, kept=kept, number=number
+            address, block.late, len(code), entry, reasons=reasons, aligned=aligned, kept=kept, number=number,
+            lowers=block.lowers_stack,
         ), block)  # fmt: skip
 
     def _add_executing(self, address: int) -> None:

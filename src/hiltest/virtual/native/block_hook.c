@@ -13,6 +13,7 @@
 enum {
     NEUTRAL = 0, /* entry of a block that no pipeline state is left to */
     CORE_REGISTERS = 15,
+    STACK_POINTER = 13,
     STATE_REGISTERS = CORE_REGISTERS + 1, /* XPSR has the flags */
     PAGE_BITS = 12,
     PAGE_BYTES = 1 << PAGE_BITS,
@@ -32,6 +33,15 @@ enum {
     MAY_WAIT = 1 << 5, /* not a reason: it changes nothing but core registers and flags */
     MAY_BE_PROVED = 1 << 6, /* nor this: Python may know what it changes */
     WATCHED_INSIDE = 1 << 7, /* instructions of IT blocks: whether they are executed */
+};
+
+/* Nor these: why the stack pointer is looked at when a block begins. */
+enum {
+    LOWERS_STACK = 1 << 8,
+    MOVES_STACK_BY = 1 << 9, /* an amount that is not known before */
+    MOVES_STACK = 1 << 10,   /* elsewhere */
+    STACK_MOVED = 1 << 11,   /* every block, behind one that moves it */
+    STACK_REASONS = LOWERS_STACK | MOVES_STACK_BY | MOVES_STACK | STACK_MOVED,
 };
 
 static const uint32_t EXECUTING = 1u << 31; /* in an entry: a block in which an instruction is executed; see there */
@@ -85,6 +95,7 @@ struct block {
     uint16_t rests;   /* rest to begin with, the next time */
     uint32_t proved;  /* whether the last proof was worth it */
     uint32_t executed;
+    uint32_t lowers; /* the stack pointer by so many bytes, at most */
 };
 
 /*
@@ -125,12 +136,15 @@ struct counter {
     uint32_t outside;       /* address that is no code of the firmware */
     int32_t stopped;        /* whether the emulator was stopped from here */
     int32_t registers[STATE_REGISTERS]; /* the emulator's numbers of r0 to r14, and of XPSR */
+    uint32_t stacks[2][2];  /* the two that the stack pointer was on last: how low it has been on each, and its top */
+    uint32_t lowered_from;  /* what the stack pointer was before a block that moved it by some amount; else 0 */
     int (*stop)(void *engine);
     int (*read_register)(void *engine, int number, void *value);
     int (*read_registers)(void *engine, const int *numbers, void **values, int count);
     int (*price)(uint32_t address, uint32_t size, uint32_t state); /* puts a block into the table; 0: it cannot */
     int (*execute)(uint32_t address); /* puts a version of the block that runs into the table, as above; 0: it cannot */
     int (*attend)(uint32_t number);                                /* 0: the block must not run */
+    void (*stack)(uint32_t above, uint32_t lowest); /* the stack pointer is on neither, or lower than it was */
     void (*passed)(int64_t turns);                                 /* so often all in `watch.read` was passed over */
     /* How many turns like the one in `watch` follow, what they change being changed already; -1: it cannot tell. */
     int64_t (*prove)(void);
@@ -353,7 +367,7 @@ static bool any_misaligned(const struct counter *counter, void *engine, uint32_t
 static bool may_run(struct counter *counter, void *engine, struct block *block)
 {
     uint32_t unknown = block->aligned & ~counter->known_aligned;
-    bool ask = (block->reasons & counter->reasons & ~(uint32_t)WATCHED) != 0;
+    bool ask = (block->reasons & counter->reasons & ~(uint32_t)(WATCHED | STACK_REASONS)) != 0;
 
     ask = ask || (unknown != 0 && any_misaligned(counter, engine, unknown));
     if (ask && !counter->attend(block->number)) {
@@ -363,6 +377,27 @@ static bool may_run(struct counter *counter, void *engine, struct block *block)
     counter->reasons &= ~(block->reasons & USES_FPU);
     block->reasons &= ~(uint32_t)(ALIGNMENT_INSIDE | WATCHED_INSIDE); /* is being watched from now on */
     return true;
+}
+
+/* Take note of where the stack pointer is, and gets to in a block: `Stacks.block` of stacks.py, in C. */
+static void look_at_stack(struct counter *counter, void *engine, const struct block *block)
+{
+    uint32_t at = 0;
+    uint32_t above;
+    uint32_t lowest;
+
+    (void)counter->read_register(engine, counter->registers[STACK_POINTER], &at);
+    above = counter->lowered_from > at ? counter->lowered_from : at;
+    lowest = at - block->lowers;
+    counter->lowered_from = (block->reasons & MOVES_STACK_BY) != 0 ? at : 0;
+    counter->reasons &= ~(uint32_t)STACK_MOVED;
+    if ((block->reasons & (MOVES_STACK_BY | MOVES_STACK)) != 0) {
+        counter->reasons |= STACK_MOVED;
+    }
+    if ((lowest < counter->stacks[0][0] || above > counter->stacks[0][1]) &&
+        (lowest < counter->stacks[1][0] || above > counter->stacks[1][1])) {
+        counter->stack(above, lowest);
+    }
 }
 
 /* Nothing but an interrupt ends it: pass whole rounds at once, up to the next event. */
@@ -593,6 +628,9 @@ void hiltest_block_begins(void *engine, uint64_t address64, uint32_t size, void 
             counter->running = NULL;
             stop(counter, engine);
             return;
+        }
+        if ((block->reasons & counter->reasons & STACK_REASONS) != 0) {
+            look_at_stack(counter, engine, block);
         }
         if ((block->reasons & LOOPS_TO_ITSELF) != 0 && (block->jumps == NEUTRAL || block->jumps == state)) {
             pass_rounds(counter, block);

@@ -14,9 +14,11 @@ PRICE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_uint32, ctypes.c_uint32, ctypes.
 EXECUTE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_uint32)
 ATTEND = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_uint32)
 NEUTRAL_ENTRY = 0
+STACK = ctypes.CFUNCTYPE(None, ctypes.c_uint32, ctypes.c_uint32)
 USES_FPU, ALIGNMENT_INSIDE, CHANGES_MASKS, LOOPS_TO_ITSELF, WATCHED, MAY_WAIT, MAY_BE_PROVED, WATCHED_INSIDE = (
     1 << bit for bit in range(8)
 )
+LOWERS_STACK, MOVES_STACK_BY, MOVES_STACK, STACK_MOVED = (1 << bit for bit in range(8, 12))
 EXECUTING = 1 << 31  # in the entry of a block
 STEADY, COUNTED, COUNTS = 1, 2, 4  # of a byte of registers
 CALLS, RETURNS, LEAVES_NOTHING = 1, 2, 4  # of the end of a block
@@ -34,7 +36,7 @@ class PricedBlock(ctypes.Structure):
             "kept", "number", "wait",
         )),
         ("next", ctypes.c_int64), ("rest", ctypes.c_uint16), ("rests", ctypes.c_uint16), ("proved", ctypes.c_uint32),
-        ("executed", ctypes.c_uint32),
+        ("executed", ctypes.c_uint32), ("lowers", ctypes.c_uint32),
     )  # fmt: skip
 
 
@@ -79,12 +81,15 @@ class Counter(ctypes.Structure):
         ("outside", ctypes.c_uint32),
         ("stopped", ctypes.c_int32),
         ("registers", ctypes.c_int32 * (CORE_REGISTERS + 1)),
+        ("stacks", ctypes.c_uint32 * 4),
+        ("lowered_from", ctypes.c_uint32),
         ("stop", ctypes.c_void_p),
         ("read_register", ctypes.c_void_p),
         ("read_registers", ctypes.c_void_p),
         ("price", PRICE),
         ("execute", EXECUTE),
         ("attend", ATTEND),
+        ("stack", STACK),
         ("passed", PASSED),
         ("prove", PROVE),
         ("watch", LoopWatch),

@@ -1,0 +1,189 @@
+"""How deep stacks get: on programs whose stack is known, and beside what memory holds below it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from hiltest.virtual.accounting import AccountingFactory, BlockAccounting, InstructionAccounting
+from hiltest.virtual.k64f import VirtualK64F
+from hiltest.virtual.stacks import Stack
+
+from .conftest import Build
+from .foreign import PROGRAMS, machine_for, watch
+
+FRAME = 32  # an exception's, without floating-point state
+# The stack is aligned to eight where it is lowest. Behind a move to another place a block ends, as compilers do it.
+DEEP = """
+    .syntax unified
+    .cpu cortex-m4
+    .thumb
+    .text
+    .global main
+    .thumb_func
+    .type main, %function
+main:
+    push {r4, lr}
+    bl {function}
+1:  wfi
+    b 1b
+    .size main, . - main
+
+    .thumb_func
+    .type plain, %function
+plain:
+    push {r0-r6, lr}
+    sub sp, #200
+    add sp, #200
+    pop {r0-r6, pc}
+    .size plain, . - plain
+
+    .thumb_func
+    .type beyond, %function
+beyond:
+    push {r6, lr}
+    mov r3, #1000
+    sub sp, sp, r3
+    bl plain
+    add sp, sp, r3
+    pop {r6, pc}
+    .size beyond, . - beyond
+
+    .thumb_func
+    .type calls, %function
+calls:
+    push {r0-r6, lr}
+    svc 0
+    pop {r0-r6, pc}
+    .size calls, . - calls
+
+    .thumb_func
+    .type alone, %function
+alone:
+    ldr r0, =other + 400
+    mov r4, sp
+    mov sp, r0
+    b 1f
+1:  push {r0-r3}
+    pop {r0-r3}
+    mov sp, r4
+    b 2f
+2:  push {r4, lr}
+    pop {r4, pc}
+    .size alone, . - alone
+
+    .global SVC_Handler
+    .thumb_func
+    .type SVC_Handler, %function
+SVC_Handler:
+    push {r4-r5}
+    pop {r4-r5}
+    bx lr
+    .size SVC_Handler, . - SVC_Handler
+
+    .bss
+    .balign 8
+    .type other, %object
+    .size other, 400
+other:
+    .space 400
+"""
+
+
+@pytest.fixture(params=["python", "native", "instruction"])
+def counting(request: pytest.FixtureRequest) -> AccountingFactory:
+    """Each way of counting."""
+    if request.param == "native":
+        hook: AccountingFactory = request.getfixturevalue("native_hook")
+        return hook
+    return BlockAccounting if request.param == "python" else InstructionAccounting
+
+
+def known(board: VirtualK64F) -> list[Stack]:
+    return board.processor.accounting.stacks.known
+
+
+@pytest.mark.parametrize(
+    ("function", "used"),
+    [("plain", 8 + 32 + 200), ("beyond", 8 + 8 + 1000 + 32 + 200), ("calls", 8 + 32 + FRAME + 8)],
+    ids=["frames that stand in the code", "an amount that does not", "an exception on top"],
+)
+def test_a_stack_is_as_deep_as_its_frames(
+    build: Build, tmp_path: Path, counting: AccountingFactory, function: str, used: int
+) -> None:
+    (tmp_path / "deep.S").write_text(DEEP.replace("{function}", function), encoding="utf-8")
+    board = VirtualK64F(build(tmp_path / "deep.S"), accounting=counting)
+    board.run_until(0.001)
+    (stack,) = known(board)
+    assert stack.used == used
+    assert board.memory_use()["stack_most"] == used
+
+
+def test_a_stack_elsewhere_is_one_of_its_own(build: Build, tmp_path: Path, counting: AccountingFactory) -> None:
+    (tmp_path / "deep.S").write_text(DEEP.replace("{function}", "alone"), encoding="utf-8")
+    board = VirtualK64F(build(tmp_path / "deep.S"), accounting=counting)
+    board.run_until(0.001)
+    main, other = known(board)
+    assert (main.used, other.used) == (8 + 8, 16)
+    assert other.top == board.image.symbols["other"].address + 400
+    assert board.memory_use()["alone.stack_most"] == 16
+
+
+def test_a_reset_begins_at_the_top_again_and_forgets_nothing(build: Build, tmp_path: Path) -> None:
+    (tmp_path / "deep.S").write_text(DEEP.replace("{function}", "plain"), encoding="utf-8")
+    board = VirtualK64F(build(tmp_path / "deep.S"))
+    board.run_until(0.001)
+    board.reset()
+    board.run_until(0.002)
+    (stack,) = known(board)
+    assert stack.used == 8 + 32 + 200
+
+
+# What fills the stacks of the kernels before anything runs there; what is not filled is zero.
+FILLS = ({0x00}, {0xA5}, {0xAA}, {0xCC})
+
+
+@pytest.mark.parametrize("name", ["sdk_freertos_hello", "sdk_freertos_swtimer", "z_synchronization", "nxp_shell"])
+def test_below_each_stack_of_others_programs_nothing_was_written(name: str) -> None:
+    program = next(each for each in PROGRAMS if each.name == name)
+    machine = machine_for(program)
+    watch(program, machine, seconds=0.5)
+    stacks = known(machine)
+    assert len(stacks) >= (1 if name == "nxp_shell" else 3)
+    for stack in stacks:
+        below = machine.processor.memory.read(stack.lowest - 24, 24)
+        assert set(below) in FILLS, (stack, below)
+        assert any(machine.processor.memory.read(stack.lowest, 64)), stack
+
+
+def test_each_task_is_named_by_the_function_that_it_begins_with() -> None:
+    program = next(each for each in PROGRAMS if each.name == "sdk_freertos_hello")
+    machine = machine_for(program)
+    watch(program, machine, seconds=0.1)
+    assert {"stack_most", "hello_task.stack_most", "prvIdleTask.stack_most"} <= set(machine.memory_use())
+
+
+def test_flash_and_ram_are_what_the_compilers_own_tool_says(
+    shipped_board: VirtualK64F, require_tool: Callable[[str], str]
+) -> None:
+    said = subprocess.run(
+        [require_tool("arm-none-eabi-size"), "-A", "-d", os.fspath(shipped_board.image.name)],
+        capture_output=True, text=True, check=True,
+    ).stdout  # fmt: skip
+    rows = [each for line in said.splitlines() if len(each := line.split()) == 3 and each[1].isdigit()]
+    sizes = {name: (int(size), int(address)) for name, size, address in rows}
+    in_ram = {name: size for name, (size, address) in sizes.items() if 0x1FFF0000 <= address < 0x20030000}
+    zeroed = sum(in_ram.get(name, 0) for name in (".bss", ".noinit"))
+    loaded = sum(size for name, (size, address) in sizes.items() if 0 <= address < 0x100000 and _is_loaded(name))
+    used = shipped_board.memory_use()
+    # Segments begin at multiples of eight, and each is counted with what fills it up.
+    assert used["ram"] == pytest.approx(sum(in_ram.values()), abs=8 * len(in_ram))
+    assert used["flash"] == pytest.approx(loaded + sum(in_ram.values()) - zeroed, abs=8 * len(sizes))
+
+
+def _is_loaded(section: str) -> bool:
+    return section.startswith(".") and not section.startswith((".debug", ".comment", ".ARM.attributes", ".GCC"))
