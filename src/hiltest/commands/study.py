@@ -40,6 +40,7 @@ def study(
     """Run an experiment of a paper again, and compare.
 
     \b
+    budget        error against clock cycles, of every calibrator on the board
     compensation  how much offset and sensitivity error the direct fit takes out
     constraints   whether fits kept to ellipsoids leave better ellipsoids
     dpi           what gravity adds to ellipsoid fits, in heading, pitch and roll

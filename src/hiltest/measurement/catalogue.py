@@ -344,6 +344,14 @@ def _studies() -> Iterator[Kind]:
             f"study.dpi.{{calibration}}.{angle}", "deg", _LOWER, _COUNTED, Section.STUDIES,
             f"Median over instances of the largest error of {angle}",
         )
+    yield Kind(
+        "study.budget.{calibrator}.mean_error", "deg", _LOWER, _COUNTED, Section.STUDIES,
+        "Mean over instances of the direction's rms error with all effort",
+    )
+    yield Kind(
+        "study.budget.{calibrator}.mean_cycles", "", _LOWER, _COUNTED, Section.STUDIES,
+        "Mean over instances of the clock cycles of all effort",
+    )
     for quantile, named in (("median", "Median"), ("p95", "95th percentile")):
         yield Kind(
             f"study.estimators.{{calibrator}}.{quantile}", "deg", _LOWER, _COUNTED, Section.STUDIES,
