@@ -114,7 +114,7 @@ def _printed(plan: Plan, cycles: dict[str, float], enough: dict[str, float]) -> 
     why = {
         "iterative": "all ten elements at once, solved once; the thesis counts 2860 cycles for a point",
         "gradient-descent": "over moments, which cost it nothing more for more points; its curvatures are most of it",
-        "gauss-newton": "a step takes some 420 cycles a point, and from the sphere one or two are nearly all of the way",
+        "gauss-newton": "a step takes some 420 cycles a point, and from the sphere one or two are nearly all the way",
     }
     return [
         PrintedFigure(
