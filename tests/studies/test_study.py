@@ -164,7 +164,11 @@ def test_the_interval_leaves_out_2_5_percent_on_either_side(count: int, of: int)
     assert high == 1.0 if count == of else binom.cdf(count, of, high) == pytest.approx(0.025)
 
 
-@pytest.mark.parametrize("name", NAMES)
+# `budget` runs on the virtual board, for a second an instance.
+SLOW = {"budget"}
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in NAMES])
 class TestEveryStudy:
     """What holds of each study."""
 

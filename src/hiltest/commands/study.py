@@ -73,6 +73,7 @@ def study(
     """Run an experiment of a paper again, and compare.
 
     \b
+    budget        error against clock cycles, of every calibrator on the board
     choose        which calibrator of the board for one's own conditions
     compensation  how much offset and sensitivity error the direct fit takes out
     constraints   whether fits kept to ellipsoids leave better ellipsoids

@@ -369,6 +369,14 @@ def _studies() -> Iterator[Kind]:
                "Share of instances without a fit, with an offset as large as the field")
     yield Kind("study.imu.{calibrator}.rms_less_mean", "", _LOWER, _COUNTED, Section.STUDIES,
                "Median over instances of the rms of norms about 1 by a fit of the points less their mean")
+    yield Kind(
+        "study.budget.{calibrator}.mean_error", "deg", _LOWER, _COUNTED, Section.STUDIES,
+        "Mean over instances of the direction's rms error with all effort",
+    )
+    yield Kind(
+        "study.budget.{calibrator}.mean_cycles", "", _LOWER, _COUNTED, Section.STUDIES,
+        "Mean over instances of the clock cycles of all effort",
+    )
     for quantile, named in (("median", "Median"), ("p95", "95th percentile")):
         yield Kind(
             f"study.estimators.{{calibrator}}.{quantile}", "deg", _LOWER, _COUNTED, Section.STUDIES,

@@ -1,0 +1,160 @@
+"""`budget`: the error of every calibrator on the board against the clock cycles that there are, on the same points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from hiltest.bench_files import shipped
+from hiltest.boards import Board, open_board
+from hiltest.calibration import FIRMWARE
+from hiltest.calibration.fit import Array
+from hiltest.calibration.quality import COUNTS_PER_UT, direction_error_rms_deg, sphere_directions
+from hiltest.errors import ConfigError
+from hiltest.measurement import Measurement, check
+from hiltest.procedures import Effort, effort_curve, evenly_spread, upload_points
+from hiltest.record.run import Column, Run, Table
+from hiltest.report.marks import series
+from hiltest.report.svg import Figure
+from hiltest.rig.file import load_rig
+from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
+
+NAMES = tuple(sorted(FIRMWARE))
+# The thesis' noise, iron of an ordinary board, and as many points as its figure has.
+_FIELD_UT, _NOISE_UT, _HARD_IRON_UT, _STRETCH, _POINTS = 50.0, 0.3, 50.0, 0.2, 30
+#: Clock cycles.
+BUDGETS = tuple(np.rint(np.geomspace(2_000, 400_000, 24)).astype(int).tolist())
+_DIRECTIONS = sphere_directions(200)
+# Of a curve: the error at each budget, that of all effort, its cycles, and those after which little changes.
+_NUMBERS = len(BUDGETS) + 3
+_NONE = -1.0
+# An error that is no larger than the last by more than this is as good as that.
+_LITTLE = 1.05
+# What the thesis counts, and how many times slower than its own calibrator it says that others are.
+_THESIS_PER_POINT, _THESIS_FIXED, _TIMES = 168, 2600, 10.0
+
+
+def measure(plan: Plan, block: Block) -> Numbers:
+    """Return the numbers of each calibrator for each instance: errors [deg], and cycles."""
+    numbers: list[float | int] = []
+    with open_board(load_rig(shipped() / "rigs" / "virtual-k64f.toml")) as board:
+        if plan.points > board.identity.max_points:
+            most = board.identity.max_points
+            raise ConfigError(f"the board keeps {most} points, not {plan.points}: give fewer --points")
+        for instance in range(block.first, block.first + block.count):
+            random = np.random.Generator(np.random.Philox(key=[plan.seed, instance]))
+            axes = Rotation.random(rng=random).as_matrix()
+            soft_iron = (axes * random.uniform(1.0 - _STRETCH, 1.0 + _STRETCH, 3)) @ axes.T
+            offset_ut = random.uniform(-_HARD_IRON_UT, _HARD_IRON_UT, 3)
+            field_ut = _FIELD_UT * sphere_directions(plan.points)[evenly_spread(plan.points)]
+            points_ut = field_ut @ soft_iron + offset_ut + _NOISE_UT * random.standard_normal(field_ut.shape)
+            upload_points(board, np.rint(COUNTS_PER_UT * points_ut).astype(np.int16))
+            readings = COUNTS_PER_UT * (_FIELD_UT * _DIRECTIONS @ soft_iron + offset_ut)
+            for name in NAMES:
+                numbers += _curve(board, name, plan.points, readings)
+    return numbers
+
+
+def _curve(board: Board, name: str, points: int, readings: Array) -> list[float | int]:
+    efforts = [each for each in effort_curve(board, name, points=points) if each.fit.has_fit]
+    errors = [direction_error_rms_deg(each.fit, readings, _DIRECTIONS) for each in efforts]
+    if not efforts:
+        return [*[_NONE] * (_NUMBERS - 2), 0, 0]
+    enough = len(errors)
+    while enough > 1 and errors[enough - 2] <= _LITTLE * errors[-1]:
+        enough -= 1
+    return [
+        *(_error_within(efforts, errors, budget) for budget in BUDGETS),
+        errors[-1], efforts[-1].cycles, efforts[enough - 1].cycles,
+    ]  # fmt: skip
+
+
+def _error_within(efforts: Sequence[Effort], errors: Sequence[float], budget: int) -> float:
+    """Return the error of the largest effort that a budget pays for."""
+    paid = [error for effort, error in zip(efforts, errors, strict=True) if effort.cycles <= budget]
+    return paid[-1] if paid else _NONE
+
+
+def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusion:
+    """Take means, and judge how many times slower others are."""
+    found = np.concatenate([np.reshape(block, (-1, len(NAMES), _NUMBERS)) for block in by_condition[0]])
+    means, lowest = found.mean(axis=0), found.min(axis=0)
+    rows = tuple(
+        (name, budget, float(means[k, place]) if lowest[k, place] >= 0.0 else None)
+        for k, name in enumerate(NAMES) for place, budget in enumerate(BUDGETS)
+    )
+    columns = (Column("calibrator"), Column("cycles", "cycle"), Column("mean error", "deg"))
+    errors, cycles, enough = (dict(zip(NAMES, means[:, k].tolist(), strict=True)) for k in (-3, -2, -1))
+    sentence = (
+        f"From {plan.points} points direct errs {errors['direct']:.2f} deg for {cycles['direct']:.0f} cycles; to "
+        f"within 5 % of their best {', '.join(f'{name} takes {enough[name]:.0f}' for name in _OTHERS)}, in the mean of "
+        f"{len(found)} instances."
+    )
+    return Conclusion(sentence, tuple(_measurements(errors, cycles)), Table("study.budget", columns, rows),
+                      tuple(_printed(plan, cycles, enough)))  # fmt: skip
+
+
+_OTHERS = {
+    "iterative": "FSFLK", "gradient-descent": "gradient descent", "gauss-newton": "Gauss-Newton",
+}  # fmt: skip
+
+
+def _measurements(errors: dict[str, float], cycles: dict[str, float]) -> list[Measurement]:
+    measurements = []
+    for name in NAMES:
+        measurements.append(check(f"study.budget.{name}.mean_error", errors[name], unit="deg"))
+        measurements.append(check(f"study.budget.{name}.mean_cycles", cycles[name], unit=""))
+    return measurements
+
+
+def _printed(plan: Plan, cycles: dict[str, float], enough: dict[str, float]) -> list[PrintedFigure]:
+    ours, theirs = cycles["direct"], _THESIS_PER_POINT * plan.points + _THESIS_FIXED
+    why = {
+        "iterative": "all ten elements at once, solved once; the thesis counts 2860 cycles for a point",
+        "gradient-descent": "over moments, which cost it nothing more for more points; its curvatures are most of it",
+        "gauss-newton": "a step takes some 420 cycles a point, and from the sphere one or two are nearly all the way",
+    }
+    return [
+        PrintedFigure(
+            f"cycles of its own calibrator for {plan.points} points", "Mucciaccia, 4.3", f"{theirs}",
+            f"{ours:.0f}", bool(abs(ours - theirs) < 0.1 * theirs),
+            "34 sums are kept in registers, in two passes, where the thesis has 54; the matrix is solved in assembly",
+        ),
+        *(
+            PrintedFigure(
+                f"how many times faster than {called}", "Mucciaccia, 4.4 and Figure 22", f"more than {_TIMES:g}",
+                f"{enough[name] / ours:.1f} to within 5 % of its best error, {cycles[name] / ours:.1f} to its end",
+                enough[name] > _TIMES * ours, why[name],
+            )
+            for name, called in _OTHERS.items()
+        ),
+    ]
+
+
+def draw(run: Run) -> Figure:
+    """Draw mean error against cycles, on logarithmic axes."""
+    table = run.table("study.budget")
+    assert table is not None
+    lines: dict[str, list[tuple[float, float]]] = {name: [] for name in NAMES}
+    for name, cycles, error in table.rows:
+        if error is not None:
+            lines[str(name)].append((float(cycles or 0) / 1000.0, float(error)))
+    every = [error for line in lines.values() for _, error in line]
+    figure = Figure(
+        title="Mean error over the cycles that there are", description=run.verdict.sentence, x_label="thousand cycles",
+        y_label="rms over the sphere [deg]", x_range=(BUDGETS[0] / 1100.0, BUDGETS[-1] / 900.0),
+        y_range=(min(every) / 1.3, max(every) * 1.3), width=560.0, height=360.0, log_x=True, log_y=True,
+    )  # fmt: skip
+    for index, (name, line) in enumerate(lines.items()):
+        style, mark = series(index)
+        figure.series(name, line, style, mark)
+    return figure
+
+
+STUDY = Study(
+    name="budget",
+    question="What does each calibrator on the board make of the same points in the clock cycles that there are?",
+    conditions=1, instances=100, points=_POINTS, block=5, measure=measure, conclude=conclude, draw=draw,
+)  # fmt: skip
