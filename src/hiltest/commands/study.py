@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from hiltest.commands.options import checked
+from hiltest.commands.options import checked, jobs_option
 from hiltest.settings import DEFAULT_OUT, file_name, seed
 from hiltest.studies import NAMES
 
@@ -19,6 +19,7 @@ Exit codes:
   1   a worker's process died
   2   interrupted; the same command goes on from what is done
   4   usage: an option is wrong, or the folder is in use or of another study
+  20  the scheduler does not answer, has no workers, or lost them
 """
 _FEWEST_POINTS = 10  # one more than unknowns: through nine a quadric goes without noise
 
@@ -31,11 +32,11 @@ _FEWEST_POINTS = 10  # one more than unknowns: through nine a quadric goes witho
               help="Points of each instance.  [default: the study's]")
 @click.option("--seed", "seed_text", metavar="S", default="1", show_default=True, callback=checked(seed),
               help="Seed: the same gives the same numbers, whatever the jobs.")
-@click.option("--jobs", metavar="J", type=click.IntRange(1, 1000), help="Processes.  [default: one a core]")
+@jobs_option()
 @click.option("--out", metavar="DIR", callback=checked(file_name),
               help=f"Folder for run.json and study.html.  [default: {DEFAULT_OUT}/study-NAME]")
 def study(
-    name: str, instances: int | None, points: int | None, seed_text: str, jobs: int | None, out: str | None
+    name: str, instances: int | None, points: int | None, seed_text: str, jobs: int | str | None, out: str | None
 ) -> int:
     """Run an experiment of a paper again, and compare.
 
