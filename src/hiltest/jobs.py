@@ -128,6 +128,7 @@ def _by_scheduler(
 ) -> Iterator[tuple[int, Result]]:
     try:
         from distributed import CancelledError, Client, KilledWorker
+        from distributed.comm import CommClosedError
     except ImportError as error:
         raise ConfigError(f"--jobs {address} needs dask ({error}): pip install 'hiltest[dask]'") from error
     try:
@@ -155,7 +156,7 @@ def _by_scheduler(
         yield from _windowed(submit, room, pieces, going)
     except KilledWorker as error:
         raise SchedulerError(address, f"workers died over one piece, one after the other ({error}); {kept}") from error
-    except CancelledError as error:
+    except (CancelledError, CommClosedError) as error:
         raise workers.lost(error) from error
     finally:
         client.close()  # which drops whatever is not done
