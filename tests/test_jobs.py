@@ -10,9 +10,11 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from io import BytesIO
 from pathlib import Path
 from textwrap import dedent, indent
 from typing import Any
+from zipfile import ZipFile
 
 import pytest
 from tests.command_files import run
@@ -21,6 +23,8 @@ from hiltest import jobs
 from hiltest.errors import ConfigError, SchedulerError
 from hiltest.record.files import RUN_FILE
 from hiltest.record.reader import read_record
+from hiltest.runs import sent_bench as sent_bench_module
+from hiltest.runs.sent_bench import sent_bench
 from hiltest.studies.run import BLOCKS_FILE, run_study
 from hiltest.studies.study import Plan
 
@@ -236,7 +240,7 @@ class TestCluster:
                 time.sleep({ENOUGH_S})
         """)
         monkeypatch.chdir(tmp_path)
-        words = ["--seeds", "1..2", "--rig", "hil/rigs/mine.toml", "--may-fail", "1", "--out"]
+        words = ["--seeds", "1..2", "--rig", str(tmp_path / "hil/rigs/mine.toml"), "--may-fail", "1", "--out"]
         cluster.has(2)
         command = [sys.executable, "-m", "hiltest", "run", *words, "out", "--jobs", cluster.address]
         by_workers = subprocess.Popen(command)
@@ -293,6 +297,42 @@ class TestCluster:
         assert 3 <= len(kept) < BLOCKS
 
 
+class TestSentBench:
+    """What goes to the workers."""
+
+    @pytest.fixture(autouse=True)
+    def here(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+        """A bench beside files that are none of its own, in the folder of the command."""
+        (folder := tmp_path / "mine").mkdir()
+        bench(folder, "pass")
+        for name in ("large.bin", "given.elf", "hil-out/report.html", "hil/__pycache__/own.pyc", "../above.elf"):
+            (folder / name).parent.mkdir(exist_ok=True)
+            (folder / name).write_bytes(b"x")
+        monkeypatch.chdir(folder)
+        return folder
+
+    def test_it_has_what_the_bench_is_made_of_and_what_options_variables_and_the_rig_name(self, here: Path) -> None:
+        options = ["--hil-firmware=given.elf", "--hil-rig=mine", "-q", "hil/suites/test_mine.py::test_mine"]
+        environment = {"HIL_FIRMWARE": "../above.elf", "HIL_OUT": "hil-out", "HOME": str(here.parent)}
+        sent = sent_bench(options, environment)
+        with ZipFile(BytesIO(sent.files)) as archive:
+            names = {str(Path("/", each).relative_to(here.parent)) for each in archive.namelist()
+                     if Path("/", each).is_relative_to(here.parent)}  # fmt: skip
+        assert names == {
+            "mine/hil/rigs/mine.toml", "mine/hil/suites/own.py", "mine/hil/suites/test_mine.py", "mine/pytest.ini",
+            "mine/build/mine.elf", "mine/given.elf", "above.elf",
+        }  # fmt: skip
+        assert (sent.here, sent.options) == (str(here), tuple(options))
+        assert sent.environment == {"HIL_FIRMWARE": "../above.elf", "HIL_OUT": "hil-out"}
+
+    def test_what_is_too_large_is_refused_by_its_name(self, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(sent_bench_module, "LARGEST_BYTES", 1 << 20)
+        with (here / "hil" / "recording.bin").open("wb") as file:
+            file.truncate((1 << 20) + 1)
+        with pytest.raises(ConfigError, match=r"hil/recording.bin: with this file more than 1 MiB would go"):
+            sent_bench([], {})
+
+
 SUITE = """
 import os, time
 from pathlib import Path
@@ -300,7 +340,8 @@ from pathlib import Path
 from hiltest.measurement import Limit
 from own import LARGEST
 
-def test_mine(measure, board, hil_settings):
+def test_mine(measure, board, rig, hil_settings):
+    assert rig.path.is_relative_to(Path.cwd())
     {body}
     measure("mine.seed", board.seed, "", limit=Limit(max=LARGEST))
 """
