@@ -10,6 +10,7 @@ import signal
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from importlib.metadata import PackageNotFoundError, version
 from itertools import islice
 from queue import Empty, SimpleQueue
 from time import monotonic
@@ -63,7 +64,7 @@ def each_done(
     SchedulerError
         If no scheduler answers at the address, no workers come, one after the other dies over a piece, or it is lost.
     ConfigError
-        If the extra ``dask`` is not installed, or a worker has another version of hiltest.
+        If the extra ``dask`` is not installed, or one there has no hiltest or another version.
     """
     if isinstance(jobs, str):
         return _by_scheduler(do, common, pieces, jobs, kept, asked_to_end)
@@ -151,6 +152,7 @@ def _by_scheduler(
         return workers.room()
 
     try:
+        _refuse_without_hiltest(client, address)
         # A task too: where all the workers that hold it died, the scheduler has it made again.
         shared = client.submit(_itself, common, key=f"common-{command}")
         yield from _windowed(submit, room, pieces, going)
@@ -194,15 +196,28 @@ class _Workers:
         return SchedulerError(self._address, f"it is gone ({error}); {self._kept}")
 
 
+def _refuse_without_hiltest(client: Any, address: str) -> None:
+    """Ask for what each has installed with a function that all have: one that cannot load a piece dies of it."""
+    lacking = [worker for worker, found in client.run(version, "hiltest", on_error="return").items()
+               if isinstance(found, PackageNotFoundError)]  # fmt: skip
+    try:
+        client.run_on_scheduler(version, "hiltest")
+    except PackageNotFoundError:
+        lacking.insert(0, address)
+    if lacking:
+        raise ConfigError(f"hiltest is not installed at {', '.join(lacking)}: install hiltest {__version__} there, and "
+                          "start it again")  # fmt: skip
+
+
 def _itself(common: Common) -> Common:
     return common
 
 
-def _on_worker(do: Callable[[Common, int], Result], version: str, common: Common, piece: int) -> Result:
+def _on_worker(do: Callable[[Common, int], Result], asking: str, common: Common, piece: int) -> Result:
     """Do a piece, if this worker has the hiltest that asks for it."""
-    if version != __version__:
+    if asking != __version__:
         from distributed import get_worker
 
-        raise ConfigError(f"the worker {get_worker().address} has hiltest {__version__}, and this is {version}: "
+        raise ConfigError(f"the worker {get_worker().address} has hiltest {__version__}, and this is {asking}: "
                           "install the same there and start it again")  # fmt: skip
     return do(common, piece)

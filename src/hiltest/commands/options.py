@@ -60,11 +60,11 @@ def checked(check: Callable[[str], Any]) -> Callable[[click.Context, click.Param
     return callback
 
 
-def jobs_option(with_option: str = "") -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Return the option ``--jobs``, whose value is a number or a scheduler's address; `with_option` begins its help."""
+def jobs_option(begins: str = "Processes") -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return the option ``--jobs``, whose value is a number or a scheduler's address; `begins` its help."""
     return click.option(
         "--jobs", metavar="J", callback=_jobs,
-        help=f"{with_option}Processes, or the address of a dask scheduler, tcp://HOST:PORT.  [default: one a core]",
+        help=f"{begins}, or the address of a dask scheduler, tcp://HOST:PORT.  [default: one a core]",
     )  # fmt: skip
 
 

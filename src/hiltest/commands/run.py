@@ -125,7 +125,7 @@ class _Run(click.Command):
 @click.option("--seeds", metavar="A..B", callback=_seed_range, help="Run once for each seed, and sum up.")
 @click.option("--may-fail", metavar="N", type=click.IntRange(min=0), default=0, show_default=True,
               help="With --seeds: how many seeds may miss a limit.")
-@jobs_option("With --seeds: ")
+@jobs_option("With --seeds: processes")
 @click.option("--poses", type=click.Choice(["all", "level"]), help="Known angles to measure at.  [default: the rig's]")
 @click.option("--suite", type=click.Choice(["gate", "full"]),
               help="Set of tests: gate leaves out what takes longest.  [default: gate]")
