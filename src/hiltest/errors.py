@@ -112,6 +112,15 @@ class DebugServerError(BenchError):
         super().__init__(f"debug server {server}: {reason}")
 
 
+class SchedulerError(BenchError):
+    """The scheduler that shares the work cannot be reached, has no workers, or lost them."""
+
+    def __init__(self, address: str, reason: str) -> None:
+        self.address = address
+        self.reason = reason
+        super().__init__(f"scheduler {address}: {reason}")
+
+
 class SensorAbsentError(BenchError):
     """A sensor that a procedure needs does not answer; what needs no sensor still runs."""
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import errno
 import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from shlex import quote
@@ -20,9 +21,11 @@ if TYPE_CHECKING:  # 0.15 s, which a command that runs no test need not wait for
 
 DEFAULT_OUT = "hil-out"
 LONGEST_LABEL = 100
+MOST_JOBS = 1000
 LONGEST_NAME = 255
 """Bytes of a file's name: NAME_MAX of Linux' file systems."""
 _PREFIX = "HIL_"
+_SCHEDULER = re.compile(r"(?:tcp|tls)://(?:\[[0-9A-Fa-f:.]+\]|[^\s/?#@:\[\]]+):(?P<port>[0-9]{1,5})", re.ASCII)
 
 _POSES: Mapping[str, Literal["all", "level"]] = {"all": "all", "level": "level"}
 _SUITES: Mapping[str, Literal["gate", "full"]] = {"gate": "gate", "full": "full"}
@@ -50,6 +53,25 @@ def address(text: str) -> int:
     if not 0 <= number < 1 << 32:
         raise argparse.ArgumentTypeError(f"{text!r} is no address: write it as 0x8000")
     return number
+
+
+def jobs(text: str) -> int | str:
+    """Parse how work is shared: a number of processes, or the address of a dask scheduler, which is returned as it is.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If it is neither.
+    """
+    if text.isascii() and text.isdigit() and len(text) <= len(str(MOST_JOBS)) and 1 <= int(text) <= MOST_JOBS:
+        return int(text)
+    found = _SCHEDULER.fullmatch(text)
+    if found and 1 <= int(found["port"]) < 1 << 16:
+        return text
+    raise argparse.ArgumentTypeError(
+        f"{text!r} is neither a number of processes, 1 to {MOST_JOBS}, nor the address of a dask scheduler, "
+        "such as tcp://127.0.0.1:8786"
+    )
 
 
 def poses(text: str) -> Literal["all", "level"]:

@@ -13,6 +13,7 @@ from typing import Any, TextIO
 import click
 
 from hiltest.errors import ConfigError
+from hiltest.settings import jobs
 
 EXIT_CODES = """
 \b
@@ -57,6 +58,21 @@ def checked(check: Callable[[str], Any]) -> Callable[[click.Context, click.Param
         return text
 
     return callback
+
+
+def jobs_option(begins: str = "Processes") -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return the option ``--jobs``, whose value is a number or a scheduler's address; `begins` its help."""
+    return click.option(
+        "--jobs", metavar="J", callback=_jobs,
+        help=f"{begins}, or the address of a dask scheduler, tcp://HOST:PORT.  [default: one a core]",
+    )  # fmt: skip
+
+
+def _jobs(_context: click.Context, _parameter: click.Parameter, text: str | None) -> int | str | None:
+    try:
+        return None if text is None else jobs(text)
+    except argparse.ArgumentTypeError as error:
+        raise click.BadParameter(str(error)) from error
 
 
 class ErrorOutput:

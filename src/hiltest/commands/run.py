@@ -12,7 +12,7 @@ import click
 import pytest
 
 from hiltest.bench_files import suites
-from hiltest.commands.options import EXIT_CODES, checked
+from hiltest.commands.options import EXIT_CODES, checked, jobs_option
 from hiltest.errors import ConfigError
 from hiltest.record.files import OLDER_FOLDER
 from hiltest.record.run import Run
@@ -125,6 +125,7 @@ class _Run(click.Command):
 @click.option("--seeds", metavar="A..B", callback=_seed_range, help="Run once for each seed, and sum up.")
 @click.option("--may-fail", metavar="N", type=click.IntRange(min=0), default=0, show_default=True,
               help="With --seeds: how many seeds may miss a limit.")
+@jobs_option("With --seeds: processes")
 @click.option("--poses", type=click.Choice(["all", "level"]), help="Known angles to measure at.  [default: the rig's]")
 @click.option("--suite", type=click.Choice(["gate", "full"]),
               help="Set of tests: gate leaves out what takes longest.  [default: gate]")
@@ -139,8 +140,8 @@ class _Run(click.Command):
 @click.option("-v", "--verbose", is_flag=True, help="Print every test and every measurement.")
 @click.argument("pytest_args", nargs=-1, type=click.UNPROCESSED)
 def run(
-    out: str, seeds: range | None, may_fail: int, against: str | None, verbose: bool, pytest_args: Sequence[str],
-    **given: str | None,
+    out: str, seeds: range | None, may_fail: int, jobs: int | str | None, against: str | None, verbose: bool,
+    pytest_args: Sequence[str], **given: str | None,
 ) -> int:
     """Run the suites and end with a verdict.
 
@@ -158,6 +159,8 @@ def run(
     options += [*_verbosity(pytest_args, verbose=verbose), *pytest_args]
     if may_fail and seeds is None:
         raise ConfigError("--may-fail says how many of several seeds may miss a limit: give --seeds A..B too")
+    if jobs and seeds is None:
+        raise ConfigError("--jobs says who shares the work of several seeds: give --seeds A..B too")
     if against is not None:
         base = baseline or base_of_environment()
         _check_against(base and f"the baseline {base}", given["hil_port"])
@@ -170,7 +173,7 @@ def run(
             _try_out(against, given["firmware"], given["rig"], given["base"])
         base = baseline or base_of_environment()
         with sole_command(Path(out)):
-            return run_seeds(seeds, options, Path(out), may_fail=may_fail, baseline=base, against=against)
+            return run_seeds(seeds, options, Path(out), may_fail=may_fail, baseline=base, against=against, jobs=jobs)
     older = None if against is None else OlderFirmware(against, tuple(options), Path(out) / OLDER_FOLDER)
     return run_suites([*options, *([] if baseline is None else [f"--hil-baseline={baseline}"])], Path(out), older=older)
 

@@ -12,7 +12,7 @@ import click
 from click.core import ParameterSource
 
 from hiltest.bench_files import rig_file
-from hiltest.commands.options import checked
+from hiltest.commands.options import checked, jobs_option
 from hiltest.settings import DEFAULT_OUT, file_name, seed
 from hiltest.studies import NAMES
 
@@ -26,6 +26,7 @@ Exit codes:
   1   a worker's process died
   2   interrupted; the same command goes on from what is done
   4   usage: an option is wrong, or the folder is in use or of another study
+  20  the scheduler does not answer, has no workers, or lost them
 """
 _FEWEST_POINTS = 10  # one more than unknowns: through nine a quadric goes without noise
 
@@ -63,12 +64,12 @@ def _is_given(option: str) -> bool:
 @click.option("--cycles", metavar="N", type=click.IntRange(1), help="choose: most cycles of a calibration.")
 @click.option("--seed", "seed_text", metavar="S", default="1", show_default=True, callback=checked(seed),
               help="Seed: the same gives the same numbers, whatever the jobs.")
-@click.option("--jobs", metavar="J", type=click.IntRange(1, 1000), help="Processes.  [default: one a core]")
+@jobs_option()
 @click.option("--out", metavar="DIR", callback=checked(file_name),
               help=f"Folder for run.json and study.html.  [default: {DEFAULT_OUT}/study-NAME]")
 def study(
     name: str, instances: int | None, points: int | None, rig: str | None, noise_ut: float | None,
-    coverage_percent: float, cycles: int | None, seed_text: str, jobs: int | None, out: str | None,
+    coverage_percent: float, cycles: int | None, seed_text: str, jobs: int | str | None, out: str | None,
 ) -> int:  # fmt: skip
     """Run an experiment of a paper again, and compare.
 

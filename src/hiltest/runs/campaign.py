@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 import os
 import statistics
-from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -16,7 +15,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from hiltest.boards import default_firmware
-from hiltest.errors import ConfigError
+from hiltest.errors import ConfigError, SchedulerError
+from hiltest.jobs import each_done
 from hiltest.measurement import Measurement, Outcome, identify, round_significant
 from hiltest.record.comparison import Comparison
 from hiltest.record.exit_codes import WORDS, ExitCode, comparison_code
@@ -31,6 +31,7 @@ from hiltest.report.job_summary import annotation, append_to_job_summary
 from hiltest.runs.folders import remove_record_in
 from hiltest.runs.gate import PACKAGED, Gate, read_gate
 from hiltest.runs.older_firmware import UNJUDGED, last_words, older_options, remove_runs, run_command
+from hiltest.runs.sent_bench import run_there, sent_bench
 from hiltest.settings import make_folder, run_options
 from hiltest.text import listed
 from hiltest.verdict.calibrators import UNCALIBRATED, WORST_HEADING
@@ -40,6 +41,7 @@ from hiltest.verdict.wording import on_seeds
 SEEDS_SCHEMA = "hiltest.seeds/1"
 
 _NAMED_AT_MOST = 4
+_KEPT = "the records of the seeds that finished are kept"
 # Exit codes of a run that has not begun, and of one that was interrupted.
 _NOT_BEGUN = (ExitCode.USAGE_ERROR, ExitCode.INTERRUPTED)
 # The first of these that any seed ended with is the campaign's, as for the tests of one run.
@@ -75,9 +77,9 @@ class SeedResult:
 
 def run_seeds(
     seeds: Sequence[int], options: Sequence[str], out: Path, *, may_fail: int, baseline: str | None = None,
-    against: str | None = None,
+    against: str | None = None, jobs: int | str | None = None,
 ) -> int:
-    """Run the suites once a seed, as many at a time as there are cores; write ``seeds.json``.
+    """Run the suites once a seed, several at a time; write ``seeds.json``.
 
     Parameters
     ----------
@@ -92,6 +94,8 @@ def run_seeds(
         Base that all seeds together are compared with, paired by seed.
     against : str, optional
         Older firmware to run on the same seeds first, as the base.
+    jobs : int or str, optional
+        How many at a time, one a core by default; or the address of a dask scheduler, whose workers are sent the bench.
 
     Returns
     -------
@@ -101,8 +105,11 @@ def run_seeds(
     Raises
     ------
     ConfigError
-        If `out` cannot be written to; nothing has been run then.
+        If `out` cannot be written to; nothing has been run then. Or if the bench cannot be sent.
+    HiltestError
+        If the seeds that are left cannot be run: see `each_done`.
     """
+    jobs = jobs or os.cpu_count() or 1
     gate = read_gate(Path(baseline)) if baseline is not None else None
     # Before anything runs: whatever ends the campaign, no record of an earlier one passes for this one's.
     remove_record_in(out)
@@ -111,11 +118,12 @@ def run_seeds(
     if gate is not None and gate.base is None:
         return _no_base(gate)
     if against is not None:
-        older = _run_all(seeds, older_options(options, against), out / OLDER_FOLDER, "seeds of the older firmware")
+        older = _run_all(seeds, older_options(options, against), out / OLDER_FOLDER, jobs,
+                         "seeds of the older firmware")  # fmt: skip
         if code := next((each.exit_code for each in older if each.exit_code in _NOT_BEGUN), 0):
             return code
         gate = _gate_of(older, out / OLDER_FOLDER)
-    results = _run_all(seeds, [*options, *(UNJUDGED if gate else ())], out, "seeds")
+    results = _run_all(seeds, [*options, *(UNJUDGED if gate else ())], out, jobs, "seeds")
     evidence = evidence_of_all(results, str(out))
     if campaign_exit_code(results, may_fail=may_fail) == ExitCode.OK:
         evidence = with_misses_allowed(evidence)
@@ -158,11 +166,13 @@ def _no_base(gate: Gate) -> int:
     return code
 
 
-def _run_all(seeds: Sequence[int], options: Sequence[str], out: Path, name: str) -> list[SeedResult]:
+def _run_all(
+    seeds: Sequence[int], options: Sequence[str], out: Path, jobs: int | str, name: str
+) -> list[SeedResult]:
     make_folder(out)
     try:
-        return _run_each(seeds, options, out, name)
-    except KeyboardInterrupt:  # it has gone to the seeds that were running too, and they have ended
+        return _run_each(seeds, options, out, jobs, name)
+    except (KeyboardInterrupt, SchedulerError):  # Ctrl-C went to the seeds that ran here too, and they have ended
         click.echo(_what_is_kept(seeds, out, name))
         raise
 
@@ -181,18 +191,45 @@ def _what_is_kept(seeds: Sequence[int], out: Path, name: str) -> str:
     return "; ".join(parts)
 
 
-def _run_each(seeds: Sequence[int], options: Sequence[str], out: Path, name: str) -> list[SeedResult]:
+def _run_each(
+    seeds: Sequence[int], options: Sequence[str], out: Path, jobs: int | str, name: str
+) -> list[SeedResult]:
+    ended = _ended_there(seeds, options, out, jobs) if isinstance(jobs, str) else _ended_here(seeds, options, out, jobs)
     console = Console()
     columns = (TextColumn(name), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool, Progress(*columns, console=console) as progress:
+    with Progress(*columns, console=console) as progress:
         task = progress.add_task(name, total=len(seeds))
         results = []
-        for result in pool.map(lambda seed: _run_seed(seed, options, out), seeds):
-            results.append(result)
+        for seed, (exit_code, said) in ended:
+            results.append(result := _result(seed, exit_code, said, _seed_folder(out, seed)))
             progress.advance(task)
             if result.exit_code:
                 progress.console.print(f"seed {result.seed}: {result.sentence}", markup=False, soft_wrap=True)
-    return results
+    return sorted(results, key=lambda each: each.seed)
+
+
+def _ended_here(
+    seeds: Sequence[int], options: Sequence[str], out: Path, jobs: int
+) -> Iterator[tuple[int, tuple[int, str]]]:
+    """Run each seed, and yield it with its exit code and its last words."""
+    return each_done(_run_here, (tuple(options), out), seeds, jobs, kept=_KEPT, starts_process=True)
+
+
+def _run_here(given: tuple[tuple[str, ...], Path], seed: int) -> tuple[int, str]:
+    """Run one seed in a process of its own: pytest keeps state that a second run would meet."""
+    options, out = given
+    folder = _seed_folder(out, seed)
+    done = run_command(f"--seed={seed}", f"--out={folder}", "--", *options, folder=folder)
+    return done.returncode, last_words(done.stderr or done.stdout)
+
+
+def _ended_there(
+    seeds: Sequence[int], options: Sequence[str], out: Path, scheduler: str
+) -> Iterator[tuple[int, tuple[int, str]]]:
+    """Do the same on other machines, and bring the records here."""
+    for seed, ended in each_done(run_there, sent_bench(options), seeds, scheduler, kept=_KEPT):
+        ended.write(_seed_folder(out, seed))
+        yield seed, (ended.exit_code, ended.said)
 
 
 def _is_packaged(evidence: Evidence, options: Sequence[str], environment: Mapping[str, str] = os.environ) -> bool:
@@ -296,23 +333,19 @@ def spreads_of(results: Sequence[SeedResult]) -> list[Spread]:
     ]
 
 
-def _run_seed(seed: int, options: Sequence[str], out: Path) -> SeedResult:
-    """Run one seed in a process of its own: pytest keeps state that a second run would meet."""
-    folder = _seed_folder(out, seed)
-    done = run_command(f"--seed={seed}", f"--out={folder}", "--", *options, folder=folder)
-    said = last_words(done.stderr or done.stdout)
-    if done.returncode != ExitCode.USAGE_ERROR:  # with which it is refused a folder that another run has
+def _result(seed: int, exit_code: int, said: str, folder: Path) -> SeedResult:
+    if exit_code != ExitCode.USAGE_ERROR:  # with which it is refused a folder that another run has
         try:
             stored = read_record(folder)
             run, evidence = stored.run, evidence_of(stored.run, file=str(stored.path))
             return SeedResult(
-                seed, done.returncode, run.verdict.sentence, run.measurements, _made_with(run), evidence,
+                seed, exit_code, run.verdict.sentence, run.measurements, _made_with(run), evidence,
                 excusable=missed_only_limits(run),
             )
         except ConfigError as error:
-            if done.returncode == ExitCode.OK:  # as of tests that were only collected: nothing shows that it passed
+            if exit_code == ExitCode.OK:  # as of tests that were only collected: nothing shows that it passed
                 return SeedResult(seed, ExitCode.NOT_EVALUATED, f"{str(error).rstrip('.')}; it wrote: {said}")
-    return SeedResult(seed, done.returncode, said)
+    return SeedResult(seed, exit_code, said)
 
 
 def _seed_folder(out: Path, seed: int) -> Path:

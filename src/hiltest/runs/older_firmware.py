@@ -92,11 +92,15 @@ def older_options(options: Sequence[str], firmware: str) -> list[str]:
     return [*options, f"--hil-firmware={firmware}", "--hil-label=", *UNJUDGED]
 
 
-def run_command(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
+def run_command(
+    *arguments: str, folder: Path, here: Path | None = None, environment: Mapping[str, str] = os.environ
+) -> subprocess.CompletedProcess[str]:
     """Run ``hiltest run`` without a base, so that its record replaces the one in a folder."""
     remove_runs(folder)  # what an earlier command left must not pass for this one's
     command = [sys.executable, "-m", "hiltest", "run", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, check=False, env=_environment(os.environ))
+    return subprocess.run(
+        command, cwd=here, capture_output=True, text=True, check=False, env=_environment(environment)
+    )  # fmt: skip
 
 
 def remove_runs(folder: Path) -> None:

@@ -1,19 +1,17 @@
-"""Runs a study: its blocks on several processes, each kept as it is done, and the record of all."""
+"""Runs a study: its blocks shared by several workers, each kept as it is done, and the record of all."""
 
 from __future__ import annotations
 
 import math
-import signal
 import time
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from hiltest import __version__
-from hiltest.errors import ConfigError, HiltestError
+from hiltest.errors import ConfigError
+from hiltest.jobs import each_done
 from hiltest.record.exit_codes import WORDS, ExitCode
 from hiltest.record.files import write_atomically
 from hiltest.record.journal import Journal
@@ -28,13 +26,14 @@ from hiltest.studies.study import Numbers, Plan, blocks_of, measure_block, study
 BLOCKS_FILE = "blocks.jsonl"
 """The blocks that are done of a study that is not: a line of JSON each."""
 _LARGEST_BYTES = 1 << 30
+_KEPT = "the blocks done before are kept: the same command goes on from there"
 _OTHERWISE = "remove it to begin anew, or name another folder with --out"
 
 Progress = Callable[[str, int, int], None]
 
 
 def run_study(
-    plan: Plan, folder: Path, *, jobs: int, progress: Progress, asked_to_end: Callable[[], bool] = lambda: False
+    plan: Plan, folder: Path, *, jobs: int | str, progress: Progress, asked_to_end: Callable[[], bool] = lambda: False
 ) -> Run:
     """Do all blocks that are not done yet, and write ``run.json`` and the page.
 
@@ -43,8 +42,8 @@ def run_study(
     plan : Plan
     folder : Path
         It is there already. What an interrupted run of the same plan has done is in it.
-    jobs : int
-        Number of processes.
+    jobs : int or str
+        Number of processes, or the address of a dask scheduler.
     progress : callable
         Called with what is counted, how many are done, and of how many.
     asked_to_end : callable
@@ -57,7 +56,7 @@ def run_study(
     KeyboardInterrupt
         If it was asked to end; says nothing.
     HiltestError
-        If a worker's process died.
+        If the blocks that are left cannot be done: see `each_done`.
     """
     journal = Journal(folder, BLOCKS_FILE)
     try:
@@ -116,49 +115,17 @@ def _is_number(value: object) -> bool:
 
 
 def _measured(
-    plan: Plan, done: Mapping[int, Numbers], jobs: int, progress: Progress, asked_to_end: Callable[[], bool]
+    plan: Plan, done: Mapping[int, Numbers], jobs: int | str, progress: Progress, asked_to_end: Callable[[], bool]
 ) -> Iterator[tuple[int, Numbers]]:
     """Yield number and numbers of each block that is not done, as it gets done."""
     blocks = blocks_of(plan)
     left = [number for number in range(len(blocks)) if number not in done]
     what, instances, so_far = f"{plan.study}: instances", sum(blocks[number].count for number in left), 0
     progress(what, 0, instances)
-    for number, numbers in (_here if jobs == 1 else _by_processes)(plan, left, jobs, asked_to_end):
+    for number, numbers in each_done(measure_block, plan, left, jobs, kept=_KEPT, asked_to_end=asked_to_end):
         yield number, numbers
         so_far += blocks[number].count
         progress(what, so_far, instances)
-
-
-def _here(
-    plan: Plan, left: list[int], _jobs: int, asked_to_end: Callable[[], bool]
-) -> Iterator[tuple[int, Numbers]]:
-    for number in left:
-        if asked_to_end():
-            return
-        yield number, measure_block(plan, number)
-
-
-def _by_processes(
-    plan: Plan, left: list[int], jobs: int, asked_to_end: Callable[[], bool]
-) -> Iterator[tuple[int, Numbers]]:
-    waiting, running = iter(left), dict[Future[Numbers], int]()
-    with ProcessPoolExecutor(jobs, initializer=_leave_interruption_to_parent) as pool:
-        try:
-            while True:
-                # One block more than processes: what was asked to end has little to wait for.
-                while len(running) <= jobs and not asked_to_end() and (number := next(waiting, None)) is not None:
-                    running[pool.submit(measure_block, plan, number)] = number
-                if not running:
-                    return
-                for each in wait(running, return_when=FIRST_COMPLETED).done:
-                    yield running.pop(each), each.result()
-        except BrokenProcessPool as error:
-            raise HiltestError("a worker's process was ended from outside, as for want of memory; the blocks done "
-                               "before are kept: the same command goes on from there") from error  # fmt: skip
-
-
-def _leave_interruption_to_parent() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _record(plan: Plan, done: Mapping[int, Numbers], began_utc: str, took_s: float) -> Run:
