@@ -26,9 +26,9 @@ FOLDER = Path(__file__).with_suffix("")
 
 # Small enough to be renewed by a test, and large enough for the picture to look as that of the full size does.
 PLANS = {plan.study: plan for plan in (
-    Plan("choose", 1, 60, 300, Given(48.5, 2.5)), Plan("compensation", 1, 2000, 100), Plan("constraints", 1, 10, 30),
-    Plan("dpi", 1, 10, 0), Plan("ellipsoids", 1, 5000, 30), Plan("estimators", 1, 20, 0), Plan("float32", 1, 16, 100),
-    Plan("imu", 1, 20, 100),
+    Plan("budget", 1, 3, 30), Plan("choose", 1, 60, 300, Given(48.5, 2.5)), Plan("compensation", 1, 2000, 100),
+    Plan("constraints", 1, 10, 30), Plan("dpi", 1, 10, 0), Plan("ellipsoids", 1, 5000, 30),
+    Plan("estimators", 1, 20, 0), Plan("float32", 1, 40, 100), Plan("imu", 1, 20, 100),
 )}  # fmt: skip
 
 _STYLE = (Path(hiltest.report.__file__).with_name("style.css")).read_text(encoding="utf-8")

@@ -15,7 +15,7 @@ from hiltest.studies import NAMES
 DOCS = Path(__file__).parents[2] / "docs"
 SCRIPT: dict[str, Any] = runpy.run_path(str(DOCS / "studies.py"))
 # What takes longer than two seconds.
-LONG = frozenset({"constraints", "estimators", "imu"})
+LONG = frozenset({"budget", "choose", "constraints", "estimators", "float32", "imu"})
 # Another host's BLAS adds in another order. With OpenBLAS' kernels for Prescott and for Haswell in place of this
 # host's, what closed forms give moved in the ninth digit, and what `geometric` does, as its search settles, by 4e-7.
 RELATIVE = 1e-5

@@ -165,9 +165,10 @@ def draw(run: Run) -> Figure:
         y_label="angle to float64, p95 [deg]", x_range=(-0.5, RATIOS[-1] + 0.5),
         y_range=(min(every) / 1.5, max(every) * 1.5), x_ticks=RATIOS, width=560.0, height=360.0, log_y=True,
     )  # fmt: skip
-    for index, (name, line) in enumerate([*lines.items(), ("what noise makes, median", direct)]):
+    for index, (name, line) in enumerate(lines.items()):
         style, mark = series(index)
         figure.series(name, line, style, mark)
+    figure.series("what noise makes, median", direct, "level")
     return figure
 
 
