@@ -67,13 +67,13 @@ def replace_in(path: Path, old: str, new: str) -> None:
 @pytest.mark.parametrize(
     ("current", "code", "sentence"),
     [
-        ("2", 0, "PASS. May be merged (against base/run.json): 2 unchanged."),
+        ("2", 0, "PASS. May be merged (against base/run.json): 4 unchanged."),
         ("1", 0, "PASS. May be merged (against base/run.json): 1 better: lamp.current 2 -> 1 mA (-1, -50 %; limit "
-                 "at most 9); 1 unchanged."),
+                 "at most 9); 3 unchanged."),
         ("3", 21, "REGRESSION. Not to be merged (against base/run.json): 1 worse: lamp.current 2 -> 3 mA (+1, +50 %; "
-                  "limit at most 9); 1 unchanged."),
+                  "limit at most 9); 3 unchanged."),
         # Out of its limit is a failed test, and that comes first.
-        ("10", 1, "FAIL. lamp.current 10 mA (limit 9, was 2). Not to be merged (against base/run.json): 1 worse; 1 "
+        ("10", 1, "FAIL. lamp.current 10 mA (limit 9, was 2). Not to be merged (against base/run.json): 1 worse; 3 "
                   "unchanged."),
     ],
 )  # fmt: skip
@@ -344,7 +344,7 @@ def test_stopping_at_the_first_failure_is_no_pass_and_no_comparison(
     assert sentence.startswith("FAIL. Failed: test_lamp.py::test_first (")
     said = "Not to be merged (against base/run.json): not compared: this run: the run is not complete (fail)"
     assert said in sentence
-    assert " not taken." in sentence
+    assert " not taken;" in sentence
     assert not record(pytester)["verdict"]["complete"]
 
 

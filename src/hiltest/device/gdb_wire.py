@@ -94,6 +94,8 @@ class TcpWire:
             data = self._socket.recv(_AT_A_LOOK)
         except TimeoutError:
             return b""
+        except ConnectionResetError:  # closed with something unread
+            data = b""
         except OSError as error:
             raise self._gone(str(error)) from error
         if not data:
