@@ -49,6 +49,7 @@ _AT_REST = "Keep the board still while the gyroscope's bias is taken, and wait u
 _ONE_INTERRUPT = 128
 _GROWTH = "a hundredth is what a correction takes; what takes more is to be seen"
 _ON_TOP = "an interrupt may come a call sooner or later, and takes about as much with its handler"
+_CALLED = "of what was called, and another set of tests calls more or less"
 _OF_PART = "of the simulated parts or of the rig: no firmware should move it"
 
 _LOWER, _HIGHER, _ZERO, _NEITHER = Better.LOWER, Better.HIGHER, Better.NEARER_ZERO, Better.NEITHER
@@ -330,7 +331,7 @@ def _board() -> Iterator[Kind]:
         yield Kind(f"firmware.{name}", "B", _LOWER, _allow(0, 0.01, _GROWTH), Section.BOARD, meaning)
     for name, whose in (("stack_most", "the stack that the firmware starts with"),
                         ("{task}.stack_most", "a task's stack, by the function that the task begins with")):
-        yield Kind(f"firmware.{name}", "B", _LOWER, _allow(0, 0, "of what was called, which another set of tests does not"),
+        yield Kind(f"firmware.{name}", "B", _LOWER, _allow(0, 0, _CALLED),
                    Section.BOARD, f"Most that was on {whose}, interrupts included", compared=False)
     yield Kind("board.virtual_seconds", "s", _NEITHER, _allow(5, 0.02, "waiting, not work; moved by 4.4 of 239"),
                Section.BOARD, "Time that passed on the virtual board", compared=False)
