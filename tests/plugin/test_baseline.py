@@ -85,7 +85,7 @@ def test_it_says_what_changed_and_whether_it_may_be_merged(
     assert ended == code
     assert fnmatchcase(said, sentence), said
     changes = {each["name"]: each["change"] for each in record(pytester)["comparison"]["differences"]}
-    assert changes.keys() == {"lamp.current", "lamp.life"}
+    assert changes.keys() == {"lamp.current", "lamp.life", "firmware.flash", "firmware.ram"}
     assert changes["lamp.life"] == "unchanged"
 
 
