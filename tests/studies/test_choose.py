@@ -19,6 +19,7 @@ from hiltest.studies.study import Block, Conclusion, Given, Plan
 
 GIVEN = Given(field_ut=30.0, noise_ut=1.0, coverage_percent=80.0)
 PLAN = Plan("choose", 3, 40, 50, GIVEN)
+LARGEST_DEG = 16.0
 BEST = Candidate("best", 0.5, 1.0, 0.9, 1.2, 100.0, 2000, 2500)
 
 
@@ -55,7 +56,7 @@ def concluded(cycles: int | None) -> Conclusion:
     names = board_calibrators().names
     each = np.ones((40, len(names), 3))
     for index in range(len(names)):
-        each[:, index, 0] = np.linspace(0.9, 1.1, 40) / 2.0**index
+        each[:, index, 0] = LARGEST_DEG * np.linspace(0.9, 1.1, 40) / 2.0**index
         each[:, index, 2] = 1000 * (index + 1)
         each[0, index, 2] += 500
     halves = [half.ravel().tolist() for half in (each[:20], each[20:])]
@@ -73,11 +74,11 @@ def test_the_budget_holds_for_every_instance(affordable: int | None) -> None:
     assert [name for name, mark in marks.items() if mark == RECOMMENDED] == list(names[:within][-1:])
     assert [name for name, mark in marks.items() if mark == RUNNER_UP] == list(names[:within][-2:-1])
     if within:
-        error = f"{1.0 / 2.0 ** (within - 1):.2f}"
+        error = f"{LARGEST_DEG / 2.0 ** (within - 1):.2f}"
         assert f"take {names[within - 1]} ({error} deg in the median" in found.sentence
         assert f"{within} 000 cycles, at most {within} 500)" in found.sentence
     else:
-        assert f"cycles: none; the cheapest is {names[0]} (1.00 deg" in found.sentence
+        assert f"cycles: none; the cheapest is {names[0]} ({LARGEST_DEG:.2f} deg" in found.sentence
     # What errs less and is not within the budget is named, and of that the best.
     more = f"for more cycles {names[-1]} (" in found.sentence
     assert more == (0 < within < len(names))
