@@ -168,7 +168,8 @@ def test_a_step_less_is_better_and_what_a_step_costs_is_not_missed(
 ) -> None:
     suites = bench / "hil" / "suites"
     (suites / "test_compass.py").unlink()
-    shutil.copy(REPOSITORY / "hil" / "suites" / "test_cycles.py", suites)
+    for name in ("conftest.py", "test_cycles.py"):
+        shutil.copy(REPOSITORY / "hil" / "suites" / name, suites)
     new = copy_of_the_firmware.build(ONE_STEP_LESS, bench / "new.elf")
     run = run_in(bench, "--firmware", str(new), "--against", str(OLD))
     assert run.code == 0, run.output
