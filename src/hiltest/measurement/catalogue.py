@@ -46,9 +46,7 @@ _ROUNDING = "float32 in another order moved it by less than a hundredth of this"
 _IN_FLOAT64 = "Compare the firmware's arithmetic with the float64 reference: no sensor enters this difference."
 _ALL_ROUND = "Turn the board through more directions: the points of the tumble have to cover the sphere."
 _AT_REST = "Keep the board still while the gyroscope's bias is taken, and wait until its temperature is steady."
-_ONE_INTERRUPT = 128
 _GROWTH = "a hundredth is what a correction takes; what takes more is to be seen"
-_ON_TOP = "an interrupt may come a call sooner or later, and takes about as much with its handler"
 _CALLED = "of what was called, and another set of tests calls more or less"
 _OF_PART = "of the simulated parts or of the rig: no firmware should move it"
 

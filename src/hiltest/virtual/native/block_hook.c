@@ -379,7 +379,7 @@ static bool may_run(struct counter *counter, void *engine, struct block *block)
     return true;
 }
 
-/* Take note of where the stack pointer is, and gets to in a block: `Stacks.block` of stacks.py, in C. */
+/* Take note of where the stack pointer is, and gets to in a block: `Totals._look_at_stack` of code_hook.py, in C. */
 static void look_at_stack(struct counter *counter, void *engine, const struct block *block)
 {
     uint32_t at = 0;
