@@ -128,8 +128,10 @@ def green(set_up: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path,
 
 
 @pytest.fixture(scope="module")
-def red(set_up: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Ran]]:
-    """What the job does for one that has become a cycle dearer."""
+def red(
+    set_up: Path, green: tuple[Path, dict[str, Ran]], tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, dict[str, Ran]]:
+    """What the job does, after the green one, for firmware that has become a cycle dearer."""
     folder = checked_out(set_up, tmp_path_factory.mktemp("red") / "repository")
     source = folder / "firmware_stub" / "calibration" / "direct.c"
     before = "    moments_anchor(points, anchor);\n"
