@@ -51,8 +51,9 @@ def concluded(**larger: float) -> Conclusion:
     return conclude(Plan("float32", 1, 40, 100), blocks)
 
 
-@pytest.mark.parametrize(("factor", "stable"), [(1.0, True), (1.09, True), (1.11, False)])
-def test_stable_is_no_more_than_a_tenth_worse(factor: float, stable: bool) -> None:
+@pytest.mark.parametrize(("factor", "stable"), [(1.0, True), (1.13, True), (1.14, False)])
+def test_stable_adds_no_more_than_a_tenth_more_noise_would(factor: float, stable: bool) -> None:
+    """The 95th percentile of float64 is .29 here; sqrt(1.1^2 - 1) of it is .133."""
     found = concluded(direct=factor)
     count = len(names()) - 1
     assert found.sentence.startswith(f"{count - (not stable)} of the board's {count} calibrators are stable")

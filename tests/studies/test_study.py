@@ -204,7 +204,7 @@ class TestEveryStudy:
 @pytest.mark.parametrize("words", [["orbits"], ["ellipsoids", "--points", "9"], ["ellipsoids", "--jobs", "0"],
                                    ["ellipsoids", "--seed", "x"], ["ellipsoids", "--instances", "0"],
                                    ["ellipsoids", "--noise", "1"], ["choose", "--coverage", "0"],
-                                   ["choose", "--points", "10001"]])  # fmt: skip
+                                   ["choose", "--points", "10001"], ["dpi", "--points", "50"]])  # fmt: skip
 def test_a_wrong_word_is_4(words: list[str], tmp_path: Path) -> None:
     assert run("study", *words, "--out", str(tmp_path)) == 4
     assert not list(tmp_path.iterdir())

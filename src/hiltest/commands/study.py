@@ -97,6 +97,8 @@ def study(
         plan = _asked(plan, points, rig, noise_ut, coverage_percent, cycles)
     elif any(_is_given(each) for each in ("rig", "noise_ut", "coverage_percent", "cycles")):
         raise click.UsageError("--rig, --noise, --coverage and --cycles are for the study choose")
+    if points is not None and not chosen.points:
+        raise click.UsageError(f"{name} has numbers of points of its own: leave out --points")
     if plan.points > chosen.most_points:
         raise click.UsageError(f"{name} takes at most {chosen.most_points} points: more have no room on the board")
     folder = Path(out or f"{DEFAULT_OUT}/study-{name}")

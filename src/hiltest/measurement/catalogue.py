@@ -373,8 +373,8 @@ def _studies() -> Iterator[Kind]:
         "Mean over instances of the direction's rms error with all effort",
     )
     yield Kind(
-        "study.budget.{calibrator}.mean_cycles", "", _LOWER, _COUNTED, Section.STUDIES,
-        "Mean over instances of the clock cycles of all effort",
+        "study.budget.{calibrator}.mean_cycles", "cycle", _LOWER, _COUNTED, Section.STUDIES,
+        "Mean over instances of the clock cycles of all effort", next_step=COSTS_TOO_MUCH,
     )
     for quantile, named in (("median", "Median"), ("p95", "95th percentile")):
         yield Kind(

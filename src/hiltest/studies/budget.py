@@ -19,6 +19,7 @@ from hiltest.record.run import Column, Run, Table
 from hiltest.report.marks import series
 from hiltest.report.svg import Figure
 from hiltest.rig.file import load_rig
+from hiltest.studies.board_calibrators import board_calibrators
 from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
 
 NAMES = tuple(sorted(FIRMWARE))
@@ -105,7 +106,8 @@ def _measurements(errors: dict[str, float], cycles: dict[str, float]) -> list[Me
     measurements = []
     for name in NAMES:
         measurements.append(check(f"study.budget.{name}.mean_error", errors[name], unit="deg"))
-        measurements.append(check(f"study.budget.{name}.mean_cycles", cycles[name], unit=""))
+        measurements.append(check(f"study.budget.{name}.mean_cycles", cycles[name], unit="cycle",
+                                  cycle_model=board_calibrators().cycle_model))  # fmt: skip
     return measurements
 
 
