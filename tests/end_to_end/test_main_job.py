@@ -180,6 +180,13 @@ def test_the_stack_stays_within_the_bound_of_the_build(good_run) -> None:
     assert manifest["deepest_stack_bytes"] / 2 < used <= manifest["deepest_stack_bytes"]
 
 
+@pytest.mark.parametrize("name", ["direct", "direct-fast", "corrected", "iterative", "dpi"])
+def test_a_calibrator_takes_no_more_stack_than_its_code_can(good_run, name: str) -> None:
+    taken, bound = (good_run.value(f"firmware.{name}.{what}") for what in ("stack", "stack_bound"))
+    # All but the way that direct-fast takes for points that it cannot scale is walked by ordinary points.
+    assert (bound - taken) in ((0, 68) if name == "direct-fast" else (0,))
+
+
 def test_junit_holds_the_measurements(good_run) -> None:
     properties = {each.attrib["name"] for each in ET.parse(good_run.folder / "junit.xml").iter("property")}
     assert {"hil.heading.direct.max", "hil.cycles.iterative.total", "hil.gyroscope.bias_error"} <= properties

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import importlib.util
 import json
@@ -16,6 +17,9 @@ from typing import Any
 import pytest
 from elftools.elf.elffile import ELFFile
 from elftools.elf.sections import SymbolTableSection
+
+from hiltest.virtual.elf import load_image
+from hiltest.virtual.stack_bounds import NoBound, StackBounds
 
 pytestmark = pytest.mark.slow
 
@@ -195,6 +199,22 @@ def test_the_stack_is_bounded_and_nothing_recurses(rebuilt: Path, shipped: Path)
     depth = load_script("stack_check").stack_bytes(build_folder(rebuilt, shipped))
     assert depth == manifest_of(shipped)["deepest_stack_bytes"]
     assert depth <= load_script("build").STACK_LIMIT_BYTES
+
+
+def test_the_stack_check_is_never_below_what_the_code_itself_can_take(rebuilt: Path, shipped: Path) -> None:
+    """Of frames that compilers list, of those of assembly and libraries in its tables, and of what both add up to."""
+    check = load_script("stack_check")
+    frames, calls = check.read_call_graph(build_folder(rebuilt, shipped))
+    image = load_image(shipped)
+    bounds, below, judged = StackBounds(image), {}, 0
+    for name in {*frames, *(each for targets in calls.values() for each in targets)} & image.symbols.keys():
+        with contextlib.suppress(NoBound):
+            bound, summed = bounds.bound(image.symbols[name].address), check.deepest(name, frames, calls)
+            below.update({name: (summed, bound)} if summed < bound else {})
+            judged += 1
+    # It jumps to C from assembly, which no call graph has; what a fault leaves is not in the sum.
+    assert set(below) <= {"Fault_Handler"}
+    assert judged > len(frames) / 3  # what waits, and what times, calls through pointers
 
 
 def test_the_stack_check_sees_recursion_and_unknown_pointers() -> None:

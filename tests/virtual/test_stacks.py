@@ -133,6 +133,26 @@ def test_a_stack_elsewhere_is_one_of_its_own(build: Build, tmp_path: Path, count
     assert board.memory_use()["alone.stack_most"] == 16
 
 
+@pytest.mark.parametrize(
+    ("function", "used"),
+    [("plain", {"plain": 232}), ("beyond", {"beyond": 8 + 1000 + 232, "plain": 232}), ("calls", {"calls": 32}),
+     ("alone", {"alone": None})],
+    ids=["frames that stand in the code", "an amount that does not", "an exception on top is not its own",
+         "on another stack in between"],
+)  # fmt: skip
+def test_a_call_takes_what_it_and_what_it_calls_put_on_the_stack(
+    build: Build, tmp_path: Path, counting: AccountingFactory, function: str, used: dict[str, int | None]
+) -> None:
+    (tmp_path / "deep.S").write_text(DEEP.replace("{function}", function), encoding="utf-8")
+    board = VirtualK64F(build(tmp_path / "deep.S"), accounting=counting)
+    watch = board.watch_calls([*used, "SVC_Handler"])
+    board.run_until(0.001)
+    assert {name: {each.stack for each in watch.calls(name)} for name in used} == {
+        name: {each} for name, each in used.items()
+    }
+    assert {each.stack for each in watch.calls("SVC_Handler")} == ({8} if function == "calls" else set())
+
+
 def test_a_reset_begins_at_the_top_again_and_forgets_nothing(build: Build, tmp_path: Path) -> None:
     (tmp_path / "deep.S").write_text(DEEP.replace("{function}", "plain"), encoding="utf-8")
     board = VirtualK64F(build(tmp_path / "deep.S"))

@@ -33,7 +33,7 @@ CALL_CYCLES = 32
 """What calling a function, and reading the counter around it, may cost that one of two counts has and the other not."""
 
 
-NO_MEMORY_USE: Mapping[str, int | None] = {"flash": None, "ram": None, "stack_most": None}
+NO_MEMORY_USE: Mapping[str, int | str] = dict.fromkeys(("flash", "ram", "stack_most"), "")
 """Of a board that does not see what its firmware takes."""
 
 
@@ -270,8 +270,8 @@ class Board(ABC):
         """Virtual time since power-on; None where time is not virtual."""
         return None
 
-    def memory_use(self) -> Mapping[str, int | None]:
-        """Return the bytes that the firmware takes, see `hiltest.virtual.memory_use`; None where that is not seen."""
+    def memory_use(self) -> Mapping[str, int | str]:
+        """Return the bytes that the firmware takes, see `seen_memory_use`, or why they are not known."""
         return NO_MEMORY_USE
 
     @property

@@ -21,6 +21,7 @@ from hiltest.boards.bench import VirtualBench
 from hiltest.boards.board import NO_MEMORY_USE, BoardKind, Stage, Truth
 from hiltest.boards.function_costs import FunctionCosts
 from hiltest.boards.memory_reading import memory_kind
+from hiltest.boards.memory_use import seen_memory_use
 from hiltest.boards.virtual import truth_of
 from hiltest.boards.virtual_port import VirtualPort
 from hiltest.device.kinds import Interface, open_interfaces, sources_of
@@ -233,7 +234,7 @@ class CompassBoard:
         """Virtual time since power-on; None where time is not virtual."""
         return self.now_s() if self.clock == "virtual" else None
 
-    def memory_use(self) -> Mapping[str, int | None]:
+    def memory_use(self) -> Mapping[str, int | str]:
         """As `Board.memory_use`."""
         return NO_MEMORY_USE
 
@@ -333,9 +334,9 @@ class VirtualCompass(CompassBoard):
         self.firmware_sha256 = hashlib.sha256(Path(bench.firmware).read_bytes()).hexdigest()
         self.compiler_flags, self.elf_build_id = image.compiler_flags, image.build_id
 
-    def memory_use(self) -> Mapping[str, int | None]:
+    def memory_use(self) -> Mapping[str, int | str]:
         """As `VirtualBoard.memory_use`."""
-        return self._machine.memory_use()
+        return seen_memory_use(self._machine, self.costs.stacks() if self.costs is not None else {})
 
     @property
     def core_clock_hz(self) -> int:

@@ -94,6 +94,13 @@ class FunctionCosts:
         """Return what the slices of each function came to, solution by solution, by its name in the rig."""
         return {name: watch.summary for name, (_, watch) in self._watches.items() if isinstance(watch, SolutionWatch)}
 
+    def stacks(self) -> Mapping[str, tuple[str, int | None]]:
+        """Return each function, by its name in the rig, and the bytes of stack that the deepest of its calls took."""
+        return {
+            name: (function, watch.stack(function) if isinstance(watch, CallWatch) else watch.stack)
+            for name, (function, watch) in self._watches.items()
+        }
+
     def latest_solution(self) -> LatestSolution | None:
         """Return the solution that was completed last, of whichever solver; None where none was."""
         found = {

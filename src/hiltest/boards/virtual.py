@@ -10,6 +10,7 @@ import numpy as np
 from hiltest.angles import Pose
 from hiltest.boards.bench import VirtualBench, default_firmware
 from hiltest.boards.board import Board, BoardKind, Declared, Truth
+from hiltest.boards.memory_use import seen_memory_use
 from hiltest.boards.virtual_port import VirtualPort
 from hiltest.errors import ConfigError, ProtocolError, VersionMismatchError
 from hiltest.link.ports import READ_SLICE_S
@@ -47,13 +48,18 @@ class _CallCounter:
     """Counts as the firmware does, which reads CYCCNT before and behind a call: exceptions included."""
 
     def __init__(self, watch: CallWatch, function: str) -> None:
-        self._watch, self._function = watch, function
+        self._watch, self.function = watch, function
         self.begin = watch.begin
 
     @property
     def calls(self) -> Sequence[Call]:
         """Calls since `begin`."""
-        return self._watch.calls(self._function)
+        return self._watch.calls(self.function)
+
+    @property
+    def stack(self) -> int | None:
+        """Bytes of stack that the deepest of all calls took; None where that is not known."""
+        return self._watch.stack(self.function)
 
     @property
     def cycles(self) -> Sequence[int]:
@@ -125,9 +131,10 @@ class VirtualBoard(Board):
         """Virtual time since power-on [s]."""
         return self._machine.time_s
 
-    def memory_use(self) -> Mapping[str, int | None]:
-        """Return the bytes that the firmware takes of flash and RAM, and of its stacks at most so far."""
-        return self._machine.memory_use()
+    def memory_use(self) -> Mapping[str, int | str]:
+        """Return the bytes that the firmware takes of flash and RAM, and at most so far of its stacks."""
+        calls = {name: (each.function, each.stack) for name, each in self._counters.items() if "." not in name}
+        return seen_memory_use(self._machine, calls)
 
     @property
     def instructions(self) -> int:
@@ -155,9 +162,9 @@ class VirtualBoard(Board):
         function = self.declared.functions.get(calibrator, name)
         if function not in self._machine.image.symbols:
             return None
-        if function not in self._counters:
-            self._counters[function] = _CallCounter(self._machine.watch_calls([function]), function)
-        return self._counters[function]
+        if calibrator not in self._counters:
+            self._counters[calibrator] = _CallCounter(self._machine.watch_calls([function]), function)
+        return self._counters[calibrator]
 
     def cycle_range(self, cost: RunCost | None, calibrator: str = "") -> CycleRange | None:
         """Price what ran between two readings of CYCCNT again, with each row of the timing profile moved."""

@@ -47,6 +47,7 @@ _IN_FLOAT64 = "Compare the firmware's arithmetic with the float64 reference: no 
 _ALL_ROUND = "Turn the board through more directions: the points of the tumble have to cover the sphere."
 _AT_REST = "Keep the board still while the gyroscope's bias is taken, and wait until its temperature is steady."
 _GROWTH = "a hundredth is what a correction takes; what takes more is to be seen"
+_FRAME = "a few saved registers, as another version of a compiler has them"
 _CALLED = "of what was called, and another set of tests calls more or less"
 _OF_PART = "of the simulated parts or of the rig: no firmware should move it"
 
@@ -331,6 +332,13 @@ def _board() -> Iterator[Kind]:
                         ("{task}.stack_most", "a task's stack, by the function that the task begins with")):
         yield Kind(f"firmware.{name}", "B", _LOWER, _allow(0, 0, _CALLED),
                    Section.BOARD, f"Most that was on {whose}, interrupts included", compared=False)
+    yield Kind("firmware.{function}.stack", "B", _LOWER, _allow(32, 0, _FRAME), Section.BOARD,
+               "Most stack that a call of a calibrator or of another watched function took, with what it calls")
+    for name, meaning in (
+        ("stack_bound", "Most that the stack which the firmware starts with can hold, on any way through the code"),
+        ("{function}.stack_bound", "Most stack that a call of that function can take, on any way through the code"),
+    ):
+        yield Kind(f"firmware.{name}", "B", _LOWER, _allow(32, 0, _FRAME), Section.BOARD, meaning, compared=False)
     yield Kind("board.virtual_seconds", "s", _NEITHER, _allow(5, 0.02, "waiting, not work; moved by 4.4 of 239"),
                Section.BOARD, "Time that passed on the virtual board", compared=False)
     yield Kind("board.wall_seconds", "s", _NEITHER, _COUNTED, Section.BOARD, "Time that the run took", compared=False)
@@ -387,8 +395,8 @@ KINDS: Mapping[str, Kind] = {kind.name: kind for kind in _kinds()}
 """Every kind, by name."""
 
 _SUBJECT = "{}"
-# A calibrator, one of its further calibrations (direct@100), an axis, a source.
-_SUBJECT_NAME = re.compile(r"[a-z0-9_-]+(?:@[0-9]+)?")
+# A calibrator, one of its further calibrations (direct@100), an axis, a source, a function.
+_SUBJECT_NAME = re.compile(r"[A-Za-z0-9_-]+(?:@[0-9]+)?")
 
 
 def _form(name: str) -> tuple[str, ...]:

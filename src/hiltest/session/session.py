@@ -361,7 +361,11 @@ class HilSession:
         seconds, memory_use = self._board.virtual_seconds, self._board.memory_use()
         self._board.close()
         return [
-            *(self.check(f"firmware.{name}", used, unit="B") for name, used in memory_use.items()),
+            *(
+                self.check(f"firmware.{name}", None if isinstance(used, str) else used, unit="B",
+                           not_offered=used if isinstance(used, str) else "")
+                for name, used in memory_use.items()
+            ),
             self.check("board.virtual_seconds", seconds, unit="s"),
             self.check("board.wall_seconds", time.monotonic() - self._opened_s, unit="s", volatile=True),
         ]

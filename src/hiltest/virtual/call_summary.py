@@ -27,6 +27,9 @@ class Call(NamedTuple):
         Address of the instruction that returned, which a tail call has put into another function.
     left : int
         What the word in memory held then that was asked for, or 0.
+    stack : int or None
+        Bytes of its stack that it has taken at most, those of what it called included and of exceptions not; None
+        where it has been on two stacks.
     """
 
     entered: int
@@ -37,6 +40,7 @@ class Call(NamedTuple):
     outermost: bool = True
     ended_in: int = 0
     left: int = 0
+    stack: int | None = None
 
     @property
     def elapsed(self) -> int:

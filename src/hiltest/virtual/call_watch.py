@@ -93,6 +93,13 @@ class CallWatch:
         first, _, _ = self._before[function]
         return [each for each in self.functions[function].calls[first:] if each.entered >= self.began]
 
+    def stack(self, function: str) -> int | None:
+        """Return the bytes that the deepest of all its calls so far took; None where that is not known."""
+        self.running.settle()
+        taken = [each.stack for each in self.functions[function].calls]
+        known = [each for each in taken if each is not None]
+        return max(known) if known and len(known) == len(taken) else None
+
     def summary(self, function: str) -> CallSummary:
         """Return what the calls of a function since `begin` come to."""
         calls = self.calls(function)

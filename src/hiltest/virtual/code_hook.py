@@ -72,12 +72,14 @@ class Totals:
 
     def _look_at_stack(self, block: CodeBlock) -> None:
         """Take note of where the stack pointer is, and gets to in a block."""
+        self.stacks.block_begins()
         if not (block.lowers_stack or block.moves_stack or self._stack_moved):
             return
         at, moves = self.read_stack_pointer(), block.moves_stack
         above, self._lowered_from = max(self._lowered_from, at), at if moves is Moves.BY_A_REGISTER else 0
         self._stack_moved = moves is not Moves.AS_IT_SAYS
         lowest = at - block.lowers_stack
+        self.stacks.in_block(lowest)
         if lowest < self._stack.lowest or above > self._stack.top:
             self._stack = self.stacks.reaches(above, lowest)
 

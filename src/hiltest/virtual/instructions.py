@@ -262,7 +262,7 @@ def decode(address: int, code: bytes, conditions: int = 0) -> list[Instruction]:
     while position < len(code):
         raw = next(iter(engine.disasm(code[position:], address + position, 1)), None)
         if raw is None:
-            size = 4 if code[position + 1] >> 3 in _LONG else 2
+            size = instruction_size(code[position:])
             decoded.append(Instruction(address + position, size, ".unknown", "data"))
             position += size
             continue
@@ -270,6 +270,11 @@ def decode(address: int, code: bytes, conditions: int = 0) -> list[Instruction]:
         conditions = len(raw.mnemonic) - 1 if raw.id == arm.ARM_INS_IT else max(conditions - 1, 0)
         position += raw.size
     return decoded
+
+
+def instruction_size(code: bytes) -> int:
+    """Return how many bytes the first instruction of some code has."""
+    return 4 if code[1] >> 3 in _LONG else 2
 
 
 def _classify(raw: Any, *, in_it_block: bool) -> Instruction:

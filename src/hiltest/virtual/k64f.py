@@ -6,6 +6,7 @@ import contextlib
 import math
 from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 
 from hiltest.errors import BoardFault, ConfigError, place_of
@@ -14,7 +15,7 @@ from hiltest.virtual.bare_part import BarePart
 from hiltest.virtual.board_parts import BoardParts
 from hiltest.virtual.call_clock import CALL_HZ, checked_clock
 from hiltest.virtual.call_watch import CallWatch
-from hiltest.virtual.calling import CallResult, call_function
+from hiltest.virtual.calling import CallResult, call_function, function_named
 from hiltest.virtual.chip import MemoryMap
 from hiltest.virtual.clock import PICOSECONDS
 from hiltest.virtual.cpu import Processor
@@ -34,6 +35,7 @@ from hiltest.virtual.procedure_call import Argument
 from hiltest.virtual.profile_file import DEFAULT_PROFILE, load_profile
 from hiltest.virtual.schedule import Event
 from hiltest.virtual.solution_watch import SolutionEnd, SolutionWatch
+from hiltest.virtual.stack_bounds import NoBound, StackBounds, bound_with_exceptions
 from hiltest.virtual.timing import TimingProfile
 
 #: After so much virtual time a called function is taken to hang [s]: no function that is measured comes near, and
@@ -185,6 +187,30 @@ class VirtualK64F(BoardParts):
     def memory_use(self) -> dict[str, int]:
         """Return the bytes that the firmware takes, see `hiltest.virtual.memory_use`."""
         return memory_use(self.image, self.memory, self.processor.accounting.stacks.known)
+
+    def stack_bounds(self, functions: Iterable[str]) -> dict[str, int | str]:
+        """Return the bytes of stack that functions can take at most, by name, or why that is not known.
+
+        The empty name is that of the whole firmware, with the exceptions that were taken or are enabled.
+        """
+        bounds, found = StackBounds(self.image), dict[str, int | str]()
+        nvic, table = self.processor.nvic, self.processor.exceptions.vector_table
+        with contextlib.suppress(ConfigError):  # it did not start from here
+            _, entry = vectors(self.processor.memory, self.image)
+            read = self.processor.memory.read_words
+            handlers = [[read(table + 4 * each, 1)[0] for each in alike] for alike in nvic.together()]
+            found[""] = self._bound(lambda: bound_with_exceptions(bounds, entry, handlers))
+        for name in functions:
+            address = function_named(self.image, name).address
+            found[name] = self._bound(partial(bounds.bound, address))
+        return found
+
+    @staticmethod
+    def _bound(bound: Callable[[], int]) -> int | str:
+        try:
+            return bound()
+        except NoBound as error:
+            return str(error)
 
     @property
     def time_s(self) -> float:

@@ -40,6 +40,8 @@ class Nvic:
         Exceptions that wait.
     active : list of int
         Exceptions being handled, the one that runs last.
+    taken : set of int
+        Exceptions that have been taken since power-on.
     changed : bool
         Set when something may have become deliverable; the processor clears it.
     on_line : callable
@@ -50,6 +52,7 @@ class Nvic:
 
     def __init__(self) -> None:
         self.on_line: Callable[[int], None] = lambda _interrupt: None
+        self.taken: set[int] = set()
         self.reset()
 
     def reset(self) -> None:
@@ -173,6 +176,15 @@ class Nvic:
         """Make an exception active."""
         self.pending.discard(exception)
         self.active.append(exception)
+        self.taken.add(exception)
+
+    def together(self) -> list[set[int]]:
+        """Return the exceptions that were taken or are enabled, by priority: one of each set is active at a time."""
+        enabled = {FIRST_INTERRUPT + number for number, enabled in enumerate(self.enabled) if enabled}
+        found: dict[int, set[int]] = {}
+        for exception in self.taken | enabled:
+            found.setdefault(self.preemption_priority(exception), set()).add(exception)
+        return list(found.values())
 
     def leave(self) -> None:
         """End the most recent exception; a line that is still high pends again."""

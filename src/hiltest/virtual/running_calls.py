@@ -70,11 +70,12 @@ _Apart = tuple[int, int, int]
 
 @dataclass(slots=True)
 class _Open:
-    """A call under way, with what its thread had been interrupted by when it began."""
+    """A call under way, with what its thread had been interrupted by when it began, and how low its stack has been."""
 
     function: WatchedFunction
     entered: int
     stack: int
+    lowest: int
     return_address: int
     outermost: bool
     apart: _Apart
@@ -178,6 +179,7 @@ class RunningCalls:
             yield
         finally:
             self._is_paused = False
+            self._accounting.stacks.take_lowest()
             thread.resumed_behind = self._accounting.instructions
             self._paused_cycles += self._processor.cycles - began
             self._paused_cycles += emptied_pipeline_costs(self._processor, thread.state)
@@ -209,6 +211,7 @@ class RunningCalls:
             stack, link = self._stack_and_link.read()
             cycles = accounting.now(address)
             begins_block = cycles == accounting.cycles
+            self._take_lowest(thread, has_ended=not begins_block)
             if thread.open or thread.given_up:
                 self._arrives(address, stack, cycles - self._paused_cycles, begins_block=begins_block)
             function = self._functions.get(address)
@@ -241,7 +244,7 @@ class RunningCalls:
         outermost = not function.open or all(each.function is not function for each in calls)
         if thread.given_up:
             thread.given_up.pop((return_address, stack), None)
-        calls.append(_Open(function, now, stack, return_address, outermost, thread.apart))
+        calls.append(_Open(function, now, stack, stack, return_address, outermost, thread.apart))
         self._count(function, 1)
         if return_address not in self._hooked and return_address < _EXC_RETURN:
             self._processor.between_blocks(partial(self._hook, return_address))
@@ -270,6 +273,7 @@ class RunningCalls:
         place = last.address if last is not None and last.may_return else None
         if place is not None and first == len(calls):
             thread.given_up.pop((address, stack)).came_back += 1
+        self._lower_outer(calls, first)
         for each in calls[first:]:
             if place is not None and each.return_address == address:
                 self._close(each, now, place)
@@ -289,6 +293,7 @@ class RunningCalls:
         call.function.calls.append(Call(
             call.entered, now, times - times_before, interrupts - interrupts_before, elsewhere - elsewhere_before,
             call.outermost, place, self._left_by(call.function),
+            self._accounting.stacks.used_from(call.stack, call.lowest),
         ))  # fmt: skip
 
     def _left_by(self, function: WatchedFunction) -> int:
@@ -296,8 +301,21 @@ class RunningCalls:
             return 0
         return int.from_bytes(self._processor.memory.read(*function.looks_at), "little")
 
+    def _take_lowest(self, thread: _Thread, *, has_ended: bool = True) -> None:
+        """Give what the stack pointer has been to the innermost call."""
+        lowest = self._accounting.stacks.take_lowest(has_ended=has_ended)
+        if thread.open:
+            thread.open[-1].lowest = min(thread.open[-1].lowest, lowest)
+
+    @staticmethod
+    def _lower_outer(calls: list[_Open], first: int) -> None:
+        """Give what calls from an index on have been to those around them."""
+        for at in range(len(calls) - 1, max(first, 1) - 1, -1):
+            calls[at - 1].lowest = min(calls[at - 1].lowest, calls[at].lowest)
+
     def _abandon(self, thread: _Thread, first: int) -> None:
         """Close calls from an index on that will not return."""
+        self._lower_outer(thread.open, first)
         for each in thread.open[first:]:
             each.function.abandoned += 1
             self._count(each.function, -1)
@@ -341,6 +359,7 @@ class RunningCalls:
         times, interrupts, elsewhere = thread.apart
         is_back = thread is interrupted
         thread.apart = (times + 1, interrupts + gone, elsewhere) if is_back else (times, interrupts, elsewhere + gone)
+        accounting.stacks.take_lowest()  # the handler's
         thread.resumed_behind = accounting.instructions
         handler.given_up.clear()
         self._thread, self._spare = thread, handler
@@ -348,6 +367,7 @@ class RunningCalls:
     def _leave(self, thread: _Thread) -> None:
         """Keep what a thread needs to go on."""
         accounting = self._accounting
+        self._take_lowest(thread)
         thread.left_at = accounting.cycles - self._paused_cycles
         thread.state = NEUTRAL
         if accounting.instructions != thread.resumed_behind:  # else it was left before it ran, and loses nothing more
@@ -356,7 +376,9 @@ class RunningCalls:
     def _end_handler(self) -> None:
         """Close the calls of an exception: of its handler, and of what that tail-called."""
         calls, before = self._thread.open, self._accounting.before
+        self._take_lowest(self._thread)
         while calls and calls[-1].return_address >= _EXC_RETURN:
+            self._lower_outer(calls, len(calls) - 1)
             call = calls.pop()
             self._count(call.function, -1)
             self._close(call, self.now(), before.instructions[-1].address if before is not None else 0)

@@ -125,6 +125,11 @@ class SolutionWatch:
         """What the solutions since `begin` come to."""
         return solutions_summarised(self.solutions)
 
+    @property
+    def stack(self) -> int | None:
+        """Bytes that the deepest slice so far took; None where that is not known."""
+        return max((each for each in map(self._watch.stack, self._functions) if each is not None), default=None)
+
     def latest(self) -> KeptSolution | None:
         """Return the solution that was completed last since `begin`, to be computed once more; None without one."""
         return self._kept.latest()

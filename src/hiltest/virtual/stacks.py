@@ -11,6 +11,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 
+#: Above every address: the stack pointer has not been seen.
+NOT_SEEN = 2**32 - 1
 _CONTEXT_BYTES = 104  # r4 to r11, EXC_RETURN, s16 to s31, and what aligns them
 
 
@@ -53,6 +55,7 @@ class Stacks:
         self.known: list[Stack] = []
         self.read_pc: Callable[[], int] = lambda: 0
         self.read: Callable[[int, int], bytes] = lambda _address, _size: b""
+        self._lowest, self._in_block = NOT_SEEN, NOT_SEEN
         self._below: tuple[Stack, int, bytes] | None = None
 
     def reaches(self, above: int, lowest: int) -> Stack:
@@ -67,6 +70,26 @@ class Stacks:
             found.lowest = min(found.lowest, other.lowest)
             self.known.remove(other)
         return found
+
+    def block_begins(self) -> None:
+        """Take note that what was seen of a block is of one that has ended."""
+        self._lowest, self._in_block = min(self._lowest, self._in_block), NOT_SEEN
+
+    def in_block(self, lowest: int) -> None:
+        """Take note of how low the block that runs takes the stack pointer."""
+        self._in_block = lowest
+
+    def take_lowest(self, *, has_ended: bool = True) -> int:
+        """Return how low the stack pointer has been since the last time, with the block that runs if it has ended."""
+        if has_ended:
+            self.block_begins()
+        lowest, self._lowest = self._lowest, NOT_SEEN
+        return lowest
+
+    def used_from(self, stack: int, lowest: int) -> int | None:
+        """Return the bytes between two addresses that the stack pointer has had; None where two stacks lie between."""
+        within = any(each.lowest <= lowest and stack <= each.top for each in self.known)
+        return stack - lowest if within else None
 
     def handler_begins(self, lowest: int) -> None:
         """Take note of what lies below the frame of a thread's exception, where the handler has another stack.

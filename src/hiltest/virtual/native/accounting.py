@@ -243,8 +243,8 @@ class NativeBlockAccounting:
         number = len(self._entered)
         self._entered.append(Entered(block, NO_BLOCK - entry if entry < _REACHED else entry - _REACHED))
         self._put(native.PricedBlock(
-            address, block.late, len(code), entry, reasons=reasons, aligned=aligned, kept=kept, number=number,
-            lowers=block.lowers_stack,
+            address, block.late, block.lowers_stack, len(code), entry,
+            reasons=reasons, aligned=aligned, kept=kept, number=number,
         ), block)  # fmt: skip
 
     def _add_executing(self, address: int) -> None:

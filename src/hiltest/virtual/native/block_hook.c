@@ -76,8 +76,9 @@ enum {
  * its entry is EXECUTING and the number of the version without the latest of them, and `executed` is the address of that.
  */
 struct block {
-    uint32_t address; /* the first two are read by running_calls.c */
+    uint32_t address; /* the first three are read by running_calls.c */
     uint32_t late;    /* cycles that its first instruction waits because of how execution comes to it */
+    uint32_t lowers;  /* the stack pointer by so many bytes, at most */
     uint32_t size;
     uint32_t entry;   /* that it was priced from */
     uint32_t leaves;  /* entry of what follows its end */
@@ -95,7 +96,6 @@ struct block {
     uint16_t rests;   /* rest to begin with, the next time */
     uint32_t proved;  /* whether the last proof was worth it */
     uint32_t executed;
-    uint32_t lowers; /* the stack pointer by so many bytes, at most */
 };
 
 /*
@@ -138,6 +138,8 @@ struct counter {
     int32_t registers[STATE_REGISTERS]; /* the emulator's numbers of r0 to r14, and of XPSR */
     uint32_t stacks[2][2];  /* the two that the stack pointer was on last: how low it has been on each, and its top */
     uint32_t lowered_from;  /* what the stack pointer was before a block that moved it by some amount; else 0 */
+    /* How low the stack pointer has been since running_calls.c asked: before the block that was looked at, and in it. */
+    uint32_t lowest[2];
     int (*stop)(void *engine);
     int (*read_register)(void *engine, int number, void *value);
     int (*read_registers)(void *engine, const int *numbers, void **values, int count);
@@ -389,6 +391,10 @@ static void look_at_stack(struct counter *counter, void *engine, const struct bl
     (void)counter->read_register(engine, counter->registers[STACK_POINTER], &at);
     above = counter->lowered_from > at ? counter->lowered_from : at;
     lowest = at - block->lowers;
+    if (counter->lowest[1] < counter->lowest[0]) {
+        counter->lowest[0] = counter->lowest[1];
+    }
+    counter->lowest[1] = lowest;
     counter->lowered_from = (block->reasons & MOVES_STACK_BY) != 0 ? at : 0;
     counter->reasons &= ~(uint32_t)STACK_MOVED;
     if ((block->reasons & (MOVES_STACK_BY | MOVES_STACK)) != 0) {

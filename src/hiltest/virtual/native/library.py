@@ -32,11 +32,11 @@ class PricedBlock(ctypes.Structure):
 
     _fields_ = (
         *((name, ctypes.c_uint32) for name in (
-            "address", "late", "size", "entry", "leaves", "jumps", "count", "through", "taken", "reasons", "aligned",
-            "kept", "number", "wait",
+            "address", "late", "lowers", "size", "entry", "leaves", "jumps", "count", "through", "taken", "reasons",
+            "aligned", "kept", "number", "wait",
         )),
         ("next", ctypes.c_int64), ("rest", ctypes.c_uint16), ("rests", ctypes.c_uint16), ("proved", ctypes.c_uint32),
-        ("executed", ctypes.c_uint32), ("lowers", ctypes.c_uint32),
+        ("executed", ctypes.c_uint32),
     )  # fmt: skip
 
 
@@ -83,6 +83,7 @@ class Counter(ctypes.Structure):
         ("registers", ctypes.c_int32 * (CORE_REGISTERS + 1)),
         ("stacks", ctypes.c_uint32 * 4),
         ("lowered_from", ctypes.c_uint32),
+        ("lowest", ctypes.c_uint32 * 2),
         ("stop", ctypes.c_void_p),
         ("read_register", ctypes.c_void_p),
         ("read_registers", ctypes.c_void_p),

@@ -22,6 +22,7 @@ enum { OF_THREAD = 2 }; /* flag of a frame: an exception entered from thread mod
 /* What the last instruction of a block may have done; and that behind it nothing in the pipeline is left to overlap. */
 enum { CALLS = 1 << 0, RETURNS = 1 << 1, LEAVES_NOTHING = 1 << 2 };
 
+static const uint32_t UNKNOWN = UINT32_MAX; /* no address, nor a size */
 static const uint32_t EXC_RETURN = 0xFFFFFFE0u; /* a return address from here on ends an exception */
 
 struct apart {
@@ -47,6 +48,7 @@ struct function {
 struct open_call {
     int32_t function;
     uint32_t stack;
+    uint32_t lowest; /* that the stack pointer has been in it, without exceptions */
     uint32_t return_address;
     uint32_t outermost;
     int64_t entered;
@@ -82,6 +84,7 @@ struct done {
     uint32_t outermost;
     uint32_t place;
     uint32_t left;
+    uint32_t stack; /* bytes of it, or UNKNOWN */
 };
 
 struct place { /* an address that is hooked, or is about to be */
@@ -97,9 +100,11 @@ struct calls {
     const int64_t *cycles;
     const int64_t *instructions;
     const int64_t *before_number; /* of the block that ended last */
-    const uint32_t *const *running; /* the block that runs: its address, and how long its beginning waits */
+    const uint32_t *const *running; /* the block that runs: address, how long its beginning waits, how it lowers the stack */
     const struct last *const *ends; /* of each block, by number */
     const uint32_t *state;
+    const uint32_t (*stacks)[2]; /* the two that the stack pointer was on last: how low it has been, and the top */
+    uint32_t *lowest;            /* that it has been: before the block that was looked at, and in it */
     struct function *functions;
     int (*read_register)(void *engine, int number, void *value);
     int (*read_memory)(void *engine, uint64_t address, void *bytes, size_t size);
@@ -174,9 +179,33 @@ static void count(struct calls *calls, int32_t function, int more)
     calls->open_calls += more;
 }
 
+static void lower(uint32_t *lowest, uint32_t other)
+{
+    if (other < *lowest) {
+        *lowest = other;
+    }
+}
+
+/* Give what the stack pointer has been to the innermost call; what the block that runs does with it belongs to what
+ * comes, where it has not ended. */
+static void take_lowest(struct calls *calls, struct thread *thread, bool has_ended)
+{
+    if (has_ended) {
+        lower(&calls->lowest[0], calls->lowest[1]);
+        calls->lowest[1] = UNKNOWN;
+    }
+    if (thread->open_calls > 0) {
+        lower(&thread->open[thread->open_calls - 1].lowest, calls->lowest[0]);
+    }
+    calls->lowest[0] = UNKNOWN;
+}
+
 static void abandon(struct calls *calls, struct thread *thread, uint32_t first)
 {
-    for (uint32_t at = first; at < thread->open_calls; at++) {
+    for (uint32_t at = thread->open_calls; at-- > first;) {
+        if (at > 0) {
+            lower(&thread->open[at - 1].lowest, thread->open[at].lowest);
+        }
         calls->functions[thread->open[at].function].abandoned++;
         count(calls, thread->open[at].function, -1);
     }
@@ -190,6 +219,7 @@ void hiltest_calls_reset(struct calls *calls)
         abandon(calls, &calls->threads[at], 0);
         calls->threads[at].used = false;
     }
+    calls->lowest[0] = calls->lowest[1] = UNKNOWN;
     calls->nested = 0;
     calls->current = 0;
     clear_thread(&calls->threads[0]);
@@ -221,6 +251,17 @@ static int64_t now_of(const struct calls *calls)
     return *calls->cycles - calls->paused_cycles;
 }
 
+/* Return the bytes of stack that a call has taken; UNKNOWN where it has been on two stacks. */
+static uint32_t stack_of(const struct calls *calls, const struct open_call *call)
+{
+    for (int at = 0; at < 2; at++) {
+        if (calls->stacks[at][0] <= call->lowest && call->stack <= calls->stacks[at][1]) {
+            return call->stack - call->lowest;
+        }
+    }
+    return UNKNOWN;
+}
+
 static void close_call(
     struct calls *calls, const struct thread *thread, const struct open_call *call, int64_t now,
     uint32_t place)
@@ -241,6 +282,7 @@ static void close_call(
     done->outermost = call->outermost;
     done->place = place;
     done->left = 0;
+    done->stack = stack_of(calls, call);
     if (function->look_size != 0) {
         (void)calls->read_memory(calls->engine, function->looks_at, &done->left, function->look_size);
     }
@@ -304,6 +346,9 @@ static void arrives(struct calls *calls, uint32_t address, uint32_t stack, int64
         }
         return;
     }
+    for (uint32_t at = thread->open_calls - 1; at > 0 && at >= first; at--) {
+        lower(&thread->open[at - 1].lowest, thread->open[at].lowest);
+    }
     for (uint32_t at = first; at < thread->open_calls; at++) {
         const struct open_call *call = &thread->open[at];
 
@@ -360,6 +405,7 @@ static void enters(
     call = &thread->open[thread->open_calls];
     call->function = function;
     call->stack = stack;
+    call->lowest = stack;
     call->return_address = return_address;
     call->outermost = is_outermost(calls, thread, function);
     call->entered = now;
@@ -380,6 +426,7 @@ void hiltest_calls_on_code(void *engine, uint64_t address64, uint32_t size, void
     uint32_t stack = 0;
     uint32_t link = 0;
     struct last last = {0, 0};
+    bool begins_block = *calls->running != NULL && **calls->running == address;
     int64_t late = 0;
     int64_t now;
     int32_t function;
@@ -390,13 +437,14 @@ void hiltest_calls_on_code(void *engine, uint64_t address64, uint32_t size, void
     }
     hiltest_end_watch(calls->counter); /* each call is seen */
     now = now_of(calls);
-    if (*calls->running != NULL && **calls->running == address) {
+    if (begins_block) {
         last = last_of(calls, &calls->threads[calls->current]);
         late = (*calls->running)[1];
     } else {
         now += calls->before(address);
     }
     (void)calls->read_register(engine, calls->stack_register, &stack);
+    take_lowest(calls, &calls->threads[calls->current], !begins_block || (*calls->running)[2] == 0);
     arrives(calls, address, stack, now, last);
     function = place_of(calls, address)->function;
     if (function != NONE) {
@@ -410,6 +458,7 @@ uint32_t hiltest_calls_leave(struct calls *calls)
 {
     struct thread *thread = &calls->threads[calls->current];
 
+    take_lowest(calls, thread, true);
     thread->left_at = now_of(calls);
     thread->state = 0;
     if (*calls->instructions != thread->resumed_behind) { /* else it was left before it ran, and loses nothing more */
@@ -423,6 +472,7 @@ uint32_t hiltest_calls_leave(struct calls *calls)
 void hiltest_calls_resume(struct calls *calls, int64_t cycles)
 {
     calls->paused_cycles += cycles;
+    calls->lowest[0] = calls->lowest[1] = UNKNOWN;
     calls->threads[calls->current].resumed_behind = *calls->instructions;
 }
 
@@ -494,9 +544,13 @@ static void end_handler(struct calls *calls, struct thread *handler)
 {
     struct last last = last_of(calls, handler);
 
+    take_lowest(calls, handler, true);
     while (handler->open_calls > 0 && handler->open[handler->open_calls - 1].return_address >= EXC_RETURN) {
         const struct open_call *call = &handler->open[--handler->open_calls];
 
+        if (handler->open_calls > 0) {
+            lower(&handler->open[handler->open_calls - 1].lowest, call->lowest);
+        }
         count(calls, call->function, -1);
         close_call(calls, handler, call, now_of(calls), last.place);
     }
@@ -540,6 +594,7 @@ int hiltest_calls_left(struct calls *calls, uint32_t frame, int32_t cycles)
     } else {
         thread->apart.elsewhere += gone;
     }
+    calls->lowest[0] = calls->lowest[1] = UNKNOWN; /* the handler's */
     thread->resumed_behind = *calls->instructions;
     thread->suspended = false;
     handler->used = false;

@@ -22,6 +22,7 @@ from hiltest.virtual.running_calls import WatchedFunction, emptied_pipeline_cost
 _CYCLES = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_uint32)
 _RETURNS_TO = ctypes.CFUNCTYPE(None, ctypes.c_uint32)
 _FULL = ctypes.CFUNCTYPE(None)
+_UNKNOWN = 2**32 - 1
 _MOST_DONE, _MOST_FUNCTIONS, _MOST_ADDRESSES = 4096, 4096, 8192
 
 
@@ -39,7 +40,7 @@ class _Done(ctypes.Structure):
 
     _fields_ = (
         *((name, ctypes.c_int64) for name in ("entered", "returned", "times", "interrupts", "elsewhere")),
-        ("function", ctypes.c_int32), *((name, ctypes.c_uint32) for name in ("outermost", "place", "left")),
+        ("function", ctypes.c_int32), *((name, ctypes.c_uint32) for name in ("outermost", "place", "left", "stack")),
     )  # fmt: skip
 
 
@@ -48,8 +49,8 @@ class _Calls(ctypes.Structure):
 
     _fields_ = (
         *((name, ctypes.c_void_p) for name in (
-            "engine", "counter", "cycles", "instructions", "before_number", "running", "ends", "state", "functions",
-            "read_register", "read_memory",
+            "engine", "counter", "cycles", "instructions", "before_number", "running", "ends", "state", "stacks",
+            "lowest", "functions", "read_register", "read_memory",
         )),
         ("before", _CYCLES), ("emptied", _CYCLES), ("returns_to", _RETURNS_TO), ("full", _FULL),
         ("stack_register", ctypes.c_int32), ("link_register", ctypes.c_int32),
@@ -94,6 +95,7 @@ class NativeRunningCalls:
         for name, field in (
             ("counter", "cycles"), ("cycles", "cycles"), ("instructions", "instructions"),
             ("before_number", "before_number"), ("running", "running"), ("ends", "ends"), ("state", "state"),
+            ("stacks", "stacks"), ("lowest", "lowest"),
         ):  # fmt: skip
             setattr(calls, name, accounting.words(field))
         calls.functions = ctypes.addressof(self._in_c)
@@ -130,7 +132,7 @@ class NativeRunningCalls:
         for done in calls.done[: calls.done_count]:
             self._functions[done.function].calls.append(Call(
                 done.entered, done.returned, done.times, done.interrupts, done.elsewhere, bool(done.outermost),
-                done.place, done.left,
+                done.place, done.left, None if done.stack == _UNKNOWN else done.stack,
             ))  # fmt: skip
         calls.done_count = 0
         for function, entry in zip(self._functions, self._in_c, strict=False):
