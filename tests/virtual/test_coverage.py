@@ -236,7 +236,8 @@ def test_a_file_of_lcov_is_read_as_it_was_written(coverage: Coverage) -> None:
 
 def test_counts_of_two_runs_add_up() -> None:
     first = Coverage({"a.c": FileCoverage({1: 2, 2: 0}, {"f": (1, 2)}, {(1, 0): (2, 0)})})
-    first.add(Coverage({"a.c": FileCoverage({1: 1, 2: 3}, {"f": (1, 1)}, {(1, 0): (0, 1)}), "b.c": FileCoverage({9: 0})}))
+    second = FileCoverage({1: 1, 2: 3}, {"f": (1, 1)}, {(1, 0): (0, 1)})
+    first.add(Coverage({"a.c": second, "b.c": FileCoverage({9: 0})}))
     assert first == Coverage({
         "a.c": FileCoverage({1: 3, 2: 3}, {"f": (1, 3)}, {(1, 0): (2, 1)}), "b.c": FileCoverage({9: 0}),
     })  # fmt: skip
