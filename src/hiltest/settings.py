@@ -164,6 +164,7 @@ OPTIONS = (
     Option("calibration", "FILE", file_name, None, "calibration file of this board, to be tested too"),
     Option("label", "TEXT", label, None, "name of this run in reports and trends, such as a version"),
     Option("baseline", "FILE", file_name, None, "baseline or record of a run to compare this one with"),
+    Option("coverage", "FILE", file_name, None, "file of LCOV for the coverage of the virtual board's firmware"),
 )
 _SAME_ON_ALL_SEEDS = ("rig", "firmware", "base", "poses", "suite", "calibration", "label")
 
@@ -182,6 +183,7 @@ class Settings(NamedTuple):
     calibration: Path | None
     label: str | None
     baseline: Path | None
+    coverage: Path | None
     sources: Mapping[str, str]
 
     def as_run_options(self) -> str:
@@ -253,6 +255,7 @@ def resolve(config: pytest.Config, environment: Mapping[str, str] = os.environ) 
         calibration=None if values["calibration"] is None else Path(values["calibration"]),
         label=values["label"],
         baseline=None if values["baseline"] is None else Path(values["baseline"]),
+        coverage=None if values["coverage"] is None else config.invocation_params.dir / values["coverage"],
         sources=sources,
     )
 

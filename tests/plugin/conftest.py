@@ -25,7 +25,7 @@ _RIG = Path(__file__).parents[2] / "hil" / "rigs" / "virtual-k64f.toml"
 def _no_settings_from_outside(
     monkeypatch: pytest.MonkeyPatch, default_rig: str, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    for name in ("FIRMWARE", "PORT", "OUT", "SEED", "POSES", "SUITE", "CALIBRATION", "BASELINE"):
+    for name in ("FIRMWARE", "PORT", "OUT", "SEED", "POSES", "SUITE", "CALIBRATION", "BASELINE", "COVERAGE"):
         monkeypatch.delenv(f"HIL_{name}", raising=False)
     # Without limits: those of the default rig are for its suites, and one that nothing meets is not silent.
     path = tmp_path_factory.mktemp("rig") / "no-limits.toml"

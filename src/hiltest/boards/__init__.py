@@ -7,7 +7,7 @@ from pathlib import Path
 import serial
 
 from hiltest.boards.bench import VirtualBench, default_firmware
-from hiltest.boards.board import Board, BoardKind, Declared, Stage, Truth
+from hiltest.boards.board import NO_COVERAGE, Board, BoardKind, Declared, Stage, Truth
 from hiltest.boards.compass import CompassBoard, open_compass
 from hiltest.boards.real import RealBoard
 from hiltest.boards.virtual import VirtualBoard
@@ -30,7 +30,7 @@ if _HANDLERS not in serial.protocol_handler_packages:
 
 def open_board(
     rig: Rig, *, firmware: Path | None = None, port: str | None = None, seed: int | None = None,
-    transcript: Transcript | None = None, base: int | None = None,
+    transcript: Transcript | None = None, base: int | None = None, watches_execution: bool = False,
 ) -> Board:  # fmt: skip
     """Open the board of a rig: synchronised, identified, its sensors selected.
 
@@ -48,6 +48,8 @@ def open_board(
         Gets every byte, both ways.
     base : int, optional
         Address of a raw binary.
+    watches_execution : bool
+        Whether it is kept what the firmware executes, as only a virtual board can.
 
     Raises
     ------
@@ -63,6 +65,8 @@ def open_board(
     if url is not None and not url.startswith("hil:"):
         if firmware is not None:
             raise ConfigError(f"--hil-firmware is for the virtual board; flash {firmware} onto the board on {url}")
+        if watches_execution:
+            raise ConfigError(NO_COVERAGE.format(f"on {url}"))
         try:
             board = RealBoard(url, baud=rig.link.baud, declared=declared, transcript=transcript)
         except PortNotFoundError as error:
@@ -74,7 +78,7 @@ def open_board(
         raise ConfigError(f"rig {rig.name} ({rig.path}): this version of hiltest cannot replay a recorded session yet")
     if url is None and rig.board.kind == "real":
         raise ConfigError(f"rig {rig.name} ({rig.path}) names no port: set board.port in it, or give --hil-port")
-    bench = VirtualBench(rig, firmware=firmware, seed=seed, base=base)
+    bench = VirtualBench(rig, firmware=firmware, seed=seed, base=base, watches_execution=watches_execution)
     return _of_known_sensors(VirtualBoard(bench, declared=declared, transcript=transcript), rig)
 
 

@@ -10,6 +10,7 @@ from hiltest.recordings.playback import load_playback
 from hiltest.rig import Rig, build_sensors, build_world
 from hiltest.rig.parts import PARTS
 from hiltest.virtual.elf import load_image
+from hiltest.virtual.executed_code import ExecutionWatch
 from hiltest.virtual.k64f import VirtualK64F
 from hiltest.virtual.memory import MK64FN1M0
 from hiltest.virtual.profile_file import DEFAULT_PROFILE, SUFFIX, place_of
@@ -79,10 +80,14 @@ class VirtualBench:
         Address of a raw binary.
     flash_file : Path, optional
         Holds the flash from run to run.
+    watches_execution : bool
+        Whether it is kept what the firmware executes.
 
     Attributes
     ----------
     machine : VirtualK64F
+    execution : ExecutionWatch or None
+        What keeps it.
     firmware : Path
     seed : int
     playback : Playback or None
@@ -96,7 +101,7 @@ class VirtualBench:
 
     def __init__(
         self, rig: Rig, *, firmware: Path | None = None, seed: int | None = None, base: int | None = None,
-        flash_file: Path | None = None,
+        flash_file: Path | None = None, watches_execution: bool = False,
     ) -> None:  # fmt: skip
         if rig.world is None:
             raise ConfigError(
@@ -114,6 +119,7 @@ class VirtualBench:
             load_image(self.firmware, base=base), i2c0=sensors["i2c0"], i2c1=sensors["i2c1"], profile=_timing_of(rig),
             strict=self.firmware == default_firmware(), memory=MK64FN1M0, flash_file=flash_file,
         )  # fmt: skip
+        self.execution = ExecutionWatch(self.machine.processor) if watches_execution else None
         self.machine.seed = self.seed
         self.machine.warm_by(lambda: self.temperature_degc)
         self._parts = {(bus, part.address): part for bus in (0, 1) for part in sensors[f"i2c{bus}"]}

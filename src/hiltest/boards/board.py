@@ -21,6 +21,7 @@ from hiltest.link.request import Request
 from hiltest.link.session import Session
 from hiltest.measurement import CycleRange
 from hiltest.rig import Rig
+from hiltest.virtual.executed_code import ExecutionWatch
 from hiltest.world import EarthField
 
 _SHIELD_HINT = (
@@ -35,6 +36,7 @@ CALL_CYCLES = 32
 
 NO_MEMORY_USE: Mapping[str, int | str] = dict.fromkeys(("flash", "ram", "stack_most"), "")
 """Of a board that does not see what its firmware takes."""
+NO_COVERAGE = "the board {} does not show what it executes, which coverage is made of: leave out --coverage"
 
 
 class BoardKind(StrEnum):
@@ -215,6 +217,8 @@ class Board(ABC):
         GNU build-id note of that file; empty without one.
     seed : int or None
         Seed of a simulated world.
+    execution : ExecutionWatch or None
+        What the firmware has executed, where that is kept.
     """
 
     kind: ClassVar[BoardKind]
@@ -224,6 +228,7 @@ class Board(ABC):
     compiler_flags: str = ""
     elf_build_id: str = ""
     seed: int | None = None
+    execution: ExecutionWatch | None = None
 
     def __init__(self, session: Session, *, description: str, declared: Declared) -> None:
         self.session = session

@@ -18,7 +18,7 @@ import serial
 from numpy.typing import NDArray
 
 from hiltest.boards.bench import VirtualBench
-from hiltest.boards.board import NO_MEMORY_USE, BoardKind, Stage, Truth
+from hiltest.boards.board import NO_COVERAGE, NO_MEMORY_USE, BoardKind, Stage, Truth
 from hiltest.boards.function_costs import FunctionCosts
 from hiltest.boards.memory_reading import memory_kind
 from hiltest.boards.memory_use import seen_memory_use
@@ -42,6 +42,7 @@ from hiltest.rig import Rig
 from hiltest.rig.device import Device
 from hiltest.text import is_text, legible, listed
 from hiltest.virtual.elf import load_image
+from hiltest.virtual.executed_code import ExecutionWatch
 
 # How long one read listens: values that are read from outside are read as often.
 _SLICE_S = 0.1
@@ -88,12 +89,15 @@ class CompassBoard:
         Name of the file that runs, empty where there is none.
     firmware_sha256, compiler_flags, elf_build_id : str or None, str, str
         Of that file.
+    execution : ExecutionWatch or None
+        What it has executed, where that is kept.
     """
 
     costs: FunctionCosts | None = None
     stage: Stage | None = None
     truth: Truth | None = None
     seed: int | None = None
+    execution: ExecutionWatch | None = None
     firmware: str = ""
     firmware_sha256: str | None = None
     compiler_flags: str = ""
@@ -328,6 +332,7 @@ class VirtualCompass(CompassBoard):
             transcript=transcript,
         )
         self.costs = FunctionCosts(bench.machine, bench.rig)
+        self.execution = bench.execution
         self.stage, self.seed, self.truth = bench, bench.seed, truth_of(bench.rig)
         image = bench.machine.image
         self.firmware = bench.firmware.name
@@ -351,7 +356,7 @@ class VirtualCompass(CompassBoard):
 
 def open_compass(
     rig: Rig, *, firmware: Path | None, port: str | None, seed: int | None, transcript: Transcript | None,
-    base: int | None,
+    base: int | None, watches_execution: bool = False,
 ) -> CompassBoard:
     """Open the board of a rig whose firmware speaks its own language.
 
@@ -364,7 +369,12 @@ def open_compass(
     """
     url = port or rig.board.port
     virtual = rig.board.kind == "virtual" and (url is None or url.startswith("hil:"))
-    bench = VirtualBench(rig, firmware=firmware, seed=seed, base=base) if virtual else None
+    if watches_execution and not virtual:
+        raise ConfigError(NO_COVERAGE.format(f"on {url}" if url else f"of rig {rig.name}"))
+    bench = (
+        VirtualBench(rig, firmware=firmware, seed=seed, base=base, watches_execution=watches_execution)
+        if virtual else None
+    )  # fmt: skip
     image = bench.machine.image if bench else load_image(firmware, base=base) if firmware else None
     interfaces = open_interfaces(rig, {"memory": memory_kind(image, bench.machine if bench else None)})
     board: CompassBoard

@@ -98,7 +98,7 @@ class VirtualBoard(Board):
         port.attach(bench.machine)
         port.counter = bench.machine.cycle_counter
         port.open()
-        self.stage = bench
+        self.stage, self.execution = bench, bench.execution
         self.seed = bench.seed
         self.truth = truth_of(bench.rig)
         self.firmware_sha256 = hashlib.sha256(bench.firmware.read_bytes()).hexdigest()

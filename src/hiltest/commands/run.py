@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import replace
@@ -137,6 +138,8 @@ class _Run(click.Command):
               help="Baseline, or record of a run, that this one must not be worse than.")
 @click.option("--against", metavar="ELF", callback=checked(file_name),
               help="Older firmware that this one must not be worse than; it is run first, on the same bench.")
+@click.option("--coverage", metavar="FILE", type=click.Path(), callback=checked(file_name),
+              help="Write the coverage of the firmware as the virtual board executes it, for LCOV's genhtml.")
 @click.option("-v", "--verbose", is_flag=True, help="Print every test and every measurement.")
 @click.argument("pytest_args", nargs=-1, type=click.UNPROCESSED)
 def run(
@@ -154,7 +157,7 @@ def run(
     names = {"rig": "--hil-rig", "firmware": "--hil-firmware", "base": "--hil-base", "hil_port": "--hil-port",
              "seed": "--hil-seed", "poses": "--hil-poses", "suite": "--hil-suite", "calibration": "--hil-calibration",
              "label": "--hil-label"}
-    baseline = given.pop("baseline")
+    baseline, coverage = given.pop("baseline"), given.pop("coverage")
     options = [f"{names[name]}={value}" for name, value in given.items() if value is not None]
     options += [*_verbosity(pytest_args, verbose=verbose), *pytest_args]
     if may_fail and seeds is None:
@@ -173,9 +176,14 @@ def run(
             _try_out(against, given["firmware"], given["rig"], given["base"])
         base = baseline or base_of_environment()
         with sole_command(Path(out)):
-            return run_seeds(seeds, options, Path(out), may_fail=may_fail, baseline=base, against=against, jobs=jobs)
+            return run_seeds(
+                seeds, options, Path(out), may_fail=may_fail, baseline=base, against=against, jobs=jobs,
+                coverage=coverage or os.environ.get("HIL_COVERAGE"),
+            )  # fmt: skip
     older = None if against is None else OlderFirmware(against, tuple(options), Path(out) / OLDER_FOLDER)
-    return run_suites([*options, *([] if baseline is None else [f"--hil-baseline={baseline}"])], Path(out), older=older)
+    of_this_run = {"--hil-baseline": baseline, "--hil-coverage": coverage}
+    options += [f"{name}={value}" for name, value in of_this_run.items() if value is not None]
+    return run_suites(options, Path(out), older=older)
 
 
 def _verbosity(pytest_args: Sequence[str], *, verbose: bool) -> list[str]:

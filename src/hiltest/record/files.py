@@ -12,6 +12,8 @@ from hiltest.errors import ConfigError
 RUN_FILE = "run.json"
 REPORT_FILE = "report.html"
 MARKDOWN_FILE = "report.md"
+COVERAGE_FILE = "lcov.info"
+"""Coverage of one seed of a campaign."""
 RECORD_FILES = (RUN_FILE, REPORT_FILE, MARKDOWN_FILE, "junit.xml")
 SEED_FOLDERS = "seed-*"
 """Folders of a campaign, each with the record of one seed."""

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from hiltest.errors import ConfigError
-from hiltest.record.files import CAMPAIGN_FILE, RECORD_FILES, SEEDS_FILE, UNFINISHED
+from hiltest.record.files import CAMPAIGN_FILE, COVERAGE_FILE, RECORD_FILES, SEEDS_FILE, UNFINISHED
 
 JOURNAL_FILE = "journal.jsonl"
 
@@ -113,7 +113,7 @@ def remove_record(folder: Path) -> None:
 
     The folders of a campaign's seeds stay: without its files beside them nothing takes them for newer than a run.
     """
-    for name in (*RECORD_FILES, SEEDS_FILE, CAMPAIGN_FILE):
+    for name in (*RECORD_FILES, COVERAGE_FILE, SEEDS_FILE, CAMPAIGN_FILE):
         (folder / name).unlink(missing_ok=True)
         for path in folder.glob(f"{name}.*{UNFINISHED}"):
             path.unlink(missing_ok=True)

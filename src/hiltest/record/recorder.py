@@ -102,7 +102,7 @@ class Recorder:
         comparison = run.comparison and asdict(run.comparison)
         self._journal.append("end", {
             "verdict": asdict(verdict), "finished_utc": run.finished_utc, "comparison": comparison,
-            "chosen": run.chosen,
+            "chosen": run.chosen, "coverage": run.coverage and asdict(run.coverage),
         })
         write_run(run, self.folder)
         self._journal.finish()

@@ -101,6 +101,19 @@ class CalibrationRecord:
 
 
 @dataclass(frozen=True, slots=True)
+class CoverageRecord:
+    """What of the firmware was executed: how many of how many, and the file that has it in full.
+
+    `branches` counts conditional branches, and those of them that went both ways.
+    """
+
+    file: str
+    lines: tuple[int, int]
+    functions: tuple[int, int]
+    branches: tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True)
 class Environment:
     """The host, and the versions that the numbers depend on."""
 
@@ -197,6 +210,8 @@ class Run:
     tolerances : mapping of str to (float, float)
         Absolute and relative, that were in force for each measurement that is compared. Empty in records from before
         they were kept.
+    coverage : CoverageRecord or None
+        Coverage of the firmware, where it was asked for.
     """
 
     schema: Literal["hiltest.run/1"]
@@ -219,6 +234,7 @@ class Run:
     chosen: bool = False
     revision: Revision | None = None
     tolerances: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    coverage: CoverageRecord | None = None
 
     def measurement(self, name: str) -> Measurement | None:
         """Return the measurement of this name, None when it was not made."""
@@ -248,6 +264,7 @@ class Findings:
     other_attempts: list[Measurement] = field(default_factory=list)
     chosen: bool = False
     revision: Revision | None = None
+    coverage: CoverageRecord | None = None
 
     def take(self, measurement: Measurement) -> None:
         """Take a measurement; of several attempts the worst counts."""
@@ -268,7 +285,7 @@ class Findings:
             measurements=tuple(marked(each) if each.name in several else each for each in measurements),
             tables=tuple(self.tables[name].rounded() for name in sorted(self.tables)), comparison=self.comparison,
             other_attempts=tuple(each.rounded() for each in self.other_attempts), chosen=self.chosen,
-            revision=self.revision,
+            revision=self.revision, coverage=self.coverage,
         )
         return replace(run, volatile=volatile_places(run), tolerances=in_force(run))
 

@@ -10,7 +10,7 @@ from hiltest.record.run import Run, TestResult
 from hiltest.report import overview, stream_overview
 from hiltest.report.comparison_overview import changed, counts, sides
 from hiltest.report.markdown_text import folded, plain_text, table
-from hiltest.report.terminal import CHANGE_SEEN, shown_limit, shown_outcome, shown_seen, shown_value
+from hiltest.report.terminal import CHANGE_SEEN, coverage_line, shown_limit, shown_outcome, shown_seen, shown_value
 from hiltest.text import number
 from hiltest.verdict.compare import changes_seen
 from hiltest.verdict.summary import Failure, Summary, cost_line, summarise
@@ -52,6 +52,8 @@ def _lines(run: Run) -> Iterator[str]:
     yield from _accuracy_and_cost(run)
     yield from _close(found)
     yield from ("", plain_text(overview.board_line(run)))
+    if run.coverage is not None:
+        yield from ("", plain_text(f"{coverage_line(run)}: {run.coverage.file}"))
     if run.comparison is not None:
         yield from comparison_lines(run.comparison)
     stages = stream_overview.stream_stages(run)

@@ -18,7 +18,7 @@ from hiltest.report.figures.inertial import accelerometer_group, gyroscope_group
 from hiltest.report.figures.samples import samples_group
 from hiltest.report.markdown import markdown_report
 from hiltest.report.page import render
-from hiltest.report.terminal import CHANGE_SEEN, shown_limit, shown_outcome, shown_seen, shown_value
+from hiltest.report.terminal import CHANGE_SEEN, coverage_line, shown_limit, shown_outcome, shown_seen, shown_value
 from hiltest.text import number, with_unit
 from hiltest.verdict.compare import changes_seen
 from hiltest.verdict.summary import Failure, Summary, cost_line, summarise
@@ -57,7 +57,8 @@ def html_report(run: Run) -> str:
     return render(
         "report.html.j2",
         run=run, version=__version__, badge=_BADGES.get(run.verdict.outcome, _BAD), tally=overview.tally(run),
-        board_line=overview.board_line(run), baseline=against_baseline(run.comparison),
+        board_line=overview.board_line(run), coverage_line=coverage_line(run),
+        baseline=against_baseline(run.comparison),
         title=_title(run), found=found, gating=[*found.failures, *(Failure(each, None, "") for each in found.unset)],
         troubled=_troubled(run, found),
         calibrators=overview.accuracy_and_cost(run), cost_line=cost_line(run),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import textwrap
 from collections.abc import Mapping, Sequence
@@ -81,8 +82,24 @@ def summary(
         say_how_to_keep(console, run.comparison, shown_path(folder), options)
     count = counted(len(run.measurements), "measurement")
     more = "" if verbose else f"; -v prints {'it' if len(run.measurements) == 1 else 'them'}"
+    if run.coverage is not None:
+        file = shown_path(Path(os.path.normpath(folder / run.coverage.file)))
+        console.print(escape(f"{coverage_line(run)}: {file}"), soft_wrap=True)
     console.print(escape(f"Report: {shown_path(folder / REPORT_FILE)} ({count}{more})"), soft_wrap=True)
     return text.getvalue()
+
+
+def coverage_line(run: Run) -> str:
+    """Return how much of the firmware was executed, in one line; empty where that was not asked for."""
+    if run.coverage is None:
+        return ""
+    shares = (
+        f"{hit} of {found} {what}{f' ({100 * hit / found:.1f} %)' if found else ''}" for (hit, found), what in (
+            (run.coverage.lines, "lines"), (run.coverage.functions, "functions"),
+            (run.coverage.branches, "branches both ways"),
+        )
+    )  # fmt: skip
+    return f"Coverage: {', '.join(shares)}"
 
 
 def shown_path(path: Path) -> str:

@@ -15,22 +15,40 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from hiltest.boards import default_firmware
+from hiltest.coverage.lcov import Coverage, from_lcov, refuse_file, to_lcov
 from hiltest.errors import ConfigError, SchedulerError
 from hiltest.jobs import each_done
 from hiltest.measurement import Measurement, Outcome, identify, round_significant
 from hiltest.record.comparison import Comparison
 from hiltest.record.exit_codes import WORDS, ExitCode, comparison_code
 from hiltest.record.failures import missed_only_limits
-from hiltest.record.files import CAMPAIGN_FILE, OLDER_FOLDER, SEED_FOLDERS, SEEDS_FILE, write_atomically
+from hiltest.record.files import (
+    CAMPAIGN_FILE,
+    COVERAGE_FILE,
+    OLDER_FOLDER,
+    SEED_FOLDERS,
+    SEEDS_FILE,
+    write_asked_for,
+    write_atomically,
+)
 from hiltest.record.reader import read_record
 from hiltest.record.run import Run, Verdict
 from hiltest.report.campaign_markdown import SeedLine, Spread, campaign_markdown
 from hiltest.report.comparison_text import print_changes, say_how_to_keep
 from hiltest.report.console import standard_output
 from hiltest.report.job_summary import annotation, append_to_job_summary
+from hiltest.report.terminal import shown_path
 from hiltest.runs.folders import remove_record_in
 from hiltest.runs.gate import PACKAGED, Gate, read_gate
-from hiltest.runs.older_firmware import UNJUDGED, last_words, older_options, remove_runs, run_command
+from hiltest.runs.older_firmware import (
+    UNCOVERED,
+    UNJUDGED,
+    coverage_in,
+    last_words,
+    older_options,
+    remove_runs,
+    run_command,
+)
 from hiltest.runs.sent_bench import run_there, sent_bench
 from hiltest.settings import make_folder, run_options
 from hiltest.text import listed
@@ -77,7 +95,7 @@ class SeedResult:
 
 def run_seeds(
     seeds: Sequence[int], options: Sequence[str], out: Path, *, may_fail: int, baseline: str | None = None,
-    against: str | None = None, jobs: int | str | None = None,
+    against: str | None = None, jobs: int | str | None = None, coverage: str | None = None,
 ) -> int:
     """Run the suites once a seed, several at a time; write ``seeds.json``.
 
@@ -96,6 +114,8 @@ def run_seeds(
         Older firmware to run on the same seeds first, as the base.
     jobs : int or str, optional
         How many at a time, one a core by default; or the address of a dask scheduler, whose workers are sent the bench.
+    coverage : str, optional
+        File of LCOV for the coverage of all seeds together.
 
     Returns
     -------
@@ -117,19 +137,35 @@ def run_seeds(
         remove_runs(folder)
     if gate is not None and gate.base is None:
         return _no_base(gate)
+    if coverage is not None:
+        make_folder(out)
+        refuse_file(Path(coverage))
     if against is not None:
         older = _run_all(seeds, older_options(options, against), out / OLDER_FOLDER, jobs,
                          "seeds of the older firmware")  # fmt: skip
         if code := next((each.exit_code for each in older if each.exit_code in _NOT_BEGUN), 0):
             return code
         gate = _gate_of(older, out / OLDER_FOLDER)
-    results = _run_all(seeds, [*options, *(UNJUDGED if gate else ())], out, jobs, "seeds")
+    options_of_each = [*options, *UNCOVERED, *(UNJUDGED if gate else ())]
+    results = _run_all(seeds, options_of_each, out, jobs, "seeds", covers=coverage is not None)
+    if coverage is not None:
+        _add_up_coverage(seeds, out, Path(coverage))
     evidence = evidence_of_all(results, str(out))
     if campaign_exit_code(results, may_fail=may_fail) == ExitCode.OK:
         evidence = with_misses_allowed(evidence)
     remark = PACKAGED if _is_packaged(evidence, options) else ""
     comparison = gate.compare(evidence, remark=remark) if gate else None
     return _conclude(results, comparison, out, may_fail=may_fail, options=run_options(options))
+
+
+def _add_up_coverage(seeds: Sequence[int], out: Path, file: Path) -> None:
+    """Write the coverage of all seeds that have left one, and say how much it is."""
+    found = Coverage()
+    for path in (_seed_folder(out, seed) / COVERAGE_FILE for seed in seeds):
+        if path.is_file():
+            found.add(from_lcov(path.read_text(encoding="utf-8"), str(path)))
+    write_asked_for(file, to_lcov(found))
+    click.echo(f"Coverage: {found}: {shown_path(file.absolute())}")
 
 
 def _conclude(
@@ -167,11 +203,11 @@ def _no_base(gate: Gate) -> int:
 
 
 def _run_all(
-    seeds: Sequence[int], options: Sequence[str], out: Path, jobs: int | str, name: str
+    seeds: Sequence[int], options: Sequence[str], out: Path, jobs: int | str, name: str, *, covers: bool = False
 ) -> list[SeedResult]:
     make_folder(out)
     try:
-        return _run_each(seeds, options, out, jobs, name)
+        return _run_each(seeds, options, out, jobs, name, covers=covers)
     except (KeyboardInterrupt, SchedulerError):  # Ctrl-C went to the seeds that ran here too, and they have ended
         click.echo(_what_is_kept(seeds, out, name))
         raise
@@ -192,9 +228,12 @@ def _what_is_kept(seeds: Sequence[int], out: Path, name: str) -> str:
 
 
 def _run_each(
-    seeds: Sequence[int], options: Sequence[str], out: Path, jobs: int | str, name: str
+    seeds: Sequence[int], options: Sequence[str], out: Path, jobs: int | str, name: str, *, covers: bool
 ) -> list[SeedResult]:
-    ended = _ended_there(seeds, options, out, jobs) if isinstance(jobs, str) else _ended_here(seeds, options, out, jobs)
+    if isinstance(jobs, str):
+        ended = _ended_there(seeds, options, out, jobs, covers=covers)
+    else:
+        ended = _ended_here(seeds, options, out, jobs, covers=covers)
     console = Console()
     columns = (TextColumn(name), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console) as progress:
@@ -209,25 +248,26 @@ def _run_each(
 
 
 def _ended_here(
-    seeds: Sequence[int], options: Sequence[str], out: Path, jobs: int
+    seeds: Sequence[int], options: Sequence[str], out: Path, jobs: int, *, covers: bool
 ) -> Iterator[tuple[int, tuple[int, str]]]:
     """Run each seed, and yield it with its exit code and its last words."""
-    return each_done(_run_here, (tuple(options), out), seeds, jobs, kept=_KEPT, starts_process=True)
+    return each_done(_run_here, (tuple(options), out, covers), seeds, jobs, kept=_KEPT, starts_process=True)
 
 
-def _run_here(given: tuple[tuple[str, ...], Path], seed: int) -> tuple[int, str]:
+def _run_here(given: tuple[tuple[str, ...], Path, bool], seed: int) -> tuple[int, str]:
     """Run one seed in a process of its own: pytest keeps state that a second run would meet."""
-    options, out = given
+    options, out, covers = given
     folder = _seed_folder(out, seed)
-    done = run_command(f"--seed={seed}", f"--out={folder}", "--", *options, folder=folder)
+    mine = f"--seed={seed}", f"--out={folder}", *coverage_in(folder, covers=covers)
+    done = run_command(*mine, "--", *options, folder=folder)
     return done.returncode, last_words(done.stderr or done.stdout)
 
 
 def _ended_there(
-    seeds: Sequence[int], options: Sequence[str], out: Path, scheduler: str
+    seeds: Sequence[int], options: Sequence[str], out: Path, scheduler: str, *, covers: bool
 ) -> Iterator[tuple[int, tuple[int, str]]]:
     """Do the same on other machines, and bring the records here."""
-    for seed, ended in each_done(run_there, sent_bench(options), seeds, scheduler, kept=_KEPT):
+    for seed, ended in each_done(run_there, sent_bench(options, covers=covers), seeds, scheduler, kept=_KEPT):
         ended.write(_seed_folder(out, seed))
         yield seed, (ended.exit_code, ended.said)
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from hiltest.errors import ConfigError
-from hiltest.record.files import RUN_FILE, SEED_FOLDERS
+from hiltest.record.files import COVERAGE_FILE, RUN_FILE, SEED_FOLDERS
 from hiltest.report.job_summary import without_job_summary
 from hiltest.report.terminal import shown_path
 from hiltest.runs.folders import remove_run
@@ -24,7 +24,11 @@ if TYPE_CHECKING:
 UNJUDGED = ("-o", "hil_baseline=")
 """For pytest: a run that is itself the base, or a part of a comparison, has no base."""
 
+UNCOVERED = ("-o", "hil_coverage=")
+"""For pytest: a run whose coverage is not asked for."""
+
 _VARIABLE = "HIL_BASELINE"
+_OF_ONE_RUN = (_VARIABLE, "HIL_COVERAGE")
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +92,13 @@ class OlderFirmware:
 
 
 def older_options(options: Sequence[str], firmware: str) -> list[str]:
-    """Return pytest's options for the older firmware: those of the newer one, but for ELF, label and base."""
-    return [*options, f"--hil-firmware={firmware}", "--hil-label=", *UNJUDGED]
+    """Return pytest's options for the older firmware: those of the newer one, but for ELF, label, base and coverage."""
+    return [*options, f"--hil-firmware={firmware}", "--hil-label=", *UNJUDGED, *UNCOVERED]
+
+
+def coverage_in(folder: Path, *, covers: bool) -> list[str]:
+    """Return the option of ``hiltest run`` that leaves the coverage in a folder, if it is to."""
+    return [f"--coverage={folder / COVERAGE_FILE}"] if covers else []
 
 
 def run_command(
@@ -121,5 +130,5 @@ def base_of_environment(environment: Mapping[str, str] = os.environ) -> str | No
 
 
 def _environment(environment: Mapping[str, str]) -> dict[str, str]:
-    """Return the environment of a run within another: without a base and a job's summary of its own."""
-    return {name: value for name, value in without_job_summary(environment).items() if name != _VARIABLE}
+    """Return the environment of a run within another: without a base, coverage and a job's summary of its own."""
+    return {name: value for name, value in without_job_summary(environment).items() if name not in _OF_ONE_RUN}

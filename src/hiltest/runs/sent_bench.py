@@ -21,7 +21,7 @@ from hiltest.bench_files import rig_file
 from hiltest.errors import ConfigError
 from hiltest.record.files import RUN_FILE
 from hiltest.rig.file import load_rig
-from hiltest.runs.older_firmware import last_words, run_command
+from hiltest.runs.older_firmware import coverage_in, last_words, run_command
 from hiltest.settings import OPTIONS
 
 LARGEST_BYTES = 256 << 20
@@ -47,12 +47,15 @@ class SentBench:
         For pytest.
     environment : dict of str to str
         The variables that a run reads.
+    covers : bool
+        Whether the run leaves its coverage in its folder.
     """
 
     files: bytes
     here: str
     options: tuple[str, ...]
     environment: dict[str, str]
+    covers: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +90,9 @@ class EndedThere:
             path.write_bytes(self.files[name])
 
 
-def sent_bench(options: Sequence[str], environment: Mapping[str, str] = os.environ) -> SentBench:
+def sent_bench(
+    options: Sequence[str], environment: Mapping[str, str] = os.environ, *, covers: bool = False
+) -> SentBench:
     """Return the bench of this folder, to be sent.
 
     Parameters
@@ -95,6 +100,8 @@ def sent_bench(options: Sequence[str], environment: Mapping[str, str] = os.envir
     options : sequence of str
         For pytest.
     environment : mapping of str to str, optional
+    covers : bool
+        See `SentBench`.
 
     Raises
     ------
@@ -117,7 +124,7 @@ def sent_bench(options: Sequence[str], environment: Mapping[str, str] = os.envir
                 archive.writestr(str(path.relative_to("/")), path.read_bytes())
             except (OSError, UnicodeError) as error:
                 raise ConfigError(f"cannot send {path} to the workers: {error}") from error
-    return SentBench(files.getvalue(), str(here), tuple(options), read)
+    return SentBench(files.getvalue(), str(here), tuple(options), read, covers)
 
 
 def _named_path(text: str, here: Path) -> Path | None:
@@ -166,8 +173,9 @@ def run_there(bench: SentBench, seed: int) -> EndedThere:
         out = Path(root) / "record"
         mine = {name: value for name, value in os.environ.items() if name not in _READ}
         done = run_command(
-            f"--seed={seed}", f"--out={out}", "--", *(_there(each, root) for each in bench.options), folder=out,
-            here=here, environment={**mine, **{name: _there(each, root) for name, each in bench.environment.items()}},
+            f"--seed={seed}", f"--out={out}", *coverage_in(out, covers=bench.covers),
+            "--", *(_there(each, root) for each in bench.options), folder=out, here=here,
+            environment={**mine, **{name: _there(each, root) for name, each in bench.environment.items()}},
         )  # fmt: skip
         files = {
             str(path.relative_to(out)): path.read_bytes().replace(root.encode(), b"")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Generator
 from functools import partial
 from hashlib import sha256
@@ -9,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from hiltest.record.files import MARKDOWN_FILE, OLDER_FOLDER
+from hiltest.errors import ConfigError
+from hiltest.record.files import MARKDOWN_FILE, OLDER_FOLDER, write_asked_for
 from hiltest.record.outcomes import TestOutcome
-from hiltest.record.run import BoardRecord, CalibrationRecord, RigRecord, Run, SensorRecord
+from hiltest.record.run import BoardRecord, CalibrationRecord, CoverageRecord, RigRecord, Run, SensorRecord
 from hiltest.record.run_json import part_from
 from hiltest.rig.rig import conditions_sha256
 from hiltest.runs.gate import NOT_EVALUATED
@@ -114,6 +116,7 @@ class Recording:
 
         self._recorder.found(self._hil.end(), ())
         self._recorder.finished(None)
+        exitstatus = self._write_coverage(exitstatus)
         self._recorder.findings.chosen = self._hil.choice.of_our_tests
         stopped = bool(session.shouldstop or session.shouldfail)
         left_out = self._hold_to_the_rig(left_out=stopped or exitstatus > 1 or self._hil.choice.of_any_tests)
@@ -128,11 +131,29 @@ class Recording:
         self.run = self._recorder.finish(decided())
         session.exitstatus = self.run.verdict.exit_code
         page = write_reports(self.run, self._recorder.folder)
-        self._summary_remark = append_to_job_summary(page, self._recorder.folder / MARKDOWN_FILE)
+        remark = append_to_job_summary(page, self._recorder.folder / MARKDOWN_FILE)
+        self._summary_remark = "\n".join(filter(None, (self._summary_remark, remark)))
         session.config.hook.pytest_hil_finished(config=session.config, run=self.run)
         terminal = session.config.pluginmanager.get_plugin("terminalreporter")
         if exitstatus == NOT_EVALUATED and terminal is not None:
             self.print_summary(terminal, session.config)  # after such a code pytest itself asks for none
+
+    def _write_coverage(self, exitstatus: int) -> int:
+        """Write the coverage that was asked for; return the exit status, which is of usage where it cannot."""
+        file, coverage = self._hil.settings.coverage, self._hil.coverage
+        if file is None or coverage is None:
+            return exitstatus
+        from hiltest.coverage.lcov import to_lcov
+
+        try:
+            write_asked_for(file, to_lcov(coverage))
+        except ConfigError as error:
+            self._summary_remark = str(error)
+            return exitstatus or int(pytest.ExitCode.USAGE_ERROR)
+        self._recorder.findings.coverage = CoverageRecord(
+            os.path.relpath(file, self._recorder.folder), coverage.lines, coverage.functions, coverage.branches
+        )
+        return exitstatus
 
     def _hold_to_the_rig(self, *, left_out: bool) -> list[str]:
         """Record every limit that this set of tests has not met; with `left_out` only return their names."""

@@ -33,6 +33,8 @@ from hiltest.settings import Settings, check_environment
 
 if TYPE_CHECKING:
     from hiltest.boards import Board, CompassBoard
+    from hiltest.coverage.lcov import Coverage
+    from hiltest.coverage.source_map import SourceMap
     from hiltest.errors import BenchError, ProtocolError
     from hiltest.imu_calibration.file import CalibrationFile
     from hiltest.measurement import Limit, Measurement
@@ -67,6 +69,8 @@ class HilSession:
         Base of the run.
     folder : RecordFolder
         Folder of the record.
+    coverage : Coverage or None
+        Coverage of the firmware, from `end` on, where it was asked for.
     """
 
     def __init__(self, config: pytest.Config, settings: Settings) -> None:
@@ -86,6 +90,8 @@ class HilSession:
         self.choice = Choice(config)
         self.gate = SessionGate(settings.baseline, settings.sources["baseline"])
         self.folder = RecordFolder(settings.out)
+        self.coverage: Coverage | None = None
+        self._source: SourceMap | None = None
         self._remarks: list[str] = []
         self._errors: list[tuple[BaseException, str]] = []  # of fixtures, and the test that each failed first
 
@@ -165,6 +171,10 @@ class HilSession:
                 # Before anything is written to the folder, the first words on the line among it.
                 self.claim_folder()
                 remove_traces(self.folder.path)
+                if self.settings.coverage is not None:
+                    from hiltest.coverage.lcov import refuse_file
+
+                    refuse_file(self.settings.coverage)
             if with_board and not self.is_worker:
                 # The first test that needs a lost board is charged with it.
                 with suppress(BenchError, ProtocolError):
@@ -236,8 +246,13 @@ class HilSession:
                 opened: Board | CompassBoard = opening(
                     self.rig, firmware=self.settings.firmware, port=self.settings.port, seed=self.settings.seed,
                     transcript=self._traces.transcript, base=self.settings.base,
+                    watches_execution=self.settings.coverage is not None,
                 )
                 self._board = opened
+                if opened.execution is not None:
+                    from hiltest.coverage.source_map import SourceMap
+
+                    self._source = SourceMap(opened.execution.image)
                 if self.calibration is not None:
                     refuse_another_board(self.calibration, opened, self.rig)
             except (BenchError, ProtocolError) as error:
@@ -360,6 +375,8 @@ class HilSession:
             return []
         seconds, memory_use = self._board.virtual_seconds, self._board.memory_use()
         self._board.close()
+        if self._source is not None and self._board.execution is not None:
+            self.coverage = self._source.coverage(self._board.execution.code())
         return [
             *(
                 self.check(f"firmware.{name}", None if isinstance(used, str) else used, unit="B",

@@ -39,7 +39,7 @@ class Worker:
         self._board: dict[str, Any] | None = None
         # Filled until the session ends, which sends it.
         self._told: dict[str, Any] = {
-            "found": pack(Found()), "left_out": ([], ""), "deselected": False, "usage_error": "",
+            "found": pack(Found()), "left_out": ([], ""), "deselected": False, "usage_error": "", "coverage": "",
         }  # fmt: skip
         hil.config.workeroutput[_OUTPUT] = self._told  # type: ignore[attr-defined]
 
@@ -97,8 +97,12 @@ class Worker:
         return report
 
     def pytest_sessionfinish(self) -> None:
-        """Close the board, and send the measurements of the session itself."""
+        """Close the board, and send the measurements of the session itself, and the coverage."""
         self._told["found"] = pack(Found(self._hil.end()))
+        if self._hil.coverage is not None:
+            from hiltest.coverage.lcov import to_lcov
+
+            self._told["coverage"] = to_lcov(self._hil.coverage)
 
     def _answering(self) -> dict[str, Any]:
         from hiltest.session.recording import board_record
@@ -249,6 +253,10 @@ class Controller:
         tests, how = told["left_out"]
         self._hil.choice.left_out = LeftOut(tuple(tests), how)
         self._hil.choice.deselected = told["deselected"]
+        if told["coverage"]:
+            from hiltest.coverage.lcov import from_lcov
+
+            self._hil.coverage = from_lcov(told["coverage"], "coverage of a worker")
         if self._recording is not None:
             self._recording.found(unpack(told["found"]))
 

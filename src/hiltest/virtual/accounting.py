@@ -46,6 +46,11 @@ class Accounting(Protocol):
     passes_waits : bool
         Whether turns of loops that only wait are passed over at once, where this way of counting can do that; to be
         set before anything runs.
+    sees_all : bool
+        Whether all that an IT block skips is seen, and not only what costs another time; to be set before anything
+        runs. Turns of a loop with an IT block are then not proved to go alike, and no count depends on it.
+    code_forgotten : callable
+        To be set: told how often every block has run, before that is dropped with the code.
     pass_over : PassOver
         Asked about turns of a loop that changes something, where this way of counting asks.
     stacks : Stacks
@@ -61,6 +66,8 @@ class Accounting(Protocol):
     instructions: int
     deadline: float
     passes_waits: bool
+    sees_all: bool
+    code_forgotten: Callable[[Snapshot], None]
     pass_over: PassOver
     stacks: Stacks
     read_stack_pointer: Callable[[], int]
@@ -164,6 +171,7 @@ class BlockAccounting(Totals):
         self._number = NO_BLOCK  # of the block that runs
         self._fell_from = NO_BLOCK  # number of the block that left its pipeline state, or `reached_by`; while none runs
         self._entered: list[Entered] = []
+        self._runs = array("q")
         self.forget_code()
 
     def begins(self, address: int, size: int) -> None:
@@ -257,9 +265,11 @@ class BlockAccounting(Totals):
 
     def _price(self, address: int, size: int, state: PipelineState) -> CodeBlock:
         code = self._priced_code[address, size] = self._read_code(address, size)
-        block = priced_block(self._profile, address, code, state)
-        conditions = conditions_at(self._profile, address, block, self._read_code)
-        return priced_block(self._profile, address, code, state, conditions) if conditions else block
+        block = priced_block(self._profile, address, code, state, sees_all=self.sees_all)
+        conditions = conditions_at(self._profile, address, block, self._read_code, sees_all=self.sees_all)
+        if not conditions:
+            return block
+        return priced_block(self._profile, address, code, state, conditions, sees_all=self.sees_all)
 
     def translated(self, address: int, size: int) -> None:
         """Take note that the emulator has translated a block; not for the first time where it was written to."""
@@ -308,6 +318,7 @@ class BlockAccounting(Totals):
 
     def forget_code(self) -> None:
         """Drop cached blocks, but not the one that is not over: its end is to be counted, or what it leaves is."""
+        self.code_forgotten(self.snapshot(0))
         kept = self._running
         if kept is not None:
             self._number = 0

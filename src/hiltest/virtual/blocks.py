@@ -57,6 +57,8 @@ class CodeBlock:
         it jumps.
     watched : frozenset of int
         Addresses of instructions of IT blocks that are to be watched.
+    executed : frozenset of int
+        Those of them that are known to have been executed.
     needs_attention : bool
         Whether the processor must look before (FPU, hang, alignment, SEV, IT blocks) or behind it (masks).
     lowers_stack : int
@@ -87,6 +89,7 @@ class CodeBlock:
     needs_attention: bool
     lowers_stack: int
     moves_stack: Moves
+    executed: frozenset[int] = frozenset()
     _starts: dict[int, int] = field(default_factory=dict)
     _executing: dict[int, CodeBlock] = field(default_factory=dict)
 
@@ -99,8 +102,9 @@ class CodeBlock:
             priced = tuple(this if this.address == address else each for each, this in pairs)
             through, taken, exit_state = prices(profile, priced, self.entry)
             self._executing[address] = replace(
-                self, priced=priced, through=through, taken=taken, exit_state=exit_state, _starts={}, _executing={}
-            )
+                self, priced=priced, through=through, taken=taken, exit_state=exit_state,
+                executed=self.executed | {address}, _starts={}, _executing={},
+            )  # fmt: skip
         return self._executing[address]
 
     def cycles_before(self, address: int, profile: TimingProfile) -> int:
@@ -116,10 +120,14 @@ class CodeBlock:
         return self._starts.get(address & ~1, 0)
 
 
-def price_block(profile: TimingProfile, instructions: list[Instruction], entry: PipelineState) -> CodeBlock:
-    """Price straight-line code from a pipeline state on."""
+def price_block(
+    profile: TimingProfile, instructions: list[Instruction], entry: PipelineState, *, sees_all: bool = False
+) -> CodeBlock:
+    """Price straight-line code from a pipeline state on; with `sees_all` what costs the same skipped is watched too."""
     watched = choices(profile, instructions, entry)
     priced = tuple(each.skipped() if each.address in watched else each for each in instructions)
+    if sees_all:
+        watched |= {each.address for each in instructions if each.predicated and not each.transfer}
     through, taken, exit_state = prices(profile, priced, entry)
     last = instructions[-1]
     address, end = instructions[0].address, last.address + last.size
@@ -171,20 +179,23 @@ def prices(
 
 @lru_cache(maxsize=BLOCKS_KEPT)
 def priced_block(
-    profile: TimingProfile, address: int, code: bytes, entry: PipelineState, conditions: int = 0
-) -> CodeBlock:
+    profile: TimingProfile, address: int, code: bytes, entry: PipelineState, conditions: int = 0, *,
+    sees_all: bool = False,
+) -> CodeBlock:  # fmt: skip
     """Decode and price a block of code; one that was priced before costs nothing."""
-    return price_block(profile, decode(address, code, conditions), entry)
+    return price_block(profile, decode(address, code, conditions), entry, sees_all=sees_all)
 
 
-def conditions_at(profile: TimingProfile, address: int, block: CodeBlock, read_code: ReadCode) -> int:
+def conditions_at(
+    profile: TimingProfile, address: int, block: CodeBlock, read_code: ReadCode, *, sees_all: bool = False
+) -> int:
     """Say how many of a block's instructions belong to an IT block that began before it, if that matters.
 
     The emulator cuts at the ends of pages. What matters is whether a jump at the end is always taken, and by some
-    profiles what is skipped.
+    profiles what is skipped; with `sees_all` by each.
     """
     last = block.instructions[-1]
-    if not profile.prices_skipped and (block.count > 3 or not last.transfer or last.conditional):
+    if not (sees_all or profile.prices_skipped) and (block.count > 3 or not last.transfer or last.conditional):
         return 0
     try:
         return conditions_left(read_code(address - 14, 14))

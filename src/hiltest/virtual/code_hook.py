@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from hiltest.virtual.blocks import CodeBlock, ReadCode
+from hiltest.virtual.executions import Snapshot
 from hiltest.virtual.stack_moves import Moves
 from hiltest.virtual.stacks import Stack, Stacks
 from hiltest.virtual.timing import TimingProfile
@@ -47,7 +48,8 @@ class Totals:
         self._read_code = read_code
         self._attend = attend
         self._stop = stop
-        self.passes_waits = False
+        self.passes_waits = self.sees_all = False
+        self.code_forgotten: Callable[[Snapshot], None] = lambda _runs: None
         self.pass_over: PassOver = lambda _turn: 0
         self.stopped = False
         self.before: CodeBlock | None = None

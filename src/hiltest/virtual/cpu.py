@@ -62,6 +62,8 @@ class Processor:
         What was delivered to the firmware's fault handlers.
     delivers_faults : bool
         Whether faults enter those handlers; otherwise each ends the run.
+    cut_short : callable
+        Told what has run before an instruction that faults within its block, which is counted as a whole.
     waits_for : callable
         Answers the register that is not modelled and is read over and over, if one is, else nothing.
     """
@@ -82,6 +84,7 @@ class Processor:
         self.fault_log = FaultLog()
         self.delivers_faults = False
         self.waits_for: Callable[[], str] = lambda: ""
+        self.cut_short: Callable[[Snapshot], None] = lambda _snapshot: None
         self.event_register = EventRegister(self.nvic)
         self.waiting = Waiting(self.exceptions, self.nvic, self.event_register, self.schedule, self.fault_log)
         self.idle_cycles = 0
@@ -393,6 +396,8 @@ class Processor:
             self.accounting.settle(pc)
             return
         cycles, instructions = self.accounting.now(pc), self.accounting.instructions_now(pc)
+        if (snapshot := self.accounting.snapshot(pc)) is not None:
+            self.cut_short(snapshot)
         self.accounting.settle(pc)
         self.accounting.cycles, self.accounting.instructions = cycles, instructions
         self.accounting.flush_pipeline()

@@ -36,7 +36,7 @@ _BUILD_ID = re.compile(rb"\x04\0{3}([\x04-\x20])\0{3}\x03\0{3}GNU\0(.{4,32})", r
 _IMAGES_KEPT = 8  # parsed; each is a few megabytes with its debug information
 _MARK = re.compile(r"\$[dt](\..*)?")  # a mapping symbol: data or Thumb code begins
 # Folders of the compiler's own libraries in the names of their units: which of them are linked in, the code decides.
-_LIBRARIES = frozenset({"libgcc", "libstdc++-v3", "newlib", "picolibc"})
+LIBRARIES = frozenset({"libgcc", "libstdc++-v3", "newlib", "picolibc"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,6 +192,7 @@ class FirmwareImage:
     def _read_symbols(self) -> list[Symbol]:
         """Read named functions and objects, global ones last: by name they win over local ones. Marks go beside."""
         found: list[Symbol] = []
+        self._code_marks: list[tuple[int, bool]] = []
         table: Any = self._elf.get_section_by_name(".symtab")
         if table is None:
             return found
@@ -203,6 +204,8 @@ class FirmwareImage:
                 is_function = kind == "STT_FUNC"
                 address = entry.entry.st_value & ~1 if is_function else entry.entry.st_value
                 found.append(Symbol(entry.name, address, entry.entry.st_size, is_function))
+            elif entry.name[:2] in ("$t", "$d") and entry.name[2:3] in ("", "."):  # mapping symbols of the Arm ABI
+                self._code_marks.append((entry.entry.st_value & ~1, entry.name[1] == "t"))
         return found
 
     def read(self, address: int, size: int) -> bytes:
@@ -230,6 +233,18 @@ class FirmwareImage:
         addresses, is_data = self._mapping
         index = bisect.bisect_right(addresses, address) - 1
         return index >= 0 and is_data[index]
+
+    @cached_property
+    def code(self) -> tuple[tuple[int, bytes], ...]:
+        """Return address and content of all that is instructions, and no data between them; empty without symbols."""
+        marks = sorted(self._code_marks)
+        found = []
+        for (begin, is_code), (end, _) in zip(marks, [*marks[1:], (1 << 32, False)], strict=True):
+            for segment in self.segments if is_code else ():
+                offset = begin - segment.run_address
+                if 0 <= offset < len(segment.data) and begin < end:
+                    found.append((begin, segment.data[offset : offset + end - begin]))
+        return tuple(found)
 
     @cached_property
     def build_id(self) -> str:
@@ -265,7 +280,7 @@ class FirmwareImage:
             if producer is None or not producer.value.startswith(b"GNU "):
                 continue
             folders = set(PurePosixPath(name.value.decode(errors="replace")).parts) if name is not None else set()
-            if not folders & _LIBRARIES:
+            if not folders & LIBRARIES:
                 found |= {word for word in producer.value.decode(errors="replace").split() if word.startswith("-")}
         return found
 

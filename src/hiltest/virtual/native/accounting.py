@@ -46,10 +46,11 @@ def _kept(instructions: Sequence[Instruction]) -> int:
 
 @lru_cache(maxsize=BLOCKS_KEPT)
 def _reasons_and_registers(
-    profile: TimingProfile, address: int, code: bytes, entry: PipelineState, conditions: int = 0
-) -> tuple[CodeBlock, int, int, int]:
+    profile: TimingProfile, address: int, code: bytes, entry: PipelineState, conditions: int = 0, *,
+    sees_all: bool = False,
+) -> tuple[CodeBlock, int, int, int]:  # fmt: skip
     """Price a block, and return what the hook needs besides the numbers: reasons, aligned, kept."""
-    block = priced_block(profile, address, code, entry, conditions)
+    block = priced_block(profile, address, code, entry, conditions, sees_all=sees_all)
     reasons = (
         (native.USES_FPU if block.uses_fpu else 0)
         | (native.ALIGNMENT_INSIDE if block.alignment.inside else 0)
@@ -83,7 +84,8 @@ class NativeBlockAccounting:
         self, profile: TimingProfile, read_code: ReadCode, attend: Callable[[CodeBlock], bool], stop: Callable[[], None]
     ) -> None:
         self.stopped = False
-        self.passes_waits = True
+        self.passes_waits, self.sees_all = True, False
+        self.code_forgotten: Callable[[Snapshot], None] = lambda _runs: None
         self.pass_over: PassOver = lambda _turn: 0
         self.stacks = Stacks()
         self._on = (Stack(0, 0, 0), Stack(0, 0, 0))  # those that the stack pointer was on last
@@ -111,6 +113,7 @@ class NativeBlockAccounting:
         self._settle = self._library.hiltest_settle
         self._runs, self._ends = (ctypes.c_int64 * 0)(), (ctypes.c_uint32 * 0)()
         self._ran_before: CodeBlock | None = None  # of code that was forgotten
+        self._entered: list[Entered] = []
         self.forget_code()
 
     # -- totals, which the hook writes --------------------------------------------------------
@@ -236,9 +239,10 @@ class NativeBlockAccounting:
     def _add(self, address: int, code: bytes, entry: int) -> None:
         self._priced_code[address, len(code)] = code
         known = self._profile, address, code, self.left_by(entry)
-        priced_alike = _reasons_and_registers(*known)
-        if conditions := conditions_at(self._profile, address, priced_alike[0], self._read_code):
-            priced_alike = _reasons_and_registers(*known, conditions)
+        seen = self.sees_all
+        priced_alike = _reasons_and_registers(*known, sees_all=seen)
+        if conditions := conditions_at(self._profile, address, priced_alike[0], self._read_code, sees_all=seen):
+            priced_alike = _reasons_and_registers(*known, conditions, sees_all=seen)
         block, reasons, aligned, kept = priced_alike
         number = len(self._entered)
         self._entered.append(Entered(block, NO_BLOCK - entry if entry < _REACHED else entry - _REACHED))
@@ -302,10 +306,11 @@ class NativeBlockAccounting:
 
     def forget_code(self) -> None:
         """Drop cached blocks, but not the one that is not over: its end is to be counted, or what it leaves is."""
+        self.code_forgotten(self.snapshot(0))
         running, counter = self._running, self._counter
         self._ran_before, self._words[_BEFORE] = self.before, -1
         fallen_out_of = None if counter.state < _REACHED else self._entered[counter.state - _REACHED].block
-        self._entered: list[Entered] = []
+        self._entered = []
         self._priced: list[native.PricedBlock] = []
         self._priced_code: dict[tuple[int, int], bytes] = {}
         self._runs, self._ends = (ctypes.c_int64 * 0)(), (ctypes.c_uint32 * 0)()

@@ -1,0 +1,166 @@
+"""Coverage of source files, and the file of LCOV that carries it: written, read and added up."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+from hiltest.errors import ConfigError
+
+
+class Share(NamedTuple):
+    """How many of how many."""
+
+    hit: int
+    found: int
+
+    def __str__(self) -> str:
+        percent = f" ({100 * self.hit / self.found:.1f} %)" if self.found else ""
+        return f"{self.hit} of {self.found}{percent}"
+
+
+@dataclass(slots=True)
+class FileCoverage:
+    """Counts of one source file.
+
+    Attributes
+    ----------
+    lines : dict of int to int
+        Executions of each line that has code.
+    functions : dict of str to (int, int)
+        Line of each function that has code of its own, and how often it was entered.
+    branches : dict of (int, int) to (int, int)
+        How often each conditional branch went on and jumped away, or the other way round, by its line and its number
+        there.
+    """
+
+    lines: dict[int, int] = field(default_factory=dict)
+    functions: dict[str, tuple[int, int]] = field(default_factory=dict)
+    branches: dict[tuple[int, int], tuple[int, int]] = field(default_factory=dict)
+
+    def add(self, other: FileCoverage) -> None:
+        """Add the counts of another run."""
+        for line, count in other.lines.items():
+            self.lines[line] = self.lines.get(line, 0) + count
+        for name, (line, count) in other.functions.items():
+            self.functions[name] = line, self.functions.get(name, (line, 0))[1] + count
+        for place, (first, second) in other.branches.items():
+            before = self.branches.get(place, (0, 0))
+            self.branches[place] = before[0] + first, before[1] + second
+
+
+@dataclass(slots=True)
+class Coverage:
+    """Counts of source files, by their names."""
+
+    files: dict[str, FileCoverage] = field(default_factory=dict)
+
+    def add(self, other: Coverage) -> None:
+        """Add the counts of another run."""
+        for name, file in other.files.items():
+            self.files.setdefault(name, FileCoverage()).add(file)
+
+    @property
+    def lines(self) -> Share:
+        """Lines that were executed."""
+        return _share(count > 0 for file in self.files.values() for count in file.lines.values())
+
+    @property
+    def functions(self) -> Share:
+        """Functions that were entered."""
+        return _share(count > 0 for file in self.files.values() for _, count in file.functions.values())
+
+    @property
+    def branches(self) -> Share:
+        """Conditional branches that went both ways."""
+        return _share(all(ways) for file in self.files.values() for ways in file.branches.values())
+
+    def __str__(self) -> str:
+        return f"{self.lines} lines, {self.functions} functions, {self.branches} branches both ways"
+
+
+def _share(hits: Iterable[bool]) -> Share:
+    seen = list(hits)
+    return Share(sum(seen), len(seen))
+
+
+def refuse_file(path: Path) -> None:
+    """Refuse the name of a file that coverage cannot be written to, before anything runs.
+
+    Raises
+    ------
+    ConfigError
+        If it is a folder's, or in none.
+    """
+    reason = "it is a folder" if path.is_dir() else "" if path.parent.is_dir() else f"there is no folder {path.parent}"
+    if reason:
+        raise ConfigError(f"cannot write {path}: {reason}; name another file with --coverage")
+
+
+def to_lcov(coverage: Coverage) -> str:
+    """Return the content of an LCOV file, as geninfo(1) describes it."""
+    return "\n".join(line for name, file in sorted(coverage.files.items()) for line in _records(name, file)) + "\n"
+
+
+def _records(name: str, file: FileCoverage) -> Iterator[str]:
+    yield "TN:"
+    yield f"SF:{name}"
+    functions = sorted(file.functions.items(), key=lambda each: (each[1][0], each[0]))
+    yield from (f"FN:{line},{function}" for function, (line, _) in functions)
+    yield from (f"FNDA:{count},{function}" for function, (_, count) in functions)
+    yield f"FNF:{len(functions)}"
+    yield f"FNH:{sum(count > 0 for _, (_, count) in functions)}"
+    for (line, number), ways in sorted(file.branches.items()):
+        for way, count in enumerate(ways):
+            yield f"BRDA:{line},{number},{way},{count if any(ways) else '-'}"
+    ways_all = [count for ways in file.branches.values() for count in ways]
+    yield f"BRF:{len(ways_all)}"
+    yield f"BRH:{sum(count > 0 for count in ways_all)}"
+    yield from (f"DA:{line},{count}" for line, count in sorted(file.lines.items()))
+    yield f"LF:{len(file.lines)}"
+    yield f"LH:{sum(count > 0 for count in file.lines.values())}"
+    yield "end_of_record"
+
+
+_FUNCTION = re.compile(r"(\d+),(.+)")
+
+
+def from_lcov(text: str, name: str) -> Coverage:
+    """Read what `to_lcov` wrote.
+
+    Parameters
+    ----------
+    text : str
+    name : str
+        Of the file, for the message.
+
+    Raises
+    ------
+    ConfigError
+        If it is something else.
+    """
+    found, file = Coverage(), FileCoverage()
+    for number, line in enumerate(text.splitlines(), 1):
+        kind, _, value = line.partition(":")
+        try:
+            if kind == "SF":
+                file = found.files.setdefault(value, FileCoverage())
+            elif kind in ("FN", "FNDA"):
+                match = _FUNCTION.fullmatch(value)
+                assert match is not None
+                count, function = int(match[1]), match[2]
+                file.functions[function] = (count, 0) if kind == "FN" else (file.functions[function][0], count)
+            elif kind == "BRDA":
+                at, block, way, taken = value.split(",")
+                ways = list(file.branches.get((int(at), int(block)), (0, 0)))
+                ways[int(way)] = 0 if taken == "-" else int(taken)
+                file.branches[int(at), int(block)] = ways[0], ways[1]
+            elif kind == "DA":
+                at, count_text = value.split(",")[:2]
+                file.lines[int(at)] = int(count_text)
+        except (AssertionError, ValueError, KeyError, IndexError) as error:
+            raise ConfigError(f"{name}:{number}: {line!r} is no record of LCOV; run again") from error
+    return found
