@@ -34,7 +34,7 @@ _MORE = (
 _CYCLES = "cycles"
 HEADINGS = (
     *(heading for heading, _ in _ACCURACY), _CYCLES, WITH_WAITS, *(heading for heading, _ in _MORE),
-    "per point", "fixed",
+    "per point", "fixed", "stack [B]",
 )
 _TONES = {Outcome.PASS: "pass", Outcome.FAIL: "fail", Outcome.UNSET: "unset"}
 
@@ -142,7 +142,15 @@ def board_line(run: Run) -> str:
         parts.append("no board answered")
     if run.rig:
         parts.append(f"rig {run.rig.name}")
+    parts.append(_memory(run))
     return " · ".join([*filter(None, [*parts, revision(run.revision)]), run.started_utc])
+
+
+def _memory(run: Run) -> str:
+    """Return what the firmware takes of the part's memories, as far as it was seen."""
+    names = (("flash", "flash"), ("RAM", "ram"), ("stack", "stack_most"))
+    found = ((called, run.measurement(f"firmware.{name}")) for called, name in names)
+    return ", ".join(f"{called} {shown_value(each)} B" for called, each in found if each and each.value is not None)
 
 
 def _firmware(board: BoardRecord) -> str:
@@ -197,7 +205,8 @@ def _cells(run: Run, cost: CalibratorCost) -> tuple[Cell, ...]:
         [_cell(run, pattern.format(cost.name)) for _, pattern in columns] for columns in (_ACCURACY, _MORE)
     )
     total, *parts = _stream_cells(run, cost) if cost.is_streaming else _batch_cells(run, cost.name)
-    return (*accuracy, total, _cell(run, FROM_FLASH.format(cost.name)), *more, *parts)
+    stack = _cell(run, f"firmware.{cost.name}.stack")
+    return (*accuracy, total, _cell(run, FROM_FLASH.format(cost.name)), *more, *parts, stack)
 
 
 def _batch_cells(run: Run, name: str) -> list[Cell]:
