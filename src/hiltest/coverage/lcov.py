@@ -17,10 +17,6 @@ class Share(NamedTuple):
     hit: int
     found: int
 
-    def __str__(self) -> str:
-        percent = f" ({100 * self.hit / self.found:.1f} %)" if self.found else ""
-        return f"{self.hit} of {self.found}{percent}"
-
 
 @dataclass(slots=True)
 class FileCoverage:
@@ -77,9 +73,6 @@ class Coverage:
     def branches(self) -> Share:
         """Conditional branches that went both ways."""
         return _share(all(ways) for file in self.files.values() for ways in file.branches.values())
-
-    def __str__(self) -> str:
-        return f"{self.lines} lines, {self.functions} functions, {self.branches} branches both ways"
 
 
 def _share(hits: Iterable[bool]) -> Share:

@@ -53,7 +53,7 @@ def _lines(run: Run) -> Iterator[str]:
     yield from _close(found)
     yield from ("", plain_text(overview.board_line(run)))
     if run.coverage is not None:
-        yield from ("", plain_text(f"{coverage_line(run)}: {run.coverage.file}"))
+        yield from ("", plain_text(f"{coverage_line(run.coverage)}: {run.coverage.file}"))
     if run.comparison is not None:
         yield from comparison_lines(run.comparison)
     stages = stream_overview.stream_stages(run)

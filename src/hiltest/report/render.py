@@ -57,7 +57,7 @@ def html_report(run: Run) -> str:
     return render(
         "report.html.j2",
         run=run, version=__version__, badge=_BADGES.get(run.verdict.outcome, _BAD), tally=overview.tally(run),
-        board_line=overview.board_line(run), coverage_line=coverage_line(run),
+        board_line=overview.board_line(run), coverage_line=coverage_line(run.coverage) if run.coverage else "",
         baseline=against_baseline(run.comparison),
         title=_title(run), found=found, gating=[*found.failures, *(Failure(each, None, "") for each in found.unset)],
         troubled=_troubled(run, found),

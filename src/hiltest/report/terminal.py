@@ -16,7 +16,7 @@ from rich.table import Table as Grid
 from hiltest.measurement import Measurement, Outcome
 from hiltest.record.failures import by_reason, tests_named
 from hiltest.record.files import REPORT_FILE
-from hiltest.record.run import Run
+from hiltest.record.run import CoverageRecord, Run
 from hiltest.report.comparison_text import print_changes, print_smallest_changes, printable, say_how_to_keep
 from hiltest.text import counted, number, readable, with_unit, without_folders
 from hiltest.verdict.calibrators import WITH_WAITS, WITHOUT_WAITS
@@ -84,19 +84,16 @@ def summary(
     more = "" if verbose else f"; -v prints {'it' if len(run.measurements) == 1 else 'them'}"
     if run.coverage is not None:
         file = shown_path(Path(os.path.normpath(folder / run.coverage.file)))
-        console.print(escape(f"{coverage_line(run)}: {file}"), soft_wrap=True)
+        console.print(escape(f"{coverage_line(run.coverage)}: {file}"), soft_wrap=True)
     console.print(escape(f"Report: {shown_path(folder / REPORT_FILE)} ({count}{more})"), soft_wrap=True)
     return text.getvalue()
 
 
-def coverage_line(run: Run) -> str:
-    """Return how much of the firmware was executed, in one line; empty where that was not asked for."""
-    if run.coverage is None:
-        return ""
+def coverage_line(coverage: CoverageRecord) -> str:
+    """Return how much of the firmware was executed, in one line."""
     shares = (
         f"{hit} of {found} {what}{f' ({100 * hit / found:.1f} %)' if found else ''}" for (hit, found), what in (
-            (run.coverage.lines, "lines"), (run.coverage.functions, "functions"),
-            (run.coverage.branches, "branches both ways"),
+            (coverage.lines, "lines"), (coverage.functions, "functions"), (coverage.branches, "branches both ways"),
         )
     )  # fmt: skip
     return f"Coverage: {', '.join(shares)}"

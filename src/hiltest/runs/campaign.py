@@ -32,12 +32,12 @@ from hiltest.record.files import (
     write_atomically,
 )
 from hiltest.record.reader import read_record
-from hiltest.record.run import Run, Verdict
+from hiltest.record.run import CoverageRecord, Run, Verdict
 from hiltest.report.campaign_markdown import SeedLine, Spread, campaign_markdown
 from hiltest.report.comparison_text import print_changes, say_how_to_keep
 from hiltest.report.console import standard_output
 from hiltest.report.job_summary import annotation, append_to_job_summary
-from hiltest.report.terminal import shown_path
+from hiltest.report.terminal import coverage_line, shown_path
 from hiltest.runs.folders import remove_record_in
 from hiltest.runs.gate import PACKAGED, Gate, read_gate
 from hiltest.runs.older_firmware import (
@@ -165,7 +165,8 @@ def _add_up_coverage(seeds: Sequence[int], out: Path, file: Path) -> None:
         if path.is_file():
             found.add(from_lcov(path.read_text(encoding="utf-8"), str(path)))
     write_asked_for(file, to_lcov(found))
-    click.echo(f"Coverage: {found}: {shown_path(file.absolute())}")
+    record = CoverageRecord(shown_path(file.absolute()), found.lines, found.functions, found.branches)
+    click.echo(f"{coverage_line(record)}: {record.file}")
 
 
 def _conclude(

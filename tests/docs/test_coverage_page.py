@@ -1,0 +1,56 @@
+"""The page about coverage: its commands run, and leave what it says."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from hiltest.coverage.lcov import Coverage, from_lcov
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "coverage.md").read_text(encoding="utf-8")
+(RUN, GENHTML), (CAMPAIGN,) = (block.splitlines() for block in re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S))
+ONE_TEST = ("--", "-k", "identity")
+
+
+def run(command: str, folder: Path) -> str:
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
+    done = subprocess.run(
+        [sys.executable, "-m", *shlex.split(command), *ONE_TEST], cwd=folder, env=environment, capture_output=True,
+        text=True, check=False, timeout=300,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def read(path: Path) -> Coverage:
+    return from_lcov(path.read_text(encoding="utf-8"), str(path))
+
+
+@pytest.mark.slow
+def test_a_campaign_adds_up_its_seeds(tmp_path: Path) -> None:
+    said = run(CAMPAIGN.replace("1..8", "1..2"), tmp_path)
+    whole = Coverage()
+    for seed in (1, 2):
+        whole.add(read(tmp_path / "hil-out" / f"seed-{seed:04d}" / "lcov.info"))
+    assert read(tmp_path / "lcov.info") == whole
+    assert whole.files["firmware_stub/app/main.c"].functions["main"][1] == 2
+    assert f"Coverage: {whole.lines.hit} of {whole.lines.found} lines (" in said
+
+
+@pytest.mark.slow
+def test_genhtml_makes_pages_of_it(tmp_path: Path, require_tool: Callable[[str], str]) -> None:
+    require_tool("genhtml")
+    (tmp_path / "firmware_stub").symlink_to(ROOT / "firmware_stub")
+    run(RUN, tmp_path)
+    done = subprocess.run(shlex.split(GENHTML), cwd=tmp_path, capture_output=True, text=True, check=True, timeout=60)
+    found = read(tmp_path / "lcov.info")
+    assert f"({found.lines.hit} of {found.lines.found} lines)" in done.stdout
+    assert (tmp_path / "html" / "index.html").is_file()
