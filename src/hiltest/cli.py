@@ -20,7 +20,7 @@ _CODES = {ConfigError: _USAGE_ERROR, BenchError: 20, ProtocolError: 23}
 _SAID_OF_OUTPUT = {errno.ENOSPC: "cannot write the output", errno.ENAMETOOLONG: "no file can have this name"}
 # In the order of the help. Each is a function of this name in a module of this name in hiltest.commands.
 _GROUPS = {
-    "Run and judge": ("run", "compare", "baseline", "trend", "report", "export"),
+    "Run and judge": ("run", "compare", "baseline", "bisect", "trend", "report", "export"),
     "Firmware": ("profile", "timing"),
     "Bench": ("init", "device", "serve", "calibrate", "log"),
     "Recordings": ("fit", "fit-imu", "allan", "decode", "play"),

@@ -13,7 +13,7 @@ from typing import Any, TextIO
 import click
 
 from hiltest.errors import ConfigError
-from hiltest.settings import jobs
+from hiltest.settings import jobs, seed
 
 EXIT_CODES = """
 \b
@@ -58,6 +58,21 @@ def checked(check: Callable[[str], Any]) -> Callable[[click.Context, click.Param
         return text
 
     return callback
+
+
+def seed_range(_context: click.Context, _parameter: click.Parameter, text: str | None) -> range | None:
+    """Parse ``A..B``, both ends included."""
+    if text is None:
+        return None
+    first, dots, last = text.partition("..")
+    try:
+        seeds = range(seed(first), seed(last) + 1)
+    except argparse.ArgumentTypeError as error:
+        reason = str(error) if dots else f"{text!r} is not a range of seeds"
+        raise click.BadParameter(f"{reason}; write for example 1..100") from error
+    if not seeds:
+        raise click.BadParameter(f"{text!r} is not a range of seeds; write for example 1..100")
+    return seeds
 
 
 def jobs_option(begins: str = "Processes") -> Callable[[Callable[..., Any]], Callable[..., Any]]:

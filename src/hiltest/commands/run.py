@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import re
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,7 +11,7 @@ import click
 import pytest
 
 from hiltest.bench_files import suites
-from hiltest.commands.options import EXIT_CODES, checked, jobs_option
+from hiltest.commands.options import EXIT_CODES, checked, jobs_option, seed_range
 from hiltest.errors import ConfigError
 from hiltest.record.files import OLDER_FOLDER
 from hiltest.record.run import Run
@@ -83,21 +82,6 @@ class RunCommand:
         self.run = run
 
 
-def _seed_range(_context: click.Context, _parameter: click.Parameter, text: str | None) -> range | None:
-    """Parse ``A..B``, both ends included."""
-    if text is None:
-        return None
-    first, dots, last = text.partition("..")
-    try:
-        seeds = range(seed(first), seed(last) + 1)
-    except argparse.ArgumentTypeError as error:
-        reason = str(error) if dots else f"{text!r} is not a range of seeds"
-        raise click.BadParameter(f"{reason}; write for example 1..100") from error
-    if not seeds:
-        raise click.BadParameter(f"{text!r} is not a range of seeds; write for example 1..100")
-    return seeds
-
-
 class _Run(click.Command):
     """Command whose error about an unknown option says where pytest's options go."""
 
@@ -122,7 +106,7 @@ class _Run(click.Command):
 @click.option("--out", metavar="DIR", default=DEFAULT_OUT, show_default=True, callback=checked(file_name),
               help="Folder for the record and reports.")
 @click.option("--seed", metavar="N", callback=checked(seed), help="Seed of the simulated world.  [default: the rig's]")
-@click.option("--seeds", metavar="A..B", callback=_seed_range, help="Run once for each seed, and sum up.")
+@click.option("--seeds", metavar="A..B", callback=seed_range, help="Run once for each seed, and sum up.")
 @click.option("--may-fail", metavar="N", type=click.IntRange(min=0), default=0, show_default=True,
               help="With --seeds: how many seeds may miss a limit.")
 @jobs_option("With --seeds: processes")
