@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from hiltest.commands.options import checked, jobs_option, seed_range
+from hiltest.commands.options import checked, documented, jobs_option, seed_range
 from hiltest.errors import ConfigError
 from hiltest.settings import DEFAULT_OUT, file_name
 
@@ -40,15 +41,14 @@ Exit codes:
 @click.option("-k", "tests", metavar="EXPRESSION", help="Only the tests that match, as for pytest.  [default: all]")
 @click.option("--out", metavar="DIR", default=f"{DEFAULT_OUT}/bisect", show_default=True, callback=checked(file_name),
               help="Folder for what is built and run, and remembered.")
-@click.option("--json", "as_json", is_flag=True, help=f"Print JSON ({SCHEMA}) and nothing else.")
+@documented(SCHEMA)
 @click.argument("good")
 @click.argument("bad")
 @click.argument("build", nargs=-1, required=True, type=click.UNPROCESSED)
 def bisect(
     good: str, bad: str, build: tuple[str, ...], firmware: str, measures: tuple[str, ...], rig: str | None,
-    seeds: range | None, jobs: int | str | None, poses: str | None, suite: str | None, tests: str | None, out: str,
-    as_json: bool,
-) -> int:
+    seeds: range | None, jobs: int | str | None, poses: str | None, suite: str | None, tests: str | None, out: str
+) -> tuple[int, dict[str, Any]]:
     """Find the first commit after GOOD that is worse than it.
 
     BAD is a later one that is worse. Each commit on the way is built by the command that follows --, in a working tree
@@ -73,14 +73,8 @@ def bisect(
     except KeyboardInterrupt:
         click.echo(f"\nthe same command goes on: {out} keeps what was built and run", err=True)
         raise
-    if as_json:
-        import json
-        from dataclasses import asdict
-
-        click.echo(json.dumps({"schema": SCHEMA, **asdict(found)}, indent=1, ensure_ascii=False, allow_nan=False))
-    else:
-        _print(found, measures)
-    return int(found.exit_code)
+    _print(found, measures)
+    return int(found.exit_code), asdict(found)
 
 
 def _print(found: FirstWorse, measures: tuple[str, ...]) -> None:
